@@ -1,0 +1,41 @@
+//! What can be typed: one variant per subcommand, each with its arguments beside its `run`.
+
+use crate::commands::{self, Outcome};
+use clap::{Parser, Subcommand};
+
+/// System identification and sim-to-real for the KlaskTron table and any driven axis.
+///
+/// Exit status: 0 done; 1 failed; 2 wrong usage; 3 done, but something was lost or a gate was not
+/// met. Data goes to stdout or files, everything else to stderr.
+#[derive(Debug, Parser)]
+#[command(name = "klasktron", version, max_term_width = 100)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Say what is in recordings, and what is doubtful about them
+    Info(commands::info::Args),
+    /// Save what a cut-off or damaged recording still holds
+    Recover(commands::recover::Args),
+    /// Turn bags, npz, CSV and candump logs into recordings
+    Import(commands::import::Args),
+    /// Fit the actuator network and judge it beside simpler models
+    FitActuator(commands::fit_actuator::Args),
+    /// Write weights or tables for other software
+    Export(commands::export::Args),
+}
+
+impl Command {
+    pub(crate) fn run(self) -> anyhow::Result<Outcome> {
+        match self {
+            Self::Info(args) => commands::info::run(&args),
+            Self::Recover(args) => commands::recover::run(&args),
+            Self::Import(args) => commands::import::run(&args),
+            Self::FitActuator(args) => commands::fit_actuator::run(&args),
+            Self::Export(args) => commands::export::run(&args),
+        }
+    }
+}

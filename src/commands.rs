@@ -1,0 +1,50 @@
+//! One file per subcommand: its arguments, and a `run` that makes one call into the library.
+
+pub(crate) mod export;
+pub(crate) mod fit_actuator;
+pub(crate) mod import;
+pub(crate) mod info;
+pub(crate) mod recover;
+
+use std::{
+    io::{self, Write},
+    process::ExitCode,
+};
+
+/// Exit status of a command that failed.
+pub(crate) const EXIT_FAILED: u8 = 1;
+/// Exit status of a command that finished, but lost something or did not meet a gate.
+const EXIT_LOSSY: u8 = 3;
+
+/// How a command that did not fail ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// Everything was done.
+    Done,
+    /// Done, but something was lost or a gate was not met; it was said on stderr.
+    Lossy,
+}
+
+impl Outcome {
+    /// The exit status of the contract.
+    pub(crate) fn exit_code(self) -> ExitCode {
+        match self {
+            Self::Done => ExitCode::SUCCESS,
+            Self::Lossy => ExitCode::from(EXIT_LOSSY),
+        }
+    }
+}
+
+/// Says one line to the person, on stderr.
+pub(crate) fn tell(line: &str) {
+    // Nobody is left to tell when stderr is closed.
+    writeln!(io::stderr(), "{line}").ok();
+}
+
+/// Prints a result on stdout; a reader that has gone away (`| head`) is no failure.
+pub(crate) fn print(text: &str) -> io::Result<()> {
+    match writeln!(io::stdout(), "{text}") {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        other => other,
+    }
+}

@@ -1,0 +1,5 @@
+//! placeholder
+pub mod units;
+
+pub mod nn;
+pub mod recording;

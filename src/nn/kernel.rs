@@ -1,0 +1,382 @@
+//! Dense-layer kernels for small networks, written once for every vector width.
+//!
+//! At 64 units a general matrix product spends much of its time on packing and dispatch. Here the
+//! weights already lie as the micro-kernel wants them, bias, activation and its derivative are
+//! applied while the results are still in registers, and nothing is allocated. The register tile
+//! is that of Goto and van de Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008):
+//! `ROWS` x `COLS` accumulators, `COLS` vectors of the right factor, one broadcast of the left.
+//!
+//! Shapes: `x` is `[batch][x_stride]`, `y` is `[batch][columns]`, weights are `[depth][columns]`,
+//! all row-major; `columns` is a multiple of [`PAD`]. Padded columns hold zeros and stay zero.
+//! Sums run in a fixed order, so equal inputs give equal bytes on a machine.
+
+use super::network::Activation;
+use pulp::Simd;
+
+/// Widths are padded to a multiple of this many `f32`, the widest vector there is.
+pub const PAD: usize = 16;
+
+/// Rounds a width up to a multiple of [`PAD`].
+#[must_use]
+pub fn padded(width: usize) -> usize {
+    width.div_ceil(PAD) * PAD
+}
+
+/// Rows of the register tile: 6 x 4 accumulators, 4 vectors and a broadcast fit 32 registers.
+const ROWS: usize = 6;
+
+/// Depth of one pass over the weights: `64 x 64` floats stay in a first-level cache of 32 KiB.
+const DEPTH_BLOCK: usize = 64;
+
+/// Repeats `$body` for the constants `$i` = 0 to 5 below `$end`. Written out, because the compiler
+/// keeps an array in registers only when every index is a constant from the start.
+macro_rules! unrolled {
+    ($i:ident < $end:expr, $body:expr) => {
+        unrolled!(@ $i, $end, $body, 0 1 2 3 4 5)
+    };
+    (@ $i:ident, $end:expr, $body:expr, $($value:literal)*) => {{
+        $({
+            const $i: usize = $value;
+            if $i < $end {
+                $body
+            }
+        })*
+    }};
+}
+
+/// What happens to each result while it is still in a register.
+#[derive(Clone, Copy)]
+pub(super) enum Epilogue<'a> {
+    /// Nothing.
+    Linear,
+    /// The activation.
+    Activate(Activation),
+    /// Times the activation's derivative, told from the activation's own value (same shape as
+    /// the result): 1 or 0 for ReLU, `(1 - |a|)^2` for softsign.
+    Derivative(Activation, &'a [f32]),
+}
+
+/// One matrix product with its start value and epilogue.
+#[derive(Clone, Copy)]
+pub(super) struct Product<'a> {
+    /// `[batch][x_stride]`, of which the first `depth` of each row count.
+    pub(super) x: &'a [f32],
+    pub(super) x_stride: usize,
+    pub(super) depth: usize,
+    /// `[depth][columns]`
+    pub(super) weights: &'a [f32],
+    /// `[columns]`, added to every row; zeros when absent.
+    pub(super) bias: Option<&'a [f32]>,
+    pub(super) epilogue: Epilogue<'a>,
+}
+
+/// `y = epilogue(bias + x w)`, with `y` `[batch][columns]`.
+#[inline(always)]
+pub(super) fn product<S: Simd>(simd: S, y: &mut [f32], columns: usize, p: Product<'_>) {
+    let (w, _) = S::as_simd_f32s(p.weights);
+    let vectors = columns / S::F32_LANES;
+    let mut first_column = 0;
+    while first_column < vectors {
+        let left = vectors - first_column;
+        let taken = if wide_tile::<S>() && 4 <= left {
+            product_columns::<S, 4>(simd, y, vectors, first_column, w, p)
+        } else if 2 <= left {
+            product_columns::<S, 2>(simd, y, vectors, first_column, w, p)
+        } else {
+            product_columns::<S, 1>(simd, y, vectors, first_column, w, p)
+        };
+        first_column += taken;
+    }
+}
+
+/// Whether four vectors a row fit the register file.
+#[inline(always)]
+fn wide_tile<S: Simd>() -> bool {
+    32 <= S::REGISTER_COUNT
+}
+
+#[inline(always)]
+fn product_columns<S: Simd, const COLS: usize>(
+    simd: S,
+    y: &mut [f32],
+    vectors: usize,
+    first_column: usize,
+    w: &[S::f32s],
+    p: Product<'_>,
+) -> usize {
+    let batch = p.x.len() / p.x_stride;
+    let mut depth_from = 0;
+    loop {
+        let depth_to = p.depth.min(depth_from + DEPTH_BLOCK);
+        let block = Block { first_column, vectors, depth_from, depth_to };
+        let mut row = 0;
+        while row + ROWS <= batch {
+            product_tile::<S, ROWS, COLS>(simd, y, row, w, block, p);
+            row += ROWS;
+        }
+        if row + 4 <= batch {
+            product_tile::<S, 4, COLS>(simd, y, row, w, block, p);
+            row += 4;
+        }
+        if row + 2 <= batch {
+            product_tile::<S, 2, COLS>(simd, y, row, w, block, p);
+            row += 2;
+        }
+        if row < batch {
+            product_tile::<S, 1, COLS>(simd, y, row, w, block, p);
+        }
+        if depth_to == p.depth {
+            return COLS;
+        }
+        depth_from = depth_to;
+    }
+}
+
+/// The part of a product that one pass covers.
+#[derive(Clone, Copy)]
+struct Block {
+    first_column: usize,
+    vectors: usize,
+    depth_from: usize,
+    depth_to: usize,
+}
+
+#[inline(always)]
+fn product_tile<S: Simd, const R: usize, const C: usize>(
+    simd: S,
+    y: &mut [f32],
+    row: usize,
+    w: &[S::f32s],
+    block: Block,
+    p: Product<'_>,
+) {
+    let Block { first_column, vectors, depth_from, depth_to } = block;
+    let depth = depth_to - depth_from;
+    let start: Option<&[S::f32s]> = match p.bias {
+        Some(bias) if depth_from == 0 => Some(S::as_simd_f32s(bias).0),
+        _ => None,
+    };
+    let (y, _) = S::as_mut_simd_f32s(y);
+    let mut acc = [[simd.splat_f32s(0.0); C]; R];
+    if let Some(bias) = start {
+        let bias = &bias[first_column..first_column + C];
+        unrolled!(I < R, unrolled!(J < C, acc[I][J] = bias[J]));
+    } else if 0 < depth_from {
+        unrolled!(I < R, {
+            let y = &y[(row + I) * vectors + first_column..][..C];
+            unrolled!(J < C, acc[I][J] = y[J])
+        });
+    }
+    let x: [&[f32]; R] = std::array::from_fn(|r| {
+        let at = (row + r) * p.x_stride + depth_from;
+        &p.x[at..at + depth]
+    });
+    let w = &w[depth_from * vectors..depth_to * vectors];
+    for (k, w) in w.chunks_exact(vectors).enumerate().take(depth) {
+        let w = &w[first_column..first_column + C];
+        unrolled!(I < R, {
+            let left = simd.splat_f32s(x[I][k]);
+            unrolled!(J < C, acc[I][J] = simd.mul_add_e_f32s(left, w[J], acc[I][J]))
+        });
+    }
+    let last = depth_to == p.depth;
+    unrolled!(I < R, {
+        let at = (row + I) * vectors + first_column;
+        let y = &mut y[at..at + C];
+        unrolled!(J < C, {
+            let value = acc[I][J];
+            y[J] = if last { finish(simd, value, at + J, p.epilogue) } else { value };
+        })
+    });
+}
+
+#[inline(always)]
+fn finish<S: Simd>(simd: S, value: S::f32s, at: usize, epilogue: Epilogue<'_>) -> S::f32s {
+    match epilogue {
+        Epilogue::Linear => value,
+        Epilogue::Activate(activation) => activate(simd, value, activation),
+        Epilogue::Derivative(activation, of) => {
+            let (of, _) = S::as_simd_f32s(of);
+            simd.mul_f32s(value, derivative(simd, of[at], activation))
+        }
+    }
+}
+
+#[inline(always)]
+fn activate<S: Simd>(simd: S, z: S::f32s, activation: Activation) -> S::f32s {
+    match activation {
+        Activation::Relu => simd.max_f32s(z, simd.splat_f32s(0.0)),
+        Activation::Softsign => {
+            simd.div_f32s(z, simd.add_f32s(simd.splat_f32s(1.0), simd.abs_f32s(z)))
+        }
+    }
+}
+
+/// The activation's derivative at a point where its value is `a`.
+#[inline(always)]
+fn derivative<S: Simd>(simd: S, a: S::f32s, activation: Activation) -> S::f32s {
+    let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+    match activation {
+        Activation::Relu => simd.select_f32s(simd.less_than_f32s(zero, a), one, zero),
+        Activation::Softsign => {
+            let slope = simd.sub_f32s(one, simd.abs_f32s(a));
+            simd.mul_f32s(slope, slope)
+        }
+    }
+}
+
+/// `dw += x^T dy` and `db += sum over the batch of dy`; `x` `[batch][x_stride]`, `dy`
+/// `[batch][columns]`, `dw` `[depth][columns]`, `db` `[columns]`.
+#[inline(always)]
+pub(super) fn gradient<S: Simd>(
+    simd: S,
+    (dw, db): (&mut [f32], &mut [f32]),
+    columns: usize,
+    (x, x_stride): (&[f32], usize),
+    dy: &[f32],
+) {
+    let vectors = columns / S::F32_LANES;
+    let (dy, _) = S::as_simd_f32s(dy);
+    let (db, _) = S::as_mut_simd_f32s(db);
+    for row in dy.chunks_exact(vectors) {
+        for (sum, value) in db.iter_mut().zip(row) {
+            *sum = simd.add_f32s(*sum, *value);
+        }
+    }
+    let (dw, _) = S::as_mut_simd_f32s(dw);
+    let samples = DEPTH_BLOCK;
+    for (x, dy) in x.chunks(samples * x_stride).zip(dy.chunks(samples * vectors)) {
+        let mut first_column = 0;
+        while first_column < vectors {
+            let left = vectors - first_column;
+            first_column += if wide_tile::<S>() && 4 <= left {
+                gradient_columns::<S, 4>(simd, dw, [vectors, first_column], (x, x_stride), dy)
+            } else if 2 <= left {
+                gradient_columns::<S, 2>(simd, dw, [vectors, first_column], (x, x_stride), dy)
+            } else {
+                gradient_columns::<S, 1>(simd, dw, [vectors, first_column], (x, x_stride), dy)
+            };
+        }
+    }
+}
+
+#[inline(always)]
+fn gradient_columns<S: Simd, const COLS: usize>(
+    simd: S,
+    dw: &mut [S::f32s],
+    at: [usize; 2],
+    x: (&[f32], usize),
+    dy: &[S::f32s],
+) -> usize {
+    let depth = dw.len() / at[0];
+    let mut row = 0;
+    while row + ROWS <= depth {
+        gradient_tile::<S, ROWS, COLS>(simd, dw, row, at, x, dy);
+        row += ROWS;
+    }
+    if row + 4 <= depth {
+        gradient_tile::<S, 4, COLS>(simd, dw, row, at, x, dy);
+        row += 4;
+    }
+    if row + 2 <= depth {
+        gradient_tile::<S, 2, COLS>(simd, dw, row, at, x, dy);
+        row += 2;
+    }
+    if row < depth {
+        gradient_tile::<S, 1, COLS>(simd, dw, row, at, x, dy);
+    }
+    COLS
+}
+
+#[inline(always)]
+fn gradient_tile<S: Simd, const R: usize, const C: usize>(
+    simd: S,
+    dw: &mut [S::f32s],
+    row: usize,
+    [vectors, first_column]: [usize; 2],
+    (x, x_stride): (&[f32], usize),
+    dy: &[S::f32s],
+) {
+    let mut acc = [[simd.splat_f32s(0.0); C]; R];
+    unrolled!(I < R, {
+        let dw = &dw[(row + I) * vectors + first_column..][..C];
+        unrolled!(J < C, acc[I][J] = dw[J])
+    });
+    for (x, dy) in x.chunks_exact(x_stride).zip(dy.chunks_exact(vectors)) {
+        let x = &x[row..row + R];
+        let dy = &dy[first_column..first_column + C];
+        unrolled!(I < R, {
+            let left = simd.splat_f32s(x[I]);
+            unrolled!(J < C, acc[I][J] = simd.mul_add_e_f32s(left, dy[J], acc[I][J]))
+        });
+    }
+    unrolled!(I < R, {
+        let dw = &mut dw[(row + I) * vectors + first_column..][..C];
+        unrolled!(J < C, dw[J] = acc[I][J])
+    });
+}
+
+/// The narrow last layer, `y = bias + w x` with `OUT` outputs: weights are `[OUT][columns]`, so
+/// that each output is one long dot product; a wide product would waste most of its vector.
+#[inline(always)]
+pub(super) fn narrow<S: Simd, const OUT: usize>(
+    simd: S,
+    y: &mut [f32],
+    (weights, bias): (&[f32], &[f32]),
+    (x, columns): (&[f32], usize),
+) {
+    let vectors = columns / S::F32_LANES;
+    let (w, _) = S::as_simd_f32s(weights);
+    let (x, _) = S::as_simd_f32s(x);
+    let w: [&[S::f32s]; OUT] = std::array::from_fn(|o| &w[o * vectors..(o + 1) * vectors]);
+    for (y, x) in y.chunks_exact_mut(OUT).zip(x.chunks_exact(vectors)) {
+        let mut acc = [simd.splat_f32s(0.0); OUT];
+        for (k, value) in x.iter().enumerate() {
+            for o in 0..OUT {
+                acc[o] = simd.mul_add_e_f32s(w[o][k], *value, acc[o]);
+            }
+        }
+        for o in 0..OUT {
+            y[o] = bias[o] + simd.reduce_sum_f32s(acc[o]);
+        }
+    }
+}
+
+/// Backward pass of [`narrow`] in one sweep: `dw += dy^T x`, `db += sum dy`, and
+/// `dx = (dy w) * activation'(x)`.
+#[inline(always)]
+pub(super) fn narrow_backward<S: Simd, const OUT: usize>(
+    simd: S,
+    (dw, db): (&mut [f32], &mut [f32]),
+    dx: &mut [f32],
+    (weights, dy): (&[f32], &[f32]),
+    (x, columns, activation): (&[f32], usize, Activation),
+) {
+    let vectors = columns / S::F32_LANES;
+    let (w, _) = S::as_simd_f32s(weights);
+    let (x, _) = S::as_simd_f32s(x);
+    let (dx, _) = S::as_mut_simd_f32s(dx);
+    let (dw, _) = S::as_mut_simd_f32s(dw);
+    for dy in dy.chunks_exact(OUT) {
+        for o in 0..OUT {
+            db[o] += dy[o];
+        }
+    }
+    for k in 0..vectors {
+        let w: [S::f32s; OUT] = std::array::from_fn(|o| w[o * vectors + k]);
+        let mut sums: [S::f32s; OUT] = std::array::from_fn(|o| dw[o * vectors + k]);
+        let rows = x.chunks_exact(vectors).zip(dx.chunks_exact_mut(vectors));
+        for ((x, dx), dy) in rows.zip(dy.chunks_exact(OUT)) {
+            let mut back = simd.splat_f32s(0.0);
+            for o in 0..OUT {
+                let d = simd.splat_f32s(dy[o]);
+                back = simd.mul_add_e_f32s(d, w[o], back);
+                sums[o] = simd.mul_add_e_f32s(d, x[k], sums[o]);
+            }
+            dx[k] = simd.mul_f32s(back, derivative(simd, x[k], activation));
+        }
+        for o in 0..OUT {
+            dw[o * vectors + k] = sums[o];
+        }
+    }
+}

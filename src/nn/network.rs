@@ -1,0 +1,90 @@
+//! The network as plain data: dense layers with PyTorch's weight order, and a plain forward pass.
+//!
+//! This is the form in which networks are stored, exported and compared. Training uses the padded
+//! copy in [`super::trainer`], batched inference the one in [`super::batch`]; both are tested
+//! against [`Network::forward`] here.
+
+use serde::{Deserialize, Serialize};
+
+/// The non-linearity between two dense layers; the last layer is always linear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Activation {
+    /// `max(z, 0)`
+    Relu,
+    /// `z / (1 + |z|)`, the upstream actuator network's choice
+    Softsign,
+}
+
+impl Activation {
+    /// The activation of one pre-activation `z`.
+    #[must_use]
+    pub fn apply(self, z: f32) -> f32 {
+        match self {
+            Self::Relu => z.max(0.0),
+            Self::Softsign => z / (1.0 + z.abs()),
+        }
+    }
+}
+
+/// One dense layer, `y = W x + b`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dense {
+    /// Number of inputs.
+    pub inputs: usize,
+    /// Number of outputs.
+    pub outputs: usize,
+    /// Row-major `[outputs][inputs]`, as PyTorch's `nn.Linear.weight`.
+    pub weight: Vec<f32>,
+    /// `[outputs]`
+    pub bias: Vec<f32>,
+}
+
+/// A multi-layer perceptron: dense layers with one activation between them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Network {
+    /// Applied after every layer except the last.
+    pub activation: Activation,
+    /// At least one; the outputs of each are the inputs of the next.
+    pub layers: Vec<Dense>,
+}
+
+impl Network {
+    /// Names of the layers as upstream stores them: `fc1`, `fc2`, ..., `fc_out`.
+    #[must_use]
+    pub fn layer_names(&self) -> Vec<String> {
+        let hidden = self.layers.len() - 1;
+        (1..=hidden).map(|i| format!("fc{i}")).chain(["fc_out".to_owned()]).collect()
+    }
+
+    /// Number of inputs of the first layer.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.layers[0].inputs
+    }
+
+    /// Number of outputs of the last layer.
+    #[must_use]
+    pub fn outputs(&self) -> usize {
+        self.layers[self.layers.len() - 1].outputs
+    }
+
+    /// The output for one input vector, computed plainly; the reference for every faster path.
+    #[must_use]
+    pub fn forward(&self, input: &[f32]) -> Vec<f32> {
+        let last = self.layers.len() - 1;
+        let mut values = input.to_vec();
+        for (index, layer) in self.layers.iter().enumerate() {
+            values = layer
+                .weight
+                .chunks_exact(layer.inputs)
+                .zip(&layer.bias)
+                .map(|(row, bias)| {
+                    let z = bias + row.iter().zip(&values).map(|(w, x)| w * x).sum::<f32>();
+                    if index == last { z } else { self.activation.apply(z) }
+                })
+                .collect();
+        }
+        values
+    }
+}

@@ -1,0 +1,255 @@
+//! Gradients by reverse accumulation, and Adam.
+//!
+//! Adam: Kingma and Ba, "Adam: A Method for Stochastic Optimization" (2015), algorithm 1, with the
+//! order of operations of PyTorch's `torch.optim.Adam`.
+
+use super::{
+    kernel::{self, Epilogue, Product, padded},
+    network::Network,
+    stack::{MAX_OUTPUTS, Stack, Tape},
+};
+use pulp::{Arch, Simd, WithSimd};
+
+/// Settings of Adam.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Adam {
+    /// Decay of the first moment, 0 to 1; 0.9 as in the paper.
+    pub beta1: f32,
+    /// Decay of the second moment, 0 to 1; 0.999 as in the paper.
+    pub beta2: f32,
+    /// Added to the root of the second moment; 1e-8 as in the paper.
+    pub epsilon: f32,
+}
+
+impl Default for Adam {
+    fn default() -> Self {
+        Self { beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }
+    }
+}
+
+/// Whether a backward pass also computes the gradient with respect to the network's inputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputGradient {
+    /// Only parameters.
+    Skip,
+    /// Inputs as well, for training through several steps.
+    Compute,
+}
+
+/// A network in training: parameters, gradients and the moments of Adam.
+#[derive(Debug, Clone)]
+pub struct Trainer {
+    stack: Stack,
+    gradient: Vec<f32>,
+    moment1: Vec<f32>,
+    moment2: Vec<f32>,
+    /// `[outputs][padded inputs]` of each hidden layer, for the way back.
+    transposed: Vec<Vec<f32>>,
+    /// Gradients of the activations, `[batch][padded width]`, two in turn.
+    back: [Vec<f32>; 2],
+    adam: Adam,
+    steps: i32,
+}
+
+impl Trainer {
+    /// Starts from `network`.
+    #[must_use]
+    pub fn new(network: &Network, adam: Adam) -> Self {
+        let stack = Stack::new(network);
+        let size = stack.values.len();
+        let transposed =
+            stack.hidden.iter().map(|s| vec![0.0; s.outputs * padded(s.inputs)]).collect();
+        let mut trainer = Self {
+            gradient: vec![0.0; size],
+            moment1: vec![0.0; size],
+            moment2: vec![0.0; size],
+            transposed,
+            back: [Vec::new(), Vec::new()],
+            adam,
+            steps: 0,
+            stack,
+        };
+        trainer.transpose();
+        trainer
+    }
+
+    /// The parameters as they stand.
+    #[must_use]
+    pub fn stack(&self) -> &Stack {
+        &self.stack
+    }
+
+    /// Computes `tape.y` from `tape.x`.
+    pub fn forward(&self, tape: &mut Tape) {
+        self.stack.forward(tape);
+    }
+
+    /// Adds the gradient of a loss whose derivative with respect to the outputs of `tape` is `dy`
+    /// (`[batch][outputs]`). With [`InputGradient::Compute`], `dx` becomes `[batch][padded
+    /// inputs]`, the derivative with respect to the inputs.
+    pub fn backward(&mut self, tape: &Tape, dy: &[f32], want: InputGradient, dx: &mut Vec<f32>) {
+        let batch = dy.len() / self.stack.outputs();
+        let widest = self.stack.hidden.iter().map(|span| span.stride).max().unwrap_or(0);
+        for back in &mut self.back {
+            back.resize(batch * widest, 0.0);
+        }
+        let dx = match want {
+            InputGradient::Skip => None,
+            InputGradient::Compute => {
+                dx.resize(batch * padded(self.stack.inputs()), 0.0);
+                Some(dx.as_mut_slice())
+            }
+        };
+        Arch::new().dispatch(Backward {
+            stack: &self.stack,
+            transposed: &self.transposed,
+            gradient: &mut self.gradient,
+            back: &mut self.back,
+            tape,
+            dy,
+            dx,
+        });
+    }
+
+    /// One step of Adam with the accumulated gradient, which it then clears.
+    pub fn update(&mut self, learning_rate: f32) {
+        self.steps += 1;
+        let Adam { beta1, beta2, epsilon } = self.adam;
+        let correction = |beta: f32| (1.0 - f64::from(beta).powi(self.steps)) as f32;
+        Arch::new().dispatch(Update {
+            parameters: &mut self.stack.values,
+            gradient: &mut self.gradient,
+            moments: [&mut self.moment1, &mut self.moment2],
+            betas: [beta1, beta2],
+            step: learning_rate / correction(beta1),
+            scale: 1.0 / correction(beta2).sqrt(),
+            epsilon,
+        });
+        self.transpose();
+    }
+
+    /// Refreshes the transposed weights.
+    fn transpose(&mut self) {
+        for (span, transposed) in self.stack.hidden.iter().zip(&mut self.transposed) {
+            let stride = padded(span.inputs);
+            let weights = &self.stack.values[span.weights.clone()];
+            let edge = kernel::PAD;
+            for (block, rows) in weights.chunks(edge * span.stride).enumerate() {
+                for output in 0..span.outputs {
+                    let line = &mut transposed[output * stride + block * edge..][..edge];
+                    for (value, row) in line.iter_mut().zip(rows.chunks_exact(span.stride)) {
+                        *value = row[output];
+                    }
+                }
+            }
+        }
+    }
+}
+
+struct Backward<'a> {
+    stack: &'a Stack,
+    transposed: &'a [Vec<f32>],
+    gradient: &'a mut [f32],
+    back: &'a mut [Vec<f32>; 2],
+    tape: &'a Tape,
+    dy: &'a [f32],
+    dx: Option<&'a mut [f32]>,
+}
+
+impl WithSimd for Backward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { stack, transposed, gradient, back, tape, dy, dx } = self;
+        let batch = dy.len() / stack.outputs();
+        let [mut here, mut below] = back.each_mut();
+        let span = &stack.last;
+        let top = stack.hidden.len() - 1;
+        let (dw, db) =
+            gradient[span.weights.start..span.bias.end].split_at_mut(span.weights.len());
+        let weights = (&stack.values[span.weights.clone()], dy);
+        let x = (tape.activations[top].as_slice(), span.stride, stack.activation);
+        let first = &mut here[..batch * span.stride];
+        match span.outputs {
+            1 => kernel::narrow_backward::<S, 1>(simd, (dw, db), first, weights, x),
+            2 => kernel::narrow_backward::<S, 2>(simd, (dw, db), first, weights, x),
+            3 => kernel::narrow_backward::<S, 3>(simd, (dw, db), first, weights, x),
+            _ => kernel::narrow_backward::<S, MAX_OUTPUTS>(simd, (dw, db), first, weights, x),
+        }
+        let mut dx = dx;
+        for layer in (0..=top).rev() {
+            let span = &stack.hidden[layer];
+            let dz = &here[..batch * span.stride];
+            let x = match layer {
+                0 => (tape.x.as_slice(), stack.inputs()),
+                _ => (tape.activations[layer - 1].as_slice(), stack.hidden[layer - 1].stride),
+            };
+            let (dw, db) =
+                gradient[span.weights.start..span.bias.end].split_at_mut(span.weights.len());
+            kernel::gradient(simd, (dw, db), span.stride, x, dz);
+            let columns = padded(span.inputs);
+            let (target, epilogue) = match (layer, dx.as_deref_mut()) {
+                (0, None) => return,
+                (0, Some(dx)) => (dx, Epilogue::Linear),
+                _ => {
+                    let below = &mut below[..batch * columns];
+                    (below, Epilogue::Derivative(stack.activation, x.0))
+                }
+            };
+            let product = Product {
+                x: dz,
+                x_stride: span.stride,
+                depth: span.outputs,
+                weights: &transposed[layer],
+                bias: None,
+                epilogue,
+            };
+            kernel::product(simd, target, columns, product);
+            std::mem::swap(&mut here, &mut below);
+        }
+    }
+}
+
+struct Update<'a> {
+    parameters: &'a mut [f32],
+    gradient: &'a mut [f32],
+    moments: [&'a mut [f32]; 2],
+    betas: [f32; 2],
+    /// Learning rate over the first moment's correction.
+    step: f32,
+    /// One over the root of the second moment's correction.
+    scale: f32,
+    epsilon: f32,
+}
+
+/// First moments below this are set to zero: they belong to units that no longer take part, and
+/// would decay into denormal numbers, which are a hundred times slower.
+const MOMENT_FLOOR: f32 = 1e-30;
+
+impl WithSimd for Update<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let [beta1, beta2] = self.betas.map(|beta| simd.splat_f32s(beta));
+        let [rest1, rest2] = self.betas.map(|beta| simd.splat_f32s(1.0 - beta));
+        let (step, scale) = (simd.splat_f32s(-self.step), simd.splat_f32s(self.scale));
+        let (epsilon, zero) = (simd.splat_f32s(self.epsilon), simd.splat_f32s(0.0));
+        let floor = simd.splat_f32s(MOMENT_FLOOR);
+        // Every length is a multiple of the widest vector, so there are no tails.
+        let [(moment1, _), (moment2, _)] = self.moments.map(|m| S::as_mut_simd_f32s(m));
+        let (parameters, _) = S::as_mut_simd_f32s(self.parameters);
+        let (gradient, _) = S::as_mut_simd_f32s(self.gradient);
+        let moments = moment1.iter_mut().zip(moment2.iter_mut());
+        for ((p, g), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
+            let first = simd.mul_add_e_f32s(beta1, *m, simd.mul_f32s(rest1, *g));
+            let kept = simd.less_than_f32s(floor, simd.abs_f32s(first));
+            *m = simd.select_f32s(kept, first, zero);
+            *v = simd.mul_add_e_f32s(beta2, *v, simd.mul_f32s(rest2, simd.mul_f32s(*g, *g)));
+            let root = simd.mul_add_e_f32s(simd.sqrt_f32s(*v), scale, epsilon);
+            *p = simd.mul_add_e_f32s(step, simd.div_f32s(*m, root), *p);
+            *g = zero;
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! Messages in and out of MCAP files, by the data contract in `datasets_schema/`.
+//!
+//! [`Recording::open`] reads any MCAP file into memory, a damaged one as far as it goes;
+//! [`RecordingWriter`] writes one beside its final name and renames it when it is complete;
+//! [`inspect`] says what is in a recording and what is doubtful; [`recover`] saves what a cut-off
+//! file still holds; [`table`] turns topics into columns for other software.
+//!
+//! ```
+//! use klasktron::recording::{ExistingFile, FlushPolicy, Recording, RecordingWriter, topic};
+//! use klasktron::recording::message::VelocityCommand;
+//! use klasktron::units::Nanos;
+//!
+//! let dir = tempfile::tempdir()?;
+//! let path = dir.path().join("run.mcap");
+//! let mut writer = RecordingWriter::create(&path, ExistingFile::Refuse, FlushPolicy::WhenFull)?;
+//! let left = topic::command(topic::Player::Left);
+//! writer.write(&left, Nanos(20_000_000), &VelocityCommand { vx: 0.1, vy: -0.2 })?;
+//! writer.finish()?;
+//!
+//! let recording = Recording::open(&path)?;
+//! let commands = recording.series::<VelocityCommand>(&left)?;
+//! assert_eq!(commands.values[0].vy, -0.2);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod error;
+pub mod inspect;
+mod load;
+pub mod recover;
+mod scan;
+mod schema;
+pub mod table;
+pub mod topic;
+mod writer;
+
+pub use error::RecordingError;
+pub use load::{
+    Attachment, Channel, MessageIndex, Recording, Series, hexadecimal, sha256_of_file,
+};
+pub use scan::{Loss, MAGIC};
+pub use schema::{FILE_DESCRIPTOR_SET, PROTOBUF, SchemaDifference, check_compatible, message};
+pub use writer::{
+    ExistingFile, FlushPolicy, PROFILE, RECORDING_METADATA, RawSchema, RecordingWriter,
+    partial_name,
+};

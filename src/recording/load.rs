@@ -1,0 +1,343 @@
+//! A recording in memory: every message as bytes by topic, decoded when it is asked for.
+
+use super::{
+    error::RecordingError,
+    scan::{self, Loss, ScanError},
+    schema::{self, PROTOBUF, message::RunMarker},
+    topic,
+    writer::RECORDING_METADATA,
+};
+use crate::units::Nanos;
+use mcap::records::{self, Record};
+use prost::{Message, Name};
+use sha2::{Digest, Sha256};
+use std::{
+    collections::{BTreeMap, HashMap},
+    fs::File,
+    io::{self, BufReader, Read},
+    ops::Range,
+    path::{Path, PathBuf},
+};
+
+/// Time stamps and place of one message among its channel's bytes.
+#[derive(Debug, Clone)]
+pub struct MessageIndex {
+    /// The host's clock when it was received, or sent for a command.
+    pub log_time: Nanos,
+    /// The source's own time; equals `log_time` where it has none.
+    pub publish_time: Nanos,
+    range: Range<usize>,
+}
+
+/// All messages of one topic with one schema, in file order.
+#[derive(Debug, Clone, Default)]
+pub struct Channel {
+    /// Topic name.
+    pub topic: String,
+    /// Full name of the schema; empty when there is none.
+    pub schema: String,
+    /// Encoding of the schema record, such as `protobuf` or `ros2msg`.
+    pub schema_encoding: String,
+    /// The schema record.
+    pub schema_data: Vec<u8>,
+    /// Encoding of the messages, such as `protobuf` or `cdr`.
+    pub encoding: String,
+    /// Key and value pairs of the channel record.
+    pub metadata: BTreeMap<String, String>,
+    /// Where each message is.
+    pub messages: Vec<MessageIndex>,
+    bytes: Vec<u8>,
+}
+
+impl Channel {
+    /// The bytes of each message with its time stamps, in file order.
+    pub fn raw(&self) -> impl Iterator<Item = (&MessageIndex, &[u8])> {
+        self.messages.iter().map(|message| (message, &self.bytes[message.range.clone()]))
+    }
+
+    fn push(&mut self, header: &records::MessageHeader, data: &[u8]) {
+        let start = self.bytes.len();
+        self.bytes.extend_from_slice(data);
+        self.messages.push(MessageIndex {
+            log_time: Nanos(header.log_time),
+            publish_time: Nanos(header.publish_time),
+            range: start..self.bytes.len(),
+        });
+    }
+}
+
+/// A binary part of a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Attachment {
+    /// Its name, such as `weights/seed_0.safetensors`.
+    pub name: String,
+    /// Its media type.
+    pub media_type: String,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+/// Decoded messages of one topic in order of their log time.
+#[derive(Debug, Clone, Default)]
+pub struct Series<M> {
+    /// When each was received, or sent for a command; never decreasing.
+    pub times: Vec<Nanos>,
+    /// The messages.
+    pub values: Vec<M>,
+}
+
+impl<M> Series<M> {
+    /// Time and message of each, in order.
+    pub fn iter(&self) -> impl Iterator<Item = (Nanos, &M)> {
+        self.times.iter().copied().zip(&self.values)
+    }
+}
+
+/// Everything that one MCAP file holds, be it a recording of the contract or any other.
+#[derive(Debug, Clone, Default)]
+pub struct Recording {
+    /// Where it was read from.
+    pub path: PathBuf,
+    /// Size of the file (bytes).
+    pub bytes: u64,
+    /// SHA-256 of the file, in hexadecimal.
+    pub sha256: String,
+    /// Profile of the header: `klasktron` for the contract, `ros2` for bags.
+    pub profile: String,
+    /// Software that wrote it.
+    pub library: String,
+    /// Metadata records by name; of two with one name the later counts.
+    pub metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// Channels in the order in which they were declared.
+    pub channels: Vec<Channel>,
+    /// Attachments in file order.
+    pub attachments: Vec<Attachment>,
+    /// What a damaged file no longer holds.
+    pub loss: Loss,
+}
+
+impl Recording {
+    /// Reads a whole file, whatever its topics; a cut-off or damaged one as far as it goes (see
+    /// [`Recording::loss`]).
+    ///
+    /// # Errors
+    /// When the file cannot be read, is empty, is not MCAP, or carries a topic of the contract
+    /// with another schema.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+        let mut source = HashingReader { inner: BufReader::new(file), sha256: Sha256::new(), bytes: 0 };
+        let mut load = Load::default();
+        let loss = scan::scan(&mut source, &mut |record| load.visit(record))
+            .map_err(|error| scan_error(path, error))?;
+        io::copy(&mut source, &mut io::sink()).map_err(RecordingError::io(path, "read"))?;
+        let mut recording = load.recording;
+        recording.path = path.to_owned();
+        recording.loss = loss;
+        recording.bytes = source.bytes;
+        recording.sha256 = hexadecimal(&source.sha256.finalize());
+        recording.channels.retain(|channel| !channel.topic.is_empty());
+        recording.check_schemas()?;
+        Ok(recording)
+    }
+
+    /// Refuses a topic of the contract whose schema is another one.
+    fn check_schemas(&self) -> Result<(), RecordingError> {
+        for channel in &self.channels {
+            let Some(expected) = topic::schema_of(&channel.topic) else { continue };
+            if channel.schema != expected || channel.encoding != PROTOBUF {
+                return Err(RecordingError::WrongSchema {
+                    path: self.path.clone(),
+                    topic: channel.topic.clone(),
+                    found: format!("{} ({})", channel.schema, channel.encoding),
+                    expected: format!("{expected} ({PROTOBUF})"),
+                });
+            }
+            schema::check_compatible(expected, &channel.schema_data).map_err(|difference| {
+                RecordingError::SchemaDiffers {
+                    path: self.path.clone(),
+                    topic: channel.topic.clone(),
+                    schema: channel.schema.clone(),
+                    difference,
+                }
+            })?;
+        }
+        Ok(())
+    }
+
+    /// All channels of `topic`; more than one when the file was written in parts.
+    pub fn channels_of<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = &'a Channel> {
+        self.channels.iter().filter(move |channel| channel.topic == topic)
+    }
+
+    /// How many messages `topic` has.
+    #[must_use]
+    pub fn count(&self, topic: &str) -> usize {
+        self.channels_of(topic).map(|channel| channel.messages.len()).sum()
+    }
+
+    /// The messages of `topic` by log time; empty when the topic is not there.
+    ///
+    /// # Errors
+    /// When the topic has another schema than `M`, or a message does not decode.
+    pub fn series<M: Message + Name + Default>(
+        &self,
+        topic: &str,
+    ) -> Result<Series<M>, RecordingError> {
+        let mut stamped = Vec::with_capacity(self.count(topic));
+        for channel in self.channels_of(topic) {
+            if channel.schema != M::full_name() {
+                return Err(RecordingError::WrongSchema {
+                    path: self.path.clone(),
+                    topic: topic.to_owned(),
+                    found: channel.schema.clone(),
+                    expected: M::full_name(),
+                });
+            }
+            for (index, (message, bytes)) in channel.raw().enumerate() {
+                let decoded = M::decode(bytes).map_err(|error| RecordingError::BadMessage {
+                    path: self.path.clone(),
+                    topic: topic.to_owned(),
+                    index,
+                    schema: M::NAME,
+                    reason: error.to_string(),
+                })?;
+                stamped.push((message.log_time, decoded));
+            }
+        }
+        stamped.sort_by_key(|(time, _)| *time);
+        let (times, values) = stamped.into_iter().unzip();
+        Ok(Series { times, values })
+    }
+
+    /// A value of the metadata record `klasktron.recording`.
+    #[must_use]
+    pub fn info(&self, key: &str) -> Option<&str> {
+        self.metadata.get(RECORDING_METADATA)?.get(key).map(String::as_str)
+    }
+
+    /// The attachment called `name`.
+    #[must_use]
+    pub fn attachment(&self, name: &str) -> Option<&Attachment> {
+        self.attachments.iter().find(|attachment| attachment.name == name)
+    }
+
+    /// First and last log time of all messages; `None` without messages.
+    #[must_use]
+    pub fn time_range(&self) -> Option<(Nanos, Nanos)> {
+        let times = || self.channels.iter().flat_map(|c| c.messages.iter().map(|m| m.log_time));
+        Some((times().min()?, times().max()?))
+    }
+
+    /// The run markers by log time.
+    ///
+    /// # Errors
+    /// When one does not decode.
+    pub fn markers(&self) -> Result<Series<RunMarker>, RecordingError> {
+        self.series(topic::RUN_MARKER)
+    }
+}
+
+fn scan_error(path: &Path, error: ScanError) -> RecordingError {
+    let path = path.to_owned();
+    match error {
+        ScanError::Empty => RecordingError::Empty { path },
+        ScanError::NotMcap(begins) => {
+            RecordingError::NotMcap { path, begins: hexadecimal(&begins) }
+        }
+        ScanError::Io(source) => RecordingError::Io { path, action: "read", source },
+    }
+}
+
+/// Lower-case hexadecimal digits of `bytes`.
+#[must_use]
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// SHA-256 of a file, in hexadecimal.
+///
+/// # Errors
+/// When the file cannot be read.
+pub fn sha256_of_file(path: &Path) -> Result<String, RecordingError> {
+    let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+    let mut source = HashingReader { inner: file, sha256: Sha256::new(), bytes: 0 };
+    io::copy(&mut source, &mut io::sink()).map_err(RecordingError::io(path, "read"))?;
+    Ok(hexadecimal(&source.sha256.finalize()))
+}
+
+/// Passes bytes through and keeps their hash and count.
+struct HashingReader<R> {
+    inner: R,
+    sha256: Sha256,
+    bytes: u64,
+}
+
+impl<R: Read> Read for HashingReader<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.inner.read(buffer)?;
+        self.sha256.update(&buffer[..count]);
+        self.bytes += count as u64;
+        Ok(count)
+    }
+}
+
+/// Collects the records of one file.
+#[derive(Default)]
+struct Load {
+    recording: Recording,
+    schemas: HashMap<u16, (records::SchemaHeader, Vec<u8>)>,
+    /// Position in `recording.channels` by the file's own channel id.
+    position_by_id: HashMap<u16, usize>,
+}
+
+impl Load {
+    fn visit(&mut self, record: Record<'_>) {
+        match record {
+            Record::Header(header) => {
+                self.recording.profile = header.profile;
+                self.recording.library = header.library;
+            }
+            Record::Schema { header, data } => {
+                self.schemas.insert(header.id, (header, data.into_owned()));
+            }
+            Record::Channel(channel) => self.add_channel(channel),
+            Record::Message { header, data } => {
+                // A message without channel record cannot be understood by anyone; a damaged
+                // chunk that held the channel record is counted in `loss` already.
+                if let Some(position) = self.position_by_id.get(&header.channel_id) {
+                    self.recording.channels[*position].push(&header, &data);
+                }
+            }
+            Record::Attachment { header, data, .. } => self.recording.attachments.push(Attachment {
+                name: header.name,
+                media_type: header.media_type,
+                data: data.into_owned(),
+            }),
+            Record::Metadata(metadata) => {
+                self.recording.metadata.insert(metadata.name, metadata.metadata);
+            }
+            _ => {}
+        }
+    }
+
+    fn add_channel(&mut self, channel: records::Channel) {
+        if self.position_by_id.contains_key(&channel.id) {
+            return; // repeated in the chunk or the summary
+        }
+        let (schema, schema_encoding, schema_data) = match self.schemas.get(&channel.schema_id) {
+            Some((header, data)) => (header.name.clone(), header.encoding.clone(), data.clone()),
+            None => Default::default(),
+        };
+        self.position_by_id.insert(channel.id, self.recording.channels.len());
+        self.recording.channels.push(Channel {
+            topic: channel.topic,
+            schema,
+            schema_encoding,
+            schema_data,
+            encoding: channel.message_encoding,
+            metadata: channel.metadata,
+            messages: Vec::new(),
+            bytes: Vec::new(),
+        });
+    }
+}

@@ -1,0 +1,54 @@
+//! Saving what a cut-off or damaged file still holds.
+
+use super::{
+    Recording, RecordingError,
+    writer::{ExistingFile, FlushPolicy, RawSchema, RecordingWriter},
+};
+use std::path::Path;
+
+/// Writes everything that `recording` holds to `path`, with summary and indexes: messages by log
+/// time (file order among equals), then metadata and attachments. Unknown topics pass untouched.
+///
+/// # Errors
+/// When the name is taken and `existing` refuses, or the disk does.
+pub fn write_copy(
+    recording: &Recording,
+    path: &Path,
+    existing: ExistingFile,
+) -> Result<(), RecordingError> {
+    let mut writer =
+        RecordingWriter::with_profile(path, &recording.profile, existing, FlushPolicy::WhenFull)?;
+    match copy_into(recording, &mut writer) {
+        Ok(()) => writer.finish(),
+        Err(error) => {
+            writer.discard();
+            Err(error)
+        }
+    }
+}
+
+fn copy_into(recording: &Recording, writer: &mut RecordingWriter) -> Result<(), RecordingError> {
+    for (name, values) in &recording.metadata {
+        writer.metadata(name, values.clone())?;
+    }
+    let mut messages: Vec<_> = recording
+        .channels
+        .iter()
+        .flat_map(|channel| channel.raw().map(move |(index, bytes)| (index, channel, bytes)))
+        .collect();
+    messages.sort_by_key(|(index, _, _)| index.log_time);
+    for (index, channel, bytes) in messages {
+        let schema = RawSchema {
+            name: &channel.schema,
+            encoding: &channel.schema_encoding,
+            data: &channel.schema_data,
+            message_encoding: &channel.encoding,
+            channel_metadata: &channel.metadata,
+        };
+        writer.write_raw(&channel.topic, &schema, [index.log_time, index.publish_time], bytes)?;
+    }
+    for attachment in &recording.attachments {
+        writer.attach(&attachment.name, &attachment.media_type, &attachment.data)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,284 @@
+//! A forward pass over the bytes of an MCAP file that survives damage.
+//!
+//! The layout is that of the MCAP specification (<https://mcap.dev/spec>): magic, then records of
+//! one opcode byte, a little-endian `u64` length and that many bytes; chunks hold further records,
+//! compressed. The public readers stop at the first fault. This one hands out every complete
+//! record of a file that was cut off at any byte, those of the last, cut-off chunk included, and
+//! passes over chunks whose checksum does not hold, counting what was lost.
+//!
+//! Left out on purpose: indexes. A forward pass needs none, and a cut-off file has none.
+
+use mcap::records::{ChunkHeader, Record};
+use std::{
+    fmt,
+    io::{self, Read},
+};
+
+/// First and last eight bytes of an MCAP file.
+pub const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
+
+/// Largest record outside a chunk and largest chunk, packed or unpacked, that is believed (bytes);
+/// guards against lengths that a damaged or hostile file claims.
+const MAX_RECORD_BYTES: u64 = 1 << 30;
+
+const RECORD_PREFIX_BYTES: usize = 9;
+const OPCODE_ATTACHMENT: u8 = 0x09;
+/// Two time stamps, two string lengths, the data length and the checksum.
+const MIN_ATTACHMENT_BYTES: usize = 8 + 8 + 4 + 4 + 8 + 4;
+
+/// What a damaged file no longer holds.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Loss {
+    /// The file ends here, in the middle of its data (bytes).
+    pub cut_off_at: Option<u64>,
+    /// Chunks passed over because they do not unpack or their checksum does not hold.
+    pub bad_chunks: u64,
+    /// Other records that could not be understood.
+    pub bad_records: u64,
+    /// Bytes of the file that yielded nothing.
+    pub bytes: u64,
+}
+
+impl Loss {
+    /// Whether everything was read.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl fmt::Display for Loss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut parts = Vec::new();
+        if let Some(at) = self.cut_off_at {
+            parts.push(format!("cut off at byte {at}"));
+        }
+        if 0 < self.bad_chunks {
+            parts.push(format!("{} damaged chunks skipped", self.bad_chunks));
+        }
+        if 0 < self.bad_records {
+            parts.push(format!("{} unreadable records skipped", self.bad_records));
+        }
+        write!(f, "{}, {} bytes lost", parts.join(", "), self.bytes)
+    }
+}
+
+/// How the bytes begin when they are no MCAP file.
+#[derive(Debug)]
+pub enum ScanError {
+    /// No bytes at all.
+    Empty,
+    /// Other magic bytes; these were found.
+    NotMcap(Vec<u8>),
+    /// The source failed.
+    Io(io::Error),
+}
+
+/// Hands every complete record of `source` to `visit`, those of chunks included, in file order,
+/// and tells what was lost. Summary, index and chunk records are not handed out.
+///
+/// # Errors
+/// When the source fails or does not begin as an MCAP file.
+pub fn scan(
+    source: impl Read,
+    visit: &mut dyn FnMut(Record<'_>),
+) -> Result<Loss, ScanError> {
+    let mut scan = Scan { source, offset: 0, loss: Loss::default(), unpacked: Vec::new() };
+    scan.check_magic()?;
+    scan.run(visit).map_err(ScanError::Io)?;
+    Ok(scan.loss)
+}
+
+struct Scan<R> {
+    source: R,
+    /// Bytes taken from the source so far.
+    offset: u64,
+    loss: Loss,
+    /// Reused for the content of each chunk.
+    unpacked: Vec<u8>,
+}
+
+enum Next {
+    Continue,
+    DataEnd,
+}
+
+impl<R: Read> Scan<R> {
+    fn check_magic(&mut self) -> Result<(), ScanError> {
+        let begins = self.take_up_to(MAGIC.len() as u64).map_err(ScanError::Io)?;
+        match begins.as_slice() {
+            [] => Err(ScanError::Empty),
+            _ if begins == MAGIC => Ok(()),
+            _ => Err(ScanError::NotMcap(begins)),
+        }
+    }
+
+    /// Reads `length` bytes, or what is left when that is less.
+    fn take_up_to(&mut self, length: u64) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::with_capacity(length.min(1 << 16) as usize);
+        self.source.by_ref().take(length).read_to_end(&mut bytes)?;
+        self.offset += bytes.len() as u64;
+        Ok(bytes)
+    }
+
+    fn run(&mut self, visit: &mut dyn FnMut(Record<'_>)) -> io::Result<()> {
+        loop {
+            let start = self.offset;
+            let prefix = self.take_up_to(RECORD_PREFIX_BYTES as u64)?;
+            let Some((opcode, length)) = parse_prefix(&prefix) else {
+                self.cut_off(start);
+                return Ok(());
+            };
+            let body = self.take_up_to(length.min(MAX_RECORD_BYTES))?;
+            let whole = body.len() as u64 == length;
+            if !whole {
+                self.cut_off(start);
+            }
+            if opcode == mcap::records::op::CHUNK {
+                self.visit_chunk(&body, whole, visit);
+            } else if whole && matches!(self.visit_record(opcode, &body, visit), Next::DataEnd) {
+                return Ok(());
+            }
+            if !whole {
+                return Ok(());
+            }
+        }
+    }
+
+    fn cut_off(&mut self, start: u64) {
+        self.loss.cut_off_at = Some(self.offset);
+        self.loss.bytes += self.offset - start;
+    }
+
+    fn visit_record(
+        &mut self,
+        opcode: u8,
+        body: &[u8],
+        visit: &mut dyn FnMut(Record<'_>),
+    ) -> Next {
+        match parse_record(opcode, body) {
+            Some(Record::DataEnd(_) | Record::Footer(_)) => return Next::DataEnd,
+            Some(
+                record @ (Record::Header(_)
+                | Record::Schema { .. }
+                | Record::Channel(_)
+                | Record::Message { .. }
+                | Record::Attachment { .. }
+                | Record::Metadata(_)),
+            ) => visit(record),
+            Some(_) => {}
+            None => {
+                self.loss.bad_records += 1;
+                self.loss.bytes += body.len() as u64;
+            }
+        }
+        Next::Continue
+    }
+
+    /// Visits the records of a chunk. A whole chunk counts only when its checksum holds; of a
+    /// cut-off chunk, which cannot be checked, every complete record counts.
+    fn visit_chunk(&mut self, body: &[u8], whole: bool, visit: &mut dyn FnMut(Record<'_>)) {
+        let mut unpacked = std::mem::take(&mut self.unpacked);
+        unpacked.clear();
+        let good = match parse_chunk(body) {
+            Some((header, packed)) => {
+                let complete = unpack(&header, packed, &mut unpacked);
+                !whole || (complete && checksum_holds(&header, &unpacked))
+            }
+            None => !whole,
+        };
+        if good {
+            let mut rest = unpacked.as_slice();
+            while let Some((opcode, record, after)) = split_record(rest) {
+                self.visit_record(opcode, record, visit);
+                rest = after;
+            }
+        } else {
+            self.loss.bad_chunks += 1;
+            self.loss.bytes += body.len() as u64;
+        }
+        self.unpacked = unpacked;
+    }
+}
+
+fn parse_prefix(prefix: &[u8]) -> Option<(u8, u64)> {
+    let (opcode, length) = prefix.split_first()?;
+    Some((*opcode, u64::from_le_bytes(length.try_into().ok()?)))
+}
+
+/// The first record of `bytes` and what follows it; `None` when it is incomplete.
+fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (opcode, length) = parse_prefix(bytes.get(..RECORD_PREFIX_BYTES)?)?;
+    let body = bytes.get(RECORD_PREFIX_BYTES..)?;
+    let length = usize::try_from(length).ok()?;
+    Some((opcode, body.get(..length)?, body.get(length..)?))
+}
+
+/// As `mcap::read::parse_record`, which must not be given an attachment shorter than its fields.
+fn parse_record(opcode: u8, body: &[u8]) -> Option<Record<'_>> {
+    if opcode == OPCODE_ATTACHMENT && !attachment_fits(body) {
+        return None;
+    }
+    mcap::read::parse_record(opcode, body).ok()
+}
+
+/// Whether the two strings and the checksum of an attachment lie within its bytes.
+fn attachment_fits(body: &[u8]) -> bool {
+    let string_end = |at: usize| -> Option<usize> {
+        let length = u32::from_le_bytes(body.get(at..at + 4)?.try_into().ok()?);
+        (at + 4).checked_add(usize::try_from(length).ok()?)
+    };
+    let end = string_end(16).and_then(string_end);
+    MIN_ATTACHMENT_BYTES <= body.len() && end.is_some_and(|end| end + 8 + 4 <= body.len())
+}
+
+/// The header of a chunk and its packed bytes, as many as there are.
+fn parse_chunk(body: &[u8]) -> Option<(ChunkHeader, &[u8])> {
+    const FIXED_BYTES: usize = 8 + 8 + 8 + 4;
+    let u64_at = |at: usize| -> Option<u64> {
+        Some(u64::from_le_bytes(body.get(at..at + 8)?.try_into().ok()?))
+    };
+    let u32_at = |at: usize| -> Option<u32> {
+        Some(u32::from_le_bytes(body.get(at..at + 4)?.try_into().ok()?))
+    };
+    let name_end = (FIXED_BYTES + 4).checked_add(u32_at(FIXED_BYTES)? as usize)?;
+    let compressed_size = u64_at(name_end)?;
+    let packed = body.get(name_end + 8..)?;
+    let length = usize::try_from(compressed_size).ok()?.min(packed.len());
+    let header = ChunkHeader {
+        message_start_time: u64_at(0)?,
+        message_end_time: u64_at(8)?,
+        uncompressed_size: u64_at(16)?,
+        uncompressed_crc: u32_at(24)?,
+        compression: String::from_utf8(body.get(FIXED_BYTES + 4..name_end)?.to_vec()).ok()?,
+        compressed_size,
+    };
+    Some((header, &packed[..length]))
+}
+
+/// Unpacks as much as there is into `unpacked`; whether that is the size the header tells.
+fn unpack(header: &ChunkHeader, packed: &[u8], unpacked: &mut Vec<u8>) -> bool {
+    let limit = header.uncompressed_size.min(MAX_RECORD_BYTES);
+    // A decoder that meets the end of a cut-off chunk fails after it has handed out what it had.
+    let decoded = match header.compression.as_str() {
+        "" => packed.take(limit).read_to_end(unpacked),
+        "zstd" => zstd::Decoder::new(packed).and_then(|d| drain(d.take(limit), unpacked)),
+        "lz4" => lz4::Decoder::new(packed).and_then(|d| drain(d.take(limit), unpacked)),
+        _ => return false,
+    };
+    decoded.is_ok() && unpacked.len() as u64 == header.uncompressed_size
+}
+
+fn drain(mut decoder: impl Read, unpacked: &mut Vec<u8>) -> io::Result<usize> {
+    let mut buffer = [0; 1 << 14];
+    loop {
+        match decoder.read(&mut buffer)? {
+            0 => return Ok(unpacked.len()),
+            count => unpacked.extend_from_slice(&buffer[..count]),
+        }
+    }
+}
+
+fn checksum_holds(header: &ChunkHeader, unpacked: &[u8]) -> bool {
+    header.uncompressed_crc == 0 || header.uncompressed_crc == crc32fast::hash(unpacked)
+}

@@ -1,0 +1,129 @@
+//! The messages of the data contract, generated from `datasets_schema/klasktron.proto`, and the
+//! check that a file's own schema means the same.
+
+use prost::Message as _;
+use prost_types::{DescriptorProto, FileDescriptorSet};
+
+/// Rust types of `datasets_schema/klasktron.proto`; units stand at each field there and here.
+#[expect(missing_docs, reason = "generated code repeats the comments of the proto file")]
+#[expect(clippy::doc_markdown, reason = "generated code")]
+pub mod message {
+    include!(concat!(env!("OUT_DIR"), "/klasktron.rs"));
+}
+
+/// The serialised `FileDescriptorSet` that every schema record of a recording carries.
+pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/klasktron.fds"));
+
+/// The `encoding` of schema records and of channels.
+pub const PROTOBUF: &str = "protobuf";
+
+/// How a file's schema differs from the contract's schema of the same name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SchemaDifference {
+    /// The bytes are no `FileDescriptorSet`.
+    #[error("its schema record is not a FileDescriptorSet")]
+    NotADescriptor,
+    /// The set does not define the message.
+    #[error("its schema record does not define {message}")]
+    MessageMissing {
+        /// Full name of the message.
+        message: String,
+    },
+    /// A field number means something else.
+    #[error("field {number} is '{found}' ({found_type}), the contract has '{expected}' ({expected_type})")]
+    Field {
+        /// Field number.
+        number: i32,
+        /// Name in the file.
+        found: String,
+        /// Type in the file.
+        found_type: String,
+        /// Name in the contract.
+        expected: String,
+        /// Type in the contract.
+        expected_type: String,
+    },
+}
+
+/// Checks that `descriptors`, a file's schema record for `message` (full name), agrees with the
+/// contract in every field number that both know. Missing and additional fields are fine, since
+/// the contract only ever adds fields.
+///
+/// # Errors
+/// The first field that differs.
+pub fn check_compatible(message: &str, descriptors: &[u8]) -> Result<(), SchemaDifference> {
+    if descriptors == FILE_DESCRIPTOR_SET {
+        return Ok(());
+    }
+    let found = FileDescriptorSet::decode(descriptors)
+        .map_err(|_not_protobuf| SchemaDifference::NotADescriptor)?;
+    let expected = FileDescriptorSet::decode(FILE_DESCRIPTOR_SET)
+        .map_err(|_not_protobuf| SchemaDifference::NotADescriptor)?;
+    let missing = || SchemaDifference::MessageMissing { message: message.to_owned() };
+    let found = find_message(&found, message).ok_or_else(missing)?;
+    let expected = find_message(&expected, message).ok_or_else(missing)?;
+    for field in &expected.field {
+        let Some(other) = found.field.iter().find(|f| f.number() == field.number()) else {
+            continue;
+        };
+        if other.name() != field.name() || other.r#type() != field.r#type() {
+            return Err(SchemaDifference::Field {
+                number: field.number(),
+                found: other.name().to_owned(),
+                found_type: type_name(other),
+                expected: field.name().to_owned(),
+                expected_type: type_name(field),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn type_name(field: &prost_types::FieldDescriptorProto) -> String {
+    field.r#type().as_str_name().trim_start_matches("TYPE_").to_lowercase()
+}
+
+fn find_message<'a>(set: &'a FileDescriptorSet, full_name: &str) -> Option<&'a DescriptorProto> {
+    set.file.iter().find_map(|file| {
+        let name = full_name.strip_prefix(file.package())?.strip_prefix('.')?;
+        file.message_type.iter().find(|message| message.name() == name)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn edited(edit: impl Fn(&mut prost_types::FieldDescriptorProto)) -> Vec<u8> {
+        let mut set = FileDescriptorSet::decode(FILE_DESCRIPTOR_SET).unwrap();
+        let message = set.file[0].message_type.iter_mut().find(|m| m.name() == "VelocityCommand");
+        edit(&mut message.unwrap().field[1]);
+        set.encode_to_vec()
+    }
+
+    #[test]
+    fn the_contract_agrees_with_itself_and_with_fewer_or_more_fields() {
+        for edit in [|f: &mut prost_types::FieldDescriptorProto| f.number = Some(99), |_| ()] {
+            assert_eq!(check_compatible("klasktron.VelocityCommand", &edited(edit)), Ok(()));
+        }
+    }
+
+    #[test]
+    fn a_renamed_or_retyped_field_is_named() {
+        let renamed = edited(|field| field.name = Some("speed".into()));
+        let error = check_compatible("klasktron.VelocityCommand", &renamed).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "field 2 is 'speed' (double), the contract has 'vy' (double)"
+        );
+        let retyped = edited(|field| field.r#type = Some(2));
+        let error = check_compatible("klasktron.VelocityCommand", &retyped).unwrap_err();
+        assert!(error.to_string().contains("'vy' (float)"), "{error}");
+    }
+
+    #[test]
+    fn foreign_bytes_are_refused() {
+        let error = check_compatible("klasktron.VelocityCommand", b"\xff\xff").unwrap_err();
+        assert_eq!(error, SchemaDifference::NotADescriptor);
+    }
+}

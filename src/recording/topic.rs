@@ -1,0 +1,132 @@
+//! The topics of the data contract and the schema that each must carry.
+
+use std::fmt;
+
+/// One of the two players; `left` owns y < 0 and `right` y > 0 of the board frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Player {
+    /// Owns y < 0.
+    Left,
+    /// Owns y > 0.
+    Right,
+}
+
+impl Player {
+    /// Both players, left first.
+    pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
+
+    /// `left` or `right`, as topics spell it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+}
+
+impl fmt::Display for Player {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// One of the two motors of a CoreXY gantry: `a` reads (x + y), `b` (x - y) per turn of belt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Motor {
+    /// Moves x + y.
+    A,
+    /// Moves x - y.
+    B,
+}
+
+impl Motor {
+    /// Both motors.
+    pub const BOTH: [Self; 2] = [Self::A, Self::B];
+
+    /// `a` or `b`, as topics spell it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::A => "a",
+            Self::B => "b",
+        }
+    }
+}
+
+/// Topic of the commanded striker velocity (`VelocityCommand`).
+#[must_use]
+pub fn command(player: Player) -> String {
+    format!("/striker/{player}/command")
+}
+
+/// Topic of the carriage under the board (`CarriageState`).
+#[must_use]
+pub fn carriage(player: Player) -> String {
+    format!("/striker/{player}/carriage")
+}
+
+/// Topic of one motor as its drive reports it (`MotorState`).
+#[must_use]
+pub fn motor(player: Player, motor: Motor) -> String {
+    format!("/motor/{player}/{}", motor.name())
+}
+
+/// Topic of the health of one drive (`DriveStatus`).
+#[must_use]
+pub fn drive(player: Player, motor: Motor) -> String {
+    format!("/drive/{player}/{}", motor.name())
+}
+
+/// Raw frames on the bus (`CanFrame`).
+pub const CAN_FRAMES: &str = "/can/frames";
+/// What the camera saw in each frame (`CameraDetections`).
+pub const CAMERA_DETECTIONS: &str = "/camera/detections";
+/// The filtered state of the board (`BoardState`).
+pub const BOARD_STATE: &str = "/board/state";
+/// Start and end of each scripted run (`RunMarker`).
+pub const RUN_MARKER: &str = "/run/marker";
+/// What the referee saw (`MatchEvent`).
+pub const MATCH_EVENT: &str = "/match/event";
+
+/// Topic of a single axis' input (`AxisInput`).
+#[must_use]
+pub fn axis_input(name: &str) -> String {
+    format!("/axis/{name}/input")
+}
+
+/// Topic of a single axis' measured motion (`AxisOutput`).
+#[must_use]
+pub fn axis_output(name: &str) -> String {
+    format!("/axis/{name}/output")
+}
+
+/// Full name of the schema that the contract demands on `topic`; `None` for a topic that the
+/// contract does not know, which then passes untouched. `/truth/...` mirrors the topic behind it.
+///
+/// ```
+/// use klasktron::recording::topic::schema_of;
+/// assert_eq!(schema_of("/striker/left/command"), Some("klasktron.VelocityCommand"));
+/// assert_eq!(schema_of("/truth/board/state"), Some("klasktron.BoardState"));
+/// assert_eq!(schema_of("/axis/slide/input"), Some("klasktron.AxisInput"));
+/// assert_eq!(schema_of("/cmd_vel/left_player"), None);
+/// ```
+#[must_use]
+pub fn schema_of(topic: &str) -> Option<&'static str> {
+    let parts: Vec<&str> = topic.strip_prefix('/')?.split('/').collect();
+    match parts.as_slice() {
+        ["truth", rest @ ..] if !rest.is_empty() => schema_of(&format!("/{}", rest.join("/"))),
+        ["striker", "left" | "right", "command"] => Some("klasktron.VelocityCommand"),
+        ["striker", "left" | "right", "carriage"] => Some("klasktron.CarriageState"),
+        ["motor", "left" | "right", "a" | "b"] => Some("klasktron.MotorState"),
+        ["drive", "left" | "right", "a" | "b"] => Some("klasktron.DriveStatus"),
+        ["can", "frames"] => Some("klasktron.CanFrame"),
+        ["camera", "detections"] => Some("klasktron.CameraDetections"),
+        ["board", "state"] => Some("klasktron.BoardState"),
+        ["run", "marker"] => Some("klasktron.RunMarker"),
+        ["match", "event"] => Some("klasktron.MatchEvent"),
+        ["axis", name, "input"] if !name.is_empty() => Some("klasktron.AxisInput"),
+        ["axis", name, "output"] if !name.is_empty() => Some("klasktron.AxisOutput"),
+        _ => None,
+    }
+}

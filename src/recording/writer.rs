@@ -1,0 +1,281 @@
+//! Writing a recording: beside its final name, renamed when it is complete.
+
+use super::{
+    error::RecordingError,
+    schema::{FILE_DESCRIPTOR_SET, PROTOBUF},
+};
+use crate::units::{NANOS_PER_SECOND, Nanos};
+use mcap::{
+    Attachment, Compression, WriteOptions,
+    records::{MessageHeader, Metadata},
+};
+use prost::{Message, Name};
+use std::{
+    borrow::Cow,
+    collections::BTreeMap,
+    fs::{self, File},
+    io::BufWriter,
+    path::{Path, PathBuf},
+};
+
+/// Profile of every file that klasktron writes.
+pub const PROFILE: &str = "klasktron";
+/// Name of the metadata record that every recording carries.
+pub const RECORDING_METADATA: &str = "klasktron.recording";
+
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// When messages reach the disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FlushPolicy {
+    /// Whenever the recorded time has advanced by a second: for live recording, where a crash may
+    /// cost at most that much.
+    EverySecond,
+    /// Whenever a chunk of 1 MiB is full: for files made from data that already lie on disk.
+    WhenFull,
+}
+
+/// What happens when the output's name is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExistingFile {
+    /// Refuse, so that nothing recorded is lost.
+    Refuse,
+    /// Replace it once the new file is complete.
+    Replace,
+}
+
+/// Writes one MCAP file. Everything goes to `.NAME.partial` beside the final name until
+/// [`finish`](Self::finish) renames it; a partial file is itself readable by `klasktron recover`.
+pub struct RecordingWriter {
+    writer: mcap::Writer<BufWriter<File>>,
+    path: PathBuf,
+    partial: PathBuf,
+    existing: ExistingFile,
+    flush: FlushPolicy,
+    flushed_at: Option<Nanos>,
+    /// Channel id and next sequence number by topic and schema.
+    channels: BTreeMap<(String, String), (u16, u32)>,
+    buffer: Vec<u8>,
+}
+
+impl RecordingWriter {
+    /// Starts a file that will be called `path`.
+    ///
+    /// # Errors
+    /// When the name is taken and `existing` refuses, or the folder cannot be written.
+    pub fn create(
+        path: &Path,
+        existing: ExistingFile,
+        flush: FlushPolicy,
+    ) -> Result<Self, RecordingError> {
+        Self::with_profile(path, PROFILE, existing, flush)
+    }
+
+    /// As [`create`](Self::create), for a copy of a file with another profile.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn with_profile(
+        path: &Path,
+        profile: &str,
+        existing: ExistingFile,
+        flush: FlushPolicy,
+    ) -> Result<Self, RecordingError> {
+        if existing == ExistingFile::Refuse && path.exists() {
+            return Err(RecordingError::Exists { path: path.to_owned() });
+        }
+        let partial = partial_name(path);
+        let file = File::create(&partial).map_err(RecordingError::io(path, "create"))?;
+        let writer = WriteOptions::new()
+            .profile(profile)
+            .library(concat!("klasktron ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Zstd))
+            .compression_threads(0)
+            .chunk_size(Some(CHUNK_BYTES))
+            .create(BufWriter::new(file))
+            .map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
+        Ok(Self {
+            writer,
+            path: path.to_owned(),
+            partial,
+            existing,
+            flush,
+            flushed_at: None,
+            channels: BTreeMap::new(),
+            buffer: Vec::new(),
+        })
+    }
+
+    fn write_error(&self) -> impl FnOnce(mcap::McapError) -> RecordingError + use<> {
+        let path = self.path.clone();
+        move |source| RecordingError::Write { path, source }
+    }
+
+    /// Writes one message of the contract whose source has no clock of its own.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn write<M: Message + Name>(
+        &mut self,
+        topic: &str,
+        log_time: Nanos,
+        message: &M,
+    ) -> Result<(), RecordingError> {
+        self.write_published(topic, log_time, log_time, message)
+    }
+
+    /// Writes one message of the contract, with the source's own time as `publish_time`.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn write_published<M: Message + Name>(
+        &mut self,
+        topic: &str,
+        log_time: Nanos,
+        publish_time: Nanos,
+        message: &M,
+    ) -> Result<(), RecordingError> {
+        let mut buffer = std::mem::take(&mut self.buffer);
+        buffer.clear();
+        message.encode(&mut buffer).unwrap_or_else(|_grows| unreachable!("a Vec grows"));
+        let schema = RawSchema {
+            name: &M::full_name(),
+            encoding: PROTOBUF,
+            data: FILE_DESCRIPTOR_SET,
+            message_encoding: PROTOBUF,
+            channel_metadata: &BTreeMap::new(),
+        };
+        let result = self.write_raw(topic, &schema, [log_time, publish_time], &buffer);
+        self.buffer = buffer;
+        result
+    }
+
+    /// Writes one message as bytes, with whatever schema it has. `times` are log and publish time.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn write_raw(
+        &mut self,
+        topic: &str,
+        schema: &RawSchema<'_>,
+        times: [Nanos; 2],
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
+        let key = (topic.to_owned(), schema.name.to_owned());
+        let (channel_id, sequence) = match self.channels.get(&key) {
+            Some(known) => *known,
+            None => (self.add_channel(topic, schema)?, 0),
+        };
+        self.channels.insert(key, (channel_id, sequence.wrapping_add(1)));
+        let header = MessageHeader {
+            channel_id,
+            sequence,
+            log_time: times[0].0,
+            publish_time: times[1].0,
+        };
+        self.writer.write_to_known_channel(&header, data).map_err(self.write_error())?;
+        self.flush_if_due(times[0])
+    }
+
+    fn add_channel(&mut self, topic: &str, schema: &RawSchema<'_>) -> Result<u16, RecordingError> {
+        let schema_id = if schema.name.is_empty() {
+            0 // MCAP's mark for a channel without schema
+        } else {
+            self.writer
+                .add_schema(schema.name, schema.encoding, schema.data)
+                .map_err(self.write_error())?
+        };
+        self.writer
+            .add_channel(schema_id, topic, schema.message_encoding, schema.channel_metadata)
+            .map_err(self.write_error())
+    }
+
+    fn flush_if_due(&mut self, now: Nanos) -> Result<(), RecordingError> {
+        let since = *self.flushed_at.get_or_insert(now);
+        if self.flush == FlushPolicy::EverySecond && since.0.saturating_add(NANOS_PER_SECOND) <= now.0 {
+            self.writer.flush().map_err(self.write_error())?;
+            self.flushed_at = Some(now);
+        }
+        Ok(())
+    }
+
+    /// Adds a metadata record.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn metadata(
+        &mut self,
+        name: &str,
+        metadata: BTreeMap<String, String>,
+    ) -> Result<(), RecordingError> {
+        let record = Metadata { name: name.to_owned(), metadata };
+        self.writer.write_metadata(&record).map_err(self.write_error())
+    }
+
+    /// Adds an attachment.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn attach(
+        &mut self,
+        name: &str,
+        media_type: &str,
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
+        let attachment = Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: name.to_owned(),
+            media_type: media_type.to_owned(),
+            data: Cow::Borrowed(data),
+        };
+        self.writer.attach(&attachment).map_err(self.write_error())
+    }
+
+    /// Writes summary and indexes, makes sure the bytes are on disk, and gives the file its name.
+    ///
+    /// # Errors
+    /// When the disk refuses; the partial file then stays.
+    pub fn finish(mut self) -> Result<(), RecordingError> {
+        self.writer.finish().map_err(self.write_error())?;
+        let file = self.writer.into_inner();
+        let file = file
+            .into_inner()
+            .map_err(|error| RecordingError::io(&self.path, "write")(error.into_error()))?;
+        file.sync_all().map_err(RecordingError::io(&self.path, "write"))?;
+        if self.existing == ExistingFile::Refuse && self.path.exists() {
+            return Err(RecordingError::Exists { path: self.path });
+        }
+        fs::rename(&self.partial, &self.path).map_err(RecordingError::io(&self.path, "rename"))
+    }
+
+    /// Gives up: removes the partial file. For conversions, whose source is still there.
+    pub fn discard(self) {
+        let partial = self.partial.clone();
+        drop(self);
+        // Nothing is lost when this fails: the file is a copy, and its name says so.
+        fs::remove_file(partial).ok();
+    }
+}
+
+/// Schema and message encoding of a channel, as bytes.
+#[derive(Debug, Clone, Copy)]
+pub struct RawSchema<'a> {
+    /// Full name; empty when the channel has no schema.
+    pub name: &'a str,
+    /// Schema encoding, such as `protobuf` or `ros2msg`.
+    pub encoding: &'a str,
+    /// The definition.
+    pub data: &'a [u8],
+    /// Message encoding, such as `protobuf` or `cdr`.
+    pub message_encoding: &'a str,
+    /// Key and value pairs of the channel record.
+    pub channel_metadata: &'a BTreeMap<String, String>,
+}
+
+/// `.NAME.partial` in the same folder as `path`.
+#[must_use]
+pub fn partial_name(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{name}.partial"))
+}
