@@ -1,5 +1,9 @@
 //! placeholder
+pub mod seed;
+pub mod stats;
 pub mod units;
 
 pub mod nn;
 pub mod recording;
+
+pub mod actuator;
