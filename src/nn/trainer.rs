@@ -79,6 +79,13 @@ impl Trainer {
         &self.stack
     }
 
+    /// The gradient accumulated since the last [`update`](Self::update), each value at the place
+    /// of its parameter.
+    #[must_use]
+    pub fn gradient(&self) -> Network {
+        self.stack.unpack(&self.gradient)
+    }
+
     /// Computes `tape.y` from `tape.x`.
     pub fn forward(&self, tape: &mut Tape) {
         self.stack.forward(tape);
