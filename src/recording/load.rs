@@ -125,7 +125,8 @@ impl Recording {
     /// with another schema.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
-        let mut source = HashingReader { inner: BufReader::new(file), sha256: Sha256::new(), bytes: 0 };
+        let mut source =
+            HashingReader { inner: BufReader::new(file), sha256: Sha256::new(), bytes: 0 };
         let mut load = Load::default();
         let loss = scan::scan(&mut source, &mut |record| load.visit(record))
             .map_err(|error| scan_error(path, error))?;
@@ -308,11 +309,13 @@ impl Load {
                     self.recording.channels[*position].push(&header, &data);
                 }
             }
-            Record::Attachment { header, data, .. } => self.recording.attachments.push(Attachment {
-                name: header.name,
-                media_type: header.media_type,
-                data: data.into_owned(),
-            }),
+            Record::Attachment { header, data, .. } => {
+                self.recording.attachments.push(Attachment {
+                    name: header.name,
+                    media_type: header.media_type,
+                    data: data.into_owned(),
+                })
+            }
             Record::Metadata(metadata) => {
                 self.recording.metadata.insert(metadata.name, metadata.metadata);
             }

@@ -65,7 +65,7 @@ impl fmt::Display for Loss {
 
 /// How the bytes begin when they are no MCAP file.
 #[derive(Debug)]
-pub enum ScanError {
+pub(super) enum ScanError {
     /// No bytes at all.
     Empty,
     /// Other magic bytes; these were found.
@@ -79,7 +79,7 @@ pub enum ScanError {
 ///
 /// # Errors
 /// When the source fails or does not begin as an MCAP file.
-pub fn scan(
+pub(super) fn scan(
     source: impl Read,
     visit: &mut dyn FnMut(Record<'_>),
 ) -> Result<Loss, ScanError> {
@@ -150,12 +150,7 @@ impl<R: Read> Scan<R> {
         self.loss.bytes += self.offset - start;
     }
 
-    fn visit_record(
-        &mut self,
-        opcode: u8,
-        body: &[u8],
-        visit: &mut dyn FnMut(Record<'_>),
-    ) -> Next {
+    fn visit_record(&mut self, opcode: u8, body: &[u8], visit: &mut dyn FnMut(Record<'_>)) -> Next {
         match parse_record(opcode, body) {
             Some(Record::DataEnd(_) | Record::Footer(_)) => return Next::DataEnd,
             Some(
