@@ -1,4 +1,5 @@
 //! placeholder
+pub mod stats;
 pub mod units;
 
 pub mod nn;

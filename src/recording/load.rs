@@ -199,7 +199,7 @@ impl Recording {
                     path: self.path.clone(),
                     topic: topic.to_owned(),
                     index,
-                    schema: M::NAME,
+                    schema: M::NAME.to_owned(),
                     reason: error.to_string(),
                 })?;
                 stamped.push((message.log_time, decoded));

@@ -1,0 +1,11 @@
+//! Statistics of plain slices of numbers: pure functions, no input or output.
+//!
+//! ```
+//! use klasktron::stats::{median, quantile};
+//! assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));
+//! assert_eq!(quantile(&[0.0, 10.0], 0.25), Some(2.5));
+//! ```
+
+mod summary;
+
+pub use summary::{half_central_spread, mean, median, quantile, standard_deviation};
