@@ -45,6 +45,22 @@ pub struct Column {
 }
 
 impl Column {
+    /// Hands out every number that is not null, in order; of text nothing.
+    pub fn for_each_number(&self, visit: &mut dyn FnMut(f64)) {
+        match &self.values {
+            Values::F64(values) => values.iter().flatten().for_each(|value| visit(*value)),
+            Values::F32(values) => values.iter().flatten().for_each(|value| visit((*value).into())),
+            Values::Int(values) => values.iter().flatten().for_each(|value| visit(*value as f64)),
+            Values::Unsigned(values) => {
+                values.iter().flatten().for_each(|value| visit(*value as f64));
+            }
+            Values::Bool(values) => {
+                values.iter().flatten().for_each(|value| visit(f64::from(u8::from(*value))));
+            }
+            Values::Text(_) => {}
+        }
+    }
+
     /// The numbers of the column, NaN where it is null; `None` when it is text.
     #[must_use]
     pub fn numbers(&self) -> Option<Vec<f64>> {
