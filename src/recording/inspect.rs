@@ -138,7 +138,7 @@ pub fn inspect(recording: &Recording) -> Result<Inspection, RecordingError> {
     let (runs, run_doubts) = runs::find_runs(recording, start)?;
     doubts.extend(early_stops(&studied));
     doubts.extend(large_gaps(&studied, &runs));
-    doubts.extend(constant_objects(&studied));
+    doubts.extend(constant_ball(&studied));
     let axes = axis_reports(recording, &studied)?;
     doubts.extend(run_doubts);
     let (speeds, speed_doubts) = judge_gantries(recording, &gantries);
@@ -302,17 +302,18 @@ fn early_stops(studied: &[Studied]) -> Vec<Doubt> {
 /// Gaps during runs; of a recording without runs all gaps, but those of commands, which pause when
 /// nobody commands.
 fn large_gaps(studied: &[Studied], runs: &[RunReport]) -> Vec<Doubt> {
-    let during_run = |at_s: f64, length_s: f64| {
-        runs.iter().any(|run| {
+    let longest_during_run = |gap: &timing::Gap| {
+        let overlaps = runs.iter().map(|run| {
             let end_s = run.start_s + run.duration_s.unwrap_or_default();
-            run.start_s < at_s + length_s && at_s < end_s
-        })
+            end_s.min(gap.at_s + gap.length_s) - run.start_s.max(gap.at_s)
+        });
+        overlaps.fold(0.0, f64::max)
     };
     let doubt = |topic: &Studied| {
         let name = &topic.report.topic;
         let counts = |gap: &&timing::Gap| match runs {
             [] => !is_command(name),
-            _ => during_run(gap.at_s, gap.length_s),
+            _ => topic.rhythm.large_gap_s < longest_during_run(gap),
         };
         let gaps: Vec<_> = topic.rhythm.gaps.iter().filter(counts).collect();
         let largest = gaps.iter().max_by(|a, b| a.length_s.total_cmp(&b.length_s))?;
@@ -327,8 +328,9 @@ fn large_gaps(studied: &[Studied], runs: &[RunReport]) -> Vec<Doubt> {
     studied.iter().filter(|topic| !is_event(&topic.report.topic)).filter_map(doubt).collect()
 }
 
-/// Objects of the camera that have one and the same place in every frame.
-fn constant_objects(studied: &[Studied]) -> Vec<Doubt> {
+/// A ball that has one and the same place in every frame. Pegs are judged by their commands: they
+/// may be parked.
+fn constant_ball(studied: &[Studied]) -> Vec<Doubt> {
     let is_constant = |field: &FieldReport| {
         MIN_CONSTANT_DETECTIONS <= field.messages && field.min == field.max && field.min.is_some()
     };
@@ -337,18 +339,14 @@ fn constant_objects(studied: &[Studied]) -> Vec<Doubt> {
         if report.topic != topic::CAMERA_DETECTIONS {
             continue;
         }
-        for object in ["ball", "left", "right"] {
-            let of = |axis: &str| {
-                let name = format!("{object}.{axis}");
-                report.fields.iter().find(|field| field.field == name && is_constant(field))
-            };
-            if let (Some(x), Some(_)) = (of("x"), of("y")) {
-                doubts.push(Doubt::SensorConstant {
-                    topic: report.topic.clone(),
-                    field: object.to_owned(),
-                    messages: x.messages,
-                });
-            }
+        let of =
+            |name| report.fields.iter().find(|field| field.field == name && is_constant(field));
+        if let (Some(x), Some(_)) = (of("ball.x"), of("ball.y")) {
+            doubts.push(Doubt::SensorConstant {
+                topic: report.topic.clone(),
+                field: "ball".to_owned(),
+                messages: x.messages,
+            });
         }
     }
     doubts

@@ -141,7 +141,7 @@ impl Recording {
         recording.path = path.to_owned();
         recording.loss = loss;
         recording.bytes = source.bytes;
-        recording.ends_whole = source.tail == MAGIC;
+        recording.ends_whole = 2 * MAGIC.len() as u64 <= source.bytes && source.tail == MAGIC;
         recording.sha256 = hexadecimal(&source.sha256.finalize());
         recording.channels.retain(|channel| !channel.topic.is_empty());
         recording.check_schemas()?;

@@ -76,7 +76,10 @@ fn doubt_of(run: &RunReport) -> Option<Doubt> {
 }
 
 fn count_samples(recording: &Recording, start: Nanos, runs: &mut [RunReport]) {
-    let has_commands = recording.channels.iter().any(|channel| super::is_command(&channel.topic));
+    let has_commands = recording
+        .channels
+        .iter()
+        .any(|channel| super::is_command(&channel.topic) && !channel.messages.is_empty());
     for channel in &recording.channels {
         let counts = if has_commands {
             super::is_command(&channel.topic)
@@ -92,7 +95,7 @@ fn count_samples(recording: &Recording, start: Nanos, runs: &mut [RunReport]) {
         for run in runs.iter_mut() {
             let end_s = run.duration_s.map_or(f64::INFINITY, |duration| run.start_s + duration);
             let first = times.partition_point(|time| *time < run.start_s);
-            let after = times.partition_point(|time| *time <= end_s);
+            let after = times.partition_point(|time| *time < end_s);
             run.samples = run.samples.max((after - first) as u64);
         }
     }

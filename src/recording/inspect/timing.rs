@@ -25,7 +25,7 @@ pub struct Timing {
     /// Latest log time (s).
     pub last_s: f64,
     /// One over the middle interval (Hz); of a topic whose stamps often coincide, messages over
-    /// time. `None` below three messages.
+    /// time. `None` below three messages, and for topics of events, as are the next three.
     pub measured_rate_hz: Option<f64>,
     /// Half the width of the central 68 % of the intervals (ms): their standard deviation where
     /// they are normal.
@@ -54,6 +54,8 @@ pub(super) struct Gap {
 pub(super) struct Rhythm {
     /// Middle interval (s); `None` for a topic without a rate.
     pub(super) period_s: Option<f64>,
+    /// A time without messages counts above this (s).
+    pub(super) large_gap_s: f64,
     /// Gaps that are unusually large for the topic, by time; of a topic without a rate none.
     pub(super) gaps: Vec<Gap>,
 }
@@ -106,7 +108,7 @@ fn rhythm(sorted: &[Nanos], intervals: &[f64], middle: f64, start: Nanos) -> Rhy
         .filter(|(length, _)| limit < **length)
         .map(|(length, time)| Gap { at_s: time.seconds_since(start), length_s: *length })
         .collect();
-    Rhythm { period_s: Some(middle), gaps }
+    Rhythm { period_s: Some(middle), large_gap_s: limit, gaps }
 }
 
 #[cfg(test)]

@@ -63,7 +63,11 @@ pub(super) fn study(recording: &Recording, channels: &[&Channel], start: Nanos) 
     let first = channels.first()?;
     let times: Vec<Nanos> =
         channels.iter().flat_map(|c| c.messages.iter().map(|m| m.log_time)).collect();
-    let (timing, rhythm) = timing::measure(&times, start);
+    let (mut timing, rhythm) = timing::measure(&times, start);
+    if super::is_event(&first.topic) {
+        (timing.measured_rate_hz, timing.jitter_ms) = (None, None);
+        (timing.largest_gap_s, timing.largest_gap_at_s) = (None, None);
+    }
     let (table, fields, mut doubts) = study_values(recording, channels);
     let report = TopicReport {
         topic: first.topic.clone(),
