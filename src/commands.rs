@@ -4,6 +4,7 @@ pub(crate) mod export;
 pub(crate) mod fit_actuator;
 pub(crate) mod import;
 pub(crate) mod info;
+mod interrupt;
 pub(crate) mod recover;
 
 use klasktron::recording::Recording;

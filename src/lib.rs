@@ -1,6 +1,11 @@
 //! placeholder
+pub mod provenance;
+pub mod report;
+pub mod seed;
 pub mod stats;
 pub mod units;
 
 pub mod nn;
 pub mod recording;
+
+pub mod actuator;

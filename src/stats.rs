@@ -1,4 +1,5 @@
-//! Statistics of plain slices of numbers: pure functions, no input or output.
+//! Plain statistics: summaries of slices, and bootstrap intervals over whole runs. Pure functions,
+//! no input or output.
 //!
 //! ```
 //! use klasktron::stats::{median, quantile};
@@ -6,6 +7,8 @@
 //! assert_eq!(quantile(&[0.0, 10.0], 0.25), Some(2.5));
 //! ```
 
+mod bootstrap;
 mod summary;
 
+pub use bootstrap::{Interval, bootstrap_ci95};
 pub use summary::{half_central_spread, mean, median, quantile, standard_deviation};
