@@ -111,8 +111,7 @@ impl Stack {
                 .collect(),
             bias: values[span.bias.clone()][..span.outputs].to_vec(),
         };
-        let hidden =
-            self.hidden.iter().map(|s| dense(s, &|row, column| column * s.stride + row));
+        let hidden = self.hidden.iter().map(|s| dense(s, &|row, column| column * s.stride + row));
         let last = dense(&self.last, &|row, column| row * self.last.stride + column);
         Network { activation: self.activation, layers: hidden.chain([last]).collect() }
     }

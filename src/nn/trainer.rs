@@ -173,8 +173,7 @@ impl WithSimd for Backward<'_> {
         let [mut here, mut below] = back.each_mut();
         let span = &stack.last;
         let top = stack.hidden.len() - 1;
-        let (dw, db) =
-            gradient[span.weights.start..span.bias.end].split_at_mut(span.weights.len());
+        let (dw, db) = gradient[span.weights.start..span.bias.end].split_at_mut(span.weights.len());
         let weights = (&stack.values[span.weights.clone()], dy);
         let x = (tape.activations[top].as_slice(), span.stride, stack.activation);
         let first = &mut here[..batch * span.stride];

@@ -30,7 +30,9 @@ pub enum SchemaDifference {
         message: String,
     },
     /// A field number means something else.
-    #[error("field {number} is '{found}' ({found_type}), the contract has '{expected}' ({expected_type})")]
+    #[error(
+        "field {number} is '{found}' ({found_type}), the contract has '{expected}' ({expected_type})"
+    )]
     Field {
         /// Field number.
         number: i32,
@@ -103,8 +105,9 @@ mod tests {
 
     #[test]
     fn the_contract_agrees_with_itself_and_with_fewer_or_more_fields() {
-        for edit in [|f: &mut prost_types::FieldDescriptorProto| f.number = Some(99), |_| ()] {
-            assert_eq!(check_compatible("klasktron.VelocityCommand", &edited(edit)), Ok(()));
+        for number in [2, 99] {
+            let file = edited(|field| field.number = Some(number));
+            assert_eq!(check_compatible("klasktron.VelocityCommand", &file), Ok(()));
         }
     }
 
