@@ -137,14 +137,4 @@ pub enum ActuatorError {
         /// What is wrong and what was expected.
         reason: String,
     },
-    /// The operating system refused.
-    #[error("{}: cannot {action}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What was tried.
-        action: &'static str,
-        /// The reason.
-        source: std::io::Error,
-    },
 }

@@ -1,7 +1,7 @@
 //! `klasktron fit-actuator`: arguments to a set of fits, and their outcome to files.
 
 use super::{Outcome, interrupt, print, tell};
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::{ValueEnum, builder::PossibleValue};
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
@@ -10,10 +10,9 @@ use klasktron::{
         Schedule, Store, Study, StudyKind, Summary, Target,
     },
     provenance::Provenance,
-    recording::{partial_name, topic::Player},
+    recording::{ExistingFile, topic::Player, write_bytes},
 };
 use std::{
-    fs,
     num::NonZeroUsize,
     path::{Path, PathBuf},
     thread,
@@ -227,11 +226,9 @@ fn available_threads() -> usize {
 
 fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result<()> {
     actuator::write_actuator(study, summary, &out.join("actuator.mcap"))?;
-    let path = out.join("index.html");
-    let partial = partial_name(&path);
-    fs::write(&partial, actuator::page(study, summary))
-        .and_then(|()| fs::rename(&partial, &path))
-        .with_context(|| format!("{}: cannot write", path.display()))
+    let page = actuator::page(study, summary);
+    write_bytes(&out.join("index.html"), ExistingFile::Replace, page.as_bytes())?;
+    Ok(())
 }
 
 /// The result for people: the figures that decide, and where the rest is.
