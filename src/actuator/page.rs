@@ -48,17 +48,17 @@ fn capitalised(sentence: &str) -> String {
     first.chain(characters).chain(['.']).collect()
 }
 
-/// Metres per second with the digits that differ between models.
+/// A speed in mm/s, the unit of the whole page.
 fn speed(value: f64) -> String {
-    if value.is_finite() { format!("{value:.5}") } else { "diverges".to_owned() }
+    if value.is_finite() { format!("{:.2}", 1e3 * value) } else { "diverges".to_owned() }
 }
 
 fn lead(summary: &Summary) -> String {
     let chosen = &summary.chosen;
     let free = summary.free_running_rmse_m_per_s.last();
     format!(
-        "{} steps of history, {} x {} units, {}: one step ahead the median of {} seeds is {} m/s \
-         off, free-running over {} s {} m/s, on {} held-out runs ({:.0} s).",
+        "{} steps of history, {} x {} units, {}: one step ahead the median of {} seeds is {} mm/s \
+         off, free-running over {} s {} mm/s, on {} held-out runs ({:.0} s).",
         chosen.history_steps,
         chosen.hidden_layers,
         chosen.width,
@@ -85,7 +85,7 @@ fn model_title(model: &str) -> &str {
 fn with_interval(row: &ErrorRow) -> String {
     match row.ci95_m_per_s {
         Some(ci) if row.rmse_m_per_s.is_finite() => {
-            format!("{} ({} to {})", speed(row.rmse_m_per_s), speed(ci.low), speed(ci.high))
+            format!("{} ({} – {})", speed(row.rmse_m_per_s), speed(ci.low), speed(ci.high))
         }
         _ => speed(row.rmse_m_per_s),
     }
@@ -94,7 +94,7 @@ fn with_interval(row: &ErrorRow) -> String {
 fn errors(page: &mut Page, summary: &Summary) {
     page.section("How wrong it is, beside simpler models");
     page.paragraph(
-        "Root mean square error in m/s on held-out runs, both axes; in brackets the 95 % interval \
+        "Root mean square error in mm/s on held-out runs, both axes; in brackets the 95 % interval \
          by bootstrap over runs. Free-running: the model gets the measured history once, then only \
          commands.",
     );
@@ -120,7 +120,7 @@ fn errors(page: &mut Page, summary: &Summary) {
         .map(|f| format!("{} s {} to {}", f.horizon_s, speed(f.spread.min), speed(f.spread.max)))
         .collect();
     page.paragraph(&format!(
-        "Between {} seeds: one step {} to {}; free-running over {} m/s. Held-out over training \
+        "Between {} seeds: one step {} to {}; free-running over {} (mm/s). Held-out over training \
          error, one step: {:.1}.",
         summary.seeds.len(),
         speed(spread.min),
@@ -144,8 +144,13 @@ fn traces(page: &mut Page, study: &Study) {
     page.section("Measured and predicted");
     page.paragraph(&format!(
         "The first held-out run of each pattern, its first {TRACE_SECONDS} s, free-running \
-         throughout. Black: measured. Blue: median seed, with the band of all seeds. Grey: command."
+         throughout: after the history the model sees only commands."
     ));
+    page.legend(&[
+        ("measured", INK),
+        ("network, median seed (band: all seeds)", BLUE),
+        ("command", GREY),
+    ]);
     let mut seen: Vec<&str> = Vec::new();
     for run in &study.dataset.held_out {
         if seen.contains(&run.pattern.as_str()) || run.len() <= study.history() {
@@ -183,21 +188,16 @@ fn trace(study: &Study, run: &Run, axis: usize) -> String {
             (seeds[0][k].0, low, high)
         })
         .collect();
-    let curve = |name: &str, colour, stroke, points| Curve {
-        name: name.to_owned(),
-        colour,
-        stroke,
-        points,
-    };
+    let curve = |colour, stroke, points| Curve { colour, stroke, points };
     line_plot(&LinePlot {
         title: format!("{} velocity, {}", ["x", "y"][axis], run.pattern),
         x: "time in the run (s)".to_owned(),
         y: Axis { label: "velocity (m/s)".to_owned(), scale: Scale::Linear },
         bands: vec![Band { colour: BLUE, points: band }],
         curves: vec![
-            curve("command", GREY, Stroke::Solid, points(&run.commands, 0)),
-            curve("measured", INK, Stroke::Solid, points(&run.velocities, 0)),
-            curve("network", BLUE, Stroke::Dashed, seeds[study.chosen].clone()),
+            curve(GREY, Stroke::Solid, points(&run.commands, 0)),
+            curve(INK, Stroke::Solid, points(&run.velocities, 0)),
+            curve(BLUE, Stroke::Dashed, seeds[study.chosen].clone()),
         ],
         size: WIDE,
     })
@@ -205,11 +205,15 @@ fn trace(study: &Study, run: &Run, axis: usize) -> String {
 
 fn growth(page: &mut Page, study: &Study) {
     page.section("Error against horizon");
-    let curve = |name: &str, colour, stroke, judgement: &Judgement| Curve {
-        name: name.to_owned(),
-        colour,
-        stroke,
-        points: judgement.growth(),
+    page.legend(&[
+        ("network, median seed (band: all seeds)", BLUE),
+        ("linear ARX", GREEN),
+        ("lag with delay", ORANGE),
+        ("ideal", GREY),
+    ]);
+    let curve = |colour, judgement: &Judgement| {
+        let points = judgement.growth().into_iter().map(|(t, error)| (t, 1e3 * error)).collect();
+        Curve { colour, stroke: Stroke::Solid, points }
     };
     let by_seed: Vec<Vec<(f64, f64)>> =
         study.seeds.iter().map(|judged| judged.judgement.growth()).collect();
@@ -217,20 +221,20 @@ fn growth(page: &mut Page, study: &Study) {
         .map(|k| {
             let values = || by_seed.iter().map(|seed| seed[k].1);
             let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
-            (by_seed[0][k].0, low, high)
+            (by_seed[0][k].0, 1e3 * low, 1e3 * high)
         })
         .collect();
     let [ideal, lag, arx] = &study.baselines.judgements;
     page.picture(&line_plot(&LinePlot {
         title: "Free-running error at each time after the start".to_owned(),
         x: "time since the last measurement (s)".to_owned(),
-        y: Axis { label: "RMS error (m/s)".to_owned(), scale: Scale::Logarithmic },
+        y: Axis { label: "RMS error (mm/s)".to_owned(), scale: Scale::Logarithmic },
         bands: vec![Band { colour: BLUE, points: band }],
         curves: vec![
-            curve("ideal", GREY, Stroke::Solid, ideal),
-            curve("lag with delay", ORANGE, Stroke::Solid, lag),
-            curve("linear ARX", GREEN, Stroke::Solid, arx),
-            curve("network", BLUE, Stroke::Solid, &study.chosen().judgement),
+            curve(GREY, ideal),
+            curve(ORANGE, lag),
+            curve(GREEN, arx),
+            curve(BLUE, &study.chosen().judgement),
         ],
         size: (980, 340),
     }));
@@ -244,13 +248,13 @@ fn ablation(page: &mut Page, summary: &Summary) {
     let cross = ablation.cross_fitted_rmse_m_per_s.map_or_else(String::new, |error| {
         format!(
             " Chosen on one half of the held-out runs and judged on the other, both ways, the \
-             error is {} m/s.",
+             error is {} mm/s.",
             speed(error)
         )
     });
     page.paragraph(&format!(
-        "Smallest free-running error: {} steps, {} units ({} m/s). Chosen, as the smallest network \
-         within one standard error of it: {} steps, {} units ({} m/s).{cross}",
+        "Smallest free-running error: {} steps, {} units ({} mm/s). Chosen, as the smallest network \
+         within one standard error of it: {} steps, {} units ({} mm/s).{cross}",
         best.history_steps,
         best.width,
         speed(best.mean_rmse_m_per_s),
@@ -274,14 +278,14 @@ fn ablation(page: &mut Page, summary: &Summary) {
         values.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
     };
     page.picture(&heat_map(&HeatMap {
-        title: "log10 of the free-running error (m/s)".to_owned(),
+        title: "log10 of the free-running error (mm/s)".to_owned(),
         x: format!("width, one column each: {}", list(&widths)),
         y: format!("history, one row each: {}", list(&histories)),
         x_range: (0.0, widths.len() as f64),
         y_range: (0.0, histories.len() as f64),
         values: histories
             .iter()
-            .map(|history| widths.iter().map(|width| error(*history, *width).log10()).collect())
+            .map(|history| widths.iter().map(|width| (1e3 * error(*history, *width)).log10()).collect())
             .collect(),
         size: (560, 380),
     }));
@@ -302,19 +306,17 @@ fn ablation(page: &mut Page, summary: &Summary) {
 
 fn curves(page: &mut Page, study: &Study) {
     page.section("Learning curves");
+    page.legend(&[("training runs", BLUE), ("held-out runs", RED)]);
     let mut drawn = Vec::new();
-    for (index, judged) in study.seeds.iter().enumerate() {
-        let name = |text: &str| if index == 0 { text.to_owned() } else { String::new() };
+    for judged in &study.seeds {
         let curve = &judged.fit.curve;
         drawn.push(Curve {
-            name: name("training runs"),
             colour: BLUE,
             stroke: Stroke::Solid,
-            points: curve.iter().map(|e| (e.epoch as f64, e.train_rmse_m_per_s)).collect(),
+            points: curve.iter().map(|e| (e.epoch as f64, 1e3 * e.train_rmse_m_per_s)).collect(),
         });
-        let held_out = curve.iter().filter_map(|e| Some((e.epoch as f64, e.held_out_rmse_m_per_s?)));
+        let held_out = curve.iter().filter_map(|e| Some((e.epoch as f64, 1e3 * e.held_out_rmse_m_per_s?)));
         drawn.push(Curve {
-            name: name("held-out runs"),
             colour: RED,
             stroke: Stroke::Solid,
             points: held_out.collect(),
@@ -323,7 +325,7 @@ fn curves(page: &mut Page, study: &Study) {
     page.picture(&line_plot(&LinePlot {
         title: "One step ahead, every seed".to_owned(),
         x: "epoch".to_owned(),
-        y: Axis { label: "RMS error (m/s)".to_owned(), scale: Scale::Logarithmic },
+        y: Axis { label: "RMS error (mm/s)".to_owned(), scale: Scale::Logarithmic },
         bands: Vec::new(),
         curves: drawn,
         size: (980, 320),
@@ -337,9 +339,9 @@ fn coverage(page: &mut Page, study: &Study, summary: &Summary) {
          extrapolates. Outside lie {:.2} % of the held-out samples.",
         100.0 * summary.held_out_share_outside_coverage
     ));
-    for (axis, coverage) in ["x", "y"].into_iter().zip(&study.coverage.axes) {
-        page.picture(&coverage_map(axis, coverage));
-    }
+    let maps = ["x", "y"].into_iter().zip(&study.coverage.axes);
+    let maps: Vec<String> = maps.map(|(axis, coverage)| coverage_map(axis, coverage)).collect();
+    page.pictures_in_row(&maps);
 }
 
 fn coverage_map(axis: &str, coverage: &AxisCoverage) -> String {
@@ -361,7 +363,7 @@ fn coverage_map(axis: &str, coverage: &AxisCoverage) -> String {
 
 fn patterns(page: &mut Page, summary: &Summary) {
     page.section("By pattern and axis");
-    page.paragraph("The median seed, in m/s.");
+    page.paragraph("The median seed, in mm/s.");
     let longest = HORIZONS_S[HORIZONS_S.len() - 1];
     let head = ["pattern", "axis", "one step", "free-running", "peak free-running"];
     let mut rows = Vec::new();

@@ -304,9 +304,11 @@ impl fmt::Display for Verdict {
             Some(_) => write!(f, "the held-out runs cannot tell the network from {rival}:")?,
             None => write!(f, "one held-out run cannot tell the network from {rival}:")?,
         }
-        write!(f, " {by:.5} m/s free-running over {} s", longest())?;
+        write!(f, " {:.2} mm/s free-running over {} s", 1e3 * by, longest())?;
         match self.ci95_m_per_s {
-            Some(ci) => write!(f, " (network minus {rival}, 95 %: {:.5} to {:.5})", ci.low, ci.high),
+            Some(Interval { low, high }) => {
+                write!(f, " (network minus {rival}, 95 %: {:.2} to {:.2})", 1e3 * low, 1e3 * high)
+            }
             None => Ok(()),
         }
     }

@@ -2,6 +2,7 @@
 
 use super::{Outcome, interrupt, print, tell};
 use anyhow::{Context, bail};
+use clap::{ValueEnum, builder::PossibleValue};
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     actuator::{
@@ -136,7 +137,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
         bail!("interrupted before the first fit was finished; nothing was written");
     };
-    let summary = study.summary(Provenance::new(command_line()));
+    let summary = study.summary(Provenance::new(args.command_line()));
     write_outcome(&study, &summary, &args.out)?;
     for warning in &summary.warnings {
         tell(&format!("warning: {warning}"));
@@ -173,6 +174,43 @@ impl Args {
         })
     }
 
+    /// The command with every option that decides the result written out. Where it is written and
+    /// how many threads did it are left out, so that equal results are equal files.
+    fn command_line(&self) -> String {
+        let mut line = "klasktron fit-actuator".to_owned();
+        for path in &self.recordings {
+            line.push_str(&format!(" {}", path.display()));
+        }
+        let name = |value: &dyn Fn() -> Option<PossibleValue>| {
+            value().map_or_else(String::new, |value| value.get_name().to_owned())
+        };
+        let mut options = vec![
+            ("target", name(&|| self.target.to_possible_value())),
+            ("layout", name(&|| self.layout.to_possible_value())),
+            ("history", self.history.to_string()),
+            ("width", self.width.to_string()),
+            ("hidden-layers", self.hidden_layers.to_string()),
+            ("epochs", self.epochs.to_string()),
+            ("batch", self.batch.to_string()),
+            ("learning-rate", self.learning_rate.to_string()),
+            ("schedule", name(&|| self.schedule.to_possible_value())),
+            ("horizon", self.horizon.to_string()),
+            ("rate-hz", self.rate_hz.to_string()),
+            ("seed", self.seed.to_string()),
+            ("seeds", self.seeds.to_string()),
+        ];
+        if let Some(player) = self.player {
+            options.push(("player", name(&|| player.to_possible_value())));
+        }
+        for (option, value) in options {
+            line.push_str(&format!(" --{option} {value}"));
+        }
+        if self.ablate {
+            line.push_str(" --ablate");
+        }
+        line
+    }
+
     fn player_choice(&self) -> PlayerChoice {
         match self.player {
             None => PlayerChoice::Only,
@@ -186,10 +224,6 @@ fn available_threads() -> usize {
     thread::available_parallelism().map_or(1, NonZeroUsize::get)
 }
 
-fn command_line() -> String {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    format!("klasktron {}", arguments.join(" "))
-}
 
 fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result<()> {
     actuator::write_actuator(study, summary, &out.join("actuator.mcap"))?;
@@ -204,10 +238,10 @@ fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result
 fn table(summary: &Summary, out: &Path) -> String {
     let mut lines = vec![format!(
         "{:<22}{:>12}{:>12}{:>12}{:>12}",
-        "RMSE (m/s), held out", "one step", "0.1 s", "0.5 s", "2 s"
+        "RMSE (mm/s), held out", "one step", "0.1 s", "0.5 s", "2 s"
     )];
     let figure = |value: f64| {
-        if value.is_finite() { format!("{value:>12.5}") } else { format!("{:>12}", "diverges") }
+        if value.is_finite() { format!("{:>12.3}", 1e3 * value) } else { format!("{:>12}", "diverges") }
     };
     let median: String = std::iter::once(summary.one_step_rmse_m_per_s.median)
         .chain(summary.free_running_rmse_m_per_s.iter().map(|f| f.spread.median))

@@ -33,6 +33,10 @@ th,td{padding:3px 12px;text-align:right;border-bottom:1px solid #e6e9ee;white-sp
 th:first-child,td:first-child{text-align:left}
 th{background:#eef1f5}
 svg{max-width:100%;height:auto;display:block;margin:8px 0}
+.row{display:flex;flex-wrap:wrap;gap:8px}
+.row svg{flex:1 1 440px;max-width:490px}
+.key{display:inline-block;width:22px;height:4px;margin:0 6px 3px 14px;vertical-align:middle}
+.key:first-child{margin-left:0}
 details{margin:6px 0}
 summary{cursor:pointer;font-weight:600}
 code{background:#eef1f5;padding:1px 4px;border-radius:3px;overflow-wrap:anywhere}
@@ -95,6 +99,23 @@ impl Page {
     /// Adds a picture, an SVG document.
     pub fn picture(&mut self, svg: &str) {
         self.push(format_args!("{svg}\n"));
+    }
+
+    /// Adds pictures beside each other where there is room.
+    pub fn pictures_in_row(&mut self, svgs: &[String]) {
+        self.push(format_args!("<div class=\"row\">{}</div>\n", svgs.join("\n")));
+    }
+
+    /// Adds a legend: names with their colours (red, green, blue).
+    pub fn legend(&mut self, entries: &[(&str, [u8; 3])]) {
+        let entries: String = entries
+            .iter()
+            .map(|(name, [r, g, b])| {
+                let key = format!("<span class=\"key\" style=\"background:rgb({r},{g},{b})\"></span>");
+                format!("{key}{}", escape(name))
+            })
+            .collect();
+        self.push(format_args!("<p>{entries}</p>\n"));
     }
 
     /// Adds pictures that are shown when `summary` is clicked.

@@ -36,11 +36,9 @@ pub enum Stroke {
     Dashed,
 }
 
-/// A named curve.
+/// A curve; the page names its colour in a legend.
 #[derive(Debug, Clone)]
 pub struct Curve {
-    /// Name in the legend; an empty one leaves the curve out of it.
-    pub name: String,
     /// Red, green, blue.
     pub colour: [u8; 3],
     /// How it is drawn.
@@ -213,34 +211,24 @@ where
     for curve in &plot.curves {
         let style = colour(curve.colour).stroke_width(2);
         let points = curve.points.iter().filter(|(_, y)| y.is_finite() && floor <= *y).copied();
-        let drawn = match curve.stroke {
-            Stroke::Solid => chart.draw_series(LineSeries::new(points, style))?,
-            Stroke::Dashed => {
-                chart.draw_series(DashedLineSeries::new(points, DASH.0, DASH.1, style))?
+        match curve.stroke {
+            Stroke::Solid => {
+                chart.draw_series(LineSeries::new(points, style))?;
             }
-        };
-        if !curve.name.is_empty() {
-            drawn.label(&curve.name).legend(move |(x, y)| {
-                let y = y + 1;
-                PathElement::new(vec![(x, y), (x + 18, y)], style)
-            });
+            Stroke::Dashed => {
+                chart.draw_series(DashedLineSeries::new(points, DASH.0, DASH.1, style))?;
+            }
         }
-    }
-    if plot.curves.iter().any(|curve| !curve.name.is_empty()) {
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(GRID)
-            .label_font((FONT, 13))
-            .draw()?;
     }
     Ok(())
 }
 
+/// Ticks closer to zero than this are zero, off by rounding.
+const SMALLEST_TICK: f64 = 1e-12;
+
 /// A number with as many digits as it needs, for tick labels.
 fn short(value: f64) -> String {
-    if value == 0.0 {
+    if value.abs() < SMALLEST_TICK {
         "0".to_owned()
     } else if (1e-3..1e5).contains(&value.abs()) {
         let text = format!("{value:.4}");
@@ -322,7 +310,6 @@ mod tests {
     #[test]
     fn plots_survive_empty_constant_and_non_finite_data() {
         let curve = |points: Vec<(f64, f64)>| Curve {
-            name: "c".into(),
             colour: [0, 0, 0],
             stroke: Stroke::Dashed,
             points,
@@ -354,7 +341,7 @@ mod tests {
 
     #[test]
     fn tick_labels_are_short() {
-        let labels = [0.0, 0.25, -0.5, 1e-4, 2000.0].map(short);
+        let labels = [-1e-17, 0.25, -0.5, 1e-4, 2000.0].map(short);
         assert_eq!(labels, ["0", "0.25", "-0.5", "1e-4", "2000"]);
     }
 }
