@@ -57,7 +57,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "WINDOWS", default_value = "256", value_parser = parse_count)]
     batch: usize,
     /// Step size of Adam at the start
-    #[arg(long, default_value = "0.001", value_parser = parse_positive)]
+    #[arg(long, default_value = "0.001", value_parser = parse_positive, allow_negative_numbers = true)]
     learning_rate: f64,
     /// How the learning rate goes down
     #[arg(long, value_enum, default_value_t = Schedule::Cosine)]
@@ -66,7 +66,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "STEPS", default_value = "1", value_parser = parse_count)]
     horizon: usize,
     /// Samples per second to which the recordings are brought (Hz)
-    #[arg(long, value_name = "HZ", default_value = "50", value_parser = parse_positive)]
+    #[arg(long, value_name = "HZ", default_value = "50", value_parser = parse_positive, allow_negative_numbers = true)]
     rate_hz: f64,
     /// First seed
     #[arg(long, default_value_t = 0)]
