@@ -26,10 +26,14 @@ const DRIVE: Drive = Drive { gain: 0.95, tau: 0.04, delay: 0.02, slew: 5.0 };
 
 /// A recording of `runs` runs of [`DRIVE`].
 fn record(dir: &Path, name: &str, runs: u32, split: &str) -> PathBuf {
+    record_of(DRIVE, dir, name, runs, split)
+}
+
+fn record_of(drive: Drive, dir: &Path, name: &str, runs: u32, split: &str) -> PathBuf {
     let path = dir.join(name);
     let mut writer = writer(&path, "klasktron");
     for number in 0..runs {
-        let run = DRIVE.run(number + 100 * u32::from(split == "validation"), 250, None);
+        let run = drive.run(number + 100 * u32::from(split == "validation"), 250, None);
         let start = period(u64::from(number) * 300);
         let time = |k: usize| start.after_seconds(k as f64 * DT);
         let marker = |phase: Phase| RunMarker {
@@ -272,6 +276,11 @@ fn bad_inputs_end_in_one_sentence_with_the_way_out() {
 
     let other = Rig { robot: "another", ..Rig::default() }.write(dir.path(), "other.mcap");
     expect(&refusal(&[&one, &other]), &["robot=klasktron", "robot=another", "each robot on its own"]);
+    let single = record_of(DRIVE, dir.path(), "single.mcap", 3, "train");
+    let twice = Drive { gain: 2.0 * DRIVE.gain, ..DRIVE };
+    let doubled = record_of(twice, dir.path(), "doubled.mcap", 3, "train");
+    let sentence = refusal(&[&single, &doubled]);
+    expect(&sentence, &["single.mcap moves at 0.", "times its command", "fit each on its own"]);
     let judged = record(dir.path(), "judged.mcap", 2, "validation");
     expect(&refusal(&[&judged]), &["all 2 runs are marked split=validation"]);
 }
