@@ -49,7 +49,9 @@ pub enum DataWarning {
 impl std::fmt::Display for DataWarning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Damaged { file, loss } => write!(f, "{file}: {loss}; what it still held was used"),
+            Self::Damaged { file, loss } => {
+                write!(f, "{file}: {loss}; what it still held was used")
+            }
             Self::HeldOutByRule { runs, of } => write!(
                 f,
                 "no run is marked split=validation: every fifth run of each pattern is held out \
@@ -224,9 +226,11 @@ const FEWEST_STEADY: usize = 20;
 
 /// Steady velocity over command; `None` where the commands never hold still.
 fn speed_over_command(runs: &[Run]) -> Option<f64> {
-    let largest = runs.iter().flat_map(|run| &run.commands).flatten().fold(0.0, |most: f64, u| {
-        most.max(u.abs())
-    });
+    let largest = runs
+        .iter()
+        .flat_map(|run| &run.commands)
+        .flatten()
+        .fold(0.0, |most: f64, u| most.max(u.abs()));
     let (mut products, mut squares, mut count) = (0.0, 0.0, 0);
     for run in runs {
         for end in STEADY_SAMPLES..=run.len() {

@@ -59,8 +59,7 @@ pub fn weights_name(seed: u64) -> String {
 /// # Errors
 /// When the disk refuses.
 pub fn write(study: &Study, summary: &Summary, path: &Path) -> Result<(), RecordingError> {
-    let mut writer =
-        RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
+    let mut writer = RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
     writer.metadata(RECORDING_METADATA, recording_metadata(summary))?;
     writer.metadata(ACTUATOR_METADATA, model_metadata(study))?;
     let start = study.dataset.held_out.iter().map(|run| run.start).min().unwrap_or_default();
@@ -70,8 +69,10 @@ pub fn write(study: &Study, summary: &Summary, path: &Path) -> Result<(), Record
         write_run(study, index as u32, run, &mut writer)?;
     }
     for judged in &study.seeds {
-        let bytes =
-            safetensors::to_safetensors(&judged.fit.model.network, &fit_metadata(study, &judged.fit));
+        let bytes = safetensors::to_safetensors(
+            &judged.fit.model.network,
+            &fit_metadata(study, &judged.fit),
+        );
         let name = weights_name(judged.fit.config.seed);
         writer.attach(&name, "application/octet-stream", &bytes)?;
     }

@@ -24,7 +24,9 @@ use std::{
 /// nothing says so, every fifth run of each pattern is held out. Finished fits are kept in
 /// OUT/fits, so the same command continues where an interrupted one stopped.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator")]
+#[command(
+    after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator"
+)]
 pub(crate) struct Args {
     /// Recordings with /striker/*/command and /striker/*/carriage (or /camera/detections)
     #[arg(required = true, value_name = "RECORDING")]
@@ -223,7 +225,6 @@ fn available_threads() -> usize {
     thread::available_parallelism().map_or(1, NonZeroUsize::get)
 }
 
-
 fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result<()> {
     actuator::write_actuator(study, summary, &out.join("actuator.mcap"))?;
     let page = actuator::page(study, summary);
@@ -238,18 +239,22 @@ fn table(summary: &Summary, out: &Path) -> String {
         "RMSE (mm/s), held out", "one step", "0.1 s", "0.5 s", "2 s"
     )];
     let figure = |value: f64| {
-        if value.is_finite() { format!("{:>12.3}", 1e3 * value) } else { format!("{:>12}", "diverges") }
+        if value.is_finite() {
+            format!("{:>12.3}", 1e3 * value)
+        } else {
+            format!("{:>12}", "diverges")
+        }
     };
     let median: String = std::iter::once(summary.one_step_rmse_m_per_s.median)
         .chain(summary.free_running_rmse_m_per_s.iter().map(|f| f.spread.median))
         .map(figure)
         .collect();
     lines.push(format!("{:<22}{median}", format!("network, {} seeds", summary.seeds.len())));
-    for (model, title) in [("arx", "linear ARX"), ("lag_delay", "lag with delay"), ("ideal", "ideal")] {
+    for (model, title) in
+        [("arx", "linear ARX"), ("lag_delay", "lag with delay"), ("ideal", "ideal")]
+    {
         let rows = summary.errors.iter().filter(|row| {
-            row.model == model
-                && row.pattern == "all"
-                && row.component == actuator::Component::Both
+            row.model == model && row.pattern == "all" && row.component == actuator::Component::Both
         });
         let figures: String = rows.map(|row| figure(row.rmse_m_per_s)).collect();
         lines.push(format!("{title:<22}{figures}"));

@@ -24,8 +24,11 @@ fn layer_of(room: &str) -> usize {
 /// Rooms that `text` imports from the crate root, up to its first test module.
 fn imports(text: &str) -> BTreeSet<String> {
     let code = text.split("#[cfg(test)]").next().unwrap();
-    let code: String =
-        code.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n");
+    let code: String = code
+        .lines()
+        .filter(|line| !line.trim_start().starts_with("//"))
+        .collect::<Vec<_>>()
+        .join("\n");
     let mut rooms = BTreeSet::new();
     for after in code.split("crate::").skip(1) {
         if let Some(group) = after.strip_prefix('{') {

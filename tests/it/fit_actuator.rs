@@ -182,7 +182,10 @@ fn ctrl_c_leaves_what_is_finished_and_the_same_command_continues() {
     let mut stderr = String::new();
     std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut stderr).unwrap();
     assert_eq!(status.code(), Some(3), "{stderr}");
-    assert!(stderr.contains("of 400 fits are finished; the same command again continues"), "{stderr}");
+    assert!(
+        stderr.contains("of 400 fits are finished; the same command again continues"),
+        "{stderr}"
+    );
     let recording = Recording::open(&out.join("actuator.mcap")).unwrap();
     assert!(recording.loss.is_none());
     assert!(3 <= actuator::read_actuator(&recording).unwrap().weights.len());
@@ -263,7 +266,10 @@ fn bad_inputs_end_in_one_sentence_with_the_way_out() {
     let broken = rig(nan).write(dir.path(), "nan.mcap");
     expect(&refusal(&[&broken]), &["/striker/left/carriage, message 7: vy is NaN"]);
     let unmeasured = rig(|_, _| None).write(dir.path(), "unmeasured.mcap");
-    expect(&refusal(&[&unmeasured]), &["no messages on /striker/left/carriage", "/striker/left/command"]);
+    expect(
+        &refusal(&[&unmeasured]),
+        &["no messages on /striker/left/carriage", "/striker/left/command"],
+    );
 
     let backwards: fn(u64) -> Nanos = |k| if k == 40 { period(30) } else { period(k) };
     let back = Rig { time: backwards, ..Rig::default() }.write(dir.path(), "back.mcap");
@@ -275,7 +281,10 @@ fn bad_inputs_end_in_one_sentence_with_the_way_out() {
     expect(&refusal(&[&short]), &["short.mcap"]);
 
     let other = Rig { robot: "another", ..Rig::default() }.write(dir.path(), "other.mcap");
-    expect(&refusal(&[&one, &other]), &["robot=klasktron", "robot=another", "each robot on its own"]);
+    expect(
+        &refusal(&[&one, &other]),
+        &["robot=klasktron", "robot=another", "each robot on its own"],
+    );
     let single = record_of(DRIVE, dir.path(), "single.mcap", 3, "train");
     let twice = Drive { gain: 2.0 * DRIVE.gain, ..DRIVE };
     let doubled = record_of(twice, dir.path(), "doubled.mcap", 3, "train");

@@ -7,10 +7,7 @@ use ndarray_npy::NpzWriter;
 use polars::prelude::{
     Column as FrameColumn, CsvWriter, DataFrame, NamedFrom, ParquetWriter, SerWriter, Series,
 };
-use std::{
-    fs::File,
-    path::Path,
-};
+use std::{fs::File, path::Path};
 
 /// How a table is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
