@@ -1,0 +1,212 @@
+//! The paper's ablation: history and width, several seeds each, judged by free-running error.
+
+use super::{
+    fit::{Fit, FitConfig},
+    judge::{Component, HORIZONS_S, Judgement},
+    layout::LayoutKind,
+};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// History lengths of the ablation.
+pub const HISTORIES: [usize; 3] = [1, 5, 10];
+/// Widths of the ablation.
+pub const WIDTHS: [usize; 3] = [32, 64, 128];
+
+/// Every combination, each with `seeds` seeds from `base.seed`.
+#[must_use]
+pub fn configs(base: &FitConfig, seeds: u64) -> Vec<FitConfig> {
+    // Upstream's layout has one velocity less than commands, so it starts at two steps.
+    let shortest = match base.layout {
+        LayoutKind::Klasktron => 1,
+        LayoutKind::KlaskRl => 2,
+    };
+    let mut configs = Vec::new();
+    for history_steps in HISTORIES.map(|steps| steps.max(shortest)) {
+        for width in WIDTHS {
+            for seed in base.seed..base.seed + seeds {
+                configs.push(FitConfig { history_steps, width, seed, ..*base });
+            }
+        }
+    }
+    configs
+}
+
+/// One combination, judged on the held-out runs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Cell {
+    /// Commands that the network sees.
+    pub history_steps: usize,
+    /// Units of each hidden layer.
+    pub width: usize,
+    /// Finished seeds.
+    pub seeds: usize,
+    /// Free-running error over the longest horizon, mean over seeds (m/s).
+    pub mean_rmse_m_per_s: f64,
+    /// Standard error of that mean, over held-out runs (m/s).
+    pub standard_error_m_per_s: f64,
+    /// One step ahead, mean over seeds (m/s).
+    pub one_step_rmse_m_per_s: f64,
+    /// Parameters of the network.
+    pub parameters: usize,
+}
+
+/// The whole ablation.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ablation {
+    /// Every combination.
+    pub cells: Vec<Cell>,
+    /// Position in `cells` of the smallest mean error.
+    pub best: usize,
+    /// Position in `cells` of the choice: the fewest parameters within one standard error of the
+    /// best (Breiman et al., "Classification and Regression Trees", 1984, section 3.4.3).
+    pub chosen: usize,
+    /// Error of the choice when half of the held-out runs choose and the other half judges, both
+    /// ways, averaged: free of the optimism of choosing and judging on the same runs (m/s).
+    pub cross_fitted_rmse_m_per_s: Option<f64>,
+}
+
+/// Judges every combination of `fits`; `judgements` are in the same order.
+#[must_use]
+pub fn select(fits: &[Fit], judgements: &[Judgement]) -> Option<Ablation> {
+    let mut groups: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+    for (index, fit) in fits.iter().enumerate() {
+        let key = (fit.config.history_steps, fit.config.width);
+        groups.entry(key).or_default().push(index);
+    }
+    let groups: Vec<((usize, usize), Vec<usize>)> = groups.into_iter().collect();
+    let by_run: Vec<Vec<f64>> = groups
+        .iter()
+        .map(|(_, members)| mean_by_run(members.iter().map(|index| &judgements[*index])))
+        .collect();
+    let parameters: Vec<usize> =
+        groups.iter().map(|(_, members)| parameter_count(&fits[members[0]])).collect();
+    let all: Vec<usize> = (0..by_run.first()?.len()).collect();
+    let (best, chosen) = one_standard_error(&by_run, &parameters, &all)?;
+    let cells = groups
+        .iter()
+        .zip(&by_run)
+        .zip(&parameters)
+        .map(|(((key, members), errors), parameters)| {
+            let mean_over = |figure: &dyn Fn(&Judgement) -> f64| {
+                members.iter().map(|i| figure(&judgements[*i])).sum::<f64>() / members.len() as f64
+            };
+            let longest = HORIZONS_S[HORIZONS_S.len() - 1];
+            Cell {
+                history_steps: key.0,
+                width: key.1,
+                seeds: members.len(),
+                mean_rmse_m_per_s: mean_over(&|j| j.free_running(longest, Component::Both)),
+                standard_error_m_per_s: standard_error(errors, &all),
+                one_step_rmse_m_per_s: mean_over(&|j| j.one_step(Component::Both)),
+                parameters: *parameters,
+            }
+        })
+        .collect();
+    let cross_fitted_rmse_m_per_s = cross_fitted(&by_run, &parameters);
+    Some(Ablation { cells, best, chosen, cross_fitted_rmse_m_per_s })
+}
+
+fn parameter_count(fit: &Fit) -> usize {
+    fit.model.network.layers.iter().map(|l| l.weight.len() + l.bias.len()).sum()
+}
+
+/// Mean over seeds of each held-out run's free-running error.
+fn mean_by_run<'a>(judgements: impl Iterator<Item = &'a Judgement>) -> Vec<f64> {
+    let by_seed: Vec<Vec<f64>> = judgements.map(Judgement::free_running_by_run).collect();
+    let runs = by_seed.iter().map(Vec::len).min().unwrap_or(0);
+    (0..runs)
+        .map(|run| by_seed.iter().map(|errors| errors[run]).sum::<f64>() / by_seed.len() as f64)
+        .collect()
+}
+
+fn mean(values: &[f64], at: &[usize]) -> f64 {
+    at.iter().map(|index| values[*index]).sum::<f64>() / at.len() as f64
+}
+
+fn standard_error(values: &[f64], at: &[usize]) -> f64 {
+    if at.len() < 2 {
+        return 0.0;
+    }
+    let centre = mean(values, at);
+    let squares: f64 = at.iter().map(|index| (values[*index] - centre).powi(2)).sum();
+    (squares / (at.len() - 1) as f64 / at.len() as f64).sqrt()
+}
+
+/// Best and chosen combination by the errors of the runs `at`. The standard error is that of the
+/// difference from the best, run by run, because all combinations are judged on the same runs.
+fn one_standard_error(
+    by_run: &[Vec<f64>],
+    parameters: &[usize],
+    at: &[usize],
+) -> Option<(usize, usize)> {
+    let by_mean = |a: &usize, b: &usize| mean(&by_run[*a], at).total_cmp(&mean(&by_run[*b], at));
+    let best = (0..by_run.len()).min_by(by_mean)?;
+    let chosen = (0..by_run.len())
+        .filter(|cell| {
+            let differences: Vec<f64> =
+                by_run[*cell].iter().zip(&by_run[best]).map(|(a, b)| a - b).collect();
+            mean(&differences, at) <= standard_error(&differences, at)
+        })
+        .min_by(|a, b| parameters[*a].cmp(&parameters[*b]).then(by_mean(a, b)))?;
+    Some((best, chosen))
+}
+
+/// Chooses on even runs and judges on odd ones, and the other way round.
+fn cross_fitted(by_run: &[Vec<f64>], parameters: &[usize]) -> Option<f64> {
+    let runs = by_run.first()?.len();
+    let half = |parity: usize| (0..runs).filter(|run| run % 2 == parity).collect::<Vec<_>>();
+    let (even, odd) = (half(0), half(1));
+    if odd.is_empty() {
+        return None;
+    }
+    let judged = |choose: &[usize], judge: &[usize]| {
+        let (_, chosen) = one_standard_error(by_run, parameters, choose)?;
+        Some(mean(&by_run[chosen], judge))
+    };
+    Some(0.5 * (judged(&even, &odd)? + judged(&odd, &even)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smallest_model_within_one_standard_error_is_chosen() {
+        // Three combinations of 100, 10 and 1 parameters over four runs. The second is worse by
+        // 0.01 +- 0.02 on average, which its standard error covers; the third by 0.5.
+        let best = vec![1.0, 1.1, 0.9, 1.0];
+        let close = vec![1.05, 1.07, 0.93, 0.99];
+        let poor = vec![1.5, 1.6, 1.4, 1.5];
+        let found = one_standard_error(&[best, close, poor], &[100, 10, 1], &[0, 1, 2, 3]);
+        assert_eq!(found, Some((0, 1)));
+    }
+
+    #[test]
+    fn cross_fitting_judges_on_the_other_half() {
+        // The first combination is right on even runs, the second on odd ones: choosing on one
+        // half then looks at its best, and is judged at 2 on the other half, both ways.
+        let errors = [vec![1.0, 2.0, 1.0, 2.0], vec![2.0, 1.0, 2.0, 1.0]];
+        assert_eq!(cross_fitted(&errors, &[1, 1]), Some(2.0));
+    }
+
+    #[test]
+    fn upstreams_layout_starts_at_two_steps() {
+        let base = FitConfig {
+            layout: LayoutKind::KlaskRl,
+            history_steps: 10,
+            width: 64,
+            hidden_layers: 3,
+            epochs: 1,
+            batch: 1,
+            learning_rate: 1e-3,
+            schedule: super::super::fit::Schedule::Cosine,
+            horizon: 1,
+            seed: 5,
+        };
+        let configs = configs(&base, 8);
+        assert_eq!(configs.len(), 72);
+        assert_eq!(configs.iter().map(|c| c.history_steps).min(), Some(2));
+        assert_eq!(configs[7].seed, 12);
+    }
+}

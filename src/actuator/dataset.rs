@@ -1,0 +1,263 @@
+//! The runs of several recordings, divided into those that are fitted and those that judge.
+
+use super::{
+    ActuatorError,
+    coverage::Coverage,
+    run::{self, ResampleConfig, Run, Split, Target},
+};
+use crate::recording::{Recording, topic::Player};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// One input file, as results name it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct InputFile {
+    /// Name without folder.
+    pub name: String,
+    /// SHA-256 in hexadecimal.
+    pub sha256: String,
+    /// `session` of its metadata.
+    pub session: Option<String>,
+}
+
+/// What had to be said about the inputs while they were read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum DataWarning {
+    /// A file is damaged; what it still held was used.
+    Damaged {
+        /// The file.
+        file: String,
+        /// What is gone.
+        loss: String,
+    },
+    /// No run is marked for validation; some were held out.
+    HeldOutByRule {
+        /// How many.
+        runs: usize,
+        /// Of how many.
+        of: usize,
+    },
+    /// Runs that are too short for one window were left out.
+    ShortRuns {
+        /// How many.
+        runs: usize,
+    },
+}
+
+impl std::fmt::Display for DataWarning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Damaged { file, loss } => write!(f, "{file}: {loss}; what it still held was used"),
+            Self::HeldOutByRule { runs, of } => write!(
+                f,
+                "no run is marked split=validation: every fifth run of each pattern is held out \
+                 ({runs} of {of})"
+            ),
+            Self::ShortRuns { runs } => {
+                write!(f, "{runs} pieces of runs are too short for one window and were left out")
+            }
+        }
+    }
+}
+
+/// Runs on the grid, divided by run or by session, never inside a run.
+#[derive(Debug, Clone)]
+pub struct Dataset {
+    /// Runs that are fitted.
+    pub train: Vec<Run>,
+    /// Runs that judge.
+    pub held_out: Vec<Run>,
+    /// How they were made.
+    pub config: ResampleConfig,
+    /// Which player.
+    pub player: Player,
+    /// Metadata `robot` of the recordings.
+    pub robot: String,
+    /// The files.
+    pub inputs: Vec<InputFile>,
+    /// What had to be said.
+    pub warnings: Vec<DataWarning>,
+}
+
+impl Dataset {
+    /// Seconds between samples.
+    #[must_use]
+    pub fn dt(&self) -> f64 {
+        1.0 / self.config.rate_hz
+    }
+
+    /// The runs that are fitted.
+    #[must_use]
+    pub fn train(&self) -> Vec<&Run> {
+        self.train.iter().collect()
+    }
+
+    /// The runs that judge.
+    #[must_use]
+    pub fn held_out(&self) -> Vec<&Run> {
+        self.held_out.iter().collect()
+    }
+
+    /// Where the fitted runs lie.
+    #[must_use]
+    pub fn coverage(&self) -> Coverage {
+        Coverage::of(&self.train())
+    }
+}
+
+/// Which gantry of a recording is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PlayerChoice {
+    /// The one that has commands and motion; the left one when both have.
+    Only,
+    /// This one.
+    Given(Player),
+}
+
+/// Metadata keys in which recordings of one robot agree.
+const ROBOT_KEYS: [&str; 2] = ["robot", "belt_metres_per_turn"];
+
+/// Reads `paths` and divides their runs. Runs shorter than `needed` samples are left out.
+///
+/// # Errors
+/// When a file cannot be used, files are of different robots, or nothing can be fitted or judged.
+pub fn load(
+    paths: &[PathBuf],
+    choice: PlayerChoice,
+    config: ResampleConfig,
+    needed: usize,
+) -> Result<Dataset, ActuatorError> {
+    let mut dataset = Dataset {
+        train: Vec::new(),
+        held_out: Vec::new(),
+        config,
+        player: Player::Left,
+        robot: String::new(),
+        inputs: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let mut robots: Vec<(PathBuf, [String; 2])> = Vec::new();
+    let mut runs = Vec::new();
+    for (file, path) in paths.iter().enumerate() {
+        let recording = Recording::open(path)?;
+        check_robot(&mut robots, &recording)?;
+        let player = player_of(&recording, choice, config.target);
+        if file == 0 {
+            dataset.player = player;
+            dataset.robot = recording.info("robot").unwrap_or("unknown").to_owned();
+        }
+        if !recording.loss.is_none() {
+            let (file, loss) = (file_name(path), recording.loss.to_string());
+            dataset.warnings.push(DataWarning::Damaged { file, loss });
+        }
+        dataset.inputs.push(InputFile {
+            name: file_name(path),
+            sha256: recording.sha256.clone(),
+            session: recording.info("session").map(str::to_owned),
+        });
+        runs.extend(long_enough(
+            run::resample(&recording, file, player, config)?,
+            &recording,
+            (needed, config.rate_hz),
+            &mut dataset.warnings,
+        )?);
+    }
+    divide(&mut dataset, runs)?;
+    Ok(dataset)
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn player_of(recording: &Recording, choice: PlayerChoice, target: Target) -> Player {
+    match choice {
+        PlayerChoice::Given(player) => player,
+        PlayerChoice::Only => {
+            run::players_of(recording, target).first().copied().unwrap_or(Player::Left)
+        }
+    }
+}
+
+fn check_robot(
+    robots: &mut Vec<(PathBuf, [String; 2])>,
+    recording: &Recording,
+) -> Result<(), ActuatorError> {
+    let values = ROBOT_KEYS.map(|key| recording.info(key).unwrap_or("unknown").to_owned());
+    if let Some((first_path, first)) = robots.first() {
+        for (index, key) in ROBOT_KEYS.into_iter().enumerate() {
+            let unknown = [&first[index], &values[index]].iter().any(|value| *value == "unknown");
+            if first[index] != values[index] && !unknown {
+                return Err(ActuatorError::MixedRobots {
+                    key,
+                    first_path: first_path.clone(),
+                    first: first[index].clone(),
+                    second_path: recording.path.clone(),
+                    second: values[index].clone(),
+                });
+            }
+        }
+    }
+    robots.push((recording.path.clone(), values));
+    Ok(())
+}
+
+fn long_enough(
+    runs: Vec<Run>,
+    recording: &Recording,
+    (needed, rate_hz): (usize, f64),
+    warnings: &mut Vec<DataWarning>,
+) -> Result<Vec<Run>, ActuatorError> {
+    let count = runs.len();
+    let longest = runs.iter().map(Run::len).max().unwrap_or(0);
+    let kept: Vec<Run> = runs.into_iter().filter(|run| needed <= run.len()).collect();
+    if kept.is_empty() {
+        let path = recording.path.clone();
+        return Err(ActuatorError::TooShort { path, runs: count, longest, needed, rate_hz });
+    }
+    if kept.len() < count {
+        warnings.push(DataWarning::ShortRuns { runs: count - kept.len() });
+    }
+    Ok(kept)
+}
+
+/// Of the runs of each pattern, this many are fitted for each one held out.
+const TRAIN_PER_HELD_OUT: usize = 4;
+
+fn divide(dataset: &mut Dataset, runs: Vec<Run>) -> Result<(), ActuatorError> {
+    let count = runs.len();
+    let (held_out, train): (Vec<Run>, Vec<Run>) =
+        runs.into_iter().partition(|run| run.split == Some(Split::Validation));
+    if train.is_empty() {
+        return Err(ActuatorError::NothingToTrain { runs: count });
+    }
+    (dataset.train, dataset.held_out) = (train, held_out);
+    if dataset.held_out.is_empty() {
+        hold_out_by_rule(dataset)?;
+    }
+    Ok(())
+}
+
+/// Holds out every fifth run of each pattern, and at least one. Pieces of one run stay together.
+fn hold_out_by_rule(dataset: &mut Dataset) -> Result<(), ActuatorError> {
+    let key = |run: &Run| (run.pattern.clone(), run.file, run.number);
+    let mut groups: Vec<_> = dataset.train.iter().map(key).collect();
+    groups.sort();
+    groups.dedup();
+    if groups.len() < 2 {
+        return Err(ActuatorError::OneRun);
+    }
+    let every = TRAIN_PER_HELD_OUT + 1;
+    let chosen: Vec<_> = if groups.len() < every {
+        groups[groups.len() - 1..].to_vec()
+    } else {
+        groups.iter().skip(every / 2).step_by(every).cloned().collect()
+    };
+    let runs = std::mem::take(&mut dataset.train);
+    (dataset.held_out, dataset.train) =
+        runs.into_iter().partition(|run| chosen.contains(&key(run)));
+    let (runs, of) = (chosen.len(), groups.len());
+    dataset.warnings.push(DataWarning::HeldOutByRule { runs, of });
+    Ok(())
+}

@@ -1,0 +1,65 @@
+//! The fitted network in physical units: what it answers, one step and free-running.
+
+use super::layout::{AXES, Layout};
+use super::run::Run;
+use crate::nn::{Network, Stack, Tape};
+
+/// Anything that predicts velocity from commands.
+pub trait VelocityModel: Sync {
+    /// Name in results: `network`, `arx`, `lag_delay`, `ideal`.
+    fn name(&self) -> &'static str;
+
+    /// Free-running prediction. From each of `starts` (sample numbers of `run`), the model is given
+    /// what was measured up to that sample, then only the commands; it predicts the `steps` samples
+    /// that follow. `start + steps` lies within the run, and at least `history` samples before.
+    ///
+    /// Returns `[starts][steps]` velocities (m/s).
+    fn simulate(&self, run: &Run, starts: &[usize], steps: usize) -> Vec<[f64; AXES]>;
+}
+
+/// A network with the layout of its inputs; raw m/s in and out.
+#[derive(Debug, Clone)]
+pub struct ActuatorNetwork {
+    /// Order of the inputs.
+    pub layout: Layout,
+    /// Weights; inputs as [`Layout`], output the next velocity (m/s).
+    pub network: Network,
+    stack: Stack,
+}
+
+impl ActuatorNetwork {
+    /// A network for `layout`; the shapes must agree.
+    #[must_use]
+    pub fn new(layout: Layout, network: Network) -> Self {
+        assert_eq!((network.inputs(), network.outputs()), (layout.inputs(), AXES), "shape");
+        let stack = Stack::new(&network);
+        Self { layout, network, stack }
+    }
+}
+
+impl VelocityModel for ActuatorNetwork {
+    fn name(&self) -> &'static str {
+        "network"
+    }
+
+    fn simulate(&self, run: &Run, starts: &[usize], steps: usize) -> Vec<[f64; AXES]> {
+        let inputs = self.layout.inputs();
+        let mut tape = Tape::default();
+        tape.x.resize(starts.len() * inputs, 0.0);
+        for (row, start) in tape.x.chunks_exact_mut(inputs).zip(starts) {
+            self.layout.fill(row, &run.commands, &run.velocities, *start);
+        }
+        let mut predicted = vec![[0.0; AXES]; starts.len() * steps];
+        for step in 0..steps {
+            self.stack.forward(&mut tape);
+            for (index, start) in starts.iter().enumerate() {
+                let velocity = [tape.y[index * AXES], tape.y[index * AXES + 1]];
+                predicted[index * steps + step] = velocity.map(f64::from);
+                let [ux, uy] = run.commands[start + step + 1];
+                let row = &mut tape.x[index * inputs..(index + 1) * inputs];
+                self.layout.advance(row, [ux as f32, uy as f32], velocity);
+            }
+        }
+        predicted
+    }
+}

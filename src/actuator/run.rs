@@ -1,0 +1,511 @@
+//! From recordings to runs on a regular grid.
+//!
+//! Each run is sampled at `t_k = t_0 + k dt` by message time, with `t_0` on its first command:
+//! - `u_k` is the mean over `[t_k, t_k + dt)` of the command held since its own time stamp, so a
+//!   late command counts from when it came and no latency is hidden;
+//! - `v_k` is the measured velocity at `t_k`: encoder velocity interpolated between messages, or
+//!   the slope of a parabola through the camera's positions around it.
+//!
+//! A gap in commands or motion ends a piece of a run. What is fitted later never crosses one.
+
+use super::{ActuatorError, layout::AXES};
+use crate::{
+    recording::{
+        Recording, Series,
+        message::{CameraDetections, CarriageState, VelocityCommand, run_marker::Phase},
+        topic::{self, Player},
+    },
+    units::Nanos,
+};
+use serde::{Deserialize, Serialize};
+use std::{ops::Range, path::PathBuf};
+
+/// Longest time without a command or a measurement inside one piece (s): five control periods of
+/// the table, as long as its controller tolerates an old command.
+const LARGEST_GAP: f64 = 0.1;
+
+/// Half width of the window of camera positions behind one velocity (s): three frames at 120 Hz.
+const CAMERA_HALF_WINDOW: f64 = 0.0255;
+
+/// A capture time further than this from the arrival (s) belongs to another clock and is not used.
+const LARGEST_CAMERA_DELAY: f64 = 1.0;
+
+/// Which motion the model predicts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Target {
+    /// Carriage velocity from the motor encoders.
+    Carriage,
+    /// Striker velocity from the camera's positions.
+    Striker,
+}
+
+/// What a run is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Split {
+    /// May be fitted.
+    Train,
+    /// Never fitted.
+    Validation,
+}
+
+/// How recordings become runs.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ResampleConfig {
+    /// Which motion.
+    pub target: Target,
+    /// Samples per second; 50 is the rate at which the table is controlled.
+    pub rate_hz: f64,
+}
+
+/// One uninterrupted piece of one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// The recording.
+    pub path: PathBuf,
+    /// Position of the recording among the inputs.
+    pub file: usize,
+    /// Number in the run markers; 0 without markers.
+    pub number: u32,
+    /// Pattern in the run markers; `unknown` without.
+    pub pattern: String,
+    /// What the recording says it is for.
+    pub split: Option<Split>,
+    /// Time of sample 0.
+    pub start: Nanos,
+    /// `u_k` in x and y (m/s).
+    pub commands: Vec<[f64; AXES]>,
+    /// `v_k` in x and y (m/s), as many as commands.
+    pub velocities: Vec<[f64; AXES]>,
+}
+
+impl Run {
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.velocities.len()
+    }
+
+    /// Whether there are no samples.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.velocities.is_empty()
+    }
+}
+
+/// The player that has both commands and motion.
+///
+/// # Errors
+/// When none has.
+pub fn players_of(recording: &Recording, target: Target) -> Vec<Player> {
+    let moves = |player: &Player| match target {
+        Target::Carriage => recording.count(&topic::carriage(*player)),
+        Target::Striker => recording.count(topic::CAMERA_DETECTIONS),
+    };
+    let commanded = |player: &Player| recording.count(&topic::command(*player));
+    Player::BOTH.into_iter().filter(|p| 0 < commanded(p) && 0 < moves(p)).collect()
+}
+
+/// Cuts one recording into runs on the grid.
+///
+/// # Errors
+/// When a topic is missing, a value is not finite, time runs backwards, or nothing ever moves.
+pub fn resample(
+    recording: &Recording,
+    file: usize,
+    player: Player,
+    config: ResampleConfig,
+) -> Result<Vec<Run>, ActuatorError> {
+    let command_topic = topic::command(player);
+    let commands = command_track(recording, &command_topic)?;
+    let (motion_topic, motion) = match config.target {
+        Target::Carriage => {
+            let topic = topic::carriage(player);
+            let track = carriage_track(recording, &topic)?;
+            (topic, Motion::Velocity(track))
+        }
+        Target::Striker => {
+            let topic = topic::CAMERA_DETECTIONS.to_owned();
+            let track = striker_track(recording, &topic, player)?;
+            (topic, Motion::Position(track))
+        }
+    };
+    let mut runs = Vec::new();
+    for marked in marked_runs(recording)? {
+        for piece in pieces(&commands, motion.track(), &marked.span) {
+            let mut run = Run {
+                path: recording.path.clone(),
+                file,
+                number: marked.number,
+                pattern: marked.pattern.clone(),
+                split: marked.split,
+                start: piece.start,
+                commands: Vec::new(),
+                velocities: Vec::new(),
+            };
+            sample(&mut run, &piece, &commands, &motion, 1.0 / config.rate_hz);
+            runs.push(run);
+        }
+    }
+    check_moves(recording, &runs, [&command_topic, &motion_topic])?;
+    Ok(runs)
+}
+
+/// Two values by time; times never decrease.
+struct Track {
+    times: Vec<Nanos>,
+    values: Vec<[f64; AXES]>,
+}
+
+/// What was measured.
+enum Motion {
+    Velocity(Track),
+    Position(Track),
+}
+
+impl Motion {
+    fn track(&self) -> &Track {
+        match self {
+            Self::Velocity(track) | Self::Position(track) => track,
+        }
+    }
+
+    fn velocity_at(&self, time: Nanos) -> [f64; AXES] {
+        match self {
+            Self::Velocity(track) => interpolate(track, time),
+            Self::Position(track) => parabola_slope(track, time),
+        }
+    }
+}
+
+fn command_track(recording: &Recording, topic: &str) -> Result<Track, ActuatorError> {
+    let series: Series<VelocityCommand> = present(recording, topic)?;
+    let values = series.values.iter().map(|c| [c.vx, c.vy]).collect();
+    finite(recording, topic, Track { times: series.times, values }, ["vx", "vy"])
+}
+
+fn carriage_track(recording: &Recording, topic: &str) -> Result<Track, ActuatorError> {
+    let series: Series<CarriageState> = present(recording, topic)?;
+    let values = series.values.iter().map(|c| [c.vx, c.vy]).collect();
+    finite(recording, topic, Track { times: series.times, values }, ["vx", "vy"])
+}
+
+fn striker_track(
+    recording: &Recording,
+    topic: &str,
+    player: Player,
+) -> Result<Track, ActuatorError> {
+    let series: Series<CameraDetections> = present(recording, topic)?;
+    let mut seen: Vec<(Nanos, [f64; AXES])> = series
+        .iter()
+        .filter_map(|(arrival, frame)| {
+            let point = match player {
+                Player::Left => frame.left.as_ref(),
+                Player::Right => frame.right.as_ref(),
+            }?;
+            let capture = Nanos(frame.capture_time_ns);
+            let delay = arrival.seconds_since(capture).abs();
+            let time = if delay <= LARGEST_CAMERA_DELAY { capture } else { arrival };
+            Some((time, [point.x, point.y]))
+        })
+        .collect();
+    seen.sort_by_key(|(time, _)| *time);
+    let (times, values) = seen.into_iter().unzip();
+    finite(recording, topic, Track { times, values }, ["x", "y"])
+}
+
+/// The messages of a topic that must have some, in an order that can be trusted.
+fn present<M: prost::Message + prost::Name + Default>(
+    recording: &Recording,
+    topic: &str,
+) -> Result<Series<M>, ActuatorError> {
+    for channel in recording.channels_of(topic) {
+        let backwards = channel.messages.windows(2).position(|m| m[1].log_time < m[0].log_time);
+        if let Some(position) = backwards {
+            let [before, after] = [position, position + 1].map(|i| channel.messages[i].log_time);
+            return Err(ActuatorError::TimeBackwards {
+                path: recording.path.clone(),
+                topic: topic.to_owned(),
+                index: position + 1,
+                seconds: before.seconds_since(after),
+            });
+        }
+    }
+    let series = recording.series::<M>(topic)?;
+    if series.times.is_empty() {
+        let available: Vec<_> = recording
+            .channels
+            .iter()
+            .filter(|channel| !channel.messages.is_empty())
+            .map(|channel| channel.topic.as_str())
+            .collect();
+        return Err(ActuatorError::NoTopic {
+            path: recording.path.clone(),
+            topic: topic.to_owned(),
+            available: if available.is_empty() { "none".into() } else { available.join(", ") },
+        });
+    }
+    Ok(series)
+}
+
+fn finite(
+    recording: &Recording,
+    topic: &str,
+    track: Track,
+    fields: [&'static str; AXES],
+) -> Result<Track, ActuatorError> {
+    for (index, pair) in track.values.iter().enumerate() {
+        for (field, value) in fields.into_iter().zip(pair) {
+            if !value.is_finite() {
+                return Err(ActuatorError::NonFinite {
+                    path: recording.path.clone(),
+                    topic: topic.to_owned(),
+                    index,
+                    field,
+                    value: *value,
+                });
+            }
+        }
+    }
+    Ok(track)
+}
+
+/// One run as the markers tell it.
+struct MarkedRun {
+    number: u32,
+    pattern: String,
+    split: Option<Split>,
+    span: Range<Nanos>,
+}
+
+/// The runs of the markers, or the whole recording when there are none. A run without END ends
+/// where the next one starts.
+fn marked_runs(recording: &Recording) -> Result<Vec<MarkedRun>, ActuatorError> {
+    let file_split = recording.info("split").and_then(parse_split);
+    let markers = recording.markers()?;
+    let end_of_file = recording.time_range().map_or(Nanos(0), |(_, last)| Nanos(last.0 + 1));
+    let mut runs: Vec<MarkedRun> = Vec::new();
+    let mut open = false;
+    for (time, marker) in markers.iter() {
+        if open && let Some(run) = runs.last_mut() {
+            run.span.end = time;
+        }
+        open = marker.phase() == Phase::Start;
+        if open {
+            runs.push(MarkedRun {
+                number: marker.run,
+                pattern: marker.pattern.clone(),
+                split: parse_split(&marker.split).or(file_split),
+                span: time..end_of_file,
+            });
+        }
+    }
+    if runs.is_empty() {
+        runs.push(MarkedRun {
+            number: 0,
+            pattern: "unknown".to_owned(),
+            split: file_split,
+            span: Nanos(0)..end_of_file,
+        });
+    }
+    Ok(runs)
+}
+
+fn parse_split(text: &str) -> Option<Split> {
+    match text {
+        "train" => Some(Split::Train),
+        "validation" => Some(Split::Validation),
+        _ => None,
+    }
+}
+
+/// The parts of `span` in which commands and motion both keep coming.
+fn pieces(commands: &Track, motion: &Track, span: &Range<Nanos>) -> Vec<Range<Nanos>> {
+    let commanded = covered(&commands.times, span);
+    let measured = covered(&motion.times, span);
+    let mut both = Vec::new();
+    for c in &commanded {
+        for m in &measured {
+            let (from, to) = (c.start.max(m.start), c.end.min(m.end));
+            if from < to {
+                both.push(from..to);
+            }
+        }
+    }
+    // Sample 0 lies on a command, so that the grid keeps the phase of the control loop.
+    for piece in &mut both {
+        let next = commands.times.partition_point(|time| *time < piece.start);
+        if let Some(time) = commands.times.get(next) {
+            piece.start = (*time).min(piece.end);
+        }
+    }
+    both
+}
+
+/// Stretches of `span` without a gap between neighbouring `times`.
+fn covered(times: &[Nanos], span: &Range<Nanos>) -> Vec<Range<Nanos>> {
+    let from = times.partition_point(|time| *time < span.start);
+    let to = times.partition_point(|time| *time < span.end);
+    let mut stretches: Vec<Range<Nanos>> = Vec::new();
+    for time in &times[from..to] {
+        match stretches.last_mut() {
+            Some(last) if time.seconds_since(last.end) <= LARGEST_GAP => last.end = *time,
+            _ => stretches.push(*time..*time),
+        }
+    }
+    stretches
+}
+
+fn sample(run: &mut Run, piece: &Range<Nanos>, commands: &Track, motion: &Motion, dt: f64) {
+    let count = (piece.end.seconds_since(piece.start) / dt + 1e-6).floor() as usize;
+    for k in 0..=count {
+        let [from, to] = [k, k + 1].map(|k| piece.start.after_seconds(k as f64 * dt));
+        run.commands.push(mean_held(commands, from, to));
+        run.velocities.push(motion.velocity_at(from));
+    }
+}
+
+/// Mean over `[from, to)` of the value held since its own time stamp.
+fn mean_held(track: &Track, from: Nanos, to: Nanos) -> [f64; AXES] {
+    let first = track.times.partition_point(|time| *time <= from).saturating_sub(1);
+    let mut mean = [0.0; AXES];
+    let length = to.seconds_since(from);
+    for index in first..track.times.len() {
+        let begin = if index == first { from } else { track.times[index] };
+        if to <= begin {
+            break;
+        }
+        let end = track.times.get(index + 1).map_or(to, |next| (*next).min(to));
+        let share = end.seconds_since(begin.min(end)) / length;
+        for axis in 0..AXES {
+            mean[axis] += share * track.values[index][axis];
+        }
+    }
+    mean
+}
+
+/// Linear interpolation between the neighbours of `time`; the end value outside.
+fn interpolate(track: &Track, time: Nanos) -> [f64; AXES] {
+    let after = track.times.partition_point(|t| *t < time);
+    if after == track.times.len() {
+        return track.values[after - 1];
+    }
+    if after == 0 || track.times[after] == time {
+        return track.values[after];
+    }
+    let span = track.times[after].seconds_since(track.times[after - 1]);
+    let share = time.seconds_since(track.times[after - 1]) / span;
+    let (old, new) = (track.values[after - 1], track.values[after]);
+    std::array::from_fn(|axis| old[axis] + share * (new[axis] - old[axis]))
+}
+
+/// Slope at `time` of the least-squares parabola through the positions around it; of the line
+/// when there are only two, zero when there is one.
+fn parabola_slope(track: &Track, time: Nanos) -> [f64; AXES] {
+    let from = track.times.partition_point(|t| t.seconds_since(time) < -CAMERA_HALF_WINDOW);
+    let to = track.times.partition_point(|t| t.seconds_since(time) <= CAMERA_HALF_WINDOW);
+    // Scaled times keep the normal equations well conditioned.
+    let tau: Vec<f64> = track.times[from..to]
+        .iter()
+        .map(|t| t.seconds_since(time) / CAMERA_HALF_WINDOW)
+        .collect();
+    let moment = |power: i32| tau.iter().map(|t| t.powi(power)).sum::<f64>();
+    let s: [f64; 5] = std::array::from_fn(|power| moment(power as i32));
+    std::array::from_fn(|axis| {
+        let values = || track.values[from..to].iter().map(|pair| pair[axis]);
+        let weighted = |power: i32| tau.iter().zip(values()).map(|(t, x)| t.powi(power) * x).sum();
+        let b: [f64; 3] = [weighted(0), weighted(1), weighted(2)];
+        let slope = match tau.len() {
+            0 | 1 => 0.0,
+            2 => (s[0] * b[1] - s[1] * b[0]) / (s[0] * s[2] - s[1] * s[1]),
+            _ => {
+                let columns = [[s[0], s[1], s[2]], [s[1], s[2], s[3]], [s[2], s[3], s[4]]];
+                determinant([columns[0], b, columns[2]]) / determinant(columns)
+            }
+        };
+        if slope.is_finite() { slope / CAMERA_HALF_WINDOW } else { 0.0 }
+    })
+}
+
+fn determinant([a, b, c]: [[f64; 3]; 3]) -> f64 {
+    a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+}
+
+/// Refuses recordings in which the command or the motion never changes.
+fn check_moves(
+    recording: &Recording,
+    runs: &[Run],
+    topics: [&str; 2],
+) -> Result<(), ActuatorError> {
+    let constant = |series: fn(&Run) -> &Vec<[f64; AXES]>| {
+        let mut all = runs.iter().flat_map(series);
+        let first = all.next();
+        all.all(|pair| Some(pair) == first)
+    };
+    let refused = if constant(|run| &run.commands) {
+        Some((topics[0], "the command"))
+    } else if constant(|run| &run.velocities) {
+        Some((topics[1], "the measured velocity"))
+    } else {
+        None
+    };
+    match refused {
+        None => Ok(()),
+        Some((topic, what)) => Err(ActuatorError::Constant {
+            path: recording.path.clone(),
+            topic: topic.to_owned(),
+            runs: runs.len(),
+            what,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn track(samples: &[(u64, f64)]) -> Track {
+        Track {
+            times: samples.iter().map(|(ms, _)| Nanos(ms * 1_000_000)).collect(),
+            values: samples.iter().map(|(_, value)| [*value, -*value]).collect(),
+        }
+    }
+
+    #[test]
+    fn a_command_counts_from_its_own_time() {
+        // Held at 1 from 0 ms, 3 from 15 ms: over 0..20 ms the mean is (15 * 1 + 5 * 3) / 20.
+        let commands = track(&[(0, 1.0), (15, 3.0), (40, 9.0)]);
+        let mean = mean_held(&commands, Nanos(0), Nanos(20_000_000));
+        assert!((mean[0] - 1.5).abs() < 1e-12 && (mean[1] + 1.5).abs() < 1e-12, "{mean:?}");
+        let later = mean_held(&commands, Nanos(20_000_000), Nanos(40_000_000));
+        assert!((later[0] - 3.0).abs() < 1e-12, "{later:?}");
+    }
+
+    #[test]
+    fn a_gap_ends_a_piece_and_the_grid_starts_on_a_command() {
+        let commands = track(&[(7, 1.0), (27, 1.0), (47, 1.0), (500, 1.0), (520, 2.0)]);
+        let motion: Vec<(u64, f64)> = (0..60).map(|k| (k * 10, 0.1)).collect();
+        let pieces = pieces(&commands, &track(&motion), &(Nanos(0)..Nanos(600_000_000)));
+        let in_ms: Vec<_> =
+            pieces.iter().map(|p| (p.start.0 / 1_000_000, p.end.0 / 1_000_000)).collect();
+        assert_eq!(in_ms, [(7, 47), (500, 520)]);
+    }
+
+    #[test]
+    fn a_parabola_has_the_right_slope_even_off_centre() {
+        let position = |t: f64| 0.1 + 0.4 * t + 4.5 * t * t;
+        let frames: Vec<(u64, f64)> =
+            (0..40).map(|k| (k * 8 + 3, position((k * 8 + 3) as f64 * 1e-3))).collect();
+        let slope = parabola_slope(&track(&frames), Nanos(100_000_000));
+        assert!((slope[0] - (0.4 + 2.0 * 4.5 * 0.1)).abs() < 1e-9, "{slope:?}");
+    }
+
+    #[test]
+    fn velocities_are_interpolated_by_time() {
+        let motion = track(&[(0, 0.0), (10, 1.0), (30, 3.0)]);
+        assert!((interpolate(&motion, Nanos(20_000_000))[0] - 2.0).abs() < 1e-12);
+        assert!((interpolate(&motion, Nanos(10_000_000))[0] - 1.0).abs() < 1e-12);
+        assert!((interpolate(&motion, Nanos(90_000_000))[0] - 3.0).abs() < 1e-12);
+    }
+}
