@@ -103,8 +103,9 @@ mod tests {
 
     #[test]
     fn the_contract_agrees_with_itself_and_with_fewer_or_more_fields() {
-        for edit in [|f: &mut prost_types::FieldDescriptorProto| f.number = Some(99), |_| ()] {
-            assert_eq!(check_compatible("klasktron.VelocityCommand", &edited(edit)), Ok(()));
+        for number in [2, 99] {
+            let schema = edited(|field| field.number = Some(number));
+            assert_eq!(check_compatible("klasktron.VelocityCommand", &schema), Ok(()));
         }
     }
 
