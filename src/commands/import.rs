@@ -5,9 +5,9 @@ use anyhow::Result;
 use clap::{Subcommand, ValueEnum};
 use klasktron::{
     board::{BoardSize, Frame},
-    gantry::{BELT_METRES_PER_TURN, CoreXy},
+    gantry::CoreXy,
     import::{
-        self, AxisColumns, ImportConfig, ImportError, ImportReport, PositionUnit, SourceKind, Split,
+        self, AxisColumns, ColumnError, ImportConfig, ImportError, ImportReport, PositionUnit, SourceKind, Split,
         Table,
     },
     recording::ExistingFile,
@@ -79,18 +79,18 @@ struct LabelArgs {
 #[derive(Debug, clap::Args)]
 struct BoardArgs {
     /// Short side of the playing field (m)
-    #[arg(long, value_name = "METRES", default_value_t = BoardSize::default().short_side)]
+    #[arg(long, value_name = "METRES", default_value = "0.32", value_parser = parse_side)]
     short_side: f64,
     /// Long side of the playing field (m); older software used 0.44
-    #[arg(long, value_name = "METRES", default_value_t = BoardSize::default().long_side)]
+    #[arg(long, value_name = "METRES", default_value = "0.42", value_parser = parse_side)]
     long_side: f64,
 }
 
 #[derive(Debug, clap::Args)]
 struct BeltArgs {
     /// Belt per motor turn (m)
-    #[arg(long, value_name = "METRES", default_value_t = BELT_METRES_PER_TURN)]
-    belt_metres_per_turn: f64,
+    #[arg(long, value_name = "METRES", default_value = "0.04", value_parser = parse_belt)]
+    belt_metres_per_turn: CoreXy,
 }
 
 #[derive(Debug, clap::Args)]
@@ -129,10 +129,10 @@ struct CsvArgs {
     #[arg(long, value_name = "COLUMN")]
     time: String,
     /// Column of the input and its unit: m/s, m, N, N m (or Nm), V or A
-    #[arg(long, value_name = "COLUMN:UNIT")]
+    #[arg(long, value_name = "COLUMN:UNIT", value_parser = parse_input)]
     input: String,
     /// Column of the position
-    #[arg(long, value_name = "COLUMN")]
+    #[arg(long, value_name = "COLUMN", required_unless_present = "velocity")]
     position: Option<String>,
     /// Column of the velocity
     #[arg(long, value_name = "COLUMN")]
@@ -141,7 +141,7 @@ struct CsvArgs {
     #[arg(long, default_value = "m")]
     position_unit: PositionUnitArg,
     /// Name of the axis in the topics
-    #[arg(long, value_name = "NAME", default_value = "axis")]
+    #[arg(long, value_name = "NAME", default_value = "axis", value_parser = parse_axis)]
     axis: String,
 }
 
@@ -184,16 +184,16 @@ enum PositionUnitArg {
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
     let report = match &args.kind {
         Some(Kind::Bag(bag)) => {
-            let table = Table { board: bag.board.size()?, gantry: bag.belt.gantry()? };
+            let table = Table { board: bag.board.size(), gantry: bag.belt.belt_metres_per_turn };
             import::import_bags(&bag.paths, &table, &bag.output.config())?
         }
         Some(Kind::Npz(npz)) => {
             let frame = npz.frame.frame();
-            import::import_npz(&npz.path, frame, npz.board.size()?, &npz.output.config())?
+            import::import_npz(&npz.path, frame, npz.board.size(), &npz.output.config())?
         }
         Some(Kind::Csv(csv)) => import::import_csv(&csv.path, &csv.columns(), &csv.output.config())?,
         Some(Kind::Candump(log)) => {
-            let table = Table { gantry: log.belt.gantry()?, ..Table::default() };
+            let table = Table { gantry: log.belt.belt_metres_per_turn, ..Table::default() };
             let interface = log.interface.as_deref();
             import::import_candump(&log.path, interface, &table, &log.output.config())?
         }
@@ -245,15 +245,30 @@ impl LabelArgs {
 }
 
 impl BoardArgs {
-    fn size(&self) -> Result<BoardSize, ImportError> {
-        Ok(BoardSize::new(self.short_side, self.long_side)?)
+    fn size(&self) -> BoardSize {
+        BoardSize { short_side: self.short_side, long_side: self.long_side }
     }
 }
 
-impl BeltArgs {
-    fn gantry(&self) -> Result<CoreXy, ImportError> {
-        Ok(CoreXy::new(self.belt_metres_per_turn)?)
-    }
+fn parse_side(text: &str) -> Result<f64> {
+    let side = text.parse()?;
+    BoardSize::new(side, side)?;
+    Ok(side)
+}
+
+fn parse_belt(text: &str) -> Result<CoreXy> {
+    Ok(CoreXy::new(text.parse()?)?)
+}
+
+fn parse_input(text: &str) -> Result<String, ColumnError> {
+    AxisColumns::new("time", text).position("position").checked_input()?;
+    Ok(text.to_owned())
+}
+
+fn parse_axis(text: &str) -> Result<String, ColumnError> {
+    let columns = AxisColumns::new("time", "input:V").position("position");
+    AxisColumns { axis: text.to_owned(), ..columns }.checked_input()?;
+    Ok(text.to_owned())
 }
 
 impl FrameArg {

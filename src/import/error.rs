@@ -1,11 +1,7 @@
 //! What can stop an import, each with the place and the way out.
 
 use super::csv::ColumnError;
-use crate::{
-    board::BoardSizeError,
-    gantry::BeltError,
-    recording::RecordingError,
-};
+use crate::recording::RecordingError;
 use std::{io, path::PathBuf};
 
 /// Failure of an import; nothing was written then.
@@ -17,12 +13,6 @@ pub enum ImportError {
     /// A column map that cannot be.
     #[error(transparent)]
     Columns(#[from] ColumnError),
-    /// A belt that cannot be.
-    #[error(transparent)]
-    Belt(#[from] BeltError),
-    /// A board that cannot be.
-    #[error(transparent)]
-    Board(#[from] BoardSizeError),
     /// The operating system refused.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
