@@ -4,8 +4,10 @@ pub(crate) mod export;
 pub(crate) mod fit_actuator;
 pub(crate) mod import;
 pub(crate) mod info;
+mod interrupt;
 pub(crate) mod recover;
 
+use klasktron::recording::Recording;
 use std::{
     io::{self, Write},
     process::ExitCode,
@@ -39,6 +41,16 @@ impl Outcome {
 pub(crate) fn tell(line: &str) {
     // Nobody is left to tell when stderr is closed.
     writeln!(io::stderr(), "{line}").ok();
+}
+
+/// One sentence on what a damaged recording lost, and how to make a whole file of the rest.
+pub(crate) fn loss_sentence(recording: &Recording) -> String {
+    let file = recording.path.display();
+    format!(
+        "{file}: {}; the rest was read; make a whole file of it with `klasktron recover {file} -o \
+         OUT`",
+        recording.loss
+    )
 }
 
 /// Prints a result on stdout; a reader that has gone away (`| head`) is no failure.

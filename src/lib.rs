@@ -1,4 +1,6 @@
 //! placeholder
+pub mod provenance;
+pub mod report;
 pub mod seed;
 pub mod stats;
 pub mod units;

@@ -13,3 +13,6 @@ pub use kernel::{PAD, padded};
 pub use network::{Activation, Dense, Network};
 pub use stack::{MAX_OUTPUTS, Stack, Tape};
 pub use trainer::{Adam, InputGradient, Trainer};
+
+#[cfg(test)]
+mod tests;

@@ -34,9 +34,7 @@ pub mod topic;
 mod writer;
 
 pub use error::RecordingError;
-pub use load::{
-    Attachment, Channel, MessageIndex, Recording, Series, hexadecimal, sha256_of_file,
-};
+pub use load::{Attachment, Channel, MessageIndex, Recording, Series, hexadecimal, sha256_of_file};
 pub use scan::{Loss, MAGIC};
 pub use schema::{FILE_DESCRIPTOR_SET, PROTOBUF, SchemaDifference, check_compatible, message};
 pub use writer::{

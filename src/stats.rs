@@ -1,5 +1,14 @@
-//! Plain statistics: summaries, and bootstrap intervals over whole runs.
+//! Plain statistics: summaries of slices, and bootstrap intervals over whole runs. Pure functions,
+//! no input or output.
+//!
+//! ```
+//! use klasktron::stats::{median, quantile};
+//! assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));
+//! assert_eq!(quantile(&[0.0, 10.0], 0.25), Some(2.5));
+//! ```
 
 mod bootstrap;
+mod summary;
 
 pub use bootstrap::{Interval, bootstrap_ci95};
+pub use summary::{half_central_spread, mean, median, quantile, standard_deviation};

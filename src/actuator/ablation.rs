@@ -68,7 +68,7 @@ pub struct Ablation {
 
 /// Judges every combination of `fits`; `judgements` are in the same order.
 #[must_use]
-pub fn select(fits: &[Fit], judgements: &[Judgement]) -> Option<Ablation> {
+pub(super) fn select(fits: &[Fit], judgements: &[Judgement]) -> Option<Ablation> {
     let mut groups: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
     for (index, fit) in fits.iter().enumerate() {
         let key = (fit.config.history_steps, fit.config.width);

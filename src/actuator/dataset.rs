@@ -99,6 +99,12 @@ impl Dataset {
         self.held_out.iter().collect()
     }
 
+    /// Whether a file had lost something.
+    #[must_use]
+    pub fn is_damaged(&self) -> bool {
+        self.warnings.iter().any(|warning| matches!(warning, DataWarning::Damaged { .. }))
+    }
+
     /// Where the fitted runs lie.
     #[must_use]
     pub fn coverage(&self) -> Coverage {

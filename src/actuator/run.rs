@@ -97,7 +97,7 @@ impl Run {
 ///
 /// # Errors
 /// When none has.
-pub fn players_of(recording: &Recording, target: Target) -> Vec<Player> {
+pub(super) fn players_of(recording: &Recording, target: Target) -> Vec<Player> {
     let moves = |player: &Player| match target {
         Target::Carriage => recording.count(&topic::carriage(*player)),
         Target::Striker => recording.count(topic::CAMERA_DETECTIONS),

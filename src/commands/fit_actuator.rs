@@ -1,22 +1,311 @@
-//! scratch
-use super::Outcome;
-use klasktron::actuator::*;
-use std::{path::PathBuf, sync::atomic::AtomicBool};
+//! `klasktron fit-actuator`: arguments to a set of fits, and their outcome to files.
+
+use super::{Outcome, interrupt, print, tell};
+use anyhow::{Context, bail};
+use clap::{ValueEnum, builder::PossibleValue};
+use indicatif::{ProgressBar, ProgressStyle};
+use klasktron::{
+    actuator::{
+        self, FitConfig, FitObserver, FitsObserver, LayoutKind, PlayerChoice, ResampleConfig,
+        Schedule, Store, Study, StudyKind, Summary, Target,
+    },
+    provenance::Provenance,
+    recording::{partial_name, topic::Player},
+};
+use std::{
+    fs,
+    num::NonZeroUsize,
+    path::{Path, PathBuf},
+    thread,
+};
+
+/// Fit the actuator network to recordings and judge it on runs that it has not seen.
+///
+/// Runs whose recording or run marker says split=validation judge and are never fitted; where
+/// nothing says so, every fifth run of each pattern is held out. Finished fits are kept in
+/// OUT/fits, so the same command continues where an interrupted one stopped.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args { recordings: Vec<PathBuf>, #[arg(long,default_value_t=200)] epochs: usize, #[arg(long,default_value_t=256)] batch: usize, #[arg(long,default_value_t=1e-3)] lr: f64, #[arg(long,default_value_t=1)] seeds:u64, #[arg(long,default_value_t=1)] horizon:usize, #[arg(long, value_enum, default_value="cosine")] schedule: Schedule }
-struct O; impl FitObserver for O { fn epoch_done(&self){} } impl FitsObserver for O { fn fit_reused(&self,_:&FitConfig){} fn fit_done(&self,_:&FitConfig){} }
-pub(crate) fn run(a: &Args) -> anyhow::Result<Outcome> {
-  let t=std::time::Instant::now();
-  let d=load(&a.recordings, PlayerChoice::Only, ResampleConfig{target:Target::Carriage,rate_hz:50.0}, 30)?;
-  eprintln!("load {:?} train {} held {} samples {}", t.elapsed(), d.train.len(), d.held_out.len(), d.train.iter().map(|r|r.len()).sum::<usize>());
-  let (tr,he)=(d.train(),d.held_out());
-  let t=std::time::Instant::now();
-  let lag=LagDelay::fit(&tr,0.02); eprintln!("lag {:?} {:?}",lag,t.elapsed()); let t=std::time::Instant::now();
-  let arx=Arx::fit(&tr,10);eprintln!("arx {:?}",t.elapsed());
-  for m in [&Ideal as &dyn VelocityModel,&lag,&arx]{let j=Judgement::new(m,&he,10,0.02); eprintln!("{} one {:.5} free2 {:.5}",m.name(),j.one_step(Component::Both),j.free_running(2.0,Component::Both));}
-  let cfgs:Vec<_>=(0..a.seeds).map(|seed|FitConfig{layout:LayoutKind::Klasktron,history_steps:10,width:64,hidden_layers:3,epochs:a.epochs,batch:a.batch,learning_rate:a.lr,schedule:a.schedule,horizon:a.horizon,seed}).collect();
-  let store=Store::open(&PathBuf::from("/tmp/fitstore"),&d)?; let t=std::time::Instant::now();
-  let fits=fit_all(&cfgs,&d,&store,(2,&AtomicBool::new(false)),&O)?;
-  eprintln!("fits {:?}",t.elapsed());
-  for f in &fits { let j=Judgement::new(&f.model,&he,10,0.02); let c=f.curve.last().unwrap(); eprintln!("seed {} one {:.5} free .1 {:.5} .5 {:.5} 2 {:.5} train {:.5} peak", f.config.seed,j.one_step(Component::Both),j.free_running(0.1,Component::Both),j.free_running(0.5,Component::Both),j.free_running(2.0,Component::Both),c.train_rmse_m_per_s);}
-  Ok(Outcome::Done) }
+#[command(after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator")]
+pub(crate) struct Args {
+    /// Recordings with /striker/*/command and /striker/*/carriage (or /camera/detections)
+    #[arg(required = true, value_name = "RECORDING")]
+    recordings: Vec<PathBuf>,
+    /// Folder for actuator.mcap, index.html and the finished fits
+    #[arg(short, long, value_name = "DIR", default_value = "actuator")]
+    out: PathBuf,
+    /// Velocity to predict: the carriage's from encoders, or the striker's from the camera
+    #[arg(long, value_enum, default_value_t = Target::Carriage)]
+    target: Target,
+    /// Gantry to fit; needed only when a recording holds both
+    #[arg(long, value_enum)]
+    player: Option<PlayerArg>,
+    /// Order of the inputs and activation: 40 inputs with ReLU, or upstream's 38 with softsign
+    #[arg(long, value_enum, default_value_t = LayoutArg::Klasktron)]
+    layout: LayoutArg,
+    /// Samples of history that the network sees
+    #[arg(long, value_name = "STEPS", default_value = "10", value_parser = parse_count)]
+    history: usize,
+    /// Units of each hidden layer
+    #[arg(long, value_name = "UNITS", default_value = "64", value_parser = parse_count)]
+    width: usize,
+    /// Hidden layers
+    #[arg(long, value_name = "LAYERS", default_value = "3", value_parser = parse_count)]
+    hidden_layers: usize,
+    /// Passes over the data
+    #[arg(long, default_value = "1000", value_parser = parse_count)]
+    epochs: usize,
+    /// Windows in each step of Adam
+    #[arg(long, value_name = "WINDOWS", default_value = "256", value_parser = parse_count)]
+    batch: usize,
+    /// Step size of Adam at the start
+    #[arg(long, default_value = "0.001", value_parser = parse_positive)]
+    learning_rate: f64,
+    /// How the learning rate goes down
+    #[arg(long, value_enum, default_value_t = Schedule::Cosine)]
+    schedule: Schedule,
+    /// Train on this many samples predicted one from the other (1: one step ahead)
+    #[arg(long, value_name = "STEPS", default_value = "1", value_parser = parse_count)]
+    horizon: usize,
+    /// Samples per second to which the recordings are brought (Hz)
+    #[arg(long, value_name = "HZ", default_value = "50", value_parser = parse_positive)]
+    rate_hz: f64,
+    /// First seed
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// How many seeds, fitted in parallel
+    #[arg(long, value_name = "COUNT", default_value = "8", value_parser = parse_count)]
+    seeds: usize,
+    /// Fit history {1, 5, 10} x width {32, 64, 128}, --seeds seeds each, and choose
+    #[arg(long)]
+    ablate: bool,
+    /// Fits at a time; the result does not depend on it [default: one per core]
+    #[arg(long, value_name = "COUNT", value_parser = parse_count)]
+    threads: Option<usize>,
+    /// Print the result document alone on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum PlayerArg {
+    Left,
+    Right,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum LayoutArg {
+    Klasktron,
+    KlaskRl,
+}
+
+/// Largest whole number that any of the counts may have; beyond it memory or patience runs out.
+const LARGEST_COUNT: usize = 1_000_000;
+
+fn parse_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if (1..=LARGEST_COUNT).contains(&count) => Ok(count),
+        _ => Err(format!("must be a whole number from 1 to {LARGEST_COUNT}")),
+    }
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && 0.0 < value => Ok(value),
+        _ => Err("must be a number above 0".to_owned()),
+    }
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let base = args.fit_config()?;
+    let kind = if args.ablate { StudyKind::Ablation } else { StudyKind::Seeds };
+    let configs = match kind {
+        StudyKind::Ablation => actuator::ablation_configs(&base, args.seeds as u64),
+        StudyKind::Seeds => {
+            (0..args.seeds as u64).map(|k| FitConfig { seed: base.seed + k, ..base }).collect()
+        }
+    };
+    let needed = base.history_steps + base.horizon + 1;
+    let config = ResampleConfig { target: args.target, rate_hz: args.rate_hz };
+    let dataset = actuator::load(&args.recordings, args.player_choice(), config, needed)?;
+    let store = Store::open(&args.out.join("fits"), &dataset)?;
+    let stop = interrupt::raised_by_ctrl_c("finishing with the fits that are done")?;
+    let progress = Progress::new(&configs);
+    let threads = args.threads.unwrap_or_else(available_threads);
+    let fits = actuator::fit_all(&configs, &dataset, &store, (threads, stop), &progress)?;
+    progress.bar.finish_and_clear();
+    let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
+        bail!("interrupted before the first fit was finished; nothing was written");
+    };
+    let summary = study.summary(Provenance::new(args.command_line()));
+    write_outcome(&study, &summary, &args.out)?;
+    for warning in &summary.warnings {
+        tell(&format!("warning: {warning}"));
+    }
+    if args.json {
+        print(&serde_json::to_string_pretty(&summary)?)?;
+    } else {
+        print(&table(&summary, &args.out))?;
+    }
+    let whole = study.finished == study.asked && !study.dataset.is_damaged();
+    Ok(if whole { Outcome::Done } else { Outcome::Lossy })
+}
+
+impl Args {
+    fn fit_config(&self) -> anyhow::Result<FitConfig> {
+        let layout = match self.layout {
+            LayoutArg::Klasktron => LayoutKind::Klasktron,
+            LayoutArg::KlaskRl => LayoutKind::KlaskRl,
+        };
+        if layout == LayoutKind::KlaskRl && self.history < 2 {
+            bail!("--history {} is too short for --layout klask-rl, which needs 2", self.history);
+        }
+        Ok(FitConfig {
+            layout,
+            history_steps: self.history,
+            width: self.width,
+            hidden_layers: self.hidden_layers,
+            epochs: self.epochs,
+            batch: self.batch,
+            learning_rate: self.learning_rate,
+            schedule: self.schedule,
+            horizon: self.horizon,
+            seed: self.seed,
+        })
+    }
+
+    /// The command with every option that decides the result written out. Where it is written and
+    /// how many threads did it are left out, so that equal results are equal files.
+    fn command_line(&self) -> String {
+        let mut line = "klasktron fit-actuator".to_owned();
+        for path in &self.recordings {
+            line.push_str(&format!(" {}", path.display()));
+        }
+        let name = |value: &dyn Fn() -> Option<PossibleValue>| {
+            value().map_or_else(String::new, |value| value.get_name().to_owned())
+        };
+        let mut options = vec![
+            ("target", name(&|| self.target.to_possible_value())),
+            ("layout", name(&|| self.layout.to_possible_value())),
+            ("history", self.history.to_string()),
+            ("width", self.width.to_string()),
+            ("hidden-layers", self.hidden_layers.to_string()),
+            ("epochs", self.epochs.to_string()),
+            ("batch", self.batch.to_string()),
+            ("learning-rate", self.learning_rate.to_string()),
+            ("schedule", name(&|| self.schedule.to_possible_value())),
+            ("horizon", self.horizon.to_string()),
+            ("rate-hz", self.rate_hz.to_string()),
+            ("seed", self.seed.to_string()),
+            ("seeds", self.seeds.to_string()),
+        ];
+        if let Some(player) = self.player {
+            options.push(("player", name(&|| player.to_possible_value())));
+        }
+        for (option, value) in options {
+            line.push_str(&format!(" --{option} {value}"));
+        }
+        if self.ablate {
+            line.push_str(" --ablate");
+        }
+        line
+    }
+
+    fn player_choice(&self) -> PlayerChoice {
+        match self.player {
+            None => PlayerChoice::Only,
+            Some(PlayerArg::Left) => PlayerChoice::Given(Player::Left),
+            Some(PlayerArg::Right) => PlayerChoice::Given(Player::Right),
+        }
+    }
+}
+
+fn available_threads() -> usize {
+    thread::available_parallelism().map_or(1, NonZeroUsize::get)
+}
+
+
+fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result<()> {
+    actuator::write_actuator(study, summary, &out.join("actuator.mcap"))?;
+    let path = out.join("index.html");
+    let partial = partial_name(&path);
+    fs::write(&partial, actuator::page(study, summary))
+        .and_then(|()| fs::rename(&partial, &path))
+        .with_context(|| format!("{}: cannot write", path.display()))
+}
+
+/// The result for people: the figures that decide, and where the rest is.
+fn table(summary: &Summary, out: &Path) -> String {
+    let mut lines = vec![format!(
+        "{:<22}{:>12}{:>12}{:>12}{:>12}",
+        "RMSE (mm/s), held out", "one step", "0.1 s", "0.5 s", "2 s"
+    )];
+    let figure = |value: f64| {
+        if value.is_finite() { format!("{:>12.3}", 1e3 * value) } else { format!("{:>12}", "diverges") }
+    };
+    let median: String = std::iter::once(summary.one_step_rmse_m_per_s.median)
+        .chain(summary.free_running_rmse_m_per_s.iter().map(|f| f.spread.median))
+        .map(figure)
+        .collect();
+    lines.push(format!("{:<22}{median}", format!("network, {} seeds", summary.seeds.len())));
+    for (model, title) in [("arx", "linear ARX"), ("lag_delay", "lag with delay"), ("ideal", "ideal")] {
+        let rows = summary.errors.iter().filter(|row| {
+            row.model == model
+                && row.pattern == "all"
+                && row.component == actuator::Component::Both
+        });
+        let figures: String = rows.map(|row| figure(row.rmse_m_per_s)).collect();
+        lines.push(format!("{title:<22}{figures}"));
+    }
+    if let Some(ablation) = &summary.ablation {
+        let cell = &ablation.cells[ablation.chosen];
+        lines.push(format!(
+            "chosen by one standard error: {} steps of history, {} units",
+            cell.history_steps, cell.width
+        ));
+    }
+    lines.push(format!("{}", summary.verdict));
+    lines.push(format!(
+        "wrote {} and {}",
+        out.join("actuator.mcap").display(),
+        out.join("index.html").display()
+    ));
+    lines.join("\n")
+}
+
+/// A bar of epochs; nothing is drawn when stderr is not a terminal.
+struct Progress {
+    bar: ProgressBar,
+}
+
+impl Progress {
+    fn new(configs: &[FitConfig]) -> Self {
+        let epochs: usize = configs.iter().map(|config| config.epochs).sum();
+        let bar = ProgressBar::new(epochs as u64);
+        let style = "{msg} {wide_bar} {pos}/{len} epochs, {eta} left";
+        if let Ok(style) = ProgressStyle::with_template(style) {
+            bar.set_style(style);
+        }
+        bar.set_message(format!("{} fits", configs.len()));
+        Self { bar }
+    }
+}
+
+impl FitObserver for Progress {
+    fn epoch_done(&self) {
+        self.bar.inc(1);
+    }
+}
+
+impl FitsObserver for Progress {
+    fn fit_reused(&self, config: &FitConfig) {
+        self.bar.inc(config.epochs as u64);
+    }
+
+    fn fit_done(&self, config: &FitConfig) {
+        self.bar.set_message(format!(
+            "history {} width {} seed {} done",
+            config.history_steps, config.width, config.seed
+        ));
+    }
+}

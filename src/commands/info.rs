@@ -1,5 +1,78 @@
-//! x
-use super::Outcome;
+//! `klasktron info`: what is in recordings, and what is doubtful about them.
+
+mod layout;
+
+use super::{Outcome, print, tell};
+use anyhow::bail;
+use klasktron::recording::{
+    Recording,
+    inspect::{self, Inspection, StatedDoubt},
+};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {}
-pub(crate) fn run(_args: &Args) -> anyhow::Result<Outcome> { Ok(Outcome::Done) }
+pub(crate) struct Args {
+    /// Recordings: of the data contract, ROS 2 bags in MCAP, or any other MCAP file
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Print one JSON document instead of tables
+    #[arg(long)]
+    json: bool,
+}
+
+/// The document of `--json`.
+#[derive(Debug, Serialize)]
+struct Document {
+    schema_version: u32,
+    /// One per file that could be read, in the order given.
+    files: Vec<Inspection>,
+    /// What is doubtful about the files together.
+    doubts: Vec<StatedDoubt>,
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let mut outcome = Outcome::Done;
+    let mut files = Vec::new();
+    for path in &args.files {
+        match look_at(path) {
+            Ok((inspection, found)) => {
+                files.push(inspection);
+                if found == Outcome::Lossy {
+                    outcome = found;
+                }
+            }
+            // Alone, the file's error is that of the command.
+            Err(error) if args.files.len() == 1 => return Err(error),
+            Err(error) => {
+                tell(&format!("error: {error:#}"));
+                outcome = Outcome::Lossy;
+            }
+        }
+    }
+    if files.is_empty() {
+        bail!("none of the {} files could be read", args.files.len());
+    }
+    let doubts = inspect::compare(&files);
+    if args.json {
+        let document = Document { schema_version: inspect::SCHEMA_VERSION, files, doubts };
+        print(&serde_json::to_string_pretty(&document)?)?;
+    } else {
+        let mut text: Vec<String> = files.iter().map(layout::inspection).collect();
+        if !doubts.is_empty() {
+            text.push(layout::doubts("the files together", &doubts));
+        }
+        print(&text.join("\n\n"))?;
+    }
+    Ok(outcome)
+}
+
+fn look_at(path: &Path) -> anyhow::Result<(Inspection, Outcome)> {
+    let recording = Recording::open(path)?;
+    let inspection = inspect::inspect(&recording)?;
+    if recording.loss.is_none() {
+        return Ok((inspection, Outcome::Done));
+    }
+    tell(&super::loss_sentence(&recording));
+    Ok((inspection, Outcome::Lossy))
+}

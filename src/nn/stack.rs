@@ -97,17 +97,21 @@ impl Stack {
     /// The network as plain data.
     #[must_use]
     pub fn network(&self) -> Network {
+        self.unpack(&self.values)
+    }
+
+    /// Plain data of a vector laid out like the parameters.
+    pub(super) fn unpack(&self, values: &[f32]) -> Network {
         let dense = |span: &Span, place: &dyn Fn(usize, usize) -> usize| Dense {
             inputs: span.inputs,
             outputs: span.outputs,
             weight: (0..span.outputs)
                 .flat_map(|row| (0..span.inputs).map(move |column| (row, column)))
-                .map(|(row, column)| self.values[span.weights.start + place(row, column)])
+                .map(|(row, column)| values[span.weights.start + place(row, column)])
                 .collect(),
-            bias: self.values[span.bias.clone()][..span.outputs].to_vec(),
+            bias: values[span.bias.clone()][..span.outputs].to_vec(),
         };
-        let hidden =
-            self.hidden.iter().map(|s| dense(s, &|row, column| column * s.stride + row));
+        let hidden = self.hidden.iter().map(|s| dense(s, &|row, column| column * s.stride + row));
         let last = dense(&self.last, &|row, column| row * self.last.stride + column);
         Network { activation: self.activation, layers: hidden.chain([last]).collect() }
     }

@@ -79,6 +79,13 @@ impl Trainer {
         &self.stack
     }
 
+    /// The gradient accumulated since the last [`update`](Self::update), each value at the place
+    /// of its parameter.
+    #[must_use]
+    pub fn gradient(&self) -> Network {
+        self.stack.unpack(&self.gradient)
+    }
+
     /// Computes `tape.y` from `tape.x`.
     pub fn forward(&self, tape: &mut Tape) {
         self.stack.forward(tape);
@@ -128,17 +135,42 @@ impl Trainer {
         self.transpose();
     }
 
-    /// Refreshes the transposed weights.
     fn transpose(&mut self) {
-        for (span, transposed) in self.stack.hidden.iter().zip(&mut self.transposed) {
+        Arch::new().dispatch(Transpose { stack: &self.stack, transposed: &mut self.transposed });
+    }
+}
+
+/// Refreshes the transposed weights.
+struct Transpose<'a> {
+    stack: &'a Stack,
+    transposed: &'a mut [Vec<f32>],
+}
+
+/// Edge of the blocks that are transposed in registers; divides [`kernel::PAD`].
+const BLOCK: usize = 8;
+
+impl WithSimd for Transpose<'_> {
+    type Output = ();
+
+    /// Needs no vectors of its own, only the instructions that come with them.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        for (span, transposed) in self.stack.hidden.iter().zip(self.transposed) {
             let stride = padded(span.inputs);
             let weights = &self.stack.values[span.weights.clone()];
-            let edge = kernel::PAD;
-            for (block, rows) in weights.chunks(edge * span.stride).enumerate() {
-                for output in 0..span.outputs {
-                    let line = &mut transposed[output * stride + block * edge..][..edge];
-                    for (value, row) in line.iter_mut().zip(rows.chunks_exact(span.stride)) {
-                        *value = row[output];
+            for first_input in (0..span.inputs).step_by(BLOCK) {
+                for first_output in (0..span.outputs).step_by(BLOCK) {
+                    let mut block = [[0.0; BLOCK]; BLOCK];
+                    let rows = &weights[first_input * span.stride..];
+                    for (row, from) in block.iter_mut().zip(rows.chunks_exact(span.stride)) {
+                        row.copy_from_slice(&from[first_output..first_output + BLOCK]);
+                    }
+                    let rows = &mut transposed[first_output * stride..];
+                    for (output, row) in rows.chunks_exact_mut(stride).take(BLOCK).enumerate() {
+                        let row = &mut row[first_input..first_input + BLOCK];
+                        for (value, from) in row.iter_mut().zip(&block) {
+                            *value = from[output];
+                        }
                     }
                 }
             }
@@ -166,8 +198,7 @@ impl WithSimd for Backward<'_> {
         let [mut here, mut below] = back.each_mut();
         let span = &stack.last;
         let top = stack.hidden.len() - 1;
-        let (dw, db) =
-            gradient[span.weights.start..span.bias.end].split_at_mut(span.weights.len());
+        let (dw, db) = gradient[span.weights.start..span.bias.end].split_at_mut(span.weights.len());
         let weights = (&stack.values[span.weights.clone()], dy);
         let x = (tape.activations[top].as_slice(), span.stride, stack.activation);
         let first = &mut here[..batch * span.stride];

@@ -67,7 +67,7 @@ pub enum RecordingError {
         /// Position among the topic's messages, from 0.
         index: usize,
         /// Schema name.
-        schema: &'static str,
+        schema: String,
         /// The decoder's reason.
         reason: String,
     },
@@ -77,6 +77,50 @@ pub enum RecordingError {
         /// The file.
         path: PathBuf,
     },
+    /// A topic was asked for that the recording does not have.
+    #[error("{}: no topic {topic}; it has {}", path.display(), list(topics))]
+    NoSuchTopic {
+        /// The file.
+        path: PathBuf,
+        /// What was asked for.
+        topic: String,
+        /// What there is.
+        topics: Vec<String>,
+    },
+    /// A topic whose messages have no columns that this crate can find.
+    #[error(
+        "{}: topic {topic} is encoded as '{encoding}' with schema '{schema}', and tables are made \
+         of protobuf messages with their descriptor only; bring ROS 2 bags in with `klasktron \
+         import` first", path.display()
+    )]
+    NotTabular {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Encoding of its messages.
+        encoding: String,
+        /// Full name of the schema.
+        schema: String,
+    },
+    /// A topic carries messages of several types, which make no single table.
+    #[error("{}: topic {topic} carries several schemas: {}", path.display(), list(schemas))]
+    MixedSchemas {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Full names.
+        schemas: Vec<String>,
+    },
+    /// A table could not be written.
+    #[error("{}: cannot write the table: {reason}", path.display())]
+    Table {
+        /// The file.
+        path: PathBuf,
+        /// The writer's reason.
+        reason: String,
+    },
     /// The MCAP writer refused.
     #[error("{}: cannot write: {source}", path.display())]
     Write {
@@ -85,6 +129,10 @@ pub enum RecordingError {
         /// The writer's reason.
         source: mcap::McapError,
     },
+}
+
+fn list(names: &[String]) -> String {
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
 impl RecordingError {

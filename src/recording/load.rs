@@ -2,7 +2,7 @@
 
 use super::{
     error::RecordingError,
-    scan::{self, Loss, ScanError},
+    scan::{self, Loss, MAGIC, ScanError},
     schema::{self, PROTOBUF, message::RunMarker},
     topic,
     writer::RECORDING_METADATA,
@@ -114,6 +114,8 @@ pub struct Recording {
     pub attachments: Vec<Attachment>,
     /// What a damaged file no longer holds.
     pub loss: Loss,
+    /// Whether the file ends with the magic bytes; where it does not, its summary is missing.
+    pub ends_whole: bool,
 }
 
 impl Recording {
@@ -125,7 +127,12 @@ impl Recording {
     /// with another schema.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
-        let mut source = HashingReader { inner: BufReader::new(file), sha256: Sha256::new(), bytes: 0 };
+        let mut source = HashingReader {
+            inner: BufReader::new(file),
+            sha256: Sha256::new(),
+            bytes: 0,
+            tail: [0; 8],
+        };
         let mut load = Load::default();
         let loss = scan::scan(&mut source, &mut |record| load.visit(record))
             .map_err(|error| scan_error(path, error))?;
@@ -134,6 +141,7 @@ impl Recording {
         recording.path = path.to_owned();
         recording.loss = loss;
         recording.bytes = source.bytes;
+        recording.ends_whole = 2 * MAGIC.len() as u64 <= source.bytes && source.tail == MAGIC;
         recording.sha256 = hexadecimal(&source.sha256.finalize());
         recording.channels.retain(|channel| !channel.topic.is_empty());
         recording.check_schemas()?;
@@ -198,7 +206,7 @@ impl Recording {
                     path: self.path.clone(),
                     topic: topic.to_owned(),
                     index,
-                    schema: M::NAME,
+                    schema: M::NAME.to_owned(),
                     reason: error.to_string(),
                 })?;
                 stamped.push((message.log_time, decoded));
@@ -207,6 +215,27 @@ impl Recording {
         stamped.sort_by_key(|(time, _)| *time);
         let (times, values) = stamped.into_iter().unzip();
         Ok(Series { times, values })
+    }
+
+    /// The first message of `topic` in file order; `None` when there is none.
+    ///
+    /// # Errors
+    /// When it does not decode.
+    pub fn first<M: Message + Name + Default>(
+        &self,
+        topic: &str,
+    ) -> Result<Option<M>, RecordingError> {
+        let Some((_, bytes)) = self.channels_of(topic).find_map(|channel| channel.raw().next())
+        else {
+            return Ok(None);
+        };
+        M::decode(bytes).map(Some).map_err(|error| RecordingError::BadMessage {
+            path: self.path.clone(),
+            topic: topic.to_owned(),
+            index: 0,
+            schema: M::NAME.to_owned(),
+            reason: error.to_string(),
+        })
     }
 
     /// A value of the metadata record `klasktron.recording`.
@@ -260,16 +289,18 @@ pub fn hexadecimal(bytes: &[u8]) -> String {
 /// When the file cannot be read.
 pub fn sha256_of_file(path: &Path) -> Result<String, RecordingError> {
     let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
-    let mut source = HashingReader { inner: file, sha256: Sha256::new(), bytes: 0 };
+    let mut source = HashingReader { inner: file, sha256: Sha256::new(), bytes: 0, tail: [0; 8] };
     io::copy(&mut source, &mut io::sink()).map_err(RecordingError::io(path, "read"))?;
     Ok(hexadecimal(&source.sha256.finalize()))
 }
 
-/// Passes bytes through and keeps their hash and count.
+/// Passes bytes through and keeps their hash, count and end.
 struct HashingReader<R> {
     inner: R,
     sha256: Sha256,
     bytes: u64,
+    /// The last bytes that passed.
+    tail: [u8; 8],
 }
 
 impl<R: Read> Read for HashingReader<R> {
@@ -277,6 +308,10 @@ impl<R: Read> Read for HashingReader<R> {
         let count = self.inner.read(buffer)?;
         self.sha256.update(&buffer[..count]);
         self.bytes += count as u64;
+        for byte in &buffer[count.saturating_sub(self.tail.len())..count] {
+            self.tail.rotate_left(1);
+            self.tail[7] = *byte;
+        }
         Ok(count)
     }
 }
@@ -308,11 +343,13 @@ impl Load {
                     self.recording.channels[*position].push(&header, &data);
                 }
             }
-            Record::Attachment { header, data, .. } => self.recording.attachments.push(Attachment {
-                name: header.name,
-                media_type: header.media_type,
-                data: data.into_owned(),
-            }),
+            Record::Attachment { header, data, .. } => {
+                self.recording.attachments.push(Attachment {
+                    name: header.name,
+                    media_type: header.media_type,
+                    data: data.into_owned(),
+                })
+            }
             Record::Metadata(metadata) => {
                 self.recording.metadata.insert(metadata.name, metadata.metadata);
             }

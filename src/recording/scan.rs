@@ -150,12 +150,7 @@ impl<R: Read> Scan<R> {
         self.loss.bytes += self.offset - start;
     }
 
-    fn visit_record(
-        &mut self,
-        opcode: u8,
-        body: &[u8],
-        visit: &mut dyn FnMut(Record<'_>),
-    ) -> Next {
+    fn visit_record(&mut self, opcode: u8, body: &[u8], visit: &mut dyn FnMut(Record<'_>)) -> Next {
         match parse_record(opcode, body) {
             Some(Record::DataEnd(_) | Record::Footer(_)) => return Next::DataEnd,
             Some(

@@ -30,7 +30,9 @@ pub enum SchemaDifference {
         message: String,
     },
     /// A field number means something else.
-    #[error("field {number} is '{found}' ({found_type}), the contract has '{expected}' ({expected_type})")]
+    #[error(
+        "field {number} is '{found}' ({found_type}), the contract has '{expected}' ({expected_type})"
+    )]
     Field {
         /// Field number.
         number: i32,
@@ -104,8 +106,8 @@ mod tests {
     #[test]
     fn the_contract_agrees_with_itself_and_with_fewer_or_more_fields() {
         for number in [2, 99] {
-            let schema = edited(|field| field.number = Some(number));
-            assert_eq!(check_compatible("klasktron.VelocityCommand", &schema), Ok(()));
+            let file = edited(|field| field.number = Some(number));
+            assert_eq!(check_compatible("klasktron.VelocityCommand", &file), Ok(()));
         }
     }
 

@@ -1,9 +1,11 @@
 //! The topics of the data contract and the schema that each must carry.
 
+use serde::Serialize;
 use std::fmt;
 
 /// One of the two players; `left` owns y < 0 and `right` y > 0 of the board frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Player {
     /// Owns y < 0.
     Left,

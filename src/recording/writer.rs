@@ -167,12 +167,8 @@ impl RecordingWriter {
             None => (self.add_channel(topic, schema)?, 0),
         };
         self.channels.insert(key, (channel_id, sequence.wrapping_add(1)));
-        let header = MessageHeader {
-            channel_id,
-            sequence,
-            log_time: times[0].0,
-            publish_time: times[1].0,
-        };
+        let header =
+            MessageHeader { channel_id, sequence, log_time: times[0].0, publish_time: times[1].0 };
         self.writer.write_to_known_channel(&header, data).map_err(self.write_error())?;
         self.flush_if_due(times[0])
     }
@@ -192,7 +188,9 @@ impl RecordingWriter {
 
     fn flush_if_due(&mut self, now: Nanos) -> Result<(), RecordingError> {
         let since = *self.flushed_at.get_or_insert(now);
-        if self.flush == FlushPolicy::EverySecond && since.0.saturating_add(NANOS_PER_SECOND) <= now.0 {
+        if self.flush == FlushPolicy::EverySecond
+            && since.0.saturating_add(NANOS_PER_SECOND) <= now.0
+        {
             self.writer.flush().map_err(self.write_error())?;
             self.flushed_at = Some(now);
         }

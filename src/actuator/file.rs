@@ -1,0 +1,346 @@
+//! `actuator.mcap`: traces, curves and figures as messages, weights as attachments, settings as
+//! metadata.
+//!
+//! | topic | message | what |
+//! |---|---|---|
+//! | `/run/marker` | `RunMarker` | the held-out runs |
+//! | `/actuator/command`, `/actuator/measured` | `VelocitySample` | the held-out runs on the grid |
+//! | `/actuator/predicted/seed_N`, `/arx`, `/lag_delay`, `/ideal` | `VelocitySample` | free-running over each whole run |
+//! | `/actuator/training/seed_N` | `TrainingPoint` | learning curves, an epoch every millisecond |
+//! | `/actuator/error` | `ModelError` | every figure with its interval |
+//! | `/actuator/ablation` | `AblationPoint` | each finished fit of an ablation |
+//!
+//! Attachments: `weights/seed_N.safetensors`, `model.onnx` (the chosen seed), `coverage.json`,
+//! `summary.json`. Metadata: `klasktron.recording` and `klasktron.actuator`.
+
+use super::{
+    ActuatorError,
+    baseline::Ideal,
+    coverage::Coverage,
+    fit::{Fit, FitConfig},
+    judge::{Component, HORIZONS_S, Judgement},
+    layout::{Layout, LayoutKind},
+    model::{ActuatorNetwork, VelocityModel},
+    run::Run,
+    study::{Study, Summary},
+};
+use crate::{
+    nn::{onnx, safetensors},
+    recording::{
+        ExistingFile, FlushPolicy, RECORDING_METADATA, Recording, RecordingError, RecordingWriter,
+        message::{
+            AblationPoint, ModelError, RunMarker, TrainingPoint, VelocitySample, run_marker::Phase,
+        },
+        topic,
+    },
+    units::Nanos,
+};
+use std::{collections::BTreeMap, path::Path};
+
+/// Name of the metadata record with the settings of the model.
+pub const ACTUATOR_METADATA: &str = "klasktron.actuator";
+/// Attachment with the chosen model.
+pub const ONNX_ATTACHMENT: &str = "model.onnx";
+const COVERAGE_ATTACHMENT: &str = "coverage.json";
+const SUMMARY_ATTACHMENT: &str = "summary.json";
+const NANOS_PER_EPOCH: u64 = 1_000_000;
+
+/// Attachment with the weights of a seed.
+#[must_use]
+pub fn weights_name(seed: u64) -> String {
+    format!("weights/seed_{seed}.safetensors")
+}
+
+/// Writes the outcome of a study.
+///
+/// # Errors
+/// When the disk refuses.
+pub fn write(study: &Study, summary: &Summary, path: &Path) -> Result<(), RecordingError> {
+    let mut writer =
+        RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
+    writer.metadata(RECORDING_METADATA, recording_metadata(summary))?;
+    writer.metadata(ACTUATOR_METADATA, model_metadata(study))?;
+    let start = study.dataset.held_out.iter().map(|run| run.start).min().unwrap_or_default();
+    write_curves(study, start, &mut writer)?;
+    write_figures(study, summary, start, &mut writer)?;
+    for (index, run) in study.dataset.held_out.iter().enumerate() {
+        write_run(study, index as u32, run, &mut writer)?;
+    }
+    for judged in &study.seeds {
+        let bytes =
+            safetensors::to_safetensors(&judged.fit.model.network, &fit_metadata(study, &judged.fit));
+        let name = weights_name(judged.fit.config.seed);
+        writer.attach(&name, "application/octet-stream", &bytes)?;
+    }
+    let chosen = &study.chosen().fit;
+    let bytes = onnx::to_onnx(&chosen.model.network, &fit_metadata(study, chosen));
+    writer.attach(ONNX_ATTACHMENT, "application/octet-stream", &bytes)?;
+    for (name, json) in [
+        (COVERAGE_ATTACHMENT, serde_json::to_vec(&study.coverage)),
+        (SUMMARY_ATTACHMENT, serde_json::to_vec_pretty(summary)),
+    ] {
+        let json = json.unwrap_or_else(|_plain| unreachable!("plain data"));
+        writer.attach(name, "application/json", &json)?;
+    }
+    writer.finish()
+}
+
+fn recording_metadata(summary: &Summary) -> BTreeMap<String, String> {
+    let mut metadata: BTreeMap<String, String> = [
+        ("schema_version", "1"),
+        ("source", "simulation"),
+        ("session", "fit-actuator"),
+        ("robot", &summary.robot),
+        ("command_line", &summary.provenance.command_line),
+        ("crate_version", summary.provenance.crate_version),
+        ("git_hash", summary.provenance.git_hash),
+        ("seed", &summary.chosen.seed.to_string()),
+    ]
+    .into_iter()
+    .map(|(key, value)| (key.to_owned(), value.to_owned()))
+    .collect();
+    for (index, input) in summary.inputs.iter().enumerate() {
+        metadata.insert(format!("input_{index}"), input.name.clone());
+        metadata.insert(format!("input_{index}_sha256"), input.sha256.clone());
+    }
+    metadata
+}
+
+/// What everyone who uses the model must know.
+fn model_metadata(study: &Study) -> BTreeMap<String, String> {
+    fit_metadata(study, &study.chosen().fit)
+}
+
+fn fit_metadata(study: &Study, fit: &Fit) -> BTreeMap<String, String> {
+    let config = &fit.config;
+    let entries = [
+        ("layout", config.layout.to_string()),
+        ("history_steps", config.history_steps.to_string()),
+        ("width", config.width.to_string()),
+        ("hidden_layers", config.hidden_layers.to_string()),
+        ("rate_hz", study.dataset.config.rate_hz.to_string()),
+        ("input_unit", "m/s".to_owned()),
+        ("output_unit", "m/s".to_owned()),
+        ("input_order", input_order(config)),
+        ("player", study.dataset.player.name().to_owned()),
+        ("target", format!("{:?}", study.dataset.config.target).to_lowercase()),
+        ("seed", config.seed.to_string()),
+        ("chosen_seed", study.chosen().fit.config.seed.to_string()),
+        ("fit_config", serde_json::to_string(config).unwrap_or_default()),
+    ];
+    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+fn input_order(config: &FitConfig) -> String {
+    let velocities = config.input_layout().velocity_inputs() / super::AXES;
+    format!(
+        "{} commands (vx, vy) newest first, then {velocities} velocities (vx, vy) newest first; \
+         output is the next velocity (vx, vy)",
+        config.history_steps
+    )
+}
+
+fn write_curves(
+    study: &Study,
+    start: Nanos,
+    writer: &mut RecordingWriter,
+) -> Result<(), RecordingError> {
+    for judged in &study.seeds {
+        let seed = judged.fit.config.seed;
+        let topic = format!("/actuator/training/seed_{seed}");
+        for point in &judged.fit.curve {
+            let time = Nanos(start.0.saturating_add(point.epoch as u64 * NANOS_PER_EPOCH));
+            let message = TrainingPoint {
+                seed,
+                epoch: point.epoch as u32,
+                train_rmse_m_per_s: point.train_rmse_m_per_s,
+                held_out_rmse_m_per_s: point.held_out_rmse_m_per_s,
+            };
+            writer.write(&topic, time, &message)?;
+        }
+    }
+    Ok(())
+}
+
+fn write_figures(
+    study: &Study,
+    summary: &Summary,
+    start: Nanos,
+    writer: &mut RecordingWriter,
+) -> Result<(), RecordingError> {
+    for row in &summary.errors {
+        let message = ModelError {
+            model: row.model.to_owned(),
+            pattern: row.pattern.clone(),
+            axis: row.component.name().to_owned(),
+            horizon_s: row.horizon_s,
+            rmse_m_per_s: row.rmse_m_per_s,
+            ci95_low_m_per_s: row.ci95_m_per_s.map(|ci| ci.low),
+            ci95_high_m_per_s: row.ci95_m_per_s.map(|ci| ci.high),
+            peak_m_per_s: row.peak_m_per_s,
+            seed: (row.model == "network").then_some(summary.chosen.seed),
+        };
+        writer.write("/actuator/error", start, &message)?;
+    }
+    for point in &study.ablation_points {
+        let message = AblationPoint {
+            history_steps: point.config.history_steps as u32,
+            width: point.config.width as u32,
+            seed: point.config.seed,
+            one_step_rmse_m_per_s: point.one_step_rmse_m_per_s,
+            free_running_rmse_m_per_s: point.free_running_rmse_m_per_s,
+        };
+        writer.write("/actuator/ablation", start, &message)?;
+    }
+    Ok(())
+}
+
+fn write_run(
+    study: &Study,
+    number: u32,
+    run: &Run,
+    writer: &mut RecordingWriter,
+) -> Result<(), RecordingError> {
+    let dt = study.dataset.dt();
+    let time = |sample: usize| run.start.after_seconds(sample as f64 * dt);
+    let mut marker = RunMarker {
+        run: number,
+        pattern: run.pattern.clone(),
+        phase: Phase::Start.into(),
+        split: "validation".to_owned(),
+    };
+    writer.write(topic::RUN_MARKER, time(0), &marker)?;
+    let mut trace = |topic: &str, first: usize, values: &[[f64; 2]]| {
+        values.iter().enumerate().try_for_each(|(index, [vx, vy])| {
+            let sample = VelocitySample { run: number, vx: *vx, vy: *vy };
+            writer.write(topic, time(first + index), &sample)
+        })
+    };
+    trace("/actuator/command", 0, &run.commands)?;
+    trace("/actuator/measured", 0, &run.velocities)?;
+    for (name, model) in study.models() {
+        let predicted = study.whole_run(model, run);
+        trace(&format!("/actuator/predicted/{name}"), study.history(), &predicted)?;
+    }
+    marker.phase = Phase::End.into();
+    writer.write(topic::RUN_MARKER, time(run.len()), &marker)
+}
+
+/// A model read back from an `actuator.mcap`.
+#[derive(Debug, Clone)]
+pub struct StoredActuator {
+    /// The chosen seed's network.
+    pub model: ActuatorNetwork,
+    /// Where its training data lies.
+    pub coverage: Coverage,
+    /// Settings, as the file's metadata has them.
+    pub metadata: BTreeMap<String, String>,
+    /// Weights of every seed by attachment name.
+    pub weights: BTreeMap<String, Vec<u8>>,
+    /// The chosen model as ONNX.
+    pub onnx: Vec<u8>,
+}
+
+/// Reads the model out of an `actuator.mcap`.
+///
+/// # Errors
+/// When a part is missing or does not fit the others.
+pub fn read(recording: &Recording) -> Result<StoredActuator, ActuatorError> {
+    let bad = |reason: String| ActuatorError::BadModel { path: recording.path.clone(), reason };
+    let metadata = recording.metadata.get(ACTUATOR_METADATA).ok_or_else(|| {
+        bad("no actuator model in this file; make one with `klasktron fit-actuator`".to_owned())
+    })?;
+    let entry = |key: &str| {
+        metadata.get(key).ok_or_else(|| bad(format!("metadata {ACTUATOR_METADATA} has no '{key}'")))
+    };
+    let attachment = |name: &str| {
+        recording.attachment(name).ok_or_else(|| bad(format!("attachment {name} is missing")))
+    };
+    let config: FitConfig = serde_json::from_str(entry("fit_config")?)
+        .map_err(|error| bad(format!("metadata fit_config: {error}")))?;
+    let seed = entry("chosen_seed")?;
+    let name = format!("weights/seed_{seed}.safetensors");
+    let (network, _) =
+        safetensors::from_safetensors(&attachment(&name)?.data, config.layout.activation())
+            .map_err(|error| bad(format!("{name}: {error}")))?;
+    let layout = config.input_layout();
+    if (network.inputs(), network.outputs()) != (layout.inputs(), super::AXES) {
+        return Err(bad(shape_message(&name, &network, layout)));
+    }
+    let coverage = serde_json::from_slice(&attachment(COVERAGE_ATTACHMENT)?.data)
+        .map_err(|error| bad(format!("{COVERAGE_ATTACHMENT}: {error}")))?;
+    let weights = recording
+        .attachments
+        .iter()
+        .filter(|attachment| attachment.name.starts_with("weights/"))
+        .map(|attachment| (attachment.name.clone(), attachment.data.clone()))
+        .collect();
+    Ok(StoredActuator {
+        model: ActuatorNetwork::new(layout, network),
+        coverage,
+        metadata: metadata.clone(),
+        weights,
+        onnx: attachment(ONNX_ATTACHMENT)?.data.clone(),
+    })
+}
+
+fn shape_message(name: &str, network: &crate::nn::Network, layout: Layout) -> String {
+    let kind: LayoutKind = layout.kind;
+    format!(
+        "{name} takes {} inputs and gives {}, but layout {kind} with {} steps of history has {} and {}",
+        network.inputs(),
+        network.outputs(),
+        layout.history_steps,
+        layout.inputs(),
+        super::AXES
+    )
+}
+
+impl Study {
+    /// Every model with the name of its topic: each seed, then the simpler ones.
+    pub(super) fn models(&self) -> Vec<(String, &dyn VelocityModel)> {
+        let seeds = self.seeds.iter().map(|judged| {
+            let model: &dyn VelocityModel = &judged.fit.model;
+            (format!("seed_{}", judged.fit.config.seed), model)
+        });
+        let simpler: [&dyn VelocityModel; 3] =
+            [&self.baselines.arx, &self.baselines.lag_delay, &Ideal];
+        seeds.chain(simpler.map(|model| (model.name().to_owned(), model))).collect()
+    }
+
+    /// Free-running over the whole of `run`, from the sample after the history.
+    pub(super) fn whole_run(&self, model: &dyn VelocityModel, run: &Run) -> Vec<[f64; 2]> {
+        let history = self.history();
+        if run.len() <= history {
+            return Vec::new();
+        }
+        model.simulate(run, &[history - 1], run.len() - history)
+    }
+
+    /// First sample that is predicted in every run.
+    pub(super) fn history(&self) -> usize {
+        self.history
+    }
+}
+
+/// One fit of an ablation, as the file keeps it.
+#[derive(Debug, Clone, Copy)]
+pub struct AblationFit {
+    /// Its settings.
+    pub config: FitConfig,
+    /// One step ahead on held-out runs (m/s).
+    pub one_step_rmse_m_per_s: f64,
+    /// Free-running over the longest horizon (m/s).
+    pub free_running_rmse_m_per_s: f64,
+}
+
+impl AblationFit {
+    pub(super) fn of(fit: &Fit, judgement: &Judgement) -> Self {
+        let longest = HORIZONS_S[HORIZONS_S.len() - 1];
+        Self {
+            config: fit.config,
+            one_step_rmse_m_per_s: judgement.one_step(Component::Both),
+            free_running_rmse_m_per_s: judgement.free_running(longest, Component::Both),
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The fast path against the plain one, and gradients against finite differences.
+
+use super::{Activation, Adam, Dense, InputGradient, Network, Stack, Tape, Trainer, padded};
+use crate::seed::Stream;
+
+fn random_network(sizes: &[usize], activation: Activation, seed: u64) -> Network {
+    let mut stream = Stream::new(seed, "network");
+    let layers = sizes
+        .windows(2)
+        .map(|pair| {
+            let bound = 1.5 / (pair[0] as f32).sqrt();
+            let mut draw = |count: usize| -> Vec<f32> {
+                (0..count).map(|_| stream.uniform_f32(-bound, bound)).collect()
+            };
+            let (inputs, outputs) = (pair[0], pair[1]);
+            Dense { inputs, outputs, weight: draw(inputs * outputs), bias: draw(outputs) }
+        })
+        .collect();
+    Network { activation, layers }
+}
+
+fn random_inputs(count: usize, seed: u64) -> Vec<f32> {
+    let mut stream = Stream::new(seed, "inputs");
+    (0..count).map(|_| stream.uniform_f32(-1.0, 1.0)).collect()
+}
+
+/// Shapes that touch every tile: widths below, at and above one vector and one block of depth,
+/// batches that leave 0 to 5 rows over.
+const SHAPES: [(&[usize], usize); 7] = [
+    (&[40, 64, 64, 64, 2], 256),
+    (&[38, 64, 64, 64, 2], 7),
+    (&[4, 32, 32, 32, 2], 11),
+    (&[40, 128, 128, 2], 66),
+    (&[5, 17, 2], 1),
+    (&[3, 80, 100, 3], 10),
+    (&[9, 20, 48, 1], 5),
+];
+
+#[test]
+fn the_kernels_agree_with_the_plain_forward_pass() {
+    for activation in [Activation::Relu, Activation::Softsign] {
+        for (sizes, batch) in SHAPES {
+            let network = random_network(sizes, activation, 1);
+            let stack = Stack::new(&network);
+            assert_eq!(stack.network(), network, "laying out loses nothing");
+            let mut tape = Tape::default();
+            tape.x = random_inputs(batch * sizes[0], 2);
+            stack.forward(&mut tape);
+            let plain = tape.x.chunks_exact(sizes[0]).flat_map(|x| network.forward(x));
+            for (fast, plain) in tape.y.iter().zip(plain) {
+                assert!((fast - plain).abs() < 1e-5, "{sizes:?} {activation:?}: {fast} {plain}");
+            }
+        }
+    }
+}
+
+/// Loss `sum of c y` in double precision, with one parameter or input moved.
+fn loss(network: &Network, inputs: &[f32], weights_of_outputs: &[f32]) -> f64 {
+    let outputs = inputs.chunks_exact(network.inputs()).flat_map(|x| forward_f64(network, x));
+    outputs.zip(weights_of_outputs).map(|(y, c)| y * f64::from(*c)).sum()
+}
+
+/// [`Network::forward`] in double precision, so that differences mean something.
+fn forward_f64(network: &Network, input: &[f32]) -> Vec<f64> {
+    let last = network.layers.len() - 1;
+    let mut values: Vec<f64> = input.iter().map(|x| f64::from(*x)).collect();
+    for (index, layer) in network.layers.iter().enumerate() {
+        values = layer
+            .weight
+            .chunks_exact(layer.inputs)
+            .zip(&layer.bias)
+            .map(|(row, bias)| {
+                let products = row.iter().zip(&values).map(|(w, x)| f64::from(*w) * x);
+                let z = f64::from(*bias) + products.sum::<f64>();
+                match network.activation {
+                    _ if index == last => z,
+                    Activation::Relu => z.max(0.0),
+                    Activation::Softsign => z / (1.0 + z.abs()),
+                }
+            })
+            .collect();
+    }
+    values
+}
+
+/// Central difference of the loss in one `f32` that `move_by` changes.
+fn slope(mut loss_moved_by: impl FnMut(f32) -> f64) -> f64 {
+    const STEP: f32 = 1.0 / 1024.0;
+    (loss_moved_by(STEP) - loss_moved_by(-STEP)) / (2.0 * f64::from(STEP))
+}
+
+#[test]
+fn gradients_agree_with_finite_differences() {
+    for (activation, tolerance) in [(Activation::Softsign, 2e-3), (Activation::Relu, 4e-2)] {
+        for (sizes, batch) in SHAPES.map(|(sizes, batch)| (sizes, batch.min(13))) {
+            check_gradients(&random_network(sizes, activation, 3), batch, tolerance);
+        }
+    }
+}
+
+fn check_gradients(network: &Network, batch: usize, tolerance: f64) {
+    let inputs = random_inputs(batch * network.inputs(), 4);
+    let dy = random_inputs(batch * network.outputs(), 5);
+    let mut trainer = Trainer::new(network, Adam::default());
+    let mut tape = Tape::default();
+    tape.x.clone_from(&inputs);
+    trainer.forward(&mut tape);
+    let mut dx = Vec::new();
+    trainer.backward(&tape, &dy, InputGradient::Compute, &mut dx);
+    let close = |found: f64, expected: f64, what: &str| {
+        let scale = 1.0 + expected.abs();
+        assert!((found - expected).abs() < tolerance * scale, "{what}: {found} {expected}");
+    };
+    for index in (0..inputs.len()).step_by(1 + inputs.len() / 9) {
+        let expected = slope(|step| {
+            let mut moved = inputs.clone();
+            moved[index] += step;
+            loss(network, &moved, &dy)
+        });
+        let (row, column) = (index / network.inputs(), index % network.inputs());
+        close(f64::from(dx[row * padded(network.inputs()) + column]), expected, "input");
+    }
+    let gradient = trainer.gradient();
+    for (layer, found) in gradient.layers.iter().enumerate() {
+        for index in (0..found.weight.len()).step_by(1 + found.weight.len() / 7) {
+            let expected = slope(|step| {
+                let mut moved = network.clone();
+                moved.layers[layer].weight[index] += step;
+                loss(&moved, &inputs, &dy)
+            });
+            close(f64::from(found.weight[index]), expected, "weight");
+        }
+        for index in (0..found.bias.len()).step_by(1 + found.bias.len() / 3) {
+            let expected = slope(|step| {
+                let mut moved = network.clone();
+                moved.layers[layer].bias[index] += step;
+                loss(&moved, &inputs, &dy)
+            });
+            close(f64::from(found.bias[index]), expected, "bias");
+        }
+    }
+}
+
+#[test]
+fn adam_follows_the_algorithm_of_the_paper() {
+    let network = random_network(&[3, 16, 2], Activation::Softsign, 7);
+    let adam = Adam::default();
+    let mut trainer = Trainer::new(&network, adam);
+    let (mut tape, mut dx) = (Tape::default(), Vec::new());
+    tape.x = random_inputs(3 * 4, 8);
+    let dy = random_inputs(2 * 4, 9);
+    let mut expected = f64::from(network.layers[0].weight[5]);
+    let (mut m, mut v) = (0.0, 0.0);
+    for t in 1..=20 {
+        trainer.forward(&mut tape);
+        trainer.backward(&tape, &dy, InputGradient::Skip, &mut dx);
+        let g = f64::from(trainer.gradient().layers[0].weight[5]);
+        m = 0.9 * m + 0.1 * g;
+        v = 0.999 * v + 0.001 * g * g;
+        let (m_hat, v_hat) = (m / (1.0 - 0.9f64.powi(t)), v / (1.0 - 0.999f64.powi(t)));
+        expected -= 0.01 * m_hat / (v_hat.sqrt() + 1e-8);
+        trainer.update(0.01);
+        let found = f64::from(trainer.stack().network().layers[0].weight[5]);
+        assert!((found - expected).abs() < 1e-5, "step {t}: {found} {expected}");
+    }
+}
+
+#[test]
+fn padding_never_wakes_up() {
+    // 17 units are padded to 32; after training, laying out the plain network again must give the
+    // very same outputs.
+    let network = random_network(&[5, 17, 17, 2], Activation::Relu, 11);
+    let mut trainer = Trainer::new(&network, Adam::default());
+    let (mut tape, mut dx) = (Tape::default(), Vec::new());
+    tape.x = random_inputs(5 * 9, 12);
+    let dy = random_inputs(2 * 9, 13);
+    for _ in 0..50 {
+        trainer.forward(&mut tape);
+        trainer.backward(&tape, &dy, InputGradient::Skip, &mut dx);
+        trainer.update(0.01);
+    }
+    trainer.forward(&mut tape);
+    let trained = tape.y.clone();
+    Stack::new(&trainer.stack().network()).forward(&mut tape);
+    assert_eq!(trained, tape.y);
+}

@@ -1,0 +1,27 @@
+//! How a result was made, as every result says it.
+
+use serde::Serialize;
+
+/// Version of this crate.
+pub const CRATE_VERSION: &str = env!("CARGO_PKG_VERSION");
+/// Commit that this program was built from; `unknown` outside a checkout.
+pub const GIT_HASH: &str = env!("KLASKTRON_GIT_HASH");
+
+/// What made a result.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Provenance {
+    /// The command line that was typed.
+    pub command_line: String,
+    /// Version of this crate.
+    pub crate_version: &'static str,
+    /// Commit that the program was built from.
+    pub git_hash: &'static str,
+}
+
+impl Provenance {
+    /// For a result of `command_line`.
+    #[must_use]
+    pub fn new(command_line: String) -> Self {
+        Self { command_line, crate_version: CRATE_VERSION, git_hash: GIT_HASH }
+    }
+}

@@ -1,0 +1,217 @@
+//! Which columns a protobuf message gives, from the descriptor that the recording carries.
+//!
+//! Nested messages are flattened with a dot (`ball.x`). A repeated field becomes one column of
+//! text, its elements in brackets. A message that contains itself is not followed: the inner one
+//! stays bytes.
+
+use prost::Message as _;
+use prost_types::{
+    DescriptorProto, FieldDescriptorProto, FileDescriptorSet,
+    field_descriptor_proto::{Label, Type},
+};
+use std::collections::BTreeMap;
+
+/// Deeper nesting than this stays bytes; no schema in use comes near.
+const MAX_DEPTH: usize = 16;
+
+/// How a scalar lies on the wire and what it becomes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scalar {
+    F64,
+    F32,
+    /// Varint, two's complement.
+    Int,
+    /// Varint, two's complement of 32 bits.
+    Int32,
+    /// Varint, zigzag.
+    ZigZag,
+    Unsigned,
+    Bool,
+    Fixed32,
+    Fixed64,
+    SignedFixed32,
+    SignedFixed64,
+    Text,
+    /// Bytes, groups and messages that are not followed; shown as hexadecimal digits.
+    Bytes,
+}
+
+/// What stands in a column before its field was met in a message that is present.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Presence {
+    /// Null until it is met.
+    Explicit,
+    /// The default value, which the wire leaves out.
+    Implicit,
+}
+
+/// One column.
+#[derive(Debug, Clone)]
+pub(super) struct Leaf {
+    pub(super) name: String,
+    pub(super) scalar: Scalar,
+    pub(super) presence: Presence,
+    pub(super) repeated: Repeated,
+}
+
+/// Whether a field may stand several times in a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Repeated {
+    Never,
+    Often,
+}
+
+/// Where a field of one message goes.
+#[derive(Debug, Clone)]
+pub(super) enum Target {
+    /// Position among the leaves.
+    Column(usize),
+    /// A message inside.
+    Inside(Node),
+}
+
+/// One message: where each of its fields goes.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Node {
+    /// Sorted by field number.
+    pub(super) targets: Vec<(u32, Target)>,
+}
+
+impl Node {
+    pub(super) fn target(&self, number: u32) -> Option<&Target> {
+        // Most messages have consecutive field numbers from 1.
+        let guess = (number as usize).wrapping_sub(1);
+        match self.targets.get(guess) {
+            Some((found, target)) if *found == number => Some(target),
+            _ => {
+                let at = self.targets.binary_search_by_key(&number, |(number, _)| *number).ok()?;
+                Some(&self.targets[at].1)
+            }
+        }
+    }
+}
+
+/// Which fields become columns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::recording) enum Selection {
+    /// All of them.
+    Everything,
+    /// Single numbers and truth values; no text, bytes and repeated fields.
+    Numbers,
+}
+
+/// All columns of a message type.
+#[derive(Debug, Clone)]
+pub(super) struct Plan {
+    pub(super) root: Node,
+    pub(super) leaves: Vec<Leaf>,
+}
+
+impl Plan {
+    /// The plan of message `full_name` as `descriptors`, a serialised `FileDescriptorSet`, defines
+    /// it; `None` when it does not.
+    pub(super) fn new(full_name: &str, descriptors: &[u8], select: Selection) -> Option<Self> {
+        let set = FileDescriptorSet::decode(descriptors).ok()?;
+        let mut messages = BTreeMap::new();
+        for file in &set.file {
+            let implicit = file.syntax() == "proto3";
+            let prefix = match file.package() {
+                "" => String::new(),
+                package => format!(".{package}"),
+            };
+            collect(&mut messages, &prefix, &file.message_type, implicit);
+        }
+        let mut planner = Planner { messages, select, leaves: Vec::new(), path: vec![] };
+        let root = planner.node(&format!(".{full_name}"), "")?;
+        Some(Self { root, leaves: planner.leaves })
+    }
+}
+
+type Messages<'a> = BTreeMap<String, (&'a DescriptorProto, bool)>;
+
+fn collect<'a>(
+    messages: &mut Messages<'a>,
+    prefix: &str,
+    types: &'a [DescriptorProto],
+    implicit: bool,
+) {
+    for message in types {
+        let name = format!("{prefix}.{}", message.name());
+        collect(messages, &name, &message.nested_type, implicit);
+        messages.insert(name, (message, implicit));
+    }
+}
+
+struct Planner<'a> {
+    /// Descriptor by full name with a leading dot, and whether its file is proto3.
+    messages: Messages<'a>,
+    select: Selection,
+    leaves: Vec<Leaf>,
+    /// Messages that are being planned, outermost first.
+    path: Vec<String>,
+}
+
+impl Planner<'_> {
+    fn node(&mut self, type_name: &str, prefix: &str) -> Option<Node> {
+        if MAX_DEPTH <= self.path.len() || self.path.iter().any(|name| name == type_name) {
+            return None;
+        }
+        let (message, proto3) = *self.messages.get(type_name)?;
+        self.path.push(type_name.to_owned());
+        let mut node = Node::default();
+        for field in &message.field {
+            let Ok(number) = u32::try_from(field.number()) else { continue };
+            let name = format!("{prefix}{}", field.name());
+            if let Some(target) = self.target(field, name, proto3) {
+                node.targets.push((number, target));
+            }
+        }
+        node.targets.sort_by_key(|(number, _)| *number);
+        self.path.pop();
+        Some(node)
+    }
+
+    fn target(
+        &mut self,
+        field: &FieldDescriptorProto,
+        name: String,
+        proto3: bool,
+    ) -> Option<Target> {
+        let repeated = match field.label() {
+            Label::Repeated => Repeated::Often,
+            Label::Optional | Label::Required => Repeated::Never,
+        };
+        if field.r#type() == Type::Message && repeated == Repeated::Never {
+            if let Some(inside) = self.node(field.type_name(), &format!("{name}.")) {
+                return Some(Target::Inside(inside));
+            }
+        }
+        let scalar = scalar_of(field.r#type());
+        let is_text = matches!(scalar, Scalar::Text | Scalar::Bytes) || repeated == Repeated::Often;
+        if is_text && self.select == Selection::Numbers {
+            return None;
+        }
+        let explicit = !proto3 || field.oneof_index.is_some() || field.r#type() == Type::Message;
+        let presence = if explicit { Presence::Explicit } else { Presence::Implicit };
+        self.leaves.push(Leaf { name, scalar, presence, repeated });
+        Some(Target::Column(self.leaves.len() - 1))
+    }
+}
+
+fn scalar_of(kind: Type) -> Scalar {
+    match kind {
+        Type::Double => Scalar::F64,
+        Type::Float => Scalar::F32,
+        Type::Int64 => Scalar::Int,
+        Type::Int32 | Type::Enum => Scalar::Int32,
+        Type::Sint32 | Type::Sint64 => Scalar::ZigZag,
+        Type::Uint32 | Type::Uint64 => Scalar::Unsigned,
+        Type::Bool => Scalar::Bool,
+        Type::Fixed32 => Scalar::Fixed32,
+        Type::Fixed64 => Scalar::Fixed64,
+        Type::Sfixed32 => Scalar::SignedFixed32,
+        Type::Sfixed64 => Scalar::SignedFixed64,
+        Type::String => Scalar::Text,
+        Type::Bytes | Type::Message | Type::Group => Scalar::Bytes,
+    }
+}

@@ -1,0 +1,347 @@
+//! Line plots with bands, and heat maps, as SVG.
+
+use plotters::{
+    coord::{
+        Shift,
+        types::RangedCoordf64,
+        ranged1d::{Ranged, ValueFormatter},
+    },
+    prelude::*,
+};
+
+/// How an axis runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// Evenly.
+    Linear,
+    /// By powers of ten; only positive values are drawn.
+    Logarithmic,
+}
+
+/// One axis of a line plot.
+#[derive(Debug, Clone)]
+pub struct Axis {
+    /// Label with unit.
+    pub label: String,
+    /// How it runs.
+    pub scale: Scale,
+}
+
+/// How a curve is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stroke {
+    /// A full line.
+    Solid,
+    /// A dashed line.
+    Dashed,
+}
+
+/// A curve; the page names its colour in a legend.
+#[derive(Debug, Clone)]
+pub struct Curve {
+    /// Red, green, blue.
+    pub colour: [u8; 3],
+    /// How it is drawn.
+    pub stroke: Stroke,
+    /// x and y.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// A shaded band between two curves.
+#[derive(Debug, Clone)]
+pub struct Band {
+    /// Red, green, blue.
+    pub colour: [u8; 3],
+    /// x, low and high.
+    pub points: Vec<(f64, f64, f64)>,
+}
+
+/// A plot of curves over bands.
+#[derive(Debug, Clone)]
+pub struct LinePlot {
+    /// Heading.
+    pub title: String,
+    /// Horizontal axis; always linear.
+    pub x: String,
+    /// Vertical axis.
+    pub y: Axis,
+    /// Drawn first.
+    pub bands: Vec<Band>,
+    /// Drawn over the bands.
+    pub curves: Vec<Curve>,
+    /// Width and height (px).
+    pub size: (u32, u32),
+}
+
+/// A grid of values, drawn as colours.
+#[derive(Debug, Clone)]
+pub struct HeatMap {
+    /// Heading.
+    pub title: String,
+    /// Label of the columns, with unit.
+    pub x: String,
+    /// Label of the rows, with unit.
+    pub y: String,
+    /// First and last edge of the columns.
+    pub x_range: (f64, f64),
+    /// First and last edge of the rows.
+    pub y_range: (f64, f64),
+    /// `[row][column]`, from the lowest; NaN is left blank.
+    pub values: Vec<Vec<f64>>,
+    /// Width and height (px).
+    pub size: (u32, u32),
+}
+
+const FONT: &str = "sans-serif";
+const GRID: RGBColor = RGBColor(228, 232, 238);
+/// Dashes and gaps (px).
+const DASH: (i32, i32) = (6, 4);
+
+type Drawn = Result<(), Box<dyn std::error::Error>>;
+
+/// Draws a line plot.
+#[must_use]
+pub fn line_plot(plot: &LinePlot) -> String {
+    let mut svg = String::new();
+    let drawn = draw_line_plot(plot, &mut svg);
+    or_note(svg, drawn)
+}
+
+/// Draws a heat map.
+#[must_use]
+pub fn heat_map(map: &HeatMap) -> String {
+    let mut svg = String::new();
+    let drawn = draw_heat_map(map, &mut svg);
+    or_note(svg, drawn)
+}
+
+/// A report with one picture missing is better than none; it says which and why.
+fn or_note(svg: String, drawn: Drawn) -> String {
+    match drawn {
+        Ok(()) => svg,
+        Err(error) => format!("<p>picture not drawn: {}</p>", super::escape(&error.to_string())),
+    }
+}
+
+fn finite(plot: &LinePlot) -> impl Iterator<Item = (f64, f64)> {
+    let bands = plot.bands.iter().flat_map(|band| &band.points);
+    let ends = bands.flat_map(|(x, low, high)| [(*x, *low), (*x, *high)]);
+    let positive = plot.y.scale == Scale::Logarithmic;
+    plot.curves
+        .iter()
+        .flat_map(|curve| curve.points.iter().copied())
+        .chain(ends)
+        .filter(move |(x, y)| x.is_finite() && y.is_finite() && (!positive || 0.0 < *y))
+}
+
+/// Smallest and largest of some values, never the same.
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(value), high.max(value))
+    });
+    if high < low {
+        (0.0, 1.0)
+    } else if low < high {
+        (low, high)
+    } else {
+        (low - 0.5, high + 0.5)
+    }
+}
+
+fn draw_line_plot(plot: &LinePlot, svg: &mut String) -> Drawn {
+    let area = SVGBackend::with_string(svg, plot.size).into_drawing_area();
+    area.fill(&WHITE)?;
+    let (left, right) = range(finite(plot).map(|(x, _)| x));
+    let (low, high) = range(finite(plot).map(|(_, y)| y));
+    let mut builder = ChartBuilder::on(&area);
+    builder
+        .caption(&plot.title, (FONT, 17))
+        .margin(10)
+        .margin_right(24)
+        .x_label_area_size(42)
+        .y_label_area_size(68);
+    match plot.y.scale {
+        Scale::Linear => {
+            let room = 0.06 * (high - low);
+            let chart =
+                builder.build_cartesian_2d(left..right, low - room..high + room)?;
+            draw_curves(plot, chart, low - room)?;
+        }
+        Scale::Logarithmic => {
+            let (low, high) = (low.max(f64::MIN_POSITIVE), high.max(f64::MIN_POSITIVE));
+            let span = (low / 1.3..high * 1.3).log_scale();
+            let chart = builder.build_cartesian_2d(left..right, span)?;
+            draw_curves(plot, chart, low / 1.3)?;
+        }
+    }
+    area.present()?;
+    Ok(())
+}
+
+fn draw_curves<'a, Y>(
+    plot: &LinePlot,
+    mut chart: ChartContext<'a, SVGBackend<'a>, Cartesian2d<RangedCoordf64, Y>>,
+    floor: f64,
+) -> Drawn
+where
+    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    chart
+        .configure_mesh()
+        .x_desc(&plot.x)
+        .y_desc(&plot.y.label)
+        .axis_desc_style((FONT, 14))
+        .label_style((FONT, 13))
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(GRID)
+        .x_labels(9)
+        .y_labels(7)
+        .y_label_formatter(&|value| short(*value))
+        .x_label_formatter(&|value| short(*value))
+        .draw()?;
+    for band in &plot.bands {
+        let outline: Vec<(f64, f64)> = band
+            .points
+            .iter()
+            .map(|(x, _, high)| (*x, high.max(floor)))
+            .chain(band.points.iter().rev().map(|(x, low, _)| (*x, low.max(floor))))
+            .collect();
+        chart.draw_series([Polygon::new(outline, colour(band.colour).mix(0.25))])?;
+    }
+    for curve in &plot.curves {
+        let style = colour(curve.colour).stroke_width(2);
+        let points = curve.points.iter().filter(|(_, y)| y.is_finite() && floor <= *y).copied();
+        match curve.stroke {
+            Stroke::Solid => {
+                chart.draw_series(LineSeries::new(points, style))?;
+            }
+            Stroke::Dashed => {
+                chart.draw_series(DashedLineSeries::new(points, DASH.0, DASH.1, style))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Ticks closer to zero than this are zero, off by rounding.
+const SMALLEST_TICK: f64 = 1e-12;
+
+/// A number with as many digits as it needs, for tick labels.
+fn short(value: f64) -> String {
+    if value.abs() < SMALLEST_TICK {
+        "0".to_owned()
+    } else if (1e-3..1e5).contains(&value.abs()) {
+        let text = format!("{value:.4}");
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        format!("{value:.0e}")
+    }
+}
+
+fn colour([red, green, blue]: [u8; 3]) -> RGBColor {
+    RGBColor(red, green, blue)
+}
+
+/// Few, some, many: from pale to dark blue.
+fn shade(share: f64) -> RGBColor {
+    let mix = |from: f64, to: f64| (from + (to - from) * share).round() as u8;
+    RGBColor(mix(226.0, 16.0), mix(236.0, 66.0), mix(247.0, 120.0))
+}
+
+const KEY_WIDTH: u32 = 92;
+
+fn draw_heat_map(map: &HeatMap, svg: &mut String) -> Drawn {
+    let area = SVGBackend::with_string(svg, map.size).into_drawing_area();
+    area.fill(&WHITE)?;
+    let (plot, key) = area.split_horizontally(map.size.0.saturating_sub(KEY_WIDTH));
+    let (low, high) = range(map.values.iter().flatten().copied().filter(|v| v.is_finite()));
+    let mut chart = ChartBuilder::on(&plot)
+        .caption(&map.title, (FONT, 17))
+        .margin(10)
+        .x_label_area_size(42)
+        .y_label_area_size(62)
+        .build_cartesian_2d(map.x_range.0..map.x_range.1, map.y_range.0..map.y_range.1)?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_desc(&map.x)
+        .y_desc(&map.y)
+        .axis_desc_style((FONT, 14))
+        .label_style((FONT, 13))
+        .x_label_formatter(&|value| short(*value))
+        .y_label_formatter(&|value| short(*value))
+        .draw()?;
+    let edge = |range: (f64, f64), index: usize, count: usize| {
+        range.0 + (range.1 - range.0) * index as f64 / count as f64
+    };
+    for (row, values) in map.values.iter().enumerate() {
+        let rows = map.values.len();
+        for (column, value) in values.iter().enumerate().filter(|(_, value)| value.is_finite()) {
+            let corners = [(column, row), (column + 1, row + 1)].map(|(x, y)| {
+                (edge(map.x_range, x, values.len()), edge(map.y_range, y, rows))
+            });
+            let fill = shade((value - low) / (high - low)).filled();
+            chart.draw_series([Rectangle::new(corners, fill)])?;
+        }
+    }
+    draw_key(&key, low, high)?;
+    area.present()?;
+    Ok(())
+}
+
+fn draw_key(area: &DrawingArea<SVGBackend<'_>, Shift>, low: f64, high: f64) -> Drawn {
+    const STEPS: i32 = 24;
+    let (top, bottom) = (40, area.dim_in_pixel().1 as i32 - 56);
+    for step in 0..STEPS {
+        let y = |step: i32| bottom - (bottom - top) * step / STEPS;
+        let fill = shade(f64::from(step) / f64::from(STEPS - 1)).filled();
+        area.draw(&Rectangle::new([(4, y(step + 1)), (20, y(step))], fill))?;
+    }
+    for (value, y) in [(high, top - 6), (low, bottom - 6)] {
+        area.draw(&Text::new(short(value), (26, y), (FONT, 13)))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plots_survive_empty_constant_and_non_finite_data() {
+        let curve = |points: Vec<(f64, f64)>| Curve {
+            colour: [0, 0, 0],
+            stroke: Stroke::Dashed,
+            points,
+        };
+        for scale in [Scale::Linear, Scale::Logarithmic] {
+            for points in [vec![], vec![(0.0, 0.0)], vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 1.0)]] {
+                let plot = LinePlot {
+                    title: "t".into(),
+                    x: "x (s)".into(),
+                    y: Axis { label: "y (m)".into(), scale },
+                    bands: vec![],
+                    curves: vec![curve(points)],
+                    size: (400, 300),
+                };
+                assert!(line_plot(&plot).starts_with("<svg"));
+            }
+        }
+        let map = HeatMap {
+            title: "t".into(),
+            x: "x".into(),
+            y: "y".into(),
+            x_range: (-1.0, 1.0),
+            y_range: (-1.0, 1.0),
+            values: vec![vec![f64::NAN, 2.0]],
+            size: (400, 300),
+        };
+        assert!(heat_map(&map).contains("<rect"));
+    }
+
+    #[test]
+    fn tick_labels_are_short() {
+        let labels = [-1e-17, 0.25, -0.5, 1e-4, 2000.0].map(short);
+        assert_eq!(labels, ["0", "0.25", "-0.5", "1e-4", "2000"]);
+    }
+}
