@@ -17,7 +17,5 @@ pub mod candump;
 mod codec;
 mod frame;
 
-pub use codec::{
-    BROADCAST_NODE, CodecError, Command, Decoded, Message, TrajectoryState, decode,
-};
+pub use codec::{BROADCAST_NODE, CodecError, Command, Decoded, Message, TrajectoryState, decode};
 pub use frame::{Direction, Frame, FrameKind, IdWidth, MAX_DATA_BYTES, Payload};

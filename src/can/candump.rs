@@ -49,7 +49,9 @@ pub enum CandumpError {
         found: String,
     },
     /// The data are not up to 8 pairs of hexadecimal digits.
-    #[error("'{found}' are no data; expected up to 8 pairs of hexadecimal digits, or R for a request")]
+    #[error(
+        "'{found}' are no data; expected up to 8 pairs of hexadecimal digits, or R for a request"
+    )]
     Data {
         /// What stands there.
         found: String,
@@ -160,10 +162,8 @@ fn parse_data(text: &str) -> Result<Payload, CandumpError> {
         return Err(wrong());
     }
     let nibble = |digit: u8| char::from(digit).to_digit(16).map(|value| value as u8);
-    let bytes: Option<Vec<u8>> = digits
-        .chunks_exact(2)
-        .map(|pair| Some(nibble(pair[0])? << 4 | nibble(pair[1])?))
-        .collect();
+    let bytes: Option<Vec<u8>> =
+        digits.chunks_exact(2).map(|pair| Some(nibble(pair[0])? << 4 | nibble(pair[1])?)).collect();
     bytes.and_then(|bytes| Payload::new(&bytes)).ok_or_else(wrong)
 }
 
@@ -205,10 +205,19 @@ mod tests {
     fn faults_name_what_was_found() {
         for (line, message) in [
             ("hello", "'hello' is no time; expected (seconds.fraction) with 1 to 9 decimals"),
-            ("(1.0)", "the line ends before its interface; expected (seconds.fraction) interface id#data"),
+            (
+                "(1.0)",
+                "the line ends before its interface; expected (seconds.fraction) interface id#data",
+            ),
             ("(1.0) can0 123##1AA", "the frame is CAN FD; ODrive 0.6.x speaks classic CAN"),
-            ("(1.0) can0 FFF#", "'FFF' is no id; expected 3 hexadecimal digits up to 7FF, or 8 up to 1FFFFFFF"),
-            ("(1.0) can0 123#1", "'1' are no data; expected up to 8 pairs of hexadecimal digits, or R for a request"),
+            (
+                "(1.0) can0 FFF#",
+                "'FFF' is no id; expected 3 hexadecimal digits up to 7FF, or 8 up to 1FFFFFFF",
+            ),
+            (
+                "(1.0) can0 123#1",
+                "'1' are no data; expected up to 8 pairs of hexadecimal digits, or R for a request",
+            ),
             ("(1.0) can0 123#11 X", "'X' follows the frame; expected R, T or the end of the line"),
         ] {
             assert_eq!(parse_line(line).unwrap_err().to_string(), message);

@@ -388,9 +388,10 @@ impl Message {
             Command::SetVelGains => {
                 Self::SetVelGains { gain: f32_of(0)?, integrator_gain: f32_of(4)? }
             }
-            Command::Torques => {
-                Self::Torques { target_newton_metres: f32_of(0)?, estimate_newton_metres: f32_of(4)? }
-            }
+            Command::Torques => Self::Torques {
+                target_newton_metres: f32_of(0)?,
+                estimate_newton_metres: f32_of(4)?,
+            },
             Command::Powers => {
                 Self::Powers { electrical_watts: f32_of(0)?, mechanical_watts: f32_of(4)? }
             }
@@ -526,7 +527,12 @@ mod tests {
     fn unknown_states_are_kept() {
         assert!(matches!(
             message(0x001, &[0, 0, 0, 0, 200, 77, 1, 0]),
-            Message::Heartbeat { axis_state: 200, procedure_result: 77, trajectory: TrajectoryState::Done, .. }
+            Message::Heartbeat {
+                axis_state: 200,
+                procedure_result: 77,
+                trajectory: TrajectoryState::Done,
+                ..
+            }
         ));
     }
 

@@ -7,8 +7,8 @@ use klasktron::{
     board::{BoardSize, Frame},
     gantry::CoreXy,
     import::{
-        self, AxisColumns, ColumnError, ImportConfig, ImportError, ImportReport, PositionUnit, SourceKind, Split,
-        Table,
+        self, AxisColumns, ColumnError, ImportConfig, ImportError, ImportReport, PositionUnit,
+        SourceKind, Split, Table,
     },
     recording::ExistingFile,
 };
@@ -191,7 +191,9 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
             let frame = npz.frame.frame();
             import::import_npz(&npz.path, frame, npz.board.size(), &npz.output.config())?
         }
-        Some(Kind::Csv(csv)) => import::import_csv(&csv.path, &csv.columns(), &csv.output.config())?,
+        Some(Kind::Csv(csv)) => {
+            import::import_csv(&csv.path, &csv.columns(), &csv.output.config())?
+        }
         Some(Kind::Candump(log)) => {
             let table = Table { gantry: log.belt.belt_metres_per_turn, ..Table::default() };
             let interface = log.interface.as_deref();

@@ -5,11 +5,7 @@
 //! by its zstd magic, which no CDR message begins with (their first byte is 0). A bag whose recorder
 //! was killed has no `metadata.yaml`; its parts are then taken in the order of their numbers.
 
-use super::{
-    error::ImportError,
-    report::Notice,
-    sqlite,
-};
+use super::{error::ImportError, report::Notice, sqlite};
 use crate::{
     recording::{MAGIC, Recording, hexadecimal, sha256_of_file},
     units::Nanos,
@@ -57,7 +53,11 @@ pub(super) type Wanted<'a> = &'a dyn Fn(&str, &str) -> bool;
 
 impl Bag {
     /// Reads the bag at `path`. Packed parts are unpacked into `scratch` for the time of reading.
-    pub(super) fn open(path: &Path, wanted: Wanted<'_>, scratch: &Path) -> Result<Self, ImportError> {
+    pub(super) fn open(
+        path: &Path,
+        wanted: Wanted<'_>,
+        scratch: &Path,
+    ) -> Result<Self, ImportError> {
         let mut bag = Self::default();
         for part in bag.parts(path)? {
             let name = part.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -171,9 +171,8 @@ impl Bag {
 
     /// Adds a topic of one part to the same topic of earlier parts.
     fn merge(&mut self, topic: BagTopic) {
-        let same = |known: &&mut BagTopic| {
-            known.name == topic.name && known.type_name == topic.type_name
-        };
+        let same =
+            |known: &&mut BagTopic| known.name == topic.name && known.type_name == topic.type_name;
         match self.topics.iter_mut().find(same) {
             Some(known) => {
                 known.count += topic.count;
@@ -246,8 +245,10 @@ impl Drop for Unpacked {
 /// Bag files of a folder by the number at the end of their names, `_2` before `_10`.
 fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let entries = fs::read_dir(folder).map_err(ImportError::io(folder, "list"))?;
-    let mut files: Vec<PathBuf> =
-        entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| is_bag_file(path)).collect();
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| is_bag_file(path))
+        .collect();
     files.sort_by_key(|path| (part_number(path), path.clone()));
     Ok(files)
 }
@@ -280,9 +281,10 @@ fn listed_files(metadata: &str) -> Vec<String> {
 
 fn check_compression(bag: &Path, metadata: &str) -> Result<(), ImportError> {
     let value = |key: &str| {
-        metadata.lines().find_map(|line| line.trim().strip_prefix(key)).map(|value| {
-            value.trim().trim_matches(['"', '\'']).to_lowercase()
-        })
+        metadata
+            .lines()
+            .find_map(|line| line.trim().strip_prefix(key))
+            .map(|value| value.trim().trim_matches(['"', '\'']).to_lowercase())
     };
     match value("compression_format:").as_deref() {
         None | Some("" | "zstd") => Ok(()),
@@ -314,7 +316,10 @@ rosbag2_bagfile_information:
         assert_eq!(listed_files("version: 5"), Vec::<String>::new());
         assert!(check_compression(Path::new("bag"), METADATA).is_ok());
         let error = check_compression(Path::new("bag"), "compression_format: lz4").unwrap_err();
-        assert_eq!(error.to_string(), "bag: compression 'lz4' is not understood; ROS 2 bags use zstd");
+        assert_eq!(
+            error.to_string(),
+            "bag: compression 'lz4' is not understood; ROS 2 bags use zstd"
+        );
     }
 
     #[test]

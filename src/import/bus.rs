@@ -57,18 +57,18 @@ impl BusDecoder {
     fn message(&mut self, tape: &mut Tape, seat: MotorSeat, time: Nanos, message: &Message) {
         let drive = usize::from(seat.node);
         match *message {
-            Message::EncoderEstimates { position_turns, velocity_turns_per_s } => {
-                if position_turns.is_finite() && velocity_turns_per_s.is_finite() {
-                    let torque = self.torques[drive]
-                        .filter(|(at, _)| time.seconds_since(*at) <= MOST_PAIR_SECONDS);
-                    let report = MotorState {
-                        position_turns: position_turns.into(),
-                        velocity_turns_per_s: velocity_turns_per_s.into(),
-                        torque_target_nm: torque.map(|(_, [target, _])| target),
-                        torque_estimate_nm: torque.map(|(_, [_, estimate])| estimate),
-                    };
-                    push_motor(tape, seat, time, &report);
-                }
+            Message::EncoderEstimates { position_turns, velocity_turns_per_s }
+                if position_turns.is_finite() && velocity_turns_per_s.is_finite() =>
+            {
+                let torque = self.torques[drive]
+                    .filter(|(at, _)| time.seconds_since(*at) <= MOST_PAIR_SECONDS);
+                let report = MotorState {
+                    position_turns: position_turns.into(),
+                    velocity_turns_per_s: velocity_turns_per_s.into(),
+                    torque_target_nm: torque.map(|(_, [target, _])| target),
+                    torque_estimate_nm: torque.map(|(_, [_, estimate])| estimate),
+                };
+                push_motor(tape, seat, time, &report);
             }
             Message::Torques { target_newton_metres, estimate_newton_metres } => {
                 let torques = [target_newton_metres.into(), estimate_newton_metres.into()];

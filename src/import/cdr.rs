@@ -60,7 +60,9 @@ pub enum CdrError {
         field: String,
     },
     /// More bytes than the definition uses.
-    #[error("{left} bytes of {length} are left behind the last field; another definition wrote them")]
+    #[error(
+        "{left} bytes of {length} are left behind the last field; another definition wrote them"
+    )]
     TooLong {
         /// Bytes there are.
         length: usize,
@@ -86,11 +88,12 @@ impl Value {
     /// # Errors
     /// When there is none.
     pub fn at(&self, path: &str) -> Result<&Self, CdrError> {
-        path.split('.').try_fold(self, |value, name| match value {
-            Self::Message(fields) => fields.iter().find(|(n, _)| n == name).map(|(_, v)| v),
-            _ => None,
-        })
-        .ok_or_else(|| CdrError::Field { path: path.to_owned(), expected: "field" })
+        path.split('.')
+            .try_fold(self, |value, name| match value {
+                Self::Message(fields) => fields.iter().find(|(n, _)| n == name).map(|(_, v)| v),
+                _ => None,
+            })
+            .ok_or_else(|| CdrError::Field { path: path.to_owned(), expected: "field" })
     }
 
     /// The number at `path`, whatever its type.
@@ -126,9 +129,8 @@ impl Value {
 /// # Errors
 /// When the bytes do not match the definition exactly.
 pub fn read_message(schema: &Schema, bytes: &[u8]) -> Result<Value, CdrError> {
-    let (header, body) = bytes
-        .split_at_checked(HEADER_BYTES)
-        .ok_or(CdrError::NoHeader { length: bytes.len() })?;
+    let (header, body) =
+        bytes.split_at_checked(HEADER_BYTES).ok_or(CdrError::NoHeader { length: bytes.len() })?;
     let mut reader = Reader { body, at: 0, ..Reader::of_header([header[0], header[1]])? };
     let value = reader.message(schema, &schema.root, MOST_DEPTH)?;
     let left = body.len() - reader.at;
@@ -221,8 +223,7 @@ impl<'a> Reader<'a> {
         if field.arity == Arity::One {
             return self.one(schema, field, depth);
         }
-        let primitive =
-            !matches!(field.kind, Kind::Message(_) | Kind::Text | Kind::WideText);
+        let primitive = !matches!(field.kind, Kind::Message(_) | Kind::Text | Kind::WideText);
         if Delimiting::Collections <= self.delimiting && !primitive {
             self.count(&field.name)?;
         }
@@ -328,9 +329,10 @@ mod tests {
 
     #[test]
     fn nested_empty_and_wide() {
-        let schema = schema("E nothing\nP[2] two\nwstring w\n====\nMSG: p/E\n====\nMSG: p/P\nint8 v\nbool b");
-        let bytes =
-            [0, 1, 0, 0, 0, 0xFF, 1, 2, 0, 0, 0, 0, 4, 0, 0, 0, b'o', 0, b'k', 0];
+        let schema = schema(
+            "E nothing\nP[2] two\nwstring w\n====\nMSG: p/E\n====\nMSG: p/P\nint8 v\nbool b",
+        );
+        let bytes = [0, 1, 0, 0, 0, 0xFF, 1, 2, 0, 0, 0, 0, 4, 0, 0, 0, b'o', 0, b'k', 0];
         let value = read_message(&schema, &bytes).unwrap();
         let Value::List(two) = value.at("two").unwrap() else { panic!("a list") };
         assert_eq!(two[0].number("v"), Ok(-1.0));

@@ -252,7 +252,12 @@ impl<'a> Table<'a> {
         for (column, found) in columns.iter().zip(not_finite) {
             if let Some((count, row)) = found {
                 let place = format!("column '{column}'");
-                return Err(ImportError::NotFinite { path: self.path.to_owned(), place, count, row });
+                return Err(ImportError::NotFinite {
+                    path: self.path.to_owned(),
+                    place,
+                    count,
+                    row,
+                });
             }
         }
         if let Some((rows, first_row)) = empty {

@@ -120,10 +120,8 @@ impl Decoder {
     #[must_use]
     pub fn of_known_type(type_name: &str) -> Option<Self> {
         let name = short_name(type_name);
-        let variants: Option<Vec<Schema>> = known_texts(&name)?
-            .iter()
-            .map(|text| Schema::parse(&name, text).ok())
-            .collect();
+        let variants: Option<Vec<Schema>> =
+            known_texts(&name)?.iter().map(|text| Schema::parse(&name, text).ok()).collect();
         Some(Self { variants: variants? })
     }
 
@@ -152,7 +150,9 @@ fn known_texts(name: &str) -> Option<Vec<String>> {
             vec![format!("std_msgs/Header header\nTwist twist\n{VECTORS}{HEADER}")]
         }
         "klask_interfaces/State" => ["UInt64", "UInt8"]
-            .map(|status| format!("{STATE}std_msgs/{status} status\n{OBJECT_STATE}{VECTORS}{HEADER}"))
+            .map(|status| {
+                format!("{STATE}std_msgs/{status} status\n{OBJECT_STATE}{VECTORS}{HEADER}")
+            })
             .to_vec(),
         "odrive_can/ControllerStatus" => vec![CONTROLLER_STATUS.to_owned()],
         "odrive_can/ODriveStatus" => vec![
@@ -208,7 +208,9 @@ mod tests {
             let mut bytes = vec![0; size];
             bytes[1] = 1;
             bytes[12] = 1; // length of the empty frame_id with its NUL
-            assert!(Decoder::of_known_type("klask_interfaces/msg/State").unwrap().read(&bytes).is_ok());
+            assert!(
+                Decoder::of_known_type("klask_interfaces/msg/State").unwrap().read(&bytes).is_ok()
+            );
         }
     }
 }

@@ -168,7 +168,11 @@ impl Windows {
             past_commands: archive.array("X_commands")?,
             past_states: archive.array("X_states")?,
             states: archive.array("Y")?,
-            commands: if archive.has(&["commands"]) { Some(archive.array("commands")?) } else { None },
+            commands: if archive.has(&["commands"]) {
+                Some(archive.array("commands")?)
+            } else {
+                None
+            },
         };
         let rows = windows.past_commands.shape().first().copied().unwrap_or(0);
         let columns = windows.past_commands.shape().get(1).copied().unwrap_or(0);
@@ -316,7 +320,10 @@ impl<'a> Archive<'a> {
 
     fn wrong(&self, name: &'static str) -> impl Fn(ReadNpzError) -> ImportError + use<> {
         let path = self.path.to_owned();
-        move |error| ImportError::Npz { path: path.clone(), reason: format!("array {name}: {error}") }
+        move |error| ImportError::Npz {
+            path: path.clone(),
+            reason: format!("array {name}: {error}"),
+        }
     }
 
     fn expect_shape(
@@ -451,7 +458,10 @@ mod tests {
             Frame::Sim,
         );
         let message = error.unwrap_err().to_string();
-        assert!(message.contains("holds the arrays actions, obs; expected player_pos"), "{message}");
+        assert!(
+            message.contains("holds the arrays actions, obs; expected player_pos"),
+            "{message}"
+        );
         assert!(message.contains("older layout"), "{message}");
         let message = import(
             |writer| {
@@ -476,6 +486,11 @@ mod tests {
         )
         .unwrap_err()
         .to_string();
-        assert!(message.contains("array player_pos holds 1 values that are not finite, the first in row 1"), "{message}");
+        assert!(
+            message.contains(
+                "array player_pos holds 1 values that are not finite, the first in row 1"
+            ),
+            "{message}"
+        );
     }
 }

@@ -190,9 +190,8 @@ fn without_comment(line: &str) -> &str {
 fn parse_field(line: &str, inside: &str) -> Option<Option<Field>> {
     let (type_text, rest) = line.split_once(|c: char| c.is_ascii_whitespace())?;
     let rest = rest.trim();
-    let name_length = rest
-        .find(|c: char| !(c.is_ascii_alphanumeric() || c == '_'))
-        .unwrap_or(rest.len());
+    let name_length =
+        rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(rest.len());
     let (name, tail) = rest.split_at(name_length);
     if name.is_empty() || name.starts_with(|c: char| c.is_ascii_digit()) {
         return None;
@@ -319,8 +318,14 @@ string frame_id
         );
         assert_eq!(error("Missing m"), "the definition uses 'p/Missing' without defining it");
         assert_eq!(error("T again"), "'p/T' contains itself");
-        assert_eq!(error("int32"), "line 1 of the definition, 'int32', is neither a field nor a constant");
-        assert_eq!(error("int32[x] a"), "line 1 of the definition, 'int32[x] a', is neither a field nor a constant");
+        assert_eq!(
+            error("int32"),
+            "line 1 of the definition, 'int32', is neither a field nor a constant"
+        );
+        assert_eq!(
+            error("int32[x] a"),
+            "line 1 of the definition, 'int32[x] a', is neither a field nor a constant"
+        );
     }
 
     proptest! {

@@ -253,11 +253,12 @@ impl BagName {
 /// with four digits.
 fn pattern_of(name: &str) -> Option<String> {
     let rest = name.strip_prefix("vel_profile_")?;
-    let is_stamp = |piece: &&str| {
-        4 <= piece.len() && piece.bytes().take(4).all(|byte| byte.is_ascii_digit())
-    };
+    let is_stamp =
+        |piece: &&str| 4 <= piece.len() && piece.bytes().take(4).all(|byte| byte.is_ascii_digit());
     let is_run = |piece: &&str| {
-        piece.strip_prefix("run").is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+        piece
+            .strip_prefix("run")
+            .is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
     };
     let pieces: Vec<&str> =
         rest.split('_').take_while(|piece| !is_stamp(piece) && !is_run(piece)).collect();
@@ -271,7 +272,8 @@ mod tests {
 
     #[test]
     fn names_tell_pattern_and_split() {
-        let name = BagName::of(Path::new("bags/validation/vel_profile_x_line_20250131_120000_run3"));
+        let name =
+            BagName::of(Path::new("bags/validation/vel_profile_x_line_20250131_120000_run3"));
         assert_eq!(name, BagName { pattern: "x_line".into(), split: Some(Split::Validation) });
         let file = Path::new("train/vel_profile_circle_2025-01-31-12-00-00_run1/a_0.db3");
         let name = BagName::of(file);

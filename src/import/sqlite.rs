@@ -51,22 +51,24 @@ fn open(path: &Path) -> rusqlite::Result<Connection> {
         database.query_row("SELECT count(*) FROM sqlite_master", [], |_row| Ok(()))?;
         Ok(database)
     };
-    Connection::open_with_flags(path, read_only).and_then(works).or_else(|first: rusqlite::Error| {
-        let escaped: String = path
-            .to_string_lossy()
-            .chars()
-            .map(|c| match c {
-                '%' => "%25".to_owned(),
-                '?' => "%3f".to_owned(),
-                '#' => "%23".to_owned(),
-                other => other.to_string(),
-            })
-            .collect();
-        let uri = format!("file:{escaped}?immutable=1");
-        Connection::open_with_flags(uri, read_only | OpenFlags::SQLITE_OPEN_URI)
-            .and_then(works)
-            .map_err(|_same| first)
-    })
+    Connection::open_with_flags(path, read_only).and_then(works).or_else(
+        |first: rusqlite::Error| {
+            let escaped: String = path
+                .to_string_lossy()
+                .chars()
+                .map(|c| match c {
+                    '%' => "%25".to_owned(),
+                    '?' => "%3f".to_owned(),
+                    '#' => "%23".to_owned(),
+                    other => other.to_string(),
+                })
+                .collect();
+            let uri = format!("file:{escaped}?immutable=1");
+            Connection::open_with_flags(uri, read_only | OpenFlags::SQLITE_OPEN_URI)
+                .and_then(works)
+                .map_err(|_same| first)
+        },
+    )
 }
 
 fn read_topics(database: &Connection) -> rusqlite::Result<Vec<(i64, String, String)>> {
@@ -89,7 +91,9 @@ fn read_definitions(database: &Connection) -> BTreeMap<String, (String, String)>
 
 fn count_messages(database: &Connection, id: i64, topic: &mut BagTopic) -> rusqlite::Result<()> {
     let count: i64 =
-        database.query_row("SELECT count(*) FROM messages WHERE topic_id = ?1", [id], |row| row.get(0))?;
+        database.query_row("SELECT count(*) FROM messages WHERE topic_id = ?1", [id], |row| {
+            row.get(0)
+        })?;
     topic.count = u64::try_from(count).unwrap_or(0);
     Ok(())
 }
@@ -102,8 +106,9 @@ fn read_messages(
     shown: &Path,
 ) -> Result<rusqlite::Result<()>, ImportError> {
     let mut rows_of = || -> rusqlite::Result<Option<i64>> {
-        let mut query = database
-            .prepare("SELECT timestamp, data FROM messages WHERE topic_id = ?1 ORDER BY timestamp, id")?;
+        let mut query = database.prepare(
+            "SELECT timestamp, data FROM messages WHERE topic_id = ?1 ORDER BY timestamp, id",
+        )?;
         let mut rows = query.query([id])?;
         while let Some(row) = rows.next()? {
             let nanos: i64 = row.get(0)?;

@@ -15,10 +15,7 @@ use crate::{
     },
     units::Nanos,
 };
-use std::{
-    collections::BTreeMap,
-    path::Path,
-};
+use std::{collections::BTreeMap, path::Path};
 
 /// One message of the contract.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,9 +73,8 @@ impl Tape {
     /// Adds everything of another tape. Of two metadata entries that differ both are kept.
     pub(super) fn append(&mut self, other: Self) {
         let positions: Vec<usize> = other.topics.iter().map(|topic| self.position(topic)).collect();
-        self.messages.extend(
-            other.messages.into_iter().map(|m| Stamped { topic: positions[m.topic], ..m }),
-        );
+        self.messages
+            .extend(other.messages.into_iter().map(|m| Stamped { topic: positions[m.topic], ..m }));
         self.notices.extend(other.notices);
         for (key, value) in other.metadata {
             match self.metadata.get_mut(&key) {
@@ -125,13 +121,7 @@ impl Tape {
     }
 
     /// Adds the markers of one run from `span[0]` to `span[1]`.
-    pub(super) fn push_markers(
-        &mut self,
-        span: [Nanos; 2],
-        run: u32,
-        pattern: &str,
-        split: &str,
-    ) {
+    pub(super) fn push_markers(&mut self, span: [Nanos; 2], run: u32, pattern: &str, split: &str) {
         for (time, phase) in span.into_iter().zip([Phase::Start, Phase::End]) {
             let marker = RunMarker {
                 run,

@@ -54,7 +54,9 @@ fn route(topic: &str, type_name: &str) -> Option<Route> {
         ([axis, "controller_status"], "odrive_can/ControllerStatus") => {
             seat_of(axis).map(Route::ControllerStatus)
         }
-        ([axis, "odrive_status"], "odrive_can/ODriveStatus") => seat_of(axis).map(Route::DriveStatus),
+        ([axis, "odrive_status"], "odrive_can/ODriveStatus") => {
+            seat_of(axis).map(Route::DriveStatus)
+        }
         ([axis, "control_message"], _) => seat_of(axis).map(|_seat| Route::ControlMessage),
         ([name], "std_msgs/Float32MultiArray") => {
             player_of(name.strip_suffix("_magnet_position")?).map(Route::Magnet)
@@ -240,7 +242,12 @@ impl Mapping<'_> {
         Ok(())
     }
 
-    fn drive_status(&mut self, seat: MotorSeat, time: Nanos, value: &Value) -> Result<(), CdrError> {
+    fn drive_status(
+        &mut self,
+        seat: MotorSeat,
+        time: Nanos,
+        value: &Value,
+    ) -> Result<(), CdrError> {
         let status = Health::Status {
             supply: [value.number("bus_voltage")?, value.number("bus_current")?],
             temperatures: [value.number("fet_temperature")?, value.number("motor_temperature")?],
@@ -277,7 +284,11 @@ impl Mapping<'_> {
         let used = if kind == can::FrameKind::Remote { 0 } else { length };
         let frame = can::Frame {
             id: small(value, "id")?,
-            width: if flag("is_extended")? { can::IdWidth::Extended } else { can::IdWidth::Standard },
+            width: if flag("is_extended")? {
+                can::IdWidth::Extended
+            } else {
+                can::IdWidth::Standard
+            },
             kind,
             data: can::Payload::new(&bytes[..used])
                 .ok_or(CdrError::Field { path: "data".to_owned(), expected: "8 bytes in" })?,

@@ -97,7 +97,10 @@ fn check_message(place: &str, found: &(Nanos, Nanos, Fields), expected: &Value) 
     for (name, value) in expected["fields"].as_object().unwrap() {
         let wanted = value.as_f64().unwrap();
         let found = found.2.get(name).unwrap_or_else(|| panic!("{place}: no {name}"));
-        assert!((found - wanted).abs() < TOLERANCE, "{place}: {name} is {found}, expected {wanted}");
+        assert!(
+            (found - wanted).abs() < TOLERANCE,
+            "{place}: {name} is {found}, expected {wanted}"
+        );
     }
 }
 

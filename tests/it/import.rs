@@ -215,7 +215,10 @@ fn a_motion_keeps_its_direction_by_every_way_in() {
                     }
                 }
                 let a = recording.series::<MotorState>(&topic::motor(player, Motor::A)).unwrap();
-                assert!((a.values[0].velocity_turns_per_s - 7.5).abs() < 1e-5, "+x and +y turn a up");
+                assert!(
+                    (a.values[0].velocity_turns_per_s - 7.5).abs() < 1e-5,
+                    "+x and +y turn a up"
+                );
                 if let Some(torque) = a.values[0].torque_target_nm {
                     assert!((torque - 0.75).abs() < 1e-5, "torques take the motor's sign");
                     assert_eq!(a.values[0].torque_estimate_nm, None, "NaN is nothing");
@@ -242,14 +245,20 @@ fn messages_that_do_not_decode_are_counted_and_the_rest_is_kept() {
         &bag,
         &[
             ("/cmd_vel/left_player", TWIST, messages),
-            ("/board_image/compressed", "sensor_msgs/msg/CompressedImage", vec![(START, vec![1; 99])]),
+            (
+                "/board_image/compressed",
+                "sensor_msgs/msg/CompressedImage",
+                vec![(START, vec![1; 99])],
+            ),
         ],
     );
     let output = folder.path().join("a.mcap");
     let (recording, text) = import(&["bag", bag.to_str().unwrap()], &output, 3);
     assert_eq!(recording.count(&topic::command(Player::Left)), 2);
     assert!(
-        text.contains("lost: /cmd_vel/left_player, 2 messages do not decode, the first is message 1"),
+        text.contains(
+            "lost: /cmd_vel/left_player, 2 messages do not decode, the first is message 1"
+        ),
         "{text}"
     );
     assert!(text.contains("left out: /board_image/compressed"), "{text}");
@@ -257,7 +266,8 @@ fn messages_that_do_not_decode_are_counted_and_the_rest_is_kept() {
     let run = klasktron(&["bag", bag.to_str().unwrap(), "-o", output.to_str().unwrap()]);
     assert_eq!(run.status.code(), Some(1));
     assert!(said(&run).contains("pass --overwrite"), "{}", said(&run));
-    let run = klasktron(&["bag", bag.to_str().unwrap(), "--overwrite", "-o", output.to_str().unwrap()]);
+    let run =
+        klasktron(&["bag", bag.to_str().unwrap(), "--overwrite", "-o", output.to_str().unwrap()]);
     assert_eq!(run.status.code(), Some(3));
 }
 
@@ -290,10 +300,14 @@ fn bags_are_runs_and_must_not_overlap() {
     let folder = tempfile::tempdir().unwrap();
     let bag = |name: &str, start: u64| {
         let path = folder.path().join(name);
-        write_bag(&path, &[("/cmd_vel/left_player", TWIST, vec![
-            (start, twist(0.1, 0.0)),
-            (start + 20 * MS, twist(0.1, 0.0)),
-        ])]);
+        write_bag(
+            &path,
+            &[(
+                "/cmd_vel/left_player",
+                TWIST,
+                vec![(start, twist(0.1, 0.0)), (start + 20 * MS, twist(0.1, 0.0))],
+            )],
+        );
         path.to_str().unwrap().to_owned()
     };
     let [first, second, third] =
