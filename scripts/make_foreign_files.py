@@ -304,6 +304,7 @@ def bags(folder):
     }
     cases = []
     metadata = {"source": "import", "carriage_origin": "magnet_position",
+                "command_gain_left": "1.0000", "command_gain_right": "1.0000",
                 "belt_metres_per_turn": "0.04", "split": "train"}
     for name, options in variants.items():
         write_bag(folder / name, range(STEPS), options)

@@ -158,7 +158,7 @@ fn parse_data(text: &str) -> Result<Payload, CandumpError> {
     };
     // candump separates bytes with dots on request; cansend accepts them too.
     let digits: Vec<u8> = digits.bytes().filter(|b| *b != b'.').collect();
-    if digits.len() % 2 != 0 {
+    if !digits.len().is_multiple_of(2) {
         return Err(wrong());
     }
     let nibble = |digit: u8| char::from(digit).to_digit(16).map(|value| value as u8);

@@ -20,6 +20,8 @@ use crate::{
 
 /// Largest distance in time between two messages that are used as one (s).
 pub(super) const MOST_PAIR_SECONDS: f64 = 0.015;
+/// Between 1, a carriage that follows its commands, and 2, one of the older upstream software.
+const DOUBLED_GAIN: f64 = 1.5;
 /// How long a health value is repeated after it was reported (s).
 const HEALTH_SECONDS: f64 = 1.0;
 
@@ -121,6 +123,41 @@ pub(super) fn push_carriages(tape: &mut Tape, gantry: CoreXy, magnets: &mut Magn
     if let Some(text) = origin_text(&origins) {
         tape.metadata.insert("carriage_origin".to_owned(), text);
     }
+    for player in Player::BOTH {
+        note_command_gain(tape, player);
+    }
+}
+
+/// Notes how fast a carriage moves for each m/s commanded, `command_gain_PLAYER` in the metadata, and
+/// says so when it is nearer to 2, as in recordings made before upstream's fix.
+fn note_command_gain(tape: &mut Tape, player: Player) {
+    let Some(gain) = command_gain(tape, player) else { return };
+    tape.metadata.insert(format!("command_gain_{player}"), format!("{gain:.4}"));
+    if DOUBLED_GAIN < gain {
+        tape.notices.push(Notice::DoubledSpeed { topic: topic::carriage(player), gain });
+    }
+}
+
+/// Least-squares slope of the carriage's velocity on the command that holds, both axes together.
+fn command_gain(tape: &Tape, player: Player) -> Option<f64> {
+    let commands = tape.series(&topic::command(player), |message| match message {
+        Outgoing::Command(command) => Some(command),
+        _ => None,
+    });
+    let carriage = tape.series(&topic::carriage(player), |message| match message {
+        Outgoing::Carriage(state) => Some(state),
+        _ => None,
+    });
+    let [mut squares, mut products] = [0.0, 0.0];
+    for (time, state) in carriage {
+        let later = commands.partition_point(|(at, _)| *at <= time);
+        let Some((_, command)) = later.checked_sub(1).and_then(|last| commands.get(last)) else {
+            continue;
+        };
+        squares += command.vx * command.vx + command.vy * command.vy;
+        products += command.vx * state.vx + command.vy * state.vy;
+    }
+    (0.0 < squares).then_some(products / squares)
 }
 
 /// One word when all carriages share it, else each with its player.
@@ -321,6 +358,24 @@ mod tests {
             _ => None,
         });
         assert_eq!(motor[0].1.torque_target_nm, Some(0.2));
+    }
+
+    #[test]
+    fn a_doubled_speed_is_noticed() {
+        for (speed, noticed) in [(0.2, false), (0.4, true)] {
+            let mut tape = Tape::default();
+            for step in 0..10 {
+                let command = VelocityCommand { vx: 0.2, vy: 0.0 };
+                let state = CarriageState { x: 0.0, y: 0.0, vx: speed, vy: 0.01 };
+                let [now, soon] = [Nanos(20 * step * MS), Nanos((20 * step + 5) * MS)];
+                tape.push(&topic::command(Player::Left), now, Outgoing::Command(command));
+                tape.push(&topic::carriage(Player::Left), soon, Outgoing::Carriage(state));
+            }
+            note_command_gain(&mut tape, Player::Left);
+            let gain: f64 = tape.metadata["command_gain_left"].parse().unwrap();
+            assert!((gain - speed / 0.2).abs() < 1e-4);
+            assert_eq!(!tape.notices.is_empty(), noticed);
+        }
     }
 
     #[test]

@@ -120,6 +120,13 @@ pub enum Notice {
         /// The topic.
         topic: String,
     },
+    /// The carriage moves much faster than it was told to.
+    DoubledSpeed {
+        /// The topic.
+        topic: String,
+        /// Slope of measured on commanded velocity.
+        gain: f64,
+    },
     /// Something was taken for granted that the source does not say.
     Assumed {
         /// What.
@@ -212,6 +219,11 @@ impl fmt::Display for Notice {
                 f,
                 "note: {topic}: positions count from an unknown point, the source does not place \
                  the carriage on the board"
+            ),
+            Self::DoubledSpeed { topic, gain } => write!(
+                f,
+                "note: {topic} moves {gain:.2} times as fast as commanded, as before upstream's fix \
+                 of a factor 2; do not mix it with later recordings in one fit"
             ),
             Self::Assumed { what } => write!(f, "assumed: {what}"),
         }

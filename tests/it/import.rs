@@ -24,7 +24,7 @@ impl Cdr {
     }
 
     fn align(mut self, size: usize) -> Self {
-        while (self.0.len() - 4) % size != 0 {
+        while !(self.0.len() - 4).is_multiple_of(size) {
             self.0.push(0xAA); // what stands in padding must not matter
         }
         self
