@@ -56,13 +56,13 @@ fn fields(schema: &str, bytes: &[u8]) -> Fields {
             let m = MotorState::decode(bytes).unwrap();
             put("position_turns", m.position_turns);
             put("velocity_turns_per_s", m.velocity_turns_per_s);
-            m.torque_target_nm.map(|v| put("torque_target_nm", v));
-            m.torque_estimate_nm.map(|v| put("torque_estimate_nm", v));
+            m.torque_target_nm.iter().for_each(|v| put("torque_target_nm", *v));
+            m.torque_estimate_nm.iter().for_each(|v| put("torque_estimate_nm", *v));
         }
         "klasktron.DriveStatus" => {
             let m = DriveStatus::decode(bytes).unwrap();
             put("axis_state", m.axis_state.into());
-            m.bus_voltage_v.map(|v| put("bus_voltage_v", v));
+            m.bus_voltage_v.iter().for_each(|v| put("bus_voltage_v", *v));
         }
         "klasktron.BoardState" => {
             let m = BoardState::decode(bytes).unwrap();

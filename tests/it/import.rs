@@ -85,8 +85,11 @@ fn controller_status(position: f32, velocity: f32, torque: f32) -> Vec<u8> {
         .0
 }
 
+/// Name, type, and messages with their times.
+type Topic<'a> = (&'a str, &'a str, Vec<(u64, Vec<u8>)>);
+
 /// Writes a bag as ROS 2 Humble does: no definitions.
-fn write_bag(path: &Path, topics: &[(&str, &str, Vec<(u64, Vec<u8>)>)]) {
+fn write_bag(path: &Path, topics: &[Topic<'_>]) {
     let database = Connection::open(path).unwrap();
     database
         .execute_batch(
