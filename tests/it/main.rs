@@ -5,6 +5,8 @@ mod architecture;
 mod damage;
 mod drive;
 mod fit_actuator;
+mod foreign;
+mod import;
 mod info;
 mod recover;
 mod recover_actuator;
