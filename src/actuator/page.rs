@@ -1,7 +1,7 @@
 //! `index.html` of `fit-actuator`: what a person wants to see before trusting the model.
 
 use super::{
-    Run,
+    Ablation, Run,
     coverage::{AxisCoverage, CELLS},
     judge::{Component, ErrorRow, HORIZONS_S, Judgement},
     study::{Study, Summary},
@@ -301,6 +301,10 @@ fn ablation(page: &mut Page, summary: &Summary) {
             .collect(),
         size: (560, 380),
     }));
+    page.table(&ablation_table(ablation));
+}
+
+fn ablation_table(ablation: &Ablation) -> Table {
     let head =
         ["history", "width", "parameters", "seeds", "one step", "free-running", "std. error"];
     let rows = ablation.cells.iter().map(|cell| {
@@ -314,7 +318,7 @@ fn ablation(page: &mut Page, summary: &Summary) {
             speed(cell.standard_error_m_per_s),
         ]
     });
-    page.table(&Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect() });
+    Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect() }
 }
 
 fn curves(page: &mut Page, study: &Study) {

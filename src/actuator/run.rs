@@ -377,8 +377,8 @@ fn mean_held(track: &Track, from: Nanos, to: Nanos) -> [f64; AXES] {
         }
         let end = track.times.get(index + 1).map_or(to, |next| (*next).min(to));
         let share = end.seconds_since(begin.min(end)) / length;
-        for axis in 0..AXES {
-            mean[axis] += share * track.values[index][axis];
+        for (mean, value) in mean.iter_mut().zip(track.values[index]) {
+            *mean += share * value;
         }
     }
     mean

@@ -326,9 +326,8 @@ mod tests {
         let [source, output] = ["in.csv", "out.mcap"].map(|name| folder.path().join(name));
         fs::write(&source, text).unwrap();
         let config = ImportConfig::new(&output, ExistingFile::Refuse);
-        let report = import_csv(&source, columns, &config).map_err(|error| {
+        let report = import_csv(&source, columns, &config).inspect_err(|_| {
             assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left behind");
-            error
         })?;
         Ok((report, Recording::open(&output).unwrap()))
     }

@@ -73,17 +73,16 @@ pub(super) struct Product<'a> {
 /// `y = epilogue(bias + x w)`, with `y` `[batch][columns]`.
 #[inline(always)]
 pub(super) fn product<S: Simd>(simd: S, y: &mut [f32], columns: usize, p: Product<'_>) {
-    let (w, _) = S::as_simd_f32s(p.weights);
     let vectors = columns / S::F32_LANES;
     let mut first_column = 0;
     while first_column < vectors {
         let left = vectors - first_column;
         let taken = if wide_tile::<S>() && 4 <= left {
-            product_columns::<S, 4>(simd, y, vectors, first_column, w, p)
+            product_columns::<S, 4>(simd, y, vectors, first_column, p)
         } else if 2 <= left {
-            product_columns::<S, 2>(simd, y, vectors, first_column, w, p)
+            product_columns::<S, 2>(simd, y, vectors, first_column, p)
         } else {
-            product_columns::<S, 1>(simd, y, vectors, first_column, w, p)
+            product_columns::<S, 1>(simd, y, vectors, first_column, p)
         };
         first_column += taken;
     }
@@ -101,7 +100,6 @@ fn product_columns<S: Simd, const COLS: usize>(
     y: &mut [f32],
     vectors: usize,
     first_column: usize,
-    w: &[S::f32s],
     p: Product<'_>,
 ) -> usize {
     let batch = p.x.len() / p.x_stride;
@@ -111,19 +109,19 @@ fn product_columns<S: Simd, const COLS: usize>(
         let block = Block { first_column, vectors, depth_from, depth_to };
         let mut row = 0;
         while row + ROWS <= batch {
-            product_tile::<S, ROWS, COLS>(simd, y, row, w, block, p);
+            product_tile::<S, ROWS, COLS>(simd, y, row, block, p);
             row += ROWS;
         }
         if row + 4 <= batch {
-            product_tile::<S, 4, COLS>(simd, y, row, w, block, p);
+            product_tile::<S, 4, COLS>(simd, y, row, block, p);
             row += 4;
         }
         if row + 2 <= batch {
-            product_tile::<S, 2, COLS>(simd, y, row, w, block, p);
+            product_tile::<S, 2, COLS>(simd, y, row, block, p);
             row += 2;
         }
         if row < batch {
-            product_tile::<S, 1, COLS>(simd, y, row, w, block, p);
+            product_tile::<S, 1, COLS>(simd, y, row, block, p);
         }
         if depth_to == p.depth {
             return COLS;
@@ -146,7 +144,6 @@ fn product_tile<S: Simd, const R: usize, const C: usize>(
     simd: S,
     y: &mut [f32],
     row: usize,
-    w: &[S::f32s],
     block: Block,
     p: Product<'_>,
 ) {
@@ -171,6 +168,7 @@ fn product_tile<S: Simd, const R: usize, const C: usize>(
         let at = (row + r) * p.x_stride + depth_from;
         &p.x[at..at + depth]
     });
+    let (w, _) = S::as_simd_f32s(p.weights);
     let w = &w[depth_from * vectors..depth_to * vectors];
     for (k, w) in w.chunks_exact(vectors).enumerate().take(depth) {
         let w = &w[first_column..first_column + C];
@@ -271,19 +269,19 @@ fn gradient_columns<S: Simd, const COLS: usize>(
     let depth = dw.len() / at[0];
     let mut row = 0;
     while row + ROWS <= depth {
-        gradient_tile::<S, ROWS, COLS>(simd, dw, row, at, x, dy);
+        gradient_tile::<S, ROWS, COLS>(simd, dw, (at, row), x, dy);
         row += ROWS;
     }
     if row + 4 <= depth {
-        gradient_tile::<S, 4, COLS>(simd, dw, row, at, x, dy);
+        gradient_tile::<S, 4, COLS>(simd, dw, (at, row), x, dy);
         row += 4;
     }
     if row + 2 <= depth {
-        gradient_tile::<S, 2, COLS>(simd, dw, row, at, x, dy);
+        gradient_tile::<S, 2, COLS>(simd, dw, (at, row), x, dy);
         row += 2;
     }
     if row < depth {
-        gradient_tile::<S, 1, COLS>(simd, dw, row, at, x, dy);
+        gradient_tile::<S, 1, COLS>(simd, dw, (at, row), x, dy);
     }
     COLS
 }
@@ -292,8 +290,7 @@ fn gradient_columns<S: Simd, const COLS: usize>(
 fn gradient_tile<S: Simd, const R: usize, const C: usize>(
     simd: S,
     dw: &mut [S::f32s],
-    row: usize,
-    [vectors, first_column]: [usize; 2],
+    ([vectors, first_column], row): ([usize; 2], usize),
     (x, x_stride): (&[f32], usize),
     dy: &[S::f32s],
 ) {

@@ -24,6 +24,10 @@ fn random_inputs(count: usize, seed: u64) -> Vec<f32> {
     (0..count).map(|_| stream.uniform_f32(-1.0, 1.0)).collect()
 }
 
+fn tape_of(inputs: Vec<f32>) -> Tape {
+    Tape { x: inputs, ..Tape::default() }
+}
+
 /// Shapes that touch every tile: widths below, at and above one vector and one block of depth,
 /// batches that leave 0 to 5 rows over.
 const SHAPES: [(&[usize], usize); 7] = [
@@ -43,8 +47,7 @@ fn the_kernels_agree_with_the_plain_forward_pass() {
             let network = random_network(sizes, activation, 1);
             let stack = Stack::new(&network);
             assert_eq!(stack.network(), network, "laying out loses nothing");
-            let mut tape = Tape::default();
-            tape.x = random_inputs(batch * sizes[0], 2);
+            let mut tape = tape_of(random_inputs(batch * sizes[0], 2));
             stack.forward(&mut tape);
             let plain = tape.x.chunks_exact(sizes[0]).flat_map(|x| network.forward(x));
             for (fast, plain) in tape.y.iter().zip(plain) {
@@ -102,8 +105,7 @@ fn check_gradients(network: &Network, batch: usize, tolerance: f64) {
     let inputs = random_inputs(batch * network.inputs(), 4);
     let dy = random_inputs(batch * network.outputs(), 5);
     let mut trainer = Trainer::new(network, Adam::default());
-    let mut tape = Tape::default();
-    tape.x.clone_from(&inputs);
+    let mut tape = tape_of(inputs.clone());
     trainer.forward(&mut tape);
     let mut dx = Vec::new();
     trainer.backward(&tape, &dy, InputGradient::Compute, &mut dx);
@@ -146,8 +148,7 @@ fn adam_follows_the_algorithm_of_the_paper() {
     let network = random_network(&[3, 16, 2], Activation::Softsign, 7);
     let adam = Adam::default();
     let mut trainer = Trainer::new(&network, adam);
-    let (mut tape, mut dx) = (Tape::default(), Vec::new());
-    tape.x = random_inputs(3 * 4, 8);
+    let (mut tape, mut dx) = (tape_of(random_inputs(3 * 4, 8)), Vec::new());
     let dy = random_inputs(2 * 4, 9);
     let mut expected = f64::from(network.layers[0].weight[5]);
     let (mut m, mut v) = (0.0, 0.0);
@@ -171,8 +172,7 @@ fn padding_never_wakes_up() {
     // very same outputs.
     let network = random_network(&[5, 17, 17, 2], Activation::Relu, 11);
     let mut trainer = Trainer::new(&network, Adam::default());
-    let (mut tape, mut dx) = (Tape::default(), Vec::new());
-    tape.x = random_inputs(5 * 9, 12);
+    let (mut tape, mut dx) = (tape_of(random_inputs(5 * 9, 12)), Vec::new());
     let dy = random_inputs(2 * 9, 13);
     for _ in 0..50 {
         trainer.forward(&mut tape);
