@@ -27,6 +27,7 @@ mod baseline;
 mod coverage;
 mod dataset;
 mod error;
+mod export;
 mod file;
 mod fit;
 mod fits;
@@ -43,6 +44,7 @@ pub use baseline::{Arx, Ideal, Lag, LagDelay};
 pub use coverage::{AxisCoverage, CELLS, Coverage};
 pub use dataset::{DataWarning, Dataset, InputFile, PlayerChoice, load};
 pub use error::ActuatorError;
+pub use export::{WeightsFormat, export_weights};
 pub use file::{
     ACTUATOR_METADATA, AblationFit, ONNX_ATTACHMENT, StoredActuator, read as read_actuator,
     weights_name, write as write_actuator,

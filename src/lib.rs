@@ -1,11 +1,65 @@
-//! placeholder
+//! System identification and sim-to-real for the KlaskTron table, and for any velocity-, force- or
+//! voltage-driven axis.
+//!
+//! # The way of the data
+//!
+//! 1. A recording is an MCAP file of the data contract (`datasets_schema/`): commands, motors,
+//!    carriage, camera, markers of runs. What labs already have comes in through [`import`].
+//! 2. [`recording::Recording::open`] reads any MCAP file, a damaged one as far as it goes, and
+//!    [`recording::inspect`] says what is in it and what is doubtful.
+//! 3. [`actuator::load`] puts the runs on the 50 Hz grid of the control loop and divides them, by
+//!    run or session and never inside a run, into those that are fitted and those that judge.
+//! 4. [`actuator::fit_all`] fits networks on the kernels of [`nn`], in parallel, each kept when it
+//!    is finished.
+//! 5. [`actuator::Study`] judges them beside simpler models on the runs that they have not seen.
+//! 6. `actuator.mcap` holds traces, figures and weights; `index.html` shows them; `klasktron
+//!    export` hands weights and tables to other software.
+//!
+//! # Rooms
+//!
+//! A room is a module with a front door; it may use rooms of lower layers only, which
+//! `tests/it/architecture.rs` enforces.
+//!
+//! | layer | room | purpose |
+//! |---|---|---|
+//! | 0 words | [`units`] | the time stamp and its conversions |
+//! | | [`seed`] | one user seed, many named independent streams |
+//! | | [`stats`] | summaries, bootstrap intervals |
+//! | | [`report`] | pages of sections, tables and pictures |
+//! | | [`provenance`] | how a result was made |
+//! | 1 things | [`board`] | geometry and frames of the table |
+//! | | [`recording`] | messages in and out of MCAP; inspect, recover, tables |
+//! | | [`nn`] | small networks: kernels, gradients, Adam, file formats |
+//! | 2 things that step | [`can`] | frames of the bus and the ODrive codec |
+//! | | [`gantry`] | CoreXY kinematics |
+//! | | [`actuator`] | command history to motion: models, fits, judgement |
+//! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
+//! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
+//!
+//! Still to come, each with its place: `ekf`, `effects`, `twin` and `sim` in layer 2; `collect`,
+//! `score`, `gap` and `rl` in layer 3; transports, limits and trajectories in [`can`] and
+//! [`gantry`].
+//!
+//! # Invariants
+//!
+//! - SI units inside; at every boundary (flag, field, plot) the unit is in the name.
+//! - Recorded time is an integer count of nanoseconds; nothing here reads the system's clock.
+//! - Equal inputs and seeds give equal bytes, whatever the number of threads.
+//! - What is written appears under its name only when it is complete.
+//! - A recording that is marked for validation is never fitted.
+
 pub mod provenance;
 pub mod report;
 pub mod seed;
 pub mod stats;
 pub mod units;
 
+pub mod board;
 pub mod nn;
 pub mod recording;
 
 pub mod actuator;
+pub mod can;
+pub mod gantry;
+
+pub mod import;

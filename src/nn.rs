@@ -3,6 +3,7 @@
 
 mod kernel;
 mod network;
+pub mod npz;
 pub mod onnx;
 pub mod safetensors;
 mod stack;

@@ -23,6 +23,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod beside;
 mod error;
 pub mod inspect;
 mod load;
@@ -33,11 +34,11 @@ pub mod table;
 pub mod topic;
 mod writer;
 
+pub use beside::{partial_name, write_beside, write_bytes};
 pub use error::RecordingError;
 pub use load::{Attachment, Channel, MessageIndex, Recording, Series, hexadecimal, sha256_of_file};
 pub use scan::{Loss, MAGIC};
 pub use schema::{FILE_DESCRIPTOR_SET, PROTOBUF, SchemaDifference, check_compatible, message};
 pub use writer::{
     ExistingFile, FlushPolicy, PROFILE, RECORDING_METADATA, RawSchema, RecordingWriter,
-    partial_name,
 };

@@ -3,6 +3,7 @@
 use super::{
     ActuatorError,
     coverage::Coverage,
+    layout::AXES,
     run::{self, ResampleConfig, Run, Split, Target},
 };
 use crate::recording::{Recording, topic::Player};
@@ -48,7 +49,9 @@ pub enum DataWarning {
 impl std::fmt::Display for DataWarning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Damaged { file, loss } => write!(f, "{file}: {loss}; what it still held was used"),
+            Self::Damaged { file, loss } => {
+                write!(f, "{file}: {loss}; what it still held was used")
+            }
             Self::HeldOutByRule { runs, of } => write!(
                 f,
                 "no run is marked split=validation: every fifth run of each pattern is held out \
@@ -144,6 +147,7 @@ pub fn load(
         warnings: Vec::new(),
     };
     let mut robots: Vec<(PathBuf, [String; 2])> = Vec::new();
+    let mut speeds = Vec::new();
     let mut runs = Vec::new();
     for (file, path) in paths.iter().enumerate() {
         let recording = Recording::open(path)?;
@@ -162,13 +166,13 @@ pub fn load(
             sha256: recording.sha256.clone(),
             session: recording.info("session").map(str::to_owned),
         });
-        runs.extend(long_enough(
-            run::resample(&recording, file, player, config)?,
-            &recording,
-            (needed, config.rate_hz),
-            &mut dataset.warnings,
-        )?);
+        let warnings = &mut dataset.warnings;
+        let resampled = run::resample(&recording, file, player, config)?;
+        let kept = long_enough(resampled, &recording, (needed, config.rate_hz), warnings)?;
+        speeds.extend(speed_over_command(&kept).map(|speed| (path.clone(), speed)));
+        runs.extend(kept);
     }
+    check_speeds(&speeds)?;
     divide(&mut dataset, runs)?;
     Ok(dataset)
 }
@@ -207,6 +211,61 @@ fn check_robot(
     }
     robots.push((recording.path.clone(), values));
     Ok(())
+}
+
+/// Largest ratio between recordings of the steady velocity over the command. A doubled scale is 2;
+/// friction and load change a velocity loop's gain by a few percent.
+const LARGEST_SPEED_RATIO: f64 = 1.5;
+
+/// A command that has not changed for this many samples has settled (0.16 s at 50 Hz).
+const STEADY_SAMPLES: usize = 8;
+/// Changes below this share of the largest command do not count.
+const STEADY_SHARE: f64 = 0.01;
+/// Fewer steady samples than this say nothing.
+const FEWEST_STEADY: usize = 20;
+
+/// Steady velocity over command; `None` where the commands never hold still.
+fn speed_over_command(runs: &[Run]) -> Option<f64> {
+    let largest = runs
+        .iter()
+        .flat_map(|run| &run.commands)
+        .flatten()
+        .fold(0.0, |most: f64, u| most.max(u.abs()));
+    let (mut products, mut squares, mut count) = (0.0, 0.0, 0);
+    for run in runs {
+        for end in STEADY_SAMPLES..=run.len() {
+            let held = &run.commands[end - STEADY_SAMPLES..end];
+            for axis in 0..AXES {
+                let u = held[0][axis];
+                let steady =
+                    held.iter().all(|pair| (pair[axis] - u).abs() < STEADY_SHARE * largest);
+                if steady && STEADY_SHARE * largest < u.abs() {
+                    products += run.velocities[end - 1][axis] * u;
+                    squares += u * u;
+                    count += 1;
+                }
+            }
+        }
+    }
+    (FEWEST_STEADY <= count).then(|| products / squares)
+}
+
+fn check_speeds(speeds: &[(PathBuf, f64)]) -> Result<(), ActuatorError> {
+    let by_speed = |a: &&(PathBuf, f64), b: &&(PathBuf, f64)| a.1.total_cmp(&b.1);
+    let (slowest, fastest) = (speeds.iter().min_by(by_speed), speeds.iter().max_by(by_speed));
+    match (slowest, fastest) {
+        (Some((first_path, first)), Some((second_path, second)))
+            if LARGEST_SPEED_RATIO * first < *second =>
+        {
+            Err(ActuatorError::MixedSpeeds {
+                first_path: first_path.clone(),
+                first: *first,
+                second_path: second_path.clone(),
+                second: *second,
+            })
+        }
+        _ => Ok(()),
+    }
 }
 
 fn long_enough(

@@ -116,6 +116,22 @@ pub enum ActuatorError {
         /// Its value.
         second: String,
     },
+    /// Two recordings move at different speeds for the same command.
+    #[error(
+        "{} moves at {first:.2} times its command and {} at {second:.2} times: one of them is from \
+         before a change of the drive's scale (a known fault doubled the speed); fit each on its own",
+        first_path.display(), second_path.display()
+    )]
+    MixedSpeeds {
+        /// One file.
+        first_path: PathBuf,
+        /// Velocity over command.
+        first: f64,
+        /// The other file.
+        second_path: PathBuf,
+        /// Velocity over command.
+        second: f64,
+    },
     /// A fit ran into numbers that are not finite.
     #[error(
         "seed {seed}: the loss is not finite after epoch {epoch}; lower --learning-rate (now \
@@ -136,15 +152,5 @@ pub enum ActuatorError {
         path: PathBuf,
         /// What is wrong and what was expected.
         reason: String,
-    },
-    /// The operating system refused.
-    #[error("{}: cannot {action}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What was tried.
-        action: &'static str,
-        /// The reason.
-        source: std::io::Error,
     },
 }

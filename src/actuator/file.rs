@@ -19,13 +19,13 @@ use super::{
     coverage::Coverage,
     fit::{Fit, FitConfig},
     judge::{Component, HORIZONS_S, Judgement},
-    layout::{Layout, LayoutKind},
+    layout::{AXES, Layout, LayoutKind},
     model::{ActuatorNetwork, VelocityModel},
     run::Run,
     study::{Study, Summary},
 };
 use crate::{
-    nn::{onnx, safetensors},
+    nn::{Network, onnx, safetensors},
     recording::{
         ExistingFile, FlushPolicy, RECORDING_METADATA, Recording, RecordingError, RecordingWriter,
         message::{
@@ -35,7 +35,10 @@ use crate::{
     },
     units::Nanos,
 };
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 /// Name of the metadata record with the settings of the model.
 pub const ACTUATOR_METADATA: &str = "klasktron.actuator";
@@ -56,8 +59,7 @@ pub fn weights_name(seed: u64) -> String {
 /// # Errors
 /// When the disk refuses.
 pub fn write(study: &Study, summary: &Summary, path: &Path) -> Result<(), RecordingError> {
-    let mut writer =
-        RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
+    let mut writer = RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
     writer.metadata(RECORDING_METADATA, recording_metadata(summary))?;
     writer.metadata(ACTUATOR_METADATA, model_metadata(study))?;
     let start = study.dataset.held_out.iter().map(|run| run.start).min().unwrap_or_default();
@@ -67,8 +69,10 @@ pub fn write(study: &Study, summary: &Summary, path: &Path) -> Result<(), Record
         write_run(study, index as u32, run, &mut writer)?;
     }
     for judged in &study.seeds {
-        let bytes =
-            safetensors::to_safetensors(&judged.fit.model.network, &fit_metadata(study, &judged.fit));
+        let bytes = safetensors::to_safetensors(
+            &judged.fit.model.network,
+            &fit_metadata(study, &judged.fit),
+        );
         let name = weights_name(judged.fit.config.seed);
         writer.attach(&name, "application/octet-stream", &bytes)?;
     }
@@ -132,7 +136,7 @@ fn fit_metadata(study: &Study, fit: &Fit) -> BTreeMap<String, String> {
 }
 
 fn input_order(config: &FitConfig) -> String {
-    let velocities = config.input_layout().velocity_inputs() / super::AXES;
+    let velocities = config.input_layout().velocity_inputs() / AXES;
     format!(
         "{} commands (vx, vy) newest first, then {velocities} velocities (vx, vy) newest first; \
          output is the next velocity (vx, vy)",
@@ -229,6 +233,8 @@ fn write_run(
 /// A model read back from an `actuator.mcap`.
 #[derive(Debug, Clone)]
 pub struct StoredActuator {
+    /// Where it was read from.
+    pub path: PathBuf,
     /// The chosen seed's network.
     pub model: ActuatorNetwork,
     /// Where its training data lies.
@@ -260,13 +266,8 @@ pub fn read(recording: &Recording) -> Result<StoredActuator, ActuatorError> {
         .map_err(|error| bad(format!("metadata fit_config: {error}")))?;
     let seed = entry("chosen_seed")?;
     let name = format!("weights/seed_{seed}.safetensors");
-    let (network, _) =
-        safetensors::from_safetensors(&attachment(&name)?.data, config.layout.activation())
-            .map_err(|error| bad(format!("{name}: {error}")))?;
     let layout = config.input_layout();
-    if (network.inputs(), network.outputs()) != (layout.inputs(), super::AXES) {
-        return Err(bad(shape_message(&name, &network, layout)));
-    }
+    let (network, _) = read_weights(&attachment(&name)?.data, &name, layout).map_err(bad)?;
     let coverage = serde_json::from_slice(&attachment(COVERAGE_ATTACHMENT)?.data)
         .map_err(|error| bad(format!("{COVERAGE_ATTACHMENT}: {error}")))?;
     let weights = recording
@@ -276,6 +277,7 @@ pub fn read(recording: &Recording) -> Result<StoredActuator, ActuatorError> {
         .map(|attachment| (attachment.name.clone(), attachment.data.clone()))
         .collect();
     Ok(StoredActuator {
+        path: recording.path.clone(),
         model: ActuatorNetwork::new(layout, network),
         coverage,
         metadata: metadata.clone(),
@@ -284,7 +286,33 @@ pub fn read(recording: &Recording) -> Result<StoredActuator, ActuatorError> {
     })
 }
 
-fn shape_message(name: &str, network: &crate::nn::Network, layout: Layout) -> String {
+type WeightsAndMetadata = (Network, BTreeMap<String, String>);
+
+fn read_weights(bytes: &[u8], name: &str, layout: Layout) -> Result<WeightsAndMetadata, String> {
+    let (network, metadata) = safetensors::from_safetensors(bytes, layout.kind.activation())
+        .map_err(|error| format!("{name}: {error}"))?;
+    if (network.inputs(), network.outputs()) != (layout.inputs(), AXES) {
+        return Err(shape_message(name, &network, layout));
+    }
+    Ok((network, metadata))
+}
+
+impl StoredActuator {
+    pub(super) fn bad(&self, reason: String) -> ActuatorError {
+        ActuatorError::BadModel { path: self.path.clone(), reason }
+    }
+
+    /// The network in the attachment `name`, with its metadata.
+    pub(super) fn weights_of(&self, name: &str) -> Result<WeightsAndMetadata, ActuatorError> {
+        let bytes = self.weights.get(name).ok_or_else(|| {
+            let names: Vec<&str> = self.weights.keys().map(String::as_str).collect();
+            self.bad(format!("it has no {name}; it has {}", names.join(", ")))
+        })?;
+        read_weights(bytes, name, self.model.layout).map_err(|reason| self.bad(reason))
+    }
+}
+
+fn shape_message(name: &str, network: &Network, layout: Layout) -> String {
     let kind: LayoutKind = layout.kind;
     format!(
         "{name} takes {} inputs and gives {}, but layout {kind} with {} steps of history has {} and {}",
@@ -292,7 +320,7 @@ fn shape_message(name: &str, network: &crate::nn::Network, layout: Layout) -> St
         network.outputs(),
         layout.history_steps,
         layout.inputs(),
-        super::AXES
+        AXES
     )
 }
 

@@ -139,8 +139,7 @@ pub fn fit(
             squares += session.learn(chosen);
             session.trainer.update(config.learning_rate_at(step, config.epochs * batches));
         }
-        let train_rmse_m_per_s =
-            (squares / (windows.len() * config.horizon * AXES) as f64).sqrt();
+        let train_rmse_m_per_s = (squares / (windows.len() * config.horizon * AXES) as f64).sqrt();
         if !train_rmse_m_per_s.is_finite() {
             let (seed, learning_rate) = (config.seed, config.learning_rate);
             return Err(ActuatorError::Diverged { seed, epoch, learning_rate });

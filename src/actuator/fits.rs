@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     nn::safetensors,
-    recording::{hexadecimal, partial_name},
+    recording::{ExistingFile, RecordingError, hexadecimal, write_bytes},
 };
 use sha2::{Digest, Sha256};
 use std::{
@@ -41,7 +41,7 @@ impl Store {
     /// # Errors
     /// When the folder cannot be made.
     pub fn open(folder: &Path, dataset: &Dataset) -> Result<Self, ActuatorError> {
-        fs::create_dir_all(folder).map_err(io_error(folder, "create the folder"))?;
+        fs::create_dir_all(folder).map_err(RecordingError::io(folder, "create the folder"))?;
         let mut hash = Sha256::new();
         hash.update(env!("CARGO_PKG_VERSION"));
         // The runs themselves, so that the same file under another name is the same data, and a
@@ -85,19 +85,12 @@ impl Store {
             (CURVE_KEY.to_owned(), to_json(&fit.curve)),
         ]);
         let bytes = safetensors::to_safetensors(&fit.model.network, &metadata);
-        let partial = partial_name(&path);
-        fs::write(&partial, bytes).map_err(io_error(&path, "write"))?;
-        fs::rename(&partial, &path).map_err(io_error(&path, "rename"))
+        Ok(write_bytes(&path, ExistingFile::Replace, &bytes)?)
     }
 }
 
 fn to_json(value: &impl serde::Serialize) -> String {
     serde_json::to_string(value).unwrap_or_else(|_plain| unreachable!("plain data"))
-}
-
-fn io_error(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> ActuatorError {
-    let path = path.to_owned();
-    move |source| ActuatorError::Io { path, action, source }
 }
 
 /// What a set of fits reports while it runs.

@@ -4,11 +4,7 @@
 //! measured history and then only commands. The error at a horizon is the root mean square over
 //! all samples up to it, and over both axes unless one is named.
 
-use super::{
-    layout::AXES,
-    model::VelocityModel,
-    run::Run,
-};
+use super::{layout::AXES, model::VelocityModel, run::Run};
 use crate::stats::{Interval, bootstrap_ci95};
 use serde::Serialize;
 
@@ -208,7 +204,9 @@ impl Judgement {
         let steps = steps_of(horizon_s, self.dt);
         let sums: Vec<Sums> = runs
             .iter()
-            .map(|run| if steps == 0 { run.one_step } else { total(run.by_step.iter().take(steps)) })
+            .map(
+                |run| if steps == 0 { run.one_step } else { total(run.by_step.iter().take(steps)) },
+            )
             .collect();
         let all = total(sums.iter());
         let over = |drawn: &[&Sums]| rmse(&total(drawn.iter().copied()), component);

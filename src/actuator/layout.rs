@@ -71,7 +71,13 @@ impl Layout {
     }
 
     /// Writes the inputs for predicting sample `at + 1` of a run. `at + 1 >= history_steps`.
-    pub fn fill(self, input: &mut [f32], commands: &[[f64; 2]], velocities: &[[f64; 2]], at: usize) {
+    pub fn fill(
+        self,
+        input: &mut [f32],
+        commands: &[[f64; 2]],
+        velocities: &[[f64; 2]],
+        at: usize,
+    ) {
         let newest_first = |series: &[[f64; 2]], part: &mut [f32]| {
             for (age, pair) in part.chunks_exact_mut(AXES).enumerate() {
                 let [x, y] = series[at - age];

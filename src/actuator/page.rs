@@ -48,33 +48,44 @@ fn capitalised(sentence: &str) -> String {
     first.chain(characters).chain(['.']).collect()
 }
 
-/// A speed in mm/s, the unit of the whole page.
+/// A speed in mm/s, the unit of the whole page, with three digits that count.
 fn speed(value: f64) -> String {
-    if value.is_finite() { format!("{:.2}", 1e3 * value) } else { "diverges".to_owned() }
+    let value = 1e3 * value;
+    match value.abs() {
+        size if !size.is_finite() => "diverges".to_owned(),
+        size if size < 10.0 => format!("{value:.2}"),
+        size if size < 100.0 => format!("{value:.1}"),
+        _ => format!("{value:.0}"),
+    }
+}
+
+/// `1 step`, `2 steps`.
+fn count(number: usize, noun: &str) -> String {
+    if number == 1 { format!("1 {noun}") } else { format!("{number} {noun}s") }
 }
 
 fn lead(summary: &Summary) -> String {
     let chosen = &summary.chosen;
     let free = summary.free_running_rmse_m_per_s.last();
     format!(
-        "{} steps of history, {} x {} units, {}: one step ahead the median of {} seeds is {} mm/s \
-         off, free-running over {} s {} mm/s, on {} held-out runs ({:.0} s).",
-        chosen.history_steps,
+        "{} of history, {} x {} units, layout {}: one step ahead the median of {} is {} mm/s off, \
+         free-running over {} s {} mm/s, on {} ({:.0} s).",
+        count(chosen.history_steps, "step"),
         chosen.hidden_layers,
         chosen.width,
         chosen.layout,
-        summary.seeds.len(),
+        count(summary.seeds.len(), "seed"),
         speed(summary.one_step_rmse_m_per_s.median),
         free.map_or(0.0, |f| f.horizon_s),
         free.map_or_else(String::new, |f| speed(f.spread.median)),
-        summary.held_out.runs,
+        count(summary.held_out.runs, "held-out run"),
         summary.held_out.duration_s,
     )
 }
 
 fn model_title(model: &str) -> &str {
     match model {
-        "network" => "network (median seed)",
+        "network" => "network (its median seed)",
         "lag_delay" => "lag with delay",
         "arx" => "linear ARX",
         "ideal" => "ideal (v = command)",
@@ -98,9 +109,8 @@ fn errors(page: &mut Page, summary: &Summary) {
          by bootstrap over runs. Free-running: the model gets the measured history once, then only \
          commands.",
     );
-    let rows = || {
-        summary.errors.iter().filter(|r| r.pattern == "all" && r.component == Component::Both)
-    };
+    let rows =
+        || summary.errors.iter().filter(|r| r.pattern == "all" && r.component == Component::Both);
     let mut head = vec!["model".to_owned(), "one step".to_owned()];
     head.extend(HORIZONS_S.map(|horizon| format!("over {horizon} s")));
     head.push(format!("peak over {} s", HORIZONS_S[HORIZONS_S.len() - 1]));
@@ -120,9 +130,9 @@ fn errors(page: &mut Page, summary: &Summary) {
         .map(|f| format!("{} s {} to {}", f.horizon_s, speed(f.spread.min), speed(f.spread.max)))
         .collect();
     page.paragraph(&format!(
-        "Between {} seeds: one step {} to {}; free-running over {} (mm/s). Held-out over training \
+        "Over {}: one step {} to {}; free-running over {} (mm/s). Held-out over training \
          error, one step: {:.1}.",
-        summary.seeds.len(),
+        count(summary.seeds.len(), "seed"),
         speed(spread.min),
         speed(spread.max),
         free.join(", "),
@@ -184,7 +194,8 @@ fn trace(study: &Study, run: &Run, axis: usize) -> String {
     let band = (0..seeds[0].len())
         .map(|k| {
             let values = || seeds.iter().map(|seed| seed[k].1);
-            let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
+            let (low, high) =
+                (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
             (seeds[0][k].0, low, high)
         })
         .collect();
@@ -220,7 +231,8 @@ fn growth(page: &mut Page, study: &Study) {
     let band = (0..by_seed[0].len())
         .map(|k| {
             let values = || by_seed.iter().map(|seed| seed[k].1);
-            let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
+            let (low, high) =
+                (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
             (by_seed[0][k].0, 1e3 * low, 1e3 * high)
         })
         .collect();
@@ -253,12 +265,12 @@ fn ablation(page: &mut Page, summary: &Summary) {
         )
     });
     page.paragraph(&format!(
-        "Smallest free-running error: {} steps, {} units ({} mm/s). Chosen, as the smallest network \
-         within one standard error of it: {} steps, {} units ({} mm/s).{cross}",
-        best.history_steps,
+        "Smallest free-running error: {}, {} units ({} mm/s). Chosen, as the smallest network \
+         within one standard error of it: {}, {} units ({} mm/s).{cross}",
+        count(best.history_steps, "step"),
         best.width,
         speed(best.mean_rmse_m_per_s),
-        chosen.history_steps,
+        count(chosen.history_steps, "step"),
         chosen.width,
         speed(chosen.mean_rmse_m_per_s),
     ));
@@ -270,13 +282,11 @@ fn ablation(page: &mut Page, summary: &Summary) {
     };
     let (histories, widths) = (sorted(|c| c.history_steps), sorted(|c| c.width));
     let error = |history: usize, width: usize| {
-        let cell =
-            ablation.cells.iter().find(|c| (c.history_steps, c.width) == (history, width));
+        let cell = ablation.cells.iter().find(|c| (c.history_steps, c.width) == (history, width));
         cell.map_or(f64::NAN, |cell| cell.mean_rmse_m_per_s)
     };
-    let list = |values: &[usize]| {
-        values.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
-    };
+    let list =
+        |values: &[usize]| values.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     page.picture(&heat_map(&HeatMap {
         title: "log10 of the free-running error (mm/s)".to_owned(),
         x: format!("width, one column each: {}", list(&widths)),
@@ -285,11 +295,14 @@ fn ablation(page: &mut Page, summary: &Summary) {
         y_range: (0.0, histories.len() as f64),
         values: histories
             .iter()
-            .map(|history| widths.iter().map(|width| (1e3 * error(*history, *width)).log10()).collect())
+            .map(|history| {
+                widths.iter().map(|width| (1e3 * error(*history, *width)).log10()).collect()
+            })
             .collect(),
         size: (560, 380),
     }));
-    let head = ["history", "width", "parameters", "seeds", "one step", "free-running", "std. error"];
+    let head =
+        ["history", "width", "parameters", "seeds", "one step", "free-running", "std. error"];
     let rows = ablation.cells.iter().map(|cell| {
         vec![
             cell.history_steps.to_string(),
@@ -315,12 +328,9 @@ fn curves(page: &mut Page, study: &Study) {
             stroke: Stroke::Solid,
             points: curve.iter().map(|e| (e.epoch as f64, 1e3 * e.train_rmse_m_per_s)).collect(),
         });
-        let held_out = curve.iter().filter_map(|e| Some((e.epoch as f64, 1e3 * e.held_out_rmse_m_per_s?)));
-        drawn.push(Curve {
-            colour: RED,
-            stroke: Stroke::Solid,
-            points: held_out.collect(),
-        });
+        let held_out =
+            curve.iter().filter_map(|e| Some((e.epoch as f64, 1e3 * e.held_out_rmse_m_per_s?)));
+        drawn.push(Curve { colour: RED, stroke: Stroke::Solid, points: held_out.collect() });
     }
     page.picture(&line_plot(&LinePlot {
         title: "One step ahead, every seed".to_owned(),

@@ -405,10 +405,8 @@ fn parabola_slope(track: &Track, time: Nanos) -> [f64; AXES] {
     let from = track.times.partition_point(|t| t.seconds_since(time) < -CAMERA_HALF_WINDOW);
     let to = track.times.partition_point(|t| t.seconds_since(time) <= CAMERA_HALF_WINDOW);
     // Scaled times keep the normal equations well conditioned.
-    let tau: Vec<f64> = track.times[from..to]
-        .iter()
-        .map(|t| t.seconds_since(time) / CAMERA_HALF_WINDOW)
-        .collect();
+    let tau: Vec<f64> =
+        track.times[from..to].iter().map(|t| t.seconds_since(time) / CAMERA_HALF_WINDOW).collect();
     let moment = |power: i32| tau.iter().map(|t| t.powi(power)).sum::<f64>();
     let s: [f64; 5] = std::array::from_fn(|power| moment(power as i32));
     std::array::from_fn(|axis| {

@@ -79,8 +79,7 @@ impl Baselines {
         let lag_delay = LagDelay::fit(&train, dt);
         let arx = Arx::fit(&train, history_steps);
         let models: [&dyn VelocityModel; 3] = [&Ideal, &lag_delay, &arx];
-        let judgements =
-            models.map(|model| Judgement::new(model, &held_out, history_steps, dt));
+        let judgements = models.map(|model| Judgement::new(model, &held_out, history_steps, dt));
         Self { lag_delay, arx, judgements }
     }
 }
@@ -275,9 +274,8 @@ fn longest() -> f64 {
 
 /// Position of the seed with the median free-running error; the lower of the two middle ones.
 fn median_position(seeds: &[Judged]) -> Option<usize> {
-    let error = |position: &usize| {
-        seeds[*position].judgement.free_running(longest(), Component::Both)
-    };
+    let error =
+        |position: &usize| seeds[*position].judgement.free_running(longest(), Component::Both);
     let mut order: Vec<usize> = (0..seeds.len()).collect();
     order.sort_by(|a, b| error(a).total_cmp(&error(b)));
     order.get(seeds.len().saturating_sub(1) / 2).copied()

@@ -132,7 +132,8 @@ mod tests {
 
     fn counting_run(offset: f64, samples: usize) -> Run {
         let series = |sign: f64| {
-            (0..samples).map(move |k| [sign * (offset + k as f64), sign * (offset + k as f64 + 0.5)])
+            (0..samples)
+                .map(move |k| [sign * (offset + k as f64), sign * (offset + k as f64 + 0.5)])
         };
         Run {
             path: PathBuf::new(),

@@ -2,14 +2,18 @@
 
 use super::{Outcome, tell};
 use anyhow::{Context as _, bail};
-use klasktron::recording::{
-    ExistingFile, Recording, RecordingError,
-    table::{self, TableFormat},
+use klasktron::{
+    actuator::{self, WeightsFormat},
+    recording::{
+        ExistingFile, Recording, RecordingError,
+        table::{self, TableFormat},
+        write_bytes,
+    },
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
-    path::{Path, PathBuf},
+    path::PathBuf,
 };
 
 /// Attachments with this prefix hold the weights of an `actuator.mcap`.
@@ -29,6 +33,9 @@ pub(crate) struct Args {
     /// Write this topic only
     #[arg(long)]
     topic: Option<String>,
+    /// Weights of this seed [default: the chosen one]
+    #[arg(long)]
+    seed: Option<u64>,
     /// Replace files that exist already
     #[arg(long)]
     overwrite: bool,
@@ -70,15 +77,15 @@ impl Format {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let recording = Recording::open(&args.file)?;
+    let existing = if args.overwrite { ExistingFile::Replace } else { ExistingFile::Refuse };
     let has_weights = recording.attachments.iter().any(|a| a.name.starts_with(WEIGHTS_PREFIX));
     let table_format = match args.to.of_table() {
         Some(format) if !(has_weights && args.to == Format::Npz && args.topic.is_none()) => format,
         _ => {
-            export_weights(&recording, args.to, &args.out)?;
+            export_weights(&recording, args, existing)?;
             return Ok(outcome_of(&recording));
         }
     };
-    let existing = if args.overwrite { ExistingFile::Replace } else { ExistingFile::Refuse };
     let topics: BTreeSet<&str> = recording.channels.iter().map(|c| c.topic.as_str()).collect();
     let only = match (&args.topic, topics.len()) {
         (Some(topic), _) => Some(topic.as_str()),
@@ -93,13 +100,21 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(outcome_of(&recording))
 }
 
-/// Writes the weights of an `actuator.mcap`. TO BE FILLED IN together with `fit-actuator`.
-fn export_weights(recording: &Recording, _format: Format, _out: &Path) -> anyhow::Result<()> {
-    bail!(
-        "{}: not an actuator.mcap; weights come from `klasktron fit-actuator`, and a recording's \
-         tables leave with --to parquet, csv or npz",
-        recording.path.display()
-    )
+/// Writes the weights of an `actuator.mcap`.
+fn export_weights(
+    recording: &Recording,
+    args: &Args,
+    existing: ExistingFile,
+) -> anyhow::Result<()> {
+    let format = match args.to {
+        Format::Onnx => WeightsFormat::Onnx,
+        Format::Safetensors => WeightsFormat::Safetensors,
+        Format::Torchscript => WeightsFormat::Torchscript,
+        Format::Npz | Format::Parquet | Format::Csv => WeightsFormat::Npz,
+    };
+    let stored = actuator::read_actuator(recording)?;
+    let bytes = actuator::export_weights(&stored, format, args.seed)?;
+    Ok(write_bytes(&args.out, existing, &bytes)?)
 }
 
 fn outcome_of(recording: &Recording) -> Outcome {

@@ -1,7 +1,7 @@
 //! `klasktron fit-actuator`: arguments to a set of fits, and their outcome to files.
 
 use super::{Outcome, interrupt, print, tell};
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::{ValueEnum, builder::PossibleValue};
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
@@ -10,10 +10,9 @@ use klasktron::{
         Schedule, Store, Study, StudyKind, Summary, Target,
     },
     provenance::Provenance,
-    recording::{partial_name, topic::Player},
+    recording::{ExistingFile, topic::Player, write_bytes},
 };
 use std::{
-    fs,
     num::NonZeroUsize,
     path::{Path, PathBuf},
     thread,
@@ -25,7 +24,9 @@ use std::{
 /// nothing says so, every fifth run of each pattern is held out. Finished fits are kept in
 /// OUT/fits, so the same command continues where an interrupted one stopped.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator")]
+#[command(
+    after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator"
+)]
 pub(crate) struct Args {
     /// Recordings with /striker/*/command and /striker/*/carriage (or /camera/detections)
     #[arg(required = true, value_name = "RECORDING")]
@@ -58,7 +59,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "WINDOWS", default_value = "256", value_parser = parse_count)]
     batch: usize,
     /// Step size of Adam at the start
-    #[arg(long, default_value = "0.001", value_parser = parse_positive)]
+    #[arg(long, default_value = "0.001", value_parser = parse_positive, allow_negative_numbers = true)]
     learning_rate: f64,
     /// How the learning rate goes down
     #[arg(long, value_enum, default_value_t = Schedule::Cosine)]
@@ -67,7 +68,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "STEPS", default_value = "1", value_parser = parse_count)]
     horizon: usize,
     /// Samples per second to which the recordings are brought (Hz)
-    #[arg(long, value_name = "HZ", default_value = "50", value_parser = parse_positive)]
+    #[arg(long, value_name = "HZ", default_value = "50", value_parser = parse_positive, allow_negative_numbers = true)]
     rate_hz: f64,
     /// First seed
     #[arg(long, default_value_t = 0)]
@@ -224,14 +225,11 @@ fn available_threads() -> usize {
     thread::available_parallelism().map_or(1, NonZeroUsize::get)
 }
 
-
 fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result<()> {
     actuator::write_actuator(study, summary, &out.join("actuator.mcap"))?;
-    let path = out.join("index.html");
-    let partial = partial_name(&path);
-    fs::write(&partial, actuator::page(study, summary))
-        .and_then(|()| fs::rename(&partial, &path))
-        .with_context(|| format!("{}: cannot write", path.display()))
+    let page = actuator::page(study, summary);
+    write_bytes(&out.join("index.html"), ExistingFile::Replace, page.as_bytes())?;
+    Ok(())
 }
 
 /// The result for people: the figures that decide, and where the rest is.
@@ -241,18 +239,22 @@ fn table(summary: &Summary, out: &Path) -> String {
         "RMSE (mm/s), held out", "one step", "0.1 s", "0.5 s", "2 s"
     )];
     let figure = |value: f64| {
-        if value.is_finite() { format!("{:>12.3}", 1e3 * value) } else { format!("{:>12}", "diverges") }
+        if value.is_finite() {
+            format!("{:>12.3}", 1e3 * value)
+        } else {
+            format!("{:>12}", "diverges")
+        }
     };
     let median: String = std::iter::once(summary.one_step_rmse_m_per_s.median)
         .chain(summary.free_running_rmse_m_per_s.iter().map(|f| f.spread.median))
         .map(figure)
         .collect();
     lines.push(format!("{:<22}{median}", format!("network, {} seeds", summary.seeds.len())));
-    for (model, title) in [("arx", "linear ARX"), ("lag_delay", "lag with delay"), ("ideal", "ideal")] {
+    for (model, title) in
+        [("arx", "linear ARX"), ("lag_delay", "lag with delay"), ("ideal", "ideal")]
+    {
         let rows = summary.errors.iter().filter(|row| {
-            row.model == model
-                && row.pattern == "all"
-                && row.component == actuator::Component::Both
+            row.model == model && row.pattern == "all" && row.component == actuator::Component::Both
         });
         let figures: String = rows.map(|row| figure(row.rmse_m_per_s)).collect();
         lines.push(format!("{title:<22}{figures}"));

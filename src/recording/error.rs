@@ -55,7 +55,7 @@ pub enum RecordingError {
         /// Schema name.
         schema: String,
         /// The first difference.
-        difference: SchemaDifference,
+        difference: Box<SchemaDifference>,
     },
     /// A message does not decode as its schema says.
     #[error("{}: topic {topic}, message {index}: does not decode as {schema}: {reason}", path.display())]

@@ -165,7 +165,7 @@ impl Recording {
                     path: self.path.clone(),
                     topic: channel.topic.clone(),
                     schema: channel.schema.clone(),
-                    difference,
+                    difference: Box::new(difference),
                 }
             })?;
         }

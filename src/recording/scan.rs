@@ -98,6 +98,13 @@ struct Scan<R> {
     unpacked: Vec<u8>,
 }
 
+/// Whether all bytes of a chunk are there.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Extent {
+    Whole,
+    CutOff,
+}
+
 enum Next {
     Continue,
     DataEnd,
@@ -135,7 +142,8 @@ impl<R: Read> Scan<R> {
                 self.cut_off(start);
             }
             if opcode == mcap::records::op::CHUNK {
-                self.visit_chunk(&body, whole, visit);
+                let extent = if whole { Extent::Whole } else { Extent::CutOff };
+                self.visit_chunk(&body, extent, visit);
             } else if whole && matches!(self.visit_record(opcode, &body, visit), Next::DataEnd) {
                 return Ok(());
             }
@@ -172,15 +180,15 @@ impl<R: Read> Scan<R> {
 
     /// Visits the records of a chunk. A whole chunk counts only when its checksum holds; of a
     /// cut-off chunk, which cannot be checked, every complete record counts.
-    fn visit_chunk(&mut self, body: &[u8], whole: bool, visit: &mut dyn FnMut(Record<'_>)) {
+    fn visit_chunk(&mut self, body: &[u8], extent: Extent, visit: &mut dyn FnMut(Record<'_>)) {
         let mut unpacked = std::mem::take(&mut self.unpacked);
         unpacked.clear();
         let good = match parse_chunk(body) {
             Some((header, packed)) => {
                 let complete = unpack(&header, packed, &mut unpacked);
-                !whole || (complete && checksum_holds(&header, &unpacked))
+                extent == Extent::CutOff || (complete && checksum_holds(&header, &unpacked))
             }
-            None => !whole,
+            None => extent == Extent::CutOff,
         };
         if good {
             let mut rest = unpacked.as_slice();

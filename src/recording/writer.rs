@@ -1,6 +1,7 @@
 //! Writing a recording: beside its final name, renamed when it is complete.
 
 use super::{
+    beside::partial_name,
     error::RecordingError,
     schema::{FILE_DESCRIPTOR_SET, PROTOBUF},
 };
@@ -269,11 +270,4 @@ pub struct RawSchema<'a> {
     pub message_encoding: &'a str,
     /// Key and value pairs of the channel record.
     pub channel_metadata: &'a BTreeMap<String, String>,
-}
-
-/// `.NAME.partial` in the same folder as `path`.
-#[must_use]
-pub fn partial_name(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!(".{name}.partial"))
 }

@@ -21,7 +21,7 @@ pub struct Table {
 const STYLE: &str = "
 :root{color-scheme:light}
 body{font:16px/1.5 system-ui,sans-serif;color:#1d2733;background:#f6f7f9;margin:0}
-main{max-width:1040px;margin:0 auto;padding:24px 20px 60px;background:#fff}
+main{max-width:1080px;margin:0 auto;padding:24px 20px 60px;background:#fff}
 h1{font-size:28px;margin:8px 0 4px}
 h2{font-size:20px;margin:36px 0 8px;border-bottom:1px solid #d9dee5;padding-bottom:4px}
 p{max-width:78ch}
@@ -29,7 +29,7 @@ p{max-width:78ch}
 .warning{background:#fff4dc;border-left:4px solid #d9902f;padding:8px 12px;margin:8px 0;max-width:76ch}
 .scroll{overflow-x:auto}
 table{border-collapse:collapse;font-size:14px;margin:8px 0}
-th,td{padding:3px 12px;text-align:right;border-bottom:1px solid #e6e9ee;white-space:nowrap}
+th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #e6e9ee;white-space:nowrap}
 th:first-child,td:first-child{text-align:left}
 th{background:#eef1f5}
 svg{max-width:100%;height:auto;display:block;margin:8px 0}
@@ -111,7 +111,8 @@ impl Page {
         let entries: String = entries
             .iter()
             .map(|(name, [r, g, b])| {
-                let key = format!("<span class=\"key\" style=\"background:rgb({r},{g},{b})\"></span>");
+                let key =
+                    format!("<span class=\"key\" style=\"background:rgb({r},{g},{b})\"></span>");
                 format!("{key}{}", escape(name))
             })
             .collect();

@@ -3,8 +3,8 @@
 use plotters::{
     coord::{
         Shift,
-        types::RangedCoordf64,
         ranged1d::{Ranged, ValueFormatter},
+        types::RangedCoordf64,
     },
     prelude::*,
 };
@@ -163,8 +163,7 @@ fn draw_line_plot(plot: &LinePlot, svg: &mut String) -> Drawn {
     match plot.y.scale {
         Scale::Linear => {
             let room = 0.06 * (high - low);
-            let chart =
-                builder.build_cartesian_2d(left..right, low - room..high + room)?;
+            let chart = builder.build_cartesian_2d(left..right, low - room..high + room)?;
             draw_curves(plot, chart, low - room)?;
         }
         Scale::Logarithmic => {
@@ -277,9 +276,8 @@ fn draw_heat_map(map: &HeatMap, svg: &mut String) -> Drawn {
     for (row, values) in map.values.iter().enumerate() {
         let rows = map.values.len();
         for (column, value) in values.iter().enumerate().filter(|(_, value)| value.is_finite()) {
-            let corners = [(column, row), (column + 1, row + 1)].map(|(x, y)| {
-                (edge(map.x_range, x, values.len()), edge(map.y_range, y, rows))
-            });
+            let corners = [(column, row), (column + 1, row + 1)]
+                .map(|(x, y)| (edge(map.x_range, x, values.len()), edge(map.y_range, y, rows)));
             let fill = shade((value - low) / (high - low)).filled();
             chart.draw_series([Rectangle::new(corners, fill)])?;
         }
@@ -309,13 +307,11 @@ mod tests {
 
     #[test]
     fn plots_survive_empty_constant_and_non_finite_data() {
-        let curve = |points: Vec<(f64, f64)>| Curve {
-            colour: [0, 0, 0],
-            stroke: Stroke::Dashed,
-            points,
-        };
+        let curve =
+            |points: Vec<(f64, f64)>| Curve { colour: [0, 0, 0], stroke: Stroke::Dashed, points };
         for scale in [Scale::Linear, Scale::Logarithmic] {
-            for points in [vec![], vec![(0.0, 0.0)], vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 1.0)]] {
+            for points in [vec![], vec![(0.0, 0.0)], vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 1.0)]]
+            {
                 let plot = LinePlot {
                     title: "t".into(),
                     x: "x (s)".into(),

@@ -1,8 +1,14 @@
 //! The one integration binary: it keeps link time down.
 #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+mod architecture;
 mod damage;
+mod drive;
+mod fit_actuator;
+mod foreign;
+mod import;
 mod info;
 mod recover;
+mod recover_actuator;
 mod support;
 mod tables;

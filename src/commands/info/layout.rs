@@ -64,7 +64,7 @@ fn topics(file: &Inspection) -> String {
     let mut rows = vec![cells(&[
         "topic",
         "schema",
-        "messages",
+        "count",
         "Hz",
         "jitter ms",
         "gap s",
@@ -82,9 +82,9 @@ fn topics(file: &Inspection) -> String {
             number(timing.measured_rate_hz, 2),
             number(timing.jitter_ms, 3),
             number(timing.largest_gap_s, 3),
-            number(timing.largest_gap_at_s, 2),
-            number((0 < topic.messages).then_some(first_s), 2),
-            number((0 < topic.messages).then_some(last_s), 2),
+            number(timing.largest_gap_at_s, 1),
+            number((0 < topic.messages).then_some(first_s), 1),
+            number((0 < topic.messages).then_some(last_s), 1),
         ]);
     }
     aligned(&rows, 2)

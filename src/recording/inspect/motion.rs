@@ -53,8 +53,9 @@ const MIN_TRAVEL_M: f64 = 0.02;
 const MIN_SCALE_RANGE_M: f64 = 0.02;
 /// Camera and encoders must agree this well before their scale is believed.
 const MIN_SCALE_EXPLAINED: f64 = 0.95;
-/// Half-way to the 4.8 % (0.44 m taken for 0.42 m) and 4.5 % (the reverse) of a wrong board length.
-const MAX_SCALE_ERROR: f64 = 0.0225;
+/// Two thirds of the 4.5 % that a wrong board length makes (0.42 m and 0.44 m mixed up); a peg on a
+/// soft magnet overshoots by up to half of that.
+const MAX_SCALE_ERROR: f64 = 0.03;
 /// Axis names by column.
 const AXES: [char; 2] = ['x', 'y'];
 
@@ -259,6 +260,13 @@ fn stuck_sensors(player: Player, tracks: &GantryTracks, belt_metres_per_turn: f6
     doubts
 }
 
+/// Slope of the peg on the carriage along column `at`, the other axis taken out where it can be,
+/// so that a turned camera is not a wrong scale; and the share of the variance explained.
+fn scale_of(covariance: &Covariance<3>, at: usize) -> (f64, f64) {
+    let both = covariance.slopes(2).map(|(slopes, explained)| (slopes[at], explained));
+    both.unwrap_or_else(|| covariance.slope(2, at))
+}
+
 /// Camera over encoder displacement along column `at`, at the lag that fits best; `None` when
 /// there is too little travel or agreement.
 fn fit_scale(tracks: &GantryTracks, at: usize) -> Option<f64> {
@@ -271,13 +279,13 @@ fn fit_scale(tracks: &GantryTracks, at: usize) -> Option<f64> {
     let fits = (0..=steps).filter_map(|step| {
         let lag_s = MAX_LAG_S * f64::from(step) / f64::from(steps);
         let frames = tracks.peg.times_s.iter().zip(&tracks.peg.values).step_by(stride);
-        let rows: Vec<[f64; 2]> = frames
+        let rows: Vec<[f64; 3]> = frames
             .filter_map(|(time, peg)| {
                 let carriage = tracks.carriage.between(time - lag_s, MAX_SAMPLE_GAP_S)?;
-                Some([carriage[at], peg[at]])
+                Some([carriage[0], carriage[1], peg[at]])
             })
             .collect();
-        (MIN_POINTS <= rows.len()).then(|| Covariance::new(&rows).slope(1, 0))
+        (MIN_POINTS <= rows.len()).then(|| scale_of(&Covariance::new(&rows), at))
     });
     let (slope, explained) = fits.max_by(|a, b| a.1.total_cmp(&b.1))?;
     (MIN_SCALE_EXPLAINED <= explained).then_some(slope)

@@ -114,12 +114,15 @@ impl Plan {
         let set = FileDescriptorSet::decode(descriptors).ok()?;
         let mut messages = BTreeMap::new();
         for file in &set.file {
-            let implicit = file.syntax() == "proto3";
+            let scalars = match file.syntax() {
+                "proto3" => Presence::Implicit,
+                _ => Presence::Explicit,
+            };
             let prefix = match file.package() {
                 "" => String::new(),
                 package => format!(".{package}"),
             };
-            collect(&mut messages, &prefix, &file.message_type, implicit);
+            collect(&mut messages, &prefix, &file.message_type, scalars);
         }
         let mut planner = Planner { messages, select, leaves: Vec::new(), path: vec![] };
         let root = planner.node(&format!(".{full_name}"), "")?;
@@ -127,23 +130,23 @@ impl Plan {
     }
 }
 
-type Messages<'a> = BTreeMap<String, (&'a DescriptorProto, bool)>;
+type Messages<'a> = BTreeMap<String, (&'a DescriptorProto, Presence)>;
 
 fn collect<'a>(
     messages: &mut Messages<'a>,
     prefix: &str,
     types: &'a [DescriptorProto],
-    implicit: bool,
+    scalars: Presence,
 ) {
     for message in types {
         let name = format!("{prefix}.{}", message.name());
-        collect(messages, &name, &message.nested_type, implicit);
-        messages.insert(name, (message, implicit));
+        collect(messages, &name, &message.nested_type, scalars);
+        messages.insert(name, (message, scalars));
     }
 }
 
 struct Planner<'a> {
-    /// Descriptor by full name with a leading dot, and whether its file is proto3.
+    /// Descriptor by full name with a leading dot, and the presence of its file's scalars.
     messages: Messages<'a>,
     select: Selection,
     leaves: Vec<Leaf>,
@@ -156,13 +159,13 @@ impl Planner<'_> {
         if MAX_DEPTH <= self.path.len() || self.path.iter().any(|name| name == type_name) {
             return None;
         }
-        let (message, proto3) = *self.messages.get(type_name)?;
+        let (message, scalars) = *self.messages.get(type_name)?;
         self.path.push(type_name.to_owned());
         let mut node = Node::default();
         for field in &message.field {
             let Ok(number) = u32::try_from(field.number()) else { continue };
             let name = format!("{prefix}{}", field.name());
-            if let Some(target) = self.target(field, name, proto3) {
+            if let Some(target) = self.target(field, name, scalars) {
                 node.targets.push((number, target));
             }
         }
@@ -175,24 +178,25 @@ impl Planner<'_> {
         &mut self,
         field: &FieldDescriptorProto,
         name: String,
-        proto3: bool,
+        scalars: Presence,
     ) -> Option<Target> {
         let repeated = match field.label() {
             Label::Repeated => Repeated::Often,
             Label::Optional | Label::Required => Repeated::Never,
         };
-        if field.r#type() == Type::Message && repeated == Repeated::Never {
-            if let Some(inside) = self.node(field.type_name(), &format!("{name}.")) {
-                return Some(Target::Inside(inside));
-            }
+        if field.r#type() == Type::Message
+            && repeated == Repeated::Never
+            && let Some(inside) = self.node(field.type_name(), &format!("{name}."))
+        {
+            return Some(Target::Inside(inside));
         }
         let scalar = scalar_of(field.r#type());
         let is_text = matches!(scalar, Scalar::Text | Scalar::Bytes) || repeated == Repeated::Often;
         if is_text && self.select == Selection::Numbers {
             return None;
         }
-        let explicit = !proto3 || field.oneof_index.is_some() || field.r#type() == Type::Message;
-        let presence = if explicit { Presence::Explicit } else { Presence::Implicit };
+        let explicit = field.oneof_index.is_some() || field.r#type() == Type::Message;
+        let presence = if explicit { Presence::Explicit } else { scalars };
         self.leaves.push(Leaf { name, scalar, presence, repeated });
         Some(Target::Column(self.leaves.len() - 1))
     }

@@ -120,3 +120,80 @@ fn an_existing_table_is_kept() {
     let error = read_table(&made, "/nowhere").unwrap_err().to_string();
     assert!(error.ends_with("no topic /nowhere; it has /match/event"), "{error}");
 }
+
+mod foreign_schemas {
+    use super::*;
+    use crate::recording::{PROTOBUF, RawSchema};
+    use prost::Message as _;
+    use prost_types::{
+        DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet,
+        field_descriptor_proto::{Label, Type},
+    };
+    use std::collections::BTreeMap;
+
+    fn field(name: &str, number: i32, kind: Type, label: Label) -> FieldDescriptorProto {
+        FieldDescriptorProto {
+            name: Some(name.into()),
+            number: Some(number),
+            r#type: Some(kind.into()),
+            label: Some(label.into()),
+            type_name: (kind == Type::Message).then(|| ".Tree".to_owned()),
+            ..Default::default()
+        }
+    }
+
+    /// A message with a packed list, a zigzag number and itself inside.
+    fn tree() -> Vec<u8> {
+        let message = DescriptorProto {
+            name: Some("Tree".into()),
+            field: vec![
+                field("list", 1, Type::Uint32, Label::Repeated),
+                field("zigzag", 200, Type::Sint64, Label::Optional),
+                field("inner", 3, Type::Message, Label::Optional),
+                field("names", 4, Type::String, Label::Repeated),
+            ],
+            ..Default::default()
+        };
+        let file = FileDescriptorProto {
+            message_type: vec![message],
+            syntax: Some("proto3".into()),
+            ..Default::default()
+        };
+        FileDescriptorSet { file: vec![file] }.encode_to_vec()
+    }
+
+    #[test]
+    fn lists_are_text_and_a_message_within_itself_stays_bytes() {
+        let dir = tempfile::tempdir().unwrap();
+        let descriptors = tree();
+        let schema = RawSchema {
+            name: "Tree",
+            encoding: PROTOBUF,
+            data: &descriptors,
+            message_encoding: PROTOBUF,
+            channel_metadata: &BTreeMap::new(),
+        };
+        let bytes = [
+            &[0x0a, 3, 1, 0xac, 0x02][..], // list: 1, 300, packed
+            &[0x08, 7],                    // list: 7, not packed
+            &[0xc0, 0x0c, 3],              // zigzag: -2
+            &[0x1a, 2, 0x08, 1],           // inner: list: 1
+            &[0x22, 1, b'a', 0x22, 1, b'b'],
+            &[0x7d, 0, 0, 0, 0], // an unknown field 15
+        ]
+        .concat();
+        let made = recording(&dir, |writer| {
+            writer.write_raw("/tree", &schema, [Nanos(1); 2], &bytes).unwrap();
+            writer.write_raw("/tree", &schema, [Nanos(2); 2], &[]).unwrap();
+        });
+        let table = read_table(&made, "/tree").unwrap();
+        let text = |name: &str| match &table.column(name).unwrap().values {
+            Values::Text(values) => values.clone(),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(text("list"), [Some("[1, 300, 7]".into()), Some("[]".into())]);
+        assert_eq!(text("names"), [Some(r#"["a", "b"]"#.into()), Some("[]".into())]);
+        assert_eq!(text("inner"), [Some("0801".into()), None]);
+        assert_eq!(table.column("zigzag").unwrap().values, Values::Int(vec![Some(-2), Some(0)]));
+    }
+}

@@ -1,16 +1,13 @@
 //! Tables as files: written beside the final name and renamed when complete.
 
 use super::{Column, Table, Values};
-use crate::recording::{ExistingFile, RecordingError, partial_name};
+use crate::recording::{ExistingFile, RecordingError, write_beside};
 use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
 use polars::prelude::{
     Column as FrameColumn, CsvWriter, DataFrame, NamedFrom, ParquetWriter, SerWriter, Series,
 };
-use std::{
-    fs::{self, File},
-    path::Path,
-};
+use std::{fs::File, path::Path};
 
 /// How a table is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,23 +56,14 @@ pub fn write_table(
     format: TableFormat,
     existing: ExistingFile,
 ) -> Result<(), RecordingError> {
-    if existing == ExistingFile::Refuse && path.exists() {
-        return Err(RecordingError::Exists { path: path.to_owned() });
-    }
-    let partial = partial_name(path);
-    let file = File::create(&partial).map_err(RecordingError::io(path, "create"))?;
-    let written = match format {
-        TableFormat::Parquet => write_parquet(table, file),
-        TableFormat::Csv => write_csv(table, file),
-        TableFormat::Npz => write_npz(table, file),
-    };
-    let named = written
-        .map_err(|reason| RecordingError::Table { path: path.to_owned(), reason })
-        .and_then(|()| fs::rename(&partial, path).map_err(RecordingError::io(path, "rename")));
-    if named.is_err() {
-        fs::remove_file(&partial).ok(); // a half-written copy; the recording still has it all
-    }
-    named
+    write_beside(path, existing, |file| {
+        let written = match format {
+            TableFormat::Parquet => write_parquet(table, file),
+            TableFormat::Csv => write_csv(table, file),
+            TableFormat::Npz => write_npz(table, file),
+        };
+        written.map_err(|reason| RecordingError::Table { path: path.to_owned(), reason })
+    })
 }
 
 fn write_parquet(table: &Table, file: File) -> Result<(), String> {

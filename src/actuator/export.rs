@@ -1,0 +1,42 @@
+//! Weights of an `actuator.mcap` for other software.
+
+use super::{
+    ActuatorError,
+    file::{StoredActuator, weights_name},
+};
+use crate::nn::{npz, onnx, safetensors, torchscript};
+
+/// Formats in which weights leave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WeightsFormat {
+    /// For onnxruntime and others; input `history`, output `velocity`, raw m/s.
+    Onnx,
+    /// Tensors `fc1.weight` to `fc_out.bias`, layout and units in the metadata.
+    Safetensors,
+    /// For `torch.jit.load`, as Isaac Lab's actuator network does.
+    Torchscript,
+    /// Arrays `fc1.weight` to `fc_out.bias` for numpy.
+    Npz,
+}
+
+/// The weights of `seed`, or of the chosen seed.
+///
+/// # Errors
+/// When the file has no such seed, or its weights cannot be read.
+pub fn export_weights(
+    stored: &StoredActuator,
+    format: WeightsFormat,
+    seed: Option<u64>,
+) -> Result<Vec<u8>, ActuatorError> {
+    let (network, metadata) = match seed {
+        None => (stored.model.network.clone(), stored.metadata.clone()),
+        Some(seed) => stored.weights_of(&weights_name(seed))?,
+    };
+    Ok(match format {
+        WeightsFormat::Onnx => onnx::to_onnx(&network, &metadata),
+        WeightsFormat::Safetensors => safetensors::to_safetensors(&network, &metadata),
+        WeightsFormat::Torchscript => torchscript::to_torchscript(&network),
+        WeightsFormat::Npz => npz::to_npz(&network)
+            .map_err(|error| stored.bad(format!("weights do not fit an npz: {error}")))?,
+    })
+}

@@ -1,0 +1,17 @@
+//! The table: its size, and the frames in which software has described it.
+//!
+//! Everything inside klasktron is in the board frame: right-handed, z up, origin at the centre of
+//! the playing field, `x` across (short side), `y` from goal to goal; the left player owns y < 0.
+//! Other software used other frames; [`Frame`] names each and turns it into the board frame.
+//!
+//! ```
+//! use klasktron::board::{BoardSize, Frame};
+//! let size = BoardSize::default();
+//! // The middle of the field in the ROS image frame is the board's origin.
+//! let centre = Frame::Image.position_in_board(size, [0.21, 0.16]);
+//! assert_eq!(centre, [0.0, 0.0]);
+//! ```
+
+mod frames;
+
+pub use frames::{BoardSize, BoardSizeError, Frame};

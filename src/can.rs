@@ -1,0 +1,21 @@
+//! The bus of the drives: frames, the ODrive CANSimple codec, and logs of `candump`.
+//!
+//! Everything here is pure: bytes or text in, values out. Transports are not part of it.
+//!
+//! ```
+//! use klasktron::can::{Message, candump};
+//! let line = candump::parse_line("(1.500000) can0 029#000000400000C03F").unwrap();
+//! let decoded = klasktron::can::decode(&line.frame).unwrap();
+//! assert_eq!(decoded.node, 1);
+//! assert_eq!(
+//!     decoded.message,
+//!     Message::EncoderEstimates { position_turns: 2.0, velocity_turns_per_s: 1.5 }
+//! );
+//! ```
+
+pub mod candump;
+mod codec;
+mod frame;
+
+pub use codec::{BROADCAST_NODE, CodecError, Command, Decoded, Message, TrajectoryState, decode};
+pub use frame::{Direction, Frame, FrameKind, IdWidth, MAX_DATA_BYTES, Payload};

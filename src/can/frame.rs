@@ -1,0 +1,69 @@
+//! One classic CAN frame.
+
+/// Most data bytes of a classic frame.
+pub const MAX_DATA_BYTES: usize = 8;
+
+/// Up to eight data bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Payload {
+    bytes: [u8; MAX_DATA_BYTES],
+    length: u8,
+}
+
+impl Payload {
+    /// The first eight bytes of `data`; `None` when there are more.
+    #[must_use]
+    pub fn new(data: &[u8]) -> Option<Self> {
+        let mut bytes = [0; MAX_DATA_BYTES];
+        bytes.get_mut(..data.len())?.copy_from_slice(data);
+        Some(Self { bytes, length: data.len() as u8 })
+    }
+
+    /// The data bytes.
+    #[must_use]
+    pub fn as_slice(&self) -> &[u8] {
+        &self.bytes[..usize::from(self.length)]
+    }
+}
+
+/// What a frame is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameKind {
+    /// Carries data.
+    Data,
+    /// Asks for the data frame of the same id (RTR).
+    Remote,
+    /// Reports an error of the bus; the id holds its classes.
+    Error,
+}
+
+/// Width of a frame's id.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum IdWidth {
+    /// 11 bits.
+    Standard,
+    /// 29 bits.
+    Extended,
+}
+
+/// Which way a frame went, seen from the host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direction {
+    /// From the bus.
+    Received,
+    /// To the bus.
+    Sent,
+}
+
+/// One frame, without its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Frame {
+    /// The id without flag bits; 11 or 29 bits by `width`.
+    pub id: u32,
+    /// Width of the id.
+    pub width: IdWidth,
+    /// Data, remote request or error.
+    pub kind: FrameKind,
+    /// The data; empty in a remote frame.
+    pub data: Payload,
+}

@@ -1,0 +1,18 @@
+//! The gantry under the board: two motors, one belt, one carriage for each player.
+//!
+//! [`CoreXy`] is the pair of forward and inverse kinematics; [`MotorSeat`] says which motor of
+//! which player a drive turns, and with which sign.
+//!
+//! ```
+//! use klasktron::gantry::CoreXy;
+//! let gantry = CoreXy::default();
+//! let turns = gantry.motors_from_board([0.4, 0.0]); // 0.4 m/s across
+//! assert_eq!([turns.a, turns.b], [10.0, 10.0]);
+//! assert_eq!(gantry.board_from_motors(turns), [0.4, 0.0]);
+//! ```
+
+mod kinematics;
+
+pub use kinematics::{
+    BELT_METRES_PER_TURN, BeltError, CoreXy, KLASKTRON_SEATS, MotorPair, MotorSeat,
+};

@@ -1,0 +1,169 @@
+//! CoreXY kinematics in the board frame, and the seats of the four drives.
+//!
+//! With `d` the belt per motor turn: `a = (x + y) / d`, `b = (x - y) / d`, so
+//! `x = d/2 (a + b)`, `y = d/2 (a - b)`; the same for velocities. Both are after the sign of each
+//! motor. Source: the upstream commander (image frame): `right = s (vx + vy) / d`,
+//! `left = s (vy - vx) / d`, with `s` = +1 for the right and -1 for the left player; with
+//! `x = y_img`, `y = x_img` that is `a = s right`, `b = s left`. Torques take the same sign.
+//!
+//! Older upstream software commanded with `2/d`, so its carriage ran at twice the command: that is
+//! a property of such recordings, not of this map.
+
+use crate::recording::topic::{Motor, Player};
+
+/// Belt per motor turn of the KlaskTron gantry (m): 20 teeth of 2 mm.
+pub const BELT_METRES_PER_TURN: f64 = 0.04;
+
+/// Turns, or turns per second, of the two motors, signs applied.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorPair {
+    /// Motor `a`, which moves x + y.
+    pub a: f64,
+    /// Motor `b`, which moves x - y.
+    pub b: f64,
+}
+
+/// A belt that cannot be.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "a belt of {metres_per_turn} m per motor turn: it must lie above 0 and up to 1 m; \
+     the KlaskTron gantry has 0.04 m"
+)]
+pub struct BeltError {
+    /// What was given (m).
+    pub metres_per_turn: f64,
+}
+
+/// Kinematics of one gantry.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CoreXy {
+    metres_per_turn: f64,
+}
+
+impl Default for CoreXy {
+    fn default() -> Self {
+        Self { metres_per_turn: BELT_METRES_PER_TURN }
+    }
+}
+
+impl CoreXy {
+    /// A gantry that moves `metres_per_turn` of belt with each motor turn (m).
+    ///
+    /// # Errors
+    /// When it is not in (0, 1] m.
+    pub fn new(metres_per_turn: f64) -> Result<Self, BeltError> {
+        if 0.0 < metres_per_turn && metres_per_turn <= 1.0 {
+            Ok(Self { metres_per_turn })
+        } else {
+            Err(BeltError { metres_per_turn })
+        }
+    }
+
+    /// Belt per motor turn (m).
+    #[must_use]
+    pub fn metres_per_turn(self) -> f64 {
+        self.metres_per_turn
+    }
+
+    /// Inverse kinematics: a displacement (m) or velocity (m/s) of the board frame in motor turns
+    /// or turns per second.
+    #[must_use]
+    pub fn motors_from_board(self, [x, y]: [f64; 2]) -> MotorPair {
+        MotorPair { a: (x + y) / self.metres_per_turn, b: (x - y) / self.metres_per_turn }
+    }
+
+    /// Forward kinematics: motor turns or turns per second as a displacement (m) or velocity (m/s)
+    /// of the board frame.
+    #[must_use]
+    pub fn board_from_motors(self, MotorPair { a, b }: MotorPair) -> [f64; 2] {
+        let half = self.metres_per_turn / 2.0;
+        [half * (a + b), half * (a - b)]
+    }
+}
+
+/// Which motor a drive turns, and how its own direction maps to the gantry's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MotorSeat {
+    /// Node id of the drive on the bus, and number N of its `/odrive_axisN` topics.
+    pub node: u8,
+    /// Whose gantry.
+    pub player: Player,
+    /// Which of its motors.
+    pub motor: Motor,
+    /// +1 or -1: multiplies position, velocity and torque of the drive.
+    pub sign: i8,
+}
+
+impl MotorSeat {
+    /// The seat of the KlaskTron table with this node id; `None` for any other node.
+    #[must_use]
+    pub fn of_node(node: u8) -> Option<Self> {
+        KLASKTRON_SEATS.into_iter().find(|seat| seat.node == node)
+    }
+
+    /// A value that the drive reports, or is sent, in the gantry's direction; its own inverse.
+    #[must_use]
+    pub fn directed(self, value: f64) -> f64 {
+        f64::from(self.sign) * value
+    }
+}
+
+/// The four drives of the KlaskTron table: the commander's "right" motor of a gantry is `a`, its
+/// "left" motor `b`.
+pub const KLASKTRON_SEATS: [MotorSeat; 4] = [
+    MotorSeat { node: 0, player: Player::Right, motor: Motor::A, sign: 1 },
+    MotorSeat { node: 1, player: Player::Right, motor: Motor::B, sign: 1 },
+    MotorSeat { node: 2, player: Player::Left, motor: Motor::A, sign: -1 },
+    MotorSeat { node: 3, player: Player::Left, motor: Motor::B, sign: -1 },
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(256))]
+
+        #[test]
+        fn forward_undoes_inverse(x in -1.0..1.0_f64, y in -1.0..1.0_f64, belt in 0.001..1.0_f64) {
+            let gantry = CoreXy::new(belt).unwrap();
+            let [bx, by] = gantry.board_from_motors(gantry.motors_from_board([x, y]));
+            prop_assert!((bx - x).abs() < 1e-12 && (by - y).abs() < 1e-12);
+        }
+
+        /// The commander's own formulas, image frame, for both players.
+        #[test]
+        fn the_commanders_formulas_give_the_same_motion(vx_img in -1.0..1.0_f64, vy_img in -1.0..1.0_f64) {
+            let gantry = CoreXy::default();
+            for (player, s) in [(Player::Right, 1.0), (Player::Left, -1.0)] {
+                let right = s * (vx_img + vy_img) / 0.04;
+                let left = s * (vy_img - vx_img) / 0.04;
+                let seat = |motor| {
+                    KLASKTRON_SEATS.into_iter().find(|seat| seat.player == player && seat.motor == motor).unwrap()
+                };
+                let pair = MotorPair { a: seat(Motor::A).directed(right), b: seat(Motor::B).directed(left) };
+                let [vx, vy] = gantry.board_from_motors(pair);
+                prop_assert!((vx - vy_img).abs() < 1e-12, "{player}: x {vx} against {vy_img}");
+                prop_assert!((vy - vx_img).abs() < 1e-12, "{player}: y {vy} against {vx_img}");
+            }
+        }
+    }
+
+    #[test]
+    fn speed_is_not_doubled() {
+        // One turn of both motors moves the carriage by one turn of belt, along x alone.
+        let moved = CoreXy::default().board_from_motors(MotorPair { a: 1.0, b: 1.0 });
+        assert_eq!(moved, [BELT_METRES_PER_TURN, 0.0]);
+        // 0.4 m/s along both axes is 20 turns per second of one motor, 0 of the other.
+        let both = CoreXy::default().motors_from_board([0.4, 0.4]);
+        assert_eq!([both.a, both.b], [20.0, 0.0]);
+    }
+
+    #[test]
+    fn impossible_belts_are_refused() {
+        for belt in [0.0, -0.04, f64::NAN, f64::INFINITY, 2.0] {
+            assert!(CoreXy::new(belt).is_err());
+        }
+    }
+}

@@ -1,0 +1,376 @@
+//! `klasktron import` on small bags built here byte by byte, in the layouts of recorded ones.
+
+use klasktron::recording::{
+    Recording,
+    message::{BoardState, CanFrame, CarriageState, DriveStatus, MotorState, VelocityCommand},
+    topic::{self, Motor, Player},
+};
+use rusqlite::Connection;
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+const MS: u64 = 1_000_000;
+const START: u64 = 1_700_000_000_000_000_000;
+
+/// A CDR message under construction, little endian.
+struct Cdr(Vec<u8>);
+
+impl Cdr {
+    fn new() -> Self {
+        Self(vec![0, 1, 0, 0])
+    }
+
+    fn align(mut self, size: usize) -> Self {
+        while !(self.0.len() - 4).is_multiple_of(size) {
+            self.0.push(0xAA); // what stands in padding must not matter
+        }
+        self
+    }
+
+    fn bytes(mut self, bytes: &[u8]) -> Self {
+        self.0.extend_from_slice(bytes);
+        self
+    }
+
+    fn u32(self, value: u32) -> Self {
+        self.align(4).bytes(&value.to_le_bytes())
+    }
+
+    fn f32(self, value: f32) -> Self {
+        self.align(4).bytes(&value.to_le_bytes())
+    }
+
+    fn f64s(self, values: &[f64]) -> Self {
+        values.iter().fold(self, |cdr, value| cdr.align(8).bytes(&value.to_le_bytes()))
+    }
+
+    fn header(self, frame_id: &str) -> Self {
+        let length = frame_id.len() as u32 + 1;
+        self.u32(1_700_000_000).u32(7).u32(length).bytes(frame_id.as_bytes()).bytes(&[0])
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Status {
+    Wide,
+    Narrow,
+}
+
+/// Left peg at (0.11, 0.18) moving by (0.3, 0.2) in the image; ball and right peg at the centre.
+fn state(status: Status, frame_id: &str) -> Vec<u8> {
+    let centre = [0.21, 0.16, 0.0, 0.0, 0.0, 0.0];
+    let cdr = Cdr::new().header(frame_id).f64s(&centre);
+    let cdr = cdr.f64s(&[0.11, 0.18, 0.0, 0.3, 0.2, 0.0]).f64s(&centre);
+    let cdr = cdr.f64s(&[0.04, 0.16, 0.0, 0.38, 0.16, 0.0]);
+    match status {
+        Status::Wide => cdr.align(8).bytes(&9_u64.to_le_bytes()),
+        Status::Narrow => cdr.bytes(&[9]),
+    }
+    .0
+}
+
+fn twist(x: f64, y: f64) -> Vec<u8> {
+    Cdr::new().f64s(&[x, y, 0.0, 0.0, 0.0, 0.0]).0
+}
+
+fn controller_status(position: f32, velocity: f32, torque: f32) -> Vec<u8> {
+    [position, velocity, torque, f32::NAN, 0.0, 0.0]
+        .into_iter()
+        .fold(Cdr::new(), Cdr::f32)
+        .u32(0)
+        .bytes(&[8, 0, 0])
+        .0
+}
+
+/// Name, type, and messages with their times.
+type Topic<'a> = (&'a str, &'a str, Vec<(u64, Vec<u8>)>);
+
+/// Writes a bag as ROS 2 Humble does: no definitions.
+fn write_bag(path: &Path, topics: &[Topic<'_>]) {
+    let database = Connection::open(path).unwrap();
+    database
+        .execute_batch(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, \
+             serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL); \
+             CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, \
+             timestamp INTEGER NOT NULL, data BLOB NOT NULL);",
+        )
+        .unwrap();
+    for (id, (name, type_name, messages)) in (1_i64..).zip(topics) {
+        let topic = (id, name, type_name);
+        database.execute("INSERT INTO topics VALUES (?1, ?2, ?3, 'cdr', '')", topic).unwrap();
+        for (time, data) in messages {
+            let row = (id, *time as i64, data);
+            let insert = "INSERT INTO messages(topic_id, timestamp, data) VALUES (?1, ?2, ?3)";
+            database.execute(insert, row).unwrap();
+        }
+    }
+}
+
+fn klasktron(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_klasktron")).arg("import").args(args).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Imports `source` and opens the result; the exit status must be `exit`.
+fn import(args: &[&str], output: &Path, exit: i32) -> (Recording, String) {
+    let run = klasktron(&[args, &["-o", output.to_str().unwrap()]].concat());
+    let text = said(&run);
+    assert_eq!(run.status.code(), Some(exit), "{text}");
+    (Recording::open(output).unwrap(), text)
+}
+
+const TWIST: &str = "geometry_msgs/msg/Twist";
+const STATE: &str = "klask_interfaces/msg/State";
+const CONTROLLER: &str = "odrive_can/msg/ControllerStatus";
+
+#[test]
+fn both_states_come_out_alike_whatever_the_frame_id() {
+    let folder = tempfile::tempdir().unwrap();
+    for (index, (status, frame_id, size)) in [
+        (Status::Wide, "", 220),
+        (Status::Narrow, "", 213),
+        (Status::Wide, "abc", 220),
+        (Status::Narrow, "board_frame", 221),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let bytes = state(status, frame_id);
+        assert_eq!(bytes.len(), size);
+        let mut padded = bytes.clone();
+        padded.resize(bytes.len().next_multiple_of(4), 0);
+        let bag = folder.path().join(format!("{index}.db3"));
+        let messages = vec![(START, bytes), (START + 20 * MS, padded)];
+        write_bag(&bag, &[("/board_state", STATE, messages)]);
+        let output = folder.path().join(format!("{index}.mcap"));
+        let (recording, _) = import(&["bag", bag.to_str().unwrap()], &output, 0);
+        let series = recording.series::<BoardState>(topic::BOARD_STATE).unwrap();
+        assert_eq!(series.values.len(), 2);
+        assert_eq!(series.values[0], series.values[1]);
+        let [left, ball] = [series.values[0].left.unwrap(), series.values[0].ball.unwrap()];
+        let close = |found: f64, expected: f64| (found - expected).abs() < 1e-12;
+        assert!(close(left.x, 0.02) && close(left.y, -0.10), "{left:?}");
+        assert!(close(left.vx, 0.2) && close(left.vy, 0.3), "{left:?}");
+        assert!(close(ball.x, 0.0) && close(ball.y, 0.0));
+        assert_eq!(series.values[0].status, 9);
+        let stamp = recording.channels_of(topic::BOARD_STATE).next().unwrap().messages[0].clone();
+        assert_eq!((stamp.log_time.0, stamp.publish_time.0), (START, 1_700_000_000_000_000_007));
+    }
+}
+
+/// Turns per second of the right and the left motor by the upstream commander's formulas.
+fn upstream_motors(sign: f64, image: [f64; 2]) -> [f32; 2] {
+    [sign * (image[0] + image[1]) / 0.04, sign * (image[1] - image[0]) / 0.04].map(|v| v as f32)
+}
+
+/// A motion along +x or +y of the board keeps its direction by every way in.
+#[test]
+fn a_motion_keeps_its_direction_by_every_way_in() {
+    let folder = tempfile::tempdir().unwrap();
+    // +x of the board is +y of the image, +y of the board is +x of the image.
+    for (name, image, board) in [("x", [0.0, 0.3], [0.3, 0.0]), ("y", [0.3, 0.0], [0.0, 0.3])] {
+        for (player, sign, nodes) in [(Player::Right, 1.0, [0, 1]), (Player::Left, -1.0, [2, 3])] {
+            let [right, left] = upstream_motors(sign, image);
+            let bag = folder.path().join(format!("{name}-{player}.db3"));
+            let [topic_right, topic_left] =
+                nodes.map(|node| format!("/odrive_axis{node}/controller_status"));
+            let command = format!("/cmd_vel/{player}_player");
+            let status = |turns: f32| vec![(START, controller_status(turns, turns, 0.1 * turns))];
+            write_bag(
+                &bag,
+                &[
+                    (&command, TWIST, vec![(START, twist(image[0], image[1]))]),
+                    (&topic_right, CONTROLLER, status(right)),
+                    (&topic_left, CONTROLLER, status(left)),
+                ],
+            );
+            let log = folder.path().join(format!("{name}-{player}.log"));
+            let hex = |value: f32| klasktron::recording::hexadecimal(&value.to_le_bytes());
+            let mut text = String::new();
+            for (node, turns) in nodes.into_iter().zip([right, left]) {
+                let (estimate, setpoint) = (node << 5 | 0x09, node << 5 | 0x0D);
+                text += &format!("(1.000{node}00) can0 {setpoint:03X}#{}00000000 T\n", hex(turns));
+                text += &format!("(1.000{node}00) can0 {estimate:03X}#{0}{0} R\n", hex(turns));
+            }
+            fs::write(&log, text).unwrap();
+            for source in [&bag, &log] {
+                let output = source.with_extension("mcap");
+                let (recording, text) = import(&[source.to_str().unwrap()], &output, 0);
+                let commands =
+                    recording.series::<VelocityCommand>(&topic::command(player)).unwrap().values;
+                let carriage =
+                    recording.series::<CarriageState>(&topic::carriage(player)).unwrap().values;
+                for found in [
+                    [commands[0].vx, commands[0].vy],
+                    [carriage[0].vx, carriage[0].vy],
+                    // One second's motion: the encoders started at zero.
+                    [carriage[0].x, carriage[0].y],
+                ] {
+                    for (found, expected) in found.into_iter().zip(board) {
+                        assert!((found - expected).abs() < 1e-6, "{source:?}: {found} {expected}");
+                    }
+                }
+                let a = recording.series::<MotorState>(&topic::motor(player, Motor::A)).unwrap();
+                assert!(
+                    (a.values[0].velocity_turns_per_s - 7.5).abs() < 1e-5,
+                    "+x and +y turn a up"
+                );
+                if let Some(torque) = a.values[0].torque_target_nm {
+                    assert!((torque - 0.75).abs() < 1e-5, "torques take the motor's sign");
+                    assert_eq!(a.values[0].torque_estimate_nm, None, "NaN is nothing");
+                }
+                assert_eq!(recording.info("carriage_origin"), Some("unknown"));
+                assert!(text.contains("count from an unknown point"), "{text}");
+                fs::remove_file(output).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn messages_that_do_not_decode_are_counted_and_the_rest_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("a.db3");
+    let messages = vec![
+        (START, twist(0.1, 0.0)),
+        (START + MS, vec![0, 1, 0, 0, 1]),
+        (START + 2 * MS, twist(f64::NAN, 0.0)),
+        (START + 3 * MS, twist(0.2, 0.0)),
+    ];
+    write_bag(
+        &bag,
+        &[
+            ("/cmd_vel/left_player", TWIST, messages),
+            (
+                "/board_image/compressed",
+                "sensor_msgs/msg/CompressedImage",
+                vec![(START, vec![1; 99])],
+            ),
+        ],
+    );
+    let output = folder.path().join("a.mcap");
+    let (recording, text) = import(&["bag", bag.to_str().unwrap()], &output, 3);
+    assert_eq!(recording.count(&topic::command(Player::Left)), 2);
+    assert!(
+        text.contains(
+            "lost: /cmd_vel/left_player, 2 messages do not decode, the first is message 1"
+        ),
+        "{text}"
+    );
+    assert!(text.contains("left out: /board_image/compressed"), "{text}");
+    // The name is taken now.
+    let run = klasktron(&["bag", bag.to_str().unwrap(), "-o", output.to_str().unwrap()]);
+    assert_eq!(run.status.code(), Some(1));
+    assert!(said(&run).contains("pass --overwrite"), "{}", said(&run));
+    let run =
+        klasktron(&["bag", bag.to_str().unwrap(), "--overwrite", "-o", output.to_str().unwrap()]);
+    assert_eq!(run.status.code(), Some(3));
+}
+
+#[test]
+fn a_damaged_bag_gives_what_it_holds_or_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("a.db3");
+    let messages = |step: u64| (START + 20 * MS * step, state(Status::Wide, ""));
+    write_bag(&bag, &[("/board_state", STATE, (0..500).map(messages).collect())]);
+    let bytes = fs::read(&bag).unwrap();
+    for tenths in [1, 3, 5, 7, 9] {
+        let cut = folder.path().join(format!("cut{tenths}.db3"));
+        fs::write(&cut, &bytes[..bytes.len() * tenths / 10]).unwrap();
+        let output = cut.with_extension("mcap");
+        let run = klasktron(&["bag", cut.to_str().unwrap(), "-o", output.to_str().unwrap()]);
+        let code = run.status.code();
+        assert!(code == Some(1) || code == Some(3), "{tenths}: {}", said(&run));
+        assert!(said(&run).contains("cut"), "names the file: {}", said(&run));
+        assert_eq!(output.exists(), code == Some(3));
+    }
+    let nothing = folder.path().join("noise.db3");
+    fs::write(&nothing, b"neither").unwrap();
+    let run = klasktron(&["bag", nothing.to_str().unwrap(), "-o", "never.mcap"]);
+    assert_eq!(run.status.code(), Some(1));
+    assert!(said(&run).contains("neither SQLite nor MCAP"), "{}", said(&run));
+}
+
+#[test]
+fn bags_are_runs_and_must_not_overlap() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = |name: &str, start: u64| {
+        let path = folder.path().join(name);
+        write_bag(
+            &path,
+            &[(
+                "/cmd_vel/left_player",
+                TWIST,
+                vec![(start, twist(0.1, 0.0)), (start + 20 * MS, twist(0.1, 0.0))],
+            )],
+        );
+        path.to_str().unwrap().to_owned()
+    };
+    let [first, second, third] =
+        [bag("1.db3", START), bag("2.db3", START + 1000 * MS), bag("3.db3", START + 10 * MS)];
+    let output = folder.path().join("both.mcap");
+    let (recording, _) = import(&["bag", &first, &second], &output, 0);
+    let markers = recording.markers().unwrap();
+    assert_eq!(markers.values.iter().map(|m| m.run).collect::<Vec<_>>(), [0, 0, 1, 1]);
+    assert_eq!(recording.info("original_file"), Some("1.db3, 2.db3"));
+    let run = klasktron(&["bag", &first, &third, "-o", "never.mcap"]);
+    assert_eq!(run.status.code(), Some(1));
+    assert!(said(&run).contains("overlap in time"), "{}", said(&run));
+}
+
+#[test]
+fn a_bus_log_keeps_every_frame_and_the_drives_health() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("bus.log");
+    let text = "\
+(1.000000) can0 017#0000C0410000803F
+(1.001000) can0 001#0000000108010000
+(1.002000) can0 7E2#
+(1.003000) can0 037#R8
+(1.004000) can0 20000080#0000000000000000
+";
+    fs::write(&log, text).unwrap();
+    let output = folder.path().join("bus.mcap");
+    let (recording, _) = import(&["candump", log.to_str().unwrap()], &output, 0);
+    let frames = recording.series::<CanFrame>(topic::CAN_FRAMES).unwrap().values;
+    assert_eq!(frames.len(), 5);
+    assert!(frames[3].remote && frames[4].error && frames[2].data.is_empty());
+    let drive = recording.series::<DriveStatus>(&topic::drive(Player::Right, Motor::A)).unwrap();
+    assert_eq!(drive.values[0].bus_voltage_v, Some(24.0));
+    assert_eq!((drive.values[0].axis_state, drive.values[0].active_errors), (8, 0x0100_0000));
+    let two = text.to_owned() + "(1.005000) can1 7E2#\nnot a line\n";
+    fs::write(&log, two).unwrap();
+    let args = ["candump", log.to_str().unwrap(), "--overwrite"];
+    let run = klasktron(&[&args[..], &["-o", output.to_str().unwrap()]].concat());
+    assert_eq!(run.status.code(), Some(1));
+    assert!(said(&run).contains("can0, can1; choose one with --interface"), "{}", said(&run));
+    let (recording, text) = import(&[&args[..], &["--interface", "can1"]].concat(), &output, 3);
+    assert_eq!(recording.count(topic::CAN_FRAMES), 1);
+    assert!(text.contains("1 lines that are no frames, the first in line 7"), "{text}");
+}
+
+#[test]
+fn wrong_usage_is_told_from_failure() {
+    let csv = ["csv", "x.csv", "-o", "y.mcap", "--time", "t"];
+    for args in [
+        &csv[..],
+        &["x.db3"],
+        &[],
+        &[&csv[..], &["--input", "u:kN", "--position", "x"]].concat(),
+        &[&csv[..], &["--input", "u:N"]].concat(),
+        &[&csv[..], &["--input", "u:N", "--position", "x", "--axis", "a/b"]].concat(),
+        &["candump", "x.log", "-o", "y.mcap", "--belt-metres-per-turn", "0"],
+    ] {
+        assert_eq!(klasktron(args).status.code(), Some(2), "{args:?}");
+    }
+    let run = klasktron(&["data.csv", "-o", "y.mcap"]);
+    assert_eq!(run.status.code(), Some(1));
+    assert!(said(&run).contains("--time COLUMN"), "{}", said(&run));
+}
