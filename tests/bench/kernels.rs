@@ -1,1 +1,190 @@
-fn main() {}
+//! The kernels behind `fit-actuator`, beside the matrix product of faer.
+//!
+//! Throughput is in floating-point operations: a product of `m x k` by `k x n` counts `2 m n k`, a
+//! training step the products of forward pass, weight gradients and inner input gradients, and
+//! neither counts activations, Adam or copies. Every output is checked before it is timed.
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use faer::{Accum, Mat, Par, linalg::matmul::matmul};
+use klasktron::{
+    nn::{Activation, Adam, Dense, InputGradient, Network, Stack, Tape, Trainer},
+    seed::Stream,
+};
+use std::{hint::black_box, time::Duration};
+
+/// Inputs of the network: ten commands and ten velocities in x and y.
+const INPUTS: usize = 40;
+const OUTPUTS: usize = 2;
+const WIDTHS: [usize; 2] = [64, 128];
+const BATCHES: [usize; 2] = [256, 1024];
+const PRODUCT_ROWS: [usize; 3] = [256, 1024, 4096];
+const PRODUCT_WIDTH: usize = 64;
+
+/// Agreement of two sums of some hundred `f32` in different order.
+const SUM_TOLERANCE: f32 = 1e-4;
+/// Relative agreement of a gradient with a central difference in `f32`.
+const DIFFERENCE_TOLERANCE: f32 = 2e-2;
+
+fn values(name: &str, count: usize) -> Vec<f32> {
+    let mut stream = Stream::new(0, name);
+    (0..count).map(|_| stream.uniform_f32(-1.0, 1.0)).collect()
+}
+
+fn network(width: usize) -> Network {
+    let sizes = [INPUTS, width, width, width, OUTPUTS];
+    let layers = sizes.windows(2).enumerate().map(|(index, pair)| {
+        let (inputs, outputs) = (pair[0], pair[1]);
+        let bound = (inputs as f32).sqrt().recip();
+        let scaled = |name: &str, count| {
+            values(&format!("{name} {index}"), count).into_iter().map(|v| v * bound).collect()
+        };
+        let (weight, bias) = (scaled("weight", inputs * outputs), scaled("bias", outputs));
+        Dense { inputs, outputs, weight, bias }
+    });
+    Network { activation: Activation::Relu, layers: layers.collect() }
+}
+
+fn tape(batch: usize) -> Tape {
+    let mut tape = Tape::default();
+    tape.x = values("inputs", batch * INPUTS);
+    tape
+}
+
+/// Operations of one forward pass for one sample.
+fn forward_flop(network: &Network) -> u64 {
+    network.layers.iter().map(|layer| 2 * (layer.inputs * layer.outputs) as u64).sum()
+}
+
+/// Operations of one training step for one sample: three products for each layer, but the first
+/// needs no gradient of its inputs.
+fn training_flop(network: &Network) -> u64 {
+    let first = &network.layers[0];
+    3 * forward_flop(network) - 2 * (first.inputs * first.outputs) as u64
+}
+
+fn check_close(what: &str, found: f32, expected: f32, tolerance: f32) {
+    assert!((found - expected).abs() <= tolerance, "{what}: found {found}, expected {expected}");
+}
+
+/// faer's own product of `rows x 64` by `64 x 64`, the yardstick.
+fn faer_product(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("faer_product");
+    for rows in PRODUCT_ROWS {
+        let left_values = values("left", rows * PRODUCT_WIDTH);
+        let right_values = values("right", PRODUCT_WIDTH * PRODUCT_WIDTH);
+        let at = |values: &[f32], i: usize, j: usize| values[i * PRODUCT_WIDTH + j];
+        let left = Mat::from_fn(rows, PRODUCT_WIDTH, |i, j| at(&left_values, i, j));
+        let right = Mat::from_fn(PRODUCT_WIDTH, PRODUCT_WIDTH, |i, j| at(&right_values, i, j));
+        let mut product = Mat::<f32>::zeros(rows, PRODUCT_WIDTH);
+        let multiply = |product: &mut Mat<f32>| {
+            matmul(product, Accum::Replace, black_box(&left), black_box(&right), 1.0, Par::Seq);
+        };
+        multiply(&mut product);
+        let (i, j) = (rows - 1, 3);
+        let expected = (0..PRODUCT_WIDTH).map(|k| left[(i, k)] * right[(k, j)]).sum();
+        check_close("faer's product", product[(i, j)], expected, SUM_TOLERANCE);
+        group.throughput(Throughput::Elements((2 * rows * PRODUCT_WIDTH * PRODUCT_WIDTH) as u64));
+        group.bench_function(BenchmarkId::from_parameter(rows), |bencher| {
+            bencher.iter(|| multiply(black_box(&mut product)));
+        });
+    }
+    group.finish();
+}
+
+/// Our batched forward pass, checked against the plain one.
+fn forward(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("forward");
+    for width in WIDTHS {
+        let network = network(width);
+        let stack = Stack::new(&network);
+        for batch in BATCHES {
+            let mut tape = tape(batch);
+            stack.forward(&mut tape);
+            for (x, y) in tape.x.chunks_exact(INPUTS).zip(tape.y.chunks_exact(OUTPUTS)) {
+                for (found, expected) in y.iter().zip(network.forward(x)) {
+                    check_close("forward pass", *found, expected, SUM_TOLERANCE);
+                }
+            }
+            group.throughput(Throughput::Elements(batch as u64 * forward_flop(&network)));
+            group.bench_function(BenchmarkId::new(format!("width_{width}"), batch), |bencher| {
+                bencher.iter(|| stack.forward(black_box(&mut tape)));
+            });
+        }
+    }
+    group.finish();
+}
+
+/// One step of training: forward, backward and Adam.
+fn training_step(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("training_step");
+    for width in WIDTHS {
+        let network = network(width);
+        check_gradient(&network);
+        for batch in BATCHES {
+            let mut trainer = Trainer::new(&network, Adam::default());
+            let mut tape = tape(batch);
+            let dy = values("output gradient", batch * OUTPUTS);
+            let mut dx = Vec::new();
+            group.throughput(Throughput::Elements(batch as u64 * training_flop(&network)));
+            group.bench_function(BenchmarkId::new(format!("width_{width}"), batch), |bencher| {
+                bencher.iter(|| {
+                    trainer.forward(&mut tape);
+                    trainer.backward(&tape, black_box(&dy), InputGradient::Skip, &mut dx);
+                    // So small a rate that the network stays the one that was checked.
+                    trainer.update(1e-12);
+                });
+            });
+        }
+    }
+    group.finish();
+}
+
+/// Compares the gradient of one weight of each layer with a central difference. The loss is the
+/// sum of the outputs times fixed factors.
+fn check_gradient(network: &Network) {
+    const ROWS: usize = 8;
+    const STEP: f32 = 1e-3;
+    /// With an epsilon and a rate far above every gradient, one step of Adam subtracts the
+    /// gradient itself.
+    const HUGE: f32 = 1e6;
+    let mut tape = tape(ROWS);
+    let dy = values("output gradient", ROWS * OUTPUTS);
+    let mut trainer = Trainer::new(network, Adam { epsilon: HUGE, ..Adam::default() });
+    trainer.forward(&mut tape);
+    trainer.backward(&tape, &dy, InputGradient::Skip, &mut Vec::new());
+    trainer.update(HUGE);
+    let stepped = trainer.stack().network();
+    let loss = |network: &Network| -> f32 {
+        let outputs = tape.x.chunks_exact(INPUTS).flat_map(|x| network.forward(x));
+        outputs.zip(&dy).map(|(y, factor)| y * factor).sum()
+    };
+    for (layer, (before, after)) in network.layers.iter().zip(&stepped.layers).enumerate() {
+        let found: Vec<f32> =
+            before.weight.iter().zip(&after.weight).map(|(before, after)| before - after).collect();
+        // The steepest weight is the one where rounding matters least.
+        let steepest = (0..found.len()).max_by(|a, b| found[*a].abs().total_cmp(&found[*b].abs()));
+        let Some(index) = steepest else { continue };
+        let [up, down] = [STEP, -STEP].map(|step| {
+            let mut moved = network.clone();
+            moved.layers[layer].weight[index] += step;
+            loss(&moved)
+        });
+        let expected = (up - down) / (2.0 * STEP);
+        let tolerance = DIFFERENCE_TOLERANCE * expected.abs();
+        check_close(&format!("gradient of layer {layer}"), found[index], expected, tolerance);
+    }
+}
+
+fn short() -> Criterion {
+    Criterion::default()
+        .sample_size(20)
+        .warm_up_time(Duration::from_millis(500))
+        .measurement_time(Duration::from_millis(1500))
+}
+
+criterion_group! {
+    name = kernels;
+    config = short();
+    targets = faer_product, forward, training_step
+}
+criterion_main!(kernels);
