@@ -23,6 +23,10 @@ pub(crate) enum Command {
     /// Turn bags, npz, CSV and candump logs into recordings
     Import(commands::import::Args),
     /// Fit the actuator network and judge it beside simpler models
+    ///
+    /// Runs whose recording or run marker says split=validation judge and are never fitted; where
+    /// nothing says so, every fifth run of each pattern is held out. Finished fits are kept in
+    /// OUT/fits, so the same command continues where an interrupted one stopped.
     FitActuator(commands::fit_actuator::Args),
     /// Write weights or tables for other software
     Export(commands::export::Args),

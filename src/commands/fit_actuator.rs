@@ -18,11 +18,7 @@ use std::{
     thread,
 };
 
-/// Fit the actuator network to recordings and judge it on runs that it has not seen.
-///
-/// Runs whose recording or run marker says split=validation judge and are never fitted; where
-/// nothing says so, every fifth run of each pattern is held out. Finished fits are kept in
-/// OUT/fits, so the same command continues where an interrupted one stopped.
+/// What can be typed after `klasktron fit-actuator`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator"
@@ -37,7 +33,7 @@ pub(crate) struct Args {
     /// Velocity to predict: the carriage's from encoders, or the striker's from the camera
     #[arg(long, value_enum, default_value_t = Target::Carriage)]
     target: Target,
-    /// Gantry to fit; needed only when a recording holds both
+    /// Gantry to fit [default: the one with commands and motion; left when both have]
     #[arg(long, value_enum)]
     player: Option<PlayerArg>,
     /// Order of the inputs and activation: 40 inputs with ReLU, or upstream's 38 with softsign
