@@ -8,6 +8,7 @@ mod fit_actuator;
 mod foreign;
 mod import;
 mod info;
+mod readme;
 mod recover;
 mod recover_actuator;
 mod support;
