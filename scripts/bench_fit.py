@@ -31,8 +31,10 @@ SAMPLES = 37_500
 BATCHES = (256, 1024)
 SIZES = (40, 64, 64, 64, 2)
 RUNS, HELD_OUT_RUNS = 50, 10
-# A run of 760 samples has 750 windows of ten samples of history and one to predict.
-COMMANDS_PER_RUN = 760
+# A run of 760 samples has 750 windows of ten samples of history and one to predict; its
+# first command comes before its first encoder reading, so that the grid starts at the second.
+SAMPLES_PER_RUN = 760
+COMMANDS_PER_RUN = SAMPLES_PER_RUN + 1
 # Both draw 100 points of the held-out curve, so that its cost is not in the difference.
 EPOCHS = (100, 300)
 TORCH_EPOCHS = 5
@@ -63,59 +65,79 @@ def make_recordings(folder):
 
 
 def fit(options, recordings, folder, extra):
-    """One `klasktron fit-actuator`; what it cost and its result document."""
+    """One `klasktron fit-actuator` into a fresh folder, and what it cost."""
     out = Path(tempfile.mkdtemp(dir=folder))
-    command = [options.binary, "fit-actuator", *recordings, "--out", out, *extra]
-    measured = bench_tools.run_measured([str(part) for part in command])
-    return measured, out
+    return bench_tools.run_measured(
+        [options.binary, "fit-actuator", *recordings, "--out", out, *extra]
+    )
 
 
-def one_step_error(options, recordings, folder):
-    """Held-out one-step error of a short fit (m/s); also checks the number of samples."""
+def check_fit(options, recordings, folder):
+    """Fit shortly; stop unless the samples are as many and the outputs as right as they should
+    be. Returns the held-out one-step error (m/s)."""
     command = [options.binary, "fit-actuator", *recordings, "--out", folder / "check"]
     command += ["--seeds", "1", "--threads", "1", "--epochs", str(EPOCHS[0]), "--json"]
     done = subprocess.run(
         [str(part) for part in command], check=True, stdout=subprocess.PIPE, text=True
     )
-    return json.loads(done.stdout)["one_step_rmse_m_per_s"]["median"]
+    result = json.loads(done.stdout)
+    samples = result["train"]["samples"]
+    if samples != RUNS * SAMPLES_PER_RUN:
+        sys.exit(f"{samples} samples on the grid, expected {RUNS * SAMPLES_PER_RUN}")
+    error = result["one_step_rmse_m_per_s"]["median"]
+    print(f"held-out one-step error after {EPOCHS[0]} epochs: {1e3 * error:.2f} mm/s")
+    if not error <= LARGEST_ONE_STEP_ERROR:
+        sys.exit(f"above {1e3 * LARGEST_ONE_STEP_ERROR} mm/s: the times would mean nothing")
+    return error
 
 
-def time_ours(options, recordings, folder):
-    """Milliseconds per epoch by batch: medians of repetitions taken in turn."""
-    times = {(batch, epochs): [] for batch in BATCHES for epochs in EPOCHS}
+def measure(options, recordings, folder):
+    """Everything in turn, so that a change in the machine's load meets all of them; medians:
+    ms per epoch of ours and of PyTorch (None without torch), GFLOP/s of faer, by batch."""
+    torch = import_torch()
+    ours = {(batch, epochs): [] for batch in BATCHES for epochs in EPOCHS}
+    theirs = {batch: [] for batch in BATCHES}
+    faer = {batch: [] for batch in BATCHES}
     for _ in range(options.repetitions):
-        for batch, epochs in times:
+        for (batch, epochs), seconds in ours.items():
             extra = ["--seeds", "1", "--threads", "1"]
             extra += ["--batch", str(batch), "--epochs", str(epochs)]
-            measured, _ = fit(options, recordings, folder, extra)
-            times[batch, epochs].append(measured.seconds)
+            seconds.append(fit(options, recordings, folder, extra).seconds)
+        for batch, seconds in theirs.items():
+            if torch is not None:
+                seconds.append(torch_epoch(torch, batch))
+        for batch, rate in faer_rate().items():
+            faer[batch].append(rate)
+    return (
+        {batch: ms_per_epoch(ours, batch) for batch in BATCHES},
+        torch and {batch: 1e3 * statistics.median(theirs[batch]) for batch in BATCHES},
+        {batch: statistics.median(faer[batch]) for batch in BATCHES},
+    )
+
+
+def ms_per_epoch(seconds, batch):
+    """Difference in time over difference in epochs."""
     few, many = EPOCHS
-    median = {key: statistics.median(values) for key, values in times.items()}
-    return {
-        batch: 1e3 * (median[batch, many] - median[batch, few]) / (many - few)
-        for batch in BATCHES
-    }
+    difference = statistics.median(seconds[batch, many]) - statistics.median(seconds[batch, few])
+    return 1e3 * difference / (many - few)
 
 
-def time_torch(repetitions):
-    """Milliseconds per epoch by batch, or None without torch."""
+def import_torch():
+    """The module torch on one thread, or None."""
     try:
         import torch
     except ImportError:
+        print("PyTorch skipped: torch cannot be imported")
         return None
     torch.set_num_threads(1)
     torch.manual_seed(0)
+    return torch
+
+
+def torch_epoch(torch, batch):
+    """Seconds per epoch of plain PyTorch; one epoch warms up."""
     x = torch.randn(SAMPLES, SIZES[0])
     y = torch.randn(SAMPLES, SIZES[-1])
-    times = {batch: [] for batch in BATCHES}
-    for _ in range(repetitions):
-        for batch in BATCHES:
-            times[batch].append(torch_epoch(torch, x, y, batch))
-    return {batch: 1e3 * statistics.median(values) for batch, values in times.items()}
-
-
-def torch_epoch(torch, x, y, batch):
-    """Seconds per epoch of plain PyTorch; one epoch warms up."""
     layers = []
     for inputs, outputs in zip(SIZES, SIZES[1:]):
         layers += [torch.nn.Linear(inputs, outputs), torch.nn.ReLU()]
@@ -136,13 +158,16 @@ def torch_epoch(torch, x, y, batch):
 
 def faer_rate():
     """GFLOP/s of faer's product by number of rows, measured now by criterion."""
-    subprocess.run(
-        ["cargo", "bench", "--bench", "kernels", "--", "faer_product"],
+    only = f"faer_product/({'|'.join(str(rows) for rows in BATCHES)})$"
+    done = subprocess.run(
+        ["cargo", "bench", "--bench", "kernels", "--", only],
         cwd=bench_tools.ROOT,
-        check=True,
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
+    if done.returncode != 0:
+        sys.exit(f"cargo bench failed:\n{done.stderr}")
     rates = {}
     for rows in BATCHES:
         folder = bench_tools.target_dir() / "criterion" / "faer_product" / str(rows) / "new"
@@ -189,7 +214,7 @@ def time_full(options, recordings, folder):
     figures = {}
     for name, extra in [("seeds_8", []), ("ablation", ["--ablate"])]:
         extra = ["--seeds", "8", "--epochs", "1000", *extra]
-        measured, _ = fit(options, recordings, folder, extra)
+        measured = fit(options, recordings, folder, extra)
         figures[name] = {"seconds": measured.seconds, "peak_mb": measured.peak_mb}
         print(f"{name}: {measured.seconds:.1f} s, peak memory {measured.peak_mb:.0f} MB")
     return figures
@@ -214,16 +239,9 @@ def main():
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         recordings = make_recordings(folder)
-        error = one_step_error(options, recordings, folder)
-        print(f"held-out one-step error after {EPOCHS[0]} epochs: {1e3 * error:.2f} mm/s")
-        if not error <= LARGEST_ONE_STEP_ERROR:
-            sys.exit(f"that is above {1e3 * LARGEST_ONE_STEP_ERROR} mm/s: the times would mean nothing")
+        error = check_fit(options, recordings, folder)
         before = bench_tools.machine()
-        ours = time_ours(options, recordings, folder)
-        torch = time_torch(options.repetitions)
-        if torch is None:
-            print("PyTorch skipped: torch cannot be imported")
-        rows = compare(ours, torch, faer_rate())
+        rows = compare(*measure(options, recordings, folder))
         print_rows(rows)
         document = {
             "samples": SAMPLES,

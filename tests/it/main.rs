@@ -13,3 +13,4 @@ mod recover;
 mod recover_actuator;
 mod support;
 mod tables;
+mod weights_out;
