@@ -17,7 +17,7 @@
 //! 3. [`Study`] judges the fits beside the ideal actuator, a lag with delay ([`LagDelay`]) and
 //!    linear [`Arx`], one step ahead and free-running ([`Judgement`]), and draws the [`Coverage`]
 //!    of the training data.
-//! 4. [`write_actuator`] and [`page`] make `actuator.mcap` and `index.html` of it.
+//! 4. [`write_actuator`] and [`page()`] make `actuator.mcap` and `index.html` of it.
 //!
 //! Velocities are m/s in the board frame, x and y together. Equal inputs and seeds give equal
 //! bytes, whatever the number of threads.
@@ -39,15 +39,15 @@ mod run;
 mod study;
 mod window;
 
-pub use ablation::{Ablation, Cell, HISTORIES, WIDTHS, configs as ablation_configs};
+pub use ablation::{Ablation, AblationFit, Cell, HISTORIES, WIDTHS, configs as ablation_configs};
 pub use baseline::{Arx, Ideal, Lag, LagDelay};
 pub use coverage::{AxisCoverage, CELLS, Coverage};
 pub use dataset::{DataWarning, Dataset, InputFile, PlayerChoice, load};
 pub use error::ActuatorError;
 pub use export::{WeightsFormat, export_weights};
 pub use file::{
-    ACTUATOR_METADATA, AblationFit, ONNX_ATTACHMENT, StoredActuator, read as read_actuator,
-    weights_name, write as write_actuator,
+    ACTUATOR_METADATA, ONNX_ATTACHMENT, StoredActuator, read as read_actuator,
+    write as write_actuator,
 };
 pub use fit::{Epoch, Fit, FitConfig, FitObserver, Schedule, fit};
 pub use fits::{FitsObserver, Store, fit_all};
@@ -56,5 +56,5 @@ pub use layout::{AXES, Layout, LayoutKind};
 pub use model::{ActuatorNetwork, VelocityModel};
 pub use page::page;
 pub use run::{ResampleConfig, Run, Split, Target, resample};
-pub use study::{Judged, Study, StudyKind, Summary, Verdict, Warning};
+pub use study::{Judged, Study, StudyKind, Summary, Verdict, Warning, weights_name};
 pub use window::{Scale, Windows};

@@ -34,11 +34,9 @@ pub mod table;
 pub mod topic;
 mod writer;
 
-pub use beside::{partial_name, write_beside, write_bytes};
+pub use beside::{ExistingFile, partial_name, write_beside, write_bytes};
 pub use error::RecordingError;
 pub use load::{Attachment, Channel, MessageIndex, Recording, Series, hexadecimal, sha256_of_file};
 pub use scan::{Loss, MAGIC};
 pub use schema::{FILE_DESCRIPTOR_SET, PROTOBUF, SchemaDifference, check_compatible, message};
-pub use writer::{
-    ExistingFile, FlushPolicy, PROFILE, RECORDING_METADATA, RawSchema, RecordingWriter,
-};
+pub use writer::{FlushPolicy, PROFILE, RECORDING_METADATA, RawSchema, RecordingWriter};

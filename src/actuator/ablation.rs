@@ -66,6 +66,28 @@ pub struct Ablation {
     pub cross_fitted_rmse_m_per_s: Option<f64>,
 }
 
+/// One fit of an ablation, as the file keeps it.
+#[derive(Debug, Clone, Copy)]
+pub struct AblationFit {
+    /// Its settings.
+    pub config: FitConfig,
+    /// One step ahead on held-out runs (m/s).
+    pub one_step_rmse_m_per_s: f64,
+    /// Free-running over the longest horizon (m/s).
+    pub free_running_rmse_m_per_s: f64,
+}
+
+impl AblationFit {
+    pub(super) fn of(fit: &Fit, judgement: &Judgement) -> Self {
+        let longest = HORIZONS_S[HORIZONS_S.len() - 1];
+        Self {
+            config: fit.config,
+            one_step_rmse_m_per_s: judgement.one_step(Component::Both),
+            free_running_rmse_m_per_s: judgement.free_running(longest, Component::Both),
+        }
+    }
+}
+
 /// Judges every combination of `fits`; `judgements` are in the same order.
 #[must_use]
 pub(super) fn select(fits: &[Fit], judgements: &[Judgement]) -> Option<Ablation> {

@@ -1,9 +1,6 @@
 //! Weights of an `actuator.mcap` for other software.
 
-use super::{
-    ActuatorError,
-    file::{StoredActuator, weights_name},
-};
+use super::{ActuatorError, file::StoredActuator, study::weights_name};
 use crate::nn::{npz, onnx, safetensors, torchscript};
 
 /// Formats in which weights leave.

@@ -15,14 +15,12 @@
 
 use super::{
     ActuatorError,
-    baseline::Ideal,
     coverage::Coverage,
     fit::{Fit, FitConfig},
-    judge::{Component, HORIZONS_S, Judgement},
     layout::{AXES, Layout, LayoutKind},
-    model::{ActuatorNetwork, VelocityModel},
+    model::ActuatorNetwork,
     run::Run,
-    study::{Study, Summary},
+    study::{Study, Summary, weights_name},
 };
 use crate::{
     nn::{Network, onnx, safetensors},
@@ -47,12 +45,6 @@ pub const ONNX_ATTACHMENT: &str = "model.onnx";
 const COVERAGE_ATTACHMENT: &str = "coverage.json";
 const SUMMARY_ATTACHMENT: &str = "summary.json";
 const NANOS_PER_EPOCH: u64 = 1_000_000;
-
-/// Attachment with the weights of a seed.
-#[must_use]
-pub fn weights_name(seed: u64) -> String {
-    format!("weights/seed_{seed}.safetensors")
-}
 
 /// Writes the outcome of a study.
 ///
@@ -322,53 +314,4 @@ fn shape_message(name: &str, network: &Network, layout: Layout) -> String {
         layout.inputs(),
         AXES
     )
-}
-
-impl Study {
-    /// Every model with the name of its topic: each seed, then the simpler ones.
-    pub(super) fn models(&self) -> Vec<(String, &dyn VelocityModel)> {
-        let seeds = self.seeds.iter().map(|judged| {
-            let model: &dyn VelocityModel = &judged.fit.model;
-            (format!("seed_{}", judged.fit.config.seed), model)
-        });
-        let simpler: [&dyn VelocityModel; 3] =
-            [&self.baselines.arx, &self.baselines.lag_delay, &Ideal];
-        seeds.chain(simpler.map(|model| (model.name().to_owned(), model))).collect()
-    }
-
-    /// Free-running over the whole of `run`, from the sample after the history.
-    pub(super) fn whole_run(&self, model: &dyn VelocityModel, run: &Run) -> Vec<[f64; 2]> {
-        let history = self.history();
-        if run.len() <= history {
-            return Vec::new();
-        }
-        model.simulate(run, &[history - 1], run.len() - history)
-    }
-
-    /// First sample that is predicted in every run.
-    pub(super) fn history(&self) -> usize {
-        self.history
-    }
-}
-
-/// One fit of an ablation, as the file keeps it.
-#[derive(Debug, Clone, Copy)]
-pub struct AblationFit {
-    /// Its settings.
-    pub config: FitConfig,
-    /// One step ahead on held-out runs (m/s).
-    pub one_step_rmse_m_per_s: f64,
-    /// Free-running over the longest horizon (m/s).
-    pub free_running_rmse_m_per_s: f64,
-}
-
-impl AblationFit {
-    pub(super) fn of(fit: &Fit, judgement: &Judgement) -> Self {
-        let longest = HORIZONS_S[HORIZONS_S.len() - 1];
-        Self {
-            config: fit.config,
-            one_step_rmse_m_per_s: judgement.one_step(Component::Both),
-            free_running_rmse_m_per_s: judgement.free_running(longest, Component::Both),
-        }
-    }
 }

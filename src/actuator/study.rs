@@ -1,15 +1,14 @@
 //! From finished fits to a judgement that can be trusted: which seed, how good, beside what.
 
 use super::{
-    ablation::{self, Ablation},
+    ablation::{self, Ablation, AblationFit},
     baseline::{Arx, Ideal, LagDelay},
     coverage::Coverage,
     dataset::{DataWarning, Dataset, InputFile},
-    file::AblationFit,
     fit::{Fit, FitConfig},
     judge::{Component, ErrorRow, HORIZONS_S, Judgement},
     model::VelocityModel,
-    run::Target,
+    run::{Run, Target},
 };
 use crate::{
     provenance::Provenance,
@@ -24,6 +23,12 @@ const OVERFIT_RATIO: f64 = 3.0;
 
 /// Share of held-out samples outside the training data's coverage that is worth a word.
 const OUTSIDE_SHARE: f64 = 0.01;
+
+/// Attachment with the weights of a seed.
+#[must_use]
+pub fn weights_name(seed: u64) -> String {
+    format!("weights/seed_{seed}.safetensors")
+}
 
 /// One fit with its errors.
 #[derive(Debug, Clone)]
@@ -197,7 +202,7 @@ impl Study {
         }
         let ratio = self.overfit_ratio();
         if OVERFIT_RATIO < ratio {
-            let samples = self.dataset.train.iter().map(super::Run::len).sum();
+            let samples = self.dataset.train.iter().map(Run::len).sum();
             warnings.push(Warning::Overfits { ratio, samples });
         }
         let verdict = self.verdict();
@@ -214,11 +219,36 @@ impl Study {
         warnings
     }
 
+    /// Every model with the name of its topic: each seed, then the simpler ones.
+    pub(super) fn models(&self) -> Vec<(String, &dyn VelocityModel)> {
+        let seeds = self.seeds.iter().map(|judged| {
+            let model: &dyn VelocityModel = &judged.fit.model;
+            (format!("seed_{}", judged.fit.config.seed), model)
+        });
+        let simpler: [&dyn VelocityModel; 3] =
+            [&self.baselines.arx, &self.baselines.lag_delay, &Ideal];
+        seeds.chain(simpler.map(|model| (model.name().to_owned(), model))).collect()
+    }
+
+    /// Free-running over the whole of `run`, from the sample after the history.
+    pub(super) fn whole_run(&self, model: &dyn VelocityModel, run: &Run) -> Vec<[f64; 2]> {
+        let history = self.history();
+        if run.len() <= history {
+            return Vec::new();
+        }
+        model.simulate(run, &[history - 1], run.len() - history)
+    }
+
+    /// First sample that is predicted in every run.
+    pub(super) fn history(&self) -> usize {
+        self.history
+    }
+
     /// The result as a document.
     #[must_use]
     pub fn summary(&self, provenance: Provenance) -> Summary {
-        let side = |runs: &[super::Run]| {
-            let samples: usize = runs.iter().map(super::Run::len).sum();
+        let side = |runs: &[Run]| {
+            let samples: usize = runs.iter().map(Run::len).sum();
             let duration_s = samples as f64 * self.dataset.dt();
             Side { runs: runs.len(), samples, duration_s }
         };
@@ -428,7 +458,7 @@ impl SeedSummary {
             one_step_rmse_m_per_s: judged.judgement.one_step(Component::Both),
             free_running_rmse_m_per_s: HORIZONS_S
                 .map(|horizon| judged.judgement.free_running(horizon, Component::Both)),
-            weights: super::file::weights_name(seed),
+            weights: weights_name(seed),
         }
     }
 }

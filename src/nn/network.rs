@@ -1,7 +1,7 @@
 //! The network as plain data: dense layers with PyTorch's weight order, and a plain forward pass.
 //!
 //! This is the form in which networks are stored, exported and compared. Training uses the padded
-//! copy in [`super::trainer`], batched inference the one in [`super::batch`]; both are tested
+//! copy in [`super::Trainer`], batched inference the one in [`super::Stack`]; both are tested
 //! against [`Network::forward`] here.
 
 use serde::{Deserialize, Serialize};

@@ -262,19 +262,8 @@ fn describe(expected: &[Option<usize>]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::small;
     use super::*;
-
-    /// 3-2-1 with weights that are exact in binary.
-    fn small(activation: Activation) -> Network {
-        let hidden = Dense {
-            inputs: 3,
-            outputs: 2,
-            weight: vec![1.0, -0.5, 0.25, -2.0, 0.5, 4.0],
-            bias: vec![0.5, -0.25],
-        };
-        let out = Dense { inputs: 2, outputs: 1, weight: vec![2.0, -1.0], bias: vec![0.125] };
-        Network { activation, layers: vec![hidden, out] }
-    }
 
     fn metadata() -> BTreeMap<String, String> {
         let pairs = [("origin", "a \"quoted\"\nline"), ("axis", "both"), ("history", "10")];

@@ -7,8 +7,7 @@ use super::{
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
-/// Most outputs that a network may have; the last layer is a kernel of its own, see
-/// [`kernel::narrow`].
+/// Most outputs that a network may have; the last, narrow layer is a kernel of its own.
 pub const MAX_OUTPUTS: usize = 4;
 
 /// Where one layer lies in the flat parameter vector.

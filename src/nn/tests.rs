@@ -3,6 +3,18 @@
 use super::{Activation, Adam, Dense, InputGradient, Network, Stack, Tape, Trainer, padded};
 use crate::seed::Stream;
 
+/// 3-2-1 with weights that are exact in binary.
+pub(super) fn small(activation: Activation) -> Network {
+    let hidden = Dense {
+        inputs: 3,
+        outputs: 2,
+        weight: vec![1.0, -0.5, 0.25, -2.0, 0.5, 4.0],
+        bias: vec![0.5, -0.25],
+    };
+    let out = Dense { inputs: 2, outputs: 1, weight: vec![2.0, -1.0], bias: vec![0.125] };
+    Network { activation, layers: vec![hidden, out] }
+}
+
 fn random_network(sizes: &[usize], activation: Activation, seed: u64) -> Network {
     let mut stream = Stream::new(seed, "network");
     let layers = sizes

@@ -273,20 +273,8 @@ fn to_u16(size: usize) -> u16 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::small;
     use super::*;
-    use crate::nn::network::Dense;
-
-    /// 3-2-1 with weights that are exact in binary.
-    fn small(activation: Activation) -> Network {
-        let hidden = Dense {
-            inputs: 3,
-            outputs: 2,
-            weight: vec![1.0, -0.5, 0.25, -2.0, 0.5, 4.0],
-            bias: vec![0.5, -0.25],
-        };
-        let out = Dense { inputs: 2, outputs: 1, weight: vec![2.0, -1.0], bias: vec![0.125] };
-        Network { activation, layers: vec![hidden, out] }
-    }
 
     fn u16_at(bytes: &[u8], at: usize) -> usize {
         usize::from(u16::from_le_bytes(bytes[at..at + 2].try_into().unwrap()))

@@ -1,11 +1,20 @@
 //! Files that are whole or not there: written beside their name, renamed when complete.
 
-use super::{error::RecordingError, writer::ExistingFile};
+use super::error::RecordingError;
 use std::{
     fs::{self, File},
     io::Write as _,
     path::{Path, PathBuf},
 };
+
+/// What happens when the output's name is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExistingFile {
+    /// Refuse, so that nothing recorded is lost.
+    Refuse,
+    /// Replace it once the new file is complete.
+    Replace,
+}
 
 /// `.NAME.partial` in the same folder as `path`.
 #[must_use]

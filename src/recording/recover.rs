@@ -2,7 +2,8 @@
 
 use super::{
     Recording, RecordingError,
-    writer::{ExistingFile, FlushPolicy, RawSchema, RecordingWriter},
+    beside::ExistingFile,
+    writer::{FlushPolicy, RawSchema, RecordingWriter},
 };
 use std::path::Path;
 

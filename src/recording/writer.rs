@@ -1,7 +1,7 @@
 //! Writing a recording: beside its final name, renamed when it is complete.
 
 use super::{
-    beside::partial_name,
+    beside::{ExistingFile, partial_name},
     error::RecordingError,
     schema::{FILE_DESCRIPTOR_SET, PROTOBUF},
 };
@@ -34,15 +34,6 @@ pub enum FlushPolicy {
     EverySecond,
     /// Whenever a chunk of 1 MiB is full: for files made from data that already lie on disk.
     WhenFull,
-}
-
-/// What happens when the output's name is taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ExistingFile {
-    /// Refuse, so that nothing recorded is lost.
-    Refuse,
-    /// Replace it once the new file is complete.
-    Replace,
 }
 
 /// Writes one MCAP file. Everything goes to `.NAME.partial` beside the final name until
