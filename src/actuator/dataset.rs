@@ -32,6 +32,13 @@ pub enum DataWarning {
         /// What is gone.
         loss: String,
     },
+    /// The same recording was given twice; fitted and judged on, it would prove nothing.
+    GivenTwice {
+        /// The file that was left out.
+        file: String,
+        /// The file with the same bytes.
+        same_as: String,
+    },
     /// No run is marked for validation; some were held out.
     HeldOutByRule {
         /// How many.
@@ -51,6 +58,9 @@ impl std::fmt::Display for DataWarning {
         match self {
             Self::Damaged { file, loss } => {
                 write!(f, "{file}: {loss}; what it still held was used")
+            }
+            Self::GivenTwice { file, same_as } => {
+                write!(f, "{file} has the same bytes as {same_as} and was left out")
             }
             Self::HeldOutByRule { runs, of } => write!(
                 f,
@@ -151,6 +161,11 @@ pub fn load(
     let mut runs = Vec::new();
     for (file, path) in paths.iter().enumerate() {
         let recording = Recording::open(path)?;
+        if let Some(first) = dataset.inputs.iter().find(|i| i.sha256 == recording.sha256) {
+            let (file, same_as) = (file_name(path), first.name.clone());
+            dataset.warnings.push(DataWarning::GivenTwice { file, same_as });
+            continue;
+        }
         check_robot(&mut robots, &recording)?;
         let player = player_of(&recording, choice, config.target);
         if file == 0 {

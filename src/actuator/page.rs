@@ -1,7 +1,7 @@
 //! `index.html` of `fit-actuator`: what a person wants to see before trusting the model.
 
 use super::{
-    Ablation, Run,
+    Ablation, Cell, Run,
     coverage::{AxisCoverage, CELLS},
     judge::{Component, ErrorRow, HORIZONS_S, Judgement},
     study::{Study, Summary},
@@ -274,34 +274,40 @@ fn ablation(page: &mut Page, summary: &Summary) {
         chosen.width,
         speed(chosen.mean_rmse_m_per_s),
     ));
-    let sorted = |value: fn(&super::Cell) -> usize| {
+    page.picture(&ablation_map(ablation));
+    page.table(&ablation_table(ablation));
+}
+
+fn ablation_map(ablation: &Ablation) -> String {
+    let sorted = |value: fn(&Cell) -> usize| {
         let mut values: Vec<usize> = ablation.cells.iter().map(value).collect();
         values.sort_unstable();
         values.dedup();
         values
     };
     let (histories, widths) = (sorted(|c| c.history_steps), sorted(|c| c.width));
-    let error = |history: usize, width: usize| {
-        let cell = ablation.cells.iter().find(|c| (c.history_steps, c.width) == (history, width));
-        cell.map_or(f64::NAN, |cell| cell.mean_rmse_m_per_s)
+    let cell = |history: usize, width: usize| {
+        ablation.cells.iter().find(|c| (c.history_steps, c.width) == (history, width))
     };
-    let list =
-        |values: &[usize]| values.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-    page.picture(&heat_map(&HeatMap {
-        title: "log10 of the free-running error (mm/s)".to_owned(),
-        x: format!("width, one column each: {}", list(&widths)),
-        y: format!("history, one row each: {}", list(&histories)),
+    let shade = |cell: Option<&Cell>| cell.map_or(f64::NAN, |c| c.mean_rmse_m_per_s.log10());
+    let text = |cell: Option<&Cell>| {
+        cell.map_or_else(String::new, |cell| {
+            let history = count(cell.history_steps, "step");
+            format!("{history}, {} units: {}", cell.width, speed(cell.mean_rmse_m_per_s))
+        })
+    };
+    let row = |history: &usize| widths.iter().map(|width| cell(*history, *width)).collect();
+    let rows: Vec<Vec<Option<&Cell>>> = histories.iter().map(row).collect();
+    heat_map(&HeatMap {
+        title: "Free-running error (mm/s), mean over seeds; shade: log10 of m/s".to_owned(),
+        x: "width".to_owned(),
+        y: "history".to_owned(),
         x_range: (0.0, widths.len() as f64),
         y_range: (0.0, histories.len() as f64),
-        values: histories
-            .iter()
-            .map(|history| {
-                widths.iter().map(|width| (1e3 * error(*history, *width)).log10()).collect()
-            })
-            .collect(),
-        size: (560, 380),
-    }));
-    page.table(&ablation_table(ablation));
+        values: rows.iter().map(|row| row.iter().map(|cell| shade(*cell)).collect()).collect(),
+        cells: rows.iter().map(|row| row.iter().map(|cell| text(*cell)).collect()).collect(),
+        size: (760, 320),
+    })
 }
 
 fn ablation_table(ablation: &Ablation) -> Table {
@@ -371,6 +377,7 @@ fn coverage_map(axis: &str, coverage: &AxisCoverage) -> String {
         x_range: (-command, command),
         y_range: (-velocity, velocity),
         values,
+        cells: Vec::new(),
         size: HALF,
     })
 }

@@ -245,7 +245,11 @@ fn table(summary: &Summary, out: &Path) -> String {
         .chain(summary.free_running_rmse_m_per_s.iter().map(|f| f.spread.median))
         .map(figure)
         .collect();
-    lines.push(format!("{:<22}{median}", format!("network, {} seeds", summary.seeds.len())));
+    let seeds = match summary.seeds.len() {
+        1 => "1 seed".to_owned(),
+        count => format!("{count} seeds"),
+    };
+    lines.push(format!("{:<22}{median}", format!("network, {seeds}")));
     for (model, title) in
         [("arx", "linear ARX"), ("lag_delay", "lag with delay"), ("ideal", "ideal")]
     {

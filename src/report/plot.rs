@@ -7,6 +7,7 @@ use plotters::{
         types::RangedCoordf64,
     },
     prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
 };
 
 /// How an axis runs.
@@ -88,6 +89,8 @@ pub struct HeatMap {
     pub y_range: (f64, f64),
     /// `[row][column]`, from the lowest; NaN is left blank.
     pub values: Vec<Vec<f64>>,
+    /// What is written into each cell, which then stands for the ticks; empty for numeric axes.
+    pub cells: Vec<Vec<String>>,
     /// Width and height (px).
     pub size: (u32, u32),
 }
@@ -260,9 +263,12 @@ fn draw_heat_map(map: &HeatMap, svg: &mut String) -> Drawn {
         .x_label_area_size(42)
         .y_label_area_size(62)
         .build_cartesian_2d(map.x_range.0..map.x_range.1, map.y_range.0..map.y_range.1)?;
+    let ticks = if map.cells.is_empty() { 9 } else { 0 };
     chart
         .configure_mesh()
         .disable_mesh()
+        .x_labels(ticks)
+        .y_labels(ticks)
         .x_desc(&map.x)
         .y_desc(&map.y)
         .axis_desc_style((FONT, 14))
@@ -278,8 +284,16 @@ fn draw_heat_map(map: &HeatMap, svg: &mut String) -> Drawn {
         for (column, value) in values.iter().enumerate().filter(|(_, value)| value.is_finite()) {
             let corners = [(column, row), (column + 1, row + 1)]
                 .map(|(x, y)| (edge(map.x_range, x, values.len()), edge(map.y_range, y, rows)));
-            let fill = shade((value - low) / (high - low)).filled();
-            chart.draw_series([Rectangle::new(corners, fill)])?;
+            let share = (value - low) / (high - low);
+            chart.draw_series([Rectangle::new(corners, shade(share).filled())])?;
+            if let Some(text) = map.cells.get(row).and_then(|cells| cells.get(column)) {
+                let ink = if share < 0.5 { &BLACK } else { &WHITE };
+                let style =
+                    (FONT, 13).into_font().color(ink).pos(Pos::new(HPos::Center, VPos::Center));
+                let middle =
+                    (0.5 * (corners[0].0 + corners[1].0), 0.5 * (corners[0].1 + corners[1].1));
+                chart.draw_series([Text::new(text.clone(), middle, style)])?;
+            }
         }
     }
     draw_key(&key, low, high)?;
@@ -330,9 +344,11 @@ mod tests {
             x_range: (-1.0, 1.0),
             y_range: (-1.0, 1.0),
             values: vec![vec![f64::NAN, 2.0]],
+            cells: vec![vec![String::new(), "two".into()]],
             size: (400, 300),
         };
-        assert!(heat_map(&map).contains("<rect"));
+        let svg = heat_map(&map);
+        assert!(svg.contains("<rect") && svg.contains("two"));
     }
 
     #[test]

@@ -306,6 +306,21 @@ fn a_cut_off_recording_is_used_as_far_as_it_goes_with_status_3() {
 }
 
 #[test]
+fn a_recording_given_twice_counts_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let [train, validation] = pair(dir.path());
+    let copy = dir.path().join("copy.mcap");
+    fs::copy(&train, &copy).unwrap();
+    let files = [train, copy.display().to_string(), validation];
+    let more = ["--seeds", "1", "--json"];
+    let (stdout, stderr, status) = fit(&files, &dir.path().join("out"), &more);
+    assert_eq!(status, 0, "{stderr}");
+    expect(&stderr, &["copy.mcap has the same bytes as train.mcap and was left out"]);
+    let document: Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(document["train"]["runs"], 6);
+}
+
+#[test]
 fn wrong_usage_names_the_option_and_the_range() {
     for (args, part) in [
         (["fit-actuator", "x.mcap", "--epochs", "0"], "whole number from 1 to"),
