@@ -2,7 +2,7 @@
 
 use super::{
     fit::{Fit, FitConfig},
-    judge::{Component, HORIZONS_S, Judgement},
+    judge::{Component, Judgement, LONGEST_HORIZON_S},
     layout::LayoutKind,
 };
 use serde::Serialize;
@@ -79,11 +79,10 @@ pub struct AblationFit {
 
 impl AblationFit {
     pub(super) fn of(fit: &Fit, judgement: &Judgement) -> Self {
-        let longest = HORIZONS_S[HORIZONS_S.len() - 1];
         Self {
             config: fit.config,
             one_step_rmse_m_per_s: judgement.one_step(Component::Both),
-            free_running_rmse_m_per_s: judgement.free_running(longest, Component::Both),
+            free_running_rmse_m_per_s: judgement.free_running(LONGEST_HORIZON_S, Component::Both),
         }
     }
 }
@@ -113,12 +112,13 @@ pub(super) fn select(fits: &[Fit], judgements: &[Judgement]) -> Option<Ablation>
             let mean_over = |figure: &dyn Fn(&Judgement) -> f64| {
                 members.iter().map(|i| figure(&judgements[*i])).sum::<f64>() / members.len() as f64
             };
-            let longest = HORIZONS_S[HORIZONS_S.len() - 1];
             Cell {
                 history_steps: key.0,
                 width: key.1,
                 seeds: members.len(),
-                mean_rmse_m_per_s: mean_over(&|j| j.free_running(longest, Component::Both)),
+                mean_rmse_m_per_s: mean_over(&|j| {
+                    j.free_running(LONGEST_HORIZON_S, Component::Both)
+                }),
                 standard_error_m_per_s: standard_error(errors, &all),
                 one_step_rmse_m_per_s: mean_over(&|j| j.one_step(Component::Both)),
                 parameters: *parameters,

@@ -216,7 +216,7 @@ fn write_run(
     trace("/actuator/measured", 0, &run.velocities)?;
     for (name, model) in study.models() {
         let predicted = study.whole_run(model, run);
-        trace(&format!("/actuator/predicted/{name}"), study.history(), &predicted)?;
+        trace(&format!("/actuator/predicted/{name}"), study.history, &predicted)?;
     }
     marker.phase = Phase::End.into();
     writer.write(topic::RUN_MARKER, time(run.len()), &marker)

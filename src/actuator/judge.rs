@@ -9,7 +9,10 @@ use crate::stats::{Interval, bootstrap_ci95};
 use serde::Serialize;
 
 /// Free-running horizons that are reported (s).
-pub const HORIZONS_S: [f64; 3] = [0.1, 0.5, 2.0];
+pub const HORIZONS_S: [f64; 3] = [0.1, 0.5, LONGEST_HORIZON_S];
+
+/// The horizon by which models are compared and chosen (s).
+pub(super) const LONGEST_HORIZON_S: f64 = 2.0;
 
 /// Samples between two starts of free-running prediction.
 const START_STRIDE: usize = 5;
@@ -130,7 +133,7 @@ impl Judgement {
     /// (a shorter run counts as far as it goes).
     #[must_use]
     pub fn new(model: &dyn VelocityModel, runs: &[&Run], history: usize, dt: f64) -> Self {
-        let steps = steps_of(HORIZONS_S[HORIZONS_S.len() - 1], dt);
+        let steps = steps_of(LONGEST_HORIZON_S, dt);
         let runs = runs
             .iter()
             .filter(|run| history < run.len())

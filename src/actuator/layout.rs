@@ -10,7 +10,7 @@ pub const AXES: usize = 2;
 /// Order and number of the inputs. Both layouts are newest first with x and y interleaved:
 /// `[u_k, u_k-1, ...]`, then `[v_k, v_k-1, ...]`; the network answers `v_k+1`. `u_k` is the command
 /// in force from sample k to k + 1, `v_k` the velocity at sample k.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum LayoutKind {
     /// As many velocities as commands: 40 inputs for 10 steps, as in the paper; ReLU.

@@ -3,7 +3,7 @@
 use super::{
     Ablation, Cell, Run,
     coverage::{AxisCoverage, CELLS},
-    judge::{Component, ErrorRow, HORIZONS_S, Judgement},
+    judge::{Component, ErrorRow, HORIZONS_S, Judgement, LONGEST_HORIZON_S},
     study::{Study, Summary},
 };
 use crate::report::{
@@ -113,7 +113,7 @@ fn errors(page: &mut Page, summary: &Summary) {
         || summary.errors.iter().filter(|r| r.pattern == "all" && r.component == Component::Both);
     let mut head = vec!["model".to_owned(), "one step".to_owned()];
     head.extend(HORIZONS_S.map(|horizon| format!("over {horizon} s")));
-    head.push(format!("peak over {} s", HORIZONS_S[HORIZONS_S.len() - 1]));
+    head.push(format!("peak over {} s", LONGEST_HORIZON_S));
     let mut table = Table { head, rows: Vec::new() };
     for model in ["network", "arx", "lag_delay", "ideal"] {
         let of_model: Vec<&ErrorRow> = rows().filter(|row| row.model == model).collect();
@@ -163,7 +163,7 @@ fn traces(page: &mut Page, study: &Study) {
     ]);
     let mut seen: Vec<&str> = Vec::new();
     for run in &study.dataset.held_out {
-        if seen.contains(&run.pattern.as_str()) || run.len() <= study.history() {
+        if seen.contains(&run.pattern.as_str()) || run.len() <= study.history {
             continue;
         }
         seen.push(&run.pattern);
@@ -179,7 +179,7 @@ fn traces(page: &mut Page, study: &Study) {
 }
 
 fn trace(study: &Study, run: &Run, axis: usize) -> String {
-    let (dt, first) = (study.dataset.dt(), study.history());
+    let (dt, first) = (study.dataset.dt(), study.history);
     let shown = run.len().min((TRACE_SECONDS / dt) as usize);
     let points = |values: &[[f64; 2]], from: usize| -> Vec<(f64, f64)> {
         let timed = values.iter().enumerate();
@@ -385,14 +385,13 @@ fn coverage_map(axis: &str, coverage: &AxisCoverage) -> String {
 fn patterns(page: &mut Page, summary: &Summary) {
     page.section("By pattern and axis");
     page.paragraph("The median seed, in mm/s.");
-    let longest = HORIZONS_S[HORIZONS_S.len() - 1];
     let head = ["pattern", "axis", "one step", "free-running", "peak free-running"];
     let mut rows = Vec::new();
     let network = || summary.errors.iter().filter(|row| row.model == "network");
     for row in network().filter(|row| row.horizon_s == 0.0) {
         let same = |other: &&ErrorRow| {
             (&other.pattern, other.component, other.horizon_s)
-                == (&row.pattern, row.component, longest)
+                == (&row.pattern, row.component, LONGEST_HORIZON_S)
         };
         let free = network().find(same);
         rows.push(vec![

@@ -6,7 +6,7 @@ use super::{
     coverage::Coverage,
     dataset::{DataWarning, Dataset, InputFile},
     fit::{Fit, FitConfig},
-    judge::{Component, ErrorRow, HORIZONS_S, Judgement},
+    judge::{Component, ErrorRow, HORIZONS_S, Judgement, LONGEST_HORIZON_S},
     model::VelocityModel,
     run::{Run, Target},
 };
@@ -155,7 +155,8 @@ impl Study {
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         let network = self.chosen().judgement.free_running_by_run();
-        let error = |judgement: &&Judgement| judgement.free_running(longest(), Component::Both);
+        let error =
+            |judgement: &&Judgement| judgement.free_running(LONGEST_HORIZON_S, Component::Both);
         let rival = self
             .baselines
             .judgements
@@ -232,16 +233,11 @@ impl Study {
 
     /// Free-running over the whole of `run`, from the sample after the history.
     pub(super) fn whole_run(&self, model: &dyn VelocityModel, run: &Run) -> Vec<[f64; 2]> {
-        let history = self.history();
+        let history = self.history;
         if run.len() <= history {
             return Vec::new();
         }
         model.simulate(run, &[history - 1], run.len() - history)
-    }
-
-    /// First sample that is predicted in every run.
-    pub(super) fn history(&self) -> usize {
-        self.history
     }
 
     /// The result as a document.
@@ -298,14 +294,11 @@ impl Study {
     }
 }
 
-fn longest() -> f64 {
-    HORIZONS_S[HORIZONS_S.len() - 1]
-}
-
 /// Position of the seed with the median free-running error; the lower of the two middle ones.
 fn median_position(seeds: &[Judged]) -> Option<usize> {
-    let error =
-        |position: &usize| seeds[*position].judgement.free_running(longest(), Component::Both);
+    let error = |position: &usize| {
+        seeds[*position].judgement.free_running(LONGEST_HORIZON_S, Component::Both)
+    };
     let mut order: Vec<usize> = (0..seeds.len()).collect();
     order.sort_by(|a, b| error(a).total_cmp(&error(b)));
     order.get(seeds.len().saturating_sub(1) / 2).copied()
@@ -332,7 +325,7 @@ impl fmt::Display for Verdict {
             Some(_) => write!(f, "the held-out runs cannot tell the network from {rival}:")?,
             None => write!(f, "one held-out run cannot tell the network from {rival}:")?,
         }
-        write!(f, " {:.2} mm/s free-running over {} s", 1e3 * by, longest())?;
+        write!(f, " {:.2} mm/s free-running over {} s", 1e3 * by, LONGEST_HORIZON_S)?;
         match self.ci95_m_per_s {
             Some(Interval { low, high }) => {
                 write!(f, " (network minus {rival}, 95 %: {:.2} to {:.2})", 1e3 * low, 1e3 * high)

@@ -37,8 +37,8 @@ pub(crate) struct Args {
     #[arg(long, value_enum)]
     player: Option<PlayerArg>,
     /// Order of the inputs and activation: 40 inputs with ReLU, or upstream's 38 with softsign
-    #[arg(long, value_enum, default_value_t = LayoutArg::Klasktron)]
-    layout: LayoutArg,
+    #[arg(long, value_enum, default_value_t = LayoutKind::Klasktron)]
+    layout: LayoutKind,
     /// Samples of history that the network sees
     #[arg(long, value_name = "STEPS", default_value = "10", value_parser = parse_count)]
     history: usize,
@@ -89,12 +89,6 @@ enum PlayerArg {
     Right,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum LayoutArg {
-    Klasktron,
-    KlaskRl,
-}
-
 /// Largest whole number that any of the counts may have; beyond it memory or patience runs out.
 const LARGEST_COUNT: usize = 1_000_000;
 
@@ -122,7 +116,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             (0..args.seeds as u64).map(|k| FitConfig { seed: base.seed + k, ..base }).collect()
         }
     };
-    let needed = base.history_steps + base.horizon + 1;
+    // Of an ablation, the longest history decides which runs every fit can use.
+    let longest_history = configs.iter().map(|config| config.history_steps).max().unwrap_or(0);
+    let needed = longest_history + base.horizon + 1;
     let config = ResampleConfig { target: args.target, rate_hz: args.rate_hz };
     let dataset = actuator::load(&args.recordings, args.player_choice(), config, needed)?;
     let store = Store::open(&args.out.join("fits"), &dataset)?;
@@ -150,15 +146,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 impl Args {
     fn fit_config(&self) -> anyhow::Result<FitConfig> {
-        let layout = match self.layout {
-            LayoutArg::Klasktron => LayoutKind::Klasktron,
-            LayoutArg::KlaskRl => LayoutKind::KlaskRl,
-        };
-        if layout == LayoutKind::KlaskRl && self.history < 2 {
+        if self.layout == LayoutKind::KlaskRl && self.history < 2 {
             bail!("--history {} is too short for --layout klask-rl, which needs 2", self.history);
         }
         Ok(FitConfig {
-            layout,
+            layout: self.layout,
             history_steps: self.history,
             width: self.width,
             hidden_layers: self.hidden_layers,
@@ -183,7 +175,7 @@ impl Args {
         };
         let mut options = vec![
             ("target", name(&|| self.target.to_possible_value())),
-            ("layout", name(&|| self.layout.to_possible_value())),
+            ("layout", self.layout.to_string()),
             ("history", self.history.to_string()),
             ("width", self.width.to_string()),
             ("hidden-layers", self.hidden_layers.to_string()),
