@@ -1,4 +1,4 @@
-//! The bus of the drives: frames, the ODrive CANSimple codec, and logs of `candump`.
+//! The bus of the drives: frames, the ODrive CANSimple codec and its words, and logs of `candump`.
 //!
 //! Everything here is pure: bytes or text in, values out. Transports are not part of it.
 //!
@@ -16,6 +16,10 @@
 pub mod candump;
 mod codec;
 mod frame;
+mod odrive;
 
-pub use codec::{BROADCAST_NODE, CodecError, Command, Decoded, Message, TrajectoryState, decode};
+pub use codec::{
+    BROADCAST_NODE, CodecError, Command, Decoded, Message, TrajectoryState, decode, encode,
+};
 pub use frame::{Direction, Frame, FrameKind, IdWidth, MAX_DATA_BYTES, Payload};
+pub use odrive::{AxisErrors, AxisState, ControlMode, InputMode, ProcedureResult};

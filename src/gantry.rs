@@ -1,7 +1,7 @@
 //! The gantry under the board: two motors, one belt, one carriage for each player.
 //!
 //! [`CoreXy`] is the pair of forward and inverse kinematics; [`MotorSeat`] says which motor of
-//! which player a drive turns, and with which sign.
+//! which player a drive turns, and with which sign; [`Robot`] is the robot file with its limits.
 //!
 //! ```
 //! use klasktron::gantry::CoreXy;
@@ -12,7 +12,13 @@
 //! ```
 
 mod kinematics;
+mod limits;
+mod robot;
 
 pub use kinematics::{
     BELT_METRES_PER_TURN, BeltError, CoreXy, KLASKTRON_SEATS, MotorPair, MotorSeat,
+};
+pub use limits::{Limits, Rectangle};
+pub use robot::{
+    BoardEntry, BusConfig, CyclicPeriods, PerPlayer, Point, Robot, RobotError, Timeouts,
 };

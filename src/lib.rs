@@ -31,7 +31,8 @@
 //! | | [`recording`] | messages in and out of MCAP; inspect, recover, tables |
 //! | | [`nn`] | small networks: kernels, gradients, Adam, file formats |
 //! | 2 things that step | [`can`] | frames of the bus and the ODrive codec |
-//! | | [`gantry`] | CoreXY kinematics |
+//! | | [`gantry`] | CoreXY kinematics, limits, the robot file |
+//! | | [`link`] | the connection to a table: clock, bus, camera |
 //! | | [`actuator`] | command history to motion: models, fits, judgement |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
@@ -61,5 +62,6 @@ pub mod recording;
 pub mod actuator;
 pub mod can;
 pub mod gantry;
+pub mod link;
 
 pub mod import;

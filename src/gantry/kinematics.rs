@@ -10,6 +10,7 @@
 //! a property of such recordings, not of this map.
 
 use crate::recording::topic::{Motor, Player};
+use serde::{Deserialize, Serialize};
 
 /// Belt per motor turn of the KlaskTron gantry (m): 20 teeth of 2 mm.
 pub const BELT_METRES_PER_TURN: f64 = 0.04;
@@ -82,7 +83,8 @@ impl CoreXy {
 }
 
 /// Which motor a drive turns, and how its own direction maps to the gantry's.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct MotorSeat {
     /// Node id of the drive on the bus, and number N of its `/odrive_axisN` topics.
     pub node: u8,

@@ -1,10 +1,10 @@
 //! The topics of the data contract and the schema that each must carry.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// One of the two players; `left` owns y < 0 and `right` y > 0 of the board frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Player {
     /// Owns y < 0.
@@ -34,7 +34,8 @@ impl fmt::Display for Player {
 }
 
 /// One of the two motors of a CoreXY gantry: `a` reads (x + y), `b` (x - y) per turn of belt.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Motor {
     /// Moves x + y.
     A,

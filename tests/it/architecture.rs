@@ -10,7 +10,7 @@ use std::{
 const LAYERS: [&[&str]; 4] = [
     &["units", "seed", "stats", "report", "provenance"],
     &["board", "recording", "nn"],
-    &["can", "gantry", "actuator"],
+    &["can", "gantry", "link", "actuator"],
     &["import"],
 ];
 

@@ -1,0 +1,201 @@
+//! Every limit for the motors: where, how fast, how abruptly, how warm.
+//!
+//! The stopping distance from speed `v` is `v t + v^2 / (2 a)`: it moves on for the reaction time `t`
+//! and then brakes with `a`. A point may be passed only if the carriage could still stop inside the
+//! window from there.
+
+use super::robot::{RobotError, check_range};
+use crate::recording::topic::Player;
+use serde::{Deserialize, Serialize};
+
+/// Limits of one robot, the same for both players.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Limits {
+    /// Largest commanded speed along each axis (m/s); 0.7, what the paper's data set uses. The game
+    /// stays within 0.4.
+    pub speed_m_per_s: f64,
+    /// Largest commanded speed along any direction (m/s); 1.0, both axes at 0.7.
+    pub total_speed_m_per_s: f64,
+    /// Largest change of a commanded velocity along each axis (m/s^2); 10, as upstream's simulation.
+    pub slew_m_per_s2: f64,
+    /// Braking that can be relied on (m/s^2); 5, below the mean of 6.25 that the paper measured.
+    pub braking_m_per_s2: f64,
+    /// From the moment when something is seen to the moment when the motors brake (s): one control
+    /// period, the bus and the delay of the drive.
+    pub reaction_s: f64,
+    /// Current limit of each drive, set before arming (A).
+    pub current_a: f64,
+    /// Hottest power stage (C).
+    pub fet_temperature_c: f64,
+    /// Hottest motor (C), where a thermistor reports it.
+    pub motor_temperature_c: f64,
+    /// Farthest that a carriage may be from where its commands lead (m).
+    pub following_error_m: f64,
+    /// Farthest that the camera may see a striker from its magnet (m), over a tenth of a second.
+    pub striker_error_m: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            speed_m_per_s: 0.7,
+            total_speed_m_per_s: 1.0,
+            slew_m_per_s2: 10.0,
+            braking_m_per_s2: 5.0,
+            reaction_s: 0.04,
+            current_a: 15.0,
+            fet_temperature_c: 80.0,
+            motor_temperature_c: 90.0,
+            following_error_m: 0.03,
+            striker_error_m: 0.03,
+        }
+    }
+}
+
+impl Limits {
+    pub(super) fn check(&self) -> Result<(), RobotError> {
+        for (name, value, range, top) in [
+            ("limits.speed_m_per_s", self.speed_m_per_s, "(0, 2] m/s", 2.0),
+            ("limits.total_speed_m_per_s", self.total_speed_m_per_s, "(0, 3] m/s", 3.0),
+            ("limits.slew_m_per_s2", self.slew_m_per_s2, "(0, 100] m/s^2", 100.0),
+            ("limits.braking_m_per_s2", self.braking_m_per_s2, "(0, 100] m/s^2", 100.0),
+            ("limits.reaction_s", self.reaction_s, "(0, 0.5] s", 0.5),
+            ("limits.current_a", self.current_a, "(0, 60] A", 60.0),
+            ("limits.fet_temperature_c", self.fet_temperature_c, "(0, 120] C", 120.0),
+            ("limits.motor_temperature_c", self.motor_temperature_c, "(0, 150] C", 150.0),
+            ("limits.following_error_m", self.following_error_m, "(0, 0.2] m", 0.2),
+            ("limits.striker_error_m", self.striker_error_m, "(0, 0.2] m", 0.2),
+        ] {
+            check_range(name, value, range, |v| 0.0 < v && v <= top)?;
+        }
+        Ok(())
+    }
+
+    /// Distance travelled from `speed` (m/s) until standing (m).
+    #[must_use]
+    pub fn stopping_distance(&self, speed: f64) -> f64 {
+        let speed = speed.abs();
+        speed * self.reaction_s + speed * speed / (2.0 * self.braking_m_per_s2)
+    }
+
+    /// Where a carriage at `position` (m) with `velocity` (m/s) comes to stand, each axis braking on
+    /// its own.
+    #[must_use]
+    pub fn standstill(&self, position: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|axis| {
+            position[axis] + self.stopping_distance(velocity[axis]).copysign(velocity[axis])
+        })
+    }
+
+    /// The velocity (m/s) nearest to `wanted` that may follow `previous` after `dt` seconds: each
+    /// axis changes by at most the slew limit, and speeds stay within theirs.
+    #[must_use]
+    pub fn next_velocity(&self, previous: [f64; 2], wanted: [f64; 2], dt: f64) -> [f64; 2] {
+        let step = self.slew_m_per_s2 * dt;
+        let within = self.within_speed(wanted);
+        [0, 1].map(|axis| within[axis].clamp(previous[axis] - step, previous[axis] + step))
+    }
+
+    /// `velocity` (m/s) within the speed limits: each axis is clamped, then the whole is shortened.
+    #[must_use]
+    pub fn within_speed(&self, velocity: [f64; 2]) -> [f64; 2] {
+        let top = self.speed_m_per_s;
+        let [x, y] = velocity.map(|v| v.clamp(-top, top));
+        let shorten = (self.total_speed_m_per_s / x.hypot(y)).min(1.0);
+        if shorten.is_finite() { [x * shorten, y * shorten] } else { [x, y] }
+    }
+}
+
+/// An axis-parallel rectangle on the board.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "edges in the board frame (m)")]
+pub struct Rectangle {
+    pub x_min_m: f64,
+    pub x_max_m: f64,
+    pub y_min_m: f64,
+    pub y_max_m: f64,
+}
+
+impl Rectangle {
+    pub(super) fn check(&self, player: Player) -> Result<(), RobotError> {
+        for (axis, low, high) in
+            [("x", self.x_min_m, self.x_max_m), ("y", self.y_min_m, self.y_max_m)]
+        {
+            let name = format!("field.{player}: {axis}_max_m - {axis}_min_m");
+            check_range(&name, high - low, "[0.02, 10] m", |v| (0.02..=10.0).contains(&v))?;
+        }
+        Ok(())
+    }
+
+    /// The same rectangle with every edge moved inwards by `margin` (m).
+    #[must_use]
+    pub fn shrunk(&self, margin: f64) -> Self {
+        Self {
+            x_min_m: self.x_min_m + margin,
+            x_max_m: self.x_max_m - margin,
+            y_min_m: self.y_min_m + margin,
+            y_max_m: self.y_max_m - margin,
+        }
+    }
+
+    /// How far `point` (m) lies inside the nearest edge (m); negative outside.
+    #[must_use]
+    pub fn depth(&self, [x, y]: [f64; 2]) -> f64 {
+        let across = (x - self.x_min_m).min(self.x_max_m - x);
+        let along = (y - self.y_min_m).min(self.y_max_m - y);
+        across.min(along)
+    }
+
+    /// Whether `point` (m) lies inside or on an edge; never for a point that is not a number.
+    #[must_use]
+    pub fn contains(&self, point: [f64; 2]) -> bool {
+        0.0 <= self.depth(point) && point.iter().all(|value| value.is_finite())
+    }
+
+    /// Its centre (m).
+    #[must_use]
+    pub fn centre(&self) -> [f64; 2] {
+        [f64::midpoint(self.x_min_m, self.x_max_m), f64::midpoint(self.y_min_m, self.y_max_m)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn stopping_distance_is_reaction_plus_braking() {
+        let limits = Limits { braking_m_per_s2: 5.0, reaction_s: 0.04, ..Limits::default() };
+        // 0.5 * 0.04 + 0.25 / 10
+        assert!((limits.stopping_distance(-0.5) - 0.045).abs() < 1e-12);
+        let [x, y] = limits.standstill([0.1, 0.1], [-0.5, 0.0]);
+        assert!((x - 0.055).abs() < 1e-12 && (y - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_point_that_is_no_number_is_nowhere() {
+        let field = Rectangle { x_min_m: -1.0, x_max_m: 1.0, y_min_m: -1.0, y_max_m: 1.0 };
+        assert!(field.contains([1.0, -1.0]));
+        assert!(!field.contains([f64::NAN, 0.0]) && !field.contains([0.0, f64::NAN]));
+        assert!(!field.shrunk(0.1).contains([0.95, 0.0]));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(256))]
+
+        #[test]
+        fn commands_never_pass_a_limit(previous in [-0.7..0.7_f64, -0.7..0.7], wanted in [-9.0..9.0_f64, -9.0..9.0], dt in 0.001..0.05_f64) {
+            let limits = Limits::default();
+            let next = limits.next_velocity(previous, wanted, dt);
+            for axis in 0..2 {
+                prop_assert!((next[axis] - previous[axis]).abs() <= limits.slew_m_per_s2 * dt + 1e-12);
+                prop_assert!(next[axis].abs() <= limits.speed_m_per_s + 1e-12);
+            }
+            let [x, y] = limits.within_speed(wanted);
+            prop_assert!(x.hypot(y) <= limits.total_speed_m_per_s + 1e-12);
+        }
+    }
+}
