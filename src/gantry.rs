@@ -1,7 +1,8 @@
 //! The gantry under the board: two motors, one belt, one carriage for each player.
 //!
 //! [`CoreXy`] is the pair of forward and inverse kinematics; [`MotorSeat`] says which motor of
-//! which player a drive turns, and with which sign; [`Robot`] is the robot file with its limits.
+//! which player a drive turns, and with which sign; [`Robot`] is the robot file with its limits;
+//! [`DriveReports`] turns what a drive says into messages of recordings.
 //!
 //! ```
 //! use klasktron::gantry::CoreXy;
@@ -13,12 +14,14 @@
 
 mod kinematics;
 mod limits;
+mod reports;
 mod robot;
 
 pub use kinematics::{
     BELT_METRES_PER_TURN, BeltError, CoreXy, KLASKTRON_SEATS, MotorPair, MotorSeat,
 };
 pub use limits::{Limits, Rectangle};
+pub use reports::{DriveHealth, DriveReport, DriveReports, MOST_PAIR_SECONDS};
 pub use robot::{
     BoardEntry, BusConfig, CyclicPeriods, PerPlayer, Point, Robot, RobotError, Timeouts,
 };

@@ -189,3 +189,22 @@ pub enum LinkError {
         remedy: &'static str,
     },
 }
+
+impl std::fmt::Display for BusFault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::ErrorWarning => "an error counter has passed 96",
+            Self::ErrorPassive => "the controller is error passive",
+            Self::ErrorActive => "the controller is error active again",
+            Self::BusOff => "the controller has left the bus (bus-off)",
+            Self::Restarted => "the controller was restarted after bus-off",
+            Self::NoAcknowledge => "nobody acknowledges frames; check wiring, bit rate and supply",
+            Self::Protocol => "bit, form, stuff or CRC errors, or lost arbitration",
+            Self::Overrun { frames: 0 } => "frames were lost before they could be read",
+            Self::Overrun { frames } => {
+                return write!(f, "{frames} frames were lost before they could be read");
+            }
+            Self::LinkDown => "the interface is down or the adapter has gone",
+        })
+    }
+}

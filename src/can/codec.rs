@@ -289,6 +289,12 @@ impl Command {
         )
     }
 
+    /// Whether only a host sends it, to make a drive do something.
+    #[must_use]
+    pub fn is_order(self) -> bool {
+        !self.is_report() && !matches!(self, Self::RxSdo | Self::TxSdo | Self::Address)
+    }
+
     /// Fewest data bytes with which the message can be understood.
     #[must_use]
     pub fn least_bytes(self) -> usize {

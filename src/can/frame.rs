@@ -1,5 +1,7 @@
 //! One classic CAN frame.
 
+use crate::recording::message::{CanFrame, can_frame};
+
 /// Most data bytes of a classic frame.
 pub const MAX_DATA_BYTES: usize = 8;
 
@@ -66,4 +68,23 @@ pub struct Frame {
     pub kind: FrameKind,
     /// The data; empty in a remote frame.
     pub data: Payload,
+}
+
+impl Frame {
+    /// The frame as a message of the contract.
+    #[must_use]
+    pub fn recorded(&self, direction: Direction) -> CanFrame {
+        let direction = match direction {
+            Direction::Sent => can_frame::Direction::Sent,
+            Direction::Received => can_frame::Direction::Received,
+        };
+        CanFrame {
+            id: self.id,
+            extended: self.width == IdWidth::Extended,
+            remote: self.kind == FrameKind::Remote,
+            error: self.kind == FrameKind::Error,
+            data: self.data.as_slice().to_vec(),
+            direction: direction.into(),
+        }
+    }
 }

@@ -9,7 +9,10 @@
 //! Older upstream software commanded with `2/d`, so its carriage ran at twice the command: that is
 //! a property of such recordings, not of this map.
 
-use crate::recording::topic::{Motor, Player};
+use crate::recording::{
+    message::MotorState,
+    topic::{Motor, Player},
+};
 use serde::{Deserialize, Serialize};
 
 /// Belt per motor turn of the KlaskTron gantry (m): 20 teeth of 2 mm.
@@ -107,6 +110,17 @@ impl MotorSeat {
     #[must_use]
     pub fn directed(self, value: f64) -> f64 {
         f64::from(self.sign) * value
+    }
+
+    /// A drive's report of motion in the gantry's direction.
+    #[must_use]
+    pub fn directed_motor(self, report: &MotorState) -> MotorState {
+        MotorState {
+            position_turns: self.directed(report.position_turns),
+            velocity_turns_per_s: self.directed(report.velocity_turns_per_s),
+            torque_target_nm: report.torque_target_nm.map(|torque| self.directed(torque)),
+            torque_estimate_nm: report.torque_estimate_nm.map(|torque| self.directed(torque)),
+        }
     }
 }
 

@@ -10,30 +10,22 @@ use super::{
     tape::{Outgoing, Tape},
 };
 use crate::{
-    gantry::{CoreXy, MotorPair, MotorSeat},
+    gantry::{CoreXy, MOST_PAIR_SECONDS, MotorPair, MotorSeat},
     recording::{
-        message::{CarriageState, DriveStatus, MotorState, VelocityCommand},
+        message::{CarriageState, MotorState, VelocityCommand},
         topic::{self, Motor, Player},
     },
+    stats::median,
     units::Nanos,
 };
 
-/// Largest distance in time between two messages that are used as one (s).
-pub(super) const MOST_PAIR_SECONDS: f64 = 0.015;
 /// Between 1, a carriage that follows its commands, and 2, one of the older upstream software.
 const DOUBLED_GAIN: f64 = 1.5;
-/// How long a health value is repeated after it was reported (s).
-const HEALTH_SECONDS: f64 = 1.0;
 
 /// Adds one report of a drive's motion, in the drive's own direction.
 pub(super) fn push_motor(tape: &mut Tape, seat: MotorSeat, time: Nanos, report: &MotorState) {
-    let directed = MotorState {
-        position_turns: seat.directed(report.position_turns),
-        velocity_turns_per_s: seat.directed(report.velocity_turns_per_s),
-        torque_target_nm: report.torque_target_nm.map(|torque| seat.directed(torque)),
-        torque_estimate_nm: report.torque_estimate_nm.map(|torque| seat.directed(torque)),
-    };
-    tape.push(&topic::motor(seat.player, seat.motor), time, Outgoing::Motor(directed));
+    let directed = Outgoing::Motor(seat.directed_motor(report));
+    tape.push(&topic::motor(seat.player, seat.motor), time, directed);
 }
 
 /// Velocity setpoints of single drives (turns/s, gantry's direction), by player and motor.
@@ -200,16 +192,11 @@ fn carriage_track(tape: &Tape, gantry: CoreXy, player: Player) -> (Track, usize)
 fn home_offset(track: &Track, magnet: &[(Nanos, [f64; 2])]) -> Option<[f64; 2]> {
     let pairs = mutual_nearest(&times(track), &times(magnet));
     let offset = |pick: fn(&CarriageState) -> f64, axis: usize| {
-        median(pairs.iter().map(|(i, j)| magnet[*j].1[axis] - pick(&track[*i].1)).collect())
+        let differences: Vec<f64> =
+            pairs.iter().map(|(i, j)| magnet[*j].1[axis] - pick(&track[*i].1)).collect();
+        median(&differences)
     };
     Some([offset(|state| state.x, 0)?, offset(|state| state.y, 1)?])
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let upper = *values.get(values.len() / 2)?;
-    let lower = *values.get((values.len() - 1) / 2)?;
-    Some(f64::midpoint(lower, upper))
 }
 
 /// Pairs of positions in two sorted lists of times: each the nearest of the other, and at most
@@ -231,58 +218,6 @@ fn mutual_nearest(a: &[Nanos], b: &[Nanos]) -> Vec<(usize, usize)> {
         (close && nearest(a, b[j])? == i).then_some((i, j))
     };
     (0..a.len()).filter_map(pair).collect()
-}
-
-/// Gathers the health of one drive, whose parts arrive in separate messages. Values older than a
-/// second are not repeated.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct DriveHealth {
-    status: DriveStatus,
-    supply_at: Nanos,
-    temperature_at: Nanos,
-}
-
-impl DriveHealth {
-    /// Notes the error flags.
-    pub(super) fn errors(&mut self, active_errors: u32, disarm_reason: u32) {
-        self.status.active_errors = active_errors;
-        self.status.disarm_reason = disarm_reason;
-    }
-
-    /// Notes bus voltage (V) and current (A).
-    pub(super) fn supply(&mut self, time: Nanos, voltage: f64, current: f64) {
-        self.status.bus_voltage_v = Some(voltage);
-        self.status.bus_current_a = Some(current);
-        self.supply_at = time;
-    }
-
-    /// Notes the temperatures (C) of power stage and motor.
-    pub(super) fn temperatures(&mut self, time: Nanos, fet: f64, motor: f64) {
-        self.status.fet_temperature_c = Some(fet);
-        // A drive without a thermistor reports NaN or nothing of sense; NaN says it.
-        self.status.motor_temperature_c = motor.is_finite().then_some(motor);
-        self.temperature_at = time;
-    }
-
-    /// Notes state and errors, and gives what is known at `time`.
-    pub(super) fn at_state(&mut self, time: Nanos, axis_state: u32, errors: u32) -> DriveStatus {
-        self.status.axis_state = axis_state;
-        self.status.active_errors = errors;
-        self.now(time)
-    }
-
-    /// What is known at `time`.
-    pub(super) fn now(&mut self, time: Nanos) -> DriveStatus {
-        if HEALTH_SECONDS < time.seconds_since(self.supply_at) {
-            self.status.bus_voltage_v = None;
-            self.status.bus_current_a = None;
-        }
-        if HEALTH_SECONDS < time.seconds_since(self.temperature_at) {
-            self.status.fet_temperature_c = None;
-            self.status.motor_temperature_c = None;
-        }
-        self.status
-    }
 }
 
 #[cfg(test)]
@@ -376,13 +311,5 @@ mod tests {
             assert!((gain - speed / 0.2).abs() < 1e-4);
             assert_eq!(!tape.notices.is_empty(), noticed);
         }
-    }
-
-    #[test]
-    fn old_health_values_are_not_repeated() {
-        let mut health = DriveHealth::default();
-        health.supply(Nanos(0), 24.0, 1.0);
-        assert_eq!(health.at_state(Nanos(900 * MS), 8, 0).bus_voltage_v, Some(24.0));
-        assert_eq!(health.at_state(Nanos(1100 * MS), 8, 0).bus_voltage_v, None);
     }
 }

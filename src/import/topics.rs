@@ -4,7 +4,7 @@ use super::{
     bag::{Bag, BagTopic},
     bus::BusDecoder,
     cdr::{CdrError, Value},
-    drives::{DriveHealth, MagnetTrack, push_carriages, push_motor},
+    drives::{MagnetTrack, push_carriages, push_motor},
     known::Decoder,
     report::{LeftOutReason, Notice},
     rosmsg::short_name,
@@ -13,7 +13,7 @@ use super::{
 use crate::{
     board::{BoardSize, Frame},
     can,
-    gantry::{CoreXy, MotorSeat},
+    gantry::{CoreXy, DriveHealth, MotorSeat},
     recording::{
         message::{BoardState, MotorState, ObjectState, VelocityCommand},
         topic::{self, Player},

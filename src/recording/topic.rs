@@ -92,6 +92,11 @@ pub const RUN_MARKER: &str = "/run/marker";
 /// What the referee saw (`MatchEvent`).
 pub const MATCH_EVENT: &str = "/match/event";
 
+/// Every period of the control loop (`ControlTick`).
+pub const CONTROL_TICK: &str = "/collect/tick";
+/// What happened in a session of collecting (`SessionEvent`).
+pub const SESSION_EVENT: &str = "/collect/event";
+
 /// Topic of a single axis' input (`AxisInput`).
 #[must_use]
 pub fn axis_input(name: &str) -> String {
@@ -128,6 +133,8 @@ pub fn schema_of(topic: &str) -> Option<&'static str> {
         ["board", "state"] => Some("klasktron.BoardState"),
         ["run", "marker"] => Some("klasktron.RunMarker"),
         ["match", "event"] => Some("klasktron.MatchEvent"),
+        ["collect", "tick"] => Some("klasktron.ControlTick"),
+        ["collect", "event"] => Some("klasktron.SessionEvent"),
         ["axis", name, "input"] if !name.is_empty() => Some("klasktron.AxisInput"),
         ["axis", name, "output"] if !name.is_empty() => Some("klasktron.AxisOutput"),
         _ => None,
