@@ -301,7 +301,8 @@ fn open_port(port: &Path) -> io::Result<SerialPort> {
         settings.set_raw();
         Ok(settings)
     };
-    let opened = SerialPort::open(port, fast).or_else(|_too_fast| SerialPort::open(port, as_it_is))?;
+    let opened =
+        SerialPort::open(port, fast).or_else(|_too_fast| SerialPort::open(port, as_it_is))?;
     // Pseudo-terminals have no such line; adapters that need it have one.
     opened.set_dtr(true).ok();
     Ok(opened)

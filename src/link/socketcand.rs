@@ -58,11 +58,13 @@ impl Socketcand {
     /// When nobody answers there, or the server refuses the interface.
     pub fn open(server: &str, interface: &str) -> Result<Self, LinkError> {
         let bus = format!("socketcand:{server}/{interface}");
-        let unusable = |what: String, remedy| LinkError::Unusable { bus: bus.clone(), what, remedy };
+        let unusable =
+            |what: String, remedy| LinkError::Unusable { bus: bus.clone(), what, remedy };
         let stream = connect(server).map_err(|error| {
             unusable(format!("nobody answers at {server} ({error})"), START_SERVER)
         })?;
-        let broken = |error: io::Error| unusable(format!("the connection broke ({error})"), START_SERVER);
+        let broken =
+            |error: io::Error| unusable(format!("the connection broke ({error})"), START_SERVER);
         stream.set_nodelay(true).map_err(broken)?;
         stream.set_read_timeout(Some(GREETING_TIMEOUT)).map_err(broken)?;
         stream.set_write_timeout(Some(WRITE_TIMEOUT)).map_err(broken)?;
@@ -99,7 +101,10 @@ impl Transport for Socketcand {
     fn send(&self, frame: &Frame) -> Result<(), LinkError> {
         let text = message::encode(frame).ok_or_else(|| LinkError::Unusable {
             bus: self.bus.clone(),
-            what: format!("{:?} frame {:03X} cannot be sent through a gateway", frame.kind, frame.id),
+            what: format!(
+                "{:?} frame {:03X} cannot be sent through a gateway",
+                frame.kind, frame.id
+            ),
             remedy: "send data frames; an empty one asks as a remote frame does",
         })?;
         match lock(&self.outbox).send(text.as_bytes()) {
@@ -161,7 +166,11 @@ impl Reader {
             }
             match self.messages.next_message()? {
                 Message::Frame { frame, stamped_at } => {
-                    return Some(Received::Frame { frame, stamped_at, direction: Direction::Received });
+                    return Some(Received::Frame {
+                        frame,
+                        stamped_at,
+                        direction: Direction::Received,
+                    });
                 }
                 Message::BusError { classes } => {
                     self.faults.extend(faults_of_error_frame(classes, &[]));

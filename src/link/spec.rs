@@ -8,7 +8,7 @@
 //! | `replay:FILE` | a log of `candump -L` |
 //! | `virtual` | the table inside this program |
 
-use super::{LinkError, Transport, slcan::Slcan, socketcan::SocketCan, socketcand::Socketcand};
+use super::{LinkError, Transport, slcan::Slcan, socketcand::Socketcand};
 use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
 
 /// Interface of a gateway when the text names none.
@@ -122,7 +122,7 @@ impl TransportSpec {
     /// When the bus is not there or cannot be used.
     pub fn open(&self, bitrate: u32) -> Result<Arc<dyn Transport>, LinkError> {
         Ok(match self {
-            Self::SocketCan { interface } => Arc::new(SocketCan::open(interface, &[])?),
+            Self::SocketCan { interface } => open_socketcan(interface)?,
             Self::Slcan { port } => Arc::new(Slcan::open(port, bitrate)?),
             Self::Socketcand { server, interface } => {
                 Arc::new(Socketcand::open(server, interface)?)
@@ -149,6 +149,20 @@ impl TransportSpec {
             Self::SocketCan { .. } | Self::Socketcand { .. } => self.to_string(),
         }
     }
+}
+
+#[cfg(target_os = "linux")]
+fn open_socketcan(interface: &str) -> Result<Arc<dyn Transport>, LinkError> {
+    Ok(Arc::new(super::socketcan::SocketCan::open(interface, &[])?))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn open_socketcan(interface: &str) -> Result<Arc<dyn Transport>, LinkError> {
+    Err(LinkError::Unusable {
+        bus: format!("socketcan:{interface}"),
+        what: "only Linux has CAN interfaces".to_owned(),
+        remedy: "take slcan:DEVICE or socketcand:HOST:PORT as --bus",
+    })
 }
 
 /// Keeps other collectors of this machine off a bus for as long as it lives. Two programs that both

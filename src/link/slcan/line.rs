@@ -184,7 +184,8 @@ fn parse_frame(line: &[u8]) -> Option<Frame> {
     if !time.is_empty() && !is_time {
         return None;
     }
-    let data = if kind == FrameKind::Remote { Payload::default() } else { hex::payload(data_text)? };
+    let data =
+        if kind == FrameKind::Remote { Payload::default() } else { hex::payload(data_text)? };
     Some(Frame { id, width, kind, data })
 }
 
@@ -313,14 +314,13 @@ mod tests {
     }
 
     fn any_frame() -> impl Strategy<Value = Frame> {
-        (0_u32..0x2000_0000, any::<[bool; 2]>(), proptest::collection::vec(any::<u8>(), 0..=8)).prop_map(
-            |(id, [standard, remote], data)| Frame {
+        (0_u32..0x2000_0000, any::<[bool; 2]>(), proptest::collection::vec(any::<u8>(), 0..=8))
+            .prop_map(|(id, [standard, remote], data)| Frame {
                 id: if standard { id & 0x7FF } else { id },
                 width: if standard { IdWidth::Standard } else { IdWidth::Extended },
                 kind: if remote { FrameKind::Remote } else { FrameKind::Data },
                 data: Payload::new(if remote { &[] } else { &data }).unwrap(),
-            },
-        )
+            })
     }
 
     proptest! {

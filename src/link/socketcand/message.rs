@@ -160,10 +160,7 @@ mod tests {
                 Message::Frame { frame: extended, stamped_at },
             ),
             ("< error 0A8 1795218329.532654 >", Message::BusError { classes: 0xA8 }),
-            (
-                "< error could not open bus >",
-                Message::Refused("could not open bus".to_owned()),
-            ),
+            ("< error could not open bus >", Message::Refused("could not open bus".to_owned())),
             ("< frame 800 1.5 00 >", Message::Unknown),
             ("< frame 029 1.5 001 >", Message::Unknown),
         ] {
