@@ -33,6 +33,7 @@
 //! | 2 things that step | [`can`] | frames of the bus and the ODrive codec |
 //! | | [`gantry`] | CoreXY kinematics, limits, the robot file |
 //! | | [`link`] | the connection to a table: clock, bus, camera |
+//! | | [`rig`] | the virtual rig: simulated drives, gantries, ball and camera behind a link |
 //! | | [`actuator`] | command history to motion: models, fits, judgement |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
@@ -63,5 +64,6 @@ pub mod actuator;
 pub mod can;
 pub mod gantry;
 pub mod link;
+pub mod rig;
 
 pub mod import;

@@ -8,6 +8,27 @@
 //! Time belongs to the link: a procedure asks for the [`next_event`](Link::next_event) until its next
 //! deadline, and gets events in the order of their time, or nothing once the deadline has come.
 
+mod camera;
+mod fault;
+mod hex;
+mod live;
+mod outbox;
+mod replay;
+mod slcan;
+#[cfg(target_os = "linux")]
+mod socketcan;
+mod socketcand;
+mod spec;
+
+#[cfg(target_os = "linux")]
+pub use self::socketcan::{IdFilter, SocketCan};
+pub use self::socketcand::Socketcand;
+pub use camera::{CameraError, CameraSocket, CameraSpec, CameraSpecError, parse_detections};
+pub use live::LiveLink;
+pub use replay::{Replay, ReplayLink};
+pub use slcan::Slcan;
+pub use spec::{BusLock, BusSpec, BusSpecError, TransportSpec};
+
 use crate::{
     can::{Direction, Frame},
     units::Nanos,

@@ -1,0 +1,249 @@
+//! The ball: rolling, walls, strikers, cups.
+//!
+//! Rolling without slip: deceleration `c g + b v + k v^2` against the motion, and `5/7 g` times the
+//! slope of the board (tilt, crown). Impacts: along the normal `u' = -e u` with `e = e0 - e1 u`; along
+//! the tangent a Coulomb impulse of at most `mu` times the normal one and at most 2/7 of what would
+//! end the sliding (a solid sphere that leaves the contact rolling). Spin about the vertical, the
+//! sliding phase after a hit and the attraction of magnets are left out. Motion within a step is
+//! swept: the earliest contact is found by solving for its time, so nothing is tunnelled through.
+
+use super::{
+    config::{BallConfig, CupConfig, Launch},
+    magnet::Peg,
+};
+use crate::seed::Stream;
+
+const GRAVITY: f64 = 9.81;
+/// Share of gravity along a slope that accelerates a solid sphere.
+const ROLLING: f64 = 5.0 / 7.0;
+/// Share of the sliding that a sphere can lose before it rolls.
+const GRIP: f64 = 2.0 / 7.0;
+/// Slower impacts do not bounce (m/s).
+const LEAST_BOUNCE: f64 = 0.005;
+/// Impacts within one step; the rest of the step is then lost.
+const MOST_IMPACTS: usize = 8;
+
+/// The ball and what surrounds it.
+#[derive(Debug, Clone)]
+pub(super) struct Ball {
+    /// Where it is (m); `None` while there is none.
+    pub(super) place: Option<[f64; 2]>,
+    /// Its velocity (m/s).
+    pub(super) velocity: [f64; 2],
+    /// Balls that went into the cup of y < 0 and of y > 0.
+    pub(super) goals: [u32; 2],
+    in_cup_s: Option<f64>,
+    next_launch_s: f64,
+    config: BallConfig,
+    cups: CupConfig,
+    half_board: [f64; 2],
+    launches: Stream,
+}
+
+/// What is hit first.
+enum Obstacle {
+    Wall { axis: usize },
+    Peg { idx: usize },
+}
+
+impl Ball {
+    pub(super) fn new(
+        config: &BallConfig,
+        cups: &CupConfig,
+        half_board: [f64; 2],
+        seed: u64,
+    ) -> Self {
+        let mut ball = Self {
+            place: None,
+            velocity: [0.0; 2],
+            goals: [0; 2],
+            in_cup_s: None,
+            next_launch_s: config.launch_every_s,
+            config: config.clone(),
+            cups: cups.clone(),
+            half_board,
+            launches: Stream::new(seed, "rig.ball.launch"),
+        };
+        ball.put_back();
+        ball
+    }
+
+    /// Advances by `dt` (s) until `now_s`; the strikers have already moved and take their share of
+    /// every impact.
+    pub(super) fn step(&mut self, now_s: f64, dt: f64, pegs: &mut [Peg; 2]) {
+        self.handle(now_s);
+        let Some(mut place) = self.place else { return };
+        if self.in_cup_s.is_some() {
+            return;
+        }
+        self.roll(place, dt);
+        let mut left = dt;
+        for _ in 0..MOST_IMPACTS {
+            let Some((time, obstacle)) = self.first_impact(place, left, pegs) else { break };
+            for (axis, coordinate) in place.iter_mut().enumerate() {
+                *coordinate += self.velocity[axis] * time;
+            }
+            left -= time;
+            match obstacle {
+                Obstacle::Wall { axis } => self.hit_wall(axis),
+                Obstacle::Peg { idx } => self.hit_peg(place, left, &mut pegs[idx]),
+            }
+        }
+        for axis in 0..2 {
+            let reach = self.half_board[axis] - self.config.radius_m;
+            place[axis] = (place[axis] + self.velocity[axis] * left).clamp(-reach, reach);
+        }
+        self.place = Some(place);
+        self.enter_cup(place, now_s);
+    }
+
+    /// People: putting the ball back after a goal, rolling it now and then.
+    fn handle(&mut self, now_s: f64) {
+        let wait = self.config.put_back_after_s;
+        if self.in_cup_s.is_some_and(|since| 0.0 < wait && since + wait <= now_s) {
+            self.put_back();
+        }
+        if 0.0 < self.config.launch_every_s && self.next_launch_s <= now_s {
+            self.next_launch_s += self.config.launch_every_s;
+            let mut draw = |low: f64, high: f64| {
+                low + (high - low) * f64::from(self.launches.uniform_f32(0.0, 1.0))
+            };
+            let reach = self.half_board.map(|half| half - self.config.radius_m);
+            let launch = [draw(-reach[0], reach[0]), draw(-reach[1], reach[1])];
+            let top = self.config.launch_speed_m_per_s;
+            let (speed, angle) = (draw(top / 5.0, top), draw(0.0, std::f64::consts::TAU));
+            self.place = Some(launch);
+            self.velocity = [speed * angle.cos(), speed * angle.sin()];
+            self.in_cup_s = None;
+        }
+    }
+
+    fn put_back(&mut self) {
+        self.in_cup_s = None;
+        if let Some(Launch { x_m, y_m, vx_m_per_s, vy_m_per_s }) = self.config.start {
+            let reach = self.half_board.map(|half| half - self.config.radius_m);
+            self.place = Some([x_m.clamp(-reach[0], reach[0]), y_m.clamp(-reach[1], reach[1])]);
+            self.velocity = [vx_m_per_s, vy_m_per_s];
+        }
+    }
+
+    fn roll(&mut self, place: [f64; 2], dt: f64) {
+        let config = &self.config;
+        let [half_x, half_y] = self.half_board;
+        // h = crown (1 - (x/a)^2)(1 - (y/b)^2)
+        let [across, along] = [place[0] / half_x, place[1] / half_y];
+        let slope = [
+            config.x_tilt_rad - 2.0 * config.crown_m * across / half_x * (1.0 - along * along),
+            config.y_tilt_rad - 2.0 * config.crown_m * along / half_y * (1.0 - across * across),
+        ];
+        for (axis, slope) in slope.into_iter().enumerate() {
+            self.velocity[axis] -= ROLLING * GRAVITY * slope * dt;
+        }
+        let speed = self.velocity[0].hypot(self.velocity[1]);
+        let loss = (config.rolling_resistance * GRAVITY
+            + (config.viscous_per_s + config.quadratic_per_m * speed) * speed)
+            * dt;
+        let kept = if speed <= loss { 0.0 } else { 1.0 - loss / speed };
+        self.velocity = self.velocity.map(|v| v * kept);
+    }
+
+    fn first_impact(&self, place: [f64; 2], left: f64, pegs: &[Peg; 2]) -> Option<(f64, Obstacle)> {
+        let mut first: Option<(f64, Obstacle)> = None;
+        let mut offer = |time: f64, obstacle: Obstacle| {
+            if first.as_ref().is_none_or(|(earliest, _)| time < *earliest) {
+                first = Some((time, obstacle));
+            }
+        };
+        for axis in 0..2 {
+            let velocity = self.velocity[axis];
+            let reach = (self.half_board[axis] - self.config.radius_m).copysign(velocity);
+            let beyond = place[axis] + velocity * left - reach;
+            if velocity != 0.0 && 0.0 < beyond * velocity {
+                let time = ((reach - place[axis]) / velocity).clamp(0.0, left);
+                offer(time, Obstacle::Wall { axis });
+            }
+        }
+        for (idx, peg) in pegs.iter().enumerate() {
+            if let Some(time) = self.time_to_peg(place, left, peg) {
+                offer(time, Obstacle::Peg { idx });
+            }
+        }
+        first
+    }
+
+    /// Solves `|d + w t| = R` for the first `t` in `[0, left]`, with `d` from striker to ball.
+    fn time_to_peg(&self, place: [f64; 2], left: f64, peg: &Peg) -> Option<f64> {
+        let touch = self.config.radius_m + peg.radius();
+        let w = [0, 1].map(|axis| self.velocity[axis] - peg.velocity[axis]);
+        // The striker stands where it will be at the end of the step.
+        let d = [0, 1].map(|axis| place[axis] - (peg.position[axis] - peg.velocity[axis] * left));
+        let closing = d[0] * w[0] + d[1] * w[1];
+        if 0.0 <= closing {
+            return None;
+        }
+        let gap = d[0] * d[0] + d[1] * d[1] - touch * touch;
+        if gap <= 0.0 {
+            return Some(0.0);
+        }
+        let square = w[0] * w[0] + w[1] * w[1];
+        let root = closing * closing - square * gap;
+        if root < 0.0 {
+            return None;
+        }
+        let time = gap / (-closing + root.sqrt());
+        (time <= left).then_some(time)
+    }
+
+    fn hit_wall(&mut self, axis: usize) {
+        let speed = self.velocity[axis].abs();
+        let config = &self.config;
+        let bounce =
+            restitution(config.wall_restitution, config.wall_restitution_loss_s_per_m, speed);
+        self.velocity[axis] *= -bounce;
+        let along = &mut self.velocity[1 - axis];
+        let loss = (config.wall_friction * (1.0 + bounce) * speed).min(GRIP * along.abs());
+        *along -= loss.copysign(*along);
+    }
+
+    fn hit_peg(&mut self, place: [f64; 2], left: f64, peg: &mut Peg) {
+        let d = [0, 1].map(|axis| place[axis] - (peg.position[axis] - peg.velocity[axis] * left));
+        let distance = d[0].hypot(d[1]);
+        if distance == 0.0 {
+            return;
+        }
+        let normal = d.map(|component| component / distance);
+        let w = [0, 1].map(|axis| self.velocity[axis] - peg.velocity[axis]);
+        let closing = -(w[0] * normal[0] + w[1] * normal[1]);
+        let slide = w[1] * normal[0] - w[0] * normal[1];
+        let config = &self.config;
+        let bounce =
+            restitution(config.peg_restitution, config.peg_restitution_loss_s_per_m, closing);
+        let reduced = 1.0 / (1.0 / config.mass_kg + 1.0 / peg.mass());
+        let push = (1.0 + bounce) * reduced * closing;
+        let rub = (config.peg_friction * push).min(GRIP * reduced * slide.abs()).copysign(-slide);
+        let impulse = [push * normal[0] - rub * normal[1], push * normal[1] + rub * normal[0]];
+        for (axis, impulse) in impulse.into_iter().enumerate() {
+            self.velocity[axis] += impulse / config.mass_kg;
+            let change = impulse / peg.mass();
+            peg.velocity[axis] -= change;
+            peg.position[axis] -= change * left;
+        }
+    }
+
+    fn enter_cup(&mut self, place: [f64; 2], now_s: f64) {
+        let side = if place[1] < 0.0 { -1.0 } else { 1.0 };
+        let centre = [0.0, self.cups.distance_m * side];
+        let distance = (place[0] - centre[0]).hypot(place[1] - centre[1]);
+        let speed = self.velocity[0].hypot(self.velocity[1]);
+        if distance < self.cups.radius_m && speed <= self.cups.capture_speed_m_per_s {
+            self.place = Some(centre);
+            self.velocity = [0.0; 2];
+            self.in_cup_s = Some(now_s);
+            self.goals[usize::from(0.0 < side)] += 1;
+        }
+    }
+}
+
+fn restitution(at_rest: f64, loss: f64, speed: f64) -> f64 {
+    if speed < LEAST_BOUNCE { 0.0 } else { (at_rest - loss * speed).clamp(0.0, 1.0) }
+}

@@ -1,0 +1,4 @@
+//! The rig through its protocol bytes.
+
+mod motion;
+mod support;

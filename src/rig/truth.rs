@@ -1,0 +1,90 @@
+//! What is really the case on the rig: what a simulator knows and hardware cannot.
+
+use crate::{
+    can::{AxisErrors, AxisState},
+    recording::topic::Player,
+    units::Nanos,
+};
+
+/// Position and velocity in the board frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Body {
+    /// Across (m).
+    pub x: f64,
+    /// From goal to goal (m).
+    pub y: f64,
+    /// Across (m/s).
+    pub vx: f64,
+    /// From goal to goal (m/s).
+    pub vy: f64,
+}
+
+impl Body {
+    pub(super) fn new([x, y]: [f64; 2], [vx, vy]: [f64; 2]) -> Self {
+        Self { x, y, vx, vy }
+    }
+
+    /// Speed (m/s).
+    #[must_use]
+    pub fn speed(&self) -> f64 {
+        self.vx.hypot(self.vy)
+    }
+}
+
+/// Carriage and striker of one player.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlayerTruth {
+    /// The magnet on the carriage under the board.
+    pub carriage: Body,
+    /// The striker on the board.
+    pub peg: Body,
+    /// Whether the magnet holds the striker.
+    pub coupled: bool,
+}
+
+/// One drive and its motor, in the motor's own sense of turning.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveTruth {
+    /// Node id.
+    pub node: u8,
+    /// State of the axis.
+    pub state: AxisState,
+    /// Error flags.
+    pub errors: AxisErrors,
+    /// Turns since the start.
+    pub position_turns: f64,
+    /// Speed (turn/s).
+    pub velocity_turns_per_s: f64,
+    /// Torque of the motor (N m).
+    pub torque_newton_metres: f64,
+    /// Temperature of the power stage (C).
+    pub fet_celsius: f64,
+}
+
+/// Everything at one instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    /// When.
+    pub time: Nanos,
+    /// The player who owns y < 0.
+    pub left: PlayerTruth,
+    /// The player who owns y > 0.
+    pub right: PlayerTruth,
+    /// The ball, while there is one.
+    pub ball: Option<Body>,
+    /// Balls that went into the cup of y < 0 and of y > 0.
+    pub goals: [u32; 2],
+    /// The drives in the order of the configuration.
+    pub drives: Vec<DriveTruth>,
+}
+
+impl Truth {
+    /// What is true of `player`.
+    #[must_use]
+    pub fn player(&self, player: Player) -> &PlayerTruth {
+        match player {
+            Player::Left => &self.left,
+            Player::Right => &self.right,
+        }
+    }
+}
