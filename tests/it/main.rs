@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 mod architecture;
+mod bus;
 mod codec;
 mod damage;
 mod drive;
