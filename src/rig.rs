@@ -37,6 +37,7 @@ mod fault;
 mod friction;
 mod gantry;
 mod magnet;
+mod serve;
 mod truth;
 mod virtual_link;
 mod world;
@@ -45,6 +46,7 @@ mod world;
 mod tests;
 
 pub use config::{ConfigError, FaultKind, FaultPlan, FaultStart, RigConfig};
+pub use serve::{DriveReport, ServeError, ServeReport, serve};
 pub use truth::{Body, DriveTruth, PlayerTruth, Truth};
 pub use virtual_link::{Speed, VirtualLink};
 pub use world::World;

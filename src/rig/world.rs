@@ -16,7 +16,7 @@ use super::{
     truth::{Body, DriveTruth, PlayerTruth, Truth},
 };
 use crate::{
-    can::{AxisState, Frame, Message, decode, encode},
+    can::{AxisErrors, AxisState, Frame, Message, decode, encode},
     recording::topic::{Motor, Player},
     seed::Stream,
     units::Nanos,
@@ -118,6 +118,11 @@ impl World {
 
     pub(super) fn link_faults(&self) -> LinkFaults {
         self.link_faults
+    }
+
+    /// State and errors of each drive.
+    pub(super) fn drive_states(&self) -> impl Iterator<Item = (AxisState, AxisErrors)> {
+        self.drives.iter().map(|drive| (drive.state(), drive.errors()))
     }
 
     /// Moves the frames that have become ready into `sink`.

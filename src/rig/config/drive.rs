@@ -16,9 +16,9 @@ ranged! {
         /// From the request to closed loop (s).
         arming_s: 0.010 in [0.0, 5.0];
         /// Velocity gain (N m/(turn/s)); near ODrive's 1/6.
-        velocity_gain_nm_s_per_turn: 0.16 in [0.0, 100.0];
+        velocity_gain_nm_s_per_turn: 0.2 in [0.0, 100.0];
         /// Integrator of the velocity loop (N m/turn).
-        velocity_integrator_nm_per_turn: 1.0 in [0.0, 1e4];
+        velocity_integrator_nm_per_turn: 0.6 in [0.0, 1e4];
         /// Position gain ((turn/s)/turn).
         position_gain_per_s: 20.0 in [0.0, 1e3];
         /// Torque per current (N m/A); 8.27/100 of the M8325s.
@@ -31,16 +31,17 @@ ranged! {
         overspeed_ratio: 1.2 in [1.0, 100.0];
         /// Ramp of VEL_RAMP (turn/s^2).
         ramp_turns_per_s2: 250.0 in [0.0, 1e6];
-        /// From the frame to the controller (s).
-        command_delay_s: 0.0 in [0.0, 0.2];
+        /// From the frame to the controller (s); tuned to the paper's stop.
+        command_delay_s: 0.008 in [0.0, 0.2];
         /// Setpoints are multiplied by 1 plus this.
         gain_error: 0.0 in [-0.5, 0.5];
         /// Added to every setpoint (turn/s).
         offset_turns_per_s: 0.0 in [-10.0, 10.0];
         /// Setpoints smaller than this are taken as zero (turn/s).
         deadband_turns_per_s: 0.0 in [0.0, 10.0];
-        /// Largest change of the setpoint that the controller sees (turn/s^2); 0 is no limit.
-        slew_turns_per_s2: 0.0 in [0.0, 1e6];
+        /// Largest change of the setpoint that the controller sees (turn/s^2); 0 is no limit. 9.6 m/s^2 along an
+        /// axis by default.
+        slew_turns_per_s2: 240.0 in [0.0, 1e6];
         /// First-order lag of the setpoint (s).
         lag_s: 0.0 in [0.0, 0.5];
         /// First-order lag of the torque: the current loop (s).

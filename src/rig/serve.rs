@@ -1,0 +1,187 @@
+//! The rig as a process of its own on a real bus, in real time.
+//!
+//! A loop of the monotonic clock: receive for at most a millisecond, step the world up to the time
+//! there is, send what has become ready. The bus is then the real one, so the modelled bus and the
+//! faults of the program's connection (`bus_off`, `link_down`) are not part of it; frames are dropped
+//! and delayed as the configuration says.
+
+use super::{
+    config::{ConfigError, RigConfig},
+    drive::Outgoing,
+    truth::DriveTruth,
+    world::World,
+};
+use crate::{
+    can::{AxisErrors, AxisState, Frame},
+    link::{LinkError, Received, Transport},
+    seed::Stream,
+    units::Nanos,
+};
+use std::{
+    collections::VecDeque,
+    sync::atomic::{AtomicBool, Ordering},
+    thread,
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
+};
+
+/// Longest wait for a frame: what is due is sent at most so late.
+const RECEIVE: Duration = Duration::from_micros(500);
+/// Between two attempts to send into a full queue.
+const RETRY: Duration = Duration::from_micros(100);
+/// Attempts to send one frame: one millisecond.
+const ATTEMPTS: usize = 10;
+/// When the process was held up for longer, the rig does not make up for it (ns).
+const MOST_BEHIND_NS: u64 = 200_000_000;
+
+/// A drive has changed its state or its error flags.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveReport {
+    /// Time since the rig's start (s).
+    pub elapsed: f64,
+    /// Node id.
+    pub node: u8,
+    /// State of the axis.
+    pub state: AxisState,
+    /// Error flags.
+    pub errors: AxisErrors,
+    /// True speed of the motor (turn/s).
+    pub velocity_turns_per_s: f64,
+}
+
+/// What a rig has done on a bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ServeReport {
+    /// Frames sent.
+    pub sent: u64,
+    /// Frames received.
+    pub received: u64,
+    /// Attempts that found the transmit queue full.
+    pub retries: u64,
+    /// Frames given up because the queue stayed full for a millisecond.
+    pub given_up: u64,
+    /// Time that the process was held up and the rig did not make up for (ns).
+    pub skipped_ns: u64,
+}
+
+/// Why serving ended.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The bus.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+}
+
+/// Simulates the rig on `transport` in real time until `stop` is set or a log ends. Every datagram of
+/// the camera goes to `camera`, every change of a drive to `on_change`.
+///
+/// # Errors
+/// When the configuration has a value that cannot be, or the bus is broken for good.
+pub fn serve(
+    transport: &dyn Transport,
+    mut camera: impl FnMut(&[u8]),
+    config: RigConfig,
+    stop: &AtomicBool,
+    on_change: impl FnMut(DriveReport),
+) -> Result<ServeReport, ServeError> {
+    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let start = Nanos(since_epoch.as_nanos() as u64);
+    let mut losses = Stream::new(config.seed, "rig.serve.losses");
+    let mut world = World::new(config, start)?;
+    let mut watch = Watch::new(&world, on_change);
+    let mut outbox = VecDeque::new();
+    let mut report = ServeReport::default();
+    let origin = Instant::now();
+    while !stop.load(Ordering::Relaxed) {
+        match transport.receive(RECEIVE)? {
+            Received::Frame { frame, .. } => {
+                report.received += 1;
+                if !is_lost(&world, &mut losses) {
+                    world.receive(&frame);
+                }
+            }
+            Received::End => break,
+            Received::Fault(_) | Received::Nothing => {}
+        }
+        let due_ns = origin.elapsed().as_nanos() as u64 - report.skipped_ns;
+        report.skipped_ns +=
+            due_ns.saturating_sub(world.now_ns()).saturating_sub(MOST_BEHIND_NS);
+        let due_ns = origin.elapsed().as_nanos() as u64 - report.skipped_ns;
+        while world.now_ns() < due_ns {
+            world.step();
+            watch.look(&world);
+            let late_ns = world.link_faults().delay_ns;
+            world.drain_frames(|Outgoing { ready_ns, frame }| {
+                outbox.push_back((ready_ns + late_ns, frame));
+            });
+            while let Some((_, datagram)) = world.next_datagram() {
+                camera(&datagram);
+            }
+        }
+        while let Some((_, frame)) = outbox.pop_front_if(|(ready, _)| *ready <= due_ns) {
+            if !is_lost(&world, &mut losses) {
+                send(transport, &frame, &mut report)?;
+            }
+        }
+    }
+    Ok(report)
+}
+
+fn is_lost(world: &World, losses: &mut Stream) -> bool {
+    let probability = world.link_faults().drop_probability;
+    0.0 < probability && f64::from(losses.uniform_f32(0.0, 1.0)) < probability
+}
+
+/// Sends one frame; a full queue is tried again for a millisecond.
+fn send(
+    transport: &dyn Transport,
+    frame: &Frame,
+    report: &mut ServeReport,
+) -> Result<(), LinkError> {
+    for _ in 0..ATTEMPTS {
+        match transport.send(frame) {
+            Ok(()) => {
+                report.sent += 1;
+                return Ok(());
+            }
+            Err(LinkError::Full { .. }) => {
+                report.retries += 1;
+                thread::sleep(RETRY);
+            }
+            Err(other) => return Err(other),
+        }
+    }
+    report.given_up += 1;
+    Ok(())
+}
+
+/// Notices changes of the drives.
+struct Watch<F> {
+    known: Vec<(AxisState, AxisErrors)>,
+    on_change: F,
+}
+
+impl<F: FnMut(DriveReport)> Watch<F> {
+    fn new(world: &World, on_change: F) -> Self {
+        let known = world.drive_states().collect();
+        Self { known, on_change }
+    }
+
+    fn look(&mut self, world: &World) {
+        if world.drive_states().eq(self.known.iter().copied()) {
+            return;
+        }
+        let truth = world.truth();
+        for (drive, known) in truth.drives.iter().zip(&mut self.known) {
+            let DriveTruth { node, state, errors, velocity_turns_per_s, .. } = *drive;
+            if (state, errors) != *known {
+                *known = (state, errors);
+                let elapsed = world.now_ns() as f64 * 1e-9;
+                let report = DriveReport { elapsed, node, state, errors, velocity_turns_per_s };
+                (self.on_change)(report);
+            }
+        }
+    }
+}
