@@ -16,6 +16,7 @@ mod kinematics;
 mod limits;
 mod reports;
 mod robot;
+mod trajectory;
 
 pub use kinematics::{
     BELT_METRES_PER_TURN, BeltError, CoreXy, KLASKTRON_SEATS, MotorPair, MotorSeat,
@@ -24,4 +25,7 @@ pub use limits::{Limits, Rectangle};
 pub use reports::{DriveHealth, DriveReport, DriveReports, MOST_PAIR_SECONDS};
 pub use robot::{
     BoardEntry, BusConfig, CyclicPeriods, PerPlayer, Point, Robot, RobotError, Timeouts,
+};
+pub use trajectory::{
+    Heading, Pattern, Reference, Setpoint, Slope, TRANSFER_SLACK_M, TrajectoryError, Turn,
 };

@@ -66,4 +66,5 @@ pub mod gantry;
 pub mod link;
 pub mod rig;
 
+pub mod collect;
 pub mod import;

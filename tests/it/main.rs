@@ -4,6 +4,7 @@
 mod architecture;
 mod bus;
 mod codec;
+mod collect;
 mod damage;
 mod drive;
 mod fit_actuator;

@@ -1,0 +1,267 @@
+//! Arming and disarming, in the order of ODrive's documentation, never blocking the loop that feeds
+//! the watchdogs.
+//!
+//! `Set_Limits`, `Set_Controller_Mode`, `Set_Input_Vel 0`, `Clear_Errors` once, `Set_Axis_State 8`;
+//! while waiting, mode and state are repeated every 200 ms, and zero velocity is sent in every period.
+//! The only acknowledgement is the heartbeat.
+
+use super::{
+    control::ControlLoop,
+    reason::{Reaction, StopReason},
+    station::Station,
+    watch::Armed,
+};
+use crate::{
+    can::{AxisErrors, AxisState, ControlMode, InputMode, Message},
+    recording::topic::Player,
+    units::Nanos,
+};
+
+/// Requests are repeated this often while a drive has not answered (s).
+const REPEAT_SECONDS: f64 = 0.2;
+/// How long a message of arming waits for a full transmit queue (s).
+const PATIENCE_SECONDS: f64 = 0.05;
+/// Zero velocity is held this long before the motors are switched off (s).
+const HOLD_SECONDS: f64 = 0.1;
+/// The drives' own speed limit stands this far above the largest speed that is commanded.
+const SPEED_HEADROOM: f64 = 1.5;
+/// A ramp that takes longer than this has not been followed (s).
+const LONGEST_RAMP_SECONDS: f64 = 2.0;
+
+/// How it is made sure that the drives stop by themselves when this program dies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WatchdogPolicy {
+    /// Before any motion the drives are armed at zero velocity and left alone: each must disarm by
+    /// itself.
+    Test,
+    /// The operator says that the watchdogs are on.
+    Trust,
+    /// The operator accepts that they are off.
+    None,
+}
+
+/// Arms every drive of the station and waits for their heartbeats.
+pub(super) fn arm(station: &mut Station<'_>, control: &mut ControlLoop) -> Result<(), StopReason> {
+    station.note_of("phase", None, "arming");
+    let started = station.now();
+    control.restart(started);
+    for index in 0..station.drives.len() {
+        prepare(station, index)?;
+    }
+    let mut asked_at = station.now();
+    while !station.drives.iter().all(|drive| drive.armed == Armed::Confirmed) {
+        idle_period(station, control)?;
+        let waited_s = station.now().seconds_since(started);
+        if station.robot.timeouts.arming_s < waited_s {
+            return Err(not_armed(station, waited_s));
+        }
+        if REPEAT_SECONDS <= station.now().seconds_since(asked_at) {
+            asked_at = station.now();
+            for index in 0..station.drives.len() {
+                if station.drives[index].armed == Armed::Asked {
+                    ask_for_closed_loop(station, index)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// One period at zero velocity.
+pub(super) fn idle_period(
+    station: &mut Station<'_>,
+    control: &mut ControlLoop,
+) -> Result<(), StopReason> {
+    let tick = control.wait(station)?;
+    match station.presses() {
+        0 => {}
+        1 => return Err(StopReason::Interrupted),
+        _ => return Err(StopReason::InterruptedTwice),
+    }
+    for player in station.robot.players() {
+        control.command(station, player, [0.0; 2], tick);
+    }
+    control.finish(station, tick)
+}
+
+fn send(station: &mut Station<'_>, node: u8, message: &Message) -> Result<(), StopReason> {
+    let give_up = station.now().after_seconds(PATIENCE_SECONDS);
+    station
+        .send_by(give_up, node, message)
+        .map_err(|error| StopReason::LinkBroken { reason: error.to_string() })
+}
+
+fn prepare(station: &mut Station<'_>, index: usize) -> Result<(), StopReason> {
+    let node = station.drives[index].seat.node;
+    let limits = &station.robot.limits;
+    let fastest = station.gantry.motors_from_board([limits.speed_m_per_s; 2]).a;
+    let limits = Message::SetLimits {
+        velocity_turns_per_s: (SPEED_HEADROOM * fastest) as f32,
+        current_amps: limits.current_a as f32,
+    };
+    send(station, node, &limits)?;
+    send(station, node, &velocity_mode())?;
+    let zero = Message::SetInputVel { velocity_turns_per_s: 0.0, torque_newton_metres: 0.0 };
+    send(station, node, &zero)?;
+    send(station, node, &Message::ClearErrors { identify: 0 })?;
+    station.drives[index].armed = Armed::Asked;
+    // What was heard before this moment says nothing about the new request.
+    station.drives[index].heartbeat = None;
+    ask_for_closed_loop(station, index)
+}
+
+fn velocity_mode() -> Message {
+    Message::SetControllerMode {
+        control_mode: ControlMode::Velocity.number().into(),
+        input_mode: InputMode::Passthrough.number().into(),
+    }
+}
+
+fn ask_for_closed_loop(station: &mut Station<'_>, index: usize) -> Result<(), StopReason> {
+    let node = station.drives[index].seat.node;
+    send(station, node, &velocity_mode())?;
+    let state = AxisState::ClosedLoopControl.number().into();
+    send(station, node, &Message::SetAxisState { state })
+}
+
+fn not_armed(station: &Station<'_>, waited_s: f64) -> StopReason {
+    let waiting = station.drives.iter().find(|drive| drive.armed != Armed::Confirmed);
+    let drive = waiting.unwrap_or(&station.drives[0]);
+    let (state, errors) = drive.state_and_errors();
+    StopReason::NotArmed { seat: drive.seat, state, errors, waited_s }
+}
+
+/// Leaves the armed drives alone and expects every one to disarm by its watchdog; then they are
+/// armed again. Nothing moves: their last setpoint was zero.
+pub(super) fn prove_watchdogs(
+    station: &mut Station<'_>,
+    control: &mut ControlLoop,
+) -> Result<(), StopReason> {
+    station.note_of("phase", None, "watchdog test");
+    let started = station.now();
+    for drive in &mut station.drives {
+        drive.armed = Armed::LetGo;
+    }
+    let heartbeat_s = station.robot.timeouts.heartbeat_s;
+    let until = started.after_seconds(station.robot.timeouts.watchdog_s + heartbeat_s);
+    let running = |station: &Station<'_>| {
+        let disarmed = |drive: &super::watch::DriveWatch| {
+            let (state, errors) = drive.state_and_errors();
+            state != AxisState::ClosedLoopControl
+                && errors.contains(AxisErrors::WATCHDOG_TIMER_EXPIRED)
+        };
+        station.drives.iter().find(|drive| !disarmed(drive)).map(|drive| drive.seat)
+    };
+    while let Some(seat) = running(station) {
+        if until <= station.now() {
+            let waited_s = station.now().seconds_since(started);
+            return Err(StopReason::NoWatchdog { seat, waited_s });
+        }
+        let soon = station.now().after_seconds(control.period_seconds());
+        station.wait_until(soon)?;
+    }
+    let took_s = station.now().seconds_since(started);
+    station.note_of("phase", None, &format!("watchdogs have disarmed within {took_s:.2} s"));
+    arm(station, control)
+}
+
+/// Stops all motion as `reaction` demands, switches the drives off and waits for their
+/// heartbeats. Gives the drives that are not confirmed to be off.
+pub(super) fn stop(
+    station: &mut Station<'_>,
+    control: &mut ControlLoop,
+    reaction: Reaction,
+) -> Vec<u8> {
+    if station.drives.iter().all(|drive| drive.armed == Armed::No) {
+        return Vec::new();
+    }
+    let started = station.now();
+    match reaction {
+        Reaction::EstopAll => station.estop(&Player::BOTH),
+        Reaction::EstopGantry(player) => station.estop(&[player]),
+        Reaction::Ramp | Reaction::Brake => {}
+    }
+    if ramp_down(station, control, reaction).is_err() {
+        // Whatever happened on the way down, the shortest way is right now.
+        station.estop(&Player::BOTH);
+    }
+    switch_off(station);
+    confirm_off(station, started)
+}
+
+/// Ramps what is still armed to zero and holds it there for a moment.
+fn ramp_down(
+    station: &mut Station<'_>,
+    control: &mut ControlLoop,
+    reaction: Reaction,
+) -> Result<(), StopReason> {
+    if station.drives.iter().all(|drive| drive.armed == Armed::No) {
+        return Ok(());
+    }
+    let started = station.now();
+    // The reaction is sent now; waiting for the next period would cost up to one.
+    control.restart(Nanos(started.0.saturating_sub((control.period_seconds() * 1e9) as u64)));
+    let presses = station.presses();
+    let mut still_since = None;
+    loop {
+        let tick = control.wait(station)?;
+        for player in station.robot.players() {
+            if reaction == Reaction::Brake {
+                control.command_unlimited(station, player, [0.0; 2]);
+            } else {
+                control.command(station, player, [0.0; 2], tick);
+            }
+        }
+        control.finish(station, tick)?;
+        if presses.max(1) < station.presses() {
+            return Err(StopReason::InterruptedTwice);
+        }
+        let now = station.now();
+        let moving = Player::BOTH.iter().any(|p| control.commanded(*p) != [0.0; 2]);
+        if LONGEST_RAMP_SECONDS < now.seconds_since(started) {
+            return Ok(());
+        }
+        if !moving && HOLD_SECONDS < now.seconds_since(*still_since.get_or_insert(now)) {
+            return Ok(());
+        }
+    }
+}
+
+fn switch_off(station: &mut Station<'_>) {
+    for index in 0..station.drives.len() {
+        if station.drives[index].armed != Armed::No {
+            let node = station.drives[index].seat.node;
+            let state = AxisState::Idle.number().into();
+            if send(station, node, &Message::SetAxisState { state }).is_ok() {
+                station.drives[index].armed = Armed::No;
+            }
+        }
+    }
+    if station.drives.iter().any(|drive| drive.armed != Armed::No) {
+        station.estop(&Player::BOTH);
+    }
+}
+
+/// Waits until every drive has said, after `started`, that it is not in closed loop.
+fn confirm_off(station: &mut Station<'_>, started: Nanos) -> Vec<u8> {
+    let until = station.now().after_seconds(2.0 * station.robot.timeouts.heartbeat_s);
+    let still_on = |station: &Station<'_>| -> Vec<u8> {
+        let off = |drive: &&super::watch::DriveWatch| {
+            drive.heartbeat.is_none_or(|heartbeat| {
+                heartbeat.at <= started || heartbeat.state == AxisState::ClosedLoopControl
+            })
+        };
+        station.drives.iter().filter(off).map(|drive| drive.seat.node).collect()
+    };
+    loop {
+        let nodes = still_on(station);
+        if nodes.is_empty() || until <= station.now() {
+            return nodes;
+        }
+        let soon = station.now().after_seconds(0.01).min(until);
+        // Alarms can change nothing any more, and a broken link ends the waiting.
+        if let Err(StopReason::LinkBroken { .. }) = station.wait_until(soon) {
+            return still_on(station);
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! What is checked in every control period while motors are on, besides what stops a session at
+//! once when it arrives (an axis that leaves closed loop, orders of another program, bus failures).
+
+use super::{
+    reason::{HotPart, StopReason},
+    station::Station,
+    watch::{Armed, DriveWatch},
+};
+use crate::{
+    gantry::{Limits, Rectangle},
+    recording::topic::Player,
+    units::Nanos,
+};
+use std::collections::VecDeque;
+
+/// A carriage may be as late as this behind its reference (s): drive, belt and bus together.
+const REFERENCE_SECONDS: f64 = 0.3;
+/// A striker must be far from its magnet for this long before it counts as lost (s), since single
+/// detections fail.
+const STRIKER_LOST_SECONDS: f64 = 0.1;
+
+/// Whether pictures are needed to go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum CameraDuty {
+    /// The strikers are compared with their magnets, and the camera must not fall silent.
+    Watches,
+    /// Pictures are recorded if they come.
+    Records,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Guard {
+    camera: CameraDuty,
+    /// Where each carriage was to be, newest last (m).
+    references: [VecDeque<(Nanos, [f64; 2])>; 2],
+    striker_far_since: [Option<Nanos>; 2],
+    worst_tracking: f64,
+}
+
+impl Guard {
+    pub(super) fn new(camera: CameraDuty) -> Self {
+        Self {
+            camera,
+            references: [VecDeque::new(), VecDeque::new()],
+            striker_far_since: [None, None],
+            worst_tracking: 0.0,
+        }
+    }
+
+    /// Forgets where carriages were to be, before a new leg.
+    pub(super) fn restart(&mut self) {
+        self.references.iter_mut().for_each(VecDeque::clear);
+    }
+
+    /// Notes where a carriage is to be now (m).
+    pub(super) fn expect(&mut self, player: Player, now: Nanos, position: [f64; 2]) {
+        let kept = &mut self.references[player as usize];
+        kept.push_back((now, position));
+        while kept.front().is_some_and(|(t, _)| REFERENCE_SECONDS < now.seconds_since(*t)) {
+            kept.pop_front();
+        }
+    }
+
+    /// Largest distance of a carriage from its reference so far (m).
+    pub(super) fn worst_tracking(&self) -> f64 {
+        self.worst_tracking
+    }
+
+    /// Checks everything.
+    pub(super) fn check(&mut self, station: &Station<'_>) -> Result<(), StopReason> {
+        let now = station.now();
+        check_presses(station.presses())?;
+        for drive in station.drives.iter().filter(|drive| drive.armed == Armed::Confirmed) {
+            check_silence(drive, now, station)?;
+            check_temperature(drive, &station.robot.limits)?;
+        }
+        for player in station.robot.players() {
+            self.check_motion(player, station)?;
+            if self.camera == CameraDuty::Watches {
+                self.check_striker(player, now, station)?;
+            }
+        }
+        if self.camera == CameraDuty::Watches {
+            check_camera(now, station)?;
+        }
+        Ok(())
+    }
+
+    fn check_motion(&mut self, player: Player, station: &Station<'_>) -> Result<(), StopReason> {
+        let Some((position_m, velocity)) = station.carriage(player).state() else {
+            return Ok(());
+        };
+        let limits = &station.robot.limits;
+        let window = station.robot.window(player);
+        if let Some(standstill_m) = leaves(&window, limits, position_m, velocity) {
+            return Err(StopReason::SoftLimit { player, position_m, standstill_m });
+        }
+        let distance =
+            |(_, [x, y]): &(Nanos, [f64; 2])| (x - position_m[0]).hypot(y - position_m[1]);
+        let error_m =
+            self.references[player as usize].iter().map(distance).fold(f64::NAN, f64::min);
+        if error_m.is_finite() {
+            self.worst_tracking = self.worst_tracking.max(error_m);
+        }
+        let limit_m = limits.following_error_m;
+        if limit_m < error_m {
+            return Err(StopReason::FollowingError { player, error_m, limit_m });
+        }
+        Ok(())
+    }
+
+    fn check_striker(
+        &mut self,
+        player: Player,
+        now: Nanos,
+        station: &Station<'_>,
+    ) -> Result<(), StopReason> {
+        let Some((shown, [x, y])) = station.camera.newest_striker(player) else { return Ok(()) };
+        let Some([mx, my]) = station.carriage(player).position_at(shown) else { return Ok(()) };
+        let error_m = (x - mx).hypot(y - my);
+        let limit_m = station.robot.limits.striker_error_m;
+        let since = &mut self.striker_far_since[player as usize];
+        if error_m <= limit_m {
+            *since = None;
+        } else if STRIKER_LOST_SECONDS < now.seconds_since(*since.get_or_insert(now)) {
+            return Err(StopReason::StrikerLost { player, error_m, limit_m });
+        }
+        Ok(())
+    }
+}
+
+fn check_presses(presses: usize) -> Result<(), StopReason> {
+    match presses {
+        0 => Ok(()),
+        1 => Err(StopReason::Interrupted),
+        _ => Err(StopReason::InterruptedTwice),
+    }
+}
+
+fn check_silence(drive: &DriveWatch, now: Nanos, station: &Station<'_>) -> Result<(), StopReason> {
+    let seat = drive.seat;
+    let timeouts = &station.robot.timeouts;
+    let age = |at: Option<Nanos>| at.map_or(f64::INFINITY, |at| now.seconds_since(at));
+    let [age_s, limit_s] = [age(drive.heartbeat.map(|h| h.at)), timeouts.heartbeat_s];
+    if limit_s < age_s {
+        return Err(StopReason::HeartbeatLost { seat, age_s, limit_s });
+    }
+    let [age_s, limit_s] = [age(drive.encoder_at), timeouts.encoder_s];
+    if limit_s < age_s {
+        return Err(StopReason::EncoderLost { seat, age_s, limit_s });
+    }
+    Ok(())
+}
+
+fn check_temperature(drive: &DriveWatch, limits: &Limits) -> Result<(), StopReason> {
+    let Some([fet, motor]) = drive.temperatures else { return Ok(()) };
+    let seat = drive.seat;
+    for (part, celsius, limit_celsius) in [
+        (HotPart::PowerStage, fet, limits.fet_temperature_c),
+        (HotPart::Motor, motor, limits.motor_temperature_c),
+    ] {
+        // A motor without a thermistor reports NaN, which passes no limit.
+        if limit_celsius < celsius {
+            return Err(StopReason::TooHot { seat, part, celsius, limit_celsius });
+        }
+    }
+    Ok(())
+}
+
+/// Where the carriage would come to stand (m), when that is outside the window and further out than
+/// it is now.
+fn leaves(
+    window: &Rectangle,
+    limits: &Limits,
+    position: [f64; 2],
+    velocity: [f64; 2],
+) -> Option<[f64; 2]> {
+    let standstill = limits.standstill(position, velocity);
+    let inside = window.depth(standstill);
+    (inside < 0.0 && inside < window.depth(position)).then_some(standstill)
+}
+
+fn check_camera(now: Nanos, station: &Station<'_>) -> Result<(), StopReason> {
+    let limit_s = station.robot.timeouts.camera_s;
+    let age_s = station.camera.last_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
+    if limit_s < age_s { Err(StopReason::CameraSilent { age_s, limit_s }) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_motion_that_leads_out_stops() {
+        let window = Rectangle { x_min_m: -0.1, x_max_m: 0.1, y_min_m: -0.1, y_max_m: 0.1 };
+        let limits = Limits { braking_m_per_s2: 5.0, reaction_s: 0.04, ..Limits::default() };
+        let out = |x, v| leaves(&window, &limits, [x, 0.0], [v, 0.0]).is_some();
+        // From 0.5 m/s it needs 45 mm.
+        assert!(!out(0.054, 0.5) && out(0.056, 0.5));
+        assert!(!out(0.056, -0.5));
+        // Outside already: back is fine, further is not.
+        assert!(!out(0.12, -0.1) && out(0.12, 0.1) && !out(0.12, 0.0));
+    }
+}

@@ -1,0 +1,143 @@
+//! The recording of a session, written by a thread of its own so that a slow disk never delays the
+//! control loop.
+
+use crate::{
+    recording::{
+        RECORDING_METADATA, RecordingError, RecordingWriter,
+        message::{
+            CameraDetections, CanFrame, CarriageState, ControlTick, DriveStatus, MotorState,
+            RunMarker, SessionEvent, VelocityCommand,
+        },
+        topic::{self, Motor, Player},
+    },
+    units::Nanos,
+};
+use std::{
+    collections::BTreeMap,
+    sync::mpsc::{Receiver, SyncSender, sync_channel},
+    thread::JoinHandle,
+};
+
+/// Messages that may wait for the disk: about half a minute of a busy bus.
+const QUEUE_LENGTH: usize = 1 << 16;
+
+/// One message of the contract with its topic.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Entry {
+    Can(CanFrame),
+    Command(Player, VelocityCommand),
+    Carriage(Player, CarriageState),
+    Motor(Player, Motor, MotorState),
+    Drive(Player, Motor, DriveStatus),
+    Camera(CameraDetections),
+    Marker(RunMarker),
+    Tick(ControlTick),
+    Event(SessionEvent),
+}
+
+enum Job {
+    Write { times: [Nanos; 2], entry: Box<Entry> },
+    Metadata { name: &'static str, values: BTreeMap<String, String> },
+}
+
+/// Takes what is to be recorded.
+pub(super) struct Recorder {
+    jobs: Option<SyncSender<Job>>,
+    thread: Option<JoinHandle<Result<(), RecordingError>>>,
+}
+
+impl Recorder {
+    /// Starts the writing thread; `metadata` is the record that every recording carries.
+    pub(super) fn start(
+        mut writer: RecordingWriter,
+        metadata: BTreeMap<String, String>,
+    ) -> Result<Self, RecordingError> {
+        writer.metadata(RECORDING_METADATA, metadata)?;
+        let (jobs, queue) = sync_channel(QUEUE_LENGTH);
+        let thread = std::thread::spawn(move || write_all(writer, &queue));
+        Ok(Self { jobs: Some(jobs), thread: Some(thread) })
+    }
+
+    /// Hands over one message with log and publish time.
+    ///
+    /// # Errors
+    /// With the reason, when writing has failed.
+    pub(super) fn write(&mut self, times: [Nanos; 2], entry: Entry) -> Result<(), String> {
+        self.hand_over(Job::Write { times, entry: Box::new(entry) })
+    }
+
+    /// Hands over a metadata record.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub(super) fn metadata(
+        &mut self,
+        name: &'static str,
+        values: BTreeMap<String, String>,
+    ) -> Result<(), String> {
+        self.hand_over(Job::Metadata { name, values })
+    }
+
+    fn hand_over(&mut self, job: Job) -> Result<(), String> {
+        let taken = self.jobs.as_ref().is_some_and(|jobs| jobs.send(job).is_ok());
+        if taken {
+            return Ok(());
+        }
+        Err(match self.join() {
+            Err(error) => error.to_string(),
+            Ok(()) => "it has failed before".to_owned(),
+        })
+    }
+
+    /// Waits until everything is written and the file has its name.
+    ///
+    /// # Errors
+    /// When the disk refuses; what was written is in the partial file.
+    pub(super) fn finish(mut self) -> Result<(), RecordingError> {
+        self.join()
+    }
+
+    fn join(&mut self) -> Result<(), RecordingError> {
+        drop(self.jobs.take());
+        match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(result)) => result,
+            Some(Err(panic)) => std::panic::resume_unwind(panic),
+            None => Ok(()),
+        }
+    }
+}
+
+fn write_all(mut writer: RecordingWriter, queue: &Receiver<Job>) -> Result<(), RecordingError> {
+    for job in queue {
+        match job {
+            Job::Metadata { name, values } => writer.metadata(name, values)?,
+            Job::Write { times: [log, publish], entry } => {
+                let writer = &mut writer;
+                match &*entry {
+                    Entry::Can(m) => writer.write_published(topic::CAN_FRAMES, log, publish, m),
+                    Entry::Command(p, m) => writer.write(&topic::command(*p), log, m),
+                    Entry::Carriage(p, m) => writer.write(&topic::carriage(*p), log, m),
+                    Entry::Motor(p, which, m) => writer.write(&topic::motor(*p, *which), log, m),
+                    Entry::Drive(p, which, m) => writer.write(&topic::drive(*p, *which), log, m),
+                    Entry::Camera(m) => {
+                        writer.write_published(topic::CAMERA_DETECTIONS, log, publish, m)
+                    }
+                    Entry::Marker(m) => writer.write(topic::RUN_MARKER, log, m),
+                    Entry::Tick(m) => writer.write(topic::CONTROL_TICK, log, m),
+                    Entry::Event(m) => writer.write(topic::SESSION_EVENT, log, m),
+                }?;
+            }
+        }
+    }
+    writer.finish()
+}
+
+impl Drop for Recorder {
+    /// After a panic too, what was handed over is written; a failure was or is reported elsewhere.
+    fn drop(&mut self) {
+        drop(self.jobs.take());
+        if let Some(thread) = self.thread.take() {
+            thread.join().ok();
+        }
+    }
+}

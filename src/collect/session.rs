@@ -1,0 +1,482 @@
+//! One session: look, home, arm, drive every leg, come home, switch off, and say how it went.
+
+use super::{
+    arming::{self, WatchdogPolicy},
+    control::{ControlLoop, Lateness},
+    guard::{CameraDuty, Guard},
+    homing::{self, HomingPolicy},
+    preflight::{self, Census, Problem},
+    reason::StopReason,
+    recorder::{Entry, Recorder},
+    station::{Counts, ForeignOrders, RawFrames, Station},
+};
+use crate::{
+    gantry::{BeltError, Reference, Robot},
+    link::Link,
+    recording::{
+        RecordingError, RecordingWriter,
+        message::{RunMarker, run_marker::Phase},
+        topic::Player,
+    },
+    units::Nanos,
+};
+use serde::Serialize;
+use std::{collections::BTreeMap, sync::atomic::AtomicUsize};
+
+/// Before each run the carriage stands still for this long (s).
+const SETTLE_SECONDS: f64 = 0.4;
+/// Corrections of the position never add more than this to a command (m/s).
+const MOST_CORRECTION: f64 = 0.05;
+/// The live view is told this often (s).
+const PROGRESS_SECONDS: f64 = 0.1;
+/// Name of the metadata record that says how the session went.
+pub const SESSION_METADATA: &str = "klasktron.collect";
+
+/// How a session is run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionConfig {
+    /// Whose carriages are driven.
+    pub players: Vec<Player>,
+    /// Rate of the control loop (Hz).
+    pub rate_hz: f64,
+    /// How positions are referenced.
+    pub homing: HomingPolicy,
+    /// How it is made sure that drives stop by themselves.
+    pub watchdog: WatchdogPolicy,
+    /// Whether every frame is recorded.
+    pub raw: RawFrames,
+    /// Firmware besides 0.6.x that the operator accepts, as `major.minor.revision`.
+    pub accepted_firmware: Vec<String>,
+    /// How strongly commands pull a carriage back to its path ((m/s)/m): enough to cancel drift, far
+    /// below what would hide the drive's own behaviour.
+    pub hold_gain_per_s: f64,
+    /// Entries of the metadata record that every recording carries.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// One stretch of motion: a run that is marked in the recording, or the way to the next one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Leg {
+    /// Number, pattern and split of the run; `None` on the way between runs.
+    pub run: Option<RunLabel>,
+    /// The motion of each player, all of one length.
+    pub references: Vec<(Player, Reference)>,
+}
+
+/// What the markers of a run say.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunLabel {
+    /// Number of the run.
+    pub number: u32,
+    /// Pattern, as in the markers.
+    pub pattern: String,
+    /// `train` or `validation`.
+    pub split: String,
+}
+
+/// What the person sees while it runs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress<'a> {
+    /// The run at hand; `None` before, between and after runs.
+    pub run: Option<&'a RunLabel>,
+    /// Runs that are done.
+    pub runs_done: usize,
+    /// Runs in all.
+    pub runs: usize,
+    /// Control periods done, of [`periods`](Self::periods).
+    pub periods_done: usize,
+    /// Control periods in all.
+    pub periods: usize,
+    /// Frames received so far.
+    pub frames: u64,
+    /// Pictures received so far.
+    pub pictures: u64,
+    /// Faults of the bus and setpoints that it did not take.
+    pub errors: u64,
+    /// Largest distance from the reference so far (m).
+    pub worst_tracking: f64,
+    /// Time of the link.
+    pub now: Nanos,
+}
+
+/// How a session went.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SessionReport {
+    /// Version of this document.
+    pub schema_version: &'static str,
+    /// Why it ended: a name, stable between versions.
+    pub stop: &'static str,
+    /// The same as a sentence.
+    pub stop_text: String,
+    /// Runs in the plan.
+    pub runs_planned: usize,
+    /// Runs that were done to their end.
+    pub runs_done: usize,
+    /// Samples of the runs that were done, for each player.
+    pub samples: usize,
+    /// From the first look to the last heartbeat (s).
+    pub duration_s: f64,
+    /// Nodes that have not confirmed that they are off.
+    pub not_confirmed_off: Vec<u8>,
+    /// What the first look has found.
+    pub census: Census,
+    /// How late the control periods were.
+    pub lateness: Lateness,
+    /// Largest distance of a carriage from its reference (m).
+    pub worst_tracking_m: f64,
+    /// Frames received.
+    pub frames_received: u64,
+    /// Frames sent.
+    pub frames_sent: u64,
+    /// Pictures of the camera.
+    pub pictures: u64,
+    /// Datagrams of the camera that were not understood.
+    pub pictures_refused: u64,
+    /// Setpoints that the bus did not take in time; they were dropped.
+    pub setpoints_dropped: u64,
+    /// Faults of the bus by kind.
+    pub bus_faults: BTreeMap<String, u64>,
+    /// What was doubtful.
+    pub warnings: Vec<String>,
+}
+
+impl SessionReport {
+    /// Whether everything that was planned is in the recording.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.stop == StopReason::Completed.code() && self.not_confirmed_off.is_empty()
+    }
+}
+
+/// Why a session did not begin, or left no recording.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The first look has found problems.
+    #[error("not armed: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    Preflight(Vec<Problem>),
+    /// Positions cannot be referenced.
+    #[error(transparent)]
+    Homing(#[from] homing::HomingError),
+    /// The recording.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The belt of the robot file.
+    #[error(transparent)]
+    Belt(#[from] BeltError),
+    /// The session has stopped, and the recording could not be completed either.
+    #[error("{stop}; the file could not be completed: {recording}")]
+    StoppedAndLost {
+        /// Why it stopped.
+        stop: String,
+        /// What is wrong with the recording.
+        recording: String,
+    },
+}
+
+/// Runs a session on `link` and writes it with `writer`. `presses` counts Ctrl-C: one ramps down, two
+/// stop at once. `show` is called ten times a second.
+///
+/// # Errors
+/// When nothing was armed; a session that began ends with a report, whatever stopped it.
+pub fn run_session(
+    link: &mut dyn Link,
+    robot: &Robot,
+    config: &SessionConfig,
+    legs: &[Leg],
+    output: SessionOutput<'_>,
+) -> Result<SessionReport, SessionError> {
+    let SessionOutput { writer, presses, show } = output;
+    let mut station = Station::new(link, robot, &config.players, config.raw, presses)?;
+    let started = station.now();
+    let (census, problems) =
+        preflight::look(&mut station, config.rate_hz, &config.accepted_firmware);
+    if !problems.is_empty() {
+        writer.discard();
+        return Err(SessionError::Preflight(problems));
+    }
+    if let Err(error) = homing::reference(&mut station, &config.players, config.homing) {
+        writer.discard();
+        return Err(error.into());
+    }
+    station.record_to(Recorder::start(writer, config.metadata.clone())?);
+    let mut session = Session::new(station, config, legs, show);
+    let reason = session.drive().err().unwrap_or(StopReason::Completed);
+    session.close(&reason, started, census)
+}
+
+/// Where a session writes, and how it is watched.
+pub struct SessionOutput<'a> {
+    /// The recording to be.
+    pub writer: RecordingWriter,
+    /// How often Ctrl-C was pressed.
+    pub presses: &'a AtomicUsize,
+    /// Told ten times a second.
+    pub show: &'a mut dyn FnMut(&Progress<'_>),
+}
+
+struct Session<'a> {
+    station: Station<'a>,
+    control: ControlLoop,
+    guard: Guard,
+    config: &'a SessionConfig,
+    legs: &'a [Leg],
+    show: &'a mut dyn FnMut(&Progress<'_>),
+    shown_at: Nanos,
+    runs_done: usize,
+    samples: usize,
+    periods_done: usize,
+}
+
+impl<'a> Session<'a> {
+    fn new(
+        station: Station<'a>,
+        config: &'a SessionConfig,
+        legs: &'a [Leg],
+        show: &'a mut dyn FnMut(&Progress<'_>),
+    ) -> Self {
+        let now = station.now();
+        let camera = match config.homing {
+            HomingPolicy::Camera => CameraDuty::Watches,
+            HomingPolicy::Declared => CameraDuty::Records,
+        };
+        Self {
+            station,
+            control: ControlLoop::new(config.rate_hz, now),
+            guard: Guard::new(camera),
+            config,
+            legs,
+            show,
+            shown_at: now,
+            runs_done: 0,
+            samples: 0,
+            periods_done: 0,
+        }
+    }
+
+    fn drive(&mut self) -> Result<(), StopReason> {
+        arming::arm(&mut self.station, &mut self.control)?;
+        if self.config.watchdog == WatchdogPolicy::Test {
+            arming::prove_watchdogs(&mut self.station, &mut self.control)?;
+        }
+        self.go_to_first_leg()?;
+        for leg in self.legs {
+            match &leg.run {
+                Some(run) => {
+                    self.settle(leg)?;
+                    self.station.note_of("phase", None, &format!("run {}", run.number));
+                    self.mark(run, Phase::Start);
+                    let driven = self.follow(leg);
+                    self.mark(run, Phase::End);
+                    driven?;
+                    self.runs_done += 1;
+                    self.samples += leg.periods();
+                }
+                None => self.follow(leg)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// From where each carriage stands to where its first leg begins.
+    fn go_to_first_leg(&mut self) -> Result<(), StopReason> {
+        self.station.note_of("phase", None, "going to the start");
+        let Some(first) = self.legs.first() else { return Ok(()) };
+        let mut references = Vec::new();
+        for (player, reference) in &first.references {
+            let state = self.station.carriage(*player).state();
+            let Some(((from, _), to)) = state.zip(reference.start()) else { continue };
+            let limits = &self.station.robot.limits;
+            // A rate or a point that cannot be has been refused long before.
+            if let Ok(way) = Reference::transfer(from, to, limits, self.config.rate_hz) {
+                references.push((*player, way));
+            }
+        }
+        self.follow(&Leg { run: None, references })
+    }
+
+    /// Stands where the leg begins.
+    fn settle(&mut self, leg: &Leg) -> Result<(), StopReason> {
+        let rate = self.config.rate_hz;
+        let still = vec![[0.0; 2]; (SETTLE_SECONDS * rate).round() as usize];
+        let standing = |(player, reference): &(Player, Reference)| {
+            let still = Reference::from_velocities(reference.start()?, &still, rate).ok()?;
+            Some((*player, still))
+        };
+        let references = leg.references.iter().filter_map(standing).collect();
+        self.follow(&Leg { run: None, references })
+    }
+
+    fn mark(&mut self, run: &RunLabel, phase: Phase) {
+        let marker = RunMarker {
+            run: run.number,
+            pattern: run.pattern.clone(),
+            phase: phase.into(),
+            split: run.split.clone(),
+        };
+        self.station.record(self.station.now(), Entry::Marker(marker));
+    }
+
+    /// Drives one leg to its end.
+    fn follow(&mut self, leg: &Leg) -> Result<(), StopReason> {
+        self.guard.restart();
+        let mut at = 0;
+        while at < leg.periods() {
+            let tick = self.control.wait(&mut self.station)?;
+            // Periods that were left out are left out of the reference too.
+            at += tick.advanced as usize - 1;
+            let now = self.station.now();
+            for (player, reference) in &leg.references {
+                let Some(setpoint) = reference.setpoints().get(at) else { continue };
+                self.guard.expect(*player, now, setpoint.position);
+                let correction = self.correction(*player, setpoint.position);
+                let wanted = [0, 1].map(|axis| setpoint.velocity[axis] + correction[axis]);
+                self.control.command(&mut self.station, *player, wanted, tick);
+            }
+            self.control.finish(&mut self.station, tick)?;
+            self.guard.check(&self.station)?;
+            at += 1;
+            self.show_progress(leg.run.as_ref());
+        }
+        self.periods_done += leg.periods();
+        Ok(())
+    }
+
+    fn correction(&self, player: Player, reference: [f64; 2]) -> [f64; 2] {
+        let Some((position, _)) = self.station.carriage(player).state() else { return [0.0; 2] };
+        [0, 1].map(|axis| {
+            let pull = self.config.hold_gain_per_s * (reference[axis] - position[axis]);
+            pull.clamp(-MOST_CORRECTION, MOST_CORRECTION)
+        })
+    }
+
+    fn show_progress(&mut self, run: Option<&RunLabel>) {
+        let now = self.station.now();
+        if now.seconds_since(self.shown_at) < PROGRESS_SECONDS {
+            return;
+        }
+        self.shown_at = now;
+        let counts = &self.station.counts;
+        (self.show)(&Progress {
+            run,
+            runs_done: self.runs_done,
+            runs: count_runs(self.legs),
+            periods_done: self.periods_done,
+            periods: self.legs.iter().map(Leg::periods).sum(),
+            frames: counts.frames_received,
+            pictures: counts.pictures,
+            errors: counts.faults.values().sum::<u64>() + counts.setpoints_dropped,
+            worst_tracking: self.guard.worst_tracking(),
+            now,
+        });
+    }
+
+    /// Stops as the reason demands, writes it down and completes the recording.
+    fn close(
+        mut self,
+        reason: &StopReason,
+        started: Nanos,
+        census: Census,
+    ) -> Result<SessionReport, SessionError> {
+        let stop_text = reason.to_string();
+        self.station.note_of("stop", reason.node(), &stop_text);
+        let not_confirmed_off =
+            arming::stop(&mut self.station, &mut self.control, reason.reaction());
+        let Counts { frames_received, frames_sent, pictures, setpoints_dropped, .. } =
+            self.station.counts;
+        let report = SessionReport {
+            schema_version: "1",
+            stop: reason.code(),
+            stop_text: stop_text.clone(),
+            runs_planned: count_runs(self.legs),
+            runs_done: self.runs_done,
+            samples: self.samples,
+            duration_s: self.station.now().seconds_since(started),
+            not_confirmed_off,
+            census,
+            lateness: self.control.lateness(),
+            worst_tracking_m: self.guard.worst_tracking(),
+            frames_received,
+            frames_sent,
+            pictures,
+            pictures_refused: self.station.camera.refused,
+            setpoints_dropped,
+            bus_faults: self.station.counts.faults.clone(),
+            warnings: self.warnings(),
+        };
+        let Some(recorder) = self.station.take_recorder() else { return Ok(report) };
+        write_report(recorder, &report)
+            .map_err(|error| SessionError::StoppedAndLost { stop: stop_text, recording: error })?;
+        Ok(report)
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if let Some(first) = &self.station.camera.first_refusal {
+            let count = self.station.camera.refused;
+            warnings.push(format!("{count} camera datagrams were not understood; first: {first}"));
+        }
+        if 0 < self.station.counts.not_understood {
+            let count = self.station.counts.not_understood;
+            warnings.push(format!("{count} frames on the bus are not of ODrive's protocol"));
+        }
+        warnings
+    }
+}
+
+fn count_runs(legs: &[Leg]) -> usize {
+    legs.iter().filter(|leg| leg.run.is_some()).count()
+}
+
+fn write_report(mut recorder: Recorder, report: &SessionReport) -> Result<(), String> {
+    let text = serde_json::to_string(report).map_err(|error| error.to_string())?;
+    let values = [
+        ("stop".to_owned(), report.stop.to_owned()),
+        ("stop_text".to_owned(), report.stop_text.clone()),
+        ("report_json".to_owned(), text),
+    ];
+    recorder.metadata(SESSION_METADATA, values.into())?;
+    recorder.finish().map_err(|error| error.to_string())
+}
+
+impl Leg {
+    /// Its length in control periods.
+    #[must_use]
+    pub fn periods(&self) -> usize {
+        self.references.iter().map(|(_, reference)| reference.setpoints().len()).max().unwrap_or(0)
+    }
+}
+
+/// Records what is on the bus for `seconds`, or until a log ends, and sends nothing.
+///
+/// # Errors
+/// When the recording cannot be written.
+pub fn listen(
+    link: &mut dyn Link,
+    robot: &Robot,
+    config: &SessionConfig,
+    seconds: f64,
+    output: SessionOutput<'_>,
+) -> Result<SessionReport, SessionError> {
+    let SessionOutput { writer, presses, show } = output;
+    let mut station = Station::new(link, robot, &config.players, config.raw, presses)?;
+    station.foreign_orders = ForeignOrders::Record;
+    station.record_to(Recorder::start(writer, config.metadata.clone())?);
+    let started = station.now();
+    let mut session = Session::new(station, config, &[], show);
+    let reason = session.hear(started.after_seconds(seconds)).err();
+    session.close(&reason.unwrap_or(StopReason::Completed), started, Census::default())
+}
+
+impl Session<'_> {
+    fn hear(&mut self, until: Nanos) -> Result<(), StopReason> {
+        while self.station.now() < until && !self.station.ended {
+            let soon = self.station.now().after_seconds(PROGRESS_SECONDS).min(until);
+            self.station.wait_until(soon)?;
+            if 0 < self.station.presses() {
+                return Err(StopReason::Interrupted);
+            }
+            self.show_progress(None);
+        }
+        Ok(())
+    }
+}
