@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """python-can at the other end of our buses: python scripts/check_bus_peers.py TEST_BINARY
 
 Needs python-can, pyserial and socat. Each exchange runs one test of the integration binary

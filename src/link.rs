@@ -7,6 +7,17 @@
 //!
 //! Time belongs to the link: a procedure asks for the [`next_event`](Link::next_event) until its next
 //! deadline, and gets events in the order of their time, or nothing once the deadline has come.
+//!
+//! ```
+//! use klasktron::link::{BusSpec, Event, Link, Replay, ReplayLink};
+//! let log = std::env::temp_dir().join("klasktron-link-example.log");
+//! std::fs::write(&log, "(1.500000) can0 029#000000400000C03F\n").unwrap();
+//! let bus: BusSpec = format!("replay:{}", log.display()).parse().unwrap();
+//! let BusSpec::Replay(path) = bus else { unreachable!() };
+//! let mut link = ReplayLink::new(Replay::open(&path, None).unwrap()).unwrap();
+//! let deadline = link.now().after_seconds(0.02);
+//! assert!(matches!(link.next_event(deadline).unwrap(), Some(Event::Frame { .. })));
+//! ```
 
 mod camera;
 mod fault;

@@ -244,7 +244,7 @@ impl CameraSocket {
     /// When the socket is broken for good.
     pub fn receive(&self, timeout: Duration) -> Result<Option<Vec<u8>>, LinkError> {
         let timeout = Some(timeout.max(SHORTEST_TIMEOUT));
-        let mut bytes = vec![0; MAX_DATAGRAM_BYTES];
+        let mut bytes = [0; MAX_DATAGRAM_BYTES];
         let read = match &self.socket {
             Bound::Udp(socket) => {
                 socket.set_read_timeout(timeout).and_then(|()| socket.recv(&mut bytes))
@@ -255,10 +255,7 @@ impl CameraSocket {
             }
         };
         match read {
-            Ok(length) => {
-                bytes.truncate(length);
-                Ok(Some(bytes))
-            }
+            Ok(length) => Ok(Some(bytes[..length].to_vec())),
             Err(error) if is_pause(&error) => Ok(None),
             Err(error) => Err(LinkError::Unusable {
                 bus: self.name.clone(),

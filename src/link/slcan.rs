@@ -42,6 +42,9 @@ const ACKNOWLEDGE_STEPS: usize = 8;
 const BIT_RATES: [u32; 9] =
     [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
 
+/// Opens the channel.
+const OPEN: &str = "O\r";
+
 /// Which end of the line this is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
@@ -64,7 +67,7 @@ pub struct Slcan {
 struct Reader {
     port: SerialPort,
     lines: LineBuffer,
-    /// Frames that arrived while the channel was being opened.
+    /// What came through before the answer to `O`.
     early: VecDeque<Received>,
     gone: bool,
 }
@@ -83,7 +86,9 @@ impl Slcan {
             ));
         };
         let slcan = Self::with_role(port, Role::Host)?;
-        // Answered with a refusal where the channel is closed already.
+        // What an earlier program left behind answers nothing of this one.
+        lock(&slcan.reader).port.discard_input_buffer().ok();
+        // Refused where the channel is closed already.
         slcan.command("C\r")?;
         if slcan.command(&format!("S{rate}\r"))? == Answer::Refused {
             return Err(unusable(
@@ -91,7 +96,7 @@ impl Slcan {
                 "unplug it and plug it in again, or take another bit rate",
             ));
         }
-        if slcan.command("O\r")? == Answer::Refused {
+        if slcan.command(OPEN)? == Answer::Refused {
             return Err(unusable(
                 "the adapter refuses to open its channel".to_owned(),
                 "unplug it and plug it in again",
@@ -138,15 +143,13 @@ impl Slcan {
             if reader.fill(ACKNOWLEDGE_STEP) == Filled::Gone {
                 return Err(self.gone());
             }
-            while let Some(text) = reader.lines.next_line() {
-                match line::from_adapter(&text) {
+            while let Some(line) = reader.lines.next_line() {
+                match line::from_adapter(&line) {
                     FromAdapter::Acknowledged => return Ok(Answer::Acknowledged),
                     FromAdapter::Refused => return Ok(Answer::Refused),
-                    other => {
-                        if let Some(received) = of_adapter(other) {
-                            reader.early.push_back(received);
-                        }
-                    }
+                    // Only an open channel has something to tell of the bus.
+                    other if text == OPEN => reader.early.extend(of_adapter(other)),
+                    _ => {}
                 }
             }
         }

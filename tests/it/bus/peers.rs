@@ -2,7 +2,7 @@
 //! variable that the script sets, and passes over itself without it.
 
 use super::{
-    data_frame, extended_frame, gateway::Client, next_frame, remote_frame, send_insisting,
+    data_frame, extended_frame, gateway::Client, next_frame, remote_frame, send_insisting, skipped,
 };
 use klasktron::{
     can::{Frame, FrameKind},
@@ -17,7 +17,7 @@ const FRAMES: u32 = 200;
 fn told(variable: &str) -> Option<String> {
     let value = env::var(variable).ok();
     if value.is_none() {
-        println!("skipped: scripts/check_bus_peers.py runs this test");
+        skipped("scripts/check_bus_peers.py runs this test");
     }
     value
 }

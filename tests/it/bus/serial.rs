@@ -1,9 +1,11 @@
 //! Both roles of slcan against each other over a pair of pseudo-terminals.
 
-use super::{data_frame, extended_frame, next, next_frame, numbered, remote_frame, send_insisting};
+use super::{
+    data_frame, extended_frame, next, next_frame, numbered, remote_frame, send_insisting, skipped,
+};
 use klasktron::link::{BusFault, LinkError, Received, Slcan, Transport};
 use std::{
-    io::Write,
+    io::{Read, Write},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     thread,
@@ -30,14 +32,17 @@ impl Line {
             .stderr(Stdio::null())
             .spawn();
         let Ok(socat) = socat else {
-            println!("skipped: socat is not installed");
+            skipped("socat is not installed");
             return None;
         };
         let line = Self { socat, _folder: folder, ends };
-        while !line.ends.iter().all(|end| end.exists()) {
+        for _ in 0..1000 {
+            if line.ends.iter().all(|end| end.exists()) {
+                return Some(line);
+            }
             thread::sleep(Duration::from_millis(10));
         }
-        Some(line)
+        panic!("socat makes no pseudo-terminals");
     }
 
     fn cut(&mut self) {
@@ -132,8 +137,20 @@ fn slcan_tells_faults_of_an_adapter_and_of_its_cable() {
 #[test]
 fn slcan_refused_by_its_adapter_says_so() {
     let Some(line) = Line::new() else { return };
-    let mut adapter = std::fs::OpenOptions::new().write(true).open(&line.ends[1]).unwrap();
-    adapter.write_all(b"\r\x07").unwrap();
-    let refused = Slcan::open(&line.ends[0], 250_000).unwrap_err().to_string();
+    let end = &line.ends[1];
+    let mut adapter = std::fs::OpenOptions::new().read(true).write(true).open(end).unwrap();
+    // Left behind for an earlier program: no answer to this one.
+    adapter.write_all(b"\r\r\rt0290\r").unwrap();
+    thread::sleep(Duration::from_millis(100));
+    let refused = thread::scope(|scope| {
+        let refused = scope.spawn(|| Slcan::open(&line.ends[0], 250_000).unwrap_err().to_string());
+        for (command, answer) in [(b"C\r".to_vec(), b"\x07"), (b"S5\r".to_vec(), b"\x07")] {
+            let mut heard = vec![0; command.len()];
+            adapter.read_exact(&mut heard).unwrap();
+            assert_eq!(heard, command);
+            adapter.write_all(answer).unwrap();
+        }
+        refused.join().unwrap()
+    });
     assert!(refused.contains("the adapter refuses 250000 bit/s; unplug it"), "{refused}");
 }
