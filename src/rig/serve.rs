@@ -106,8 +106,7 @@ pub fn serve(
             Received::Fault(_) | Received::Nothing => {}
         }
         let due_ns = origin.elapsed().as_nanos() as u64 - report.skipped_ns;
-        report.skipped_ns +=
-            due_ns.saturating_sub(world.now_ns()).saturating_sub(MOST_BEHIND_NS);
+        report.skipped_ns += due_ns.saturating_sub(world.now_ns()).saturating_sub(MOST_BEHIND_NS);
         let due_ns = origin.elapsed().as_nanos() as u64 - report.skipped_ns;
         while world.now_ns() < due_ns {
             world.step();
