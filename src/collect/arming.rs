@@ -176,14 +176,15 @@ pub(super) fn stop(
         return Vec::new();
     }
     let started = station.now();
+    let driven_down = match reaction {
+        Reaction::EstopAll => false,
+        _ => ramp_down(station, control, reaction).is_ok(),
+    };
     match reaction {
-        Reaction::EstopAll => station.estop(&Player::BOTH),
-        Reaction::EstopGantry(player) => station.estop(&[player]),
-        Reaction::Ramp | Reaction::Brake => {}
-    }
-    if ramp_down(station, control, reaction).is_err() {
-        // Whatever happened on the way down, the shortest way is right now.
-        station.estop(&Player::BOTH);
+        // Whatever happened on the way down, nothing is trusted any more.
+        _ if !driven_down => station.estop(&Player::BOTH),
+        Reaction::BrakeGantry(player) => station.estop(&[player]),
+        _ => {}
     }
     switch_off(station);
     confirm_off(station, started)
@@ -195,18 +196,23 @@ fn ramp_down(
     control: &mut ControlLoop,
     reaction: Reaction,
 ) -> Result<(), StopReason> {
-    if station.drives.iter().all(|drive| drive.armed == Armed::No) {
-        return Ok(());
-    }
     let started = station.now();
     // The reaction is sent now; waiting for the next period would cost up to one.
     control.restart(Nanos(started.0.saturating_sub((control.period_seconds() * 1e9) as u64)));
     let presses = station.presses();
     let mut still_since = None;
     loop {
-        let tick = control.wait(station)?;
+        let tick = match control.wait(station) {
+            // The other drive of the gantry may follow the first; both are being stopped.
+            Err(StopReason::AxisLeft { seat, .. })
+                if reaction == Reaction::BrakeGantry(seat.player) =>
+            {
+                continue;
+            }
+            result => result?,
+        };
         for player in station.robot.players() {
-            if reaction == Reaction::Brake {
+            if reaction == Reaction::Brake || reaction == Reaction::BrakeGantry(player) {
                 control.command_unlimited(station, player, [0.0; 2]);
             } else {
                 control.command(station, player, [0.0; 2], tick);

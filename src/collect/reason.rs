@@ -159,10 +159,11 @@ pub enum Reaction {
     Ramp,
     /// Command zero at once, then idle: the shortest way.
     Brake,
-    /// Disarm both drives of a gantry at once, since one alone would move its carriage on a
-    /// diagonal; ramp the other.
-    EstopGantry(Player),
-    /// Disarm every drive at once.
+    /// Command zero at once to both drives of a gantry, since one that runs alone moves its carriage
+    /// on a diagonal; ramp the other gantry. An emergency stop follows when it stands: a drive that is
+    /// disarmed coasts, so braking comes first.
+    BrakeGantry(Player),
+    /// Disarm every drive at once, and let it coast: for what no setpoint can be trusted in.
     EstopAll,
 }
 
@@ -181,8 +182,8 @@ impl StopReason {
             Self::SoftLimit { .. } => Reaction::Brake,
             Self::HeartbeatLost { seat, .. }
             | Self::EncoderLost { seat, .. }
-            | Self::AxisLeft { seat, .. } => Reaction::EstopGantry(seat.player),
-            Self::FollowingError { player, .. } => Reaction::EstopGantry(*player),
+            | Self::AxisLeft { seat, .. } => Reaction::BrakeGantry(seat.player),
+            Self::FollowingError { player, .. } => Reaction::BrakeGantry(*player),
             Self::InterruptedTwice
             | Self::NotArmed { .. }
             | Self::NoWatchdog { .. }

@@ -3,7 +3,8 @@
 //! A frame of `n` data bytes takes `overhead + 8 n` bits, 111 nominal with eight bytes (stuffing bits
 //! are left out). Of the frames that are ready when the bus becomes free the lowest id wins, a data
 //! frame before a remote one. A drive holds one frame of each id: while it waits for the bus, the next
-//! one of that id replaces it, so an overloaded bus thins out the messages with high ids.
+//! one of that id replaces it, so an overloaded bus thins out the messages with high ids. The host's
+//! frames leave in the order in which they were sent, as from one queue.
 
 use super::config::BusConfig;
 use crate::can::{Frame, FrameKind};
@@ -73,6 +74,11 @@ impl Bus {
     pub(super) fn next_sent(&mut self, until_ns: u64) -> Option<(u64, Frame, Sender)> {
         let earliest = self.waiting.iter().map(|waiting| waiting.ready_ns).min()?;
         let begin = earliest.max(self.free_ns);
+        let first_of_host = self.waiting.iter().position(|w| w.sender == Sender::Host);
+        let competes = |idx: usize, waiting: &Waiting| {
+            waiting.ready_ns <= begin
+                && (waiting.sender == Sender::Rig || first_of_host == Some(idx))
+        };
         let rank = |waiting: &Waiting| {
             (waiting.frame.id, waiting.frame.kind == FrameKind::Remote, waiting.ready_ns)
         };
@@ -80,7 +86,7 @@ impl Bus {
             .waiting
             .iter()
             .enumerate()
-            .filter(|(_, waiting)| waiting.ready_ns <= begin)
+            .filter(|(idx, waiting)| competes(*idx, waiting))
             .min_by_key(|(_, waiting)| rank(waiting))?;
         let bits = self.overhead_bits + 8.0 * winner.frame.data.as_slice().len() as f64;
         let end = begin + (bits * self.bit_ns).round() as u64;

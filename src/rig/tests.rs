@@ -1,4 +1,6 @@
 //! The rig through its protocol bytes.
 
 mod motion;
+mod protocol;
+mod speed;
 mod support;
