@@ -249,6 +249,7 @@ impl<'a> Station<'a> {
                 drive.armed = Armed::Confirmed;
             }
             Armed::Confirmed if state != AxisState::ClosedLoopControl || !errors.is_empty() => {
+                drive.armed = Armed::LetGo; // told once
                 self.raise(StopReason::AxisLeft { seat, state, errors });
             }
             _ => {}

@@ -33,7 +33,7 @@ pub(super) enum Armed {
     Asked,
     /// Confirmed: leaving closed loop is now a fault.
     Confirmed,
-    /// Left alone on purpose, so that its watchdog disarms it.
+    /// Leaving closed loop is no news: its watchdog is being tested, or its fault has been told.
     LetGo,
 }
 

@@ -109,7 +109,7 @@ impl MotorSeat {
     /// A value that the drive reports, or is sent, in the gantry's direction; its own inverse.
     #[must_use]
     pub fn directed(self, value: f64) -> f64 {
-        f64::from(self.sign) * value
+        f64::from(self.sign) * value + 0.0 // no negative zero on the bus
     }
 
     /// A drive's report of motion in the gantry's direction.

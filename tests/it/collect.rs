@@ -79,7 +79,7 @@ fn one_gantry_alone_leaves_the_other_alone() {
 #[test]
 fn drives_without_watchdog_are_found_out() {
     // Drives whose watchdog is off keep running when nobody talks to them.
-    let rig = r#"{"drive": {"watchdog_enabled": false}}"#;
+    let rig = r#"{"drive": {"guards": {"watchdog_enabled": false}}}"#;
     let outcome = Bench::new(rig).run();
     let report = outcome.report.as_ref().unwrap();
     assert_eq!(report.stop, "no_watchdog");

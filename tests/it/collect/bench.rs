@@ -7,6 +7,7 @@ use klasktron::{
         SessionOutput, SessionReport, WatchdogPolicy, run_session,
     },
     gantry::{Reference, Robot},
+    link::Link,
     recording::{ExistingFile, FlushPolicy, Recording, RecordingWriter, topic::Player},
     rig::{RigConfig, Speed, Truth, VirtualLink},
     units::Nanos,
@@ -22,6 +23,8 @@ const PERIODS: usize = 400;
 /// Radius (m) and time of a turn (s): 0.126 m/s.
 const RADIUS: f64 = 0.04;
 const TURN_SECONDS: f64 = 2.0;
+/// A disarmed drive coasts against friction alone (s).
+const COAST_SECONDS: f64 = 3.0;
 
 pub(crate) struct Bench {
     pub(crate) rig: RigConfig,
@@ -98,6 +101,9 @@ impl Bench {
         let mut link = VirtualLink::new(self.rig.clone(), Speed::Maximum, START).unwrap();
         let report = self.session(&mut link);
         let recording = self.path().exists().then(|| Recording::open(&self.path()).unwrap());
+        // Whatever still moves may come to rest, as it would on a table.
+        let until = link.now().after_seconds(COAST_SECONDS);
+        while link.next_event(until).is_ok_and(|event| event.is_some()) {}
         BenchOutcome { report, truth: link.truth(), recording }
     }
 
