@@ -1,7 +1,8 @@
 //! The gantry under the board: two motors, one belt, one carriage for each player.
 //!
 //! [`CoreXy`] is the pair of forward and inverse kinematics; [`MotorSeat`] says which motor of
-//! which player a drive turns, and with which sign; [`Robot`] is the robot file with its limits.
+//! which player a drive turns, and with which sign; [`Robot`] is the robot file with its limits;
+//! [`Pattern`] is an excitation and [`Reference`] the commanded motion of one run.
 //!
 //! ```
 //! use klasktron::gantry::CoreXy;
@@ -14,6 +15,7 @@
 mod kinematics;
 mod limits;
 mod robot;
+mod trajectory;
 
 pub use kinematics::{
     BELT_METRES_PER_TURN, BeltError, CoreXy, KLASKTRON_SEATS, MotorPair, MotorSeat,
@@ -21,4 +23,7 @@ pub use kinematics::{
 pub use limits::{Limits, Rectangle};
 pub use robot::{
     BoardEntry, BusConfig, CyclicPeriods, PerPlayer, Point, Robot, RobotError, Timeouts,
+};
+pub use trajectory::{
+    Heading, Pattern, Reference, Setpoint, Slope, TRANSFER_SLACK_M, TrajectoryError, Turn,
 };

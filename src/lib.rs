@@ -35,11 +35,11 @@
 //! | | [`link`] | the connection to a table: clock, bus, camera |
 //! | | [`actuator`] | command history to motion: models, fits, judgement |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
+//! | | [`collect`] | what to run on the table, and the proof that it may |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
-//! Still to come, each with its place: `ekf`, `effects`, `twin` and `sim` in layer 2; `collect`,
-//! `score`, `gap` and `rl` in layer 3; transports, limits and trajectories in [`can`] and
-//! [`gantry`].
+//! Still to come, each with its place: `ekf`, `effects`, `twin` and `sim` in layer 2; `score`,
+//! `gap` and `rl` in layer 3; transports in [`can`].
 //!
 //! # Invariants
 //!
@@ -64,4 +64,5 @@ pub mod can;
 pub mod gantry;
 pub mod link;
 
+pub mod collect;
 pub mod import;

@@ -30,6 +30,9 @@ pub struct Limits {
     pub fet_temperature_c: f64,
     /// Hottest motor (C), where a thermistor reports it.
     pub motor_temperature_c: f64,
+    /// Kept free between every planned path, its stopping distance included, and the window's edge
+    /// (m), for what the carriage lags or overshoots; 0.01.
+    pub tracking_margin_m: f64,
     /// Farthest that a carriage may be from where its commands lead (m).
     pub following_error_m: f64,
     /// Farthest that the camera may see a striker from its magnet (m), over a tenth of a second.
@@ -47,6 +50,7 @@ impl Default for Limits {
             current_a: 15.0,
             fet_temperature_c: 80.0,
             motor_temperature_c: 90.0,
+            tracking_margin_m: 0.01,
             following_error_m: 0.03,
             striker_error_m: 0.03,
         }
@@ -64,6 +68,7 @@ impl Limits {
             ("limits.current_a", self.current_a, "(0, 60] A", 60.0),
             ("limits.fet_temperature_c", self.fet_temperature_c, "(0, 120] C", 120.0),
             ("limits.motor_temperature_c", self.motor_temperature_c, "(0, 150] C", 150.0),
+            ("limits.tracking_margin_m", self.tracking_margin_m, "(0, 0.1] m", 0.1),
             ("limits.following_error_m", self.following_error_m, "(0, 0.2] m", 0.2),
             ("limits.striker_error_m", self.striker_error_m, "(0, 0.2] m", 0.2),
         ] {
@@ -77,6 +82,14 @@ impl Limits {
     pub fn stopping_distance(&self, speed: f64) -> f64 {
         let speed = speed.abs();
         speed * self.reaction_s + speed * speed / (2.0 * self.braking_m_per_s2)
+    }
+
+    /// Largest speed (m/s) from which a carriage stands within `room` (m): the inverse of
+    /// [`stopping_distance`](Self::stopping_distance); 0 without room.
+    #[must_use]
+    pub fn speed_within(&self, room: f64) -> f64 {
+        let (brake, wait) = (self.braking_m_per_s2, self.reaction_s);
+        brake * ((wait * wait + 2.0 * room.max(0.0) / brake).sqrt() - wait)
     }
 
     /// Where a carriage at `position` (m) with `velocity` (m/s) comes to stand, each axis braking on
@@ -171,6 +184,8 @@ mod tests {
         let limits = Limits { braking_m_per_s2: 5.0, reaction_s: 0.04, ..Limits::default() };
         // 0.5 * 0.04 + 0.25 / 10
         assert!((limits.stopping_distance(-0.5) - 0.045).abs() < 1e-12);
+        assert!((limits.speed_within(0.045) - 0.5).abs() < 1e-12);
+        assert_eq!(limits.speed_within(-1.0), 0.0);
         let [x, y] = limits.standstill([0.1, 0.1], [-0.5, 0.0]);
         assert!((x - 0.055).abs() < 1e-12 && (y - 0.1).abs() < 1e-12);
     }
