@@ -1,10 +1,39 @@
-//! Collecting: a plan of runs, proven before anything is armed, driven and recorded with one session.
+//! Collecting: what to run on the table, the proof beforehand that it may, and the session that
+//! drives and records it.
+//!
+//! A [`Plan`] is a list of runs, each a [`Pattern`](crate::gantry::Pattern) with its length and
+//! whether it is to be fitted or to judge. [`prove`] turns it into the motion of every player,
+//! moves between runs included, and checks every sample of it against the robot's limits; what is
+//! executed is what the [`Proof`] holds.
+//!
+//! [`run_session`] looks at the bus, references the carriages, arms the drives, proves that they stop
+//! by themselves when nobody talks to them, drives every leg and switches off. Whatever ends it is a
+//! [`StopReason`], with a [`Reaction`] of its own, in the recording and in the [`SessionReport`].
+//!
+//! | what | where |
+//! |---|---|
+//! | runs and their proof | `plan`, `proof`, `plan_page` |
+//! | the procedure | `session`: `preflight`, `homing`, `arming`, then legs |
+//! | the loop | `control`: absolute deadlines, latest setpoint only |
+//! | safety | `guard` every period, `station` at once, `reason` what is done |
+//! | what is known | `watch`: drives, carriages, camera |
+//! | the recording | `recorder`: a thread of its own |
+//!
+//! ```
+//! use klasktron::{collect::{Plan, Schedule, prove}, gantry::Robot, recording::topic::Player};
+//! let plan = Plan::from_patterns(&["circle".parse()?, "chirp".parse()?], &Schedule::default())?;
+//! let proof = prove(&plan, &Robot::default(), &[Player::Left])?;
+//! assert_eq!(proof.runs().len(), 12);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod arming;
 mod control;
 mod guard;
 mod homing;
+mod plan;
 mod preflight;
+mod proof;
 mod reason;
 mod recorder;
 mod session;
@@ -14,7 +43,9 @@ mod watch;
 pub use arming::WatchdogPolicy;
 pub use control::Lateness;
 pub use homing::{HomingError, HomingPolicy};
+pub use plan::{Plan, PlannedRun, Schedule, Split};
 pub use preflight::{Census, CyclicRate, MOST_BUS_LOAD, Problem, bus_load};
+pub use proof::{Breach, Figures, Part, PlanError, Proof, ProvenRun, check_reference, prove};
 pub use reason::{HotPart, Reaction, StopReason};
 pub use session::{
     Leg, Progress, RunLabel, SESSION_METADATA, SessionConfig, SessionError, SessionOutput,

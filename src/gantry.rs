@@ -2,7 +2,7 @@
 //!
 //! [`CoreXy`] is the pair of forward and inverse kinematics; [`MotorSeat`] says which motor of
 //! which player a drive turns, and with which sign; [`Robot`] is the robot file with its limits;
-//! [`DriveReports`] turns what a drive says into messages of recordings.
+//! [`Pattern`] is an excitation and [`Reference`] the commanded motion of one run.
 //!
 //! ```
 //! use klasktron::gantry::CoreXy;

@@ -36,11 +36,11 @@
 //! | | [`rig`] | the virtual rig: simulated drives, gantries, ball and camera behind a link |
 //! | | [`actuator`] | command history to motion: models, fits, judgement |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
+//! | | [`collect`] | what to run on the table, and the proof that it may |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
-//! Still to come, each with its place: `ekf`, `effects`, `twin` and `sim` in layer 2; `collect`,
-//! `score`, `gap` and `rl` in layer 3; transports, limits and trajectories in [`can`] and
-//! [`gantry`].
+//! Still to come, each with its place: `ekf`, `effects`, `twin` and `sim` in layer 2; `score`,
+//! `gap` and `rl` in layer 3; transports in [`can`].
 //!
 //! # Invariants
 //!

@@ -6,12 +6,13 @@ use super::{
     guard::{CameraDuty, Guard},
     homing::{self, HomingPolicy},
     preflight::{self, Census, Problem},
+    proof::Proof,
     reason::StopReason,
     recorder::{Entry, Recorder},
     station::{Counts, ForeignOrders, RawFrames, Station},
 };
 use crate::{
-    gantry::{BeltError, Reference, Robot},
+    gantry::{BeltError, Reference, Robot, Setpoint},
     link::Link,
     recording::{
         RecordingError, RecordingWriter,
@@ -326,7 +327,7 @@ impl<'a> Session<'a> {
             at += tick.advanced as usize - 1;
             let now = self.station.now();
             for (player, reference) in &leg.references {
-                let Some(setpoint) = reference.setpoints().get(at) else { continue };
+                let Some(setpoint) = setpoint_at(reference, at) else { continue };
                 self.guard.expect(*player, now, setpoint.position);
                 let correction = self.correction(*player, setpoint.position);
                 let wanted = [0, 1].map(|axis| setpoint.velocity[axis] + correction[axis]);
@@ -423,6 +424,13 @@ impl<'a> Session<'a> {
     }
 }
 
+/// The setpoint of a period; after its end a motion rests there, since a drive must be told something
+/// in every period.
+fn setpoint_at(reference: &Reference, at: usize) -> Option<Setpoint> {
+    let rest = || Some(Setpoint { position: reference.end()?, velocity: [0.0; 2] });
+    reference.setpoints().get(at).copied().or_else(rest)
+}
+
 fn count_runs(legs: &[Leg]) -> usize {
     legs.iter().filter(|leg| leg.run.is_some()).count()
 }
@@ -439,6 +447,27 @@ fn write_report(mut recorder: Recorder, report: &SessionReport) -> Result<(), St
 }
 
 impl Leg {
+    /// The legs of a proven plan: to each run, the run, and home at the end.
+    #[must_use]
+    pub fn of_proof(proof: &Proof) -> Vec<Self> {
+        let of_players = |references: &[Reference]| {
+            proof.players().iter().copied().zip(references.iter().cloned()).collect()
+        };
+        let mut legs = Vec::new();
+        for proven in proof.runs() {
+            let planned = proven.planned();
+            let label = RunLabel {
+                number: planned.number,
+                pattern: planned.pattern.name().to_owned(),
+                split: planned.split.to_string(),
+            };
+            legs.push(Self { run: None, references: of_players(proven.approach()) });
+            legs.push(Self { run: Some(label), references: of_players(proven.references()) });
+        }
+        legs.push(Self { run: None, references: of_players(proof.home()) });
+        legs
+    }
+
     /// Its length in control periods.
     #[must_use]
     pub fn periods(&self) -> usize {

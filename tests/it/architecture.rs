@@ -11,7 +11,7 @@ const LAYERS: [&[&str]; 4] = [
     &["units", "seed", "stats", "report", "provenance"],
     &["board", "recording", "nn"],
     &["can", "gantry", "link", "rig", "actuator"],
-    &["import"],
+    &["import", "collect"],
 ];
 
 fn layer_of(room: &str) -> usize {

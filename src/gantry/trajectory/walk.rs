@@ -50,7 +50,7 @@ pub(super) fn walk(top: f64, hold_s: [f64; 2], grid: &Grid<'_>) -> Course {
         }
         let ending = (grid.samples - 1 - index).min(index) as f64 * limits.slew_m_per_s2 * dt;
         let next = limits.next_velocity(before, wanted, dt);
-        before = within_total(next, limits).map(|part| part.clamp(-ending, ending));
+        before = within_total(before, next, limits).map(|part| part.clamp(-ending, ending));
         place = [0, 1].map(|axis| place[axis] + before[axis] * dt);
         velocities.push(before);
     }
@@ -64,17 +64,17 @@ fn draw(stream: &mut Stream, top: f64, [shortest, longest]: [f64; 2], rate: f64)
     Level { velocity, left: ((hold * rate).round() as usize).max(1) }
 }
 
-/// `next` (m/s) within the total speed: one axis that slows down at the slew limit may leave less
-/// for the other than was wanted. The faster axis keeps its speed, which it may need to brake.
-fn within_total(next: [f64; 2], limits: &Limits) -> [f64; 2] {
+/// `next` (m/s) within the total speed. Only an axis that speeds up is held back: the other may
+/// have to brake, and leaves at least as much room as `before` (m/s) needed.
+fn within_total(before: [f64; 2], next: [f64; 2], limits: &Limits) -> [f64; 2] {
     let total = limits.total_speed_m_per_s;
-    if next[0].hypot(next[1]) <= total {
-        return next;
-    }
-    let slower = usize::from(next[1].abs() < next[0].abs());
-    let other = next[1 - slower];
-    let top = (total * total - other * other).max(0.0).sqrt();
     let mut kept = next;
-    kept[slower] = next[slower].clamp(-top, top);
+    for axis in 0..2 {
+        if before[axis].abs() < next[axis].abs() && total < kept[0].hypot(kept[1]) {
+            let other = kept[1 - axis];
+            let top = (total * total - other * other).max(0.0).sqrt();
+            kept[axis] = next[axis].clamp(-top, top);
+        }
+    }
     kept
 }
