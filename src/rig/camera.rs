@@ -74,7 +74,11 @@ impl Camera {
         ];
         let stamp = self.stamp(capture_ns, arrival_ns);
         let datagram = write_datagram(stamp, seen);
+        let twice = f64::from(self.loss.uniform_f32(0.0, 1.0)) < self.config.repeat_share;
         let at = self.waiting.partition_point(|(arrival, _)| *arrival <= arrival_ns);
+        if twice {
+            self.waiting.insert(at, (arrival_ns, datagram.clone()));
+        }
         self.waiting.insert(at, (arrival_ns, datagram));
     }
 

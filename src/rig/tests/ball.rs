@@ -187,3 +187,52 @@ fn a_striker_hits_the_ball() {
     let ball = host.link.truth().ball.unwrap();
     assert!(ball.vy < -0.4, "{ball:?}");
 }
+
+/// A ball that starts sliding without spin rolls at 5/7 of its speed, whatever the friction.
+#[test]
+fn a_sliding_ball_ends_rolling_with_five_sevenths() {
+    let launch = Launch { x_m: 0.0, y_m: 0.0, vx_m_per_s: 0.0, vy_m_per_s: 0.3 };
+    let config = BallConfig { sliding_friction: 0.2, peg_restitution: 1.0, ..free(launch) };
+    // Off a wall of e = 1 the spin still points the old way: v' = -v, u = v, so it rolls at
+    // (5 v' + 2 u)/7 = -3/7 v.
+    let config = BallConfig { wall_restitution: 1.0, ..config };
+    let mut pegs = loose_pegs(0.01);
+    pegs[1].position = [0.1, 0.1];
+    let mut ball = Ball::new(&config, &no_cups(), HALF_BOARD, 1);
+    for idx in 0..8000 {
+        step(&mut ball, &mut pegs, idx);
+    }
+    assert!((ball.velocity[1] + 0.3 * 3.0 / 7.0).abs() < 1e-3, "{:?}", ball.velocity);
+}
+
+#[test]
+fn magnets_patches_and_shifted_walls_act_where_they_are() {
+    let launch = Launch { x_m: 0.02, y_m: -0.1, ..Launch::default() };
+    let config = BallConfig { peg_attraction_m_per_s2: 0.5, ..free(launch) };
+    let mut pegs = loose_pegs(0.01);
+    let mut ball = Ball::new(&config, &no_cups(), HALF_BOARD, 1);
+    for idx in 0..400 {
+        step(&mut ball, &mut pegs, idx);
+    }
+    assert!(ball.velocity[0] < -0.005, "{:?}", ball.velocity);
+
+    let launch = Launch { x_m: 0.1, y_m: 0.0, vx_m_per_s: 0.5, vy_m_per_s: 0.0 };
+    let mut config = BallConfig { wall_restitution: 0.0, ..free(launch) };
+    config.wall_shift.x_high_m = 0.002;
+    let mut ball = Ball::new(&config, &no_cups(), HALF_BOARD, 1);
+    for idx in 0..2000 {
+        step(&mut ball, &mut pegs, idx);
+    }
+    assert!((ball.place.unwrap()[0] - 0.155).abs() < 1e-9);
+
+    let launch = Launch { x_m: 0.0, y_m: 0.0, vx_m_per_s: 0.5, vy_m_per_s: 0.0 };
+    let mut config = free(launch);
+    (config.patch.x_m, config.patch.radius_m, config.patch.extra_resistance) = (0.05, 0.01, 0.1);
+    let mut ball = Ball::new(&config, &no_cups(), HALF_BOARD, 1);
+    for idx in 0..1200 {
+        step(&mut ball, &mut pegs, idx);
+    }
+    // v^2 falls by 2 c g 0.02 m on the patch alone.
+    let wanted = (0.25_f64 - 2.0 * 0.1 * 9.81 * 0.02).sqrt();
+    assert!((ball.velocity[0] - wanted).abs() < 2e-3, "{:?}", ball.velocity);
+}
