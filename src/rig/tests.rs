@@ -2,6 +2,7 @@
 
 mod ball;
 mod configuration;
+mod every_number;
 mod faults;
 mod link;
 mod motion;

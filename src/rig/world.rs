@@ -25,7 +25,7 @@ use std::f64::consts::TAU;
 
 const NANOS: f64 = 1e9;
 /// Friction drift is slow: its factor is renewed this often (steps).
-const STEPS_PER_WARMTH: u64 = 4096;
+const STEPS_PER_WARMTH: u64 = 1024;
 
 /// Where a drive's motor sits.
 #[derive(Debug, Clone, Copy)]

@@ -36,7 +36,7 @@ ranged! {
         /// Where the carriage stands at the start, from goal to goal (m).
         y_start_m: 0.0 in [-1.0, 1.0];
         /// Travel to either side of the middle line of the board, across (m).
-        x_travel_m: 0.165 in [0.01, 1.0];
+        x_travel_m: 0.165 in [0.001, 1.0];
         /// Least distance of the carriage from the centre line between the players (m).
         y_travel_near_m: 0.002 in [-1.0, 1.0];
         /// Largest distance of the carriage from that line (m).
