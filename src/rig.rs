@@ -2,7 +2,7 @@
 //! magnets, strikers, ball and camera.
 //!
 //! It stands in for the table: procedures that drive hardware run on it unchanged, through
-//! [`VirtualLink`], or over a real bus through [`serve`]. Its physics is its own. It uses no
+//! [`VirtualLink`], or over a real bus through [`serve()`]. Its physics is its own. It uses no
 //! kinematics, actuator model, effect or simulator of this crate, so that whatever is fitted to its
 //! recordings shares no line of dynamics with it, and every number of it is hidden in a
 //! [`RigConfig`].
@@ -10,7 +10,15 @@
 //! # Friction
 //!
 //! Motors and rails: `Fc + (Fs - Fc) exp(-(v/vs)^2) + Fv |v| + Fq v^2` against the motion; the dry
-//! part times a ratio when moving backwards, times a swing along the rail, times a slow drift.
+//! part times a ratio when moving backwards, times a swing along the rail, times a slow drift. Motors
+//! may have friction in proportion to the tension of their belt, rails an elastic stage before they
+//! slip.
+//!
+//! # What is left out
+//!
+//! Spin of the ball about the vertical, compliance of the striker in a hit, mass that depends on the
+//! place, strikers that fall into cups, biscuits; of the drives: endpoints (SDO), trajectories,
+//! calibration and homing procedures.
 //!
 //! # Example
 //!

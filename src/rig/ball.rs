@@ -3,8 +3,9 @@
 //! Rolling without slip: deceleration `c g + b v + k v^2` against the motion, and `5/7 g` times the
 //! slope of the board (tilt, crown). Impacts: along the normal `u' = -e u` with `e = e0 - e1 u`; along
 //! the tangent a Coulomb impulse of at most `mu` times the normal one and at most 2/7 of what would
-//! end the sliding (a solid sphere that leaves the contact rolling). Spin about the vertical, the
-//! sliding phase after a hit and the attraction of magnets are left out. Motion within a step is
+//! end the sliding (a solid sphere that leaves the contact rolling). After a hit the ball may slide
+//! until it rolls again, and the magnets may draw it. Spin about the vertical is left out. Motion
+//! within a step is
 //! swept: the earliest contact is found by solving for its time, so nothing is tunnelled through.
 
 use super::{
@@ -37,6 +38,11 @@ pub(super) struct Ball {
     config: BallConfig,
     cups: CupConfig,
     half_board: [f64; 2],
+    /// Least and largest coordinates of its centre (m).
+    reach: [[f64; 2]; 2],
+    /// Speed of its surface against its centre at the board, reversed: equal to the velocity when it
+    /// rolls (m/s).
+    spin: [f64; 2],
     launches: Stream,
 }
 
@@ -53,6 +59,13 @@ impl Ball {
         half_board: [f64; 2],
         seed: u64,
     ) -> Self {
+        let shift = &config.wall_shift;
+        let bound = |axis: usize, low: f64, high: f64| {
+            let half = half_board[axis] - config.radius_m;
+            [-half - low, half + high]
+        };
+        let reach =
+            [bound(0, shift.x_low_m, shift.x_high_m), bound(1, shift.y_low_m, shift.y_high_m)];
         let mut ball = Self {
             place: None,
             velocity: [0.0; 2],
@@ -62,6 +75,8 @@ impl Ball {
             config: config.clone(),
             cups: cups.clone(),
             half_board,
+            reach,
+            spin: [0.0; 2],
             launches: Stream::new(seed, "rig.ball.launch"),
         };
         ball.put_back();
@@ -76,7 +91,9 @@ impl Ball {
         if self.in_cup_s.is_some() {
             return;
         }
+        self.attract(place, dt, pegs);
         self.roll(place, dt);
+        self.slide(dt);
         let mut left = dt;
         for _ in 0..MOST_IMPACTS {
             let Some((time, obstacle)) = self.first_impact(place, left, pegs) else { break };
@@ -89,9 +106,9 @@ impl Ball {
                 Obstacle::Peg { idx } => self.hit_peg(place, left, &mut pegs[idx]),
             }
         }
-        for axis in 0..2 {
-            let reach = self.half_board[axis] - self.config.radius_m;
-            place[axis] = (place[axis] + self.velocity[axis] * left).clamp(-reach, reach);
+        for (axis, coordinate) in place.iter_mut().enumerate() {
+            let [low, high] = self.reach[axis];
+            *coordinate = (*coordinate + self.velocity[axis] * left).clamp(low, high);
         }
         self.place = Some(place);
         self.enter_cup(place, now_s);
@@ -108,12 +125,12 @@ impl Ball {
             let mut draw = |low: f64, high: f64| {
                 low + (high - low) * f64::from(self.launches.uniform_f32(0.0, 1.0))
             };
-            let reach = self.half_board.map(|half| half - self.config.radius_m);
-            let launch = [draw(-reach[0], reach[0]), draw(-reach[1], reach[1])];
+            let launch = self.reach.map(|[low, high]| draw(low, high));
             let top = self.config.launch_speed_m_per_s;
             let (speed, angle) = (draw(top / 5.0, top), draw(0.0, std::f64::consts::TAU));
             self.place = Some(launch);
             self.velocity = [speed * angle.cos(), speed * angle.sin()];
+            self.spin = self.velocity;
             self.in_cup_s = None;
         }
     }
@@ -121,9 +138,10 @@ impl Ball {
     fn put_back(&mut self) {
         self.in_cup_s = None;
         if let Some(Launch { x_m, y_m, vx_m_per_s, vy_m_per_s }) = self.config.start {
-            let reach = self.half_board.map(|half| half - self.config.radius_m);
-            self.place = Some([x_m.clamp(-reach[0], reach[0]), y_m.clamp(-reach[1], reach[1])]);
+            let [[x_low, x_high], [y_low, y_high]] = self.reach;
+            self.place = Some([x_m.clamp(x_low, x_high), y_m.clamp(y_low, y_high)]);
             self.velocity = [vx_m_per_s, vy_m_per_s];
+            self.spin = self.velocity;
         }
     }
 
@@ -140,11 +158,53 @@ impl Ball {
             self.velocity[axis] -= ROLLING * GRAVITY * slope * dt;
         }
         let speed = self.velocity[0].hypot(self.velocity[1]);
-        let loss = (config.rolling_resistance * GRAVITY
+        let patch = &config.patch;
+        let worse = if (place[0] - patch.x_m).hypot(place[1] - patch.y_m) < patch.radius_m {
+            patch.extra_resistance
+        } else {
+            0.0
+        };
+        let loss = ((config.rolling_resistance + worse) * GRAVITY
             + (config.viscous_per_s + config.quadratic_per_m * speed) * speed)
             * dt;
         let kept = if speed <= loss { 0.0 } else { 1.0 - loss / speed };
         self.velocity = self.velocity.map(|v| v * kept);
+        self.spin = self.spin.map(|u| u * kept);
+    }
+
+    /// Sliding friction on the slip `v - u`: the centre loses `mu g`, the surface gains 5/2 of it.
+    fn slide(&mut self, dt: f64) {
+        let slip = [0, 1].map(|axis| self.velocity[axis] - self.spin[axis]);
+        let size = slip[0].hypot(slip[1]);
+        let change = self.config.sliding_friction * GRAVITY * dt;
+        // 7/2 of the change is what the slip loses; rolling begins when that is all of it.
+        if self.config.sliding_friction == 0.0 {
+            self.spin = self.velocity;
+        } else if 0.0 < size {
+            let part = change.min(size * 2.0 / 7.0) / size;
+            for (axis, slip) in slip.into_iter().enumerate() {
+                self.velocity[axis] -= slip * part;
+                self.spin[axis] += slip * part * 2.5;
+            }
+        }
+    }
+
+    /// The magnet of a striker draws the ball.
+    fn attract(&mut self, place: [f64; 2], dt: f64, pegs: &[Peg; 2]) {
+        let config = &self.config;
+        if config.peg_attraction_m_per_s2 == 0.0 {
+            return;
+        }
+        for peg in pegs {
+            let way = [0, 1].map(|axis| peg.position[axis] - place[axis]);
+            let distance = way[0].hypot(way[1]).max(1e-6);
+            let gap = (distance - config.radius_m - peg.radius()).max(0.0);
+            let pull =
+                config.peg_attraction_m_per_s2 * (-gap / config.peg_attraction_range_m).exp();
+            for (axis, way) in way.into_iter().enumerate() {
+                self.velocity[axis] += pull * way / distance * dt;
+            }
+        }
     }
 
     fn first_impact(&self, place: [f64; 2], left: f64, pegs: &[Peg; 2]) -> Option<(f64, Obstacle)> {
@@ -154,12 +214,12 @@ impl Ball {
                 first = Some((time, obstacle));
             }
         };
-        for axis in 0..2 {
+        for (axis, coordinate) in place.into_iter().enumerate() {
             let velocity = self.velocity[axis];
-            let reach = (self.half_board[axis] - self.config.radius_m).copysign(velocity);
-            let beyond = place[axis] + velocity * left - reach;
+            let reach = self.reach[axis][usize::from(0.0 < velocity)];
+            let beyond = coordinate + velocity * left - reach;
             if velocity != 0.0 && 0.0 < beyond * velocity {
-                let time = ((reach - place[axis]) / velocity).clamp(0.0, left);
+                let time = ((reach - coordinate) / velocity).clamp(0.0, left);
                 offer(time, Obstacle::Wall { axis });
             }
         }

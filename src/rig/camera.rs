@@ -21,7 +21,7 @@ pub(super) struct Camera {
     config: CameraConfig,
     start: Nanos,
     pictures: u64,
-    next_ns: u64,
+    next_capture_ns: u64,
     /// Whether it takes no pictures (a fault).
     pub(super) stopped: bool,
     /// Datagrams by time of arrival (ns since the start).
@@ -37,7 +37,7 @@ impl Camera {
             config: config.clone(),
             start,
             pictures: 0,
-            next_ns: 0,
+            next_capture_ns: 0,
             stopped: false,
             waiting: VecDeque::new(),
             noise: Stream::new(seed, "rig.camera.noise"),
@@ -46,16 +46,18 @@ impl Camera {
         }
     }
 
-    /// When the next picture is taken (ns since the start).
+    /// When what the next picture shows is the case (ns since the start): half of the exposure
+    /// before its capture.
     pub(super) fn next_ns(&self) -> u64 {
-        self.next_ns
+        let half_ns = (self.config.exposure_s / 2.0 * NANOS) as u64;
+        self.next_capture_ns.saturating_sub(half_ns)
     }
 
     /// Takes the picture that is due, from what is where at `now_ns`: ball, left, right.
     pub(super) fn take(&mut self, now_ns: u64, sights: [Sight; 3]) {
-        let capture_ns = self.next_ns;
+        let (capture_ns, shown_ns) = (self.next_capture_ns, self.next_ns());
         self.pictures += 1;
-        self.next_ns = (self.pictures as f64 / self.config.rate_hz * NANOS).round() as u64;
+        self.next_capture_ns = (self.pictures as f64 / self.config.rate_hz * NANOS).round() as u64;
         let jitter = self.uniform() * self.config.latency_jitter_s;
         let latency = self.config.latency_s + jitter;
         let lost = f64::from(self.loss.uniform_f32(0.0, 1.0)) < self.config.drop_share;
@@ -63,7 +65,7 @@ impl Camera {
             return;
         }
         let arrival_ns = (capture_ns + (latency * NANOS) as u64).max(now_ns);
-        let back = (now_ns - capture_ns) as f64 / NANOS + self.config.exposure_s / 2.0;
+        let back = now_ns.saturating_sub(shown_ns) as f64 / NANOS;
         let [ball, left, right] = sights;
         let seen = [
             self.see(ball, self.config.ball_parallax, back),
@@ -72,7 +74,11 @@ impl Camera {
         ];
         let stamp = self.stamp(capture_ns, arrival_ns);
         let datagram = write_datagram(stamp, seen);
+        let twice = f64::from(self.loss.uniform_f32(0.0, 1.0)) < self.config.repeat_share;
         let at = self.waiting.partition_point(|(arrival, _)| *arrival <= arrival_ns);
+        if twice {
+            self.waiting.insert(at, (arrival_ns, datagram.clone()));
+        }
         self.waiting.insert(at, (arrival_ns, datagram));
     }
 

@@ -13,9 +13,9 @@ mod fault;
 mod gantry;
 mod ranged;
 
-pub use ball::{BallConfig, CupConfig, Launch};
+pub use ball::{BallConfig, CupConfig, Launch, PatchConfig, WallShift};
 pub use camera::{CameraConfig, StampMode};
-pub use drive::{CyclicMs, DriveConfig, MotorFriction, Ripple, Seat, ThermalConfig};
+pub use drive::{CyclicMs, DriveConfig, Guards, MotorFriction, Ripple, Seat, ThermalConfig};
 pub use fault::{FaultKind, FaultPlan, FaultStart};
 pub use gantry::{GantryConfig, MagnetConfig, PegConfig, RailFriction};
 

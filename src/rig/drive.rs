@@ -146,7 +146,10 @@ impl Drive {
             self.feed(now_ns);
         }
         match decoded.message {
-            Message::Request(command) => self.answer(command, mine, now_ns, out),
+            // Addresses are asked for by a remote frame to all; every other request is for one node.
+            Message::Request(command) if mine || command == Command::Address => {
+                self.send(command, now_ns, out);
+            }
             Message::Address { node, serial, .. } if !mine && serial == self.serial => {
                 self.node = node.min(BROADCAST_NODE - 1);
             }
@@ -277,12 +280,5 @@ impl Drive {
         }
         self.state = AxisState::Idle;
         self.armed_at_ns = None;
-    }
-
-    /// Addresses are asked for by a remote frame to all; every other request is for one node.
-    fn answer(&self, command: Command, mine: bool, now_ns: u64, out: &mut Vec<Outgoing>) {
-        if mine || command == Command::Address {
-            self.send(command, now_ns, out);
-        }
     }
 }

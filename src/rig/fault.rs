@@ -24,6 +24,16 @@ pub(super) enum Change {
     Ends(FaultKind),
 }
 
+impl Change {
+    /// What changes, and whether it begins.
+    pub(super) fn parts(self) -> (FaultKind, bool) {
+        match self {
+            Self::Begins(kind) => (kind, true),
+            Self::Ends(kind) => (kind, false),
+        }
+    }
+}
+
 /// All faults, with the times at which they begin and end (ns since the rig's start).
 #[derive(Debug, Clone)]
 pub(super) struct Schedule {

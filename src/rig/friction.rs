@@ -3,7 +3,9 @@
 //! Level at speed `v`: `Fc + (Fs - Fc) exp(-(v/vs)^2) + Fv |v| + Fq v^2`, the dry part multiplied by
 //! a ratio when `v < 0`. Over a step the friction may take away at most the whole velocity, so what
 //! stands stays standing until the other forces exceed `Fs` (a discrete form of Coulomb's law; the
-//! idea of non-smooth time stepping, e.g. Stewart and Trinkle 1996). No presliding.
+//! idea of non-smooth time stepping, e.g. Stewart and Trinkle 1996). With a presliding stiffness `k`
+//! the dry part is a spring that slips when it pulls with `F(v)`: the Jenkins element of Iwan's models
+//! (1966), which gives hysteresis within `2 F/k`. A load adds its share of a force to the dry part.
 
 use super::config::{MotorFriction, RailFriction};
 
@@ -17,6 +19,12 @@ pub(super) struct Friction {
     viscous: f64,
     quadratic: f64,
     backward_ratio: f64,
+    /// Friction per load.
+    load_share: f64,
+    /// Stiffness before it slips; 0 is rigid.
+    presliding: f64,
+    /// How far that spring is bent.
+    bent: f64,
 }
 
 impl Friction {
@@ -30,6 +38,9 @@ impl Friction {
             viscous: config.viscous_nm_s_per_turn / radius / per_turn,
             quadratic: config.quadratic_nm_s2_per_turn2 / radius / per_turn.powi(2),
             backward_ratio: config.backward_ratio,
+            load_share: config.load_share,
+            presliding: 0.0,
+            bent: 0.0,
         }
     }
 
@@ -42,45 +53,96 @@ impl Friction {
             viscous: config.viscous_n_s_per_m,
             quadratic: config.quadratic_n_s2_per_m2,
             backward_ratio: config.backward_ratio,
+            load_share: 0.0,
+            presliding: config.presliding_stiffness_n_per_m,
+            bent: 0.0,
         }
     }
 
-    /// Magnitude of the friction force at `velocity`, its dry part multiplied by `factor`.
-    fn level(&self, velocity: f64, factor: f64) -> f64 {
+    /// Magnitude of the dry friction at `velocity` under `load`, multiplied by `factor`.
+    fn dry(&self, velocity: f64, load: f64, factor: f64) -> f64 {
         let speed = velocity.abs();
         let mut dry = self.coulomb;
         if 0.0 < self.bump && speed < 4.0 * self.stribeck_speed {
             dry += self.bump * (-(speed / self.stribeck_speed).powi(2)).exp();
         }
         let side = if velocity < 0.0 { self.backward_ratio } else { 1.0 };
-        dry * side * factor + (self.viscous + self.quadratic * speed) * speed
+        (dry * factor + self.load_share * load.abs()) * side
     }
 
-    /// `velocity` after `dt` seconds of friction on `mass`.
-    pub(super) fn slowed(&self, velocity: f64, factor: f64, dt_per_mass: f64) -> f64 {
-        let loss = self.level(velocity, factor) * dt_per_mass;
-        if velocity.abs() <= loss { 0.0 } else { velocity - loss.copysign(velocity) }
+    /// `velocity` after `dt` seconds of friction on `mass` under `load`; the dry part is multiplied
+    /// by `factor`.
+    pub(super) fn slowed(&mut self, velocity: f64, under: Under) -> f64 {
+        let Under { load, factor, mass, dt } = under;
+        let speed = velocity.abs();
+        let dry = self.dry(velocity, load, factor);
+        let wet = (self.viscous + self.quadratic * speed) * speed;
+        if 0.0 < self.presliding {
+            let most = dry / self.presliding;
+            let pull = self.presliding * self.bent.clamp(-most, most) + wet.copysign(velocity);
+            let slowed = velocity - pull * dt / mass;
+            self.bent = (self.bent + slowed * dt).clamp(-most, most);
+            return slowed;
+        }
+        let loss = (dry + wet) * dt / mass;
+        if speed <= loss { 0.0 } else { velocity - loss.copysign(velocity) }
     }
+}
+
+/// What friction acts on in one step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Under {
+    /// Force that presses (N).
+    pub(super) load: f64,
+    /// The dry part is multiplied by this.
+    pub(super) factor: f64,
+    /// Mass (kg).
+    pub(super) mass: f64,
+    /// Step (s).
+    pub(super) dt: f64,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn what_stands_stays_until_breakaway() {
-        let friction = Friction::of_rail(&RailFriction {
+    const UNDER: Under = Under { load: 0.0, factor: 1.0, mass: 1.0, dt: 1e-4 };
+
+    fn rail(breakaway_n: f64, presliding_stiffness_n_per_m: f64) -> Friction {
+        Friction::of_rail(&RailFriction {
             coulomb_n: 1.0,
-            breakaway_n: 2.0,
+            breakaway_n,
+            presliding_stiffness_n_per_m,
             viscous_n_s_per_m: 0.0,
             ..RailFriction::default()
-        });
-        let dt_per_mass = 1e-4;
+        })
+    }
+
+    #[test]
+    fn what_stands_stays_until_breakaway() {
+        let mut friction = rail(2.0, 0.0);
         // 1.9 N push in one step: less than the breakaway force, so nothing moves.
-        assert_eq!(friction.slowed(1.9 * dt_per_mass, 1.0, dt_per_mass), 0.0);
-        assert!(0.0 < friction.slowed(2.1 * dt_per_mass, 1.0, dt_per_mass));
+        assert_eq!(friction.slowed(1.9e-4, UNDER), 0.0);
+        assert!(0.0 < friction.slowed(2.1e-4, UNDER));
         // Far above the Stribeck speed only Coulomb's friction is left.
-        let after = friction.slowed(1.0, 1.0, dt_per_mass);
-        assert!((after - (1.0 - 1.0 * dt_per_mass)).abs() < 1e-12);
+        let after = friction.slowed(1.0, UNDER);
+        assert!((after - (1.0 - 1e-4)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn before_it_slips_an_elastic_stage_pushes_back() {
+        let mut friction = rail(0.0, 1e4);
+        // 0.5 N hold it 0.05 mm away; without them it swings back.
+        let (mut velocity, mut place) = (0.0, 0.0);
+        for _ in 0..2000 {
+            velocity = friction.slowed(velocity + 0.5e-4 - velocity * 0.01, UNDER);
+            place += velocity * 1e-4;
+        }
+        assert!((place - 5e-5).abs() < 2e-6, "{place}");
+        for _ in 0..2000 {
+            velocity = friction.slowed(velocity - velocity * 0.01, UNDER);
+            place += velocity * 1e-4;
+        }
+        assert!(place.abs() < 2e-6, "{place}");
     }
 }

@@ -8,11 +8,12 @@
 //! `x = d/2 (a + b)`, `y = d/2 (a - b)`. Semi-implicit Euler; friction as in `friction`.
 //!
 //! Written apart from the kinematics of the rest of the crate on purpose: see [`crate::rig`].
-//! Left out: racking of the bridge, mass that depends on the place, presliding.
+//! Racking: a yawing bridge pushes the carriage in x with `-c x a_y`. Left out: mass that depends on
+//! the place.
 
 use super::{
     config::{GantryConfig, RigConfig},
-    friction::Friction,
+    friction::{Friction, Under},
 };
 use std::f64::consts::TAU;
 
@@ -42,7 +43,8 @@ impl Rotor {
     fn advance(&mut self, tension: f64, warmth: f64, dt: f64) {
         let free = self.velocity + (self.force - tension) / self.mass * dt;
         // Friction may depend on the rotor's own sense of turning.
-        let own = self.friction.slowed(free * self.sign, warmth, dt / self.mass);
+        let under = Under { load: tension, factor: warmth, mass: self.mass, dt };
+        let own = self.friction.slowed(free * self.sign, under);
         self.velocity = own * self.sign;
         self.position += self.velocity * dt;
     }
@@ -56,6 +58,8 @@ pub(super) struct Gantry {
     /// Displacement of the carriage from its start along its own rails (m).
     travel: [f64; 2],
     velocity: [f64; 2],
+    /// Racking of the bridge: force in x per displacement in x (N/m).
+    yaw: f64,
     /// Whether it is jammed.
     pub(super) stuck: bool,
     scale: [f64; 2],
@@ -78,6 +82,7 @@ impl Gantry {
             rotors: [rotor.clone(), rotor],
             travel: [0.0; 2],
             velocity: [0.0; 2],
+            yaw: 0.0,
             stuck: false,
             scale: [1.0 + config.x_scale_error, 1.0 + config.y_scale_error],
             stiffness: [config.belt_a_stiffness_n_per_m, config.belt_b_stiffness_n_per_m],
@@ -121,17 +126,21 @@ impl Gantry {
         let pull = [tension_a + tension_b, tension_a - tension_b];
         let cross = self.config.cross_damping_n_s_per_m;
         let before = self.velocity;
+        let racking = [-self.yaw * self.position()[0], 0.0];
         let tilt = [self.config.x_tilt_rad, self.config.y_tilt_rad];
         for axis in 0..2 {
             let mass = self.mass[axis];
-            let force = pull[axis] / self.scale[axis] + load[axis] + self.endstop(axis)
-                - cross * before[1 - axis]
-                - mass * GRAVITY * tilt[axis];
+            let force =
+                pull[axis] / self.scale[axis] + load[axis] + racking[axis] + self.endstop(axis)
+                    - cross * before[1 - axis]
+                    - mass * GRAVITY * tilt[axis];
             let free = before[axis] + force / mass * dt;
             let factor = warmth * self.rail_factor(axis);
-            self.velocity[axis] = self.friction[axis].slowed(free, factor, dt / mass);
+            let under = Under { load: 0.0, factor, mass, dt };
+            self.velocity[axis] = self.friction[axis].slowed(free, under);
             self.travel[axis] += self.velocity[axis] * dt;
         }
+        self.yaw = self.config.racking_kg_per_m * (self.velocity[1] - before[1]) / dt;
     }
 
     fn tension(&self, belt: usize, carriage: f64, carriage_speed: f64) -> f64 {

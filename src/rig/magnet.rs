@@ -78,8 +78,8 @@ impl Peg {
         let mass = self.config.mass_kg;
         let before = self.velocity;
         let drag = self.config.viscous_n_s_per_m;
-        for axis in 0..2 {
-            self.velocity[axis] += (pull[axis] - drag * before[axis]) / mass * dt;
+        for (axis, velocity) in self.velocity.iter_mut().enumerate() {
+            *velocity += (pull[axis] - drag * *velocity) / mass * dt;
         }
         let speed = self.velocity[0].hypot(self.velocity[1]);
         let loss = self.config.friction_n / mass * dt;
@@ -122,8 +122,8 @@ impl Peg {
         }
         let rate = TAU * self.config.wobble_hz;
         let damping = 2.0 * self.config.wobble_damping_ratio * rate;
-        for axis in 0..2 {
-            let acceleration = (self.velocity[axis] - before[axis]) / dt;
+        for (axis, before) in before.into_iter().enumerate() {
+            let acceleration = (self.velocity[axis] - before) / dt;
             self.tip_velocity[axis] -=
                 (acceleration + damping * self.tip_velocity[axis] + rate * rate * self.tip[axis])
                     * dt;

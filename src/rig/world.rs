@@ -25,7 +25,7 @@ use std::f64::consts::TAU;
 
 const NANOS: f64 = 1e9;
 /// Friction drift is slow: its factor is renewed this often (steps).
-const STEPS_PER_WARMTH: u64 = 4096;
+const STEPS_PER_WARMTH: u64 = 1024;
 
 /// Where a drive's motor sits.
 #[derive(Debug, Clone, Copy)]
@@ -189,12 +189,9 @@ impl World {
     }
 
     fn change(&mut self, change: Change) {
-        let (kind, begins) = match change {
-            Change::Begins(kind) => (kind, true),
-            Change::Ends(kind) => (kind, false),
-        };
+        let (kind, begins) = change.parts();
         if let Some(node) = kind.node() {
-            self.change_drive(kind, node, begins);
+            self.change_drive(node, change);
         }
         let side = |player: Player| usize::from(player == Player::Right);
         let faults = &mut self.link_faults;
@@ -214,7 +211,8 @@ impl World {
         }
     }
 
-    fn change_drive(&mut self, kind: FaultKind, node: u8, begins: bool) {
+    fn change_drive(&mut self, node: u8, change: Change) {
+        let (kind, begins) = change.parts();
         let Some(idx) = self.config.drives.iter().position(|seat| seat.node == node) else {
             return;
         };

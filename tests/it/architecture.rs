@@ -110,6 +110,20 @@ fn rooms_of_one_layer_use_each_other_in_one_direction() {
     }
 }
 
+/// What is fitted to recordings of the virtual rig must not share a line of dynamics with it, else a
+/// fit would only recover its own code. So the rig may not use `gantry`, `actuator`, or any room of
+/// effects, twins and simulators: only words, bytes and geometry.
+#[test]
+fn the_virtual_rig_has_its_own_physics() {
+    let allowed = ["units", "seed", "can", "link", "board", "recording"];
+    for ((room, used), file) in edges() {
+        assert!(
+            room != "rig" || allowed.contains(&used.as_str()),
+            "{file}: the virtual rig uses '{used}'"
+        );
+    }
+}
+
 #[test]
 fn imports_are_read_as_they_are_written() {
     let text = "use crate::{\n    recording::{Recording, topic},\n    stats::mean,\n};\nuse crate::nn;\n\

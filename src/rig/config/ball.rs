@@ -19,6 +19,12 @@ ranged! {
         viscous_per_s: 0.02 in [0.0, 100.0];
         /// Deceleration per speed squared: air (1/m).
         quadratic_per_m: 0.02 in [0.0, 10.0];
+        /// Friction coefficient while it slides after a hit, until it rolls; 0 is always rolling.
+        sliding_friction: 0.0 in [0.0, 2.0];
+        /// Attraction by a striker that it touches (m/s^2); negative repels.
+        peg_attraction_m_per_s2: 0.0 in [-10.0, 10.0];
+        /// Distance over which the attraction fades to 1/e (m).
+        peg_attraction_range_m: 0.01 in [1e-3, 0.1];
         /// Slope of the board along x (rad); the ball runs towards positive x when it is negative.
         x_tilt_rad: 0.0 in [-0.2, 0.2];
         /// Slope of the board along y (rad).
@@ -48,6 +54,38 @@ ranged! {
     other {
         /// Where it starts; without it there is no ball until somebody rolls one.
         start: Option<Launch> = Some(Launch::default());
+        /// A place where it rolls worse.
+        patch: PatchConfig = PatchConfig::default();
+        /// Where the walls are.
+        wall_shift: WallShift = WallShift::default();
+    }
+}
+
+ranged! {
+    /// A round place with more rolling resistance.
+    PatchConfig {
+        /// Its centre, across (m).
+        x_m: 0.0 in [-1.0, 1.0];
+        /// Its centre, from goal to goal (m).
+        y_m: 0.0 in [-1.0, 1.0];
+        /// Its radius (m); 0 is none.
+        radius_m: 0.0 in [0.0, 1.0];
+        /// Added to the rolling resistance.
+        extra_resistance: 0.0 in [0.0, 1.0];
+    }
+}
+
+ranged! {
+    /// How far each wall stands outside its nominal place, for the ball.
+    WallShift {
+        /// The wall at the least x (m).
+        x_low_m: 0.0 in [-0.02, 0.02];
+        /// The wall at the largest x (m).
+        x_high_m: 0.0 in [-0.02, 0.02];
+        /// The wall at the least y (m).
+        y_low_m: 0.0 in [-0.02, 0.02];
+        /// The wall at the largest y (m).
+        y_high_m: 0.0 in [-0.02, 0.02];
     }
 }
 
@@ -80,6 +118,8 @@ ranged! {
 impl BallConfig {
     pub(super) fn check(&self, path: &str) -> Result<(), ConfigError> {
         self.check_numbers(path)?;
+        self.patch.check_numbers(&format!("{path}patch."))?;
+        self.wall_shift.check_numbers(&format!("{path}wall_shift."))?;
         if let Some(start) = &self.start {
             for (name, value, top) in [
                 ("x_m", start.x_m, 10.0),

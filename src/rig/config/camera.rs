@@ -21,6 +21,8 @@ ranged! {
         quantisation_m: 0.0 in [0.0, 0.1];
         /// Share of pictures that never arrive.
         drop_share: 0.0 in [0.0, 1.0];
+        /// Share of pictures that arrive twice.
+        repeat_share: 0.0 in [0.0, 1.0];
         /// Share of objects that are not found in a picture.
         miss_share: 0.0 in [0.0, 1.0];
         /// Share of objects that are found in a wrong place.

@@ -140,6 +140,8 @@ ranged! {
         quadratic_nm_s2_per_turn2: 0.0 in [0.0, 1.0];
         /// Friction when it turns backwards, as a multiple of forwards.
         backward_ratio: 1.0 in [0.1, 10.0];
+        /// Further friction as a share of the belt's tension.
+        load_share: 0.0 in [0.0, 0.5];
     }
 }
 

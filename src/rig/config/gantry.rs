@@ -25,6 +25,8 @@ ranged! {
         squareness_rad: 0.0 in [-0.1, 0.1];
         /// Force in x per speed in y and vice versa (N s/m).
         cross_damping_n_s_per_m: 0.0 in [-100.0, 100.0];
+        /// Force in x per acceleration in y and displacement in x: the bridge yaws (kg/m).
+        racking_kg_per_m: 0.0 in [-20.0, 20.0];
         /// Slope of the table along x (rad).
         x_tilt_rad: 0.0 in [-0.2, 0.2];
         /// Slope of the table along y (rad).
@@ -34,7 +36,7 @@ ranged! {
         /// Where the carriage stands at the start, from goal to goal (m).
         y_start_m: 0.0 in [-1.0, 1.0];
         /// Travel to either side of the middle line of the board, across (m).
-        x_travel_m: 0.165 in [0.01, 1.0];
+        x_travel_m: 0.165 in [0.001, 1.0];
         /// Least distance of the carriage from the centre line between the players (m).
         y_travel_near_m: 0.002 in [-1.0, 1.0];
         /// Largest distance of the carriage from that line (m).
@@ -65,6 +67,8 @@ ranged! {
         quadratic_n_s2_per_m2: 0.0 in [0.0, 1e4];
         /// Friction towards negative coordinates, as a multiple of positive.
         backward_ratio: 1.0 in [0.1, 10.0];
+        /// Stiffness before the rail slips (N/m); 0 is rigid.
+        presliding_stiffness_n_per_m: 0.0 in [0.0, 1e6];
         /// Share by which friction swings along the rail.
         position_share: 0.0 in [0.0, 0.9];
         /// Wavelength of that swing (m).
@@ -131,6 +135,11 @@ impl GantryConfig {
         let rate = (2.0 * stiffness * (2.0 / self.carriage_mass_kg + 1.0 / rotor_mass)).sqrt();
         let damped = 2.0 * self.belt_damping_n_s_per_m * (1.0 / self.carriage_mass_kg);
         stable(rig.step_s, "belt", rate, damped + self.belt_damping_n_s_per_m / rotor_mass)?;
+        let elastic = [&self.x_friction, &self.y_friction]
+            .map(|rail| rail.presliding_stiffness_n_per_m)
+            .into_iter()
+            .fold(0.0, f64::max);
+        stable(rig.step_s, "presliding", (elastic / self.carriage_mass_kg).sqrt(), 0.0)?;
         let stop = (self.endstop_stiffness_n_per_m / self.carriage_mass_kg).sqrt();
         stable(rig.step_s, "end stop", stop, stop)
     }

@@ -12,7 +12,7 @@ use crate::{
 };
 use std::f64::consts::TAU;
 
-const CURRENT_OVER_TEMPERATURE_FET: u32 = 0x4000;
+const OVER_TEMPERATURE_FET: u32 = 0x4000;
 const OVER_TEMPERATURE_MOTOR: u32 = 0x2000;
 const UNDER_VOLTAGE: u32 = 0x200;
 const OVERSPEED: u32 = 0x8000;
@@ -209,7 +209,7 @@ impl Drive {
         let thermal = &self.config.thermal;
         let mut reason = 0;
         if thermal.fet_limit_celsius < self.control.fet_celsius {
-            reason |= CURRENT_OVER_TEMPERATURE_FET;
+            reason |= OVER_TEMPERATURE_FET;
         }
         let guards = self.config.guards;
         if guards.motor_thermistor && thermal.motor_limit_celsius < self.control.motor_celsius {
