@@ -16,6 +16,14 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    /// Drive carriages through scripted trajectories and record everything
+    ///
+    /// The plan is proven before anything is armed. The first Ctrl-C ramps to zero and switches off,
+    /// the second is an emergency stop of every drive. Without a table, --bus virtual (the default)
+    /// is one.
+    Collect(commands::collect::Args),
+    /// Run the virtual rig as a table of its own on a real bus
+    Rig(commands::rig::Args),
     /// Say what is in recordings, and what is doubtful about them
     Info(commands::info::Args),
     /// Save what a cut-off or damaged recording still holds
@@ -35,6 +43,8 @@ pub(crate) enum Command {
 impl Command {
     pub(crate) fn run(self) -> anyhow::Result<Outcome> {
         match self {
+            Self::Collect(args) => commands::collect::run(&args),
+            Self::Rig(args) => commands::rig::run(&args),
             Self::Info(args) => commands::info::run(&args),
             Self::Recover(args) => commands::recover::run(&args),
             Self::Import(args) => commands::import::run(&args),

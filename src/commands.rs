@@ -1,11 +1,14 @@
 //! One file per subcommand: its arguments, and a `run` that makes one call into the library.
 
+pub(crate) mod collect;
 pub(crate) mod export;
 pub(crate) mod fit_actuator;
 pub(crate) mod import;
 pub(crate) mod info;
 mod interrupt;
 pub(crate) mod recover;
+pub(crate) mod rig;
+mod table;
 
 use klasktron::recording::Recording;
 use std::{

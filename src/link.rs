@@ -19,7 +19,7 @@
 //! assert!(matches!(link.next_event(deadline).unwrap(), Some(Event::Frame { .. })));
 //! ```
 
-mod camera;
+pub mod camera;
 mod fault;
 mod hex;
 mod live;
@@ -34,7 +34,9 @@ mod spec;
 #[cfg(target_os = "linux")]
 pub use self::socketcan::{IdFilter, SocketCan};
 pub use self::socketcand::Socketcand;
-pub use camera::{CameraError, CameraSocket, CameraSpec, CameraSpecError, parse_detections};
+pub use camera::{
+    CameraError, CameraSender, CameraSocket, CameraSpec, CameraSpecError, parse_detections,
+};
 pub use live::LiveLink;
 pub use replay::{Replay, ReplayLink};
 pub use slcan::Slcan;

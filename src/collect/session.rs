@@ -88,10 +88,10 @@ pub struct Progress<'a> {
     pub periods_done: usize,
     /// Control periods in all.
     pub periods: usize,
-    /// Frames received so far.
-    pub frames: u64,
-    /// Pictures received so far.
-    pub pictures: u64,
+    /// Frames that came in since the last view (1/s).
+    pub frames_per_s: f64,
+    /// Pictures that came in since the last view (1/s).
+    pub pictures_per_s: f64,
     /// Faults of the bus and setpoints that it did not take.
     pub errors: u64,
     /// Largest distance from the reference so far (m).
@@ -215,6 +215,13 @@ pub struct SessionOutput<'a> {
     pub show: &'a mut dyn FnMut(&Progress<'_>),
 }
 
+/// What the last live view has told.
+struct Shown {
+    at: Nanos,
+    frames: u64,
+    pictures: u64,
+}
+
 struct Session<'a> {
     station: Station<'a>,
     control: ControlLoop,
@@ -222,10 +229,12 @@ struct Session<'a> {
     config: &'a SessionConfig,
     legs: &'a [Leg],
     show: &'a mut dyn FnMut(&Progress<'_>),
-    shown_at: Nanos,
+    shown: Shown,
     runs_done: usize,
     samples: usize,
+    periods_planned: usize,
     periods_done: usize,
+    periods_in_leg: usize,
 }
 
 impl<'a> Session<'a> {
@@ -247,10 +256,12 @@ impl<'a> Session<'a> {
             config,
             legs,
             show,
-            shown_at: now,
+            shown: Shown { at: now, frames: 0, pictures: 0 },
             runs_done: 0,
             samples: 0,
+            periods_planned: legs.iter().map(Leg::periods).sum(),
             periods_done: 0,
+            periods_in_leg: 0,
         }
     }
 
@@ -274,6 +285,8 @@ impl<'a> Session<'a> {
                 }
                 None => self.follow(leg)?,
             }
+            self.periods_done += leg.periods();
+            self.periods_in_leg = 0;
         }
         Ok(())
     }
@@ -336,9 +349,11 @@ impl<'a> Session<'a> {
             self.control.finish(&mut self.station, tick)?;
             self.guard.check(&self.station)?;
             at += 1;
+            if leg.run.is_some() {
+                self.periods_in_leg = at;
+            }
             self.show_progress(leg.run.as_ref());
         }
-        self.periods_done += leg.periods();
         Ok(())
     }
 
@@ -352,19 +367,21 @@ impl<'a> Session<'a> {
 
     fn show_progress(&mut self, run: Option<&RunLabel>) {
         let now = self.station.now();
-        if now.seconds_since(self.shown_at) < PROGRESS_SECONDS {
+        let since = now.seconds_since(self.shown.at);
+        if since < PROGRESS_SECONDS {
             return;
         }
-        self.shown_at = now;
         let counts = &self.station.counts;
+        let shown = Shown { at: now, frames: counts.frames_received, pictures: counts.pictures };
+        let before = std::mem::replace(&mut self.shown, shown);
         (self.show)(&Progress {
             run,
             runs_done: self.runs_done,
             runs: count_runs(self.legs),
-            periods_done: self.periods_done,
-            periods: self.legs.iter().map(Leg::periods).sum(),
-            frames: counts.frames_received,
-            pictures: counts.pictures,
+            periods_done: self.periods_done + self.periods_in_leg,
+            periods: self.periods_planned,
+            frames_per_s: (counts.frames_received - before.frames) as f64 / since,
+            pictures_per_s: (counts.pictures - before.pictures) as f64 / since,
             errors: counts.faults.values().sum::<u64>() + counts.setpoints_dropped,
             worst_tracking: self.guard.worst_tracking(),
             now,

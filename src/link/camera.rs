@@ -28,6 +28,10 @@
 //!
 //! Other keys are ignored, so that a program may send more than is read here.
 
+mod sender;
+
+pub use sender::CameraSender;
+
 use super::LinkError;
 use crate::recording::message::{CameraDetections, Point};
 use serde_json::{Map, Value};
