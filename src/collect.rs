@@ -4,7 +4,7 @@
 //! A [`Plan`] is a list of runs, each a [`Pattern`](crate::gantry::Pattern) with its length and
 //! whether it is to be fitted or to judge. [`prove`] turns it into the motion of every player,
 //! moves between runs included, and checks every sample of it against the robot's limits; what is
-//! executed is what the [`Proof`] holds.
+//! executed is what the [`Proof`] holds. [`plan_page`] shows it without moving anything.
 //!
 //! [`run_session`] looks at the bus, references the carriages, arms the drives, proves that they stop
 //! by themselves when nobody talks to them, drives every leg and switches off. Whatever ends it is a
@@ -29,9 +29,11 @@
 
 mod arming;
 mod control;
+mod error;
 mod guard;
 mod homing;
 mod plan;
+mod plan_page;
 mod preflight;
 mod proof;
 mod reason;
@@ -42,10 +44,12 @@ mod watch;
 
 pub use arming::WatchdogPolicy;
 pub use control::Lateness;
+pub use error::{Breach, Part, PlanError};
 pub use homing::{HomingError, HomingPolicy};
 pub use plan::{Plan, PlannedRun, Schedule, Split};
+pub use plan_page::{PlanPage, plan_page};
 pub use preflight::{Census, CyclicRate, MOST_BUS_LOAD, Problem, bus_load};
-pub use proof::{Breach, Figures, Part, PlanError, Proof, ProvenRun, check_reference, prove};
+pub use proof::{Figures, Proof, ProvenRun, check_reference, prove};
 pub use reason::{HotPart, Reaction, StopReason};
 pub use session::{
     Leg, Progress, RunLabel, SESSION_METADATA, SessionConfig, SessionError, SessionOutput,

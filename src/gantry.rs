@@ -27,5 +27,5 @@ pub use robot::{
     BoardEntry, BusConfig, CyclicPeriods, PerPlayer, Point, Robot, RobotError, Timeouts,
 };
 pub use trajectory::{
-    Heading, Pattern, Reference, Setpoint, Slope, TRANSFER_SLACK_M, TrajectoryError, Turn,
+    Heading, Pattern, Reference, Sampling, Setpoint, Slope, TRANSFER_SLACK_M, TrajectoryError, Turn,
 };

@@ -5,6 +5,8 @@
 //!
 //! 1. A recording is an MCAP file of the data contract (`datasets_schema/`): commands, motors,
 //!    carriage, camera, markers of runs. What labs already have comes in through [`import`].
+//!    New ones are made by [`collect`]: a proven plan is driven over a [`link`] to a real table or to
+//!    the virtual [`rig`].
 //! 2. [`recording::Recording::open`] reads any MCAP file, a damaged one as far as it goes, and
 //!    [`recording::inspect`] says what is in it and what is doubtful.
 //! 3. [`actuator::load`] puts the runs on the 50 Hz grid of the control loop and divides them, by
@@ -36,16 +38,17 @@
 //! | | [`rig`] | the virtual rig: simulated drives, gantries, ball and camera behind a link |
 //! | | [`actuator`] | command history to motion: models, fits, judgement |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
-//! | | [`collect`] | what to run on the table, and the proof that it may |
+//! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
-//! Still to come, each with its place: `ekf`, `effects`, `twin` and `sim` in layer 2; `score`,
-//! `gap` and `rl` in layer 3; transports in [`can`].
+//! Still to come, each with its place: `ekf`, `effects`, `twin` and `sim` in layer 2; `score`, `gap` and
+//! `rl` in layer 3.
 //!
 //! # Invariants
 //!
 //! - SI units inside; at every boundary (flag, field, plot) the unit is in the name.
-//! - Recorded time is an integer count of nanoseconds; nothing here reads the system's clock.
+//! - Recorded time is an integer count of nanoseconds. The system's clock is read only where a real
+//!   table is: in `link`'s live connection and in `rig` when it runs in real time.
 //! - Equal inputs and seeds give equal bytes, whatever the number of threads.
 //! - What is written appears under its name only when it is complete.
 //! - A recording that is marked for validation is never fitted.

@@ -8,4 +8,6 @@ mod html;
 mod plot;
 
 pub use html::{Page, Table, escape};
-pub use plot::{Axis, Band, Curve, HeatMap, LinePlot, Scale, Stroke, heat_map, line_plot};
+pub use plot::{
+    Axis, Band, Curve, HeatMap, LinePlot, Scale, Stroke, heat_map, line_plot, path_plot,
+};

@@ -197,8 +197,7 @@ fn ramp_down(
     reaction: Reaction,
 ) -> Result<(), StopReason> {
     let started = station.now();
-    // The reaction is sent now; waiting for the next period would cost up to one.
-    control.restart(Nanos(started.0.saturating_sub((control.period_seconds() * 1e9) as u64)));
+    control.hurry(started);
     let presses = station.presses();
     let mut still_since = None;
     loop {

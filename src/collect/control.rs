@@ -83,9 +83,15 @@ impl ControlLoop {
         self.commanded[player as usize]
     }
 
-    /// Begins anew after a pause that was meant.
+    /// Begins anew after a pause that was meant; the next deadline is a period away.
     pub(super) fn restart(&mut self, now: Nanos) {
         self.deadline = Nanos(now.0 + self.period);
+    }
+
+    /// Makes the next deadline now, since a reaction cannot wait for it. No deadline is given twice.
+    pub(super) fn hurry(&mut self, now: Nanos) {
+        let last = self.deadline.0.saturating_sub(self.period);
+        self.deadline = Nanos(now.0.max(last + 1));
     }
 
     /// Waits for the next period.

@@ -1,6 +1,6 @@
 //! The plan of a collection: which runs, how long, and which of them judge.
 
-use super::proof::PlanError;
+use super::error::PlanError;
 use crate::{
     gantry::{Heading, Pattern, Slope, Turn},
     seed::Stream,

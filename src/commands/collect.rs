@@ -10,15 +10,22 @@ use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     collect::{
-        HomingPolicy, Leg, Plan, Progress, RawFrames, Schedule, SessionConfig, SessionError,
-        SessionOutput, SessionReport, Split, WatchdogPolicy, listen, prove, run_session,
+        HomingPolicy, Leg, Plan, Progress, Proof, RawFrames, Schedule, SessionConfig, SessionError,
+        SessionOutput, SessionReport, Split, WatchdogPolicy, listen, plan_page, prove, run_session,
     },
     gantry::Pattern,
     link::BusSpec,
     provenance::{CRATE_VERSION, GIT_HASH},
-    recording::{ExistingFile, FlushPolicy, RecordingWriter, partial_name, topic::Player},
+    recording::{
+        ExistingFile, FlushPolicy, RecordingWriter, partial_name, topic::Player, write_bytes,
+    },
 };
-use std::{cell::Cell, collections::BTreeMap, fs, path::PathBuf};
+use std::{
+    cell::Cell,
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
 /// Largest rate of the control loop (Hz).
 const LARGEST_RATE_HZ: f64 = 500.0;
@@ -152,6 +159,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let plan = args.motion.plan()?;
     let players = args.table.players(&files.robot)?;
     let proof = prove(&plan, &files.robot, &players)?;
+    if let Some(folder) = &args.dry_run {
+        return write_plan(folder, &proof, &files, args.json);
+    }
     if matches!(args.table.bus, BusSpec::Replay(_)) {
         bail!("{} can be listened to (--listen), not driven", args.table.bus);
     }
@@ -231,6 +241,36 @@ fn tell_outcome(args: &Args, report: &SessionReport) -> anyhow::Result<Outcome> 
         late.skipped
     ));
     Ok(if report.is_complete() { Outcome::Done } else { Outcome::Lossy })
+}
+
+fn write_plan(
+    folder: &Path,
+    proof: &Proof,
+    files: &TableFiles,
+    json: bool,
+) -> anyhow::Result<Outcome> {
+    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
+    let page = plan_page(proof, &files.robot)?;
+    for (name, text) in [
+        ("index.html", &page.index_html),
+        ("plan.csv", &page.plan_csv),
+        ("plan.json", &page.plan_json),
+    ] {
+        write_bytes(&folder.join(name), ExistingFile::Replace, text.as_bytes())?;
+    }
+    if json {
+        print(&page.plan_json)?;
+    }
+    let (runs, samples) = (proof.runs().len(), proof.plan().samples());
+    tell(&format!(
+        "proven: {runs} runs, {samples} samples, {:.1} min with the moves between runs; nearest to an \
+         edge {:.1} mm with its stopping distance; wrote {2}/index.html, {2}/plan.csv and \
+         {2}/plan.json",
+        proof.duration_s() / 60.0,
+        1e3 * proof.figures().edge_distance_m,
+        folder.display()
+    ));
+    Ok(Outcome::Done)
 }
 
 fn list_patterns() -> anyhow::Result<Outcome> {

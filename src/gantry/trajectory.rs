@@ -10,12 +10,13 @@
 //! the upstream identification node. Left out on purpose: feedback. A reference is open loop.
 //!
 //! ```
-//! use klasktron::gantry::{Pattern, Robot};
+//! use klasktron::gantry::{Pattern, Robot, Sampling};
 //! use klasktron::recording::topic::Player;
 //! let robot = Robot::default();
 //! let pattern: Pattern = "circle:radius_m=0.03,speed_m_per_s=0.3".parse()?;
 //! let window = robot.window(Player::Left);
-//! let run = pattern.reference(&window, &robot.limits, 50.0, 750, 1)?;
+//! let sampling = Sampling { rate_hz: 50.0, samples: 750, seed: 1 };
+//! let run = pattern.reference(&window, &robot.limits, &sampling)?;
 //! assert_eq!(run.setpoints().len(), 750);
 //! assert_eq!(run.setpoints()[749].velocity, [0.0, 0.0]);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -33,6 +34,17 @@ pub use error::TrajectoryError;
 pub use reference::{Reference, Setpoint, TRANSFER_SLACK_M};
 
 use serde::{Deserialize, Serialize};
+
+/// The control grid of one run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sampling {
+    /// Commands per second (Hz), [10, 1000]; 50 on the KlaskTron table.
+    pub rate_hz: f64,
+    /// Control periods, [10, 1000000].
+    pub samples: usize,
+    /// Of the random walk's and the multisine's random numbers.
+    pub seed: u64,
+}
 
 /// A straight direction on the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Line plots with bands, and heat maps, as SVG.
+//! Line plots with bands, paths at one scale for both axes, and heat maps, as SVG.
 
 use plotters::{
     coord::{
@@ -110,6 +110,15 @@ pub fn line_plot(plot: &LinePlot) -> String {
     or_note(svg, drawn)
 }
 
+/// Draws a line plot of places: one unit is as long across as it is up, so that a circle is round.
+/// Both axes are linear.
+#[must_use]
+pub fn path_plot(plot: &LinePlot) -> String {
+    let mut svg = String::new();
+    let drawn = draw_path_plot(plot, &mut svg);
+    or_note(svg, drawn)
+}
+
 /// Draws a heat map.
 #[must_use]
 pub fn heat_map(map: &HeatMap) -> String {
@@ -151,18 +160,57 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     }
 }
 
-fn draw_line_plot(plot: &LinePlot, svg: &mut String) -> Drawn {
-    let area = SVGBackend::with_string(svg, plot.size).into_drawing_area();
-    area.fill(&WHITE)?;
-    let (left, right) = range(finite(plot).map(|(x, _)| x));
-    let (low, high) = range(finite(plot).map(|(_, y)| y));
-    let mut builder = ChartBuilder::on(&area);
+/// Room for title and labels, the same for all line plots.
+fn frame(plot: &LinePlot, builder: &mut ChartBuilder<'_, '_, SVGBackend<'_>>) {
     builder
         .caption(&plot.title, (FONT, 17))
         .margin(10)
         .margin_right(24)
         .x_label_area_size(42)
         .y_label_area_size(68);
+}
+
+fn draw_path_plot(plot: &LinePlot, svg: &mut String) -> Drawn {
+    let (left, right) = range(finite(plot).map(|(x, _)| x));
+    let (low, high) = range(finite(plot).map(|(_, y)| y));
+    let (across, up) = (1.06 * (right - left), 1.06 * (high - low));
+    let (wide, tall) = plotting_size(plot)?;
+    // Units per pixel: the axis that needs more of them decides.
+    let scale = (across / wide).max(up / tall);
+    let about = |from: f64, to: f64, pixels: f64| {
+        let middle = f64::midpoint(from, to);
+        middle - scale * pixels / 2.0..middle + scale * pixels / 2.0
+    };
+    let area = SVGBackend::with_string(svg, plot.size).into_drawing_area();
+    area.fill(&WHITE)?;
+    let mut builder = ChartBuilder::on(&area);
+    frame(plot, &mut builder);
+    let heights = about(low, high, tall);
+    let floor = heights.start;
+    let chart = builder.build_cartesian_2d(about(left, right, wide), heights)?;
+    draw_curves(plot, chart, floor)?;
+    area.present()?;
+    Ok(())
+}
+
+/// Width and height (px) of what is left for the curves.
+fn plotting_size(plot: &LinePlot) -> Result<(f64, f64), Box<dyn std::error::Error>> {
+    let mut unused = String::new();
+    let area = SVGBackend::with_string(&mut unused, plot.size).into_drawing_area();
+    let mut builder = ChartBuilder::on(&area);
+    frame(plot, &mut builder);
+    let chart = builder.build_cartesian_2d(0.0..1.0, 0.0..1.0)?;
+    let (wide, tall) = chart.plotting_area().dim_in_pixel();
+    Ok((f64::from(wide.max(1)), f64::from(tall.max(1))))
+}
+
+fn draw_line_plot(plot: &LinePlot, svg: &mut String) -> Drawn {
+    let area = SVGBackend::with_string(svg, plot.size).into_drawing_area();
+    area.fill(&WHITE)?;
+    let (left, right) = range(finite(plot).map(|(x, _)| x));
+    let (low, high) = range(finite(plot).map(|(_, y)| y));
+    let mut builder = ChartBuilder::on(&area);
+    frame(plot, &mut builder);
     match plot.y.scale {
         Scale::Linear => {
             let room = 0.06 * (high - low);
@@ -349,6 +397,30 @@ mod tests {
         };
         let svg = heat_map(&map);
         assert!(svg.contains("<rect") && svg.contains("two"));
+    }
+
+    #[test]
+    fn a_path_has_one_scale() {
+        let square = vec![(0.0, 0.0), (0.3, 0.0), (0.3, 0.3), (0.0, 0.3), (0.0, 0.0)];
+        let plot = LinePlot {
+            title: "t".into(),
+            x: "x (m)".into(),
+            y: Axis { label: "y (m)".into(), scale: Scale::Linear },
+            bands: vec![],
+            curves: vec![Curve { colour: [9, 8, 7], stroke: Stroke::Solid, points: square }],
+            size: (900, 400),
+        };
+        let svg = path_plot(&plot);
+        let line = svg.split("<polyline").find(|part| part.contains("#090807")).unwrap();
+        let points = line.split("points=\"").nth(1).unwrap().split('"').next().unwrap();
+        let points: Vec<Vec<f64>> = points
+            .split_whitespace()
+            .map(|point| point.split(',').map(|part| part.parse().unwrap()).collect())
+            .collect();
+        let side = points[1][0] - points[0][0];
+        assert!(100.0 < side && (points[1][1] - points[2][1] - side).abs() <= 1.0, "{points:?}");
+        let nothing = LinePlot { curves: vec![], ..plot };
+        assert!(path_plot(&nothing).starts_with("<svg"));
     }
 
     #[test]

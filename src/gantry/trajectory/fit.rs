@@ -1,7 +1,7 @@
 //! Whether a pattern fits its window and limits, and what would.
 
 use super::{
-    Pattern, Reference, TrajectoryError,
+    Pattern, Reference, Sampling, TrajectoryError,
     course::{Course, Grid, course},
     reference::checked_rate,
 };
@@ -19,9 +19,8 @@ const STEPS: usize = 96;
 const HALVINGS: usize = 12;
 
 impl Pattern {
-    /// Its motion over `samples` control periods of `rate_hz`, in the middle of `window`: it starts
-    /// and ends at rest, keeps the limits of speed and slew, and could at each moment stop inside.
-    /// What is periodic is repeated. `seed` matters to the random walk and the multisine.
+    /// Its motion in the middle of `window`: it starts and ends at rest, keeps the limits of speed
+    /// and slew, and could at each moment stop inside. What is periodic is repeated.
     ///
     /// # Errors
     /// When a parameter is out of its range, or the pattern cannot be had here; the error tells
@@ -30,10 +29,9 @@ impl Pattern {
         &self,
         window: &Rectangle,
         limits: &Limits,
-        rate_hz: f64,
-        samples: usize,
-        seed: u64,
+        sampling: &Sampling,
     ) -> Result<Reference, TrajectoryError> {
+        let Sampling { rate_hz, samples, seed } = *sampling;
         self.check()?;
         let rate = checked_rate(rate_hz)?;
         if !SAMPLES.contains(&samples) {

@@ -236,6 +236,7 @@ impl FromStr for Pattern {
 
     fn from_str(text: &str) -> Result<Self, TrajectoryError> {
         let (name, rest) = text.trim().split_once(':').unwrap_or((text.trim(), ""));
+        let name = name.trim_end();
         let found = Self::ALL.into_iter().find(|pattern| pattern.name() == name);
         let mut pattern = found.ok_or_else(|| {
             let allowed = Self::ALL.map(|pattern| pattern.name()).join(", ");

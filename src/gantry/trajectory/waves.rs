@@ -6,8 +6,8 @@
 //! Multisine: `v(t) = A sum cos(2 pi h_n t / T + phi_n)`, whole numbers `h_n` spread evenly in the
 //! logarithm of the band; x has the even, y the odd ones, so what one axis does to the other shows
 //! at lines that are not its own. Phases: Schroeder's `-pi n (n - 1) / N` (IEEE Trans. Inf. Theory
-//! 16, 1970) or, where better, the best of a few random draws: the lowest crest gives most power
-//! within the speed limit.
+//! 16, 1970), from which one phase after another is drawn anew and kept where that lowers the crest:
+//! the lowest crest gives most power within the speed limit.
 
 use super::{Pattern, TrajectoryError, course::Grid};
 use crate::seed::Stream;
@@ -15,8 +15,9 @@ use std::f64::consts::{PI, TAU};
 
 /// Highest frequency as a share of the rate of commands.
 const HIGHEST_SHARE: f64 = 0.4;
-/// Random draws of the phases that compete with Schroeder's.
-const DRAWS: usize = 24;
+/// Most attempts at a better phase of one sine, and most terms that they may cost.
+const DRAWS: usize = 128;
+const TERMS: usize = 2_000_000;
 
 fn check_band(name: &'static str, f1: f64, grid: &Grid<'_>) -> Result<(), TrajectoryError> {
     let largest = HIGHEST_SHARE * grid.rate;
@@ -95,15 +96,18 @@ pub(super) fn harmonics(
 /// One period (samples) of equal sines at `harmonics` with a peak of `peak` (m/s).
 fn one_period(harmonics: &[usize], period: usize, peak: f64, stream: &mut Stream) -> Vec<f64> {
     let count = harmonics.len() as f64;
-    let schroeder: Vec<f64> =
+    let mut phases: Vec<f64> =
         (0..harmonics.len()).map(|n| -PI * n as f64 * (n as f64 + 1.0) / count).collect();
-    let mut best = sum(harmonics, &schroeder, period);
-    for _ in 0..DRAWS {
-        let phases: Vec<f64> =
-            harmonics.iter().map(|_| TAU * f64::from(stream.uniform_f32(0.0, 1.0))).collect();
+    let mut best = sum(harmonics, &phases, period);
+    for draw in 0..DRAWS.min(TERMS / (period * harmonics.len())) {
+        let changed = draw % harmonics.len();
+        let before = phases[changed];
+        phases[changed] = TAU * f64::from(stream.uniform_f32(0.0, 1.0));
         let drawn = sum(harmonics, &phases, period);
         if peak_of(&drawn) < peak_of(&best) {
             best = drawn;
+        } else {
+            phases[changed] = before;
         }
     }
     let scale = peak / peak_of(&best);
