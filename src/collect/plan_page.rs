@@ -252,28 +252,27 @@ fn runs(page: &mut Page, proof: &Proof) {
         "Speeds, acceleration and the distance to the window's edge (stopping distance included) \
          are the extremes over all players.",
     );
-    let head = [
-        "run",
-        "pattern",
-        "split",
-        "samples",
-        "duration (s)",
-        "speed (m/s)",
-        "x (m/s)",
-        "y (m/s)",
-        "acceleration (m/s²)",
-        "to edge (m)",
-        "motor (turns/s)",
-        "parameters",
+    // The other columns are in the CSV table; more would not fit a page.
+    let shown = |name: &str| HEADS.iter().position(|head| *head == name);
+    let columns = [
+        ("run", "run"),
+        ("pattern", "pattern"),
+        ("split", "split"),
+        ("duration_s", "duration (s)"),
+        ("max_speed_m_per_s", "speed (m/s)"),
+        ("max_acceleration_m_per_s2", "acceleration (m/s²)"),
+        ("edge_distance_m", "to edge (m)"),
     ];
+    let mut head: Vec<String> = columns.iter().map(|(_, title)| (*title).to_owned()).collect();
+    head.push("parameters".to_owned());
     let rows = proof.runs().iter().map(|run| {
+        let all = cells(proof, run);
+        let chosen = columns.iter().filter_map(|(name, _)| all.get(shown(name)?));
         let text = run.planned().pattern.to_string();
         let parameters = text.split_once(':').map_or("", |(_, rest)| rest).replace(',', ", ");
-        let mut row = cells(proof, run);
-        row.push(parameters);
-        row
+        chosen.cloned().chain([parameters]).collect()
     });
-    page.table(&Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect() });
+    page.table(&Table { head, rows: rows.collect() });
 }
 
 fn csv(proof: &Proof) -> String {
