@@ -101,13 +101,20 @@ impl Limits {
         })
     }
 
-    /// The velocity (m/s) nearest to `wanted` that may follow `previous` after `dt` seconds: each
-    /// axis changes by at most the slew limit, and speeds stay within theirs.
+    /// The velocity (m/s) that follows `previous` after `dt` seconds on the way to `wanted`: each axis
+    /// goes as far as the slew limit lets it, or, where that would be too fast in all, both keep to
+    /// the straight way, on which no limit is passed that `previous` keeps.
     #[must_use]
     pub fn next_velocity(&self, previous: [f64; 2], wanted: [f64; 2], dt: f64) -> [f64; 2] {
         let step = self.slew_m_per_s2 * dt;
         let within = self.within_speed(wanted);
-        [0, 1].map(|axis| within[axis].clamp(previous[axis] - step, previous[axis] + step))
+        let change = [0, 1].map(|axis| within[axis] - previous[axis]);
+        let by_axis = [0, 1].map(|axis| previous[axis] + change[axis].clamp(-step, step));
+        if by_axis[0].hypot(by_axis[1]) <= self.total_speed_m_per_s {
+            return by_axis;
+        }
+        let share = (step / change[0].abs().max(change[1].abs())).min(1.0);
+        [0, 1].map(|axis| previous[axis] + share * change[axis])
     }
 
     /// `velocity` (m/s) within the speed limits: each axis is clamped, then the whole is shortened.
@@ -205,6 +212,8 @@ mod tests {
         fn commands_never_pass_a_limit(previous in [-0.7..0.7_f64, -0.7..0.7], wanted in [-9.0..9.0_f64, -9.0..9.0], dt in 0.001..0.05_f64) {
             let limits = Limits::default();
             let next = limits.next_velocity(previous, wanted, dt);
+            let total = |[x, y]: [f64; 2]| x.hypot(y);
+            prop_assert!(total(next) <= total(limits.within_speed(previous)).max(limits.total_speed_m_per_s) + 1e-12);
             for axis in 0..2 {
                 prop_assert!((next[axis] - previous[axis]).abs() <= limits.slew_m_per_s2 * dt + 1e-12);
                 prop_assert!(next[axis].abs() <= limits.speed_m_per_s + 1e-12);
