@@ -83,6 +83,11 @@ impl ControlLoop {
         self.commanded[player as usize]
     }
 
+    /// The last command of each player (m/s), left first.
+    pub(super) fn all_commanded(&self) -> [[f64; 2]; 2] {
+        self.commanded
+    }
+
     /// Begins anew after a pause that was meant; the next deadline is a period away.
     pub(super) fn restart(&mut self, now: Nanos) {
         self.deadline = Nanos(now.0 + self.period);

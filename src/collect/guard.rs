@@ -67,8 +67,12 @@ impl Guard {
         self.worst_tracking
     }
 
-    /// Checks everything.
-    pub(super) fn check(&mut self, station: &Station<'_>) -> Result<(), StopReason> {
+    /// Checks everything; `commanded` is what was sent last to each player (m/s).
+    pub(super) fn check(
+        &mut self,
+        station: &Station<'_>,
+        commanded: [[f64; 2]; 2],
+    ) -> Result<(), StopReason> {
         let now = station.now();
         check_presses(station.presses())?;
         for drive in station.drives.iter().filter(|drive| drive.armed == Armed::Confirmed) {
@@ -76,7 +80,7 @@ impl Guard {
             check_temperature(drive, &station.robot.limits)?;
         }
         for player in station.robot.players() {
-            self.check_motion(player, station)?;
+            self.check_motion(player, station, commanded[player as usize])?;
             if self.camera == CameraDuty::Watches {
                 self.check_striker(player, now, station)?;
             }
@@ -87,13 +91,18 @@ impl Guard {
         Ok(())
     }
 
-    fn check_motion(&mut self, player: Player, station: &Station<'_>) -> Result<(), StopReason> {
+    fn check_motion(
+        &mut self,
+        player: Player,
+        station: &Station<'_>,
+        commanded: [f64; 2],
+    ) -> Result<(), StopReason> {
         let Some((position_m, velocity)) = station.carriage(player).state() else {
             return Ok(());
         };
         let limits = &station.robot.limits;
-        let window = station.robot.window(player);
-        if let Some(standstill_m) = leaves(&window, limits, position_m, velocity) {
+        let window = station.robot.stop_window(player);
+        if let Some(standstill_m) = leaves(&window, limits, (position_m, velocity), commanded) {
             return Err(StopReason::SoftLimit { player, position_m, standstill_m });
         }
         let distance =
@@ -169,14 +178,20 @@ fn check_temperature(drive: &DriveWatch, limits: &Limits) -> Result<(), StopReas
 }
 
 /// Where the carriage would come to stand (m), when that is outside the window and further out than
-/// it is now.
+/// it is now. The time to react counts as far as the command still goes the same way: a carriage that
+/// was told to brake brakes already.
 fn leaves(
     window: &Rectangle,
     limits: &Limits,
-    position: [f64; 2],
-    velocity: [f64; 2],
+    (position, velocity): ([f64; 2], [f64; 2]),
+    commanded: [f64; 2],
 ) -> Option<[f64; 2]> {
-    let standstill = limits.standstill(position, velocity);
+    let standstill = [0, 1].map(|axis| {
+        let (speed, way) = (velocity[axis].abs(), velocity[axis].signum());
+        let onward = (way * commanded[axis]).clamp(0.0, speed);
+        let braking = speed * speed / (2.0 * limits.braking_m_per_s2);
+        position[axis] + way * (onward * limits.reaction_s + braking)
+    });
     let inside = window.depth(standstill);
     (inside < 0.0 && inside < window.depth(position)).then_some(standstill)
 }
@@ -195,11 +210,14 @@ mod tests {
     fn only_motion_that_leads_out_stops() {
         let window = Rectangle { x_min_m: -0.1, x_max_m: 0.1, y_min_m: -0.1, y_max_m: 0.1 };
         let limits = Limits { braking_m_per_s2: 5.0, reaction_s: 0.04, ..Limits::default() };
-        let out = |x, v| leaves(&window, &limits, [x, 0.0], [v, 0.0]).is_some();
+        let told = |x, v, u| leaves(&window, &limits, ([x, 0.0], [v, 0.0]), [u, 0.0]).is_some();
+        let out = |x, v| told(x, v, v);
         // From 0.5 m/s it needs 45 mm.
         assert!(!out(0.054, 0.5) && out(0.056, 0.5));
         assert!(!out(0.056, -0.5));
         // Outside already: back is fine, further is not.
         assert!(!out(0.12, -0.1) && out(0.12, 0.1) && !out(0.12, 0.0));
+        // Told to brake, it needs 25 mm.
+        assert!(!told(0.074, 0.5, -0.2) && told(0.076, 0.5, -0.2));
     }
 }

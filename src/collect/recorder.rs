@@ -84,7 +84,7 @@ impl Recorder {
             return Ok(());
         }
         Err(match self.join() {
-            Err(error) => error.to_string(),
+            Err(error) => with_causes(&error),
             Ok(()) => "it has failed before".to_owned(),
         })
     }
@@ -130,6 +130,20 @@ fn write_all(mut writer: RecordingWriter, queue: &Receiver<Job>) -> Result<(), R
         }
     }
     writer.finish()
+}
+
+/// An error with everything that lies behind it.
+fn with_causes(error: &RecordingError) -> String {
+    let mut text = error.to_string();
+    let mut cause = std::error::Error::source(error);
+    while let Some(inner) = cause {
+        let inner_text = inner.to_string();
+        if !text.contains(&inner_text) {
+            text = format!("{text}: {inner_text}");
+        }
+        cause = inner.source();
+    }
+    text
 }
 
 impl Drop for Recorder {

@@ -59,7 +59,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "VERSION")]
     accept_firmware: Vec<String>,
     /// How strongly commands pull a carriage back to its path ((m/s)/m)
-    #[arg(long, value_name = "GAIN", default_value = "0.5", value_parser = parse_gain)]
+    #[arg(long, value_name = "GAIN", default_value = "1", value_parser = parse_gain)]
     hold_gain_per_s: f64,
     /// Record every frame on /can/frames too
     #[arg(long)]

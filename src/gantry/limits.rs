@@ -33,7 +33,8 @@ pub struct Limits {
     /// Kept free between every planned path, its stopping distance included, and the window's edge
     /// (m), for what the carriage lags or overshoots; 0.01.
     pub tracking_margin_m: f64,
-    /// Farthest that a carriage may be from where its commands lead (m).
+    /// Farthest that a carriage may be from where its commands lead (m); 0.06, since a drive that
+    /// brakes with 6 m/s^2 falls behind commands of 10 m/s^2 by 40 mm at full speed.
     pub following_error_m: f64,
     /// Farthest that the camera may see a striker from its magnet (m), over a tenth of a second.
     pub striker_error_m: f64,
@@ -51,7 +52,7 @@ impl Default for Limits {
             fet_temperature_c: 80.0,
             motor_temperature_c: 90.0,
             tracking_margin_m: 0.01,
-            following_error_m: 0.03,
+            following_error_m: 0.06,
             striker_error_m: 0.03,
         }
     }
@@ -98,6 +99,24 @@ impl Limits {
     pub fn standstill(&self, position: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| {
             position[axis] + self.stopping_distance(velocity[axis]).copysign(velocity[axis])
+        })
+    }
+
+    /// `wanted` (m/s) as far as a carriage at `position` (m) may have it in `window`: along each axis no
+    /// faster towards an edge than it could still stop before it, and outside only inwards.
+    #[must_use]
+    pub fn before_edges(
+        &self,
+        window: &Rectangle,
+        position: [f64; 2],
+        wanted: [f64; 2],
+    ) -> [f64; 2] {
+        let edges = [[window.x_min_m, window.x_max_m], [window.y_min_m, window.y_max_m]];
+        [0, 1].map(|axis| {
+            let [low, high] = edges[axis];
+            let down = self.speed_within(position[axis] - low);
+            let up = self.speed_within(high - position[axis]);
+            wanted[axis].clamp(-down, up)
         })
     }
 
@@ -203,6 +222,18 @@ mod tests {
         assert!(field.contains([1.0, -1.0]));
         assert!(!field.contains([f64::NAN, 0.0]) && !field.contains([0.0, f64::NAN]));
         assert!(!field.shrunk(0.1).contains([0.95, 0.0]));
+    }
+
+    #[test]
+    fn speed_towards_an_edge_is_what_can_be_stopped() {
+        let window = Rectangle { x_min_m: -0.1, x_max_m: 0.1, y_min_m: -0.1, y_max_m: 0.1 };
+        let limits = Limits { braking_m_per_s2: 5.0, reaction_s: 0.04, ..Limits::default() };
+        // 45 mm are enough for 0.5 m/s; away from the edge, and across, nothing is held back.
+        let [x, y] = limits.before_edges(&window, [0.055, 0.0], [0.7, -0.6]);
+        assert!((x - 0.5).abs() < 1e-12 && (y + 0.6).abs() < 1e-12);
+        assert_eq!(limits.before_edges(&window, [0.055, 0.0], [-0.7, 0.0]), [-0.7, 0.0]);
+        assert_eq!(limits.before_edges(&window, [0.12, 0.0], [0.3, 0.0]), [0.0, 0.0]);
+        assert_eq!(limits.before_edges(&window, [0.12, 0.0], [-0.3, 0.0]), [-0.3, 0.0]);
     }
 
     proptest! {

@@ -330,6 +330,12 @@ impl Robot {
         self.drives.iter().copied().find(|seat| seat.node == node)
     }
 
+    /// Where a carriage that leaves its window is stopped: the field less half the clearance.
+    #[must_use]
+    pub fn stop_window(&self, player: Player) -> Rectangle {
+        self.field.of(player).shrunk(self.clearance_m / 2.0)
+    }
+
     /// Where the centre of a player's carriage may be: the field less the clearance.
     #[must_use]
     pub fn window(&self, player: Player) -> Rectangle {
