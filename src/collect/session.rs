@@ -507,7 +507,8 @@ impl Leg {
     }
 }
 
-/// Records what is on the bus for `seconds`, or until a log ends, and sends nothing.
+/// Records what is on the bus for `seconds`, or until a log ends, and sends nothing. Carriages count from
+/// the motors' zero; orders of other programs become commands.
 ///
 /// # Errors
 /// When the recording cannot be written.
@@ -521,7 +522,12 @@ pub fn listen(
     let SessionOutput { writer, presses, show } = output;
     let mut station = Station::new(link, robot, &config.players, config.raw, presses)?;
     station.foreign_orders = ForeignOrders::Record;
-    station.record_to(Recorder::start(writer, config.metadata.clone())?);
+    for player in Player::BOTH {
+        station.carriage_mut(player).count_from_zero();
+    }
+    let mut metadata = config.metadata.clone();
+    metadata.insert("carriage_origin".to_owned(), "unknown".to_owned());
+    station.record_to(Recorder::start(writer, metadata)?);
     let started = station.now();
     let mut session = Session::new(station, config, &[], show);
     let reason = session.hear(started.after_seconds(seconds)).err();

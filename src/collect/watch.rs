@@ -172,6 +172,11 @@ impl CarriageWatch {
         }
     }
 
+    /// Takes the motors' zero for the middle of the board, as nothing better is known.
+    pub(super) fn count_from_zero(&mut self) {
+        self.origin = Some([0.0; 2]);
+    }
+
     /// Whether both motors have reported together.
     pub(super) fn has_reported(&self) -> bool {
         !self.track.is_empty()

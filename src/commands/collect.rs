@@ -408,7 +408,7 @@ struct LiveView {
 impl LiveView {
     fn new() -> Self {
         let bar = ProgressBar::no_length();
-        let template = "{elapsed_precise} [{bar:30}] {msg}";
+        let template = "{elapsed_precise} [{bar:20}] {wide_msg}";
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style);
         }
@@ -419,18 +419,15 @@ impl LiveView {
         self.bar.set_length(progress.periods as u64);
         self.bar.set_position(progress.periods_done as u64);
         let run = progress.run.map_or_else(
-            || "on the way".to_owned(),
-            |run| format!("{} ({})", run.pattern, run.split),
+            || format!("{} of {} runs done", progress.runs_done, progress.runs),
+            |run| format!("run {} of {}: {}", run.number, progress.runs, run.pattern),
         );
         self.bar.set_message(format!(
-            "run {} of {}: {run}; {:.0} frames/s, {:.0} pictures/s, {} errors, farthest from path \
-             {:.1} mm",
-            progress.run.map_or(progress.runs_done as u32, |run| run.number),
-            progress.runs,
+            "{run}; {:.1} mm off the path at most, {} errors, {:.0} frames/s, {:.0} pictures/s",
+            1e3 * progress.worst_tracking,
+            progress.errors,
             progress.frames_per_s,
             progress.pictures_per_s,
-            progress.errors,
-            1e3 * progress.worst_tracking,
         ));
         let Some(run) = progress.run else { return };
         if self.bar.is_hidden() && self.said.replace(run.number) != run.number {

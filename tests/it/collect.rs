@@ -1,6 +1,7 @@
 //! Sessions on the virtual rig: what they record, and what every fault leaves behind.
 
 mod bench;
+mod cli;
 mod faults;
 
 use bench::{Bench, series};

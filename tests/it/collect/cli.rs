@@ -1,0 +1,132 @@
+//! `klasktron collect` as it is typed: plans, dry runs, logs that are listened to, and mistakes.
+
+use crate::support::{klasktron, said};
+use klasktron::recording::{
+    Recording,
+    message::{CarriageState, VelocityCommand},
+    topic::{self, Player},
+};
+use std::{fs, path::Path};
+
+fn file(dir: &Path, name: &str) -> String {
+    dir.join(name).to_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_typed_pattern_is_driven_and_can_be_fitted_to() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = file(dir.path(), "out.mcap");
+    let typed = ["collect", "--speed", "max", "--pattern", "random_walk", "--seconds", "4"];
+    let more =
+        ["--repeat", "2", "--validation-every", "2", "--player", "left", "--json", "-o", &out];
+    let (stdout, stderr, status) = said(&klasktron(&[&typed[..], &more[..]].concat()));
+    assert_eq!(status, 0, "{stderr}");
+    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(report["samples"], 400);
+    let recording = Recording::open(Path::new(&out)).unwrap();
+    assert_eq!(recording.info("split"), Some("by_run"));
+    assert_eq!(recording.info("source"), Some("virtual"));
+    assert!(recording.info("rig_json").is_some() && recording.info("plan_json").is_some());
+    let (stdout, stderr, status) = said(&klasktron(&["info", &out]));
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stdout.contains("nothing doubtful"), "{stdout}");
+    assert!(stdout.contains("random_walk  validation     1"), "{stdout}");
+}
+
+#[test]
+fn a_dry_run_writes_the_plan_and_opens_no_bus() {
+    let dir = tempfile::tempdir().unwrap();
+    let plan = file(dir.path(), "plan");
+    let bus = "socketcan:nowhere";
+    let typed =
+        ["collect", "--bus", bus, "--plan", "paper", "--player", "left", "--dry-run", &plan];
+    let (_, stderr, status) = said(&klasktron(&typed));
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stderr.contains("96 runs, 69669 samples"), "{stderr}");
+    for name in ["index.html", "plan.csv", "plan.json"] {
+        assert!(0 < fs::metadata(dir.path().join("plan").join(name)).unwrap().len());
+    }
+    // The plan can be given back.
+    let again = file(dir.path(), "again");
+    let json = file(dir.path(), "plan/plan.json");
+    let typed = ["collect", "--plan", &json, "--player", "left", "--dry-run", &again];
+    let (_, stderr, status) = said(&klasktron(&typed));
+    assert_eq!(status, 0, "{stderr}");
+    let csv = |folder: &str| fs::read(dir.path().join(folder).join("plan.csv")).unwrap();
+    assert_eq!(csv("plan"), csv("again"));
+}
+
+/// One velocity of both motors of the left player, then where they report to be.
+const LOG: &str = "\
+(1700000000.000000) can0 04D#0000A0C000000000 T
+(1700000000.000100) can0 06D#0000A0C000000000 T
+(1700000000.005000) can0 049#0000000000000000
+(1700000000.005300) can0 069#0000000000000000
+(1700000000.015000) can0 049#CDCC4CBD0000A0C0
+(1700000000.015300) can0 069#CDCC4CBD0000A0C0
+(1700000000.100000) can0 041#0000000008000000
+";
+
+#[test]
+fn a_log_is_listened_to() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("bus.log"), LOG).unwrap();
+    let bus = format!("replay:{}", file(dir.path(), "bus.log"));
+    let out = file(dir.path(), "out.mcap");
+    let (_, stderr, status) = said(&klasktron(&["collect", "--bus", &bus, "--listen", "-o", &out]));
+    assert_eq!(status, 0, "{stderr}");
+    let recording = Recording::open(Path::new(&out)).unwrap();
+    // -5 turns/s of both drives of the left player, whose signs are -1: +0.2 m/s along x.
+    let commands = recording.series::<VelocityCommand>(&topic::command(Player::Left)).unwrap();
+    assert_eq!(commands.values.len(), 1);
+    assert!((commands.values[0].vx - 0.2).abs() < 1e-6 && commands.values[0].vy.abs() < 1e-6);
+    // And -0.05 turns of both are 2 mm from the motors' zero.
+    let carriage = recording.series::<CarriageState>(&topic::carriage(Player::Left)).unwrap();
+    assert!((carriage.values[1].x - 0.002).abs() < 1e-6 && carriage.values[1].y.abs() < 1e-6);
+    assert_eq!(recording.info("carriage_origin"), Some("unknown"));
+    // It cannot be driven.
+    let typed = ["collect", "--bus", &bus, "--pattern", "circle", "-o", "never.mcap"];
+    let (_, stderr, status) = said(&klasktron(&typed));
+    assert_eq!(status, 1);
+    assert!(stderr.contains("can be listened to (--listen), not driven"), "{stderr}");
+}
+
+#[test]
+fn mistakes_are_told_in_one_sentence() {
+    let dir = tempfile::tempdir().unwrap();
+    let robot = file(dir.path(), "robot.json");
+    fs::write(&robot, r#"{"limits": {"speed_m_per_s": 9}}"#).unwrap();
+    let taken = file(dir.path(), "taken.mcap");
+    fs::write(&taken, "x").unwrap();
+    let out = file(dir.path(), "out.mcap");
+    let circle = "--pattern=circle";
+    let cases: &[(&[&str], i32, &str)] = &[
+        (&["--pattern", "cirle"], 2, "circle, diagonal"),
+        (&["--pattern", "circle:radius=0.05"], 2, "radius_m"),
+        (&["--pattern", "circle:radius_m=0.5", "--speed", "max"], 1, "radius_m"),
+        (&[circle, "--bus", "can0"], 2, "socketcan:INTERFACE"),
+        (&[circle, "--bus", "slcan:/dev/nothing", "--homing", "declared"], 1, "/dev/nothing"),
+        (&[circle, "--bus", "slcan:/dev/nothing"], 1, "--homing declared"),
+        (&[circle, "--bus", "socketcan:can0", "--speed", "max"], 1, "--bus virtual"),
+        (&[circle, "--robot", &robot], 1, "limits.speed_m_per_s is 9; it must lie in (0, 2] m/s"),
+        (&[circle, "--rate-hz", "5000"], 2, "from 10 to 500 Hz"),
+        (&[circle, "--speed", "max", "-o", &taken], 1, "taken.mcap"),
+        (&[circle, "--speed", "max", "-o", "/nowhere/x.mcap"], 1, "/nowhere/x.mcap"),
+        (&[], 1, "--plan paper"),
+        (&["--plan", "papr"], 1, "--plan takes `paper`"),
+    ];
+    for (arguments, expected_status, expected) in cases {
+        let mut typed = vec!["collect"];
+        typed.extend(*arguments);
+        if !arguments.contains(&"-o") {
+            typed.extend(["-o", &out]);
+        }
+        let (stdout, stderr, status) = said(&klasktron(&typed));
+        assert_eq!(status, *expected_status, "{arguments:?}: {stderr}");
+        assert!(stderr.contains(expected), "{arguments:?}: {stderr}");
+        assert!(stdout.is_empty(), "{stdout}");
+        assert!(*expected_status == 2 || stderr.trim_end().lines().count() == 1, "{stderr}");
+        assert!(!Path::new(&out).exists(), "{arguments:?} left a file");
+    }
+    assert_eq!(fs::read(&taken).unwrap(), b"x");
+}
