@@ -195,16 +195,14 @@ impl<'a> Station<'a> {
     }
 
     fn absorb_foreign_order(&mut self, time: Nanos, node: u8, message: &Message) {
-        let command = message.command();
-        self.first_foreign.get_or_insert((node, command));
-        match self.foreign_orders {
-            ForeignOrders::Alarm => {
-                let ours = node == BROADCAST_NODE || self.robot.seat_of_node(node).is_some();
-                if ours && self.drives.iter().any(|drive| drive.armed != Armed::No) {
-                    self.raise(StopReason::ForeignCommand { node, command });
-                }
+        if self.foreign_orders == ForeignOrders::Record {
+            self.record_foreign_setpoint(time, node, message);
+        } else if node == BROADCAST_NODE || self.robot.seat_of_node(node).is_some() {
+            let command = message.command();
+            self.first_foreign.get_or_insert((node, command));
+            if self.drives.iter().any(|drive| drive.armed != Armed::No) {
+                self.raise(StopReason::ForeignCommand { node, command });
             }
-            ForeignOrders::Record => self.record_foreign_setpoint(time, node, message),
         }
     }
 

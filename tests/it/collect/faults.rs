@@ -50,12 +50,12 @@ fn stops(bench: &Bench, code: &str) -> BenchOutcome {
     let outcome = stops_coasting(bench, code);
     let recording = outcome.recording.as_ref().unwrap();
     let seconds = seconds_to_standstill(recording, stop_event(recording).0);
-    println!("{code}: standstill {:.0} ms after the reaction", 1e3 * seconds);
     assert!(seconds <= PERIOD + RAMP + DRIVE_LAG, "{seconds} s to standstill");
     outcome
 }
 
 /// As [`stops`], where drives are disarmed in motion, so that friction alone stops the carriages.
+#[expect(clippy::print_stdout, reason = "the figures of the report")]
 fn stops_coasting(bench: &Bench, code: &str) -> BenchOutcome {
     let outcome = bench.run();
     let report = outcome.report.as_ref().unwrap();
@@ -63,8 +63,10 @@ fn stops_coasting(bench: &Bench, code: &str) -> BenchOutcome {
     assert_eq!(report.runs_done, 0);
     outcome.all_still();
     let recording = outcome.recording.as_ref().expect("what was recorded is kept");
-    let (_, event) = stop_event(recording);
+    let (at, event) = stop_event(recording);
     assert_eq!(event.text, report.stop_text);
+    let seconds = seconds_to_standstill(recording, at);
+    println!("{code}: last motion in the recording {:.0} ms after the reaction", 1e3 * seconds);
     outcome
 }
 
