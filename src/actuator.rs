@@ -55,6 +55,6 @@ pub use judge::{Component, ErrorRow, HORIZONS_S, Judgement};
 pub use layout::{AXES, Layout, LayoutKind};
 pub use model::{ActuatorNetwork, VelocityModel};
 pub use page::page;
-pub use run::{ResampleConfig, Run, Split, Target, resample};
+pub use run::{ResampleConfig, Run, Target, resample};
 pub use study::{Judged, Study, StudyKind, Summary, Verdict, Warning, weights_name};
 pub use window::{Scale, Windows};

@@ -46,7 +46,7 @@ pub use arming::WatchdogPolicy;
 pub use control::Lateness;
 pub use error::{Breach, Part, PlanError};
 pub use homing::{HomingError, HomingPolicy};
-pub use plan::{Plan, PlannedRun, Schedule, Split};
+pub use plan::{Plan, PlannedRun, Schedule};
 pub use plan_page::{PlanPage, plan_page};
 pub use preflight::{Census, CyclicRate, MOST_BUS_LOAD, Problem, bus_load};
 pub use proof::{Figures, Proof, ProvenRun, check_reference, prove};

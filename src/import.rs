@@ -52,4 +52,4 @@ pub use csv::{AxisColumns, ColumnError, PositionUnit, import_csv};
 pub use error::ImportError;
 pub use npz::{GRID_SECONDS, import_npz};
 pub use report::{ImportReport, LeftOutReason, Notice, TopicCount};
-pub use run::{ImportConfig, SourceKind, Split, Table, import_bags};
+pub use run::{ImportConfig, SourceKind, Table, import_bags};

@@ -4,9 +4,9 @@ use super::{
     ActuatorError,
     coverage::Coverage,
     layout::AXES,
-    run::{self, ResampleConfig, Run, Split, Target},
+    run::{self, ResampleConfig, Run, Target},
 };
-use crate::recording::{Recording, topic::Player};
+use crate::recording::{Recording, Split, topic::Player};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -11,7 +11,7 @@
 use super::{ActuatorError, layout::AXES};
 use crate::{
     recording::{
-        Recording, Series,
+        Recording, Series, Split,
         message::{CameraDetections, CarriageState, VelocityCommand, run_marker::Phase},
         topic::{self, Player},
     },
@@ -38,15 +38,6 @@ pub enum Target {
     Carriage,
     /// Striker velocity from the camera's positions.
     Striker,
-}
-
-/// What a run is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Split {
-    /// May be fitted.
-    Train,
-    /// Never fitted.
-    Validation,
 }
 
 /// How recordings become runs.
@@ -281,7 +272,7 @@ struct MarkedRun {
 /// The runs of the markers, or the whole recording when there are none. A run without END ends
 /// where the next one starts.
 fn marked_runs(recording: &Recording) -> Result<Vec<MarkedRun>, ActuatorError> {
-    let file_split = recording.info("split").and_then(parse_split);
+    let file_split = recording.info("split").and_then(Split::from_text);
     let markers = recording.markers()?;
     let end_of_file = recording.time_range().map_or(Nanos(0), |(_, last)| Nanos(last.0 + 1));
     let mut runs: Vec<MarkedRun> = Vec::new();
@@ -295,7 +286,7 @@ fn marked_runs(recording: &Recording) -> Result<Vec<MarkedRun>, ActuatorError> {
             runs.push(MarkedRun {
                 number: marker.run,
                 pattern: marker.pattern.clone(),
-                split: parse_split(&marker.split).or(file_split),
+                split: Split::from_text(&marker.split).or(file_split),
                 span: time..end_of_file,
             });
         }
@@ -309,14 +300,6 @@ fn marked_runs(recording: &Recording) -> Result<Vec<MarkedRun>, ActuatorError> {
         });
     }
     Ok(runs)
-}
-
-fn parse_split(text: &str) -> Option<Split> {
-    match text {
-        "train" => Some(Split::Train),
-        "validation" => Some(Split::Validation),
-        _ => None,
-    }
 }
 
 /// The parts of `span` in which commands and motion both keep coming.

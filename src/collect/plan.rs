@@ -3,29 +3,11 @@
 use super::error::PlanError;
 use crate::{
     gantry::{Heading, Pattern, Slope, Turn},
+    recording::Split,
     seed::Stream,
 };
 use serde::{Deserialize, Serialize};
-use std::{collections::BTreeSet, fmt};
-
-/// What a run is for, as its marker spells it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Split {
-    /// May be fitted.
-    Train,
-    /// Judges; is never fitted.
-    Validation,
-}
-
-impl fmt::Display for Split {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Train => "train",
-            Self::Validation => "validation",
-        })
-    }
-}
+use std::collections::BTreeSet;
 
 /// One run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -3,9 +3,10 @@
 //! Everything is text; only the binary writes files. `plan.json` is the plan itself and can be
 //! given back.
 
-use super::{Figures, PlanError, Proof, ProvenRun, Split};
+use super::{Figures, PlanError, Proof, ProvenRun};
 use crate::{
     gantry::{Pattern, Rectangle, Reference, Robot},
+    recording::Split,
     report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, line_plot, path_plot},
 };
 use std::fmt::Write as _;

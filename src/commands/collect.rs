@@ -11,13 +11,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     collect::{
         HomingPolicy, Leg, Plan, Progress, Proof, RawFrames, Schedule, SessionConfig, SessionError,
-        SessionOutput, SessionReport, Split, WatchdogPolicy, listen, plan_page, prove, run_session,
+        SessionOutput, SessionReport, WatchdogPolicy, listen, plan_page, prove, run_session,
     },
     gantry::Pattern,
     link::BusSpec,
     provenance::{CRATE_VERSION, GIT_HASH},
     recording::{
-        ExistingFile, FlushPolicy, RecordingWriter, partial_name, topic::Player, write_bytes,
+        ExistingFile, FlushPolicy, RecordingWriter, Split, partial_name, topic::Player, write_bytes,
     },
 };
 use std::{
@@ -160,7 +160,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let players = args.table.players(&files.robot)?;
     let proof = prove(&plan, &files.robot, &players)?;
     if let Some(folder) = &args.dry_run {
-        return write_plan(folder, &proof, &files, args.json);
+        return write_plan(folder, &proof, &files, args);
     }
     if matches!(args.table.bus, BusSpec::Replay(_)) {
         bail!("{} can be listened to (--listen), not driven", args.table.bus);
@@ -247,7 +247,7 @@ fn write_plan(
     folder: &Path,
     proof: &Proof,
     files: &TableFiles,
-    json: bool,
+    args: &Args,
 ) -> anyhow::Result<Outcome> {
     fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
     let page = plan_page(proof, &files.robot)?;
@@ -258,7 +258,7 @@ fn write_plan(
     ] {
         write_bytes(&folder.join(name), ExistingFile::Replace, text.as_bytes())?;
     }
-    if json {
+    if args.json {
         print(&page.plan_json)?;
     }
     let (runs, samples) = (proof.runs().len(), proof.plan().samples());

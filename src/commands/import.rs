@@ -8,9 +8,9 @@ use klasktron::{
     gantry::CoreXy,
     import::{
         self, AxisColumns, ColumnError, ImportConfig, ImportError, ImportReport, PositionUnit,
-        SourceKind, Split, Table,
+        SourceKind, Table,
     },
-    recording::ExistingFile,
+    recording::{ExistingFile, Split},
 };
 use std::path::PathBuf;
 

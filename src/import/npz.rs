@@ -15,12 +15,13 @@
 use super::{
     error::ImportError,
     report::{ImportReport, LeftOutReason, Notice},
-    run::{ImportConfig, Split, identity},
+    run::{ImportConfig, identity},
     tape::{Outgoing, Tape},
 };
 use crate::{
     board::{BoardSize, Frame},
     recording::{
+        Split,
         message::{BoardState, CarriageState, ObjectState, VelocityCommand},
         topic::{self, Player},
     },
@@ -100,11 +101,7 @@ fn frame_name(frame: Frame) -> &'static str {
 /// The split at the end of the upstream file names.
 fn split_of(path: &Path) -> Option<Split> {
     let stem = path.file_stem()?.to_string_lossy().into_owned();
-    match stem.rsplit('_').next()? {
-        "train" => Some(Split::Train),
-        "validation" => Some(Split::Validation),
-        _ => None,
-    }
+    Split::from_text(stem.rsplit('_').next()?)
 }
 
 /// How the archive's numbers become those of the board.

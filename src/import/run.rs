@@ -10,30 +10,9 @@ use super::{
 use crate::{
     board::BoardSize,
     gantry::CoreXy,
-    recording::{ExistingFile, RecordingError, sha256_of_file},
+    recording::{ExistingFile, RecordingError, Split, sha256_of_file},
 };
-use std::{
-    fmt,
-    path::{Path, PathBuf},
-};
-
-/// What a recording is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Split {
-    /// Fits.
-    Train,
-    /// Judges.
-    Validation,
-}
-
-impl fmt::Display for Split {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Train => "train",
-            Self::Validation => "validation",
-        })
-    }
-}
+use std::path::{Path, PathBuf};
 
 /// Settings of every import.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,9 +1,6 @@
 //! A drive to be identified: its equations are written here and nowhere in the library.
 
-use klasktron::{
-    actuator::{Run, Split},
-    units::Nanos,
-};
+use klasktron::{actuator::Run, recording::Split, units::Nanos};
 use std::path::PathBuf;
 
 /// Integration step (s).

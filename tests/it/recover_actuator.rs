@@ -2,9 +2,10 @@
 
 use crate::drive::{DT, Drive};
 use klasktron::actuator::{
-    Arx, Component, FitConfig, FitObserver, Judgement, LagDelay, LayoutKind, Run, Schedule, Split,
+    Arx, Component, FitConfig, FitObserver, Judgement, LagDelay, LayoutKind, Run, Schedule,
     VelocityModel, fit,
 };
+use klasktron::recording::Split;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 const LINEAR: Drive = Drive { gain: 0.93, tau: 0.046, delay: 0.034, slew: 1e9 };

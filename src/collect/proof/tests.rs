@@ -1,7 +1,8 @@
 use super::*;
 use crate::{
-    collect::{Schedule, Split},
+    collect::Schedule,
     gantry::{Heading, Pattern, Slope, Turn},
+    recording::Split,
 };
 use proptest::prelude::*;
 
