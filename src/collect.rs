@@ -17,7 +17,7 @@
 //! | the loop | `control`: absolute deadlines, latest setpoint only |
 //! | safety | `guard` every period, `station` at once, `reason` what is done |
 //! | what is known | `watch`: drives, carriages, camera |
-//! | the recording | `recorder`: a thread of its own |
+//! | the recording | `recorder`: a thread of its own; `report` |
 //!
 //! ```
 //! use klasktron::{collect::{Plan, Schedule, prove}, gantry::Robot, recording::topic::Player};
@@ -32,12 +32,14 @@ mod control;
 mod error;
 mod guard;
 mod homing;
+mod leg;
 mod plan;
 mod plan_page;
 mod preflight;
 mod proof;
 mod reason;
 mod recorder;
+mod report;
 mod session;
 mod station;
 mod watch;
@@ -46,13 +48,14 @@ pub use arming::WatchdogPolicy;
 pub use control::Lateness;
 pub use error::{Breach, Part, PlanError};
 pub use homing::{HomingError, HomingPolicy};
+pub use leg::{Leg, RunLabel};
 pub use plan::{Plan, PlannedRun, Schedule};
 pub use plan_page::{PlanPage, plan_page};
 pub use preflight::{Census, CyclicRate, MOST_BUS_LOAD, Problem, bus_load};
 pub use proof::{Figures, Proof, ProvenRun, check_reference, prove};
 pub use reason::{HotPart, Reaction, StopReason};
+pub use report::{Progress, SessionReport};
 pub use session::{
-    Leg, Progress, RunLabel, SESSION_METADATA, SessionConfig, SessionError, SessionOutput,
-    SessionReport, listen, run_session,
+    SESSION_METADATA, SessionConfig, SessionError, SessionOutput, listen, run_session,
 };
 pub use station::RawFrames;

@@ -6,6 +6,7 @@ pub(crate) mod fit_actuator;
 pub(crate) mod import;
 pub(crate) mod info;
 mod interrupt;
+mod live_view;
 pub(crate) mod recover;
 pub(crate) mod rig;
 mod table;

@@ -2,13 +2,14 @@
 
 use super::{
     arming::{self, WatchdogPolicy},
-    control::{ControlLoop, Lateness},
+    control::ControlLoop,
     guard::{CameraDuty, Guard},
     homing::{self, HomingPolicy},
+    leg::{Leg, RunLabel},
     preflight::{self, Census, Problem},
-    proof::Proof,
     reason::StopReason,
     recorder::{Entry, Recorder},
+    report::{Progress, SessionReport},
     station::{Counts, ForeignOrders, RawFrames, Station},
 };
 use crate::{
@@ -21,7 +22,6 @@ use crate::{
     },
     units::Nanos,
 };
-use serde::Serialize;
 use std::{collections::BTreeMap, sync::atomic::AtomicUsize};
 
 /// Before each run the carriage stands still for this long (s).
@@ -56,100 +56,6 @@ pub struct SessionConfig {
     pub hold_gain_per_s: f64,
     /// Entries of the metadata record that every recording carries.
     pub metadata: BTreeMap<String, String>,
-}
-
-/// One stretch of motion: a run that is marked in the recording, or the way to the next one.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Leg {
-    /// Number, pattern and split of the run; `None` on the way between runs.
-    pub run: Option<RunLabel>,
-    /// The motion of each player, all of one length.
-    pub references: Vec<(Player, Reference)>,
-}
-
-/// What the markers of a run say.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct RunLabel {
-    /// Number of the run.
-    pub number: u32,
-    /// Pattern, as in the markers.
-    pub pattern: String,
-    /// `train` or `validation`.
-    pub split: String,
-}
-
-/// What the person sees while it runs.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Progress<'a> {
-    /// The run at hand; `None` before, between and after runs.
-    pub run: Option<&'a RunLabel>,
-    /// Runs that are done.
-    pub runs_done: usize,
-    /// Runs in all.
-    pub runs: usize,
-    /// Control periods done, of [`periods`](Self::periods).
-    pub periods_done: usize,
-    /// Control periods in all.
-    pub periods: usize,
-    /// Frames that came in since the last view (1/s).
-    pub frames_per_s: f64,
-    /// Pictures that came in since the last view (1/s).
-    pub pictures_per_s: f64,
-    /// Faults of the bus and setpoints that it did not take.
-    pub errors: u64,
-    /// Largest distance from the reference so far (m).
-    pub worst_tracking: f64,
-    /// Time of the link.
-    pub now: Nanos,
-}
-
-/// How a session went.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct SessionReport {
-    /// Version of this document.
-    pub schema_version: &'static str,
-    /// Why it ended: a name, stable between versions.
-    pub stop: &'static str,
-    /// The same as a sentence.
-    pub stop_text: String,
-    /// Runs in the plan.
-    pub runs_planned: usize,
-    /// Runs that were done to their end.
-    pub runs_done: usize,
-    /// Samples of the runs that were done, for each player.
-    pub samples: usize,
-    /// From the first look to the last heartbeat (s).
-    pub duration_s: f64,
-    /// Nodes that have not confirmed that they are off.
-    pub not_confirmed_off: Vec<u8>,
-    /// What the first look has found.
-    pub census: Census,
-    /// How late the control periods were.
-    pub lateness: Lateness,
-    /// Largest distance of a carriage from its reference (m).
-    pub worst_tracking_m: f64,
-    /// Frames received.
-    pub frames_received: u64,
-    /// Frames sent.
-    pub frames_sent: u64,
-    /// Pictures of the camera.
-    pub pictures: u64,
-    /// Datagrams of the camera that were not understood.
-    pub pictures_refused: u64,
-    /// Setpoints that the bus did not take in time; they were dropped.
-    pub setpoints_dropped: u64,
-    /// Faults of the bus by kind.
-    pub bus_faults: BTreeMap<String, u64>,
-    /// What was doubtful.
-    pub warnings: Vec<String>,
-}
-
-impl SessionReport {
-    /// Whether everything that was planned is in the recording.
-    #[must_use]
-    pub fn is_complete(&self) -> bool {
-        self.stop == StopReason::Completed.code() && self.not_confirmed_off.is_empty()
-    }
 }
 
 /// Why a session did not begin, or left no recording.
@@ -476,35 +382,6 @@ fn write_report(mut recorder: Recorder, report: &SessionReport) -> Result<(), St
     ];
     recorder.metadata(SESSION_METADATA, values.into())?;
     recorder.finish().map_err(|error| error.to_string())
-}
-
-impl Leg {
-    /// The legs of a proven plan: to each run, the run, and home at the end.
-    #[must_use]
-    pub fn of_proof(proof: &Proof) -> Vec<Self> {
-        let of_players = |references: &[Reference]| {
-            proof.players().iter().copied().zip(references.iter().cloned()).collect()
-        };
-        let mut legs = Vec::new();
-        for proven in proof.runs() {
-            let planned = proven.planned();
-            let label = RunLabel {
-                number: planned.number,
-                pattern: planned.pattern.name().to_owned(),
-                split: planned.split.to_string(),
-            };
-            legs.push(Self { run: None, references: of_players(proven.approach()) });
-            legs.push(Self { run: Some(label), references: of_players(proven.references()) });
-        }
-        legs.push(Self { run: None, references: of_players(proof.home()) });
-        legs
-    }
-
-    /// Its length in control periods.
-    #[must_use]
-    pub fn periods(&self) -> usize {
-        self.references.iter().map(|(_, reference)| reference.setpoints().len()).max().unwrap_or(0)
-    }
 }
 
 /// Records what is on the bus for `seconds`, or until a log ends, and sends nothing. Carriages count from

@@ -1,16 +1,17 @@
 //! `klasktron collect`: arguments to a plan, a link and a session, and its outcome.
 
 use super::{
-    Outcome, interrupt, print,
+    Outcome, interrupt,
+    live_view::LiveView,
+    print,
     table::{OpenTable, TableArgs, TableFiles},
     tell,
 };
 use anyhow::{Context, bail};
 use clap::ValueEnum;
-use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     collect::{
-        HomingPolicy, Leg, Plan, Progress, Proof, RawFrames, Schedule, SessionConfig, SessionError,
+        HomingPolicy, Leg, Plan, Proof, RawFrames, Schedule, SessionConfig, SessionError,
         SessionOutput, SessionReport, WatchdogPolicy, listen, plan_page, prove, run_session,
     },
     gantry::Pattern,
@@ -21,7 +22,6 @@ use klasktron::{
     },
 };
 use std::{
-    cell::Cell,
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
@@ -200,7 +200,7 @@ fn session(
     )?;
     let output = SessionOutput { writer, presses, show: &mut |progress| view.show(progress) };
     let result = run(&mut table, output);
-    view.bar.finish_and_clear();
+    view.close();
     tell_outcome(args, &result?)
 }
 
@@ -397,42 +397,4 @@ fn plan_metadata(plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
         ("rate_hz", plan.rate_hz.to_string()),
     ];
     Ok(entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect())
-}
-
-/// What the person sees while it runs: a bar on a terminal, a line for each run elsewhere.
-struct LiveView {
-    bar: ProgressBar,
-    said: Cell<u32>,
-}
-
-impl LiveView {
-    fn new() -> Self {
-        let bar = ProgressBar::no_length();
-        let template = "{elapsed_precise} [{bar:20}] {wide_msg}";
-        if let Ok(style) = ProgressStyle::with_template(template) {
-            bar.set_style(style);
-        }
-        Self { bar, said: Cell::new(0) }
-    }
-
-    fn show(&self, progress: &Progress<'_>) {
-        self.bar.set_length(progress.periods as u64);
-        self.bar.set_position(progress.periods_done as u64);
-        let run = progress.run.map_or_else(
-            || format!("{} of {} runs done", progress.runs_done, progress.runs),
-            |run| format!("run {} of {}: {}", run.number, progress.runs, run.pattern),
-        );
-        self.bar.set_message(format!(
-            "{run}; {:.1} mm off the path at most, {} errors, {:.0} frames/s, {:.0} pictures/s",
-            1e3 * progress.worst_tracking,
-            progress.errors,
-            progress.frames_per_s,
-            progress.pictures_per_s,
-        ));
-        let Some(run) = progress.run else { return };
-        if self.bar.is_hidden() && self.said.replace(run.number) != run.number {
-            let (number, runs) = (run.number, progress.runs);
-            tell(&format!("run {number} of {runs}: {} ({})", run.pattern, run.split));
-        }
-    }
 }

@@ -1,0 +1,80 @@
+//! What a session tells: to the person while it runs, and as a document when it is over.
+
+use super::{control::Lateness, leg::RunLabel, preflight::Census, reason::StopReason};
+use crate::units::Nanos;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// What the person sees while it runs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress<'a> {
+    /// The run at hand; `None` before, between and after runs.
+    pub run: Option<&'a RunLabel>,
+    /// Runs that are done.
+    pub runs_done: usize,
+    /// Runs in all.
+    pub runs: usize,
+    /// Control periods done, of [`periods`](Self::periods).
+    pub periods_done: usize,
+    /// Control periods in all.
+    pub periods: usize,
+    /// Frames that came in since the last view (1/s).
+    pub frames_per_s: f64,
+    /// Pictures that came in since the last view (1/s).
+    pub pictures_per_s: f64,
+    /// Faults of the bus and setpoints that it did not take.
+    pub errors: u64,
+    /// Largest distance from the reference so far (m).
+    pub worst_tracking: f64,
+    /// Time of the link.
+    pub now: Nanos,
+}
+
+/// How a session went.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SessionReport {
+    /// Version of this document.
+    pub schema_version: &'static str,
+    /// Why it ended: a name, stable between versions.
+    pub stop: &'static str,
+    /// The same as a sentence.
+    pub stop_text: String,
+    /// Runs in the plan.
+    pub runs_planned: usize,
+    /// Runs that were done to their end.
+    pub runs_done: usize,
+    /// Samples of the runs that were done, for each player.
+    pub samples: usize,
+    /// From the first look to the last heartbeat (s).
+    pub duration_s: f64,
+    /// Nodes that have not confirmed that they are off.
+    pub not_confirmed_off: Vec<u8>,
+    /// What the first look has found.
+    pub census: Census,
+    /// How late the control periods were.
+    pub lateness: Lateness,
+    /// Largest distance of a carriage from its reference (m).
+    pub worst_tracking_m: f64,
+    /// Frames received.
+    pub frames_received: u64,
+    /// Frames sent.
+    pub frames_sent: u64,
+    /// Pictures of the camera.
+    pub pictures: u64,
+    /// Datagrams of the camera that were not understood.
+    pub pictures_refused: u64,
+    /// Setpoints that the bus did not take in time; they were dropped.
+    pub setpoints_dropped: u64,
+    /// Faults of the bus by kind.
+    pub bus_faults: BTreeMap<String, u64>,
+    /// What was doubtful.
+    pub warnings: Vec<String>,
+}
+
+impl SessionReport {
+    /// Whether everything that was planned is in the recording.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.stop == StopReason::Completed.code() && self.not_confirmed_off.is_empty()
+    }
+}

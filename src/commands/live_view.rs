@@ -1,0 +1,49 @@
+//! What `collect` shows while it runs.
+
+use super::tell;
+use indicatif::{ProgressBar, ProgressStyle};
+use klasktron::collect::Progress;
+use std::cell::Cell;
+
+/// What the person sees while it runs: a bar on a terminal, a line for each run elsewhere.
+pub(super) struct LiveView {
+    bar: ProgressBar,
+    said: Cell<u32>,
+}
+
+impl LiveView {
+    pub(super) fn new() -> Self {
+        let bar = ProgressBar::no_length();
+        let template = "{elapsed_precise} [{bar:20}] {wide_msg}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        Self { bar, said: Cell::new(0) }
+    }
+
+    pub(super) fn show(&self, progress: &Progress<'_>) {
+        self.bar.set_length(progress.periods as u64);
+        self.bar.set_position(progress.periods_done as u64);
+        let run = progress.run.map_or_else(
+            || format!("{} of {} runs done", progress.runs_done, progress.runs),
+            |run| format!("run {} of {}: {}", run.number, progress.runs, run.pattern),
+        );
+        self.bar.set_message(format!(
+            "{run}; {:.1} mm off the path at most, {} errors, {:.0} frames/s, {:.0} pictures/s",
+            1e3 * progress.worst_tracking,
+            progress.errors,
+            progress.frames_per_s,
+            progress.pictures_per_s,
+        ));
+        let Some(run) = progress.run else { return };
+        if self.bar.is_hidden() && self.said.replace(run.number) != run.number {
+            let (number, runs) = (run.number, progress.runs);
+            tell(&format!("run {number} of {runs}: {} ({})", run.pattern, run.split));
+        }
+    }
+
+    /// Leaves the terminal to what is said afterwards.
+    pub(super) fn close(&self) {
+        self.bar.finish_and_clear();
+    }
+}
