@@ -23,6 +23,8 @@ const PERIODS: usize = 400;
 /// Radius (m) and time of a turn (s): 0.126 m/s.
 const RADIUS: f64 = 0.04;
 const TURN_SECONDS: f64 = 2.0;
+/// A carriage slower than this stands (m/s).
+pub(crate) const STANDING: f64 = 0.005;
 /// A disarmed drive coasts against friction alone (s).
 const COAST_SECONDS: f64 = 3.0;
 
@@ -42,6 +44,8 @@ pub(crate) struct BenchOutcome {
     pub(crate) report: Result<SessionReport, SessionError>,
     pub(crate) truth: Truth,
     pub(crate) recording: Option<Recording>,
+    /// The last moment after the session at which a carriage really moved.
+    pub(crate) moved_until: Option<Nanos>,
 }
 
 /// Starts and ends at rest in `centre`: first along x, then the circle with a soft start.
@@ -103,8 +107,16 @@ impl Bench {
         let recording = self.path().exists().then(|| Recording::open(&self.path()).unwrap());
         // Whatever still moves may come to rest, as it would on a table.
         let until = link.now().after_seconds(COAST_SECONDS);
-        while link.next_event(until).is_ok_and(|event| event.is_some()) {}
-        BenchOutcome { report, truth: link.truth(), recording }
+        let mut moved_until = None;
+        while link.now() < until {
+            let soon = link.now().after_seconds(0.005);
+            while link.next_event(soon).is_ok_and(|event| event.is_some()) {}
+            let truth = link.truth();
+            if [truth.left, truth.right].iter().any(|p| STANDING < p.carriage.speed()) {
+                moved_until = Some(link.now());
+            }
+        }
+        BenchOutcome { report, truth: link.truth(), recording, moved_until }
     }
 
     /// Runs the session on a rig of the caller's.

@@ -1,7 +1,7 @@
 //! Every fault in the middle of a run: which reason stops the session, what the drives are left in,
 //! how soon the carriages stand, and that the recording says so.
 
-use super::bench::{Bench, BenchOutcome, series};
+use super::bench::{Bench, BenchOutcome, STANDING, series};
 use klasktron::{
     can::{AxisErrors, Command, Message, decode},
     collect::{Problem, SessionError},
@@ -17,8 +17,6 @@ use klasktron::{
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// A carriage slower than this stands (m/s).
-const STANDING: f64 = 0.005;
 /// One control period (s), the slowest ramp from the speed of the run, and the lag of drive and belt.
 const PERIOD: f64 = 0.02;
 const RAMP: f64 = 0.13 / 10.0;
@@ -32,8 +30,10 @@ fn stop_event(recording: &Recording) -> (Nanos, SessionEvent) {
     stop
 }
 
-/// From the reaction to the last moment at which a carriage moved (s), by its encoders.
-fn seconds_to_standstill(recording: &Recording, since: Nanos) -> f64 {
+/// From the reaction to the last moment at which a carriage moved (s): by its encoders in the
+/// recording, by the rig's truth after it.
+fn seconds_to_standstill(outcome: &BenchOutcome, since: Nanos) -> f64 {
+    let recording = outcome.recording.as_ref().unwrap();
     let moving = |player| {
         series::<CarriageState>(recording, &topic::carriage(player))
             .into_iter()
@@ -41,7 +41,8 @@ fn seconds_to_standstill(recording: &Recording, since: Nanos) -> f64 {
             .map(|(time, _)| time.seconds_since(since))
             .fold(0.0, f64::max)
     };
-    moving(Player::Left).max(moving(Player::Right))
+    let after = outcome.moved_until.map_or(0.0, |time| time.seconds_since(since));
+    after.max(moving(Player::Left)).max(moving(Player::Right))
 }
 
 /// Runs a fault and checks what holds for every one: the reason, carriages standing, the reason in
@@ -49,7 +50,7 @@ fn seconds_to_standstill(recording: &Recording, since: Nanos) -> f64 {
 fn stops(bench: &Bench, code: &str) -> BenchOutcome {
     let outcome = stops_coasting(bench, code);
     let recording = outcome.recording.as_ref().unwrap();
-    let seconds = seconds_to_standstill(recording, stop_event(recording).0);
+    let seconds = seconds_to_standstill(&outcome, stop_event(recording).0);
     assert!(seconds <= PERIOD + RAMP + DRIVE_LAG, "{seconds} s to standstill");
     outcome
 }
@@ -65,8 +66,8 @@ fn stops_coasting(bench: &Bench, code: &str) -> BenchOutcome {
     let recording = outcome.recording.as_ref().expect("what was recorded is kept");
     let (at, event) = stop_event(recording);
     assert_eq!(event.text, report.stop_text);
-    let seconds = seconds_to_standstill(recording, at);
-    println!("{code}: last motion in the recording {:.0} ms after the reaction", 1e3 * seconds);
+    let seconds = seconds_to_standstill(&outcome, at);
+    println!("{code}: standstill {:.0} ms after the reaction", 1e3 * seconds);
     outcome
 }
 
