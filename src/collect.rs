@@ -55,7 +55,5 @@ pub use preflight::{Census, CyclicRate, MOST_BUS_LOAD, Problem, bus_load};
 pub use proof::{Figures, Proof, ProvenRun, check_reference, prove};
 pub use reason::{HotPart, Reaction, StopReason};
 pub use report::{Progress, SessionReport};
-pub use session::{
-    SESSION_METADATA, SessionConfig, SessionError, SessionOutput, listen, run_session,
-};
+pub use session::{SessionConfig, SessionError, SessionOutput, listen, run_session};
 pub use station::RawFrames;

@@ -145,6 +145,11 @@ pub trait Link {
 
     /// What the bus can do.
     fn capabilities(&self) -> Capabilities;
+
+    /// What of the source could not be delivered, each as a sentence.
+    fn losses(&self) -> Vec<String> {
+        Vec::new()
+    }
 }
 
 /// What a transport received.

@@ -41,4 +41,7 @@ pub use load::{Attachment, Channel, MessageIndex, Recording, Series, hexadecimal
 pub use scan::{Loss, MAGIC};
 pub use schema::{FILE_DESCRIPTOR_SET, PROTOBUF, SchemaDifference, check_compatible, message};
 pub use split::Split;
-pub use writer::{FlushPolicy, PROFILE, RECORDING_METADATA, RawSchema, RecordingWriter};
+pub use writer::{
+    FlushPolicy, PROFILE, RECORDING_METADATA, RawSchema, RecordingWriter, SESSION_COMPLETED,
+    SESSION_METADATA,
+};

@@ -15,7 +15,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// How long the bus is listened to (s); twelve heartbeats.
-const LISTEN_SECONDS: f64 = 1.2;
+pub(super) const LISTEN_SECONDS: f64 = 1.2;
 /// How often a version is asked for, and how long each answer is waited for (s).
 const VERSION_ATTEMPTS: usize = 3;
 const VERSION_SECONDS: f64 = 0.1;

@@ -4,7 +4,7 @@ use crate::{
     can::{AxisErrors, AxisState, Command},
     gantry::MotorSeat,
     link::BusFault,
-    recording::topic::Player,
+    recording::{SESSION_COMPLETED, topic::Player},
 };
 use std::fmt;
 
@@ -198,7 +198,7 @@ impl StopReason {
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
-            Self::Completed => "completed",
+            Self::Completed => SESSION_COMPLETED,
             Self::Interrupted => "interrupted",
             Self::InterruptedTwice => "interrupted_twice",
             Self::HeartbeatLost { .. } => "heartbeat_lost",
@@ -306,7 +306,7 @@ impl fmt::Display for StopReason {
             Self::StrikerLost { player, error_m, limit_m } => write!(
                 f,
                 "the camera sees the {player} striker {:.0} mm from its magnet (limit {:.0} mm): \
-                 coupling lost, or the homing offset is wrong",
+                 coupling lost, homing offset wrong, or a wrong sign or belt in the robot file",
                 1e3 * error_m,
                 1e3 * limit_m
             ),

@@ -67,6 +67,8 @@ pub struct SessionReport {
     pub setpoints_dropped: u64,
     /// Faults of the bus by kind.
     pub bus_faults: BTreeMap<String, u64>,
+    /// What the recording lacks.
+    pub losses: Vec<String>,
     /// What was doubtful.
     pub warnings: Vec<String>,
 }
@@ -75,6 +77,8 @@ impl SessionReport {
     /// Whether everything that was planned is in the recording.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.stop == StopReason::Completed.code() && self.not_confirmed_off.is_empty()
+        self.stop == StopReason::Completed.code()
+            && self.not_confirmed_off.is_empty()
+            && self.losses.is_empty()
     }
 }

@@ -13,10 +13,11 @@ use super::{
     station::{Counts, ForeignOrders, RawFrames, Station},
 };
 use crate::{
+    can::Command,
     gantry::{BeltError, Reference, Robot, Setpoint},
     link::Link,
     recording::{
-        RecordingError, RecordingWriter,
+        RecordingError, RecordingWriter, SESSION_METADATA,
         message::{RunMarker, run_marker::Phase},
         topic::Player,
     },
@@ -31,10 +32,10 @@ const MOST_CORRECTION: f64 = 0.05;
 /// How far a carriage is behind its reference when all is well (s): half a period, the bus, the delay
 /// and the lag of the drive; the paper's figures give 40 to 60 ms.
 const USUAL_LAG_SECONDS: f64 = 0.05;
+/// A larger share of lost periods, setpoints or positions makes a recording incomplete.
+const MOST_LOST_SHARE: f64 = 0.01;
 /// The live view is told this often (s).
 const PROGRESS_SECONDS: f64 = 0.1;
-/// Name of the metadata record that says how the session went.
-pub const SESSION_METADATA: &str = "klasktron.collect";
 
 /// How a session is run.
 #[derive(Debug, Clone, PartialEq)]
@@ -156,9 +157,10 @@ impl<'a> Session<'a> {
         show: &'a mut dyn FnMut(&Progress<'_>),
     ) -> Self {
         let now = station.now();
-        let camera = match config.homing {
-            HomingPolicy::Camera => CameraDuty::Watches,
-            HomingPolicy::Declared => CameraDuty::Records,
+        // Once there have been pictures, they are watched, however positions were referenced.
+        let camera = match station.counts.pictures {
+            0 => CameraDuty::Records,
+            _ => CameraDuty::Watches,
         };
         Self {
             station,
@@ -258,6 +260,7 @@ impl<'a> Session<'a> {
                 let wanted = self.wanted(*player, &setpoint, due);
                 self.control.command(&mut self.station, *player, wanted, tick);
             }
+            self.station.ask_temperatures();
             self.control.finish(&mut self.station, tick)?;
             self.guard.check(&self.station, self.control.all_commanded())?;
             at += 1;
@@ -320,6 +323,13 @@ impl<'a> Session<'a> {
         self.station.note_of("stop", reason.node(), &stop_text);
         let not_confirmed_off =
             arming::stop(&mut self.station, &mut self.control, reason.reaction());
+        let twice = *reason == StopReason::Interrupted && 1 < self.station.presses();
+        let reason = if twice { &StopReason::InterruptedTwice } else { reason };
+        let stop_text = reason.to_string();
+        if twice {
+            self.station.note_of("escalation", None, &stop_text);
+        }
+        let losses = self.losses(&census, started);
         let Counts { frames_received, frames_sent, pictures, setpoints_dropped, .. } =
             self.station.counts;
         let report = SessionReport {
@@ -340,6 +350,7 @@ impl<'a> Session<'a> {
             pictures_refused: self.station.camera.refused,
             setpoints_dropped,
             bus_faults: self.station.counts.faults.clone(),
+            losses,
             warnings: self.warnings(),
         };
         let Some(recorder) = self.station.take_recorder() else { return Ok(report) };
@@ -358,7 +369,42 @@ impl<'a> Session<'a> {
             let count = self.station.counts.not_understood;
             warnings.push(format!("{count} frames on the bus are not of ODrive's protocol"));
         }
+        if 0 < self.runs_done {
+            for drive in self.station.drives.iter().filter(|drive| drive.temperatures.is_none()) {
+                let node = drive.seat.node;
+                warnings
+                    .push(format!("node {node} reports no temperature: its heat is not watched"));
+            }
+        }
         warnings
+    }
+
+    /// What the recording lacks, each as a sentence: it then ends with status 3.
+    fn losses(&self, census: &Census, since: Nanos) -> Vec<String> {
+        let mut losses = self.station.losses();
+        let late = self.control.lateness();
+        if MOST_LOST_SHARE * (late.periods as f64) < late.skipped as f64 {
+            let (skipped, kept) = (late.skipped, late.periods);
+            losses.push(format!("{skipped} control periods were left out, {kept} kept"));
+        }
+        let dropped = self.station.counts.setpoints_dropped;
+        if MOST_LOST_SHARE * (late.periods as f64) < dropped as f64 {
+            losses.push(format!("the bus did not take {dropped} setpoints"));
+        }
+        let seconds = self.station.now().seconds_since(since);
+        let positions = Command::EncoderEstimates;
+        for rate in census.rates.iter().filter(|rate| rate.message == positions.name()) {
+            let key = (rate.node, positions as u8);
+            let came = self.station.counts.by_node.get(&key).copied().unwrap_or(0) as f64;
+            let missing = 1.0 - came / (rate.rate_hz * seconds);
+            // The rate itself is known to one message of the first look.
+            let uncertainty = 1.0 / (rate.rate_hz * preflight::LISTEN_SECONDS);
+            if MOST_LOST_SHARE + uncertainty < missing {
+                let (node, percent) = (rate.node, 1e2 * missing);
+                losses.push(format!("{percent:.0} % of the positions of node {node} are missing"));
+            }
+        }
+        losses
     }
 }
 

@@ -30,6 +30,8 @@ const ESTOP_REPEATS: usize = 3;
 const ESTOP_PATIENCE_SECONDS: f64 = 0.005;
 /// A full transmit queue is tried again after this time (s).
 const RETRY_SECONDS: f64 = 0.0002;
+/// A drive that does not tell its temperature is asked this often (s).
+const TEMPERATURE_SECONDS: f64 = 1.0;
 
 /// What is done about orders of other programs to the drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,6 +77,8 @@ pub(super) struct Station<'a> {
     pub(super) counts: Counts,
     pub(super) foreign_orders: ForeignOrders,
     pub(super) first_foreign: Option<(u8, Command)>,
+    /// When a temperature was asked for last, and how often.
+    temperature_asked: (Nanos, usize),
     raw: RawFrames,
     recorder: Option<Recorder>,
     presses: &'a AtomicUsize,
@@ -105,6 +109,7 @@ impl<'a> Station<'a> {
             counts: Counts::default(),
             foreign_orders: ForeignOrders::Alarm,
             first_foreign: None,
+            temperature_asked: (Nanos(0), 0),
             raw,
             recorder: None,
             presses,
@@ -131,6 +136,15 @@ impl<'a> Station<'a> {
 
     pub(super) fn carriage_mut(&mut self, player: Player) -> &mut CarriageWatch {
         &mut self.carriages[player as usize]
+    }
+
+    /// What the link could not deliver, and that nothing came at all.
+    pub(super) fn losses(&self) -> Vec<String> {
+        let mut losses = self.link.losses();
+        if self.counts.frames_received == 0 {
+            losses.push("no frame came in; check cable, supply and bit rate".to_owned());
+        }
+        losses
     }
 
     /// How often the person has pressed Ctrl-C.
@@ -302,6 +316,24 @@ impl<'a> Station<'a> {
         let now = self.link.now();
         self.record_frame([now, now], &frame, Direction::Sent);
         Ok(())
+    }
+
+    /// Asks one drive after the other how warm it is, each about once a second, unless they tell it by
+    /// themselves. An answer that does not come is no fault: it is in the session's warnings.
+    pub(super) fn ask_temperatures(&mut self) {
+        let now = self.link.now();
+        let every = TEMPERATURE_SECONDS / self.drives.len() as f64;
+        let told = 0 < self.robot.can.cyclic_ms.temperature;
+        if told || !self.link.capabilities().remote_frames {
+            return;
+        }
+        if now.seconds_since(self.temperature_asked.0) < every {
+            return;
+        }
+        let (_, turn) = self.temperature_asked;
+        self.temperature_asked = (now, turn + 1);
+        let node = self.drives[turn % self.drives.len()].seat.node;
+        self.send(node, &Message::Request(Command::Temperature)).ok();
     }
 
     /// Sends now, or as soon as the transmit queue takes it, or not at all after `give_up`: nothing is

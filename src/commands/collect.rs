@@ -18,7 +18,8 @@ use klasktron::{
     link::BusSpec,
     provenance::{CRATE_VERSION, GIT_HASH},
     recording::{
-        ExistingFile, FlushPolicy, RecordingWriter, Split, partial_name, topic::Player, write_bytes,
+        ExistingFile, FlushPolicy, RecordingWriter, SESSION_COMPLETED, Split, partial_name,
+        topic::Player, write_bytes,
     },
 };
 use std::{
@@ -29,6 +30,8 @@ use std::{
 
 /// Largest rate of the control loop (Hz).
 const LARGEST_RATE_HZ: f64 = 500.0;
+/// Rate at which the KlaskTron table is controlled (Hz).
+const USUAL_RATE_HZ: f64 = 50.0;
 
 /// What can be typed after `klasktron collect`.
 #[derive(Debug, clap::Args)]
@@ -39,7 +42,7 @@ const LARGEST_RATE_HZ: f64 = 500.0;
       --pattern circle:radius_m=0.05,speed_m_per_s=0.3 --seconds 30 --repeat 4 -o circles.mcap
   klasktron collect --bus replay:bus.log --listen -o bus.mcap")]
 pub(crate) struct Args {
-    /// The recording to write [default: collect.mcap]
+    /// The recording to write
     #[arg(short, long, value_name = "OUT", default_value = "collect.mcap")]
     output: PathBuf,
     /// Replace the recording if it is there already
@@ -70,6 +73,9 @@ pub(crate) struct Args {
     /// Only record what is on the bus, for so many seconds or until a log ends; send nothing
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "inf", value_parser = parse_seconds)]
     listen: Option<f64>,
+    /// Print the robot file with every value as JSON, and end
+    #[arg(long)]
+    print_robot: bool,
     /// Session in the recording's metadata [default: the output's name]
     #[arg(long)]
     session: Option<String>,
@@ -81,7 +87,7 @@ pub(crate) struct Args {
 #[derive(Debug, clap::Args)]
 struct MotionArgs {
     /// `paper` (the data set of the KlaskTron paper), or a plan as JSON
-    #[arg(long, value_name = "PLAN", conflicts_with_all = ["pattern", "seconds", "repeat", "validation_every"])]
+    #[arg(long, value_name = "PLAN", required_unless_present_any = ["pattern", "patterns", "listen", "print_robot"], conflicts_with_all = ["pattern", "seconds", "repeat", "validation_every"])]
     plan: Option<String>,
     /// A pattern such as circle:radius_m=0.05,speed_m_per_s=0.3 (repeatable); see --patterns
     #[arg(long, value_name = "PATTERN")]
@@ -98,9 +104,9 @@ struct MotionArgs {
     /// List the patterns with their parameters and what they reveal
     #[arg(long)]
     patterns: bool,
-    /// Rate of the control loop (Hz), up to 500
-    #[arg(long, value_name = "HZ", default_value = "50", value_parser = parse_rate)]
-    rate_hz: f64,
+    /// Rate of the control loop (Hz), 10 to 500 [default: 50, or what a plan file says]
+    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
+    rate_hz: Option<f64>,
     /// Seed of what is random in a plan
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -153,6 +159,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return list_patterns();
     }
     let files = args.table.read_files()?;
+    if args.print_robot {
+        print(&serde_json::to_string_pretty(&files.robot)?)?;
+        return Ok(Outcome::Done);
+    }
     if let Some(seconds) = args.listen {
         return listen_only(args, &files, seconds);
     }
@@ -209,13 +219,23 @@ fn tell_outcome(args: &Args, report: &SessionReport) -> anyhow::Result<Outcome> 
     for warning in &report.warnings {
         tell(&format!("warning: {warning}"));
     }
+    for loss in &report.losses {
+        tell(&format!("lost: {loss}"));
+    }
     for node in &report.not_confirmed_off {
         tell(&format!("warning: node {node} has not confirmed that it is off; cut the power"));
     }
     if args.json {
         print(&serde_json::to_string_pretty(report)?)?;
     }
-    if !report.is_complete() {
+    if let Some((_, firmware)) = report.census.firmware.first() {
+        let [load, worst] = [report.census.bus_load, report.census.worst_bus_load].map(|l| 1e2 * l);
+        let drives = report.census.firmware.len();
+        tell(&format!(
+            "{drives} drives, firmware {firmware}; bus {load:.0} % busy, {worst:.0} % at worst"
+        ));
+    }
+    if report.stop != SESSION_COMPLETED {
         tell(&format!("stopped: {}", report.stop_text));
     }
     let kept = if args.output.exists() {
@@ -283,24 +303,32 @@ fn list_patterns() -> anyhow::Result<Outcome> {
 impl MotionArgs {
     fn plan(&self) -> anyhow::Result<Plan> {
         let plan = match self.plan.as_deref() {
-            Some("paper") => Plan::paper(self.rate_hz, self.seed)?,
+            Some("paper") => Plan::paper(self.rate(), self.seed)?,
             Some(path) => {
                 let text = fs::read_to_string(path).with_context(|| {
                     format!("{path}: cannot read; --plan takes `paper` or a plan as JSON")
                 })?;
-                Plan::from_json(&text).with_context(|| path.to_owned())?
-            }
-            None if self.pattern.is_empty() => {
-                bail!("nothing to do: give --plan paper, --plan FILE, --pattern, or --listen")
+                let plan = Plan::from_json(&text).with_context(|| path.to_owned())?;
+                if self.rate_hz.is_some_and(|rate| rate != plan.rate_hz) {
+                    bail!("{path}: the plan is for {} Hz; leave --rate-hz out", plan.rate_hz);
+                }
+                if LARGEST_RATE_HZ < plan.rate_hz {
+                    bail!("{path}: rate_hz is {}; it must be at most 500 Hz", plan.rate_hz);
+                }
+                plan
             }
             None => Plan::from_patterns(&self.pattern, &self.schedule())?,
         };
         Ok(plan)
     }
 
+    fn rate(&self) -> f64 {
+        self.rate_hz.unwrap_or(USUAL_RATE_HZ)
+    }
+
     fn schedule(&self) -> Schedule {
         Schedule {
-            rate_hz: self.rate_hz,
+            rate_hz: self.rate(),
             seed: self.seed,
             seconds: self.seconds,
             repeat: self.repeat,
@@ -330,7 +358,7 @@ impl Args {
         };
         Ok(SessionConfig {
             players,
-            rate_hz: self.motion.rate_hz,
+            rate_hz: self.motion.rate(),
             homing,
             watchdog: match self.watchdog {
                 WatchdogArg::Test => WatchdogPolicy::Test,

@@ -206,6 +206,13 @@ impl Link for ReplayLink {
         }
     }
 
+    fn losses(&self) -> Vec<String> {
+        match self.skipped_lines() {
+            0 => Vec::new(),
+            lines => vec![format!("{lines} lines of the log were not understood")],
+        }
+    }
+
     fn capabilities(&self) -> Capabilities {
         LOG
     }

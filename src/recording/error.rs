@@ -77,6 +77,15 @@ pub enum RecordingError {
         /// The file.
         path: PathBuf,
     },
+    /// Another session is writing this recording, or one was cut off while it did.
+    #[error(
+        "{}: holds a recording that is being written or was cut off; save it with `klasktron recover \
+         {} -o OUT`, then remove it, or give another name", partial.display(), partial.display()
+    )]
+    Unfinished {
+        /// The partial file.
+        partial: PathBuf,
+    },
     /// A topic was asked for that the recording does not have.
     #[error("{}: no topic {topic}; it has {}", path.display(), list(topics))]
     NoSuchTopic {

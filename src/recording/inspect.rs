@@ -267,6 +267,13 @@ fn file_doubts(recording: &Recording) -> Vec<Doubt> {
     if recording.channels.iter().all(|channel| channel.messages.is_empty()) {
         doubts.push(Doubt::NoMessages);
     }
+    let session = recording.metadata.get(super::SESSION_METADATA);
+    if let Some(session) = session
+        && session.get("stop").is_some_and(|stop| stop != super::SESSION_COMPLETED)
+    {
+        let reason = session.get("stop_text").cloned().unwrap_or_default();
+        doubts.push(Doubt::SessionStopped { reason });
+    }
     let mut schemas: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for channel in &recording.channels {
         schemas.entry(&channel.topic).or_default().insert(&channel.schema);

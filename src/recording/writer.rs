@@ -15,7 +15,7 @@ use std::{
     borrow::Cow,
     collections::BTreeMap,
     fs::{self, File},
-    io::BufWriter,
+    io::{BufWriter, ErrorKind},
     path::{Path, PathBuf},
 };
 
@@ -23,6 +23,12 @@ use std::{
 pub const PROFILE: &str = "klasktron";
 /// Name of the metadata record that every recording carries.
 pub const RECORDING_METADATA: &str = "klasktron.recording";
+
+/// Name of the metadata record that says how a session of collecting went: `stop`, `stop_text`,
+/// `report_json`.
+pub const SESSION_METADATA: &str = "klasktron.collect";
+/// Its `stop` when everything was done.
+pub const SESSION_COMPLETED: &str = "completed";
 
 const CHUNK_BYTES: u64 = 1 << 20;
 
@@ -54,7 +60,8 @@ impl RecordingWriter {
     /// Starts a file that will be called `path`.
     ///
     /// # Errors
-    /// When the name is taken and `existing` refuses, or the folder cannot be written.
+    /// When the name is taken and `existing` refuses, the folder cannot be written, or, for a live
+    /// recording, an unfinished one lies there.
     pub fn create(
         path: &Path,
         existing: ExistingFile,
@@ -77,7 +84,15 @@ impl RecordingWriter {
             return Err(RecordingError::Exists { path: path.to_owned() });
         }
         let partial = partial_name(path);
-        let file = File::create(&partial).map_err(RecordingError::io(path, "create"))?;
+        let file = match flush {
+            // What a live session wrote cannot be had again.
+            FlushPolicy::EverySecond => File::create_new(&partial),
+            FlushPolicy::WhenFull => File::create(&partial),
+        };
+        let file = file.map_err(|error| match error.kind() {
+            ErrorKind::AlreadyExists => RecordingError::Unfinished { partial: partial.clone() },
+            _ => RecordingError::io(path, "create")(error),
+        })?;
         let writer = WriteOptions::new()
             .profile(profile)
             .library(concat!("klasktron ", env!("CARGO_PKG_VERSION")))

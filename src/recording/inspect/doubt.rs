@@ -27,6 +27,12 @@ pub enum Doubt {
          write a whole one with `klasktron recover`"
     )]
     NoSummary,
+    /// The session that recorded it was stopped before its end.
+    #[error("the session was stopped: {reason}; its last run is not complete")]
+    SessionStopped {
+        /// Why.
+        reason: String,
+    },
     /// No message at all.
     #[error("the file holds no message; record it again")]
     NoMessages,

@@ -112,7 +112,7 @@ fn mistakes_are_told_in_one_sentence() {
         (&[circle, "--rate-hz", "5000"], 2, "from 10 to 500 Hz"),
         (&[circle, "--speed", "max", "-o", &taken], 1, "taken.mcap"),
         (&[circle, "--speed", "max", "-o", "/nowhere/x.mcap"], 1, "/nowhere/x.mcap"),
-        (&[], 1, "--plan paper"),
+        (&[], 2, "--plan <PLAN>"),
         (&["--plan", "papr"], 1, "--plan takes `paper`"),
     ];
     for (arguments, expected_status, expected) in cases {
@@ -129,4 +129,37 @@ fn mistakes_are_told_in_one_sentence() {
         assert!(!Path::new(&out).exists(), "{arguments:?} left a file");
     }
     assert_eq!(fs::read(&taken).unwrap(), b"x");
+}
+
+#[test]
+fn an_unfinished_recording_is_never_written_over() {
+    let dir = tempfile::tempdir().unwrap();
+    let partial = dir.path().join(".out.mcap.partial");
+    fs::write(&partial, "what a killed session wrote").unwrap();
+    let out = file(dir.path(), "out.mcap");
+    let typed = ["collect", "--speed", "max", "--pattern", "circle", "--overwrite", "-o", &out];
+    let (_, stderr, status) = said(&klasktron(&typed));
+    assert_eq!(status, 1);
+    assert!(
+        stderr.contains("klasktron recover") && stderr.contains(".out.mcap.partial"),
+        "{stderr}"
+    );
+    assert_eq!(fs::read(&partial).unwrap(), b"what a killed session wrote");
+}
+
+#[test]
+fn a_bad_log_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, text, expected) in [
+        ("mid.log", format!("{LOG}this is no frame\n"), "1 lines of the log were not understood"),
+        ("empty.log", String::new(), "no frame came in"),
+    ] {
+        fs::write(dir.path().join(name), text).unwrap();
+        let bus = format!("replay:{}", file(dir.path(), name));
+        let out = file(dir.path(), &format!("{name}.mcap"));
+        let typed = ["collect", "--bus", &bus, "--listen", "-o", &out];
+        let (_, stderr, status) = said(&klasktron(&typed));
+        assert_eq!(status, 3, "{name}: {stderr}");
+        assert!(stderr.contains(expected), "{name}: {stderr}");
+    }
 }
