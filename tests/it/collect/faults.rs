@@ -182,7 +182,8 @@ fn without_a_bus_the_watchdogs_stop_the_drives() {
 
 #[test]
 fn one_frame_in_twenty_may_be_lost() {
-    let outcome = Bench::with_fault(r#""kind": "frames_dropped", "probability": 0.05"#).run();
+    let fault = r#"{"faults": [{"at_s": 2.0, "kind": "frames_dropped", "probability": 0.05}]}"#;
+    let outcome = Bench::new(fault).run();
     let report = outcome.report.as_ref().unwrap();
     assert_eq!(report.stop, "completed", "{}", report.stop_text);
     assert!(
