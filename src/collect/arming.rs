@@ -7,6 +7,7 @@
 
 use super::{
     control::ControlLoop,
+    guard::check_presses,
     reason::{Reaction, StopReason},
     station::Station,
     watch::Armed,
@@ -59,6 +60,7 @@ pub(super) fn arm(station: &mut Station<'_>, control: &mut ControlLoop) -> Resul
             asked_at = station.now();
             for index in 0..station.drives.len() {
                 if station.drives[index].armed == Armed::Asked {
+                    send(station, station.drives[index].seat.node, &velocity_mode())?;
                     ask_for_closed_loop(station, index)?;
                 }
             }
@@ -73,11 +75,7 @@ pub(super) fn idle_period(
     control: &mut ControlLoop,
 ) -> Result<(), StopReason> {
     let tick = control.wait(station)?;
-    match station.presses() {
-        0 => {}
-        1 => return Err(StopReason::Interrupted),
-        _ => return Err(StopReason::InterruptedTwice),
-    }
+    check_presses(station.presses())?;
     for player in station.robot.players() {
         control.command(station, player, [0.0; 2], tick);
     }
@@ -119,7 +117,6 @@ fn velocity_mode() -> Message {
 
 fn ask_for_closed_loop(station: &mut Station<'_>, index: usize) -> Result<(), StopReason> {
     let node = station.drives[index].seat.node;
-    send(station, node, &velocity_mode())?;
     let state = AxisState::ClosedLoopControl.number().into();
     send(station, node, &Message::SetAxisState { state })
 }

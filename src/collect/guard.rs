@@ -139,7 +139,8 @@ impl Guard {
     }
 }
 
-fn check_presses(presses: usize) -> Result<(), StopReason> {
+/// A reason to stop when Ctrl-C was pressed, once or more often.
+pub(super) fn check_presses(presses: usize) -> Result<(), StopReason> {
     match presses {
         0 => Ok(()),
         1 => Err(StopReason::Interrupted),

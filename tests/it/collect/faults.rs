@@ -321,7 +321,7 @@ fn drives_are_armed_in_the_order_of_the_documentation() {
             };
             decode(&frame).unwrap().message
         })
-        .take(6)
+        .take(5)
         .collect();
     let commands: Vec<Command> = to_node_2.iter().map(Message::command).collect();
     assert_eq!(
@@ -331,10 +331,9 @@ fn drives_are_armed_in_the_order_of_the_documentation() {
             Command::SetControllerMode,
             Command::SetInputVel,
             Command::ClearErrors,
-            Command::SetControllerMode,
             Command::SetAxisState,
         ]
     );
     assert_eq!(to_node_2[1], Message::SetControllerMode { control_mode: 2, input_mode: 1 });
-    assert_eq!(to_node_2[5], Message::SetAxisState { state: 8 });
+    assert_eq!(to_node_2[4], Message::SetAxisState { state: 8 });
 }
