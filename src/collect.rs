@@ -4,7 +4,7 @@
 //! A [`Plan`] is a list of runs, each a [`Pattern`](crate::gantry::Pattern) with its length and
 //! whether it is to be fitted or to judge. [`prove`] turns it into the motion of every player,
 //! moves between runs included, and checks every sample of it against the robot's limits; what is
-//! executed is what the [`Proof`] holds. [`plan_page`] shows it without moving anything.
+//! executed is what the [`Proof`] holds. [`plan_page()`] shows it without moving anything.
 //!
 //! [`run_session`] looks at the bus, references the carriages, arms the drives, proves that they stop
 //! by themselves when nobody talks to them, drives every leg and switches off. Whatever ends it is a

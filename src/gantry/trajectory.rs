@@ -3,7 +3,7 @@
 //! A [`Pattern`] with its parameters becomes the [`Reference`] of one run: a velocity for every
 //! control period, zero-order hold, and the position that is its exact integral
 //! `p[k+1] = p[k] + v[k] dt`. Speeds, slew and the stopping distance at the edge are those of
-//! [`Limits`]; a pattern that cannot be had is refused with the largest value that can.
+//! [`Limits`](super::Limits); a pattern that cannot be had is refused with the largest value that can.
 //!
 //! Which pattern reveals which effect: the project's table of effects, column "excitation needed";
 //! circles, diagonals, ramps and the random walk are those of the paper's data set, lines those of
