@@ -17,6 +17,7 @@ SCALARS = {
     "double": descriptor_pb2.FieldDescriptorProto.TYPE_DOUBLE,
     "uint32": descriptor_pb2.FieldDescriptorProto.TYPE_UINT32,
     "uint64": descriptor_pb2.FieldDescriptorProto.TYPE_UINT64,
+    "int64": descriptor_pb2.FieldDescriptorProto.TYPE_INT64,
     "bool": descriptor_pb2.FieldDescriptorProto.TYPE_BOOL,
     "string": descriptor_pb2.FieldDescriptorProto.TYPE_STRING,
     "bytes": descriptor_pb2.FieldDescriptorProto.TYPE_BYTES,
