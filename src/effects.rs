@@ -1,0 +1,263 @@
+//! The catalogue: every physical effect that a twin can have, and that a gap can be named after.
+//!
+//! An effect is one small file with one `static`: its name, its parameters with unit and range, the
+//! plain function that is its physics, what its residual depends on, what excites it, and what it is
+//! confused with. The simulators of the `twin` room call the function at the place in the
+//! measured chain that [`Physics`] names; nothing else in the crate knows an effect by name. To add
+//! one, write its file and add its line to [`CATALOGUE`].
+//!
+//! The chain, with the place of each kind of physics:
+//!
+//! ```text
+//! command -> [CommandDelay] -> [Command] -> [Ramp] -> [VelocityLoop] -> [Effort] -> belts and rails
+//!    rails: [Force] [Friction] [Inertia]        motor -> [Encoder]       motor -> [Play] -> magnet
+//! magnet -> [Coupling] -> striker -> [Camera] -> [CameraDelay] -> detection -> [Estimator] -> state
+//! ball: [Roll] between impacts, [Impact] and [Wall] at them, then the same camera
+//! ```
+//!
+//! Motor-side physics acts in belt coordinates (`a` = x + y, `b` = x - y), rails and tilt in board
+//! coordinates; [`Site`] says which, and an effect can be present on one axis alone.
+
+mod ball;
+mod coupling;
+mod drive;
+mod estimator;
+mod gantry;
+mod impact;
+mod physics;
+mod sensor;
+
+pub use physics::{
+    Ball, Carriage, Change, CrossMotion, Impact, LoopGains, Motion, Noise, Physics, Sample, Wall,
+};
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Part of the measured chain to which an effect belongs; the first word of its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Domain {
+    /// Command, motor, belt.
+    Drive,
+    /// Rails, beam, frame.
+    Gantry,
+    /// Carriage to striker through the board.
+    Coupling,
+    /// The free ball.
+    Ball,
+    /// The ball against walls and strikers.
+    Impact,
+    /// Camera and encoders.
+    Sensor,
+    /// What makes velocities from positions.
+    Estimator,
+}
+
+impl fmt::Display for Domain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Drive => "drive",
+            Self::Gantry => "gantry",
+            Self::Coupling => "coupling",
+            Self::Ball => "ball",
+            Self::Impact => "impact",
+            Self::Sensor => "sensor",
+            Self::Estimator => "estimator",
+        })
+    }
+}
+
+/// Where an instance of an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Axis {
+    /// Both motors alike; the only motor of a single axis.
+    #[serde(rename = "a+b")]
+    Motors,
+    /// Motor a.
+    #[serde(rename = "a")]
+    A,
+    /// Motor b.
+    #[serde(rename = "b")]
+    B,
+    /// Both rails alike; the only rail of a single axis.
+    #[serde(rename = "x+y")]
+    Rails,
+    /// The carriage along x.
+    #[serde(rename = "x")]
+    X,
+    /// Carriage and bridge along y.
+    #[serde(rename = "y")]
+    Y,
+    /// The effect has no direction of its own.
+    #[serde(rename = "all")]
+    Whole,
+}
+
+impl Axis {
+    /// Whether physics at this place acts on coordinate `index` (0: a or x, 1: b or y).
+    #[must_use]
+    pub fn covers(self, index: usize) -> bool {
+        match self {
+            Self::Motors | Self::Rails | Self::Whole => true,
+            Self::A | Self::X => index == 0,
+            Self::B | Self::Y => index == 1,
+        }
+    }
+
+    /// Whether two instances of one effect at these places would act on the same coordinate.
+    #[must_use]
+    pub fn overlaps(self, other: Self) -> bool {
+        (0..2).any(|index| self.covers(index) && other.covers(index))
+    }
+
+    /// Whether this is a place in belt coordinates.
+    #[must_use]
+    pub fn is_motor(self) -> bool {
+        matches!(self, Self::Motors | Self::A | Self::B)
+    }
+}
+
+impl fmt::Display for Axis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Motors => "a+b",
+            Self::A => "a",
+            Self::B => "b",
+            Self::Rails => "x+y",
+            Self::X => "x",
+            Self::Y => "y",
+            Self::Whole => "all",
+        })
+    }
+}
+
+/// The coordinates in which an effect may act, and so the places that are tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Site {
+    /// Belt coordinates: both motors, then each alone.
+    Motors,
+    /// Board coordinates: both rails, then each alone.
+    Rails,
+    /// Motors and rails: friction can sit in either.
+    MotorsAndRails,
+    /// One place only.
+    Whole,
+}
+
+impl Site {
+    /// The places to try, the shared ones first.
+    #[must_use]
+    pub fn axes(self) -> &'static [Axis] {
+        match self {
+            Self::Motors => &[Axis::Motors, Axis::A, Axis::B],
+            Self::Rails => &[Axis::Rails, Axis::X, Axis::Y],
+            Self::MotorsAndRails => {
+                &[Axis::Rails, Axis::X, Axis::Y, Axis::Motors, Axis::A, Axis::B]
+            }
+            Self::Whole => &[Axis::Whole],
+        }
+    }
+}
+
+/// One number of an effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameter {
+    /// Name with its unit, such as `force_n`.
+    pub name: &'static str,
+    /// Unit, `1` for a ratio.
+    pub unit: &'static str,
+    /// A typical size, by which steps of the fit are scaled.
+    pub scale: f64,
+    /// Hard ends; a fit that stops on one has failed.
+    pub bounds: (f64, f64),
+    /// Plausible range of the catalogue, an estimate: outside it a name carries a flag.
+    pub plausible: (f64, f64),
+    /// Belongs to a session (a phase, an offset), and says nothing about the machine.
+    pub per_session: bool,
+}
+
+/// What a residual can depend on, for locating and for saying why.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Regressor {
+    /// Nothing: a constant.
+    Constant,
+    /// Position along the axis.
+    Position,
+    /// Position within a turn or a pitch.
+    Phase,
+    /// Velocity.
+    Velocity,
+    /// Sign of the velocity.
+    Direction,
+    /// Speed, whatever its sign.
+    Speed,
+    /// Acceleration.
+    Acceleration,
+    /// Derivative of the acceleration.
+    Jerk,
+    /// Size of the drive force.
+    Load,
+    /// Command.
+    Command,
+    /// Motion of the other axis.
+    OtherAxis,
+    /// Time since the direction changed.
+    SinceReversal,
+    /// Time in the session.
+    Time,
+    /// Speed of an impact.
+    ImpactSpeed,
+}
+
+/// One physical effect of the catalogue.
+#[derive(Debug)]
+pub struct Effect {
+    /// Canonical dotted name, such as `drive.friction.coulomb`.
+    pub name: &'static str,
+    /// What it does, in words that a person at the table understands.
+    pub says: &'static str,
+    /// Part of the chain.
+    pub domain: Domain,
+    /// Where it may act.
+    pub site: Site,
+    /// Its numbers, in the order in which `physics` takes them.
+    pub parameters: &'static [Parameter],
+    /// Values at which it does nothing.
+    pub null: &'static [f64],
+    /// Values from which a search starts: small but visible sizes and the shapes worth trying.
+    pub probes: &'static [&'static [f64]],
+    /// Numbers of memory that `physics` keeps from step to step, all zero at rest.
+    pub memory: usize,
+    /// Its equation, at its place in the chain.
+    pub physics: Physics,
+    /// What its residual depends on.
+    pub regressors: &'static [Regressor],
+    /// The least motion or sensor that shows it.
+    pub excitation: &'static str,
+    /// Patterns of `klasktron collect` that would show it best.
+    pub experiment: &'static str,
+    /// Names that look alike when the excitation is poor.
+    pub confused_with: &'static [&'static str],
+}
+
+/// Every effect, by domain.
+pub static CATALOGUE: &[&Effect] = &[
+    &drive::gain::GAIN,
+    &drive::delay::DELAY,
+    &drive::velocity_loop::VELOCITY_LOOP,
+    &drive::slew::SLEW,
+    &drive::coulomb::COULOMB,
+    &drive::viscous::VISCOUS,
+    &gantry::inertia::INERTIA,
+    &coupling::magnet_spring::MAGNET_SPRING,
+    &sensor::camera_latency::CAMERA_LATENCY,
+    &sensor::camera_scale_rotation::CAMERA_SCALE_ROTATION,
+];
+
+/// The effect called `name`.
+#[must_use]
+pub fn find(name: &str) -> Option<&'static Effect> {
+    CATALOGUE.iter().copied().find(|effect| effect.name == name)
+}

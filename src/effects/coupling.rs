@@ -1,0 +1,3 @@
+//! Carriage to striker, through the board.
+
+pub(super) mod magnet_spring;

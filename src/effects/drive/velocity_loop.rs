@@ -1,0 +1,42 @@
+//! The drive's velocity loop: proportional and integral action on the velocity error.
+
+use crate::effects::{Domain, Effect, LoopGains, Parameter, Physics, Regressor, Site};
+use std::f64::consts::TAU;
+
+/// `drive.velocity_loop`: with mass M, force M (2 z w e + w^2 integral of e), so that the closed loop
+/// is (2 z w s + w^2) / (s^2 + 2 z w s + w^2).
+pub(crate) static VELOCITY_LOOP: Effect = Effect {
+    name: "drive.velocity_loop",
+    says: "the velocity loop answers with another bandwidth or damping",
+    domain: Domain::Drive,
+    site: Site::Motors,
+    parameters: &[
+        Parameter {
+            name: "natural_frequency_hz",
+            unit: "Hz",
+            scale: 5.0,
+            bounds: (0.5, 300.0),
+            plausible: (5.0, 80.0),
+            per_session: false,
+        },
+        Parameter {
+            name: "damping_ratio",
+            unit: "1",
+            scale: 0.5,
+            bounds: (0.05, 50.0),
+            plausible: (0.3, 5.0),
+            per_session: false,
+        },
+    ],
+    null: &[300.0, 1.0],
+    probes: &[&[20.0, 1.0], &[60.0, 1.0], &[10.0, 0.5]],
+    memory: 0,
+    physics: Physics::VelocityLoop(|p| {
+        let w = TAU * p[0];
+        LoopGains { proportional_per_s: 2.0 * p[1] * w, integral_per_s2: w * w }
+    }),
+    regressors: &[Regressor::Acceleration, Regressor::Jerk],
+    excitation: "velocity steps and chirps",
+    experiment: "steps",
+    confused_with: &["drive.compliance.belt", "drive.lag1", "drive.delay"],
+};

@@ -1,0 +1,27 @@
+//! Friction in proportion to velocity.
+
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+
+/// `drive.friction.viscous`: -Fv v.
+pub(crate) static VISCOUS: Effect = Effect {
+    name: "drive.friction.viscous",
+    says: "a resistance grows in proportion to velocity",
+    domain: Domain::Drive,
+    site: Site::MotorsAndRails,
+    parameters: &[Parameter {
+        name: "coefficient_n_s_per_m",
+        unit: "N s/m",
+        scale: 2.0,
+        bounds: (0.0, 5000.0),
+        plausible: (0.1, 40.0),
+        per_session: false,
+    }],
+    null: &[0.0],
+    probes: &[&[2.0]],
+    memory: 0,
+    physics: Physics::Force(|p, _, motion| -p[0] * motion.velocity),
+    regressors: &[Regressor::Velocity],
+    excitation: "three or more speeds in both directions",
+    experiment: "x_line",
+    confused_with: &["drive.gain", "drive.lag1", "drive.friction.quadratic"],
+};

@@ -1,0 +1,3 @@
+//! Rails, beam and frame.
+
+pub(super) mod inertia;

@@ -1,0 +1,27 @@
+//! The moving mass along a rail, rotors included.
+
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+
+/// `gantry.inertia`: the mass that the force of both motors accelerates.
+pub(crate) static INERTIA: Effect = Effect {
+    name: "gantry.inertia",
+    says: "the moving mass differs",
+    domain: Domain::Gantry,
+    site: Site::Rails,
+    parameters: &[Parameter {
+        name: "mass_kg",
+        unit: "kg",
+        scale: 0.5,
+        bounds: (1e-3, 1e4),
+        plausible: (0.5, 10.0),
+        per_session: false,
+    }],
+    null: &[0.0],
+    probes: &[&[0.2]],
+    memory: 0,
+    physics: Physics::Inertia(|p, _| p[0]),
+    regressors: &[Regressor::Acceleration],
+    excitation: "accelerations well above the noise, with the torque recorded",
+    experiment: "steps",
+    confused_with: &["gantry.mass_position", "drive.velocity_loop"],
+};

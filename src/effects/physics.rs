@@ -1,0 +1,179 @@
+//! The places where physics can act, and what a function sees there.
+
+/// The rest of the gantry, as one coordinate sees it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct CrossMotion {
+    /// Position of the perpendicular coordinate (m).
+    pub position: f64,
+    /// Its velocity (m/s).
+    pub velocity: f64,
+    /// Its acceleration over the last step (m/s^2).
+    pub acceleration: f64,
+    /// Its drive force (N).
+    pub force: f64,
+}
+
+/// One coordinate during one step: a belt (a, b), a rail (x, y) or a single axis.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Motion {
+    /// Time since the session began (s).
+    pub time: f64,
+    /// Length of the step (s).
+    pub dt: f64,
+    /// Position (m).
+    pub position: f64,
+    /// Velocity (m/s).
+    pub velocity: f64,
+    /// Acceleration over the last step (m/s^2).
+    pub acceleration: f64,
+    /// Drive force along this coordinate (N).
+    pub force: f64,
+    /// Moving mass along this coordinate (kg).
+    pub mass: f64,
+    /// The perpendicular coordinate: b for a, y for x, and the other way round.
+    pub other: CrossMotion,
+}
+
+/// Gains of the velocity loop, per kilogram of moving mass.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LoopGains {
+    /// Force per velocity error and mass (1/s).
+    pub proportional_per_s: f64,
+    /// Force per travelled error and mass (1/s^2).
+    pub integral_per_s2: f64,
+}
+
+/// The magnet under the board at one time.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Carriage {
+    /// Length of the step (s).
+    pub dt: f64,
+    /// Place of the magnet (m).
+    pub position: [f64; 2],
+    /// Its velocity (m/s).
+    pub velocity: [f64; 2],
+    /// Its acceleration (m/s^2).
+    pub acceleration: [f64; 2],
+    /// Mass of the striker (kg).
+    pub striker_mass: f64,
+}
+
+/// The rolling ball.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Ball {
+    /// Time since the roll began (s).
+    pub time: f64,
+    /// Place (m).
+    pub position: [f64; 2],
+    /// Velocity (m/s).
+    pub velocity: [f64; 2],
+    /// Time since the last impact, or since the roll began (s).
+    pub since_impact: f64,
+    /// Places of the two strikers, where they are known (m).
+    pub strikers: [Option<[f64; 2]>; 2],
+}
+
+/// A wall of the board, by its outward normal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wall {
+    /// x = -0.16 m.
+    Left,
+    /// x = +0.16 m.
+    Right,
+    /// y = -0.21 m.
+    Near,
+    /// y = +0.21 m.
+    Far,
+}
+
+/// The ball at a wall, before the impact.
+#[derive(Debug, Clone, Copy)]
+pub struct Impact {
+    /// Which wall.
+    pub wall: Wall,
+    /// Speed into the wall (m/s), positive.
+    pub normal_speed: f64,
+    /// Velocity along the wall (m/s), to the right of the outward normal.
+    pub tangential_velocity: f64,
+    /// Spin about the vertical, as surface velocity at the ball's rim (m/s).
+    pub spin: f64,
+}
+
+/// What an impact does; effects change it one after the other.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Change {
+    /// Normal speed after over normal speed before.
+    pub restitution: f64,
+    /// Velocity along the wall after the impact (m/s).
+    pub tangential_velocity: f64,
+    /// Spin after the impact (m/s).
+    pub spin: f64,
+}
+
+/// One measured position and what is made of it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sample {
+    /// Time since the sample before (s).
+    pub dt: f64,
+    /// Velocity that a perfect estimator would report (m/s).
+    pub velocity: f64,
+}
+
+/// Effects on the scatter of a signal rather than on its value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Noise {
+    /// Standard deviation of the frames' time stamps.
+    FrameTime,
+    /// Share of frames missing or repeated.
+    FrameLoss,
+    /// Step of the encoder.
+    EncoderStep,
+    /// Ratio of the scatter to the one that the twin states.
+    Scatter,
+}
+
+/// Where in the chain an effect acts, and its equation there. `p` are the parameters in the order of
+/// the effect, `m` its memory.
+#[derive(Debug, Clone, Copy)]
+pub enum Physics {
+    /// Dead time of the command (s).
+    CommandDelay(fn(p: &[f64]) -> f64),
+    /// Velocity command of one motor (m/s of belt) to what the drive takes in, over `dt` seconds.
+    Command(fn(p: &[f64], m: &mut [f64], command: f64, dt: f64) -> f64),
+    /// Command to the setpoint of the velocity loop (m/s of belt), over `dt` seconds.
+    Ramp(fn(p: &[f64], m: &mut [f64], command: f64, dt: f64) -> f64),
+    /// Gains of the velocity loop.
+    VelocityLoop(fn(p: &[f64]) -> LoopGains),
+    /// Demanded force (`motion.force`, N of belt) to the force that the motor gives.
+    Effort(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Force on the coordinate (N), positive along it.
+    Force(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Largest friction force at this motion (N, not negative); it opposes the motion and holds at
+    /// rest.
+    Friction(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Mass beyond the nominal one (kg).
+    Inertia(fn(p: &[f64], motion: &Motion) -> f64),
+    /// True position of a motor (m of belt) to the reported one.
+    Encoder(fn(p: &[f64], position: f64) -> f64),
+    /// Position of the motor's side (m) to that of the load's side; `mass_times_acceleration` (N) is
+    /// the force that passes between them.
+    Play(fn(p: &[f64], m: &mut [f64], position: f64, mass_times_acceleration: f64) -> f64),
+    /// Carriage position (m) to that of the magnet, by the geometry of the gantry.
+    Frame(fn(p: &[f64], carriage: &Carriage) -> [f64; 2]),
+    /// Magnet to striker: place of the striker (m).
+    Coupling(fn(p: &[f64], m: &mut [f64], carriage: &Carriage) -> [f64; 2]),
+    /// Age of what the camera reports (s), at `elapsed` seconds of the session.
+    CameraDelay(fn(p: &[f64], elapsed: f64) -> f64),
+    /// True place (m) of something `height` metres above the board to the reported one.
+    Camera(fn(p: &[f64], place: [f64; 2], height: f64) -> [f64; 2]),
+    /// Acceleration of the rolling ball (m/s^2).
+    Roll(fn(p: &[f64], ball: &Ball) -> [f64; 2]),
+    /// What a wall does to the ball.
+    Impact(fn(p: &[f64], impact: &Impact, change: Change) -> Change),
+    /// Outward shift of a wall (m) at `along` metres from its middle.
+    Wall(fn(p: &[f64], wall: Wall, along: f64) -> f64),
+    /// True velocity to the reported one.
+    Estimator(fn(p: &[f64], m: &mut [f64], sample: &Sample) -> f64),
+    /// Scatter instead of a value.
+    Noise(Noise),
+}

@@ -1,0 +1,160 @@
+//! The twin: a simulator of the measured chain, made of effects of the catalogue.
+//!
+//! A [`Twin`] is a list of [`Instance`]s: an effect, the axis on which it acts, and its numbers with
+//! their source and interval; `twin.json` is that list. The simulators know no effect by name. They
+//! collect the functions of all instances at each place of the chain ([`crate::effects::Physics`])
+//! and step through them without allocation.
+//!
+//! A recording is compared with the twin link by link ([`Stage`]): the measured input of a link is
+//! replayed through it, and its measured output is compared with the prediction. So an error of the
+//! drive cannot pass for one of the camera.
+//!
+//! | stage | measured input | predicted output |
+//! |---|---|---|
+//! | [`DriveStage`] | commands | motor velocities, and torques where they were recorded |
+//! | [`CameraStage`] | carriage from the encoders | striker as the camera sees it |
+//! | [`BallStage`] | start of each free roll | ball as the camera sees it |
+//! | [`AxisStage`] | motion (force drives), command (velocity drives) | force, velocity |
+//! | [`EstimatorStage`] | positions of the camera | velocities of `/board/state` |
+
+mod camera;
+mod document;
+mod drive;
+mod nominal;
+mod path;
+mod plant;
+mod session;
+mod stage;
+
+pub use camera::CameraStage;
+pub use document::{TwinError, read_twin, write_twin};
+pub use drive::DriveStage;
+pub use path::MeasuredPath;
+pub use plant::{Plant, PlantState};
+pub use session::{Machine, Session, SessionError};
+pub use stage::{Channel, Stage, StageKind};
+
+use crate::effects::{Axis, Effect};
+use serde::{Deserialize, Serialize};
+
+/// Where a value comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// The built-in start, before anything was measured.
+    Nominal,
+    /// Known from drawings or data sheets; never fitted.
+    Known,
+    /// Fitted to recordings.
+    Fitted,
+}
+
+/// One number of an instance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Value {
+    /// In the unit of its parameter.
+    pub value: f64,
+    /// 95 % interval, where it was fitted.
+    pub ci95: Option<[f64; 2]>,
+    /// Where it comes from.
+    pub source: Source,
+}
+
+/// An effect that is switched on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Instance {
+    /// Which one.
+    pub effect: &'static Effect,
+    /// Where it acts.
+    pub axis: Axis,
+    /// Its numbers, in the order of the effect's parameters.
+    pub values: Vec<Value>,
+}
+
+impl PartialEq for Effect {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Instance {
+    /// An instance with the numbers `values`, all of one source.
+    #[must_use]
+    pub fn new(effect: &'static Effect, axis: Axis, values: &[f64], source: Source) -> Self {
+        let values =
+            values.iter().map(|value| Value { value: *value, ci95: None, source }).collect();
+        Self { effect, axis, values }
+    }
+
+    /// The plain numbers.
+    #[must_use]
+    pub fn numbers(&self) -> Vec<f64> {
+        self.values.iter().map(|value| value.value).collect()
+    }
+}
+
+/// A simulator's description: which effects act where, with which numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Twin {
+    /// The machine that it describes.
+    pub machine: Machine,
+    /// Mass of the striker above the board (kg), known from drawings.
+    pub striker_mass: f64,
+    /// Belt per turn of a motor (m).
+    pub belt_per_turn: f64,
+    /// The effects in it, in the order in which they were added.
+    pub instances: Vec<Instance>,
+    /// What it left unexplained when it was fitted, by signal.
+    pub left: Vec<Left>,
+    /// SHA-256 of the recordings to which it was fitted.
+    pub fitted_to: Vec<String>,
+}
+
+/// What a fitted twin could not explain in one signal of the recordings that it was fitted to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Left {
+    /// The signal, such as `motor_a.velocity`.
+    pub signal: String,
+    /// RMS of the residual, in the signal's unit.
+    pub residual_rms: f64,
+    /// RMS of the part of the residual that is beyond the noise floor, in the signal's unit.
+    pub beyond_floor_rms: f64,
+}
+
+/// One fitted number of a twin: which instance, which of its values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Slot {
+    /// Index into [`Twin::instances`].
+    pub instance: usize,
+    /// Index into its values.
+    pub parameter: usize,
+}
+
+impl Twin {
+    /// The value in `slot`.
+    #[must_use]
+    pub fn get(&self, slot: Slot) -> f64 {
+        self.instances[slot.instance].values[slot.parameter].value
+    }
+
+    /// Replaces the value in `slot`, held within its bounds.
+    pub fn set(&mut self, slot: Slot, value: f64) {
+        let instance = &mut self.instances[slot.instance];
+        let (low, high) = instance.effect.parameters[slot.parameter].bounds;
+        instance.values[slot.parameter].value = value.clamp(low, high);
+    }
+
+    /// The instance of `effect` on exactly `axis`.
+    #[must_use]
+    pub fn instance(&self, effect: &str, axis: Axis) -> Option<&Instance> {
+        self.instances.iter().find(|found| found.effect.name == effect && found.axis == axis)
+    }
+
+    /// Whether `effect` acts anywhere that `axis` touches.
+    #[must_use]
+    pub fn has(&self, effect: &str, axis: Axis) -> bool {
+        self.instances
+            .iter()
+            .any(|found| found.effect.name == effect && found.axis.overlaps(axis) )
+    }
+}

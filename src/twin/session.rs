@@ -1,0 +1,1 @@
+//! Recordings as sessions: each link's measured input and output, cut into runs.

@@ -1,0 +1,74 @@
+//! One link of the chain: measured input, measured output, prediction between them.
+
+use super::Twin;
+use crate::effects::{Domain, Effect};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// Which link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StageKind {
+    /// Command to motor motion.
+    Drive,
+    /// Carriage to camera.
+    Camera,
+    /// Free rolls of the ball.
+    Ball,
+    /// A single axis.
+    Axis,
+    /// Positions to reported velocities.
+    Estimator,
+}
+
+/// One measured signal at the stage's output, in order of time.
+#[derive(Debug, Clone)]
+pub struct Channel {
+    /// Name, such as `motor_a.velocity`.
+    pub signal: String,
+    /// Unit of the values.
+    pub unit: &'static str,
+    /// Part of the chain in which a gap of this signal shows.
+    pub domain: Domain,
+    /// Axis of the signal, such as `a` or `x`.
+    pub axis: &'static str,
+    /// Nominal rate (Hz).
+    pub rate_hz: f64,
+    /// Time of each sample since the session began (s).
+    pub times: Vec<f64>,
+    /// Measured values; not finite where there is none.
+    pub measured: Vec<f64>,
+    /// Samples of each run; every channel of a stage has as many runs, in the same order.
+    pub runs: Vec<Range<usize>>,
+}
+
+/// One link of one session: what was measured, and how a twin predicts it.
+pub trait Stage: Sync {
+    /// Which link.
+    fn kind(&self) -> StageKind;
+
+    /// The measured outputs.
+    fn channels(&self) -> &[Channel];
+
+    /// Whether this link calls the physics of `effect`, so that it can be fitted here.
+    fn calls(&self, effect: &Effect) -> bool;
+
+    /// Runs that share one set of nuisance numbers (starts of rolls, offsets); empty without any.
+    fn nuisance_groups(&self) -> Vec<Range<usize>> {
+        Vec::new()
+    }
+
+    /// First guess of the nuisance numbers of `group`.
+    fn nuisance_start(&self, _group: usize) -> Vec<f64> {
+        Vec::new()
+    }
+
+    /// Typical size of each nuisance number, by which steps of the fit are scaled.
+    fn nuisance_scale(&self) -> Vec<f64> {
+        Vec::new()
+    }
+
+    /// Predicts every sample of every channel: `predicted[channel][sample]`, not finite where the
+    /// twin says nothing. `nuisance[group]` are the numbers of each group.
+    fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]);
+}
