@@ -8,7 +8,9 @@
 //! ```
 
 mod bootstrap;
+mod distribution;
 mod summary;
 
 pub use bootstrap::{Interval, bootstrap_ci95};
+pub use distribution::{f_tail, incomplete_beta, ln_gamma, t_quantile};
 pub use summary::{half_central_spread, mean, median, quantile, standard_deviation};

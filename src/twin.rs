@@ -23,11 +23,10 @@ mod drive;
 mod nominal;
 mod path;
 mod plant;
-mod session;
+pub mod session;
 mod stage;
 
 pub use camera::CameraStage;
-pub use document::{TwinError, read_twin, write_twin};
 pub use drive::DriveStage;
 pub use path::MeasuredPath;
 pub use plant::{Plant, PlantState};
@@ -156,5 +155,42 @@ impl Twin {
         self.instances
             .iter()
             .any(|found| found.effect.name == effect && found.axis.overlaps(axis) )
+    }
+}
+
+/// Share of a parameter's scale by which finite differences move it: far above rounding, far below
+/// what bends the model.
+const DIFFERENCE: f64 = 5e-3;
+
+impl Twin {
+    /// Typical size of the parameter in `slot`.
+    #[must_use]
+    pub fn scale(&self, slot: Slot) -> f64 {
+        self.instances[slot.instance].effect.parameters[slot.parameter].scale
+    }
+
+    /// Moves the value in `slot` by a small step for a finite difference, inwards at a bound.
+    pub fn nudge(&mut self, slot: Slot) {
+        let (value, step) = (self.get(slot), DIFFERENCE * self.scale(slot));
+        let (_, high) = self.instances[slot.instance].effect.parameters[slot.parameter].bounds;
+        self.set(slot, if value + step <= high { value + step } else { value - step });
+    }
+
+    /// The values that a fit of `stage` may move: those of effects that it calls, but for what is
+    /// known from drawings.
+    #[must_use]
+    pub fn free(&self, stage: &dyn Stage) -> Vec<Slot> {
+        let mut slots = Vec::new();
+        for (index, instance) in self.instances.iter().enumerate() {
+            if !stage.calls(instance.effect) {
+                continue;
+            }
+            for (parameter, value) in instance.values.iter().enumerate() {
+                if value.source != Source::Known {
+                    slots.push(Slot { instance: index, parameter });
+                }
+            }
+        }
+        slots
     }
 }

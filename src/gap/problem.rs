@@ -1,0 +1,512 @@
+//! A least-squares problem over several sessions of one link: shared parameters, and nuisance
+//! numbers that belong to a session or a run and are eliminated.
+
+use super::whiten::{self, Filter, Filters, Layout};
+use crate::twin::{Slot, Stage, Twin};
+use std::thread;
+
+/// One stage of one session, with what was measured there.
+pub struct Part<'a> {
+    /// The stage.
+    pub stage: &'a dyn Stage,
+    /// Which samples count.
+    pub layout: Layout,
+    /// Rows of each nuisance group.
+    groups: Vec<std::ops::Range<usize>>,
+}
+
+impl<'a> Part<'a> {
+    /// A part of everything finite that `stage` measured and `twin` predicts.
+    #[must_use]
+    pub fn new(stage: &'a dyn Stage, twin: &Twin) -> Self {
+        let nuisance = starts(stage);
+        let predicted = predict(stage, twin, &nuisance);
+        let usable: Vec<Vec<bool>> = stage
+            .channels()
+            .iter()
+            .zip(&predicted)
+            .map(|(channel, values)| {
+                channel
+                    .measured
+                    .iter()
+                    .zip(values)
+                    .map(|(measured, value)| measured.is_finite() && value.is_finite())
+                    .collect()
+            })
+            .collect();
+        Self::with_usable(stage, &usable)
+    }
+
+    /// A part in which `usable[channel][sample]` says what counts.
+    #[must_use]
+    pub fn with_usable(stage: &'a dyn Stage, usable: &[Vec<bool>]) -> Self {
+        let layout = Layout::new(stage, usable);
+        let groups = stage
+            .nuisance_groups()
+            .into_iter()
+            .map(|runs| {
+                if runs.is_empty() || layout.runs.is_empty() {
+                    0..0
+                } else {
+                    layout.runs[runs.start].start..layout.runs[runs.end - 1].end
+                }
+            })
+            .collect();
+        Self { stage, layout, groups }
+    }
+
+    /// What was measured less what is predicted: `[channel][sample]`.
+    #[must_use]
+    pub fn residual(&self, predicted: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        difference(self.stage, predicted)
+    }
+}
+
+fn difference(stage: &dyn Stage, predicted: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    stage
+        .channels()
+        .iter()
+        .zip(predicted)
+        .map(|(channel, values)| {
+            channel.measured.iter().zip(values).map(|(m, p)| m - p).collect()
+        })
+        .collect()
+}
+
+/// First guesses of a stage's nuisance numbers.
+#[must_use]
+pub fn starts(stage: &dyn Stage) -> Vec<Vec<f64>> {
+    (0..stage.nuisance_groups().len()).map(|group| stage.nuisance_start(group)).collect()
+}
+
+/// The stage's prediction.
+#[must_use]
+pub fn predict(stage: &dyn Stage, twin: &Twin, nuisance: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let mut predicted: Vec<Vec<f64>> =
+        stage.channels().iter().map(|channel| vec![f64::NAN; channel.times.len()]).collect();
+    stage.predict(twin, nuisance, &mut predicted);
+    predicted
+}
+
+/// Whitened residual and columns of all parts at one point, nuisances eliminated.
+pub struct Linear {
+    /// Whitened residual, part after part, less its part along the nuisance columns.
+    pub residual: Vec<f64>,
+    /// Whitened derivative by each scaled shared parameter, the same way.
+    pub columns: Vec<Vec<f64>>,
+    /// Block of each row, counted through all parts.
+    pub blocks: Vec<usize>,
+    /// How many blocks.
+    pub block_count: usize,
+    /// Per part and group: orthonormal nuisance columns, to move the nuisances with a step.
+    eliminations: Vec<Vec<Elimination>>,
+}
+
+/// The nuisance columns of one group as Q R.
+struct Elimination {
+    rows: std::ops::Range<usize>,
+    q: Vec<Vec<f64>>,
+    r: Vec<Vec<f64>>,
+    /// Components of the residual along q before it was taken away.
+    along_residual: Vec<f64>,
+    /// The same for each shared column.
+    along_columns: Vec<Vec<f64>>,
+}
+
+impl Linear {
+    /// Change of the nuisances of part `part` when the shared parameters change by `step` (scaled).
+    fn nuisance_step(&self, part: usize, step: &[f64]) -> Vec<Vec<f64>> {
+        self.eliminations[part]
+            .iter()
+            .map(|elimination| {
+                let count = elimination.q.len();
+                let mut right: Vec<f64> = (0..count)
+                    .map(|k| {
+                        let moved: f64 = step
+                            .iter()
+                            .zip(&elimination.along_columns)
+                            .map(|(change, along)| change * along[k])
+                            .sum();
+                        elimination.along_residual[k] - moved
+                    })
+                    .collect();
+                for k in (0..count).rev() {
+                    for j in k + 1..count {
+                        right[k] -= elimination.r[k][j] * right[j];
+                    }
+                    let pivot = elimination.r[k][k];
+                    right[k] = if pivot.abs() < 1e-12 { 0.0 } else { right[k] / pivot };
+                }
+                right
+            })
+            .collect()
+    }
+}
+
+/// Several sessions of one link.
+pub struct Problem<'a> {
+    /// The sessions.
+    pub parts: Vec<Part<'a>>,
+}
+
+/// A twin with the nuisance numbers of each part.
+#[derive(Debug, Clone)]
+pub struct Point {
+    /// The twin.
+    pub twin: Twin,
+    /// Nuisance numbers: `[part][group][number]`.
+    pub nuisance: Vec<Vec<Vec<f64>>>,
+}
+
+impl<'a> Problem<'a> {
+    /// The problem of `stages`, on what `twin` can predict.
+    #[must_use]
+    pub fn new(stages: &[&'a dyn Stage], twin: &Twin) -> Self {
+        Self { parts: stages.iter().map(|stage| Part::new(*stage, twin)).collect() }
+    }
+
+    /// `twin` with first guesses of all nuisances.
+    #[must_use]
+    pub fn start(&self, twin: Twin) -> Point {
+        let nuisance = self.parts.iter().map(|part| starts(part.stage)).collect();
+        Point { twin, nuisance }
+    }
+
+    /// Rows of all parts.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.parts.iter().map(|part| part.layout.rows.len()).sum()
+    }
+
+    /// Residuals of all parts: `[part][channel][sample]`.
+    #[must_use]
+    pub fn residuals(&self, point: &Point) -> Vec<Vec<Vec<f64>>> {
+        self.parts
+            .iter()
+            .zip(&point.nuisance)
+            .map(|(part, nuisance)| part.residual(&predict(part.stage, &point.twin, nuisance)))
+            .collect()
+    }
+
+    /// Models of the residuals at `point`.
+    #[must_use]
+    pub fn filters(&self, point: &Point, fit: fn(&[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters) -> Filters {
+        let residuals = self.residuals(point);
+        let parts: Vec<(&dyn Stage, &Layout, &[Vec<f64>])> = self
+            .parts
+            .iter()
+            .zip(&residuals)
+            .map(|(part, residual)| (part.stage, &part.layout, residual.as_slice()))
+            .collect();
+        fit(&parts)
+    }
+
+    /// Whitened residual of all parts, nuisances as they are.
+    #[must_use]
+    pub fn whitened(&self, point: &Point, filters: &Filters) -> Vec<f64> {
+        let mut all = Vec::with_capacity(self.rows());
+        for (part, residual) in self.parts.iter().zip(self.residuals(point)) {
+            all.extend(part.layout.whitened(&residual, &whiten::in_order(part.stage, filters)));
+        }
+        all
+    }
+
+    /// Residual and columns at `point`, by one-sided finite differences of the simulation. Columns
+    /// are per scaled parameter: a change of one is `scale` of the parameter.
+    #[must_use]
+    pub fn linear(&self, point: &Point, slots: &[Slot], filters: &Filters) -> Linear {
+        let variants: Vec<Twin> = slots
+            .iter()
+            .map(|slot| {
+                let mut twin = point.twin.clone();
+                twin.nudge(*slot);
+                twin
+            })
+            .collect();
+        let steps: Vec<f64> = slots
+            .iter()
+            .zip(&variants)
+            .map(|(slot, twin)| (twin.get(*slot) - point.twin.get(*slot)) / point.twin.scale(*slot))
+            .collect();
+        let mut columns = self.contrasts(point, &variants, filters);
+        for (column, step) in columns.iter_mut().zip(&steps) {
+            let factor = if *step == 0.0 { 0.0 } else { 1.0 / step };
+            column.iter_mut().for_each(|value| *value *= factor);
+        }
+        self.eliminated(point, columns, filters)
+    }
+
+    /// Whitened change of the prediction from `point` to each of `variants`, nuisances unchanged.
+    #[must_use]
+    pub fn contrasts(&self, point: &Point, variants: &[Twin], filters: &Filters) -> Vec<Vec<f64>> {
+        let base: Vec<Vec<Vec<f64>>> = self
+            .parts
+            .iter()
+            .zip(&point.nuisance)
+            .map(|(part, nuisance)| predict(part.stage, &point.twin, nuisance))
+            .collect();
+        let orders: Vec<Vec<Filter>> =
+            self.parts.iter().map(|part| whiten::in_order(part.stage, filters)).collect();
+        in_parallel(variants, |twin| {
+            let mut column = Vec::with_capacity(self.rows());
+            for (index, part) in self.parts.iter().enumerate() {
+                let mut change = predict(part.stage, twin, &point.nuisance[index]);
+                for (values, from) in change.iter_mut().zip(&base[index]) {
+                    for (value, from) in values.iter_mut().zip(from) {
+                        *value -= from;
+                    }
+                }
+                column.extend(part.layout.whitened(&change, &orders[index]));
+            }
+            column
+        })
+    }
+
+    /// Takes the nuisance directions out of the residual at `point` and out of `columns`.
+    fn eliminated(&self, point: &Point, mut columns: Vec<Vec<f64>>, filters: &Filters) -> Linear {
+        let mut residual = self.whitened(point, filters);
+        let mut blocks = Vec::with_capacity(residual.len());
+        let mut eliminations = Vec::with_capacity(self.parts.len());
+        let (mut first_row, mut first_block) = (0, 0);
+        for (index, part) in self.parts.iter().enumerate() {
+            let nuisance = self.nuisance_columns(point, index, filters);
+            let mut of_part = Vec::new();
+            for group in &part.groups {
+                let rows = first_row + group.start..first_row + group.end;
+                let local: Vec<Vec<f64>> =
+                    nuisance.iter().map(|column| column[group.clone()].to_vec()).collect();
+                of_part.push(eliminate(rows, local, &mut residual, &mut columns));
+            }
+            eliminations.push(of_part);
+            blocks.extend(part.layout.rows.iter().map(|row| first_block + row.block as usize));
+            first_row += part.layout.rows.len();
+            first_block += part.layout.blocks;
+        }
+        Linear { residual, columns, blocks, block_count: first_block, eliminations }
+    }
+
+    /// Whitened derivative of part `index` by each nuisance number, all groups moved at once.
+    fn nuisance_columns(&self, point: &Point, index: usize, filters: &Filters) -> Vec<Vec<f64>> {
+        let part = &self.parts[index];
+        let scales = part.stage.nuisance_scale();
+        if part.groups.is_empty() {
+            return Vec::new();
+        }
+        let order = whiten::in_order(part.stage, filters);
+        let base = predict(part.stage, &point.twin, &point.nuisance[index]);
+        let numbers: Vec<usize> = (0..scales.len()).collect();
+        in_parallel(&numbers, |number| {
+            let step = 1e-3 * scales[*number];
+            let mut moved = point.nuisance[index].clone();
+            moved.iter_mut().for_each(|group| group[*number] += step);
+            let mut change = predict(part.stage, &point.twin, &moved);
+            for (values, from) in change.iter_mut().zip(&base) {
+                for (value, from) in values.iter_mut().zip(from) {
+                    *value = (*value - from) / step;
+                }
+            }
+            part.layout.whitened(&change, &order)
+        })
+    }
+
+    /// `point` with the shared parameters moved by `step` (scaled) and the nuisances with them.
+    #[must_use]
+    pub fn moved(&self, point: &Point, slots: &[Slot], step: &[f64], linear: &Linear) -> Point {
+        let mut next = point.clone();
+        let mut taken = vec![0.0; step.len()];
+        for ((slot, change), taken) in slots.iter().zip(step).zip(&mut taken) {
+            let scale = point.twin.scale(*slot);
+            next.twin.set(*slot, point.twin.get(*slot) + change * scale);
+            *taken = (next.twin.get(*slot) - point.twin.get(*slot)) / scale;
+        }
+        for (part, nuisance) in next.nuisance.iter_mut().enumerate() {
+            for (group, change) in nuisance.iter_mut().zip(linear.nuisance_step(part, &taken)) {
+                for (number, change) in group.iter_mut().zip(change) {
+                    *number += change;
+                }
+            }
+        }
+        next
+    }
+}
+
+/// Orthonormalises `local` (modified Gram and Schmidt) and takes its directions out of the rows.
+fn eliminate(
+    rows: std::ops::Range<usize>,
+    mut local: Vec<Vec<f64>>,
+    residual: &mut [f64],
+    columns: &mut [Vec<f64>],
+) -> Elimination {
+    let count = local.len();
+    let mut r = vec![vec![0.0; count]; count];
+    for k in 0..count {
+        let (done, rest) = local.split_at_mut(k);
+        let own = &mut rest[0];
+        let before = norm(own);
+        for (j, q) in done.iter().enumerate() {
+            r[j][k] = dot(q, own);
+            own.iter_mut().zip(q).for_each(|(value, q)| *value -= r[j][k] * q);
+        }
+        let length = norm(own);
+        if before == 0.0 || length <= 1e-9 * before {
+            own.fill(0.0);
+        } else {
+            r[k][k] = length;
+            own.iter_mut().for_each(|value| *value /= length);
+        }
+    }
+    let take = |values: &mut [f64]| -> Vec<f64> {
+        local
+            .iter()
+            .map(|q| {
+                let along = dot(q, values);
+                values.iter_mut().zip(q).for_each(|(value, q)| *value -= along * q);
+                along
+            })
+            .collect()
+    };
+    let along_residual = take(&mut residual[rows.clone()]);
+    let along_columns = columns.iter_mut().map(|column| take(&mut column[rows.clone()])).collect();
+    Elimination { rows, q: local, r, along_residual, along_columns }
+}
+
+impl Elimination {
+    /// Takes this group's nuisance directions out of one more column.
+    fn take_from(&self, column: &mut [f64]) {
+        let values = &mut column[self.rows.clone()];
+        for q in &self.q {
+            let along = dot(q, values);
+            values.iter_mut().zip(q).for_each(|(value, q)| *value -= along * q);
+        }
+    }
+}
+
+impl Linear {
+    /// Takes all nuisance directions out of one more column.
+    pub fn take_nuisances_from(&self, column: &mut [f64]) {
+        for elimination in self.eliminations.iter().flatten() {
+            elimination.take_from(column);
+        }
+    }
+}
+
+/// Sum of products.
+#[must_use]
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn norm(a: &[f64]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// `work` on every item, on all cores; the results are in the order of the items, whatever the
+/// number of cores.
+pub fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let threads = thread::available_parallelism().map_or(1, usize::from).min(items.len());
+    if threads < 2 {
+        return items.iter().map(work).collect();
+    }
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    let mut found: Vec<(usize, R)> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads)
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut own = Vec::new();
+                    loop {
+                        let index = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                        let Some(item) = items.get(index) else { return own };
+                        own.push((index, work(item)));
+                    }
+                })
+            })
+            .collect();
+        workers
+            .into_iter()
+            .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
+    });
+    found.sort_by_key(|(index, _)| *index);
+    found.into_iter().map(|(_, result)| result).collect()
+}
+
+/// A single sample that stands off from its neighbours by this many times the usual distance is an
+/// outlier of the sensor: no physics moves one sample alone.
+const OUTLIER: f64 = 8.0;
+
+impl Problem<'_> {
+    /// Leaves out single samples that stand off from their neighbours in the residual at `point`.
+    pub fn drop_outliers(&mut self, point: &Point) {
+        let nuisance: Vec<Vec<Vec<f64>>> = self
+            .parts
+            .iter()
+            .zip(&point.nuisance)
+            .map(|(_, nuisance)| nuisance.clone())
+            .collect();
+        for (part, nuisance) in self.parts.iter_mut().zip(nuisance) {
+            let residual = part.residual(&predict(part.stage, &point.twin, &nuisance));
+            let usable: Vec<Vec<bool>> = residual.iter().map(|values| without_spikes(values)).collect();
+            *part = Part::with_usable(part.stage, &usable);
+        }
+    }
+
+    /// Block by block, how much less squared error `after` has than `before`.
+    #[must_use]
+    pub fn block_gains(&self, before: &[f64], after: &[f64]) -> Vec<f64> {
+        let mut gains = Vec::new();
+        let mut row = 0;
+        for part in &self.parts {
+            let mut of_part = vec![0.0; part.layout.blocks];
+            for own in &part.layout.rows {
+                of_part[own.block as usize] += before[row].powi(2) - after[row].powi(2);
+                row += 1;
+            }
+            gains.extend(of_part);
+        }
+        gains
+    }
+
+    /// Student's t of the block gains.
+    #[must_use]
+    pub fn block_t(&self, before: &[f64], after: &[f64]) -> f64 {
+        super::rounds::mean_t(&self.block_gains(before, after))
+    }
+
+    /// Residual RMS of each signal at `point`, over all parts, in the order of the first part's
+    /// channels.
+    #[must_use]
+    pub fn rms(&self, point: &Point) -> Vec<f64> {
+        let Some(first) = self.parts.first() else { return Vec::new() };
+        let mut sums = vec![(0.0, 0_usize); first.stage.channels().len()];
+        for (part, residual) in self.parts.iter().zip(self.residuals(point)) {
+            for row in &part.layout.rows {
+                let value = residual[row.channel as usize][row.sample as usize];
+                if let Some(sum) = sums.get_mut(row.channel as usize) {
+                    sum.0 += value * value;
+                    sum.1 += 1;
+                }
+            }
+        }
+        sums.into_iter().map(|(sum, count)| (sum / count.max(1) as f64).sqrt()).collect()
+    }
+}
+
+/// Which values are finite and no spikes: a spike stands off from the median of its four neighbours
+/// while they agree with each other.
+fn without_spikes(values: &[f64]) -> Vec<bool> {
+    let off: Vec<f64> = (0..values.len())
+        .map(|k| {
+            let near = [k.wrapping_sub(2), k.wrapping_sub(1), k + 1, k + 2];
+            let beside: Vec<f64> =
+                near.iter().filter_map(|at| values.get(*at)).copied().filter(|v| v.is_finite()).collect();
+            match crate::stats::median(&beside) {
+                Some(middle) if 3 <= beside.len() => (values[k] - middle).abs(),
+                _ => 0.0,
+            }
+        })
+        .collect();
+    // In quiet signals most distances are a quantum: the limit rests on the upper part of the
+    // usual distances, so that a coarse grid does not make every step a spike.
+    let usual = crate::stats::quantile(&off, 0.9).unwrap_or(0.0);
+    values.iter().zip(&off).map(|(value, off)| value.is_finite() && *off <= OUTLIER * usual).collect()
+}

@@ -1,0 +1,243 @@
+//! The screen: every effect of the catalogue, on every axis, as linearised regressors.
+//!
+//! An effect is switched on at a probe's values and the change of the simulation is its column,
+//! whatever its physics: no regressor is written twice. After the columns of the known parameters
+//! and the nuisances are taken out, the score of the column is tested block by block: a one-sample
+//! Hotelling test over blocks of time, which holds under correlation within blocks and uneven
+//! scatter, on residuals that are whitened for power.
+
+use super::{
+    fit::{Fit, Normal},
+    problem::{Linear, Problem, dot},
+    whiten::Filters,
+};
+use crate::{
+    effects::{Axis, CATALOGUE, Effect, Physics},
+    stats::f_tail,
+    twin::{Instance, Source, Twin},
+};
+use faer::{Mat, linalg::solvers::Solve, prelude::*};
+
+/// One effect on one axis, tried.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// The effect.
+    pub effect: &'static Effect,
+    /// Where it would act.
+    pub axis: Axis,
+    /// The start of its parameters that explains most.
+    pub start: Vec<f64>,
+    /// Share of the whitened squared error that its columns explain beyond the known parameters.
+    pub share: f64,
+    /// F statistic of the block test.
+    pub statistic: f64,
+    /// Its tail probability, before the correction for many tries.
+    pub p_value: f64,
+    /// Size of its columns beyond what known parameters can imitate, in whitened units: what the
+    /// excitation shows of it.
+    pub visibility: f64,
+    /// How many starts were tried for it.
+    pub tries: usize,
+}
+
+/// Share of a column's length that must be left when the known parameters are taken out; below it
+/// the effect is the same as a change of known parameters.
+const IMITATED: f64 = 0.02;
+
+/// Every effect that the link of `problem` can show and that `found` does not have yet.
+#[must_use]
+pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
+    let linear = problem.linear(&found.point, &found.slots, filters);
+    let normal = Normal::new(&linear);
+    let total = dot(&linear.residual, &linear.residual);
+    let twin = &found.point.twin;
+    let mut tried = Vec::new();
+    let mut variants = Vec::new();
+    for (effect, axis) in pairs(problem, twin) {
+        for probe in effect.probes {
+            let singles = single_variants(twin, effect, axis, probe);
+            tried.push((effect, axis, *probe, singles.len()));
+            variants.push(with(twin, effect, axis, probe));
+            variants.extend(singles);
+        }
+    }
+    let columns = problem.contrasts(&found.point, &variants, filters);
+    let mut columns = columns.into_iter();
+    let mut best: Vec<Candidate> = Vec::new();
+    for (effect, axis, probe, singles) in tried {
+        let own: Vec<Vec<f64>> = columns.by_ref().take(1 + singles).collect();
+        let tested = test(&linear, &normal, total, own);
+        let candidate = Candidate {
+            effect,
+            axis,
+            start: tested.start(effect, probe),
+            share: tested.share,
+            statistic: tested.statistic,
+            p_value: tested.p_value,
+            visibility: tested.visibility,
+            tries: 1,
+        };
+        match best.iter_mut().find(|other| other.effect == effect && other.axis == axis) {
+            Some(other) => {
+                let tries = other.tries + 1;
+                let visibility = other.visibility.max(candidate.visibility);
+                if other.share < candidate.share {
+                    *other = candidate;
+                }
+                other.tries = tries;
+                other.visibility = visibility;
+            }
+            None => best.push(candidate),
+        }
+    }
+    best.sort_by(|a, b| b.share.total_cmp(&a.share));
+    best
+}
+
+/// Effect and axis of everything to try.
+fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
+    let mut pairs = Vec::new();
+    for effect in CATALOGUE {
+        if matches!(effect.physics, Physics::Noise(_))
+            || !problem.parts.iter().any(|part| part.stage.calls(effect))
+        {
+            continue;
+        }
+        for axis in twin.machine.axes(effect.site) {
+            if !twin.has(effect.name, axis) {
+                pairs.push((*effect, axis));
+            }
+        }
+    }
+    pairs
+}
+
+/// `twin` with `effect` at `values`.
+#[must_use]
+pub fn with(twin: &Twin, effect: &'static Effect, axis: Axis, values: &[f64]) -> Twin {
+    let mut changed = twin.clone();
+    changed.instances.push(Instance::new(effect, axis, values, Source::Fitted));
+    changed
+}
+
+/// For effects of several parameters: each of them alone at its probe, the others at null.
+fn single_variants(twin: &Twin, effect: &'static Effect, axis: Axis, probe: &[f64]) -> Vec<Twin> {
+    if probe.len() < 2 {
+        return Vec::new();
+    }
+    (0..probe.len())
+        .map(|k| {
+            let mut values = effect.null.to_vec();
+            values[k] = probe[k];
+            with(twin, effect, axis, &values)
+        })
+        .collect()
+}
+
+/// What a test of one probe found.
+struct Tested {
+    share: f64,
+    statistic: f64,
+    p_value: f64,
+    visibility: f64,
+    /// Factor of each amplitude: one for all parameters together, or one for each.
+    factors: Vec<f64>,
+}
+
+impl Tested {
+    const NOTHING: Self =
+        Self { share: 0.0, statistic: 0.0, p_value: 1.0, visibility: 0.0, factors: Vec::new() };
+
+    /// Where a fit should start: the probe, its amplitudes moved as far as the line says, within a
+    /// factor that keeps the line believable.
+    fn start(&self, effect: &Effect, probe: &[f64]) -> Vec<f64> {
+        probe
+            .iter()
+            .enumerate()
+            .map(|(k, value)| {
+                let null = effect.null[k];
+                let (low, high) = effect.parameters[k].bounds;
+                let moved = if 1 < self.factors.len() {
+                    null + (value - null) * self.factors[k].clamp(-20.0, 20.0)
+                } else if k == 0 && effect.probes.len() == 1 {
+                    let factor = self.factors.first().copied().unwrap_or(1.0);
+                    null + (value - null) * factor.clamp(-20.0, 20.0)
+                } else {
+                    *value
+                };
+                moved.clamp(low, high)
+            })
+            .collect()
+    }
+}
+
+/// Tests the columns of one probe: the first is all parameters together, then each alone.
+fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) -> Tested {
+    let mut original = Vec::with_capacity(own.len());
+    for column in &mut own {
+        linear.take_nuisances_from(column);
+        original.push(dot(column, column));
+        let products: Vec<f64> = linear.columns.iter().map(|known| dot(known, column)).collect();
+        for (known, weight) in linear.columns.iter().zip(normal.solve(&products)) {
+            column.iter_mut().zip(known).for_each(|(value, known)| *value -= weight * known);
+        }
+    }
+    // Each parameter is an amplitude of its own where each alone does something.
+    let amplitudes = 1 < own.len() && original[1..].iter().all(|size| 1e-12 < *size);
+    let kept: Vec<Vec<f64>> = if amplitudes { own.split_off(1) } else { own.drain(..1).collect() };
+    let sizes = if amplitudes { original[1..].to_vec() } else { original[..1].to_vec() };
+    let count = kept.len();
+    let left: f64 = kept.iter().map(|column| dot(column, column)).sum();
+    if !(left.is_finite() && sizes.iter().sum::<f64>() * IMITATED * IMITATED < left) {
+        return Tested::NOTHING;
+    }
+    let products: Vec<f64> = kept.iter().map(|column| dot(column, &linear.residual)).collect();
+    let gram = Mat::from_fn(count, count, |i, j| {
+        let product = dot(&kept[i], &kept[j]);
+        if i == j { product * (1.0 + 1e-9) + 1e-300 } else { product }
+    });
+    let right = Mat::from_fn(count, 1, |i, _| products[i]);
+    let factors = gram.partial_piv_lu().solve(&right);
+    let factors: Vec<f64> = (0..count).map(|i| factors[(i, 0)]).collect();
+    let explained: f64 = factors.iter().zip(&products).map(|(f, p)| f * p).sum();
+    if count == 1 && factors[0] <= 0.0 && own.len() != usize::MAX && !amplitudes {
+        // The wrong direction may be right for a signed amplitude; bounds decide in the fit.
+    }
+    let (statistic, p_value) = hotelling(&kept, &linear.residual, &linear.blocks, linear.block_count);
+    Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors }
+}
+
+/// One-sample Hotelling test that the block sums of `columns * residual` have mean zero.
+fn hotelling(
+    columns: &[Vec<f64>],
+    residual: &[f64],
+    blocks: &[usize],
+    block_count: usize,
+) -> (f64, f64) {
+    let sums = super::fit::block_sums(columns, residual, blocks, block_count);
+    let energy = super::fit::block_sums(columns, &columns[0], blocks, block_count);
+    // Blocks in which the effect does nothing say nothing.
+    let strongest = energy.iter().map(|block| block[0]).fold(0.0, f64::max);
+    let active: Vec<&Vec<f64>> = sums
+        .iter()
+        .zip(&energy)
+        .filter(|(_, energy)| 1e-6 * strongest < energy[0])
+        .map(|(sum, _)| sum)
+        .collect();
+    let (n, k) = (active.len() as f64, columns.len() as f64);
+    if n < k + 4.0 {
+        return (0.0, 1.0);
+    }
+    let count = columns.len();
+    let mean: Vec<f64> =
+        (0..count).map(|i| active.iter().map(|sum| sum[i]).sum::<f64>() / n).collect();
+    let covariance = Mat::from_fn(count, count, |i, j| {
+        let product: f64 = active.iter().map(|sum| (sum[i] - mean[i]) * (sum[j] - mean[j])).sum();
+        product / (n - 1.0) * if i == j { 1.0 + 1e-9 } else { 1.0 } + if i == j { 1e-300 } else { 0.0 }
+    });
+    let right = Mat::from_fn(count, 1, |i, _| mean[i]);
+    let solved = covariance.partial_piv_lu().solve(&right);
+    let t2: f64 = n * (0..count).map(|i| mean[i] * solved[(i, 0)]).sum::<f64>();
+    let f = t2 * (n - k) / (k * (n - 1.0));
+    (f, f_tail(f, k, n - k))
+}

@@ -1,0 +1,288 @@
+//! Prewhitening: residuals of real machines are coloured, and tests and intervals that take them
+//! for white are far too sure of themselves.
+//!
+//! Per signal, an autoregressive model is fitted to the residual of the base model by least squares,
+//! its order chosen by the Bayesian information criterion up to [`MOST_ORDER`]; measurement, base
+//! columns and candidate columns are all filtered with its inverse and divided by the scatter of the
+//! innovations (Prais and Winsten; Ljung, "System Identification", 2nd ed., chapter 7). The start of
+//! every run is dropped, so that nothing leaks between runs.
+
+use crate::twin::Stage;
+use faer::{Mat, linalg::solvers::Solve, prelude::*};
+use std::collections::BTreeMap;
+
+/// Highest order of the autoregressive model.
+pub const MOST_ORDER: usize = 12;
+
+/// Longest gap of a signal that is bridged for the filter (samples); beyond it the filter restarts.
+const LONGEST_BRIDGE: usize = 8;
+
+/// Length of the blocks over which tests and intervals treat errors as dependent (s).
+pub const BLOCK_SECONDS: f64 = 0.5;
+
+/// The inverse of one signal's autoregressive model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filter {
+    /// Weights of the samples before, the nearest first.
+    pub coefficients: Vec<f64>,
+    /// Standard deviation of the innovations, in the signal's unit.
+    pub scatter: f64,
+}
+
+/// Filters by signal.
+pub type Filters = BTreeMap<String, Filter>;
+
+/// One row of the whitened problem: a sample that counts.
+#[derive(Debug, Clone, Copy)]
+pub struct Row {
+    /// Index of the channel.
+    pub channel: u32,
+    /// Index of the sample.
+    pub sample: u32,
+    /// Index of the run.
+    pub run: u32,
+    /// Block of time to which it belongs, counted through the stage.
+    pub block: u32,
+}
+
+/// Which samples of one stage count, and in which order.
+#[derive(Debug, Clone, Default)]
+pub struct Layout {
+    /// All rows: run by run, channel by channel.
+    pub rows: Vec<Row>,
+    /// Rows of each run.
+    pub runs: Vec<std::ops::Range<usize>>,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Samples of each (run, channel) stretch without a long gap, in the order of the rows.
+    stretches: Vec<Stretch>,
+}
+
+#[derive(Debug, Clone)]
+struct Stretch {
+    channel: usize,
+    samples: std::ops::Range<usize>,
+    /// Whether each sample was measured; the others are bridged.
+    counts: Vec<bool>,
+    first_row: usize,
+}
+
+impl Layout {
+    /// The layout of `stage` where `usable[channel][sample]` says what was measured. The first
+    /// [`MOST_ORDER`] samples of each stretch only feed the filter.
+    #[must_use]
+    pub fn new(stage: &dyn Stage, usable: &[Vec<bool>]) -> Self {
+        let channels = stage.channels();
+        let mut layout = Self::default();
+        let runs = channels.first().map_or(0, |channel| channel.runs.len());
+        for run in 0..runs {
+            let first_row = layout.rows.len();
+            let begin = channels
+                .iter()
+                .filter_map(|channel| channel.times.get(channel.runs[run].start))
+                .copied()
+                .fold(f64::INFINITY, f64::min);
+            let mut last_block = 0;
+            for (index, channel) in channels.iter().enumerate() {
+                for samples in stretches(&usable[index], channel.runs[run].clone()) {
+                    let counts = usable[index][samples.clone()].to_vec();
+                    let row = layout.rows.len();
+                    for sample in samples.clone().skip(MOST_ORDER) {
+                        if usable[index][sample] {
+                            let block = ((channel.times[sample] - begin) / BLOCK_SECONDS) as usize;
+                            last_block = last_block.max(block + 1);
+                            layout.rows.push(Row {
+                                channel: index as u32,
+                                sample: sample as u32,
+                                run: run as u32,
+                                block: (layout.blocks + block) as u32,
+                            });
+                        }
+                    }
+                    layout.stretches.push(Stretch { channel: index, samples, counts, first_row: row });
+                }
+            }
+            layout.blocks += last_block;
+            layout.runs.push(first_row..layout.rows.len());
+        }
+        layout
+    }
+
+    /// `values[channel][sample]`, whitened, in the order of the rows.
+    #[must_use]
+    pub fn whitened(&self, values: &[Vec<f64>], filters: &[Filter]) -> Vec<f64> {
+        let mut out = vec![0.0; self.rows.len()];
+        let mut bridged = Vec::new();
+        for stretch in &self.stretches {
+            let filter = &filters[stretch.channel];
+            bridge(&values[stretch.channel][stretch.samples.clone()], &stretch.counts, &mut bridged);
+            let mut row = stretch.first_row;
+            for k in MOST_ORDER..bridged.len() {
+                if !stretch.counts[k] {
+                    continue;
+                }
+                let past: f64 = filter
+                    .coefficients
+                    .iter()
+                    .enumerate()
+                    .map(|(lag, weight)| weight * bridged[k - 1 - lag])
+                    .sum();
+                out[row] = (bridged[k] - past) / filter.scatter;
+                row += 1;
+            }
+        }
+        out
+    }
+
+    /// Stretches of one channel, bridged, for fitting its model.
+    fn bridged_stretches(&self, channel: usize, values: &[f64]) -> Vec<Vec<f64>> {
+        self.stretches
+            .iter()
+            .filter(|stretch| stretch.channel == channel)
+            .map(|stretch| {
+                let mut bridged = Vec::new();
+                bridge(&values[stretch.samples.clone()], &stretch.counts, &mut bridged);
+                bridged
+            })
+            .collect()
+    }
+}
+
+/// Pieces of `run` in which no gap is longer than [`LONGEST_BRIDGE`].
+fn stretches(usable: &[bool], run: std::ops::Range<usize>) -> Vec<std::ops::Range<usize>> {
+    let mut pieces = Vec::new();
+    let mut start = None;
+    let mut last = 0;
+    for sample in run {
+        if !usable[sample] {
+            continue;
+        }
+        if let Some(begin) = start
+            && last + LONGEST_BRIDGE < sample
+        {
+            pieces.push(begin..last + 1);
+            start = Some(sample);
+        }
+        start = start.or(Some(sample));
+        last = sample;
+    }
+    pieces.extend(start.map(|begin| begin..last + 1));
+    pieces.retain(|piece| MOST_ORDER + 4 < piece.len());
+    pieces
+}
+
+/// Copies `values` and draws straight lines over what does not count.
+fn bridge(values: &[f64], counts: &[bool], out: &mut Vec<f64>) {
+    out.clear();
+    out.extend_from_slice(values);
+    let mut before = 0;
+    for k in 1..out.len() {
+        if !counts[k] {
+            continue;
+        }
+        for gap in before + 1..k {
+            let share = (gap - before) as f64 / (k - before) as f64;
+            out[gap] = out[before] + share * (out[k] - out[before]);
+        }
+        before = k;
+    }
+}
+
+/// Autoregressive models of the residuals of several stages of one kind.
+#[must_use]
+pub fn fit_filters(parts: &[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters {
+    let mut by_signal: BTreeMap<String, Vec<Vec<f64>>> = BTreeMap::new();
+    for (stage, layout, residual) in parts {
+        for (index, channel) in stage.channels().iter().enumerate() {
+            by_signal
+                .entry(channel.signal.clone())
+                .or_default()
+                .extend(layout.bridged_stretches(index, &residual[index]));
+        }
+    }
+    by_signal.into_iter().map(|(signal, pieces)| (signal, fit_one(&pieces))).collect()
+}
+
+/// Filters that only scale: one over the RMS of each signal's residual.
+#[must_use]
+pub fn scale_filters(parts: &[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters {
+    let mut filters = fit_filters(parts);
+    for (signal, filter) in &mut filters {
+        let (mut sum, mut count) = (0.0, 0_usize);
+        for (stage, layout, residual) in parts {
+            for row in &layout.rows {
+                if stage.channels()[row.channel as usize].signal == *signal {
+                    sum += residual[row.channel as usize][row.sample as usize].powi(2);
+                    count += 1;
+                }
+            }
+        }
+        *filter = Filter {
+            coefficients: Vec::new(),
+            scatter: (sum / count.max(1) as f64).sqrt().max(f64::MIN_POSITIVE),
+        };
+    }
+    filters
+}
+
+/// Filters in the order of a stage's channels.
+#[must_use]
+pub fn in_order(stage: &dyn Stage, filters: &Filters) -> Vec<Filter> {
+    stage
+        .channels()
+        .iter()
+        .map(|channel| {
+            filters
+                .get(&channel.signal)
+                .cloned()
+                .unwrap_or(Filter { coefficients: Vec::new(), scatter: 1.0 })
+        })
+        .collect()
+}
+
+/// Least squares over all pieces for every order, the order by the Bayesian information criterion.
+fn fit_one(pieces: &[Vec<f64>]) -> Filter {
+    let mut gram = Mat::<f64>::zeros(MOST_ORDER + 1, MOST_ORDER + 1);
+    let mut count = 0_usize;
+    for piece in pieces {
+        for k in MOST_ORDER..piece.len() {
+            count += 1;
+            for i in 0..=MOST_ORDER {
+                for j in i..=MOST_ORDER {
+                    gram[(i, j)] += piece[k - i] * piece[k - j];
+                }
+            }
+        }
+    }
+    for i in 0..=MOST_ORDER {
+        for j in 0..i {
+            gram[(i, j)] = gram[(j, i)];
+        }
+    }
+    let n = count.max(1) as f64;
+    let total = gram[(0, 0)].max(f64::MIN_POSITIVE);
+    let mut best = Filter { coefficients: Vec::new(), scatter: (total / n).sqrt() };
+    let mut best_score = n * (total / n).ln();
+    for order in 1..=MOST_ORDER {
+        if count < 10 * order {
+            break;
+        }
+        let ridge = 1e-10 * total;
+        let left = Mat::from_fn(order, order, |i, j| {
+            gram[(i + 1, j + 1)] + if i == j { ridge } else { 0.0 }
+        });
+        let right = Mat::from_fn(order, 1, |i, _| gram[(i + 1, 0)]);
+        let solution = left.partial_piv_lu().solve(&right);
+        let explained: f64 = (0..order).map(|i| solution[(i, 0)] * right[(i, 0)]).sum();
+        let rest = (total - explained).max(1e-12 * total);
+        let score = n * (rest / n).ln() + order as f64 * n.ln();
+        if score < best_score {
+            best_score = score;
+            best = Filter {
+                coefficients: (0..order).map(|i| solution[(i, 0)]).collect(),
+                scatter: (rest / n).sqrt(),
+            };
+        }
+    }
+    best
+}

@@ -1,0 +1,62 @@
+//! The built-in start: deliberately plain, so that everything beyond it is found and not assumed.
+
+use super::{Instance, Machine, Source, Twin};
+use crate::effects::{self, Axis};
+
+/// Masses from the table's drawings: carriage 0.25 kg, bridge 0.45 kg (moves along y), two rotors of
+/// 4.0e-5 kg m^2 on 0.04 m of belt per turn, each 0.987 kg of belt.
+const MASS_KG: [f64; 2] = [2.22, 2.67];
+
+/// Mass of the striker above the board (kg).
+const STRIKER_MASS_KG: f64 = 0.012;
+
+/// Belt per turn of a motor (m): pulleys of 20 teeth at 2 mm.
+const BELT_PER_TURN_M: f64 = 0.04;
+
+/// Effects of the plain table: name, axis, numbers.
+const TABLE: &[(&str, Axis, &[f64])] = &[
+    ("drive.velocity_loop", Axis::Motors, &[20.0, 2.0]),
+    ("drive.saturation.slew", Axis::Motors, &[15.0]),
+    ("drive.friction.coulomb", Axis::X, &[1.0]),
+    ("drive.friction.coulomb", Axis::Y, &[1.0]),
+    ("drive.friction.viscous", Axis::X, &[1.0]),
+    ("drive.friction.viscous", Axis::Y, &[1.0]),
+    ("gantry.inertia", Axis::X, &[MASS_KG[0]]),
+    ("gantry.inertia", Axis::Y, &[MASS_KG[1]]),
+    ("ball.rolling_resistance", Axis::Whole, &[0.01, 0.0]),
+    ("impact.wall_restitution", Axis::Whole, &[0.8]),
+];
+
+/// Effects of a plain axis driven by force.
+const AXIS_FORCE: &[(&str, Axis, &[f64])] = &[
+    ("gantry.inertia", Axis::Rails, &[1.0]),
+    ("drive.friction.coulomb", Axis::Rails, &[0.0]),
+    ("drive.friction.viscous", Axis::Rails, &[0.0]),
+    ("drive.offset", Axis::Rails, &[0.0]),
+];
+
+impl Twin {
+    /// The plain twin of `machine`, before anything was measured.
+    #[must_use]
+    pub fn nominal(machine: Machine) -> Self {
+        let effects = match machine {
+            Machine::Table => TABLE,
+            Machine::Axis => AXIS_FORCE,
+        };
+        let instances = effects
+            .iter()
+            .filter_map(|(name, axis, values)| {
+                let effect = effects::find(name)?;
+                Some(Instance::new(effect, *axis, &values[..effect.parameters.len()], Source::Nominal))
+            })
+            .collect();
+        Self {
+            machine,
+            striker_mass: STRIKER_MASS_KG,
+            belt_per_turn: BELT_PER_TURN_M,
+            instances,
+            left: Vec::new(),
+            fitted_to: Vec::new(),
+        }
+    }
+}
