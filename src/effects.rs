@@ -24,6 +24,7 @@ mod drive;
 mod estimator;
 mod gantry;
 mod impact;
+mod oscillator;
 mod physics;
 mod sensor;
 
@@ -141,6 +142,8 @@ pub enum Site {
     Rails,
     /// Motors and rails: friction can sit in either.
     MotorsAndRails,
+    /// Belt coordinates, one motor at a time: what both share has another name.
+    OneMotor,
     /// One place only.
     Whole,
 }
@@ -155,6 +158,7 @@ impl Site {
             Self::MotorsAndRails => {
                 &[Axis::Rails, Axis::X, Axis::Y, Axis::Motors, Axis::A, Axis::B]
             }
+            Self::OneMotor => &[Axis::A, Axis::B],
             Self::Whole => &[Axis::Whole],
         }
     }
@@ -251,9 +255,29 @@ pub static CATALOGUE: &[&Effect] = &[
     &drive::coulomb::COULOMB,
     &drive::viscous::VISCOUS,
     &gantry::inertia::INERTIA,
+    &gantry::cross_coupling::CROSS_COUPLING,
+    &gantry::racking::RACKING,
+    &gantry::belt_asymmetry::BELT_ASYMMETRY,
+    &gantry::mass_position::MASS_POSITION,
+    &gantry::tilt::TILT,
+    &gantry::endstop::ENDSTOP,
+    &gantry::squareness::SQUARENESS,
     &coupling::magnet_spring::MAGNET_SPRING,
+    &coupling::magnet_slip::MAGNET_SLIP,
+    &coupling::striker_friction::STRIKER_FRICTION,
+    &coupling::striker_wobble::STRIKER_WOBBLE,
     &sensor::camera_latency::CAMERA_LATENCY,
     &sensor::camera_scale_rotation::CAMERA_SCALE_ROTATION,
+    &sensor::camera_distortion::CAMERA_DISTORTION,
+    &sensor::camera_parallax::CAMERA_PARALLAX,
+    &sensor::frame_jitter::FRAME_JITTER,
+    &sensor::frame_drop::FRAME_DROP,
+    &sensor::encoder_quantisation::ENCODER_QUANTISATION,
+    &sensor::encoder_eccentricity::ENCODER_ECCENTRICITY,
+    &sensor::clock_skew::CLOCK_SKEW,
+    &sensor::noise_model::NOISE_MODEL,
+    &estimator::velocity_deadzone::VELOCITY_DEADZONE,
+    &estimator::lag::LAG,
 ];
 
 /// The effect called `name`.

@@ -1,1 +1,4 @@
-//! To be filled.
+//! What makes velocities from positions.
+
+pub(super) mod lag;
+pub(super) mod velocity_deadzone;

@@ -1,5 +1,6 @@
 //! The magnet holds the striker like a spring.
 
+use crate::effects::oscillator::Oscillator;
 use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site};
 
 /// Share of critical damping of the striker on its spring: grease and magnet together.
@@ -35,24 +36,49 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
     physics: Physics::Coupling(swing),
     regressors: &[Regressor::Acceleration],
     excitation: "hard starts and stops, with camera and encoders",
-    experiment: "steps",
-    confused_with: &["drive.backlash", "drive.compliance.belt", "coupling.striker_friction"],
+    experiment: "step_ladder",
+    confused_with: &[
+        "coupling.striker_wobble",
+        "coupling.striker_friction",
+        "drive.backlash",
+        "drive.compliance.belt",
+    ],
 };
 
-/// Memory: displacement of the striker from the magnet and its velocity, x then y. The step is
-/// divided so that the swing is resolved.
+/// Memory: displacement of the striker from the magnet and its velocity, x then y. Exact for an
+/// acceleration that is constant over the step.
 fn swing(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-    let w2 = p[0] / carriage.striker_mass;
-    let damping = 2.0 * p[1] * w2.sqrt();
-    let parts = (carriage.dt * w2.sqrt() / 0.2).ceil().max(1.0);
-    let dt = carriage.dt / parts;
-    for axis in 0..2 {
+    let square = p[0] / carriage.striker_mass;
+    let oscillator = Oscillator::new(square.sqrt(), p[1], carriage.dt);
+    [0, 1].map(|axis| {
         let [displacement, velocity] = [2 * axis, 2 * axis + 1];
-        for _ in 0..parts as usize {
-            let force = w2 * memory[displacement] + carriage.acceleration[axis];
-            memory[velocity] = (memory[velocity] - dt * force) / (1.0 + dt * damping);
-            memory[displacement] += dt * memory[velocity];
-        }
+        let rest = -carriage.acceleration[axis] / square;
+        let (away, speed) = oscillator.step(memory[displacement] - rest, memory[velocity]);
+        memory[displacement] = rest + away;
+        memory[velocity] = speed;
+        carriage.position[axis] + memory[displacement]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(p: &[f64], acceleration: [f64; 2], seconds: f64) -> [f64; 2] {
+        let mut memory = [0.0; 4];
+        let carriage =
+            Carriage { dt: 1e-3, acceleration, striker_mass: 0.012, ..Carriage::default() };
+        let steps = (seconds / carriage.dt).round() as usize;
+        (0..steps).fold([0.0; 2], |_, _| swing(p, &mut memory, &carriage))
     }
-    [carriage.position[0] + memory[0], carriage.position[1] + memory[2]]
+
+    #[test]
+    fn the_striker_stays_behind_by_mass_times_acceleration_over_stiffness() {
+        let [x, y] = after(&[30.0, 0.3], [5.0, -10.0], 3.0);
+        assert!((x + 0.002).abs() < 1e-9 && (y - 0.004).abs() < 1e-9);
+        // Undamped it swings to twice that after half a period.
+        let half = std::f64::consts::PI * (0.012_f64 / 30.0).sqrt();
+        let [x, _] = after(&[30.0, 0.0], [5.0, 0.0], half);
+        assert!((x + 0.004).abs() < 1e-5, "{x}");
+    }
 }

@@ -22,6 +22,6 @@ pub(crate) static INERTIA: Effect = Effect {
     physics: Physics::Inertia(|p, _| p[0]),
     regressors: &[Regressor::Acceleration],
     excitation: "accelerations well above the noise, with the torque recorded",
-    experiment: "steps",
+    experiment: "step_ladder",
     confused_with: &["gantry.mass_position", "drive.velocity_loop"],
 };

@@ -35,6 +35,6 @@ pub(crate) static CAMERA_SCALE_ROTATION: Effect = Effect {
     }),
     regressors: &[Regressor::Position],
     excitation: "moves over the whole field, with camera and encoders",
-    experiment: "diagonal_up",
+    experiment: "diagonal",
     confused_with: &["drive.gain", "gantry.squareness", "sensor.camera_distortion"],
 };

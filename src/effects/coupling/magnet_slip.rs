@@ -1,0 +1,75 @@
+//! The magnet loses the striker and takes hold of it elsewhere.
+
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site};
+
+/// `coupling.magnet_slip`: the striker follows exactly as long as that takes less than F_max. Beyond
+/// it the striker slides over the magnet, pulled by F_max against the sliding, until it has the
+/// magnet's velocity again, and keeps the offset.
+pub(crate) static MAGNET_SLIP: Effect = Effect {
+    name: "coupling.magnet_slip",
+    says: "in a hard acceleration the magnet loses grip, and the striker stays offset afterwards",
+    domain: Domain::Coupling,
+    site: Site::Whole,
+    parameters: &[Parameter {
+        name: "grip_n",
+        unit: "N",
+        scale: 0.05,
+        bounds: (1e-3, 1e3),
+        plausible: (0.05, 6.0),
+        per_session: false,
+    }],
+    null: &[1e3],
+    probes: &[&[0.05], &[0.1], &[0.2], &[0.5], &[1.0]],
+    memory: 4,
+    physics: Physics::Coupling(slip),
+    regressors: &[Regressor::Acceleration, Regressor::SinceReversal],
+    excitation: "accelerations that grow until the striker is lost, with camera and encoders",
+    experiment: "ramp",
+    confused_with: &["coupling.magnet_spring", "coupling.striker_friction"],
+};
+
+/// Memory: velocity of the striker against the magnet, then its offset. The velocity shrinks by
+/// what the grip can do in a step and never beyond zero, so that it holds without chatter.
+fn slip(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
+    let dt = carriage.dt;
+    let free = [0, 1].map(|axis| memory[axis] - carriage.acceleration[axis] * dt);
+    let speed = free[0].hypot(free[1]);
+    let held = p[0] / carriage.striker_mass * dt;
+    let left = if held < speed { 1.0 - held / speed } else { 0.0 };
+    [0, 1].map(|axis| {
+        let velocity = left * free[axis];
+        memory[2 + axis] += 0.5 * dt * (memory[axis] + velocity);
+        memory[axis] = velocity;
+        carriage.position[axis] + memory[2 + axis]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_offset_of_one_hard_stop_is_that_of_the_kinematics_and_stays() {
+        // 20 m/s^2 for 0.05 s against a grip of 10 m/s^2: the striker slides 0.5 * 10 * 0.05^2 while
+        // it lasts and as far again until it is caught, 25 mm in all, ahead of the braking magnet.
+        let mut memory = [0.0; 4];
+        let mut place = [0.0; 2];
+        for step in 0..2000 {
+            let acceleration = [if step < 500 { -20.0 } else { 0.0 }, 0.0];
+            let carriage =
+                Carriage { dt: 1e-4, acceleration, striker_mass: 0.01, ..Carriage::default() };
+            place = slip(&[0.1], &mut memory, &carriage);
+        }
+        assert!((place[0] - 0.025).abs() < 1e-4, "{place:?}");
+        assert_eq!(memory[0], 0.0);
+    }
+
+    #[test]
+    fn nothing_slips_below_the_grip() {
+        let mut memory = [0.0; 4];
+        let acceleration = [6.0, -6.0];
+        let carriage =
+            Carriage { dt: 1e-3, acceleration, striker_mass: 0.01, ..Carriage::default() };
+        assert_eq!(slip(&[0.1], &mut memory, &carriage), [0.0, 0.0]);
+    }
+}

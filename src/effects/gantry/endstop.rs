@@ -1,0 +1,73 @@
+//! Contact at the ends of a rail.
+
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+
+const END: Parameter = Parameter {
+    name: "low_m",
+    unit: "m",
+    scale: 0.005,
+    bounds: (-2.0, 2.0),
+    plausible: (-0.25, 0.25),
+    per_session: false,
+};
+
+/// `gantry.endstop`: k (low - q) below `low`, k (high - q) above `high`, nothing between them. The
+/// places are in the board frame; without a contact on one side its end lies beyond the travel.
+pub(crate) static ENDSTOP: Effect = Effect {
+    name: "gantry.endstop",
+    says: "near the end of its travel the carriage runs into something springy",
+    domain: Domain::Gantry,
+    site: Site::Rails,
+    parameters: &[
+        Parameter {
+            name: "stiffness_n_per_m",
+            unit: "N/m",
+            scale: 1000.0,
+            bounds: (0.0, 2e5),
+            plausible: (1e3, 1e5),
+            per_session: false,
+        },
+        END,
+        Parameter { name: "high_m", ..END },
+    ],
+    null: &[0.0, -0.15, 0.15],
+    probes: &[
+        &[1000.0, -0.15, 2.0],
+        &[1000.0, -0.13, 2.0],
+        &[1000.0, -0.1, 2.0],
+        &[1000.0, -0.18, 2.0],
+        &[1000.0, -2.0, 0.15],
+        &[1000.0, -2.0, 0.13],
+        &[1000.0, -2.0, 0.1],
+        &[1000.0, -2.0, 0.18],
+        &[1000.0, -2.0, -0.03],
+        &[1000.0, -2.0, -0.06],
+        &[1000.0, 0.03, 2.0],
+        &[1000.0, 0.06, 2.0],
+    ],
+    memory: 0,
+    physics: Physics::Force(|p, _, motion| {
+        p[0] * ((p[1] - motion.position).max(0.0) - (motion.position - p[2]).max(0.0))
+    }),
+    regressors: &[Regressor::Position],
+    excitation: "approaches to the ends of the travel at several speeds",
+    experiment: "y_line",
+    confused_with: &["drive.friction.position"],
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Motion;
+
+    #[test]
+    fn the_ends_push_back_and_the_middle_is_free() {
+        let Physics::Force(force) = ENDSTOP.physics else { panic!("a force") };
+        let at = |position| {
+            force(&[2000.0, -0.1, 0.12], &mut [], &Motion { position, ..Motion::default() })
+        };
+        assert!((at(-0.102) - 4.0).abs() < 1e-9);
+        assert!((at(0.125) + 10.0).abs() < 1e-9);
+        assert_eq!((at(-0.1), at(0.0), at(0.12)), (0.0, 0.0, 0.0));
+    }
+}
