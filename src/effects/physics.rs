@@ -93,9 +93,10 @@ pub struct Impact {
     pub wall: Wall,
     /// Speed into the wall (m/s), positive.
     pub normal_speed: f64,
-    /// Velocity along the wall (m/s), to the right of the outward normal.
+    /// Velocity along the wall (m/s), to the right of the outward normal seen from above.
     pub tangential_velocity: f64,
-    /// Spin about the vertical, as surface velocity at the ball's rim (m/s).
+    /// Spin about the vertical, counterclockwise seen from above, as surface velocity at the ball's
+    /// rim (m/s).
     pub spin: f64,
 }
 
@@ -168,9 +169,15 @@ pub enum Physics {
     Camera(fn(p: &[f64], place: [f64; 2], height: f64) -> [f64; 2]),
     /// Acceleration of the rolling ball (m/s^2).
     Roll(fn(p: &[f64], ball: &Ball) -> [f64; 2]),
+    /// Largest deceleration of the rolling ball (m/s^2, not negative); it opposes the motion and holds
+    /// at rest.
+    Resistance(fn(p: &[f64], ball: &Ball) -> f64),
+    /// Deceleration by friction on the board while the ball slides after an impact (m/s^2), until it
+    /// rolls; without it the ball always rolls.
+    Slide(fn(p: &[f64], ball: &Ball) -> f64),
     /// What a wall does to the ball.
     Impact(fn(p: &[f64], impact: &Impact, change: Change) -> Change),
-    /// Outward shift of a wall (m) at `along` metres from its middle.
+    /// Outward shift of a wall (m) at `along` metres from its middle, along the board's x or y.
     Wall(fn(p: &[f64], wall: Wall, along: f64) -> f64),
     /// True velocity to the reported one.
     Estimator(fn(p: &[f64], m: &mut [f64], sample: &Sample) -> f64),

@@ -1,0 +1,44 @@
+//! Drag of the air.
+
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+
+/// `ball.air_drag`: deceleration `k v^2`, with `k = Cd rho A / (2 m)` divided by the 7/5 of a
+/// rolling sphere.
+pub(crate) static AIR_DRAG: Effect = Effect {
+    name: "ball.air_drag",
+    says: "the ball is braked in proportion to the square of its speed",
+    domain: Domain::Ball,
+    site: Site::Whole,
+    parameters: &[Parameter {
+        name: "coefficient_per_m",
+        unit: "1/m",
+        scale: 0.05,
+        bounds: (0.0, 5.0),
+        plausible: (0.01, 0.05),
+        per_session: false,
+    }],
+    null: &[0.0],
+    probes: &[&[0.03], &[0.2]],
+    memory: 0,
+    physics: Physics::Resistance(|p, ball| {
+        p[0] * (ball.velocity[0].powi(2) + ball.velocity[1].powi(2))
+    }),
+    regressors: &[Regressor::Speed],
+    excitation: "fast rolls",
+    experiment: "",
+    confused_with: &["ball.rolling_resistance", "impact.wall_restitution_speed"],
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Ball;
+
+    #[test]
+    fn drag_grows_with_the_square() {
+        let Physics::Resistance(drag) = AIR_DRAG.physics else { panic!("not a resistance") };
+        let ball = Ball { velocity: [0.6, -0.8], ..Ball::default() };
+        assert!((drag(&[0.04], &ball) - 0.04).abs() < 1e-12);
+        assert_eq!(drag(AIR_DRAG.null, &ball), 0.0);
+    }
+}

@@ -1,0 +1,60 @@
+//! Resistance of the board to the rolling ball.
+
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+
+/// `ball.rolling_resistance`: deceleration `c g + b |v|` against the motion until rest; `c` from
+/// the deformation of board and ball (constant), `b` from grease and air at small Reynolds numbers
+/// (linear).
+pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
+    name: "ball.rolling_resistance",
+    says: "the ball slows down with a constant deceleration while it rolls",
+    domain: Domain::Ball,
+    site: Site::Whole,
+    parameters: &[
+        Parameter {
+            name: "coefficient",
+            unit: "1",
+            scale: 0.005,
+            bounds: (0.0, 0.3),
+            plausible: (0.002, 0.03),
+            per_session: false,
+        },
+        Parameter {
+            name: "viscous_per_s",
+            unit: "1/s",
+            scale: 0.05,
+            bounds: (0.0, 5.0),
+            plausible: (0.0, 0.3),
+            per_session: false,
+        },
+    ],
+    null: &[0.0, 0.0],
+    probes: &[&[0.008, 0.0]],
+    memory: 0,
+    physics: Physics::Resistance(|p, ball| {
+        p[0] * GRAVITY + p[1] * ball.velocity[0].hypot(ball.velocity[1])
+    }),
+    regressors: &[Regressor::Constant, Regressor::Direction],
+    excitation: "free rolls at many speeds",
+    experiment: "",
+    confused_with: &["ball.tilt", "ball.air_drag", "impact.wall_restitution"],
+};
+
+/// Standard gravity (m/s^2).
+const GRAVITY: f64 = 9.81;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Ball;
+
+    #[test]
+    fn constant_and_linear_parts_add() {
+        let Physics::Resistance(resistance) = ROLLING_RESISTANCE.physics else {
+            panic!("not a resistance")
+        };
+        let ball = Ball { velocity: [-0.3, 0.4], ..Ball::default() };
+        assert!((resistance(&[0.01, 0.2], &ball) - (0.0981 + 0.1)).abs() < 1e-12);
+        assert_eq!(resistance(ROLLING_RESISTANCE.null, &ball), 0.0);
+    }
+}

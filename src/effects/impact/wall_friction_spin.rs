@@ -1,0 +1,68 @@
+//! Friction and spin at the walls.
+
+use crate::effects::{Change, Domain, Effect, Impact, Parameter, Physics, Regressor, Site};
+
+/// `impact.wall_friction_spin`: the rim of the ball slides along the wall with `u = v_t - s` (`s`
+/// its surface speed by spin about the vertical); the impulse of friction is at most `mu` times
+/// the normal one and at most what ends the sliding of a solid sphere: 2/7 u from the velocity,
+/// 5/7 u to the spin (Garwin, Kinematics of an ultraelastic rough ball, Am. J. Phys. 37, 1969, for
+/// the sphere; Coulomb for the limit).
+pub(crate) static WALL_FRICTION_SPIN: Effect = Effect {
+    name: "impact.wall_friction_spin",
+    says: "the walls brake the motion along them and set the ball spinning",
+    domain: Domain::Impact,
+    site: Site::Whole,
+    parameters: &[Parameter {
+        name: "coefficient",
+        unit: "1",
+        scale: 0.05,
+        bounds: (0.0, 2.0),
+        plausible: (0.05, 0.4),
+        per_session: false,
+    }],
+    null: &[0.0],
+    probes: &[&[0.03], &[0.1], &[0.3]],
+    memory: 0,
+    physics: Physics::Impact(rub),
+    regressors: &[Regressor::ImpactSpeed, Regressor::Velocity],
+    excitation: "oblique impacts at many angles",
+    experiment: "",
+    confused_with: &["impact.wall_restitution", "impact.wall_restitution_speed"],
+};
+
+fn rub(p: &[f64], impact: &Impact, change: Change) -> Change {
+    let slide = change.tangential_velocity - change.spin;
+    let most = p[0] * (1.0 + change.restitution) * impact.normal_speed;
+    let loss = (2.0 / 7.0 * slide).clamp(-most, most);
+    Change {
+        tangential_velocity: change.tangential_velocity - loss,
+        spin: change.spin + 2.5 * loss,
+        ..change
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Wall;
+
+    fn after(mu: f64, tangential_velocity: f64) -> Change {
+        let impact =
+            Impact { wall: Wall::Right, normal_speed: 1.0, tangential_velocity, spin: 0.0 };
+        rub(&[mu], &impact, Change { restitution: 0.5, tangential_velocity, spin: 0.0 })
+    }
+
+    #[test]
+    fn sliding_loses_the_impulse_of_friction() {
+        assert!((after(0.1, 1.0).tangential_velocity - 0.85).abs() < 1e-12);
+        assert!((after(0.1, -1.0).tangential_velocity + 0.85).abs() < 1e-12);
+        assert_eq!(after(0.0, 1.0).tangential_velocity, 1.0);
+    }
+
+    #[test]
+    fn enough_friction_ends_the_sliding() {
+        let end = after(2.0, 0.7);
+        assert!((end.tangential_velocity - 0.5).abs() < 1e-12);
+        assert!((end.spin - end.tangential_velocity).abs() < 1e-12);
+    }
+}

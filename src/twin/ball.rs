@@ -1,0 +1,164 @@
+//! Free rolls of the ball: from their start over walls to their end, as the camera sees them.
+
+mod impacts;
+mod roller;
+mod rolls;
+#[cfg(test)]
+mod tests;
+
+pub use impacts::WallImpact;
+
+use super::{Channel, Stage, StageKind, Twin};
+use crate::{
+    effects::{Domain, Effect, Physics, Wall},
+    recording::{Recording, RecordingError},
+};
+use roller::{Roller, Rules};
+use rolls::{Roll, Tracks};
+use std::ops::Range;
+
+/// Radius of the ball (m).
+const RADIUS: f64 = 0.007;
+
+/// Half of the board's sides (m).
+const HALF_BOARD: [f64; 2] = [0.16, 0.21];
+
+/// Typical sizes of a roll's start: place (m) and velocity (m/s).
+const START_SCALE: [f64; 4] = [1e-3, 1e-3, 0.01, 0.01];
+
+/// The walls, in the order of [`Wall`].
+const WALLS: [Wall; 4] = [Wall::Left, Wall::Right, Wall::Near, Wall::Far];
+
+/// Index of the coordinate that `wall` bounds, and the sign of its outward normal.
+fn outward(wall: Wall) -> (usize, f64) {
+    match wall {
+        Wall::Left => (0, -1.0),
+        Wall::Right => (0, 1.0),
+        Wall::Near => (1, -1.0),
+        Wall::Far => (1, 1.0),
+    }
+}
+
+/// The rolls of one session. A roll is a piece of the ball's track on which nothing but board, air
+/// and walls acts; its start (place and velocity) is unknown and is a nuisance group of its own.
+///
+/// Two channels, `camera.ball_x` and `camera.ball_y`; run `k` of both is roll `k`. A constant age of
+/// the camera's picture moves the starts and nothing else, so it cannot be seen here.
+pub struct BallStage {
+    channels: Vec<Channel>,
+    tracks: Tracks,
+    rolls: Vec<Roll>,
+}
+
+impl BallStage {
+    /// The free rolls in `recording`; `None` without any. With `spans` (seconds since the recording
+    /// began) only what lies in one of them counts, and no roll goes on beyond its end; without, the
+    /// run markers do the same, and a recording without markers counts as a whole.
+    ///
+    /// # Errors
+    /// When detections or markers do not decode.
+    pub fn from_recording(
+        recording: &Recording,
+        spans: &[Range<f64>],
+    ) -> Result<Option<Self>, RecordingError> {
+        let Some(tracks) = Tracks::from_recording(recording)? else { return Ok(None) };
+        let marked = if spans.is_empty() { rolls::marked_spans(recording)? } else { Vec::new() };
+        let spans = if spans.is_empty() { &marked } else { spans };
+        Ok(Self::from_tracks(tracks, spans))
+    }
+
+    /// The free rolls in `tracks`.
+    fn from_tracks(tracks: Tracks, spans: &[Range<f64>]) -> Option<Self> {
+        let rolls = rolls::cut(&tracks, spans);
+        if rolls.is_empty() {
+            return None;
+        }
+        let runs: Vec<Range<usize>> = rolls.iter().map(|roll| roll.samples.clone()).collect();
+        let channel = |axis: usize, name: &'static str| Channel {
+            signal: format!("camera.ball_{name}"),
+            unit: "m",
+            domain: Domain::Ball,
+            axis: name,
+            rate_hz: tracks.rate_hz,
+            times: tracks.times.clone(),
+            measured: tracks.ball.iter().map(|place| place[axis]).collect(),
+            runs: runs.clone(),
+        };
+        let channels = vec![channel(0, "x"), channel(1, "y")];
+        Some(Self { channels, tracks, rolls })
+    }
+
+    /// How many rolls there are.
+    #[must_use]
+    pub fn roll_count(&self) -> usize {
+        self.rolls.len()
+    }
+
+    /// Every impact on a wall that the camera's samples show, measured from the samples beside it,
+    /// in order of time; no twin is involved.
+    #[must_use]
+    pub fn impacts(&self) -> Vec<WallImpact> {
+        impacts::measure(&self.tracks, &self.rolls)
+    }
+
+    fn predict_roll(&self, rules: &Rules, roll: &Roll, start: &[f64], predicted: &mut [Vec<f64>]) {
+        let from = roll.samples.start;
+        let origin = self.tracks.times[from];
+        let age = rules.age(origin);
+        let mut roller = Roller::new(rules, start);
+        for sample in roll.samples.clone() {
+            let time = self.tracks.times[sample];
+            roller.strikers(self.tracks.strikers[sample]);
+            roller.advance_to(time - origin - (rules.age(time) - age));
+            let seen = rules.seen(roller.place());
+            for (channel, place) in predicted.iter_mut().zip(seen) {
+                channel[sample] = place;
+            }
+        }
+    }
+}
+
+impl Stage for BallStage {
+    fn kind(&self) -> StageKind {
+        StageKind::Ball
+    }
+
+    fn channels(&self) -> &[Channel] {
+        &self.channels
+    }
+
+    fn calls(&self, effect: &Effect) -> bool {
+        matches!(
+            effect.physics,
+            Physics::Roll(_)
+                | Physics::Resistance(_)
+                | Physics::Slide(_)
+                | Physics::Impact(_)
+                | Physics::Wall(_)
+                | Physics::Camera(_)
+                | Physics::CameraDelay(_)
+        )
+    }
+
+    fn nuisance_groups(&self) -> Vec<Range<usize>> {
+        (0..self.rolls.len()).map(|roll| roll..roll + 1).collect()
+    }
+
+    fn nuisance_start(&self, group: usize) -> Vec<f64> {
+        self.rolls.get(group).map(|roll| roll.start.to_vec()).unwrap_or_default()
+    }
+
+    fn nuisance_scale(&self) -> Vec<f64> {
+        START_SCALE.to_vec()
+    }
+
+    fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+        for channel in predicted.iter_mut() {
+            channel.fill(f64::NAN);
+        }
+        let rules = Rules::new(twin);
+        for (roll, start) in self.rolls.iter().zip(nuisance) {
+            self.predict_roll(&rules, roll, start, predicted);
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! The ball between and at the walls.
+//!
+//! Steps of at most a millisecond; within a step the accelerations are constant and the impacts are
+//! solved for, so the path depends smoothly on every number:
+//!
+//! ```text
+//! velocity  v' = (v + a t - friction of sliding) shortened by r t, and 0 when nothing is left
+//! place     x' = x + (v + v') t / 2, or to where it stops
+//! impact    n.x = wall + shift - radius   ->   v_n' = -e v_n, v_t' and spin by the effects
+//! ```
+//!
+//! `a` is the sum of [`Physics::Roll`], `r` that of [`Physics::Resistance`]. After an impact the ball
+//! still turns as it did before: the contact point slips by the change of velocity. Friction of
+//! sliding ([`Physics::Slide`]) takes from the velocity 2/7 of what it takes from the slip (solid
+//! sphere: acceleration `mu g` of the centre, `5/2 mu g` of the surface).
+
+use super::{HALF_BOARD, RADIUS, WALLS, outward};
+use crate::{
+    effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall},
+    twin::{Instance, Twin},
+};
+
+/// Longest step (s).
+const STEP: f64 = 1e-3;
+
+/// Impacts within one step; beyond it the ball rests against its wall for the rest of the step.
+const MOST_IMPACTS: usize = 8;
+
+/// Further away from a wall than this (m), its shift is not asked for; more than any shift.
+const NEAR_A_WALL: f64 = 0.04;
+
+/// Share of the slip that sliding takes from the velocity of a solid sphere.
+const GRIP: f64 = 2.0 / 7.0;
+
+/// Distance over which the direction of a wall is measured (m).
+const ALONG: f64 = 1e-3;
+
+/// Iterations that solve for the time of an impact.
+const ITERATIONS: usize = 60;
+
+/// The physics of one place with the numbers of its instance.
+type Law<F> = (F, Vec<f64>);
+
+/// What a twin says about the ball: the functions of its instances by place, in the order of the
+/// catalogue, so that the order in which effects were found does not matter.
+#[derive(Default)]
+pub(super) struct Rules {
+    roll: Vec<Law<fn(&[f64], &Ball) -> [f64; 2]>>,
+    resistance: Vec<Law<fn(&[f64], &Ball) -> f64>>,
+    slide: Vec<Law<fn(&[f64], &Ball) -> f64>>,
+    impact: Vec<Law<fn(&[f64], &Impact, Change) -> Change>>,
+    wall: Vec<Law<fn(&[f64], Wall, f64) -> f64>>,
+    camera: Vec<Law<fn(&[f64], [f64; 2], f64) -> [f64; 2]>>,
+    delay: Vec<Law<fn(&[f64], f64) -> f64>>,
+}
+
+impl Rules {
+    pub(super) fn new(twin: &Twin) -> Self {
+        let place = |instance: &&Instance| {
+            CATALOGUE.iter().position(|effect| effect.name == instance.effect.name)
+        };
+        let mut instances: Vec<&Instance> = twin.instances.iter().collect();
+        instances.sort_by_key(place);
+        let mut rules = Self::default();
+        for instance in instances {
+            let numbers = instance.numbers();
+            match instance.effect.physics {
+                Physics::Roll(law) => rules.roll.push((law, numbers)),
+                Physics::Resistance(law) => rules.resistance.push((law, numbers)),
+                Physics::Slide(law) => rules.slide.push((law, numbers)),
+                Physics::Impact(law) => rules.impact.push((law, numbers)),
+                Physics::Wall(law) => rules.wall.push((law, numbers)),
+                Physics::Camera(law) => rules.camera.push((law, numbers)),
+                Physics::CameraDelay(law) => rules.delay.push((law, numbers)),
+                _ => {}
+            }
+        }
+        rules
+    }
+
+    /// Age of the picture at `elapsed` seconds of the session (s).
+    pub(super) fn age(&self, elapsed: f64) -> f64 {
+        self.delay.iter().map(|(law, p)| law(p, elapsed)).sum()
+    }
+
+    /// Where the camera sees the ball that is at `place`.
+    pub(super) fn seen(&self, place: [f64; 2]) -> [f64; 2] {
+        self.camera.iter().fold(place, |place, (law, p)| law(p, place, RADIUS))
+    }
+
+    fn shift(&self, wall: Wall, along: f64) -> f64 {
+        self.wall.iter().map(|(law, p)| law(p, wall, along)).sum()
+    }
+
+    fn forces(&self, ball: &Ball) -> Forces {
+        let mut forces = Forces::default();
+        for (law, p) in &self.roll {
+            let [x, y] = law(p, ball);
+            forces.push = [forces.push[0] + x, forces.push[1] + y];
+        }
+        forces.resistance = self.resistance.iter().map(|(law, p)| law(p, ball)).sum();
+        forces.slide = self.slide.iter().map(|(law, p)| law(p, ball)).sum();
+        forces
+    }
+
+    /// How far the ball may still go towards `wall` from `place` (m).
+    fn gap(&self, wall: Wall, place: [f64; 2]) -> f64 {
+        let (axis, sign) = outward(wall);
+        let nominal = HALF_BOARD[axis] - RADIUS - sign * place[axis];
+        if NEAR_A_WALL < nominal { nominal } else { nominal + self.shift(wall, place[1 - axis]) }
+    }
+
+    /// Outward normal of `wall` at `place`, a shifted wall being turned by the slope of its shift.
+    fn normal(&self, wall: Wall, place: [f64; 2]) -> [f64; 2] {
+        let (axis, sign) = outward(wall);
+        let along = place[1 - axis];
+        let slope =
+            (self.shift(wall, along + ALONG) - self.shift(wall, along - ALONG)) / (2.0 * ALONG);
+        let length = slope.hypot(1.0);
+        let mut normal = [0.0; 2];
+        normal[axis] = sign / length;
+        normal[1 - axis] = -slope / length;
+        normal
+    }
+}
+
+/// What acts on the ball during one step (m/s^2).
+#[derive(Clone, Copy, Default)]
+struct Forces {
+    push: [f64; 2],
+    resistance: f64,
+    slide: f64,
+}
+
+/// The ball at one time.
+#[derive(Clone, Copy)]
+struct Free {
+    place: [f64; 2],
+    velocity: [f64; 2],
+    /// Velocity of the contact point on the board; zero when it rolls (m/s).
+    slip: [f64; 2],
+}
+
+impl Free {
+    /// The ball `t` seconds later under constant `forces`, walls aside.
+    fn after(&self, forces: &Forces, t: f64) -> Self {
+        let mut velocity = [0, 1].map(|k| self.velocity[k] + forces.push[k] * t);
+        let mut slip = self.slip;
+        let size = slip[0].hypot(slip[1]);
+        if 0.0 < size {
+            let part = (forces.slide * t).min(GRIP * size) / size;
+            for k in 0..2 {
+                velocity[k] -= self.slip[k] * part;
+                slip[k] = self.slip[k] * (1.0 - part / GRIP);
+            }
+        }
+        let speed = velocity[0].hypot(velocity[1]);
+        let loss = forces.resistance * t;
+        let (kept, moving) = if loss < speed {
+            (1.0 - loss / speed, t)
+        } else if 0.0 < loss {
+            (0.0, t * speed / loss)
+        } else {
+            (0.0, 0.0)
+        };
+        velocity = velocity.map(|v| v * kept);
+        let place = [0, 1].map(|k| self.place[k] + (self.velocity[k] + velocity[k]) / 2.0 * moving);
+        Self { place, velocity, slip }
+    }
+}
+
+/// A ball that is being rolled.
+pub(super) struct Roller<'a> {
+    rules: &'a Rules,
+    ball: Ball,
+    slip: [f64; 2],
+    spin: f64,
+}
+
+impl<'a> Roller<'a> {
+    /// At `start`: x, y (m), vx, vy (m/s); rolling, without spin.
+    pub(super) fn new(rules: &'a Rules, start: &[f64]) -> Self {
+        let number = |k: usize| start.get(k).copied().unwrap_or(0.0);
+        let ball = Ball {
+            position: [number(0), number(1)],
+            velocity: [number(2), number(3)],
+            ..Ball::default()
+        };
+        Self { rules, ball, slip: [0.0; 2], spin: 0.0 }
+    }
+
+    /// Tells where the strikers are from now on.
+    pub(super) fn strikers(&mut self, strikers: [Option<[f64; 2]>; 2]) {
+        self.ball.strikers = strikers;
+    }
+
+    pub(super) fn place(&self) -> [f64; 2] {
+        self.ball.position
+    }
+
+    #[cfg(test)]
+    pub(super) fn velocity(&self) -> [f64; 2] {
+        self.ball.velocity
+    }
+
+    /// Advances to `time` (s since the roll began); a time that has passed changes nothing.
+    pub(super) fn advance_to(&mut self, time: f64) {
+        let start = self.ball.time;
+        let span = time - start;
+        if span <= 0.0 {
+            return;
+        }
+        let steps = (span / STEP * (1.0 - 1e-9)).ceil().max(1.0);
+        for _ in 0..steps as usize {
+            self.step(span / steps);
+        }
+        self.ball.time = time;
+    }
+
+    fn step(&mut self, dt: f64) {
+        let mut left = dt;
+        for _ in 0..MOST_IMPACTS {
+            let forces = self.forces(left);
+            let now = self.free();
+            let end = now.after(&forces, left);
+            let Some((time, wall)) = self.first_impact(&now, &end, &forces, left) else {
+                self.commit(end, left);
+                return;
+            };
+            self.commit(now.after(&forces, time), time);
+            self.bounce(wall);
+            left -= time;
+        }
+        self.rest_against_walls(left);
+    }
+
+    fn free(&self) -> Free {
+        Free { place: self.ball.position, velocity: self.ball.velocity, slip: self.slip }
+    }
+
+    /// Forces in the middle of the next `span` seconds.
+    fn forces(&self, span: f64) -> Forces {
+        let mut middle = self.ball;
+        middle.time += span / 2.0;
+        middle.since_impact += span / 2.0;
+        for k in 0..2 {
+            middle.position[k] += middle.velocity[k] * span / 2.0;
+        }
+        self.rules.forces(&middle)
+    }
+
+    fn commit(&mut self, free: Free, span: f64) {
+        self.ball.position = free.place;
+        self.ball.velocity = free.velocity;
+        self.slip = free.slip;
+        self.ball.time += span;
+        self.ball.since_impact += span;
+    }
+
+    /// Time and wall of the first impact within `span` seconds.
+    fn first_impact(
+        &self,
+        now: &Free,
+        end: &Free,
+        forces: &Forces,
+        span: f64,
+    ) -> Option<(f64, Wall)> {
+        let mut first: Option<(f64, Wall)> = None;
+        for wall in WALLS {
+            let gap = self.rules.gap(wall, end.place);
+            if 0.0 <= gap {
+                continue;
+            }
+            let normal = self.rules.normal(wall, end.place);
+            if end.velocity[0] * normal[0] + end.velocity[1] * normal[1] <= 0.0 {
+                continue;
+            }
+            let time = self.contact_time(
+                wall,
+                [self.rules.gap(wall, now.place), gap],
+                |t| now.after(forces, t).place,
+                span,
+            );
+            if first.is_none_or(|(earliest, _)| time < earliest) {
+                first = Some((time, wall));
+            }
+        }
+        first
+    }
+
+    /// Solves `gap(place_at(t)) = 0` in `0..span`: regula falsi after Illinois. A ball that is
+    /// already beyond the wall hits it at once.
+    fn contact_time(
+        &self,
+        wall: Wall,
+        gaps: [f64; 2],
+        place_at: impl Fn(f64) -> [f64; 2],
+        span: f64,
+    ) -> f64 {
+        let ([mut low, mut high], [mut gap_low, mut gap_high]) = ([0.0, span], gaps);
+        if gap_low <= 0.0 {
+            return 0.0;
+        }
+        let mut time = f64::NAN;
+        for _ in 0..ITERATIONS {
+            let before = time;
+            time = high - gap_high * (high - low) / (gap_high - gap_low);
+            let gap = self.rules.gap(wall, place_at(time));
+            if gap == 0.0 || (time - before).abs() <= 1e-16 {
+                break;
+            }
+            if 0.0 < gap {
+                if low == before {
+                    gap_high /= 2.0;
+                }
+                (low, gap_low) = (time, gap);
+            } else {
+                if high == before {
+                    gap_low /= 2.0;
+                }
+                (high, gap_high) = (time, gap);
+            }
+        }
+        time
+    }
+
+    fn bounce(&mut self, wall: Wall) {
+        let normal = self.rules.normal(wall, self.ball.position);
+        let tangent = [normal[1], -normal[0]];
+        let before = self.ball.velocity;
+        let along = |direction: [f64; 2]| before[0] * direction[0] + before[1] * direction[1];
+        let (normal_speed, tangential_velocity) = (along(normal), along(tangent));
+        if normal_speed <= 0.0 {
+            return;
+        }
+        let impact = Impact { wall, normal_speed, tangential_velocity, spin: self.spin };
+        let unchanged = Change { restitution: 1.0, tangential_velocity, spin: self.spin };
+        let change =
+            self.rules.impact.iter().fold(unchanged, |change, (law, p)| law(p, &impact, change));
+        for k in 0..2 {
+            let after = change.tangential_velocity * tangent[k]
+                - change.restitution * normal_speed * normal[k];
+            self.slip[k] += after - before[k];
+            self.ball.velocity[k] = after;
+        }
+        self.spin = change.spin;
+        self.ball.since_impact = 0.0;
+    }
+
+    /// What is left of a step in which the ball chatters against a wall: it only moves along it.
+    fn rest_against_walls(&mut self, span: f64) {
+        for wall in WALLS {
+            let normal = self.rules.normal(wall, self.ball.position);
+            let velocity = self.ball.velocity;
+            let outwards = velocity[0] * normal[0] + velocity[1] * normal[1];
+            if self.rules.gap(wall, self.ball.position) < 1e-6 {
+                for k in 0..2 {
+                    self.ball.velocity[k] -= outwards * normal[k];
+                }
+            }
+        }
+        let forces = Forces { push: [0.0; 2], ..self.forces(span) };
+        self.commit(self.free().after(&forces, span), span);
+    }
+}

@@ -1,0 +1,322 @@
+//! From the camera's samples to free rolls.
+//!
+//! A roll ends where samples are missing, where the ball comes near a striker, where it is put
+//! elsewhere or pushed (its velocity changes away from every wall), at the end of its run, and after
+//! [`LONGEST`]. Pieces in which it hardly moves are left out, and so is rest before and after.
+
+use super::{HALF_BOARD, RADIUS};
+use crate::{
+    recording::{
+        Recording, RecordingError,
+        message::{CameraDetections, Point, run_marker::Phase},
+        topic::CAMERA_DETECTIONS,
+    },
+    units::Nanos,
+};
+use std::ops::Range;
+
+/// Nearer to a striker's centre than this (m) the ball may touch it.
+const STRIKER_REACH: f64 = 0.025;
+
+/// Longest pause between samples of one roll (s).
+const GAP: f64 = 0.1;
+
+/// Faster than this (m/s) no ball rolls: it was put elsewhere.
+const FASTEST: f64 = 8.0;
+
+/// Longest roll (s): errors of its start grow with time, so a long one is cut.
+pub(super) const LONGEST: f64 = 1.25;
+
+/// Fewest samples of a roll.
+const FEWEST: usize = 24;
+
+/// Least way of a roll (m).
+const LEAST_WAY: f64 = 0.02;
+
+/// Most and fewest samples from which the start of a roll is guessed.
+const FIRST: Range<usize> = 5..11;
+
+/// Samples on each side from which a push is judged.
+const BESIDE: usize = 5;
+
+/// Least sudden change of velocity away from walls that is a push (m/s).
+const PUSH: f64 = 0.15;
+
+/// Samples over which motion and rest are told apart, and the least displacement over them (m).
+const REST: (usize, f64) = (8, 1.2e-3);
+
+/// Time for which a ball that came to rest is still watched (s).
+const WATCHED_REST: f64 = 0.15;
+
+/// More than this between the clocks of camera and host (s) means that they count from different
+/// instants.
+const OTHER_EPOCH: f64 = 1.0;
+
+/// What the camera saw of the ball.
+pub(super) struct Tracks {
+    /// When each frame was taken, as far as it is known (s since the recording began).
+    pub(super) times: Vec<f64>,
+    /// When each arrived (s since the recording began).
+    arrivals: Vec<f64>,
+    /// The ball (m).
+    pub(super) ball: Vec<[f64; 2]>,
+    /// The strikers, where they were seen (m).
+    pub(super) strikers: Vec<[Option<[f64; 2]>; 2]>,
+    /// Usual rate of the frames (Hz).
+    pub(super) rate_hz: f64,
+    /// Standard deviation of one coordinate's noise, from second differences (m).
+    pub(super) noise: f64,
+}
+
+/// A piece of the track on which the ball rolls freely.
+pub(super) struct Roll {
+    /// Its samples.
+    pub(super) samples: Range<usize>,
+    /// First guess of x, y (m), vx, vy (m/s) at the first of them.
+    pub(super) start: [f64; 4],
+}
+
+impl Tracks {
+    pub(super) fn from_recording(recording: &Recording) -> Result<Option<Self>, RecordingError> {
+        let frames = recording.series::<CameraDetections>(CAMERA_DETECTIONS)?;
+        let Some((origin, _)) = recording.time_range() else { return Ok(None) };
+        let stamped = frames.values.iter().all(|frame| frame.capture_time_ns != 0);
+        let since = |time: Nanos| time.seconds_since(origin);
+        let epoch = if stamped {
+            let mut ages: Vec<f64> = frames
+                .iter()
+                .map(|(arrival, frame)| arrival.seconds_since(Nanos(frame.capture_time_ns)))
+                .collect();
+            let age = median(&mut ages);
+            if age.abs() < OTHER_EPOCH { 0.0 } else { age }
+        } else {
+            0.0
+        };
+        let place = |point: &Point| [point.x, point.y];
+        let mut samples = Vec::with_capacity(frames.times.len());
+        for (arrival, frame) in frames.iter() {
+            let time =
+                if stamped { since(Nanos(frame.capture_time_ns)) + epoch } else { since(arrival) };
+            let Some(ball) = frame.ball.as_ref().map(place) else { continue };
+            let strikers = [frame.left.as_ref().map(place), frame.right.as_ref().map(place)];
+            samples.push((time, since(arrival), ball, strikers));
+        }
+        Ok(Self::new(samples))
+    }
+
+    /// Tracks of samples (time, arrival, ball, strikers); those out of order are left out. `None`
+    /// when there are too few.
+    pub(super) fn new(samples: Vec<(f64, f64, [f64; 2], [Option<[f64; 2]>; 2])>) -> Option<Self> {
+        let mut tracks = Self {
+            times: Vec::with_capacity(samples.len()),
+            arrivals: Vec::with_capacity(samples.len()),
+            ball: Vec::with_capacity(samples.len()),
+            strikers: Vec::with_capacity(samples.len()),
+            rate_hz: 0.0,
+            noise: 0.0,
+        };
+        for (time, arrival, ball, strikers) in samples {
+            let ordered = tracks.times.last().is_none_or(|last| last + 1e-6 < time);
+            if ordered && ball.iter().all(|coordinate| coordinate.is_finite()) {
+                tracks.times.push(time);
+                tracks.arrivals.push(arrival);
+                tracks.ball.push(ball);
+                tracks.strikers.push(strikers);
+            }
+        }
+        if tracks.times.len() < FEWEST {
+            return None;
+        }
+        let mut steps: Vec<f64> = tracks.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        tracks.rate_hz = 1.0 / median(&mut steps);
+        let mut bends: Vec<f64> = tracks
+            .ball
+            .windows(3)
+            .flat_map(|w| [0, 1].map(|k| (w[2][k] - 2.0 * w[1][k] + w[0][k]).abs()))
+            .collect();
+        // Of independent noise a second difference has sqrt 6 of the spread, and half of all normal
+        // values lie within 0.6745 of it.
+        tracks.noise = median(&mut bends) / (0.6745 * 6.0_f64.sqrt());
+        Some(tracks)
+    }
+
+    /// Straight lines through the samples: place at `at` and velocity, by axis, with the root of the
+    /// mean squared distance of the samples from them.
+    pub(super) fn line(&self, samples: Range<usize>, at: f64) -> Line {
+        let count = samples.len() as f64;
+        let mean = |value: &dyn Fn(usize) -> f64| samples.clone().map(value).sum::<f64>() / count;
+        let middle = mean(&|i| self.times[i]);
+        let spread = mean(&|i| (self.times[i] - middle).powi(2));
+        let centre = [0, 1].map(|k| mean(&|i| self.ball[i][k]));
+        let velocity = [0, 1]
+            .map(|k| mean(&|i| (self.times[i] - middle) * (self.ball[i][k] - centre[k])) / spread);
+        let off = |i: usize, k: usize| {
+            self.ball[i][k] - centre[k] - velocity[k] * (self.times[i] - middle)
+        };
+        let off_rms = (mean(&|i| off(i, 0).powi(2) + off(i, 1).powi(2)) / 2.0).sqrt();
+        let place = [0, 1].map(|k| centre[k] + velocity[k] * (at - middle));
+        Line { place, velocity, off_rms }
+    }
+
+    fn near_striker(&self, sample: usize) -> bool {
+        self.strikers[sample].iter().flatten().any(|striker| {
+            let ball = self.ball[sample];
+            (ball[0] - striker[0]).hypot(ball[1] - striker[1]) < STRIKER_REACH
+        })
+    }
+
+    fn displacement(&self, from: usize, to: usize) -> f64 {
+        let (a, b) = (self.ball[from], self.ball[to]);
+        (b[0] - a[0]).hypot(b[1] - a[1])
+    }
+}
+
+/// A straight piece of the track.
+pub(super) struct Line {
+    pub(super) place: [f64; 2],
+    pub(super) velocity: [f64; 2],
+    off_rms: f64,
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// The runs between the markers (s since the recording began); empty without markers.
+pub(super) fn marked_spans(recording: &Recording) -> Result<Vec<Range<f64>>, RecordingError> {
+    let Some((origin, _)) = recording.time_range() else { return Ok(Vec::new()) };
+    let (mut spans, mut open) = (Vec::new(), None);
+    for (time, marker) in recording.markers()?.iter() {
+        let at = time.seconds_since(origin);
+        if marker.phase() == Phase::Start {
+            open = Some(at);
+        } else if let Some(start) = open.take() {
+            spans.push(start..at);
+        }
+    }
+    Ok(spans)
+}
+
+/// The free rolls in `tracks`, confined to `spans` where there are any.
+pub(super) fn cut(tracks: &Tracks, spans: &[Range<f64>]) -> Vec<Roll> {
+    let mut rolls = Vec::new();
+    for piece in continuous_pieces(tracks, spans) {
+        for part in between_pushes(tracks, moving_part(tracks, piece)) {
+            cut_long(tracks, part, &mut rolls);
+        }
+    }
+    rolls
+}
+
+/// Pieces without gap, jump, striker or end of a span.
+fn continuous_pieces(tracks: &Tracks, spans: &[Range<f64>]) -> Vec<Range<usize>> {
+    let span_of = |i: usize| spans.iter().position(|span| span.contains(&tracks.arrivals[i]));
+    let usable = |i: usize| (spans.is_empty() || span_of(i).is_some()) && !tracks.near_striker(i);
+    let joined = |i: usize| {
+        let dt = tracks.times[i + 1] - tracks.times[i];
+        dt < GAP.max(1.5 / tracks.rate_hz)
+            && tracks.displacement(i, i + 1) < FASTEST * dt + 6.0 * tracks.noise
+            && span_of(i) == span_of(i + 1)
+    };
+    let mut pieces = Vec::new();
+    let mut start = None;
+    for i in 0..tracks.times.len() {
+        if !usable(i) {
+            start = None;
+            continue;
+        }
+        let first = *start.get_or_insert(i);
+        let last = i + 1 == tracks.times.len() || !usable(i + 1) || !joined(i);
+        if last {
+            pieces.push(first..i + 1);
+            start = None;
+        }
+    }
+    pieces
+}
+
+/// `piece` without the rest at its ends.
+fn moving_part(tracks: &Tracks, piece: Range<usize>) -> Range<usize> {
+    let (window, least) = (REST.0, REST.1.max(6.0 * tracks.noise));
+    let ends = piece.start..piece.end.saturating_sub(window);
+    let moving = |i: &usize| least < tracks.displacement(*i, *i + window);
+    let (Some(first), Some(last)) = (ends.clone().find(moving), ends.rev().find(moving)) else {
+        return piece.start..piece.start;
+    };
+    // A ball that began at rest was pushed: the roll starts when the push is over.
+    let start = if first == piece.start { first } else { first + window };
+    let watched = last + window + (WATCHED_REST * tracks.rate_hz) as usize;
+    start..watched.min(piece.end)
+}
+
+/// `piece` without sudden changes of velocity away from the walls.
+fn between_pushes(tracks: &Tracks, piece: Range<usize>) -> Vec<Range<usize>> {
+    let from_wall = |i: usize| {
+        let gap = |k: usize| HALF_BOARD[k] - RADIUS - tracks.ball[i][k].abs();
+        gap(0).min(gap(1))
+    };
+    // The spread of a velocity from `BESIDE` samples; two of them are compared.
+    let count = BESIDE as f64;
+    let spread = tracks.noise * tracks.rate_hz * (12.0 / (count * (count * count - 1.0))).sqrt();
+    let least = PUSH.max(8.0 * spread);
+    let change = |i: usize| -> f64 {
+        let beside = i - BESIDE..i + BESIDE;
+        let (before, after) = (tracks.line(i - BESIDE..i, 0.0), tracks.line(i..i + BESIDE, 0.0));
+        let speed = before.velocity[0].hypot(before.velocity[1]);
+        let reach = 0.005 + 2.0 * speed / tracks.rate_hz;
+        if beside.clone().any(|i| from_wall(i) < reach) {
+            return 0.0;
+        }
+        (after.velocity[0] - before.velocity[0]).hypot(after.velocity[1] - before.velocity[1])
+    };
+    let (mut parts, mut start) = (Vec::new(), piece.start);
+    let mut i = piece.start + BESIDE;
+    while i + BESIDE <= piece.end {
+        if least < change(i) {
+            parts.push(start..i.saturating_sub(BESIDE).max(start));
+            start = i + BESIDE;
+            i = start + BESIDE;
+        } else {
+            i += 1;
+        }
+    }
+    parts.push(start.min(piece.end)..piece.end);
+    parts
+}
+
+/// Cuts `part` into rolls of about equal length, none longer than [`LONGEST`].
+fn cut_long(tracks: &Tracks, part: Range<usize>, rolls: &mut Vec<Roll>) {
+    if part.len() < FEWEST {
+        return;
+    }
+    let length = tracks.times[part.end - 1] - tracks.times[part.start];
+    let pieces = (length / LONGEST).ceil().max(1.0) as usize;
+    for piece in 0..pieces {
+        let edge = |piece: usize| part.start + part.len() * piece / pieces;
+        rolls.extend(roll_of(tracks, edge(piece)..edge(piece + 1)));
+    }
+}
+
+/// The roll in `samples`, from the first place where its start can be told; `None` where it hardly
+/// moves.
+fn roll_of(tracks: &Tracks, samples: Range<usize>) -> Option<Roll> {
+    let good = 1.6 * tracks.noise + 5e-5;
+    let mut first = samples.start;
+    while first + FEWEST <= samples.end {
+        for count in FIRST.rev() {
+            let line = tracks.line(first..first + count, tracks.times[first]);
+            if line.off_rms < good {
+                let start = [line.place[0], line.place[1], line.velocity[0], line.velocity[1]];
+                let samples = first..samples.end;
+                let far = samples.clone().map(|i| tracks.displacement(first, i));
+                return (LEAST_WAY < far.fold(0.0, f64::max)).then_some(Roll { samples, start });
+            }
+        }
+        first += 1;
+    }
+    None
+}
