@@ -28,6 +28,8 @@ mod oscillator;
 mod physics;
 mod sensor;
 
+pub use drive::asymmetric::{Directed, by_direction};
+pub use drive::scan::{SCANS, Scan, periods};
 pub use physics::{
     Ball, Carriage, Change, CrossMotion, Impact, LoopGains, Motion, Noise, Physics, Sample, Wall,
 };
@@ -164,6 +166,10 @@ impl Site {
     }
 }
 
+/// Unit of a number that is added to a command or compared with one: m/s of belt for a velocity drive,
+/// the unit of its input for any other axis.
+pub const COMMAND_UNIT: &str = "command";
+
 /// One number of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
@@ -249,11 +255,29 @@ pub struct Effect {
 /// Every effect, by domain.
 pub static CATALOGUE: &[&Effect] = &[
     &drive::gain::GAIN,
+    &drive::offset::OFFSET,
     &drive::delay::DELAY,
+    &drive::lag1::LAG1,
     &drive::velocity_loop::VELOCITY_LOOP,
+    &drive::current_loop::CURRENT_LOOP,
+    &drive::input_deadband::INPUT_DEADBAND,
+    &drive::torque_speed::TORQUE_SPEED,
     &drive::slew::SLEW,
+    &drive::supply_sag::SUPPLY_SAG,
     &drive::coulomb::COULOMB,
     &drive::viscous::VISCOUS,
+    &drive::quadratic::QUADRATIC,
+    &drive::asymmetric::ASYMMETRIC,
+    &drive::stribeck::STRIBECK,
+    &drive::presliding::PRESLIDING,
+    &drive::load::LOAD,
+    &drive::position::POSITION,
+    &drive::thermal_drift::THERMAL_DRIFT,
+    &drive::backlash::BACKLASH,
+    &drive::compliance_belt::COMPLIANCE_BELT,
+    &drive::ripple_motor::RIPPLE_MOTOR,
+    &drive::ripple_belt_tooth::RIPPLE_BELT_TOOTH,
+    &drive::ripple_pulley::RIPPLE_PULLEY,
     &gantry::inertia::INERTIA,
     &gantry::cross_coupling::CROSS_COUPLING,
     &gantry::racking::RACKING,

@@ -22,6 +22,6 @@ pub(crate) static COULOMB: Effect = Effect {
     physics: Physics::Friction(|p, _, _| p[0]),
     regressors: &[Regressor::Direction],
     excitation: "slow reversals, and both directions at three or more speeds",
-    experiment: "triangle",
+    experiment: "creep",
     confused_with: &["drive.input_deadband", "estimator.velocity_deadzone", "drive.offset"],
 };

@@ -25,6 +25,6 @@ pub(crate) static SLEW: Effect = Effect {
     }),
     regressors: &[Regressor::Acceleration],
     excitation: "velocity steps larger than the ramp can follow within a sample",
-    experiment: "steps",
+    experiment: "step_ladder",
     confused_with: &["drive.lag1", "drive.velocity_loop", "drive.saturation.torque_speed"],
 };

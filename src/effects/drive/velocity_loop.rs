@@ -37,6 +37,6 @@ pub(crate) static VELOCITY_LOOP: Effect = Effect {
     }),
     regressors: &[Regressor::Acceleration, Regressor::Jerk],
     excitation: "velocity steps and chirps",
-    experiment: "steps",
+    experiment: "step_ladder",
     confused_with: &["drive.compliance.belt", "drive.lag1", "drive.delay"],
 };

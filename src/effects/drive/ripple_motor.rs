@@ -1,0 +1,69 @@
+//! A force that repeats with the turns of the motor.
+
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+
+/// `drive.ripple.motor`: A sin(2 pi q/p) + B cos(2 pi q/p), where p is the travel per turn or per pole, not
+/// known beforehand: [`periods`](super::scan::periods) proposes it. The place of the rotor belongs to a
+/// session.
+pub(crate) static RIPPLE_MOTOR: Effect = Effect {
+    name: "drive.ripple.motor",
+    says: "a small force repeats with the turns of the motor",
+    domain: Domain::Drive,
+    site: Site::Motors,
+    parameters: &[
+        Parameter {
+            name: "sine_n",
+            unit: "N",
+            scale: 0.2,
+            bounds: (-200.0, 200.0),
+            plausible: (-2.0, 2.0),
+            per_session: true,
+        },
+        Parameter {
+            name: "cosine_n",
+            unit: "N",
+            scale: 0.2,
+            bounds: (-200.0, 200.0),
+            plausible: (-2.0, 2.0),
+            per_session: true,
+        },
+        Parameter {
+            name: "period_m",
+            unit: "m",
+            scale: 1e-4,
+            bounds: (1e-4, 0.5),
+            plausible: (0.0005, 0.05),
+            per_session: false,
+        },
+    ],
+    null: &[0.0, 0.0, 0.01],
+    probes: &[&[0.2, 0.0, 0.04], &[0.2, 0.0, 0.01]],
+    memory: 0,
+    physics: Physics::Force(|p, _, motion| wave(p, motion.position, p[2])),
+    regressors: &[Regressor::Phase, Regressor::Position],
+    excitation: "slow constant speed over many turns",
+    experiment: "creep",
+    confused_with: &["drive.ripple.belt_tooth", "drive.ripple.pulley", "drive.friction.position"],
+};
+
+/// Wave with the amplitudes `p` of sine and cosine at `position` in a `period`, all lengths in m.
+pub(super) fn wave(p: &[f64], position: f64, period: f64) -> f64 {
+    let (sine, cosine) = (std::f64::consts::TAU * position / period).sin_cos();
+    p[0] * sine + p[1] * cosine
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Motion;
+
+    #[test]
+    fn it_repeats_with_its_period() {
+        let Physics::Force(force) = RIPPLE_MOTOR.physics else { panic!("it is a force") };
+        let at = |position| Motion { position, ..Motion::default() };
+        assert!((force(&[3.0, 2.0, 0.008], &mut [], &at(0.0)) - 2.0).abs() < 1e-12);
+        assert!((force(&[3.0, 2.0, 0.008], &mut [], &at(0.002)) - 3.0).abs() < 1e-12);
+        assert!((force(&[3.0, 2.0, 0.008], &mut [], &at(0.018)) - 3.0).abs() < 1e-9);
+        assert_eq!(force(RIPPLE_MOTOR.null, &mut [], &at(0.1)), 0.0);
+    }
+}
