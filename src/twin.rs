@@ -17,6 +17,7 @@
 //! | [`AxisStage`] | motion (force drives), command (velocity drives) | force, velocity |
 //! | [`EstimatorStage`] | positions of the camera | velocities of `/board/state` |
 
+mod ball;
 mod camera;
 mod document;
 mod drive;
@@ -26,10 +27,12 @@ mod plant;
 pub mod session;
 mod stage;
 
+pub use ball::BallStage;
 pub use camera::CameraStage;
-pub use drive::DriveStage;
+pub use document::{TwinError, read_twin, write_twin};
+pub use drive::{DriveStage, Output};
 pub use path::MeasuredPath;
-pub use plant::{Plant, PlantState};
+pub use plant::{Plant, PlantState, belts, rails};
 pub use session::{Machine, Session, SessionError};
 pub use stage::{Channel, Stage, StageKind};
 

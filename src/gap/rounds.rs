@@ -122,6 +122,8 @@ pub struct Outcome<'a> {
     pub rejected: Vec<Rejected>,
     /// Tries of the last screen.
     pub tries: usize,
+    /// The regressor on which what is left still depends, where no effect explains it.
+    pub unexplained: Option<String>,
 }
 
 /// A candidate, simulated and fitted.
@@ -178,6 +180,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, add_effects: bool) -> Outcome<'
         added,
         rejected,
         tries,
+        unexplained: None,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Recordings as sessions: each link's measured input and output, cut into runs.
 
 use super::{
-    CameraStage, Channel, DriveStage, MeasuredPath, Stage,
+    BallStage, CameraStage, Channel, DriveStage, MeasuredPath, Stage,
     drive::{Output, RunStart, SETTLING},
     plant::{belts, rails},
 };
@@ -86,8 +86,28 @@ pub struct Session {
     pub split: Split,
     /// Its runs.
     pub runs: Vec<Run>,
+    /// The whole recording's length (s).
+    pub length: f64,
+    /// How many commands were recorded.
+    pub commands: usize,
+    /// Commands to motors.
+    pub drive: Option<DriveStage>,
+    /// Carriage to camera.
+    pub camera: Option<CameraStage>,
+    /// Free rolls.
+    pub ball: Option<BallStage>,
+}
+
+impl Session {
     /// Its links.
-    pub stages: Vec<Box<dyn Stage>>,
+    #[must_use]
+    pub fn stages(&self) -> Vec<&dyn Stage> {
+        let mut stages: Vec<&dyn Stage> = Vec::new();
+        stages.extend(self.drive.as_ref().map(|stage| stage as &dyn Stage));
+        stages.extend(self.camera.as_ref().map(|stage| stage as &dyn Stage));
+        stages.extend(self.ball.as_ref().map(|stage| stage as &dyn Stage));
+        stages
+    }
 }
 
 /// Seconds since `origin`.
@@ -410,4 +430,120 @@ impl Machine {
             },
         }
     }
+}
+
+/// Every this many runs one is held out, where recordings do not say what is for what.
+const HELD_OUT_EVERY: usize = 3;
+
+/// The sessions of `recordings`: each file's runs by their purpose. Where nothing says what is held
+/// out, it is the last of several recordings, or every third run of one.
+///
+/// # Errors
+/// When a message does not decode, or a recording has no link that can be compared.
+pub fn sessions_of(recordings: &[Recording]) -> Result<Vec<Session>, SessionError> {
+    let mut runs: Vec<Vec<Run>> =
+        recordings.iter().map(runs_of).collect::<Result<_, RecordingError>>()?;
+    divide(&mut runs);
+    let mut sessions = Vec::new();
+    for (recording, runs) in recordings.iter().zip(&runs) {
+        let before = sessions.len();
+        for split in [Split::Train, Split::Validation] {
+            let own: Vec<Run> =
+                runs.iter().filter(|run| run.split == Some(split)).cloned().collect();
+            if own.is_empty() {
+                continue;
+            }
+            let session = session_of(recording, own, split)?;
+            if !session.stages().is_empty() {
+                sessions.push(session);
+            }
+        }
+        if sessions.len() == before {
+            return Err(SessionError::NoLink { path: recording.path.display().to_string() });
+        }
+    }
+    Ok(sessions)
+}
+
+fn session_name(recording: &Recording) -> String {
+    recording.info("session").map_or_else(
+        || recording.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        str::to_owned,
+    )
+}
+
+/// Gives every run a purpose.
+fn divide(recordings: &mut [Vec<Run>]) {
+    let says = |split| {
+        move |runs: &Vec<Run>| runs.iter().any(|run| run.split == Some(split))
+    };
+    let held_out_known = recordings.iter().any(says(Split::Validation));
+    let several = 1 < recordings.len();
+    let last = recordings.len().saturating_sub(1);
+    for (index, runs) in recordings.iter_mut().enumerate() {
+        for (number, run) in runs.iter_mut().enumerate() {
+            let held_out = !held_out_known
+                && if several {
+                    index == last
+                } else {
+                    number % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+                };
+            if held_out {
+                run.split = Some(Split::Validation);
+            } else {
+                run.split = run.split.or(Some(Split::Train));
+            }
+        }
+    }
+}
+
+/// The links of one recording, in `runs`.
+fn session_of(
+    recording: &Recording,
+    runs: Vec<Run>,
+    split: Split,
+) -> Result<Session, RecordingError> {
+    let player = moving_player(recording)?;
+    let (mut drive, mut camera, mut commands) = (None, None, 0);
+    if let Some(player) = player {
+        drive = drive_stage(recording, player, &runs)?;
+        camera = camera_stage(recording, player, &runs)?;
+        commands = recording.count(&topic::command(player));
+    }
+    let spans: Vec<Range<f64>> = runs.iter().map(|run| run.span.clone()).collect();
+    Ok(Session {
+        name: session_name(recording),
+        sha256: recording.sha256.clone(),
+        split,
+        length: recording.time_range().map_or(0.0, |(start, end)| seconds(end, start)),
+        commands,
+        runs,
+        drive,
+        camera,
+        ball: BallStage::from_recording(recording, &spans)?,
+    })
+}
+
+/// The gantry with the longest way; the left one of equals.
+fn moving_player(recording: &Recording) -> Result<Option<Player>, RecordingError> {
+    let Some((origin, _)) = recording.time_range() else { return Ok(None) };
+    let mut best = None;
+    let mut longest = -1.0;
+    for player in Player::BOTH {
+        let mut carriage = carriage_readings(recording, player, origin)?;
+        if carriage.times.is_empty()
+            && let Some(motors) = motor_readings(recording, player, origin)?
+        {
+            carriage = carriage_of_motors(&motors);
+        }
+        let travel: f64 = carriage
+            .values
+            .windows(2)
+            .map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]))
+            .sum();
+        if !carriage.values.is_empty() && longest < travel {
+            (longest, best) = (travel, Some(player));
+        }
+    }
+    Ok(best)
 }

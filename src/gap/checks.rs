@@ -1,0 +1,195 @@
+//! The check of the data, before any physics: is the command connected to the motion, is there
+//! enough of it, in both directions?
+
+use super::findings::Verdict;
+use crate::twin::{DriveStage, Output, Session, belts};
+
+/// Shortest time of runs in all sessions together on which anything is said (s).
+const LEAST_TIME: f64 = 4.0;
+
+/// Command below which a motor is told to stand (m/s of belt).
+const STANDING: f64 = 0.005;
+
+/// Share of the commanded speed below which a motor does not follow at all.
+const NOT_MOVING: f64 = 0.05;
+
+/// Share of the motion's variance that the best delayed command must explain.
+const LEAST_EXPLAINED: f64 = 0.1;
+
+/// Longest delay that is tried (s).
+const LONGEST_DELAY: f64 = 0.3;
+
+/// Share of the moving time that each direction needs.
+const LEAST_DIRECTION: f64 = 0.05;
+
+/// Change of the delay between first and last part of a session that only a clock explains (s).
+const DRIFT: f64 = 0.02;
+
+/// Why nothing can be said, with what to do.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Objection {
+    /// The verdict that it forces.
+    pub verdict: Verdict,
+    /// What is wrong and what would help.
+    pub says: String,
+}
+
+fn objection(verdict: Verdict, says: impl Into<String>) -> Option<Objection> {
+    Some(Objection { verdict, says: says.into() })
+}
+
+/// The first reason for which nothing may be said about `sessions`.
+#[must_use]
+pub fn check(sessions: &[Session]) -> Option<Objection> {
+    let time: f64 =
+        sessions.iter().flat_map(|session| &session.runs).map(|run| run.span.end - run.span.start).sum();
+    if time < LEAST_TIME {
+        return objection(
+            Verdict::NotTestable,
+            format!("{time:.1} s of runs are too short to tell anything; record at least 20 s"),
+        );
+    }
+    for session in sessions {
+        let found = match &session.drive {
+            Some(drive) => check_drive(session, drive),
+            None if session.ball.is_none() && session.commands == 0 => objection(
+                Verdict::NotTestable,
+                format!(
+                    "{} holds no commands: what moved the carriage is unknown; record \
+                     /striker/*/command with it",
+                    session.name
+                ),
+            ),
+            None => None,
+        };
+        if found.is_some() {
+            return found;
+        }
+    }
+    None
+}
+
+fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
+    let pairs = Pairs::of(drive);
+    let name = &session.name;
+    let active = pairs.commanded().filter(|value| STANDING < value.abs()).count();
+    if active == 0 {
+        return objection(
+            Verdict::NotTestable,
+            format!("{name}: every command is zero; record runs in which the carriage is driven"),
+        );
+    }
+    let commanded = rms(pairs.commanded());
+    let moved = rms(pairs.moved());
+    if moved < NOT_MOVING * commanded {
+        return objection(
+            Verdict::InputNotConnected,
+            format!(
+                "{name}: commands of {commanded:.3} m/s RMS were logged and the motors moved \
+                 {moved:.4} m/s: they were off, or unplugged; arm the drives and record again"
+            ),
+        );
+    }
+    let best = pairs.best_delay(0.0..1.0);
+    if best.1 < LEAST_EXPLAINED {
+        return objection(
+            Verdict::InputNotConnected,
+            format!(
+                "{name}: the command explains {:.0} % of the motion at any delay up to {LONGEST_DELAY} s: \
+                 moved by hand, another source of commands, or clocks apart",
+                100.0 * best.1.max(0.0)
+            ),
+        );
+    }
+    let forward = pairs.commanded().filter(|value| STANDING < *value).count() as f64;
+    let backward = pairs.commanded().filter(|value| *value < -STANDING).count() as f64;
+    if forward.min(backward) < LEAST_DIRECTION * (forward + backward) {
+        return objection(
+            Verdict::NotTestable,
+            format!(
+                "{name}: the motors were driven in one direction only, so no friction, offset or play \
+                 can be told from another; record moves both ways, such as x_line and y_line"
+            ),
+        );
+    }
+    let (early, late) = (pairs.best_delay(0.0..0.25), pairs.best_delay(0.75..1.0));
+    if 0.5 < early.1.min(late.1) && DRIFT < (late.0 - early.0).abs() {
+        return objection(
+            Verdict::NotTestable,
+            format!(
+                "{name}: motion follows the command by {:.0} ms at first and by {:.0} ms at the end: \
+                 the clocks drift; record commands and motion with one clock",
+                1e3 * early.0,
+                1e3 * late.0
+            ),
+        );
+    }
+    None
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), value| (sum + value * value, count + 1));
+    (sum / count.max(1) as f64).sqrt()
+}
+
+/// Motor velocities with the command at any time before them.
+struct Pairs<'a> {
+    drive: &'a DriveStage,
+    /// Motor, time, velocity.
+    samples: Vec<(usize, f64, f64)>,
+}
+
+impl<'a> Pairs<'a> {
+    fn of(drive: &'a DriveStage) -> Self {
+        let mut samples = Vec::new();
+        for (channel, output) in drive.channels.iter().zip(&drive.outputs) {
+            let Output::Velocity(motor) = *output else { continue };
+            for sample in channel.runs.iter().flat_map(Clone::clone) {
+                if channel.measured[sample].is_finite() {
+                    samples.push((motor, channel.times[sample], channel.measured[sample]));
+                }
+            }
+        }
+        Self { drive, samples }
+    }
+
+    fn command(&self, motor: usize, time: f64) -> f64 {
+        let after = self.drive.command_times.partition_point(|sent| *sent <= time + 1e-9);
+        after.checked_sub(1).map_or(0.0, |index| belts(self.drive.commands[index])[motor])
+    }
+
+    fn commanded(&self) -> impl Iterator<Item = f64> {
+        self.samples.iter().map(|(motor, time, _)| self.command(*motor, *time))
+    }
+
+    fn moved(&self) -> impl Iterator<Item = f64> {
+        self.samples.iter().map(|(.., velocity)| *velocity)
+    }
+
+    /// The delay at which the command explains most of the motion in a part of the session, with the
+    /// share that it explains.
+    fn best_delay(&self, part: std::ops::Range<f64>) -> (f64, f64) {
+        let length = self.samples.iter().map(|sample| sample.1).fold(0.0, f64::max);
+        let own: Vec<&(usize, f64, f64)> = self
+            .samples
+            .iter()
+            .filter(|sample| (part.start * length..part.end * length).contains(&sample.1))
+            .collect();
+        let total: f64 = own.iter().map(|sample| sample.2 * sample.2).sum();
+        let mut best = (0.0, f64::NEG_INFINITY);
+        for step in 0..=(LONGEST_DELAY / 0.005) as usize {
+            let delay = step as f64 * 0.005;
+            let (mut cross, mut square) = (0.0, 0.0);
+            for (motor, time, velocity) in &own {
+                let command = self.command(*motor, time - delay);
+                cross += command * velocity;
+                square += command * command;
+            }
+            let explained = cross.max(0.0).powi(2) / (square * total).max(f64::MIN_POSITIVE);
+            if best.1 < explained {
+                best = (delay, explained);
+            }
+        }
+        best
+    }
+}

@@ -1,0 +1,452 @@
+//! The whole search: check, refit, search link by link, and put the findings into the contract's
+//! document.
+
+use super::{
+    checks::{self, Objection},
+    findings::{
+        Class, Document, NamedEffect, NamedParameter, Refit, RejectedEffect, SCHEMA_VERSION,
+        SignalGap, Verdict, Where,
+    },
+    floor::{self, Floor, FloorSource},
+    locate,
+    rounds::{self, Added, Link, Outcome, Reason},
+};
+use crate::{
+    effects::Effect,
+    recording::Split,
+    stats::t_quantile,
+    twin::{Left, Machine, Session, Source, Stage, StageKind, Twin, Value},
+};
+
+/// The links in the order of the chain.
+const ORDER: [StageKind; 5] = [
+    StageKind::Drive,
+    StageKind::Camera,
+    StageKind::Estimator,
+    StageKind::Ball,
+    StageKind::Axis,
+];
+
+/// What the workflow is asked to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// Fit what the twin has (`klasktron calibrate`).
+    Calibrate,
+    /// Fit, find what is missing, add it (`klasktron gap`).
+    CloseGap,
+}
+
+/// Everything that was found.
+pub struct Found<'a> {
+    /// The contract's document.
+    pub document: Document,
+    /// The twin with the effects in it.
+    pub twin: Twin,
+    /// Link by link.
+    pub outcomes: Vec<Outcome<'a>>,
+    /// The floor of each signal: `[outcome][channel]`.
+    pub floors: Vec<Vec<Floor>>,
+}
+
+/// How far the gap may be above the floor for nothing to be left (ratio of RMS).
+const AT_FLOOR: f64 = 1.1;
+
+/// Share by which a known parameter must move to be told, beside leaving its interval.
+const LEAST_MOVE: f64 = 0.01;
+
+/// Runs the workflow on `sessions` from `given`, or from the plain twin.
+#[must_use]
+pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Found<'a> {
+    let start = given.cloned().unwrap_or_else(|| Twin::nominal(Machine::Table));
+    if let Some(objection) = checks::check(sessions) {
+        return refused(start, objection);
+    }
+    let mut twin = start.clone();
+    let mut outcomes = Vec::new();
+    for kind in ORDER {
+        let of = |split: Split| -> Vec<&'a dyn Stage> {
+            sessions
+                .iter()
+                .filter(|session| session.split == split)
+                .flat_map(Session::stages)
+                .filter(|stage| stage.kind() == kind)
+                .collect()
+        };
+        let link = Link { kind, train: of(Split::Train), held_out: of(Split::Validation) };
+        if link.train.is_empty() {
+            continue;
+        }
+        let outcome = rounds::search(&link, &twin, task == Task::CloseGap);
+        twin = stated(&outcome);
+        outcomes.push(outcome);
+    }
+    for session in sessions.iter().filter(|session| session.split == Split::Train) {
+        if !twin.fitted_to.contains(&session.sha256) {
+            twin.fitted_to.push(session.sha256.clone());
+        }
+    }
+    let floors: Vec<Vec<Floor>> = outcomes.iter().map(floors_of).collect();
+    for (outcome, floors) in outcomes.iter().zip(&floors) {
+        leave(&mut twin, outcome, floors);
+    }
+    let document = document(&start, given.is_some(), &twin, &outcomes, &floors);
+    Found { document, twin, outcomes, floors }
+}
+
+/// Nothing may be said.
+fn refused<'a>(twin: Twin, objection: Objection) -> Found<'a> {
+    let document = Document {
+        schema_version: SCHEMA_VERSION,
+        verdict: objection.verdict,
+        says: objection.says.clone(),
+        places: Vec::new(),
+        effects: Vec::new(),
+        class: Vec::new(),
+        rejected: Vec::new(),
+        gap: Vec::new(),
+        refit: Vec::new(),
+        next_experiment: Some(collect_command(&["x_line", "y_line", "random_walk"])),
+        doubts: vec![objection.says],
+    };
+    Found { document, twin, outcomes: Vec::new(), floors: Vec::new() }
+}
+
+/// The final twin of a link with sources and intervals.
+fn stated(outcome: &Outcome<'_>) -> Twin {
+    let mut twin = outcome.last.point.twin.clone();
+    let quantile = t_quantile(0.975, outcome.uncertainty.freedom);
+    for (index, slot) in outcome.last.slots.iter().enumerate() {
+        if outcome.uncertainty.undetermined[index] {
+            continue;
+        }
+        let half = quantile * outcome.uncertainty.standard_errors[index];
+        let value = twin.get(*slot);
+        twin.instances[slot.instance].values[slot.parameter] =
+            Value { value, ci95: Some([value - half, value + half]), source: Source::Fitted };
+    }
+    twin
+}
+
+fn floors_of(outcome: &Outcome<'_>) -> Vec<Floor> {
+    let Some(part) = outcome.train.parts.first() else { return Vec::new() };
+    part.stage.channels().iter().map(|channel| floor::floor(channel, &[])).collect()
+}
+
+/// Notes what the twin leaves unexplained.
+fn leave(twin: &mut Twin, outcome: &Outcome<'_>, floors: &[Floor]) {
+    let Some(part) = outcome.train.parts.first() else { return };
+    let rms = outcome.train.rms(&outcome.last.point);
+    for ((channel, rms), floor) in part.stage.channels().iter().zip(rms).zip(floors) {
+        twin.left.retain(|left| left.signal != channel.signal);
+        twin.left.push(Left {
+            signal: channel.signal.clone(),
+            residual_rms: rms,
+            beyond_floor_rms: (rms * rms - floor.rms * floor.rms).max(0.0).sqrt(),
+        });
+    }
+}
+
+fn document(
+    start: &Twin,
+    calibrated: bool,
+    twin: &Twin,
+    outcomes: &[Outcome<'_>],
+    floors: &[Vec<Floor>],
+) -> Document {
+    let effects: Vec<NamedEffect> = outcomes
+        .iter()
+        .flat_map(|outcome| outcome.added.iter().map(move |step| named(outcome, step, twin)))
+        .collect();
+    let class: Vec<Class> = outcomes
+        .iter()
+        .flat_map(|outcome| &outcome.added)
+        .filter(|step| !step.class.is_empty())
+        .map(class_of)
+        .collect();
+    let rejected =
+        outcomes.iter().flat_map(|outcome| &outcome.rejected).map(rejected_effect).collect();
+    let gap: Vec<SignalGap> = outcomes
+        .iter()
+        .zip(floors)
+        .flat_map(|(outcome, floors)| signal_gaps(outcome, floors))
+        .collect();
+    let refit = if calibrated { refits(start, twin) } else { Vec::new() };
+    let places = outcomes.iter().flat_map(|outcome| locate::places(outcome, &effects)).collect();
+    let verdict = verdict(&effects, &class, &refit, outcomes);
+    let says = says(verdict, &effects, &class, &refit);
+    let next_experiment = next_experiment(&class, outcomes);
+    Document {
+        schema_version: SCHEMA_VERSION,
+        verdict,
+        says,
+        places,
+        effects,
+        class,
+        rejected,
+        gap,
+        refit,
+        next_experiment,
+        doubts: doubts(outcomes),
+    }
+}
+
+fn verdict(
+    effects: &[NamedEffect],
+    class: &[Class],
+    refit: &[Refit],
+    outcomes: &[Outcome<'_>],
+) -> Verdict {
+    if !effects.is_empty() {
+        if class.len() == effects.len() { Verdict::Ambiguous } else { Verdict::Named }
+    } else if outcomes.iter().any(|outcome| outcome.unexplained.is_some()) {
+        Verdict::Unexplained
+    } else if !refit.is_empty() {
+        Verdict::RefitOnly
+    } else {
+        Verdict::None
+    }
+}
+
+fn says(verdict: Verdict, effects: &[NamedEffect], class: &[Class], refit: &[Refit]) -> String {
+    match verdict {
+        Verdict::Named | Verdict::Ambiguous => {
+            let names: Vec<&str> = effects.iter().map(|effect| effect.name.as_str()).collect();
+            let mut text = format!("The simulation was missing {}.", names.join(", "));
+            for class in class {
+                text += &format!(" The data cannot tell {} apart.", class.names.join(" from "));
+            }
+            text
+        }
+        Verdict::RefitOnly => {
+            let names: Vec<&str> = refit.iter().map(|refit| refit.name.as_str()).collect();
+            format!("Nothing is missing; known parameters moved: {}.", names.join(", "))
+        }
+        Verdict::Unexplained => {
+            "Something is missing that no effect of the catalogue explains.".to_owned()
+        }
+        _ => "Nothing is missing above the noise.".to_owned(),
+    }
+}
+
+fn named(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> NamedEffect {
+    let instance = twin.instance(step.effect.name, step.axis);
+    let parameters = instance
+        .map(|instance| {
+            step.effect
+                .parameters
+                .iter()
+                .zip(&instance.values)
+                .map(|(parameter, value)| NamedParameter {
+                    name: parameter.name.to_owned(),
+                    value: value.value,
+                    unit: parameter.unit.to_owned(),
+                    ci95: value.ci95,
+                    implausible: !parameter.per_session
+                        && !(parameter.plausible.0..=parameter.plausible.1).contains(&value.value.abs())
+                        && !(parameter.plausible.0..=parameter.plausible.1).contains(&value.value),
+                })
+                .collect()
+        })
+        .unwrap_or_default();
+    let (before, after) = &step.held_out_steps;
+    let most = (0..before.len())
+        .max_by(|a, b| (before[*a] / after[*a]).total_cmp(&(before[*b] / after[*b])));
+    let channels = outcome.train.parts.first().map(|part| part.stage.channels());
+    let signal = most.and_then(|index| {
+        channels.and_then(|channels| channels.get(index))
+            .map(|channel| format!("{} ({})", channel.signal, channel.unit))
+    });
+    NamedEffect {
+        name: step.effect.name.to_owned(),
+        axis: step.axis,
+        p_value: step.p_value,
+        gap_before: most.map(|index| before[index]),
+        gap_after: most.map(|index| after[index]),
+        held_out_gain: step.held_out_gain,
+        why: why(step.effect, step, signal.as_deref(), most.map(|k| (before[k], after[k])), &parameters),
+        gap_signal: signal,
+        parameters,
+    }
+}
+
+/// The sentence after a name: what, where, how large, how sure, what else.
+fn why(
+    effect: &Effect,
+    step: &Added,
+    signal: Option<&str>,
+    gap: Option<(f64, f64)>,
+    parameters: &[NamedParameter],
+) -> String {
+    let numbers: Vec<String> = parameters
+        .iter()
+        .filter(|parameter| parameter.ci95.is_some())
+        .map(|parameter| {
+            let [low, high] = parameter.ci95.unwrap_or_default();
+            format!("{} {:.4} ({low:.4} to {high:.4})", parameter.name, parameter.value)
+        })
+        .collect();
+    let mut text = format!("On {}: {}; {}.", step.axis, effect.says, numbers.join(", "));
+    if let (Some(signal), Some((before, after))) = (signal, gap) {
+        text += &format!(
+            " On data that was not fitted it takes the gap of {signal} from {before:.3e} to {after:.3e} RMS \
+             (p = {:.1e} after {} looked for as well).",
+            step.p_value,
+            step.contest.len()
+        );
+    }
+    if step.class.is_empty() {
+        if let Some((name, ..)) = step.contest.iter().find(|(name, ..)| name != effect.name) {
+            text += &format!(" The next best, {name}, explains less.");
+        }
+    } else {
+        text += &format!(" It could as well be {}.", step.class.join(" or "));
+    }
+    text
+}
+
+fn class_of(step: &Added) -> Class {
+    let names =
+        std::iter::once(step.effect.name).chain(step.class.iter().copied()).map(str::to_owned).collect();
+    Class { names, experiment: step.effect.excitation.to_owned() }
+}
+
+fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
+    let reason = match &rejected.reason {
+        Reason::NotSignificant => "not significant after the correction for all tries".to_owned(),
+        Reason::Outdone(name) if name.is_empty() => "explains less than others".to_owned(),
+        Reason::Outdone(name) => format!("explains nothing beyond {name}"),
+        Reason::OnBound(parameter) => {
+            format!("{parameter} stopped on its bound: wrong sign, or no such effect")
+        }
+        Reason::HeldOut => "the held-out session does not prefer it".to_owned(),
+        Reason::SessionsDisagree => "the sessions do not agree on its sign or size".to_owned(),
+        Reason::TooSmall => "explains less than the simulation's own fidelity".to_owned(),
+        Reason::NotTestable => {
+            format!("not testable with this motion: it takes {}", rejected.candidate.effect.excitation)
+        }
+    };
+    RejectedEffect {
+        name: rejected.candidate.effect.name.to_owned(),
+        axis: rejected.candidate.axis,
+        reason,
+        statistic: rejected.candidate.statistic,
+        p_value: rejected.candidate.p_value,
+        held_out_gain: rejected.held_out_gain,
+    }
+}
+
+/// Known parameters that left what was known of them.
+fn refits(start: &Twin, twin: &Twin) -> Vec<Refit> {
+    let mut refits = Vec::new();
+    for (before, after) in start.instances.iter().zip(&twin.instances) {
+        for (k, parameter) in before.effect.parameters.iter().enumerate() {
+            let (old, new) = (&before.values[k], &after.values[k]);
+            let Some([low, high]) = new.ci95 else { continue };
+            if new.source != Source::Fitted || parameter.per_session {
+                continue;
+            }
+            let old_half = old.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low));
+            let limit = (0.5 * (high - low)).hypot(old_half);
+            let change = (new.value - old.value).abs();
+            if limit < change && LEAST_MOVE * parameter.scale.max(old.value.abs()) < change {
+                refits.push(Refit {
+                    name: format!("{}.{}", before.effect.name, parameter.name),
+                    axis: before.axis,
+                    before: old.value,
+                    after: new.value,
+                    ci95: new.ci95,
+                    unit: parameter.unit.to_owned(),
+                });
+            }
+        }
+    }
+    refits
+}
+
+fn signal_gaps(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalGap> {
+    let Some(part) = outcome.train.parts.first() else { return Vec::new() };
+    let columns = [
+        outcome.train.rms(&outcome.start),
+        outcome.train.rms(&outcome.last.point),
+        outcome.held_out.rms(&outcome.start_held_out),
+        outcome.held_out.rms(&outcome.last_held_out),
+    ];
+    let at = |column: usize, k: usize| columns[column].get(k).copied().filter(|rms| rms.is_finite());
+    part.stage
+        .channels()
+        .iter()
+        .zip(floors)
+        .enumerate()
+        .map(|(k, (channel, floor))| SignalGap {
+            domain: channel.domain,
+            signal: channel.signal.clone(),
+            unit: channel.unit.to_owned(),
+            band: "all".to_owned(),
+            noise_floor: (floor.source != FloorSource::Unknown).then_some(floor.rms),
+            noise_floor_source: match floor.source {
+                FloorSource::Rest => format!("scatter at rest, {} samples", floor.samples),
+                FloorSource::Smoothness => format!(
+                    "scatter of the measured signal about a smooth course, {} samples",
+                    floor.samples
+                ),
+                FloorSource::Unknown => "too few samples".to_owned(),
+            },
+            train_before: at(0, k),
+            train_after: at(1, k),
+            held_out_before: at(2, k),
+            held_out_after: at(3, k),
+        })
+        .collect()
+}
+
+/// A `collect` command that drives `patterns` with repeats.
+fn collect_command(patterns: &[&str]) -> String {
+    let patterns: Vec<String> = patterns.iter().map(|name| format!("--pattern {name}")).collect();
+    format!("klasktron collect {} --seconds 10 --repeat 2 --output next.mcap", patterns.join(" "))
+}
+
+/// What would decide what is left: the class first, then what could not be tested.
+fn next_experiment(class: &[Class], outcomes: &[Outcome<'_>]) -> Option<String> {
+    let mut patterns: Vec<&str> = Vec::new();
+    let mut add = |name: &str| {
+        if let Some(effect) = crate::effects::find(name)
+            && !effect.experiment.is_empty()
+            && !patterns.contains(&effect.experiment)
+        {
+            patterns.push(effect.experiment);
+        }
+    };
+    class.iter().flat_map(|class| &class.names).for_each(|name| add(name));
+    for rejected in outcomes.iter().flat_map(|outcome| &outcome.rejected) {
+        if rejected.reason == Reason::NotTestable {
+            add(rejected.candidate.effect.name);
+        }
+    }
+    patterns.truncate(4);
+    (!patterns.is_empty()).then(|| collect_command(&patterns))
+}
+
+fn doubts(outcomes: &[Outcome<'_>]) -> Vec<String> {
+    let mut doubts = Vec::new();
+    for outcome in outcomes {
+        for (index, slot) in outcome.last.slots.iter().enumerate() {
+            if outcome.uncertainty.undetermined[index] {
+                let instance = &outcome.last.point.twin.instances[slot.instance];
+                doubts.push(format!(
+                    "the data do not determine {}.{} on {}",
+                    instance.effect.name, instance.effect.parameters[slot.parameter].name, instance.axis
+                ));
+            }
+        }
+        if outcome.held_out.parts.is_empty() {
+            doubts.push(format!("{:?}: nothing was held out, so no name is tested", outcome.kind));
+        }
+    }
+    doubts
+}
+
+/// Whether the gap of every signal is at its floor.
+#[must_use]
+pub fn at_floor(rms: &[f64], floors: &[Floor]) -> bool {
+    rms.iter().zip(floors).all(|(rms, floor)| *rms <= AT_FLOOR * floor.rms)
+}

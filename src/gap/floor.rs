@@ -1,0 +1,125 @@
+//! The noise floor of a signal, from measurements alone: never from the residual of a model.
+//!
+//! In this order: the scatter at rest; where there is too little rest, the scatter of the measured
+//! signal about a smooth course, by its third differences (a cubic has none; white noise of standard
+//! deviation s gives them the standard deviation s sqrt(20)), of which the median is taken so that
+//! starts and stops do not count.
+
+use crate::{stats::median, twin::Channel};
+use serde::{Deserialize, Serialize};
+
+/// Fewest samples at rest on which a floor is stated.
+const LEAST_REST: usize = 100;
+
+/// Samples over which a signal counts as resting when it stays within a few quanta.
+const REST_WINDOW: usize = 25;
+
+/// Median of |z| of a standard normal variable.
+const MEDIAN_OF_HALF_NORMAL: f64 = 0.674_489_750_196_081_7;
+
+/// How a floor was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FloorSource {
+    /// Scatter while nothing moves.
+    Rest,
+    /// Scatter about a smooth course.
+    Smoothness,
+    /// Too few samples.
+    Unknown,
+}
+
+/// The noise floor of one signal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Floor {
+    /// Standard deviation, in the signal's unit; zero when unknown.
+    pub rms: f64,
+    /// How it was found.
+    pub source: FloorSource,
+    /// On how many samples.
+    pub samples: usize,
+}
+
+/// The floor of `channel`, where `at_rest[sample]` says when nothing moved.
+#[must_use]
+pub fn floor(channel: &Channel, at_rest: &[bool]) -> Floor {
+    let mut squares = 0.0;
+    let mut count = 0;
+    for run in &channel.runs {
+        for start in (run.start..run.end.saturating_sub(REST_WINDOW)).step_by(REST_WINDOW) {
+            let window = start..start + REST_WINDOW;
+            let values = &channel.measured[window.clone()];
+            if !window.clone().all(|k| at_rest.get(k) == Some(&true) && channel.measured[k].is_finite()) {
+                continue;
+            }
+            let mean = values.iter().sum::<f64>() / REST_WINDOW as f64;
+            squares += values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+            count += REST_WINDOW;
+        }
+    }
+    if LEAST_REST <= count {
+        let freedom = count as f64 * (1.0 - 1.0 / REST_WINDOW as f64);
+        return Floor { rms: (squares / freedom).sqrt(), source: FloorSource::Rest, samples: count };
+    }
+    let mut thirds = Vec::new();
+    for run in &channel.runs {
+        for four in channel.measured[run.clone()].windows(4) {
+            let third = four[3] - 3.0 * four[2] + 3.0 * four[1] - four[0];
+            if third.is_finite() {
+                thirds.push(third.abs());
+            }
+        }
+    }
+    match median(&thirds) {
+        Some(middle) if LEAST_REST <= thirds.len() => Floor {
+            rms: middle / (MEDIAN_OF_HALF_NORMAL * 20.0_f64.sqrt()),
+            source: FloorSource::Smoothness,
+            samples: thirds.len(),
+        },
+        _ => Floor { rms: 0.0, source: FloorSource::Unknown, samples: 0 },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{effects::Domain, seed::Stream};
+
+    fn channel(measured: Vec<f64>) -> Channel {
+        let n = measured.len();
+        Channel {
+            signal: "test".into(),
+            unit: "m",
+            domain: Domain::Sensor,
+            axis: "x",
+            rate_hz: 100.0,
+            times: (0..n).map(|k| k as f64 * 0.01).collect(),
+            measured,
+            runs: vec![0..n],
+        }
+    }
+
+    fn noise(count: usize) -> Vec<f64> {
+        let mut stream = Stream::new(4, "noise");
+        // Twelve uniform numbers make a normal one of standard deviation 1.
+        (0..count)
+            .map(|_| (0..12).map(|_| f64::from(stream.uniform_f32(-0.5, 0.5))).sum::<f64>())
+            .collect()
+    }
+
+    #[test]
+    fn a_moving_signal_has_the_floor_of_its_noise() {
+        let moving: Vec<f64> =
+            noise(4000).iter().enumerate().map(|(k, n)| 30.0 * (k as f64 * 0.01).sin() + n).collect();
+        let found = floor(&channel(moving), &[]);
+        assert_eq!(found.source, FloorSource::Smoothness);
+        assert!((found.rms - 1.0).abs() < 0.05, "{}", found.rms);
+    }
+
+    #[test]
+    fn rest_is_preferred() {
+        let found = floor(&channel(noise(1000)), &vec![true; 1000]);
+        assert_eq!(found.source, FloorSource::Rest);
+        assert!((found.rms - 1.0).abs() < 0.05, "{}", found.rms);
+    }
+}
