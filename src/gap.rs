@@ -9,4 +9,5 @@ pub mod locate;
 pub mod problem;
 pub mod rounds;
 pub mod screen;
+pub mod unknown;
 pub mod whiten;

@@ -208,7 +208,7 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
 }
 
 /// One-sample Hotelling test that the block sums of `columns * residual` have mean zero.
-fn hotelling(
+pub fn hotelling(
     columns: &[Vec<f64>],
     residual: &[f64],
     blocks: &[usize],

@@ -1,0 +1,268 @@
+//! What is left when no effect of the catalogue explains it: does the residual still depend on
+//! something? Then it has a name of its own, `unknown.<regressor>[<band>]`, and the verdict is
+//! `unexplained`.
+//!
+//! A smooth dependence is a mean per bin of a regressor (time, own and other velocity, speed,
+//! acceleration, position), tested block by block as in the screen; a periodic one is a line in time,
+//! sine and cosine tested as one. Both must explain a session that they were not fitted to.
+
+use super::{
+    fit::Fit,
+    problem::{Linear, Part, Point, Problem, dot},
+    rounds::FAMILY_ERROR,
+    screen::hotelling,
+    whiten::{self, Filters},
+};
+use std::f64::consts::TAU;
+
+/// Bins of a regressor.
+const BINS: usize = 8;
+
+/// Lowest and highest frequency of a line (Hz).
+const LINES_HZ: (f64, f64) = (0.15, 20.0);
+
+/// Share of the whitened squared error that something must explain to be worth saying.
+const WORTH_SAYING: f64 = 0.02;
+
+/// Share of what it explains where it was fitted that it must explain elsewhere.
+const CARRIES_OVER: f64 = 0.3;
+
+/// What the residual depends on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unknown {
+    /// `unknown.<regressor>[<band>]`.
+    pub name: String,
+    /// Signal in which it shows most.
+    pub signal: String,
+    /// Share of the whitened squared error that it explains.
+    pub share: f64,
+    /// F statistic of the block test.
+    pub statistic: f64,
+    /// Tail probability, corrected for all tries.
+    pub p_value: f64,
+}
+
+/// One series per sample of one channel.
+struct Regressor {
+    name: String,
+    channel: usize,
+    /// Per part, per sample of the channel.
+    values: Vec<Vec<f64>>,
+}
+
+/// The strongest dependence that is left at `found`, if any is beyond chance.
+#[must_use]
+pub fn strongest(
+    train: &Problem<'_>,
+    held_out: &Problem<'_>,
+    found: &Fit,
+    held_point: &Point,
+    filters: &Filters,
+) -> Option<Unknown> {
+    let linear = train.linear(&found.point, &[], filters);
+    let held = held_out.linear(held_point, &[], filters);
+    let total = dot(&linear.residual, &linear.residual);
+    let held_total = dot(&held.residual, &held.residual);
+    let smooth = regressors(train);
+    let smooth_held = regressors(held_out);
+    let lines = line_frequencies(train);
+    let tries = smooth.len() + lines.len();
+    let mut best: Option<Unknown> = None;
+    let mut consider = |unknown: Unknown| {
+        if best.as_ref().is_none_or(|best| best.share < unknown.share) {
+            best = Some(unknown);
+        }
+    };
+    for (own, other) in smooth.iter().zip(&smooth_held) {
+        let edges = bin_edges(own);
+        let columns = binned(train, own, &edges, filters);
+        let Some(weights) = weights(&columns, &linear.residual) else { continue };
+        let share = explained(&columns, &weights, &linear.residual) / total;
+        let elsewhere = binned(held_out, other, &edges, filters);
+        let carried = explained_by(&elsewhere, &weights, &held.residual) / held_total;
+        let (statistic, p) = hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
+        let p_value = p * tries as f64;
+        if p_value < FAMILY_ERROR && WORTH_SAYING < share && CARRIES_OVER * share < carried {
+            let name = format!("unknown.{}[{}]", own.name, band(&edges));
+            let signal = train.parts[0].stage.channels()[own.channel].signal.clone();
+            consider(Unknown { name, signal, share, statistic, p_value });
+        }
+    }
+    for frequency in lines {
+        let columns = line(train, frequency, filters, &linear);
+        let Some(found) = weights(&columns, &linear.residual) else { continue };
+        let share = explained(&columns, &found, &linear.residual) / total;
+        if share < WORTH_SAYING {
+            continue;
+        }
+        let elsewhere = line(held_out, frequency, filters, &held);
+        let carried = weights(&elsewhere, &held.residual)
+            .map_or(0.0, |own| explained(&elsewhere, &own, &held.residual) / held_total);
+        let (statistic, p) = hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
+        let p_value = p * tries as f64;
+        if p_value < FAMILY_ERROR && CARRIES_OVER * share < carried {
+            let name = format!("unknown.time[{frequency:.2} Hz]");
+            let signal = train.parts[0].stage.channels()[0].signal.clone();
+            consider(Unknown { name, signal, share, statistic, p_value });
+        }
+    }
+    best
+}
+
+/// Least-squares weights of `columns` on `residual`; `None` when they are not independent.
+fn weights(columns: &[Vec<f64>], residual: &[f64]) -> Option<Vec<f64>> {
+    use faer::{Mat, linalg::solvers::Solve, prelude::*};
+    let count = columns.len();
+    let gram = Mat::from_fn(count, count, |i, j| {
+        dot(&columns[i], &columns[j]) * if i == j { 1.0 + 1e-6 } else { 1.0 }
+    });
+    if (0..count).any(|i| gram[(i, i)] <= 0.0) {
+        return None;
+    }
+    let right = Mat::from_fn(count, 1, |i, _| dot(&columns[i], residual));
+    let solution = gram.partial_piv_lu().solve(&right);
+    Some((0..count).map(|i| solution[(i, 0)]).collect())
+}
+
+fn explained(columns: &[Vec<f64>], weights: &[f64], residual: &[f64]) -> f64 {
+    columns.iter().zip(weights).map(|(column, weight)| weight * dot(column, residual)).sum()
+}
+
+/// Squared error that given weights remove.
+fn explained_by(columns: &[Vec<f64>], weights: &[f64], residual: &[f64]) -> f64 {
+    let mut left = residual.to_vec();
+    for (column, weight) in columns.iter().zip(weights) {
+        left.iter_mut().zip(column).for_each(|(value, column)| *value -= weight * column);
+    }
+    dot(residual, residual) - dot(&left, &left)
+}
+
+/// Series that the residual of each channel may depend on, from measurements alone.
+fn regressors(problem: &Problem<'_>) -> Vec<Regressor> {
+    let Some(first) = problem.parts.first() else { return Vec::new() };
+    let count = first.stage.channels().len();
+    let mut all = Vec::new();
+    for channel in 0..count {
+        let mut add = |name: &str, of: &dyn Fn(&Part<'_>) -> Vec<f64>| {
+            let values = problem.parts.iter().map(of).collect();
+            all.push(Regressor { name: name.to_owned(), channel, values });
+        };
+        let signal = &first.stage.channels()[channel].signal;
+        let kind = signal.rsplit('.').next().unwrap_or(signal);
+        let name = |what: &str| format!("{kind}_{what}");
+        add(&name("own"), &|part| part.stage.channels()[channel].measured.clone());
+        add(&name("size"), &|part| {
+            part.stage.channels()[channel].measured.iter().map(|value| value.abs()).collect()
+        });
+        add(&name("slope"), &|part| slope(&part.stage.channels()[channel]));
+        add("time", &|part| part.stage.channels()[channel].times.clone());
+        for other in (0..count).filter(|other| *other != channel) {
+            let other_signal = first.stage.channels()[other].signal.replace('.', "_");
+            add(&other_signal, &|part| {
+                let (own, other) = (&part.stage.channels()[channel], &part.stage.channels()[other]);
+                let mut cursor = 0;
+                own.times
+                    .iter()
+                    .map(|time| {
+                        while cursor + 1 < other.times.len() && other.times[cursor + 1] <= *time {
+                            cursor += 1;
+                        }
+                        other.measured.get(cursor).copied().unwrap_or(f64::NAN)
+                    })
+                    .collect()
+            });
+        }
+    }
+    all
+}
+
+fn slope(channel: &crate::twin::Channel) -> Vec<f64> {
+    let (times, values) = (&channel.times, &channel.measured);
+    let last = times.len().saturating_sub(1);
+    (0..times.len())
+        .map(|k| {
+            let (before, after) = (k.saturating_sub(2), (k + 2).min(last));
+            (values[after] - values[before]) / (times[after] - times[before]).max(1e-9)
+        })
+        .collect()
+}
+
+/// Inner edges of the bins: quantiles of the regressor.
+fn bin_edges(regressor: &Regressor) -> Vec<f64> {
+    let all: Vec<f64> = regressor.values.iter().flatten().copied().filter(|v| v.is_finite()).collect();
+    (1..BINS)
+        .filter_map(|k| crate::stats::quantile(&all, k as f64 / BINS as f64))
+        .collect()
+}
+
+fn band(edges: &[f64]) -> String {
+    match (edges.first(), edges.last()) {
+        (Some(low), Some(high)) => format!("{low:.3} to {high:.3}"),
+        _ => "all".to_owned(),
+    }
+}
+
+/// One whitened column per bin: the residual of one channel has another mean there.
+fn binned(problem: &Problem<'_>, regressor: &Regressor, edges: &[f64], filters: &Filters) -> Vec<Vec<f64>> {
+    (0..=edges.len())
+        .map(|bin| {
+            let mut column = Vec::with_capacity(problem.rows());
+            for (part, values) in problem.parts.iter().zip(&regressor.values) {
+                let mut change: Vec<Vec<f64>> = part
+                    .stage
+                    .channels()
+                    .iter()
+                    .map(|channel| vec![0.0; channel.times.len()])
+                    .collect();
+                for (value, own) in change[regressor.channel].iter_mut().zip(values) {
+                    let place = edges.partition_point(|edge| edge <= own);
+                    *value = if place == bin { 1.0 } else { 0.0 };
+                }
+                let order = whiten::in_order(part.stage, filters);
+                column.extend(part.layout.whitened(&change, &order));
+            }
+            column
+        })
+        .collect()
+}
+
+/// Frequencies at the resolution of the longest part.
+fn line_frequencies(problem: &Problem<'_>) -> Vec<f64> {
+    let length = problem
+        .parts
+        .iter()
+        .filter_map(|part| {
+            let times = &part.stage.channels().first()?.times;
+            Some(times.last()? - times.first()?)
+        })
+        .fold(0.0, f64::max);
+    if length < 5.0 {
+        return Vec::new();
+    }
+    let step = 0.5 / length;
+    let count = ((LINES_HZ.1 - LINES_HZ.0) / step) as usize;
+    (0..count).map(|k| LINES_HZ.0 + k as f64 * step).collect()
+}
+
+/// Whitened sine and cosine in time, on every channel of the first kind of signal.
+fn line(problem: &Problem<'_>, frequency: f64, filters: &Filters, linear: &Linear) -> Vec<Vec<f64>> {
+    [0.0, 0.25]
+        .map(|phase| {
+            let mut column = Vec::with_capacity(problem.rows());
+            for part in &problem.parts {
+                let order = whiten::in_order(part.stage, filters);
+                let change: Vec<Vec<f64>> = part
+                    .stage
+                    .channels()
+                    .iter()
+                    .map(|channel| {
+                        channel.times.iter().map(|t| (TAU * (frequency * t + phase)).sin()).collect()
+                    })
+                    .collect();
+                column.extend(part.layout.whitened(&change, &order));
+            }
+            linear.take_nuisances_from(&mut column);
+            column
+        })
+        .to_vec()
+}
