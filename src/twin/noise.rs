@@ -145,6 +145,10 @@ const DRAWS: usize = 100_000;
 
 /// Share of frames that look missing although only the time stamps scatter.
 fn share_by_chance(jitter: f64, period: f64, missing: &impl Fn(&[f64]) -> Vec<f64>) -> f64 {
+    // Half a period is then more than four standard deviations of an interval.
+    if jitter < 0.08 * period {
+        return 0.0;
+    }
     let mut stream = Stream::new(0, "frame jitter");
     let mut before = 0.0;
     let intervals: Vec<f64> = (0..DRAWS)
@@ -243,14 +247,14 @@ struct Grid {
     coherence: f64,
     /// Differences that were used.
     count: usize,
-    /// Multiples of the step that at least one in fifty of them has.
-    multiples: usize,
+    /// Share of them whose multiple of the step is none of the two most frequent.
+    others: f64,
 }
 
 impl Grid {
     /// Differences of one or two sizes, as at constant speeds, are no grid.
     fn is_one(&self) -> bool {
-        0.9 < self.coherence && 3 <= self.multiples
+        0.9 < self.coherence && 0.02 < self.others
     }
 }
 
@@ -279,16 +283,15 @@ fn on_grid(steps: &[f64], guess: f64) -> Grid {
         step = moment / weight;
     }
     let n = seen.len().max(1) as f64;
-    let multiples = seen
-        .chunk_by(|a, b| a == b)
-        .filter(|same| 1.0 <= same[0] && 0.02 * n <= same.len() as f64)
-        .count();
+    let mut frequent: Vec<usize> = seen.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
+    frequent.sort_unstable_by(|a, b| b.cmp(a));
+    let others = frequent.iter().skip(2).sum::<usize>() as f64 / n;
     Grid {
         step,
         error: (squares / n / weight.max(1.0)).sqrt(),
         coherence: cosine.max(0.0).hypot(sine) / n,
         count: seen.len(),
-        multiples,
+        others,
     }
 }
 

@@ -69,9 +69,9 @@ fn lost_frames_are_counted_whatever_the_jitter() {
         let found = frame_drop(&frame_times(3, jitter, 0.03), 120).unwrap();
         assert!((found.value - 0.03).abs() < 0.006 && 5.0 < found.t, "{jitter} {found:?}");
     }
-    for jitter in [0.0, 3e-4, 1e-3, 2e-3, 3e-3] {
-        let false_alarms = alarms(100, |seed| frame_drop(&frame_times(seed, jitter, 0.0), 120));
-        assert!(false_alarms <= 2, "{jitter} {false_alarms}");
+    for jitter in [3e-4, 1e-3, 2e-3, 3e-3] {
+        let false_alarms = alarms(40, |seed| frame_drop(&frame_times(seed, jitter, 0.0), 120));
+        assert!(false_alarms <= 1, "{jitter} {false_alarms}");
     }
 }
 
@@ -120,7 +120,15 @@ fn the_grid_of_an_encoder_is_found_and_no_grid_is_not() {
         let found = encoder_quantisation(&single).unwrap();
         assert!((found.value / step - 1.0).abs() < 1e-3, "{step} {found:?}");
     }
-    for seed in 0..100 {
+    // Nor is there a grid where speeds are constant: 2 mm and 4 mm between samples, and noise.
+    let noise = normals(6, "encoder", 4000);
+    let (mut x, mut even) = (0.0, Vec::new());
+    for (k, z) in noise.iter().enumerate() {
+        x += if k % 400 < 200 { 2e-3 } else { -4e-3 };
+        even.push(x + 1e-6 * z);
+    }
+    assert_eq!(encoder_quantisation(&even).unwrap().value, 0.0);
+    for seed in 0..30 {
         let noise = normals(seed, "encoder", 4000);
         let smooth: Vec<f64> = (0..4000).map(|k| place(k) + 1e-5 * noise[k]).collect();
         assert_eq!(encoder_quantisation(&smooth).unwrap().value, 0.0);
