@@ -12,6 +12,9 @@ use std::f64::consts::TAU;
 /// Fewest blocks of which a standard error can be formed.
 const FEWEST_BLOCKS: usize = 5;
 
+/// An interval of this many periods is a pause, and no loss of frames.
+const PAUSE_PERIODS: f64 = 30.0;
+
 /// A measured property of the scatter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseFinding {
@@ -102,7 +105,7 @@ pub fn frame_jitter(residual: &[f64], speed: &[f64], block: usize) -> Option<Noi
 /// would make look missing.
 ///
 /// A frame is missing where an interval is longer than one and a half periods and neither interval
-/// beside it makes up for that. How often white jitter of the same spread looks so is drawn from a
+/// beside it makes up for that; a much longer one is a pause of the recording. How often white jitter of the same spread looks so is drawn from a
 /// stream of random numbers of its own, the same at every call.
 #[must_use]
 pub fn frame_drop(times: &[f64], block: usize) -> Option<NoiseFinding> {
@@ -119,7 +122,7 @@ pub fn frame_drop(times: &[f64], block: usize) -> Option<NoiseFinding> {
                     |other: Option<&f64>| other.is_none_or(|other| 2.5 * period < interval + other);
                 let lonely =
                     beside(intervals.get(k + 1)) && beside(intervals.get(k.wrapping_sub(1)));
-                let long = 1.5 * period < interval && lonely;
+                let long = 1.5 * period < interval && interval < PAUSE_PERIODS * period && lonely;
                 if long { (interval / period).round() - 1.0 } else { 0.0 }
             })
             .collect()
@@ -283,7 +286,8 @@ fn on_grid(steps: &[f64], guess: f64) -> Grid {
         step = moment / weight;
     }
     let n = seen.len().max(1) as f64;
-    let mut frequent: Vec<usize> = seen.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
+    let mut frequent: Vec<usize> =
+        seen.chunk_by(|a, b| a == b).filter(|same| 1.0 <= same[0]).map(<[f64]>::len).collect();
     frequent.sort_unstable_by(|a, b| b.cmp(a));
     let others = frequent.iter().skip(2).sum::<usize>() as f64 / n;
     Grid {

@@ -76,6 +76,16 @@ fn lost_frames_are_counted_whatever_the_jitter() {
 }
 
 #[test]
+fn pauses_of_the_recording_are_no_lost_frames() {
+    let paused: Vec<f64> = frame_times(7, 1e-4, 0.0)
+        .iter()
+        .enumerate()
+        .map(|(k, t)| t + 1.5 * (k / 300) as f64)
+        .collect();
+    assert_eq!(frame_drop(&paused, 120).unwrap().value, 0.0);
+}
+
+#[test]
 fn repeated_frames_are_counted_only_in_motion() {
     let travel: Vec<f64> = velocities(7200).iter().map(|v| v.abs() / 120.0).collect();
     let noise = normals(4, "places", 7200);
