@@ -68,6 +68,14 @@ struct Slope {
     misses: f64,
 }
 
+/// A frame or a state at which the velocity is known.
+struct Instant {
+    time: f64,
+    /// Sample of the channel that is reported now.
+    reports: Option<usize>,
+    slope: Slope,
+}
+
 impl EstimatorStage {
     /// The stage of a recording with detections of the camera and states; `None` where it lacks one
     /// of them, or nothing moves.
@@ -86,40 +94,37 @@ impl EstimatorStage {
         let frames = frame_times(&detections, began);
         let mut stage = Self { channels: Vec::new(), inputs: Vec::new() };
         for object in &OBJECTS {
-            stage.add(object, &frames, &detections.values, &times, &states.values, &runs);
+            let seen = detections.values.iter().map(|found| (object.seen)(found));
+            let track = Track::new(&frames, seen);
+            let told = |state: &BoardState| (object.state)(state).map(|state| [state.vx, state.vy]);
+            let reported: Vec<_> = states.values.iter().map(told).collect();
+            stage.add(object.name, &track, &reported, (&times, &runs));
         }
         Ok((!stage.channels.is_empty()).then_some(stage))
     }
 
-    /// Adds both velocities of `object` if it moves and the states tell velocities of it.
+    /// Adds both velocities of an object if it moves and the states tell velocities of it.
     fn add(
         &mut self,
-        object: &Object,
-        frames: &[f64],
-        detections: &[CameraDetections],
-        times: &[f64],
-        states: &[BoardState],
-        runs: &[Range<usize>],
+        name: &str,
+        track: &Track,
+        reported: &[Option<[f64; 2]>],
+        (times, runs): (&[f64], &[Range<usize>]),
     ) {
-        let track = Track::new(frames, detections.iter().map(|found| (object.seen)(found)));
-        let reported: Vec<Option<[f64; 2]>> = states
-            .iter()
-            .map(|state| (object.state)(state).map(|state| [state.vx, state.vy]))
-            .collect();
         let told = reported.iter().flatten().filter(|v| v[0] != 0.0 || v[1] != 0.0).count();
         if !track.moves() || told < FEWEST {
             return;
         }
-        let (grid, slopes) = track.slopes(times);
-        let usual = median(&slopes.iter().flatten().map(|slope| slope.misses).collect::<Vec<_>>());
+        let instants = track.instants(times);
+        let misses: Vec<f64> = instants.iter().map(|instant| instant.slope.misses).collect();
+        let usual = median(&misses);
         let poor = POOR_FIT * usual.unwrap_or(f64::INFINITY);
         for axis in 0..2 {
             let mut measured: Vec<f64> =
                 reported.iter().map(|v| v.map_or(f64::NAN, |v| v[axis])).collect();
-            let mut steps = Vec::with_capacity(grid.len());
+            let mut steps = Vec::with_capacity(instants.len());
             let mut before = f64::NAN;
-            for ((time, reports), slope) in grid.iter().zip(&slopes) {
-                let Some(slope) = slope else { continue };
+            for Instant { time, reports, slope } in &instants {
                 if let Some(sample) = reports.filter(|_| poor < slope.misses) {
                     measured[sample] = f64::NAN;
                 }
@@ -129,7 +134,7 @@ impl EstimatorStage {
                 before = *time;
             }
             self.channels.push(Channel {
-                signal: format!("state.{}_{}", object.name, ["vx", "vy"][axis]),
+                signal: format!("state.{name}_{}", ["vx", "vy"][axis]),
                 unit: "m/s",
                 domain: Domain::Estimator,
                 axis: ["x", "y"][axis],
@@ -286,15 +291,17 @@ impl Track {
         FEWEST <= self.times.len() && (enough(0) || enough(1))
     }
 
-    /// All frames and all `samples` in order of time, with the sample that is reported there, and
-    /// the velocity at each.
-    fn slopes(&self, samples: &[f64]) -> (Vec<(f64, Option<usize>)>, Vec<Option<Slope>>) {
+    /// All frames and all `samples` in order of time, where the velocity is known.
+    fn instants(&self, samples: &[f64]) -> Vec<Instant> {
         let mut grid: Vec<(f64, Option<usize>)> = self.times.iter().map(|t| (*t, None)).collect();
         grid.extend(samples.iter().enumerate().map(|(sample, time)| (*time, Some(sample))));
         grid.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let period = rate(&self.times).recip();
-        let slopes = grid.iter().map(|(time, _)| self.slope(*time, period)).collect();
-        (grid, slopes)
+        grid.into_iter()
+            .filter_map(|(time, reports)| {
+                Some(Instant { time, reports, slope: self.slope(time, period)? })
+            })
+            .collect()
     }
 
     /// The parabola through the frames beside `time`, in units of the window's half length; `None`

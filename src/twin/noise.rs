@@ -309,7 +309,7 @@ pub fn noise_model(residual: &[f64], stated: f64, block: usize) -> Option<NoiseF
             let kept: Vec<f64> = chunk.iter().copied().filter(|value| value.is_finite()).collect();
             let mean = kept.iter().sum::<f64>() / kept.len() as f64;
             let squares: f64 = kept.iter().map(|value| (value - mean).powi(2)).sum();
-            (2 <= kept.len()).then(|| [squares, kept.len() as f64 - 1.0])
+            (2 <= kept.len()).then_some([squares, kept.len() as f64 - 1.0])
         })
         .collect();
     let (log, error) =
