@@ -6,8 +6,8 @@ const END: Parameter = Parameter {
     name: "low_m",
     unit: "m",
     scale: 0.005,
-    bounds: (-2.0, 2.0),
-    plausible: (-0.25, 0.25),
+    bounds: (-10.0, 10.0),
+    plausible: (-2.5, 2.5),
     per_session: false,
 };
 

@@ -1,0 +1,361 @@
+//! Positions of the camera to the velocities that the state estimator reports.
+//!
+//! The true velocity is the slope of a parabola through the camera's places around each instant,
+//! which looks ahead as far as it looks back and so does not lag. The twin's estimator effects make
+//! of it what `/board/state` should say.
+
+use super::{
+    Instance, Twin,
+    stage::{Channel, Stage, StageKind},
+};
+use crate::effects::{Domain, Effect, Physics, Sample};
+use crate::recording::{
+    Recording, RecordingError, Series,
+    message::{BoardState, CameraDetections, ObjectState, Point, run_marker::Phase},
+    topic,
+};
+use crate::stats::{median, quantile};
+use crate::units::Nanos;
+use std::ops::Range;
+
+/// Frames on each side of an instant, of which the velocity is made.
+const FRAMES_BESIDE: usize = 4;
+/// Fewest frames and states of an object that is looked at.
+const FEWEST: usize = 50;
+/// An object that covers less (m) does not move.
+const LEAST_TRAVEL_M: f64 = 0.01;
+/// Length of a run where nothing marks runs (s).
+const RUN_S: f64 = 2.5;
+/// The estimator starts anew after a longer gap (s).
+const LONGEST_GAP_S: f64 = 0.25;
+/// A velocity that was there long enough for any estimator to have settled: steps of 1 s.
+const SETTLING_STEPS: usize = 20;
+/// A parabola that misses the places by this many times the usual distance does not describe them:
+/// an impact.
+const POOR_FIT: f64 = 5.0;
+/// Stamps of the camera this close together are no clock (s).
+const STANDING_CLOCK_S: f64 = 1e-6;
+
+/// Velocities of `/board/state`, of each object that moves: `state.left_vx` and so on.
+#[derive(Debug, Clone)]
+pub struct EstimatorStage {
+    channels: Vec<Channel>,
+    inputs: Vec<Vec<Step>>,
+}
+
+/// One instant at which the true velocity is known: a frame or a state.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    /// Since the instant before (s); not finite where the estimator starts anew.
+    dt: f64,
+    /// True velocity (m/s).
+    velocity: f64,
+    /// Sample of the channel that is reported now.
+    reports: Option<usize>,
+}
+
+/// Times (s) and places (m) of one object.
+#[derive(Default)]
+struct Track {
+    times: Vec<f64>,
+    places: Vec<[f64; 2]>,
+}
+
+/// Velocity by a parabola, and how far the parabola misses the places.
+#[derive(Clone, Copy)]
+struct Slope {
+    velocity: [f64; 2],
+    misses: f64,
+}
+
+/// A frame or a state at which the velocity is known.
+struct Instant {
+    time: f64,
+    /// Sample of the channel that is reported now.
+    reports: Option<usize>,
+    slope: Slope,
+}
+
+impl EstimatorStage {
+    /// The stage of a recording with detections of the camera and states; `None` where it lacks one
+    /// of them, or nothing moves.
+    ///
+    /// # Errors
+    /// When a message does not decode.
+    pub fn from_recording(recording: &Recording) -> Result<Option<Self>, RecordingError> {
+        let states = recording.series::<BoardState>(topic::BOARD_STATE)?;
+        let detections = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
+        let Some((began, _)) = recording.time_range() else { return Ok(None) };
+        if states.times.len() < FEWEST || detections.times.len() < FEWEST {
+            return Ok(None);
+        }
+        let times: Vec<f64> = states.times.iter().map(|t| t.seconds_since(began)).collect();
+        let runs = runs(recording, began, &times)?;
+        let frames = frame_times(&detections, began);
+        let mut stage = Self { channels: Vec::new(), inputs: Vec::new() };
+        for object in &OBJECTS {
+            let seen = detections.values.iter().map(|found| (object.seen)(found));
+            let track = Track::new(&frames, seen);
+            let told = |state: &BoardState| (object.state)(state).map(|state| [state.vx, state.vy]);
+            let reported: Vec<_> = states.values.iter().map(told).collect();
+            stage.add(object.name, &track, &reported, (&times, &runs));
+        }
+        Ok((!stage.channels.is_empty()).then_some(stage))
+    }
+
+    /// Adds both velocities of an object if it moves and the states tell velocities of it.
+    fn add(
+        &mut self,
+        name: &str,
+        track: &Track,
+        reported: &[Option<[f64; 2]>],
+        (times, runs): (&[f64], &[Range<usize>]),
+    ) {
+        let told = reported.iter().flatten().filter(|v| v[0] != 0.0 || v[1] != 0.0).count();
+        if !track.moves() || told < FEWEST {
+            return;
+        }
+        let instants = track.instants(times);
+        let misses: Vec<f64> = instants.iter().map(|instant| instant.slope.misses).collect();
+        let usual = median(&misses);
+        let poor = POOR_FIT * usual.unwrap_or(f64::INFINITY);
+        for axis in 0..2 {
+            let mut measured: Vec<f64> =
+                reported.iter().map(|v| v.map_or(f64::NAN, |v| v[axis])).collect();
+            let mut steps = Vec::with_capacity(instants.len());
+            let mut before = f64::NAN;
+            for Instant { time, reports, slope } in &instants {
+                if let Some(sample) = reports.filter(|_| poor < slope.misses) {
+                    measured[sample] = f64::NAN;
+                }
+                let dt = time - before;
+                let dt = if LONGEST_GAP_S < dt { f64::NAN } else { dt };
+                steps.push(Step { dt, velocity: slope.velocity[axis], reports: *reports });
+                before = *time;
+            }
+            self.channels.push(Channel {
+                signal: format!("state.{name}_{}", ["vx", "vy"][axis]),
+                unit: "m/s",
+                domain: Domain::Estimator,
+                axis: ["x", "y"][axis],
+                rate_hz: rate(times),
+                times: times.to_vec(),
+                measured,
+                runs: runs.to_vec(),
+            });
+            self.inputs.push(steps);
+        }
+    }
+
+    /// What estimators with `instances` report.
+    fn report(&self, instances: &[Instance], predicted: &mut [Vec<f64>]) {
+        for ((channel, steps), out) in self.channels.iter().zip(&self.inputs).zip(predicted) {
+            out.clear();
+            out.resize(channel.times.len(), f64::NAN);
+            let mut chain: Vec<_> = instances
+                .iter()
+                .filter_map(|instance| match instance.effect.physics {
+                    Physics::Estimator(physics) => {
+                        Some((physics, instance.numbers(), vec![0.0; instance.effect.memory]))
+                    }
+                    _ => None,
+                })
+                .collect();
+            let mut pass = |velocity: f64, dt: f64| {
+                chain.iter_mut().fold(velocity, |velocity, (physics, numbers, memory)| {
+                    physics(numbers, memory, &Sample { dt, velocity })
+                })
+            };
+            for step in steps {
+                let reported = if step.dt.is_finite() {
+                    pass(step.velocity, step.dt)
+                } else {
+                    (0..SETTLING_STEPS).fold(0.0, |_, _| pass(step.velocity, 1.0))
+                };
+                if let Some(sample) = step.reports {
+                    out[sample] = reported;
+                }
+            }
+        }
+    }
+}
+
+impl Stage for EstimatorStage {
+    fn kind(&self) -> StageKind {
+        StageKind::Estimator
+    }
+
+    fn channels(&self) -> &[Channel] {
+        &self.channels
+    }
+
+    fn calls(&self, effect: &Effect) -> bool {
+        matches!(effect.physics, Physics::Estimator(_))
+    }
+
+    fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+        self.report(&twin.instances, predicted);
+    }
+}
+
+/// An object of the board, in detections and in states.
+struct Object {
+    name: &'static str,
+    seen: fn(&CameraDetections) -> Option<&Point>,
+    state: fn(&BoardState) -> Option<&ObjectState>,
+}
+
+const OBJECTS: [Object; 3] = [
+    Object { name: "ball", seen: |found| found.ball.as_ref(), state: |state| state.ball.as_ref() },
+    Object { name: "left", seen: |found| found.left.as_ref(), state: |state| state.left.as_ref() },
+    Object {
+        name: "right",
+        seen: |found| found.right.as_ref(),
+        state: |state| state.right.as_ref(),
+    },
+];
+
+/// When each frame arrived (s since `began`), by the camera's own clock where it has one: arrivals
+/// scatter, the clock does not. Offset and drift of that clock are those between the medians of the
+/// first and of the last third.
+fn frame_times(detections: &Series<CameraDetections>, began: Nanos) -> Vec<f64> {
+    let arrived: Vec<f64> = detections.times.iter().map(|t| t.seconds_since(began)).collect();
+    let first = Nanos(detections.values.iter().map(|d| d.capture_time_ns).min().unwrap_or(0));
+    let captured: Vec<f64> =
+        detections.values.iter().map(|d| Nanos(d.capture_time_ns).seconds_since(first)).collect();
+    let running = captured.windows(2).all(|pair| STANDING_CLOCK_S < pair[1] - pair[0]);
+    let n = arrived.len();
+    let age: Vec<f64> = arrived.iter().zip(&captured).map(|(a, c)| a - c).collect();
+    let ends = (median(&age[..n / 3]), median(&age[n - n / 3..]));
+    let (true, (Some(early), Some(late))) = (running, ends) else { return arrived };
+    let [at_early, at_late] = [captured[n / 6], captured[n - 1 - n / 6]];
+    let drift = (late - early) / (at_late - at_early);
+    captured.iter().map(|c| c + early + drift * (c - at_early)).collect()
+}
+
+/// Rate of `times` (Hz).
+fn rate(times: &[f64]) -> f64 {
+    let periods: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    median(&periods).filter(|period| 0.0 < *period).map_or(0.0, f64::recip)
+}
+
+/// Samples of each marked run, or of windows where nothing is marked.
+fn runs(
+    recording: &Recording,
+    began: Nanos,
+    times: &[f64],
+) -> Result<Vec<Range<usize>>, RecordingError> {
+    let place = |time: f64| times.partition_point(|sample| *sample < time);
+    let mut runs = Vec::new();
+    let mut open: Option<(u32, f64)> = None;
+    for (time, marker) in recording.markers()?.iter() {
+        let time = time.seconds_since(began);
+        if marker.phase() == Phase::Start {
+            open = Some((marker.run, time));
+        } else if let Some((run, start)) = open.take()
+            && run == marker.run
+        {
+            runs.push(place(start)..place(time));
+        }
+    }
+    if let (true, Some(first), Some(last)) = (runs.is_empty(), times.first(), times.last()) {
+        let windows = ((last - first) / RUN_S).round().max(1.0);
+        let edge = |k: f64| if k < windows { place(first + k * RUN_S) } else { times.len() };
+        runs.extend((0..windows as usize).map(|k| edge(k as f64)..edge(k as f64 + 1.0)));
+    }
+    Ok(runs)
+}
+
+impl Track {
+    /// The places that are there, at increasing times.
+    fn new<'a>(times: &[f64], places: impl Iterator<Item = Option<&'a Point>>) -> Self {
+        let mut track = Self::default();
+        for (time, place) in times.iter().zip(places) {
+            if let Some(place) = place
+                && track.times.last().is_none_or(|last| last < time)
+            {
+                track.times.push(*time);
+                track.places.push([place.x, place.y]);
+            }
+        }
+        track
+    }
+
+    /// Whether the places range over more than noise.
+    fn moves(&self) -> bool {
+        let range = |axis: usize| {
+            let places: Vec<f64> = self.places.iter().map(|place| place[axis]).collect();
+            Some(quantile(&places, 0.98)? - quantile(&places, 0.02)?)
+        };
+        let enough = |axis| range(axis).is_some_and(|range| LEAST_TRAVEL_M < range);
+        FEWEST <= self.times.len() && (enough(0) || enough(1))
+    }
+
+    /// All frames and all `samples` in order of time, where the velocity is known.
+    fn instants(&self, samples: &[f64]) -> Vec<Instant> {
+        let mut grid: Vec<(f64, Option<usize>)> = self.times.iter().map(|t| (*t, None)).collect();
+        grid.extend(samples.iter().enumerate().map(|(sample, time)| (*time, Some(sample))));
+        grid.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let period = rate(&self.times).recip();
+        grid.into_iter()
+            .filter_map(|(time, reports)| {
+                Some(Instant { time, reports, slope: self.slope(time, period)? })
+            })
+            .collect()
+    }
+
+    /// The parabola through the frames beside `time`, in units of the window's half length; `None`
+    /// at the ends of the track and where frames are missing.
+    fn slope(&self, time: f64, period: f64) -> Option<Slope> {
+        let after = self.times.partition_point(|frame| *frame < time);
+        let (low, high) = (after.checked_sub(FRAMES_BESIDE)?, after + FRAMES_BESIDE);
+        let times = self.times.get(low..=high).or_else(|| self.times.get(low..high))?;
+        let half = FRAMES_BESIDE as f64 * period;
+        let (first, last) = (time - times[0], times[times.len() - 1] - time);
+        if 2.0 * half < first || 2.0 * half < last {
+            return None;
+        }
+        let mut powers = [0.0; 5];
+        let mut moments = [[0.0; 3]; 2];
+        for (frame, place) in times.iter().zip(&self.places[low..]) {
+            let mut power = 1.0;
+            for k in 0..5 {
+                powers[k] += power;
+                if k < 3 {
+                    moments[0][k] += power * place[0];
+                    moments[1][k] += power * place[1];
+                }
+                power *= (frame - time) / half;
+            }
+        }
+        let [a, b] = [parabola(&powers, &moments[0])?, parabola(&powers, &moments[1])?];
+        let misses = times.iter().zip(&self.places[low..]).map(|(frame, place)| {
+            let s = (frame - time) / half;
+            let at = |p: &[f64; 3]| p[0] + (p[1] + p[2] * s) * s;
+            (place[0] - at(&a)).powi(2) + (place[1] - at(&b)).powi(2)
+        });
+        let misses = (misses.sum::<f64>() / times.len() as f64).sqrt();
+        Some(Slope { velocity: [a[1] / half, b[1] / half], misses })
+    }
+}
+
+/// Coefficients of the parabola with these sums of powers and moments (Cramer's rule).
+fn parabola(powers: &[f64; 5], moments: &[f64; 3]) -> Option<[f64; 3]> {
+    let column = |k: usize| [powers[k], powers[k + 1], powers[k + 2]];
+    let determinant = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
+        a[0] * (b[1] * c[2] - b[2] * c[1]) - b[0] * (a[1] * c[2] - a[2] * c[1])
+            + c[0] * (a[1] * b[2] - a[2] * b[1])
+    };
+    let [a, b, c] = [column(0), column(1), column(2)];
+    let whole = determinant(a, b, c);
+    (1e-9 < whole).then(|| {
+        [
+            determinant(*moments, b, c) / whole,
+            determinant(a, *moments, c) / whole,
+            determinant(a, b, *moments) / whole,
+        ]
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,129 @@
+//! Against a recording of a sine whose estimators are known in closed form.
+
+use super::*;
+use crate::effects::{Axis, find};
+use crate::recording::{ExistingFile, FlushPolicy, RecordingWriter, message::RunMarker};
+use crate::twin::Source;
+use std::f64::consts::TAU;
+
+/// Amplitude (m) and frequency (1/s) of the left striker's x; it rests in y.
+const AMPLITUDE: f64 = 0.08;
+const OMEGA: f64 = TAU;
+
+/// Records 20 s: frames at 120 Hz with their own clock (an hour off, 100 ppm fast), arriving 5 ms
+/// later; states at 50 Hz whose velocity is `velocity(t)`, t counted with the arrivals.
+fn recording(markers: bool, velocity: impl Fn(f64) -> f64) -> Recording {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("sine.mcap");
+    let mut writer =
+        RecordingWriter::create(&path, ExistingFile::Refuse, FlushPolicy::WhenFull).unwrap();
+    let at = |seconds: f64| Nanos(1_000_000_000).after_seconds(seconds);
+    for k in 0..2400 {
+        let t = f64::from(k) / 120.0;
+        // Arrivals scatter by up to 2 ms around t.
+        let arrived = t + 0.002 * (f64::from(k) * 2.399_963).sin();
+        let detections = CameraDetections {
+            capture_time_ns: Nanos(3_600_000_000_000).after_seconds(1.0001 * t).0,
+            left: Some(Point { x: AMPLITUDE * (OMEGA * t).sin(), y: -0.1 }),
+            ..CameraDetections::default()
+        };
+        writer.write(topic::CAMERA_DETECTIONS, at(arrived + 0.003), &detections).unwrap();
+    }
+    for k in 0..1000 {
+        let t = f64::from(k) / 50.0;
+        let left = ObjectState { x: 0.0, y: -0.1, vx: velocity(t), vy: 0.0 };
+        let state = BoardState { left: Some(left), ..BoardState::default() };
+        writer.write(topic::BOARD_STATE, at(t + 0.003), &state).unwrap();
+    }
+    if markers {
+        for (run, start) in [(1, 2.0), (2, 9.0)] {
+            for (phase, time) in [(Phase::Start, start), (Phase::End, start + 5.0)] {
+                let marker = RunMarker { run, phase: phase.into(), ..RunMarker::default() };
+                writer.write(topic::RUN_MARKER, at(time), &marker).unwrap();
+            }
+        }
+    }
+    writer.finish().unwrap();
+    Recording::open(&path).unwrap()
+}
+
+/// Velocity behind a linear estimator with this gain and lag of phase (rad).
+fn shifted(gain: f64, phase: f64) -> impl Fn(f64) -> f64 {
+    move |t| AMPLITUDE * OMEGA * gain * (OMEGA * t - phase).cos()
+}
+
+/// RMS (m/s) of what `instances` leave of `state.left_vx`, away from the ends.
+fn left_over(stage: &EstimatorStage, instances: &[Instance]) -> f64 {
+    let mut predicted = vec![Vec::new(); stage.channels.len()];
+    stage.report(instances, &mut predicted);
+    let squares: Vec<f64> =
+        (50..950).map(|k| (stage.channels[0].measured[k] - predicted[0][k]).powi(2)).collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+fn instance(name: &str, values: &[f64]) -> Instance {
+    Instance::new(find(name).unwrap(), Axis::Whole, values, Source::Fitted)
+}
+
+#[test]
+fn without_an_estimator_the_state_is_the_derivative() {
+    let stage = EstimatorStage::from_recording(&recording(true, shifted(1.0, 0.0))).unwrap();
+    let stage = stage.unwrap();
+    let channel = &stage.channels()[0];
+    assert_eq!((channel.signal.as_str(), channel.axis), ("state.left_vx", "x"));
+    assert!((channel.rate_hz - 50.0).abs() < 0.01 && stage.channels().len() == 2);
+    // Markers at 2 to 7 s and 9 to 14 s; the states begin 3 ms after the first frame.
+    assert_eq!(channel.runs, [100..350, 450..700]);
+    // Of a velocity of 0.5 m/s; the parabola over 67 ms flattens a sine of 1 Hz by 0.4 %.
+    assert!(left_over(&stage, &[]) < 2.5e-3, "{}", left_over(&stage, &[]));
+}
+
+#[test]
+fn a_low_pass_and_a_kalman_filter_are_told_by_their_lag() {
+    let lag = 0.03;
+    let first_order = shifted(1.0 / (OMEGA * lag).hypot(1.0), (OMEGA * lag).atan());
+    let stage = EstimatorStage::from_recording(&recording(false, first_order)).unwrap().unwrap();
+    // 20 s in windows of 2.5 s.
+    assert_eq!(stage.channels()[0].runs.len(), 8);
+    assert_eq!(stage.channels()[0].runs[7].end, 1000);
+    let left = |lag: f64| left_over(&stage, &[instance("estimator.lag", &[lag, 20.0])]);
+    assert!(0.05 < left_over(&stage, &[]));
+    assert!(left(0.03) < 3e-3 && 2.0 * left(0.03) < left(0.027).min(left(0.033)));
+
+    // w^2 / (w^2 - W^2 + 2 i z w W) with z = 1/sqrt(2) and the same lag 2 z / w.
+    let natural = 2.0_f64.sqrt() / lag;
+    let (real, imaginary) = (natural * natural - OMEGA * OMEGA, 2.0_f64.sqrt() * natural * OMEGA);
+    let gain = natural * natural / real.hypot(imaginary);
+    let kalman = shifted(gain, imaginary.atan2(real));
+    let stage = EstimatorStage::from_recording(&recording(false, kalman)).unwrap().unwrap();
+    let left = |lag: f64| left_over(&stage, &[instance("estimator.lag", &[lag, 0.5_f64.sqrt()])]);
+    assert!(left(0.03) < 3e-3 && 2.0 * left(0.03) < left(0.027).min(left(0.033)));
+}
+
+#[test]
+fn a_dead_zone_is_told_from_none() {
+    let reports = |t: f64| {
+        let v = shifted(1.0, 0.0)(t);
+        if v.abs() < 0.2 { 0.0 } else { v }
+    };
+    let stage = EstimatorStage::from_recording(&recording(false, reports)).unwrap().unwrap();
+    let left = left_over(&stage, &[instance("estimator.velocity_deadzone", &[0.2])]);
+    assert!(left < 0.02 && 0.05 < left_over(&stage, &[]), "{left}");
+    assert!(stage.calls(find("estimator.lag").unwrap()));
+    assert!(!stage.calls(find("sensor.camera_latency").unwrap()));
+}
+
+#[test]
+fn states_without_velocities_make_no_stage() {
+    assert!(EstimatorStage::from_recording(&recording(false, |_| 0.0)).unwrap().is_none());
+}
+
+#[test]
+fn a_gap_in_the_frames_leaves_nothing_said() {
+    let track = Track {
+        times: (0..100).filter(|k| !(40..70).contains(k)).map(|k| f64::from(k) / 100.0).collect(),
+        places: vec![[0.0; 2]; 70],
+    };
+    assert!(track.slope(0.2, 0.01).is_some());
+    assert!(track.slope(0.5, 0.01).is_none() && track.slope(0.0, 0.01).is_none());
+}

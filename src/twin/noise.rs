@@ -1,0 +1,327 @@
+//! What the scatter of signals says: the effects that change no value (`sensor.frame_jitter`,
+//! `sensor.frame_drop`, `sensor.encoder_quantisation`, `sensor.noise_model`) are measured here.
+//!
+//! Samples close in time are not independent, so standard errors come from leaving out one block
+//! at a time (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11). Values
+//! that are not finite mark gaps; nothing is differenced across them.
+
+use crate::seed::Stream;
+use crate::stats::{half_central_spread, median};
+use std::f64::consts::TAU;
+
+/// Fewest blocks of which a standard error can be formed.
+const FEWEST_BLOCKS: usize = 5;
+
+/// An interval of this many periods is a pause, and no loss of frames.
+const PAUSE_PERIODS: f64 = 30.0;
+
+/// A measured property of the scatter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseFinding {
+    /// In the unit of the effect's parameter.
+    pub value: f64,
+    /// Of the value.
+    pub standard_error: f64,
+    /// Distance from nothing being there in standard errors, signed; of the quantity that is tested,
+    /// which is the variance for a jitter and the logarithm for a ratio.
+    pub t: f64,
+    /// Blocks on which it stands; `t` has one degree of freedom fewer.
+    pub blocks: usize,
+}
+
+/// `statistic` of all blocks, and its standard error from leaving out one at a time. The sums of
+/// a block are added up, so that each statistic costs no more than one block.
+fn jackknife<const N: usize>(
+    blocks: &[[f64; N]],
+    statistic: impl Fn(&[f64; N]) -> f64,
+) -> Option<(f64, f64)> {
+    if blocks.len() < FEWEST_BLOCKS {
+        return None;
+    }
+    let mut all = [0.0; N];
+    for block in blocks {
+        for (sum, value) in all.iter_mut().zip(block) {
+            *sum += value;
+        }
+    }
+    let without: Vec<f64> = blocks
+        .iter()
+        .map(|block| {
+            let mut rest = all;
+            for (sum, value) in rest.iter_mut().zip(block) {
+                *sum -= value;
+            }
+            statistic(&rest)
+        })
+        .collect();
+    let n = without.len() as f64;
+    let mean = without.iter().sum::<f64>() / n;
+    let squares: f64 = without.iter().map(|value| (value - mean).powi(2)).sum();
+    let (value, error) = (statistic(&all), ((n - 1.0) / n * squares).sqrt());
+    (value.is_finite() && error.is_finite()).then_some((value, error))
+}
+
+/// `value` in units of `error`; 0 for nothing measured without any error.
+fn in_errors(value: f64, error: f64) -> f64 {
+    if 0.0 < error { value / error } else { 0.0 }
+}
+
+/// Jitter of the camera's time stamps (s), from the `residual` of a camera coordinate (m) and the
+/// speed of the object along that coordinate (m/s) at the same frames, in order.
+///
+/// The residual's second difference, scaled to the variance of a white residual, leaves out what is
+/// smooth from frame to frame: a wrong latency also grows with speed, but smoothly. Its square is
+/// regressed on the squared speed; the slope is the variance of the time stamps.
+#[must_use]
+pub fn frame_jitter(residual: &[f64], speed: &[f64], block: usize) -> Option<NoiseFinding> {
+    let n = residual.len().min(speed.len());
+    let (residual, speed) = (&residual[..n], &speed[..n]);
+    let mut blocks = Vec::new();
+    for start in (0..n).step_by(block.max(1)) {
+        let mut sums = [0.0; 5];
+        for k in start.max(1)..(start + block.max(1)).min(n.saturating_sub(1)) {
+            let y = (residual[k - 1] - 2.0 * residual[k] + residual[k + 1]).powi(2) / 6.0;
+            // The three stamps share the difference as 1 : 4 : 1.
+            let x = (speed[k - 1].powi(2) + 4.0 * speed[k].powi(2) + speed[k + 1].powi(2)) / 6.0;
+            if x.is_finite() && y.is_finite() {
+                for (sum, term) in sums.iter_mut().zip([1.0, x, y, x * x, x * y]) {
+                    *sum += term;
+                }
+            }
+        }
+        if 0.0 < sums[0] {
+            blocks.push(sums);
+        }
+    }
+    let (slope, error) =
+        jackknife(&blocks, |[n, x, y, xx, xy]| (n * xy - x * y) / (n * xx - x * x))?;
+    let value = slope.max(0.0).sqrt();
+    // Of the root by the derivative, and where that has none by the root of the error.
+    let standard_error = if error < slope { error / (2.0 * value) } else { 0.5 * error.sqrt() };
+    Some(NoiseFinding { value, standard_error, t: in_errors(slope, error), blocks: blocks.len() })
+}
+
+/// Share of frames that are missing from `times` (s, increasing), beyond what their jitter alone
+/// would make look missing.
+///
+/// A frame is missing where an interval is longer than one and a half periods and neither interval
+/// beside it makes up for that; a much longer one is a pause of the recording. How often white jitter of the same spread looks so is drawn from a
+/// stream of random numbers of its own, the same at every call.
+#[must_use]
+pub fn frame_drop(times: &[f64], block: usize) -> Option<NoiseFinding> {
+    let intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let period = median(&intervals)?;
+    if period <= 0.0 {
+        return None;
+    }
+    let missing = |intervals: &[f64]| -> Vec<f64> {
+        (0..intervals.len())
+            .map(|k| {
+                let interval = intervals[k];
+                let beside =
+                    |other: Option<&f64>| other.is_none_or(|other| 2.5 * period < interval + other);
+                let lonely =
+                    beside(intervals.get(k + 1)) && beside(intervals.get(k.wrapping_sub(1)));
+                let long = 1.5 * period < interval && interval < PAUSE_PERIODS * period && lonely;
+                if long { (interval / period).round() - 1.0 } else { 0.0 }
+            })
+            .collect()
+    };
+    let jitter = half_central_spread(&intervals)? / 2.0_f64.sqrt();
+    let by_chance = share_by_chance(jitter, period, &missing);
+    // The jitter itself is known to about one part in the root of the frames.
+    let wider = jitter * (1.0 + 1.0 / (intervals.len() as f64).sqrt());
+    let doubt = share_by_chance(wider, period, &missing) - by_chance;
+    let drawn = (by_chance / DRAWS as f64).sqrt();
+    let blocks: Vec<[f64; 2]> = missing(&intervals)
+        .chunks(block.max(1))
+        .map(|found| [found.iter().sum(), found.len() as f64])
+        .collect();
+    let (share, error) = jackknife(&blocks, |[lost, kept]| lost / (lost + kept) - by_chance)?;
+    let standard_error = error.hypot(doubt).hypot(drawn);
+    let t = in_errors(share, standard_error);
+    Some(NoiseFinding { value: share.max(0.0), standard_error, t, blocks: blocks.len() })
+}
+
+/// Frames that are drawn to see what jitter alone does.
+const DRAWS: usize = 100_000;
+
+/// Share of frames that look missing although only the time stamps scatter.
+fn share_by_chance(jitter: f64, period: f64, missing: &impl Fn(&[f64]) -> Vec<f64>) -> f64 {
+    // Half a period is then more than four standard deviations of an interval.
+    if jitter < 0.08 * period {
+        return 0.0;
+    }
+    let mut stream = Stream::new(0, "frame jitter");
+    let mut before = 0.0;
+    let intervals: Vec<f64> = (0..DRAWS)
+        .map(|_| {
+            let late = jitter * normal(&mut stream);
+            let interval = period + late - before;
+            before = late;
+            interval
+        })
+        .collect();
+    let lost: f64 = missing(&intervals).iter().sum();
+    lost / (lost + DRAWS as f64)
+}
+
+/// A normal number (Box and Muller).
+fn normal(stream: &mut Stream) -> f64 {
+    let radius = f64::from(stream.uniform_f32(f32::MIN_POSITIVE, 1.0));
+    let angle = TAU * f64::from(stream.uniform_f32(0.0, 1.0));
+    (-2.0 * radius.ln()).sqrt() * angle.cos()
+}
+
+/// Share of frames that repeat the place before (m, exactly) although the object moves. `travel` is
+/// how far it went since the frame before by another measurement (m); only frames count whose travel
+/// is several times the smallest step between different places.
+#[must_use]
+pub fn frame_repeat(places: &[[f64; 2]], travel: &[f64], block: usize) -> Option<NoiseFinding> {
+    let step = |k: usize| (places[k][0] - places[k - 1][0]).hypot(places[k][1] - places[k - 1][1]);
+    let n = places.len().min(travel.len());
+    let least = (1..n).map(step).filter(|step| 1e-9 < *step).fold(f64::INFINITY, f64::min);
+    let mut blocks = Vec::new();
+    for start in (0..n).step_by(block.max(1)) {
+        let moving: Vec<usize> = (start.max(1)..(start + block.max(1)).min(n))
+            .filter(|k| 5.0 * least < travel[*k] && step(*k).is_finite())
+            .collect();
+        if !moving.is_empty() {
+            let repeated = moving.iter().filter(|k| step(**k) == 0.0).count();
+            blocks.push([repeated as f64, moving.len() as f64]);
+        }
+    }
+    let (value, standard_error) = jackknife(&blocks, |[repeated, moving]| repeated / moving)?;
+    let t = in_errors(value, standard_error);
+    Some(NoiseFinding { value, standard_error, t, blocks: blocks.len() })
+}
+
+/// Step of the grid on which `positions` (m) lie; 0 where they lie on none. `t` is the root of
+/// twice the Rayleigh statistic of the differences on that grid.
+///
+/// Differences of neighbours are whole multiples of the step, and so are the gaps between those
+/// differences in order of size. Several of both are tried as the step, each refined by ever larger
+/// differences; the largest that suits nearly all is taken.
+#[must_use]
+pub fn encoder_quantisation(positions: &[f64]) -> Option<NoiseFinding> {
+    /// Differences below this are rounding (m).
+    const ROUNDING_M: f64 = 1e-9;
+    const FEWEST: usize = 30;
+    let ordered = |differences: &mut dyn Iterator<Item = f64>| {
+        let mut kept: Vec<f64> = differences.filter(|size| ROUNDING_M < *size).collect();
+        kept.sort_by(f64::total_cmp);
+        kept
+    };
+    let steps = ordered(&mut positions.windows(2).map(|pair| (pair[1] - pair[0]).abs()));
+    if steps.len() < FEWEST {
+        return None;
+    }
+    let gaps = ordered(&mut steps.windows(2).map(|pair| pair[1] - pair[0]));
+    let some = |of: &[f64], shares: &[f64]| -> Vec<f64> {
+        let at = |share: &f64| of.get((share * of.len().saturating_sub(1) as f64) as usize);
+        shares.iter().filter_map(at).copied().collect()
+    };
+    let mut guesses = some(&steps, &[0.0, 0.005, 0.02, 0.05, 0.1, 0.25, 0.5]);
+    guesses.extend(some(&gaps, &[0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99]));
+    let grids: Vec<Grid> = guesses
+        .into_iter()
+        .map(|guess| on_grid(&steps, guess))
+        .filter(|grid| FEWEST.max(steps.len() / 10) <= grid.count)
+        .collect();
+    let best = grids
+        .iter()
+        .filter(|grid| grid.is_one())
+        .max_by(|a, b| a.step.total_cmp(&b.step))
+        .or_else(|| grids.iter().max_by(|a, b| a.coherence.total_cmp(&b.coherence)))?;
+    Some(NoiseFinding {
+        value: if best.is_one() { best.step } else { 0.0 },
+        standard_error: best.error,
+        t: (2.0 * best.count as f64).sqrt() * best.coherence,
+        blocks: best.count,
+    })
+}
+
+/// How well differences suit a grid.
+struct Grid {
+    step: f64,
+    error: f64,
+    /// Length of the mean pointer of the differences on the grid, those within its first half step
+    /// counted against it.
+    coherence: f64,
+    /// Differences that were used.
+    count: usize,
+    /// Share of them whose multiple of the step is none of the two most frequent.
+    others: f64,
+}
+
+impl Grid {
+    /// Differences of one or two sizes, as at constant speeds, are no grid.
+    fn is_one(&self) -> bool {
+        0.9 < self.coherence && 0.02 < self.others
+    }
+}
+
+/// The grid near `guess` that suits `steps` (in order of size) best. A difference is used while the
+/// error of the step so far leaves no doubt of its multiple.
+fn on_grid(steps: &[f64], guess: f64) -> Grid {
+    const KNOWN_TO: f64 = 0.02;
+    let (mut step, mut weight, mut moment, mut squares) = (guess, 0.0_f64, 0.0, 0.0);
+    let (mut cosine, mut sine) = (0.0, 0.0);
+    let mut seen: Vec<f64> = Vec::with_capacity(steps.len());
+    for size in steps {
+        let multiple = (size / step).round();
+        if 0.2 < multiple * KNOWN_TO / (1.0 + weight).sqrt() {
+            break;
+        }
+        seen.push(multiple);
+        if multiple < 1.0 {
+            cosine -= 1.0;
+            continue;
+        }
+        let (s, c) = (TAU * size / step).sin_cos();
+        (cosine, sine) = (cosine + c, sine + s);
+        squares += (size - multiple * step).powi(2);
+        weight += multiple * multiple;
+        moment += multiple * size;
+        step = moment / weight;
+    }
+    let n = seen.len().max(1) as f64;
+    let mut frequent: Vec<usize> =
+        seen.chunk_by(|a, b| a == b).filter(|same| 1.0 <= same[0]).map(<[f64]>::len).collect();
+    frequent.sort_unstable_by(|a, b| b.cmp(a));
+    let others = frequent.iter().skip(2).sum::<usize>() as f64 / n;
+    Grid {
+        step,
+        error: (squares / n / weight.max(1.0)).sqrt(),
+        coherence: cosine.max(0.0).hypot(sine) / n,
+        count: seen.len(),
+        others,
+    }
+}
+
+/// Ratio of the scatter of `residual` at rest to the `stated` standard deviation, both in one unit.
+/// Only what changes within a block counts, so that an offset or a slow drift does not.
+#[must_use]
+pub fn noise_model(residual: &[f64], stated: f64, block: usize) -> Option<NoiseFinding> {
+    let blocks: Vec<[f64; 2]> = residual
+        .chunks(block.max(2))
+        .filter_map(|chunk| {
+            let kept: Vec<f64> = chunk.iter().copied().filter(|value| value.is_finite()).collect();
+            let mean = kept.iter().sum::<f64>() / kept.len() as f64;
+            let squares: f64 = kept.iter().map(|value| (value - mean).powi(2)).sum();
+            (2 <= kept.len()).then_some([squares, kept.len() as f64 - 1.0])
+        })
+        .collect();
+    let (log, error) =
+        jackknife(&blocks, |[squares, free]| 0.5 * (squares / free / (stated * stated)).ln())?;
+    let value = log.exp();
+    Some(NoiseFinding {
+        value,
+        standard_error: value * error,
+        t: in_errors(log, error),
+        blocks: blocks.len(),
+    })
+}
+
+#[cfg(test)]
+mod tests;

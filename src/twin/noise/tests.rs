@@ -1,0 +1,158 @@
+//! Against synthetic noise of known size, and against none.
+
+use super::*;
+
+/// `n` normal numbers of the stream `name`.
+fn normals(seed: u64, name: &str, n: usize) -> Vec<f64> {
+    let mut stream = Stream::new(seed, name);
+    (0..n).map(|_| normal(&mut stream)).collect()
+}
+
+/// Velocity of a smooth to and fro at 120 Hz (m/s).
+fn velocities(n: usize) -> Vec<f64> {
+    (0..n).map(|k| 0.5 * (TAU * 0.7 * k as f64 / 120.0).sin()).collect()
+}
+
+/// 60 s of a camera with `scatter` (m), `jitter` (s) and an age wrong by `latency` (s).
+fn camera(seed: u64, scatter: f64, jitter: f64, latency: f64) -> (Vec<f64>, Vec<f64>) {
+    let n = 7200;
+    let speed = velocities(n);
+    let (place, time) = (normals(seed, "place", n), normals(seed, "time", n));
+    let residual =
+        (0..n).map(|k| scatter * place[k] + speed[k] * (jitter * time[k] + latency)).collect();
+    (residual, speed)
+}
+
+/// How many of `trials` findings are beyond three standard errors.
+fn alarms(trials: u64, find: impl Fn(u64) -> Option<NoiseFinding>) -> usize {
+    (0..trials).filter(|seed| find(*seed).is_some_and(|found| 3.0 < found.t.abs())).count()
+}
+
+#[test]
+fn jitter_is_measured_and_a_wrong_latency_is_none() {
+    let (residual, speed) = camera(1, 2.5e-4, 1e-3, 0.0);
+    let found = frame_jitter(&residual, &speed, 60).unwrap();
+    assert!((found.value - 1e-3).abs() < 3.0 * found.standard_error, "{found:?}");
+    assert!(found.standard_error < 5e-5 && 10.0 < found.t, "{found:?}");
+    let false_alarms = alarms(300, |seed| {
+        let (residual, speed) = camera(seed, 2.5e-4, 0.0, 0.02);
+        frame_jitter(&residual, &speed, 60)
+    });
+    assert!(false_alarms <= 4, "{false_alarms}");
+}
+
+#[test]
+fn gaps_are_not_differenced() {
+    let (mut residual, speed) = camera(2, 2.5e-4, 0.0, 0.0);
+    for k in (0..residual.len()).step_by(500) {
+        residual[k] = f64::NAN;
+        for later in &mut residual[k + 1..] {
+            *later += 0.05;
+        }
+    }
+    assert!(frame_jitter(&residual, &speed, 60).unwrap().t.abs() < 3.0);
+}
+
+/// Times of frames with jitter (s), a share of them lost.
+fn frame_times(seed: u64, jitter: f64, lost: f64) -> Vec<f64> {
+    let noise = normals(seed, "frames", 7200);
+    let mut stream = Stream::new(seed, "lost");
+    (0..7200)
+        .filter(|_| lost <= f64::from(stream.uniform_f32(0.0, 1.0)))
+        .map(|k: usize| k as f64 / 120.0 + jitter * noise[k])
+        .collect()
+}
+
+#[test]
+fn lost_frames_are_counted_whatever_the_jitter() {
+    for jitter in [0.0, 3e-4, 1e-3] {
+        let found = frame_drop(&frame_times(3, jitter, 0.03), 120).unwrap();
+        assert!((found.value - 0.03).abs() < 0.006 && 5.0 < found.t, "{jitter} {found:?}");
+    }
+    for jitter in [3e-4, 1e-3, 2e-3, 3e-3] {
+        let false_alarms = alarms(40, |seed| frame_drop(&frame_times(seed, jitter, 0.0), 120));
+        assert!(false_alarms <= 1, "{jitter} {false_alarms}");
+    }
+}
+
+#[test]
+fn pauses_of_the_recording_are_no_lost_frames() {
+    let paused: Vec<f64> = frame_times(7, 1e-4, 0.0)
+        .iter()
+        .enumerate()
+        .map(|(k, t)| t + 1.5 * (k / 300) as f64)
+        .collect();
+    assert_eq!(frame_drop(&paused, 120).unwrap().value, 0.0);
+}
+
+#[test]
+fn repeated_frames_are_counted_only_in_motion() {
+    let travel: Vec<f64> = velocities(7200).iter().map(|v| v.abs() / 120.0).collect();
+    let noise = normals(4, "places", 7200);
+    let mut stream = Stream::new(4, "repeat");
+    let mut x = 0.0;
+    let mut places: Vec<[f64; 2]> = Vec::new();
+    let mut repeats = 0;
+    for k in 0..7200 {
+        x += travel[k];
+        let repeat = stream.uniform_f32(0.0, 1.0) < 0.02;
+        match places.last() {
+            Some(before) if repeat => {
+                places.push(*before);
+                repeats += 1;
+            }
+            _ => places.push([x + 2e-4 * noise[k], 0.0]),
+        }
+    }
+    let found = frame_repeat(&places, &travel, 120).unwrap();
+    assert!((found.value - f64::from(repeats) / 7200.0).abs() < 0.003 && 5.0 < found.t);
+    // Places on a grid of 1 mm repeat by themselves in slow motion; that is no fault of the frames.
+    let coarse: Vec<[f64; 2]> = travel
+        .iter()
+        .scan(0.0, |x, step| {
+            *x += step;
+            Some([(*x * 1000.0).round() / 1000.0, 0.0])
+        })
+        .collect();
+    assert!(frame_repeat(&coarse, &travel, 120).is_none_or(|found| found.value == 0.0));
+}
+
+#[test]
+fn the_grid_of_an_encoder_is_found_and_no_grid_is_not() {
+    let place = |k: usize| 0.1 * (TAU * 0.3 * k as f64 / 100.0).sin();
+    for step in [0.04 / 16_384.0, 1e-5, 7.3e-5] {
+        let rounded: Vec<f64> = (0..4000).map(|k| (place(k) / step).round() * step).collect();
+        let found = encoder_quantisation(&rounded).unwrap();
+        assert!((found.value / step - 1.0).abs() < 1e-6, "{step} {found:?}");
+        // In single precision too, as it comes over the bus.
+        let single: Vec<f64> =
+            rounded.iter().map(|x| f64::from((x / 0.04) as f32) * 0.04).collect();
+        let found = encoder_quantisation(&single).unwrap();
+        assert!((found.value / step - 1.0).abs() < 1e-3, "{step} {found:?}");
+    }
+    // Nor is there a grid where speeds are constant: 2 mm and 4 mm between samples, and noise.
+    let noise = normals(6, "encoder", 4000);
+    let (mut x, mut even) = (0.0, Vec::new());
+    for (k, z) in noise.iter().enumerate() {
+        x += if k % 400 < 200 { 2e-3 } else { -4e-3 };
+        even.push(x + 1e-6 * z);
+    }
+    assert_eq!(encoder_quantisation(&even).unwrap().value, 0.0);
+    for seed in 0..30 {
+        let noise = normals(seed, "encoder", 4000);
+        let smooth: Vec<f64> = (0..4000).map(|k| place(k) + 1e-5 * noise[k]).collect();
+        assert_eq!(encoder_quantisation(&smooth).unwrap().value, 0.0);
+    }
+}
+
+#[test]
+fn the_scatter_at_rest_is_compared_with_the_stated_one() {
+    let scatter = |seed, sd: f64| -> Vec<f64> {
+        let drift = |k: usize| 1e-3 * (k as f64 / 3000.0);
+        normals(seed, "rest", 3000).iter().enumerate().map(|(k, z)| sd * z + drift(k)).collect()
+    };
+    let found = noise_model(&scatter(5, 4e-4), 2.5e-4, 60).unwrap();
+    assert!((found.value - 1.6).abs() < 3.0 * found.standard_error && 10.0 < found.t, "{found:?}");
+    let false_alarms = alarms(300, |seed| noise_model(&scatter(seed, 2.5e-4), 2.5e-4, 60));
+    assert!(false_alarms <= 5, "{false_alarms}");
+}
