@@ -156,7 +156,7 @@ impl Stage for BallStage {
         for channel in predicted.iter_mut() {
             channel.fill(f64::NAN);
         }
-        let rules = Rules::new(twin);
+        let rules = Rules::new(&twin.instances);
         for (roll, start) in self.rolls.iter().zip(nuisance) {
             self.predict_roll(&rules, roll, start, predicted);
         }

@@ -17,7 +17,7 @@
 use super::{HALF_BOARD, RADIUS, WALLS, outward};
 use crate::{
     effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall},
-    twin::{Instance, Twin},
+    twin::Instance,
 };
 
 /// Longest step (s).
@@ -26,7 +26,7 @@ const STEP: f64 = 1e-3;
 /// Impacts within one step; beyond it the ball rests against its wall for the rest of the step.
 const MOST_IMPACTS: usize = 8;
 
-/// Further away from a wall than this (m), its shift is not asked for; more than any shift.
+/// Further than this from every wall (m) there is no impact; more than any shift.
 const NEAR_A_WALL: f64 = 0.04;
 
 /// Share of the slip that sliding takes from the velocity of a solid sphere.
@@ -55,14 +55,14 @@ pub(super) struct Rules {
 }
 
 impl Rules {
-    pub(super) fn new(twin: &Twin) -> Self {
+    pub(super) fn new(instances: &[Instance]) -> Self {
         let place = |instance: &&Instance| {
             CATALOGUE.iter().position(|effect| effect.name == instance.effect.name)
         };
-        let mut instances: Vec<&Instance> = twin.instances.iter().collect();
-        instances.sort_by_key(place);
+        let mut sorted: Vec<&Instance> = instances.iter().collect();
+        sorted.sort_by_key(place);
         let mut rules = Self::default();
-        for instance in instances {
+        for instance in sorted {
             let numbers = instance.numbers();
             match instance.effect.physics {
                 Physics::Roll(law) => rules.roll.push((law, numbers)),
@@ -106,8 +106,7 @@ impl Rules {
     /// How far the ball may still go towards `wall` from `place` (m).
     fn gap(&self, wall: Wall, place: [f64; 2]) -> f64 {
         let (axis, sign) = outward(wall);
-        let nominal = HALF_BOARD[axis] - RADIUS - sign * place[axis];
-        if NEAR_A_WALL < nominal { nominal } else { nominal + self.shift(wall, place[1 - axis]) }
+        HALF_BOARD[axis] - RADIUS - sign * place[axis] + self.shift(wall, place[1 - axis])
     }
 
     /// Outward normal of `wall` at `place`, a shifted wall being turned by the slope of its shift.
@@ -122,6 +121,11 @@ impl Rules {
         normal[1 - axis] = -slope / length;
         normal
     }
+}
+
+/// Length of a vector; `hypot` would take several times as long, and nothing here over- or underflows.
+fn length(vector: [f64; 2]) -> f64 {
+    (vector[0] * vector[0] + vector[1] * vector[1]).sqrt()
 }
 
 /// What acts on the ball during one step (m/s^2).
@@ -146,7 +150,7 @@ impl Free {
     fn after(&self, forces: &Forces, t: f64) -> Self {
         let mut velocity = [0, 1].map(|k| self.velocity[k] + forces.push[k] * t);
         let mut slip = self.slip;
-        let size = slip[0].hypot(slip[1]);
+        let size = if 0.0 < forces.slide { length(slip) } else { 0.0 };
         if 0.0 < size {
             let part = (forces.slide * t).min(GRIP * size) / size;
             for k in 0..2 {
@@ -154,7 +158,7 @@ impl Free {
                 slip[k] = self.slip[k] * (1.0 - part / GRIP);
             }
         }
-        let speed = velocity[0].hypot(velocity[1]);
+        let speed = length(velocity);
         let loss = forces.resistance * t;
         let (kept, moving) = if loss < speed {
             (1.0 - loss / speed, t)
@@ -167,6 +171,11 @@ impl Free {
         let place = [0, 1].map(|k| self.place[k] + (self.velocity[k] + velocity[k]) / 2.0 * moving);
         Self { place, velocity, slip }
     }
+}
+
+/// Whether a wall, shifted as far as walls can be, may be reached at `place`.
+fn near_any_wall(place: [f64; 2]) -> bool {
+    (0..2).any(|k| HALF_BOARD[k] - RADIUS - NEAR_A_WALL < place[k].abs())
 }
 
 /// A ball that is being rolled.
@@ -198,9 +207,18 @@ impl<'a> Roller<'a> {
         self.ball.position
     }
 
+    /// Velocity (m/s).
     #[cfg(test)]
     pub(super) fn velocity(&self) -> [f64; 2] {
         self.ball.velocity
+    }
+
+    /// Twice the kinetic energy per mass (m^2/s^2): of the motion, the rolling and the spin.
+    #[cfg(test)]
+    pub(super) fn energy(&self) -> f64 {
+        let square = |v: [f64; 2]| v[0] * v[0] + v[1] * v[1];
+        let rolling = [0, 1].map(|k| self.ball.velocity[k] - self.slip[k]);
+        square(self.ball.velocity) + 0.4 * (square(rolling) + self.spin * self.spin)
     }
 
     /// Advances to `time` (s since the roll began); a time that has passed changes nothing.
@@ -265,6 +283,9 @@ impl<'a> Roller<'a> {
         forces: &Forces,
         span: f64,
     ) -> Option<(f64, Wall)> {
+        if !near_any_wall(end.place) {
+            return None;
+        }
         let mut first: Option<(f64, Wall)> = None;
         for wall in WALLS {
             let gap = self.rules.gap(wall, end.place);
