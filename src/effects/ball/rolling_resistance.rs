@@ -23,7 +23,8 @@ pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
             name: "viscous_per_s",
             unit: "1/s",
             scale: 0.05,
-            bounds: (0.0, 5.0),
+            // A little below zero, so that a ball without it does not stop a fit on its bound.
+            bounds: (-0.05, 5.0),
             plausible: (0.0, 0.3),
             per_session: false,
         },
@@ -31,7 +32,7 @@ pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.008, 0.0]],
     memory: 0,
-    physics: Physics::Resistance(|p, ball| p[0] * GRAVITY + p[1] * speed(ball)),
+    physics: Physics::Resistance(|p, ball| (p[0] * GRAVITY + p[1] * speed(ball)).max(0.0)),
     regressors: &[Regressor::Constant, Regressor::Direction],
     excitation: "free rolls at many speeds",
     experiment: "",
