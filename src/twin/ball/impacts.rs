@@ -77,7 +77,8 @@ fn turns_of(tracks: &Tracks, roll: &Roll) -> Vec<(usize, Wall)> {
         .collect()
 }
 
-/// Median deceleration between impacts (m/s^2): velocities are measured beside an impact, not at it.
+/// Median deceleration between impacts (m/s^2): velocities are measured beside an impact, not at
+/// it.
 fn usual_deceleration(tracks: &Tracks, rolls: &[Roll], turns: &[Vec<(usize, Wall)>]) -> f64 {
     let mut found = Vec::new();
     for (roll, turns) in rolls.iter().zip(turns) {

@@ -9,10 +9,10 @@
 //! impact    n.x = wall + shift - radius   ->   v_n' = -e v_n, v_t' and spin by the effects
 //! ```
 //!
-//! `a` is the sum of [`Physics::Roll`], `r` that of [`Physics::Resistance`]. After an impact the ball
-//! still turns as it did before: the contact point slips by the change of velocity. Friction of
-//! sliding ([`Physics::Slide`]) takes from the velocity 2/7 of what it takes from the slip (solid
-//! sphere: acceleration `mu g` of the centre, `5/2 mu g` of the surface).
+//! `a` is the sum of [`Physics::Roll`], `r` that of [`Physics::Resistance`]. After an impact the
+//! ball still turns as it did before: the contact point slips by the change of velocity. Friction
+//! of sliding ([`Physics::Slide`]) takes from the velocity 2/7 of what it takes from the slip
+//! (solid sphere: acceleration `mu g` of the centre, `5/2 mu g` of the surface).
 
 use super::{HALF_BOARD, RADIUS, WALLS, outward};
 use crate::{
@@ -40,18 +40,24 @@ const ITERATIONS: usize = 60;
 
 /// The physics of one place with the numbers of its instance.
 type Law<F> = (F, Vec<f64>);
+type RollLaw = fn(&[f64], &Ball) -> [f64; 2];
+type BallLaw = fn(&[f64], &Ball) -> f64;
+type ImpactLaw = fn(&[f64], &Impact, Change) -> Change;
+type WallLaw = fn(&[f64], Wall, f64) -> f64;
+type CameraLaw = fn(&[f64], [f64; 2], f64) -> [f64; 2];
+type DelayLaw = fn(&[f64], f64) -> f64;
 
 /// What a twin says about the ball: the functions of its instances by place, in the order of the
 /// catalogue, so that the order in which effects were found does not matter.
 #[derive(Default)]
 pub(super) struct Rules {
-    roll: Vec<Law<fn(&[f64], &Ball) -> [f64; 2]>>,
-    resistance: Vec<Law<fn(&[f64], &Ball) -> f64>>,
-    slide: Vec<Law<fn(&[f64], &Ball) -> f64>>,
-    impact: Vec<Law<fn(&[f64], &Impact, Change) -> Change>>,
-    wall: Vec<Law<fn(&[f64], Wall, f64) -> f64>>,
-    camera: Vec<Law<fn(&[f64], [f64; 2], f64) -> [f64; 2]>>,
-    delay: Vec<Law<fn(&[f64], f64) -> f64>>,
+    roll: Vec<Law<RollLaw>>,
+    resistance: Vec<Law<BallLaw>>,
+    slide: Vec<Law<BallLaw>>,
+    impact: Vec<Law<ImpactLaw>>,
+    wall: Vec<Law<WallLaw>>,
+    camera: Vec<Law<CameraLaw>>,
+    delay: Vec<Law<DelayLaw>>,
 }
 
 impl Rules {
@@ -123,7 +129,8 @@ impl Rules {
     }
 }
 
-/// Length of a vector; `hypot` would take several times as long, and nothing here over- or underflows.
+/// Length of a vector; `hypot` would take several times as long, and nothing here over- or
+/// underflows.
 fn length(vector: [f64; 2]) -> f64 {
     (vector[0] * vector[0] + vector[1] * vector[1]).sqrt()
 }
@@ -375,9 +382,7 @@ impl<'a> Roller<'a> {
             let velocity = self.ball.velocity;
             let outwards = velocity[0] * normal[0] + velocity[1] * normal[1];
             if self.rules.gap(wall, self.ball.position) < 1e-6 {
-                for k in 0..2 {
-                    self.ball.velocity[k] -= outwards * normal[k];
-                }
+                self.ball.velocity = [0, 1].map(|k| velocity[k] - outwards * normal[k]);
             }
         }
         let forces = Forces { push: [0.0; 2], ..self.forces(span) };

@@ -1,8 +1,9 @@
 //! From the camera's samples to free rolls.
 //!
 //! A roll ends where samples are missing, where the ball comes near a striker, where it is put
-//! elsewhere or pushed (its velocity changes away from every wall), at the end of its run, and after
-//! [`LONGEST`]. Pieces in which it hardly moves are left out, and so is rest before and after.
+//! elsewhere or pushed (its velocity changes away from every wall), at the end of its run, and
+//! after [`LONGEST`]. Pieces in which it hardly moves are left out, and so is rest before and
+//! after.
 
 use super::{HALF_BOARD, RADIUS};
 use crate::{
@@ -24,9 +25,9 @@ const GAP: f64 = 0.1;
 /// Faster than this (m/s) no ball rolls: it was put elsewhere.
 const FASTEST: f64 = 8.0;
 
-/// Longest roll (s): what is wrong with a twin grows with every impact, and a fit that starts far off
-/// then finds no way back; over a third to two thirds of a second it does, and nothing is lost but
-/// that the pieces of one roll join.
+/// Longest roll (s): what is wrong with a twin grows with every impact, and a fit that starts far
+/// off then finds no way back; over a third to two thirds of a second it does, and nothing is lost
+/// but that the pieces of one roll join.
 const LONGEST: f64 = 0.64;
 
 /// Fewest samples of a roll.
@@ -157,8 +158,8 @@ impl Tracks {
         Some(tracks)
     }
 
-    /// Straight lines through the samples: place at `at` and velocity, by axis, with the root of the
-    /// mean squared distance of the samples from them.
+    /// Straight lines through the samples: place at `at` and velocity, by axis, with the root of
+    /// the mean squared distance of the samples from them.
     pub(super) fn line(&self, samples: Range<usize>, at: f64) -> Line {
         let count = samples.len() as f64;
         let mean = |value: &dyn Fn(usize) -> f64| samples.clone().map(value).sum::<f64>() / count;
