@@ -12,7 +12,7 @@
 //! command -> [CommandDelay] -> [Command] -> [Ramp] -> [VelocityLoop] -> [Effort] -> belts and rails
 //!    rails: [Force] [Friction] [Inertia]        motor -> [Encoder]       motor -> [Play] -> magnet
 //! magnet -> [Coupling] -> striker -> [Camera] -> [CameraDelay] -> detection -> [Estimator] -> state
-//! ball: [Roll] between impacts, [Impact] and [Wall] at them, then the same camera
+//! ball: [Roll] [Resistance] [Slide] between impacts, [Impact] [Wall] at them, then the same camera
 //! ```
 //!
 //! Motor-side physics acts in belt coordinates (`a` = x + y, `b` = x - y), rails and tilt in board
@@ -290,6 +290,17 @@ pub static CATALOGUE: &[&Effect] = &[
     &coupling::magnet_slip::MAGNET_SLIP,
     &coupling::striker_friction::STRIKER_FRICTION,
     &coupling::striker_wobble::STRIKER_WOBBLE,
+    &ball::rolling_resistance::ROLLING_RESISTANCE,
+    &ball::sliding_phase::SLIDING_PHASE,
+    &ball::air_drag::AIR_DRAG,
+    &ball::tilt::TILT,
+    &ball::board_curvature::BOARD_CURVATURE,
+    &ball::magnet_drag::MAGNET_DRAG,
+    &ball::stiction_patch::STICTION_PATCH,
+    &impact::wall_restitution::WALL_RESTITUTION,
+    &impact::wall_restitution_speed::WALL_RESTITUTION_SPEED,
+    &impact::wall_friction_spin::WALL_FRICTION_SPIN,
+    &impact::wall_location::WALL_LOCATION,
     &sensor::camera_latency::CAMERA_LATENCY,
     &sensor::camera_scale_rotation::CAMERA_SCALE_ROTATION,
     &sensor::camera_distortion::CAMERA_DISTORTION,

@@ -38,7 +38,7 @@ pub fn fit(problem: &Problem<'_>, start: Point, slots: &[Slot], filters: &Filter
     let mut damping = 1e-3;
     for _ in 0..iterations {
         let linear = problem.linear(&point, slots, filters);
-        let normal = Normal::new(&linear);
+        let normal = Normal::new(&linear).without_blocked(&point, slots);
         let mut improved = None;
         for _ in 0..MOST_RETRIES {
             let step = normal.step(damping);
@@ -124,6 +124,24 @@ impl Normal {
         }
         let right = linear.columns.iter().map(|column| dot(column, &linear.residual)).collect();
         Self { gram, right }
+    }
+
+    /// The same without the parameters that stand on a bound and would be pushed beyond it.
+    fn without_blocked(mut self, point: &Point, slots: &[Slot]) -> Self {
+        for (k, slot) in slots.iter().enumerate() {
+            let effect = point.twin.instances[slot.instance].effect;
+            let (low, high) = effect.parameters[slot.parameter].bounds;
+            let value = point.twin.get(*slot);
+            let blocked = value <= low && self.right[k] < 0.0 || high <= value && 0.0 < self.right[k];
+            if blocked {
+                self.right[k] = 0.0;
+                for other in 0..slots.len() {
+                    self.gram[(k, other)] = 0.0;
+                    self.gram[(other, k)] = 0.0;
+                }
+            }
+        }
+        self
     }
 
     /// The step of least squares with Marquardt's scaling of the damping.

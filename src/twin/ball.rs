@@ -42,8 +42,8 @@ fn outward(wall: Wall) -> (usize, f64) {
 /// The rolls of one session. A roll is a piece of the ball's track on which nothing but board, air
 /// and walls acts; its start (place and velocity) is unknown and is a nuisance group of its own.
 ///
-/// Two channels, `camera.ball_x` and `camera.ball_y`; run `k` of both is roll `k`. A constant age of
-/// the camera's picture moves the starts and nothing else, so it cannot be seen here.
+/// Two channels, `camera.ball_x` and `camera.ball_y`; run `k` of both is roll `k`. A constant age
+/// of the camera's picture moves the starts and nothing else, so it cannot be seen here.
 pub struct BallStage {
     channels: Vec<Channel>,
     tracks: Tracks,
@@ -52,8 +52,8 @@ pub struct BallStage {
 
 impl BallStage {
     /// The free rolls in `recording`; `None` without any. With `spans` (seconds since the recording
-    /// began) only what lies in one of them counts, and no roll goes on beyond its end; without, the
-    /// run markers do the same, and a recording without markers counts as a whole.
+    /// began) only what lies in one of them counts, and no roll goes on beyond its end; without,
+    /// the run markers do the same, and a recording without markers counts as a whole.
     ///
     /// # Errors
     /// When detections or markers do not decode.
@@ -156,7 +156,7 @@ impl Stage for BallStage {
         for channel in predicted.iter_mut() {
             channel.fill(f64::NAN);
         }
-        let rules = Rules::new(twin);
+        let rules = Rules::new(&twin.instances);
         for (roll, start) in self.rolls.iter().zip(nuisance) {
             self.predict_roll(&rules, roll, start, predicted);
         }

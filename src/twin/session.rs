@@ -1,7 +1,7 @@
 //! Recordings as sessions: each link's measured input and output, cut into runs.
 
 use super::{
-    BallStage, CameraStage, Channel, DriveStage, MeasuredPath, Stage,
+    BallStage, CameraStage, Channel, DriveStage, EstimatorStage, MeasuredPath, Stage,
     drive::{Output, RunStart, SETTLING},
     plant::{belts, rails},
 };
@@ -96,6 +96,8 @@ pub struct Session {
     pub camera: Option<CameraStage>,
     /// Free rolls.
     pub ball: Option<BallStage>,
+    /// Positions to reported velocities.
+    pub estimator: Option<EstimatorStage>,
 }
 
 impl Session {
@@ -105,6 +107,7 @@ impl Session {
         let mut stages: Vec<&dyn Stage> = Vec::new();
         stages.extend(self.drive.as_ref().map(|stage| stage as &dyn Stage));
         stages.extend(self.camera.as_ref().map(|stage| stage as &dyn Stage));
+        stages.extend(self.estimator.as_ref().map(|stage| stage as &dyn Stage));
         stages.extend(self.ball.as_ref().map(|stage| stage as &dyn Stage));
         stages
     }
@@ -521,6 +524,7 @@ fn session_of(
         drive,
         camera,
         ball: BallStage::from_recording(recording, &spans)?,
+        estimator: EstimatorStage::from_recording(recording)?,
     })
 }
 

@@ -1,6 +1,6 @@
 //! Resistance of the board to the rolling ball.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Site};
 
 /// `ball.rolling_resistance`: deceleration `c g + b |v|` against the motion until rest; `c` from
 /// the deformation of board and ball (constant), `b` from grease and air at small Reynolds numbers
@@ -23,7 +23,8 @@ pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
             name: "viscous_per_s",
             unit: "1/s",
             scale: 0.05,
-            bounds: (0.0, 5.0),
+            // A little below zero, so that a ball without it does not stop a fit on its bound.
+            bounds: (-0.05, 5.0),
             plausible: (0.0, 0.3),
             per_session: false,
         },
@@ -31,14 +32,16 @@ pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.008, 0.0]],
     memory: 0,
-    physics: Physics::Resistance(|p, ball| {
-        p[0] * GRAVITY + p[1] * ball.velocity[0].hypot(ball.velocity[1])
-    }),
+    physics: Physics::Resistance(|p, ball| (p[0] * GRAVITY + p[1] * speed(ball)).max(0.0)),
     regressors: &[Regressor::Constant, Regressor::Direction],
     excitation: "free rolls at many speeds",
     experiment: "",
     confused_with: &["ball.tilt", "ball.air_drag", "impact.wall_restitution"],
 };
+
+fn speed(ball: &Ball) -> f64 {
+    (ball.velocity[0].powi(2) + ball.velocity[1].powi(2)).sqrt()
+}
 
 /// Standard gravity (m/s^2).
 const GRAVITY: f64 = 9.81;
@@ -46,7 +49,6 @@ const GRAVITY: f64 = 9.81;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::Ball;
 
     #[test]
     fn constant_and_linear_parts_add() {

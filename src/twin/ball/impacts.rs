@@ -2,7 +2,7 @@
 
 use super::{
     HALF_BOARD, RADIUS, WALLS, outward,
-    rolls::{Roll, Tracks},
+    rolls::{Line, Roll, Tracks, median},
 };
 use crate::effects::Wall;
 use std::ops::Range;
@@ -14,7 +14,10 @@ const BESIDE: Range<usize> = 3..7;
 const NEAR: f64 = 0.006;
 
 /// Least normal speed before an impact (m/s); slower ones are lost in the noise.
-const LEAST_SPEED: f64 = 0.03;
+const LEAST_SPEED: f64 = 0.05;
+
+/// Fewest samples between impacts from which the usual deceleration is measured.
+const STRETCH: usize = 20;
 
 /// One impact of the ball on a wall, measured from straight lines through the samples beside it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +40,8 @@ pub struct WallImpact {
     pub along_in: f64,
     /// Velocity along the wall after (m/s).
     pub along_out: f64,
+    /// Standard deviation of each of these four speeds by the camera's noise (m/s).
+    pub spread: f64,
 }
 
 impl WallImpact {
@@ -49,21 +54,47 @@ impl WallImpact {
 
 /// All impacts of all rolls, in order of time.
 pub(super) fn measure(tracks: &Tracks, rolls: &[Roll]) -> Vec<WallImpact> {
+    let turns: Vec<Vec<(usize, Wall)>> = rolls.iter().map(|roll| turns_of(tracks, roll)).collect();
+    let braking = usual_deceleration(tracks, rolls, &turns);
     let mut impacts = Vec::new();
-    for (index, roll) in rolls.iter().enumerate() {
-        let mut turns: Vec<(usize, Wall)> = Vec::new();
-        for sample in roll.samples.start + 2..roll.samples.end.saturating_sub(2) {
-            turns.extend(
-                WALLS.iter().filter(|w| turns_at(tracks, sample, **w)).map(|w| (sample, *w)),
-            );
-        }
-        for (place, (sample, wall)) in turns.iter().enumerate() {
+    for (index, (roll, turns)) in rolls.iter().zip(&turns).enumerate() {
+        for (place, turn) in turns.iter().enumerate() {
             let from = if place == 0 { roll.samples.start } else { turns[place - 1].0 + 1 };
             let to = turns.get(place + 1).map_or(roll.samples.end, |next| next.0);
-            impacts.extend(at_turn(tracks, index, *wall, *sample, from..to));
+            let impact = at_turn(tracks, *turn, from..to, braking);
+            impacts.extend(impact.map(|impact| WallImpact { roll: index, ..impact }));
         }
     }
     impacts
+}
+
+/// The samples of `roll` at which the ball turns at a wall.
+fn turns_of(tracks: &Tracks, roll: &Roll) -> Vec<(usize, Wall)> {
+    let inner = roll.samples.start + 2..roll.samples.end.saturating_sub(2);
+    inner
+        .flat_map(|sample| WALLS.map(|wall| (sample, wall)))
+        .filter(|(sample, wall)| turns_at(tracks, *sample, *wall))
+        .collect()
+}
+
+/// Median deceleration between impacts (m/s^2): velocities are measured beside an impact, not at
+/// it.
+fn usual_deceleration(tracks: &Tracks, rolls: &[Roll], turns: &[Vec<(usize, Wall)>]) -> f64 {
+    let mut found = Vec::new();
+    for (roll, turns) in rolls.iter().zip(turns) {
+        let mut start = roll.samples.start;
+        for end in turns.iter().map(|turn| turn.0).chain([roll.samples.end]) {
+            if start + STRETCH <= end {
+                let middle = (start + end) / 2;
+                let [first, second] =
+                    [start..middle, middle..end].map(|samples| tracks.line(samples, 0.0));
+                let span = second.middle - first.middle;
+                found.push((first.speed() - second.speed()) / span);
+            }
+            start = end + 1;
+        }
+    }
+    median(&mut found).max(0.0)
 }
 
 /// Whether the ball is furthest out towards `wall` at `sample`, and near it.
@@ -79,13 +110,12 @@ fn turns_at(tracks: &Tracks, sample: usize, wall: Wall) -> bool {
     furthest && HALF_BOARD[axis] - RADIUS - here < NEAR + way
 }
 
-/// Measures the impact next to `sample`, from samples in `free` alone.
+/// Measures the impact next to the sample of `turn`, from samples in `free` alone.
 fn at_turn(
     tracks: &Tracks,
-    roll: usize,
-    wall: Wall,
-    sample: usize,
+    (sample, wall): (usize, Wall),
     free: Range<usize>,
+    braking: f64,
 ) -> Option<WallImpact> {
     let (axis, sign) = outward(wall);
     let most = BESIDE.end - 1;
@@ -94,25 +124,39 @@ fn at_turn(
     if before.len() < BESIDE.start || after.len() < BESIDE.start {
         return None;
     }
+    let spread = tracks.velocity_spread(before.len().min(after.len()));
     let at = tracks.times[sample];
     let (incoming, outgoing) = (tracks.line(before, at), tracks.line(after, at));
-    let (speed_in, speed_out) = (sign * incoming.velocity[axis], -sign * outgoing.velocity[axis]);
+    let closing = sign * (incoming.velocity[axis] - outgoing.velocity[axis]);
+    // The impact is where both lines meet.
+    let late = (outgoing.place[axis] - incoming.place[axis]) * sign / closing;
+    let [before, after] = [incoming, outgoing].map(|line| velocity_at(&line, at + late, braking));
+    let (speed_in, speed_out) = (sign * before[axis], -sign * after[axis]);
     if speed_in < LEAST_SPEED || speed_out <= 0.0 {
         return None;
     }
-    // The impact is where both lines meet.
-    let late = (outgoing.place[axis] - incoming.place[axis]) * sign / (speed_in + speed_out);
-    let turned = sign * incoming.place[axis] + speed_in * late;
     let other = 1 - axis;
     Some(WallImpact {
-        roll,
+        roll: 0,
         time: at + late,
         wall,
         along: incoming.place[other] + incoming.velocity[other] * late,
-        beyond: turned - (HALF_BOARD[axis] - RADIUS),
+        beyond: sign * (incoming.place[axis] + incoming.velocity[axis] * late)
+            - (HALF_BOARD[axis] - RADIUS),
         speed_in,
         speed_out,
-        along_in: incoming.velocity[other],
-        along_out: outgoing.velocity[other],
+        along_in: before[other],
+        along_out: after[other],
+        spread,
     })
+}
+
+/// Velocity at `time` of a ball that slows down by `braking` and had that of `line` in its middle.
+fn velocity_at(line: &Line, time: f64, braking: f64) -> [f64; 2] {
+    let speed = line.speed();
+    if speed == 0.0 {
+        return line.velocity;
+    }
+    let share = 1.0 - braking * (time - line.middle) / speed;
+    line.velocity.map(|velocity| velocity * share.max(0.0))
 }

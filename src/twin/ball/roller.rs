@@ -9,15 +9,15 @@
 //! impact    n.x = wall + shift - radius   ->   v_n' = -e v_n, v_t' and spin by the effects
 //! ```
 //!
-//! `a` is the sum of [`Physics::Roll`], `r` that of [`Physics::Resistance`]. After an impact the ball
-//! still turns as it did before: the contact point slips by the change of velocity. Friction of
-//! sliding ([`Physics::Slide`]) takes from the velocity 2/7 of what it takes from the slip (solid
-//! sphere: acceleration `mu g` of the centre, `5/2 mu g` of the surface).
+//! `a` is the sum of [`Physics::Roll`], `r` that of [`Physics::Resistance`]. After an impact the
+//! ball still turns as it did before: the contact point slips by the change of velocity. Friction
+//! of sliding ([`Physics::Slide`]) takes from the velocity 2/7 of what it takes from the slip
+//! (solid sphere: acceleration `mu g` of the centre, `5/2 mu g` of the surface).
 
 use super::{HALF_BOARD, RADIUS, WALLS, outward};
 use crate::{
     effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall},
-    twin::{Instance, Twin},
+    twin::Instance,
 };
 
 /// Longest step (s).
@@ -26,7 +26,7 @@ const STEP: f64 = 1e-3;
 /// Impacts within one step; beyond it the ball rests against its wall for the rest of the step.
 const MOST_IMPACTS: usize = 8;
 
-/// Further away from a wall than this (m), its shift is not asked for; more than any shift.
+/// Further than this from every wall (m) there is no impact; more than any shift.
 const NEAR_A_WALL: f64 = 0.04;
 
 /// Share of the slip that sliding takes from the velocity of a solid sphere.
@@ -40,29 +40,35 @@ const ITERATIONS: usize = 60;
 
 /// The physics of one place with the numbers of its instance.
 type Law<F> = (F, Vec<f64>);
+type RollLaw = fn(&[f64], &Ball) -> [f64; 2];
+type BallLaw = fn(&[f64], &Ball) -> f64;
+type ImpactLaw = fn(&[f64], &Impact, Change) -> Change;
+type WallLaw = fn(&[f64], Wall, f64) -> f64;
+type CameraLaw = fn(&[f64], [f64; 2], f64) -> [f64; 2];
+type DelayLaw = fn(&[f64], f64) -> f64;
 
 /// What a twin says about the ball: the functions of its instances by place, in the order of the
 /// catalogue, so that the order in which effects were found does not matter.
 #[derive(Default)]
 pub(super) struct Rules {
-    roll: Vec<Law<fn(&[f64], &Ball) -> [f64; 2]>>,
-    resistance: Vec<Law<fn(&[f64], &Ball) -> f64>>,
-    slide: Vec<Law<fn(&[f64], &Ball) -> f64>>,
-    impact: Vec<Law<fn(&[f64], &Impact, Change) -> Change>>,
-    wall: Vec<Law<fn(&[f64], Wall, f64) -> f64>>,
-    camera: Vec<Law<fn(&[f64], [f64; 2], f64) -> [f64; 2]>>,
-    delay: Vec<Law<fn(&[f64], f64) -> f64>>,
+    roll: Vec<Law<RollLaw>>,
+    resistance: Vec<Law<BallLaw>>,
+    slide: Vec<Law<BallLaw>>,
+    impact: Vec<Law<ImpactLaw>>,
+    wall: Vec<Law<WallLaw>>,
+    camera: Vec<Law<CameraLaw>>,
+    delay: Vec<Law<DelayLaw>>,
 }
 
 impl Rules {
-    pub(super) fn new(twin: &Twin) -> Self {
+    pub(super) fn new(instances: &[Instance]) -> Self {
         let place = |instance: &&Instance| {
             CATALOGUE.iter().position(|effect| effect.name == instance.effect.name)
         };
-        let mut instances: Vec<&Instance> = twin.instances.iter().collect();
-        instances.sort_by_key(place);
+        let mut sorted: Vec<&Instance> = instances.iter().collect();
+        sorted.sort_by_key(place);
         let mut rules = Self::default();
-        for instance in instances {
+        for instance in sorted {
             let numbers = instance.numbers();
             match instance.effect.physics {
                 Physics::Roll(law) => rules.roll.push((law, numbers)),
@@ -106,8 +112,7 @@ impl Rules {
     /// How far the ball may still go towards `wall` from `place` (m).
     fn gap(&self, wall: Wall, place: [f64; 2]) -> f64 {
         let (axis, sign) = outward(wall);
-        let nominal = HALF_BOARD[axis] - RADIUS - sign * place[axis];
-        if NEAR_A_WALL < nominal { nominal } else { nominal + self.shift(wall, place[1 - axis]) }
+        HALF_BOARD[axis] - RADIUS - sign * place[axis] + self.shift(wall, place[1 - axis])
     }
 
     /// Outward normal of `wall` at `place`, a shifted wall being turned by the slope of its shift.
@@ -122,6 +127,12 @@ impl Rules {
         normal[1 - axis] = -slope / length;
         normal
     }
+}
+
+/// Length of a vector; `hypot` would take several times as long, and nothing here over- or
+/// underflows.
+fn length(vector: [f64; 2]) -> f64 {
+    (vector[0] * vector[0] + vector[1] * vector[1]).sqrt()
 }
 
 /// What acts on the ball during one step (m/s^2).
@@ -146,7 +157,7 @@ impl Free {
     fn after(&self, forces: &Forces, t: f64) -> Self {
         let mut velocity = [0, 1].map(|k| self.velocity[k] + forces.push[k] * t);
         let mut slip = self.slip;
-        let size = slip[0].hypot(slip[1]);
+        let size = if 0.0 < forces.slide { length(slip) } else { 0.0 };
         if 0.0 < size {
             let part = (forces.slide * t).min(GRIP * size) / size;
             for k in 0..2 {
@@ -154,7 +165,7 @@ impl Free {
                 slip[k] = self.slip[k] * (1.0 - part / GRIP);
             }
         }
-        let speed = velocity[0].hypot(velocity[1]);
+        let speed = length(velocity);
         let loss = forces.resistance * t;
         let (kept, moving) = if loss < speed {
             (1.0 - loss / speed, t)
@@ -167,6 +178,11 @@ impl Free {
         let place = [0, 1].map(|k| self.place[k] + (self.velocity[k] + velocity[k]) / 2.0 * moving);
         Self { place, velocity, slip }
     }
+}
+
+/// Whether a wall, shifted as far as walls can be, may be reached at `place`.
+fn near_any_wall(place: [f64; 2]) -> bool {
+    (0..2).any(|k| HALF_BOARD[k] - RADIUS - NEAR_A_WALL < place[k].abs())
 }
 
 /// A ball that is being rolled.
@@ -198,9 +214,18 @@ impl<'a> Roller<'a> {
         self.ball.position
     }
 
+    /// Velocity (m/s).
     #[cfg(test)]
     pub(super) fn velocity(&self) -> [f64; 2] {
         self.ball.velocity
+    }
+
+    /// Twice the kinetic energy per mass (m^2/s^2): of the motion, the rolling and the spin.
+    #[cfg(test)]
+    pub(super) fn energy(&self) -> f64 {
+        let square = |v: [f64; 2]| v[0] * v[0] + v[1] * v[1];
+        let rolling = [0, 1].map(|k| self.ball.velocity[k] - self.slip[k]);
+        square(self.ball.velocity) + 0.4 * (square(rolling) + self.spin * self.spin)
     }
 
     /// Advances to `time` (s since the roll began); a time that has passed changes nothing.
@@ -265,6 +290,9 @@ impl<'a> Roller<'a> {
         forces: &Forces,
         span: f64,
     ) -> Option<(f64, Wall)> {
+        if !near_any_wall(end.place) {
+            return None;
+        }
         let mut first: Option<(f64, Wall)> = None;
         for wall in WALLS {
             let gap = self.rules.gap(wall, end.place);
@@ -354,9 +382,7 @@ impl<'a> Roller<'a> {
             let velocity = self.ball.velocity;
             let outwards = velocity[0] * normal[0] + velocity[1] * normal[1];
             if self.rules.gap(wall, self.ball.position) < 1e-6 {
-                for k in 0..2 {
-                    self.ball.velocity[k] -= outwards * normal[k];
-                }
+                self.ball.velocity = [0, 1].map(|k| velocity[k] - outwards * normal[k]);
             }
         }
         let forces = Forces { push: [0.0; 2], ..self.forces(span) };

@@ -1,8 +1,9 @@
 //! From the camera's samples to free rolls.
 //!
 //! A roll ends where samples are missing, where the ball comes near a striker, where it is put
-//! elsewhere or pushed (its velocity changes away from every wall), at the end of its run, and after
-//! [`LONGEST`]. Pieces in which it hardly moves are left out, and so is rest before and after.
+//! elsewhere or pushed (its velocity changes away from every wall), at the end of its run, and
+//! after [`LONGEST`]. Pieces in which it hardly moves are left out, and so is rest before and
+//! after.
 
 use super::{HALF_BOARD, RADIUS};
 use crate::{
@@ -24,8 +25,10 @@ const GAP: f64 = 0.1;
 /// Faster than this (m/s) no ball rolls: it was put elsewhere.
 const FASTEST: f64 = 8.0;
 
-/// Longest roll (s): errors of its start grow with time, so a long one is cut.
-pub(super) const LONGEST: f64 = 1.25;
+/// Longest roll (s): what is wrong with a twin grows with every impact, and a fit that starts far
+/// off then finds no way back; over a third to two thirds of a second it does, and nothing is lost
+/// but that the pieces of one roll join.
+const LONGEST: f64 = 0.64;
 
 /// Fewest samples of a roll.
 const FEWEST: usize = 24;
@@ -38,6 +41,9 @@ const FIRST: Range<usize> = 5..11;
 
 /// Samples on each side from which a push is judged.
 const BESIDE: usize = 5;
+
+/// Samples left out on each side of a push.
+const AROUND: usize = 2;
 
 /// Least sudden change of velocity away from walls that is a push (m/s).
 const PUSH: f64 = 0.15;
@@ -66,6 +72,19 @@ pub(super) struct Tracks {
     pub(super) rate_hz: f64,
     /// Standard deviation of one coordinate's noise, from second differences (m).
     pub(super) noise: f64,
+}
+
+/// One frame with a ball in it.
+#[derive(Debug, Clone)]
+pub(super) struct Sample {
+    /// When it was taken (s since the recording began).
+    pub(super) time: f64,
+    /// When it arrived (s since the recording began).
+    pub(super) arrival: f64,
+    /// The ball (m).
+    pub(super) ball: [f64; 2],
+    /// The strikers, where they were seen (m).
+    pub(super) strikers: [Option<[f64; 2]>; 2],
 }
 
 /// A piece of the track on which the ball rolls freely.
@@ -99,14 +118,13 @@ impl Tracks {
                 if stamped { since(Nanos(frame.capture_time_ns)) + epoch } else { since(arrival) };
             let Some(ball) = frame.ball.as_ref().map(place) else { continue };
             let strikers = [frame.left.as_ref().map(place), frame.right.as_ref().map(place)];
-            samples.push((time, since(arrival), ball, strikers));
+            samples.push(Sample { time, arrival: since(arrival), ball, strikers });
         }
         Ok(Self::new(samples))
     }
 
-    /// Tracks of samples (time, arrival, ball, strikers); those out of order are left out. `None`
-    /// when there are too few.
-    pub(super) fn new(samples: Vec<(f64, f64, [f64; 2], [Option<[f64; 2]>; 2])>) -> Option<Self> {
+    /// Tracks of samples; those out of order are left out. `None` when there are too few.
+    pub(super) fn new(samples: Vec<Sample>) -> Option<Self> {
         let mut tracks = Self {
             times: Vec::with_capacity(samples.len()),
             arrivals: Vec::with_capacity(samples.len()),
@@ -115,7 +133,7 @@ impl Tracks {
             rate_hz: 0.0,
             noise: 0.0,
         };
-        for (time, arrival, ball, strikers) in samples {
+        for Sample { time, arrival, ball, strikers } in samples {
             let ordered = tracks.times.last().is_none_or(|last| last + 1e-6 < time);
             if ordered && ball.iter().all(|coordinate| coordinate.is_finite()) {
                 tracks.times.push(time);
@@ -140,8 +158,8 @@ impl Tracks {
         Some(tracks)
     }
 
-    /// Straight lines through the samples: place at `at` and velocity, by axis, with the root of the
-    /// mean squared distance of the samples from them.
+    /// Straight lines through the samples: place at `at` and velocity, by axis, with the root of
+    /// the mean squared distance of the samples from them.
     pub(super) fn line(&self, samples: Range<usize>, at: f64) -> Line {
         let count = samples.len() as f64;
         let mean = |value: &dyn Fn(usize) -> f64| samples.clone().map(value).sum::<f64>() / count;
@@ -155,7 +173,13 @@ impl Tracks {
         };
         let off_rms = (mean(&|i| off(i, 0).powi(2) + off(i, 1).powi(2)) / 2.0).sqrt();
         let place = [0, 1].map(|k| centre[k] + velocity[k] * (at - middle));
-        Line { place, velocity, off_rms }
+        Line { middle, place, velocity, off_rms }
+    }
+
+    /// Standard deviation by noise of a velocity from `samples` samples in a row (m/s).
+    pub(super) fn velocity_spread(&self, samples: usize) -> f64 {
+        let count = samples as f64;
+        self.noise * self.rate_hz * (12.0 / (count * (count * count - 1.0))).sqrt()
     }
 
     fn near_striker(&self, sample: usize) -> bool {
@@ -171,14 +195,23 @@ impl Tracks {
     }
 }
 
+impl Line {
+    pub(super) fn speed(&self) -> f64 {
+        self.velocity[0].hypot(self.velocity[1])
+    }
+}
+
 /// A straight piece of the track.
+#[derive(Clone, Copy)]
 pub(super) struct Line {
+    /// Time of the middle of the samples (s).
+    pub(super) middle: f64,
     pub(super) place: [f64; 2],
     pub(super) velocity: [f64; 2],
     off_rms: f64,
 }
 
-fn median(values: &mut [f64]) -> f64 {
+pub(super) fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return 0.0;
     }
@@ -259,15 +292,11 @@ fn between_pushes(tracks: &Tracks, piece: Range<usize>) -> Vec<Range<usize>> {
         let gap = |k: usize| HALF_BOARD[k] - RADIUS - tracks.ball[i][k].abs();
         gap(0).min(gap(1))
     };
-    // The spread of a velocity from `BESIDE` samples; two of them are compared.
-    let count = BESIDE as f64;
-    let spread = tracks.noise * tracks.rate_hz * (12.0 / (count * (count * count - 1.0))).sqrt();
-    let least = PUSH.max(8.0 * spread);
+    let least = PUSH.max(8.0 * tracks.velocity_spread(BESIDE));
     let change = |i: usize| -> f64 {
         let beside = i - BESIDE..i + BESIDE;
         let (before, after) = (tracks.line(i - BESIDE..i, 0.0), tracks.line(i..i + BESIDE, 0.0));
-        let speed = before.velocity[0].hypot(before.velocity[1]);
-        let reach = 0.005 + 2.0 * speed / tracks.rate_hz;
+        let reach = 0.005 + 2.0 * before.speed() / tracks.rate_hz;
         if beside.clone().any(|i| from_wall(i) < reach) {
             return 0.0;
         }
@@ -277,8 +306,11 @@ fn between_pushes(tracks: &Tracks, piece: Range<usize>) -> Vec<Range<usize>> {
     let mut i = piece.start + BESIDE;
     while i + BESIDE <= piece.end {
         if least < change(i) {
-            parts.push(start..i.saturating_sub(BESIDE).max(start));
-            start = i + BESIDE;
+            let last = (i + 2 * BESIDE).min(piece.end - BESIDE);
+            let sizes = (i..=last).map(|at| (at, change(at)));
+            let at = sizes.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(i, |found| found.0);
+            parts.push(start..at.saturating_sub(AROUND).max(start));
+            start = at + AROUND;
             i = start + BESIDE;
         } else {
             i += 1;
