@@ -17,6 +17,7 @@
 //! | [`AxisStage`] | motion (force drives), command (velocity drives) | force, velocity |
 //! | [`EstimatorStage`] | positions of the camera | velocities of `/board/state` |
 
+mod axis;
 mod camera;
 mod document;
 mod drive;
@@ -26,6 +27,7 @@ mod plant;
 mod session;
 mod stage;
 
+pub use axis::{AxisError, AxisStage, FreeRun};
 pub use camera::CameraStage;
 pub use document::{TwinError, read_twin, write_twin};
 pub use drive::DriveStage;

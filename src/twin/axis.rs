@@ -249,7 +249,9 @@ fn shifted(values: &[f64], samples: f64) -> Vec<f64> {
             let place = index as f64 + samples;
             let (floor, s) = (place.floor(), place - place.floor());
             let [a, b, c, d] = [-1.0, 0.0, 1.0, 2.0].map(|offset| at(floor + offset));
-            b + 0.5 * s * (c - a + s * (2.0 * a - 5.0 * b + 4.0 * c - d + s * (3.0 * (b - c) + d - a)))
+            b + 0.5
+                * s
+                * (c - a + s * (2.0 * a - 5.0 * b + 4.0 * c - d + s * (3.0 * (b - c) + d - a)))
         })
         .collect()
 }

@@ -127,9 +127,10 @@ impl Chain {
     }
 
     fn through(&self, memory: &mut [f64; MOST_MEMORY], input: f64, motion: &Motion) -> f64 {
-        let taken_in = self.commands.iter().fold(input, |value, part| {
-            (part.call)(&part.p, part.memory(memory), value, motion.dt)
-        });
+        let taken_in = self
+            .commands
+            .iter()
+            .fold(input, |value, part| (part.call)(&part.p, part.memory(memory), value, motion.dt));
         self.efforts.iter().fold(taken_in, |force, part| {
             let motion = Motion { force, ..*motion };
             (part.call)(&part.p, part.memory(memory), &motion)
@@ -138,13 +139,7 @@ impl Chain {
 
     /// The input from which the motor gives `force`: of several, the one beside `near`; where none
     /// does (a limit), `near` plus what is lacking.
-    pub(super) fn input(
-        &self,
-        memory: &mut Memory,
-        force: f64,
-        near: f64,
-        motion: &Motion,
-    ) -> f64 {
+    pub(super) fn input(&self, memory: &mut Memory, force: f64, near: f64, motion: &Motion) -> f64 {
         if self.commands.is_empty() && self.efforts.is_empty() {
             return force;
         }

@@ -125,9 +125,11 @@ fn measured(recording: &Recording, name: String) -> Result<Measured, AxisError> 
         .filter_map(|(time, message)| Some((seconds(time, origin), message.position?)))
         .collect();
     if position.is_empty() {
-        position = integrated(outputs.iter().filter_map(|(time, message)| {
-            Some((seconds(time, origin), message.velocity?))
-        }));
+        position = integrated(
+            outputs
+                .iter()
+                .filter_map(|(time, message)| Some((seconds(time, origin), message.velocity?))),
+        );
     }
     let found = position.len().min(input.len());
     if found < LEAST_SAMPLES {
