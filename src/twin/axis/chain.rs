@@ -8,6 +8,10 @@ use crate::{
 /// Numbers of memory that all effects on the way of the command may have together.
 const MOST_MEMORY: usize = 32;
 
+/// Steps and their length (s) after which no lag remembers its start.
+const SETTLING_STEPS: usize = 300;
+const SETTLING_STEP: f64 = 0.02;
+
 /// One function of one instance, with its numbers and the place of its memory.
 #[derive(Debug, Clone)]
 struct Part<F> {
@@ -143,7 +147,7 @@ impl Chain {
         if self.commands.is_empty() && self.efforts.is_empty() {
             return force;
         }
-        let tolerance = 1e-9 * (1.0 + force.abs() + near.abs());
+        let tolerance = 1e-13 * (1.0 + force.abs() + near.abs());
         let step = 1e-3 * (1.0 + near.abs());
         let given = |input: f64| self.through(&mut memory.way.clone(), input, motion);
         let at_near = given(near);
@@ -158,18 +162,26 @@ impl Chain {
             slope = if to == from { 0.0 } else { (lacking - left) / (to - from) };
             (from, lacking) = (to, left);
         }
-        let solved = lacking.abs() <= 1e3 * tolerance;
+        let solved = lacking.abs() <= 1e4 * tolerance;
         let found = if solved { from } else { near + force - at_near };
         self.through(&mut memory.way, found, motion);
         found
     }
 
-    /// Brings the memory of the way to where `force` has stood for long.
+    /// Brings the memory of the way to where the motor has given `force` for long.
     pub(super) fn settle(&self, memory: &mut Memory, force: f64, motion: &Motion) {
-        const STEPS: usize = 200;
-        for _ in 0..STEPS {
-            let motion = Motion { dt: 0.01, ..*motion };
-            self.through(&mut memory.way, force, &motion);
+        let motion = Motion { dt: SETTLING_STEP, ..*motion };
+        let mut input = force;
+        for _ in 0..SETTLING_STEPS {
+            input += 0.5 * (force - self.through(&mut memory.way, input, &motion));
+        }
+    }
+
+    /// Brings the memory of the way to where `input` has stood for long.
+    pub(super) fn settle_input(&self, memory: &mut Memory, input: f64, motion: &Motion) {
+        let motion = Motion { dt: SETTLING_STEP, ..*motion };
+        for _ in 0..SETTLING_STEPS {
+            self.through(&mut memory.way, input, &motion);
         }
     }
 }

@@ -22,11 +22,14 @@ impl AxisStage {
     pub fn free_run(&self, twin: &Twin, window: f64) -> Option<FreeRun> {
         let chain = Chain::new(twin);
         let length = (window / self.dt).round().max(1.0) as usize;
-        let inputs = shifted(&self.raw_input, -chain.delay / self.dt);
+        // The input in the middle of each step.
+        let inputs = shifted(&self.raw_input, 0.5 - chain.delay / self.dt);
         let mut memory = chain.memory();
-        chain.settle(&mut memory, inputs.first().copied()?, &self.motion(0));
+        chain.settle_input(&mut memory, inputs.first().copied()?, &self.motion(0));
         let (mut squares, mut worst, mut count, mut windows) = (0.0_f64, 0.0_f64, 0, 0);
-        for begin in (0..(self.position.len() + 1).saturating_sub(length)).step_by(length) {
+        let first = super::ENDS * self.factor;
+        let end = (self.position.len() + 1).saturating_sub(first + length);
+        for begin in (first..end).step_by(length) {
             let mut motion = self.motion(begin);
             for (index, input) in inputs.iter().enumerate().skip(begin).take(length) {
                 let error = motion.position - self.position[index];

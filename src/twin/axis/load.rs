@@ -11,8 +11,10 @@ use crate::{
 };
 use std::{collections::BTreeSet, ops::Range};
 
-/// Length of the runs into which a recording without markers is cut (s).
-const UNMARKED_RUN_S: f64 = 2.5;
+/// Length of the pieces into which long runs are cut (s).
+const PIECE_S: f64 = 2.5;
+/// Runs longer than this are cut (s).
+const LONG_RUN_S: f64 = 2.0 * PIECE_S;
 /// Fewest samples from which an axis can be told.
 const LEAST_SAMPLES: usize = 200;
 
@@ -50,7 +52,8 @@ pub enum AxisError {
 
 impl AxisStage {
     /// Every axis of `recording` that has both input and output. Runs are those of the markers, else
-    /// pieces of 2.5 s; times count from the recording's first message.
+    /// the whole recording, and long ones are cut into pieces of about 2.5 s; times count from the
+    /// recording's first message.
     ///
     /// # Errors
     /// When messages do not decode, an input is no force, or an axis is too short.
@@ -64,9 +67,10 @@ impl AxisStage {
     /// # Errors
     /// As [`AxisStage::from_recording`].
     pub fn from_runs(recording: &Recording, runs: &[Range<f64>]) -> Result<Vec<Self>, AxisError> {
+        let runs: Vec<Range<f64>> = runs.iter().flat_map(pieces).collect();
         let mut stages = Vec::new();
         for name in names(recording) {
-            stages.push(Self::new(measured(recording, name)?, runs));
+            stages.push(Self::new(measured(recording, name)?, &runs));
         }
         Ok(stages)
     }
@@ -88,7 +92,15 @@ fn seconds(time: Nanos, origin: Nanos) -> f64 {
     time.seconds_since(origin)
 }
 
-/// Runs of the markers, or equal pieces of the whole recording.
+/// A run, or the equal pieces of a long one.
+fn pieces(run: &Range<f64>) -> Vec<Range<f64>> {
+    let length = run.end - run.start;
+    let count = if LONG_RUN_S < length { (length / PIECE_S).round() } else { 1.0 };
+    let border = |k: usize| run.start + length * k as f64 / count;
+    (0..count as usize).map(|k| border(k)..border(k + 1)).collect()
+}
+
+/// Runs of the markers, or the whole recording.
 fn spans(recording: &Recording) -> Result<Vec<Range<f64>>, RecordingError> {
     let Some((origin, end)) = recording.time_range() else { return Ok(Vec::new()) };
     let mut open: Vec<(u32, f64)> = Vec::new();
@@ -103,10 +115,7 @@ fn spans(recording: &Recording) -> Result<Vec<Range<f64>>, RecordingError> {
         }
     }
     if spans.is_empty() {
-        let length = seconds(end, origin);
-        let count = (length / UNMARKED_RUN_S).round().max(1.0) as usize;
-        let piece = length / count as f64;
-        spans.extend((0..count).map(|k| piece * k as f64..piece * (k + 1) as f64));
+        spans.push(0.0..seconds(end, origin));
     }
     Ok(spans)
 }
@@ -185,7 +194,8 @@ fn integrated(velocities: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
 fn median_step(samples: &[(f64, f64)]) -> f64 {
     let mut steps: Vec<f64> = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
     steps.sort_by(f64::total_cmp);
-    steps.get(steps.len() / 2).copied().unwrap_or(0.0)
+    // Stamps are whole nanoseconds.
+    (steps.get(steps.len() / 2).copied().unwrap_or(0.0) * 1e9).round() * 1e-9
 }
 
 /// Samples at equal steps, on the straight lines between those recorded.
@@ -202,4 +212,29 @@ fn resampled(samples: &[(f64, f64)], start: f64, dt: f64, count: usize) -> Vec<f
             y0 + share * (y1 - y0)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_runs_are_cut_and_short_ones_kept() {
+        assert_eq!(pieces(&(1.0..5.0)), [1.0..5.0]);
+        let cut = pieces(&(10.0..20.0));
+        assert_eq!(cut, [10.0..12.5, 12.5..15.0, 15.0..17.5, 17.5..20.0]);
+    }
+
+    #[test]
+    fn samples_between_stamps_lie_on_the_line() {
+        let samples = [(0.0, 1.0), (0.1, 2.0), (0.3, 4.0)];
+        assert_eq!(resampled(&samples, 0.05, 0.1, 3), [1.5, 2.5, 3.5]);
+    }
+
+    #[test]
+    fn an_input_that_is_no_force_is_named() {
+        let error = unit_of("m/s", "slide").expect_err("a velocity is no force").to_string();
+        assert!(error.contains("axis 'slide' is driven by a velocity (m/s)"), "{error}");
+        assert_eq!(unit_of("Nm", "slide").ok(), Some("N m"));
+    }
 }
