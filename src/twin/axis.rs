@@ -1,13 +1,14 @@
 //! A single axis driven by force: its measured motion to the input that it took.
 //!
-//! The input follows from the measured motion by inverse dynamics, u = chain^-1(M a - F + friction),
-//! because the position of a controlled axis hardly shows its friction. Position is low-pass filtered
-//! without phase and differentiated centrally; measured and predicted input pass one more filter of
-//! that kind and are decimated (Gautier and Janot's procedure for robots, as in the EMPS benchmark).
-//! All physics comes from the twin's instances by its place; motor and rail are one coordinate here.
+//! The input follows from the measured motion by inverse dynamics, u = chain^-1(M a - F +
+//! friction), because the position of a controlled axis hardly shows its friction. Position is
+//! low-pass filtered without phase and differentiated centrally; measured and predicted input pass
+//! one more filter of that kind and are decimated (Gautier and Janot's procedure for robots, as in
+//! the EMPS benchmark). All physics comes from the twin's instances by its place; motor and rail
+//! are one coordinate here.
 //!
-//! At rest friction takes any value within its level, so there the input is predicted as near to the
-//! measured one as friction allows, and those samples are not compared.
+//! At rest friction takes any value within its level, so there the input is predicted as near to
+//! the measured one as friction allows, and those samples are not compared.
 
 mod chain;
 mod filter;

@@ -2,9 +2,9 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.friction.asymmetric`: the level of friction changes by (dv |v| + dc)/2 sign v, so that with the
-/// Coulomb and viscous terms of the twin Fc+- = Fc +- dc/2 and Fv+- = Fv +- dv/2 ([`by_direction`]).
-/// At rest it changes nothing. Source: Janot, Gautier and Brunot 2019 (EMPS).
+/// `drive.friction.asymmetric`: the level of friction changes by (dv |v| + dc)/2 sign v, so that
+/// with the Coulomb and viscous terms of the twin Fc+- = Fc +- dc/2 and Fv+- = Fv +- dv/2
+/// ([`by_direction`]). At rest it changes nothing. Source: Janot, Gautier and Brunot 2019 (EMPS).
 pub(crate) static ASYMMETRIC: Effect = Effect {
     name: "drive.friction.asymmetric",
     says: "friction is not the same in the two directions",
@@ -53,9 +53,10 @@ pub struct Directed {
 
 /// Friction forwards and backwards, as people print it: Fc+, Fv+ and Fc-, Fv-.
 ///
-/// `coulomb_n` and `viscous_n_s_per_m` are the twin's symmetric terms on the same axis, `p` the numbers
-/// of `drive.friction.asymmetric`. `constant_n` is the constant force beside them (`drive.offset`,
-/// `gantry.tilt`), which a moving axis cannot tell from dc/2: only the sums returned here are certain.
+/// `coulomb_n` and `viscous_n_s_per_m` are the twin's symmetric terms on the same axis, `p` the
+/// numbers of `drive.friction.asymmetric`. `constant_n` is the constant force beside them
+/// (`drive.offset`, `gantry.tilt`), which a moving axis cannot tell from dc/2: only the sums
+/// returned here are certain.
 ///
 /// ```
 /// use klasktron::effects::by_direction;

@@ -2,12 +2,13 @@
 
 use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
 
-/// `drive.friction.presliding`: the level of friction changes by -F (1 - z sign v tanh(|v|/v0)), with
-/// Dahl's state z' = v (1 - z sign v)/z0 of contacts that bend before they slide, -1 <= z <= 1. Far from a
-/// reversal nothing changes; beside one the sign of the velocity is rounded over the way z0 behind it, and
-/// over the velocity v0 on both sides, as lubricated contacts do. F may not exceed the dry friction that it
-/// rounds; the stiffness of the contacts is F/z0. Sources: Dahl 1968; Canudas de Wit, Olsson, Astrom and
-/// Lischinsky 1995; rounding by velocity: Makkar, Dixon, Sawyer and Hu 2005.
+/// `drive.friction.presliding`: the level of friction changes by -F (1 - z sign v tanh(|v|/v0)),
+/// with Dahl's state z' = v (1 - z sign v)/z0 of contacts that bend before they slide, -1 <= z <=
+/// 1. Far from a reversal nothing changes; beside one the sign of the velocity is rounded over the
+/// way z0 behind it, and over the velocity v0 on both sides, as lubricated contacts do. F may not
+/// exceed the dry friction that it rounds; the stiffness of the contacts is F/z0. Sources: Dahl
+/// 1968; Canudas de Wit, Olsson, Astrom and Lischinsky 1995; rounding by velocity: Makkar, Dixon,
+/// Sawyer and Hu 2005.
 pub(crate) static PRESLIDING: Effect = Effect {
     name: "drive.friction.presliding",
     says: "friction turns round smoothly at a reversal: contacts bend before they slide",
@@ -62,8 +63,8 @@ pub(crate) static PRESLIDING: Effect = Effect {
     ],
 };
 
-/// Memory: the bend z, by the exact solution for a constant velocity over the step. What has stopped is
-/// held by the bent contacts.
+/// Memory: the bend z, by the exact solution for a constant velocity over the step. What has
+/// stopped is held by the bent contacts.
 fn bend(p: &[f64], memory: &mut [f64], motion: &Motion) -> f64 {
     if motion.velocity == 0.0 {
         return -p[0] * (1.0 - memory[0].abs());

@@ -54,7 +54,8 @@ pub(super) struct Memory {
 }
 
 impl Chain {
-    /// The functions of the instances in `twin`. Motor and rail of a single axis are one coordinate.
+    /// The functions of the instances in `twin`. Motor and rail of a single axis are one
+    /// coordinate.
     pub(super) fn new(twin: &Twin) -> Self {
         let mut chain = Self::default();
         for instance in twin.instances.iter().filter(|instance| instance.axis.covers(0)) {

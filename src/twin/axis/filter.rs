@@ -66,7 +66,8 @@ impl LowPass {
         Self { sections: (0..pairs).map(section).collect() }
     }
 
-    /// `values` filtered forwards and backwards; at its ends it is continued by its point reflection.
+    /// `values` filtered forwards and backwards; at its ends it is continued by its point
+    /// reflection.
     pub(super) fn apply(&self, values: &[f64]) -> Vec<f64> {
         let n = values.len();
         if n < 2 {

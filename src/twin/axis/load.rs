@@ -26,8 +26,8 @@ pub enum AxisError {
     Recording(#[from] RecordingError),
     /// The input is neither a force nor something that makes one.
     #[error(
-        "axis '{name}' is driven by a {what} ({unit}); only inputs that make a force (N, N m, A, V) \
-         can be compared by inverse dynamics"
+        "axis '{name}' is driven by a {what} ({unit}); only inputs that make a force (N, N m, A, \
+         V) can be compared by inverse dynamics"
     )]
     NotForce {
         /// The axis.
@@ -51,9 +51,9 @@ pub enum AxisError {
 }
 
 impl AxisStage {
-    /// Every axis of `recording` that has both input and output. Runs are those of the markers, else
-    /// the whole recording, and long ones are cut into pieces of about 2.5 s; times count from the
-    /// recording's first message.
+    /// Every axis of `recording` that has both input and output. Runs are those of the markers,
+    /// else the whole recording, and long ones are cut into pieces of about 2.5 s; times count from
+    /// the recording's first message.
     ///
     /// # Errors
     /// When messages do not decode, an input is no force, or an axis is too short.
