@@ -166,8 +166,8 @@ impl Site {
     }
 }
 
-/// Unit of a number that is added to a command or compared with one: m/s of belt for a velocity drive,
-/// the unit of its input for any other axis.
+/// Unit of a number that is added to a command or compared with one: m/s of belt for a velocity
+/// drive, the unit of its input for any other axis.
 pub const COMMAND_UNIT: &str = "command";
 
 /// One number of an effect.

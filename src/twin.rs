@@ -18,6 +18,7 @@
 //! | [`EstimatorStage`] | positions of the camera | velocities of `/board/state` |
 
 mod ball;
+mod axis;
 mod camera;
 mod document;
 mod drive;
@@ -30,6 +31,7 @@ pub mod session;
 mod stage;
 
 pub use ball::{BallStage, WallImpact};
+pub use axis::{AxisError, AxisStage, FreeRun};
 pub use camera::CameraStage;
 pub use document::{TwinError, read_twin, write_twin};
 pub use drive::{DriveStage, Output};

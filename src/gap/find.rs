@@ -230,7 +230,7 @@ fn says(verdict: Verdict, effects: &[NamedEffect], class: &[Class], refit: &[Ref
 
 fn named(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> NamedEffect {
     let instance = twin.instance(step.effect.name, step.axis);
-    let parameters = instance
+    let parameters: Vec<NamedParameter> = instance
         .map(|instance| {
             step.effect
                 .parameters

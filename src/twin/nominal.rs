@@ -1,7 +1,10 @@
 //! The built-in start: deliberately plain, so that everything beyond it is found and not assumed.
 
 use super::{Instance, Machine, Source, Twin};
-use crate::effects::{self, Axis};
+use crate::{
+    effects::{self, Axis},
+    gantry::BELT_METRES_PER_TURN,
+};
 
 /// Masses from the table's drawings: carriage 0.25 kg, bridge 0.45 kg (moves along y), two rotors of
 /// 4.0e-5 kg m^2 on 0.04 m of belt per turn, each 0.987 kg of belt.
@@ -9,9 +12,6 @@ const MASS_KG: [f64; 2] = [2.22, 2.67];
 
 /// Mass of the striker above the board (kg).
 const STRIKER_MASS_KG: f64 = 0.012;
-
-/// Belt per turn of a motor (m): pulleys of 20 teeth at 2 mm.
-const BELT_PER_TURN_M: f64 = 0.04;
 
 /// Effects of the plain table: name, axis, numbers.
 const TABLE: &[(&str, Axis, &[f64])] = &[
@@ -53,7 +53,7 @@ impl Twin {
         Self {
             machine,
             striker_mass: STRIKER_MASS_KG,
-            belt_per_turn: BELT_PER_TURN_M,
+            belt_per_turn: BELT_METRES_PER_TURN,
             instances,
             left: Vec::new(),
             fitted_to: Vec::new(),

@@ -7,18 +7,17 @@ use super::{
 };
 use crate::{
     effects::Domain,
+    gantry::BELT_METRES_PER_TURN,
     recording::{
         Recording, RecordingError, Split,
-        schema::message::{CameraDetections, CarriageState, MotorState, VelocityCommand},
+        message::{CameraDetections, CarriageState, MotorState, VelocityCommand},
         topic::{self, Motor, Player},
     },
     units::Nanos,
 };
 use serde::{Deserialize, Serialize};
-use std::{f64::consts::TAU, ops::Range};
+use std::ops::Range;
 
-/// Belt per turn of a motor (m).
-const BELT_PER_TURN: f64 = 0.04;
 
 /// Length of the runs into which a recording without markers is cut (s).
 const UNMARKED_RUN: f64 = 5.0;
@@ -243,8 +242,8 @@ fn motor_readings(
         let series = recording.series::<MotorState>(&topic::motor(player, motor))?;
         *readings = Readings::collect(series.iter().map(|(time, state)| {
             let torque = state.torque_estimate_nm.or(state.torque_target_nm).unwrap_or(f64::NAN);
-            let position = state.position_turns * BELT_PER_TURN;
-            let velocity = state.velocity_turns_per_s * BELT_PER_TURN;
+            let position = state.position_turns * BELT_METRES_PER_TURN;
+            let velocity = state.velocity_turns_per_s * BELT_METRES_PER_TURN;
             (seconds(time, origin), [position, velocity, torque])
         }));
     }
@@ -412,11 +411,6 @@ pub fn camera_stage(
 /// Height of the striker's mark above the board (m).
 const STRIKER_HEIGHT: f64 = 0.02;
 
-/// Metres of belt per radian of a motor.
-#[must_use]
-pub fn belt_radius() -> f64 {
-    BELT_PER_TURN / TAU
-}
 
 impl Machine {
     /// The places at which an effect of `site` may act on this machine.
@@ -428,6 +422,7 @@ impl Machine {
             // One motor is one rail: the place is written one way.
             Self::Axis => match site {
                 Site::Motors => vec![Axis::Motors],
+                Site::OneMotor => Vec::new(),
                 Site::Rails | Site::MotorsAndRails => vec![Axis::Rails],
                 Site::Whole => vec![Axis::Whole],
             },

@@ -2,9 +2,9 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.backlash`: the load stays where it is until the motor has crossed the play: the play operator
-/// load = clamp(load, motor - b/2, motor + b/2), for a load that friction holds. It begins in the middle.
-/// Source: Nordin and Gutman 2002, Automatica 38(10).
+/// `drive.backlash`: the load stays where it is until the motor has crossed the play: the play
+/// operator load = clamp(load, motor - b/2, motor + b/2), for a load that friction holds. It begins
+/// in the middle. Source: Nordin and Gutman 2002, Automatica 38(10).
 pub(crate) static BACKLASH: Effect = Effect {
     name: "drive.backlash",
     says: "after a reversal the motor turns a little before the load follows",

@@ -2,9 +2,9 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.compliance.belt`: the load lags behind the motor by F/k, with the force F that passes between
-/// them, so by M a/k: the stretch of the two-mass model below its resonance. The compliance is 1/k; a load M
-/// then swings at sqrt(k/M).
+/// `drive.compliance.belt`: the load lags behind the motor by F/k, with the force F that passes
+/// between them, so by M a/k: the stretch of the two-mass model below its resonance. The compliance
+/// is 1/k; a load M then swings at sqrt(k/M).
 pub(crate) static COMPLIANCE_BELT: Effect = Effect {
     name: "drive.compliance.belt",
     says: "the belt stretches, so the load lags in accelerations",

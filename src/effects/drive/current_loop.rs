@@ -2,8 +2,8 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.current_loop`: Te F' + F = Fd, by an implicit step that delays by Te whatever the step. In an
-/// inverse model it is an extra force M Te jerk.
+/// `drive.current_loop`: Te F' + F = Fd, by an implicit step that delays by Te whatever the step.
+/// In an inverse model it is an extra force M Te jerk.
 pub(crate) static CURRENT_LOOP: Effect = Effect {
     name: "drive.current_loop",
     says: "the motor force follows its demand with a short first-order lag",

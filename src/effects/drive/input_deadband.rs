@@ -2,9 +2,9 @@
 
 use crate::effects::{COMMAND_UNIT, Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.input_deadband`: r = 0 where |u| < u0, in the unit of the command; beyond it u - s u0 sign u.
-/// With s = 0 small commands are ignored and all others pass whole, with s = 1 they lose the band (the
-/// dead zone of the textbooks).
+/// `drive.input_deadband`: r = 0 where |u| < u0, in the unit of the command; beyond it u - s u0
+/// sign u. With s = 0 small commands are ignored and all others pass whole, with s = 1 they lose
+/// the band (the dead zone of the textbooks).
 pub(crate) static INPUT_DEADBAND: Effect = Effect {
     name: "drive.input_deadband",
     says: "the drive ignores small commands, in both directions and everywhere",

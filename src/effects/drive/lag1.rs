@@ -2,8 +2,8 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.lag1`: tau r' + r = u, by an implicit step: at low frequency the discrete lag delays by tau
-/// exactly, whatever the step, and it is no lag at all at tau = 0.
+/// `drive.lag1`: tau r' + r = u, by an implicit step: at low frequency the discrete lag delays by
+/// tau exactly, whatever the step, and it is no lag at all at tau = 0.
 pub(crate) static LAG1: Effect = Effect {
     name: "drive.lag1",
     says: "commands are smoothed on their way by a first-order lag",

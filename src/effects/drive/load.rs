@@ -2,8 +2,9 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.friction.load`: the level grows by Kl |F|, with the drive force F. Source: Duclusaud et al. 2024,
-/// "Extended friction models for the physics simulation of servo actuators" (arXiv 2410.08650).
+/// `drive.friction.load`: the level grows by Kl |F|, with the drive force F. Source: Duclusaud et
+/// al. 2024, "Extended friction models for the physics simulation of servo actuators" (arXiv
+/// 2410.08650).
 pub(crate) static LOAD: Effect = Effect {
     name: "drive.friction.load",
     says: "friction grows with the force that the drive gives",

@@ -2,8 +2,8 @@
 
 use crate::effects::{COMMAND_UNIT, Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.offset`: u -> u + u0, in the unit of the command: m/s of belt for a velocity drive, N for a
-/// force drive, where it is a constant force and the published offset of an inverse model is -u0.
+/// `drive.offset`: u -> u + u0, in the unit of the command: m/s of belt for a velocity drive, N for
+/// a force drive, where it is a constant force and the published offset of an inverse model is -u0.
 /// Source: Janot, Gautier and Brunot 2019 (EMPS).
 pub(crate) static OFFSET: Effect = Effect {
     name: "drive.offset",

@@ -2,7 +2,8 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.friction.position`: the level changes by s q + c q^2, q from the origin of the coordinate.
+/// `drive.friction.position`: the level changes by s q + c q^2, q from the origin of the
+/// coordinate.
 pub(crate) static POSITION: Effect = Effect {
     name: "drive.friction.position",
     says: "friction is higher in some places of the travel than in others",

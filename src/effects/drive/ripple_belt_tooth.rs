@@ -3,8 +3,8 @@
 use super::ripple_motor::wave;
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.ripple.belt_tooth`: A sin(2 pi q/p) + B cos(2 pi q/p), with the pitch p of a GT2 belt. The place
-/// of the teeth belongs to a session.
+/// `drive.ripple.belt_tooth`: A sin(2 pi q/p) + B cos(2 pi q/p), with the pitch p of a GT2 belt.
+/// The place of the teeth belongs to a session.
 pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     name: "drive.ripple.belt_tooth",
     says: "a small force repeats with every tooth of the belt",

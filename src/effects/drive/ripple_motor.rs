@@ -2,9 +2,9 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.ripple.motor`: A sin(2 pi q/p) + B cos(2 pi q/p), where p is the travel per turn or per pole, not
-/// known beforehand: [`periods`](super::scan::periods) proposes it. The place of the rotor belongs to a
-/// session.
+/// `drive.ripple.motor`: A sin(2 pi q/p) + B cos(2 pi q/p), where p is the travel per turn or per
+/// pole, not known beforehand: [`periods`](super::scan::periods) proposes it. The place of the
+/// rotor belongs to a session.
 pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     name: "drive.ripple.motor",
     says: "a small force repeats with the turns of the motor",

@@ -3,8 +3,8 @@
 use super::ripple_motor::wave;
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.ripple.pulley`: A sin(2 pi q/p) + B cos(2 pi q/p), with p the belt per turn. The place of the
-/// pulley belongs to a session.
+/// `drive.ripple.pulley`: A sin(2 pi q/p) + B cos(2 pi q/p), with p the belt per turn. The place of
+/// the pulley belongs to a session.
 pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     name: "drive.ripple.pulley",
     says: "a small force repeats with every turn of the pulley",

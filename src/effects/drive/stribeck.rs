@@ -2,9 +2,9 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.friction.stribeck`: the level grows by (Fs - Fc) exp(-(v/vs)^2), Fs > Fc. A negative bump is
-/// rounding of the sign of velocity (presliding, a lag, a filter) and no Stribeck effect, so the bound
-/// excludes it. Source: Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7).
+/// `drive.friction.stribeck`: the level grows by (Fs - Fc) exp(-(v/vs)^2), Fs > Fc. A negative bump
+/// is rounding of the sign of velocity (presliding, a lag, a filter) and no Stribeck effect, so the
+/// bound excludes it. Source: Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7).
 pub(crate) static STRIBECK: Effect = Effect {
     name: "drive.friction.stribeck",
     says: "friction is higher at creeping speed, so it sticks before it slides",

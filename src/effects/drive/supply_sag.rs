@@ -2,9 +2,9 @@
 
 use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
 
-/// `drive.supply_sag`: V = V0 - Rs I with I = P/V0, so that all forces shrink by the share s P, where P is
-/// the mechanical power that both motors take from the supply and s = Rs/V0^2. Power that a braking motor
-/// returns is not counted.
+/// `drive.supply_sag`: V = V0 - Rs I with I = P/V0, so that all forces shrink by the share s P,
+/// where P is the mechanical power that both motors take from the supply and s = Rs/V0^2. Power
+/// that a braking motor returns is not counted.
 pub(crate) static SUPPLY_SAG: Effect = Effect {
     name: "drive.supply_sag",
     says: "the supply voltage drops under load, so both motors weaken when the total power is high",

@@ -2,8 +2,8 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `drive.friction.thermal_drift`: the level changes by (dc + dv |v|) (1 - exp(-t/T)), t since the session
-/// began; warm grease makes dc and dv negative.
+/// `drive.friction.thermal_drift`: the level changes by (dc + dv |v|) (1 - exp(-t/T)), t since the
+/// session began; warm grease makes dc and dv negative.
 pub(crate) static THERMAL_DRIFT: Effect = Effect {
     name: "drive.friction.thermal_drift",
     says: "friction changes slowly while the drive warms up",

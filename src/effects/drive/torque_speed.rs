@@ -2,8 +2,8 @@
 
 use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
 
-/// `drive.saturation.torque_speed`: |F| <= Fmax (1 - |v|/v0) while the motor drives, |F| <= Fmax while
-/// it brakes: the line of a direct-current motor on a fixed supply.
+/// `drive.saturation.torque_speed`: |F| <= Fmax (1 - |v|/v0) while the motor drives, |F| <= Fmax
+/// while it brakes: the line of a direct-current motor on a fixed supply.
 pub(crate) static TORQUE_SPEED: Effect = Effect {
     name: "drive.saturation.torque_speed",
     says: "the motor runs out of force at high speed",

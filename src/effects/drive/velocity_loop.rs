@@ -3,8 +3,8 @@
 use crate::effects::{Domain, Effect, LoopGains, Parameter, Physics, Regressor, Site};
 use std::f64::consts::TAU;
 
-/// `drive.velocity_loop`: with mass M, force M (2 z w e + w^2 integral of e), so that the closed loop
-/// is (2 z w s + w^2) / (s^2 + 2 z w s + w^2).
+/// `drive.velocity_loop`: with mass M, force M (2 z w e + w^2 integral of e), so that the closed
+/// loop is (2 z w s + w^2) / (s^2 + 2 z w s + w^2).
 pub(crate) static VELOCITY_LOOP: Effect = Effect {
     name: "drive.velocity_loop",
     says: "the velocity loop answers with another bandwidth or damping",

@@ -1,0 +1,63 @@
+//! The axis run free: from its measured input to its position.
+
+use super::{AxisStage, chain::Chain, shifted, sign};
+use crate::{effects::Motion, twin::Twin};
+
+/// How far a free-running axis strays from its measured position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FreeRun {
+    /// RMS of the position error (m or rad).
+    pub position_rms: f64,
+    /// Largest error (m or rad).
+    pub position_worst: f64,
+    /// Windows that were run.
+    pub windows: usize,
+}
+
+impl AxisStage {
+    /// Runs `twin` from the measured input, anew from the measured state after each `window`
+    /// seconds. To report beside the input's residual, never to fit: an integrator piles up the
+    /// smallest bias. `None` without a whole window.
+    #[must_use]
+    pub fn free_run(&self, twin: &Twin, window: f64) -> Option<FreeRun> {
+        let chain = Chain::new(twin);
+        let length = (window / self.dt).round().max(1.0) as usize;
+        // The input in the middle of each step.
+        let inputs = shifted(&self.raw_input, 0.5 - chain.delay / self.dt);
+        let mut memory = chain.memory();
+        chain.settle_input(&mut memory, inputs.first().copied()?, &self.motion(0));
+        let (mut squares, mut worst, mut count, mut windows) = (0.0_f64, 0.0_f64, 0, 0);
+        let first = super::ENDS * self.factor;
+        let end = (self.position.len() + 1).saturating_sub(first + length);
+        for begin in (first..end).step_by(length) {
+            let mut motion = self.motion(begin);
+            for (index, input) in inputs.iter().enumerate().skip(begin).take(length) {
+                let error = motion.position - self.position[index];
+                squares += error * error;
+                worst = worst.max(error.abs());
+                count += 1;
+                motion.time = self.time(index);
+                motion.force = chain.force(&mut memory, *input, &motion);
+                step(&chain, &mut memory, &mut motion);
+            }
+            windows += 1;
+        }
+        (0 < count).then(|| FreeRun {
+            position_rms: (squares / f64::from(count)).sqrt(),
+            position_worst: worst,
+            windows,
+        })
+    }
+}
+
+/// One step: friction takes away at most the whole velocity.
+fn step(chain: &Chain, memory: &mut super::chain::Memory, motion: &mut Motion) {
+    motion.mass = chain.mass(motion).max(f64::MIN_POSITIVE);
+    let (forces, level) = chain.loads(memory, motion);
+    let before = motion.velocity;
+    let free = before + motion.dt * (motion.force + forces) / motion.mass;
+    let loss = (motion.dt * level.max(0.0) / motion.mass).min(free.abs());
+    motion.velocity = free - loss * sign(free);
+    motion.acceleration = (motion.velocity - before) / motion.dt;
+    motion.position += 0.5 * motion.dt * (before + motion.velocity);
+}

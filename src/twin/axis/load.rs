@@ -1,0 +1,240 @@
+//! Single axes out of a recording.
+
+use super::{AxisStage, Measured};
+use crate::{
+    recording::{
+        Recording, RecordingError,
+        message::{AxisInput, AxisOutput},
+        topic,
+    },
+    units::Nanos,
+};
+use std::{collections::BTreeSet, ops::Range};
+
+/// Length of the pieces into which long runs are cut (s).
+const PIECE_S: f64 = 2.5;
+/// Runs longer than this are cut (s).
+const LONG_RUN_S: f64 = 2.0 * PIECE_S;
+/// Fewest samples from which an axis can be told.
+const LEAST_SAMPLES: usize = 200;
+
+/// Why an axis of a recording cannot be compared.
+#[derive(Debug, thiserror::Error)]
+pub enum AxisError {
+    /// The recording could not be decoded.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The input is neither a force nor something that makes one.
+    #[error(
+        "axis '{name}' is driven by a {what} ({unit}); only inputs that make a force (N, N m, A, \
+         V) can be compared by inverse dynamics"
+    )]
+    NotForce {
+        /// The axis.
+        name: String,
+        /// What its input is.
+        what: &'static str,
+        /// Unit of its input.
+        unit: String,
+    },
+    /// Too little to compare.
+    #[error(
+        "axis '{name}' has {found} samples of input and position at the same time; at least \
+         {LEAST_SAMPLES} are needed"
+    )]
+    TooShort {
+        /// The axis.
+        name: String,
+        /// How many there are.
+        found: usize,
+    },
+}
+
+impl AxisStage {
+    /// Every axis of `recording` that has both input and output. Runs are those of the markers,
+    /// else the whole recording, and long ones are cut into pieces of about 2.5 s; times count from
+    /// the recording's first message.
+    ///
+    /// # Errors
+    /// When messages do not decode, an input is no force, or an axis is too short.
+    pub fn from_recording(recording: &Recording) -> Result<Vec<Self>, AxisError> {
+        let spans = spans(recording)?;
+        Self::from_runs(recording, &spans)
+    }
+
+    /// The same with runs given as times since the recording's first message (s).
+    ///
+    /// # Errors
+    /// As [`AxisStage::from_recording`].
+    pub fn from_runs(recording: &Recording, runs: &[Range<f64>]) -> Result<Vec<Self>, AxisError> {
+        let runs: Vec<Range<f64>> = runs.iter().flat_map(pieces).collect();
+        let mut stages = Vec::new();
+        for name in names(recording) {
+            stages.push(Self::new(measured(recording, name)?, &runs));
+        }
+        Ok(stages)
+    }
+}
+
+/// Names of the axes with input and output, in order.
+fn names(recording: &Recording) -> Vec<String> {
+    let name_of = |channel: &crate::recording::Channel, end: &str| {
+        let rest = channel.topic.strip_prefix("/axis/")?.strip_suffix(end)?;
+        (!channel.messages.is_empty() && !rest.is_empty()).then(|| rest.to_owned())
+    };
+    let with = |end: &str| -> BTreeSet<String> {
+        recording.channels.iter().filter_map(|channel| name_of(channel, end)).collect()
+    };
+    with("/input").intersection(&with("/output")).cloned().collect()
+}
+
+fn seconds(time: Nanos, origin: Nanos) -> f64 {
+    time.seconds_since(origin)
+}
+
+/// A run, or the equal pieces of a long one.
+fn pieces(run: &Range<f64>) -> Vec<Range<f64>> {
+    let length = run.end - run.start;
+    let count = if LONG_RUN_S < length { (length / PIECE_S).round() } else { 1.0 };
+    let border = |k: usize| run.start + length * k as f64 / count;
+    (0..count as usize).map(|k| border(k)..border(k + 1)).collect()
+}
+
+/// Runs of the markers, or the whole recording.
+fn spans(recording: &Recording) -> Result<Vec<Range<f64>>, RecordingError> {
+    let Some((origin, end)) = recording.time_range() else { return Ok(Vec::new()) };
+    let mut open: Vec<(u32, f64)> = Vec::new();
+    let mut spans = Vec::new();
+    for (time, marker) in recording.markers()?.iter() {
+        let at = seconds(time, origin);
+        let begun = open.iter().position(|(run, _)| *run == marker.run).map(|k| open.remove(k).1);
+        match begun {
+            _ if marker.phase == 0 => open.push((marker.run, at)),
+            Some(start) if start < at => spans.push(start..at),
+            _ => {}
+        }
+    }
+    if spans.is_empty() {
+        spans.push(0.0..seconds(end, origin));
+    }
+    Ok(spans)
+}
+
+/// Input and position of axis `name` at the equal steps of its output.
+fn measured(recording: &Recording, name: String) -> Result<Measured, AxisError> {
+    let origin = recording.time_range().map_or(Nanos(0), |(first, _)| first);
+    let inputs = recording.series::<AxisInput>(&topic::axis_input(&name))?;
+    let outputs = recording.series::<AxisOutput>(&topic::axis_output(&name))?;
+    let recorded = inputs.values.first().map_or("", |first| first.unit.as_str());
+    let unit = unit_of(recorded, &name)?;
+    let input: Vec<(f64, f64)> =
+        inputs.iter().map(|(time, message)| (seconds(time, origin), message.value)).collect();
+    let mut position: Vec<(f64, f64)> = outputs
+        .iter()
+        .filter_map(|(time, message)| Some((seconds(time, origin), message.position?)))
+        .collect();
+    if position.is_empty() {
+        position = integrated(
+            outputs
+                .iter()
+                .filter_map(|(time, message)| Some((seconds(time, origin), message.velocity?))),
+        );
+    }
+    let found = position.len().min(input.len());
+    if found < LEAST_SAMPLES {
+        return Err(AxisError::TooShort { name, found });
+    }
+    let dt = median_step(&position);
+    let start = position[0].0.max(input[0].0);
+    let end = position[position.len() - 1].0.min(input[input.len() - 1].0);
+    let count = if dt > 0.0 && start < end { ((end - start) / dt + 1e-6) as usize + 1 } else { 0 };
+    if count < LEAST_SAMPLES {
+        return Err(AxisError::TooShort { name, found: count });
+    }
+    Ok(Measured {
+        input: resampled(&input, start, dt, count),
+        position: resampled(&position, start, dt, count),
+        name,
+        unit,
+        start,
+        dt,
+    })
+}
+
+/// The unit of a force-like input.
+fn unit_of(recorded: &str, name: &str) -> Result<&'static str, AxisError> {
+    let not_force =
+        |what| AxisError::NotForce { name: name.to_owned(), what, unit: recorded.to_owned() };
+    match recorded {
+        "N" => Ok("N"),
+        "N m" | "Nm" => Ok("N m"),
+        "A" => Ok("A"),
+        "V" => Ok("V"),
+        "m/s" | "rad/s" => Err(not_force("velocity")),
+        "m" | "rad" => Err(not_force("position")),
+        _ => Err(not_force("quantity of another unit")),
+    }
+}
+
+/// Positions from velocities, from zero, by trapezia.
+fn integrated(velocities: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
+    let mut before: Option<(f64, f64)> = None;
+    let mut position = 0.0;
+    velocities
+        .map(|(time, velocity)| {
+            if let Some((earlier, last)) = before {
+                position += 0.5 * (time - earlier) * (velocity + last);
+            }
+            before = Some((time, velocity));
+            (time, position)
+        })
+        .collect()
+}
+
+fn median_step(samples: &[(f64, f64)]) -> f64 {
+    let mut steps: Vec<f64> = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    steps.sort_by(f64::total_cmp);
+    // Stamps are whole nanoseconds.
+    (steps.get(steps.len() / 2).copied().unwrap_or(0.0) * 1e9).round() * 1e-9
+}
+
+/// Samples at equal steps, on the straight lines between those recorded.
+fn resampled(samples: &[(f64, f64)], start: f64, dt: f64, count: usize) -> Vec<f64> {
+    let mut k = 0;
+    (0..count)
+        .map(|index| {
+            let time = start + dt * index as f64;
+            while k + 2 < samples.len() && samples[k + 1].0 <= time {
+                k += 1;
+            }
+            let ((t0, y0), (t1, y1)) = (samples[k], samples[k + 1]);
+            let share = if t0 < t1 { ((time - t0) / (t1 - t0)).clamp(0.0, 1.0) } else { 0.0 };
+            y0 + share * (y1 - y0)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_runs_are_cut_and_short_ones_kept() {
+        assert_eq!(pieces(&(1.0..5.0)), [1.0..5.0]);
+        let cut = pieces(&(10.0..20.0));
+        assert_eq!(cut, [10.0..12.5, 12.5..15.0, 15.0..17.5, 17.5..20.0]);
+    }
+
+    #[test]
+    fn samples_between_stamps_lie_on_the_line() {
+        let samples = [(0.0, 1.0), (0.1, 2.0), (0.3, 4.0)];
+        assert_eq!(resampled(&samples, 0.05, 0.1, 3), [1.5, 2.5, 3.5]);
+    }
+
+    #[test]
+    fn an_input_that_is_no_force_is_named() {
+        let error = unit_of("m/s", "slide").expect_err("a velocity is no force").to_string();
+        assert!(error.contains("axis 'slide' is driven by a velocity (m/s)"), "{error}");
+        assert_eq!(unit_of("Nm", "slide").ok(), Some("N m"));
+    }
+}

@@ -1,0 +1,136 @@
+use super::*;
+use crate::{
+    effects::{self, Axis},
+    twin::{Instance, Machine, Source},
+};
+
+const DT: f64 = 1e-3;
+
+fn twin(effects: &[(&str, &[f64])]) -> Twin {
+    let instances = effects
+        .iter()
+        .map(|(name, values)| {
+            let effect = effects::find(name).expect("the catalogue has it");
+            Instance::new(effect, Axis::Motors, values, Source::Known)
+        })
+        .collect();
+    Twin {
+        machine: Machine::Axis,
+        striker_mass: 0.0,
+        belt_per_turn: 0.04,
+        instances,
+        left: Vec::new(),
+        fitted_to: Vec::new(),
+    }
+}
+
+/// Two slow tones of position; the input is what `force` says about position, velocity and
+/// acceleration.
+fn stage(force: impl Fn(f64, f64, f64, f64) -> f64) -> AxisStage {
+    let (mut input, mut position) = (Vec::new(), Vec::new());
+    for index in 0..8000 {
+        let t = f64::from(index) * DT;
+        let [mut q, mut v, mut a] = [0.0; 3];
+        for (size, rate) in [(0.05, 3.0), (0.01, 11.0)] {
+            let (sine, cosine) = (rate * t).sin_cos();
+            q += size * sine;
+            v += size * rate * cosine;
+            a -= size * rate * rate * sine;
+        }
+        input.push(force(t, q, v, a));
+        position.push(q);
+    }
+    let measured =
+        Measured { name: "slide".into(), unit: "N", start: 0.0, dt: DT, input, position };
+    AxisStage::new(measured, &[0.0..4.0, 4.0..8.0])
+}
+
+fn rms(stage: &AxisStage, twin: &Twin) -> f64 {
+    let mut predicted = vec![Vec::new()];
+    stage.predict(twin, &[], &mut predicted);
+    let channel = &stage.channels()[0];
+    assert_eq!(predicted[0].len(), channel.measured.len());
+    let errors = channel.measured.iter().zip(&predicted[0]).map(|(a, b)| a - b);
+    let squares: Vec<f64> = errors.filter(|e| e.is_finite()).map(|e| e * e).collect();
+    assert!(500 < squares.len());
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+#[test]
+fn inverse_dynamics_gives_the_input() {
+    let stage = stage(|_, _, v, a| 3.0 * a + 8.0 * v + 1.5 * v.signum() - 0.4);
+    let right = twin(&[
+        ("gantry.inertia", &[3.0]),
+        ("drive.friction.viscous", &[8.0]),
+        ("drive.friction.coulomb", &[1.5]),
+        ("drive.offset", &[0.4]),
+    ]);
+    assert!(rms(&stage, &right) < 0.01, "{}", rms(&stage, &right));
+    let runs = &stage.channels()[0].runs;
+    assert_eq!(runs.len(), 2);
+    assert_eq!(runs[0].end, runs[1].start);
+}
+
+/// A delay or lag in the twin means that the input came before the motion shows it.
+#[test]
+fn delays_and_lags_are_undone() {
+    let stage = stage(|_, _, _, a| 3.0 * a);
+    let mass: (&str, &[f64]) = ("gantry.inertia", &[3.0]);
+    let predict = |twin: &Twin| {
+        let mut predicted = vec![Vec::new()];
+        stage.predict(twin, &[], &mut predicted);
+        predicted.remove(0)
+    };
+    let plain = predict(&twin(&[mass]));
+    for name in ["drive.delay", "drive.lag1", "drive.current_loop"] {
+        let (value, step) = (0.0005, 10.0 * DT);
+        let changed = predict(&twin(&[mass, (name, &[value])]));
+        for k in 20..plain.len() - 20 {
+            let ahead = plain[k] + value / step * 0.5 * (plain[k + 1] - plain[k - 1]);
+            assert!((changed[k] - ahead).abs() < 0.01, "{name} {} {ahead}", changed[k]);
+        }
+    }
+    let late = predict(&twin(&[mass, ("drive.delay", &[0.02])]));
+    for k in 20..plain.len() - 20 {
+        assert!((late[k] - plain[k + 2]).abs() < 0.01);
+    }
+}
+
+#[test]
+fn a_limit_does_not_hide_what_was_commanded_beyond_it() {
+    let stage = stage(|_, _, _, a| 3.0 * a);
+    let limited = twin(&[
+        ("gantry.inertia", &[3.0]),
+        ("drive.saturation.torque_speed", &[100.0, 100.0]),
+        ("drive.input_deadband", &[0.0, 0.0]),
+    ]);
+    assert!(rms(&stage, &limited) < 0.01);
+}
+
+#[test]
+fn free_run_follows_its_own_input() {
+    let stage = stage(|_, _, v, a| 3.0 * a + 8.0 * v);
+    let right = twin(&[("gantry.inertia", &[3.0]), ("drive.friction.viscous", &[8.0])]);
+    let run = stage.free_run(&right, 1.5).expect("five windows");
+    assert_eq!(run.windows, 5);
+    assert!(run.position_rms < 2e-4, "{run:?}");
+    let heavy = twin(&[("gantry.inertia", &[4.0]), ("drive.friction.viscous", &[8.0])]);
+    assert!(1e-3 < stage.free_run(&heavy, 1.5).expect("five windows").position_rms);
+}
+
+#[test]
+fn a_rest_is_not_compared() {
+    let velocity: Vec<f64> =
+        (0..300).map(|k| if (100..200).contains(&k) { 1e-6 } else { 0.1 }).collect();
+    let resting = rests(&velocity, 1e-6, DT);
+    assert_eq!(resting.iter().filter(|rests| **rests).count(), 100);
+    assert!(rests(&velocity, 1e-8, DT).iter().all(|rests| !rests));
+}
+
+#[test]
+fn a_shift_reads_ahead() {
+    let line: Vec<f64> = (0..20).map(f64::from).collect();
+    let ahead = shifted(&line, 1.25);
+    assert!((ahead[5] - 6.25).abs() < 1e-12);
+    assert!((shifted(&line, -0.5)[5] - 4.5).abs() < 1e-12);
+}
