@@ -8,7 +8,7 @@ mod trace;
 pub(in crate::gap) mod view;
 
 use self::{
-    text::{count, number, percent, probability, sentence, shown_unit, with_interval},
+    text::{count, digits, number, percent, probability, sentence, shown_unit, with_interval},
     view::View,
 };
 use super::{
@@ -34,6 +34,12 @@ const PALETTE: [[u8; 3]; 6] =
 
 /// Most candidates that are shown without a click.
 const SHOWN_CANDIDATES: usize = 8;
+
+/// Share of the floor below which a gap is clearly smaller than it.
+const BELOW_FLOOR: f64 = 0.9;
+
+/// Times the loss of the named candidate from which another's is told as a multiple.
+const FAR_WORSE: f64 = 2.0;
 
 /// The page of `found`, which was found in `sessions`.
 #[must_use]
@@ -79,7 +85,9 @@ fn verdict(page: &mut Page, document: &Document) {
 
 fn verdict_words(verdict: Verdict) -> &'static str {
     match verdict {
-        Verdict::Named => "named – every effect passed all checks, on data that was not fitted too",
+        Verdict::Named => {
+            "named – every effect passed all checks, also on data that was not fitted"
+        }
         Verdict::None => "none – nothing is missing above the noise",
         Verdict::RefitOnly => "refit only – the structure is complete, values have moved",
         Verdict::Ambiguous => "ambiguous – several names explain the data equally well",
@@ -156,9 +164,17 @@ fn gaps(page: &mut Page, found: &Found<'_>) {
     page.paragraph(
         "RMS of what was measured less what was simulated: with the given twin (before) and with \
          the final one (after), on sessions that judge (held out) and on those that were fitted \
-         (train). The floor is the scatter of the sensor alone; no simulation comes below it.",
+         (train). The floor is the scatter of the measurement itself, from measurements alone.",
     );
     page.table_of_words(&gap_table(&found.document.gap));
+    let low: Vec<&str> = found.document.gap.iter().filter(ends_below).map(signal_of).collect();
+    if !low.is_empty() {
+        page.paragraph(&format!(
+            "Of {} the gap ends below the floor: there the floor is too high, since it takes quick \
+             changes of the motion for noise.",
+            low.join(", ")
+        ));
+    }
     for (outcome, floors) in found.outcomes.iter().zip(&found.floors) {
         let Some((picture, legend)) = steps::picture(outcome, floors) else { continue };
         page.subsection(link_name(outcome.kind));
@@ -171,6 +187,16 @@ fn gaps(page: &mut Page, found: &Found<'_>) {
         page.legend(&legend);
         page.picture(&picture);
     }
+}
+
+fn signal_of(gap: &SignalGap) -> &str {
+    &gap.signal
+}
+
+/// Whether what is left of a gap is clearly smaller than its floor.
+fn ends_below(gap: &&SignalGap) -> bool {
+    let after = gap.held_out_after.or(gap.train_after);
+    after.zip(gap.noise_floor).is_some_and(|(after, floor)| after < BELOW_FLOOR * floor)
 }
 
 fn gap_table(gaps: &[SignalGap]) -> Table {
@@ -331,8 +357,9 @@ fn spectra(page: &mut Page, view: &View<'_>, signal: &str, floor: Option<f64>) {
     for (stretches, colour) in both.iter().zip([ORANGE, BLUE]) {
         let Some(found) = spectrum::spectrum(stretches, rate_hz, length) else { continue };
         segments = found.segments;
-        let densities = found.density.iter().enumerate().skip(1);
-        let points = densities.map(|(k, s)| (k as f64 * found.bin_hz, factor * s.sqrt()));
+        // The first bin is the mean, and the last holds half the frequencies of the others.
+        let inner = 1..found.density.len().saturating_sub(1).max(1);
+        let points = inner.map(|k| (k as f64 * found.bin_hz, factor * found.density[k].sqrt()));
         curves.push(Curve { colour, stroke: Stroke::Solid, points: points.collect() });
     }
     if let Some(floor) = floor {
@@ -373,11 +400,9 @@ fn evidence(page: &mut Page, found: &Found<'_>) {
         for step in &outcome.added {
             page.subsection(&format!("{} on {}", step.effect.name, step.axis));
             page.paragraph(&format!(
-                "Block statistic F = {}, p = {} corrected for all tries; {} of the held-out \
-                 squared error removed.",
+                "Its block statistic in the screen: F = {}, p = {} corrected for all tries.",
                 number(step.statistic),
                 probability(step.p_value),
-                percent(step.held_out_gain)
             ));
             page.table_of_words(&contest(step));
         }
@@ -390,9 +415,12 @@ fn contest(step: &Added) -> Table {
         |name: &str, axis: &crate::effects::Axis| name == step.effect.name && *axis == step.axis;
     let named = step.contest.iter().find(|(name, axis, _)| own(name, axis)).map(|entry| entry.2);
     let rows = step.contest.iter().map(|(name, axis, loss)| {
-        let worse = named
-            .filter(|named| 0.0 < *named)
-            .map_or_else(String::new, |named| format!("{:+.2} %", 100.0 * (loss / named - 1.0)));
+        let worse = named.filter(|named| 0.0 < *named).map_or_else(String::new, |named| {
+            match loss / named {
+                ratio if ratio < FAR_WORSE => format!("{:+.2} %", 100.0 * (ratio - 1.0)),
+                ratio => format!("{} times", number(ratio)),
+            }
+        });
         let what = if own(name, axis) {
             "named"
         } else if step.class.contains(&name.as_str()) {
@@ -400,7 +428,7 @@ fn contest(step: &Added) -> Table {
         } else {
             ""
         };
-        vec![name.clone(), axis.to_string(), format!("{loss:.4}"), worse, what.to_owned()]
+        vec![name.clone(), axis.to_string(), digits(*loss, 5), worse, what.to_owned()]
     });
     let head = ["candidate", "axis", "loss per sample", "against the named", ""];
     Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect() }

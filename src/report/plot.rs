@@ -252,9 +252,10 @@ fn draw_line_plot(plot: &LinePlot, svg: &mut String) -> Drawn {
         }
         Scale::Logarithmic => {
             let (low, high) = (low.max(f64::MIN_POSITIVE), high.max(f64::MIN_POSITIVE));
-            let span = (low / 1.3..high * 1.3).log_scale();
+            let (low, high, ticks) = decades(low / 1.3, high * 1.3);
+            let span = (low..high).log_scale().with_key_points(ticks);
             let chart = builder.build_cartesian_2d(left..right, span)?;
-            draw_curves(plot, chart, low / 1.3)?;
+            draw_curves(plot, chart, low)?;
         }
     }
     area.present()?;
@@ -306,6 +307,35 @@ where
     Ok(())
 }
 
+/// Decades beyond which only powers of ten are marked.
+const WIDE_SPAN: f64 = 2.0;
+
+/// Marks of a logarithmic axis from `low` to `high`, and the ends of the axis, which are widened to
+/// hold two marks where they would hold fewer: powers of ten on a wide axis; one, two and five
+/// times those on a narrow one.
+fn decades(low: f64, high: f64) -> (f64, f64, Vec<f64>) {
+    let wide = WIDE_SPAN < (high / low).log10();
+    let steps: &[f64] = if wide { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    let (first, last) = (low.log10().floor() as i32 - 1, high.log10().ceil() as i32 + 1);
+    let all: Vec<f64> =
+        (first..=last).flat_map(|k| steps.iter().map(move |step| step * 10_f64.powi(k))).collect();
+    let within = |low: f64, high: f64| {
+        let (low, high) = (low * (1.0 - 1e-9), high * (1.0 + 1e-9));
+        all.iter().copied().filter(|tick| (low..=high).contains(tick)).collect::<Vec<f64>>()
+    };
+    let ticks = within(low, high);
+    if 2 <= ticks.len() {
+        return (low, high, ticks);
+    }
+    let below = all.iter().copied().filter(|tick| *tick <= low).fold(0.0, f64::max);
+    let above = all.iter().copied().filter(|tick| high <= *tick).fold(f64::MAX, f64::min);
+    if 0.0 < below && above < f64::MAX {
+        (below, above, within(below, above))
+    } else {
+        (low, high, ticks)
+    }
+}
+
 /// Ticks closer to zero than this are zero, off by rounding.
 const SMALLEST_TICK: f64 = 1e-12;
 
@@ -343,7 +373,8 @@ fn draw_step_plot(plot: &StepPlot, svg: &mut String) -> Drawn {
     let (low, high) = range(
         all.chain([plot.level]).filter(|value| value.is_finite() && f64::MIN_POSITIVE < *value),
     );
-    let (low, high) = (low.max(f64::MIN_POSITIVE) / 1.4, high.max(f64::MIN_POSITIVE) * 1.4);
+    let (low, high) = (low.max(f64::MIN_POSITIVE), high.max(f64::MIN_POSITIVE));
+    let (low, high, ticks) = decades(low / 1.3, high * 1.3);
     let lines = plot.steps.iter().map(Vec::len).max().unwrap_or(0) as u32;
     let (left, right) = (-0.5, plot.steps.len() as f64 - 0.5);
     let mut chart = ChartBuilder::on(&area)
@@ -352,7 +383,7 @@ fn draw_step_plot(plot: &StepPlot, svg: &mut String) -> Drawn {
         .margin_right(24)
         .x_label_area_size(STEP_LINE * lines + 12)
         .y_label_area_size(68)
-        .build_cartesian_2d(left..right.max(0.5), (low..high).log_scale())?;
+        .build_cartesian_2d(left..right.max(0.5), (low..high).log_scale().with_key_points(ticks))?;
     chart
         .configure_mesh()
         .disable_x_mesh()

@@ -12,10 +12,10 @@ use crate::{
 use std::ops::Range;
 
 /// Columns and rows of a map.
-const CELLS: (usize, usize) = (24, 18);
+const CELLS: (usize, usize) = (20, 16);
 
 /// Fewest samples for which a cell is drawn.
-const LEAST_SAMPLES: usize = 5;
+const LEAST_SAMPLES: usize = 4;
 
 /// Share of the samples at each end of an axis that are left out of the map, so that a few outliers
 /// do not set its scale.
@@ -82,7 +82,7 @@ fn map(view: &View<'_>, signal: &str, kind: Kind) -> Option<Maps> {
     let mut cells: Vec<f64> =
         grids[0].iter().flatten().copied().filter(|value| value.is_finite()).collect();
     cells.sort_by(f64::total_cmp);
-    let darkest = quantile(&cells, WITHIN_SHADES).filter(|value| 0.0 < *value)?;
+    let darkest = rounded_up(quantile(&cells, WITHIN_SHADES).filter(|value| 0.0 < *value)?);
     let picture = |column: usize, when: &str| {
         let map = HeatMap {
             title: format!("{signal}, {when}: RMS ({unit})"),
@@ -108,7 +108,14 @@ fn middle_range(samples: &[Sample], axis: usize) -> (f64, f64) {
     let values: Vec<f64> = samples.iter().map(|sample| sample.state[axis]).collect();
     let low = quantile(&values, BEYOND).unwrap_or(0.0);
     let high = quantile(&values, 1.0 - BEYOND).unwrap_or(1.0);
-    if low < high { (low, high) } else { (low - 0.5, low + 0.5) }
+    let room = 0.03 * (high - low);
+    if low < high { (low - room, high + room) } else { (low - 0.5, low + 0.5) }
+}
+
+/// The next number with two digits.
+fn rounded_up(value: f64) -> f64 {
+    let place = 10_f64.powi(1 - value.log10().floor() as i32);
+    (value * place).ceil() / place
 }
 
 /// RMS by cell, `[row][column]`; NaN where there are too few samples.
@@ -244,7 +251,7 @@ mod tests {
         let samples: Vec<Sample> =
             (0..6).map(|_| sample(0.01, 4.0)).chain([sample(0.99, 9.0)]).collect();
         let found = grid(&samples, [(0.0, 1.0), (0.0, 1.0)], 0, 1e3);
-        assert_eq!(found[9][0], 2e3);
-        assert!(found[9][23].is_nan());
+        assert_eq!(found[8][0], 2e3);
+        assert!(found[8][19].is_nan());
     }
 }

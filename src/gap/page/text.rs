@@ -53,7 +53,7 @@ pub(super) fn with_interval(value: f64, interval: Option<[f64; 2]>) -> [String; 
     // Two digits of the half width, and at least one of the value.
     let place = 1 - half.log10().floor() as i32;
     let written = |value: f64| {
-        if (0..=9).contains(&place) {
+        if (0..=5).contains(&place) {
             format!("{value:.*}", place as usize)
         } else {
             let before = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
@@ -102,6 +102,12 @@ mod tests {
         assert_eq!(with_interval(1234.0, Some([1000.0, 1500.0]))[0], "1234");
         assert_eq!([0.5, 2e-5, 0.0].map(probability), ["0.50", "2.0e-5", "< 1e-99"]);
         assert_eq!([0.123, 0.0123, 1.0].map(percent), ["12 %", "1.2 %", "100 %"]);
+    }
+
+    #[test]
+    fn small_intervals_have_powers_of_ten() {
+        let found = with_interval(4.24e-6, Some([1.24e-6, 7.24e-6]));
+        assert_eq!(found, ["4.2e-6", "1.2e-6 to 7.2e-6"]);
     }
 
     #[test]

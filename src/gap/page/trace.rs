@@ -23,9 +23,13 @@ pub(super) struct Trace {
     pub(super) part: usize,
     /// Start and end of the window (s since the session began).
     pub(super) window: Range<f64>,
-    /// The signal, and below it the residuals.
-    pub(super) pictures: [String; 2],
+    /// The signal, below it the residuals, and the residual after alone where the one before hides
+    /// it.
+    pub(super) pictures: Vec<String>,
 }
+
+/// How many times larger the residual before must be to hide the one after.
+const HIDDEN: f64 = 5.0;
 
 /// Where a window lies: session, its channel, and its samples.
 struct Place {
@@ -41,10 +45,14 @@ pub(super) fn trace(view: &View<'_>, signal: &str, floor: Option<f64>) -> Option
     let channel = part.channel(place.channel);
     let at = |sample: usize| channel.times[sample];
     let window = at(place.samples.start)..at(place.samples.end - 1);
-    let pictures = [
+    let mut pictures = vec![
         signal_picture(part, &place, signal, channel.unit),
-        residual_picture(part, &place, channel.unit, floor),
+        residual_picture(part, &place, floor, &[(ORANGE, 0), (BLUE, 1)]),
     ];
+    let [before, after] = [0, 1].map(|column| largest(part, &place, column));
+    if HIDDEN * after < before {
+        pictures.push(residual_picture(part, &place, floor, &[(BLUE, 1)]));
+    }
     Some(Trace { part: place.part, window, pictures })
 }
 
@@ -124,10 +132,22 @@ fn signal_picture(part: &PartView<'_>, place: &Place, signal: &str, unit: &str) 
     })
 }
 
-fn residual_picture(part: &PartView<'_>, place: &Place, unit: &str, floor: Option<f64>) -> String {
+/// Largest residual of one column in the window.
+fn largest(part: &PartView<'_>, place: &Place, column: usize) -> f64 {
+    let values = place.samples.clone().map(|sample| part.residual(place.channel, sample)[column]);
+    values.map(f64::abs).fold(0.0, f64::max)
+}
+
+/// The residuals of `columns`, each in its colour.
+fn residual_picture(
+    part: &PartView<'_>,
+    place: &Place,
+    floor: Option<f64>,
+    columns: &[([u8; 3], usize)],
+) -> String {
     let channel = part.channel(place.channel);
-    let (factor, unit) = shown_unit(unit);
-    let curve = |colour, column: usize| Curve {
+    let (factor, unit) = shown_unit(channel.unit);
+    let curve = |(colour, column): ([u8; 3], usize)| Curve {
         colour,
         stroke: Stroke::Solid,
         points: points(place, &channel.times, |sample| {
@@ -140,11 +160,14 @@ fn residual_picture(part: &PartView<'_>, place: &Place, unit: &str, floor: Optio
         Band { colour: GREY, points: points.to_vec() }
     };
     line_plot(&LinePlot {
-        title: "measured less simulated".to_owned(),
+        title: match columns {
+            [_] => "measured less simulated after, enlarged".to_owned(),
+            _ => "measured less simulated".to_owned(),
+        },
         x: "time in the session (s)".to_owned(),
         y: Axis { label: format!("residual ({unit})"), scale: Scale::Linear },
         bands: floor.map(band).into_iter().collect(),
-        curves: vec![curve(ORANGE, 0), curve(BLUE, 1)],
+        curves: columns.iter().copied().map(curve).collect(),
         size: (980, 240),
     })
 }
