@@ -521,4 +521,4 @@ fn making(page: &mut Page, provenance: &Provenance, sessions: &[Session]) {
 }
 
 #[cfg(test)]
-mod tests;
+pub(in crate::gap) mod tests;

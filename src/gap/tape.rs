@@ -110,3 +110,29 @@ fn collect(root: &str, view: &View<'_>, samples: &mut Vec<Sample>) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{gap::page::tests::found, recording::Recording};
+
+    #[test]
+    fn the_tape_holds_findings_and_twin_and_is_the_same_every_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let provenance = Provenance::new("klasktron gap".to_owned());
+        let bytes = ["one.mcap", "two.mcap"].map(|name| {
+            let path = folder.path().join(name);
+            write_tape(&found("nothing"), &provenance, &[], &path).unwrap();
+            std::fs::read(path).unwrap()
+        });
+        assert_eq!(bytes[0], bytes[1]);
+        let back = Recording::open(&folder.path().join("one.mcap")).unwrap();
+        assert_eq!(back.info("command_line"), Some("klasktron gap"));
+        for name in ["gap.json", "twin.json"] {
+            assert!(
+                back.attachment(name).is_some_and(|part| part.data.starts_with(b"{")),
+                "{name}"
+            );
+        }
+    }
+}

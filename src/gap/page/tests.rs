@@ -4,7 +4,7 @@ use crate::{
     twin::{Machine, Twin},
 };
 
-fn found(says: &str) -> Found<'static> {
+pub(in crate::gap) fn found(says: &str) -> Found<'static> {
     let document = Document {
         schema_version: SCHEMA_VERSION,
         verdict: Verdict::Ambiguous,

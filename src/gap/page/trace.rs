@@ -147,11 +147,19 @@ fn residual_picture(
 ) -> String {
     let channel = part.channel(place.channel);
     let (factor, unit) = shown_unit(channel.unit);
+    let counts = |sample: &usize| part.usable[place.channel][*sample];
+    let counted = place.samples.clone().find(counts).unwrap_or(place.samples.end);
     let curve = |(colour, column): ([u8; 3], usize)| Curve {
         colour,
         stroke: Stroke::Solid,
         points: points(place, &channel.times, |sample| {
-            factor * part.residual(place.channel, sample)[column]
+            // The first samples of a run do not count, but they are no outliers either.
+            let both = if sample < counted {
+                part.difference(place.channel, sample)
+            } else {
+                part.residual(place.channel, sample)
+            };
+            factor * both[column]
         }),
     };
     let band = |floor: f64| {

@@ -94,9 +94,11 @@ impl PartView<'_> {
 
     /// What was measured less what is predicted, before and after; not finite where nothing counts.
     pub(super) fn residual(&self, channel: usize, sample: usize) -> [f64; 2] {
-        if !self.usable[channel][sample] {
-            return [f64::NAN; 2];
-        }
+        if self.usable[channel][sample] { self.difference(channel, sample) } else { [f64::NAN; 2] }
+    }
+
+    /// The same of any sample, whether it counts or not.
+    pub(super) fn difference(&self, channel: usize, sample: usize) -> [f64; 2] {
         let measured = self.channel(channel).measured[sample];
         [&self.before, &self.after].map(|predicted| measured - predicted[channel][sample])
     }
