@@ -239,12 +239,28 @@ impl<'a> Problem<'a> {
     /// Whitened change of the prediction from `point` to each of `variants`, nuisances unchanged.
     #[must_use]
     pub fn contrasts(&self, point: &Point, variants: &[Twin], filters: &Filters) -> Vec<Vec<f64>> {
-        let base: Vec<Vec<Vec<f64>>> = self
-            .parts
+        self.contrasts_to(&self.predictions(point), point, variants, filters)
+    }
+
+    /// Predictions of all parts at `point`: `[part][channel][sample]`.
+    #[must_use]
+    pub fn predictions(&self, point: &Point) -> Vec<Vec<Vec<f64>>> {
+        self.parts
             .iter()
             .zip(&point.nuisance)
             .map(|(part, nuisance)| predict(part.stage, &point.twin, nuisance))
-            .collect();
+            .collect()
+    }
+
+    /// [`Self::contrasts`] to a prediction `base` that is known already.
+    #[must_use]
+    pub fn contrasts_to(
+        &self,
+        base: &[Vec<Vec<f64>>],
+        point: &Point,
+        variants: &[Twin],
+        filters: &Filters,
+    ) -> Vec<Vec<f64>> {
         let orders: Vec<Vec<Filter>> =
             self.parts.iter().map(|part| whiten::in_order(part.stage, filters)).collect();
         in_parallel(variants, |twin| {

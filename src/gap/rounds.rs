@@ -15,7 +15,10 @@ use crate::{
 pub const FAMILY_ERROR: f64 = 0.01;
 
 /// Candidates that are simulated again in one round.
-const SHORT_LIST: usize = 8;
+const SHORT_LIST: usize = 7;
+
+/// Places of one effect that are simulated again in one round.
+const PLACES_OF_ONE: usize = 2;
 
 /// Share of the best candidate's gain below which another is not simulated again.
 const WORTH_SIMULATING: f64 = 0.1;
@@ -234,9 +237,10 @@ impl Round {
             }
         }
         let winner = winner.map(|index| {
+            let index = bench.simplest(&trials, index, &sharp);
             let own = &trials[index];
             let mut class = Vec::new();
-            for other in trials.iter().skip(index + 1) {
+            for (_, other) in trials.iter().enumerate().filter(|(other, _)| *other != index) {
                 let same = other.candidate.effect == own.candidate.effect;
                 if bench.objection(other, &sharp).is_some() {
                     continue;
@@ -283,7 +287,10 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
             Reason::NotTestable
         } else if threshold <= candidate.p_value {
             Reason::NotSignificant
-        } else if short.len() < SHORT_LIST && WORTH_SIMULATING * best <= candidate.share {
+        } else if short.len() < SHORT_LIST
+            && WORTH_SIMULATING * best <= candidate.share
+            && short.iter().filter(|other| other.effect == candidate.effect).count() < PLACES_OF_ONE
+        {
             short.push(candidate);
             continue;
         } else {
@@ -296,8 +303,15 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
 
 /// `base` with the candidate's effect, everything fitted together.
 fn fitted(train: &Problem<'_>, base: &Fit, candidate: &Candidate, filters: &Filters) -> Fit {
-    let mut point = base.point.clone();
-    point.twin = screen::with(&point.twin, candidate.effect, candidate.axis, &candidate.start);
+    // The line of the screen may lead too far for what bends: the probe itself is a start as well.
+    let starts = [&candidate.start, &candidate.probe].map(|values| {
+        let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, values);
+        let point = Point { twin, nuisance: base.point.nuisance.clone() };
+        let loss = fit::squared(&train.whitened(&point, filters));
+        (point, loss)
+    });
+    let [line, probe] = starts;
+    let point = if probe.1 < line.1 { probe.0 } else { line.0 };
     let mut slots = base.slots.clone();
     slots.extend(slots_of_last(&point.twin));
     fit::fit(train, point, &slots, filters, 8)
@@ -383,6 +397,19 @@ impl Bench<'_, '_> {
         let opposite = (fitted - null) * (judged - null) < 0.0;
         let apart = (fitted - judged).abs();
         apart > 4.0 * spread && (opposite || 0.5 * size < apart)
+    }
+
+    /// Of the best trial and its rivals, the one with the fewest numbers; of equals the best.
+    fn simplest(&self, trials: &[Trial], best: usize, filters: &Filters) -> usize {
+        let count = |index: usize| trials[index].candidate.effect.parameters.len();
+        (best..trials.len())
+            .filter(|other| {
+                *other == best
+                    || self.is_rival(&trials[best], &trials[*other])
+                        && self.objection(&trials[*other], filters).is_none()
+            })
+            .min_by_key(|index| (count(*index), *index))
+            .unwrap_or(best)
     }
 
     /// Whether `other` explains all sessions as well as `own`.

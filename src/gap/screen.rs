@@ -8,7 +8,7 @@
 
 use super::{
     fit::{Fit, Normal},
-    problem::{Linear, Problem, dot},
+    problem::{Linear, Problem, dot, in_parallel},
     whiten::Filters,
 };
 use crate::{
@@ -27,6 +27,8 @@ pub struct Candidate {
     pub axis: Axis,
     /// The start of its parameters that explains most.
     pub start: Vec<f64>,
+    /// The probe behind it.
+    pub probe: Vec<f64>,
     /// Share of the whitened squared error that its columns explain beyond the known parameters.
     pub share: f64,
     /// F statistic of the block test.
@@ -44,54 +46,104 @@ pub struct Candidate {
 /// the effect is the same as a change of known parameters.
 const IMITATED: f64 = 0.02;
 
-/// Every effect that the link of `problem` can show and that `found` does not have yet.
+/// How many effects are tried on single axes, after the screen of the shared ones.
+const TRIED_ALONE: usize = 12;
+
+/// Every effect that the link of `problem` can show and that `found` does not have yet: first on all
+/// axes alike, then the best on each axis alone.
 #[must_use]
 pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
     let linear = problem.linear(&found.point, &found.slots, filters);
-    let normal = Normal::new(&linear);
-    let total = dot(&linear.residual, &linear.residual);
-    let twin = &found.point.twin;
-    let mut tried = Vec::new();
-    let mut variants = Vec::new();
-    for (effect, axis) in pairs(problem, twin) {
-        for probe in effect.probes {
-            let singles = single_variants(twin, effect, axis, probe);
-            tried.push((effect, axis, *probe, singles.len()));
-            variants.push(with(twin, effect, axis, probe));
-            variants.extend(singles);
+    let base = problem.predictions(&found.point);
+    let screen = Screen { problem, found, filters, base, normal: Normal::new(&linear), linear };
+    let (shared, single): (Vec<_>, Vec<_>) = pairs(problem, &found.point.twin)
+        .into_iter()
+        .partition(|(_, axis)| is_shared(*axis));
+    let tries = shared
+        .iter()
+        .flat_map(|(effect, axis)| effect.probes.iter().map(|probe| (*effect, *axis, probe.to_vec())))
+        .collect();
+    let mut best = screen.run(tries);
+    best.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let mut leading: Vec<(&'static Effect, Vec<f64>)> = Vec::new();
+    for candidate in &best {
+        if leading.len() < TRIED_ALONE && !leading.iter().any(|(effect, _)| *effect == candidate.effect) {
+            leading.push((candidate.effect, candidate.probe.clone()));
         }
     }
-    let columns = problem.contrasts(&found.point, &variants, filters);
-    let mut columns = columns.into_iter();
-    let mut best: Vec<Candidate> = Vec::new();
-    for (effect, axis, probe, singles) in tried {
-        let own: Vec<Vec<f64>> = columns.by_ref().take(1 + singles).collect();
-        let tested = test(&linear, &normal, total, own);
-        let candidate = Candidate {
-            effect,
-            axis,
-            start: tested.start(effect, probe),
-            share: tested.share,
-            statistic: tested.statistic,
-            p_value: tested.p_value,
-            visibility: tested.visibility,
-            tries: 1,
-        };
-        match best.iter_mut().find(|other| other.effect == effect && other.axis == axis) {
-            Some(other) => {
-                let tries = other.tries + 1;
-                let visibility = other.visibility.max(candidate.visibility);
-                if other.share < candidate.share {
-                    *other = candidate;
-                }
-                other.tries = tries;
-                other.visibility = visibility;
+    let tries = single
+        .iter()
+        .filter_map(|(effect, axis)| match leading.iter().find(|(own, _)| own == effect) {
+            Some((_, probe)) => Some((*effect, *axis, probe.clone())),
+            // What exists on single axes only was not tried yet.
+            None if !best.iter().any(|other| other.effect == *effect) => {
+                Some((*effect, *axis, effect.probes.first()?.to_vec()))
             }
-            None => best.push(candidate),
-        }
-    }
+            None => None,
+        })
+        .collect();
+    best.extend(screen.run(tries));
     best.sort_by(|a, b| b.share.total_cmp(&a.share));
     best
+}
+
+/// What all tries of one screen share.
+struct Screen<'a, 'b> {
+    problem: &'b Problem<'a>,
+    found: &'b Fit,
+    filters: &'b Filters,
+    base: Vec<Vec<Vec<f64>>>,
+    linear: Linear,
+    normal: Normal,
+}
+
+impl Screen<'_, '_> {
+    /// Tests every (effect, axis, probe); of several probes the best is kept.
+    fn run(&self, tries: Vec<(&'static Effect, Axis, Vec<f64>)>) -> Vec<Candidate> {
+        let twin = &self.found.point.twin;
+        let total = dot(&self.linear.residual, &self.linear.residual);
+        let tested = in_parallel(&tries, |(effect, axis, probe)| {
+            let mut variants = vec![with(twin, effect, *axis, probe)];
+            if effect.probes.len() == 1 {
+                variants.extend(single_variants(twin, effect, *axis, probe));
+            }
+            let columns =
+                self.problem.contrasts_to(&self.base, &self.found.point, &variants, self.filters);
+            test(&self.linear, &self.normal, total, columns)
+        });
+        let mut best: Vec<Candidate> = Vec::new();
+        for ((effect, axis, probe), tested) in tries.into_iter().zip(tested) {
+            let candidate = Candidate {
+                effect,
+                axis,
+                start: tested.start(effect, &probe),
+                probe,
+                share: tested.share,
+                statistic: tested.statistic,
+                p_value: tested.p_value,
+                visibility: tested.visibility,
+                tries: 1,
+            };
+            match best.iter_mut().find(|other| other.effect == effect && other.axis == axis) {
+                Some(other) => {
+                    let tries = other.tries + 1;
+                    let visibility = other.visibility.max(candidate.visibility);
+                    if other.share < candidate.share {
+                        *other = candidate;
+                    }
+                    other.tries = tries;
+                    other.visibility = visibility;
+                }
+                None => best.push(candidate),
+            }
+        }
+        best
+    }
+}
+
+/// Whether a place is all coordinates alike.
+fn is_shared(axis: Axis) -> bool {
+    matches!(axis, Axis::Motors | Axis::Rails | Axis::Whole)
 }
 
 /// Effect and axis of everything to try.
@@ -200,9 +252,6 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
     let factors = gram.partial_piv_lu().solve(&right);
     let factors: Vec<f64> = (0..count).map(|i| factors[(i, 0)]).collect();
     let explained: f64 = factors.iter().zip(&products).map(|(f, p)| f * p).sum();
-    if count == 1 && factors[0] <= 0.0 && own.len() != usize::MAX && !amplitudes {
-        // The wrong direction may be right for a signed amplitude; bounds decide in the fit.
-    }
     let (statistic, p_value) = hotelling(&kept, &linear.residual, &linear.blocks, linear.block_count);
     Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors }
 }

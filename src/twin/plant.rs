@@ -15,7 +15,7 @@ use crate::effects::{Axis, CrossMotion, LoopGains, Motion, Physics};
 const MOST_PARAMETERS: usize = 8;
 
 /// Longest step of the integration (s). A step ends wherever a command takes effect.
-pub const LONGEST_STEP: f64 = 0.5e-3;
+pub const LONGEST_STEP: f64 = 1e-3;
 
 /// One function of one instance, with its numbers and the place of its memory.
 #[derive(Debug, Clone, Copy)]
@@ -387,9 +387,4 @@ pub(super) fn calls(physics: &Physics) -> bool {
             | Physics::Friction(_)
             | Physics::Inertia(_)
     )
-}
-
-/// Whether a place is one of both coordinates at once.
-pub(super) fn is_shared(axis: Axis) -> bool {
-    matches!(axis, Axis::Motors | Axis::Rails | Axis::Whole)
 }
