@@ -173,11 +173,20 @@ fn motion(part: &PartView<'_>, channel: usize) -> Option<Coordinates> {
         .stage
         .channels()
         .iter()
-        .find(|other| other.axis == own.axis && length_of_velocity(other.unit).is_some())?;
+        .find(|other| other.axis == own.axis && length_of_velocity(other.unit).is_some());
+    let Some(partner) = partner else { return Some(own_slope(own)) };
     let unit = length_of_velocity(partner.unit)?;
     let motion = of_velocity(partner);
     let states = own.times.iter().map(|time| motion[nearest(&partner.times, *time)]).collect();
     (!partner.times.is_empty()).then(|| Coordinates { over, labels: rates(unit), states })
+}
+
+/// Value and slope of a signal by whose side no motion was recorded.
+fn own_slope(own: &Channel) -> Coordinates {
+    let slopes = slopes(own, &own.measured, half_steps(own, SLOPE_TIME.0));
+    let states = own.measured.iter().zip(slopes).map(|(value, slope)| [*value, slope]).collect();
+    let labels = [format!("{} ({})", own.signal, own.unit), format!("its slope ({}/s)", own.unit)];
+    Coordinates { over: "the signal itself and its slope", labels, states }
 }
 
 fn length_of_velocity(unit: &str) -> Option<&str> {
