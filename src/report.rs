@@ -9,5 +9,6 @@ mod plot;
 
 pub use html::{Page, Table, escape};
 pub use plot::{
-    Axis, Band, Curve, HeatMap, LinePlot, Scale, Stroke, heat_map, line_plot, path_plot,
+    Axis, Band, Curve, HeatMap, LinePlot, Scale, StepPlot, Stroke, heat_map, heat_map_within,
+    line_plot, path_plot, step_plot,
 };

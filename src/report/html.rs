@@ -24,6 +24,7 @@ body{font:16px/1.5 system-ui,sans-serif;color:#1d2733;background:#f6f7f9;margin:
 main{max-width:1080px;margin:0 auto;padding:24px 20px 60px;background:#fff}
 h1{font-size:28px;margin:8px 0 4px}
 h2{font-size:20px;margin:36px 0 8px;border-bottom:1px solid #d9dee5;padding-bottom:4px}
+h3{font-size:17px;margin:22px 0 4px}
 p{max-width:78ch}
 .lead{font-size:18px}
 .warning{background:#fff4dc;border-left:4px solid #d9902f;padding:8px 12px;margin:8px 0;max-width:76ch}
@@ -32,6 +33,7 @@ table{border-collapse:collapse;font-size:14px;margin:8px 0}
 th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #e6e9ee;white-space:nowrap}
 th:first-child,td:first-child{text-align:left}
 th{background:#eef1f5}
+.words th:last-child,.words td:last-child{text-align:left;white-space:normal;min-width:22ch}
 svg{max-width:100%;height:auto;display:block;margin:8px 0}
 .row{display:flex;flex-wrap:wrap;gap:8px}
 .row svg{flex:1 1 440px;max-width:490px}
@@ -48,6 +50,19 @@ pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
+impl Table {
+    fn html(&self, class: &str) -> String {
+        let row = |cells: &[String], tag: &str| {
+            let cells: String =
+                cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect();
+            format!("<tr>{cells}</tr>\n")
+        };
+        let rows: String = self.rows.iter().map(|cells| row(cells, "td")).collect();
+        let head = row(&self.head, "th");
+        format!("<div class=\"{class}\"><table>\n{head}{rows}</table></div>\n")
+    }
+}
+
 impl Page {
     /// An empty page.
     #[must_use]
@@ -62,6 +77,11 @@ impl Page {
     /// Starts a section.
     pub fn section(&mut self, title: &str) {
         self.push(format_args!("<h2>{}</h2>\n", escape(title)));
+    }
+
+    /// Starts a part of a section.
+    pub fn subsection(&mut self, title: &str) {
+        self.push(format_args!("<h3>{}</h3>\n", escape(title)));
     }
 
     /// Adds a paragraph of plain text.
@@ -86,14 +106,20 @@ impl Page {
 
     /// Adds a table.
     pub fn table(&mut self, table: &Table) {
-        let row = |cells: &[String], tag: &str| {
-            let cells: String =
-                cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect();
-            format!("<tr>{cells}</tr>\n")
-        };
-        let rows: String = table.rows.iter().map(|cells| row(cells, "td")).collect();
-        let head = row(&table.head, "th");
-        self.push(format_args!("<div class=\"scroll\"><table>\n{head}{rows}</table></div>\n"));
+        let html = table.html("scroll");
+        self.push(format_args!("{html}"));
+    }
+
+    /// Adds a table whose last column holds words, which are set flush left and wrapped.
+    pub fn table_of_words(&mut self, table: &Table) {
+        let html = table.html("scroll words");
+        self.push(format_args!("{html}"));
+    }
+
+    /// Adds such a table, shown when `summary` is clicked.
+    pub fn folded_table_of_words(&mut self, summary: &str, table: &Table) {
+        let (summary, html) = (escape(summary), table.html("scroll words"));
+        self.push(format_args!("<details><summary>{summary}</summary>{html}</details>\n"));
     }
 
     /// Adds a picture, an SVG document.

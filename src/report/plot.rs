@@ -95,6 +95,23 @@ pub struct HeatMap {
     pub size: (u32, u32),
 }
 
+/// Curves over named steps, on a logarithmic axis.
+#[derive(Debug, Clone)]
+pub struct StepPlot {
+    /// Heading.
+    pub title: String,
+    /// Label of the vertical axis, with unit.
+    pub y: String,
+    /// Name of each step, in lines.
+    pub steps: Vec<Vec<String>>,
+    /// A level that is drawn dashed across.
+    pub level: f64,
+    /// Curves whose x is the index of a step; only positive values are drawn.
+    pub curves: Vec<Curve>,
+    /// Width and height (px).
+    pub size: (u32, u32),
+}
+
 const FONT: &str = "sans-serif";
 const GRID: RGBColor = RGBColor(228, 232, 238);
 /// Dashes and gaps (px).
@@ -122,8 +139,24 @@ pub fn path_plot(plot: &LinePlot) -> String {
 /// Draws a heat map.
 #[must_use]
 pub fn heat_map(map: &HeatMap) -> String {
+    let values = map.values.iter().flatten().copied().filter(|value| value.is_finite());
+    heat_map_within(map, range(values))
+}
+
+/// Draws a heat map whose palest and darkest colours stand for the two values of `shades`, so that
+/// several maps can be compared.
+#[must_use]
+pub fn heat_map_within(map: &HeatMap, shades: (f64, f64)) -> String {
     let mut svg = String::new();
-    let drawn = draw_heat_map(map, &mut svg);
+    let drawn = draw_heat_map(map, shades, &mut svg);
+    or_note(svg, drawn)
+}
+
+/// Draws curves over named steps.
+#[must_use]
+pub fn step_plot(plot: &StepPlot) -> String {
+    let mut svg = String::new();
+    let drawn = draw_step_plot(plot, &mut svg);
     or_note(svg, drawn)
 }
 
@@ -219,9 +252,10 @@ fn draw_line_plot(plot: &LinePlot, svg: &mut String) -> Drawn {
         }
         Scale::Logarithmic => {
             let (low, high) = (low.max(f64::MIN_POSITIVE), high.max(f64::MIN_POSITIVE));
-            let span = (low / 1.3..high * 1.3).log_scale();
+            let (low, high, ticks) = decades(low / 1.3, high * 1.3);
+            let span = (low..high).log_scale().with_key_points(ticks);
             let chart = builder.build_cartesian_2d(left..right, span)?;
-            draw_curves(plot, chart, low / 1.3)?;
+            draw_curves(plot, chart, low)?;
         }
     }
     area.present()?;
@@ -273,6 +307,35 @@ where
     Ok(())
 }
 
+/// Decades beyond which only powers of ten are marked.
+const WIDE_SPAN: f64 = 2.0;
+
+/// Marks of a logarithmic axis from `low` to `high`, and the ends of the axis, which are widened to
+/// hold two marks where they would hold fewer: powers of ten on a wide axis; one, two and five
+/// times those on a narrow one.
+fn decades(low: f64, high: f64) -> (f64, f64, Vec<f64>) {
+    let wide = WIDE_SPAN < (high / low).log10();
+    let steps: &[f64] = if wide { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    let (first, last) = (low.log10().floor() as i32 - 1, high.log10().ceil() as i32 + 1);
+    let all: Vec<f64> =
+        (first..=last).flat_map(|k| steps.iter().map(move |step| step * 10_f64.powi(k))).collect();
+    let within = |low: f64, high: f64| {
+        let (low, high) = (low * (1.0 - 1e-9), high * (1.0 + 1e-9));
+        all.iter().copied().filter(|tick| (low..=high).contains(tick)).collect::<Vec<f64>>()
+    };
+    let ticks = within(low, high);
+    if 2 <= ticks.len() {
+        return (low, high, ticks);
+    }
+    let below = all.iter().copied().filter(|tick| *tick <= low).fold(0.0, f64::max);
+    let above = all.iter().copied().filter(|tick| high <= *tick).fold(f64::MAX, f64::min);
+    if 0.0 < below && above < f64::MAX {
+        (below, above, within(below, above))
+    } else {
+        (low, high, ticks)
+    }
+}
+
 /// Ticks closer to zero than this are zero, off by rounding.
 const SMALLEST_TICK: f64 = 1e-12;
 
@@ -300,11 +363,64 @@ fn shade(share: f64) -> RGBColor {
 
 const KEY_WIDTH: u32 = 92;
 
-fn draw_heat_map(map: &HeatMap, svg: &mut String) -> Drawn {
+/// Height of one line of a step's name (px).
+const STEP_LINE: u32 = 15;
+
+fn draw_step_plot(plot: &StepPlot, svg: &mut String) -> Drawn {
+    let area = SVGBackend::with_string(svg, plot.size).into_drawing_area();
+    area.fill(&WHITE)?;
+    let all = plot.curves.iter().flat_map(|curve| &curve.points).map(|point| point.1);
+    let (low, high) = range(
+        all.chain([plot.level]).filter(|value| value.is_finite() && f64::MIN_POSITIVE < *value),
+    );
+    let (low, high) = (low.max(f64::MIN_POSITIVE), high.max(f64::MIN_POSITIVE));
+    let (low, high, ticks) = decades(low / 1.3, high * 1.3);
+    let lines = plot.steps.iter().map(Vec::len).max().unwrap_or(0) as u32;
+    let (left, right) = (-0.5, plot.steps.len() as f64 - 0.5);
+    let mut chart = ChartBuilder::on(&area)
+        .caption(&plot.title, (FONT, 17))
+        .margin(10)
+        .margin_right(24)
+        .x_label_area_size(STEP_LINE * lines + 12)
+        .y_label_area_size(68)
+        .build_cartesian_2d(left..right.max(0.5), (low..high).log_scale().with_key_points(ticks))?;
+    chart
+        .configure_mesh()
+        .disable_x_mesh()
+        .x_labels(0)
+        .y_desc(&plot.y)
+        .axis_desc_style((FONT, 14))
+        .label_style((FONT, 13))
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(GRID)
+        .y_labels(7)
+        .y_label_formatter(&|value| short(*value))
+        .draw()?;
+    let across = [(left, plot.level), (right, plot.level)];
+    let grey = colour([120, 128, 138]).stroke_width(2);
+    chart.draw_series(DashedLineSeries::new(across, DASH.0, DASH.1, grey))?;
+    for curve in &plot.curves {
+        let ink = colour(curve.colour);
+        let points = || curve.points.iter().copied().filter(|(_, y)| y.is_finite() && 0.0 < *y);
+        chart.draw_series(LineSeries::new(points(), ink.stroke_width(2)))?;
+        chart.draw_series(points().map(|point| Circle::new(point, 4, ink.filled())))?;
+    }
+    let centred = || (FONT, 12).into_font().color(&BLACK).pos(Pos::new(HPos::Center, VPos::Top));
+    for (index, name) in plot.steps.iter().enumerate() {
+        let (x, y) = chart.backend_coord(&(index as f64, low));
+        for (line, text) in name.iter().enumerate() {
+            let below = y + 8 + (STEP_LINE * line as u32) as i32;
+            area.draw(&Text::new(text.clone(), (x, below), centred()))?;
+        }
+    }
+    area.present()?;
+    Ok(())
+}
+
+fn draw_heat_map(map: &HeatMap, (low, high): (f64, f64), svg: &mut String) -> Drawn {
     let area = SVGBackend::with_string(svg, map.size).into_drawing_area();
     area.fill(&WHITE)?;
     let (plot, key) = area.split_horizontally(map.size.0.saturating_sub(KEY_WIDTH));
-    let (low, high) = range(map.values.iter().flatten().copied().filter(|v| v.is_finite()));
     let mut chart = ChartBuilder::on(&plot)
         .caption(&map.title, (FONT, 17))
         .margin(10)
@@ -332,7 +448,7 @@ fn draw_heat_map(map: &HeatMap, svg: &mut String) -> Drawn {
         for (column, value) in values.iter().enumerate().filter(|(_, value)| value.is_finite()) {
             let corners = [(column, row), (column + 1, row + 1)]
                 .map(|(x, y)| (edge(map.x_range, x, values.len()), edge(map.y_range, y, rows)));
-            let share = (value - low) / (high - low);
+            let share = ((value - low) / (high - low)).clamp(0.0, 1.0);
             chart.draw_series([Rectangle::new(corners, shade(share).filled())])?;
             if let Some(text) = map.cells.get(row).and_then(|cells| cells.get(column)) {
                 let ink = if share < 0.5 { &BLACK } else { &WHITE };

@@ -56,6 +56,29 @@ fn a_path_has_one_scale() {
 }
 
 #[test]
+fn a_logarithmic_axis_has_marks_at_any_width() {
+    assert_eq!(decades(0.3, 700.0).2, [1.0, 10.0, 100.0]);
+    assert_eq!(decades(1.5, 30.0).2, [2.0, 5.0, 10.0, 20.0]);
+    let (low, high, ticks) = decades(0.9, 1.1);
+    assert_eq!((low, high, ticks), (0.5, 2.0, vec![0.5, 1.0, 2.0]));
+    let plot = StepPlot {
+        title: "t".into(),
+        y: "ratio".into(),
+        steps: vec![vec!["as given".into()], vec!["+ a".into(), "b".into()]],
+        level: 1.0,
+        curves: vec![Curve {
+            colour: [1, 2, 3],
+            stroke: Stroke::Solid,
+            points: vec![(0.0, 9.0), (1.0, f64::NAN)],
+        }],
+        size: (400, 300),
+    };
+    let svg = step_plot(&plot);
+    assert!(svg.contains("as given") && svg.contains("#010203"));
+    assert!(step_plot(&StepPlot { steps: vec![], curves: vec![], ..plot }).starts_with("<svg"));
+}
+
+#[test]
 fn tick_labels_are_short() {
     let labels = [-1e-17, 0.25, -0.5, 1e-4, 2000.0].map(short);
     assert_eq!(labels, ["0", "0.25", "-0.5", "1e-4", "2000"]);

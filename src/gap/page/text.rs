@@ -1,0 +1,118 @@
+//! Numbers and words as a person reads them.
+
+/// `value` with `count` significant digits, with a power of ten where that is shorter.
+pub(super) fn digits(value: f64, count: usize) -> String {
+    if !value.is_finite() {
+        return "–".to_owned();
+    }
+    let size = value.abs();
+    if size == 0.0 {
+        return "0".to_owned();
+    }
+    let count = count.max(1) as i32;
+    if !(1e-3..1e6).contains(&size) {
+        return format!("{value:.*e}", (count - 1) as usize);
+    }
+    let decimals = (count - 1 - size.log10().floor() as i32).max(0);
+    format!("{value:.*}", decimals as usize)
+}
+
+/// Three digits, which is what a gap is worth.
+pub(super) fn number(value: f64) -> String {
+    digits(value, 3)
+}
+
+/// A probability.
+pub(super) fn probability(value: f64) -> String {
+    if value.is_finite() && value < 1e-99 {
+        "< 1e-99".to_owned()
+    } else if (0.01..).contains(&value) {
+        format!("{value:.2}")
+    } else {
+        digits(value, 2)
+    }
+}
+
+/// A share as a percentage.
+pub(super) fn percent(share: f64) -> String {
+    let value = 100.0 * share;
+    if 9.95 < value.abs() || value == 0.0 {
+        format!("{value:.0} %")
+    } else {
+        format!("{value:.1} %")
+    }
+}
+
+/// A value and its interval, with the digits that the interval is worth.
+pub(super) fn with_interval(value: f64, interval: Option<[f64; 2]>) -> [String; 2] {
+    let Some([low, high]) = interval else { return [number(value), "–".to_owned()] };
+    let half = 0.5 * (high - low);
+    if !(half.is_finite() && 0.0 < half) {
+        return [number(value), "–".to_owned()];
+    }
+    // Two digits of the half width, and at least one of the value.
+    let place = 1 - half.log10().floor() as i32;
+    let written = |value: f64| {
+        if (0..=5).contains(&place) {
+            format!("{value:.*}", place as usize)
+        } else {
+            let before = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
+            digits(value, (place + before + 1).clamp(1, 9) as usize)
+        }
+    };
+    [written(value), format!("{} to {}", written(low), written(high))]
+}
+
+/// `sentence` with a capital at its start and a stop at its end.
+pub(super) fn sentence(text: &str) -> String {
+    let mut characters = text.trim().chars();
+    let first = characters.next().into_iter().flat_map(char::to_uppercase);
+    let mut written: String = first.chain(characters).collect();
+    if !written.is_empty() && !written.ends_with(['.', '!', '?']) {
+        written.push('.');
+    }
+    written
+}
+
+/// The unit in which a gap is shown, and how many of it make one of `unit`.
+pub(super) fn shown_unit(unit: &str) -> (f64, String) {
+    match unit {
+        "m" | "m/s" | "rad" | "rad/s" => (1e3, format!("m{unit}")),
+        "N m" => (1e3, "mN m".to_owned()),
+        "" => (1.0, "1".to_owned()),
+        other => (1.0, other.to_owned()),
+    }
+}
+
+/// `1 run`, `2 runs`.
+pub(super) fn count(number: usize, noun: &str) -> String {
+    if number == 1 { format!("1 {noun}") } else { format!("{number} {noun}s") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_the_digits_they_are_worth() {
+        let texts = [0.0, 12.345, 1234.5, -0.001_234, 1e-7, f64::NAN].map(number);
+        assert_eq!(texts, ["0", "12.3", "1234", "-0.00123", "1.00e-7", "–"]);
+        assert_eq!(with_interval(0.123_456, Some([0.12, 0.127])), ["0.1235", "0.1200 to 0.1270"]);
+        assert_eq!(with_interval(2.5, None), ["2.50", "–"]);
+        assert_eq!(with_interval(1234.0, Some([1000.0, 1500.0]))[0], "1234");
+        assert_eq!([0.5, 2e-5, 0.0].map(probability), ["0.50", "2.0e-5", "< 1e-99"]);
+        assert_eq!([0.123, 0.0123, 1.0].map(percent), ["12 %", "1.2 %", "100 %"]);
+    }
+
+    #[test]
+    fn small_intervals_have_powers_of_ten() {
+        let found = with_interval(4.24e-6, Some([1.24e-6, 7.24e-6]));
+        assert_eq!(found, ["4.2e-6", "1.2e-6 to 7.2e-6"]);
+    }
+
+    #[test]
+    fn sentences_begin_and_end() {
+        assert_eq!(sentence("the data are short"), "The data are short.");
+        assert_eq!(sentence("Done."), "Done.");
+    }
+}
