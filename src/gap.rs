@@ -1,15 +1,58 @@
-//! Find where the simulation and the measured data disagree, and name what is missing.
+//! Find where the simulation and the measured data disagree, name what is missing, add it, and show
+//! the gap shrink.
+//!
+//! # The way of the data
+//!
+//! 1. [`checks`](check): is there enough motion, both ways, and does it follow the command? Only then
+//!    physics.
+//! 2. Link by link ([`crate::twin::StageKind`]), [`search`] fits what the twin already has, so that bad
+//!    tuning is not blamed on structure.
+//! 3. The screen switches every effect of the catalogue on, on every axis, and regresses what is left on
+//!    the change of the simulation, prewhitened, block by block.
+//! 4. The best are simulated again, everything fitted together, and compared in the metric of the best
+//!    one's residual. One is named when its gain is beyond chance for all tries, when the held-out
+//!    session prefers it, when the sessions agree on its size and no number stands on a bound. Rivals
+//!    that explain the data as well are its class; of equals the one with the fewest numbers is added.
+//! 5. Then again, until nothing passes. What is left and still depends on something gets a name of its
+//!    own: `unknown.<regressor>[<band>]`.
+//! 6. [`find`] puts it into `gap.json` ([`Document`]), [`page`] into `index.html`, [`write_tape`] into
+//!    `gap.mcap`.
+//!
+//! # Statistics, with their sources
+//!
+//! - Prewhitening by autoregressive models up to order 12 (Ljung 1999, chapter 7).
+//! - Tests and intervals by blocks of 0.5 s as clusters: a Hotelling test of the block scores, and the
+//!   sandwich covariance of Liang and Zeger (Biometrika 73, 1986), which hold under correlation within
+//!   blocks and under uneven scatter.
+//! - Bonferroni's correction for all pairs of effect and start that a screen tries.
+//! - Rivals by the paired block test of their squared errors (after Vuong, Econometrica 57, 1989).
+//! - The noise floor from measurements alone, never from a residual.
 
-pub mod checks;
-pub mod find;
-pub mod findings;
-pub mod fit;
-pub mod floor;
-pub mod locate;
-pub mod page;
-pub mod problem;
-pub mod rounds;
-pub mod screen;
-pub mod tape;
-pub mod unknown;
-pub mod whiten;
+mod checks;
+mod find;
+mod findings;
+mod fit;
+mod floor;
+mod locate;
+mod page;
+mod problem;
+mod rounds;
+mod screen;
+mod tape;
+mod unknown;
+mod whiten;
+
+pub use checks::{Objection, check};
+pub use find::{Found, Task, find};
+pub use findings::{
+    Class, Document, NamedEffect, NamedParameter, Refit, RejectedEffect, SignalGap, Verdict, Where,
+};
+pub use fit::{Fit, Uncertainty};
+pub use floor::{Floor, FloorSource};
+pub use page::page;
+pub use problem::{Part, Point, Problem};
+pub use rounds::{Added, Link, Outcome, Reason, Rejected, search};
+pub use screen::Candidate;
+pub use tape::write_tape;
+pub use unknown::Unknown;
+pub use whiten::{Filter, Filters, Layout, Row};

@@ -16,6 +16,9 @@
 //! 5. [`actuator::Study`] judges them beside simpler models on the runs that they have not seen.
 //! 6. `actuator.mcap` holds traces, figures and weights; `index.html` shows them; `klasktron
 //!    export` hands weights and tables to other software.
+//! 7. [`twin`] simulates the measured chain out of the [`effects`] of a catalogue; [`gap`] compares it
+//!    with recordings link by link, fits it, finds what is missing and adds it: `twin.json`,
+//!    `gap.json`, a page and the compared signals as `gap.mcap`.
 //!
 //! # Rooms
 //!
@@ -37,12 +40,14 @@
 //! | | [`link`] | the connection to a table: clock, bus, camera |
 //! | | [`rig`] | the virtual rig: simulated drives, gantries, ball and camera behind a link |
 //! | | [`actuator`] | command history to motion: models, fits, judgement |
+//! | | [`effects`] | the catalogue of physical effects: one small file each |
+//! | | [`twin`] | the simulator made of them, and its links in a recording |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
+//! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
-//! Still to come, each with its place: `ekf`, `effects`, `twin` and `sim` in layer 2; `score`, `gap` and
-//! `rl` in layer 3.
+//! Still to come, each with its place: `ekf` and `sim` in layer 2; `score` and `rl` in layer 3.
 //!
 //! # Invariants
 //!
@@ -65,9 +70,12 @@ pub mod recording;
 
 pub mod actuator;
 pub mod can;
+pub mod effects;
 pub mod gantry;
 pub mod link;
 pub mod rig;
+pub mod twin;
 
 pub mod collect;
+pub mod gap;
 pub mod import;

@@ -96,7 +96,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     tell(&format!("comparing {} sessions with the twin", sessions.len()));
     let found = gap::find(&sessions, inputs.start.as_ref(), Task::CloseGap);
     let provenance = Provenance::new(args.command_line());
-    write_outcome(&found, &provenance, &inputs, &args.out)?;
+    write_outcome(&found, &provenance, &inputs, &sessions, &args.out)?;
     for doubt in &found.document.doubts {
         tell(&format!("warning: {doubt}"));
     }
@@ -152,14 +152,15 @@ fn write_outcome(
     found: &Found<'_>,
     provenance: &Provenance,
     inputs: &Inputs,
+    sessions: &[twin::Session],
     out: &Path,
 ) -> anyhow::Result<()> {
     fs::create_dir_all(out)?;
     let document = serde_json::to_string_pretty(&found.document)? + "\n";
     let names: Vec<String> =
         inputs.recordings.iter().map(|recording| recording.path.display().to_string()).collect();
-    let page = gap::page(found, &names.join(", "), provenance);
-    gap::write_tape(found, provenance, &inputs.recordings, &out.join("gap.mcap"))?;
+    let page = gap::page(found, &names.join(", "), provenance, sessions);
+    gap::write_tape(found, provenance, sessions, &out.join("gap.mcap"))?;
     write_bytes(&out.join("index.html"), ExistingFile::Replace, page.as_bytes())?;
     twin::write_twin(&found.twin, &out.join("twin.json"))?;
     write_bytes(&out.join("gap.json"), ExistingFile::Replace, document.as_bytes())?;

@@ -156,9 +156,9 @@ pub enum Physics {
     Inertia(fn(p: &[f64], motion: &Motion) -> f64),
     /// True position of a motor (m of belt) to the reported one.
     Encoder(fn(p: &[f64], position: f64) -> f64),
-    /// Position of the motor's side (m) to that of the load's side; `mass_times_acceleration` (N) is
-    /// the force that passes between them.
-    Play(fn(p: &[f64], m: &mut [f64], position: f64, mass_times_acceleration: f64) -> f64),
+    /// Motion of the motor's side to the position of the load's side (m); `motion.force` is the force
+    /// that the load's inertia asks for (N).
+    Play(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
     /// Carriage position (m) to that of the magnet, by the geometry of the gantry.
     Frame(fn(p: &[f64], carriage: &Carriage) -> [f64; 2]),
     /// Magnet to striker: place of the striker (m).

@@ -5,7 +5,7 @@ use super::{
     checks::{self, Objection},
     findings::{
         Class, Document, NamedEffect, NamedParameter, Refit, RejectedEffect, SCHEMA_VERSION,
-        SignalGap, Verdict, Where,
+        SignalGap, Verdict,
     },
     floor::{self, Floor, FloorSource},
     locate,
@@ -48,8 +48,11 @@ pub struct Found<'a> {
     pub floors: Vec<Vec<Floor>>,
 }
 
-/// How far the gap may be above the floor for nothing to be left (ratio of RMS).
-const AT_FLOOR: f64 = 1.1;
+/// Share by which a fitted parameter must move to speak for another machine.
+const JUMP: f64 = 0.25;
+
+/// Fewest parameters that jump together in another machine.
+const LEAST_JUMPS: usize = 4;
 
 /// Share by which a known parameter must move to be told, beside leaving its interval.
 const LEAST_MOVE: f64 = 0.01;
@@ -172,8 +175,13 @@ fn document(
         .collect();
     let refit = if calibrated { refits(start, twin) } else { Vec::new() };
     let places = outcomes.iter().flat_map(|outcome| locate::places(outcome, &effects)).collect();
-    let verdict = verdict(&effects, &class, &refit, outcomes);
-    let says = says(verdict, &effects, &class, &refit);
+    let mut verdict = verdict(&effects, &class, &refit, outcomes);
+    let mut effects = effects;
+    if is_other_machine(start, &refit) {
+        verdict = Verdict::DifferentMachine;
+        effects.clear();
+    }
+    let says = says(verdict, &effects, &class, &refit, outcomes);
     let next_experiment = next_experiment(&class, outcomes);
     Document {
         schema_version: SCHEMA_VERSION,
@@ -207,7 +215,28 @@ fn verdict(
     }
 }
 
-fn says(verdict: Verdict, effects: &[NamedEffect], class: &[Class], refit: &[Refit]) -> String {
+/// Whether at least half of the fitted parameters jumped, and several.
+fn is_other_machine(start: &Twin, refit: &[Refit]) -> bool {
+    let fitted = start
+        .instances
+        .iter()
+        .flat_map(|instance| &instance.values)
+        .filter(|value| value.source == Source::Fitted && value.ci95.is_some())
+        .count();
+    let jumped = refit
+        .iter()
+        .filter(|refit| JUMP * refit.before.abs() < (refit.after - refit.before).abs())
+        .count();
+    LEAST_JUMPS <= jumped && fitted <= 2 * jumped
+}
+
+fn says(
+    verdict: Verdict,
+    effects: &[NamedEffect],
+    class: &[Class],
+    refit: &[Refit],
+    outcomes: &[Outcome<'_>],
+) -> String {
     match verdict {
         Verdict::Named | Verdict::Ambiguous => {
             let names: Vec<&str> = effects.iter().map(|effect| effect.name.as_str()).collect();
@@ -222,7 +251,26 @@ fn says(verdict: Verdict, effects: &[NamedEffect], class: &[Class], refit: &[Ref
             format!("Nothing is missing; known parameters moved: {}.", names.join(", "))
         }
         Verdict::Unexplained => {
-            "Something is missing that no effect of the catalogue explains.".to_owned()
+            let unknown = outcomes.iter().find_map(|outcome| outcome.unexplained.as_ref());
+            unknown.map_or_else(String::new, |unknown| {
+                format!(
+                    "Something is missing that no effect of the catalogue explains: {} of {} holds {:.0} % \
+                     of what is left (F = {:.0}, p = {:.1e}).",
+                    unknown.name,
+                    unknown.signal,
+                    100.0 * unknown.share,
+                    unknown.statistic,
+                    unknown.p_value
+                )
+            })
+        }
+        Verdict::DifferentMachine => {
+            let names: Vec<&str> = refit.iter().map(|refit| refit.name.as_str()).collect();
+            format!(
+                "This is another machine than the twin's, or a rebuilt one: {} moved together. Calibrate a \
+                 twin of its own with `klasktron calibrate`.",
+                names.join(", ")
+            )
         }
         _ => "Nothing is missing above the noise.".to_owned(),
     }
@@ -438,15 +486,17 @@ fn doubts(outcomes: &[Outcome<'_>]) -> Vec<String> {
                 ));
             }
         }
+        if let Some(unknown) = &outcome.unexplained {
+            doubts.push(format!(
+                "what is left of {} still depends on {} ({:.0} % of it)",
+                unknown.signal,
+                unknown.name,
+                100.0 * unknown.share
+            ));
+        }
         if outcome.held_out.parts.is_empty() {
             doubts.push(format!("{:?}: nothing was held out, so no name is tested", outcome.kind));
         }
     }
     doubts
-}
-
-/// Whether the gap of every signal is at its floor.
-#[must_use]
-pub fn at_floor(rms: &[f64], floors: &[Floor]) -> bool {
-    rms.iter().zip(floors).all(|(rms, floor)| *rms <= AT_FLOOR * floor.rms)
 }

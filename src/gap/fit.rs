@@ -5,7 +5,7 @@ use super::{
     whiten::{self, Filters},
 };
 use crate::twin::Slot;
-use faer::{Mat, linalg::solvers::Solve, prelude::*};
+use faer::{Mat, linalg::solvers::Solve};
 
 /// Relative gain of the squared error below which a fit has converged.
 const CONVERGED: f64 = 1e-5;

@@ -249,10 +249,10 @@ fn places(page: &mut Page, found: &Found<'_>, sessions: &[Session]) {
     }
     for (outcome, floors) in found.outcomes.iter().zip(&found.floors) {
         link(page, found, outcome, floors, sessions);
-        if let Some(regressor) = &outcome.unexplained {
+        if let Some(unknown) = &outcome.unexplained {
             page.warning(&format!(
-                "What is left here still depends on {regressor}, and no effect of the catalogue \
-                 explains it."
+                "What is left here still depends on {}, and no effect of the catalogue explains it.",
+                unknown.name
             ));
         }
     }

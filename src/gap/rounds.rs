@@ -4,6 +4,7 @@ use super::{
     fit::{self, Fit, Uncertainty},
     problem::{Point, Problem, in_parallel},
     screen::{self, Candidate},
+    unknown::{self, Unknown},
     whiten::{self, Filters},
 };
 use crate::{
@@ -34,7 +35,11 @@ const RIVAL_T: f64 = 2.5;
 
 /// Share of the held-out squared error (whitened) that an effect must explain to be worth a name: a
 /// simulator of finite fidelity leaves that much of anything.
-const WORTH_NAMING: f64 = 0.01;
+const WORTH_NAMING: f64 = 0.02;
+
+/// Length of an effect's column at its largest plausible size, in whitened standard deviations, below
+/// which this motion cannot show it: what a test at one in 10,000 can just see.
+const VISIBLE: f64 = 5.0;
 
 /// One link in all sessions.
 pub struct Link<'a> {
@@ -125,8 +130,8 @@ pub struct Outcome<'a> {
     pub rejected: Vec<Rejected>,
     /// Tries of the last screen.
     pub tries: usize,
-    /// The regressor on which what is left still depends, where no effect explains it.
-    pub unexplained: Option<String>,
+    /// What the rest still depends on, where no effect explains it.
+    pub unexplained: Option<Unknown>,
 }
 
 /// A candidate, simulated and fitted.
@@ -153,6 +158,9 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, add_effects: bool) -> Outcome<'
     let held_point = fit::adapt(&held_out, held_out.start(rough.point.twin.clone()), &scales);
     held_out.drop_outliers(&held_point);
     let (mut best, mut filters) = fit::settle(&train, rough.point, &slots, 10);
+    if let Some(better) = restarted(&train, &best, start) {
+        (best, filters) = fit::settle(&train, better, &slots, 10);
+    }
     let start_held_out = fit::adapt(&held_out, held_out.start(start.clone()), &scales);
     let refitted = best.point.clone();
     let mut added: Vec<Added> = Vec::new();
@@ -166,9 +174,18 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, add_effects: bool) -> Outcome<'
         added.push(step);
         (best, filters) = fit::settle(&train, fit.point.clone(), &fit.slots, 8);
     }
-    let uncertainty = fit::uncertainty(&train, &best, &filters);
-    let last_held_out =
+    let mut last_held_out =
         fit::adapt(&held_out, held_out.start(best.point.twin.clone()), &filters);
+    let unexplained = add_effects
+        .then(|| unknown::strongest(&train, &held_out, &best, &last_held_out, &filters))
+        .flatten();
+    if let Some(unknown) = &unexplained
+        && withdraw(&mut best, &mut added, unknown)
+    {
+        (best, filters) = fit::settle(&train, best.point.clone(), &best.slots, 8);
+        last_held_out = fit::adapt(&held_out, held_out.start(best.point.twin.clone()), &filters);
+    }
+    let uncertainty = fit::uncertainty(&train, &best, &filters);
     Outcome {
         kind: link.kind,
         train,
@@ -183,8 +200,81 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, add_effects: bool) -> Outcome<'
         added,
         rejected,
         tries,
-        unexplained: None,
+        unexplained,
     }
+}
+
+/// How far above what the twin left when it was calibrated a refit may stay (ratio of RMS) before its
+/// parameters are started elsewhere.
+const STUCK: f64 = 1.2;
+
+/// Share of the scaled squared error that another start must save.
+const ANOTHER_VALLEY: f64 = 0.9;
+
+/// A refit can stop in a valley that is not the deepest: a spring far softer, a delay far longer than
+/// before. Where the rest is well above what the twin left when it was calibrated, each effect is
+/// started from its probes as well; the best start, when it is better.
+fn restarted(train: &Problem<'_>, best: &Fit, start: &Twin) -> Option<Point> {
+    let rms = train.rms(&best.point);
+    let channels = train.parts.first()?.stage.channels();
+    let stuck = channels.iter().zip(&rms).any(|(channel, rms)| {
+        let left = start.left.iter().find(|left| left.signal == channel.signal);
+        left.is_none_or(|left| STUCK * left.residual_rms < *rms)
+    });
+    if !stuck {
+        return None;
+    }
+    let scales = train.filters(&best.point, whiten::scale_filters);
+    let before = fit::squared(&train.whitened(&best.point, &scales));
+    let mut starts = Vec::new();
+    for (index, instance) in start.instances.iter().enumerate() {
+        if !best.slots.iter().any(|slot| slot.instance == index) {
+            continue;
+        }
+        for probe in instance.effect.probes {
+            let mut twin = start.clone();
+            for (parameter, value) in probe.iter().enumerate() {
+                twin.set(Slot { instance: index, parameter }, *value);
+            }
+            starts.push(Point { twin, nuisance: best.point.nuisance.clone() });
+        }
+    }
+    let fits = in_parallel(&starts, |start| {
+        fit::fit(train, start.clone(), &best.slots, &scales, RESTART_ITERATIONS)
+    });
+    fits.into_iter()
+        .min_by(|a, b| a.loss.total_cmp(&b.loss))
+        .filter(|found| found.loss < ANOTHER_VALLEY * before)
+        .map(|found| found.point)
+}
+
+/// Steps of a fit from another start.
+const RESTART_ITERATIONS: usize = 12;
+
+/// Takes back what explains less than what stays unexplained: an effect outside the catalogue is
+/// imitated in part by several inside it. Gives whether anything was taken back.
+fn withdraw(best: &mut Fit, added: &mut Vec<Added>, unknown: &Unknown) -> bool {
+    let before = added.len();
+    added.retain(|step| {
+        let stays = unknown.share < step.held_out_gain;
+        if !stays {
+            let twin = &mut best.point.twin;
+            let found = twin
+                .instances
+                .iter()
+                .position(|own| own.effect == step.effect && own.axis == step.axis);
+            if let Some(index) = found {
+                twin.instances.remove(index);
+                best.slots.retain(|slot| slot.instance != index);
+                best.slots
+                    .iter_mut()
+                    .filter(|slot| index < slot.instance)
+                    .for_each(|slot| slot.instance -= 1);
+            }
+        }
+        stays
+    });
+    added.len() < before
 }
 
 /// One round: screen, simulate, decide.
@@ -216,7 +306,7 @@ impl Round {
         trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
         let base_train_rows = train.whitened(&base.point, &sharp);
         let base_held_rows = held_out.whitened(&base_held, &sharp);
-        let bench = Bench { train, held_out, base_train_rows, base_held_rows, tries };
+        let bench = Bench { train, held_out, base_train_rows, base_held_rows };
         let contest = trials
             .iter()
             .map(|trial| {
@@ -283,7 +373,7 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
         .map(|candidate| candidate.share)
         .fold(0.0, f64::max);
     for candidate in candidates {
-        let reason = if candidate.visibility == 0.0 {
+        let reason = if candidate.visibility < VISIBLE {
             Reason::NotTestable
         } else if threshold <= candidate.p_value {
             Reason::NotSignificant
@@ -348,7 +438,6 @@ struct Bench<'a, 'b> {
     held_out: &'b Problem<'a>,
     base_train_rows: Vec<f64>,
     base_held_rows: Vec<f64>,
-    tries: usize,
 }
 
 impl Bench<'_, '_> {

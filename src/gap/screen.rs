@@ -16,7 +16,7 @@ use crate::{
     stats::f_tail,
     twin::{Instance, Source, Twin},
 };
-use faer::{Mat, linalg::solvers::Solve, prelude::*};
+use faer::{Mat, linalg::solvers::Solve};
 
 /// One effect on one axis, tried.
 #[derive(Debug, Clone)]
@@ -35,8 +35,8 @@ pub struct Candidate {
     pub statistic: f64,
     /// Its tail probability, before the correction for many tries.
     pub p_value: f64,
-    /// Size of its columns beyond what known parameters can imitate, in whitened units: what the
-    /// excitation shows of it.
+    /// Length of its columns at its largest plausible size, beyond what known parameters imitate, in
+    /// whitened standard deviations: what the excitation shows of it.
     pub visibility: f64,
     /// How many starts were tried for it.
     pub tries: usize,
@@ -142,11 +142,11 @@ impl Screen<'_, '_> {
                 effect,
                 axis,
                 start: tested.start(effect, &probe),
+                visibility: tested.visibility * reach(effect, &probe),
                 probe,
                 share: tested.share,
                 statistic: tested.statistic,
                 p_value: tested.p_value,
-                visibility: tested.visibility,
                 tries: 1,
             };
             match best.iter_mut().find(|other| other.effect == effect && other.axis == axis) {
@@ -163,6 +163,20 @@ impl Screen<'_, '_> {
             }
         }
         best
+    }
+}
+
+/// How many times larger than at `probe` the effect can plausibly be.
+fn reach(effect: &Effect, probe: &[f64]) -> f64 {
+    let (low, high) = effect.parameters[0].plausible;
+    let null = effect.null[0];
+    let away = (probe[0] - null).abs();
+    let farthest = (low - null).abs().max((high - null).abs());
+    // Where null is far outside the plausible range (a limit that never acts), the probe decides.
+    if away == 0.0 || (low..=high).contains(&null) || null == 0.0 {
+        if away == 0.0 { 1.0 } else { (farthest / away).max(1.0) }
+    } else {
+        1.0
     }
 }
 

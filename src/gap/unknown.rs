@@ -13,6 +13,7 @@ use super::{
     screen::hotelling,
     whiten::{self, Filters},
 };
+use faer::{Mat, linalg::solvers::Solve};
 use std::f64::consts::TAU;
 
 /// Bins of a regressor.
@@ -22,7 +23,7 @@ const BINS: usize = 8;
 const LINES_HZ: (f64, f64) = (0.15, 20.0);
 
 /// Share of the whitened squared error that something must explain to be worth saying.
-const WORTH_SAYING: f64 = 0.02;
+const WORTH_SAYING: f64 = 0.05;
 
 /// Share of what it explains where it was fitted that it must explain elsewhere.
 const CARRIES_OVER: f64 = 0.3;
@@ -66,7 +67,8 @@ pub fn strongest(
     let smooth = regressors(train);
     let smooth_held = regressors(held_out);
     let lines = line_frequencies(train);
-    let tries = smooth.len() + lines.len();
+    let signals = train.parts.first().map_or(0, |part| part.stage.channels().len());
+    let tries = smooth.len() + signals * lines.len();
     let mut best: Option<Unknown> = None;
     let mut consider = |unknown: Unknown| {
         if best.as_ref().is_none_or(|best| best.share < unknown.share) {
@@ -88,21 +90,21 @@ pub fn strongest(
             consider(Unknown { name, signal, share, statistic, p_value });
         }
     }
-    for frequency in lines {
-        let columns = line(train, frequency, filters, &linear);
+    for (frequency, signal) in lines.iter().flat_map(|line| (0..signals).map(move |own| (*line, own))) {
+        let columns = line(train, frequency, signal, filters, &linear);
         let Some(found) = weights(&columns, &linear.residual) else { continue };
         let share = explained(&columns, &found, &linear.residual) / total;
         if share < WORTH_SAYING {
             continue;
         }
-        let elsewhere = line(held_out, frequency, filters, &held);
+        let elsewhere = line(held_out, frequency, signal, filters, &held);
         let carried = weights(&elsewhere, &held.residual)
             .map_or(0.0, |own| explained(&elsewhere, &own, &held.residual) / held_total);
         let (statistic, p) = hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
         let p_value = p * tries as f64;
         if p_value < FAMILY_ERROR && CARRIES_OVER * share < carried {
             let name = format!("unknown.time[{frequency:.2} Hz]");
-            let signal = train.parts[0].stage.channels()[0].signal.clone();
+            let signal = train.parts[0].stage.channels()[signal].signal.clone();
             consider(Unknown { name, signal, share, statistic, p_value });
         }
     }
@@ -111,7 +113,6 @@ pub fn strongest(
 
 /// Least-squares weights of `columns` on `residual`; `None` when they are not independent.
 fn weights(columns: &[Vec<f64>], residual: &[f64]) -> Option<Vec<f64>> {
-    use faer::{Mat, linalg::solvers::Solve, prelude::*};
     let count = columns.len();
     let gram = Mat::from_fn(count, count, |i, j| {
         dot(&columns[i], &columns[j]) * if i == j { 1.0 + 1e-6 } else { 1.0 }
@@ -244,8 +245,14 @@ fn line_frequencies(problem: &Problem<'_>) -> Vec<f64> {
     (0..count).map(|k| LINES_HZ.0 + k as f64 * step).collect()
 }
 
-/// Whitened sine and cosine in time, on every channel of the first kind of signal.
-fn line(problem: &Problem<'_>, frequency: f64, filters: &Filters, linear: &Linear) -> Vec<Vec<f64>> {
+/// Whitened sine and cosine in time on one signal.
+fn line(
+    problem: &Problem<'_>,
+    frequency: f64,
+    signal: usize,
+    filters: &Filters,
+    linear: &Linear,
+) -> Vec<Vec<f64>> {
     [0.0, 0.25]
         .map(|phase| {
             let mut column = Vec::with_capacity(problem.rows());
@@ -255,8 +262,14 @@ fn line(problem: &Problem<'_>, frequency: f64, filters: &Filters, linear: &Linea
                     .stage
                     .channels()
                     .iter()
-                    .map(|channel| {
-                        channel.times.iter().map(|t| (TAU * (frequency * t + phase)).sin()).collect()
+                    .enumerate()
+                    .map(|(index, channel)| {
+                        let sine = |t: &f64| (TAU * (frequency * t + phase)).sin();
+                        if index == signal {
+                            channel.times.iter().map(sine).collect()
+                        } else {
+                            vec![0.0; channel.times.len()]
+                        }
                     })
                     .collect();
                 column.extend(part.layout.whitened(&change, &order));

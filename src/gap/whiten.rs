@@ -8,7 +8,7 @@
 //! every run is dropped, so that nothing leaks between runs.
 
 use crate::twin::Stage;
-use faer::{Mat, linalg::solvers::Solve, prelude::*};
+use faer::{Mat, linalg::solvers::Solve};
 use std::collections::BTreeMap;
 
 /// Highest order of the autoregressive model.

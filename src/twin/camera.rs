@@ -4,7 +4,7 @@ use super::{
     Channel, Instance, MeasuredPath, Stage, StageKind, Twin,
     plant::{Part, belts, rails},
 };
-use crate::effects::{Carriage, Effect, Physics};
+use crate::effects::{Carriage, Effect, Motion, Physics};
 
 /// Step of the march along the measured path (s).
 const STEP: f64 = 1e-3;
@@ -23,7 +23,7 @@ pub struct CameraStage {
     pub height: f64,
 }
 
-type PlayPart = Part<fn(&[f64], &mut [f64], f64, f64) -> f64>;
+type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type EncoderPart = Part<fn(&[f64], f64) -> f64>;
 type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
 type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
@@ -107,15 +107,33 @@ impl Chain {
         }
         let force = [0, 1].map(|k| self.mass[k] * carriage.acceleration[k]);
         let belt_force = belts(force).map(|sum| 0.5 * sum);
+        let (belt_velocity, belt_acceleration) =
+            (belts(carriage.velocity), belts(carriage.acceleration));
         for (k, parts) in self.belt_plays.iter().enumerate() {
             for part in parts {
-                belt[k] = (part.call)(part.p(), part.memory(memory), belt[k], belt_force[k]);
+                let motion = Motion {
+                    dt: carriage.dt,
+                    position: belt[k],
+                    velocity: belt_velocity[k],
+                    acceleration: belt_acceleration[k],
+                    force: belt_force[k],
+                    ..Motion::default()
+                };
+                belt[k] = (part.call)(part.p(), part.memory(memory), &motion);
             }
         }
         let mut place = rails(belt);
         for (k, parts) in self.rail_plays.iter().enumerate() {
             for part in parts {
-                place[k] = (part.call)(part.p(), part.memory(memory), place[k], force[k]);
+                let motion = Motion {
+                    dt: carriage.dt,
+                    position: place[k],
+                    velocity: carriage.velocity[k],
+                    acceleration: carriage.acceleration[k],
+                    force: force[k],
+                    ..Motion::default()
+                };
+                place[k] = (part.call)(part.p(), part.memory(memory), &motion);
             }
         }
         carriage.position = place;

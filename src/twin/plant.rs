@@ -9,7 +9,7 @@
 //! A single axis is a plant with one motor and one rail, which are the same coordinate.
 
 use super::{Instance, Twin};
-use crate::effects::{Axis, CrossMotion, LoopGains, Motion, Physics};
+use crate::effects::{CrossMotion, LoopGains, Motion, Physics};
 
 /// Most parameters that one effect has.
 const MOST_PARAMETERS: usize = 8;

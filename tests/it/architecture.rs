@@ -10,8 +10,8 @@ use std::{
 const LAYERS: [&[&str]; 4] = [
     &["units", "seed", "stats", "report", "provenance"],
     &["board", "recording", "nn"],
-    &["can", "gantry", "link", "rig", "actuator"],
-    &["import", "collect"],
+    &["can", "gantry", "link", "rig", "actuator", "effects", "twin"],
+    &["import", "collect", "gap"],
 ];
 
 fn layer_of(room: &str) -> usize {

@@ -21,9 +21,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
     null: &[0.0],
     probes: &[&[1e-05], &[0.0001]],
     memory: 0,
-    physics: Physics::Play(|p, _, position, mass_times_acceleration| {
-        position - p[0] * mass_times_acceleration
-    }),
+    physics: Physics::Play(|p, _, motion| motion.position - p[0] * motion.force),
     regressors: &[Regressor::Acceleration],
     excitation: "steps or a chirp beyond twice the resonance, with encoder and camera",
     experiment: "chirp",
@@ -38,11 +36,13 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Motion;
 
     #[test]
     fn the_load_lags_in_an_acceleration() {
         let Physics::Play(stretch) = COMPLIANCE_BELT.physics else { panic!("it lies between") };
-        assert!((stretch(&[1e-4], &mut [], 0.2, 5.0) - 0.1995).abs() < 1e-12);
-        assert_eq!(stretch(COMPLIANCE_BELT.null, &mut [], 0.2, 5.0), 0.2);
+        let motion = Motion { position: 0.2, force: 5.0, ..Motion::default() };
+        assert!((stretch(&[1e-4], &mut [], &motion) - 0.1995).abs() < 1e-12);
+        assert_eq!(stretch(COMPLIANCE_BELT.null, &mut [], &motion), 0.2);
     }
 }

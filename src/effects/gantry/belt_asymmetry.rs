@@ -23,7 +23,7 @@ pub(crate) static BELT_ASYMMETRY: Effect = Effect {
     null: &[0.0],
     probes: &[&[2e-5]],
     memory: 0,
-    physics: Physics::Play(|p, _, position, force| position - p[0] * force),
+    physics: Physics::Play(|p, _, motion| motion.position - p[0] * motion.force),
     regressors: &[Regressor::Acceleration, Regressor::Load],
     excitation: "hard starts and stops on both diagonals, with camera and encoders",
     experiment: "diagonal",
@@ -39,12 +39,14 @@ pub(crate) static BELT_ASYMMETRY: Effect = Effect {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Motion;
 
     #[test]
     fn the_load_lags_by_the_stretch() {
         let Physics::Play(stretch) = BELT_ASYMMETRY.physics else { panic!("a play") };
         // 8 N through 50 N/mm: 0.16 mm.
-        assert!((stretch(&[2e-5], &mut [], 0.1, 8.0) - 0.099_84).abs() < 1e-12);
-        assert_eq!(stretch(BELT_ASYMMETRY.null, &mut [], 0.1, 8.0), 0.1);
+        let motion = Motion { position: 0.1, force: 8.0, ..Motion::default() };
+        assert!((stretch(&[2e-5], &mut [], &motion) - 0.099_84).abs() < 1e-12);
+        assert_eq!(stretch(BELT_ASYMMETRY.null, &mut [], &motion), 0.1);
     }
 }
