@@ -249,10 +249,9 @@ fn places(page: &mut Page, found: &Found<'_>, sessions: &[Session]) {
     }
     for (outcome, floors) in found.outcomes.iter().zip(&found.floors) {
         link(page, found, outcome, floors, sessions);
-        if let Some(regressor) = &outcome.unexplained {
+        if let Some(unknown) = &outcome.unexplained {
             page.warning(&format!(
-                "What is left here still depends on {regressor}, and no effect of the catalogue \
-                 explains it."
+                "Something is left here that no effect of the catalogue explains: {unknown}."
             ));
         }
     }
