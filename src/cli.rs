@@ -36,6 +36,14 @@ pub(crate) enum Command {
     /// nothing says so, every fifth run of each pattern is held out. Finished fits are kept in
     /// OUT/fits, so the same command continues where an interrupted one stopped.
     FitActuator(commands::fit_actuator::Args),
+    /// Fit the parameters that the twin already has, with intervals that hold under correlated noise
+    Calibrate(commands::gap::CalibrateArgs),
+    /// Find where twin and recordings disagree, name what is missing, add it, measure again
+    ///
+    /// Runs whose recording or run marker says split=validation judge and are never fitted; where
+    /// nothing says so, the last of several recordings is held out, or every third run of one. OUT
+    /// receives gap.json, twin.json (with the effects in it), index.html and gap.mcap.
+    Gap(commands::gap::Args),
     /// Write weights or tables for other software
     Export(commands::export::Args),
 }
@@ -49,6 +57,8 @@ impl Command {
             Self::Recover(args) => commands::recover::run(&args),
             Self::Import(args) => commands::import::run(&args),
             Self::FitActuator(args) => commands::fit_actuator::run(&args),
+            Self::Calibrate(args) => commands::gap::calibrate(&args),
+            Self::Gap(args) => commands::gap::run(&args),
             Self::Export(args) => commands::export::run(&args),
         }
     }

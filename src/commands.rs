@@ -3,6 +3,7 @@
 pub(crate) mod collect;
 pub(crate) mod export;
 pub(crate) mod fit_actuator;
+pub(crate) mod gap;
 pub(crate) mod import;
 pub(crate) mod info;
 mod interrupt;

@@ -17,8 +17,8 @@
 //! | [`AxisStage`] | motion (force drives), command (velocity drives) | force, velocity |
 //! | [`EstimatorStage`] | positions of the camera | velocities of `/board/state` |
 
-mod ball;
 mod axis;
+mod ball;
 mod camera;
 mod document;
 mod drive;
@@ -27,18 +27,18 @@ mod nominal;
 pub mod noise;
 mod path;
 mod plant;
-pub mod session;
+mod session;
 mod stage;
 
-pub use ball::{BallStage, WallImpact};
 pub use axis::{AxisError, AxisStage, FreeRun};
+pub use ball::{BallStage, WallImpact};
 pub use camera::CameraStage;
 pub use document::{TwinError, read_twin, write_twin};
 pub use drive::{DriveStage, Output};
 pub use estimator::EstimatorStage;
 pub use path::MeasuredPath;
 pub use plant::{Plant, PlantState, belts, rails};
-pub use session::{Machine, Session, SessionError};
+pub use session::{Machine, Run, Session, SessionError, machine_of, runs_of, sessions_of};
 pub use stage::{Channel, Stage, StageKind};
 
 use crate::effects::{Axis, Effect};

@@ -15,7 +15,7 @@ use crate::{
     effects::Effect,
     recording::Split,
     stats::t_quantile,
-    twin::{Left, Machine, Session, Source, Stage, StageKind, Twin, Value},
+    twin::{Left, Session, Source, Stage, StageKind, Twin, Value, machine_of},
 };
 
 /// The links in the order of the chain.
@@ -57,7 +57,7 @@ const LEAST_MOVE: f64 = 0.01;
 /// Runs the workflow on `sessions` from `given`, or from the plain twin.
 #[must_use]
 pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Found<'a> {
-    let start = given.cloned().unwrap_or_else(|| Twin::nominal(Machine::Table));
+    let start = given.cloned().unwrap_or_else(|| Twin::nominal(machine_of(sessions)));
     if let Some(objection) = checks::check(sessions) {
         return refused(start, objection);
     }

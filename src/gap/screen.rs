@@ -12,7 +12,7 @@ use super::{
     whiten::Filters,
 };
 use crate::{
-    effects::{Axis, CATALOGUE, Effect, Physics},
+    effects::{Axis, CATALOGUE, Effect, Physics, SCANS},
     stats::f_tail,
     twin::{Instance, Source, Twin},
 };
@@ -55,13 +55,17 @@ const TRIED_ALONE: usize = 12;
 pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
     let linear = problem.linear(&found.point, &found.slots, filters);
     let base = problem.predictions(&found.point);
+    let linear_residual = problem.parts.first().map(|part| part.residual(&base[0])).unwrap_or_default();
     let screen = Screen { problem, found, filters, base, normal: Normal::new(&linear), linear };
     let (shared, single): (Vec<_>, Vec<_>) = pairs(problem, &found.point.twin)
         .into_iter()
         .partition(|(_, axis)| is_shared(*axis));
     let tries = shared
         .iter()
-        .flat_map(|(effect, axis)| effect.probes.iter().map(|probe| (*effect, *axis, probe.to_vec())))
+        .flat_map(|(effect, axis)| {
+            let probes = probes(problem, &linear_residual, effect);
+            probes.into_iter().map(|probe| (*effect, *axis, probe))
+        })
         .collect();
     let mut best = screen.run(tries);
     best.sort_by(|a, b| b.share.total_cmp(&a.share));
@@ -85,6 +89,27 @@ pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Cand
     best.extend(screen.run(tries));
     best.sort_by(|a, b| b.share.total_cmp(&a.share));
     best
+}
+
+/// The probes of `effect`; where one of its numbers must be scanned for, with the values that the
+/// residual of the first part proposes for it.
+fn probes(problem: &Problem<'_>, residual: &[Vec<f64>], effect: &'static Effect) -> Vec<Vec<f64>> {
+    let listed: Vec<Vec<f64>> = effect.probes.iter().map(|probe| probe.to_vec()).collect();
+    let scan = SCANS.iter().find(|(own, _)| *own == effect).map(|(_, scan)| scan);
+    let (Some(scan), Some(part), Some(first)) = (scan, problem.parts.first(), listed.first()) else {
+        return listed;
+    };
+    let Some(regressor) = part.stage.regressor(scan.regressor) else { return listed };
+    let residual = residual.first().map_or(&[][..], Vec::as_slice);
+    let proposed: Vec<Vec<f64>> = (scan.propose)(&regressor, residual)
+        .into_iter()
+        .map(|value| {
+            let mut probe = first.clone();
+            probe[scan.parameter] = value;
+            probe
+        })
+        .collect();
+    if proposed.is_empty() { listed } else { proposed }
 }
 
 /// What all tries of one screen share.

@@ -150,28 +150,6 @@ impl AxisStage {
         1.0 / (self.dt * self.factor as f64)
     }
 
-    /// What a residual of this stage may depend on, at the samples of its channel; `None` where the
-    /// axis has no such thing.
-    #[must_use]
-    pub fn regressor(&self, regressor: Regressor) -> Option<Vec<f64>> {
-        let at = |values: &[f64]| Some(self.kept().map(|index| values[index]).collect());
-        let each = |value: &dyn Fn(usize) -> f64| Some(self.kept().map(value).collect());
-        match regressor {
-            Regressor::Constant => each(&|_| 1.0),
-            Regressor::Position | Regressor::Phase => at(&self.position),
-            Regressor::Velocity => at(&self.velocity),
-            Regressor::Direction => each(&|index| self.velocity[index].signum()),
-            Regressor::Speed => each(&|index| self.velocity[index].abs()),
-            Regressor::Acceleration => at(&self.acceleration),
-            Regressor::Jerk => at(&derivative(&self.acceleration, self.dt)),
-            Regressor::Load => each(&|index| self.input[index].abs()),
-            Regressor::Command => at(&self.input),
-            Regressor::SinceReversal => at(&since_reversal(&self.velocity, self.dt)),
-            Regressor::Time => each(&|index| self.time(index)),
-            Regressor::OtherAxis | Regressor::ImpactSpeed => None,
-        }
-    }
-
     /// The measured motion at one sample; `force` is the input as it was measured.
     fn motion(&self, index: usize) -> Motion {
         Motion {
@@ -221,6 +199,25 @@ impl Stage for AxisStage {
 
     fn calls(&self, effect: &Effect) -> bool {
         Chain::calls(&effect.physics)
+    }
+
+    fn regressor(&self, regressor: Regressor) -> Option<Vec<f64>> {
+        let at = |values: &[f64]| Some(self.kept().map(|index| values[index]).collect());
+        let each = |value: &dyn Fn(usize) -> f64| Some(self.kept().map(value).collect());
+        match regressor {
+            Regressor::Constant => each(&|_| 1.0),
+            Regressor::Position | Regressor::Phase => at(&self.position),
+            Regressor::Velocity => at(&self.velocity),
+            Regressor::Direction => each(&|index| self.velocity[index].signum()),
+            Regressor::Speed => each(&|index| self.velocity[index].abs()),
+            Regressor::Acceleration => at(&self.acceleration),
+            Regressor::Jerk => at(&derivative(&self.acceleration, self.dt)),
+            Regressor::Load => each(&|index| self.input[index].abs()),
+            Regressor::Command => at(&self.input),
+            Regressor::SinceReversal => at(&since_reversal(&self.velocity, self.dt)),
+            Regressor::Time => each(&|index| self.time(index)),
+            Regressor::OtherAxis | Regressor::ImpactSpeed => None,
+        }
     }
 
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {

@@ -1,7 +1,7 @@
 //! Recordings as sessions: each link's measured input and output, cut into runs.
 
 use super::{
-    BallStage, CameraStage, Channel, DriveStage, EstimatorStage, MeasuredPath, Stage,
+    AxisError, AxisStage, BallStage, CameraStage, Channel, DriveStage, EstimatorStage, MeasuredPath, Stage, StageKind,
     drive::{Output, RunStart, SETTLING},
     plant::{belts, rails},
 };
@@ -35,6 +35,22 @@ pub enum Machine {
     Axis,
 }
 
+impl std::fmt::Display for Machine {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Table => "table",
+            Self::Axis => "single axis",
+        })
+    }
+}
+
+/// What kind of machine `sessions` were recorded on: a single axis when nothing else is there.
+#[must_use]
+pub fn machine_of(sessions: &[Session]) -> Machine {
+    let only_axes = |session: &Session| session.stages().iter().all(|stage| stage.kind() == StageKind::Axis);
+    if sessions.iter().all(only_axes) { Machine::Axis } else { Machine::Table }
+}
+
 impl Machine {
     /// Motors of one gantry.
     #[must_use]
@@ -52,6 +68,17 @@ pub enum SessionError {
     /// It could not be read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// A single axis cannot be used.
+    #[error(transparent)]
+    Axis(#[from] AxisError),
+    /// A given twin describes another kind of machine.
+    #[error("the twin describes a {twin}, the recordings a {recorded}; give the twin of that machine")]
+    OtherMachine {
+        /// Of the twin.
+        twin: Machine,
+        /// Of the recordings.
+        recorded: Machine,
+    },
     /// None of the links has both input and output.
     #[error(
         "{path} holds no link with measured input and output: needed are commands with motor or \
@@ -97,6 +124,8 @@ pub struct Session {
     pub ball: Option<BallStage>,
     /// Positions to reported velocities.
     pub estimator: Option<EstimatorStage>,
+    /// Single axes.
+    pub axes: Vec<AxisStage>,
 }
 
 impl Session {
@@ -108,6 +137,7 @@ impl Session {
         stages.extend(self.camera.as_ref().map(|stage| stage as &dyn Stage));
         stages.extend(self.estimator.as_ref().map(|stage| stage as &dyn Stage));
         stages.extend(self.ball.as_ref().map(|stage| stage as &dyn Stage));
+        stages.extend(self.axes.iter().map(|stage| stage as &dyn Stage));
         stages
     }
 }
@@ -500,7 +530,7 @@ fn session_of(
     recording: &Recording,
     runs: Vec<Run>,
     split: Split,
-) -> Result<Session, RecordingError> {
+) -> Result<Session, SessionError> {
     let player = moving_player(recording)?;
     let (mut drive, mut camera, mut commands) = (None, None, 0);
     if let Some(player) = player {
@@ -520,6 +550,7 @@ fn session_of(
         camera,
         ball: BallStage::from_recording(recording, &spans)?,
         estimator: EstimatorStage::from_recording(recording)?,
+        axes: AxisStage::from_runs(recording, &spans)?,
     })
 }
 

@@ -1,7 +1,7 @@
 //! One link of the chain: measured input, measured output, prediction between them.
 
 use super::Twin;
-use crate::effects::{Domain, Effect};
+use crate::effects::{Domain, Effect, Regressor};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -66,6 +66,12 @@ pub trait Stage: Sync {
     /// Typical size of each nuisance number, by which steps of the fit are scaled.
     fn nuisance_scale(&self) -> Vec<f64> {
         Vec::new()
+    }
+
+    /// What a residual of the first channel may depend on, sample by sample; `None` where the stage
+    /// does not know it.
+    fn regressor(&self, _regressor: Regressor) -> Option<Vec<f64>> {
+        None
     }
 
     /// Predicts every sample of every channel: `predicted[channel][sample]`, not finite where the
