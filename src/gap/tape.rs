@@ -43,8 +43,8 @@ pub fn write_tape(
         let message = AxisInput { value: sample.value, unit: sample.unit.to_owned() };
         writer.write(&sample.topic, sample.time, &message)?;
     }
-    let document = serde_json::to_vec_pretty(&found.document).unwrap_or_default();
-    writer.attach("gap.json", "application/json", &document)?;
+    let document = serde_json::to_string_pretty(&found.document).unwrap_or_default() + "\n";
+    writer.attach("gap.json", "application/json", document.as_bytes())?;
     let twin = found.twin.to_json().unwrap_or_default();
     writer.attach("twin.json", "application/json", twin.as_bytes())?;
     writer.finish()
