@@ -23,8 +23,8 @@ mod camera;
 mod document;
 mod drive;
 mod estimator;
-mod nominal;
 pub mod noise;
+mod nominal;
 mod path;
 mod plant;
 mod session;
@@ -160,9 +160,7 @@ impl Twin {
     /// Whether `effect` acts anywhere that `axis` touches.
     #[must_use]
     pub fn has(&self, effect: &str, axis: Axis) -> bool {
-        self.instances
-            .iter()
-            .any(|found| found.effect.name == effect && found.axis.overlaps(axis) )
+        self.instances.iter().any(|found| found.effect.name == effect && found.axis.overlaps(axis))
     }
 }
 

@@ -184,9 +184,8 @@ fn summary(document: &Document) -> String {
         lines.push(format!("    {}", effect.why));
     }
     for refit in &document.refit {
-        let interval = refit
-            .ci95
-            .map_or_else(String::new, |[low, high]| format!(" ({low:.4} to {high:.4})"));
+        let interval =
+            refit.ci95.map_or_else(String::new, |[low, high]| format!(" ({low:.4} to {high:.4})"));
         lines.push(format!(
             "  {} on {}: {:.4} -> {:.4}{interval} {}",
             refit.name, refit.axis, refit.before, refit.after, refit.unit
@@ -224,9 +223,10 @@ fn parameters(twin: &Twin) -> String {
     let mut lines = Vec::new();
     for instance in &twin.instances {
         for (parameter, value) in instance.effect.parameters.iter().zip(&instance.values) {
-            let interval = value
-                .ci95
-                .map_or_else(|| "not fitted".to_owned(), |[low, high]| format!("{low:.5} to {high:.5}"));
+            let interval = value.ci95.map_or_else(
+                || "not fitted".to_owned(),
+                |[low, high]| format!("{low:.5} to {high:.5}"),
+            );
             lines.push(format!(
                 "{:<52}{:>12.5} {:<8} ({interval})",
                 format!("{} {} {}", instance.effect.name, instance.axis, parameter.name),

@@ -41,8 +41,11 @@ fn objection(verdict: Verdict, says: impl Into<String>) -> Option<Objection> {
 /// The first reason for which nothing may be said about `sessions`.
 #[must_use]
 pub fn check(sessions: &[Session]) -> Option<Objection> {
-    let time: f64 =
-        sessions.iter().flat_map(|session| &session.runs).map(|run| run.span.end - run.span.start).sum();
+    let time: f64 = sessions
+        .iter()
+        .flat_map(|session| &session.runs)
+        .map(|run| run.span.end - run.span.start)
+        .sum();
     if time < LEAST_TIME {
         return objection(
             Verdict::NotTestable,
@@ -128,7 +131,8 @@ fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), value| (sum + value * value, count + 1));
+    let (sum, count) =
+        values.fold((0.0, 0_usize), |(sum, count), value| (sum + value * value, count + 1));
     (sum / count.max(1) as f64).sqrt()
 }
 

@@ -19,13 +19,8 @@ use crate::{
 };
 
 /// The links in the order of the chain.
-const ORDER: [StageKind; 5] = [
-    StageKind::Drive,
-    StageKind::Camera,
-    StageKind::Estimator,
-    StageKind::Ball,
-    StageKind::Axis,
-];
+const ORDER: [StageKind; 5] =
+    [StageKind::Drive, StageKind::Camera, StageKind::Estimator, StageKind::Ball, StageKind::Axis];
 
 /// What the workflow is asked to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -290,7 +285,8 @@ fn named(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> NamedEffect {
                     unit: parameter.unit.to_owned(),
                     ci95: value.ci95,
                     implausible: !parameter.per_session
-                        && !(parameter.plausible.0..=parameter.plausible.1).contains(&value.value.abs())
+                        && !(parameter.plausible.0..=parameter.plausible.1)
+                            .contains(&value.value.abs())
                         && !(parameter.plausible.0..=parameter.plausible.1).contains(&value.value),
                 })
                 .collect()
@@ -298,10 +294,12 @@ fn named(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> NamedEffect {
         .unwrap_or_default();
     let (before, after) = &step.held_out_steps;
     let most = (0..before.len())
+        .filter(|k| 0.0 < after[*k])
         .max_by(|a, b| (before[*a] / after[*a]).total_cmp(&(before[*b] / after[*b])));
     let channels = outcome.train.parts.first().map(|part| part.stage.channels());
     let signal = most.and_then(|index| {
-        channels.and_then(|channels| channels.get(index))
+        channels
+            .and_then(|channels| channels.get(index))
             .map(|channel| format!("{} ({})", channel.signal, channel.unit))
     });
     NamedEffect {
@@ -311,7 +309,13 @@ fn named(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> NamedEffect {
         gap_before: most.map(|index| before[index]),
         gap_after: most.map(|index| after[index]),
         held_out_gain: step.held_out_gain,
-        why: why(step.effect, step, signal.as_deref(), most.map(|k| (before[k], after[k])), &parameters),
+        why: why(
+            step.effect,
+            step,
+            signal.as_deref(),
+            most.map(|k| (before[k], after[k])),
+            &parameters,
+        ),
         gap_signal: signal,
         parameters,
     }
@@ -330,7 +334,13 @@ fn why(
         .filter(|parameter| parameter.ci95.is_some())
         .map(|parameter| {
             let [low, high] = parameter.ci95.unwrap_or_default();
-            format!("{} {:.4} ({low:.4} to {high:.4})", parameter.name, parameter.value)
+            format!(
+                "{} {} ({} to {})",
+                parameter.name,
+                significant(parameter.value),
+                significant(low),
+                significant(high)
+            )
         })
         .collect();
     let mut text = format!("On {}: {}; {}.", step.axis, effect.says, numbers.join(", "));
@@ -352,9 +362,22 @@ fn why(
     text
 }
 
+/// Four significant digits, without an exponent where it is not needed.
+fn significant(value: f64) -> String {
+    let size = value.abs();
+    if size == 0.0 || (1e-3..1e5).contains(&size) {
+        let before = if size == 0.0 { 1 } else { size.log10().floor() as i32 + 1 };
+        format!("{value:.*}", (4 - before).clamp(0, 7) as usize)
+    } else {
+        format!("{value:.3e}")
+    }
+}
+
 fn class_of(step: &Added) -> Class {
-    let names =
-        std::iter::once(step.effect.name).chain(step.class.iter().copied()).map(str::to_owned).collect();
+    let names = std::iter::once(step.effect.name)
+        .chain(step.class.iter().copied())
+        .map(str::to_owned)
+        .collect();
     Class { names, experiment: step.effect.excitation.to_owned() }
 }
 
@@ -370,7 +393,10 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
         Reason::SessionsDisagree => "the sessions do not agree on its sign or size".to_owned(),
         Reason::TooSmall => "explains less than the simulation's own fidelity".to_owned(),
         Reason::NotTestable => {
-            format!("not testable with this motion: it takes {}", rejected.candidate.effect.excitation)
+            format!(
+                "not testable with this motion: it takes {}",
+                rejected.candidate.effect.excitation
+            )
         }
     };
     RejectedEffect {
@@ -419,7 +445,8 @@ fn signal_gaps(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalGap> {
         outcome.held_out.rms(&outcome.start_held_out),
         outcome.held_out.rms(&outcome.last_held_out),
     ];
-    let at = |column: usize, k: usize| columns[column].get(k).copied().filter(|rms| rms.is_finite());
+    let at =
+        |column: usize, k: usize| columns[column].get(k).copied().filter(|rms| rms.is_finite());
     part.stage
         .channels()
         .iter()
@@ -482,7 +509,9 @@ fn doubts(outcomes: &[Outcome<'_>]) -> Vec<String> {
                 let instance = &outcome.last.point.twin.instances[slot.instance];
                 doubts.push(format!(
                     "the data do not determine {}.{} on {}",
-                    instance.effect.name, instance.effect.parameters[slot.parameter].name, instance.axis
+                    instance.effect.name,
+                    instance.effect.parameters[slot.parameter].name,
+                    instance.axis
                 ));
             }
         }

@@ -32,12 +32,31 @@ pub struct Fit {
 
 /// Fits `slots` from `start` in at most `iterations` steps, with the whitening of `filters`.
 #[must_use]
-pub fn fit(problem: &Problem<'_>, start: Point, slots: &[Slot], filters: &Filters, iterations: usize) -> Fit {
+pub(super) fn fit(
+    problem: &Problem<'_>,
+    start: Point,
+    slots: &[Slot],
+    filters: &Filters,
+    iterations: usize,
+) -> Fit {
+    fit_with(problem, start, slots, filters, iterations, &[])
+}
+
+/// The same where the columns of the first parameters are known from nearby.
+#[must_use]
+pub(super) fn fit_with(
+    problem: &Problem<'_>,
+    start: Point,
+    slots: &[Slot],
+    filters: &Filters,
+    iterations: usize,
+    known: &[Vec<f64>],
+) -> Fit {
     let mut point = start;
     let mut loss = squared(&problem.whitened(&point, filters));
     let mut damping = 1e-3;
     for _ in 0..iterations {
-        let linear = problem.linear(&point, slots, filters);
+        let linear = problem.linear_with(&point, slots, filters, known);
         let normal = Normal::new(&linear).without_blocked(&point, slots);
         let mut improved = None;
         for _ in 0..MOST_RETRIES {
@@ -64,7 +83,12 @@ pub fn fit(problem: &Problem<'_>, start: Point, slots: &[Slot], filters: &Filter
 
 /// Fits from far away: first with each signal merely scaled, then whitened by its own residual.
 #[must_use]
-pub fn fit_from_afar(problem: &Problem<'_>, start: Point, slots: &[Slot], iterations: usize) -> (Fit, Filters) {
+pub fn fit_from_afar(
+    problem: &Problem<'_>,
+    start: Point,
+    slots: &[Slot],
+    iterations: usize,
+) -> (Fit, Filters) {
     let mut point = start;
     for _ in 0..3 {
         let scales = problem.filters(&point, whiten::scale_filters);
@@ -80,7 +104,12 @@ pub fn fit_from_afar(problem: &Problem<'_>, start: Point, slots: &[Slot], iterat
 
 /// Fits from nearby: whitened by the residual, and again by the residual that is then left.
 #[must_use]
-pub fn settle(problem: &Problem<'_>, start: Point, slots: &[Slot], iterations: usize) -> (Fit, Filters) {
+pub fn settle(
+    problem: &Problem<'_>,
+    start: Point,
+    slots: &[Slot],
+    iterations: usize,
+) -> (Fit, Filters) {
     let mut filters = problem.filters(&start, whiten::fit_filters);
     let mut found = fit(problem, start, slots, &filters, iterations);
     filters = problem.filters(&found.point, whiten::fit_filters);
@@ -88,13 +117,24 @@ pub fn settle(problem: &Problem<'_>, start: Point, slots: &[Slot], iterations: u
     (found, filters)
 }
 
-/// Fits the nuisances alone: how a twin that is not touched predicts a session.
+/// Fits the nuisances, and what belongs to a session (the phase of a ripple), alone: how a twin that is
+/// not touched otherwise predicts a session.
 #[must_use]
-pub fn adapt(problem: &Problem<'_>, start: Point, filters: &Filters) -> Point {
-    if problem.parts.iter().all(|part| part.stage.nuisance_groups().is_empty()) {
+pub(super) fn adapt(problem: &Problem<'_>, start: Point, filters: &Filters) -> Point {
+    let Some(part) = problem.parts.first() else { return start };
+    let own: Vec<Slot> = start
+        .twin
+        .free(part.stage)
+        .into_iter()
+        .filter(|slot| {
+            let effect = start.twin.instances[slot.instance].effect;
+            effect.parameters[slot.parameter].per_session
+        })
+        .collect();
+    if own.is_empty() && problem.parts.iter().all(|part| part.stage.nuisance_groups().is_empty()) {
         return start;
     }
-    fit(problem, start, &[], filters, 8).point
+    fit(problem, start, &own, filters, 8).point
 }
 
 /// Sum of squares.
@@ -132,7 +172,8 @@ impl Normal {
             let effect = point.twin.instances[slot.instance].effect;
             let (low, high) = effect.parameters[slot.parameter].bounds;
             let value = point.twin.get(*slot);
-            let blocked = value <= low && self.right[k] < 0.0 || high <= value && 0.0 < self.right[k];
+            let blocked =
+                value <= low && self.right[k] < 0.0 || high <= value && 0.0 < self.right[k];
             if blocked {
                 self.right[k] = 0.0;
                 for other in 0..slots.len() {
@@ -163,9 +204,8 @@ impl Normal {
     #[must_use]
     pub fn inverse(&self) -> Mat<f64> {
         let count = self.right.len();
-        let left = Mat::from_fn(count, count, |i, j| {
-            self.gram[(i, j)] + if i == j { HOLD } else { 0.0 }
-        });
+        let left =
+            Mat::from_fn(count, count, |i, j| self.gram[(i, j)] + if i == j { HOLD } else { 0.0 });
         left.partial_piv_lu().solve(Mat::<f64>::identity(count, count))
     }
 

@@ -49,7 +49,10 @@ pub fn floor(channel: &Channel, at_rest: &[bool]) -> Floor {
         for start in (run.start..run.end.saturating_sub(REST_WINDOW)).step_by(REST_WINDOW) {
             let window = start..start + REST_WINDOW;
             let values = &channel.measured[window.clone()];
-            if !window.clone().all(|k| at_rest.get(k) == Some(&true) && channel.measured[k].is_finite()) {
+            if !window
+                .clone()
+                .all(|k| at_rest.get(k) == Some(&true) && channel.measured[k].is_finite())
+            {
                 continue;
             }
             let mean = values.iter().sum::<f64>() / REST_WINDOW as f64;
@@ -59,7 +62,11 @@ pub fn floor(channel: &Channel, at_rest: &[bool]) -> Floor {
     }
     if LEAST_REST <= count {
         let freedom = count as f64 * (1.0 - 1.0 / REST_WINDOW as f64);
-        return Floor { rms: (squares / freedom).sqrt(), source: FloorSource::Rest, samples: count };
+        return Floor {
+            rms: (squares / freedom).sqrt(),
+            source: FloorSource::Rest,
+            samples: count,
+        };
     }
     let mut thirds = Vec::new();
     for run in &channel.runs {
@@ -109,8 +116,11 @@ mod tests {
 
     #[test]
     fn a_moving_signal_has_the_floor_of_its_noise() {
-        let moving: Vec<f64> =
-            noise(4000).iter().enumerate().map(|(k, n)| 30.0 * (k as f64 * 0.01).sin() + n).collect();
+        let moving: Vec<f64> = noise(4000)
+            .iter()
+            .enumerate()
+            .map(|(k, n)| 30.0 * (k as f64 * 0.01).sin() + n)
+            .collect();
         let found = floor(&channel(moving), &[]);
         assert_eq!(found.source, FloorSource::Smoothness);
         assert!((found.rms - 1.0).abs() < 0.05, "{}", found.rms);

@@ -28,16 +28,22 @@ pub fn places(outcome: &Outcome<'_>, effects: &[NamedEffect]) -> Vec<Where> {
         .enumerate()
         .filter(|(k, _)| 0.0 < excess[*k])
         .map(|(k, channel)| {
-            let named = effects.iter().find(|effect| {
-                outcome.added.iter().any(|step| step.effect.name == effect.name)
-            });
+            let named = effects
+                .iter()
+                .find(|effect| outcome.added.iter().any(|step| step.effect.name == effect.name));
             Where {
                 domain: named
                     .and_then(|effect| crate::effects::find(&effect.name))
                     .map_or(channel.domain, |effect| effect.domain),
-                axis: named.map_or_else(|| channel.axis.to_owned(), |effect| effect.axis.to_string()),
+                axis: named
+                    .map_or_else(|| channel.axis.to_owned(), |effect| effect.axis.to_string()),
                 signal: channel.signal.clone(),
-                condition: condition(&channel.times, &channel.measured, &residual[k], &channel.runs),
+                condition: condition(
+                    &channel.times,
+                    &channel.measured,
+                    &residual[k],
+                    &channel.runs,
+                ),
                 share_of_gap: if 0.0 < total { excess[k] / total } else { 0.0 },
             }
         })
@@ -53,8 +59,14 @@ fn condition(
     residual: &[f64],
     runs: &[std::ops::Range<usize>],
 ) -> String {
-    let fastest = measured.iter().filter(|v| v.is_finite()).fold(0.0_f64, |top, v| top.max(v.abs()));
-    let mut bins = [("everywhere", 0.0, 0_usize), ("in accelerations", 0.0, 0), ("at reversals", 0.0, 0), ("at high speed", 0.0, 0)];
+    let fastest =
+        measured.iter().filter(|v| v.is_finite()).fold(0.0_f64, |top, v| top.max(v.abs()));
+    let mut bins = [
+        ("everywhere", 0.0, 0_usize),
+        ("in accelerations", 0.0, 0),
+        ("at reversals", 0.0, 0),
+        ("at high speed", 0.0, 0),
+    ];
     let mut slopes: Vec<f64> = Vec::new();
     for run in runs {
         for k in run.start + 1..run.end {
@@ -93,6 +105,12 @@ fn condition(
         .max_by(|a, b| density(a).total_cmp(&density(b)))
         .map_or_else(
             || "everywhere".to_owned(),
-            |bin| format!("{} ({:.0} % of the squared gap)", bin.0, 100.0 * bin.1 / bins[0].1.max(f64::MIN_POSITIVE)),
+            |bin| {
+                format!(
+                    "{} ({:.0} % of the squared gap)",
+                    bin.0,
+                    100.0 * bin.1 / bins[0].1.max(f64::MIN_POSITIVE)
+                )
+            },
         )
 }

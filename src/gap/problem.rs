@@ -67,9 +67,7 @@ fn difference(stage: &dyn Stage, predicted: &[Vec<f64>]) -> Vec<Vec<f64>> {
         .channels()
         .iter()
         .zip(predicted)
-        .map(|(channel, values)| {
-            channel.measured.iter().zip(values).map(|(m, p)| m - p).collect()
-        })
+        .map(|(channel, values)| channel.measured.iter().zip(values).map(|(m, p)| m - p).collect())
         .collect()
 }
 
@@ -190,7 +188,11 @@ impl<'a> Problem<'a> {
 
     /// Models of the residuals at `point`.
     #[must_use]
-    pub fn filters(&self, point: &Point, fit: fn(&[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters) -> Filters {
+    pub fn filters(
+        &self,
+        point: &Point,
+        fit: fn(&[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters,
+    ) -> Filters {
         let residuals = self.residuals(point);
         let parts: Vec<(&dyn Stage, &Layout, &[Vec<f64>])> = self
             .parts
@@ -215,6 +217,27 @@ impl<'a> Problem<'a> {
     /// are per scaled parameter: a change of one is `scale` of the parameter.
     #[must_use]
     pub fn linear(&self, point: &Point, slots: &[Slot], filters: &Filters) -> Linear {
+        self.linear_with(point, slots, filters, &[])
+    }
+
+    /// The same with columns of the first parameters that are known from nearby ([`Self::columns`]):
+    /// a fit that adds one effect need not simulate every known parameter anew in every step.
+    #[must_use]
+    pub fn linear_with(
+        &self,
+        point: &Point,
+        slots: &[Slot],
+        filters: &Filters,
+        known: &[Vec<f64>],
+    ) -> Linear {
+        let mut columns = known.to_vec();
+        columns.extend(self.columns(point, &slots[known.len()..], filters));
+        self.eliminated(point, columns, filters)
+    }
+
+    /// Whitened derivative by each scaled parameter, nuisances unchanged.
+    #[must_use]
+    pub fn columns(&self, point: &Point, slots: &[Slot], filters: &Filters) -> Vec<Vec<f64>> {
         let variants: Vec<Twin> = slots
             .iter()
             .map(|slot| {
@@ -223,17 +246,13 @@ impl<'a> Problem<'a> {
                 twin
             })
             .collect();
-        let steps: Vec<f64> = slots
-            .iter()
-            .zip(&variants)
-            .map(|(slot, twin)| (twin.get(*slot) - point.twin.get(*slot)) / point.twin.scale(*slot))
-            .collect();
         let mut columns = self.contrasts(point, &variants, filters);
-        for (column, step) in columns.iter_mut().zip(&steps) {
-            let factor = if *step == 0.0 { 0.0 } else { 1.0 / step };
+        for ((column, slot), twin) in columns.iter_mut().zip(slots).zip(&variants) {
+            let step = (twin.get(*slot) - point.twin.get(*slot)) / point.twin.scale(*slot);
+            let factor = if step == 0.0 { 0.0 } else { 1.0 / step };
             column.iter_mut().for_each(|value| *value *= factor);
         }
-        self.eliminated(point, columns, filters)
+        columns
     }
 
     /// Whitened change of the prediction from `point` to each of `variants`, nuisances unchanged.
@@ -439,7 +458,9 @@ pub fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync)
             .collect();
         workers
             .into_iter()
-            .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .flat_map(|worker| {
+                worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            })
             .collect()
     });
     found.sort_by_key(|(index, _)| *index);
@@ -453,15 +474,12 @@ const OUTLIER: f64 = 8.0;
 impl Problem<'_> {
     /// Leaves out single samples that stand off from their neighbours in the residual at `point`.
     pub fn drop_outliers(&mut self, point: &Point) {
-        let nuisance: Vec<Vec<Vec<f64>>> = self
-            .parts
-            .iter()
-            .zip(&point.nuisance)
-            .map(|(_, nuisance)| nuisance.clone())
-            .collect();
+        let nuisance: Vec<Vec<Vec<f64>>> =
+            self.parts.iter().zip(&point.nuisance).map(|(_, nuisance)| nuisance.clone()).collect();
         for (part, nuisance) in self.parts.iter_mut().zip(nuisance) {
             let residual = part.residual(&predict(part.stage, &point.twin, &nuisance));
-            let usable: Vec<Vec<bool>> = residual.iter().map(|values| without_spikes(values)).collect();
+            let usable: Vec<Vec<bool>> =
+                residual.iter().map(|values| without_spikes(values)).collect();
             *part = Part::with_usable(part.stage, &usable);
         }
     }
@@ -513,8 +531,12 @@ fn without_spikes(values: &[f64]) -> Vec<bool> {
     let off: Vec<f64> = (0..values.len())
         .map(|k| {
             let near = [k.wrapping_sub(2), k.wrapping_sub(1), k + 1, k + 2];
-            let beside: Vec<f64> =
-                near.iter().filter_map(|at| values.get(*at)).copied().filter(|v| v.is_finite()).collect();
+            let beside: Vec<f64> = near
+                .iter()
+                .filter_map(|at| values.get(*at))
+                .copied()
+                .filter(|v| v.is_finite())
+                .collect();
             match crate::stats::median(&beside) {
                 Some(middle) if 3 <= beside.len() => (values[k] - middle).abs(),
                 _ => 0.0,
@@ -524,5 +546,9 @@ fn without_spikes(values: &[f64]) -> Vec<bool> {
     // In quiet signals most distances are a quantum: the limit rests on the upper part of the
     // usual distances, so that a coarse grid does not make every step a spike.
     let usual = crate::stats::quantile(&off, 0.9).unwrap_or(0.0);
-    values.iter().zip(&off).map(|(value, off)| value.is_finite() && *off <= OUTLIER * usual).collect()
+    values
+        .iter()
+        .zip(&off)
+        .map(|(value, off)| value.is_finite() && *off <= OUTLIER * usual)
+        .collect()
 }

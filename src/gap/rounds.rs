@@ -292,15 +292,19 @@ impl Round {
         let (mut rejected, short) = short_list(candidates, threshold);
         let base_held = fit::adapt(held_out, held_out.start(base.point.twin.clone()), filters);
         // First in the metric of the base residual, then in that of the best candidate's.
+        let known = train.columns(&base.point, &base.slots, filters);
         let rough: Vec<Fit> =
-            in_parallel(&short, |candidate| fitted(train, base, candidate, filters));
-        let Some(lead) = rough.iter().min_by(|a, b| a.loss.total_cmp(&b.loss)) else {
+            in_parallel(&short, |candidate| fitted(train, base, candidate, filters, &known));
+        let sound = |fit: &&Fit| on_bound(fit).is_none();
+        let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
+        let Some(lead) = lead.or(rough.first()) else {
             return Self { winner: None, rejected, tries };
         };
         let sharp = train.filters(&lead.point, whiten::fit_filters);
+        let known = train.columns(&lead.point, &base.slots, &sharp);
         let items: Vec<(Candidate, Fit)> = short.into_iter().zip(rough).collect();
         let mut trials = in_parallel(&items, |(candidate, rough)| {
-            let fit = fit::fit(train, rough.point.clone(), &rough.slots, &sharp, 6);
+            let fit = fit::fit_with(train, rough.point.clone(), &rough.slots, &sharp, 8, &known);
             trial(train, held_out, candidate.clone(), fit, &sharp)
         });
         trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
@@ -392,7 +396,13 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
 }
 
 /// `base` with the candidate's effect, everything fitted together.
-fn fitted(train: &Problem<'_>, base: &Fit, candidate: &Candidate, filters: &Filters) -> Fit {
+fn fitted(
+    train: &Problem<'_>,
+    base: &Fit,
+    candidate: &Candidate,
+    filters: &Filters,
+    known: &[Vec<f64>],
+) -> Fit {
     // The line of the screen may lead too far for what bends: the probe itself is a start as well.
     let starts = [&candidate.start, &candidate.probe].map(|values| {
         let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, values);
@@ -404,7 +414,7 @@ fn fitted(train: &Problem<'_>, base: &Fit, candidate: &Candidate, filters: &Filt
     let point = if probe.1 < line.1 { probe.0 } else { line.0 };
     let mut slots = base.slots.clone();
     slots.extend(slots_of_last(&point.twin));
-    fit::fit(train, point, &slots, filters, 8)
+    fit::fit_with(train, point, &slots, filters, 10, known)
 }
 
 /// Slots of the instance that was added last.

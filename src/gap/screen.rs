@@ -55,11 +55,11 @@ const TRIED_ALONE: usize = 12;
 pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
     let linear = problem.linear(&found.point, &found.slots, filters);
     let base = problem.predictions(&found.point);
-    let linear_residual = problem.parts.first().map(|part| part.residual(&base[0])).unwrap_or_default();
+    let linear_residual =
+        problem.parts.first().map(|part| part.residual(&base[0])).unwrap_or_default();
     let screen = Screen { problem, found, filters, base, normal: Normal::new(&linear), linear };
-    let (shared, single): (Vec<_>, Vec<_>) = pairs(problem, &found.point.twin)
-        .into_iter()
-        .partition(|(_, axis)| is_shared(*axis));
+    let (shared, single): (Vec<_>, Vec<_>) =
+        pairs(problem, &found.point.twin).into_iter().partition(|(_, axis)| is_shared(*axis));
     let tries = shared
         .iter()
         .flat_map(|(effect, axis)| {
@@ -71,7 +71,9 @@ pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Cand
     best.sort_by(|a, b| b.share.total_cmp(&a.share));
     let mut leading: Vec<(&'static Effect, Vec<f64>)> = Vec::new();
     for candidate in &best {
-        if leading.len() < TRIED_ALONE && !leading.iter().any(|(effect, _)| *effect == candidate.effect) {
+        if leading.len() < TRIED_ALONE
+            && !leading.iter().any(|(effect, _)| *effect == candidate.effect)
+        {
             leading.push((candidate.effect, candidate.probe.clone()));
         }
     }
@@ -96,7 +98,8 @@ pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Cand
 fn probes(problem: &Problem<'_>, residual: &[Vec<f64>], effect: &'static Effect) -> Vec<Vec<f64>> {
     let listed: Vec<Vec<f64>> = effect.probes.iter().map(|probe| probe.to_vec()).collect();
     let scan = SCANS.iter().find(|(own, _)| *own == effect).map(|(_, scan)| scan);
-    let (Some(scan), Some(part), Some(first)) = (scan, problem.parts.first(), listed.first()) else {
+    let (Some(scan), Some(part), Some(first)) = (scan, problem.parts.first(), listed.first())
+    else {
         return listed;
     };
     let Some(regressor) = part.stage.regressor(scan.regressor) else { return listed };
@@ -291,7 +294,8 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
     let factors = gram.partial_piv_lu().solve(&right);
     let factors: Vec<f64> = (0..count).map(|i| factors[(i, 0)]).collect();
     let explained: f64 = factors.iter().zip(&products).map(|(f, p)| f * p).sum();
-    let (statistic, p_value) = hotelling(&kept, &linear.residual, &linear.blocks, linear.block_count);
+    let (statistic, p_value) =
+        hotelling(&kept, &linear.residual, &linear.blocks, linear.block_count);
     Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors }
 }
 
@@ -321,7 +325,8 @@ pub fn hotelling(
         (0..count).map(|i| active.iter().map(|sum| sum[i]).sum::<f64>() / n).collect();
     let covariance = Mat::from_fn(count, count, |i, j| {
         let product: f64 = active.iter().map(|sum| (sum[i] - mean[i]) * (sum[j] - mean[j])).sum();
-        product / (n - 1.0) * if i == j { 1.0 + 1e-9 } else { 1.0 } + if i == j { 1e-300 } else { 0.0 }
+        product / (n - 1.0) * if i == j { 1.0 + 1e-9 } else { 1.0 }
+            + if i == j { 1e-300 } else { 0.0 }
     });
     let right = Mat::from_fn(count, 1, |i, _| mean[i]);
     let solved = covariance.partial_piv_lu().solve(&right);

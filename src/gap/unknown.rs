@@ -82,7 +82,8 @@ pub fn strongest(
         let share = explained(&columns, &weights, &linear.residual) / total;
         let elsewhere = binned(held_out, other, &edges, filters);
         let carried = explained_by(&elsewhere, &weights, &held.residual) / held_total;
-        let (statistic, p) = hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
+        let (statistic, p) =
+            hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
         let p_value = p * tries as f64;
         if p_value < FAMILY_ERROR && WORTH_SAYING < share && CARRIES_OVER * share < carried {
             let name = format!("unknown.{}[{}]", own.name, band(&edges));
@@ -90,7 +91,9 @@ pub fn strongest(
             consider(Unknown { name, signal, share, statistic, p_value });
         }
     }
-    for (frequency, signal) in lines.iter().flat_map(|line| (0..signals).map(move |own| (*line, own))) {
+    for (frequency, signal) in
+        lines.iter().flat_map(|line| (0..signals).map(move |own| (*line, own)))
+    {
         let columns = line(train, frequency, signal, filters, &linear);
         let Some(found) = weights(&columns, &linear.residual) else { continue };
         let share = explained(&columns, &found, &linear.residual) / total;
@@ -100,7 +103,8 @@ pub fn strongest(
         let elsewhere = line(held_out, frequency, signal, filters, &held);
         let carried = weights(&elsewhere, &held.residual)
             .map_or(0.0, |own| explained(&elsewhere, &own, &held.residual) / held_total);
-        let (statistic, p) = hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
+        let (statistic, p) =
+            hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
         let p_value = p * tries as f64;
         if p_value < FAMILY_ERROR && CARRIES_OVER * share < carried {
             let name = format!("unknown.time[{frequency:.2} Hz]");
@@ -190,10 +194,9 @@ fn slope(channel: &crate::twin::Channel) -> Vec<f64> {
 
 /// Inner edges of the bins: quantiles of the regressor.
 fn bin_edges(regressor: &Regressor) -> Vec<f64> {
-    let all: Vec<f64> = regressor.values.iter().flatten().copied().filter(|v| v.is_finite()).collect();
-    (1..BINS)
-        .filter_map(|k| crate::stats::quantile(&all, k as f64 / BINS as f64))
-        .collect()
+    let all: Vec<f64> =
+        regressor.values.iter().flatten().copied().filter(|v| v.is_finite()).collect();
+    (1..BINS).filter_map(|k| crate::stats::quantile(&all, k as f64 / BINS as f64)).collect()
 }
 
 fn band(edges: &[f64]) -> String {
@@ -204,7 +207,12 @@ fn band(edges: &[f64]) -> String {
 }
 
 /// One whitened column per bin: the residual of one channel has another mean there.
-fn binned(problem: &Problem<'_>, regressor: &Regressor, edges: &[f64], filters: &Filters) -> Vec<Vec<f64>> {
+fn binned(
+    problem: &Problem<'_>,
+    regressor: &Regressor,
+    edges: &[f64],
+    filters: &Filters,
+) -> Vec<Vec<f64>> {
     (0..=edges.len())
         .map(|bin| {
             let mut column = Vec::with_capacity(problem.rows());

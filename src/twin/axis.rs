@@ -19,7 +19,7 @@ pub use forward::FreeRun;
 pub use load::AxisError;
 
 use super::{Channel, Stage, StageKind, Twin};
-use crate::effects::{Domain, Effect, Motion, Regressor};
+use crate::effects::{Domain, Effect, Motion, Physics, Regressor};
 use chain::Chain;
 use filter::{LowPass, derivative};
 use std::{f64::consts::TAU, ops::Range};
@@ -198,7 +198,9 @@ impl Stage for AxisStage {
     }
 
     fn calls(&self, effect: &Effect) -> bool {
-        Chain::calls(&effect.physics)
+        // A limit without memory cannot be inverted: every measured force would be its own prediction.
+        let limit = matches!(effect.physics, Physics::Effort(_)) && effect.memory == 0;
+        !limit && Chain::calls(&effect.physics)
     }
 
     fn regressor(&self, regressor: Regressor) -> Option<Vec<f64>> {

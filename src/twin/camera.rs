@@ -268,4 +268,3 @@ impl CameraStage {
         Carriage { dt, position, velocity, acceleration, striker_mass: chain.striker_mass }
     }
 }
-

@@ -162,7 +162,10 @@ impl EffectEntry {
         for given in &self.parameters {
             if !effect.parameters.iter().any(|parameter| parameter.name == given.name) {
                 let known: Vec<&str> = effect.parameters.iter().map(|own| own.name).collect();
-                return Err(wrong(&given.name, format!("is unknown; known are {}", known.join(", "))));
+                return Err(wrong(
+                    &given.name,
+                    format!("is unknown; known are {}", known.join(", ")),
+                ));
             }
         }
         let values = effect
@@ -176,8 +179,10 @@ impl EffectEntry {
                     .ok_or_else(|| wrong(parameter.name, "is missing".to_owned()))?;
                 let (low, high) = parameter.bounds;
                 if !(low..=high).contains(&given.value) {
-                    let problem =
-                        format!("is {}; allowed are {low} to {high} {}", given.value, parameter.unit);
+                    let problem = format!(
+                        "is {}; allowed are {low} to {high} {}",
+                        given.value, parameter.unit
+                    );
                     return Err(wrong(parameter.name, problem));
                 }
                 Ok(Value { value: given.value, ci95: given.ci95, source: given.source })
@@ -203,8 +208,8 @@ impl Twin {
 /// When it cannot be read, is no twin, names an unknown effect, or has a number out of its bounds.
 pub fn read_twin(path: &Path) -> Result<Twin, TwinError> {
     let shown = path.display().to_string();
-    let text = fs::read_to_string(path)
-        .map_err(|source| TwinError::Io { path: shown.clone(), source })?;
+    let text =
+        fs::read_to_string(path).map_err(|source| TwinError::Io { path: shown.clone(), source })?;
     let document: Document = serde_json::from_str(&text)
         .map_err(|source| TwinError::Syntax { path: shown.clone(), source })?;
     document.into_twin(&shown)

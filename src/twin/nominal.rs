@@ -47,7 +47,12 @@ impl Twin {
             .iter()
             .filter_map(|(name, axis, values)| {
                 let effect = effects::find(name)?;
-                Some(Instance::new(effect, *axis, &values[..effect.parameters.len()], Source::Nominal))
+                Some(Instance::new(
+                    effect,
+                    *axis,
+                    &values[..effect.parameters.len()],
+                    Source::Nominal,
+                ))
             })
             .collect();
         Self {

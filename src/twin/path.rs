@@ -70,7 +70,9 @@ impl MeasuredPath {
         let (s2, s3) = (s * s, s * s * s);
         let (h00, h10, h01, h11) =
             (2.0 * s3 - 3.0 * s2 + 1.0, s3 - 2.0 * s2 + s, 3.0 * s2 - 2.0 * s3, s3 - s2);
-        let mix = |from: &[[f64; 2]], axis: usize| from[k][axis] + s * (from[k + 1][axis] - from[k][axis]);
+        let mix = |from: &[[f64; 2]], axis: usize| {
+            from[k][axis] + s * (from[k + 1][axis] - from[k][axis])
+        };
         let position = [0, 1].map(|axis| {
             h00 * self.position[k][axis]
                 + h10 * span * self.velocity[k][axis]

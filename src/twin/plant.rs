@@ -321,8 +321,7 @@ impl Plant {
         let level = (sum(&rail.frictions, memory, &motion)
             + sum(&motor.frictions, memory, &motion))
         .max(0.0);
-        let (velocity, friction) =
-            slide(state.velocity[0], motion.force + load, level, mass, dt);
+        let (velocity, friction) = slide(state.velocity[0], motion.force + load, level, mass, dt);
         let error = middle - 0.5 * (state.velocity[0] + velocity);
         state.integral[0] += mass * motor.gains.integral_per_s2 * error * dt;
         state.acceleration[0] = (velocity - state.velocity[0]) / dt;

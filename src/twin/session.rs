@@ -1,7 +1,8 @@
 //! Recordings as sessions: each link's measured input and output, cut into runs.
 
 use super::{
-    AxisError, AxisStage, BallStage, CameraStage, Channel, DriveStage, EstimatorStage, MeasuredPath, Stage, StageKind,
+    AxisError, AxisStage, BallStage, CameraStage, Channel, DriveStage, EstimatorStage,
+    MeasuredPath, Stage, StageKind,
     drive::{Output, RunStart, SETTLING},
     plant::{belts, rails},
 };
@@ -17,7 +18,6 @@ use crate::{
 };
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
-
 
 /// Length of the runs into which a recording without markers is cut (s).
 const UNMARKED_RUN: f64 = 5.0;
@@ -47,7 +47,8 @@ impl std::fmt::Display for Machine {
 /// What kind of machine `sessions` were recorded on: a single axis when nothing else is there.
 #[must_use]
 pub fn machine_of(sessions: &[Session]) -> Machine {
-    let only_axes = |session: &Session| session.stages().iter().all(|stage| stage.kind() == StageKind::Axis);
+    let only_axes =
+        |session: &Session| session.stages().iter().all(|stage| stage.kind() == StageKind::Axis);
     if sessions.iter().all(only_axes) { Machine::Axis } else { Machine::Table }
 }
 
@@ -72,7 +73,9 @@ pub enum SessionError {
     #[error(transparent)]
     Axis(#[from] AxisError),
     /// A given twin describes another kind of machine.
-    #[error("the twin describes a {twin}, the recordings a {recorded}; give the twin of that machine")]
+    #[error(
+        "the twin describes a {twin}, the recordings a {recorded}; give the twin of that machine"
+    )]
     OtherMachine {
         /// Of the twin.
         twin: Machine,
@@ -288,9 +291,11 @@ fn carriage_readings(
     origin: Nanos,
 ) -> Result<Readings<4>, RecordingError> {
     let series = recording.series::<CarriageState>(&topic::carriage(player))?;
-    Ok(Readings::collect(series.iter().map(|(time, state)| {
-        (seconds(time, origin), [state.x, state.y, state.vx, state.vy])
-    })))
+    Ok(Readings::collect(
+        series
+            .iter()
+            .map(|(time, state)| (seconds(time, origin), [state.x, state.y, state.vx, state.vy])),
+    ))
 }
 
 /// Carriage out of the motors' positions, for recordings without the carriage's topic.
@@ -341,8 +346,7 @@ pub fn drive_stage(
     if commands.times.len() < 10 {
         return Ok(None);
     }
-    let carriage =
-        if 10 < carriage.times.len() { carriage } else { carriage_of_motors(&motors) };
+    let carriage = if 10 < carriage.times.len() { carriage } else { carriage_of_motors(&motors) };
     let starts: Vec<RunStart> = run_starts(runs, &carriage);
     let spans: Vec<Range<f64>> = starts
         .iter()
@@ -428,8 +432,7 @@ pub fn camera_stage(
     let spans: Vec<Range<f64>> = runs.iter().map(|run| run.span.clone()).collect();
     let x = ("camera.striker_x", "m", Domain::Sensor, "x");
     let y = ("camera.striker_y", "m", Domain::Sensor, "y");
-    let channels =
-        vec![seen.channel(0, 1.0, &spans, x), seen.channel(1, 1.0, &spans, y)];
+    let channels = vec![seen.channel(0, 1.0, &spans, x), seen.channel(1, 1.0, &spans, y)];
     let path = MeasuredPath::new(
         carriage.times,
         carriage.values.iter().map(|value| [value[0], value[1]]).collect(),
@@ -440,7 +443,6 @@ pub fn camera_stage(
 
 /// Height of the striker's mark above the board (m).
 const STRIKER_HEIGHT: f64 = 0.02;
-
 
 impl Machine {
     /// The places at which an effect of `site` may act on this machine.
@@ -502,9 +504,7 @@ fn session_name(recording: &Recording) -> String {
 
 /// Gives every run a purpose.
 fn divide(recordings: &mut [Vec<Run>]) {
-    let says = |split| {
-        move |runs: &Vec<Run>| runs.iter().any(|run| run.split == Some(split))
-    };
+    let says = |split| move |runs: &Vec<Run>| runs.iter().any(|run| run.split == Some(split));
     let held_out_known = recordings.iter().any(says(Split::Validation));
     let several = 1 < recordings.len();
     let last = recordings.len().saturating_sub(1);
