@@ -43,7 +43,7 @@ mod unknown;
 mod whiten;
 
 pub use checks::{Objection, check};
-pub use find::{Found, Task, find};
+pub use find::{Found, find};
 pub use findings::{
     Class, Document, NamedEffect, NamedParameter, Refit, RejectedEffect, SignalGap, Verdict, Where,
 };
@@ -51,7 +51,7 @@ pub use fit::{Fit, Uncertainty};
 pub use floor::{Floor, FloorSource};
 pub use page::page;
 pub use problem::{Part, Point, Problem};
-pub use rounds::{Added, Link, Outcome, Reason, Rejected, search};
+pub use rounds::{Added, Link, Outcome, Reason, Rejected, Task, search};
 pub use screen::Candidate;
 pub use tape::write_tape;
 pub use unknown::Unknown;

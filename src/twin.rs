@@ -144,8 +144,11 @@ impl Twin {
         self.instances[slot.instance].values[slot.parameter].value
     }
 
-    /// Replaces the value in `slot`, held within its bounds.
+    /// Replaces the value in `slot`, held within its bounds; what is not finite changes nothing.
     pub fn set(&mut self, slot: Slot, value: f64) {
+        if !value.is_finite() {
+            return;
+        }
         let instance = &mut self.instances[slot.instance];
         let (low, high) = instance.effect.parameters[slot.parameter].bounds;
         instance.values[slot.parameter].value = value.clamp(low, high);

@@ -9,7 +9,7 @@ use super::{
     },
     floor::{self, Floor, FloorSource},
     locate,
-    rounds::{self, Added, Link, Outcome, Reason},
+    rounds::{self, Added, Link, Outcome, Reason, Task},
 };
 use crate::{
     effects::Effect,
@@ -21,15 +21,6 @@ use crate::{
 /// The links in the order of the chain.
 const ORDER: [StageKind; 5] =
     [StageKind::Drive, StageKind::Camera, StageKind::Estimator, StageKind::Ball, StageKind::Axis];
-
-/// What the workflow is asked to do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Task {
-    /// Fit what the twin has (`klasktron calibrate`).
-    Calibrate,
-    /// Fit, find what is missing, add it (`klasktron gap`).
-    CloseGap,
-}
 
 /// Everything that was found.
 pub struct Found<'a> {
@@ -74,7 +65,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
         if link.train.is_empty() {
             continue;
         }
-        let outcome = rounds::search(&link, &twin, task == Task::CloseGap);
+        let outcome = rounds::search(&link, &twin, task);
         twin = stated(&outcome);
         outcomes.push(outcome);
     }
@@ -87,7 +78,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     for (outcome, floors) in outcomes.iter().zip(&floors) {
         leave(&mut twin, outcome, floors);
     }
-    let document = document(&start, given.is_some(), &twin, &outcomes, &floors);
+    let document = document(&start, given, &twin, &outcomes, &floors);
     Found { document, twin, outcomes, floors }
 }
 
@@ -146,7 +137,7 @@ fn leave(twin: &mut Twin, outcome: &Outcome<'_>, floors: &[Floor]) {
 
 fn document(
     start: &Twin,
-    calibrated: bool,
+    given: Option<&Twin>,
     twin: &Twin,
     outcomes: &[Outcome<'_>],
     floors: &[Vec<Floor>],
@@ -168,7 +159,7 @@ fn document(
         .zip(floors)
         .flat_map(|(outcome, floors)| signal_gaps(outcome, floors))
         .collect();
-    let refit = if calibrated { refits(start, twin) } else { Vec::new() };
+    let refit = given.map_or_else(Vec::new, |_| refits(start, twin));
     let places = outcomes.iter().flat_map(|outcome| locate::places(outcome, &effects)).collect();
     let mut verdict = verdict(&effects, &class, &refit, outcomes);
     let mut effects = effects;

@@ -4,7 +4,7 @@ use crate::effects::{Axis, Domain};
 use serde::{Deserialize, Serialize};
 
 /// Version of the document.
-pub const SCHEMA_VERSION: u32 = 1;
+pub(super) const SCHEMA_VERSION: u32 = 1;
 
 /// The answer in one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -39,19 +39,23 @@ pub(super) fn fit(
     filters: &Filters,
     iterations: usize,
 ) -> Fit {
-    fit_with(problem, start, slots, filters, iterations, &[])
+    fit_with(problem, start, slots, &How { filters, iterations, known: &[] })
+}
+
+/// How to fit.
+pub(super) struct How<'a> {
+    /// The metric.
+    pub(super) filters: &'a Filters,
+    /// Most steps.
+    pub(super) iterations: usize,
+    /// Columns of the first parameters, where they are known from nearby.
+    pub(super) known: &'a [Vec<f64>],
 }
 
 /// The same where the columns of the first parameters are known from nearby.
 #[must_use]
-pub(super) fn fit_with(
-    problem: &Problem<'_>,
-    start: Point,
-    slots: &[Slot],
-    filters: &Filters,
-    iterations: usize,
-    known: &[Vec<f64>],
-) -> Fit {
+pub(super) fn fit_with(problem: &Problem<'_>, start: Point, slots: &[Slot], how: &How<'_>) -> Fit {
+    let How { filters, iterations, known } = *how;
     let mut point = start;
     let mut loss = squared(&problem.whitened(&point, filters));
     let mut damping = 1e-3;
@@ -83,7 +87,7 @@ pub(super) fn fit_with(
 
 /// Fits from far away: first with each signal merely scaled, then whitened by its own residual.
 #[must_use]
-pub fn fit_from_afar(
+pub(super) fn fit_from_afar(
     problem: &Problem<'_>,
     start: Point,
     slots: &[Slot],
@@ -104,7 +108,7 @@ pub fn fit_from_afar(
 
 /// Fits from nearby: whitened by the residual, and again by the residual that is then left.
 #[must_use]
-pub fn settle(
+pub(super) fn settle(
     problem: &Problem<'_>,
     start: Point,
     slots: &[Slot],
@@ -139,12 +143,12 @@ pub(super) fn adapt(problem: &Problem<'_>, start: Point, filters: &Filters) -> P
 
 /// Sum of squares.
 #[must_use]
-pub fn squared(values: &[f64]) -> f64 {
+pub(super) fn squared(values: &[f64]) -> f64 {
     dot(values, values)
 }
 
 /// Normal equations of one linearisation.
-pub struct Normal {
+pub(super) struct Normal {
     gram: Mat<f64>,
     right: Vec<f64>,
 }
@@ -152,7 +156,7 @@ pub struct Normal {
 impl Normal {
     /// Of all columns of `linear`.
     #[must_use]
-    pub fn new(linear: &Linear) -> Self {
+    pub(super) fn new(linear: &Linear) -> Self {
         let count = linear.columns.len();
         let mut gram = Mat::zeros(count, count);
         for i in 0..count {
@@ -197,12 +201,14 @@ impl Normal {
         });
         let right = Mat::from_fn(count, 1, |i, _| self.right[i]);
         let solution = left.partial_piv_lu().solve(&right);
-        (0..count).map(|i| solution[(i, 0)]).collect()
+        let step: Vec<f64> = (0..count).map(|i| solution[(i, 0)]).collect();
+        // A matrix that cannot be solved gives no step; more damping will.
+        if step.iter().all(|change| change.is_finite()) { step } else { vec![0.0; count] }
     }
 
     /// Inverse of the normal matrix.
     #[must_use]
-    pub fn inverse(&self) -> Mat<f64> {
+    pub(super) fn inverse(&self) -> Mat<f64> {
         let count = self.right.len();
         let left =
             Mat::from_fn(count, count, |i, j| self.gram[(i, j)] + if i == j { HOLD } else { 0.0 });
@@ -211,7 +217,7 @@ impl Normal {
 
     /// Coefficients of `columns` against another column: `inverse * products`.
     #[must_use]
-    pub fn solve(&self, products: &[f64]) -> Vec<f64> {
+    pub(super) fn solve(&self, products: &[f64]) -> Vec<f64> {
         let inverse = self.inverse();
         (0..products.len())
             .map(|i| (0..products.len()).map(|j| inverse[(i, j)] * products[j]).sum())
@@ -234,7 +240,7 @@ pub struct Uncertainty {
 /// The covariance that holds under correlation within blocks and uneven scatter (the sandwich of
 /// Liang and Zeger, Biometrika 73, 1986, with blocks of time as clusters).
 #[must_use]
-pub fn uncertainty(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Uncertainty {
+pub(super) fn uncertainty(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Uncertainty {
     let linear = problem.linear(&found.point, &found.slots, filters);
     let normal = Normal::new(&linear);
     let inverse = normal.inverse();
@@ -263,7 +269,7 @@ pub fn uncertainty(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Unc
 
 /// Sums of `columns[k] * residual` over each block: `[block][column]`.
 #[must_use]
-pub fn block_sums(
+pub(super) fn block_sums(
     columns: &[Vec<f64>],
     residual: &[f64],
     blocks: &[usize],

@@ -42,7 +42,7 @@ pub struct Floor {
 
 /// The floor of `channel`, where `at_rest[sample]` says when nothing moved.
 #[must_use]
-pub fn floor(channel: &Channel, at_rest: &[bool]) -> Floor {
+pub(super) fn floor(channel: &Channel, at_rest: &[bool]) -> Floor {
     let mut squares = 0.0;
     let mut count = 0;
     for run in &channel.runs {
@@ -93,16 +93,16 @@ mod tests {
     use crate::{effects::Domain, seed::Stream};
 
     fn channel(measured: Vec<f64>) -> Channel {
-        let n = measured.len();
+        let whole = 0..measured.len();
         Channel {
             signal: "test".into(),
             unit: "m",
             domain: Domain::Sensor,
             axis: "x",
             rate_hz: 100.0,
-            times: (0..n).map(|k| k as f64 * 0.01).collect(),
+            times: whole.clone().map(|k| k as f64 * 0.01).collect(),
             measured,
-            runs: vec![0..n],
+            runs: vec![whole],
         }
     }
 

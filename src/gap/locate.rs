@@ -9,7 +9,7 @@ use super::{
 /// Places of the gap of one link with the given twin, the largest first: per signal its share and
 /// the state in which it is concentrated.
 #[must_use]
-pub fn places(outcome: &Outcome<'_>, effects: &[NamedEffect]) -> Vec<Where> {
+pub(super) fn places(outcome: &Outcome<'_>, effects: &[NamedEffect]) -> Vec<Where> {
     let Some(part) = outcome.train.parts.first() else { return Vec::new() };
     let before = outcome.train.rms(&outcome.start);
     let after = outcome.train.rms(&outcome.last.point);

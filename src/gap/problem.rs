@@ -1,7 +1,7 @@
 //! A least-squares problem over several sessions of one link: shared parameters, and nuisance
 //! numbers that belong to a session or a run and are eliminated.
 
-use super::whiten::{self, Filter, Filters, Layout};
+use super::whiten::{self, Filter, Filters, Layout, Residual};
 use crate::twin::{Slot, Stage, Twin};
 use std::thread;
 
@@ -73,13 +73,13 @@ fn difference(stage: &dyn Stage, predicted: &[Vec<f64>]) -> Vec<Vec<f64>> {
 
 /// First guesses of a stage's nuisance numbers.
 #[must_use]
-pub fn starts(stage: &dyn Stage) -> Vec<Vec<f64>> {
+pub(super) fn starts(stage: &dyn Stage) -> Vec<Vec<f64>> {
     (0..stage.nuisance_groups().len()).map(|group| stage.nuisance_start(group)).collect()
 }
 
 /// The stage's prediction.
 #[must_use]
-pub fn predict(stage: &dyn Stage, twin: &Twin, nuisance: &[Vec<f64>]) -> Vec<Vec<f64>> {
+pub(super) fn predict(stage: &dyn Stage, twin: &Twin, nuisance: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut predicted: Vec<Vec<f64>> =
         stage.channels().iter().map(|channel| vec![f64::NAN; channel.times.len()]).collect();
     stage.predict(twin, nuisance, &mut predicted);
@@ -188,13 +188,9 @@ impl<'a> Problem<'a> {
 
     /// Models of the residuals at `point`.
     #[must_use]
-    pub fn filters(
-        &self,
-        point: &Point,
-        fit: fn(&[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters,
-    ) -> Filters {
+    pub fn filters(&self, point: &Point, fit: fn(&[Residual<'_>]) -> Filters) -> Filters {
         let residuals = self.residuals(point);
-        let parts: Vec<(&dyn Stage, &Layout, &[Vec<f64>])> = self
+        let parts: Vec<Residual<'_>> = self
             .parts
             .iter()
             .zip(&residuals)
@@ -293,6 +289,10 @@ impl<'a> Problem<'a> {
                 }
                 column.extend(part.layout.whitened(&change, &orders[index]));
             }
+            // A variant that the simulator cannot carry through says nothing.
+            if column.iter().any(|value| !value.is_finite()) {
+                column.fill(0.0);
+            }
             column
         })
     }
@@ -376,18 +376,8 @@ fn eliminate(
     let mut r = vec![vec![0.0; count]; count];
     for k in 0..count {
         let (done, rest) = local.split_at_mut(k);
-        let own = &mut rest[0];
-        let before = norm(own);
-        for (j, q) in done.iter().enumerate() {
-            r[j][k] = dot(q, own);
-            own.iter_mut().zip(q).for_each(|(value, q)| *value -= r[j][k] * q);
-        }
-        let length = norm(own);
-        if before == 0.0 || length <= 1e-9 * before {
-            own.fill(0.0);
-        } else {
-            r[k][k] = length;
-            own.iter_mut().for_each(|value| *value /= length);
+        for (row, value) in r.iter_mut().zip(orthonormalise(&mut rest[0], done)) {
+            row[k] = value;
         }
     }
     let take = |values: &mut [f64]| -> Vec<f64> {
@@ -403,6 +393,27 @@ fn eliminate(
     let along_residual = take(&mut residual[rows.clone()]);
     let along_columns = columns.iter_mut().map(|column| take(&mut column[rows.clone()])).collect();
     Elimination { rows, q: local, r, along_residual, along_columns }
+}
+
+/// Makes `own` a unit vector across all of `done`, or nothing if it depends on them: its components
+/// along `done`, and the length that was left.
+fn orthonormalise(own: &mut [f64], done: &[Vec<f64>]) -> Vec<f64> {
+    let before = norm(own);
+    let mut components = Vec::with_capacity(done.len() + 1);
+    for q in done {
+        let along = dot(q, own);
+        own.iter_mut().zip(q).for_each(|(value, q)| *value -= along * q);
+        components.push(along);
+    }
+    let length = norm(own);
+    if before == 0.0 || length <= 1e-9 * before {
+        own.fill(0.0);
+        components.push(0.0);
+    } else {
+        own.iter_mut().for_each(|value| *value /= length);
+        components.push(length);
+    }
+    components
 }
 
 impl Elimination {
@@ -427,7 +438,7 @@ impl Linear {
 
 /// Sum of products.
 #[must_use]
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
@@ -437,7 +448,7 @@ fn norm(a: &[f64]) -> f64 {
 
 /// `work` on every item, on all cores; the results are in the order of the items, whatever the
 /// number of cores.
-pub fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
+pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     let threads = thread::available_parallelism().map_or(1, usize::from).min(items.len());
     if threads < 2 {
         return items.iter().map(work).collect();

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Probability of a false name over all tries of one screen (Bonferroni).
-pub const FAMILY_ERROR: f64 = 0.01;
+pub(super) const FAMILY_ERROR: f64 = 0.01;
 
 /// Candidates that are simulated again in one round.
 const SHORT_LIST: usize = 7;
@@ -128,8 +128,6 @@ pub struct Outcome<'a> {
     pub added: Vec<Added>,
     /// What was not.
     pub rejected: Vec<Rejected>,
-    /// Tries of the last screen.
-    pub tries: usize,
     /// What the rest still depends on, where no effect explains it.
     pub unexplained: Option<Unknown>,
 }
@@ -142,18 +140,29 @@ struct Trial {
     train_rows: Vec<f64>,
     held_rows: Vec<f64>,
     held_point: Point,
+    /// Why it may not be named.
+    objection: Option<Reason>,
 }
 
-/// Searches one link from `start`. With `add_effects` false, only parameters are fitted.
+/// What the workflow is asked to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// Fit what the twin has (`klasktron calibrate`).
+    Calibrate,
+    /// Fit, find what is missing, add it (`klasktron gap`).
+    CloseGap,
+}
+
+/// Searches one link from `start`.
 #[must_use]
-pub fn search<'a>(link: &Link<'a>, start: &Twin, add_effects: bool) -> Outcome<'a> {
+pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     let mut train = Problem::new(&link.train, start);
     let mut held_out = Problem::new(&link.held_out, start);
+    let given = train.start(start.clone());
+    let scales = train.filters(&given, whiten::scale_filters);
+    let given = fit::adapt(&train, given, &scales);
     let slots = start.free(link.train[0]);
-    let first = train.start(start.clone());
-    let scales = train.filters(&first, whiten::scale_filters);
-    let first = fit::adapt(&train, first, &scales);
-    let (rough, _) = fit::fit_from_afar(&train, first.clone(), &slots, 15);
+    let (rough, _) = fit::fit_from_afar(&train, given.clone(), &slots, 15);
     train.drop_outliers(&rough.point);
     let held_point = fit::adapt(&held_out, held_out.start(rough.point.twin.clone()), &scales);
     held_out.drop_outliers(&held_point);
@@ -161,46 +170,57 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, add_effects: bool) -> Outcome<'
     if let Some(better) = restarted(&train, &best, start) {
         (best, filters) = fit::settle(&train, better, &slots, 10);
     }
-    let start_held_out = fit::adapt(&held_out, held_out.start(start.clone()), &scales);
     let refitted = best.point.clone();
-    let mut added: Vec<Added> = Vec::new();
-    let mut rejected = Vec::new();
-    let mut tries = 0;
-    while add_effects && added.len() < MOST_ADDED {
-        let round = Round::run(&train, &held_out, &best, &filters);
-        tries = round.tries;
-        rejected = round.rejected;
-        let Some((fit, step)) = round.winner else { break };
-        added.push(step);
-        (best, filters) = fit::settle(&train, fit.point.clone(), &fit.slots, 8);
-    }
-    let mut last_held_out =
-        fit::adapt(&held_out, held_out.start(best.point.twin.clone()), &filters);
-    let unexplained = add_effects
-        .then(|| unknown::strongest(&train, &held_out, &best, &last_held_out, &filters))
-        .flatten();
-    if let Some(unknown) = &unexplained
-        && withdraw(&mut best, &mut added, unknown)
-    {
-        (best, filters) = fit::settle(&train, best.point.clone(), &best.slots, 8);
-        last_held_out = fit::adapt(&held_out, held_out.start(best.point.twin.clone()), &filters);
-    }
-    let uncertainty = fit::uncertainty(&train, &best, &filters);
+    let mut search = Search { train, held_out, best, filters, added: Vec::new(), rejected: Vec::new() };
+    let unexplained = if task == Task::CloseGap { search.close() } else { None };
+    let Search { train, held_out, best, filters, added, rejected } = search;
+    let adapted = |twin: &Twin, filters| fit::adapt(&held_out, held_out.start(twin.clone()), filters);
     Outcome {
         kind: link.kind,
+        start_held_out: adapted(start, &scales),
+        last_held_out: adapted(&best.point.twin, &filters),
+        uncertainty: fit::uncertainty(&train, &best, &filters),
         train,
         held_out,
-        start: first,
-        start_held_out,
+        start: given,
         refitted,
         last: best,
-        last_held_out,
         filters,
-        uncertainty,
         added,
         rejected,
-        tries,
         unexplained,
+    }
+}
+
+/// A search under way.
+struct Search<'a> {
+    train: Problem<'a>,
+    held_out: Problem<'a>,
+    best: Fit,
+    filters: Filters,
+    added: Vec<Added>,
+    rejected: Vec<Rejected>,
+}
+
+impl Search<'_> {
+    /// Adds effects until nothing passes; gives what is then still unexplained.
+    fn close(&mut self) -> Option<Unknown> {
+        while self.added.len() < MOST_ADDED {
+            let round = Round::run(&self.train, &self.held_out, &self.best, &self.filters);
+            self.rejected = round.rejected;
+            let Some((fit, step)) = round.winner else { break };
+            self.added.push(step);
+            (self.best, self.filters) = fit::settle(&self.train, fit.point, &fit.slots, 8);
+        }
+        let (held_out, twin) = (&self.held_out, self.best.point.twin.clone());
+        let judged = fit::adapt(held_out, held_out.start(twin), &self.filters);
+        let unknown =
+            unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters)?;
+        if withdraw(&mut self.best, &mut self.added, &unknown) {
+            let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
+            (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
+        }
+        Some(unknown)
     }
 }
 
@@ -281,7 +301,6 @@ fn withdraw(best: &mut Fit, added: &mut Vec<Added>, unknown: &Unknown) -> bool {
 struct Round {
     winner: Option<(Fit, Added)>,
     rejected: Vec<Rejected>,
-    tries: usize,
 }
 
 impl Round {
@@ -290,80 +309,42 @@ impl Round {
         let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
         let threshold = FAMILY_ERROR / tries.max(1) as f64;
         let (mut rejected, short) = short_list(candidates, threshold);
-        let base_held = fit::adapt(held_out, held_out.start(base.point.twin.clone()), filters);
         // First in the metric of the base residual, then in that of the best candidate's.
         let known = train.columns(&base.point, &base.slots, filters);
         let rough: Vec<Fit> =
             in_parallel(&short, |candidate| fitted(train, base, candidate, filters, &known));
         let sound = |fit: &&Fit| on_bound(fit).is_none();
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
-        let Some(lead) = lead.or(rough.first()) else {
-            return Self { winner: None, rejected, tries };
-        };
+        let Some(lead) = lead.or(rough.first()) else { return Self { winner: None, rejected } };
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let known = train.columns(&lead.point, &base.slots, &sharp);
+        let bench = Bench::new(train, held_out, base, &sharp);
         let items: Vec<(Candidate, Fit)> = short.into_iter().zip(rough).collect();
-        let mut trials = in_parallel(&items, |(candidate, rough)| {
-            let fit = fit::fit_with(train, rough.point.clone(), &rough.slots, &sharp, 8, &known);
-            trial(train, held_out, candidate.clone(), fit, &sharp)
-        });
+        let mut trials =
+            in_parallel(&items, |(candidate, rough)| bench.trial(candidate, rough, &known));
         trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
-        let base_train_rows = train.whitened(&base.point, &sharp);
-        let base_held_rows = held_out.whitened(&base_held, &sharp);
-        let bench = Bench { train, held_out, base_train_rows, base_held_rows };
-        let contest = trials
-            .iter()
-            .map(|trial| {
-                let loss = trial.fit.loss / trial.fit.rows.max(1) as f64;
-                (trial.candidate.effect.name.to_owned(), trial.candidate.axis, loss)
-            })
-            .collect::<Vec<_>>();
-        let mut winner: Option<usize> = None;
-        for (index, trial) in trials.iter().enumerate() {
-            match bench.objection(trial, &sharp) {
-                None if winner.is_none() => winner = Some(index),
-                None => {}
-                Some(reason) => rejected.push(Rejected {
-                    candidate: trial.candidate.clone(),
-                    reason,
-                    held_out_gain: Some(bench.held_out_gain(trial)),
-                }),
+        for trial in &trials {
+            if let Some(reason) = &trial.objection {
+                rejected.push(bench.rejected(trial, reason.clone()));
             }
         }
-        let winner = winner.map(|index| {
-            let index = bench.simplest(&trials, index, &sharp);
-            let own = &trials[index];
+        let passed: Vec<&Trial> = trials.iter().filter(|trial| trial.objection.is_none()).collect();
+        let winner = bench.simplest(&passed).map(|own| {
             let mut class = Vec::new();
-            for (_, other) in trials.iter().enumerate().filter(|(other, _)| *other != index) {
-                let same = other.candidate.effect == own.candidate.effect;
-                if bench.objection(other, &sharp).is_some() {
-                    continue;
-                }
-                if !same && bench.is_rival(own, other) {
-                    if !class.contains(&other.candidate.effect.name) {
-                        class.push(other.candidate.effect.name);
+            for other in passed.iter().filter(|other| !std::ptr::eq(**other, own)) {
+                let name = other.candidate.effect.name;
+                if name != own.candidate.effect.name && bench.is_rival(own, other) {
+                    if !class.contains(&name) {
+                        class.push(name);
                     }
                 } else {
-                    rejected.push(Rejected {
-                        candidate: other.candidate.clone(),
-                        reason: Reason::Outdone(own.candidate.effect.name.to_owned()),
-                        held_out_gain: Some(bench.held_out_gain(other)),
-                    });
+                    let winner = own.candidate.effect.name.to_owned();
+                    rejected.push(bench.rejected(other, Reason::Outdone(winner)));
                 }
             }
-            let step = Added {
-                effect: own.candidate.effect,
-                axis: own.candidate.axis,
-                p_value: (own.candidate.p_value * tries as f64).min(1.0),
-                statistic: own.candidate.statistic,
-                held_out_gain: bench.held_out_gain(own),
-                class,
-                held_out_steps: (held_out.rms(&base_held), held_out.rms(&own.held_point)),
-                contest,
-            };
-            (own.fit.clone(), step)
+            (own.fit.clone(), bench.added(own, class, &trials, tries))
         });
-        Self { winner, rejected, tries }
+        Self { winner, rejected }
     }
 }
 
@@ -411,10 +392,10 @@ fn fitted(
         (point, loss)
     });
     let [line, probe] = starts;
-    let point = if probe.1 < line.1 { probe.0 } else { line.0 };
+    let point = if line.1 <= probe.1 { line.0 } else { probe.0 };
     let mut slots = base.slots.clone();
     slots.extend(slots_of_last(&point.twin));
-    fit::fit_with(train, point, &slots, filters, 10, known)
+    fit::fit_with(train, point, &slots, &fit::How { filters, iterations: 10, known })
 }
 
 /// Slots of the instance that was added last.
@@ -425,32 +406,87 @@ fn slots_of_last(twin: &Twin) -> Vec<Slot> {
         .collect()
 }
 
-fn trial(
-    train: &Problem<'_>,
-    held_out: &Problem<'_>,
-    candidate: Candidate,
-    fit: Fit,
-    filters: &Filters,
-) -> Trial {
-    let held_point = fit::adapt(held_out, held_out.start(fit.point.twin.clone()), filters);
-    Trial {
-        candidate,
-        train_rows: train.whitened(&fit.point, filters),
-        held_rows: held_out.whitened(&held_point, filters),
-        held_point,
-        fit,
-    }
-}
-
 /// What all trials of a round are measured against.
 struct Bench<'a, 'b> {
     train: &'b Problem<'a>,
     held_out: &'b Problem<'a>,
+    /// The metric: whitening of the best candidate's residual.
+    filters: &'b Filters,
     base_train_rows: Vec<f64>,
+    base_held: Point,
     base_held_rows: Vec<f64>,
 }
 
-impl Bench<'_, '_> {
+impl<'a, 'b> Bench<'a, 'b> {
+    fn new(
+        train: &'b Problem<'a>,
+        held_out: &'b Problem<'a>,
+        base: &Fit,
+        filters: &'b Filters,
+    ) -> Self {
+        let base_held = fit::adapt(held_out, held_out.start(base.point.twin.clone()), filters);
+        Self {
+            train,
+            held_out,
+            filters,
+            base_train_rows: train.whitened(&base.point, filters),
+            base_held_rows: held_out.whitened(&base_held, filters),
+            base_held,
+        }
+    }
+
+    /// A candidate, fitted in this metric and judged; `known` are the columns of known parameters.
+    fn trial(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Trial {
+        let how = fit::How { filters: self.filters, iterations: 8, known };
+        let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
+        let start = self.held_out.start(fit.point.twin.clone());
+        let held_point = fit::adapt(self.held_out, start, self.filters);
+        let mut trial = Trial {
+            candidate: candidate.clone(),
+            train_rows: self.train.whitened(&fit.point, self.filters),
+            held_rows: self.held_out.whitened(&held_point, self.filters),
+            held_point,
+            fit,
+            objection: None,
+        };
+        trial.objection = self.objection(&trial);
+        trial
+    }
+
+    fn rejected(&self, trial: &Trial, reason: Reason) -> Rejected {
+        let held_out_gain = Some(self.held_out_gain(trial));
+        Rejected { candidate: trial.candidate.clone(), reason, held_out_gain }
+    }
+
+    fn added(
+        &self,
+        own: &Trial,
+        class: Vec<&'static str>,
+        trials: &[Trial],
+        tries: usize,
+    ) -> Added {
+        let contest = trials
+            .iter()
+            .map(|trial| {
+                let loss = trial.fit.loss / trial.fit.rows.max(1) as f64;
+                (trial.candidate.effect.name.to_owned(), trial.candidate.axis, loss)
+            })
+            .collect();
+        Added {
+            effect: own.candidate.effect,
+            axis: own.candidate.axis,
+            p_value: (own.candidate.p_value * tries as f64).min(1.0),
+            statistic: own.candidate.statistic,
+            held_out_gain: self.held_out_gain(own),
+            class,
+            held_out_steps: (
+                self.held_out.rms(&self.base_held),
+                self.held_out.rms(&own.held_point),
+            ),
+            contest,
+        }
+    }
+
     /// Share of the held-out squared error that the trial removes.
     fn held_out_gain(&self, trial: &Trial) -> f64 {
         let before = fit::squared(&self.base_held_rows);
@@ -458,7 +494,7 @@ impl Bench<'_, '_> {
     }
 
     /// Why the trial may not be named; `None` when it may.
-    fn objection(&self, trial: &Trial, filters: &Filters) -> Option<Reason> {
+    fn objection(&self, trial: &Trial) -> Option<Reason> {
         if let Some(name) = on_bound(&trial.fit) {
             return Some(Reason::OnBound(name));
         }
@@ -474,11 +510,11 @@ impl Bench<'_, '_> {
         if self.held_out_gain(trial) < WORTH_NAMING {
             return Some(Reason::TooSmall);
         }
-        self.sessions_disagree(trial, filters).then_some(Reason::SessionsDisagree)
+        self.sessions_disagree(trial).then_some(Reason::SessionsDisagree)
     }
 
     /// Whether the judging sessions alone would give the effect another sign or quite another size.
-    fn sessions_disagree(&self, trial: &Trial, filters: &Filters) -> bool {
+    fn sessions_disagree(&self, trial: &Trial) -> bool {
         let slots: Vec<Slot> = slots_of_last(&trial.fit.point.twin)
             .into_iter()
             .filter(|slot| {
@@ -487,28 +523,25 @@ impl Bench<'_, '_> {
             })
             .collect();
         let Some(first) = slots.first() else { return false };
-        let own = fit::fit(self.held_out, trial.held_point.clone(), &slots, filters, 4);
+        let own = fit::fit(self.held_out, trial.held_point.clone(), &slots, self.filters, 4);
         let fitted = trial.fit.point.twin.get(*first);
         let judged = own.point.twin.get(*first);
         let null = trial.fit.point.twin.instances[first.instance].effect.null[first.parameter];
-        let spread = fit::uncertainty(self.held_out, &own, filters).standard_errors[0];
+        let spread = fit::uncertainty(self.held_out, &own, self.filters).standard_errors[0];
         let size = (fitted - null).abs().max((judged - null).abs());
         let opposite = (fitted - null) * (judged - null) < 0.0;
         let apart = (fitted - judged).abs();
         apart > 4.0 * spread && (opposite || 0.5 * size < apart)
     }
 
-    /// Of the best trial and its rivals, the one with the fewest numbers; of equals the best.
-    fn simplest(&self, trials: &[Trial], best: usize, filters: &Filters) -> usize {
-        let count = |index: usize| trials[index].candidate.effect.parameters.len();
-        (best..trials.len())
-            .filter(|other| {
-                *other == best
-                    || self.is_rival(&trials[best], &trials[*other])
-                        && self.objection(&trials[*other], filters).is_none()
-            })
-            .min_by_key(|index| (count(*index), *index))
-            .unwrap_or(best)
+    /// Of the best that passed and its rivals, the one with the fewest numbers; of equals the best.
+    fn simplest<'t>(&self, passed: &[&'t Trial]) -> Option<&'t Trial> {
+        let best = *passed.first()?;
+        passed
+            .iter()
+            .copied()
+            .filter(|other| std::ptr::eq(*other, best) || self.is_rival(best, other))
+            .min_by_key(|trial| trial.candidate.effect.parameters.len())
     }
 
     /// Whether `other` explains all sessions as well as `own`.
@@ -533,7 +566,7 @@ fn on_bound(fit: &Fit) -> Option<String> {
 
 /// Student's t of the mean of `values`.
 #[must_use]
-pub fn mean_t(values: &[f64]) -> f64 {
+pub(super) fn mean_t(values: &[f64]) -> f64 {
     let n = values.len() as f64;
     if n < 3.0 {
         return 0.0;

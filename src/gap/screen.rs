@@ -52,7 +52,7 @@ const TRIED_ALONE: usize = 12;
 /// Every effect that the link of `problem` can show and that `found` does not have yet: first on all
 /// axes alike, then the best on each axis alone.
 #[must_use]
-pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
+pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
     let linear = problem.linear(&found.point, &found.slots, filters);
     let base = problem.predictions(&found.point);
     let linear_residual =
@@ -79,13 +79,17 @@ pub fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Cand
     }
     let tries = single
         .iter()
-        .filter_map(|(effect, axis)| match leading.iter().find(|(own, _)| own == effect) {
-            Some((_, probe)) => Some((*effect, *axis, probe.clone())),
-            // What exists on single axes only was not tried yet.
-            None if !best.iter().any(|other| other.effect == *effect) => {
-                Some((*effect, *axis, effect.probes.first()?.to_vec()))
-            }
-            None => None,
+        .flat_map(|(effect, axis)| {
+            let led = leading.iter().find(|(own, _)| own == effect).map(|(_, probe)| probe.clone());
+            let probes: Vec<Vec<f64>> = match led {
+                Some(probe) => vec![probe],
+                // What is on one axis already, or exists on single axes only, was not tried yet.
+                None if !best.iter().any(|other| other.effect == *effect) => {
+                    effect.probes.iter().map(|probe| probe.to_vec()).collect()
+                }
+                None => Vec::new(),
+            };
+            probes.into_iter().map(|probe| (*effect, *axis, probe)).collect::<Vec<_>>()
         })
         .collect();
     best.extend(screen.run(tries));
@@ -208,7 +212,7 @@ fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
 
 /// `twin` with `effect` at `values`.
 #[must_use]
-pub fn with(twin: &Twin, effect: &'static Effect, axis: Axis, values: &[f64]) -> Twin {
+pub(super) fn with(twin: &Twin, effect: &'static Effect, axis: Axis, values: &[f64]) -> Twin {
     let mut changed = twin.clone();
     changed.instances.push(Instance::new(effect, axis, values, Source::Fitted));
     changed
@@ -300,7 +304,7 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
 }
 
 /// One-sample Hotelling test that the block sums of `columns * residual` have mean zero.
-pub fn hotelling(
+pub(super) fn hotelling(
     columns: &[Vec<f64>],
     residual: &[f64],
     blocks: &[usize],

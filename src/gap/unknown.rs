@@ -53,7 +53,7 @@ struct Regressor {
 
 /// The strongest dependence that is left at `found`, if any is beyond chance.
 #[must_use]
-pub fn strongest(
+pub(super) fn strongest(
     train: &Problem<'_>,
     held_out: &Problem<'_>,
     found: &Fit,

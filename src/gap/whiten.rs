@@ -12,7 +12,7 @@ use faer::{Mat, linalg::solvers::Solve};
 use std::collections::BTreeMap;
 
 /// Highest order of the autoregressive model.
-pub const MOST_ORDER: usize = 12;
+pub(super) const MOST_ORDER: usize = 12;
 
 /// Share of a residual's variance that counts as white whatever its spectrum. A base model that misses
 /// something leaves a strongly coloured residual; to whiten that in full would turn the fit away from
@@ -23,7 +23,7 @@ const SOFTENING: f64 = 1.0;
 const LONGEST_BRIDGE: usize = 8;
 
 /// Length of the blocks over which tests and intervals treat errors as dependent (s).
-pub const BLOCK_SECONDS: f64 = 0.5;
+pub(super) const BLOCK_SECONDS: f64 = 0.5;
 
 /// The inverse of one signal's autoregressive model.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +36,9 @@ pub struct Filter {
 
 /// Filters by signal.
 pub type Filters = BTreeMap<String, Filter>;
+
+/// A stage, which of its samples count, and its residual `[channel][sample]`.
+pub(super) type Residual<'a> = (&'a dyn Stage, &'a Layout, &'a [Vec<f64>]);
 
 /// One row of the whitened problem: a sample that counts.
 #[derive(Debug, Clone, Copy)]
@@ -204,7 +207,7 @@ fn bridge(values: &[f64], counts: &[bool], out: &mut Vec<f64>) {
 
 /// Autoregressive models of the residuals of several stages of one kind.
 #[must_use]
-pub fn fit_filters(parts: &[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters {
+pub(super) fn fit_filters(parts: &[Residual<'_>]) -> Filters {
     let mut by_signal: BTreeMap<String, Vec<Vec<f64>>> = BTreeMap::new();
     for (stage, layout, residual) in parts {
         for (index, channel) in stage.channels().iter().enumerate() {
@@ -219,7 +222,7 @@ pub fn fit_filters(parts: &[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters {
 
 /// Filters that only scale: one over the RMS of each signal's residual.
 #[must_use]
-pub fn scale_filters(parts: &[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters {
+pub(super) fn scale_filters(parts: &[Residual<'_>]) -> Filters {
     let mut filters = fit_filters(parts);
     for (signal, filter) in &mut filters {
         let (mut sum, mut count) = (0.0, 0_usize);
@@ -241,7 +244,7 @@ pub fn scale_filters(parts: &[(&dyn Stage, &Layout, &[Vec<f64>])]) -> Filters {
 
 /// Filters in the order of a stage's channels.
 #[must_use]
-pub fn in_order(stage: &dyn Stage, filters: &Filters) -> Vec<Filter> {
+pub(super) fn in_order(stage: &dyn Stage, filters: &Filters) -> Vec<Filter> {
     stage
         .channels()
         .iter()

@@ -181,7 +181,8 @@ impl Stage for CameraStage {
 
     /// One offset for the whole session: the camera's zero against that of the homed carriage.
     fn nuisance_groups(&self) -> Vec<std::ops::Range<usize>> {
-        vec![0..self.channels[0].runs.len()]
+        let session = 0..self.channels[0].runs.len();
+        vec![session]
     }
 
     fn nuisance_start(&self, _group: usize) -> Vec<f64> {

@@ -89,10 +89,10 @@ impl Stage for DriveStage {
                 let steps = (span / LONGEST_STEP).ceil();
                 let dt = span / steps;
                 for _ in 0..steps as usize {
-                    let before = Outputs::of(&state);
-                    let time = state.time;
+                    let (time, before) = (state.time, Outputs::of(&state));
                     plant.step(&mut state, command, dt);
-                    reader.read(index, time, dt, &before, &Outputs::of(&state), predicted);
+                    let step = Step { time, dt, before, after: Outputs::of(&state) };
+                    reader.read(index, &step, predicted);
                 }
             }
         }
@@ -131,6 +131,14 @@ impl Outputs {
     }
 }
 
+/// A step of the plant from `time`, and what can be compared at its ends.
+struct Step {
+    time: f64,
+    dt: f64,
+    before: Outputs,
+    after: Outputs,
+}
+
 /// Reads the plant at the times of the measured samples.
 struct Reader<'a> {
     stage: &'a DriveStage,
@@ -145,15 +153,8 @@ impl Reader<'_> {
         }
     }
 
-    fn read(
-        &mut self,
-        run: usize,
-        time: f64,
-        dt: f64,
-        before: &Outputs,
-        after: &Outputs,
-        predicted: &mut [Vec<f64>],
-    ) {
+    fn read(&mut self, run: usize, step: &Step, predicted: &mut [Vec<f64>]) {
+        let Step { time, dt, before, after } = step;
         for (index, channel) in self.stage.channels.iter().enumerate() {
             let next = &mut self.next[index];
             while *next < channel.runs[run].end && channel.times[*next] <= time + dt {

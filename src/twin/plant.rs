@@ -15,7 +15,7 @@ use crate::effects::{CrossMotion, LoopGains, Motion, Physics};
 const MOST_PARAMETERS: usize = 8;
 
 /// Longest step of the integration (s). A step ends wherever a command takes effect.
-pub const LONGEST_STEP: f64 = 1e-3;
+pub(super) const LONGEST_STEP: f64 = 1e-3;
 
 /// One function of one instance, with its numbers and the place of its memory.
 #[derive(Debug, Clone, Copy)]
@@ -107,6 +107,15 @@ impl PlantState {
         self.velocity = velocity;
         self.acceleration = [0.0; 2];
     }
+
+    /// Moves the carriage on by `dt`, at the end of which it has `velocity`.
+    fn arrive(&mut self, velocity: [f64; 2], dt: f64) {
+        self.acceleration = [0, 1].map(|index| (velocity[index] - self.velocity[index]) / dt);
+        for (index, position) in self.position.iter_mut().enumerate() {
+            *position += 0.5 * dt * (velocity[index] + self.velocity[index]);
+        }
+        self.velocity = velocity;
+    }
 }
 
 /// Belt coordinates of a rail vector: a = x + y, b = x - y.
@@ -187,111 +196,91 @@ impl Plant {
     }
 
     fn step_gantry(&self, state: &mut PlantState, command: [f64; 2], dt: f64) {
-        let belt_position = belts(state.position);
-        let belt_velocity = belts(state.velocity);
-        let belt_acceleration = belts(state.acceleration);
+        let step = GantryStep::new(self, state, dt);
         let memory = &mut state.memory;
-        let rail_motion = |index: usize, force: [f64; 2], mass: f64| Motion {
-            time: state.time,
-            dt,
-            position: state.position[index],
-            velocity: state.velocity[index],
-            acceleration: state.acceleration[index],
-            force: if index == 0 { force[0] + force[1] } else { force[0] - force[1] },
-            mass,
-            other: CrossMotion {
-                position: state.position[1 - index],
-                velocity: state.velocity[1 - index],
-                acceleration: state.acceleration[1 - index],
-                force: if index == 0 { force[0] - force[1] } else { force[0] + force[1] },
-            },
-        };
-        let mass = [0, 1].map(|index| self.rails[index].mass(&rail_motion(index, [0.0; 2], 0.0)));
-        let belt_mass = 1.0 / (1.0 / mass[0] + 1.0 / mass[1]);
-        let mean_mass = 0.5 * (mass[0] + mass[1]);
-        // Loads on the rails, with the motors' forces of the step before where a load depends on them.
-        let load = [0, 1].map(|index| {
-            let motion = rail_motion(index, state.force, mass[index]);
-            sum(&self.rails[index].forces, memory, &motion)
+        // Loads on the rails, with the motors' forces of the step before where one depends on them.
+        let load = self.loads(&step, state.force, memory);
+        let setpoint = [0, 1].map(|index| self.motors[index].setpoint(command[index], memory, dt));
+        let middle =
+            [0, 1].map(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
+        let drag =
+            belts([0, 1].map(|index| (load[index] + state.friction[index]) / step.mass[index]));
+        let demand = [0, 1].map(|index| {
+            let error = middle[index] - step.belts.velocity[index] - 0.5 * dt * drag[index];
+            self.motors[index].demand(error, state.integral[index], step.loop_mass, dt)
         });
-        let drag = belts([0, 1].map(|index| (load[index] + state.friction[index]) / mass[index]));
-        let mut demand = [0.0; 2];
-        let mut setpoint = [0.0; 2];
-        for index in 0..2 {
-            let motor = &self.motors[index];
-            setpoint[index] = motor.setpoint(command[index], memory, dt);
-            let middle = motor.middle(state.setpoint[index], setpoint[index]);
-            demand[index] = motor.demand(
-                0.5 * mean_mass,
-                belt_mass,
-                middle - belt_velocity[index] - 0.5 * dt * drag[index],
-                state.integral[index],
-                dt,
-            );
-        }
-        let belt_motion = |index: usize, force: [f64; 2]| Motion {
-            time: state.time,
-            dt,
-            position: belt_position[index],
-            velocity: belt_velocity[index],
-            acceleration: belt_acceleration[index],
-            force: force[index],
-            mass: belt_mass,
-            other: CrossMotion {
-                position: belt_position[1 - index],
-                velocity: belt_velocity[1 - index],
-                acceleration: belt_acceleration[1 - index],
-                force: force[1 - index],
-            },
-        };
-        let mut force = demand;
-        for index in 0..2 {
-            for part in &self.motors[index].efforts {
-                let mut motion = belt_motion(index, demand);
-                motion.force = force[index];
-                force[index] = (part.call)(part.p(), part.memory(memory), &motion);
-            }
-        }
-        let mut pull = [0, 1].map(|index| {
-            let motion = belt_motion(index, force);
-            force[index] + sum(&self.motors[index].forces, memory, &motion)
-        });
-        for index in 0..2 {
-            let motor = &self.motors[index];
-            if motor.frictions.is_empty() {
-                continue;
-            }
-            let level = sum(&motor.frictions, memory, &belt_motion(index, force)).max(0.0);
-            let free = belts([
-                state.velocity[0] + dt * (pull[0] + pull[1] + load[0]) / mass[0],
-                state.velocity[1] + dt * (pull[0] - pull[1] + load[1]) / mass[1],
-            ])[index];
-            pull[index] -= (belt_mass * free / dt).clamp(-level, level);
-        }
-        let total = [pull[0] + pull[1] + load[0], pull[0] - pull[1] + load[1]];
-        let mut velocity = [0.0; 2];
-        let mut friction = [0.0; 2];
-        for index in 0..2 {
-            let motion = rail_motion(index, force, mass[index]);
-            let level = sum(&self.rails[index].frictions, memory, &motion).max(0.0);
-            (velocity[index], friction[index]) =
-                slide(state.velocity[index], total[index], level, mass[index], dt);
-        }
+        let force = self.efforts(&step, demand, memory);
+        let pull = self.pulls(&step, force, load, memory);
+        let (velocity, friction) = self.slides(&step, force, total(pull, load), memory);
         let belt_after = belts(velocity);
-        for index in 0..2 {
-            let motor = &self.motors[index];
-            let middle = motor.middle(state.setpoint[index], setpoint[index]);
-            let error = middle - 0.5 * (belt_velocity[index] + belt_after[index]);
-            state.integral[index] += 0.5 * mean_mass * motor.gains.integral_per_s2 * error * dt;
+        for (index, motor) in self.motors.iter().enumerate() {
+            let error = middle[index] - 0.5 * (step.belts.velocity[index] + belt_after[index]);
+            state.integral[index] +=
+                step.loop_mass.gains * motor.gains.integral_per_s2 * error * dt;
         }
-        for index in 0..2 {
-            state.acceleration[index] = (velocity[index] - state.velocity[index]) / dt;
-            state.position[index] += 0.5 * dt * (velocity[index] + state.velocity[index]);
-        }
-        state.velocity = velocity;
+        state.arrive(velocity, dt);
         state.friction = friction;
         state.force = force;
         state.setpoint = setpoint;
+    }
+
+    /// Force on each rail that is no motor's and no friction.
+    fn loads(&self, step: &GantryStep, force: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
+        [0, 1].map(|index| {
+            let motion = step.rail(index, force);
+            sum(&self.rails[index].forces, memory, &motion)
+        })
+    }
+
+    /// Force that each motor makes of what its loop demands.
+    fn efforts(&self, step: &GantryStep, demand: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
+        [0, 1].map(|index| {
+            let mut motion = step.belt(index, demand);
+            for part in &self.motors[index].efforts {
+                motion.force = (part.call)(part.p(), part.memory(memory), &motion);
+            }
+            motion.force
+        })
+    }
+
+    /// What arrives on each belt of the motors' `force`: with the forces and the friction at the motor.
+    fn pulls(
+        &self,
+        step: &GantryStep,
+        force: [f64; 2],
+        load: [f64; 2],
+        memory: &mut [f64],
+    ) -> [f64; 2] {
+        let mut pull = [0, 1].map(|index| {
+            let motion = step.belt(index, force);
+            force[index] + sum(&self.motors[index].forces, memory, &motion)
+        });
+        for (index, motor) in self.motors.iter().enumerate() {
+            if motor.frictions.is_empty() {
+                continue;
+            }
+            let level = sum(&motor.frictions, memory, &step.belt(index, force)).max(0.0);
+            let free = belts(step.free(total(pull, load)))[index];
+            pull[index] -= (step.belt_mass * free / step.rails.dt).clamp(-level, level);
+        }
+        pull
+    }
+
+    /// Velocity of each rail after the step under the `total` force on it, and its friction; `force`
+    /// is the motors'.
+    fn slides(
+        &self,
+        step: &GantryStep,
+        force: [f64; 2],
+        total: [f64; 2],
+        memory: &mut [f64],
+    ) -> ([f64; 2], [f64; 2]) {
+        let slid = [0, 1].map(|index| {
+            let motion = step.rail(index, force);
+            let level = sum(&self.rails[index].frictions, memory, &motion).max(0.0);
+            slide(motion.velocity, total[index], level, step.mass[index], motion.dt)
+        });
+        (slid.map(|(velocity, _)| velocity), slid.map(|(_, friction)| friction))
     }
 
     fn step_single(&self, state: &mut PlantState, command: f64, dt: f64) {
@@ -314,7 +303,8 @@ impl Plant {
         let middle = motor.middle(state.setpoint[0], setpoint);
         let drag = (load + state.friction[0]) / mass;
         let error = middle - state.velocity[0] - 0.5 * dt * drag;
-        motion.force = motor.demand(mass, mass, error, state.integral[0], dt);
+        let loop_mass = LoopMass { gains: mass, moved: mass };
+        motion.force = motor.demand(error, state.integral[0], loop_mass, dt);
         for part in &motor.efforts {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
         }
@@ -331,6 +321,96 @@ impl Plant {
         state.force[0] = motion.force;
         state.setpoint[0] = setpoint;
     }
+}
+
+/// How two coordinates, both rails or both belts, move at the start of a step.
+struct Frame {
+    time: f64,
+    dt: f64,
+    position: [f64; 2],
+    velocity: [f64; 2],
+    acceleration: [f64; 2],
+}
+
+impl Frame {
+    /// Motion of one coordinate with the `force` along both and the `mass` of its own.
+    fn motion(&self, index: usize, force: [f64; 2], mass: f64) -> Motion {
+        Motion {
+            time: self.time,
+            dt: self.dt,
+            position: self.position[index],
+            velocity: self.velocity[index],
+            acceleration: self.acceleration[index],
+            force: force[index],
+            mass,
+            other: CrossMotion {
+                position: self.position[1 - index],
+                velocity: self.velocity[1 - index],
+                acceleration: self.acceleration[1 - index],
+                force: force[1 - index],
+            },
+        }
+    }
+}
+
+/// The masses that a velocity loop works on (kg).
+#[derive(Clone, Copy)]
+struct LoopMass {
+    /// Scales the gains.
+    gains: f64,
+    /// What the loop's force moves.
+    moved: f64,
+}
+
+/// What a gantry is and does at the start of a step.
+struct GantryStep {
+    rails: Frame,
+    belts: Frame,
+    /// Mass on each rail (kg).
+    mass: [f64; 2],
+    /// Mass that the force of one belt moves (kg).
+    belt_mass: f64,
+    loop_mass: LoopMass,
+}
+
+impl GantryStep {
+    fn new(plant: &Plant, state: &PlantState, dt: f64) -> Self {
+        let PlantState { time, position, velocity, acceleration, .. } = *state;
+        let rails = Frame { time, dt, position, velocity, acceleration };
+        let belts = Frame {
+            time,
+            dt,
+            position: belts(position),
+            velocity: belts(velocity),
+            acceleration: belts(acceleration),
+        };
+        let mass = [0, 1].map(|index| plant.rails[index].mass(&rails.motion(index, [0.0; 2], 0.0)));
+        let belt_mass = 1.0 / (1.0 / mass[0] + 1.0 / mass[1]);
+        let loop_mass = LoopMass { gains: 0.5 * (0.5 * (mass[0] + mass[1])), moved: belt_mass };
+        Self { rails, belts, mass, belt_mass, loop_mass }
+    }
+
+    /// Motion of one rail under the motors' `force`.
+    fn rail(&self, index: usize, force: [f64; 2]) -> Motion {
+        self.rails.motion(index, belts(force), self.mass[index])
+    }
+
+    /// Motion of one belt under the motors' `force`.
+    fn belt(&self, index: usize, force: [f64; 2]) -> Motion {
+        self.belts.motion(index, force, self.belt_mass)
+    }
+
+    /// Velocity of the rails after the step under the `total` force on them, without friction.
+    fn free(&self, total: [f64; 2]) -> [f64; 2] {
+        let Frame { velocity, dt, .. } = self.rails;
+        [0, 1].map(|index| velocity[index] + dt * total[index] / self.mass[index])
+    }
+}
+
+/// Force on the rails of the belts' `pull` and the rails' `load`.
+fn total(pull: [f64; 2], load: [f64; 2]) -> [f64; 2] {
+    let along = belts(pull);
+    [along[0] + load[0], along[1] + load[1]]
 }
 
 /// Velocity after `dt` under `force` and at most `level` of friction, and the friction force.
@@ -366,10 +446,10 @@ impl MotorParts {
         if self.ramps.is_empty() { after } else { 0.5 * (before + after) }
     }
 
-    /// Force at the middle of the step: `mass` scales the gains, `moved` is what the force moves.
-    fn demand(&self, mass: f64, moved: f64, error: f64, integral: f64, dt: f64) -> f64 {
-        let gain = mass * self.gains.proportional_per_s;
-        (gain * error + integral) / (1.0 + 0.5 * dt * gain / moved)
+    /// Force at the middle of the step.
+    fn demand(&self, error: f64, integral: f64, mass: LoopMass, dt: f64) -> f64 {
+        let gain = mass.gains * self.gains.proportional_per_s;
+        (gain * error + integral) / (1.0 + 0.5 * dt * gain / mass.moved)
     }
 }
 

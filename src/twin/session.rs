@@ -330,7 +330,7 @@ fn motors_of_carriage(carriage: &Readings<4>) -> [Readings<3>; 2] {
 ///
 /// # Errors
 /// When a message does not decode.
-pub fn drive_stage(
+pub(super) fn drive_stage(
     recording: &Recording,
     player: Player,
     runs: &[Run],
@@ -402,7 +402,7 @@ fn run_starts(runs: &[Run], carriage: &Readings<4>) -> Vec<RunStart> {
 ///
 /// # Errors
 /// When a message does not decode.
-pub fn camera_stage(
+pub(super) fn camera_stage(
     recording: &Recording,
     player: Player,
     runs: &[Run],

@@ -9,6 +9,7 @@ mod damage;
 mod drive;
 mod fit_actuator;
 mod foreign;
+mod gap;
 mod import;
 mod info;
 mod readme;

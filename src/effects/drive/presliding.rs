@@ -3,10 +3,10 @@
 use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
 
 /// `drive.friction.presliding`: the level of friction changes by -F (1 - z sign v tanh(|v|/v0)),
-/// with Dahl's state z' = v (1 - z sign v)/z0 of contacts that bend before they slide, -1 <= z <=
-/// 1. Far from a reversal nothing changes; beside one the sign of the velocity is rounded over the
-/// way z0 behind it, and over the velocity v0 on both sides, as lubricated contacts do. F may not
-/// exceed the dry friction that it rounds; the stiffness of the contacts is F/z0. Sources: Dahl
+/// with Dahl's state z' = v (1 - z sign v)/z0 of contacts that bend before they slide, z between -1
+/// and 1. Far from a reversal nothing changes; beside one the sign of the velocity is rounded over
+/// the way z0 behind it, and over the velocity v0 on both sides, as lubricated contacts do. F may
+/// not exceed the dry friction that it rounds; the stiffness of the contacts is F/z0. Sources: Dahl
 /// 1968; Canudas de Wit, Olsson, Astrom and Lischinsky 1995; rounding by velocity: Makkar, Dixon,
 /// Sawyer and Hu 2005.
 pub(crate) static PRESLIDING: Effect = Effect {

@@ -206,9 +206,10 @@ fn half_steps(channel: &Channel, time: f64) -> usize {
 fn slopes(channel: &Channel, values: &[f64], half: usize) -> Vec<f64> {
     let mut found = vec![f64::NAN; values.len()];
     for Range { start, end } in channel.runs.iter().cloned() {
-        for sample in (start + half)..end.saturating_sub(half) {
+        let inner = found.iter_mut().enumerate().take(end.saturating_sub(half)).skip(start + half);
+        for (sample, slope) in inner {
             let (from, to) = (sample - half, sample + half);
-            found[sample] = (values[to] - values[from]) / (channel.times[to] - channel.times[from]);
+            *slope = (values[to] - values[from]) / (channel.times[to] - channel.times[from]);
         }
     }
     found

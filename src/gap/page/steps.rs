@@ -17,6 +17,9 @@ pub(super) struct Steps {
     pub(super) rms: Vec<Vec<f64>>,
 }
 
+/// Name and colour of each curve.
+pub(super) type Legend = Vec<(String, [u8; 3])>;
+
 /// The steps of `outcome`: as given, all known parameters fitted, and each effect added. On the
 /// held-out sessions, or on the fitted ones without any, where only the ends are known.
 pub(super) fn steps(outcome: &Outcome<'_>) -> Steps {
@@ -45,10 +48,7 @@ pub(super) fn steps(outcome: &Outcome<'_>) -> Steps {
 }
 
 /// The picture with its legend; `None` where no signal has a floor.
-pub(super) fn picture(
-    outcome: &Outcome<'_>,
-    floors: &[Floor],
-) -> Option<(String, Vec<(String, [u8; 3])>)> {
+pub(super) fn picture(outcome: &Outcome<'_>, floors: &[Floor]) -> Option<(String, Legend)> {
     let steps = steps(outcome);
     let channels = outcome.train.parts.first()?.stage.channels();
     let mut curves = Vec::new();

@@ -11,8 +11,9 @@ const AMPLITUDE: f64 = 0.08;
 const OMEGA: f64 = TAU;
 
 /// Records 20 s: frames at 120 Hz with their own clock (an hour off, 100 ppm fast), arriving 5 ms
-/// later; states at 50 Hz whose velocity is `velocity(t)`, t counted with the arrivals.
-fn recording(markers: bool, velocity: impl Fn(f64) -> f64) -> Recording {
+/// later; states at 50 Hz whose velocity is `velocity(t)`, t counted with the arrivals. Marked runs of
+/// 5 s start at `runs` (s).
+fn recording(runs: &[f64], velocity: impl Fn(f64) -> f64) -> Recording {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("sine.mcap");
     let mut writer =
@@ -35,12 +36,10 @@ fn recording(markers: bool, velocity: impl Fn(f64) -> f64) -> Recording {
         let state = BoardState { left: Some(left), ..BoardState::default() };
         writer.write(topic::BOARD_STATE, at(t + 0.003), &state).unwrap();
     }
-    if markers {
-        for (run, start) in [(1, 2.0), (2, 9.0)] {
-            for (phase, time) in [(Phase::Start, start), (Phase::End, start + 5.0)] {
-                let marker = RunMarker { run, phase: phase.into(), ..RunMarker::default() };
-                writer.write(topic::RUN_MARKER, at(time), &marker).unwrap();
-            }
+    for (run, start) in (1..).zip(runs) {
+        for (phase, time) in [(Phase::Start, *start), (Phase::End, start + 5.0)] {
+            let marker = RunMarker { run, phase: phase.into(), ..RunMarker::default() };
+            writer.write(topic::RUN_MARKER, at(time), &marker).unwrap();
         }
     }
     writer.finish().unwrap();
@@ -67,7 +66,7 @@ fn instance(name: &str, values: &[f64]) -> Instance {
 
 #[test]
 fn without_an_estimator_the_state_is_the_derivative() {
-    let stage = EstimatorStage::from_recording(&recording(true, shifted(1.0, 0.0))).unwrap();
+    let stage = EstimatorStage::from_recording(&recording(&[2.0, 9.0], shifted(1.0, 0.0))).unwrap();
     let stage = stage.unwrap();
     let channel = &stage.channels()[0];
     assert_eq!((channel.signal.as_str(), channel.axis), ("state.left_vx", "x"));
@@ -82,7 +81,7 @@ fn without_an_estimator_the_state_is_the_derivative() {
 fn a_low_pass_and_a_kalman_filter_are_told_by_their_lag() {
     let lag = 0.03;
     let first_order = shifted(1.0 / (OMEGA * lag).hypot(1.0), (OMEGA * lag).atan());
-    let stage = EstimatorStage::from_recording(&recording(false, first_order)).unwrap().unwrap();
+    let stage = EstimatorStage::from_recording(&recording(&[], first_order)).unwrap().unwrap();
     // 20 s in windows of 2.5 s.
     assert_eq!(stage.channels()[0].runs.len(), 8);
     assert_eq!(stage.channels()[0].runs[7].end, 1000);
@@ -95,7 +94,7 @@ fn a_low_pass_and_a_kalman_filter_are_told_by_their_lag() {
     let (real, imaginary) = (natural * natural - OMEGA * OMEGA, 2.0_f64.sqrt() * natural * OMEGA);
     let gain = natural * natural / real.hypot(imaginary);
     let kalman = shifted(gain, imaginary.atan2(real));
-    let stage = EstimatorStage::from_recording(&recording(false, kalman)).unwrap().unwrap();
+    let stage = EstimatorStage::from_recording(&recording(&[], kalman)).unwrap().unwrap();
     let left = |lag: f64| left_over(&stage, &[instance("estimator.lag", &[lag, 0.5_f64.sqrt()])]);
     assert!(left(0.03) < 3e-3 && 2.0 * left(0.03) < left(0.027).min(left(0.033)));
 }
@@ -106,7 +105,7 @@ fn a_dead_zone_is_told_from_none() {
         let v = shifted(1.0, 0.0)(t);
         if v.abs() < 0.2 { 0.0 } else { v }
     };
-    let stage = EstimatorStage::from_recording(&recording(false, reports)).unwrap().unwrap();
+    let stage = EstimatorStage::from_recording(&recording(&[], reports)).unwrap().unwrap();
     let left = left_over(&stage, &[instance("estimator.velocity_deadzone", &[0.2])]);
     assert!(left < 0.02 && 0.05 < left_over(&stage, &[]), "{left}");
     assert!(stage.calls(find("estimator.lag").unwrap()));
@@ -115,7 +114,7 @@ fn a_dead_zone_is_told_from_none() {
 
 #[test]
 fn states_without_velocities_make_no_stage() {
-    assert!(EstimatorStage::from_recording(&recording(false, |_| 0.0)).unwrap().is_none());
+    assert!(EstimatorStage::from_recording(&recording(&[], |_| 0.0)).unwrap().is_none());
 }
 
 #[test]

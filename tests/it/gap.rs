@@ -1,0 +1,223 @@
+//! `calibrate` and `gap` on recordings whose makers share no code with the twin: the formulas below.
+
+use crate::support::{START, klasktron, said, writer};
+use klasktron::{
+    recording::{
+        message::{
+            AxisInput, AxisOutput, CarriageState, RunMarker, VelocityCommand, run_marker::Phase,
+        },
+        topic::{self, Player},
+    },
+    seed::Stream,
+    units::Nanos,
+};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// Samples per second of the axis.
+const AXIS_HZ: u64 = 1000;
+
+/// A ball-screw axis with Coulomb, viscous and, perhaps, direction-dependent friction. Its motion is
+/// given in closed form, a sum of sines, and the force is what this motion takes.
+struct Axis {
+    split: &'static str,
+    seconds: u64,
+    /// Viscous coefficient forwards and backwards (N s/m).
+    viscous: [f64; 2],
+    seed: u64,
+}
+
+impl Axis {
+    const MASS_KG: f64 = 40.0;
+    const COULOMB_N: f64 = 12.0;
+    const NOISE_N: f64 = 1.0;
+
+    fn motion(&self, t: f64) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        let lines = [(0.06, 1.3, 0.2), (0.03, 2.9, 1.1), (0.01, 7.3, self.seed as f64)];
+        for (size, w, phase) in lines {
+            let (sin, cos) = (w * t + phase).sin_cos();
+            sum[0] += size * sin;
+            sum[1] += size * w * cos;
+            sum[2] -= size * w * w * sin;
+        }
+        sum
+    }
+
+    fn write(&self, dir: &Path, name: &str) -> PathBuf {
+        let path = dir.join(name);
+        let mut writer = writer(&path, "axis");
+        let mut noise = Stream::new(self.seed, "force");
+        let at = |k: u64| Nanos(START.0 + k * 1_000_000_000 / AXIS_HZ);
+        let marker = |phase: Phase| RunMarker {
+            run: 0,
+            pattern: "sines".into(),
+            phase: phase.into(),
+            split: self.split.into(),
+        };
+        writer.write(topic::RUN_MARKER, at(0), &marker(Phase::Start)).unwrap();
+        for k in 0..self.seconds * AXIS_HZ {
+            let [q, v, a] = self.motion(k as f64 / AXIS_HZ as f64);
+            let viscous = if 0.0 < v { self.viscous[0] } else { self.viscous[1] };
+            let normal: f32 = (0..12).map(|_| noise.uniform_f32(-0.5, 0.5)).sum();
+            let force = Self::MASS_KG * a + Self::COULOMB_N * (v / 1e-4).tanh() + viscous * v
+                + Self::NOISE_N * f64::from(normal);
+            let input = AxisInput { value: force, unit: "N".into() };
+            let output =
+                AxisOutput { position: Some(q), velocity: None, position_unit: "m".into() };
+            writer.write(&topic::axis_input("screw"), at(k), &input).unwrap();
+            writer.write(&topic::axis_output("screw"), at(k), &output).unwrap();
+        }
+        let end = at(self.seconds * AXIS_HZ);
+        writer.write(topic::RUN_MARKER, end, &marker(Phase::End)).unwrap();
+        writer.finish().unwrap();
+        path
+    }
+
+    /// A pair of sessions with the given friction.
+    fn pair(dir: &Path, viscous: [f64; 2]) -> [String; 2] {
+        let text = |path: PathBuf| path.display().to_string();
+        let first = Axis { split: "train", seconds: 20, viscous, seed: 1 };
+        let second = Axis { split: "validation", seconds: 20, viscous, seed: 2 };
+        [text(first.write(dir, "one.mcap")), text(second.write(dir, "two.mcap"))]
+    }
+}
+
+/// The document that `gap` prints, and its exit status.
+fn gap(recordings: &[String], twin: Option<&str>, out: &Path) -> (serde_json::Value, i32) {
+    let out = out.display().to_string();
+    let mut args = vec!["gap", "--json", "--out", &out];
+    args.extend(recordings.iter().map(String::as_str));
+    if let Some(twin) = twin {
+        args.extend(["--twin", twin]);
+    }
+    let (text, errors, status) = said(&klasktron(&args));
+    let document = serde_json::from_str(&text);
+    (document.unwrap_or_else(|_| panic!("no document: {text} {errors}")), status)
+}
+
+fn names(document: &serde_json::Value) -> Vec<&str> {
+    document["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect()
+}
+
+#[test]
+fn direction_dependent_friction_is_named_and_measured() {
+    let dir = tempfile::tempdir().unwrap();
+    let recordings = Axis::pair(dir.path(), [80.0, 140.0]);
+    let (document, status) = gap(&recordings, None, &dir.path().join("out"));
+    assert_eq!(status, 0);
+    assert_eq!(document["verdict"], "named", "{document:#}");
+    assert_eq!(names(&document), ["drive.friction.asymmetric"], "{document:#}");
+    let difference = &document["effects"][0]["parameters"][0];
+    let value = difference["value"].as_f64().unwrap();
+    assert!((value + 60.0).abs() < 0.05 * 60.0, "{difference}");
+    let gap = &document["gap"][0];
+    assert!(gap["held_out_after"].as_f64() < gap["held_out_before"].as_f64());
+    for file in ["gap.json", "twin.json", "index.html", "gap.mcap"] {
+        assert!(dir.path().join("out").join(file).exists(), "{file}");
+    }
+}
+
+#[test]
+fn nothing_is_named_where_nothing_is_missing_and_equal_inputs_give_equal_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let recordings = Axis::pair(dir.path(), [100.0, 100.0]);
+    let (document, _) = gap(&recordings, None, &dir.path().join("one"));
+    assert!(names(&document).is_empty(), "{document:#}");
+    let twin = dir.path().join("one/twin.json").display().to_string();
+    let (again, _) = gap(&recordings, Some(&twin), &dir.path().join("two"));
+    assert_eq!(again["verdict"], "none", "{again:#}");
+    gap(&recordings, None, &dir.path().join("three"));
+    for file in ["gap.json", "twin.json", "index.html", "gap.mcap"] {
+        let bytes = |folder: &str| fs::read(dir.path().join(folder).join(file)).unwrap();
+        assert!(bytes("one") == bytes("three"), "{file} differs");
+    }
+}
+
+#[test]
+fn a_calibrated_twin_states_the_truth_within_its_intervals() {
+    let dir = tempfile::tempdir().unwrap();
+    let recordings = Axis::pair(dir.path(), [100.0, 100.0]);
+    let twin = dir.path().join("twin.json").display().to_string();
+    let (text, errors, status) =
+        said(&klasktron(&["calibrate", &recordings[0], &recordings[1], "--out", &twin]));
+    assert_eq!(status, 0, "{text} {errors}");
+    let document: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(&twin).unwrap()).unwrap();
+    let value = |effect: &str| {
+        let found = document["effects"].as_array().unwrap();
+        let own = found.iter().find(|own| own["name"] == effect).unwrap();
+        own["parameters"][0]["value"].as_f64().unwrap()
+    };
+    assert!((value("gantry.inertia") - Axis::MASS_KG).abs() < 0.01 * Axis::MASS_KG);
+    assert!((value("drive.friction.viscous") - 100.0).abs() < 3.0);
+    assert!((value("drive.friction.coulomb") - Axis::COULOMB_N).abs() < 0.03 * Axis::COULOMB_N);
+}
+
+/// A table recording in which the carriage does what `respond` makes of the command.
+fn table(dir: &Path, name: &str, seconds: u64, respond: fn(f64, f64) -> f64, one_way: bool) -> String {
+    let path = dir.join(name);
+    let mut writer = writer(&path, "klasktron");
+    let at = |k: u64| Nanos(START.0 + k * 20_000_000);
+    let mut x = 0.0;
+    for k in 0..seconds * 50 {
+        let t = k as f64 / 50.0;
+        let sine = 0.2 * (1.7 * t).sin();
+        let vx = if one_way { sine.abs() } else { sine };
+        let moved = respond(vx, t);
+        x += moved / 50.0;
+        let state = CarriageState { x, y: 0.0, vx: moved, vy: 0.0 };
+        let left = Player::Left;
+        writer.write(&topic::command(left), at(k), &VelocityCommand { vx, vy: 0.0 }).unwrap();
+        writer.write(&topic::carriage(left), at(k), &state).unwrap();
+    }
+    writer.finish().unwrap();
+    path.display().to_string()
+}
+
+#[test]
+fn what_cannot_be_judged_has_its_verdict_and_no_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let cases = [
+        ("off", 20, (|_, _| 0.0) as fn(f64, f64) -> f64, false, "input_not_connected"),
+        ("hand", 20, |_, t| 0.2 * (t * 0.93 + 1.0).cos(), false, "input_not_connected"),
+        ("short", 2, |v, _| v, false, "not_testable"),
+        ("one-way", 20, |v, _| v, true, "not_testable"),
+    ];
+    for (name, seconds, respond, one_way, verdict) in cases {
+        let file = table(dir.path(), &format!("{name}.mcap"), seconds, respond, one_way);
+        let (document, status) = gap(&[file], None, &dir.path().join(name));
+        assert_eq!(document["verdict"], verdict, "{name}: {document:#}");
+        assert!(names(&document).is_empty());
+        assert!(!document["next_experiment"].is_null(), "{name}");
+        assert_eq!(status, 3, "{name}");
+    }
+}
+
+#[test]
+fn a_broken_twin_is_refused_in_one_sentence() {
+    let dir = tempfile::tempdir().unwrap();
+    let recording = table(dir.path(), "run.mcap", 10, |v, _| v, false);
+    let twin = dir.path().join("twin.json").display().to_string();
+    let head = r#"{"schema_version":1,"machine":"table","striker_mass_kg":0.012,"belt_per_turn_m":0.04,"#;
+    let effect = |name: &str, value: f64| {
+        format!(
+            r#"{head}"effects":[{{"name":"{name}","axis":"a+b","parameters":[{{"name":"delay_s","value":{value},"source":"fitted"}}]}}]}}"#
+        )
+    };
+    for (text, expected) in [
+        ("{".to_owned(), "is no twin.json"),
+        (effect("drive.dealy", 0.01), "'drive.dealy', which is not in the catalogue"),
+        (effect("drive.delay", 7.0), "drive.delay.delay_s is 7; allowed are -0.02 to 0.2 s"),
+    ] {
+        fs::write(&twin, text).unwrap();
+        let (_, errors, status) =
+            said(&klasktron(&["gap", &recording, "--twin", &twin, "--out", "nowhere"]));
+        assert_eq!(status, 1);
+        assert!(errors.contains(expected), "{errors}");
+        assert_eq!(errors.trim().lines().count(), 1, "{errors}");
+    }
+    assert!(!Path::new("nowhere").exists());
+}
