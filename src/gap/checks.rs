@@ -55,7 +55,7 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
     for session in sessions {
         let found = match &session.drive {
             Some(drive) => check_drive(session, drive),
-            None if session.ball.is_none() && session.commands == 0 => objection(
+            None if session.is_without_input() => objection(
                 Verdict::NotTestable,
                 format!(
                     "{} holds no commands: what moved the carriage is unknown; record \

@@ -132,6 +132,12 @@ pub struct Session {
 }
 
 impl Session {
+    /// Whether a carriage moved and nothing says what moved it.
+    #[must_use]
+    pub fn is_without_input(&self) -> bool {
+        self.commands == 0 && self.ball.is_none() && self.axes.is_empty()
+    }
+
     /// Its links.
     #[must_use]
     pub fn stages(&self) -> Vec<&dyn Stage> {
