@@ -140,7 +140,10 @@ pub(crate) fn simulate(rig: &AxisRig, reference: &[f64], phase: f64, draw: &mut 
     for (index, wanted) in reference.iter().enumerate() {
         let noise = if rig.encoder > 0.0 { rig.encoder * draw.normal() } else { 0.0 };
         let seen = q + noise;
-        let ahead = reference.get(index + 1).map_or(0.0, |next| (next - wanted) * RATE);
+        let ahead = match reference.get(index + 1) {
+            Some(next) => (next - wanted) * RATE,
+            None => (wanted - reference[index.saturating_sub(1)]) * RATE,
+        };
         let speed = if index == 0 { 0.0 } else { (seen - before) * RATE };
         before = seen;
         let force = rig.velocity_gain * (rig.position_gain * (wanted - seen) + ahead - speed);

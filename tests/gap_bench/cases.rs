@@ -23,15 +23,6 @@ pub(crate) enum Machine {
 }
 
 impl Machine {
-    /// All rigs, in order.
-    pub(crate) fn all() -> Vec<Self> {
-        (0..GANTRY_RIGS)
-            .map(Self::Gantry)
-            .chain((0..BALL_RIGS).map(Self::Ball))
-            .chain((0..AXIS_RIGS).map(Self::Axis))
-            .collect()
-    }
-
     pub(crate) fn name(self) -> String {
         match self {
             Self::Gantry(index) => format!("gantry-{index}"),

@@ -90,13 +90,13 @@ pub(crate) fn all() -> impl Iterator<Item = &'static Spec> {
 static DRIVE: &[Spec] = &[
     Spec {
         name: "drive.gain",
-        parameter: "gain_error",
+        parameter: "gain",
         unit: "1",
         place: Place::Motors,
         range: [0.001, 0.2],
         signed: true,
         apply: |rig, on, m| spread(&mut rig.drive.gain_error, on, m),
-        value: |rig, i| rig.drive.gain_error[i],
+        value: |rig, i| 1.0 + rig.drive.gain_error[i],
         ..PLAIN
     },
     Spec {
@@ -117,7 +117,7 @@ static DRIVE: &[Spec] = &[
         unit: "s",
         place: Place::Motors,
         range: [0.0002, 0.06],
-        apply: |rig, on, m| spread(&mut rig.drive.delay, on, (m / 2e-4).round() * 2e-4),
+        apply: |rig, on, m| spread(&mut rig.drive.delay, on, m),
         value: |rig, i| rig.drive.delay[i],
         ..PLAIN
     },
@@ -166,7 +166,7 @@ static DRIVE: &[Spec] = &[
         range: [0.15, 1.4],
         apply: |rig, on, m| {
             for i in 0..2 {
-                rig.drive.force_limit[i] *= 1.0 - 0.45 * on[i];
+                rig.drive.force_limit[i] *= 1.0 - 0.3 * on[i];
                 rig.drive.fall[i] += on[i] * m;
             }
         },

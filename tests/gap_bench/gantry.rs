@@ -174,7 +174,7 @@ impl Gantry {
         rig.sensors.camera_noise = 2.5e-4;
         rig.sensors.velocity_noise = 4e-4;
         rig.sensors.torque_noise = draw.uniform(0.8e-3, 1.5e-3);
-        rig.sensors.disturbance = 0.03;
+        rig.sensors.disturbance = 0.12;
         match index {
             1 => rig.sensors.latency = draw.uniform(0.006, 0.018),
             2 => rig.drive.delay = [draw.uniform(0.004, 0.010); 2],

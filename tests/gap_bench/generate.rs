@@ -4,11 +4,11 @@ use crate::{
     axis::{self, AxisRig},
     ball::{self, BallRig},
     baseline,
-    cases::{Extent, Machine, Plant, Planned, Shows, Twist, plan as plan_cases},
+    cases::{Extent, Machine, Plant, Planned, Twist, plan as plan_cases},
     catalogue::{self, Place, Sizing},
     draw::Draw,
     gantry::{BELT_PER_TORQUE, BELT_PER_TURN, Gantry},
-    observe::{Observation, observe, visibility},
+    observe::{Floors, Observation, floors, observe, visibility},
     plan::{Excitation, Plan, plan},
     record::{Label, write_axis, write_ball, write_gantry},
     step::{Commands, Phases, simulate},
@@ -208,7 +208,7 @@ impl Job<'_> {
             sessions.push(seen);
         }
         let floors = gantry_floors(&rig);
-        let said = baseline::gantry(&sessions);
+        let said = baseline::gantry(&sessions, &self.planned.machine.own());
         Ok((self.case(effects, floors), said))
     }
 
@@ -353,15 +353,26 @@ fn size_gantry(rig: &Gantry, plant: &Plant, sizing: &Plan, draw: &mut Draw) -> (
         observe(&silent, &simulate(&silent, commands, phases, draw), draw)
     };
     let plain = noise(&rig, &mut draw.clone(), Commands::Follow(sizing));
+    let floors = noise_floors(&rig, &plain, draw);
     let look = |m: f64| {
         let mut with = rig.clone();
         (spec.apply)(&mut with, plant.on, plant.sign * m);
         let with = noise(&with, &mut draw.clone(), Commands::Replay(&plain.commands));
-        visibility(&rig, &plain, &with, spec.sizing == Sizing::Constant)
+        visibility(&floors, &plain, &with, spec.sizing == Sizing::Constant)
     };
     let (magnitude, multiple, capped) = bisect(spec.range, plant.multiple, |m| look(m).multiple);
     let signal = look(magnitude).signal;
     (magnitude, Reached { multiple: Some(multiple), signal, capped })
+}
+
+/// Noise of every signal of `rig`: what changes when the same commands are driven again.
+fn noise_floors(rig: &Gantry, plain: &Observation, draw: &mut Draw) -> Floors {
+    let phases = Phases { tooth: [0.3, 1.1], hum: 0.7 };
+    let mut clean = rig.clone();
+    clean.sensors.outliers = 0.0;
+    clean.sensors.drop = 0.0;
+    let again = simulate(&clean, Commands::Replay(&plain.commands), phases, draw);
+    floors(plain, &observe(&clean, &again, draw))
 }
 
 fn planted(
@@ -487,10 +498,12 @@ fn outside_gantry(rig: &mut Gantry, kind: usize, sizing: &Plan, draw: &mut Draw)
         observe(&silent, &simulate(&silent, commands, phases, &mut draw), &mut draw)
     };
     let plain = look(rig, Commands::Follow(sizing));
+    let floors = noise_floors(rig, &plain, &mut draw.clone());
     let (m, _, _) = bisect([0.05, 8.0], Some(3.0), |m| {
         let mut with = rig.clone();
         set(&mut with, m);
-        visibility(rig, &plain, &look(&with, Commands::Replay(&plain.commands)), false).multiple
+        let with = look(&with, Commands::Replay(&plain.commands));
+        visibility(&floors, &plain, &with, false).multiple
     });
     set(rig, m);
 }
@@ -504,9 +517,4 @@ fn twist_ball(rig: &mut BallRig, twist: Twist, draw: &mut Draw) {
         Twist::Outside(_) => rig.swirl = draw.sign() * draw.uniform(0.3, 0.8),
         _ => {}
     }
-}
-
-/// Whether `shows` is the full excitation of its machine.
-pub(crate) fn is_full(shows: Shows) -> bool {
-    shows == crate::cases::FULL
 }

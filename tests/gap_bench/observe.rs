@@ -166,38 +166,56 @@ pub(crate) struct Visibility {
     pub(crate) signal: &'static str,
 }
 
+/// Names of the signals in which effects are looked for.
+const SIGNALS: [&str; 4] =
+    ["motor velocity", "motor torque", "camera minus motors", "estimated velocity"];
+
+/// Noise of each of the signals, a and b or x and y.
+pub(crate) type Floors = [[f64; 2]; 4];
+
+/// What differs between two observations of the same commands, signal by signal, with the time
+/// between samples.
+fn differences(plain: &Observation, with: &Observation, m: usize) -> [(Vec<f64>, f64); 4] {
+    let n = plain.turns.len();
+    let speed = (0..n)
+        .map(|i| (with.turns_per_s[i][m] - plain.turns_per_s[i][m]) * BELT_PER_TURN)
+        .collect();
+    let torque = (0..n).map(|i| with.torque_nm[i][m] - plain.torque_nm[i][m]).collect();
+    let state = plain.state.iter().zip(&with.state).map(|(p, w)| w[2 + m] - p[2 + m]).collect();
+    [
+        (speed, SAMPLE),
+        (torque, SAMPLE),
+        (camera_difference(plain, with, m), 1.0 / CAMERA_RATE),
+        (state, crate::plan::PERIOD),
+    ]
+}
+
+/// Noise of every signal: a noisy observation against the silent one of the same commands.
+pub(crate) fn floors(silent: &Observation, noisy: &Observation) -> Floors {
+    let mut out = [[0.0; 2]; 4];
+    for m in 0..2 {
+        for (signal, (values, dt)) in differences(silent, noisy, m).iter().enumerate() {
+            out[signal][m] = detrended_rms(values, *dt);
+        }
+    }
+    out
+}
+
 /// Compares two silent observations of the same commands.
 pub(crate) fn visibility(
-    rig: &Gantry,
+    floors: &Floors,
     plain: &Observation,
     with: &Observation,
     constant: bool,
 ) -> Visibility {
-    let s = &rig.sensors;
-    let measure = |values: &[f64], dt: f64| {
-        if constant { plain_rms(values) } else { detrended_rms(values, dt) }
-    };
     let mut best = Visibility { multiple: 0.0, signal: "none" };
-    let mut offer = |signal: &'static str, multiple: f64| {
-        if best.multiple < multiple {
-            best = Visibility { multiple, signal };
-        }
-    };
-    let n = plain.turns.len();
     for m in 0..2 {
-        let speed: Vec<f64> = (0..n)
-            .map(|i| (with.turns_per_s[i][m] - plain.turns_per_s[i][m]) * BELT_PER_TURN)
-            .collect();
-        offer("motor velocity", measure(&speed, SAMPLE) / s.velocity_noise);
-        let torque: Vec<f64> =
-            (0..n).map(|i| with.torque_nm[i][m] - plain.torque_nm[i][m]).collect();
-        offer("motor torque", measure(&torque, SAMPLE) / s.torque_noise);
-        let seen = camera_difference(plain, with, m);
-        offer("camera minus motors", measure(&seen, 1.0 / CAMERA_RATE) / s.camera_noise);
-        let state: Vec<f64> =
-            plain.state.iter().zip(&with.state).map(|(p, w)| w[2 + m] - p[2 + m]).collect();
-        if !state.is_empty() {
-            offer("estimated velocity", measure(&state, crate::plan::PERIOD) / 2e-3);
+        for (signal, (values, dt)) in differences(plain, with, m).iter().enumerate() {
+            let size = if constant { plain_rms(values) } else { detrended_rms(values, *dt) };
+            let multiple = size / floors[signal][m].max(1e-12);
+            if best.multiple < multiple {
+                best = Visibility { multiple, signal: SIGNALS[signal] };
+            }
         }
     }
     best

@@ -21,8 +21,6 @@ pub(crate) enum Excitation {
     Slow,
     /// Along x only.
     OnlyX,
-    /// One constant speed both ways, no other level.
-    OneSpeed,
     /// Always towards +x, +y, in small steps with rests.
     OneWay,
 }
@@ -87,7 +85,6 @@ fn patterns(excitation: Excitation) -> Vec<&'static str> {
             vec!["slow_reversals", "slow_reversals", "slow_line", "slow_line", "slow_diagonal"]
         }
         Excitation::OnlyX => vec!["x_line", "x_line", "x_ramp", "x_line"],
-        Excitation::OneSpeed => vec!["x_line", "y_line", "diagonal_up", "diagonal_down"],
         Excitation::OneWay => vec!["one_way", "one_way", "one_way"],
     }
 }
@@ -107,7 +104,6 @@ impl Walk {
         let fast = draw.uniform(0.30, 0.55) * pace;
         let speed = match excitation {
             Excitation::Slow => draw.uniform(0.02, 0.05) * pace,
-            Excitation::OneSpeed => 0.2,
             Excitation::OneWay => draw.uniform(0.03, 0.06) * pace,
             _ => fast,
         };

@@ -439,7 +439,7 @@ pub(crate) fn simulate(
     let s = &rig.sensors;
     let disturbance = || Coloured::new(s.disturbance, s.disturbance_rho);
     let (mut push, mut pushed) = ([disturbance(), disturbance()], [0.0; 2]);
-    let delay = [0, 1].map(|m| (rig.drive.delay[m] / STEP).round() as usize);
+    let delay = rig.drive.delay.map(|delay| delay / STEP);
     for step in 0..periods * STEPS_PER_COMMAND {
         if step % STEPS_PER_COMMAND == 0 {
             let next = match commands {
@@ -481,12 +481,16 @@ fn host(world: &World<'_>, plan: &Plan, index: usize) -> [f64; 2] {
     out
 }
 
-fn belt_command(commands: &[[f64; 2]], step: usize, delay: usize, m: usize) -> f64 {
-    if step < delay {
-        return 0.0;
-    }
-    let [x, y] = commands[(step - delay) / STEPS_PER_COMMAND];
-    if m == 0 { x + y } else { x - y }
+/// Belt speed asked of motor `m`, `delay` steps ago; a part of a step blends two of them.
+fn belt_command(commands: &[[f64; 2]], step: usize, delay: f64, m: usize) -> f64 {
+    let at = |back: usize| {
+        step.checked_sub(back).map_or(0.0, |step| {
+            let [x, y] = commands[step / STEPS_PER_COMMAND];
+            if m == 0 { x + y } else { x - y }
+        })
+    };
+    let (whole, part) = (delay.floor() as usize, delay.fract());
+    (1.0 - part) * at(whole) + part * at(whole + 1)
 }
 
 fn sample(world: &World<'_>, trace: &mut Trace) {

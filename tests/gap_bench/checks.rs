@@ -1,0 +1,13 @@
+//! Tests of the bench's own rigs; the bench itself has no test harness.
+#![allow(dead_code, reason = "the bench uses what these tests do not")]
+
+mod axis;
+mod ball;
+mod catalogue;
+mod draw;
+mod gantry;
+mod linear;
+mod observe;
+mod plan;
+mod sanity;
+mod step;
