@@ -162,9 +162,13 @@ pub(crate) fn simulate(rig: &AxisRig, reference: &[f64], phase: f64, draw: &mut 
                 + rig.stribeck * (-f64::abs(v) / STRIBECK_SPEED).exp()
                 + rig.load * f64::abs(acting);
             if rig.presliding > 0.0 {
-                let rate = v - rig.presliding * f64::abs(v) * bristle / budget;
-                bristle += STEP * rate;
-                sum -= rig.presliding * bristle + 2.0 * (rig.presliding * rig.mass).sqrt() * 0.3 * rate;
+                // Implicit in the bristle: its decay is far faster than a step at speed.
+                let decay = STEP * rig.presliding * f64::abs(v) / budget;
+                let next = (bristle + STEP * v) / (1.0 + decay);
+                let rate = (next - bristle) / STEP;
+                bristle = next;
+                sum -= rig.presliding * bristle
+                    + 2.0 * (rig.presliding * rig.mass).sqrt() * 0.3 * rate;
                 v += STEP * sum / rig.mass;
             } else {
                 let budget = budget * (1.0 + rig.asymmetry * f64::signum(v));

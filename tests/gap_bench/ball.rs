@@ -121,8 +121,13 @@ struct Ball {
 
 /// Positions at the camera's rate, without noise.
 pub(crate) fn roll(rig: &BallRig, start: Start, session_time: f64) -> Vec<[f64; 2]> {
-    let mut ball =
-        Ball { at: start.at, v: start.velocity, surface: start.velocity, spin: start.spin, time: 0.0 };
+    let mut ball = Ball {
+        at: start.at,
+        v: start.velocity,
+        surface: start.velocity,
+        spin: start.spin,
+        time: 0.0,
+    };
     if rig.sliding > 0.0 {
         ball.surface = [0.0; 2];
     }
@@ -278,8 +283,11 @@ pub(crate) fn visibility(plain: &BallRig, with: &BallRig, starts: &[Start]) -> f
             let distortion = |rig: &BallRig, at: [f64; 2]| {
                 at[axis] * (1.0 + rig.distortion * (at[0] * at[0] + at[1] * at[1]) / (0.21 * 0.21))
             };
-            let gap: Vec<f64> =
-                p.iter().zip(&w).map(|(p, w)| distortion(with, *w) - distortion(plain, *p)).collect();
+            let gap: Vec<f64> = p
+                .iter()
+                .zip(&w)
+                .map(|(p, w)| distortion(with, *w) - distortion(plain, *p))
+                .collect();
             sum += detrended_rms(&gap, 1.0 / CAMERA_RATE).powi(2);
         }
     }

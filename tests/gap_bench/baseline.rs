@@ -1,12 +1,15 @@
 //! What others do, on the same recordings: equation-error regression with one column (or a few) per
 //! candidate, and five rules that choose. They see the noisy signals, fit on session 1 and
-//! validate on session 2, and re-fit the known parameters themselves.
+//! validate on session 2, re-fit the known parameters, and start from what they find in
+//! the unchanged rig.
 
 use crate::{
     axis::{AxisTrace, LEAD, RATE},
     draw::Draw,
-    gantry::{BELT_PER_TORQUE, BELT_PER_TURN, ENDSTOP_START, HALF_STROKE, HOME, POSITION_LENGTH,
-        TOOTH_PITCH},
+    gantry::{
+        BELT_PER_TORQUE, BELT_PER_TURN, ENDSTOP_START, HALF_STROKE, HOME, POSITION_LENGTH,
+        TOOTH_PITCH,
+    },
     linear::{Columns, fit, rest},
     observe::{Observation, SAMPLE, carriage_at},
 };
@@ -20,6 +23,8 @@ pub(crate) struct Said {
     pub(crate) names: BTreeMap<String, Vec<String>>,
     /// Share of the validation error that a black-box network takes away.
     pub(crate) network_gain: Option<f64>,
+    /// What is part of the rival's base after it has seen the unchanged rig.
+    pub(crate) base: Vec<String>,
 }
 
 /// One equation in both sessions.
@@ -54,6 +59,33 @@ impl Problem {
         let k = fit(&train, &self.y[0], ridge);
         let validation = self.columns(1, more[1]);
         [rest(&train, &self.y[0], &k), rest(&validation, &self.y[1], &k)]
+    }
+}
+
+impl Problem {
+    /// Makes a candidate part of the base.
+    fn adopt(&mut self, name: &str) {
+        if let Some(index) = self.candidates.iter().position(|candidate| candidate.0 == name) {
+            let (_, columns) = self.candidates.remove(index);
+            for (base, more) in self.base.iter_mut().zip(columns) {
+                base.extend(more);
+            }
+        }
+    }
+
+    /// The candidate that lowers the validation error most, when that is more than `share`.
+    fn most_useful(&self, share: f64) -> Option<&'static str> {
+        let none: &[Vec<f64>] = &[];
+        let plain = self.judge([none, none], 0.0)[1];
+        let gain = |columns: &[Columns; 2]| {
+            1.0 - (self.judge([&columns[0], &columns[1]], 0.0)[1] / plain).sqrt()
+        };
+        self.candidates
+            .iter()
+            .map(|(name, columns)| (gain(columns), *name))
+            .filter(|(gain, _)| share < *gain)
+            .max_by(|p, q| p.0.total_cmp(&q.0))
+            .map(|(_, name)| name)
     }
 }
 
@@ -99,7 +131,35 @@ fn decide(problems: &[Problem]) -> Said {
         (GATE.to_owned(), one(2)),
         (THRESHOLD.to_owned(), surviving),
     ];
-    Said { names: names.into(), network_gain: Some(network) }
+    Said { names: names.into(), network_gain: Some(network), base: Vec::new() }
+}
+
+/// Smallest gain on the unchanged rig that puts a term into the rival's base.
+const OWN_SHARE: f64 = 0.02;
+/// Most terms that go there per equation.
+const OWN_MOST: usize = 6;
+
+/// The rival's turn at a case: what it knows of the rig goes into its base, then it decides. On
+/// the unchanged rig (`known` is `None`) it learns what belongs there, term by term.
+fn answer(mut problems: Vec<Problem>, known: Option<&[String]>) -> Said {
+    let mut base: Vec<String> = known.unwrap_or_default().to_vec();
+    for problem in &mut problems {
+        for name in &base {
+            problem.adopt(name);
+        }
+    }
+    if known.is_none() {
+        for problem in &mut problems {
+            for _ in 0..OWN_MOST {
+                let Some(name) = problem.most_useful(OWN_SHARE) else { break };
+                problem.adopt(name);
+                base.push(name.to_owned());
+            }
+        }
+        base.sort();
+        base.dedup();
+    }
+    Said { base, ..decide(&problems) }
 }
 
 /// Terms that are left when small ones are dropped again and again.
@@ -171,8 +231,8 @@ fn slope(values: &[f64], k: usize, dt: f64) -> Vec<f64> {
     })
 }
 
-/// Gantry: forces on x and y, speeds of the belts, camera minus carriage.
-pub(crate) fn gantry(sessions: &[Observation], own: &[String]) -> Said {
+/// Gantry: forces on x and y, laws of the drives, camera minus carriage.
+pub(crate) fn gantry(sessions: &[Observation], known: Option<&[String]>) -> Said {
     if sessions.iter().any(|o| o.turns.len() < 400 || o.commands.is_empty()) {
         return Said::default();
     }
@@ -180,26 +240,15 @@ pub(crate) fn gantry(sessions: &[Observation], own: &[String]) -> Said {
     for axis in 0..2 {
         let mut force = Problem::new();
         let mut camera = Problem::new();
-        let mut speed = Problem::new();
+        let mut drive = Problem::new();
         for (session, o) in sessions.iter().enumerate() {
             force_equation(&mut force, session, o, axis);
             camera_equation(&mut camera, session, o, axis);
-            speed_equation(&mut speed, session, o, axis);
         }
-        problems.extend([force, camera, speed]);
+        drive_equation(&mut drive, sessions, axis);
+        problems.extend([force, camera, drive]);
     }
-    for problem in &mut problems {
-        let known = |name: &str| own.iter().any(|own| own == name);
-        let (mine, others): (Vec<_>, Vec<_>) =
-            std::mem::take(&mut problem.candidates).into_iter().partition(|c| known(c.0));
-        problem.candidates = others;
-        for (_, columns) in mine {
-            for (base, more) in problem.base.iter_mut().zip(columns) {
-                base.extend(more);
-            }
-        }
-    }
-    decide(&problems)
+    answer(problems, known)
 }
 
 fn force_equation(problem: &mut Problem, s: usize, o: &Observation, axis: usize) {
@@ -227,7 +276,10 @@ fn force_equation(problem: &mut Problem, s: usize, o: &Observation, axis: usize)
     offer("drive.friction.load", vec![column(n, |i| a[i].abs() * sign(v[i]))]);
     offer(
         "drive.friction.position",
-        vec![column(n, |i| place(i).sin() * sign(v[i])), column(n, |i| place(i).cos() * sign(v[i]))],
+        vec![
+            column(n, |i| place(i).sin() * sign(v[i])),
+            column(n, |i| place(i).cos() * sign(v[i])),
+        ],
     );
     offer("drive.friction.thermal_drift", vec![column(n, |i| i as f64 / n as f64 * sign(v[i]))]);
     offer("drive.current_loop", vec![jerk]);
@@ -240,6 +292,7 @@ fn force_equation(problem: &mut Problem, s: usize, o: &Observation, axis: usize)
     offer("gantry.endstop", vec![column(n, beyond)]);
     problem.base[s] = vec![a, column(n, |i| sign(v[i])), vec![1.0; n], v];
     problem.y[s] = f;
+    problem.smoothed(s, 1);
 }
 
 fn camera_equation(problem: &mut Problem, s: usize, o: &Observation, axis: usize) {
@@ -253,10 +306,7 @@ fn camera_equation(problem: &mut Problem, s: usize, o: &Observation, axis: usize
     let turn = |i: usize, m: usize| TAU * o.turns[index(i)][m];
     let mut offer = |name, columns| problem.offer(s, name, columns);
     offer("sensor.camera_latency", vec![v.clone()]);
-    offer(
-        "sensor.camera_scale_rotation",
-        vec![column(n, |i| at(i, 0)), column(n, |i| at(i, 1))],
-    );
+    offer("sensor.camera_scale_rotation", vec![column(n, |i| at(i, 0)), column(n, |i| at(i, 1))]);
     if axis == 0 {
         offer("gantry.squareness", vec![column(n, |i| at(i, 1))]);
     }
@@ -275,35 +325,108 @@ fn camera_equation(problem: &mut Problem, s: usize, o: &Observation, axis: usize
     problem.y[s] = column(n, |i| o.frames[i].at[axis] - at(i, axis));
 }
 
-/// Speed of belt a (`m` 0) or b by its own past and the commands.
-fn speed_equation(problem: &mut Problem, s: usize, o: &Observation, m: usize) {
-    let skip = 8;
-    let n = o.turns.len() - skip;
+/// Ramps that are tried for the drive's setpoint (m/s2): first, step, count.
+const RAMPS: (f64, f64, usize) = (3.0, 0.25, 70);
+/// Milliseconds per sample of the motors.
+const FINE: usize = 10;
+
+/// Setpoint of motor `m` at every sample: the command through a ramp, counted in milliseconds.
+fn setpoint(o: &Observation, m: usize, ramp: f64) -> Vec<f64> {
     let side = if m == 0 { 1.0 } else { -1.0 };
-    let command = |i: usize| {
-        let [x, y] = o.commands[(i / 2).min(o.commands.len() - 1)];
-        x + side * y
+    let mut now = 0.0;
+    let mut out = Vec::with_capacity(o.turns.len());
+    for sample in 0..o.turns.len() {
+        out.push(now);
+        let [x, y] = o.commands[(sample / 2).min(o.commands.len() - 1)];
+        for _ in 0..FINE {
+            let most = ramp * SAMPLE / FINE as f64;
+            now += (x + side * y - now).clamp(-most, most);
+        }
+    }
+    out
+}
+
+fn integral(values: &[f64]) -> Vec<f64> {
+    let mut sum = 0.0;
+    let mut last = 0.0;
+    let mut out = Vec::with_capacity(values.len());
+    for value in values {
+        sum += 0.5 * (value + last) * SAMPLE;
+        last = *value;
+        out.push(sum);
+    }
+    out
+}
+
+/// The drive's law: its torque by the error of the ramped setpoint and the error's integral. The
+/// ramp is the one that fits session 1 best, as a refit would have it.
+fn drive_equation(problem: &mut Problem, sessions: &[Observation], m: usize) {
+    let target = |o: &Observation| column(o.turns.len(), |i| o.target_nm[i][m] * BELT_PER_TORQUE);
+    let error = |o: &Observation, ramp: f64| {
+        let wanted = setpoint(o, m, ramp);
+        column(wanted.len(), |i| wanted[i] - o.turns_per_s[i][m] * BELT_PER_TURN)
     };
-    let v = |i: usize| o.turns_per_s[i][m] * BELT_PER_TURN;
-    let old = |back: usize| column(n, |i| v(i + skip - back));
-    let told = |back: usize| column(n, |i| command(i + skip - back));
-    let mut offer = |name, columns| problem.offer(s, name, columns);
-    offer("drive.delay", vec![told(4), told(5)]);
-    offer("drive.offset", vec![vec![1.0; n]]);
-    let small = |u: f64| if u.abs() < 0.02 { u } else { 0.0 };
-    offer("drive.input_deadband", vec![column(n, |i| small(command(i + skip - 1)))]);
-    let step = |i: usize| command(i + skip - 1) - v(i + skip - 1);
-    offer("drive.saturation.slew", vec![column(n, |i| (step(i) / 0.05).tanh())]);
-    offer(
-        "drive.saturation.torque_speed",
-        vec![column(n, |i| step(i) * v(i + skip - 1).abs())],
-    );
-    problem.base[s] = vec![old(1), old(2), told(1), told(2), told(3)];
-    problem.y[s] = column(n, |i| v(i + skip));
+    let law = |o: &Observation, ramp: f64| {
+        let e = error(o, ramp);
+        vec![integral(&e), e, vec![1.0; o.turns.len()]]
+    };
+    let y = target(&sessions[0]);
+    let misfit = |ramp: f64| {
+        let columns = law(&sessions[0], ramp);
+        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        rest(&columns, &y, &fit(&columns, &y, 0.0))
+    };
+    let ramp = (0..RAMPS.2)
+        .map(|step| RAMPS.0 + RAMPS.1 * step as f64)
+        .min_by(|p, q| misfit(*p).total_cmp(&misfit(*q)))
+        .unwrap_or(RAMPS.0);
+    for (s, o) in sessions.iter().enumerate() {
+        let wanted = setpoint(o, m, ramp);
+        let n = wanted.len();
+        let time = column(n, |i| i as f64 * SAMPLE);
+        let with = |values: Vec<f64>| vec![integral(&values), values];
+        let small = column(n, |i| if wanted[i].abs() < 0.02 { wanted[i] } else { 0.0 });
+        let fast = column(n, |i| {
+            let v = o.turns_per_s[i][m] * BELT_PER_TURN;
+            (o.target_nm[i][m] * v).max(0.0) * v.signum()
+        });
+        let mut offer = |name, columns| problem.offer(s, name, columns);
+        offer("drive.gain", with(wanted.clone()));
+        offer("drive.offset", vec![time]);
+        offer("drive.delay", with(slope(&wanted, 1, SAMPLE)));
+        offer("drive.input_deadband", with(small));
+        offer("drive.saturation.torque_speed", vec![fast]);
+        problem.base[s] = law(o, ramp);
+        problem.y[s] = target(o);
+    }
+}
+
+/// Weights 1, 2, 1 over neighbours: what a central difference does to an acceleration is done to
+/// everything beside it.
+fn smooth(values: &[f64]) -> Vec<f64> {
+    let last = values.len().saturating_sub(1);
+    column(values.len(), |i| {
+        0.25 * (values[i.saturating_sub(1)] + 2.0 * values[i] + values[(i + 1).min(last)])
+    })
+}
+
+impl Problem {
+    /// Smooths session `s`, except for the first base columns, which are central differences.
+    fn smoothed(&mut self, s: usize, differences: usize) {
+        self.y[s] = smooth(&self.y[s]);
+        for column in self.base[s].iter_mut().skip(differences) {
+            *column = smooth(column);
+        }
+        for (_, both) in &mut self.candidates {
+            for column in &mut both[s] {
+                *column = smooth(column);
+            }
+        }
+    }
 }
 
 /// Axis: the force balance at 100 Hz.
-pub(crate) fn axis(sessions: &[AxisTrace]) -> Said {
+pub(crate) fn axis(sessions: &[AxisTrace], known: Option<&[String]>) -> Said {
     let mut problem = Problem::new();
     for (s, trace) in sessions.iter().enumerate() {
         let every = 10;
@@ -333,6 +456,7 @@ pub(crate) fn axis(sessions: &[AxisTrace]) -> Said {
         );
         problem.base[s] = vec![a, column(n, |i| sign(v[i])), vec![1.0; n], v];
         problem.y[s] = f;
+        problem.smoothed(s, 1);
     }
-    decide(&[problem])
+    answer(vec![problem], known)
 }

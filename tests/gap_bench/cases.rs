@@ -379,10 +379,9 @@ fn hidden(draw: &mut Draw) -> Vec<Planned> {
         case.shows.ball = rolls;
         out.push(case);
     }
-    for (name, travel) in [
-        ("drive.friction.stribeck", Travel::Fast),
-        ("drive.friction.asymmetric", Travel::OneWay),
-    ] {
+    for (name, travel) in
+        [("drive.friction.stribeck", Travel::Fast), ("drive.friction.asymmetric", Travel::OneWay)]
+    {
         let machine = Machine::Axis(draw.below(AXIS_RIGS));
         let mut case = plain(machine, Class::CannotShow, "excitation too poor");
         let plant = Plant { name, on: [1.0; 2], sign: 1.0, multiple: Some(3.0) };

@@ -264,7 +264,14 @@ macro_rules! rail_friction {
 
 static FRICTION: &[Spec] = &[
     rail_friction!("drive.friction.coulomb", "force_n", "N", coulomb, [0.03, 6.0], true),
-    rail_friction!("drive.friction.viscous", "slope_n_s_per_m", "N s/m", viscous, [0.1, 14.0], true),
+    rail_friction!(
+        "drive.friction.viscous",
+        "slope_n_s_per_m",
+        "N s/m",
+        viscous,
+        [0.1, 14.0],
+        true
+    ),
     rail_friction!(
         "drive.friction.quadratic",
         "coefficient_n_s2_per_m2",
@@ -292,7 +299,14 @@ static FRICTION: &[Spec] = &[
         ..PLAIN
     },
     rail_friction!("drive.friction.load", "coefficient", "1", load, [0.01, 0.3], false),
-    rail_friction!("drive.friction.position", "relative_amplitude", "1", position, [0.02, 0.35], false),
+    rail_friction!(
+        "drive.friction.position",
+        "relative_amplitude",
+        "1",
+        position,
+        [0.02, 0.35],
+        false
+    ),
     Spec {
         name: "drive.friction.thermal_drift",
         parameter: "drop",

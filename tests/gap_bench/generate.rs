@@ -4,7 +4,7 @@ use crate::{
     axis::{self, AxisRig},
     ball::{self, BallRig},
     baseline,
-    cases::{Extent, Machine, Plant, Planned, Twist, plan as plan_cases},
+    cases::{Extent, Machine, Planned, Plant, Twist, plan as plan_cases},
     catalogue::{self, Place, Sizing},
     draw::Draw,
     gantry::{BELT_PER_TORQUE, BELT_PER_TURN, Gantry},
@@ -51,12 +51,18 @@ pub(crate) fn generate(request: &Request<'_>) -> Result<Answers> {
     let mut used: Vec<Machine> = cases.iter().map(|case| case.machine).collect();
     used.sort_unstable();
     used.dedup();
-    let mut jobs: Vec<(String, Planned)> =
+    let bases: Vec<(String, Planned)> =
         used.iter().map(|machine| (base_name(*machine), base_case(*machine))).collect();
-    jobs.extend(
-        cases.into_iter().enumerate().map(|(i, case)| (format!("case-{:04}", i + 1), case)),
-    );
-    let done = run_all(request, &jobs)?;
+    let known: Known = run_all(request, &bases, &Known::new())?
+        .into_iter()
+        .map(|(name, _, said)| (name, said.base))
+        .collect();
+    let jobs: Vec<(String, Planned)> = cases
+        .into_iter()
+        .enumerate()
+        .map(|(index, case)| (format!("case-{:04}", index + 1), case))
+        .collect();
+    let done = run_all(request, &jobs, &known)?;
     let mut answers = Answers {
         schema_version: SCHEMA_VERSION,
         seed: request.seed,
@@ -74,10 +80,8 @@ pub(crate) fn generate(request: &Request<'_>) -> Result<Answers> {
     }
     let mut rivals = BTreeMap::new();
     for (name, case, said) in done {
-        if !name.starts_with("base-") {
-            answers.cases.insert(name.clone(), case);
-            rivals.insert(name, said);
-        }
+        answers.cases.insert(name.clone(), case);
+        rivals.insert(name, said);
     }
     write_json(&request.out.join("answers.json"), &answers)?;
     write_json(&request.out.join("baselines.json"), &rivals)?;
@@ -110,7 +114,14 @@ pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(
 
 type Finished = (String, Case, baseline::Said);
 
-fn run_all(request: &Request<'_>, jobs: &[(String, Planned)]) -> Result<Vec<Finished>> {
+/// What the rivals have in their base, by the name of the rig's baseline.
+type Known = BTreeMap<String, Vec<String>>;
+
+fn run_all(
+    request: &Request<'_>,
+    jobs: &[(String, Planned)],
+    known: &Known,
+) -> Result<Vec<Finished>> {
     let next = AtomicUsize::new(0);
     let done = Mutex::new(Vec::new());
     thread::scope(|scope| {
@@ -119,7 +130,7 @@ fn run_all(request: &Request<'_>, jobs: &[(String, Planned)]) -> Result<Vec<Fini
                 scope.spawn(|| -> Result<()> {
                     while let Some((name, planned)) = jobs.get(next.fetch_add(1, Ordering::Relaxed))
                     {
-                        let (case, said) = one(request, name, planned)?;
+                        let (case, said) = one(request, name, planned, known)?;
                         let mut list = done.lock().expect("no worker panics with the list");
                         list.push((name.clone(), case, said));
                     }
@@ -134,8 +145,14 @@ fn run_all(request: &Request<'_>, jobs: &[(String, Planned)]) -> Result<Vec<Fini
     Ok(done)
 }
 
-fn one(request: &Request<'_>, name: &str, planned: &Planned) -> Result<(Case, baseline::Said)> {
-    let job = Job { out: request.out, seed: request.seed, name, planned };
+fn one(
+    request: &Request<'_>,
+    name: &str,
+    planned: &Planned,
+    known: &Known,
+) -> Result<(Case, baseline::Said)> {
+    let known = known.get(&base_name(planned.machine)).map(Vec::as_slice);
+    let job = Job { out: request.out, seed: request.seed, name, planned, known };
     match planned.machine {
         Machine::Gantry(index) => job.gantry(index),
         Machine::Ball(index) => job.ball(index),
@@ -150,6 +167,7 @@ struct Job<'a> {
     seed: u64,
     name: &'a str,
     planned: &'a Planned,
+    known: Option<&'a [String]>,
 }
 
 const SPLITS: [Split; 2] = [Split::Train, Split::Validation];
@@ -176,8 +194,7 @@ impl Job<'_> {
 
     fn gantry(&self, index: usize) -> Result<(Case, baseline::Said)> {
         let mut rig = Gantry::new(self.seed, index);
-        let seconds =
-            if self.planned.twist == Twist::TooShort { 1.6 } else { GANTRY_SECONDS };
+        let seconds = if self.planned.twist == Twist::TooShort { 1.6 } else { GANTRY_SECONDS };
         twist_gantry(&mut rig, self.planned.twist, self.seed, &mut self.draw("twist"));
         let sizing = plan(Excitation::Full, GANTRY_SECONDS, 1.0, &mut self.draw("sizing"));
         let mut effects = Vec::new();
@@ -208,7 +225,7 @@ impl Job<'_> {
             sessions.push(seen);
         }
         let floors = gantry_floors(&rig);
-        let said = baseline::gantry(&sessions, &self.planned.machine.own());
+        let said = baseline::gantry(&sessions, self.known);
         Ok((self.case(effects, floors), said))
     }
 
@@ -280,15 +297,14 @@ impl Job<'_> {
         for session in 0..2 {
             let mut draw = self.draw(&format!("session {session}"));
             let pace = PACES[session];
-            let reference =
-                axis::reference(self.planned.shows.axis, AXIS_SECONDS, pace, &mut draw);
+            let reference = axis::reference(self.planned.shows.axis, AXIS_SECONDS, pace, &mut draw);
             let phase = draw.uniform(0.0, TAU);
             let trace = axis::simulate(&rig, &reference, phase, &mut draw);
             self.write(session, |path, label| write_axis(path, label, &trace))?;
             sessions.push(trace);
         }
         let floors = [("N".to_owned(), rig.floor()), ("m".to_owned(), rig.encoder)].into();
-        Ok((self.case(effects, floors), baseline::axis(&sessions)))
+        Ok((self.case(effects, floors), baseline::axis(&sessions, self.known)))
     }
 
     fn write(
@@ -358,7 +374,7 @@ fn size_gantry(rig: &Gantry, plant: &Plant, sizing: &Plan, draw: &mut Draw) -> (
         let mut with = rig.clone();
         (spec.apply)(&mut with, plant.on, plant.sign * m);
         let with = noise(&with, &mut draw.clone(), Commands::Replay(&plain.commands));
-        visibility(&floors, &plain, &with, spec.sizing == Sizing::Constant)
+        visibility(&floors, &plain, &with, spec.sizing)
     };
     let (magnitude, multiple, capped) = bisect(spec.range, plant.multiple, |m| look(m).multiple);
     let signal = look(magnitude).signal;
@@ -412,7 +428,8 @@ fn gantry_truth(plant: &Plant, before: &Gantry, after: &Gantry, reached: Reached
     let value = (spec.value)(after, read);
     let mut truth = planted(plant, (spec.parameter, spec.unit, value), &[reached.signal], 0.0);
     let old = (spec.value)(before, read);
-    truth.parameters[0].before = Some(old).filter(|old| spec.known || (old.is_finite() && *old != 0.0));
+    truth.parameters[0].before =
+        Some(old).filter(|old| spec.known || (old.is_finite() && *old != 0.0));
     for (name, unit, value) in catalogue::fixed(plant.name) {
         truth.parameters.push(Parameter {
             name: (*name).to_owned(),
@@ -503,7 +520,7 @@ fn outside_gantry(rig: &mut Gantry, kind: usize, sizing: &Plan, draw: &mut Draw)
         let mut with = rig.clone();
         set(&mut with, m);
         let with = look(&with, Commands::Replay(&plain.commands));
-        visibility(&floors, &plain, &with, false).multiple
+        visibility(&floors, &plain, &with, Sizing::Moving).multiple
     });
     set(rig, m);
 }

@@ -10,6 +10,10 @@
 //!
 //! `answers.json` beside the recordings is sealed: only `score` reads it, and the runner for which
 //! rig a case belongs to.
+#![allow(
+    clippy::needless_range_loop,
+    reason = "loops over two axes or motors read several arrays by the same index"
+)]
 #![allow(clippy::print_stdout, reason = "the bench's result is its table")]
 
 mod axis;

@@ -1,6 +1,7 @@
 //! What the sensors of the gantry make of a trace, and how large an effect is beside their noise.
 
 use crate::{
+    catalogue::Sizing,
     draw::{Coloured, Draw},
     gantry::{BELT_PER_TORQUE, BELT_PER_TURN, COUNTS, Gantry, HOME},
     step::{STEP, STEPS_PER_SAMPLE, Trace, duration},
@@ -89,10 +90,7 @@ fn lens(rig: &Gantry, p: [f64; 2]) -> [f64; 2] {
     let r2 = (sheared[0] * sheared[0] + sheared[1] * sheared[1]) / (EDGE * EDGE);
     let scale = (1.0 + s.scale_error) * (1.0 + s.distortion * r2);
     let (sin, cos) = s.rotation.sin_cos();
-    [
-        scale * (cos * sheared[0] - sin * sheared[1]),
-        scale * (sin * sheared[0] + cos * sheared[1]),
-    ]
+    [scale * (cos * sheared[0] - sin * sheared[1]), scale * (sin * sheared[0] + cos * sheared[1])]
 }
 
 fn read_camera(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Vec<Frame> {
@@ -146,7 +144,8 @@ fn estimate(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Vec<[f64; 4]> {
             }
         }
         for axis in 0..2 {
-            let noise = if silent { [0.0; 2] } else { [1e-4 * draw.normal(), 2e-3 * draw.normal()] };
+            let noise =
+                if silent { [0.0; 2] } else { [1e-4 * draw.normal(), 2e-3 * draw.normal()] };
             state[axis] += noise[0];
             state[2 + axis] = slow[axis] + noise[1];
         }
@@ -206,12 +205,16 @@ pub(crate) fn visibility(
     floors: &Floors,
     plain: &Observation,
     with: &Observation,
-    constant: bool,
+    sizing: Sizing,
 ) -> Visibility {
     let mut best = Visibility { multiple: 0.0, signal: "none" };
     for m in 0..2 {
         for (signal, (values, dt)) in differences(plain, with, m).iter().enumerate() {
-            let size = if constant { plain_rms(values) } else { detrended_rms(values, *dt) };
+            let size = if sizing == Sizing::Constant {
+                plain_rms(values)
+            } else {
+                detrended_rms(values, *dt)
+            };
             let multiple = size / floors[signal][m].max(1e-12);
             if best.multiple < multiple {
                 best = Visibility { multiple, signal: SIGNALS[signal] };

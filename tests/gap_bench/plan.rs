@@ -162,13 +162,7 @@ impl Walk {
     }
 
     /// Velocities held for a random while; turned back near the ends.
-    fn random(
-        &mut self,
-        time: f64,
-        at: [f64; 2],
-        draw: &mut Draw,
-        hold: [f64; 2],
-    ) -> [f64; 2] {
+    fn random(&mut self, time: f64, at: [f64; 2], draw: &mut Draw, hold: [f64; 2]) -> [f64; 2] {
         if self.until <= time {
             self.until = time + draw.uniform(hold[0], hold[1]);
             for axis in 0..2 {

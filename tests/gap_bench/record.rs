@@ -125,14 +125,16 @@ fn stamp(time: f64) -> u64 {
 }
 
 /// A gantry session.
-pub(crate) fn write_gantry(path: &Path, label: Label<'_>, o: &Observation, runs: &[Run]) -> Outcome {
+pub(crate) fn write_gantry(
+    path: &Path,
+    label: Label<'_>,
+    o: &Observation,
+    runs: &[Run],
+) -> Outcome {
     let mut sheet = Sheet::new();
     sheet.markers(runs, label.split);
     for (index, [vx, vy]) in o.commands.iter().enumerate() {
-        sheet.add(
-            index as f64 * PERIOD,
-            Entry::Command(VelocityCommand { vx: *vx, vy: *vy }),
-        );
+        sheet.add(index as f64 * PERIOD, Entry::Command(VelocityCommand { vx: *vx, vy: *vy }));
     }
     for index in 0..o.turns.len() {
         let time = index as f64 * SAMPLE;
@@ -200,11 +202,8 @@ pub(crate) fn write_axis(path: &Path, label: Label<'_>, trace: &AxisTrace) -> Ou
         let time = index as f64 / RATE;
         let input = AxisInput { value: *force, unit: "N".to_owned() };
         sheet.add(time, Entry::Input(input));
-        let output = AxisOutput {
-            position: Some(*position),
-            velocity: None,
-            position_unit: "m".to_owned(),
-        };
+        let output =
+            AxisOutput { position: Some(*position), velocity: None, position_unit: "m".to_owned() };
         sheet.add(time, Entry::Output(output));
     }
     sheet.write(path, label, &[])

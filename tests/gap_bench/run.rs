@@ -132,9 +132,8 @@ fn execute(request: &Request<'_>, task: &Task, out: &Path) -> Result<Outcome> {
     let log = out.with_extension("log");
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(File::create(log)?);
     let start = now();
-    let mut child = command.spawn().with_context(|| {
-        format!("start {}", request.program.display())
-    })?;
+    let mut child =
+        command.spawn().with_context(|| format!("start {}", request.program.display()))?;
     let mut outcome = Outcome::default();
     loop {
         outcome.peak_mib = outcome.peak_mib.max(peak_mib(&child));

@@ -156,7 +156,8 @@ fn is_located(planted: &PlantedEffect, said: &Said) -> bool {
         .iter()
         .find(|effect| domain(&effect.name))
         .is_some_and(|effect| axis_fits(planted, &effect.axis));
-    let moved = planted.known && said.moved.iter().any(|moved| moved.name.starts_with(&planted.name));
+    let moved =
+        planted.known && said.moved.iter().any(|moved| moved.name.starts_with(&planted.name));
     let place = said
         .places
         .first()
@@ -224,10 +225,12 @@ fn summary(said: &Said) -> String {
     let names: Vec<String> = said
         .effects
         .iter()
-        .map(|effect| if effect.axis.is_empty() {
-            effect.name.clone()
-        } else {
-            format!("{}[{}]", effect.name, effect.axis)
+        .map(|effect| {
+            if effect.axis.is_empty() {
+                effect.name.clone()
+            } else {
+                format!("{}[{}]", effect.name, effect.axis)
+            }
         })
         .collect();
     let moved = said.moved.len();

@@ -8,9 +8,8 @@
 use crate::{
     draw::{Coloured, Draw},
     gantry::{
-        BELT_PER_TURN, ENDSTOP_START, Friction, Gantry, HALF_STROKE, HOME, MAGNET_LENGTH,
-        PEG_MASS, POSITION_LENGTH, ROTOR_MASS, SAG_POWER, STRIBECK_SPEED, THERMAL_TIME,
-        TOOTH_PITCH, WOBBLE,
+        BELT_PER_TURN, ENDSTOP_START, Friction, Gantry, HALF_STROKE, HOME, MAGNET_LENGTH, PEG_MASS,
+        POSITION_LENGTH, ROTOR_MASS, SAG_POWER, STRIBECK_SPEED, THERMAL_TIME, TOOTH_PITCH, WOBBLE,
     },
     plan::{PERIOD, Plan},
 };
@@ -178,10 +177,8 @@ impl<'a> World<'a> {
         let frame = &self.rig.frame;
         let rotors = if self.soft { 0.0 } else { 2.0 * ROTOR_MASS };
         let carried = Gantry::carried();
-        let place = [
-            (self.q[0] - HOME[0]) / HALF_STROKE[0],
-            (self.q[1] - HOME[1]) / HALF_STROKE[1],
-        ];
+        let place =
+            [(self.q[0] - HOME[0]) / HALF_STROKE[0], (self.q[1] - HOME[1]) / HALF_STROKE[1]];
         let mut diagonal = [0.0; 2];
         let mut bias = [0.0; 2];
         for axis in 0..2 {
@@ -207,8 +204,10 @@ impl<'a> World<'a> {
         let mut smooth = -slope * v - f.quadratic * v * v.abs();
         if f.presliding > 0.0 {
             let z = &mut self.bristle[row];
-            let rate = v - f.presliding * v.abs() * *z / budget.max(0.05);
-            *z += rate * STEP;
+            let before = *z;
+            // Implicit in the bristle: its decay is far faster than a step at speed.
+            *z = (before + STEP * v) / (1.0 + STEP * f.presliding * v.abs() / budget.max(0.05));
+            let rate = (*z - before) / STEP;
             smooth -= f.presliding * *z + 2.0 * f.presliding.sqrt() * rate;
             return ([0.0; 2], smooth);
         }
@@ -284,10 +283,10 @@ impl<'a> World<'a> {
         let belts = if self.soft { [self.belt_force(0), self.belt_force(1)] } else { motors };
         let pull = [belts[0] + belts[1], belts[0] - belts[1]];
         let hand = self.couple();
+        self.last_force[2..].copy_from_slice(&motors);
         for axis in 0..2 {
             board[axis] += pull[axis] + bias[axis] + hand[axis];
             self.last_force[axis] = pull[axis];
-            self.last_force[2 + axis] = motors[axis];
             motors[axis] -= belts[axis];
         }
         let friction = self.rig.friction;
@@ -305,8 +304,7 @@ impl<'a> World<'a> {
             }
         }
         let determinant = mass[0] * mass[2] - mass[1] * mass[1];
-        let inverse =
-            [mass[2] / determinant, -mass[1] / determinant, mass[0] / determinant];
+        let inverse = [mass[2] / determinant, -mass[1] / determinant, mass[0] / determinant];
         self.v[0] += STEP * (inverse[0] * board[0] + inverse[1] * board[1]);
         self.v[1] += STEP * (inverse[1] * board[0] + inverse[2] * board[1]);
         self.v[2] += STEP * motors[0] / ROTOR_MASS;
@@ -454,8 +452,7 @@ pub(crate) fn simulate(
         }
         for m in 0..2 {
             let command = belt_command(&trace.commands, step, delay[m], m);
-            let noise =
-                if s.velocity_noise > 0.0 { s.velocity_noise * draw.normal() } else { 0.0 };
+            let noise = if s.velocity_noise > 0.0 { s.velocity_noise * draw.normal() } else { 0.0 };
             if rig.disarmed {
                 continue;
             }

@@ -54,14 +54,18 @@ impl Goal {
         }
     }
 
-    fn text(self, percent: bool) -> String {
-        let show = |v: f64| if percent { format!("{:.1} %", 100.0 * v) } else { format!("{v}") };
+    /// The goal in words, its numbers as `show` writes them.
+    fn text(self, show: impl Fn(f64) -> String) -> String {
         match self {
             Self::AtLeast(v) => format!(">= {}", show(v)),
             Self::AtMost(v) => format!("<= {}", show(v)),
             Self::Between(p, q) => format!("{} to {}", show(p), show(q)),
         }
     }
+}
+
+fn percent(v: f64) -> String {
+    format!("{:.1} %", 100.0 * v)
 }
 
 /// Wilson's interval at 95 % (Wilson, J. Am. Stat. Assoc. 22, 1927).
@@ -83,7 +87,7 @@ fn rate(goal: &str, wanted: Goal, hits: impl IntoIterator<Item = bool>) -> Row {
     let figure = (!hits.is_empty()).then(|| yes as f64 / hits.len() as f64);
     Row {
         goal: goal.to_owned(),
-        wanted: wanted.text(true),
+        wanted: wanted.text(percent),
         figure,
         interval: wilson(yes, hits.len()),
         count: hits.len(),
@@ -97,7 +101,7 @@ fn figure(goal: &str, wanted: Goal, quantile: f64, mut values: Vec<f64>) -> Row 
     let figure = values.get((quantile * last as f64).round() as usize).copied();
     Row {
         goal: goal.to_owned(),
-        wanted: wanted.text(false),
+        wanted: wanted.text(|v| v.to_string()),
         figure,
         interval: None,
         count: values.len(),
@@ -230,11 +234,7 @@ fn numbers(pairs: &[Pair<'_>]) -> Vec<Row> {
         figure("seconds per case, largest", Goal::AtMost(60.0), 1.0, walls),
         figure("memory in MiB, largest", Goal::AtMost(1024.0), 1.0, memory),
         rate("same bytes when run again", Goal::AtLeast(1.0), same),
-        rate(
-            "answered at all",
-            Goal::AtLeast(1.0),
-            pairs.iter().map(|(_, _, j)| j.answered),
-        ),
+        rate("answered at all", Goal::AtLeast(1.0), pairs.iter().map(|(_, _, j)| j.answered)),
     ]
 }
 
@@ -255,12 +255,13 @@ fn rivals(evidence: &Evidence) -> Vec<Row> {
         case.class == Class::Single && !case.effects[0].known && matches!(bin(case), Some(0 | 1))
     });
     for rule in rules {
-        let named = nulls.iter().map(|(case, said)| {
-            said.names[rule].iter().any(|name| !case.tolerated.contains(name))
-        });
+        let named = nulls
+            .iter()
+            .map(|(case, said)| said.names[rule].iter().any(|name| !case.tolerated.contains(name)));
         rows.push(rate(&format!("{rule}: false names on nulls"), Goal::AtMost(0.01), named));
         let exact = singles
             .iter()
+            .filter(|(case, said)| !said.base.contains(&case.effects[0].name))
             .map(|(case, said)| said.names[rule] == [case.effects[0].name.clone()]);
         rows.push(rate(&format!("{rule}: exact name at >= 1x"), Goal::AtLeast(0.90), exact));
     }
@@ -323,7 +324,8 @@ fn class_text(class: Class) -> &'static str {
 /// The table as text.
 pub(crate) fn render(table: &Table) -> String {
     let mut out = format!("{} of {} cases judged\n\n", table.judged, table.cases);
-    let head = format!("{:<64} {:>18} {:>9} {:>19} {:>5}  met\n", "goal", "wanted", "figure", "95 %", "n");
+    let head =
+        format!("{:<64} {:>18} {:>9} {:>19} {:>5}  met\n", "goal", "wanted", "figure", "95 %", "n");
     for (title, rows) in [("", &table.goals), ("\nwhat others do\n", &table.rivals)] {
         out.push_str(title);
         out.push_str(&head);
@@ -333,7 +335,10 @@ pub(crate) fn render(table: &Table) -> String {
     }
     out.push_str(&format!("\n{} misses\n", table.misses.len()));
     for miss in &table.misses {
-        out.push_str(&format!("  {} {:?}: {}\n      said: {}\n", miss.case, miss.class, miss.truth, miss.said));
+        out.push_str(&format!(
+            "  {} {:?}: {}\n      said: {}\n",
+            miss.case, miss.class, miss.truth, miss.said
+        ));
     }
     out
 }
