@@ -15,3 +15,4 @@ mod observe;
 mod plan;
 mod sanity;
 mod step;
+mod wilson;

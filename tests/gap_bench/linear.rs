@@ -52,18 +52,3 @@ pub(crate) fn rest(columns: &[&[f64]], y: &[f64], coefficients: &[f64]) -> f64 {
         })
         .sum()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_is_found() {
-        let x: Vec<f64> = (0..50).map(f64::from).collect();
-        let one = vec![1.0; 50];
-        let y: Vec<f64> = x.iter().map(|x| 3.0 - 0.5 * x).collect();
-        let found = fit(&[&one, &x], &y, 0.0);
-        assert!((found[0] - 3.0).abs() < 1e-6 && (found[1] + 0.5).abs() < 1e-7, "{found:?}");
-        assert!(rest(&[&one, &x], &y, &found) < 1e-9);
-    }
-}

@@ -6,9 +6,11 @@ use crate::{
     catalogue,
     draw::Draw,
     gantry::{BELT_PER_TURN, Gantry, HOME, ROTOR_MASS},
+    linear::{fit, rest},
     observe::observe,
     plan::{Excitation, plan},
     step::{Commands, Phases, Trace, simulate},
+    wilson::wilson,
 };
 
 const PHASES: Phases = Phases { tooth: [0.0; 2], hum: 0.0 };
@@ -169,4 +171,21 @@ fn equal_seeds_give_equal_motion() {
         observe(&rig, &trace, &mut draw).torque_nm
     };
     assert_eq!(look(), look());
+}
+
+#[test]
+fn the_rivals_find_a_line() {
+    let x: Vec<f64> = (0..50).map(f64::from).collect();
+    let one = vec![1.0; 50];
+    let y: Vec<f64> = x.iter().map(|x| 3.0 - 0.5 * x).collect();
+    let found = fit(&[&one, &x], &y, 0.0);
+    assert!((found[0] - 3.0).abs() < 1e-6 && (found[1] + 0.5).abs() < 1e-7, "{found:?}");
+    assert!(rest(&[&one, &x], &y, &found) < 1e-9);
+}
+
+#[test]
+fn wilson_is_known_at_ten_of_a_hundred() {
+    let [low, high] = wilson(10, 100).expect("there are cases");
+    assert!((low - 0.0552).abs() < 1e-3 && (high - 0.1744).abs() < 1e-3, "{low} {high}");
+    assert!(wilson(0, 0).is_none());
 }

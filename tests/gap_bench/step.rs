@@ -239,7 +239,7 @@ impl<'a> World<'a> {
         }
         let sweep = self.phases.hum + TAU * (1.1 + 0.07 * self.time) * self.time;
         out[0] += odd.chirp * sweep.sin();
-        let product = place[0] * place[1] / (HALF_STROKE[0] * HALF_STROKE[1]);
+        let product = (place[0] * place[1] / (HALF_STROKE[0] * HALF_STROKE[1])).abs().min(1.5);
         out[0] -= odd.product_friction * product * (self.v[0] / 0.02).tanh();
         out[1] -= odd.product_friction * product * (self.v[1] / 0.02).tanh();
         out[0] -= odd.square_coupling * self.v[1] * self.v[1];
@@ -283,10 +283,10 @@ impl<'a> World<'a> {
         let belts = if self.soft { [self.belt_force(0), self.belt_force(1)] } else { motors };
         let pull = [belts[0] + belts[1], belts[0] - belts[1]];
         let hand = self.couple();
+        self.last_force[..2].copy_from_slice(&pull);
         self.last_force[2..].copy_from_slice(&motors);
         for axis in 0..2 {
             board[axis] += pull[axis] + bias[axis] + hand[axis];
-            self.last_force[axis] = pull[axis];
             motors[axis] -= belts[axis];
         }
         let friction = self.rig.friction;

@@ -3,6 +3,7 @@
 use crate::{
     score::{Evidence, Judged},
     truth::{Case, Class},
+    wilson::wilson,
 };
 use serde::Serialize;
 
@@ -66,19 +67,6 @@ impl Goal {
 
 fn percent(v: f64) -> String {
     format!("{:.1} %", 100.0 * v)
-}
-
-/// Wilson's interval at 95 % (Wilson, J. Am. Stat. Assoc. 22, 1927).
-pub(crate) fn wilson(hits: usize, count: usize) -> Option<[f64; 2]> {
-    if count == 0 {
-        return None;
-    }
-    let (z, n) = (1.959_964_f64, count as f64);
-    let p = hits as f64 / n;
-    let middle = p + z * z / (2.0 * n);
-    let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-    let whole = 1.0 + z * z / n;
-    Some([((middle - half) / whole).max(0.0), ((middle + half) / whole).min(1.0)])
 }
 
 fn rate(goal: &str, wanted: Goal, hits: impl IntoIterator<Item = bool>) -> Row {
@@ -358,17 +346,4 @@ fn line(row: &Row) -> String {
         "{:<64} {:>18} {figure:>9} {interval:>19} {:>5}  {met}\n",
         row.goal, row.wanted, row.count
     )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn wilson_matches_the_published_example() {
-        // 10 of 100: 5.5 % to 17.4 %.
-        let [low, high] = wilson(10, 100).expect("there are cases");
-        assert!((low - 0.0552).abs() < 1e-3 && (high - 0.1744).abs() < 1e-3, "{low} {high}");
-        assert!(wilson(0, 0).is_none());
-    }
 }
