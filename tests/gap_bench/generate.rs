@@ -218,7 +218,7 @@ impl Job<'_> {
             };
             let trace = simulate(&rig, Commands::Follow(&plan), phases, &mut draw);
             let far = trace.seen.iter().flatten().map(|v| v.abs()).fold(0.0, f64::max);
-            anyhow::ensure!(far < 0.6, "the carriage leaves the board: {far} m");
+            anyhow::ensure!(far < 0.4, "the carriage leaves the board: {far} m");
             let mut seen = observe(&rig, &trace, &mut draw);
             if self.planned.twist == Twist::NoCommands {
                 seen.commands.clear();

@@ -130,24 +130,29 @@ impl Walk {
         }
     }
 
-    /// To and fro at constant speed between the ends of the reach.
+    /// To and fro at constant speed along a line through home, back to it from aside.
     fn line(&mut self, at: [f64; 2]) -> [f64; 2] {
         let margin = 0.02f64.max(0.06 * self.speed);
-        let ahead = (0..2).any(|axis| {
-            let to = at[axis] * self.direction[axis].signum();
-            self.direction[axis] != 0.0 && REACH[axis] - margin < to
-        });
-        if ahead {
-            self.direction = [-self.direction[0], -self.direction[1]];
+        let d = self.direction;
+        let reach = (0..2)
+            .filter(|axis| d[*axis] != 0.0)
+            .map(|axis| REACH[axis] / d[axis].abs())
+            .fold(f64::INFINITY, f64::min);
+        let along = at[0] * d[0] + at[1] * d[1];
+        if reach - margin < along {
+            self.direction = [-d[0], -d[1]];
         }
-        [self.direction[0] * self.speed, self.direction[1] * self.speed]
+        let d = self.direction;
+        let along = at[0] * d[0] + at[1] * d[1];
+        let aside = |axis: usize| (-1.5 * (at[axis] - along * d[axis])).clamp(-0.2, 0.2);
+        [d[0] * self.speed + aside(0), d[1] * self.speed + aside(1)]
     }
 
     fn circle(&self, time: f64, at: [f64; 2]) -> [f64; 2] {
         let radius = 0.045;
         let rate = self.speed / radius;
         let (sin, cos) = (rate * time + self.phase).sin_cos();
-        let centre = |axis: usize| -0.8 * (at[axis] - radius * [cos, sin][axis]);
+        let centre = |axis: usize| -2.5 * (at[axis] - radius * [cos, sin][axis]);
         [-self.speed * sin + centre(0), self.speed * cos + centre(1)]
     }
 
@@ -158,7 +163,7 @@ impl Walk {
         let triangle = if cycle < 0.5 { 4.0 * cycle - 1.0 } else { 3.0 - 4.0 * cycle };
         let shape = triangle * self.speed * (0.35 + 0.65 * (time / 3.0).min(1.0));
         let y = if self.pattern == "ramp" { 0.55 * shape } else { 0.0 };
-        [shape - 0.8 * at[0], y - 0.8 * at[1]]
+        [shape - 1.5 * at[0], y - 1.5 * at[1]]
     }
 
     /// Velocities held for a random while; turned back near the ends.

@@ -189,3 +189,21 @@ fn wilson_is_known_at_ten_of_a_hundred() {
     assert!((low - 0.0552).abs() < 1e-3 && (high - 0.1744).abs() < 1e-3, "{low} {high}");
     assert!(wilson(0, 0).is_none());
 }
+
+#[test]
+fn references_and_carriages_stay_on_the_board() {
+    for seed in 0..40 {
+        let mut draw = Draw::new(seed, "reach");
+        let plan = plan(Excitation::Full, 30.0, 1.0, &mut draw);
+        for at in &plan.position {
+            let off = [at[0] - HOME[0], at[1] - HOME[1]];
+            assert!(off[0].abs() < 0.15 && off[1].abs() < 0.1, "reference {seed} {off:?}");
+        }
+        if seed < 5 {
+            let rig = Gantry::new(0, seed as usize);
+            let trace = simulate(&rig, Commands::Follow(&plan), PHASES, &mut draw);
+            let far = trace.seen.iter().flatten().map(|v| v.abs()).fold(0.0, f64::max);
+            assert!(far < 0.25, "carriage {seed} {far}");
+        }
+    }
+}

@@ -472,7 +472,7 @@ fn host(world: &World<'_>, plan: &Plan, index: usize) -> [f64; 2] {
     let mut out = [0.0; 2];
     for axis in 0..2 {
         let error = plan.position[index][axis] - at[axis];
-        let correction = if resting { 0.0 } else { (HOST_GAIN * error).clamp(-0.03, 0.03) };
+        let correction = if resting { 0.0 } else { (HOST_GAIN * error).clamp(-0.12, 0.12) };
         out[axis] = ((plan.velocity[index][axis] + correction) * 1e4).round() / 1e4;
     }
     out
