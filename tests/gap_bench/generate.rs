@@ -479,7 +479,7 @@ fn twist_gantry(rig: &mut Gantry, twist: Twist, seed: u64, draw: &mut Draw) {
         Twist::Disarmed => rig.disarmed = true,
         Twist::ByHand => {
             rig.disarmed = true;
-            s.disturbance = 9.0;
+            s.disturbance = 6.0;
             s.disturbance_rho = 0.97;
         }
         Twist::DriftingClock => s.skew = draw.uniform(0.01, 0.03),

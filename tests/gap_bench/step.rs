@@ -26,6 +26,10 @@ const HOST_GAIN: f64 = 1.5;
 const PLAY_STIFFNESS: f64 = 8e5;
 const BELT_DAMPING: f64 = 0.05;
 const GRAVITY: f64 = 9.81;
+/// Where the frame ends, from home (m), its stiffness (N/m) and damping (N s/m).
+const HARD_STOP: [f64; 2] = [0.155, 0.095];
+const STOP_STIFFNESS: f64 = 2e4;
+const STOP_DAMPING: f64 = 150.0;
 
 /// Where the commands come from.
 #[derive(Debug, Clone, Copy)]
@@ -234,6 +238,11 @@ impl<'a> World<'a> {
             let beyond = place[axis].abs() - ENDSTOP_START[axis];
             if 0.0 < beyond {
                 out[axis] -= frame.endstop * beyond * place[axis].signum();
+            }
+            let past = place[axis].abs() - HARD_STOP[axis];
+            if 0.0 < past {
+                out[axis] -= STOP_STIFFNESS * past * place[axis].signum();
+                out[axis] -= STOP_DAMPING * self.v[axis];
             }
             out[axis] += odd.hum * (TAU * 3.3 * self.time + self.phases.hum).sin();
         }
