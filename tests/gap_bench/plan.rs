@@ -7,8 +7,9 @@ use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 pub(crate) const PERIOD: f64 = 0.02;
 /// Largest distance of the reference from home (m).
 const REACH: [f64; 2] = [0.105, 0.062];
-/// Rest at the end of each run (s).
+/// Longest rest at the end of each run (s), and its largest share of the run.
 const REST: f64 = 0.3;
+const REST_SHARE: f64 = 0.1;
 
 /// What a session can show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,8 +55,11 @@ pub(crate) fn plan(excitation: Excitation, seconds: f64, pace: f64, draw: &mut D
         let steps = (length / PERIOD).round() as usize;
         for step in 0..steps {
             let time = step as f64 * PERIOD;
-            let velocity =
-                if length - REST <= time { [0.0; 2] } else { walk.velocity(time, at, draw) };
+            let velocity = if length - REST.min(REST_SHARE * length) <= time {
+                [0.0; 2]
+            } else {
+                walk.velocity(time, at, draw)
+            };
             plan.velocity.push(velocity);
             for axis in 0..2 {
                 at[axis] += velocity[axis] * PERIOD;
