@@ -1,0 +1,280 @@
+//! What the sensors of the gantry make of a trace, and how large an effect is beside their noise.
+
+use crate::{
+    catalogue::Sizing,
+    draw::{Coloured, Draw},
+    gantry::{BELT_PER_TORQUE, BELT_PER_TURN, COUNTS, Gantry, HOME},
+    step::{STEP, STEPS_PER_SAMPLE, Trace, duration},
+};
+
+/// Frames per second.
+pub(crate) const CAMERA_RATE: f64 = 120.0;
+/// Sampling time of the motors (s).
+pub(crate) const SAMPLE: f64 = STEP * STEPS_PER_SAMPLE as f64;
+/// Window over which a straight line is taken out before an effect is compared with noise (s).
+const WINDOW: f64 = 2.0;
+/// Distance at which the distortion is given (m).
+const EDGE: f64 = 0.21;
+
+/// One camera frame as it arrives.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Frame {
+    /// Index of the exposure.
+    pub(crate) index: usize,
+    /// Stamp (s).
+    pub(crate) time: f64,
+    pub(crate) at: [f64; 2],
+}
+
+/// Everything that a recording of the gantry holds.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Observation {
+    pub(crate) commands: Vec<[f64; 2]>,
+    pub(crate) turns: Vec<[f64; 2]>,
+    pub(crate) turns_per_s: Vec<[f64; 2]>,
+    pub(crate) target_nm: Vec<[f64; 2]>,
+    pub(crate) torque_nm: Vec<[f64; 2]>,
+    /// Carriage from the motors: x, y, vx, vy.
+    pub(crate) carriage: Vec<[f64; 4]>,
+    pub(crate) frames: Vec<Frame>,
+    /// Peg as the estimator has it, every 20 ms: x, y, vx, vy.
+    pub(crate) state: Vec<[f64; 4]>,
+}
+
+/// Reads the sensors. With a silent rig nothing but deliberate effects is in the result.
+pub(crate) fn observe(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Observation {
+    let mut out = Observation { commands: trace.commands.clone(), ..Observation::default() };
+    read_motors(rig, trace, draw, &mut out);
+    if rig.camera {
+        out.frames = read_camera(rig, trace, draw);
+    }
+    if rig.board_state {
+        out.state = estimate(rig, trace, draw);
+    }
+    out
+}
+
+fn read_motors(rig: &Gantry, trace: &Trace, draw: &mut Draw, out: &mut Observation) {
+    let s = &rig.sensors;
+    let silent = s.velocity_noise <= 0.0;
+    for sample in 0..trace.belt.len() {
+        let mut turns = [0.0; 2];
+        let mut rate = [0.0; 2];
+        let mut torque = [0.0; 2];
+        for m in 0..2 {
+            let exact = trace.belt[sample][m] / BELT_PER_TURN;
+            turns[m] = if silent { exact } else { (exact * COUNTS).round() / COUNTS };
+            let noise = if silent { 0.0 } else { s.velocity_noise * draw.normal() };
+            rate[m] = (trace.speed[sample][m] + noise) / BELT_PER_TURN;
+            let noise = if silent { 0.0 } else { s.torque_noise * draw.normal() };
+            torque[m] = trace.force[sample][m] / BELT_PER_TORQUE + noise;
+        }
+        out.turns.push(turns);
+        out.turns_per_s.push(rate);
+        out.torque_nm.push(torque);
+        out.target_nm.push(trace.target[sample].map(|force| force / BELT_PER_TORQUE));
+        let half = 0.5 * BELT_PER_TURN;
+        out.carriage.push([
+            HOME[0] + half * (turns[0] + turns[1]),
+            HOME[1] + half * (turns[0] - turns[1]),
+            half * (rate[0] + rate[1]),
+            half * (rate[0] - rate[1]),
+        ]);
+    }
+}
+
+/// What the lens makes of a point of the board.
+fn lens(rig: &Gantry, p: [f64; 2]) -> [f64; 2] {
+    let s = &rig.sensors;
+    let sheared = [p[0] + rig.frame.squareness * p[1], p[1]];
+    let r2 = (sheared[0] * sheared[0] + sheared[1] * sheared[1]) / (EDGE * EDGE);
+    let scale = (1.0 + s.scale_error) * (1.0 + s.distortion * r2);
+    let (sin, cos) = s.rotation.sin_cos();
+    [scale * (cos * sheared[0] - sin * sheared[1]), scale * (sin * sheared[0] + cos * sheared[1])]
+}
+
+fn read_camera(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Vec<Frame> {
+    let s = &rig.sensors;
+    let count = (duration(trace) * CAMERA_RATE).floor() as usize;
+    let mut noise = [0, 1].map(|_| Coloured::new(s.camera_noise, s.camera_rho));
+    let mut frames: Vec<Frame> = Vec::new();
+    for index in 0..count {
+        let nominal = index as f64 / CAMERA_RATE;
+        let jitter = if s.jitter > 0.0 { s.jitter * draw.normal() } else { 0.0 };
+        let mut at = lens(rig, trace.seen_at((nominal - s.latency + jitter).max(0.0)));
+        for (axis, noise) in noise.iter_mut().enumerate() {
+            at[axis] += noise.next(draw);
+        }
+        if s.outliers > 0.0 && draw.chance(s.outliers) {
+            let to = |draw: &mut Draw| draw.sign() * draw.uniform(0.01, 0.06);
+            at = [at[0] + to(draw), at[1] + to(draw)];
+        }
+        if s.drop > 0.0 && draw.chance(s.drop) {
+            if draw.chance(0.5) {
+                continue;
+            }
+            at = frames.last().map_or(at, |frame| frame.at);
+        }
+        frames.push(Frame { index, time: nominal * (1.0 + s.skew), at });
+    }
+    frames
+}
+
+/// The board's filter: position with little noise, velocity of first order, a dead zone.
+fn estimate(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Vec<[f64; 4]> {
+    let s = &rig.sensors;
+    let silent = s.camera_noise <= 0.0;
+    let period = crate::plan::PERIOD;
+    let mut slow = [0.0; 2];
+    let mut out = Vec::new();
+    let inner = 10;
+    for index in 0..trace.commands.len() {
+        let now = index as f64 * period;
+        let at = lens(rig, trace.seen_at(now));
+        let mut state = [at[0], at[1], 0.0, 0.0];
+        for part in 1..=inner {
+            let time = now - period + period * f64::from(part) / f64::from(inner);
+            let (p, q) = (trace.seen_at(time - 1e-3), trace.seen_at(time));
+            for axis in 0..2 {
+                let speed = if time < 1e-3 { 0.0 } else { (q[axis] - p[axis]) / 1e-3 };
+                let step = period / f64::from(inner);
+                let share =
+                    if s.estimator_lag > 0.0 { 1.0 - (-step / s.estimator_lag).exp() } else { 1.0 };
+                slow[axis] += share * (speed - slow[axis]);
+            }
+        }
+        for axis in 0..2 {
+            let noise =
+                if silent { [0.0; 2] } else { [1e-4 * draw.normal(), 2e-3 * draw.normal()] };
+            state[axis] += noise[0];
+            state[2 + axis] = slow[axis] + noise[1];
+        }
+        if s.deadzone > 0.0 && state[2].hypot(state[3]) < s.deadzone {
+            state[2] = 0.0;
+            state[3] = 0.0;
+        }
+        out.push(state);
+    }
+    out
+}
+
+/// How an effect shows, as multiples of each signal's noise; the largest first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Visibility {
+    pub(crate) multiple: f64,
+    pub(crate) signal: &'static str,
+}
+
+/// Names of the signals in which effects are looked for.
+const SIGNALS: [&str; 4] =
+    ["motor velocity", "motor torque", "camera minus motors", "estimated velocity"];
+
+/// Noise of each of the signals, a and b or x and y.
+pub(crate) type Floors = [[f64; 2]; 4];
+
+/// What differs between two observations of the same commands, signal by signal, with the time
+/// between samples.
+fn differences(plain: &Observation, with: &Observation, m: usize) -> [(Vec<f64>, f64); 4] {
+    let n = plain.turns.len();
+    let speed = (0..n)
+        .map(|i| (with.turns_per_s[i][m] - plain.turns_per_s[i][m]) * BELT_PER_TURN)
+        .collect();
+    let torque = (0..n).map(|i| with.torque_nm[i][m] - plain.torque_nm[i][m]).collect();
+    let state = plain.state.iter().zip(&with.state).map(|(p, w)| w[2 + m] - p[2 + m]).collect();
+    [
+        (speed, SAMPLE),
+        (torque, SAMPLE),
+        (camera_difference(plain, with, m), 1.0 / CAMERA_RATE),
+        (state, crate::plan::PERIOD),
+    ]
+}
+
+/// Noise of every signal: a noisy observation against the silent one of the same commands.
+pub(crate) fn floors(silent: &Observation, noisy: &Observation) -> Floors {
+    let mut out = [[0.0; 2]; 4];
+    for m in 0..2 {
+        for (signal, (values, dt)) in differences(silent, noisy, m).iter().enumerate() {
+            out[signal][m] = detrended_rms(values, *dt);
+        }
+    }
+    out
+}
+
+/// Compares two silent observations of the same commands.
+pub(crate) fn visibility(
+    floors: &Floors,
+    plain: &Observation,
+    with: &Observation,
+    sizing: Sizing,
+) -> Visibility {
+    let mut best = Visibility { multiple: 0.0, signal: "none" };
+    for m in 0..2 {
+        for (signal, (values, dt)) in differences(plain, with, m).iter().enumerate() {
+            let size = if sizing == Sizing::Constant {
+                plain_rms(values)
+            } else {
+                detrended_rms(values, *dt)
+            };
+            let multiple = size / floors[signal][m].max(1e-12);
+            if best.multiple < multiple {
+                best = Visibility { multiple, signal: SIGNALS[signal] };
+            }
+        }
+    }
+    best
+}
+
+/// Camera minus carriage, with the effect minus without, frame by frame (m).
+fn camera_difference(plain: &Observation, with: &Observation, axis: usize) -> Vec<f64> {
+    let gap = |o: &Observation, frame: &Frame| frame.at[axis] - carriage_at(o, frame.time, axis);
+    let mut plain_frames = plain.frames.iter().peekable();
+    let mut out = Vec::new();
+    for frame in &with.frames {
+        while plain_frames.next_if(|p| p.index < frame.index).is_some() {}
+        if let Some(p) = plain_frames.peek().filter(|p| p.index == frame.index) {
+            out.push(gap(with, frame) - gap(plain, p));
+        }
+    }
+    out
+}
+
+/// Carriage by the motors at `time`, between samples (m).
+pub(crate) fn carriage_at(o: &Observation, time: f64, axis: usize) -> f64 {
+    let last = o.carriage.len() - 1;
+    let at = (time / SAMPLE).clamp(0.0, last as f64);
+    let (index, part) = (at.floor() as usize, at.fract());
+    let (p, q) = (o.carriage[index][axis], o.carriage[(index + 1).min(last)][axis]);
+    p + part * (q - p)
+}
+
+fn plain_rms(values: &[f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// RMS after a straight line has been taken out of every window.
+pub(crate) fn detrended_rms(values: &[f64], dt: f64) -> f64 {
+    let window = ((WINDOW / dt).round() as usize).max(4);
+    let mut sum = 0.0;
+    let mut count = 0usize;
+    for part in values.chunks(window).filter(|part| 3 < part.len()) {
+        let n = part.len() as f64;
+        let middle = 0.5 * (n - 1.0);
+        let mean = part.iter().sum::<f64>() / n;
+        let (mut up, mut across) = (0.0, 0.0);
+        for (i, value) in part.iter().enumerate() {
+            let t = i as f64 - middle;
+            up += t * (value - mean);
+            across += t * t;
+        }
+        let slope = up / across;
+        for (i, value) in part.iter().enumerate() {
+            let rest = value - mean - slope * (i as f64 - middle);
+            sum += rest * rest;
+        }
+        count += part.len();
+    }
+    if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
+}
