@@ -109,7 +109,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             args.out.display()
         ))?;
     }
-    Ok(outcome(&found.document, inputs.lost))
+    Ok(outcome(&found.document, &inputs))
 }
 
 /// Runs `klasktron calibrate`.
@@ -131,7 +131,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
         print(&gaps(&found.document))?;
         print(&format!("wrote {}", args.out.display()))?;
     }
-    Ok(outcome(&found.document, inputs.lost))
+    Ok(outcome(&found.document, &inputs))
 }
 
 impl Args {
@@ -168,12 +168,12 @@ fn write_outcome(
 }
 
 /// A gate was not met where nothing could be said about the machine.
-fn outcome(document: &Document, lost: bool) -> Outcome {
+fn outcome(document: &Document, inputs: &Inputs) -> Outcome {
     let refused = matches!(
         document.verdict,
         Verdict::NotTestable | Verdict::DifferentMachine | Verdict::InputNotConnected
     );
-    if lost || refused { Outcome::Lossy } else { Outcome::Done }
+    if inputs.lost || refused { Outcome::Lossy } else { Outcome::Done }
 }
 
 /// The answer for people.

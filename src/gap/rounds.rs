@@ -171,10 +171,12 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         (best, filters) = fit::settle(&train, better, &slots, 10);
     }
     let refitted = best.point.clone();
-    let mut search = Search { train, held_out, best, filters, added: Vec::new(), rejected: Vec::new() };
+    let mut search =
+        Search { train, held_out, best, filters, added: Vec::new(), rejected: Vec::new() };
     let unexplained = if task == Task::CloseGap { search.close() } else { None };
     let Search { train, held_out, best, filters, added, rejected } = search;
-    let adapted = |twin: &Twin, filters| fit::adapt(&held_out, held_out.start(twin.clone()), filters);
+    let adapted =
+        |twin: &Twin, filters| fit::adapt(&held_out, held_out.start(twin.clone()), filters);
     Outcome {
         kind: link.kind,
         start_held_out: adapted(start, &scales),

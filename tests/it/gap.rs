@@ -62,7 +62,9 @@ impl Axis {
             let [q, v, a] = self.motion(k as f64 / AXIS_HZ as f64);
             let viscous = if 0.0 < v { self.viscous[0] } else { self.viscous[1] };
             let normal: f32 = (0..12).map(|_| noise.uniform_f32(-0.5, 0.5)).sum();
-            let force = Self::MASS_KG * a + Self::COULOMB_N * (v / 1e-4).tanh() + viscous * v
+            let force = Self::MASS_KG * a
+                + Self::COULOMB_N * (v / 1e-4).tanh()
+                + viscous * v
                 + Self::NOISE_N * f64::from(normal);
             let input = AxisInput { value: force, unit: "N".into() };
             let output =
@@ -157,7 +159,13 @@ fn a_calibrated_twin_states_the_truth_within_its_intervals() {
 }
 
 /// A table recording in which the carriage does what `respond` makes of the command.
-fn table(dir: &Path, name: &str, seconds: u64, respond: fn(f64, f64) -> f64, one_way: bool) -> String {
+fn table(
+    dir: &Path,
+    name: &str,
+    seconds: u64,
+    respond: fn(f64, f64) -> f64,
+    one_way: bool,
+) -> String {
     let path = dir.join(name);
     let mut writer = writer(&path, "klasktron");
     let at = |k: u64| Nanos(START.0 + k * 20_000_000);
@@ -201,7 +209,8 @@ fn a_broken_twin_is_refused_in_one_sentence() {
     let dir = tempfile::tempdir().unwrap();
     let recording = table(dir.path(), "run.mcap", 10, |v, _| v, false);
     let twin = dir.path().join("twin.json").display().to_string();
-    let head = r#"{"schema_version":1,"machine":"table","striker_mass_kg":0.012,"belt_per_turn_m":0.04,"#;
+    let head =
+        r#"{"schema_version":1,"machine":"table","striker_mass_kg":0.012,"belt_per_turn_m":0.04,"#;
     let effect = |name: &str, value: f64| {
         format!(
             r#"{head}"effects":[{{"name":"{name}","axis":"a+b","parameters":[{{"name":"delay_s","value":{value},"source":"fitted"}}]}}]}}"#
