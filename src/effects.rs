@@ -320,3 +320,44 @@ pub static CATALOGUE: &[&Effect] = &[
 pub fn find(name: &str) -> Option<&'static Effect> {
     CATALOGUE.iter().copied().find(|effect| effect.name == name)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gantry::Pattern;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_entry_is_whole() {
+        let mut names = BTreeSet::new();
+        for effect in CATALOGUE {
+            let name = effect.name;
+            assert!(names.insert(name), "{name} is there twice");
+            assert!(name.starts_with(&format!("{}.", effect.domain)), "{name}");
+            assert_eq!(effect.null.len(), effect.parameters.len(), "{name}");
+            assert!(!effect.probes.is_empty() && !effect.says.is_empty(), "{name}");
+            for probe in effect.probes {
+                assert_eq!(probe.len(), effect.parameters.len(), "{name}");
+                for (value, parameter) in probe.iter().zip(effect.parameters) {
+                    let (low, high) = parameter.bounds;
+                    assert!((low..=high).contains(value), "{name}.{}", parameter.name);
+                }
+            }
+            if !effect.experiment.is_empty() {
+                let pattern: Result<Pattern, _> = effect.experiment.parse();
+                assert!(pattern.is_ok(), "{name}: collect knows no pattern {}", effect.experiment);
+            }
+        }
+    }
+
+    #[test]
+    fn scales_and_ranges_are_ordered() {
+        for effect in CATALOGUE {
+            for parameter in effect.parameters {
+                assert!(0.0 < parameter.scale, "{}.{}", effect.name, parameter.name);
+                assert!(parameter.bounds.0 < parameter.bounds.1, "{}", effect.name);
+                assert!(parameter.plausible.0 <= parameter.plausible.1, "{}", effect.name);
+            }
+        }
+    }
+}
