@@ -241,7 +241,7 @@ fn restarted(train: &Problem<'_>, best: &Fit, start: &Twin) -> Option<Point> {
     let channels = train.parts.first()?.stage.channels();
     let stuck = channels.iter().zip(&rms).any(|(channel, rms)| {
         let left = start.left.iter().find(|left| left.signal == channel.signal);
-        left.is_none_or(|left| STUCK * left.residual_rms < *rms)
+        left.is_some_and(|left| STUCK * left.residual_rms < *rms)
     });
     if !stuck {
         return None;

@@ -158,7 +158,19 @@ fn a_calibrated_twin_states_the_truth_within_its_intervals() {
     assert!((value("drive.friction.coulomb") - Axis::COULOMB_N).abs() < 0.03 * Axis::COULOMB_N);
 }
 
-/// A table recording in which the carriage does what `respond` makes of the command.
+/// A table: its command at a time (s), and what the carriage makes of it.
+#[derive(Clone, Copy)]
+struct Machine {
+    command: fn(f64) -> f64,
+    respond: fn(f64, f64) -> f64,
+}
+
+/// Commands both ways (m/s).
+fn both_ways(t: f64) -> f64 {
+    0.2 * (1.7 * t).sin()
+}
+
+/// A table recording of `machine`.
 fn table(
     dir: &Path,
     name: &str,
@@ -172,9 +184,8 @@ fn table(
     let mut x = 0.0;
     for k in 0..seconds * 50 {
         let t = k as f64 / 50.0;
-        let sine = 0.2 * (1.7 * t).sin();
-        let vx = if one_way { sine.abs() } else { sine };
-        let moved = respond(vx, t);
+        let vx = (machine.command)(t);
+        let moved = (machine.respond)(vx, t);
         x += moved / 50.0;
         let state = CarriageState { x, y: 0.0, vx: moved, vy: 0.0 };
         let left = Player::Left;
@@ -188,14 +199,20 @@ fn table(
 #[test]
 fn what_cannot_be_judged_has_its_verdict_and_no_name() {
     let dir = tempfile::tempdir().unwrap();
+    let follow = Machine { command: both_ways, respond: |v, _| v };
     let cases = [
-        ("off", 20, (|_, _| 0.0) as fn(f64, f64) -> f64, false, "input_not_connected"),
-        ("hand", 20, |_, t| 0.2 * (t * 0.93 + 1.0).cos(), false, "input_not_connected"),
-        ("short", 2, |v, _| v, false, "not_testable"),
-        ("one-way", 20, |v, _| v, true, "not_testable"),
+        ("off", 20, Machine { respond: |_, _| 0.0, ..follow }, "input_not_connected"),
+        (
+            "hand",
+            20,
+            Machine { respond: |_, t| 0.2 * (t * 0.93 + 1.0).cos(), ..follow },
+            "input_not_connected",
+        ),
+        ("short", 2, follow, "not_testable"),
+        ("one-way", 20, Machine { command: |t| both_ways(t).abs(), ..follow }, "not_testable"),
     ];
-    for (name, seconds, respond, one_way, verdict) in cases {
-        let file = table(dir.path(), &format!("{name}.mcap"), seconds, respond, one_way);
+    for (name, seconds, machine, verdict) in cases {
+        let file = table(dir.path(), &format!("{name}.mcap"), seconds, machine);
         let (document, status) = gap(&[file], None, &dir.path().join(name));
         assert_eq!(document["verdict"], verdict, "{name}: {document:#}");
         assert!(names(&document).is_empty());
@@ -207,7 +224,8 @@ fn what_cannot_be_judged_has_its_verdict_and_no_name() {
 #[test]
 fn a_broken_twin_is_refused_in_one_sentence() {
     let dir = tempfile::tempdir().unwrap();
-    let recording = table(dir.path(), "run.mcap", 10, |v, _| v, false);
+    let recording =
+        table(dir.path(), "run.mcap", 10, Machine { command: both_ways, respond: |v, _| v });
     let twin = dir.path().join("twin.json").display().to_string();
     let head =
         r#"{"schema_version":1,"machine":"table","striker_mass_kg":0.012,"belt_per_turn_m":0.04,"#;
