@@ -171,13 +171,7 @@ fn both_ways(t: f64) -> f64 {
 }
 
 /// A table recording of `machine`.
-fn table(
-    dir: &Path,
-    name: &str,
-    seconds: u64,
-    respond: fn(f64, f64) -> f64,
-    one_way: bool,
-) -> String {
+fn table(dir: &Path, name: &str, seconds: u64, machine: Machine) -> String {
     let path = dir.join(name);
     let mut writer = writer(&path, "klasktron");
     let at = |k: u64| Nanos(START.0 + k * 20_000_000);
