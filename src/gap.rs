@@ -15,7 +15,7 @@
 //!    that explain the data as well are its class; of equals the one with the fewest numbers is added.
 //! 5. Then again, until nothing passes. What is left and still depends on something gets a name of its
 //!    own: `unknown.<regressor>[<band>]`.
-//! 6. [`find`] puts it into `gap.json` ([`Document`]), [`page`] into `index.html`, [`write_tape`] into
+//! 6. [`find()`] puts it into `gap.json` ([`Document`]), [`page()`] into `index.html`, [`write_tape`] into
 //!    `gap.mcap`.
 //!
 //! # Statistics, with their sources

@@ -152,7 +152,7 @@ pub struct Refit {
 /// `gap.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Document {
-    /// Always [`SCHEMA_VERSION`].
+    /// Always 1.
     pub schema_version: u32,
     /// The answer.
     pub verdict: Verdict,

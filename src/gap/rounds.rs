@@ -54,7 +54,7 @@ pub struct Link<'a> {
 /// Why a candidate was not added.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reason {
-    /// Its p-value, corrected for all tries, is above [`FAMILY_ERROR`].
+    /// Its p-value, corrected for all tries, is above 1 %.
     NotSignificant,
     /// Another effect explains more, and this one nothing beyond it.
     Outdone(String),
@@ -96,7 +96,7 @@ pub struct Added {
     pub held_out_gain: f64,
     /// Other effects that explain the data as well.
     pub class: Vec<&'static str>,
-    /// Residual RMS per held-out signal before and after this step, in order of [`Outcome::signals`].
+    /// Residual RMS per held-out signal before and after this step, in the order of the channels.
     pub held_out_steps: (Vec<f64>, Vec<f64>),
     /// The strongest candidates of the round: name, axis, whitened loss per row when fitted.
     pub contest: Vec<(String, Axis, f64)>,

@@ -77,7 +77,7 @@ struct Stretch {
 
 impl Layout {
     /// The layout of `stage` where `usable[channel][sample]` says what was measured. The first
-    /// [`MOST_ORDER`] samples of each stretch only feed the filter.
+    /// 12 samples of each stretch only feed the filter.
     #[must_use]
     pub fn new(stage: &dyn Stage, usable: &[Vec<bool>]) -> Self {
         let channels = stage.channels();

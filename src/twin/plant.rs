@@ -185,7 +185,7 @@ impl Plant {
     }
 
     /// One step of `dt` seconds with each motor's `command` (m/s of belt), at most
-    /// [`LONGEST_STEP`] for the accuracy that the tests state.
+    /// 1 ms for the accuracy that the tests state.
     pub fn step(&self, state: &mut PlantState, command: [f64; 2], dt: f64) {
         if self.motors.len() == 1 {
             self.step_single(state, command[0], dt);
