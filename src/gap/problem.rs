@@ -495,18 +495,21 @@ impl Problem<'_> {
         }
     }
 
-    /// Block by block, how much less squared error `after` has than `before`.
+    /// Block by block, how much less squared error `after` has than `before`, as a share of both: from
+    /// -1 to 1, so that a few blocks with a large gap do not make the scatter of all.
     #[must_use]
-    pub fn block_gains(&self, before: &[f64], after: &[f64]) -> Vec<f64> {
+    pub(super) fn block_gains(&self, before: &[f64], after: &[f64]) -> Vec<f64> {
         let mut gains = Vec::new();
         let mut row = 0;
         for part in &self.parts {
-            let mut of_part = vec![0.0; part.layout.blocks];
+            let mut of_part = vec![(0.0, 0.0); part.layout.blocks];
             for own in &part.layout.rows {
-                of_part[own.block as usize] += before[row].powi(2) - after[row].powi(2);
+                let (first, second) = (before[row].powi(2), after[row].powi(2));
+                let sums = &mut of_part[own.block as usize];
+                *sums = (sums.0 + first - second, sums.1 + first + second);
                 row += 1;
             }
-            gains.extend(of_part);
+            gains.extend(of_part.iter().filter(|sums| 0.0 < sums.1).map(|sums| sums.0 / sums.1));
         }
         gains
     }
