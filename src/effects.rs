@@ -315,6 +315,14 @@ pub static CATALOGUE: &[&Effect] = &[
     &estimator::lag::LAG,
 ];
 
+/// `of(0)` and `of(1)`: both axes, both motors. Written out, because the optimiser leaves `array::map`
+/// over a large closure a loop of calls.
+#[inline(always)]
+pub(crate) fn both<T>(mut of: impl FnMut(usize) -> T) -> [T; 2] {
+    let first = of(0);
+    [first, of(1)]
+}
+
 /// The effect called `name`.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static Effect> {

@@ -141,6 +141,9 @@ impl Linear {
     }
 }
 
+/// What a twin predicts: `[part][channel][sample]`.
+pub(super) type Prediction = Vec<Vec<Vec<f64>>>;
+
 /// Several sessions of one link.
 pub struct Problem<'a> {
     /// The sessions.
@@ -176,14 +179,21 @@ impl<'a> Problem<'a> {
         self.parts.iter().map(|part| part.layout.rows.len()).sum()
     }
 
-    /// Residuals of all parts: `[part][channel][sample]`.
+    /// What the twin predicts at `point`.
     #[must_use]
-    pub fn residuals(&self, point: &Point) -> Vec<Vec<Vec<f64>>> {
+    pub(super) fn prediction(&self, point: &Point) -> Prediction {
         self.parts
             .iter()
             .zip(&point.nuisance)
-            .map(|(part, nuisance)| part.residual(&predict(part.stage, &point.twin, nuisance)))
+            .map(|(part, nuisance)| predict(part.stage, &point.twin, nuisance))
             .collect()
+    }
+
+    /// Residuals of all parts: `[part][channel][sample]`.
+    #[must_use]
+    pub fn residuals(&self, point: &Point) -> Vec<Vec<Vec<f64>>> {
+        let prediction = self.prediction(point);
+        self.parts.iter().zip(&prediction).map(|(part, own)| part.residual(own)).collect()
     }
 
     /// Models of the residuals at `point`.
@@ -202,9 +212,16 @@ impl<'a> Problem<'a> {
     /// Whitened residual of all parts, nuisances as they are.
     #[must_use]
     pub fn whitened(&self, point: &Point, filters: &Filters) -> Vec<f64> {
+        self.whitened_at(&self.prediction(point), filters)
+    }
+
+    /// Whitened residual of a prediction.
+    #[must_use]
+    pub(super) fn whitened_at(&self, prediction: &Prediction, filters: &Filters) -> Vec<f64> {
         let mut all = Vec::with_capacity(self.rows());
-        for (part, residual) in self.parts.iter().zip(self.residuals(point)) {
-            all.extend(part.layout.whitened(&residual, &whiten::in_order(part.stage, filters)));
+        for (part, own) in self.parts.iter().zip(prediction) {
+            let order = whiten::in_order(part.stage, filters);
+            all.extend(part.layout.whitened(&part.residual(own), &order));
         }
         all
     }
@@ -213,27 +230,35 @@ impl<'a> Problem<'a> {
     /// are per scaled parameter: a change of one is `scale` of the parameter.
     #[must_use]
     pub fn linear(&self, point: &Point, slots: &[Slot], filters: &Filters) -> Linear {
-        self.linear_with(point, slots, filters, &[])
+        self.linear_at(point, &self.prediction(point), slots, filters, &[])
     }
 
-    /// The same with columns of the first parameters that are known from nearby ([`Self::columns`]):
-    /// a fit that adds one effect need not simulate every known parameter anew in every step.
+    /// The same where the `prediction` at `point` is known, and the columns of the first parameters from
+    /// nearby ([`Self::columns`]): a fit that adds one effect need not simulate every known parameter
+    /// anew in every step.
     #[must_use]
-    pub fn linear_with(
+    pub(super) fn linear_at(
         &self,
         point: &Point,
+        prediction: &Prediction,
         slots: &[Slot],
         filters: &Filters,
         known: &[Vec<f64>],
     ) -> Linear {
         let mut columns = known.to_vec();
-        columns.extend(self.columns(point, &slots[known.len()..], filters));
-        self.eliminated(point, columns, filters)
+        columns.extend(self.columns(point, prediction, &slots[known.len()..], filters));
+        self.eliminated(point, prediction, columns, filters)
     }
 
     /// Whitened derivative by each scaled parameter, nuisances unchanged.
     #[must_use]
-    pub fn columns(&self, point: &Point, slots: &[Slot], filters: &Filters) -> Vec<Vec<f64>> {
+    pub(super) fn columns(
+        &self,
+        point: &Point,
+        prediction: &Prediction,
+        slots: &[Slot],
+        filters: &Filters,
+    ) -> Vec<Vec<f64>> {
         let variants: Vec<Twin> = slots
             .iter()
             .map(|slot| {
@@ -242,7 +267,7 @@ impl<'a> Problem<'a> {
                 twin
             })
             .collect();
-        let mut columns = self.contrasts(point, &variants, filters);
+        let mut columns = self.contrasts(point, prediction, &variants, filters);
         for ((column, slot), twin) in columns.iter_mut().zip(slots).zip(&variants) {
             let step = (twin.get(*slot) - point.twin.get(*slot)) / point.twin.scale(*slot);
             let factor = if step == 0.0 { 0.0 } else { 1.0 / step };
@@ -251,28 +276,13 @@ impl<'a> Problem<'a> {
         columns
     }
 
-    /// Whitened change of the prediction from `point` to each of `variants`, nuisances unchanged.
+    /// Whitened change from the `prediction` at `point` to that of each of `variants`, nuisances
+    /// unchanged.
     #[must_use]
-    pub fn contrasts(&self, point: &Point, variants: &[Twin], filters: &Filters) -> Vec<Vec<f64>> {
-        self.contrasts_to(&self.predictions(point), point, variants, filters)
-    }
-
-    /// Predictions of all parts at `point`: `[part][channel][sample]`.
-    #[must_use]
-    pub fn predictions(&self, point: &Point) -> Vec<Vec<Vec<f64>>> {
-        self.parts
-            .iter()
-            .zip(&point.nuisance)
-            .map(|(part, nuisance)| predict(part.stage, &point.twin, nuisance))
-            .collect()
-    }
-
-    /// [`Self::contrasts`] to a prediction `base` that is known already.
-    #[must_use]
-    pub fn contrasts_to(
+    pub(super) fn contrasts(
         &self,
-        base: &[Vec<Vec<f64>>],
         point: &Point,
+        prediction: &Prediction,
         variants: &[Twin],
         filters: &Filters,
     ) -> Vec<Vec<f64>> {
@@ -282,7 +292,7 @@ impl<'a> Problem<'a> {
             let mut column = Vec::with_capacity(self.rows());
             for (index, part) in self.parts.iter().enumerate() {
                 let mut change = predict(part.stage, twin, &point.nuisance[index]);
-                for (values, from) in change.iter_mut().zip(&base[index]) {
+                for (values, from) in change.iter_mut().zip(&prediction[index]) {
                     for (value, from) in values.iter_mut().zip(from) {
                         *value -= from;
                     }
@@ -298,13 +308,19 @@ impl<'a> Problem<'a> {
     }
 
     /// Takes the nuisance directions out of the residual at `point` and out of `columns`.
-    fn eliminated(&self, point: &Point, mut columns: Vec<Vec<f64>>, filters: &Filters) -> Linear {
-        let mut residual = self.whitened(point, filters);
+    fn eliminated(
+        &self,
+        point: &Point,
+        prediction: &Prediction,
+        mut columns: Vec<Vec<f64>>,
+        filters: &Filters,
+    ) -> Linear {
+        let mut residual = self.whitened_at(prediction, filters);
         let mut blocks = Vec::with_capacity(residual.len());
         let mut eliminations = Vec::with_capacity(self.parts.len());
         let (mut first_row, mut first_block) = (0, 0);
         for (index, part) in self.parts.iter().enumerate() {
-            let nuisance = self.nuisance_columns(point, index, filters);
+            let nuisance = self.nuisance_columns(point, &prediction[index], index, filters);
             let mut of_part = Vec::new();
             for group in &part.groups {
                 let rows = first_row + group.start..first_row + group.end;
@@ -321,21 +337,26 @@ impl<'a> Problem<'a> {
     }
 
     /// Whitened derivative of part `index` by each nuisance number, all groups moved at once.
-    fn nuisance_columns(&self, point: &Point, index: usize, filters: &Filters) -> Vec<Vec<f64>> {
+    fn nuisance_columns(
+        &self,
+        point: &Point,
+        prediction: &[Vec<f64>],
+        index: usize,
+        filters: &Filters,
+    ) -> Vec<Vec<f64>> {
         let part = &self.parts[index];
         let scales = part.stage.nuisance_scale();
         if part.groups.is_empty() {
             return Vec::new();
         }
         let order = whiten::in_order(part.stage, filters);
-        let base = predict(part.stage, &point.twin, &point.nuisance[index]);
         let numbers: Vec<usize> = (0..scales.len()).collect();
         in_parallel(&numbers, |number| {
             let step = 1e-3 * scales[*number];
             let mut moved = point.nuisance[index].clone();
             moved.iter_mut().for_each(|group| group[*number] += step);
             let mut change = predict(part.stage, &point.twin, &moved);
-            for (values, from) in change.iter_mut().zip(&base) {
+            for (values, from) in change.iter_mut().zip(prediction) {
                 for (value, from) in values.iter_mut().zip(from) {
                     *value = (*value - from) / step;
                 }

@@ -312,14 +312,16 @@ impl Round {
         let threshold = FAMILY_ERROR / tries.max(1) as f64;
         let (mut rejected, short) = short_list(candidates, threshold);
         // First in the metric of the base residual, then in that of the best candidate's.
-        let known = train.columns(&base.point, &base.slots, filters);
+        let at_base = train.prediction(&base.point);
+        let known = train.columns(&base.point, &at_base, &base.slots, filters);
         let rough: Vec<Fit> =
             in_parallel(&short, |candidate| fitted(train, base, candidate, filters, &known));
         let sound = |fit: &&Fit| on_bound(fit).is_none();
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(lead) = lead.or(rough.first()) else { return Self { winner: None, rejected } };
         let sharp = train.filters(&lead.point, whiten::fit_filters);
-        let known = train.columns(&lead.point, &base.slots, &sharp);
+        let at_lead = train.prediction(&lead.point);
+        let known = train.columns(&lead.point, &at_lead, &base.slots, &sharp);
         let bench = Bench::new(train, held_out, base, &sharp);
         let items: Vec<(Candidate, Fit)> = short.into_iter().zip(rough).collect();
         let mut trials =

@@ -8,7 +8,7 @@
 
 use super::{
     fit::{Fit, Normal},
-    problem::{Linear, Problem, dot, in_parallel},
+    problem::{Linear, Prediction, Problem, dot, in_parallel},
     whiten::Filters,
 };
 use crate::{
@@ -53,8 +53,8 @@ const TRIED_ALONE: usize = 12;
 /// axes alike, then the best on each axis alone.
 #[must_use]
 pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
-    let linear = problem.linear(&found.point, &found.slots, filters);
-    let base = problem.predictions(&found.point);
+    let base = problem.prediction(&found.point);
+    let linear = problem.linear_at(&found.point, &base, &found.slots, filters, &[]);
     let linear_residual =
         problem.parts.first().map(|part| part.residual(&base[0])).unwrap_or_default();
     let screen = Screen { problem, found, filters, base, normal: Normal::new(&linear), linear };
@@ -124,7 +124,7 @@ struct Screen<'a, 'b> {
     problem: &'b Problem<'a>,
     found: &'b Fit,
     filters: &'b Filters,
-    base: Vec<Vec<Vec<f64>>>,
+    base: Prediction,
     linear: Linear,
     normal: Normal,
 }
@@ -140,7 +140,7 @@ impl Screen<'_, '_> {
                 variants.extend(single_variants(twin, effect, *axis, probe));
             }
             let columns =
-                self.problem.contrasts_to(&self.base, &self.found.point, &variants, self.filters);
+                self.problem.contrasts(&self.found.point, &self.base, &variants, self.filters);
             test(&self.linear, &self.normal, total, columns)
         });
         let mut best: Vec<Candidate> = Vec::new();

@@ -125,7 +125,7 @@ impl Layout {
     #[must_use]
     pub fn whitened(&self, values: &[Vec<f64>], filters: &[Filter]) -> Vec<f64> {
         let mut out = vec![0.0; self.rows.len()];
-        let mut bridged = Vec::new();
+        let (mut bridged, mut innovations) = (Vec::new(), Vec::new());
         for stretch in &self.stretches {
             let filter = &filters[stretch.channel];
             bridge(
@@ -133,20 +133,21 @@ impl Layout {
                 &stretch.counts,
                 &mut bridged,
             );
-            let mut row = stretch.first_row;
-            for k in MOST_ORDER..bridged.len() {
-                if !stretch.counts[k] {
-                    continue;
+            // Lag by lag over the whole stretch, which the processor does several samples at a time.
+            let per_scatter = 1.0 / filter.scatter;
+            innovations.clear();
+            innovations.extend(bridged[MOST_ORDER..].iter().map(|value| per_scatter * value));
+            for (lag, weight) in filter.coefficients.iter().enumerate() {
+                let weight = per_scatter * weight;
+                let past = &bridged[MOST_ORDER - 1 - lag..];
+                for (value, past) in innovations.iter_mut().zip(past) {
+                    *value -= weight * past;
                 }
-                let past: f64 = filter
-                    .coefficients
-                    .iter()
-                    .enumerate()
-                    .map(|(lag, weight)| weight * bridged[k - 1 - lag])
-                    .sum();
-                out[row] = (bridged[k] - past) / filter.scatter;
-                row += 1;
             }
+            let rows = out[stretch.first_row..].iter_mut();
+            let counted = innovations.iter().zip(&stretch.counts[MOST_ORDER..]);
+            let counted = counted.filter(|(_, counts)| **counts).map(|(value, _)| value);
+            rows.zip(counted).for_each(|(row, value)| *row = *value);
         }
         out
     }

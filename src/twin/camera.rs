@@ -4,7 +4,7 @@ use super::{
     Channel, Instance, MeasuredPath, Stage, StageKind, Twin,
     plant::{Part, belts, rails},
 };
-use crate::effects::{Carriage, Effect, Motion, Physics};
+use crate::effects::{Carriage, Effect, Motion, Physics, both};
 
 /// Step of the march along the measured path (s).
 const STEP: f64 = 1e-3;
@@ -105,7 +105,7 @@ impl Chain {
                 belt[k] -= (part.call)(part.p(), belt[k]) - belt[k];
             }
         }
-        let force = [0, 1].map(|k| self.mass[k] * carriage.acceleration[k]);
+        let force = both(|k| self.mass[k] * carriage.acceleration[k]);
         let belt_force = belts(force).map(|sum| 0.5 * sum);
         let (belt_velocity, belt_acceleration) =
             (belts(carriage.velocity), belts(carriage.acceleration));
@@ -144,7 +144,7 @@ impl Chain {
         let mut striker = magnet;
         for part in &self.couplings {
             let moved = (part.call)(part.p(), part.memory(memory), &carriage);
-            striker = [0, 1].map(|k| striker[k] + moved[k] - magnet[k]);
+            striker = both(|k| striker[k] + moved[k] - magnet[k]);
         }
         striker
     }
@@ -257,7 +257,7 @@ impl CameraStage {
                 after = at(time, chain);
             }
             let share = (1.0 - (time - wanted) / STEP).clamp(0.0, 1.0);
-            let place = [0, 1].map(|k| before[k] + share * (after[k] - before[k]));
+            let place = both(|k| before[k] + share * (after[k] - before[k]));
             let seen = chain.seen(place, self.height);
             predicted[0][sample] = seen[0] + offset[0];
             predicted[1][sample] = seen[1] + offset[1];

@@ -4,7 +4,7 @@ use super::{
     Channel, Plant, PlantState, Stage, StageKind, Twin,
     plant::{self, LONGEST_STEP, belts},
 };
-use crate::effects::Effect;
+use crate::effects::{Effect, both};
 use std::f64::consts::TAU;
 
 /// Time after the start of a run in which the recorded command may stem from before it (s): there
@@ -103,7 +103,7 @@ impl DriveStage {
     /// Motor commands in force at `time`, each its own `delay` ago, and until when they are.
     fn command_at(&self, time: f64, delays: [f64; 2], cursors: &mut [usize; 2]) -> ([f64; 2], f64) {
         let mut until = f64::INFINITY;
-        let command = [0, 1].map(|motor| {
+        let command = both(|motor| {
             let sent = time - delays[motor] + 1e-9;
             let cursor = &mut cursors[motor];
             while *cursor < self.command_times.len() && self.command_times[*cursor] <= sent {

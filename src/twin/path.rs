@@ -1,5 +1,7 @@
 //! A measured motion between its samples.
 
+use crate::effects::both;
+
 /// Positions and velocities at known times, read anywhere between them.
 #[derive(Debug, Clone, Default)]
 pub struct MeasuredPath {
@@ -18,7 +20,7 @@ impl MeasuredPath {
             .map(|index| {
                 let (before, after) = (index.saturating_sub(1), (index + 1).min(last));
                 let span = times[after] - times[before];
-                [0, 1].map(|k| {
+                both(|k| {
                     if 0.0 < span { (velocity[after][k] - velocity[before][k]) / span } else { 0.0 }
                 })
             })
@@ -73,7 +75,7 @@ impl MeasuredPath {
         let mix = |from: &[[f64; 2]], axis: usize| {
             from[k][axis] + s * (from[k + 1][axis] - from[k][axis])
         };
-        let position = [0, 1].map(|axis| {
+        let position = both(|axis| {
             h00 * self.position[k][axis]
                 + h10 * span * self.velocity[k][axis]
                 + h01 * self.position[k + 1][axis]
@@ -81,8 +83,8 @@ impl MeasuredPath {
         });
         (
             position,
-            [0, 1].map(|axis| mix(&self.velocity, axis)),
-            [0, 1].map(|axis| mix(&self.acceleration, axis)),
+            both(|axis| mix(&self.velocity, axis)),
+            both(|axis| mix(&self.acceleration, axis)),
         )
     }
 }

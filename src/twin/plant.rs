@@ -9,7 +9,7 @@
 //! A single axis is a plant with one motor and one rail, which are the same coordinate.
 
 use super::{Instance, Twin};
-use crate::effects::{CrossMotion, LoopGains, Motion, Physics};
+use crate::effects::{CrossMotion, LoopGains, Motion, Physics, both};
 
 /// Most parameters that one effect has.
 const MOST_PARAMETERS: usize = 8;
@@ -110,7 +110,7 @@ impl PlantState {
 
     /// Moves the carriage on by `dt`, at the end of which it has `velocity`.
     fn arrive(&mut self, velocity: [f64; 2], dt: f64) {
-        self.acceleration = [0, 1].map(|index| (velocity[index] - self.velocity[index]) / dt);
+        self.acceleration = both(|index| (velocity[index] - self.velocity[index]) / dt);
         for (index, position) in self.position.iter_mut().enumerate() {
             *position += 0.5 * dt * (velocity[index] + self.velocity[index]);
         }
@@ -200,12 +200,12 @@ impl Plant {
         let memory = &mut state.memory;
         // Loads on the rails, with the motors' forces of the step before where one depends on them.
         let load = self.loads(&step, state.force, memory);
-        let setpoint = [0, 1].map(|index| self.motors[index].setpoint(command[index], memory, dt));
+        let setpoint = both(|index| self.motors[index].setpoint(command[index], memory, dt));
         let middle =
-            [0, 1].map(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
+            both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
         let drag =
-            belts([0, 1].map(|index| (load[index] + state.friction[index]) / step.mass[index]));
-        let demand = [0, 1].map(|index| {
+            belts(both(|index| (load[index] + state.friction[index]) / step.mass[index]));
+        let demand = both(|index| {
             let error = middle[index] - step.belts.velocity[index] - 0.5 * dt * drag[index];
             self.motors[index].demand(error, state.integral[index], step.loop_mass, dt)
         });
@@ -226,7 +226,7 @@ impl Plant {
 
     /// Force on each rail that is no motor's and no friction.
     fn loads(&self, step: &GantryStep, force: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
-        [0, 1].map(|index| {
+        both(|index| {
             let motion = step.rail(index, force);
             sum(&self.rails[index].forces, memory, &motion)
         })
@@ -234,7 +234,7 @@ impl Plant {
 
     /// Force that each motor makes of what its loop demands.
     fn efforts(&self, step: &GantryStep, demand: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
-        [0, 1].map(|index| {
+        both(|index| {
             let mut motion = step.belt(index, demand);
             for part in &self.motors[index].efforts {
                 motion.force = (part.call)(part.p(), part.memory(memory), &motion);
@@ -251,7 +251,7 @@ impl Plant {
         load: [f64; 2],
         memory: &mut [f64],
     ) -> [f64; 2] {
-        let mut pull = [0, 1].map(|index| {
+        let mut pull = both(|index| {
             let motion = step.belt(index, force);
             force[index] + sum(&self.motors[index].forces, memory, &motion)
         });
@@ -275,7 +275,7 @@ impl Plant {
         total: [f64; 2],
         memory: &mut [f64],
     ) -> ([f64; 2], [f64; 2]) {
-        let slid = [0, 1].map(|index| {
+        let slid = both(|index| {
             let motion = step.rail(index, force);
             let level = sum(&self.rails[index].frictions, memory, &motion).max(0.0);
             slide(motion.velocity, total[index], level, step.mass[index], motion.dt)
@@ -384,7 +384,7 @@ impl GantryStep {
             velocity: belts(velocity),
             acceleration: belts(acceleration),
         };
-        let mass = [0, 1].map(|index| plant.rails[index].mass(&rails.motion(index, [0.0; 2], 0.0)));
+        let mass = both(|index| plant.rails[index].mass(&rails.motion(index, [0.0; 2], 0.0)));
         let belt_mass = 1.0 / (1.0 / mass[0] + 1.0 / mass[1]);
         let loop_mass = LoopMass { gains: 0.5 * (0.5 * (mass[0] + mass[1])), moved: belt_mass };
         Self { rails, belts, mass, belt_mass, loop_mass }
@@ -403,7 +403,7 @@ impl GantryStep {
     /// Velocity of the rails after the step under the `total` force on them, without friction.
     fn free(&self, total: [f64; 2]) -> [f64; 2] {
         let Frame { velocity, dt, .. } = self.rails;
-        [0, 1].map(|index| velocity[index] + dt * total[index] / self.mass[index])
+        both(|index| velocity[index] + dt * total[index] / self.mass[index])
     }
 }
 

@@ -1,6 +1,6 @@
 //! The magnet loses the striker and takes hold of it elsewhere.
 
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
 
 /// `coupling.magnet_slip`: the striker follows exactly as long as that takes less than F_max. Beyond
 /// it the striker slides over the magnet, pulled by F_max against the sliding, until it has the
@@ -32,11 +32,11 @@ pub(crate) static MAGNET_SLIP: Effect = Effect {
 /// what the grip can do in a step and never beyond zero, so that it holds without chatter.
 fn slip(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let dt = carriage.dt;
-    let free = [0, 1].map(|axis| memory[axis] - carriage.acceleration[axis] * dt);
+    let free = both(|axis| memory[axis] - carriage.acceleration[axis] * dt);
     let speed = free[0].hypot(free[1]);
     let held = p[0] / carriage.striker_mass * dt;
     let left = if held < speed { 1.0 - held / speed } else { 0.0 };
-    [0, 1].map(|axis| {
+    both(|axis| {
         let velocity = left * free[axis];
         memory[2 + axis] += 0.5 * dt * (memory[axis] + velocity);
         memory[axis] = velocity;

@@ -1,7 +1,7 @@
 //! The magnet holds the striker like a spring.
 
 use crate::effects::oscillator::Oscillator;
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
 
 /// Share of critical damping of the striker on its spring: grease and magnet together.
 const DAMPING_BOUNDS: (f64, f64) = (0.0, 3.0);
@@ -50,7 +50,7 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
 fn swing(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let square = p[0] / carriage.striker_mass;
     let oscillator = Oscillator::new(square.sqrt(), p[1], carriage.dt);
-    [0, 1].map(|axis| {
+    both(|axis| {
         let [displacement, velocity] = [2 * axis, 2 * axis + 1];
         let rest = -carriage.acceleration[axis] / square;
         let (away, speed) = oscillator.step(memory[displacement] - rest, memory[velocity]);

@@ -1,6 +1,6 @@
 //! The striker rubs on the board and hangs back on the soft grip of the magnet.
 
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
 
 /// `coupling.striker_friction`: the striker moves only when the spring k pulls harder than its
 /// friction Fc, so it hangs back by Fc/k against the direction in which it last moved, and stays
@@ -37,10 +37,10 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
 /// Memory: displacement of the striker from the magnet. The magnet moves on alone until the
 /// displacement is as long as the band allows, then drags the striker along.
 fn hang_back(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-    let alone = [0, 1].map(|axis| memory[axis] - carriage.velocity[axis] * carriage.dt);
+    let alone = both(|axis| memory[axis] - carriage.velocity[axis] * carriage.dt);
     let length = alone[0].hypot(alone[1]);
     let share = if p[0] < length { p[0] / length } else { 1.0 };
-    [0, 1].map(|axis| {
+    both(|axis| {
         memory[axis] = share * alone[axis];
         carriage.position[axis] + memory[axis]
     })

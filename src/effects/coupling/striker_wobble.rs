@@ -1,7 +1,7 @@
 //! The striker tips on its foot.
 
 use crate::effects::oscillator::Oscillator;
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
 use std::f64::consts::TAU;
 
 /// `coupling.striker_wobble`: o'' + 2 z w o' + w^2 o = -w^2 c a for the offset o of the part that the
@@ -52,7 +52,7 @@ pub(crate) static STRIKER_WOBBLE: Effect = Effect {
 /// step.
 fn wobble(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let oscillator = Oscillator::new(TAU * p[1], p[2], carriage.dt);
-    [0, 1].map(|axis| {
+    both(|axis| {
         let [offset, velocity] = [2 * axis, 2 * axis + 1];
         let rest = -p[0] * carriage.acceleration[axis];
         let (away, speed) = oscillator.step(memory[offset] - rest, memory[velocity]);

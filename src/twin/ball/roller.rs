@@ -16,7 +16,7 @@
 
 use super::{HALF_BOARD, RADIUS, WALLS, outward};
 use crate::{
-    effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall},
+    effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall, both},
     twin::Instance,
 };
 
@@ -155,7 +155,7 @@ struct Free {
 impl Free {
     /// The ball `t` seconds later under constant `forces`, walls aside.
     fn after(&self, forces: &Forces, t: f64) -> Self {
-        let mut velocity = [0, 1].map(|k| self.velocity[k] + forces.push[k] * t);
+        let mut velocity = both(|k| self.velocity[k] + forces.push[k] * t);
         let mut slip = self.slip;
         let size = if 0.0 < forces.slide { length(slip) } else { 0.0 };
         if 0.0 < size {
@@ -175,7 +175,7 @@ impl Free {
             (0.0, 0.0)
         };
         velocity = velocity.map(|v| v * kept);
-        let place = [0, 1].map(|k| self.place[k] + (self.velocity[k] + velocity[k]) / 2.0 * moving);
+        let place = both(|k| self.place[k] + (self.velocity[k] + velocity[k]) / 2.0 * moving);
         Self { place, velocity, slip }
     }
 }
@@ -224,7 +224,7 @@ impl<'a> Roller<'a> {
     #[cfg(test)]
     pub(super) fn energy(&self) -> f64 {
         let square = |v: [f64; 2]| v[0] * v[0] + v[1] * v[1];
-        let rolling = [0, 1].map(|k| self.ball.velocity[k] - self.slip[k]);
+        let rolling = both(|k| self.ball.velocity[k] - self.slip[k]);
         square(self.ball.velocity) + 0.4 * (square(rolling) + self.spin * self.spin)
     }
 
@@ -382,7 +382,7 @@ impl<'a> Roller<'a> {
             let velocity = self.ball.velocity;
             let outwards = velocity[0] * normal[0] + velocity[1] * normal[1];
             if self.rules.gap(wall, self.ball.position) < 1e-6 {
-                self.ball.velocity = [0, 1].map(|k| velocity[k] - outwards * normal[k]);
+                self.ball.velocity = both(|k| velocity[k] - outwards * normal[k]);
             }
         }
         let forces = Forces { push: [0.0; 2], ..self.forces(span) };
