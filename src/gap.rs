@@ -29,6 +29,7 @@
 //! - The noise floor from measurements alone, never from a residual.
 
 mod checks;
+mod evidence;
 mod find;
 mod findings;
 mod fit;

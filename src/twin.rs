@@ -117,15 +117,17 @@ pub struct Twin {
     pub fitted_to: Vec<String>,
 }
 
-/// What a fitted twin could not explain in one signal of the recordings that it was fitted to.
+/// What a fitted twin could not explain in one signal of the recordings that it was fitted to and judged by.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Left {
     /// The signal, such as `motor_a.velocity`.
     pub signal: String,
     /// RMS of the residual, in the signal's unit.
     pub residual_rms: f64,
-    /// RMS of the part of the residual that is beyond the noise floor, in the signal's unit.
-    pub beyond_floor_rms: f64,
+    /// Whether a search for missing effects ended there: what is left then is what is known to be left,
+    /// and recordings that are predicted as well hold nothing new.
+    #[serde(default)]
+    pub searched: bool,
 }
 
 /// One fitted number of a twin: which instance, which of its values.

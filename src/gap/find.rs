@@ -75,8 +75,8 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
         }
     }
     let floors: Vec<Vec<Floor>> = outcomes.iter().map(floors_of).collect();
-    for (outcome, floors) in outcomes.iter().zip(&floors) {
-        leave(&mut twin, outcome, floors);
+    for outcome in &outcomes {
+        leave(&mut twin, outcome, task);
     }
     let document = document(&start, given, &twin, &outcomes, &floors);
     Found { document, twin, outcomes, floors }
@@ -122,15 +122,20 @@ fn floors_of(outcome: &Outcome<'_>) -> Vec<Floor> {
 }
 
 /// Notes what the twin leaves unexplained.
-fn leave(twin: &mut Twin, outcome: &Outcome<'_>, floors: &[Floor]) {
+fn leave(twin: &mut Twin, outcome: &Outcome<'_>, task: Task) {
     let Some(part) = outcome.train.parts.first() else { return };
-    let rms = outcome.train.rms(&outcome.last.point);
-    for ((channel, rms), floor) in part.stage.channels().iter().zip(rms).zip(floors) {
+    let squares = outcome.train.squares(&outcome.last.point);
+    let judged = outcome.held_out.squares(&outcome.last_held_out);
+    let rms = squares.iter().enumerate().map(|(k, (sum, count))| {
+        let (other, more) = judged.get(k).copied().unwrap_or_default();
+        ((sum + other) / (count + more).max(1) as f64).sqrt()
+    });
+    for (channel, rms) in part.stage.channels().iter().zip(rms) {
         twin.left.retain(|left| left.signal != channel.signal);
         twin.left.push(Left {
             signal: channel.signal.clone(),
             residual_rms: rms,
-            beyond_floor_rms: (rms * rms - floor.rms * floor.rms).max(0.0).sqrt(),
+            searched: task == Task::CloseGap,
         });
     }
 }
@@ -159,7 +164,7 @@ fn document(
         .zip(floors)
         .flat_map(|(outcome, floors)| signal_gaps(outcome, floors))
         .collect();
-    let refit = given.map_or_else(Vec::new, |_| refits(start, twin));
+    let refit = given.map_or_else(Vec::new, |_| refits(start, twin, outcomes));
     let places = outcomes.iter().flat_map(|outcome| locate::places(outcome, &effects)).collect();
     let mut verdict = verdict(&effects, &class, &refit, outcomes);
     let mut effects = effects;
@@ -383,6 +388,9 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
         Reason::HeldOut => "the held-out session does not prefer it".to_owned(),
         Reason::SessionsDisagree => "the sessions do not agree on its sign or size".to_owned(),
         Reason::TooSmall => "explains less than the simulation's own fidelity".to_owned(),
+        Reason::NothingNew => {
+            "the given twin leaves no more here than where its own search ended".to_owned()
+        }
         Reason::NotTestable => {
             format!(
                 "not testable with this motion: it takes {}",
@@ -400,10 +408,20 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
     }
 }
 
-/// Known parameters that left what was known of them.
-fn refits(start: &Twin, twin: &Twin) -> Vec<Refit> {
+/// Known parameters that left what was known of them, in links that the judging sessions prefer as they
+/// are now. The limit is corrected for the number of parameters that could have moved (Bonferroni).
+fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
+    let better = |instance: usize| {
+        let fitted = |own: &&Outcome<'_>| own.last.slots.iter().any(|s| s.instance == instance);
+        outcomes.iter().find(|outcome| outcome.is_better && fitted(outcome))
+    };
+    let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
+    let beyond_chance = 1.0 - 0.5 * rounds::FAMILY_ERROR / tries.max(1) as f64;
     let mut refits = Vec::new();
-    for (before, after) in start.instances.iter().zip(&twin.instances) {
+    for (index, (before, after)) in start.instances.iter().zip(&twin.instances).enumerate() {
+        let Some(outcome) = better(index) else { continue };
+        let freedom = outcome.uncertainty.freedom;
+        let in_half_intervals = t_quantile(beyond_chance, freedom) / t_quantile(0.975, freedom);
         for (k, parameter) in before.effect.parameters.iter().enumerate() {
             let (old, new) = (&before.values[k], &after.values[k]);
             let Some([low, high]) = new.ci95 else { continue };
@@ -411,7 +429,7 @@ fn refits(start: &Twin, twin: &Twin) -> Vec<Refit> {
                 continue;
             }
             let old_half = old.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low));
-            let limit = (0.5 * (high - low)).hypot(old_half);
+            let limit = in_half_intervals * (0.5 * (high - low)).hypot(old_half);
             let change = (new.value - old.value).abs();
             if limit < change && LEAST_MOVE * parameter.scale.max(old.value.abs()) < change {
                 refits.push(Refit {

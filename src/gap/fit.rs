@@ -238,49 +238,67 @@ pub struct Uncertainty {
     pub undetermined: Vec<bool>,
 }
 
-/// The covariance that holds under correlation within blocks and uneven scatter (the sandwich of
-/// Liang and Zeger, Biometrika 73, 1986, with blocks of time as clusters).
+/// Standard errors that hold under correlation within blocks and uneven scatter (the sandwich of Liang
+/// and Zeger, Biometrika 73, 1986, with blocks of time as clusters), and between sessions: where the
+/// held-out session alone would give another value than scatter explains, half of what is beyond it is
+/// the variance from session to session (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, for
+/// two studies), which one session does not show.
 #[must_use]
-pub(super) fn uncertainty(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Uncertainty {
-    let linear = problem.linear(&found.point, &found.slots, filters);
-    let normal = Normal::new(&linear);
-    let inverse = normal.inverse();
-    let count = found.slots.len();
-    let scores = block_sums(&linear.columns, &linear.residual, &linear.blocks, linear.block_count);
-    let used = scores.iter().filter(|score| score.iter().any(|value| *value != 0.0)).count();
-    let freedom = (used as f64 - count as f64).max(1.0);
-    let correction = used as f64 / freedom.min(used as f64).max(1.0);
-    let mut standard_errors = Vec::with_capacity(count);
-    let mut undetermined = Vec::with_capacity(count);
-    for (i, slot) in found.slots.iter().enumerate() {
-        let variance: f64 = scores
-            .iter()
-            .map(|score| {
-                let moved: f64 = (0..count).map(|j| inverse[(i, j)] * score[j]).sum();
-                moved * moved
-            })
-            .sum();
-        let scale = found.point.twin.scale(*slot);
-        standard_errors.push((variance * correction).sqrt() * scale);
-        // The held part of a parameter shows as a variance near one over the hold.
-        undetermined.push(0.01 / HOLD < inverse[(i, i)]);
+pub(super) fn uncertainty(
+    problem: &Problem<'_>,
+    held_out: &Problem<'_>,
+    (found, judged): (&Fit, &Point),
+    filters: &Filters,
+) -> Uncertainty {
+    let own = Sandwich::new(problem, &found.point, &found.slots, filters);
+    let other = (!held_out.parts.is_empty())
+        .then(|| Sandwich::new(held_out, judged, &found.slots, filters));
+    let mut standard_errors = Vec::with_capacity(found.slots.len());
+    for (index, slot) in found.slots.iter().enumerate() {
+        let effect = found.point.twin.instances[slot.instance].effect;
+        let mut variance = own.variances[index];
+        if let Some(other) = &other
+            && !other.undetermined[index]
+            && !effect.parameters[slot.parameter].per_session
+        {
+            let scatter = variance + other.variances[index];
+            variance += 0.5 * (other.step[index].powi(2) - scatter).max(0.0);
+        }
+        standard_errors.push(variance.sqrt() * found.point.twin.scale(*slot));
     }
-    Uncertainty { standard_errors, freedom, undetermined }
+    Uncertainty { standard_errors, freedom: own.freedom, undetermined: own.undetermined }
 }
 
-/// Sums of `columns[k] * residual` over each block: `[block][column]`.
-#[must_use]
-pub(super) fn block_sums(
-    columns: &[Vec<f64>],
-    residual: &[f64],
-    blocks: &[usize],
-    block_count: usize,
-) -> Vec<Vec<f64>> {
-    let mut sums = vec![vec![0.0; columns.len()]; block_count];
-    for (k, column) in columns.iter().enumerate() {
-        for (row, block) in blocks.iter().enumerate() {
-            sums[*block][k] += column[row] * residual[row];
+/// Covariance of the parameters on one problem, by blocks of time, in scaled units.
+struct Sandwich {
+    variances: Vec<f64>,
+    /// What this problem alone would change.
+    step: Vec<f64>,
+    freedom: f64,
+    undetermined: Vec<bool>,
+}
+
+impl Sandwich {
+    fn new(problem: &Problem<'_>, point: &Point, slots: &[Slot], filters: &Filters) -> Self {
+        let linear = problem.linear(point, slots, filters);
+        let normal = Normal::new(&linear);
+        let inverse = normal.inverse();
+        let count = slots.len();
+        let scores = linear.blocks.sums(&linear.columns, &linear.residual);
+        let used = scores.iter().filter(|score| score.iter().any(|value| *value != 0.0)).count();
+        let freedom = (used as f64 - count as f64).max(1.0);
+        let correction = used as f64 / freedom.min(used as f64).max(1.0);
+        let along = |i: usize, score: &[f64]| -> f64 {
+            (0..count).map(|j| inverse[(i, j)] * score[j]).sum()
+        };
+        let variance =
+            |i: usize| correction * scores.iter().map(|score| along(i, score).powi(2)).sum::<f64>();
+        Self {
+            variances: (0..count).map(variance).collect(),
+            step: (0..count).map(|i| along(i, &normal.right)).collect(),
+            freedom,
+            // The held part of a parameter shows as a variance near one over the hold.
+            undetermined: (0..count).map(|i| 0.01 / HOLD < inverse[(i, i)]).collect(),
         }
     }
-    sums
 }

@@ -1,7 +1,10 @@
 //! A least-squares problem over several sessions of one link: shared parameters, and nuisance
 //! numbers that belong to a session or a run and are eliminated.
 
-use super::whiten::{self, Filter, Filters, Layout, Residual};
+use super::{
+    evidence::Blocks,
+    whiten::{self, Filter, Filters, Layout, Residual},
+};
 use crate::twin::{Slot, Stage, Twin};
 use std::thread;
 
@@ -93,9 +96,7 @@ pub struct Linear {
     /// Whitened derivative by each scaled shared parameter, the same way.
     pub columns: Vec<Vec<f64>>,
     /// Block of each row, counted through all parts.
-    pub blocks: Vec<usize>,
-    /// How many blocks.
-    pub block_count: usize,
+    pub(super) blocks: Blocks,
     /// Per part and group: orthonormal nuisance columns, to move the nuisances with a step.
     eliminations: Vec<Vec<Elimination>>,
 }
@@ -316,9 +317,8 @@ impl<'a> Problem<'a> {
         filters: &Filters,
     ) -> Linear {
         let mut residual = self.whitened_at(prediction, filters);
-        let mut blocks = Vec::with_capacity(residual.len());
         let mut eliminations = Vec::with_capacity(self.parts.len());
-        let (mut first_row, mut first_block) = (0, 0);
+        let mut first_row = 0;
         for (index, part) in self.parts.iter().enumerate() {
             let nuisance = self.nuisance_columns(point, &prediction[index], index, filters);
             let mut of_part = Vec::new();
@@ -329,11 +329,9 @@ impl<'a> Problem<'a> {
                 of_part.push(eliminate(rows, local, &mut residual, &mut columns));
             }
             eliminations.push(of_part);
-            blocks.extend(part.layout.rows.iter().map(|row| first_block + row.block as usize));
             first_row += part.layout.rows.len();
-            first_block += part.layout.blocks;
         }
-        Linear { residual, columns, blocks, block_count: first_block, eliminations }
+        Linear { residual, columns, blocks: self.blocks(), eliminations }
     }
 
     /// Whitened derivative of part `index` by each nuisance number, all groups moved at once.
@@ -516,35 +514,28 @@ impl Problem<'_> {
         }
     }
 
-    /// Block by block, how much less squared error `after` has than `before`, as a share of both: from
-    /// -1 to 1, so that a few blocks with a large gap do not make the scatter of all.
+    /// Block of each row, counted through all parts.
     #[must_use]
-    pub(super) fn block_gains(&self, before: &[f64], after: &[f64]) -> Vec<f64> {
-        let mut gains = Vec::new();
-        let mut row = 0;
+    pub(super) fn blocks(&self) -> Blocks {
+        let mut blocks = Blocks::default();
         for part in &self.parts {
-            let mut of_part = vec![(0.0, 0.0); part.layout.blocks];
-            for own in &part.layout.rows {
-                let (first, second) = (before[row].powi(2), after[row].powi(2));
-                let sums = &mut of_part[own.block as usize];
-                *sums = (sums.0 + first - second, sums.1 + first + second);
-                row += 1;
-            }
-            gains.extend(of_part.iter().filter(|sums| 0.0 < sums.1).map(|sums| sums.0 / sums.1));
+            let rows = part.layout.rows.iter();
+            blocks.of_row.extend(rows.map(|row| blocks.count + row.block as usize));
+            blocks.count += part.layout.blocks;
         }
-        gains
-    }
-
-    /// Student's t of the block gains.
-    #[must_use]
-    pub fn block_t(&self, before: &[f64], after: &[f64]) -> f64 {
-        super::rounds::mean_t(&self.block_gains(before, after))
+        blocks
     }
 
     /// Residual RMS of each signal at `point`, over all parts, in the order of the first part's
     /// channels.
     #[must_use]
     pub fn rms(&self, point: &Point) -> Vec<f64> {
+        let mean = |(sum, count): (f64, usize)| (sum / count.max(1) as f64).sqrt();
+        self.squares(point).into_iter().map(mean).collect()
+    }
+
+    /// Sum of the squared residuals of each signal and their number.
+    pub(super) fn squares(&self, point: &Point) -> Vec<(f64, usize)> {
         let Some(first) = self.parts.first() else { return Vec::new() };
         let mut sums = vec![(0.0, 0_usize); first.stage.channels().len()];
         for (part, residual) in self.parts.iter().zip(self.residuals(point)) {
@@ -556,7 +547,7 @@ impl Problem<'_> {
                 }
             }
         }
-        sums.into_iter().map(|(sum, count)| (sum / count.max(1) as f64).sqrt()).collect()
+        sums
     }
 }
 

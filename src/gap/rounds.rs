@@ -1,6 +1,7 @@
 //! The rounds of the search on one link: refit, screen, re-simulate the best, decide, add, repeat.
 
 use super::{
+    evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
     problem::{Point, Problem, in_parallel},
     screen::{self, Candidate},
@@ -27,15 +28,23 @@ const WORTH_SIMULATING: f64 = 0.1;
 /// Most effects that are added to one link.
 const MOST_ADDED: usize = 6;
 
-/// Block t statistic by which the held-out session must prefer the twin with the effect.
-const HELD_OUT_T: f64 = 3.0;
+/// Probability of taking chance for an effect, on the fitted and again on the judging sessions.
+const LEVEL: f64 = 1e-3;
 
-/// Block t statistic below which a rival explains the data as well as the winner.
-const RIVAL_T: f64 = 2.5;
+/// Probability of taking a rival that explains the data as well as the winner for a worse one.
+const RIVAL_LEVEL: f64 = 5e-3;
+
+/// Share by which the judging sessions may want the effect smaller or larger.
+const SESSIONS_APART: f64 = 0.5;
 
 /// Share of the held-out squared error (whitened) that an effect must explain to be worth a name: a
 /// simulator of finite fidelity leaves that much of anything.
 const WORTH_NAMING: f64 = 0.02;
+
+/// Share of the squared residual that the given twin left when its own search ended, by which recordings
+/// may exceed it and still hold nothing new: sampling, and a course that shows the simulator's own errors
+/// a little more. An effect of a third of the noise is above it.
+const NOTHING_NEW: f64 = 0.05;
 
 /// Length of an effect's column at its largest plausible size, in whitened standard deviations, below
 /// which this motion cannot show it: what a test at one in 10,000 can just see.
@@ -66,6 +75,8 @@ pub enum Reason {
     SessionsDisagree,
     /// It explains less than the simulator's own fidelity.
     TooSmall,
+    /// The given twin predicts these recordings as well as those on which its own search ended.
+    NothingNew,
     /// The motion does not show it beyond what known parameters imitate.
     NotTestable,
 }
@@ -120,6 +131,8 @@ pub struct Outcome<'a> {
     pub last: Fit,
     /// Its nuisances on the judging sessions.
     pub last_held_out: Point,
+    /// Whether the judging sessions prefer the final twin to the given one.
+    pub is_better: bool,
     /// Whitening of the final residual.
     pub filters: Filters,
     /// Intervals of the final fit.
@@ -161,27 +174,35 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     let given = train.start(start.clone());
     let scales = train.filters(&given, whiten::scale_filters);
     let given = fit::adapt(&train, given, &scales);
-    let slots = start.free(link.train[0]);
-    let (rough, _) = fit::fit_from_afar(&train, given.clone(), &slots, 15);
-    train.drop_outliers(&rough.point);
-    let held_point = fit::adapt(&held_out, held_out.start(rough.point.twin.clone()), &scales);
-    held_out.drop_outliers(&held_point);
-    let (mut best, mut filters) = fit::settle(&train, rough.point, &slots, 10);
-    if let Some(better) = restarted(&train, &best, start) {
-        (best, filters) = fit::settle(&train, better, &slots, 10);
-    }
+    let held_given = fit::adapt(&held_out, held_out.start(start.clone()), &scales);
+    train.drop_outliers(&given);
+    held_out.drop_outliers(&held_given);
+    let nothing_new =
+        task == Task::CloseGap && is_as_known(start, [(&train, &given), (&held_out, &held_given)]);
+    let (best, filters) = if nothing_new {
+        as_given(&train, given.clone())
+    } else {
+        refit(&mut train, &mut held_out, start, &given)
+    };
     let refitted = best.point.clone();
     let mut search =
         Search { train, held_out, best, filters, added: Vec::new(), rejected: Vec::new() };
-    let unexplained = if task == Task::CloseGap { search.close() } else { None };
+    let unexplained = match task {
+        Task::Calibrate => None,
+        Task::CloseGap if nothing_new => search.look(start.free(link.train[0])),
+        Task::CloseGap => search.close(start),
+    };
     let Search { train, held_out, best, filters, added, rejected } = search;
     let adapted =
         |twin: &Twin, filters| fit::adapt(&held_out, held_out.start(twin.clone()), filters);
+    let start_held_out = adapted(start, &scales);
+    let last_held_out = adapted(&best.point.twin, &filters);
     Outcome {
         kind: link.kind,
-        start_held_out: adapted(start, &scales),
-        last_held_out: adapted(&best.point.twin, &filters),
-        uncertainty: fit::uncertainty(&train, &best, &filters),
+        is_better: is_better(&held_out, (&start_held_out, &last_held_out), &filters),
+        uncertainty: fit::uncertainty(&train, &held_out, (&best, &last_held_out), &filters),
+        start_held_out,
+        last_held_out,
         train,
         held_out,
         start: given,
@@ -192,6 +213,66 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         rejected,
         unexplained,
     }
+}
+
+/// The given twin as it is, where the recordings hold nothing new.
+fn as_given(train: &Problem<'_>, point: Point) -> (Fit, Filters) {
+    let filters = train.filters(&point, whiten::fit_filters);
+    let loss = fit::squared(&train.whitened(&point, &filters));
+    (Fit { point, slots: Vec::new(), loss, rows: train.rows() }, filters)
+}
+
+/// Everything that the twin has, fitted; single samples off the rest are left out from then on.
+fn refit(
+    train: &mut Problem<'_>,
+    held_out: &mut Problem<'_>,
+    start: &Twin,
+    given: &Point,
+) -> (Fit, Filters) {
+    let slots = start.free(train.parts[0].stage);
+    let (rough, filters) = fit::fit_from_afar(train, given.clone(), &slots, 15);
+    train.drop_outliers(&rough.point);
+    let judged = fit::adapt(held_out, held_out.start(rough.point.twin.clone()), &filters);
+    held_out.drop_outliers(&judged);
+    let (best, filters) = fit::settle(train, rough.point, &slots, 10);
+    match restarted(train, &best, start) {
+        Some(better) => fit::settle(train, better, &slots, 10),
+        None => (best, filters),
+    }
+}
+
+/// Whether both problems are predicted as well, in every signal, as what was left when `start` came out
+/// of a search that found nothing more.
+fn is_as_known(start: &Twin, points: [(&Problem<'_>, &Point); 2]) -> bool {
+    let [train, held_out] = points.map(|(problem, point)| problem.squares(point));
+    let channels = points[0].0.parts.first().map_or(&[][..], |part| part.stage.channels());
+    !channels.is_empty()
+        && channels.iter().enumerate().all(|(k, channel)| {
+            let own = [train.get(k), held_out.get(k)].into_iter().flatten();
+            let (sum, count) = own.fold((0.0, 0), |all, own| (all.0 + own.0, all.1 + own.1));
+            let left = start.left.iter().find(|left| left.signal == channel.signal);
+            left.is_some_and(|left| {
+                let known = left.residual_rms.powi(2) * count as f64;
+                left.searched && sum < (1.0 + NOTHING_NEW) * known
+            })
+        })
+}
+
+/// Whether the judging sessions prefer the second point to the first, beyond chance and by more than the
+/// simulator's own fidelity; nothing to judge by objects to nothing.
+fn is_better(held_out: &Problem<'_>, points: (&Point, &Point), filters: &Filters) -> bool {
+    let (before, after) =
+        (held_out.whitened(points.0, filters), held_out.whitened(points.1, filters));
+    held_out.parts.is_empty()
+        || is_in(&before, &after, &held_out.blocks())
+            && WORTH_NAMING < 1.0 - fit::squared(&after) / fit::squared(&before)
+}
+
+/// Whether the data follow a change of the residual from `before` to `after` beyond chance, and are better
+/// off with it than without.
+fn is_in(before: &[f64], after: &[f64], blocks: &Blocks) -> bool {
+    let amplitude = Amplitude::of(before, after, blocks);
+    0.5 < amplitude.value && amplitude.is_above(0.0, LEVEL)
 }
 
 /// A search under way.
@@ -206,16 +287,21 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// Adds effects until nothing passes; gives what is then still unexplained.
-    fn close(&mut self) -> Option<Unknown> {
+    fn close(&mut self, start: &Twin) -> Option<Unknown> {
         while self.added.len() < MOST_ADDED {
+            if self.is_closed(start) {
+                return None;
+            }
             let round = Round::run(&self.train, &self.held_out, &self.best, &self.filters);
             self.rejected = round.rejected;
             let Some((fit, step)) = round.winner else { break };
             self.added.push(step);
             (self.best, self.filters) = fit::settle(&self.train, fit.point, &fit.slots, 8);
         }
-        let (held_out, twin) = (&self.held_out, self.best.point.twin.clone());
-        let judged = fit::adapt(held_out, held_out.start(twin), &self.filters);
+        if self.is_closed(start) {
+            return None;
+        }
+        let (held_out, judged) = (&self.held_out, self.judged());
         let unknown =
             unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters)?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
@@ -223,6 +309,32 @@ impl Search<'_> {
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
         }
         Some(unknown)
+    }
+
+    /// Says of every effect whether these recordings could have shown it; adds nothing.
+    fn look(&mut self, slots: Vec<Slot>) -> Option<Unknown> {
+        let known = Fit { slots, ..self.best.clone() };
+        let candidates = screen::screen(&self.train, &known, &self.filters);
+        self.rejected = candidates
+            .into_iter()
+            .map(|candidate| {
+                let hidden = candidate.visibility < VISIBLE;
+                let reason = if hidden { Reason::NotTestable } else { Reason::NothingNew };
+                Rejected { candidate, reason, held_out_gain: None }
+            })
+            .collect();
+        None
+    }
+
+    /// The best twin on the judging sessions.
+    fn judged(&self) -> Point {
+        let start = self.held_out.start(self.best.point.twin.clone());
+        fit::adapt(&self.held_out, start, &self.filters)
+    }
+
+    /// Whether nothing is left beyond what is known to be left.
+    fn is_closed(&self, start: &Twin) -> bool {
+        is_as_known(start, [(&self.train, &self.best.point), (&self.held_out, &self.judged())])
     }
 }
 
@@ -388,15 +500,15 @@ fn fitted(
     filters: &Filters,
     known: &[Vec<f64>],
 ) -> Fit {
-    // The line of the screen may lead too far for what bends: the probe itself is a start as well.
-    let starts = [&candidate.start, &candidate.probe].map(|values| {
-        let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, values);
+    // The line of the screen may lead too far for what bends: what is nearer to nothing is a start too.
+    let starts = screen::towards_null(candidate).into_iter().map(|values| {
+        let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, &values);
         let point = Point { twin, nuisance: base.point.nuisance.clone() };
         let loss = fit::squared(&train.whitened(&point, filters));
         (point, loss)
     });
-    let [line, probe] = starts;
-    let point = if line.1 <= probe.1 { line.0 } else { probe.0 };
+    let best = starts.min_by(|a, b| a.1.total_cmp(&b.1));
+    let point = best.map_or_else(|| base.point.clone(), |(point, _)| point);
     let mut slots = base.slots.clone();
     slots.extend(slots_of_last(&point.twin));
     fit::fit_with(train, point, &slots, &fit::How { filters, iterations: 10, known })
@@ -502,40 +614,21 @@ impl<'a, 'b> Bench<'a, 'b> {
         if let Some(name) = on_bound(&trial.fit) {
             return Some(Reason::OnBound(name));
         }
-        if self.train.block_t(&self.base_train_rows, &trial.train_rows) < HELD_OUT_T {
+        if !is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
             return Some(Reason::NotSignificant);
         }
         if self.held_out.parts.is_empty() {
             return None;
         }
-        if self.held_out.block_t(&self.base_held_rows, &trial.held_rows) < HELD_OUT_T {
+        let (before, blocks) = (&self.base_held_rows, self.held_out.blocks());
+        let amplitude = Amplitude::of(before, &trial.held_rows, &blocks);
+        if amplitude.is_above(0.0, LEVEL) && SESSIONS_APART < (amplitude.value - 1.0).abs() {
+            return Some(Reason::SessionsDisagree);
+        }
+        if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
-        if self.held_out_gain(trial) < WORTH_NAMING {
-            return Some(Reason::TooSmall);
-        }
-        self.sessions_disagree(trial).then_some(Reason::SessionsDisagree)
-    }
-
-    /// Whether the judging sessions alone would give the effect another sign or quite another size.
-    fn sessions_disagree(&self, trial: &Trial) -> bool {
-        let slots: Vec<Slot> = slots_of_last(&trial.fit.point.twin)
-            .into_iter()
-            .filter(|slot| {
-                let effect = trial.fit.point.twin.instances[slot.instance].effect;
-                !effect.parameters[slot.parameter].per_session
-            })
-            .collect();
-        let Some(first) = slots.first() else { return false };
-        let own = fit::fit(self.held_out, trial.held_point.clone(), &slots, self.filters, 4);
-        let fitted = trial.fit.point.twin.get(*first);
-        let judged = own.point.twin.get(*first);
-        let null = trial.fit.point.twin.instances[first.instance].effect.null[first.parameter];
-        let spread = fit::uncertainty(self.held_out, &own, self.filters).standard_errors[0];
-        let size = (fitted - null).abs().max((judged - null).abs());
-        let opposite = (fitted - null) * (judged - null) < 0.0;
-        let apart = (fitted - judged).abs();
-        apart > 4.0 * spread && (opposite || 0.5 * size < apart)
+        (self.held_out_gain(trial) < WORTH_NAMING).then_some(Reason::TooSmall)
     }
 
     /// Of the best that passed and its rivals, the one with the fewest numbers; of equals the best.
@@ -550,10 +643,14 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Whether `other` explains all sessions as well as `own`.
     fn is_rival(&self, own: &Trial, other: &Trial) -> bool {
-        let train = self.train.block_gains(&other.train_rows, &own.train_rows);
-        let held = self.held_out.block_gains(&other.held_rows, &own.held_rows);
-        let all: Vec<f64> = train.into_iter().chain(held).collect();
-        mean_t(&all) < RIVAL_T
+        let (train, held) = (self.train.blocks(), self.held_out.blocks());
+        let later = held.of_row.iter().map(|block| train.count + block);
+        let blocks = Blocks {
+            of_row: train.of_row.iter().copied().chain(later).collect(),
+            count: train.count + held.count,
+        };
+        let all = |trial: &Trial| [trial.train_rows.as_slice(), &trial.held_rows].concat();
+        !Amplitude::of(&all(other), &all(own), &blocks).is_above(0.5, RIVAL_LEVEL)
     }
 }
 
@@ -566,16 +663,4 @@ fn on_bound(fit: &Fit) -> Option<String> {
         let near = 1e-6 * (high - low);
         (value <= low + near || high - near <= value).then(|| parameter.name.to_owned())
     })
-}
-
-/// Student's t of the mean of `values`.
-#[must_use]
-pub(super) fn mean_t(values: &[f64]) -> f64 {
-    let n = values.len() as f64;
-    if n < 3.0 {
-        return 0.0;
-    }
-    let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    if variance == 0.0 { 0.0 } else { mean / (variance / n).sqrt() }
 }

@@ -2,21 +2,20 @@
 //!
 //! An effect is switched on at a probe's values and the change of the simulation is its column,
 //! whatever its physics: no regressor is written twice. After the columns of the known parameters
-//! and the nuisances are taken out, the score of the column is tested block by block: a one-sample
-//! Hotelling test over blocks of time, which holds under correlation within blocks and uneven
-//! scatter, on residuals that are whitened for power.
+//! and the nuisances are taken out, what they explain is tested against the scatter between blocks of
+//! time ([`joint`]), which holds under correlation within blocks, on residuals that are whitened for
+//! power.
 
 use super::{
+    evidence::{joint, least_squares},
     fit::{Fit, Normal},
     problem::{Linear, Prediction, Problem, dot, in_parallel},
     whiten::Filters,
 };
 use crate::{
     effects::{Axis, CATALOGUE, Effect, Physics, SCANS},
-    stats::f_tail,
     twin::{Instance, Source, Twin},
 };
-use faer::{Mat, linalg::solvers::Solve};
 
 /// One effect on one axis, tried.
 #[derive(Debug, Clone)]
@@ -187,6 +186,34 @@ fn reach(effect: &Effect, probe: &[f64]) -> f64 {
     }
 }
 
+/// Where a fit of `candidate` may start: where the line of the screen leads, its probe, and the way from
+/// there to where the effect does nothing, in equal ratios where that is far off (a limit that never
+/// acts), else in equal steps.
+#[must_use]
+pub(super) fn towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
+    let effect = candidate.effect;
+    let far = |k: usize| {
+        let (probe, null) = (candidate.probe[k], effect.null[k]);
+        0.0 < probe && FAR * probe < null
+    };
+    let mut starts = vec![candidate.start.clone(), candidate.probe.clone()];
+    for share in [0.5, 0.25, 0.1] {
+        let values = candidate.probe.iter().enumerate().map(|(k, probe)| {
+            let null = effect.null[k];
+            if far(k) { null * (probe / null).powf(share) } else { null + share * (probe - null) }
+        });
+        // Only the size goes towards nothing; a shape (a speed, a period) stays.
+        let values = values.enumerate();
+        starts.push(
+            values.map(|(k, value)| if k == 0 { value } else { candidate.probe[k] }).collect(),
+        );
+    }
+    starts
+}
+
+/// Ratio of null to probe from which the way between is taken in equal ratios.
+const FAR: f64 = 5.0;
+
 /// Whether a place is all coordinates alike.
 fn is_shared(axis: Axis) -> bool {
     matches!(axis, Axis::Motors | Axis::Rails | Axis::Whole)
@@ -284,72 +311,13 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
     let amplitudes = 1 < own.len() && original[1..].iter().all(|size| 1e-12 < *size);
     let kept: Vec<Vec<f64>> = if amplitudes { own.split_off(1) } else { own.drain(..1).collect() };
     let sizes = if amplitudes { original[1..].to_vec() } else { original[..1].to_vec() };
-    let count = kept.len();
     let left: f64 = kept.iter().map(|column| dot(column, column)).sum();
     if !(left.is_finite() && sizes.iter().sum::<f64>() * IMITATED * IMITATED < left) {
         return Tested::NOTHING;
     }
     let products: Vec<f64> = kept.iter().map(|column| dot(column, &linear.residual)).collect();
-    let gram = Mat::from_fn(count, count, |i, j| {
-        let product = dot(&kept[i], &kept[j]);
-        if i == j { product * (1.0 + 1e-9) + 1e-300 } else { product }
-    });
-    let right = Mat::from_fn(count, 1, |i, _| products[i]);
-    let factors = gram.partial_piv_lu().solve(&right);
-    let factors: Vec<f64> = (0..count).map(|i| factors[(i, 0)]).collect();
+    let Some(factors) = least_squares(&kept, &linear.residual) else { return Tested::NOTHING };
     let explained: f64 = factors.iter().zip(&products).map(|(f, p)| f * p).sum();
-    let (statistic, p_value) =
-        hotelling(&kept, &linear.residual, &linear.blocks, linear.block_count);
+    let (statistic, p_value) = joint(&kept, &linear.residual, &linear.blocks);
     Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors }
-}
-
-/// One-sample Hotelling test that the block sums of `columns * residual` have mean zero.
-pub(super) fn hotelling(
-    columns: &[Vec<f64>],
-    residual: &[f64],
-    blocks: &[usize],
-    block_count: usize,
-) -> (f64, f64) {
-    let sums = super::fit::block_sums(columns, residual, blocks, block_count);
-    let energy = super::fit::block_sums(columns, &columns[0], blocks, block_count);
-    let errors = super::fit::block_sums(&[residual.to_vec()], residual, blocks, block_count);
-    // Blocks in which the effect does nothing say nothing.
-    let strongest = energy.iter().map(|block| block[0]).fold(0.0, f64::max);
-    let active: Vec<usize> =
-        (0..block_count).filter(|block| 1e-6 * strongest < energy[*block][0]).collect();
-    let plain: Vec<Vec<f64>> = active.iter().map(|block| sums[*block].clone()).collect();
-    // A large gap sits in few blocks, whose scores then make their own scatter. As correlations all
-    // blocks count alike; the better of both tests is taken, at twice its probability.
-    let alike: Vec<Vec<f64>> = active
-        .iter()
-        .map(|block| {
-            let size = (energy[*block][0] * errors[*block][0]).sqrt().max(f64::MIN_POSITIVE);
-            sums[*block].iter().map(|sum| sum / size).collect()
-        })
-        .collect();
-    let (plain, alike) = (mean_is_zero(&plain), mean_is_zero(&alike));
-    let best = if plain.1 <= alike.1 { plain } else { alike };
-    (best.0, (2.0 * best.1).min(1.0))
-}
-
-/// Hotelling's one-sample test: F and its tail probability.
-fn mean_is_zero(active: &[Vec<f64>]) -> (f64, f64) {
-    let Some(first) = active.first() else { return (0.0, 1.0) };
-    let (n, k) = (active.len() as f64, first.len() as f64);
-    let count = first.len();
-    if n < k + 4.0 {
-        return (0.0, 1.0);
-    }
-    let mean: Vec<f64> =
-        (0..count).map(|i| active.iter().map(|sum| sum[i]).sum::<f64>() / n).collect();
-    let covariance = Mat::from_fn(count, count, |i, j| {
-        let product: f64 = active.iter().map(|sum| (sum[i] - mean[i]) * (sum[j] - mean[j])).sum();
-        product / (n - 1.0) * if i == j { 1.0 + 1e-9 } else { 1.0 }
-            + if i == j { 1e-300 } else { 0.0 }
-    });
-    let right = Mat::from_fn(count, 1, |i, _| mean[i]);
-    let solved = covariance.partial_piv_lu().solve(&right);
-    let t2: f64 = n * (0..count).map(|i| mean[i] * solved[(i, 0)]).sum::<f64>();
-    let f = t2 * (n - k) / (k * (n - 1.0));
-    (f, f_tail(f, k, n - k))
 }

@@ -7,13 +7,12 @@
 //! sine and cosine tested as one. Both must explain a session that they were not fitted to.
 
 use super::{
+    evidence::{joint, least_squares},
     fit::Fit,
     problem::{Linear, Part, Point, Problem, dot},
     rounds::FAMILY_ERROR,
-    screen::hotelling,
     whiten::{self, Filters},
 };
-use faer::{Mat, linalg::solvers::Solve};
 use std::f64::consts::TAU;
 
 /// Bins of a regressor.
@@ -78,12 +77,11 @@ pub(super) fn strongest(
     for (own, other) in smooth.iter().zip(&smooth_held) {
         let edges = bin_edges(own);
         let columns = binned(train, own, &edges, filters);
-        let Some(weights) = weights(&columns, &linear.residual) else { continue };
+        let Some(weights) = least_squares(&columns, &linear.residual) else { continue };
         let share = explained(&columns, &weights, &linear.residual) / total;
         let elsewhere = binned(held_out, other, &edges, filters);
         let carried = explained_by(&elsewhere, &weights, &held.residual) / held_total;
-        let (statistic, p) =
-            hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
+        let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
         if p_value < FAMILY_ERROR && WORTH_SAYING < share && CARRIES_OVER * share < carried {
             let name = format!("unknown.{}[{}]", own.name, band(&edges));
@@ -93,16 +91,15 @@ pub(super) fn strongest(
     }
     for (frequency, signal) in loud_lines(train, &linear, &lines) {
         let columns = line(train, frequency, signal, filters, &linear);
-        let Some(found) = weights(&columns, &linear.residual) else { continue };
+        let Some(found) = least_squares(&columns, &linear.residual) else { continue };
         let share = explained(&columns, &found, &linear.residual) / total;
         if share < WORTH_SAYING {
             continue;
         }
         let elsewhere = line(held_out, frequency, signal, filters, &held);
-        let carried = weights(&elsewhere, &held.residual)
+        let carried = least_squares(&elsewhere, &held.residual)
             .map_or(0.0, |own| explained(&elsewhere, &own, &held.residual) / held_total);
-        let (statistic, p) =
-            hotelling(&columns, &linear.residual, &linear.blocks, linear.block_count);
+        let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
         if p_value < FAMILY_ERROR && CARRIES_OVER * share < carried {
             let name = format!("unknown.time[{frequency:.2} Hz]");
@@ -111,20 +108,6 @@ pub(super) fn strongest(
         }
     }
     best
-}
-
-/// Least-squares weights of `columns` on `residual`; `None` when they are not independent.
-fn weights(columns: &[Vec<f64>], residual: &[f64]) -> Option<Vec<f64>> {
-    let count = columns.len();
-    let gram = Mat::from_fn(count, count, |i, j| {
-        dot(&columns[i], &columns[j]) * if i == j { 1.0 + 1e-6 } else { 1.0 }
-    });
-    if (0..count).any(|i| gram[(i, i)] <= 0.0) {
-        return None;
-    }
-    let right = Mat::from_fn(count, 1, |i, _| dot(&columns[i], residual));
-    let solution = gram.partial_piv_lu().solve(&right);
-    Some((0..count).map(|i| solution[(i, 0)]).collect())
 }
 
 fn explained(columns: &[Vec<f64>], weights: &[f64], residual: &[f64]) -> f64 {
@@ -289,8 +272,8 @@ fn loud_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64
                         cosine * turn_cosine - sine * turn_sine,
                     );
                 }
-                *energy +=
-                    2.0 * (along_sine * along_sine + along_cosine * along_cosine) / f64::max(*count, 1.0);
+                *energy += 2.0 * (along_sine * along_sine + along_cosine * along_cosine)
+                    / f64::max(*count, 1.0);
             }
         }
     }
