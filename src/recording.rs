@@ -25,9 +25,11 @@
 
 mod beside;
 mod error;
+mod frame_times;
 pub mod inspect;
 mod load;
 pub mod recover;
+mod runs;
 mod scan;
 mod schema;
 mod split;
@@ -37,7 +39,9 @@ mod writer;
 
 pub use beside::{ExistingFile, partial_name, write_beside, write_bytes};
 pub use error::RecordingError;
+pub use frame_times::FrameTimes;
 pub use load::{Attachment, Channel, MessageIndex, Recording, Series, hexadecimal, sha256_of_file};
+pub use runs::MarkedRun;
 pub use scan::{Loss, MAGIC};
 pub use schema::{FILE_DESCRIPTOR_SET, PROTOBUF, SchemaDifference, check_compatible, message};
 pub use split::Split;

@@ -7,7 +7,9 @@
 //!
 //! A recording is compared with the twin link by link ([`Stage`]): the measured input of a link is
 //! replayed through it, and its measured output is compared with the prediction. So an error of the
-//! drive cannot pass for one of the camera.
+//! drive cannot pass for one of the camera. Frames count from when they were taken where the camera's
+//! stamps are on the recording's clock, else from their arrival, transport included
+//! ([`crate::recording::FrameTimes`]).
 //!
 //! | stage | measured input | predicted output |
 //! |---|---|---|
@@ -23,6 +25,7 @@ mod camera;
 mod document;
 mod drive;
 mod estimator;
+mod machine;
 pub mod noise;
 mod nominal;
 mod path;
@@ -36,9 +39,10 @@ pub use camera::CameraStage;
 pub use document::{TwinError, read_twin, write_twin};
 pub use drive::{DriveStage, Output};
 pub use estimator::EstimatorStage;
+pub use machine::{Machine, machine_of};
 pub use path::MeasuredPath;
 pub use plant::{Plant, PlantState, belts, rails};
-pub use session::{Machine, Run, Session, SessionError, machine_of, runs_of, sessions_of};
+pub use session::{Run, Session, SessionError, runs_of, sessions_of};
 pub use stage::{Channel, Stage, StageKind};
 
 use crate::effects::{Axis, Effect};

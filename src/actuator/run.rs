@@ -11,8 +11,8 @@
 use super::{ActuatorError, layout::AXES};
 use crate::{
     recording::{
-        Recording, Series, Split,
-        message::{CameraDetections, CarriageState, VelocityCommand, run_marker::Phase},
+        FrameTimes, MarkedRun, Recording, RecordingError, Series, Split,
+        message::{CameraDetections, CarriageState, VelocityCommand},
         topic::{self, Player},
     },
     units::Nanos,
@@ -26,9 +26,6 @@ const LARGEST_GAP: f64 = 0.1;
 
 /// Half width of the window of camera positions behind one velocity (s): three frames at 120 Hz.
 const CAMERA_HALF_WINDOW: f64 = 0.0255;
-
-/// A capture time further than this from the arrival (s) belongs to another clock and is not used.
-const LARGEST_CAMERA_DELAY: f64 = 1.0;
 
 /// Which motion the model predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -122,7 +119,7 @@ pub fn resample(
         }
     };
     let mut runs = Vec::new();
-    for marked in marked_runs(recording)? {
+    for marked in runs_or_whole(recording)? {
         for piece in pieces(&commands, motion.track(), &marked.span) {
             let mut run = Run {
                 path: recording.path.clone(),
@@ -187,16 +184,15 @@ fn striker_track(
     player: Player,
 ) -> Result<Track, ActuatorError> {
     let series: Series<CameraDetections> = present(recording, topic)?;
-    let mut seen: Vec<(Nanos, [f64; AXES])> = series
-        .iter()
-        .filter_map(|(arrival, frame)| {
+    let taken = FrameTimes::of(&series).taken;
+    let mut seen: Vec<(Nanos, [f64; AXES])> = taken
+        .into_iter()
+        .zip(&series.values)
+        .filter_map(|(time, frame)| {
             let point = match player {
                 Player::Left => frame.left.as_ref(),
                 Player::Right => frame.right.as_ref(),
             }?;
-            let capture = Nanos(frame.capture_time_ns);
-            let delay = arrival.seconds_since(capture).abs();
-            let time = if delay <= LARGEST_CAMERA_DELAY { capture } else { arrival };
             Some((time, [point.x, point.y]))
         })
         .collect();
@@ -261,41 +257,15 @@ fn finite(
     Ok(track)
 }
 
-/// One run as the markers tell it.
-struct MarkedRun {
-    number: u32,
-    pattern: String,
-    split: Option<Split>,
-    span: Range<Nanos>,
-}
-
-/// The runs of the markers, or the whole recording when there are none. A run without END ends
-/// where the next one starts.
-fn marked_runs(recording: &Recording) -> Result<Vec<MarkedRun>, ActuatorError> {
-    let file_split = recording.info("split").and_then(Split::from_text);
-    let markers = recording.markers()?;
-    let end_of_file = recording.time_range().map_or(Nanos(0), |(_, last)| Nanos(last.0 + 1));
-    let mut runs: Vec<MarkedRun> = Vec::new();
-    let mut open = false;
-    for (time, marker) in markers.iter() {
-        if open && let Some(run) = runs.last_mut() {
-            run.span.end = time;
-        }
-        open = marker.phase() == Phase::Start;
-        if open {
-            runs.push(MarkedRun {
-                number: marker.run,
-                pattern: marker.pattern.clone(),
-                split: Split::from_text(&marker.split).or(file_split),
-                span: time..end_of_file,
-            });
-        }
-    }
+/// The runs of the markers, or the whole recording when there are none.
+fn runs_or_whole(recording: &Recording) -> Result<Vec<MarkedRun>, RecordingError> {
+    let mut runs = recording.marked_runs()?;
     if runs.is_empty() {
+        let end_of_file = recording.time_range().map_or(Nanos(0), |(_, last)| Nanos(last.0 + 1));
         runs.push(MarkedRun {
             number: 0,
             pattern: "unknown".to_owned(),
-            split: file_split,
+            split: recording.info("split").and_then(Split::from_text),
             span: Nanos(0)..end_of_file,
         });
     }

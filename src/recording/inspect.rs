@@ -135,7 +135,7 @@ pub fn inspect(recording: &Recording) -> Result<Inspection, RecordingError> {
         doubts.append(&mut topic.doubts);
         studied.push(topic);
     }
-    let (runs, run_doubts) = runs::find_runs(recording, start)?;
+    let (runs, run_doubts) = runs::find_runs(recording, (start, end))?;
     doubts.extend(early_stops(&studied));
     doubts.extend(large_gaps(&studied, &runs));
     doubts.extend(constant_ball(&studied));

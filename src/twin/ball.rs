@@ -51,23 +51,20 @@ pub struct BallStage {
 }
 
 impl BallStage {
-    /// The free rolls in `recording`; `None` without any. With `spans` (seconds since the recording
-    /// began) only what lies in one of them counts, and no roll goes on beyond its end; without,
-    /// the run markers do the same, and a recording without markers counts as a whole.
+    /// The free rolls in `recording`; `None` without any. Only what lies in one of `spans` (seconds
+    /// since the recording began) counts, and no roll goes on beyond its end.
     ///
     /// # Errors
-    /// When detections or markers do not decode.
+    /// When detections do not decode.
     pub fn from_recording(
         recording: &Recording,
         spans: &[Range<f64>],
     ) -> Result<Option<Self>, RecordingError> {
         let Some(tracks) = Tracks::from_recording(recording)? else { return Ok(None) };
-        let marked = if spans.is_empty() { rolls::marked_spans(recording)? } else { Vec::new() };
-        let spans = if spans.is_empty() { &marked } else { spans };
         Ok(Self::from_tracks(tracks, spans))
     }
 
-    /// The free rolls in `tracks`.
+    /// The free rolls in `tracks` within `spans`.
     fn from_tracks(tracks: Tracks, spans: &[Range<f64>]) -> Option<Self> {
         let rolls = rolls::cut(&tracks, spans);
         if rolls.is_empty() {

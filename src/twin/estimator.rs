@@ -10,12 +10,11 @@ use super::{
 };
 use crate::effects::{Domain, Effect, Physics, Sample};
 use crate::recording::{
-    Recording, RecordingError, Series,
-    message::{BoardState, CameraDetections, ObjectState, Point, run_marker::Phase},
+    FrameTimes, Recording, RecordingError,
+    message::{BoardState, CameraDetections, ObjectState, Point},
     topic,
 };
 use crate::stats::{median, quantile};
-use crate::units::Nanos;
 use std::ops::Range;
 
 /// Frames on each side of an instant, of which the velocity is made.
@@ -24,8 +23,6 @@ const FRAMES_BESIDE: usize = 4;
 const FEWEST: usize = 50;
 /// An object that covers less (m) does not move.
 const LEAST_TRAVEL_M: f64 = 0.01;
-/// Length of a run where nothing marks runs (s).
-const RUN_S: f64 = 2.5;
 /// The estimator starts anew after a longer gap (s).
 const LONGEST_GAP_S: f64 = 0.25;
 /// A velocity that was there long enough for any estimator to have settled: steps of 1 s.
@@ -33,8 +30,6 @@ const SETTLING_STEPS: usize = 20;
 /// A parabola that misses the places by this many times the usual distance does not describe them:
 /// an impact.
 const POOR_FIT: f64 = 5.0;
-/// Stamps of the camera this close together are no clock (s).
-const STANDING_CLOCK_S: f64 = 1e-6;
 
 /// Velocities of `/board/state`, of each object that moves: `state.left_vx` and so on.
 #[derive(Debug, Clone)]
@@ -78,11 +73,15 @@ struct Instant {
 
 impl EstimatorStage {
     /// The stage of a recording with detections of the camera and states; `None` where it lacks one
-    /// of them, or nothing moves.
+    /// of them, or nothing moves. Its runs are `spans` (seconds since the recording began): positions
+    /// beyond them only prepare the estimator, and no state beyond them is compared.
     ///
     /// # Errors
     /// When a message does not decode.
-    pub fn from_recording(recording: &Recording) -> Result<Option<Self>, RecordingError> {
+    pub fn from_recording(
+        recording: &Recording,
+        spans: &[Range<f64>],
+    ) -> Result<Option<Self>, RecordingError> {
         let states = recording.series::<BoardState>(topic::BOARD_STATE)?;
         let detections = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
         let Some((began, _)) = recording.time_range() else { return Ok(None) };
@@ -90,8 +89,12 @@ impl EstimatorStage {
             return Ok(None);
         }
         let times: Vec<f64> = states.times.iter().map(|t| t.seconds_since(began)).collect();
-        let runs = runs(recording, began, &times)?;
-        let frames = frame_times(&detections, began);
+        let place = |time: f64| times.partition_point(|sample| *sample < time);
+        let runs: Vec<Range<usize>> =
+            spans.iter().map(|span| place(span.start)..place(span.end)).collect();
+        // An estimator cannot know a frame before it arrives: its lag counts from then.
+        let frames: Vec<f64> =
+            FrameTimes::of(&detections).arrived.iter().map(|t| t.seconds_since(began)).collect();
         let mut stage = Self { channels: Vec::new(), inputs: Vec::new() };
         for object in &OBJECTS {
             let seen = detections.values.iter().map(|found| (object.seen)(found));
@@ -103,7 +106,7 @@ impl EstimatorStage {
         Ok((!stage.channels.is_empty()).then_some(stage))
     }
 
-    /// Adds both velocities of an object if it moves and the states tell velocities of it.
+    /// Adds both velocities of an object if it moves and the states in `runs` tell velocities of it.
     fn add(
         &mut self,
         name: &str,
@@ -111,7 +114,8 @@ impl EstimatorStage {
         reported: &[Option<[f64; 2]>],
         (times, runs): (&[f64], &[Range<usize>]),
     ) {
-        let told = reported.iter().flatten().filter(|v| v[0] != 0.0 || v[1] != 0.0).count();
+        let own = runs.iter().flat_map(|run| &reported[run.clone()]).flatten();
+        let told = own.filter(|v| v[0] != 0.0 || v[1] != 0.0).count();
         if !track.moves() || told < FEWEST {
             return;
         }
@@ -215,55 +219,10 @@ const OBJECTS: [Object; 3] = [
     },
 ];
 
-/// When each frame arrived (s since `began`), by the camera's own clock where it has one: arrivals
-/// scatter, the clock does not. Offset and drift of that clock are those between the medians of the
-/// first and of the last third.
-fn frame_times(detections: &Series<CameraDetections>, began: Nanos) -> Vec<f64> {
-    let arrived: Vec<f64> = detections.times.iter().map(|t| t.seconds_since(began)).collect();
-    let first = Nanos(detections.values.iter().map(|d| d.capture_time_ns).min().unwrap_or(0));
-    let captured: Vec<f64> =
-        detections.values.iter().map(|d| Nanos(d.capture_time_ns).seconds_since(first)).collect();
-    let running = captured.windows(2).all(|pair| STANDING_CLOCK_S < pair[1] - pair[0]);
-    let n = arrived.len();
-    let age: Vec<f64> = arrived.iter().zip(&captured).map(|(a, c)| a - c).collect();
-    let ends = (median(&age[..n / 3]), median(&age[n - n / 3..]));
-    let (true, (Some(early), Some(late))) = (running, ends) else { return arrived };
-    let [at_early, at_late] = [captured[n / 6], captured[n - 1 - n / 6]];
-    let drift = (late - early) / (at_late - at_early);
-    captured.iter().map(|c| c + early + drift * (c - at_early)).collect()
-}
-
 /// Rate of `times` (Hz).
 fn rate(times: &[f64]) -> f64 {
     let periods: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
     median(&periods).filter(|period| 0.0 < *period).map_or(0.0, f64::recip)
-}
-
-/// Samples of each marked run, or of windows where nothing is marked.
-fn runs(
-    recording: &Recording,
-    began: Nanos,
-    times: &[f64],
-) -> Result<Vec<Range<usize>>, RecordingError> {
-    let place = |time: f64| times.partition_point(|sample| *sample < time);
-    let mut runs = Vec::new();
-    let mut open: Option<(u32, f64)> = None;
-    for (time, marker) in recording.markers()?.iter() {
-        let time = time.seconds_since(began);
-        if marker.phase() == Phase::Start {
-            open = Some((marker.run, time));
-        } else if let Some((run, start)) = open.take()
-            && run == marker.run
-        {
-            runs.push(place(start)..place(time));
-        }
-    }
-    if let (true, Some(first), Some(last)) = (runs.is_empty(), times.first(), times.last()) {
-        let windows = ((last - first) / RUN_S).round().max(1.0);
-        let edge = |k: f64| if k < windows { place(first + k * RUN_S) } else { times.len() };
-        runs.extend((0..windows as usize).map(|k| edge(k as f64)..edge(k as f64 + 1.0)));
-    }
-    Ok(runs)
 }
 
 impl Track {

@@ -1,11 +1,12 @@
 //! The scripted runs of a recording, from its markers.
 
 use super::{
-    super::{Recording, RecordingError, message::run_marker::Phase},
+    super::{Recording, RecordingError, runs::Pairs},
     doubt::Doubt,
 };
 use crate::units::Nanos;
 use serde::Serialize;
+use std::ops::Range;
 
 /// A velocity needs two samples.
 const MIN_RUN_SAMPLES: u64 = 2;
@@ -28,37 +29,34 @@ pub struct RunReport {
     pub samples: u64,
 }
 
-/// The runs in order of their start, and what is doubtful about the markers.
+/// The runs in order of their start, and what is doubtful about the markers. They are paired as
+/// [`Recording::marked_runs`] does it.
 pub(super) fn find_runs(
     recording: &Recording,
-    start: Nanos,
+    (start, last): (Nanos, Nanos),
 ) -> Result<(Vec<RunReport>, Vec<Doubt>), RecordingError> {
-    let mut runs: Vec<RunReport> = Vec::new();
-    let mut doubts = Vec::new();
-    for (time, marker) in recording.markers()?.iter() {
-        let at_s = time.seconds_since(start);
-        if marker.phase() == Phase::Start {
-            runs.push(RunReport {
-                run: marker.run,
-                pattern: marker.pattern.clone(),
-                split: marker.split.clone(),
-                start_s: at_s,
-                duration_s: None,
-                samples: 0,
-            });
-            continue;
-        }
-        let open = runs.iter_mut().rev().find(|r| r.run == marker.run && r.duration_s.is_none());
-        match open {
-            Some(run) => run.duration_s = Some(at_s - run.start_s),
-            None => doubts.push(Doubt::RunWithoutStart {
-                run: marker.run,
-                pattern: marker.pattern.clone(),
-                end_s: at_s,
-            }),
-        }
+    let markers = recording.markers()?;
+    let pairs = Pairs::of(&markers);
+    let at_s = |index: usize| markers.times[index].seconds_since(start);
+    let stray = |index: &usize| Doubt::RunWithoutStart {
+        run: markers.values[*index].run,
+        pattern: markers.values[*index].pattern.clone(),
+        end_s: at_s(*index),
+    };
+    let mut doubts: Vec<Doubt> = pairs.stray_ends.iter().map(stray).collect();
+    let times = counted_times(recording);
+    let mut runs = Vec::new();
+    for (index, (begins, ends)) in pairs.runs.iter().enumerate() {
+        let marker = &markers.values[*begins];
+        runs.push(RunReport {
+            run: marker.run,
+            pattern: marker.pattern.clone(),
+            split: marker.split.clone(),
+            start_s: at_s(*begins),
+            duration_s: ends.map(|ends| at_s(ends) - at_s(*begins)),
+            samples: most_within(&times, &pairs.span(index, &markers.times, last)),
+        });
     }
-    count_samples(recording, start, &mut runs);
     doubts.extend(runs.iter().filter_map(doubt_of));
     Ok((runs, doubts))
 }
@@ -75,28 +73,29 @@ fn doubt_of(run: &RunReport) -> Option<Doubt> {
     })
 }
 
-fn count_samples(recording: &Recording, start: Nanos, runs: &mut [RunReport]) {
-    let has_commands = recording
-        .channels
-        .iter()
-        .any(|channel| super::is_command(&channel.topic) && !channel.messages.is_empty());
-    for channel in &recording.channels {
-        let counts = if has_commands {
-            super::is_command(&channel.topic)
-        } else {
-            !super::is_event(&channel.topic)
-        };
-        if runs.is_empty() || !counts {
-            continue;
-        }
-        let mut times: Vec<f64> =
-            channel.messages.iter().map(|m| m.log_time.seconds_since(start)).collect();
-        times.sort_by(f64::total_cmp);
-        for run in runs.iter_mut() {
-            let end_s = run.duration_s.map_or(f64::INFINITY, |duration| run.start_s + duration);
-            let first = times.partition_point(|time| *time < run.start_s);
-            let after = times.partition_point(|time| *time < end_s);
-            run.samples = run.samples.max((after - first) as u64);
-        }
-    }
+/// Log times of the channels that count samples, each in order: those of commands where there are
+/// any.
+fn counted_times(recording: &Recording) -> Vec<Vec<Nanos>> {
+    let filled = || recording.channels.iter().filter(|channel| !channel.messages.is_empty());
+    let has_commands = filled().any(|channel| super::is_command(&channel.topic));
+    let counts = |topic: &str| {
+        if has_commands { super::is_command(topic) } else { !super::is_event(topic) }
+    };
+    filled()
+        .filter(|channel| counts(&channel.topic))
+        .map(|channel| {
+            let mut times: Vec<Nanos> = channel.messages.iter().map(|m| m.log_time).collect();
+            times.sort_unstable();
+            times
+        })
+        .collect()
+}
+
+/// Most of `times` of one channel that lie in `span`.
+fn most_within(times: &[Vec<Nanos>], span: &Range<Nanos>) -> u64 {
+    let within = |times: &Vec<Nanos>| {
+        let before = |end: Nanos| times.partition_point(|time| *time < end);
+        before(span.end).saturating_sub(before(span.start)) as u64
+    };
+    times.iter().map(within).max().unwrap_or(0)
 }

@@ -7,6 +7,7 @@ use crate::{
         message::{AxisInput, AxisOutput},
         topic,
     },
+    stats::median,
     units::Nanos,
 };
 use std::{collections::BTreeSet, ops::Range};
@@ -51,23 +52,16 @@ pub enum AxisError {
 }
 
 impl AxisStage {
-    /// Every axis of `recording` that has both input and output. Runs are those of the markers,
-    /// else the whole recording, and long ones are cut into pieces of about 2.5 s; times count from
-    /// the recording's first message.
+    /// Every axis of `recording` that has both input and output, in `spans` (seconds since the
+    /// recording began), of which long ones are cut into pieces of about 2.5 s.
     ///
     /// # Errors
     /// When messages do not decode, an input is no force, or an axis is too short.
-    pub fn from_recording(recording: &Recording) -> Result<Vec<Self>, AxisError> {
-        let spans = spans(recording)?;
-        Self::from_runs(recording, &spans)
-    }
-
-    /// The same with runs given as times since the recording's first message (s).
-    ///
-    /// # Errors
-    /// As [`AxisStage::from_recording`].
-    pub fn from_runs(recording: &Recording, runs: &[Range<f64>]) -> Result<Vec<Self>, AxisError> {
-        let runs: Vec<Range<f64>> = runs.iter().flat_map(pieces).collect();
+    pub fn from_recording(
+        recording: &Recording,
+        spans: &[Range<f64>],
+    ) -> Result<Vec<Self>, AxisError> {
+        let runs: Vec<Range<f64>> = spans.iter().flat_map(pieces).collect();
         let mut stages = Vec::new();
         for name in names(recording) {
             stages.push(Self::new(measured(recording, name)?, &runs));
@@ -88,36 +82,12 @@ fn names(recording: &Recording) -> Vec<String> {
     with("/input").intersection(&with("/output")).cloned().collect()
 }
 
-fn seconds(time: Nanos, origin: Nanos) -> f64 {
-    time.seconds_since(origin)
-}
-
 /// A run, or the equal pieces of a long one.
 fn pieces(run: &Range<f64>) -> Vec<Range<f64>> {
     let length = run.end - run.start;
     let count = if LONG_RUN_S < length { (length / PIECE_S).round() } else { 1.0 };
     let border = |k: usize| run.start + length * k as f64 / count;
     (0..count as usize).map(|k| border(k)..border(k + 1)).collect()
-}
-
-/// Runs of the markers, or the whole recording.
-fn spans(recording: &Recording) -> Result<Vec<Range<f64>>, RecordingError> {
-    let Some((origin, end)) = recording.time_range() else { return Ok(Vec::new()) };
-    let mut open: Vec<(u32, f64)> = Vec::new();
-    let mut spans = Vec::new();
-    for (time, marker) in recording.markers()?.iter() {
-        let at = seconds(time, origin);
-        let begun = open.iter().position(|(run, _)| *run == marker.run).map(|k| open.remove(k).1);
-        match begun {
-            _ if marker.phase == 0 => open.push((marker.run, at)),
-            Some(start) if start < at => spans.push(start..at),
-            _ => {}
-        }
-    }
-    if spans.is_empty() {
-        spans.push(0.0..seconds(end, origin));
-    }
-    Ok(spans)
 }
 
 /// Input and position of axis `name` at the equal steps of its output.
@@ -128,23 +98,24 @@ fn measured(recording: &Recording, name: String) -> Result<Measured, AxisError> 
     let recorded = inputs.values.first().map_or("", |first| first.unit.as_str());
     let unit = unit_of(recorded, &name)?;
     let input: Vec<(f64, f64)> =
-        inputs.iter().map(|(time, message)| (seconds(time, origin), message.value)).collect();
+        inputs.iter().map(|(time, message)| (time.seconds_since(origin), message.value)).collect();
     let mut position: Vec<(f64, f64)> = outputs
         .iter()
-        .filter_map(|(time, message)| Some((seconds(time, origin), message.position?)))
+        .filter_map(|(time, message)| Some((time.seconds_since(origin), message.position?)))
         .collect();
     if position.is_empty() {
-        position = integrated(
-            outputs
-                .iter()
-                .filter_map(|(time, message)| Some((seconds(time, origin), message.velocity?))),
-        );
+        position =
+            integrated(outputs.iter().filter_map(|(time, message)| {
+                Some((time.seconds_since(origin), message.velocity?))
+            }));
     }
     let found = position.len().min(input.len());
     if found < LEAST_SAMPLES {
         return Err(AxisError::TooShort { name, found });
     }
-    let dt = median_step(&position);
+    let steps: Vec<f64> = position.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    // Stamps are whole nanoseconds.
+    let dt = (median(&steps).unwrap_or(0.0) * 1e9).round() * 1e-9;
     let start = position[0].0.max(input[0].0);
     let end = position[position.len() - 1].0.min(input[input.len() - 1].0);
     let count = if dt > 0.0 && start < end { ((end - start) / dt + 1e-6) as usize + 1 } else { 0 };
@@ -189,13 +160,6 @@ fn integrated(velocities: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
             (time, position)
         })
         .collect()
-}
-
-fn median_step(samples: &[(f64, f64)]) -> f64 {
-    let mut steps: Vec<f64> = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-    steps.sort_by(f64::total_cmp);
-    // Stamps are whole nanoseconds.
-    (steps.get(steps.len() / 2).copied().unwrap_or(0.0) * 1e9).round() * 1e-9
 }
 
 /// Samples at equal steps, on the straight lines between those recorded.

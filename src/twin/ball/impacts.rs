@@ -2,9 +2,9 @@
 
 use super::{
     HALF_BOARD, RADIUS, WALLS, outward,
-    rolls::{Line, Roll, Tracks, median},
+    rolls::{Line, Roll, Tracks},
 };
-use crate::effects::Wall;
+use crate::{effects::Wall, stats::median};
 use std::ops::Range;
 
 /// Most and fewest samples on each side from which a velocity is measured.
@@ -94,7 +94,7 @@ fn usual_deceleration(tracks: &Tracks, rolls: &[Roll], turns: &[Vec<(usize, Wall
             start = end + 1;
         }
     }
-    median(&mut found).max(0.0)
+    median(&found).unwrap_or(0.0).max(0.0)
 }
 
 /// Whether the ball is furthest out towards `wall` at `sample`, and near it.

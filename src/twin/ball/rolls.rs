@@ -8,10 +8,11 @@
 use super::{HALF_BOARD, RADIUS};
 use crate::{
     recording::{
-        Recording, RecordingError,
-        message::{CameraDetections, Point, run_marker::Phase},
+        FrameTimes, Recording, RecordingError,
+        message::{CameraDetections, Point},
         topic::CAMERA_DETECTIONS,
     },
+    stats::median,
     units::Nanos,
 };
 use std::ops::Range;
@@ -54,10 +55,6 @@ const REST: (usize, f64) = (8, 1.2e-3);
 /// Time for which a ball that came to rest is still watched (s).
 const WATCHED_REST: f64 = 0.15;
 
-/// More than this between the clocks of camera and host (s) means that they count from different
-/// instants.
-const OTHER_EPOCH: f64 = 1.0;
-
 /// What the camera saw of the ball.
 pub(super) struct Tracks {
     /// When each frame was taken, as far as it is known (s since the recording began).
@@ -99,26 +96,13 @@ impl Tracks {
     pub(super) fn from_recording(recording: &Recording) -> Result<Option<Self>, RecordingError> {
         let frames = recording.series::<CameraDetections>(CAMERA_DETECTIONS)?;
         let Some((origin, _)) = recording.time_range() else { return Ok(None) };
-        let stamped = frames.values.iter().all(|frame| frame.capture_time_ns != 0);
         let since = |time: Nanos| time.seconds_since(origin);
-        let epoch = if stamped {
-            let mut ages: Vec<f64> = frames
-                .iter()
-                .map(|(arrival, frame)| arrival.seconds_since(Nanos(frame.capture_time_ns)))
-                .collect();
-            let age = median(&mut ages);
-            if age.abs() < OTHER_EPOCH { 0.0 } else { age }
-        } else {
-            0.0
-        };
         let place = |point: &Point| [point.x, point.y];
         let mut samples = Vec::with_capacity(frames.times.len());
-        for (arrival, frame) in frames.iter() {
-            let time =
-                if stamped { since(Nanos(frame.capture_time_ns)) + epoch } else { since(arrival) };
+        for ((arrival, frame), taken) in frames.iter().zip(FrameTimes::of(&frames).taken) {
             let Some(ball) = frame.ball.as_ref().map(place) else { continue };
             let strikers = [frame.left.as_ref().map(place), frame.right.as_ref().map(place)];
-            samples.push(Sample { time, arrival: since(arrival), ball, strikers });
+            samples.push(Sample { time: since(taken), arrival: since(arrival), ball, strikers });
         }
         Ok(Self::new(samples))
     }
@@ -145,16 +129,16 @@ impl Tracks {
         if tracks.times.len() < FEWEST {
             return None;
         }
-        let mut steps: Vec<f64> = tracks.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        tracks.rate_hz = 1.0 / median(&mut steps);
-        let mut bends: Vec<f64> = tracks
+        let steps: Vec<f64> = tracks.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        tracks.rate_hz = median(&steps)?.recip();
+        let bends: Vec<f64> = tracks
             .ball
             .windows(3)
             .flat_map(|w| [0, 1].map(|k| (w[2][k] - 2.0 * w[1][k] + w[0][k]).abs()))
             .collect();
         // Of independent noise a second difference has sqrt 6 of the spread, and half of all normal
         // values lie within 0.6745 of it.
-        tracks.noise = median(&mut bends) / (0.6745 * 6.0_f64.sqrt());
+        tracks.noise = median(&bends)? / (0.6745 * 6.0_f64.sqrt());
         Some(tracks)
     }
 
@@ -211,30 +195,7 @@ pub(super) struct Line {
     off_rms: f64,
 }
 
-pub(super) fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
-/// The runs between the markers (s since the recording began); empty without markers.
-pub(super) fn marked_spans(recording: &Recording) -> Result<Vec<Range<f64>>, RecordingError> {
-    let Some((origin, _)) = recording.time_range() else { return Ok(Vec::new()) };
-    let (mut spans, mut open) = (Vec::new(), None);
-    for (time, marker) in recording.markers()?.iter() {
-        let at = time.seconds_since(origin);
-        if marker.phase() == Phase::Start {
-            open = Some(at);
-        } else if let Some(start) = open.take() {
-            spans.push(start..at);
-        }
-    }
-    Ok(spans)
-}
-
-/// The free rolls in `tracks`, confined to `spans` where there are any.
+/// The free rolls in `tracks` within `spans`.
 pub(super) fn cut(tracks: &Tracks, spans: &[Range<f64>]) -> Vec<Roll> {
     let mut rolls = Vec::new();
     for piece in continuous_pieces(tracks, spans) {
@@ -248,7 +209,7 @@ pub(super) fn cut(tracks: &Tracks, spans: &[Range<f64>]) -> Vec<Roll> {
 /// Pieces without gap, jump, striker or end of a span.
 fn continuous_pieces(tracks: &Tracks, spans: &[Range<f64>]) -> Vec<Range<usize>> {
     let span_of = |i: usize| spans.iter().position(|span| span.contains(&tracks.arrivals[i]));
-    let usable = |i: usize| (spans.is_empty() || span_of(i).is_some()) && !tracks.near_striker(i);
+    let usable = |i: usize| span_of(i).is_some() && !tracks.near_striker(i);
     let joined = |i: usize| {
         let dt = tracks.times[i + 1] - tracks.times[i];
         dt < GAP.max(1.5 / tracks.rate_hz)

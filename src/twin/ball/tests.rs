@@ -8,6 +8,9 @@ use crate::{
 
 const GRAVITY: f64 = 9.81;
 
+/// One span around everything.
+const WHOLE: [Range<f64>; 1] = [0.0..f64::INFINITY];
+
 fn instance(name: &str, values: &[f64]) -> Instance {
     let effect = find(name).expect("the effect is in the catalogue");
     Instance::new(effect, Axis::Whole, values, Source::Known)
@@ -267,7 +270,7 @@ fn nominal() -> Rules {
 fn rolls_end_at_gaps_strikers_and_pushes_but_not_at_walls() {
     let whole = track(&nominal(), [-0.1, 0.0, 0.4, 0.2], 0.6);
     let stage = |samples: Vec<rolls::Sample>| {
-        Tracks::new(samples).and_then(|tracks| BallStage::from_tracks(tracks, &[]))
+        Tracks::new(samples).and_then(|tracks| BallStage::from_tracks(tracks, &WHOLE))
     };
     assert_eq!(stage(whole.clone()).map(|stage| stage.roll_count()), Some(1));
     let mut gap = whole.clone();
@@ -303,7 +306,7 @@ fn starts_are_guessed_within_the_noise() {
     let tracks = Tracks::new(track(&nominal(), [-0.1, 0.0, 1.0, 0.4], 0.6)).expect("a track");
     assert_close(tracks.noise, 2.5e-4, 5e-5);
     assert_close(tracks.rate_hz, 120.0, 0.1);
-    let stage = BallStage::from_tracks(tracks, &[]).expect("a roll");
+    let stage = BallStage::from_tracks(tracks, &WHOLE).expect("a roll");
     for (found, (expected, tolerance)) in
         stage.nuisance_start(0).iter().zip([(-0.1, 1e-3), (0.0, 1e-3), (1.0, 0.03), (0.4, 0.03)])
     {
@@ -315,7 +318,7 @@ fn starts_are_guessed_within_the_noise() {
 fn measured_impacts_show_the_restitution() {
     let samples = track(&nominal(), [-0.1, 0.0, 1.2, 0.5], 2.0);
     let tracks = Tracks::new(samples).expect("a track");
-    let stage = BallStage::from_tracks(tracks, &[]).expect("rolls");
+    let stage = BallStage::from_tracks(tracks, &WHOLE).expect("rolls");
     let impacts = stage.impacts();
     assert!(4 <= impacts.len(), "{impacts:?}");
     assert_eq!(impacts[0].wall, Wall::Right);

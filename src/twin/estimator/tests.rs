@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::effects::{Axis, find};
-use crate::recording::{ExistingFile, FlushPolicy, RecordingWriter, message::RunMarker};
+use crate::recording::{ExistingFile, FlushPolicy, RecordingWriter};
 use crate::twin::Source;
+use crate::units::Nanos;
 use std::f64::consts::TAU;
 
 /// Amplitude (m) and frequency (1/s) of the left striker's x; it rests in y.
@@ -11,9 +12,8 @@ const AMPLITUDE: f64 = 0.08;
 const OMEGA: f64 = TAU;
 
 /// Records 20 s: frames at 120 Hz with their own clock (an hour off, 100 ppm fast), arriving 5 ms
-/// later; states at 50 Hz whose velocity is `velocity(t)`, t counted with the arrivals. Marked runs of
-/// 5 s start at `runs` (s).
-fn recording(runs: &[f64], velocity: impl Fn(f64) -> f64) -> Recording {
+/// later; states at 50 Hz whose velocity is `velocity(t)`, t counted with the arrivals.
+fn recording(velocity: impl Fn(f64) -> f64) -> Recording {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("sine.mcap");
     let mut writer =
@@ -36,14 +36,18 @@ fn recording(runs: &[f64], velocity: impl Fn(f64) -> f64) -> Recording {
         let state = BoardState { left: Some(left), ..BoardState::default() };
         writer.write(topic::BOARD_STATE, at(t + 0.003), &state).unwrap();
     }
-    for (run, start) in (1..).zip(runs) {
-        for (phase, time) in [(Phase::Start, *start), (Phase::End, start + 5.0)] {
-            let marker = RunMarker { run, phase: phase.into(), ..RunMarker::default() };
-            writer.write(topic::RUN_MARKER, at(time), &marker).unwrap();
-        }
-    }
     writer.finish().unwrap();
     Recording::open(&path).unwrap()
+}
+
+/// The stage of such a recording in runs at `spans` (s).
+fn stage_of(spans: Vec<Range<f64>>, velocity: impl Fn(f64) -> f64) -> Option<EstimatorStage> {
+    EstimatorStage::from_recording(&recording(velocity), &spans).unwrap()
+}
+
+/// All 20 s, in runs of 2.5 s.
+fn windows() -> Vec<Range<f64>> {
+    (0..8).map(|k| 2.5 * f64::from(k)..2.5 * f64::from(k + 1)).collect()
 }
 
 /// Velocity behind a linear estimator with this gain and lag of phase (rad).
@@ -66,12 +70,11 @@ fn instance(name: &str, values: &[f64]) -> Instance {
 
 #[test]
 fn without_an_estimator_the_state_is_the_derivative() {
-    let stage = EstimatorStage::from_recording(&recording(&[2.0, 9.0], shifted(1.0, 0.0))).unwrap();
-    let stage = stage.unwrap();
+    let stage = stage_of([2.0..7.0, 9.0..14.0].to_vec(), shifted(1.0, 0.0)).unwrap();
     let channel = &stage.channels()[0];
     assert_eq!((channel.signal.as_str(), channel.axis), ("state.left_vx", "x"));
     assert!((channel.rate_hz - 50.0).abs() < 0.01 && stage.channels().len() == 2);
-    // Markers at 2 to 7 s and 9 to 14 s; the states begin 3 ms after the first frame.
+    // The states begin 3 ms after the first frame.
     assert_eq!(channel.runs, [100..350, 450..700]);
     // Of a velocity of 0.5 m/s; the parabola over 67 ms flattens a sine of 1 Hz by 0.4 %.
     assert!(left_over(&stage, &[]) < 2.5e-3, "{}", left_over(&stage, &[]));
@@ -81,8 +84,7 @@ fn without_an_estimator_the_state_is_the_derivative() {
 fn a_low_pass_and_a_kalman_filter_are_told_by_their_lag() {
     let lag = 0.03;
     let first_order = shifted(1.0 / (OMEGA * lag).hypot(1.0), (OMEGA * lag).atan());
-    let stage = EstimatorStage::from_recording(&recording(&[], first_order)).unwrap().unwrap();
-    // 20 s in windows of 2.5 s.
+    let stage = stage_of(windows(), first_order).unwrap();
     assert_eq!(stage.channels()[0].runs.len(), 8);
     assert_eq!(stage.channels()[0].runs[7].end, 1000);
     let left = |lag: f64| left_over(&stage, &[instance("estimator.lag", &[lag, 20.0])]);
@@ -94,7 +96,7 @@ fn a_low_pass_and_a_kalman_filter_are_told_by_their_lag() {
     let (real, imaginary) = (natural * natural - OMEGA * OMEGA, 2.0_f64.sqrt() * natural * OMEGA);
     let gain = natural * natural / real.hypot(imaginary);
     let kalman = shifted(gain, imaginary.atan2(real));
-    let stage = EstimatorStage::from_recording(&recording(&[], kalman)).unwrap().unwrap();
+    let stage = stage_of(windows(), kalman).unwrap();
     let left = |lag: f64| left_over(&stage, &[instance("estimator.lag", &[lag, 0.5_f64.sqrt()])]);
     assert!(left(0.03) < 3e-3 && 2.0 * left(0.03) < left(0.027).min(left(0.033)));
 }
@@ -105,7 +107,7 @@ fn a_dead_zone_is_told_from_none() {
         let v = shifted(1.0, 0.0)(t);
         if v.abs() < 0.2 { 0.0 } else { v }
     };
-    let stage = EstimatorStage::from_recording(&recording(&[], reports)).unwrap().unwrap();
+    let stage = stage_of(windows(), reports).unwrap();
     let left = left_over(&stage, &[instance("estimator.velocity_deadzone", &[0.2])]);
     assert!(left < 0.02 && 0.05 < left_over(&stage, &[]), "{left}");
     assert!(stage.calls(find("estimator.lag").unwrap()));
@@ -114,7 +116,8 @@ fn a_dead_zone_is_told_from_none() {
 
 #[test]
 fn states_without_velocities_make_no_stage() {
-    assert!(EstimatorStage::from_recording(&recording(&[], |_| 0.0)).unwrap().is_none());
+    assert!(stage_of(windows(), |_| 0.0).is_none());
+    assert!(stage_of(Vec::new(), shifted(1.0, 0.0)).is_none());
 }
 
 #[test]

@@ -1,0 +1,58 @@
+//! The kind of machine that a twin describes.
+
+use super::{Session, StageKind};
+use crate::effects::{Axis, Site};
+use serde::{Deserialize, Serialize};
+
+/// What kind of machine a twin describes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Machine {
+    /// The KlaskTron table: two motors, two rails, magnet, striker, camera, ball.
+    Table,
+    /// A single axis.
+    Axis,
+}
+
+impl std::fmt::Display for Machine {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Table => "table",
+            Self::Axis => "single axis",
+        })
+    }
+}
+
+impl Machine {
+    /// Motors of one gantry.
+    #[must_use]
+    pub fn motors(self) -> usize {
+        match self {
+            Self::Table => 2,
+            Self::Axis => 1,
+        }
+    }
+
+    /// The places at which an effect of `site` may act on this machine.
+    #[must_use]
+    pub fn axes(self, site: Site) -> Vec<Axis> {
+        match self {
+            Self::Table => site.axes().to_vec(),
+            // One motor is one rail: the place is written one way.
+            Self::Axis => match site {
+                Site::Motors => vec![Axis::Motors],
+                Site::OneMotor => Vec::new(),
+                Site::Rails | Site::MotorsAndRails => vec![Axis::Rails],
+                Site::Whole => vec![Axis::Whole],
+            },
+        }
+    }
+}
+
+/// What kind of machine `sessions` were recorded on: a single axis when nothing else is there.
+#[must_use]
+pub fn machine_of(sessions: &[Session]) -> Machine {
+    let only_axes =
+        |session: &Session| session.stages().iter().all(|stage| stage.kind() == StageKind::Axis);
+    if sessions.iter().all(only_axes) { Machine::Axis } else { Machine::Table }
+}

@@ -1,0 +1,130 @@
+//! The links of a measured gantry: commands to motors, and carriage to camera.
+
+use super::{Readings, Run, gantry::Gantry};
+use crate::{
+    effects::Domain,
+    recording::{
+        FrameTimes, Recording, RecordingError,
+        message::{CameraDetections, VelocityCommand},
+        topic::{self, Player},
+    },
+    twin::{
+        CameraStage, DriveStage, MeasuredPath,
+        drive::{Output, RunStart, SETTLING},
+    },
+};
+use std::ops::Range;
+
+/// A pause of the recording after which the plant starts anew (s).
+const PAUSE: f64 = 0.2;
+
+/// Fewest commands of a drive that is looked at.
+const FEWEST_COMMANDS: usize = 10;
+
+/// Fewest pictures of a striker that is looked at.
+const FEWEST_PICTURES: usize = 20;
+
+/// Height of the striker's mark above the board (m).
+const STRIKER_HEIGHT: f64 = 0.02;
+
+/// The drive's link of `gantry`.
+///
+/// # Errors
+/// When a message does not decode.
+pub(super) fn drive_stage(
+    recording: &Recording,
+    gantry: &Gantry,
+    runs: &[Run],
+) -> Result<Option<DriveStage>, RecordingError> {
+    let Some((origin, _)) = recording.time_range() else { return Ok(None) };
+    let commands = recording.series::<VelocityCommand>(&topic::command(gantry.player))?;
+    if commands.times.len() < FEWEST_COMMANDS {
+        return Ok(None);
+    }
+    let starts: Vec<RunStart> = run_starts(runs, &gantry.carriage);
+    let spans: Vec<Range<f64>> = starts
+        .iter()
+        .map(|start| start.time + if start.fresh { SETTLING } else { 0.0 }..start.end)
+        .collect();
+    let mut channels = Vec::new();
+    let mut outputs = Vec::new();
+    let torque_names = ["motor_a.torque", "motor_b.torque"];
+    let velocity_names = ["motor_a.velocity", "motor_b.velocity"];
+    let axes = ["a", "b"];
+    for k in 0..2 {
+        let even = gantry.motors[k].evened();
+        let name = (velocity_names[k], "m/s", Domain::Drive, axes[k]);
+        channels.push(even.channel(1, &spans, name));
+        outputs.push(Output::Velocity(k));
+        if even.values.iter().filter(|value| value[2].is_finite()).count() * 2 > even.values.len() {
+            let name = (torque_names[k], "N m", Domain::Drive, axes[k]);
+            channels.push(even.channel(2, &spans, name));
+            outputs.push(Output::Torque(k));
+        }
+    }
+    Ok(Some(DriveStage {
+        command_times: commands.times.iter().map(|time| time.seconds_since(origin)).collect(),
+        commands: commands.values.iter().map(|command| [command.vx, command.vy]).collect(),
+        starts,
+        channels,
+        outputs,
+    }))
+}
+
+fn run_starts(runs: &[Run], carriage: &Readings<4>) -> Vec<RunStart> {
+    let mut starts: Vec<RunStart> = Vec::new();
+    for run in runs {
+        let first = carriage.times.partition_point(|time| *time < run.span.start - 1e-9);
+        let Some(value) = carriage.values.get(first) else { continue };
+        let time = carriage.times[first];
+        if run.span.end <= time {
+            continue;
+        }
+        let fresh = starts.last().is_none_or(|last| last.end + PAUSE < time);
+        starts.push(RunStart {
+            time,
+            end: run.span.end,
+            position: [value[0], value[1]],
+            velocity: [value[2], value[3]],
+            fresh,
+        });
+    }
+    starts
+}
+
+/// The link from the carriage of `gantry` to the camera. Where frames carry a clock of their own
+/// epoch or none, the camera's latency is the time up to their arrival (see [`FrameTimes`]).
+///
+/// # Errors
+/// When a message does not decode.
+pub(super) fn camera_stage(
+    recording: &Recording,
+    gantry: &Gantry,
+    runs: &[Run],
+) -> Result<Option<CameraStage>, RecordingError> {
+    let Some((origin, _)) = recording.time_range() else { return Ok(None) };
+    let frames = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
+    let taken = FrameTimes::of(&frames).taken;
+    let seen = Readings::<2>::collect(taken.iter().zip(&frames.values).map(|(time, frame)| {
+        let point = match gantry.player {
+            Player::Left => &frame.left,
+            Player::Right => &frame.right,
+        };
+        let place = point.as_ref().map_or([f64::NAN; 2], |point| [point.x, point.y]);
+        (time.seconds_since(origin), place)
+    }))
+    .evened();
+    if seen.values.iter().filter(|value| value[0].is_finite()).count() < FEWEST_PICTURES {
+        return Ok(None);
+    }
+    let spans: Vec<Range<f64>> = runs.iter().map(|run| run.span.clone()).collect();
+    let x = ("camera.striker_x", "m", Domain::Sensor, "x");
+    let y = ("camera.striker_y", "m", Domain::Sensor, "y");
+    let channels = vec![seen.channel(0, &spans, x), seen.channel(1, &spans, y)];
+    let path = MeasuredPath::new(
+        gantry.carriage.times.clone(),
+        gantry.carriage.values.iter().map(|value| [value[0], value[1]]).collect(),
+        gantry.carriage.values.iter().map(|value| [value[2], value[3]]).collect(),
+    );
+    Ok(Some(CameraStage { carriage: path, channels, height: STRIKER_HEIGHT }))
+}

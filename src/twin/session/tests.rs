@@ -1,0 +1,153 @@
+//! Sessions of a recorded sine: what belongs to which run, and by which clock.
+
+use super::*;
+use crate::{
+    recording::{
+        ExistingFile, FlushPolicy, RecordingWriter,
+        message::{
+            BoardState, CameraDetections, CarriageState, ObjectState, Point, RunMarker,
+            VelocityCommand, run_marker::Phase,
+        },
+        topic::Player,
+    },
+    twin::Stage,
+    units::Nanos,
+};
+
+/// Log time of the first message.
+const BEGAN: Nanos = Nanos(1_700_000_000_000_000_000);
+/// Amplitude of the sine (m) and its angular frequency (rad/s).
+const SINE: (f64, f64) = (0.08, 3.0);
+/// From exposure to arrival of a picture (s).
+const TRANSPORT: f64 = 0.03;
+/// Runs by number: start and end (s), and what they are for.
+const RUNS: [(f64, f64, &str); 4] = [
+    (1.0, 4.0, "train"),
+    (4.0, 7.0, "validation"),
+    (7.5, 10.5, "train"),
+    (11.0, 12.0, "validation"),
+];
+
+fn at(seconds: f64) -> Nanos {
+    BEGAN.after_seconds(seconds)
+}
+
+fn place(t: f64) -> f64 {
+    SINE.0 * (SINE.1 * t).sin()
+}
+
+fn velocity(t: f64) -> f64 {
+    SINE.0 * SINE.1 * (SINE.1 * t).cos()
+}
+
+/// 12 s in which the left carriage and its striker are at `place(t)`, with commands, carriage and
+/// states at 50 Hz and pictures at 120 Hz that carry `stamp(exposure)`.
+fn recording(stamp: impl Fn(f64) -> Nanos) -> Recording {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("sine.mcap");
+    let mut writer =
+        RecordingWriter::create(&path, ExistingFile::Refuse, FlushPolicy::WhenFull).unwrap();
+    let left = Player::Left;
+    for k in 0..=600 {
+        let t = f64::from(k) / 50.0;
+        let (x, vx) = (place(t), velocity(t));
+        let command = VelocityCommand { vx, vy: 0.0 };
+        writer.write(&topic::command(left), at(t), &command).unwrap();
+        let carriage = CarriageState { x, y: 0.0, vx, vy: 0.0 };
+        writer.write(&topic::carriage(left), at(t), &carriage).unwrap();
+        let state = ObjectState { x, y: 0.0, vx, vy: 0.0 };
+        let state = BoardState { left: Some(state), ..BoardState::default() };
+        writer.write(topic::BOARD_STATE, at(t), &state).unwrap();
+    }
+    for k in 0..1436 {
+        let t = f64::from(k) / 120.0;
+        let picture = CameraDetections {
+            capture_time_ns: stamp(t).0,
+            left: Some(Point { x: place(t), y: 0.0 }),
+            ..CameraDetections::default()
+        };
+        writer.write(topic::CAMERA_DETECTIONS, at(t + TRANSPORT), &picture).unwrap();
+    }
+    for (run, (start, end, split)) in (0..).zip(RUNS) {
+        for (phase, time) in [(Phase::Start, start), (Phase::End, end)] {
+            let marker = RunMarker {
+                run,
+                pattern: "sine".to_owned(),
+                phase: phase.into(),
+                split: split.to_owned(),
+            };
+            writer.write(topic::RUN_MARKER, at(time), &marker).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+    Recording::open(&path).unwrap()
+}
+
+fn sessions(stamp: impl Fn(f64) -> Nanos) -> Vec<Session> {
+    sessions_of(&[recording(stamp)]).unwrap()
+}
+
+/// Start and end of each run of `stage` that its samples show (s).
+fn covered(stage: &dyn Stage) -> Vec<Range<f64>> {
+    let channel = &stage.channels()[0];
+    channel.runs.iter().map(|run| channel.times[run.start]..channel.times[run.end - 1]).collect()
+}
+
+#[test]
+fn every_link_covers_the_runs_of_its_own_session_only() {
+    let sessions = sessions(at);
+    let splits: Vec<Split> = sessions.iter().map(|session| session.split).collect();
+    assert_eq!(splits, [Split::Train, Split::Validation]);
+    for session in &sessions {
+        let estimator = session.estimator.as_ref().expect("states and pictures are there");
+        let camera = session.camera.as_ref().expect("carriage and pictures are there");
+        let drive = session.drive.as_ref().expect("commands and carriage are there");
+        let own: Vec<_> = RUNS.iter().filter(|run| run.2 == session.split.to_string()).collect();
+        for stage in [estimator as &dyn Stage, camera, drive] {
+            let covered = covered(stage);
+            assert_eq!(covered.len(), own.len(), "{:?}", stage.kind());
+            for (found, (start, end, _)) in covered.iter().zip(&own) {
+                // Up to the settling of the drive at the start, and a sample at the end.
+                let inside = *start <= found.start + 1e-9 && found.end < *end;
+                let whole = found.start < start + 0.15 && end - 0.021 - TRANSPORT < found.end;
+                assert!(inside && whole, "{:?} {found:?} of {start}..{end}", stage.kind());
+            }
+        }
+    }
+}
+
+/// RMS of the camera's sine against the carriage `delay` (s) before (m).
+fn camera_misses(session: &Session, delay: f64) -> f64 {
+    let camera = session.camera.as_ref().expect("carriage and pictures are there");
+    let channel = &camera.channels[0];
+    let squares: Vec<f64> = channel
+        .runs
+        .iter()
+        .flat_map(|run| run.clone())
+        .map(|k| (channel.measured[k] - place(channel.times[k] - delay)).powi(2))
+        .collect();
+    assert!(600 < squares.len(), "{}", squares.len());
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+#[test]
+fn a_camera_with_an_epoch_of_its_own_is_compared_by_its_arrivals() {
+    let since_boot = |t: f64| Nanos(0).after_seconds(500.0 + 1.0002 * t);
+    let session = &sessions(since_boot)[0];
+    assert!(camera_misses(session, TRANSPORT) < 1e-5, "{}", camera_misses(session, TRANSPORT));
+}
+
+#[test]
+fn a_stamp_on_the_recordings_clock_keeps_its_latency() {
+    let late = |t: f64| at(t + 0.012);
+    let session = &sessions(late)[0];
+    assert!(camera_misses(session, 0.012) < 1e-8, "{}", camera_misses(session, 0.012));
+}
+
+#[test]
+fn a_recording_without_markers_is_cut_into_equal_pieces() {
+    let runs = unmarked_runs(12.0, None);
+    let spans: Vec<Range<f64>> = runs.iter().map(|run| run.span.clone()).collect();
+    assert_eq!(spans, [0.0..6.0, 6.0..12.0]);
+    assert_eq!(unmarked_runs(3.0, Some(Split::Train))[0].span, 0.0..3.0);
+}
