@@ -29,14 +29,17 @@
 //! - The noise floor from measurements alone, never from a residual.
 
 mod checks;
+mod direct;
 mod evidence;
 mod find;
 mod findings;
 mod fit;
 mod floor;
+mod known;
 mod locate;
 mod page;
 mod problem;
+mod round;
 mod rounds;
 mod screen;
 mod tape;

@@ -175,7 +175,7 @@ impl Twin {
 
 /// Share of a parameter's scale by which finite differences move it: far above rounding, far below
 /// what bends the model.
-const DIFFERENCE: f64 = 5e-3;
+const DIFFERENCE: f64 = 0.02;
 
 impl Twin {
     /// Typical size of the parameter in `slot`.

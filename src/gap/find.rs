@@ -388,9 +388,6 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
         Reason::HeldOut => "the held-out session does not prefer it".to_owned(),
         Reason::SessionsDisagree => "the sessions do not agree on its sign or size".to_owned(),
         Reason::TooSmall => "explains less than the simulation's own fidelity".to_owned(),
-        Reason::NothingNew => {
-            "the given twin leaves no more here than where its own search ended".to_owned()
-        }
         Reason::NotTestable => {
             format!(
                 "not testable with this motion: it takes {}",

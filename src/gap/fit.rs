@@ -56,34 +56,33 @@ pub(super) struct How<'a> {
 #[must_use]
 pub(super) fn fit_with(problem: &Problem<'_>, start: Point, slots: &[Slot], how: &How<'_>) -> Fit {
     let How { filters, iterations, known } = *how;
-    let mut point = start;
-    let mut prediction = problem.prediction(&point);
-    let mut loss = squared(&problem.whitened_at(&prediction, filters));
+    let mut at = problem.evaluated(start);
+    let mut loss = squared(&problem.whitened_at(&at.prediction, filters));
     let mut damping = 1e-3;
-    for _ in 0..iterations {
-        let linear = problem.linear_at(&point, &prediction, slots, filters, known);
-        let normal = Normal::new(&linear).without_blocked(&point, slots);
+    let moves = !slots.is_empty() || at.point.nuisance.iter().any(|part| !part.is_empty());
+    for _ in 0..if moves { iterations } else { 0 } {
+        let linear = problem.linear_at(&at, slots, filters, known);
+        let normal = Normal::new(&linear).without_blocked(&at.point, slots);
         let mut improved = None;
         for _ in 0..MOST_RETRIES {
             let step = normal.step(damping);
-            let next = problem.moved(&point, slots, &step, &linear);
-            let predicted = problem.prediction(&next);
-            let next_loss = squared(&problem.whitened_at(&predicted, filters));
+            let next = problem.evaluated(problem.moved(&at.point, slots, &step, &linear));
+            let next_loss = squared(&problem.whitened_at(&next.prediction, filters));
             if next_loss < loss {
-                improved = Some((next, predicted, next_loss));
+                improved = Some((next, next_loss));
                 break;
             }
             damping = if damping < 1e-6 { 1e-4 } else { damping * 10.0 };
         }
-        let Some((next, predicted, next_loss)) = improved else { break };
+        let Some((next, next_loss)) = improved else { break };
         let gain = (loss - next_loss) / loss.max(f64::MIN_POSITIVE);
-        (point, prediction, loss) = (next, predicted, next_loss);
+        (at, loss) = (next, next_loss);
         damping = (damping * 0.1).max(1e-9);
         if gain < CONVERGED {
             break;
         }
     }
-    Fit { point, slots: slots.to_vec(), loss, rows: problem.rows() }
+    Fit { point: at.point, slots: slots.to_vec(), loss, rows: problem.rows() }
 }
 
 /// Fits from far away: first with each signal merely scaled, then whitened by its own residual.

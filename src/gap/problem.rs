@@ -151,6 +151,13 @@ pub struct Problem<'a> {
     pub parts: Vec<Part<'a>>,
 }
 
+/// A point with what is predicted there.
+#[derive(Debug, Clone)]
+pub(super) struct Evaluated {
+    pub(super) point: Point,
+    pub(super) prediction: Prediction,
+}
+
 /// A twin with the nuisance numbers of each part.
 #[derive(Debug, Clone)]
 pub struct Point {
@@ -188,6 +195,13 @@ impl<'a> Problem<'a> {
             .zip(&point.nuisance)
             .map(|(part, nuisance)| predict(part.stage, &point.twin, nuisance))
             .collect()
+    }
+
+    /// `point` with what is predicted there.
+    #[must_use]
+    pub(super) fn evaluated(&self, point: Point) -> Evaluated {
+        let prediction = self.prediction(&point);
+        Evaluated { point, prediction }
     }
 
     /// Residuals of all parts: `[part][channel][sample]`.
@@ -231,35 +245,34 @@ impl<'a> Problem<'a> {
     /// are per scaled parameter: a change of one is `scale` of the parameter.
     #[must_use]
     pub fn linear(&self, point: &Point, slots: &[Slot], filters: &Filters) -> Linear {
-        self.linear_at(point, &self.prediction(point), slots, filters, &[])
+        self.linear_at(&self.evaluated(point.clone()), slots, filters, &[])
     }
 
-    /// The same where the `prediction` at `point` is known, and the columns of the first parameters from
-    /// nearby ([`Self::columns`]): a fit that adds one effect need not simulate every known parameter
+    /// The same at a point that is evaluated already, with columns of the first parameters that are known
+    /// from nearby ([`Self::columns`]): a fit that adds one effect need not simulate every known parameter
     /// anew in every step.
     #[must_use]
     pub(super) fn linear_at(
         &self,
-        point: &Point,
-        prediction: &Prediction,
+        at: &Evaluated,
         slots: &[Slot],
         filters: &Filters,
         known: &[Vec<f64>],
     ) -> Linear {
         let mut columns = known.to_vec();
-        columns.extend(self.columns(point, prediction, &slots[known.len()..], filters));
-        self.eliminated(point, prediction, columns, filters)
+        columns.extend(self.columns(at, &slots[known.len()..], filters));
+        self.eliminated(at, columns, filters)
     }
 
     /// Whitened derivative by each scaled parameter, nuisances unchanged.
     #[must_use]
     pub(super) fn columns(
         &self,
-        point: &Point,
-        prediction: &Prediction,
+        at: &Evaluated,
         slots: &[Slot],
         filters: &Filters,
     ) -> Vec<Vec<f64>> {
+        let point = &at.point;
         let variants: Vec<Twin> = slots
             .iter()
             .map(|slot| {
@@ -268,7 +281,7 @@ impl<'a> Problem<'a> {
                 twin
             })
             .collect();
-        let mut columns = self.contrasts(point, prediction, &variants, filters);
+        let mut columns = self.contrasts(at, &variants, filters);
         for ((column, slot), twin) in columns.iter_mut().zip(slots).zip(&variants) {
             let step = (twin.get(*slot) - point.twin.get(*slot)) / point.twin.scale(*slot);
             let factor = if step == 0.0 { 0.0 } else { 1.0 / step };
@@ -277,13 +290,12 @@ impl<'a> Problem<'a> {
         columns
     }
 
-    /// Whitened change from the `prediction` at `point` to that of each of `variants`, nuisances
+    /// Whitened change from what is predicted `at` a point to what each of `variants` predicts, nuisances
     /// unchanged.
     #[must_use]
     pub(super) fn contrasts(
         &self,
-        point: &Point,
-        prediction: &Prediction,
+        at: &Evaluated,
         variants: &[Twin],
         filters: &Filters,
     ) -> Vec<Vec<f64>> {
@@ -292,8 +304,8 @@ impl<'a> Problem<'a> {
         in_parallel(variants, |twin| {
             let mut column = Vec::with_capacity(self.rows());
             for (index, part) in self.parts.iter().enumerate() {
-                let mut change = predict(part.stage, twin, &point.nuisance[index]);
-                for (values, from) in change.iter_mut().zip(&prediction[index]) {
+                let mut change = predict(part.stage, twin, &at.point.nuisance[index]);
+                for (values, from) in change.iter_mut().zip(&at.prediction[index]) {
                     for (value, from) in values.iter_mut().zip(from) {
                         *value -= from;
                     }
@@ -308,19 +320,13 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Takes the nuisance directions out of the residual at `point` and out of `columns`.
-    fn eliminated(
-        &self,
-        point: &Point,
-        prediction: &Prediction,
-        mut columns: Vec<Vec<f64>>,
-        filters: &Filters,
-    ) -> Linear {
-        let mut residual = self.whitened_at(prediction, filters);
+    /// Takes the nuisance directions out of the residual there and out of `columns`.
+    fn eliminated(&self, at: &Evaluated, mut columns: Vec<Vec<f64>>, filters: &Filters) -> Linear {
+        let mut residual = self.whitened_at(&at.prediction, filters);
         let mut eliminations = Vec::with_capacity(self.parts.len());
         let mut first_row = 0;
         for (index, part) in self.parts.iter().enumerate() {
-            let nuisance = self.nuisance_columns(point, &prediction[index], index, filters);
+            let nuisance = self.nuisance_columns(at, index, filters);
             let mut of_part = Vec::new();
             for group in &part.groups {
                 let rows = first_row + group.start..first_row + group.end;
@@ -335,13 +341,8 @@ impl<'a> Problem<'a> {
     }
 
     /// Whitened derivative of part `index` by each nuisance number, all groups moved at once.
-    fn nuisance_columns(
-        &self,
-        point: &Point,
-        prediction: &[Vec<f64>],
-        index: usize,
-        filters: &Filters,
-    ) -> Vec<Vec<f64>> {
+    fn nuisance_columns(&self, at: &Evaluated, index: usize, filters: &Filters) -> Vec<Vec<f64>> {
+        let point = &at.point;
         let part = &self.parts[index];
         let scales = part.stage.nuisance_scale();
         if part.groups.is_empty() {
@@ -354,7 +355,7 @@ impl<'a> Problem<'a> {
             let mut moved = point.nuisance[index].clone();
             moved.iter_mut().for_each(|group| group[*number] += step);
             let mut change = predict(part.stage, &point.twin, &moved);
-            for (values, from) in change.iter_mut().zip(prediction) {
+            for (values, from) in change.iter_mut().zip(&at.prediction[index]) {
                 for (value, from) in values.iter_mut().zip(from) {
                     *value = (*value - from) / step;
                 }

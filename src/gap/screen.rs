@@ -9,7 +9,7 @@
 use super::{
     evidence::{joint, least_squares},
     fit::{Fit, Normal},
-    problem::{Linear, Prediction, Problem, dot, in_parallel},
+    problem::{Evaluated, Linear, Problem, dot, in_parallel},
     whiten::Filters,
 };
 use crate::{
@@ -52,10 +52,10 @@ const TRIED_ALONE: usize = 12;
 /// axes alike, then the best on each axis alone.
 #[must_use]
 pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
-    let base = problem.prediction(&found.point);
-    let linear = problem.linear_at(&found.point, &base, &found.slots, filters, &[]);
+    let base = problem.evaluated(found.point.clone());
+    let linear = problem.linear_at(&base, &found.slots, filters, &[]);
     let linear_residual =
-        problem.parts.first().map(|part| part.residual(&base[0])).unwrap_or_default();
+        problem.parts.first().map(|part| part.residual(&base.prediction[0])).unwrap_or_default();
     let screen = Screen { problem, found, filters, base, normal: Normal::new(&linear), linear };
     let (shared, single): (Vec<_>, Vec<_>) =
         pairs(problem, &found.point.twin).into_iter().partition(|(_, axis)| is_shared(*axis));
@@ -123,7 +123,7 @@ struct Screen<'a, 'b> {
     problem: &'b Problem<'a>,
     found: &'b Fit,
     filters: &'b Filters,
-    base: Prediction,
+    base: Evaluated,
     linear: Linear,
     normal: Normal,
 }
@@ -138,8 +138,7 @@ impl Screen<'_, '_> {
             if effect.probes.len() == 1 {
                 variants.extend(single_variants(twin, effect, *axis, probe));
             }
-            let columns =
-                self.problem.contrasts(&self.found.point, &self.base, &variants, self.filters);
+            let columns = self.problem.contrasts(&self.base, &variants, self.filters);
             test(&self.linear, &self.normal, total, columns)
         });
         let mut best: Vec<Candidate> = Vec::new();
@@ -215,12 +214,12 @@ pub(super) fn towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
 const FAR: f64 = 5.0;
 
 /// Whether a place is all coordinates alike.
-fn is_shared(axis: Axis) -> bool {
+pub(super) fn is_shared(axis: Axis) -> bool {
     matches!(axis, Axis::Motors | Axis::Rails | Axis::Whole)
 }
 
 /// Effect and axis of everything to try.
-fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
+pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
     let mut pairs = Vec::new();
     for effect in CATALOGUE {
         if matches!(effect.physics, Physics::Noise(_))

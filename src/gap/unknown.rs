@@ -6,6 +6,8 @@
 //! acceleration, position), tested block by block as in the screen; a periodic one is a line in time,
 //! sine and cosine tested as one. Both must explain a session that they were not fitted to.
 
+use crate::stats::f_tail;
+
 use super::{
     evidence::{joint, least_squares},
     fit::Fit,
@@ -234,14 +236,73 @@ fn line_frequencies(problem: &Problem<'_>) -> Vec<f64> {
     (0..count).map(|k| LINES_HZ.0 + k as f64 * step).collect()
 }
 
+/// A disturbance that depends on nothing measured: the signal of `problem` with most of it, and the band of
+/// frequencies that holds the middle 80 % of its energy.
+#[must_use]
+pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknown> {
+    let twin = &point.twin;
+    let channels = problem.parts.first()?.stage.channels();
+    let ratio = |k: usize, (sum, count): (f64, usize)| {
+        let left = twin.left.iter().find(|left| left.signal == channels[k].signal)?;
+        Some((sum / (left.residual_rms.powi(2) * count as f64), k))
+    };
+    let ratios = problem.squares(point).into_iter().enumerate();
+    let (most, signal) =
+        ratios.filter_map(|(k, own)| ratio(k, own)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let lines = line_frequencies(problem);
+    let rows: Vec<f64> = rows_of(problem, point);
+    let energies: Vec<f64> =
+        energies(problem, &rows, &lines).iter().map(|line| line[signal]).collect();
+    let total: f64 = energies.iter().sum();
+    let edge = |share: f64| {
+        let mut sum = 0.0;
+        let place = energies.iter().position(|energy| {
+            sum += energy;
+            share * total <= sum
+        });
+        place.map_or(0.0, |place| lines[place])
+    };
+    let blocks = problem.blocks().count as f64;
+    Some(Unknown {
+        name: format!("unknown.time[{:.1} to {:.1} Hz]", edge(0.1), edge(0.9)),
+        signal: channels[signal].signal.clone(),
+        share: 1.0 - 1.0 / most,
+        statistic: most,
+        p_value: f_tail(most, blocks, blocks),
+    })
+}
+
+/// Residual of every row, as measured.
+fn rows_of(problem: &Problem<'_>, point: &Point) -> Vec<f64> {
+    let residuals = problem.residuals(point);
+    let parts = problem.parts.iter().zip(&residuals);
+    parts
+        .flat_map(|(part, residual)| {
+            let value = |row: &whiten::Row| residual[row.channel as usize][row.sample as usize];
+            part.layout.rows.iter().map(value)
+        })
+        .collect()
+}
+
 /// Length of a bin of the scan for lines (s): at the highest line it costs 7 % of the amplitude.
 const SCAN_BIN: f64 = 0.01;
 
-/// Lines and signals that may be worth saying: sums over short bins of time, rotated from line to line,
-/// find them in a hundredth of the time that the exact columns of all would take.
+/// Lines and signals that may be worth saying.
 fn loud_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64, usize)> {
+    let loud = 0.5 * WORTH_SAYING * dot(&linear.residual, &linear.residual);
+    let energies = energies(problem, &linear.residual, lines);
+    let all = lines.iter().zip(&energies);
+    all.flat_map(|(line, energy)| {
+        let of_line = energy.iter().enumerate().filter(move |(_, energy)| loud < **energy);
+        of_line.map(|(signal, _)| (*line, signal))
+    })
+    .collect()
+}
+
+/// Energy of `rows` along each line, per signal: `[line][signal]`. Sums over short bins of time, rotated
+/// from sample to sample, find it in a hundredth of the time that the exact columns of all would take.
+fn energies(problem: &Problem<'_>, rows: &[f64], lines: &[f64]) -> Vec<Vec<f64>> {
     let signals = problem.parts.first().map_or(0, |part| part.stage.channels().len());
-    let total = dot(&linear.residual, &linear.residual);
     let mut energy = vec![vec![0.0; signals]; lines.len()];
     let mut row = 0;
     for part in &problem.parts {
@@ -255,7 +316,7 @@ fn loud_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64
             if bins[signal].len() <= bin {
                 bins[signal].resize(bin + 1, 0.0);
             }
-            bins[signal][bin] += linear.residual[row];
+            bins[signal][bin] += rows[row];
             counts[signal] += 1.0;
             row += 1;
         }
@@ -277,13 +338,7 @@ fn loud_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64
             }
         }
     }
-    let loud = 0.5 * WORTH_SAYING * total;
-    let all = lines.iter().zip(&energy);
-    all.flat_map(|(line, energy)| {
-        let of_line = energy.iter().enumerate().filter(move |(_, energy)| loud < **energy);
-        of_line.map(|(signal, _)| (*line, signal))
-    })
-    .collect()
+    energy
 }
 
 /// Whitened sine and cosine in time on one signal.

@@ -76,7 +76,7 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
         },
     ],
     null: &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    probes: &[&[0.0005, 0.0005, 0.0005, 0.0005, 0.0, 0.0, 0.0, 0.0]],
+    probes: &[&[0.0005, 0.0005, 0.0005, 0.0005, 0.003, 0.003, 0.003, 0.003]],
     memory: 0,
     physics: Physics::Wall(|p, wall, along| p[wall as usize] + p[4 + wall as usize] * along),
     regressors: &[Regressor::Position],

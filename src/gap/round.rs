@@ -1,0 +1,353 @@
+//! One round of the search on one link: screen, simulate the best again, judge, choose.
+
+use super::{
+    direct,
+    evidence::{Amplitude, Blocks},
+    fit::{self, Fit},
+    problem::{Point, Problem, in_parallel},
+    rounds::{Added, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
+    screen::{self, Candidate},
+    whiten::{self, Filters},
+};
+use crate::twin::{Slot, Twin};
+
+/// Candidates that are simulated again in one round.
+const SHORT_LIST: usize = 7;
+
+/// The same of those that alone bring the given twin nearest to the data.
+const FROM_GIVEN: usize = 4;
+
+/// Places of one effect that are simulated again in one round.
+const PLACES_OF_ONE: usize = 2;
+
+/// Share of the best candidate's gain below which another is not simulated again.
+const WORTH_SIMULATING: f64 = 0.1;
+
+/// Probability of taking a rival that explains the data as well as the winner for a worse one.
+const RIVAL_LEVEL: f64 = 5e-3;
+
+/// Factor by which the judging sessions may want the effect larger; half of it at least they must want.
+const SESSIONS_APART: f64 = 3.0;
+
+/// Length of an effect's column at its largest plausible size, in whitened standard deviations, below
+/// which this motion cannot show it: what a test at one in 10,000 can just see.
+const VISIBLE: f64 = 5.0;
+
+/// A candidate, simulated and fitted.
+struct Trial {
+    candidate: Candidate,
+    fit: Fit,
+    /// Whitened residuals of fitted and judging sessions.
+    train_rows: Vec<f64>,
+    held_rows: Vec<f64>,
+    held_point: Point,
+    /// Why it may not be named.
+    objection: Option<Reason>,
+}
+
+/// One round: screen, simulate, decide.
+pub(super) struct Round {
+    pub(super) winner: Option<(Fit, Added)>,
+    pub(super) rejected: Vec<Rejected>,
+}
+
+/// Where a round begins.
+#[derive(Clone, Copy)]
+pub(super) struct Stand<'p> {
+    /// The twin so far, everything fitted.
+    pub(super) base: &'p Fit,
+    /// Whitening of its residual.
+    pub(super) filters: &'p Filters,
+    /// The given twin as it was, before anything was fitted or added.
+    pub(super) given: Option<&'p (Fit, Filters)>,
+    /// Share of the held-out squared error that an effect must explain to be worth a name.
+    pub(super) worth: f64,
+}
+
+impl Round {
+    pub(super) fn run(train: &Problem<'_>, held_out: &Problem<'_>, stand: &Stand<'_>) -> Self {
+        let Stand { base, filters, given, worth } = *stand;
+        let candidates = screen::screen(train, base, filters);
+        let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
+        let threshold = FAMILY_ERROR / tries.max(1) as f64;
+        let (mut rejected, mut short) = short_list(candidates, threshold, worth);
+        if let Some((given, filters)) = given {
+            for candidate in direct::nearest(train, given, filters).into_iter().take(FROM_GIVEN) {
+                let same =
+                    |own: &Candidate| own.effect == candidate.effect && own.axis == candidate.axis;
+                if let Some(own) = short.iter_mut().find(|own| same(own)) {
+                    own.start = candidate.start;
+                } else {
+                    rejected.retain(|other| !same(&other.candidate));
+                    short.push(candidate);
+                }
+            }
+        }
+        // First in the metric of the base residual, then in that of the best candidate's.
+        let rough = rough_fits(train, stand, &short);
+        let sound = |fit: &&Fit| on_bound(fit).is_none();
+        let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
+        let Some(lead) = lead.or(rough.first()) else { return Self { winner: None, rejected } };
+        let sharp = train.filters(&lead.point, whiten::fit_filters);
+        let at_lead = train.evaluated(lead.point.clone());
+        let known = train.columns(&at_lead, &base.slots, &sharp);
+        let bench = Bench::new(train, held_out, base, (&sharp, worth));
+        let items: Vec<(Candidate, Fit)> = short.into_iter().zip(rough).collect();
+        let mut trials =
+            in_parallel(&items, |(candidate, rough)| bench.trial(candidate, rough, &known));
+        trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
+        for trial in &trials {
+            if let Some(reason) = &trial.objection {
+                rejected.push(bench.rejected(trial, reason.clone()));
+            }
+        }
+        let winner = bench.winner(&trials, tries, &mut rejected);
+        Self { winner, rejected }
+    }
+}
+
+/// Fits of all on the short list, each from the nearest of its starts.
+fn rough_fits(train: &Problem<'_>, stand: &Stand<'_>, short: &[Candidate]) -> Vec<Fit> {
+    let columns =
+        |fit: &Fit| train.columns(&train.evaluated(fit.point.clone()), &fit.slots, stand.filters);
+    let mut bases = vec![(stand.base, columns(stand.base))];
+    bases.extend(stand.given.map(|(given, _)| (given, columns(given))));
+    in_parallel(short, |candidate| fitted(train, &bases, candidate, stand.filters))
+}
+
+/// Who is simulated again, and why the others are not.
+fn short_list(
+    candidates: Vec<Candidate>,
+    threshold: f64,
+    worth: f64,
+) -> (Vec<Rejected>, Vec<Candidate>) {
+    let mut rejected = Vec::new();
+    let mut short: Vec<Candidate> = Vec::new();
+    let best = candidates
+        .iter()
+        .filter(|candidate| candidate.p_value < threshold)
+        .map(|candidate| candidate.share)
+        .fold(0.0, f64::max);
+    for candidate in candidates {
+        let reason = if candidate.visibility < VISIBLE {
+            Reason::NotTestable
+        } else if threshold <= candidate.p_value {
+            Reason::NotSignificant
+        } else if candidate.share < 0.5 * worth {
+            Reason::TooSmall
+        } else if short.len() < SHORT_LIST
+            && WORTH_SIMULATING * best <= candidate.share
+            && short.iter().filter(|other| other.effect == candidate.effect).count() < PLACES_OF_ONE
+        {
+            short.push(candidate);
+            continue;
+        } else {
+            Reason::Outdone(short.first().map_or("", |first| first.effect.name).to_owned())
+        };
+        rejected.push(Rejected { candidate, reason, held_out_gain: None });
+    }
+    (rejected, short)
+}
+
+/// The candidate's effect added to the nearest of several bases and sizes, everything fitted together;
+/// with each base come the columns of its known parameters.
+fn fitted(
+    train: &Problem<'_>,
+    bases: &[(&Fit, Vec<Vec<f64>>)],
+    candidate: &Candidate,
+    filters: &Filters,
+) -> Fit {
+    // The line of the screen may lead too far for what bends: what is nearer to nothing is a start too.
+    let sizes = screen::towards_null(candidate);
+    let starts = bases.iter().flat_map(|(base, known)| {
+        sizes.iter().map(move |values| {
+            let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, values);
+            let point = Point { twin, nuisance: base.point.nuisance.clone() };
+            let loss = fit::squared(&train.whitened(&point, filters));
+            (loss, point, known)
+        })
+    });
+    let nearest = starts.min_by(|a, b| a.0.total_cmp(&b.0));
+    let (_, point, known) = nearest.expect("there is a base, and sizes to start from");
+    let mut slots = bases[0].0.slots.clone();
+    slots.extend(slots_of_last(&point.twin));
+    fit::fit_with(train, point, &slots, &fit::How { filters, iterations: 10, known })
+}
+
+/// Slots of the instance that was added last.
+pub(super) fn slots_of_last(twin: &Twin) -> Vec<Slot> {
+    let instance = twin.instances.len() - 1;
+    (0..twin.instances[instance].values.len())
+        .map(|parameter| Slot { instance, parameter })
+        .collect()
+}
+
+/// What all trials of a round are measured against.
+struct Bench<'a, 'b> {
+    train: &'b Problem<'a>,
+    held_out: &'b Problem<'a>,
+    /// The metric: whitening of the best candidate's residual.
+    filters: &'b Filters,
+    /// Share of the held-out squared error that an effect must explain.
+    worth: f64,
+    base_train_rows: Vec<f64>,
+    base_held: Point,
+    base_held_rows: Vec<f64>,
+}
+
+impl<'a, 'b> Bench<'a, 'b> {
+    fn new(
+        train: &'b Problem<'a>,
+        held_out: &'b Problem<'a>,
+        base: &Fit,
+        (filters, worth): (&'b Filters, f64),
+    ) -> Self {
+        let base_held = fit::adapt(held_out, held_out.start(base.point.twin.clone()), filters);
+        Self {
+            train,
+            held_out,
+            filters,
+            worth,
+            base_train_rows: train.whitened(&base.point, filters),
+            base_held_rows: held_out.whitened(&base_held, filters),
+            base_held,
+        }
+    }
+
+    /// A candidate, fitted in this metric and judged; `known` are the columns of known parameters.
+    fn trial(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Trial {
+        let how = fit::How { filters: self.filters, iterations: 8, known };
+        let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
+        let start = self.held_out.start(fit.point.twin.clone());
+        let held_point = fit::adapt(self.held_out, start, self.filters);
+        let mut trial = Trial {
+            candidate: candidate.clone(),
+            train_rows: self.train.whitened(&fit.point, self.filters),
+            held_rows: self.held_out.whitened(&held_point, self.filters),
+            held_point,
+            fit,
+            objection: None,
+        };
+        trial.objection = self.objection(&trial);
+        trial
+    }
+
+    fn rejected(&self, trial: &Trial, reason: Reason) -> Rejected {
+        let held_out_gain = Some(self.held_out_gain(trial));
+        Rejected { candidate: trial.candidate.clone(), reason, held_out_gain }
+    }
+
+    fn added(
+        &self,
+        own: &Trial,
+        class: Vec<&'static str>,
+        trials: &[Trial],
+        tries: usize,
+    ) -> Added {
+        let contest = trials
+            .iter()
+            .map(|trial| {
+                let loss = trial.fit.loss / trial.fit.rows.max(1) as f64;
+                (trial.candidate.effect.name.to_owned(), trial.candidate.axis, loss)
+            })
+            .collect();
+        Added {
+            effect: own.candidate.effect,
+            axis: own.candidate.axis,
+            p_value: (own.candidate.p_value * tries as f64).min(1.0),
+            statistic: own.candidate.statistic,
+            held_out_gain: self.held_out_gain(own),
+            class,
+            held_out_steps: (
+                self.held_out.rms(&self.base_held),
+                self.held_out.rms(&own.held_point),
+            ),
+            contest,
+        }
+    }
+
+    /// Share of the held-out squared error that the trial removes.
+    fn held_out_gain(&self, trial: &Trial) -> f64 {
+        let before = fit::squared(&self.base_held_rows);
+        (before - fit::squared(&trial.held_rows)) / before.max(f64::MIN_POSITIVE)
+    }
+
+    /// Why the trial may not be named; `None` when it may.
+    fn objection(&self, trial: &Trial) -> Option<Reason> {
+        if let Some(name) = on_bound(&trial.fit) {
+            return Some(Reason::OnBound(name));
+        }
+        if !is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
+            return Some(Reason::NotSignificant);
+        }
+        if self.held_out.parts.is_empty() {
+            return None;
+        }
+        let (before, blocks) = (&self.base_held_rows, self.held_out.blocks());
+        let amplitude = Amplitude::of(before, &trial.held_rows, &blocks);
+        if amplitude.is_above(0.0, LEVEL) && SESSIONS_APART < amplitude.value {
+            return Some(Reason::SessionsDisagree);
+        }
+        if !is_in(before, &trial.held_rows, &blocks) {
+            return Some(Reason::HeldOut);
+        }
+        (self.held_out_gain(trial) < self.worth).then_some(Reason::TooSmall)
+    }
+
+    /// The one to add, with what explains the data as well; all others are rejected.
+    fn winner(
+        &self,
+        trials: &[Trial],
+        tries: usize,
+        rejected: &mut Vec<Rejected>,
+    ) -> Option<(Fit, Added)> {
+        let passed: Vec<&Trial> = trials.iter().filter(|trial| trial.objection.is_none()).collect();
+        let own = self.simplest(&passed)?;
+        let mut class = Vec::new();
+        for other in passed.iter().filter(|other| !std::ptr::eq(**other, own)) {
+            let name = other.candidate.effect.name;
+            if name != own.candidate.effect.name && self.is_rival(own, other) {
+                if !class.contains(&name) {
+                    class.push(name);
+                }
+            } else {
+                let winner = own.candidate.effect.name.to_owned();
+                rejected.push(self.rejected(other, Reason::Outdone(winner)));
+            }
+        }
+        Some((own.fit.clone(), self.added(own, class, trials, tries)))
+    }
+
+    /// Of the best that passed and its rivals, the one with the fewest numbers; of equals the best.
+    fn simplest<'t>(&self, passed: &[&'t Trial]) -> Option<&'t Trial> {
+        let best = *passed.first()?;
+        passed
+            .iter()
+            .copied()
+            .filter(|other| std::ptr::eq(*other, best) || self.is_rival(best, other))
+            .min_by_key(|trial| trial.candidate.effect.parameters.len())
+    }
+
+    /// Whether `other` explains all sessions as well as `own`.
+    fn is_rival(&self, own: &Trial, other: &Trial) -> bool {
+        let (train, held) = (self.train.blocks(), self.held_out.blocks());
+        let later = held.of_row.iter().map(|block| train.count + block);
+        let blocks = Blocks {
+            of_row: train.of_row.iter().copied().chain(later).collect(),
+            count: train.count + held.count,
+        };
+        let all = |trial: &Trial| [trial.train_rows.as_slice(), &trial.held_rows].concat();
+        !Amplitude::of(&all(other), &all(own), &blocks).is_above(0.5, RIVAL_LEVEL)
+    }
+}
+
+/// The first parameter of the added effect that stopped on a bound.
+fn on_bound(fit: &Fit) -> Option<String> {
+    let twin = &fit.point.twin;
+    slots_of_last(twin).into_iter().find_map(|slot| {
+        let parameter = &twin.instances[slot.instance].effect.parameters[slot.parameter];
+        let (value, (low, high)) = (twin.get(slot), parameter.bounds);
+        let near = 1e-6 * (high - low);
+        (value <= low + near || high - near <= value).then(|| parameter.name.to_owned())
+    })
+}
