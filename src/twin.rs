@@ -38,9 +38,7 @@ pub use drive::{DriveStage, Output};
 pub use estimator::EstimatorStage;
 pub use path::MeasuredPath;
 pub use plant::{Plant, PlantState, belts, rails};
-pub use session::{
-    Machine, Run, Session, SessionError, divide, machine_of, runs_of, sessions_of,
-};
+pub use session::{Machine, Run, Session, SessionError, divide, machine_of, runs_of, sessions_of};
 pub use stage::{Channel, Stage, StageKind};
 
 use crate::effects::{Axis, Effect};

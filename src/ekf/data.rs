@@ -51,7 +51,8 @@ impl FrameRun {
     /// From first to last frame (s).
     #[must_use]
     pub fn duration(&self) -> f64 {
-        let [first, last] = [self.frames.first(), self.frames.last()].map(|f| f.map(|f| f.seen.time));
+        let [first, last] =
+            [self.frames.first(), self.frames.last()].map(|f| f.map(|f| f.seen.time));
         first.zip(last).map_or(0.0, |(first, last)| last.seconds_since(first))
     }
 }
@@ -82,9 +83,9 @@ impl Data {
             let (frames, age) = frames_of(recording)?;
             ages.extend(age);
             for (number, span) in spans.iter().enumerate() {
-                let inside = frames.iter().filter(|(arrival, _)| {
-                    span.span.contains(&arrival.seconds_since(began))
-                });
+                let inside = frames
+                    .iter()
+                    .filter(|(arrival, _)| span.span.contains(&arrival.seconds_since(began)));
                 let stem = recording.path.file_stem().unwrap_or_default().to_string_lossy();
                 runs.push(FrameRun {
                     split: span.split.unwrap_or(Split::Train),

@@ -170,7 +170,8 @@ impl ObjectFilter {
     fn correct(&self, estimate: &mut Estimate, innovation: &Innovation) {
         let [[xx, xy], [_, yy]] = innovation.covariance;
         let determinant = xx * yy - xy * xy;
-        let inverse = [[yy / determinant, -xy / determinant], [-xy / determinant, xx / determinant]];
+        let inverse =
+            [[yy / determinant, -xy / determinant], [-xy / determinant, xx / determinant]];
         let p = estimate.covariance;
         let gain: [[f64; 2]; 4] = std::array::from_fn(|row| {
             std::array::from_fn(|c| p[row][0] * inverse[0][c] + p[row][1] * inverse[1][c])

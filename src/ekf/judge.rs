@@ -2,14 +2,19 @@
 
 use super::{
     data::{Frame, FrameRun},
-    filter::Gate,
+    filter::{Gate, ObjectFilter},
     matrix::mahalanobis,
+    motion::Estimate,
     region::Region,
     settings::{FilterSettings, Object},
+    slope::velocities,
     track::{BoardFilter, Observed, Step},
     upstream::UpstreamFilter,
 };
-use crate::stats::{chi_square_quantile, mean};
+use crate::{
+    stats::{chi_square_quantile, mean},
+    units::Nanos,
+};
 use serde::Serialize;
 
 /// Frames at the start of a run that are not judged: the filters find their velocities there.
@@ -31,13 +36,23 @@ pub struct JudgedFrame {
     /// What happened, by object.
     pub steps: [Step; 3],
     /// (mean, variances and covariances) after the frame, by object.
-    pub estimates: [Option<super::Estimate>; 3],
+    pub estimates: [Option<Estimate>; 3],
     /// What upstream reports, by object.
     pub upstream: [Option<[f64; 4]>; 3],
     /// Velocity that counts as true (m/s), by object: the simulator's, or the slope of the detections.
     pub velocity: [Option<[f64; 2]>; 3],
-    /// Place predicted [`FilterSettings::latency_s`] ahead from the frame that was the newest then.
-    pub ahead: [Option<[f64; 2]>; 3],
+    /// By object: what a controller knew when this was captured.
+    pub ahead: [Option<Ahead>; 3],
+}
+
+/// What was known of a place when its picture was taken, the newest picture then being
+/// [`FilterSettings::latency_s`] old or a little more.
+#[derive(Debug, Clone, Copy)]
+pub struct Ahead {
+    /// Where the object was believed to be in the newest picture (m).
+    pub stale: [f64; 2],
+    /// The same moved ahead (m).
+    pub predicted: [f64; 2],
 }
 
 /// A run with both filters beside the detections.
@@ -118,26 +133,21 @@ pub struct Whiteness {
 
 /// Runs both filters over `runs`.
 #[must_use]
-pub fn follow<'a>(settings: &FilterSettings, runs: impl Iterator<Item = &'a FrameRun>) -> Vec<JudgedRun> {
+pub fn follow<'a>(
+    settings: &FilterSettings,
+    runs: impl Iterator<Item = &'a FrameRun>,
+) -> Vec<JudgedRun> {
     runs.map(|run| follow_run(settings, run)).collect()
 }
 
 fn follow_run(settings: &FilterSettings, run: &FrameRun) -> JudgedRun {
     let mut filter = BoardFilter::new(settings);
     let mut upstream = UpstreamFilter::new(&settings.board);
-    let slopes = Object::ALL.map(|object| super::slope::velocities(&run.frames, object, settings));
+    let slopes = Object::ALL.map(|object| velocities(&run.frames, object, settings));
     let mut frames = Vec::with_capacity(run.frames.len());
     for (k, frame) in run.frames.iter().enumerate() {
         let time = frame.seen.time;
-        // What a controller would know when this is captured: frames that have arrived.
-        let ahead = Object::ALL.map(|object| {
-            let known = time.after_seconds(-settings.latency_s);
-            let newest = frames[..k].iter().rev().find(|f: &&JudgedFrame| f.frame.seen.time <= known)?;
-            let mut estimate = newest.estimates[object.index()]?;
-            let ahead = time.seconds_since(newest.frame.seen.time);
-            super::ObjectFilter::new(settings, object).predict(&mut estimate, ahead, &[newest.frame.seen.places[1], newest.frame.seen.places[2]]);
-            Some([estimate.mean[0], estimate.mean[1]])
-        });
+        let ahead = Object::ALL.map(|object| ahead(settings, &frames, time, object));
         let Observed::Taken(steps) = filter.observe(&frame.seen) else { continue };
         let estimates = Object::ALL.map(|object| filter.estimate_at(object, time));
         let velocity = Object::ALL.map(|object| match frame.truth[object.index()] {
@@ -148,6 +158,23 @@ fn follow_run(settings: &FilterSettings, run: &FrameRun) -> JudgedRun {
         frames.push(JudgedFrame { frame: *frame, steps, estimates, upstream, velocity, ahead });
     }
     JudgedRun { name: run.name.clone(), frames }
+}
+
+/// The newest belief that had arrived when `time` was captured, as it was and moved ahead.
+fn ahead(
+    settings: &FilterSettings,
+    before: &[JudgedFrame],
+    time: Nanos,
+    object: Object,
+) -> Option<Ahead> {
+    let arrived = time.after_seconds(-settings.latency_s);
+    let newest = before.iter().rev().find(|frame| frame.frame.seen.time <= arrived)?;
+    let mut estimate = newest.estimates[object.index()]?;
+    let stale = [estimate.mean[0], estimate.mean[1]];
+    let [_, left, right] = newest.frame.seen.places;
+    let waited = time.seconds_since(newest.frame.seen.time);
+    ObjectFilter::new(settings, object).predict(&mut estimate, waited, &[left, right]);
+    Some(Ahead { stale, predicted: [estimate.mean[0], estimate.mean[1]] })
 }
 
 /// Judges `object`, which has one region or all.
@@ -173,7 +200,6 @@ pub fn judge(runs: &[JudgedRun], object: Object, settings: &FilterSettings) -> O
             .collect();
         mean(&squares).map(f64::sqrt)
     };
-    let _ = &place_rmse;
     ObjectJudgement {
         object,
         detections,
@@ -181,8 +207,8 @@ pub fn judge(runs: &[JudgedRun], object: Object, settings: &FilterSettings) -> O
         velocity_reference: if known { "truth" } else { "slope_of_detections" },
         velocity_rmse_m_per_s: own,
         upstream_velocity_rmse_m_per_s: upstream,
-        predicted_place_rmse_m: place_rmse(&|frame| frame.ahead[index]),
-        unpredicted_place_rmse_m: None,
+        predicted_place_rmse_m: place_rmse(&|frame| Some(frame.ahead[index]?.predicted)),
+        unpredicted_place_rmse_m: place_rmse(&|frame| Some(frame.ahead[index]?.stale)),
         regions: regions.iter().map(|region| judge_region(&judged, index, *region)).collect(),
         whiteness: whiteness(runs, index),
     }
@@ -219,7 +245,11 @@ impl JudgedFrame {
 }
 
 /// Root mean square error of the velocity vector of both filters where both report one (m/s).
-fn velocity_rmse(judged: &[&JudgedFrame], index: usize, region: Option<Region>) -> [Option<f64>; 2] {
+fn velocity_rmse(
+    judged: &[&JudgedFrame],
+    index: usize,
+    region: Option<Region>,
+) -> [Option<f64>; 2] {
     let mut squares = [Vec::new(), Vec::new()];
     for frame in judged {
         let inside = region.is_none_or(|region| frame.steps[index].region == region);
@@ -243,8 +273,8 @@ fn consistency(values: &[f64], degrees: f64) -> Option<Consistency> {
     let independent = independent_samples(values);
     let edge = |z: f64| chi_square_quantile(z, degrees * independent) / independent;
     let band95 = [edge(-Z95), edge(Z95)];
-    let within = (LEAST_INDEPENDENT <= independent)
-        .then_some(band95[0] <= centre && centre <= band95[1]);
+    let within =
+        (LEAST_INDEPENDENT <= independent).then_some(band95[0] <= centre && centre <= band95[1]);
     Some(Consistency {
         samples: values.len(),
         independent_samples: independent,

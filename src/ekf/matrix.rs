@@ -16,7 +16,8 @@ pub(super) fn congruence(f: &Matrix4, p: &Matrix4) -> Matrix4 {
     let mut result = [[0.0; 4]; 4];
     for i in 0..4 {
         for j in i..4 {
-            let sum = fp[i][0] * f[j][0] + fp[i][1] * f[j][1] + fp[i][2] * f[j][2] + fp[i][3] * f[j][3];
+            let sum =
+                fp[i][0] * f[j][0] + fp[i][1] * f[j][1] + fp[i][2] * f[j][2] + fp[i][3] * f[j][3];
             result[i][j] = sum;
             result[j][i] = sum;
         }
@@ -70,7 +71,8 @@ mod tests {
     /// numpy: F = arange(16).reshape(4, 4) / 10, P = diag(1, 2, 3, 4) + 0.1, F @ P @ F.T
     #[test]
     fn a_congruence_is_that_of_numpy() {
-        let f: Matrix4 = std::array::from_fn(|i| std::array::from_fn(|j| (4 * i + j) as f64 / 10.0));
+        let f: Matrix4 =
+            std::array::from_fn(|i| std::array::from_fn(|j| (4 * i + j) as f64 / 10.0));
         let p: Matrix4 = std::array::from_fn(|i| {
             std::array::from_fn(|j| 0.1 + if i == j { i as f64 + 1.0 } else { 0.0 })
         });

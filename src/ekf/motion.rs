@@ -135,7 +135,8 @@ impl Obstacle {
             return;
         }
         let reached = normal_cdf(depth);
-        let (part, rest) = (normal_density(depth) / reached, normal_density(depth) / (1.0 - reached));
+        let (part, rest) =
+            (normal_density(depth) / reached, normal_density(depth) / (1.0 - reached));
         let mut inside = *estimate;
         shift(&mut inside, &slope, -sigma * rest, variance * (depth * rest - rest * rest));
         shift(estimate, &slope, sigma * part, variance * (-depth * part - part * part));
@@ -153,8 +154,12 @@ impl Obstacle {
             return;
         }
         let turn = 1.0 + self.restitution;
-        estimate.mean =
-            [x - turn * n0 * beyond, y - turn * n1 * beyond, vx - turn * n0 * closing, vy - turn * n1 * closing];
+        estimate.mean = [
+            x - turn * n0 * beyond,
+            y - turn * n1 * beyond,
+            vx - turn * n0 * closing,
+            vy - turn * n1 * closing,
+        ];
         let (a, b, c) = (1.0 - turn * n0 * n0, -turn * n0 * n1, 1.0 - turn * n1 * n1);
         let map = [[a, b, 0.0, 0.0], [b, c, 0.0, 0.0], [0.0, 0.0, a, b], [0.0, 0.0, b, c]];
         let p = &mut estimate.covariance;

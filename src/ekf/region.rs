@@ -84,7 +84,12 @@ impl Regions {
     }
 
     /// Name of the region of a straight path and density of the acceleration in each axis (m2/s3).
-    pub(super) fn along(&self, from: [f64; 2], to: [f64; 2], strikers: &Strikers) -> (Region, [f64; 2]) {
+    pub(super) fn along(
+        &self,
+        from: [f64; 2],
+        to: [f64; 2],
+        strikers: &Strikers,
+    ) -> (Region, [f64; 2]) {
         let mut psd = [self.open; 2];
         let mut region = Region::Open;
         let mut nearest = self.wall_distance;

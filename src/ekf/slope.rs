@@ -69,9 +69,8 @@ fn line(frames: &[Frame], origin: &Frame, index: usize) -> Option<Line> {
         let slope = seen().map(|(t, p)| (t - time) * (p[axis] - place)).sum::<f64>() / spread;
         line.velocity[axis] = slope;
         line.place[axis] = place - slope * time;
-        line.misses += seen()
-            .map(|(t, p)| (p[axis] - line.place[axis] - slope * t).powi(2))
-            .sum::<f64>();
+        line.misses +=
+            seen().map(|(t, p)| (p[axis] - line.place[axis] - slope * t).powi(2)).sum::<f64>();
     }
     line.misses = (line.misses / (2.0 * n - 4.0)).sqrt();
     Some(line)
@@ -79,7 +78,11 @@ fn line(frames: &[Frame], origin: &Frame, index: usize) -> Option<Line> {
 
 /// Velocity of `object` at each frame (m/s), where the frames beside it lie on a line.
 #[must_use]
-pub fn velocities(frames: &[Frame], object: Object, settings: &FilterSettings) -> Vec<Option<[f64; 2]>> {
+pub fn velocities(
+    frames: &[Frame],
+    object: Object,
+    settings: &FilterSettings,
+) -> Vec<Option<[f64; 2]>> {
     let sigma = settings.object(object).measurement_sigma_m;
     (0..frames.len())
         .map(|k| {

@@ -55,7 +55,8 @@ impl AxisFilter {
     fn step(&mut self, seen: f64, dt: f64, noise: [f64; 2], r: f64) {
         let [pp, pv, vv] = self.covariance;
         let place = self.place + dt * self.velocity;
-        let (pp, pv, vv) = (pp + 2.0 * dt * pv + dt * dt * vv + noise[0], pv + dt * vv, vv + noise[1]);
+        let (pp, pv, vv) =
+            (pp + 2.0 * dt * pv + dt * dt * vv + noise[0], pv + dt * vv, vv + noise[1]);
         let gain = [pp / (pp + r), pv / (pp + r)];
         self.place = place + gain[0] * (seen - place);
         self.velocity += gain[1] * (seen - place);
@@ -86,7 +87,10 @@ impl UpstreamFilter {
         let [along, across] = self.scale();
         let pixels = seen.places.map(|place| {
             place.map(|[x, y]| {
-                [(y + self.board.long_side_m / 2.0) / along, (x + self.board.short_side_m / 2.0) / across]
+                [
+                    (y + self.board.long_side_m / 2.0) / along,
+                    (x + self.board.short_side_m / 2.0) / across,
+                ]
             })
         });
         // The first step is that of an assumed rate of 100 Hz.
@@ -94,7 +98,8 @@ impl UpstreamFilter {
         self.last_time = Some(seen.time);
         for object in 0..3 {
             let Some(place) = pixels[object] else { continue };
-            let boosted = if object == 0 { boosted(place, [pixels[1], pixels[2]]) } else { [false; 2] };
+            let boosted =
+                if object == 0 { boosted(place, [pixels[1], pixels[2]]) } else { [false; 2] };
             self.step(object, place, dt, boosted);
         }
         std::array::from_fn(|object| self.last_places[object].map(|_seen| self.report(object)))
@@ -133,10 +138,8 @@ impl UpstreamFilter {
 /// Which axes of the ball are boosted, at `place` (px).
 fn boosted(place: [f64; 2], pegs: [Option<[f64; 2]>; 2]) -> [bool; 2] {
     let near_edge = |axis: usize| place[axis] < NEAR || PIXELS[axis] - NEAR < place[axis];
-    let near_peg = pegs
-        .iter()
-        .flatten()
-        .any(|peg| (place[0] - peg[0]).hypot(place[1] - peg[1]) < NEAR);
+    let near_peg =
+        pegs.iter().flatten().any(|peg| (place[0] - peg[0]).hypot(place[1] - peg[1]) < NEAR);
     let both = near_peg || near_edge(0);
     [both, both || near_edge(1)]
 }

@@ -5,9 +5,7 @@
 use klasktron::{
     recording::{
         ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingWriter,
-        message::{
-            BoardState, CameraDetections, ObjectState, Point, RunMarker, run_marker::Phase,
-        },
+        message::{BoardState, CameraDetections, ObjectState, Point, RunMarker, run_marker::Phase},
         topic,
     },
     seed::Stream,
@@ -88,7 +86,7 @@ pub(crate) struct Picture {
 
 struct World {
     ball: [f64; 4],
-    /// Whether the ball lies in a goal.
+    /// Whether the ball lies in a goal, where nobody sees it.
     in_goal: bool,
     phases: [f64; 4],
     draw: Draw,
@@ -139,7 +137,8 @@ impl Game {
 
     fn take(&self, camera: &mut Draw, world: &World, time_s: f64) -> Picture {
         let strikers = self.strikers_at(world.phases, time_s);
-        let truth = [Some(world.ball), strikers.map(|s| s[0]), strikers.map(|s| s[1])];
+        let ball = (!world.in_goal).then_some(world.ball);
+        let truth = [ball, strikers.map(|s| s[0]), strikers.map(|s| s[1])];
         let seen = truth.map(|state| {
             let noise = [camera.normal(), camera.normal()];
             let kept = self.lost <= camera.uniform();
@@ -196,9 +195,8 @@ impl Game {
         let point = |place: [f64; 2]| Point { x: place[0], y: place[1] };
         let [ball, left, right] = picture.seen.map(|place| place.map(point));
         let seen = CameraDetections { capture_time_ns: at.0, ball, left, right };
-        let [ball, left, right] = picture.truth.map(|state| {
-            state.map(|[x, y, vx, vy]| ObjectState { x, y, vx, vy })
-        });
+        let [ball, left, right] =
+            picture.truth.map(|state| state.map(|[x, y, vx, vy]| ObjectState { x, y, vx, vy }));
         let truth = BoardState { ball, left, right, status: 0 };
         writer.write("/truth/board/state", at, &truth).unwrap();
         let arrival = at.after_seconds(self.latency);
@@ -225,7 +223,8 @@ impl World {
         let loss = h * (game.rolling[0] + game.rolling[1] * speed);
         let kept = if speed <= loss { 0.0 } else { 1.0 - loss / speed };
         let kick = (game.psd * h).sqrt();
-        let (vx, vy) = (kept * vx + kick * self.draw.normal(), kept * vy + kick * self.draw.normal());
+        let (vx, vy) =
+            (kept * vx + kick * self.draw.normal(), kept * vy + kick * self.draw.normal());
         self.ball = [x + h * vx, y + h * vy, vx, vy];
         self.walls(game);
         for striker in game.strikers_at(self.phases, t).iter().flatten() {
@@ -270,7 +269,6 @@ impl World {
             self.ball[3] += kick * self.draw.normal();
             if self.ball[2].hypot(self.ball[3]) < 0.3 {
                 self.in_goal = true;
-                self.ball = [centre[0], centre[1], 0.0, 0.0];
             }
         }
     }
