@@ -133,6 +133,16 @@ impl Data {
         LEAST_MOTION_M < self.range(object)
     }
 
+    /// Why an object that does not move is not tuned.
+    pub(super) fn still(&self, object: Object) -> String {
+        let seen = |frame: &Frame| frame.seen.places[object.index()].is_some();
+        if self.runs_for(Split::Train).any(|run| run.frames.iter().any(seen)) {
+            "it does not move in the train runs".to_owned()
+        } else {
+            "it is not seen in the train runs".to_owned()
+        }
+    }
+
     /// Larger range of both coordinates of `object` within a train run (m).
     fn range(&self, object: Object) -> f64 {
         let mut largest: f64 = 0.0;
@@ -158,16 +168,20 @@ impl Frame {
     }
 }
 
+/// Frames with their arrivals, and the age of the pictures (s).
+type Arrivals = (Vec<(Nanos, Frame)>, Option<f64>);
+
 /// Frames with their arrivals, in order of capture, and the age of the pictures (s) where the camera
 /// shares the host's clock. Where it has none, arrivals count.
-fn frames_of(recording: &Recording) -> Result<(Vec<(Nanos, Frame)>, Option<f64>), EkfError> {
+fn frames_of(recording: &Recording) -> Result<Arrivals, EkfError> {
     let detections = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
     let truth = Truth(recording.series(TRUTH_TOPIC)?);
     let age = age(&detections);
+    let has_clock = runs_on(&detections);
     let mut frames: Vec<(Nanos, Frame)> = detections
         .iter()
         .map(|(arrival, found)| {
-            let time = if runs_on(&detections) { Nanos(found.capture_time_ns) } else { arrival };
+            let time = if has_clock { Nanos(found.capture_time_ns) } else { arrival };
             let place = |point: &Option<Point>| point.as_ref().map(|point| [point.x, point.y]);
             let places = [place(&found.ball), place(&found.left), place(&found.right)]
                 .map(|place| place.filter(|place| place.iter().all(|x| x.is_finite())));

@@ -93,9 +93,7 @@ pub fn tune_recordings(
     provenance: Provenance,
 ) -> Result<Tuned, EkfError> {
     let data = Data::from_recordings(recordings)?;
-    let train: Vec<&FrameRun> = data.runs_for(Split::Train).collect();
-    let moving = Object::ALL.map(|object| data.moves(object));
-    let (mut settings, tuning) = tune(&FilterSettings::default(), &train, moving);
+    let (mut settings, tuning) = tune(&FilterSettings::default(), &data);
     settings.latency_s = data.latency_s.unwrap_or(0.0);
     let runs = follow(&settings, data.runs_for(Split::Validation));
     let judgement: Vec<ObjectJudgement> = Object::ALL
@@ -107,7 +105,7 @@ pub fn tune_recordings(
         schema_version: SCHEMA_VERSION,
         provenance,
         inputs: recordings.iter().map(Input::of).collect(),
-        train: Amount::of(train.iter().copied()),
+        train: Amount::of(data.runs_for(Split::Train)),
         held_out: Amount::of(data.runs_for(Split::Validation)),
         filter: settings,
         bounces: rises(&responses(&runs, &settings)),
@@ -160,13 +158,19 @@ fn warnings(data: &Data, tuning: &[Tuning], judgement: &[ObjectJudgement]) -> Ve
         ),
         Some(_) => {}
     }
-    for own in tuning {
+    let is_tuned = |own: &Tuning| own.regions.iter().any(|region| region.tuned);
+    for own in tuning.iter().filter(|own| !is_tuned(own)) {
+        let reason = own.regions.first().map_or("", |region| region.reason.as_str());
+        warnings.push(format!("{}: not tuned: {reason}", own.object.name()));
+    }
+    for own in tuning.iter().filter(|own| is_tuned(own)) {
         for region in own.regions.iter().filter(|region| !region.tuned) {
             let (object, title) = (own.object.name(), region.region.title());
             warnings.push(format!("{object}, {title}: not tuned: {}", region.reason));
         }
     }
-    for own in judgement {
+    let of = |object: Object| tuning.iter().any(|own| own.object == object && is_tuned(own));
+    for own in judgement.iter().filter(|own| of(own.object)) {
         for region in &own.regions {
             let checks = [("NIS", 2, &region.nis), ("NEES", 4, &region.nees)];
             for (name, expected, consistency) in checks {
@@ -225,8 +229,7 @@ mod tests {
         assert!(refused("{}").contains("schema_version is missing"));
         assert!(refused("{\"schema_version\": \"2\"}").contains("schema_version is 2"));
         assert!(refused("{\"schema_version\": \"1\"}").contains("filter:"));
-        let mut settings = FilterSettings::default();
-        settings.gate_probability = 0.9;
+        let settings = FilterSettings { gate_probability: 0.9, ..FilterSettings::default() };
         let document = serde_json::json!({ "schema_version": "1", "filter": settings });
         assert!(refused(&document.to_string()).contains("gate_probability is 0.9"));
     }

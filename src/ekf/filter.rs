@@ -127,6 +127,7 @@ impl ObjectFilter {
     }
 
     /// Moves the belief `dt` (s) ahead; strikers stand at `strikers`. Gives the region of the path.
+    #[inline]
     pub fn predict(&self, estimate: &mut Estimate, dt: f64, strikers: &Strikers) -> Region {
         let steps = if dt <= LONGEST_STEP { 1 } else { (dt / LONGEST_STEP).ceil() as usize };
         let dt = dt / steps as f64;
@@ -146,6 +147,7 @@ impl ObjectFilter {
 
     /// A detection at `place` (m) less the prediction, and whether it is taken.
     #[must_use]
+    #[inline]
     pub fn innovation(&self, estimate: &Estimate, place: [f64; 2]) -> Innovation {
         let (p, r) = (&estimate.covariance, self.measurement_variance);
         let covariance = [[p[0][0] + r, p[0][1]], [p[0][1], p[1][1] + r]];
@@ -167,11 +169,11 @@ impl ObjectFilter {
         innovation
     }
 
+    #[inline]
     fn correct(&self, estimate: &mut Estimate, innovation: &Innovation) {
         let [[xx, xy], [_, yy]] = innovation.covariance;
-        let determinant = xx * yy - xy * xy;
-        let inverse =
-            [[yy / determinant, -xy / determinant], [-xy / determinant, xx / determinant]];
+        let share = 1.0 / (xx * yy - xy * xy);
+        let inverse = [[yy * share, -xy * share], [-xy * share, xx * share]];
         let p = estimate.covariance;
         let gain: [[f64; 2]; 4] = std::array::from_fn(|row| {
             std::array::from_fn(|c| p[row][0] * inverse[0][c] + p[row][1] * inverse[1][c])
@@ -185,6 +187,7 @@ impl ObjectFilter {
 
 /// (I - K H) P (I - K H)' + r K K' for H = [I 0]: A = (I - K H) P by rows, then A less its first two
 /// columns times K', plus the noise.
+#[inline]
 fn joseph(p: &Matrix4, gain: &[[f64; 2]; 4], r: f64) -> Matrix4 {
     let a: Matrix4 = std::array::from_fn(|i| {
         std::array::from_fn(|j| p[i][j] - gain[i][0] * p[0][j] - gain[i][1] * p[1][j])
@@ -202,6 +205,7 @@ fn joseph(p: &Matrix4, gain: &[[f64; 2]; 4], r: f64) -> Matrix4 {
 }
 
 impl Ball {
+    #[inline]
     fn step(&self, estimate: &mut Estimate, dt: f64, strikers: &Strikers) -> Region {
         let from = [estimate.mean[0], estimate.mean[1]];
         self.rolling.advance(estimate, dt);
@@ -209,19 +213,25 @@ impl Ball {
         let (region, psd) = self.regions.along(from, to, strikers);
         add_acceleration_noise(&mut estimate.covariance, psd, dt);
         for axis in 0..2 {
-            let side = 1.0_f64.copysign(estimate.mean[axis]);
-            let mut normal = [0.0; 2];
-            normal[axis] = side;
-            let wall = Obstacle {
-                normal,
-                reach: self.regions.reach[axis],
-                speed: 0.0,
-                restitution: self.restitution,
-                restitution_sigma: self.restitution_sigma,
-                scatter_sigma: self.scatter_sigma,
-            };
-            wall.bounce(estimate);
+            let gap = self.regions.reach[axis] - estimate.mean[axis].abs();
+            let variance = estimate.covariance[axis][axis];
+            if gap <= 0.0 || gap * gap <= Obstacle::CERTAIN * Obstacle::CERTAIN * variance {
+                self.wall(axis, estimate.mean[axis]).bounce(estimate);
+            }
         }
         region
+    }
+    /// The wall across `axis` on the side of `place`.
+    fn wall(&self, axis: usize, place: f64) -> Obstacle {
+        let mut normal = [0.0; 2];
+        normal[axis] = 1.0_f64.copysign(place);
+        Obstacle {
+            normal,
+            reach: self.regions.reach[axis],
+            speed: 0.0,
+            restitution: self.restitution,
+            restitution_sigma: self.restitution_sigma,
+            scatter_sigma: self.scatter_sigma,
+        }
     }
 }

@@ -41,7 +41,7 @@ pub(super) fn cholesky(p: &Matrix4) -> Option<Matrix4> {
         for j in 0..=i {
             let sum: f64 = p[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
             if i == j {
-                if !(0.0 < sum) {
+                if sum.is_nan() || sum <= 0.0 {
                     return None;
                 }
                 l[i][i] = sum.sqrt();

@@ -15,9 +15,6 @@ pub struct Estimate {
 /// Below this speed rolling resistance fades (m/s): no sign flips at rest, and the Jacobian exists.
 const FADING_SPEED: f64 = 0.02;
 
-/// Beyond this many standard deviations an impact has happened, or has not.
-const CERTAIN: f64 = 5.0;
-
 /// Resistance of rolling: a = -(c / (|v| + 0.02 m/s) + b) v.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rolling {
@@ -49,6 +46,7 @@ impl Rolling {
     pub(super) const NONE: Self = Self { deceleration: 0.0, drag: 0.0 };
 
     /// Moves a belief `dt` (s) ahead, without noise.
+    #[inline]
     pub(super) fn advance(self, estimate: &mut Estimate, dt: f64) {
         let (mean, velocities) = self.step(&estimate.mean, dt);
         estimate.mean = mean;
@@ -58,6 +56,7 @@ impl Rolling {
     /// State after `dt` (s), and the derivative of the velocities by those before: xx, xy, yy of a
     /// symmetric matrix. Velocity by one explicit step, place by the mean of both velocities, so it is
     /// exact for constant deceleration and for constant velocity.
+    #[inline]
     fn step(self, state: &[f64; 4], dt: f64) -> ([f64; 4], [f64; 3]) {
         let [x, y, vx, vy] = *state;
         let speed = (vx * vx + vy * vy).sqrt();
@@ -74,6 +73,7 @@ impl Rolling {
 /// F P F' for F = [[I, B], [0, D]] with B = dt/2 (I + D), the Jacobian of [`Rolling::step`], block by
 /// block: with V and W the blocks of place and velocity, and T = V + B W, the new ones are
 /// P + T B + B V', T D and D W D.
+#[inline]
 fn transform(p: &mut Matrix4, velocities: [f64; 3], dt: f64) {
     let [d0, d1, d2] = velocities;
     let half = 0.5 * dt;
@@ -102,6 +102,7 @@ fn transform(p: &mut Matrix4, velocities: [f64; 3], dt: f64) {
 /// Adds the noise of a white acceleration with density `psd` (m2/s3) in each axis over `dt` (s):
 /// q [[dt^3/3, dt^2/2], [dt^2/2, dt]] (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications
 /// to Tracking and Navigation", 2001, section 6.2.2).
+#[inline]
 pub(super) fn add_acceleration_noise(p: &mut Matrix4, psd: [f64; 2], dt: f64) {
     for (axis, q) in psd.into_iter().enumerate() {
         let place_speed = 0.5 * q * dt * dt;
@@ -113,6 +114,9 @@ pub(super) fn add_acceleration_noise(p: &mut Matrix4, psd: [f64; 2], dt: f64) {
 }
 
 impl Obstacle {
+    /// Beyond this many standard deviations an impact has happened, or has not.
+    pub(super) const CERTAIN: f64 = 5.0;
+
     /// Bounces what lies beyond the obstacle. The belief is split at the obstacle into a part that has
     /// reached it and one that has not, each with the moments of a truncated normal; the reached part
     /// is reflected with the scatter of the impact; both are put together with the mean and the
@@ -124,13 +128,13 @@ impl Obstacle {
         let across: [f64; 4] = std::array::from_fn(|row| n0 * p[row][0] + n1 * p[row][1]);
         let variance = n0 * across[0] + n1 * across[1];
         let beyond = n0 * estimate.mean[0] + n1 * estimate.mean[1] - self.reach;
-        if !(0.0 < variance) || beyond * beyond.abs() < -CERTAIN * CERTAIN * variance {
+        if variance <= 0.0 || beyond * beyond.abs() < -Self::CERTAIN * Self::CERTAIN * variance {
             return;
         }
         let sigma = variance.sqrt();
         let depth = beyond / sigma;
         let slope = across.map(|cell| cell / variance);
-        if CERTAIN < depth {
+        if Self::CERTAIN < depth {
             self.reflect(estimate);
             return;
         }

@@ -84,6 +84,7 @@ impl Regions {
     }
 
     /// Name of the region of a straight path and density of the acceleration in each axis (m2/s3).
+    #[inline]
     pub(super) fn along(
         &self,
         from: [f64; 2],
@@ -127,16 +128,19 @@ pub fn region_at(settings: &FilterSettings, place: [f64; 2], strikers: &Strikers
 }
 
 /// Square of the distance of `point` from a segment.
+#[inline]
 fn distance_squared(from: [f64; 2], to: [f64; 2], point: [f64; 2]) -> f64 {
     let way = [to[0] - from[0], to[1] - from[1]];
     let off = [point[0] - from[0], point[1] - from[1]];
     let length = way[0] * way[0] + way[1] * way[1];
-    let share = if 0.0 < length {
-        ((off[0] * way[0] + off[1] * way[1]) / length).clamp(0.0, 1.0)
+    let along = off[0] * way[0] + off[1] * way[1];
+    if along <= 0.0 {
+        off[0] * off[0] + off[1] * off[1]
+    } else if length <= along {
+        (off[0] - way[0]).powi(2) + (off[1] - way[1]).powi(2)
     } else {
-        0.0
-    };
-    (off[0] - share * way[0]).powi(2) + (off[1] - share * way[1]).powi(2)
+        (off[0] * way[1] - off[1] * way[0]).powi(2) / length
+    }
 }
 
 #[cfg(test)]

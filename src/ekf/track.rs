@@ -125,6 +125,7 @@ struct Remembered {
 
 /// What became of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "looked at and dropped; a box would allocate")]
 pub enum Observed {
     /// It is in the estimate; steps by [`Object::index`].
     Taken([Step; 3]),

@@ -13,13 +13,13 @@
 //! positive.
 
 use super::{
-    data::FrameRun,
+    data::{Data, Frame, FrameRun},
     filter::{Gate, Innovation, ObjectFilter},
     region::{Region, Strikers},
     settings::{BallSettings, BoardSettings, FilterSettings, Object, ObjectSettings},
     track::{Track, held},
 };
-use crate::units::Nanos;
+use crate::{recording::Split, units::Nanos};
 use argmin::{
     core::{CostFunction, Executor},
     solver::neldermead::NelderMead,
@@ -72,18 +72,13 @@ pub struct RegionTuning {
     pub reason: String,
 }
 
-/// Tunes all objects that move in `runs`, each in a thread of its own; the result does not depend on
+/// Tunes all objects that move in the train runs of `data`, each in a thread of its own; the result does not depend on
 /// how many run at a time.
 #[must_use]
-pub fn tune(
-    start: &FilterSettings,
-    runs: &[&FrameRun],
-    moving: [bool; 3],
-) -> (FilterSettings, Vec<Tuning>) {
+pub fn tune(start: &FilterSettings, data: &Data) -> (FilterSettings, Vec<Tuning>) {
     let tuned = std::thread::scope(|scope| {
-        let threads = Object::ALL.map(|object| {
-            scope.spawn(move || tune_object(start, object, runs, moving[object.index()]))
-        });
+        let threads =
+            Object::ALL.map(|object| scope.spawn(move || tune_object(start, object, data)));
         threads.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     });
     let mut settings = *start;
@@ -96,19 +91,14 @@ pub fn tune(
 }
 
 /// Settings and account of one object.
-fn tune_object(
-    start: &FilterSettings,
-    object: Object,
-    runs: &[&FrameRun],
-    moves: bool,
-) -> (ObjectSettings, Tuning) {
-    let problem = Problem::new(start, object, runs);
+fn tune_object(start: &FilterSettings, object: Object, data: &Data) -> (ObjectSettings, Tuning) {
+    let problem = Problem::new(start, object, data);
     let before = problem.score(start.object(object));
     let mut own = *start.object(object);
-    let mut regions = before.regions(own.ball.is_some());
-    if !moves {
+    let mut regions = before.regions(&own);
+    if !data.moves(object) {
         for region in &mut regions {
-            (region.tuned, region.reason) = (false, format!("the {} does not move", object.name()));
+            (region.tuned, region.reason) = (false, data.still(object));
         }
     }
     let is_tuned = |region: Region| regions.iter().any(|own| own.region == region && own.tuned);
@@ -253,8 +243,8 @@ impl Score {
     }
 
     /// Regions of a ball, or the one of a striker.
-    fn regions(&self, has_ball: bool) -> Vec<RegionTuning> {
-        let all = if has_ball { &Region::ALL[..] } else { &Region::ALL[..1] };
+    fn regions(&self, own: &ObjectSettings) -> Vec<RegionTuning> {
+        let all = if own.ball.is_some() { &Region::ALL[..] } else { &Region::ALL[..1] };
         let account = |region: &Region| {
             let (samples, visits) = (self.samples[*region as usize], self.visits[*region as usize]);
             let few_visits = *region != Region::Open && visits < LEAST_VISITS;
@@ -273,10 +263,10 @@ impl Score {
 }
 
 impl Problem {
-    fn new(start: &FilterSettings, object: Object, runs: &[&FrameRun]) -> Self {
-        let samples = |run: &&FrameRun| {
+    fn new(start: &FilterSettings, object: Object, data: &Data) -> Self {
+        let samples = |run: &FrameRun| {
             let mut strikers: Strikers = [None; 2];
-            let sample = |frame: &super::data::Frame| {
+            let sample = |frame: &Frame| {
                 strikers = held(strikers, &frame.seen.places);
                 let place = frame.seen.places[object.index()];
                 Sample { time: frame.seen.time, place, strikers }
@@ -287,7 +277,7 @@ impl Problem {
         Self {
             start: *start,
             object,
-            runs: runs.iter().map(samples).collect(),
+            runs: data.runs_for(Split::Train).map(samples).collect(),
             clutter_density: CLUTTER / (short_side_m * long_side_m),
         }
     }

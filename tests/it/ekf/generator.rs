@@ -179,7 +179,7 @@ impl Game {
                 phase: phase.into(),
                 split: if number % 3 == 2 { "validation" } else { "train" }.into(),
             };
-            let ends = [&pictures[0], &pictures[pictures.len() - 1]].map(|picture| at(picture));
+            let ends = [&pictures[0], &pictures[pictures.len() - 1]].map(at);
             let late = self.latency + 0.002;
             writer.write(topic::RUN_MARKER, ends[0], &marker(Phase::Start)).unwrap();
             for picture in &pictures {
@@ -234,11 +234,11 @@ impl World {
     }
 
     fn walls(&mut self, game: &Game) {
-        for axis in 0..2 {
+        for (axis, reach) in REACH.into_iter().enumerate() {
             let (place, speed) = (self.ball[axis], self.ball[axis + 2]);
-            if REACH[axis] < place.abs() && 0.0 < place * speed {
+            if reach < place.abs() && 0.0 < place * speed {
                 let bounce = (game.walls[0] + game.walls[1] * self.draw.normal()).clamp(0.0, 1.0);
-                self.ball[axis] = REACH[axis].copysign(place);
+                self.ball[axis] = reach.copysign(place);
                 self.ball[axis + 2] = -bounce * speed;
                 self.ball[3 - axis] += game.walls[2] * speed * self.draw.normal();
             }
