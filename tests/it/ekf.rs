@@ -160,3 +160,15 @@ fn what_cannot_be_tuned_is_refused_in_one_sentence_and_nothing_is_written() {
     refused("still.mcap", "nothing moves further than");
     refused("absent.mcap", "absent.mcap: cannot open");
 }
+
+/// Writes the games of `reports/2026-11-21-ekf` into `target/tmp`: 300 s to tune on, 150 s held out.
+#[test]
+#[ignore = "makes the inputs of a report"]
+fn write_the_games_of_the_report() {
+    for seed in [1, 11, 12, 13] {
+        let name = format!("ekf-game-{seed}.mcap");
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+        fs::remove_file(&path).ok();
+        Game { seed, runs: 180, ..Game::default() }.write(&path);
+    }
+}
