@@ -28,11 +28,15 @@ pub(crate) struct Args {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let recordings = args
-        .recordings
-        .iter()
-        .map(|path| Recording::open(path))
-        .collect::<Result<Vec<Recording>, _>>()?;
+    let mut recordings: Vec<Recording> = Vec::new();
+    for path in &args.recordings {
+        let recording = Recording::open(path)?;
+        if recordings.iter().any(|other| other.sha256 == recording.sha256) {
+            tell(&format!("warning: {} is given twice and counts once", path.display()));
+        } else {
+            recordings.push(recording);
+        }
+    }
     let damaged = || recordings.iter().filter(|recording| !recording.loss.is_none());
     let tuned = ekf::tune_recordings(&recordings, Provenance::new(args.command_line()))?;
     write_outcome(&tuned, &args.out)?;

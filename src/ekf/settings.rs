@@ -120,7 +120,7 @@ impl Default for FilterSettings {
     /// Where tuning starts, and what remains where the data do not say: a camera good to half a
     /// millimetre; strikers that reach 6 m/s2 for 50 ms (their density is about a^2 t); a ball that
     /// rolls nearly straight and changes by metres per second within the 50 ms near a striker.
-    /// Geometry as in the platform's simulator (`src/klask_rl/.../klask_params.py`).
+    /// Geometry as in the platform's simulator (klask_rl, `klask_params.py`).
     fn default() -> Self {
         let size = BoardSize::default();
         let striker = ObjectSettings {

@@ -106,12 +106,22 @@ impl Track {
 #[derive(Debug, Clone)]
 pub struct BoardFilter {
     filters: [ObjectFilter; 3],
-    /// A ring: the oldest frame lies at `oldest`, `count` frames are in order of time.
-    ring: [Remembered; REMEMBERED_FRAMES],
+    /// A ring: `count` frames in order of time from `oldest` on, and before them the last one that was
+    /// dropped, from which the oldest can be done again.
+    ring: [Remembered; SLOTS],
     oldest: usize,
     count: usize,
-    /// The last frame that left the ring.
-    forgotten: Option<Remembered>,
+    dropped: Dropped,
+}
+
+/// Places of the ring.
+const SLOTS: usize = REMEMBERED_FRAMES + 1;
+
+/// Whether a frame was dropped before the oldest one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Dropped {
+    None,
+    Some,
 }
 
 /// A frame and what is believed after it.
@@ -147,10 +157,10 @@ impl BoardFilter {
     pub fn new(settings: &FilterSettings) -> Self {
         Self {
             filters: Object::ALL.map(|object| ObjectFilter::new(settings, object)),
-            ring: [NOTHING; REMEMBERED_FRAMES],
+            ring: [NOTHING; SLOTS],
             oldest: 0,
             count: 0,
-            forgotten: None,
+            dropped: Dropped::None,
         }
     }
 
@@ -161,12 +171,13 @@ impl BoardFilter {
             return Observed::Repeated;
         }
         let full = self.count == REMEMBERED_FRAMES;
-        if after == 0 && (full || self.forgotten.is_some()) {
+        if after == 0 && (full || self.dropped == Dropped::Some) {
             return Observed::TooLate;
         }
         let at = if full { after - 1 } else { after };
         self.make_room(at);
-        self.frame_mut(at).seen = *seen;
+        let slot = self.slot(at);
+        self.ring[slot].seen = *seen;
         let steps = self.redo(at);
         for later in at + 1..self.count {
             self.redo(later);
@@ -204,44 +215,42 @@ impl BoardFilter {
         (0..self.count).rev().find(|at| self.frame(*at).seen.time <= time).map_or(0, |at| at + 1)
     }
 
-    fn frame(&self, at: usize) -> &Remembered {
-        &self.ring[(self.oldest + at) % REMEMBERED_FRAMES]
+    /// Place in the ring of the frame `at`, counted from the oldest.
+    fn slot(&self, at: usize) -> usize {
+        (self.oldest + at) % SLOTS
     }
 
-    fn frame_mut(&mut self, at: usize) -> &mut Remembered {
-        &mut self.ring[(self.oldest + at) % REMEMBERED_FRAMES]
+    fn frame(&self, at: usize) -> &Remembered {
+        &self.ring[self.slot(at)]
     }
 
     /// Moves later frames up so that `at` is free; where all places are taken the oldest frame goes.
     fn make_room(&mut self, at: usize) {
         if self.count == REMEMBERED_FRAMES {
-            self.forgotten = Some(*self.frame(0));
-            self.oldest = (self.oldest + 1) % REMEMBERED_FRAMES;
+            self.dropped = Dropped::Some;
+            self.oldest = self.slot(1);
         } else {
             self.count += 1;
         }
         for later in (at + 1..self.count).rev() {
-            *self.frame_mut(later) = *self.frame(later - 1);
+            self.ring[self.slot(later)] = *self.frame(later - 1);
         }
     }
 
     /// Does frame `at` again from the one before it.
     fn redo(&mut self, at: usize) -> [Step; 3] {
-        let (mut tracks, mut strikers) = match (at.checked_sub(1), &self.forgotten) {
-            (Some(before), _) => (self.frame(before).tracks, self.frame(before).strikers),
-            (None, Some(before)) => (before.tracks, before.strikers),
-            (None, None) => ([None; 3], [None; 2]),
-        };
-        let Seen { time, places } = self.frame(at).seen;
-        strikers = held(strikers, &places);
-        let steps = Object::ALL.map(|object| {
+        let first = at == 0 && self.dropped == Dropped::None;
+        let before = if first { &NOTHING } else { self.frame(at + SLOTS - 1) };
+        let (tracks, strikers) = (before.tracks, before.strikers);
+        let slot = self.slot(at);
+        let own = &mut self.ring[slot];
+        own.tracks = tracks;
+        own.strikers = held(strikers, &own.seen.places);
+        Object::ALL.map(|object| {
             let index = object.index();
-            let seen = (time, places[index]);
-            Track::observe(&mut tracks[index], &self.filters[index], seen, &strikers)
-        });
-        let own = self.frame_mut(at);
-        (own.tracks, own.strikers) = (tracks, strikers);
-        steps
+            let seen = (own.seen.time, own.seen.places[index]);
+            Track::observe(&mut own.tracks[index], &self.filters[index], seen, &own.strikers)
+        })
     }
 }
 
