@@ -44,6 +44,12 @@ pub(crate) enum Command {
     /// nothing says so, the last of several recordings is held out, or every third run of one. OUT
     /// receives gap.json, twin.json (with the effects in it), index.html and gap.mcap.
     Gap(commands::gap::Args),
+    /// Tune the filter of ball and strikers by its innovations, and judge it on other runs
+    ///
+    /// Runs whose recording or run marker says split=validation judge and are never fitted; where
+    /// nothing says so, the last of several recordings is held out, or every third run of one. OUT
+    /// receives ekf.json (which `play` loads), index.html and ekf.mcap with estimate beside detection.
+    TuneEkf(commands::tune_ekf::Args),
     /// Write weights or tables for other software
     Export(commands::export::Args),
 }
@@ -59,6 +65,7 @@ impl Command {
             Self::FitActuator(args) => commands::fit_actuator::run(&args),
             Self::Calibrate(args) => commands::gap::calibrate(&args),
             Self::Gap(args) => commands::gap::run(&args),
+            Self::TuneEkf(args) => commands::tune_ekf::run(&args),
             Self::Export(args) => commands::export::run(&args),
         }
     }

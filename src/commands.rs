@@ -11,6 +11,7 @@ mod live_view;
 pub(crate) mod recover;
 pub(crate) mod rig;
 mod table;
+pub(crate) mod tune_ekf;
 
 use klasktron::recording::Recording;
 use std::{

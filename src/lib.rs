@@ -19,6 +19,8 @@
 //! 7. [`twin`] simulates the measured chain out of the [`effects`] of a catalogue; [`gap`] compares it
 //!    with recordings link by link, fits it, finds what is missing and adds it: `twin.json`,
 //!    `gap.json`, a page and the compared signals as `gap.mcap`.
+//! 8. [`ekf`] turns detections into places and velocities, tunes its noise on recordings and says
+//!    whether it is as sure as it may be: `ekf.json`, a page and estimates beside detections.
 //!
 //! # Rooms
 //!
@@ -42,12 +44,13 @@
 //! | | [`actuator`] | command history to motion: models, fits, judgement |
 //! | | [`effects`] | the catalogue of physical effects: one small file each |
 //! | | [`twin`] | the simulator made of them, and its links in a recording |
+//! | | [`ekf`] | the state estimate: filter, tuning, consistency |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
-//! Still to come, each with its place: `ekf` and `sim` in layer 2; `score` and `rl` in layer 3.
+//! Still to come, each with its place: `sim` in layer 2; `score` and `rl` in layer 3.
 //!
 //! # Invariants
 //!
@@ -71,6 +74,7 @@ pub mod recording;
 pub mod actuator;
 pub mod can;
 pub mod effects;
+pub mod ekf;
 pub mod gantry;
 pub mod link;
 pub mod rig;

@@ -12,5 +12,7 @@ mod distribution;
 mod summary;
 
 pub use bootstrap::{Interval, bootstrap_ci95};
-pub use distribution::{f_tail, incomplete_beta, ln_gamma, t_quantile};
+pub use distribution::{
+    chi_square_quantile, f_tail, incomplete_beta, ln_gamma, normal_cdf, normal_density, t_quantile,
+};
 pub use summary::{half_central_spread, mean, median, quantile, standard_deviation};

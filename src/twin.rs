@@ -42,7 +42,7 @@ pub use estimator::EstimatorStage;
 pub use machine::{Machine, machine_of};
 pub use path::MeasuredPath;
 pub use plant::{Plant, PlantState, belts, rails};
-pub use session::{Run, Session, SessionError, runs_of, sessions_of};
+pub use session::{Run, Session, SessionError, divide, runs_of, sessions_of};
 pub use stage::{Channel, Stage, StageKind};
 
 use crate::effects::{Axis, Effect};

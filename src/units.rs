@@ -22,8 +22,8 @@ impl Nanos {
     /// ```
     #[must_use]
     pub fn seconds_since(self, earlier: Self) -> f64 {
-        let nanos = i128::from(self.0) - i128::from(earlier.0);
-        nanos as f64 / NANOS_PER_SECOND as f64
+        let seconds = self.0.abs_diff(earlier.0) as f64 / NANOS_PER_SECOND as f64;
+        if earlier <= self { seconds } else { -seconds }
     }
 
     /// The instant `seconds` later (earlier when negative), rounded to the nearest nanosecond and

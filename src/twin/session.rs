@@ -173,8 +173,9 @@ fn session_name(recording: &Recording) -> String {
     )
 }
 
-/// Gives every run a purpose.
-fn divide(recordings: &mut [Vec<Run>]) {
+/// Gives every run of every recording a purpose, where markers and metadata leave it open: the last of
+/// several recordings is held out, or every third run of one.
+pub fn divide(recordings: &mut [Vec<Run>]) {
     let says = |split| move |runs: &Vec<Run>| runs.iter().any(|run| run.split == Some(split));
     let held_out_known = recordings.iter().any(says(Split::Validation));
     let several = 1 < recordings.len();

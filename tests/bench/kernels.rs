@@ -1,4 +1,4 @@
-//! The kernels behind `fit-actuator`, beside the matrix product of faer.
+//! The kernels behind `fit-actuator`, beside the matrix product of faer, and the filter of `tune-ekf`.
 //!
 //! Throughput is in floating-point operations: a product of `m x k` by `k x n` counts `2 m n k`, a
 //! training step the products of forward pass, weight gradients and inner input gradients, and
@@ -7,8 +7,10 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use klasktron::{
+    ekf::{BoardFilter, FilterSettings, Object, ObjectFilter, Observed, Seen},
     nn::{Activation, Adam, Dense, InputGradient, Network, Stack, Tape, Trainer},
     seed::Stream,
+    units::Nanos,
 };
 use std::{hint::black_box, time::Duration};
 
@@ -175,6 +177,58 @@ fn check_gradient(network: &Network) {
     }
 }
 
+/// Detections of a ball that swings across the open board (m), 120 a second.
+fn swing(frame: u64) -> [f64; 2] {
+    let t = frame as f64 / 120.0;
+    [0.05 * (1.2 * t).sin(), 0.04 * (0.9 * t).cos()]
+}
+
+const STRIKERS: [[f64; 2]; 2] = [[0.0, -0.12], [0.0, 0.12]];
+/// Frames in one iteration.
+const FRAMES: u64 = 1200;
+
+/// One prediction and one update of one object, and a whole board with its memory of late frames.
+fn state_estimate(criterion: &mut Criterion) {
+    let settings = FilterSettings::default();
+    let filter = ObjectFilter::new(&settings, Object::Ball);
+    let strikers = STRIKERS.map(Some);
+    let follow = || {
+        let mut ball = filter.start(swing(0));
+        for frame in 1..FRAMES {
+            filter.predict(&mut ball, 1.0 / 120.0, &strikers);
+            filter.update(&mut ball, black_box(swing(frame)));
+        }
+        ball
+    };
+    let end = (FRAMES - 1) as f64 / 120.0;
+    check_close("ball", follow().mean[2] as f32, (0.06 * (1.2 * end).cos()) as f32, 5e-3);
+    let seen: Vec<Seen> = (0..FRAMES)
+        .map(|frame| Seen {
+            time: Nanos(frame * 1_000_000_000 / 120),
+            places: [Some(swing(frame)), strikers[0], strikers[1]],
+        })
+        .collect();
+    let board = || {
+        let mut board = BoardFilter::new(&settings);
+        let taken = seen.iter().filter(|seen| matches!(board.observe(seen), Observed::Taken(_)));
+        assert_eq!(taken.count() as u64, FRAMES);
+        board
+    };
+    let newest = board().estimate_at(Object::Ball, seen[seen.len() - 1].time);
+    check_close(
+        "board",
+        newest.map_or(f32::NAN, |own| own.mean[2] as f32),
+        follow().mean[2] as f32,
+        1e-9,
+    );
+    let mut group = criterion.benchmark_group("state_estimate");
+    group.throughput(Throughput::Elements(FRAMES - 1));
+    group.bench_function("object", |bencher| bencher.iter(follow));
+    group.throughput(Throughput::Elements(3 * FRAMES));
+    group.bench_function("board", |bencher| bencher.iter(board));
+    group.finish();
+}
+
 fn short() -> Criterion {
     Criterion::default()
         .sample_size(20)
@@ -185,6 +239,6 @@ fn short() -> Criterion {
 criterion_group! {
     name = kernels;
     config = short();
-    targets = faer_product, forward, training_step
+    targets = faer_product, forward, training_step, state_estimate
 }
 criterion_main!(kernels);

@@ -1,0 +1,237 @@
+//! The filter of one object: predict, gate, update.
+
+use super::{
+    matrix::Matrix4,
+    motion::{Estimate, Obstacle, Rolling, add_acceleration_noise},
+    region::{Region, Regions, Strikers},
+    settings::{FilterSettings, Object},
+};
+
+/// Longest step of the transition (s); longer waits are divided.
+const LONGEST_STEP: f64 = 0.02;
+
+/// Whether a detection was taken for the object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Gate {
+    /// It was, and the estimate has moved.
+    Accepted,
+    /// It lies too far away; the estimate is the prediction.
+    Refused,
+}
+
+/// A detection less its prediction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Innovation {
+    /// Detected less predicted place (m).
+    pub residual: [f64; 2],
+    /// Its covariance S = H P H' + R (m2).
+    pub covariance: [[f64; 2]; 2],
+    /// residual' S^-1 residual: chi-square with two degrees of freedom when the filter is consistent.
+    pub nis: f64,
+    /// What the gate said.
+    pub gate: Gate,
+}
+
+/// The filter of one object: numbers only, no state. Nothing in it allocates.
+///
+/// ```
+/// use klasktron::ekf::{FilterSettings, Object, ObjectFilter};
+/// let filter = ObjectFilter::new(&FilterSettings::default(), Object::Ball);
+/// let mut ball = filter.start([0.0, 0.0]);
+/// for frame in 1..=12 {
+///     let seen = [0.0, 0.5 * f64::from(frame) / 120.0];
+///     filter.predict(&mut ball, 1.0 / 120.0, &[None, None]);
+///     filter.update(&mut ball, seen);
+/// }
+/// assert!((ball.mean[3] - 0.5).abs() < 0.02);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObjectFilter {
+    measurement_variance: f64,
+    start_speed_variance: f64,
+    open_psd: f64,
+    largest_nis: f64,
+    ball: Option<Ball>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Ball {
+    rolling: Rolling,
+    regions: Regions,
+    restitution: f64,
+    restitution_sigma: f64,
+    scatter_sigma: f64,
+}
+
+impl ObjectFilter {
+    /// The filter of `object`.
+    #[must_use]
+    pub fn new(settings: &FilterSettings, object: Object) -> Self {
+        let own = settings.object(object);
+        Self {
+            measurement_variance: own.measurement_sigma_m.powi(2),
+            start_speed_variance: own.start_speed_sigma_m_per_s.powi(2),
+            open_psd: own.open_psd_m2_per_s3,
+            // The tail of chi-square with two degrees of freedom is exp(-x/2).
+            largest_nis: -2.0 * settings.gate_probability.ln(),
+            ball: own.ball.map(|ball| Ball {
+                rolling: Rolling {
+                    deceleration: ball.rolling_deceleration_m_per_s2,
+                    drag: ball.rolling_drag_per_s,
+                },
+                regions: Regions::new(&settings.board, own.open_psd_m2_per_s3, &ball),
+                restitution: ball.wall_restitution,
+                restitution_sigma: ball.wall_restitution_sigma,
+                scatter_sigma: ball.wall_scatter_sigma,
+            }),
+        }
+    }
+
+    /// Variance of a detection in each axis (m2).
+    #[must_use]
+    pub fn measurement_variance(&self) -> f64 {
+        self.measurement_variance
+    }
+
+    /// Standard deviation of a velocity of which nothing is known (m/s).
+    pub(super) fn start_speed_sigma(&self) -> f64 {
+        self.start_speed_variance.sqrt()
+    }
+
+    /// The belief after a first detection at `place` (m).
+    #[must_use]
+    pub fn start(&self, place: [f64; 2]) -> Estimate {
+        let (r, s) = (self.measurement_variance, self.start_speed_variance);
+        let diagonal = [r, r, s, s];
+        Estimate {
+            mean: [place[0], place[1], 0.0, 0.0],
+            covariance: std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == j { diagonal[i] } else { 0.0 })
+            }),
+        }
+    }
+
+    /// The belief after two detections of which nothing else is known: (m) and `dt` (s) apart.
+    pub(super) fn start_between(&self, before: [f64; 2], place: [f64; 2], dt: f64) -> Estimate {
+        let mut estimate = self.start(place);
+        let r = self.measurement_variance;
+        for axis in 0..2 {
+            estimate.mean[axis + 2] = (place[axis] - before[axis]) / dt;
+            estimate.covariance[axis][axis + 2] = r / dt;
+            estimate.covariance[axis + 2][axis] = r / dt;
+            estimate.covariance[axis + 2][axis + 2] = 2.0 * r / (dt * dt);
+        }
+        let p = &mut estimate.covariance;
+        add_acceleration_noise(p, [self.open_psd; 2], dt);
+        estimate
+    }
+
+    /// Moves the belief `dt` (s) ahead; strikers stand at `strikers`. Gives the region of the path.
+    #[inline]
+    pub fn predict(&self, estimate: &mut Estimate, dt: f64, strikers: &Strikers) -> Region {
+        let steps = if dt <= LONGEST_STEP { 1 } else { (dt / LONGEST_STEP).ceil() as usize };
+        let dt = dt / steps as f64;
+        let mut region = Region::Open;
+        for _ in 0..steps {
+            region = match &self.ball {
+                Some(ball) => ball.step(estimate, dt, strikers),
+                None => {
+                    Rolling::NONE.advance(estimate, dt);
+                    add_acceleration_noise(&mut estimate.covariance, [self.open_psd; 2], dt);
+                    Region::Open
+                }
+            };
+        }
+        region
+    }
+
+    /// A detection at `place` (m) less the prediction, and whether it is taken.
+    #[must_use]
+    #[inline]
+    pub fn innovation(&self, estimate: &Estimate, place: [f64; 2]) -> Innovation {
+        let (p, r) = (&estimate.covariance, self.measurement_variance);
+        let covariance = [[p[0][0] + r, p[0][1]], [p[0][1], p[1][1] + r]];
+        let residual = [place[0] - estimate.mean[0], place[1] - estimate.mean[1]];
+        let [a, b] = residual;
+        let [[xx, xy], [_, yy]] = covariance;
+        let nis = (yy * a * a - 2.0 * xy * a * b + xx * b * b) / (xx * yy - xy * xy);
+        let gate = if nis <= self.largest_nis { Gate::Accepted } else { Gate::Refused };
+        Innovation { residual, covariance, nis, gate }
+    }
+
+    /// Takes a detection at `place` (m), unless the gate refuses it. The covariance is updated in
+    /// Joseph's form, (I - K H) P (I - K H)' + K R K', which keeps it symmetric and positive definite.
+    pub fn update(&self, estimate: &mut Estimate, place: [f64; 2]) -> Innovation {
+        let innovation = self.innovation(estimate, place);
+        if innovation.gate == Gate::Accepted {
+            self.correct(estimate, &innovation);
+        }
+        innovation
+    }
+
+    #[inline]
+    fn correct(&self, estimate: &mut Estimate, innovation: &Innovation) {
+        let [[xx, xy], [_, yy]] = innovation.covariance;
+        let share = 1.0 / (xx * yy - xy * xy);
+        let inverse = [[yy * share, -xy * share], [-xy * share, xx * share]];
+        let p = estimate.covariance;
+        let gain: [[f64; 2]; 4] = std::array::from_fn(|row| {
+            std::array::from_fn(|c| p[row][0] * inverse[0][c] + p[row][1] * inverse[1][c])
+        });
+        for (value, gain) in estimate.mean.iter_mut().zip(&gain) {
+            *value += gain[0] * innovation.residual[0] + gain[1] * innovation.residual[1];
+        }
+        estimate.covariance = joseph(&p, &gain, self.measurement_variance);
+    }
+}
+
+/// (I - K H) P (I - K H)' + r K K' for H = [I 0]: A = (I - K H) P by rows, then A less its first two
+/// columns times K', plus the noise.
+#[inline]
+fn joseph(p: &Matrix4, gain: &[[f64; 2]; 4], r: f64) -> Matrix4 {
+    let a: Matrix4 = std::array::from_fn(|i| {
+        std::array::from_fn(|j| p[i][j] - gain[i][0] * p[0][j] - gain[i][1] * p[1][j])
+    });
+    let mut result = [[0.0; 4]; 4];
+    for i in 0..4 {
+        for j in i..4 {
+            let noise = r * (gain[i][0] * gain[j][0] + gain[i][1] * gain[j][1]);
+            let cell = a[i][j] - a[i][0] * gain[j][0] - a[i][1] * gain[j][1] + noise;
+            result[i][j] = cell;
+            result[j][i] = cell;
+        }
+    }
+    result
+}
+
+impl Ball {
+    #[inline]
+    fn step(&self, estimate: &mut Estimate, dt: f64, strikers: &Strikers) -> Region {
+        let from = [estimate.mean[0], estimate.mean[1]];
+        self.rolling.advance(estimate, dt);
+        let to = [estimate.mean[0], estimate.mean[1]];
+        let (region, psd) = self.regions.along(from, to, strikers);
+        add_acceleration_noise(&mut estimate.covariance, psd, dt);
+        for axis in 0..2 {
+            let gap = self.regions.reach[axis] - estimate.mean[axis].abs();
+            let variance = estimate.covariance[axis][axis];
+            if gap <= 0.0 || gap * gap <= Obstacle::CERTAIN * Obstacle::CERTAIN * variance {
+                self.wall(axis, estimate.mean[axis]).bounce(estimate);
+            }
+        }
+        region
+    }
+    /// The wall across `axis` on the side of `place`.
+    fn wall(&self, axis: usize, place: f64) -> Obstacle {
+        let mut normal = [0.0; 2];
+        normal[axis] = 1.0_f64.copysign(place);
+        Obstacle {
+            normal,
+            reach: self.regions.reach[axis],
+            speed: 0.0,
+            restitution: self.restitution,
+            restitution_sigma: self.restitution_sigma,
+            scatter_sigma: self.scatter_sigma,
+        }
+    }
+}

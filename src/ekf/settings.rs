@@ -1,0 +1,266 @@
+//! Every number of the filter, with its unit in its name: what `ekf.json` holds under `filter`.
+
+use super::error::EkfError;
+use crate::board::BoardSize;
+use serde::{Deserialize, Serialize};
+
+/// One of the three things that the camera follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Object {
+    /// The ball.
+    Ball,
+    /// The striker of the player who owns y < 0.
+    Left,
+    /// The striker of the player who owns y > 0.
+    Right,
+}
+
+impl Object {
+    /// All of them; their place here is their index in every array of three.
+    pub const ALL: [Self; 3] = [Self::Ball, Self::Left, Self::Right];
+
+    /// As fields and pages spell it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ball => "ball",
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+
+    /// Its index in every array of three.
+    #[must_use]
+    pub fn index(self) -> usize {
+        self as usize
+    }
+}
+
+/// The filter of a whole board.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FilterSettings {
+    /// Where walls and goals are.
+    pub board: BoardSettings,
+    /// From the capture of a picture to its arrival (s); 0 where it was not measured.
+    pub latency_s: f64,
+    /// Share of good detections that the gate refuses.
+    pub gate_probability: f64,
+    /// The ball.
+    pub ball: ObjectSettings,
+    /// The striker of y < 0.
+    pub left: ObjectSettings,
+    /// The striker of y > 0.
+    pub right: ObjectSettings,
+}
+
+/// The playing field.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoardSettings {
+    /// Across (m).
+    pub short_side_m: f64,
+    /// From goal to goal (m).
+    pub long_side_m: f64,
+    /// From the middle of the board to the centre of each goal (m).
+    pub goal_distance_m: f64,
+    /// Radius of a goal (m).
+    pub goal_radius_m: f64,
+}
+
+/// How one object moves and how well it is seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectSettings {
+    /// Standard deviation of a detection in each axis (m): R is its square.
+    pub measurement_sigma_m: f64,
+    /// Standard deviation of the unknown velocity at the start, in each axis (m/s).
+    pub start_speed_sigma_m_per_s: f64,
+    /// Power spectral density of the acceleration on the open board, in each axis (m2/s3).
+    pub open_psd_m2_per_s3: f64,
+    /// What only a ball has; a striker moves at constant velocity in one region.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ball: Option<BallSettings>,
+}
+
+/// Rolling, walls and regions of a ball.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BallSettings {
+    /// Radius of the ball (m).
+    pub radius_m: f64,
+    /// Deceleration of rolling that does not depend on speed (m/s2).
+    pub rolling_deceleration_m_per_s2: f64,
+    /// Deceleration per speed (1/s).
+    pub rolling_drag_per_s: f64,
+    /// Speed away from a wall per speed towards it.
+    pub wall_restitution: f64,
+    /// Standard deviation of that from impact to impact.
+    pub wall_restitution_sigma: f64,
+    /// Standard deviation of the change along the wall, per speed towards it.
+    pub wall_scatter_sigma: f64,
+    /// Acceleration added across a wall x = const while near it (m2/s3).
+    pub near_wall_x_psd_m2_per_s3: f64,
+    /// Acceleration added across a wall y = const while near it (m2/s3).
+    pub near_wall_y_psd_m2_per_s3: f64,
+    /// Acceleration added in each axis near a striker (m2/s3).
+    pub near_striker_psd_m2_per_s3: f64,
+    /// Acceleration added in each axis over a goal and its rim (m2/s3).
+    pub goal_rim_psd_m2_per_s3: f64,
+    /// From the surface of the ball to the wall: nearer is near (m).
+    pub near_wall_distance_m: f64,
+    /// From the centre of the ball to the centre of the striker: nearer is near (m).
+    pub near_striker_distance_m: f64,
+    /// How far beyond its radius a goal reaches (m).
+    pub goal_rim_width_m: f64,
+}
+
+impl Default for FilterSettings {
+    /// Where tuning starts, and what remains where the data do not say: a camera good to half a
+    /// millimetre; strikers that reach 6 m/s2 for 50 ms (their density is about a^2 t); a ball that
+    /// rolls nearly straight and changes by metres per second within the 50 ms near a striker.
+    /// Geometry as in the platform's simulator (klask_rl, `klask_params.py`).
+    fn default() -> Self {
+        let size = BoardSize::default();
+        let striker = ObjectSettings {
+            measurement_sigma_m: 5e-4,
+            start_speed_sigma_m_per_s: 0.4,
+            open_psd_m2_per_s3: 2.0,
+            ball: None,
+        };
+        Self {
+            board: BoardSettings {
+                short_side_m: size.short_side,
+                long_side_m: size.long_side,
+                goal_distance_m: 0.17,
+                goal_radius_m: 0.01905,
+            },
+            latency_s: 0.0,
+            gate_probability: 1e-4,
+            ball: ObjectSettings {
+                start_speed_sigma_m_per_s: 1.0,
+                open_psd_m2_per_s3: 0.02,
+                ball: Some(BallSettings::default()),
+                ..striker
+            },
+            left: striker,
+            right: striker,
+        }
+    }
+}
+
+impl Default for BallSettings {
+    fn default() -> Self {
+        Self {
+            radius_m: 0.007,
+            rolling_deceleration_m_per_s2: 0.1,
+            rolling_drag_per_s: 0.1,
+            wall_restitution: 0.8,
+            wall_restitution_sigma: 0.05,
+            wall_scatter_sigma: 0.05,
+            near_wall_x_psd_m2_per_s3: 0.1,
+            near_wall_y_psd_m2_per_s3: 0.1,
+            near_striker_psd_m2_per_s3: 20.0,
+            goal_rim_psd_m2_per_s3: 2.0,
+            near_wall_distance_m: 0.02,
+            near_striker_distance_m: 0.025,
+            goal_rim_width_m: 0.007,
+        }
+    }
+}
+
+impl FilterSettings {
+    /// The settings of `object`.
+    #[must_use]
+    pub fn object(&self, object: Object) -> &ObjectSettings {
+        match object {
+            Object::Ball => &self.ball,
+            Object::Left => &self.left,
+            Object::Right => &self.right,
+        }
+    }
+
+    /// The settings of `object`, to be changed.
+    pub fn object_mut(&mut self, object: Object) -> &mut ObjectSettings {
+        match object {
+            Object::Ball => &mut self.ball,
+            Object::Left => &mut self.left,
+            Object::Right => &mut self.right,
+        }
+    }
+
+    /// Refuses numbers with which no filter works.
+    ///
+    /// # Errors
+    /// The first field outside its range.
+    pub fn check(&self) -> Result<(), EkfError> {
+        let board = &self.board;
+        within("board.short_side_m", board.short_side_m, 0.01, 10.0)?;
+        within("board.long_side_m", board.long_side_m, 0.01, 10.0)?;
+        within("board.goal_distance_m", board.goal_distance_m, 0.0, 10.0)?;
+        within("board.goal_radius_m", board.goal_radius_m, 0.0, 1.0)?;
+        within("latency_s", self.latency_s, 0.0, 1.0)?;
+        within("gate_probability", self.gate_probability, 1e-12, 0.5)?;
+        for object in Object::ALL {
+            self.object(object).check(object.name())?;
+        }
+        Ok(())
+    }
+}
+
+impl ObjectSettings {
+    fn check(&self, name: &str) -> Result<(), EkfError> {
+        let is = |field: &str, value: f64, low: f64, high: f64| {
+            within(&format!("{name}.{field}"), value, low, high)
+        };
+        is("measurement_sigma_m", self.measurement_sigma_m, 1e-7, 0.1)?;
+        is("start_speed_sigma_m_per_s", self.start_speed_sigma_m_per_s, 1e-3, 100.0)?;
+        is("open_psd_m2_per_s3", self.open_psd_m2_per_s3, 1e-12, 1e6)?;
+        let Some(ball) = &self.ball else { return Ok(()) };
+        is("ball.radius_m", ball.radius_m, 0.0, 0.1)?;
+        is("ball.rolling_deceleration_m_per_s2", ball.rolling_deceleration_m_per_s2, 0.0, 1.0)?;
+        is("ball.rolling_drag_per_s", ball.rolling_drag_per_s, 0.0, 10.0)?;
+        is("ball.wall_restitution", ball.wall_restitution, 0.0, 1.0)?;
+        is("ball.wall_restitution_sigma", ball.wall_restitution_sigma, 0.0, 1.0)?;
+        is("ball.wall_scatter_sigma", ball.wall_scatter_sigma, 0.0, 1.0)?;
+        is("ball.near_wall_x_psd_m2_per_s3", ball.near_wall_x_psd_m2_per_s3, 0.0, 1e6)?;
+        is("ball.near_wall_y_psd_m2_per_s3", ball.near_wall_y_psd_m2_per_s3, 0.0, 1e6)?;
+        is("ball.near_striker_psd_m2_per_s3", ball.near_striker_psd_m2_per_s3, 0.0, 1e6)?;
+        is("ball.goal_rim_psd_m2_per_s3", ball.goal_rim_psd_m2_per_s3, 0.0, 1e6)?;
+        is("ball.near_wall_distance_m", ball.near_wall_distance_m, 0.0, 1.0)?;
+        is("ball.near_striker_distance_m", ball.near_striker_distance_m, 0.0, 1.0)?;
+        is("ball.goal_rim_width_m", ball.goal_rim_width_m, 0.0, 1.0)
+    }
+}
+
+fn within(field: &str, value: f64, low: f64, high: f64) -> Result<(), EkfError> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(EkfError::Setting { field: field.to_owned(), value, low, high })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_survive_json_and_refuse_what_they_do_not_know() {
+        let settings = FilterSettings::default();
+        settings.check().unwrap();
+        let text = serde_json::to_string(&settings).unwrap();
+        assert_eq!(serde_json::from_str::<FilterSettings>(&text).unwrap(), settings);
+        let foreign = text.replace("latency_s", "latency_ms");
+        assert!(serde_json::from_str::<FilterSettings>(&foreign).is_err());
+    }
+
+    #[test]
+    fn a_number_outside_its_range_is_named() {
+        let mut settings = FilterSettings::default();
+        settings.left.open_psd_m2_per_s3 = f64::NAN;
+        let error = settings.check().unwrap_err().to_string();
+        assert!(error.contains("left.open_psd_m2_per_s3 is NaN"), "{error}");
+    }
+}

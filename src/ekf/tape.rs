@@ -1,0 +1,72 @@
+//! `ekf.mcap`: estimate beside measurement, for any viewer.
+//!
+//! | topic | message | what |
+//! |---|---|---|
+//! | `/camera/detections` | `CameraDetections` | what was seen in the held-out runs, at its capture |
+//! | `/board/state` | `BoardState` | the estimate after each frame, at the same time |
+//! | `/ekf/upstream/board_state` | `BoardState` | what upstream's filter makes of it |
+//! | `/truth/board/state` | `BoardState` | the truth, where a simulator told it |
+//!
+//! Attachment: `ekf.json`.
+
+use super::{document::Document, judge::JudgedFrame};
+use crate::recording::{
+    ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingError, RecordingWriter,
+    message::{BoardState, CameraDetections, ObjectState, Point},
+    topic,
+};
+use std::{collections::BTreeMap, path::Path};
+
+/// Topic of what upstream's filter says.
+pub const UPSTREAM_TOPIC: &str = "/ekf/upstream/board_state";
+
+/// Writes `ekf.mcap`.
+///
+/// # Errors
+/// When the disk refuses.
+pub fn write_tape(tuned: &super::Tuned, path: &Path) -> Result<(), RecordingError> {
+    let mut writer = RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
+    writer.metadata(RECORDING_METADATA, metadata(&tuned.document))?;
+    let mut frames: Vec<&JudgedFrame> = tuned.runs.iter().flat_map(|run| &run.frames).collect();
+    frames.sort_by_key(|judged| judged.frame.seen.time);
+    for judged in frames {
+        let seen = judged.frame.seen;
+        let [ball, left, right] = seen.places.map(|p| p.map(|[x, y]| Point { x, y }));
+        let detections = CameraDetections { capture_time_ns: seen.time.0, ball, left, right };
+        writer.write(topic::CAMERA_DETECTIONS, seen.time, &detections)?;
+        let estimate = state(judged.estimates.map(|own| own.map(|own| own.mean)));
+        writer.write(topic::BOARD_STATE, seen.time, &estimate)?;
+        writer.write(UPSTREAM_TOPIC, seen.time, &state(judged.upstream))?;
+        if judged.frame.truth.iter().any(Option::is_some) {
+            writer.write(super::TRUTH_TOPIC, seen.time, &state(judged.frame.truth))?;
+        }
+    }
+    writer.attach("ekf.json", "application/json", tuned.document.to_json().as_bytes())?;
+    writer.finish()
+}
+
+fn state(states: [Option<[f64; 4]>; 3]) -> BoardState {
+    let [ball, left, right] =
+        states.map(|state| state.map(|[x, y, vx, vy]| ObjectState { x, y, vx, vy }));
+    BoardState { ball, left, right, status: 0 }
+}
+
+fn metadata(document: &Document) -> BTreeMap<String, String> {
+    let provenance = &document.provenance;
+    let mut metadata: BTreeMap<String, String> = [
+        ("schema_version", "1"),
+        ("source", "simulation"),
+        ("session", "ekf"),
+        ("split", "validation"),
+        ("command_line", &provenance.command_line),
+        ("crate_version", provenance.crate_version),
+        ("git_hash", provenance.git_hash),
+    ]
+    .map(|(key, value)| (key.to_owned(), value.to_owned()))
+    .into();
+    for (index, input) in document.inputs.iter().enumerate() {
+        metadata.insert(format!("input_{index}"), input.name.clone());
+        metadata.insert(format!("input_{index}_sha256"), input.sha256.clone());
+    }
+    metadata
+}

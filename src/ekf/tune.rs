@@ -1,0 +1,377 @@
+//! Numbers of the filter that make the innovations of the train runs most likely.
+//!
+//! The innovation log-likelihood of a filter is the sum of ln N(residual; 0, S) over all detections
+//! (Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE Transactions on
+//! Information Theory 11, 1965). Here every detection is clutter with a probability of 0.1 %, spread
+//! evenly over the board, so that a wild one costs 18 nats and no more.
+//!
+//! It is maximised with argmin's Nelder-Mead in stages, each a few numbers that act together, twice over:
+//! what acts on the open board, impacts on walls, the wall's region, the striker's region, the goal's.
+//! In one piece the thirteen numbers of a ball are too many for a simplex. The objective is
+//! deterministic (no random number is drawn), but a region's size moves samples in and out of it, so it
+//! has steps and no gradient; Nelder-Mead needs none. Scales are logarithms, so that noise stays
+//! positive.
+
+use super::{
+    data::{Data, Frame, FrameRun},
+    filter::{Gate, Innovation, ObjectFilter},
+    region::{Region, Strikers},
+    settings::{BallSettings, BoardSettings, FilterSettings, Object, ObjectSettings},
+    track::{Track, held},
+};
+use crate::{recording::Split, units::Nanos};
+use argmin::{
+    core::{CostFunction, Executor},
+    solver::neldermead::NelderMead,
+};
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// Probability that a detection is clutter.
+const CLUTTER: f64 = 1e-3;
+/// A region is tuned from this many samples in the train runs (1 s at 120 Hz),
+pub const LEAST_SAMPLES: usize = 120;
+/// and from this many visits.
+pub const LEAST_VISITS: usize = 10;
+/// Times that all stages are gone through.
+const ROUNDS: usize = 2;
+/// Iterations of Nelder-Mead for each number of a stage.
+const ITERATIONS_PER_NUMBER: u64 = 22;
+/// The simplex has shrunk when its costs (nats per detection) differ by less.
+const TOLERANCE: f64 = 1e-6;
+
+/// What tuning did to one object.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Tuning {
+    /// Which one.
+    pub object: Object,
+    /// Detections in the train runs.
+    pub detections: usize,
+    /// Mean innovation log-likelihood of a detection with the settings at the start (nats).
+    pub log_likelihood_before_nats: f64,
+    /// The same with the tuned settings.
+    pub log_likelihood_after_nats: f64,
+    /// Passes over the train runs.
+    pub evaluations: usize,
+    /// Each region and whether it was tuned.
+    pub regions: Vec<RegionTuning>,
+}
+
+/// Whether a region was tuned.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RegionTuning {
+    /// Which one.
+    pub region: Region,
+    /// Detections in it in the train runs.
+    pub samples: usize,
+    /// Times that the object came into it.
+    pub visits: usize,
+    /// Whether its numbers were fitted.
+    pub tuned: bool,
+    /// Why they were not; empty where they were.
+    pub reason: String,
+}
+
+/// Tunes all objects that move in the train runs of `data`, each in a thread of its own; the result does not depend on
+/// how many run at a time.
+#[must_use]
+pub fn tune(start: &FilterSettings, data: &Data) -> (FilterSettings, Vec<Tuning>) {
+    let tuned = std::thread::scope(|scope| {
+        let threads =
+            Object::ALL.map(|object| scope.spawn(move || tune_object(start, object, data)));
+        threads.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    });
+    let mut settings = *start;
+    let mut tunings = Vec::new();
+    for (own, tuning) in tuned {
+        *settings.object_mut(tuning.object) = own;
+        tunings.push(tuning);
+    }
+    (settings, tunings)
+}
+
+/// Settings and account of one object.
+fn tune_object(start: &FilterSettings, object: Object, data: &Data) -> (ObjectSettings, Tuning) {
+    let problem = Problem::new(start, object, data);
+    let before = problem.score(start.object(object));
+    let mut own = *start.object(object);
+    let mut regions = before.regions(&own);
+    if !data.moves(object) {
+        for region in &mut regions {
+            (region.tuned, region.reason) = (false, data.still(object));
+        }
+    }
+    let is_tuned = |region: Region| regions.iter().any(|own| own.region == region && own.tuned);
+    let mut evaluations = 1;
+    for _ in 0..ROUNDS {
+        for stage in STAGES.iter().filter(|stage| is_tuned(stage.region)) {
+            if own.ball.is_some() || stage.knobs.iter().all(|knob| knob.everywhere) {
+                evaluations += problem.improve(stage, &mut own);
+            }
+        }
+    }
+    let after = problem.score(&own);
+    let tuning = Tuning {
+        object,
+        detections: before.detections,
+        log_likelihood_before_nats: before.mean(),
+        log_likelihood_after_nats: after.mean(),
+        evaluations: evaluations + 1,
+        regions,
+    };
+    (own, tuning)
+}
+
+/// A number that is tuned.
+struct Knob {
+    /// Whether every object has it.
+    everywhere: bool,
+    low: f64,
+    high: f64,
+    number: fn(&mut ObjectSettings) -> Option<&mut f64>,
+}
+
+impl Knob {
+    const fn ball(
+        low: f64,
+        high: f64,
+        number: fn(&mut ObjectSettings) -> Option<&mut f64>,
+    ) -> Self {
+        Self { everywhere: false, low, high, number }
+    }
+}
+
+/// Numbers that are tuned together, where their region was visited.
+struct Stage {
+    region: Region,
+    knobs: &'static [Knob],
+}
+
+macro_rules! ball {
+    ($field:ident) => {
+        |own| own.ball.as_mut().map(|ball: &mut BallSettings| &mut ball.$field)
+    };
+}
+
+/// The stages. The first is for all objects, and goes without a ball's numbers where there is none.
+const STAGES: &[Stage] = &[
+    Stage {
+        region: Region::Open,
+        knobs: &[
+            Knob {
+                everywhere: true,
+                low: 1e-6,
+                high: 0.05,
+                number: |own| Some(&mut own.measurement_sigma_m),
+            },
+            Knob {
+                everywhere: true,
+                low: 1e-7,
+                high: 1e3,
+                number: |own| Some(&mut own.open_psd_m2_per_s3),
+            },
+        ],
+    },
+    Stage {
+        region: Region::Open,
+        knobs: &[
+            Knob::ball(1e-3, 1.0, ball!(rolling_deceleration_m_per_s2)),
+            Knob::ball(1e-3, 10.0, ball!(rolling_drag_per_s)),
+        ],
+    },
+    Stage {
+        region: Region::NearWallX,
+        knobs: &[
+            Knob::ball(0.05, 1.0, ball!(wall_restitution)),
+            Knob::ball(1e-3, 0.5, ball!(wall_restitution_sigma)),
+            Knob::ball(1e-3, 0.5, ball!(wall_scatter_sigma)),
+        ],
+    },
+    Stage {
+        region: Region::NearWallX,
+        knobs: &[
+            Knob::ball(1e-5, 1e3, ball!(near_wall_x_psd_m2_per_s3)),
+            Knob::ball(1e-5, 1e3, ball!(near_wall_y_psd_m2_per_s3)),
+            Knob::ball(2e-3, 0.06, ball!(near_wall_distance_m)),
+        ],
+    },
+    Stage {
+        region: Region::NearStriker,
+        knobs: &[
+            Knob::ball(1e-3, 1e4, ball!(near_striker_psd_m2_per_s3)),
+            // Ball and striker touch at 14.5 mm; a striker at 0.4 m/s comes 3.4 mm in a frame.
+            Knob::ball(0.018, 0.06, ball!(near_striker_distance_m)),
+        ],
+    },
+    Stage {
+        region: Region::GoalRim,
+        knobs: &[
+            Knob::ball(1e-4, 1e4, ball!(goal_rim_psd_m2_per_s3)),
+            Knob::ball(1e-3, 0.03, ball!(goal_rim_width_m)),
+        ],
+    },
+];
+
+/// One detection, or none, at an instant.
+#[derive(Clone, Copy)]
+struct Sample {
+    time: Nanos,
+    place: Option<[f64; 2]>,
+    strikers: Strikers,
+}
+
+/// The train runs of one object.
+struct Problem {
+    start: FilterSettings,
+    object: Object,
+    runs: Vec<Vec<Sample>>,
+    clutter_density: f64,
+}
+
+/// What a filter makes of the train runs.
+#[derive(Default)]
+struct Score {
+    sum: f64,
+    detections: usize,
+    samples: [usize; 5],
+    visits: [usize; 5],
+}
+
+impl Score {
+    fn mean(&self) -> f64 {
+        self.sum / self.detections.max(1) as f64
+    }
+
+    /// Regions of a ball, or the one of a striker.
+    fn regions(&self, own: &ObjectSettings) -> Vec<RegionTuning> {
+        let all = if own.ball.is_some() { &Region::ALL[..] } else { &Region::ALL[..1] };
+        let account = |region: &Region| {
+            let (samples, visits) = (self.samples[*region as usize], self.visits[*region as usize]);
+            let few_visits = *region != Region::Open && visits < LEAST_VISITS;
+            let reason = if samples < LEAST_SAMPLES || few_visits {
+                format!(
+                    "{samples} detections in {visits} visits are too few (at least {LEAST_SAMPLES} in \
+                     {LEAST_VISITS}); the default is kept"
+                )
+            } else {
+                String::new()
+            };
+            RegionTuning { region: *region, samples, visits, tuned: reason.is_empty(), reason }
+        };
+        all.iter().map(account).collect()
+    }
+}
+
+impl Problem {
+    fn new(start: &FilterSettings, object: Object, data: &Data) -> Self {
+        let samples = |run: &FrameRun| {
+            let mut strikers: Strikers = [None; 2];
+            let sample = |frame: &Frame| {
+                strikers = held(strikers, &frame.seen.places);
+                let place = frame.seen.places[object.index()];
+                Sample { time: frame.seen.time, place, strikers }
+            };
+            run.frames.iter().map(sample).collect()
+        };
+        let BoardSettings { short_side_m, long_side_m, .. } = start.board;
+        Self {
+            start: *start,
+            object,
+            runs: data.runs_for(Split::Train).map(samples).collect(),
+            clutter_density: CLUTTER / (short_side_m * long_side_m),
+        }
+    }
+
+    fn score(&self, own: &ObjectSettings) -> Score {
+        let mut settings = self.start;
+        *settings.object_mut(self.object) = *own;
+        let filter = ObjectFilter::new(&settings, self.object);
+        let mut score = Score::default();
+        for run in &self.runs {
+            let mut track = None;
+            let mut last = None;
+            for sample in run {
+                let seen = (sample.time, sample.place);
+                let step = Track::observe(&mut track, &filter, seen, &sample.strikers);
+                let Some(innovation) = step.innovation else { continue };
+                score.sum += self.log_density(&innovation);
+                score.detections += 1;
+                score.samples[step.region as usize] += 1;
+                score.visits[step.region as usize] += usize::from(last != Some(step.region));
+                last = Some(step.region);
+            }
+        }
+        score
+    }
+
+    /// ln of the density of a detection (nats, of 1/m2).
+    fn log_density(&self, innovation: &Innovation) -> f64 {
+        let [[xx, xy], [_, yy]] = innovation.covariance;
+        let density = match innovation.gate {
+            Gate::Accepted => (-0.5 * innovation.nis).exp() / (TAU * (xx * yy - xy * xy).sqrt()),
+            Gate::Refused => 0.0,
+        };
+        ((1.0 - CLUTTER) * density + self.clutter_density).ln()
+    }
+
+    /// Improves the numbers of one stage and counts the passes.
+    fn improve(&self, stage: &Stage, own: &mut ObjectSettings) -> usize {
+        let mut start = *own;
+        let place: Vec<f64> = stage
+            .knobs
+            .iter()
+            .filter_map(|knob| Some((knob.number)(&mut start)?.clamp(knob.low, knob.high).ln()))
+            .collect();
+        // Steps of a third: noise is known to a factor, and restitution moves far enough.
+        let vertex = |index: usize| {
+            let mut vertex = place.clone();
+            if let Some(number) = index.checked_sub(1) {
+                vertex[number] += if vertex[number] < 0.0 { 0.3 } else { -0.3 };
+            }
+            vertex
+        };
+        let simplex: Vec<Vec<f64>> = (0..=place.len()).map(vertex).collect();
+        let iterations = ITERATIONS_PER_NUMBER * place.len() as u64;
+        let cost = StageCost { problem: self, stage, own: start };
+        let solved = NelderMead::new(simplex).with_sd_tolerance(TOLERANCE).and_then(|solver| {
+            Executor::new(cost, solver).configure(|state| state.max_iters(iterations)).run()
+        });
+        let Ok(solved) = solved else { return 0 };
+        let counts = solved.problem.counts.get("cost_count").copied().unwrap_or(0);
+        let before = self.score(own).mean();
+        if let Some(best) = solved.state.best_param
+            && before < -solved.state.best_cost
+        {
+            *own = StageCost { problem: self, stage, own: *own }.with(&best);
+        }
+        counts as usize + 1
+    }
+}
+
+/// Minus the mean log-likelihood as a function of the logarithms of a stage's numbers.
+struct StageCost<'a> {
+    problem: &'a Problem,
+    stage: &'a Stage,
+    own: ObjectSettings,
+}
+
+impl StageCost<'_> {
+    fn with(&self, logarithms: &[f64]) -> ObjectSettings {
+        let mut own = self.own;
+        for (knob, logarithm) in self.stage.knobs.iter().zip(logarithms) {
+            if let Some(number) = (knob.number)(&mut own) {
+                *number = logarithm.exp().clamp(knob.low, knob.high);
+            }
+        }
+        own
+    }
+}
+
+impl CostFunction for StageCost<'_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+
+    fn cost(&self, logarithms: &Self::Param) -> Result<f64, argmin::core::Error> {
+        Ok(-self.problem.score(&self.with(logarithms)).mean())
+    }
+}
