@@ -8,24 +8,29 @@
 //! 2. Link by link ([`crate::twin::StageKind`]), [`search`] fits what the twin already has, so that bad
 //!    tuning is not blamed on structure.
 //! 3. The screen switches every effect of the catalogue on, on every axis, and regresses what is left on
-//!    the change of the simulation, prewhitened, block by block.
+//!    the change of the simulation, prewhitened, block by block. Where the given twin is a calibrated one,
+//!    effects are also simulated on it as it was, before a refit could absorb them.
 //! 4. The best are simulated again, everything fitted together, and compared in the metric of the best
 //!    one's residual. One is named when its gain is beyond chance for all tries, when the held-out
-//!    session prefers it, when the sessions agree on its size and no number stands on a bound. Rivals
+//!    session follows it in sign and size and gains by it, and no number stands on a bound. Rivals
 //!    that explain the data as well are its class; of equals the one with the fewest numbers is added.
 //! 5. Then again, until nothing passes. What is left and still depends on something gets a name of its
-//!    own: `unknown.<regressor>[<band>]`.
+//!    own: `unknown.<regressor>[<band>]`. Recordings of which a searched twin leaves no more than it is
+//!    known to leave hold nothing new: there only what closes a tenth of the gap is worth a name.
 //! 6. [`find()`] puts it into `gap.json` ([`Document`]), [`page()`] into `index.html`, [`write_tape`] into
 //!    `gap.mcap`.
 //!
 //! # Statistics, with their sources
 //!
 //! - Prewhitening by autoregressive models up to order 12 (Ljung 1999, chapter 7).
-//! - Tests and intervals by blocks of 0.5 s as clusters: a Hotelling test of the block scores, and the
-//!   sandwich covariance of Liang and Zeger (Biometrika 73, 1986), which hold under correlation within
-//!   blocks and under uneven scatter.
+//! - Evidence by blocks of 0.5 s as clusters, from what is left *after* the change in question, moderated
+//!   where few blocks are active (Smyth 2004): the amplitude with which the data follow a simulated change
+//!   (after Davidson and MacKinnon, Econometrica 49, 1981), and a joint test of several numbers (after Rao
+//!   and Scott, Annals of Statistics 12, 1984, or Hotelling's of the blocks' correlations).
+//! - Intervals by the sandwich covariance of Liang and Zeger (Biometrika 73, 1986), widened by what sessions
+//!   differ in beyond their scatter (DerSimonian and Laird 1986).
 //! - Bonferroni's correction for all pairs of effect and start that a screen tries.
-//! - Rivals by the paired block test of their squared errors (after Vuong, Econometrica 57, 1989).
+//! - Rivals by the same amplitude between two simulated changes: the better one's must be above one half.
 //! - The noise floor from measurements alone, never from a residual.
 
 mod checks;

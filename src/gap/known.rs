@@ -46,3 +46,18 @@ pub(super) fn is_nothing_new(excess: Option<f64>) -> bool {
 pub(super) fn least_worth(excess: Option<f64>) -> f64 {
     if is_nothing_new(excess) { WORTH_NAMING_AGAIN } else { WORTH_NAMING }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_known_to_be_left_is_nothing_new_and_worth_a_name_only_where_it_is_large() {
+        assert!(is_nothing_new(Some(-0.3)) && is_nothing_new(Some(0.04)));
+        assert!(!is_nothing_new(Some(0.06)));
+        // A twin that no search ended with leaves nothing that is known.
+        assert!(!is_nothing_new(None));
+        assert!(least_worth(None) < least_worth(Some(0.0)));
+        assert_eq!(least_worth(Some(0.5)), least_worth(None));
+    }
+}

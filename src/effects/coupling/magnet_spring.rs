@@ -6,7 +6,9 @@ use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Si
 /// Share of critical damping of the striker on its spring: grease and magnet together.
 const DAMPING_BOUNDS: (f64, f64) = (0.0, 3.0);
 
-/// `coupling.magnet_spring`: m a = k (magnet - striker) + 2 z sqrt(k m) (v_magnet - v_striker).
+/// `coupling.magnet_spring`: m a = k d / (1 + (d/d0)^2) + 2 z sqrt(k m) d', with the displacement d of the
+/// magnet from the striker: the pull of two magnets grows with the displacement at first, is largest at
+/// d0 and falls beyond it.
 pub(crate) static MAGNET_SPRING: Effect = Effect {
     name: "coupling.magnet_spring",
     says: "the magnet holds the striker like a soft spring: it lags in accelerations and swings after them",
@@ -29,9 +31,22 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
             plausible: (0.01, 1.5),
             per_session: false,
         },
+        Parameter {
+            name: "softening_m",
+            unit: "m",
+            scale: 0.002,
+            bounds: (0.0005, 1.0),
+            plausible: (0.002, 0.008),
+            per_session: false,
+        },
     ],
-    null: &[5000.0, 1.0],
-    probes: &[&[100.0, 0.3], &[30.0, 0.3], &[30.0, 0.05], &[300.0, 0.3]],
+    null: &[5000.0, 1.0, 1.0],
+    probes: &[
+        &[100.0, 0.3, 0.02],
+        &[30.0, 0.3, 0.02],
+        &[30.0, 0.05, 0.02],
+        &[300.0, 0.3, 0.02],
+    ],
     memory: 4,
     physics: Physics::Coupling(swing),
     regressors: &[Regressor::Acceleration],
@@ -46,10 +61,12 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
 };
 
 /// Memory: displacement of the striker from the magnet and its velocity, x then y. Exact for an
-/// acceleration that is constant over the step.
+/// acceleration and a secant stiffness that are constant over the step.
 fn swing(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-    let square = p[0] / carriage.striker_mass;
-    let oscillator = Oscillator::new(square.sqrt(), p[1], carriage.dt);
+    let away_square = memory[0] * memory[0] + memory[2] * memory[2];
+    let softened = 1.0 / (1.0 + away_square / (p[2] * p[2]));
+    let square = softened * p[0] / carriage.striker_mass;
+    let oscillator = Oscillator::new(square.sqrt(), p[1] / softened.sqrt(), carriage.dt);
     both(|axis| {
         let [displacement, velocity] = [2 * axis, 2 * axis + 1];
         let rest = -carriage.acceleration[axis] / square;
@@ -74,11 +91,18 @@ mod tests {
 
     #[test]
     fn the_striker_stays_behind_by_mass_times_acceleration_over_stiffness() {
-        let [x, y] = after(&[30.0, 0.3], [5.0, -10.0], 3.0);
+        let [x, y] = after(&[30.0, 0.3, 1e3], [5.0, -10.0], 3.0);
         assert!((x + 0.002).abs() < 1e-9 && (y - 0.004).abs() < 1e-9);
         // Undamped it swings to twice that after half a period.
         let half = std::f64::consts::PI * (0.012_f64 / 30.0).sqrt();
-        let [x, _] = after(&[30.0, 0.0], [5.0, 0.0], half);
+        let [x, _] = after(&[30.0, 0.0, 1e3], [5.0, 0.0], half);
         assert!((x + 0.004).abs() < 1e-5, "{x}");
+    }
+
+    #[test]
+    fn a_softening_spring_rests_where_its_force_holds_the_striker() {
+        let [x, _] = after(&[30.0, 0.5, 0.005], [4.0, 0.0], 3.0);
+        let force = 30.0 * x / (1.0 + (x / 0.005).powi(2));
+        assert!((force + 0.012 * 4.0).abs() < 1e-9, "{x}");
     }
 }
