@@ -305,10 +305,11 @@ const OTHER_STARTS: usize = 2;
 const RESTART_ITERATIONS: usize = 12;
 
 /// A refit can stop in a valley that is not the deepest: a spring far softer, a delay far longer than
-/// before. Where the rest is well above what the given twin is known to leave, each of its effects is put
-/// to its probes as well; the best of them are fitted; the best fit, when it is better.
+/// before. Where the rest is well above what the given twin is known to leave, or nothing is known of that,
+/// each of its effects is put to its probes as well; the best of them are fitted; the best fit, when it is
+/// better.
 fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
-    if excess(&given.twin, [(train, &best.point)])? < STUCK {
+    if excess(&given.twin, [(train, &best.point)]).is_some_and(|excess| excess < STUCK) {
         return None;
     }
     let scales = train.filters(&best.point, whiten::scale_filters);
