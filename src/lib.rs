@@ -19,6 +19,8 @@
 //! 7. [`twin`] simulates the measured chain out of the [`effects`] of a catalogue; [`gap`] compares it
 //!    with recordings link by link, fits it, finds what is missing and adds it: `twin.json`,
 //!    `gap.json`, a page and the compared signals as `gap.mcap`.
+//! 8. [`referee`] finds the events of a match and scores it: `score.json`, tables, `events.mcap` and a
+//!    page with a replay.
 //!
 //! # Rooms
 //!
@@ -45,9 +47,10 @@
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
+//! | | [`referee`] | the events of a match and its score |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
-//! Still to come, each with its place: `ekf` and `sim` in layer 2; `score` and `rl` in layer 3.
+//! Still to come, each with its place: `ekf` and `sim` in layer 2; `rl` in layer 3.
 //!
 //! # Invariants
 //!
@@ -79,3 +82,4 @@ pub mod twin;
 pub mod collect;
 pub mod gap;
 pub mod import;
+pub mod referee;

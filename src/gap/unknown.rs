@@ -289,8 +289,8 @@ fn loud_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64
                         cosine * turn_cosine - sine * turn_sine,
                     );
                 }
-                *energy +=
-                    2.0 * (along_sine * along_sine + along_cosine * along_cosine) / f64::max(*count, 1.0);
+                *energy += 2.0 * (along_sine * along_sine + along_cosine * along_cosine)
+                    / f64::max(*count, 1.0);
             }
         }
     }

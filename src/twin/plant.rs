@@ -203,8 +203,7 @@ impl Plant {
         let setpoint = both(|index| self.motors[index].setpoint(command[index], memory, dt));
         let middle =
             both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
-        let drag =
-            belts(both(|index| (load[index] + state.friction[index]) / step.mass[index]));
+        let drag = belts(both(|index| (load[index] + state.friction[index]) / step.mass[index]));
         let demand = both(|index| {
             let error = middle[index] - step.belts.velocity[index] - 0.5 * dt * drag[index];
             self.motors[index].demand(error, state.integral[index], step.loop_mass, dt)

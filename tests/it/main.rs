@@ -7,6 +7,7 @@ mod codec;
 mod collect;
 mod damage;
 mod drive;
+mod eval;
 mod fit_actuator;
 mod foreign;
 mod gap;
