@@ -22,7 +22,7 @@ pub struct ScoredMatch {
     pub path: PathBuf,
     /// Its SHA-256, in hexadecimal.
     pub sha256: String,
-    /// Its first message.
+    /// When it began: at its first message, or when the first picture was taken.
     pub origin: Nanos,
     /// What a damaged file no longer holds.
     pub loss: Loss,

@@ -42,7 +42,7 @@ pub struct Tape {
     pub path: PathBuf,
     /// Its SHA-256, in hexadecimal.
     pub sha256: String,
-    /// Its first message.
+    /// When it began: at its first message, or when the first picture was taken.
     pub origin: Nanos,
     /// What a damaged file no longer holds.
     pub loss: Loss,
@@ -75,6 +75,9 @@ impl Tape {
                 topics: topics.join(", "),
             });
         };
+        // A picture was taken before its message arrived, the first one before the recording began.
+        let first = frames.iter().map(|frame| frame.time).fold(0.0, f64::min);
+        let frames = frames.into_iter().map(|f| Frame { time: f.time - first, ..f }).collect();
         let side = |key: &str| recording.info(key).and_then(|text| text.parse().ok());
         let board = side("board_short_side_m")
             .zip(side("board_long_side_m"))
@@ -82,7 +85,7 @@ impl Tape {
         Ok(Self {
             path: path.to_owned(),
             sha256: recording.sha256,
-            origin,
+            origin: origin.after_seconds(first),
             loss: recording.loss,
             source,
             board,

@@ -111,7 +111,7 @@
 
   function setPlaying(on) {
     playing = on;
-    if (on && match.duration <= time) { time = 0; }
+    if (on && match.duration - 0.01 <= time) { time = 0; }
     by('play').textContent = on ? 'pause' : 'play';
     last = null; show();
     if (on) { requestAnimationFrame(tick); }

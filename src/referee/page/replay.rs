@@ -112,7 +112,7 @@ fn replayed(scored: &ScoredMatch, budget: usize) -> Match<'_> {
     };
     Match {
         name: scored.path.display().to_string(),
-        duration: judgement.duration(),
+        duration: rounded(judgement.duration()),
         t: kept.iter().map(|frame| (1e3 * (frame.time - start)).round().max(0.0) as u64).collect(),
         ball: track(&|frame| frame.ball),
         left: track(&|frame| frame.strikers[0]),

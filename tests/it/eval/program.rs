@@ -11,6 +11,10 @@ use klasktron::{
 };
 use std::{fs, path::Path};
 
+/// Of the README's example.
+const EXAMPLE_SEED: u64 = 102;
+const EXAMPLE_SECONDS: f64 = 60.0;
+
 fn json(path: &Path) -> serde_json::Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
@@ -162,15 +166,16 @@ fn two_groups_are_compared_with_interval_and_test() {
     assert_eq!(alike["matches"], serde_json::json!([3, 3]));
     let other = compared(&c);
     let sentence = other["sentence"].as_str().unwrap();
-    assert!(
-        sentence.contains("differs from") && sentence.contains("contacts per episode"),
-        "{sentence}"
-    );
-    let contacts = &other["metrics"][2];
-    assert_eq!(contacts["metric"], "contacts_per_episode");
-    assert!(contacts["difference"].as_f64().unwrap() < 0.0);
-    assert!(contacts["ci95"][1].as_f64().unwrap() < 0.0);
-    assert!(contacts["p_value_corrected"].as_f64().unwrap() < 0.05);
+    let possession = "possession of the left player";
+    assert!(sentence.contains("differs from") && sentence.contains(possession), "{sentence}");
+    let metric = |name: &str| {
+        let metrics = other["metrics"].as_array().unwrap();
+        metrics.iter().find(|metric| metric["metric"] == name).unwrap().clone()
+    };
+    assert!(metric("contacts_per_episode")["difference"].as_f64().unwrap() < 0.0);
+    let possession = metric("possession_left");
+    assert!(possession["ci95"][1].as_f64().unwrap() < 0.0);
+    assert!(possession["p_value_corrected"].as_f64().unwrap() < 0.05);
 }
 
 #[test]
@@ -193,4 +198,14 @@ fn the_filtered_state_is_judged_where_there_are_no_detections() {
     let ((camera, quiet), (state, warned)) = (contacts(&by_camera), contacts(&by_state));
     assert!(!quiet && warned);
     assert!(5.0 < camera && (state - camera).abs() <= 0.2 * camera, "{camera} {state}");
+}
+
+/// Makes the README's example: `cargo test --release --test it -- --ignored example_match`.
+#[test]
+#[ignore = "writes tests/data/example-match.mcap"]
+fn example_match() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let name = "example-match.mcap";
+    fs::remove_file(data.join(name)).ok();
+    write_detections(&play(EXAMPLE_SEED, EXAMPLE_SECONDS, CAMERA).pictures, &data, name);
 }
