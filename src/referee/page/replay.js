@@ -133,7 +133,7 @@
       const item = document.createElement('button');
       item.type = 'button'; item.dataset.time = event.t; item.dataset.kind = event.kind;
       const speed = ['goal', 'restart', 'timeout', 'striker_in_goal', 'ball_lost'].includes(event.kind) ? '' : ', ' + event.speed_out.toFixed(2) + ' m/s';
-      item.textContent = seconds(event.t) + '  ' + names[event.kind] + (event.player ? ', ' + event.player : '') + (event.goal_directed ? ', goal-directed' : '') + speed;
+      item.textContent = seconds(event.t) + '  ' + names[event.kind] + (event.player ? ', ' + event.player + (['goal', 'rim_out'].includes(event.kind) ? ' cup' : '') : '') + (event.goal_directed ? ', goal-directed' : '') + speed;
       item.addEventListener('click', () => jump(event));
       box.append(item);
     }

@@ -12,9 +12,6 @@ const REACH: [f64; 2] = [0.153, 0.203];
 const TOUCHING: f64 = 0.0145;
 const CUP_DISTANCE: f64 = 0.17;
 const CUP_RADIUS: f64 = 0.01905;
-/// Restitution at walls and at strikers, and the friction coefficient of both.
-const BOUNCE: [f64; 2] = [0.8, 0.75];
-const FRICTION: f64 = 0.1;
 /// A ball that hits the cup's middle faster than this flies over it (m/s).
 const CAPTURE_SPEED: f64 = 1.2;
 const STRIKER_ACCELERATION: f64 = 8.0;
@@ -85,6 +82,32 @@ pub(crate) struct Camera {
 
 pub(crate) const CAMERA: Camera = Camera { rate_hz: 120.0, noise: 0.0005, lost: 0.02 };
 
+/// What a camera sees of a ball in a cup.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Cups {
+    /// The ball, until it is taken out.
+    Shallow,
+    /// Nothing.
+    Deep,
+    /// The one in every second match, the other in the rest.
+    Either,
+}
+
+/// How the ball moves.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Table {
+    /// Restitution at walls and at strikers.
+    pub(crate) bounce: [f64; 2],
+    /// Friction coefficient of both.
+    pub(crate) friction: f64,
+    /// Coefficient of rolling resistance.
+    pub(crate) rolling: f64,
+    pub(crate) cups: Cups,
+}
+
+pub(crate) const TABLE: Table =
+    Table { bounce: [0.8, 0.75], friction: 0.1, rolling: 0.008, cups: Cups::Either };
+
 /// A match and what happened in it.
 pub(crate) struct Game {
     pub(crate) pictures: Vec<Picture>,
@@ -94,11 +117,10 @@ pub(crate) struct Game {
 #[derive(Clone, Copy, PartialEq)]
 enum Phase {
     Play,
-    /// In the cup of a player, circling until the time; then it stays or comes out.
+    /// On the rim of a player's cup, circling until the time; then it comes out.
     Rim {
         cup: usize,
         until: f64,
-        stays: bool,
         phase: f64,
     },
     InCup {
@@ -134,8 +156,7 @@ struct World {
     next_thought: f64,
     inside_rim: bool,
     conceded: usize,
-    /// Whether the ball is seen in the cup.
-    cup_visible: bool,
+    table: Table,
 }
 
 fn cup(player: usize) -> Vector {
@@ -148,7 +169,7 @@ fn side(player: usize) -> f64 {
 }
 
 impl World {
-    fn new(seed: u64, cup_visible: bool) -> Self {
+    fn new(seed: u64, table: Table) -> Self {
         let striker = |player: usize| Striker {
             place: [0.0, side(player) * 0.12],
             velocity: [0.0; 2],
@@ -169,7 +190,7 @@ impl World {
             next_thought: 0.0,
             inside_rim: false,
             conceded: 0,
-            cup_visible,
+            table,
         }
     }
 
@@ -191,9 +212,9 @@ impl World {
         }
         match self.phase {
             Phase::Play => self.play(),
-            Phase::Rim { cup: player, until, stays, phase } => {
+            Phase::Rim { cup: player, until, phase } => {
                 self.move_strikers();
-                self.circle(player, until, stays, phase);
+                self.circle(player, until, phase);
             }
             Phase::InCup { cup: player, until } => {
                 self.move_strikers();
@@ -317,11 +338,9 @@ impl World {
                 striker.place[0].clamp(-0.1465, 0.1465),
                 s * (s * striker.place[1]).clamp(0.0235, 0.1965),
             ];
-            for axis in 0..2 {
-                if bounded[axis] != striker.place[axis] {
-                    striker.velocity[axis] = 0.0;
-                }
-            }
+            let held = [0, 1].map(|axis: usize| bounded[axis] == striker.place[axis]);
+            striker.velocity =
+                [0, 1].map(|axis: usize| if held[axis] { striker.velocity[axis] } else { 0.0 });
             striker.place = bounded;
             // What is on the way around the cup slides along a circle about it.
             let off = minus(striker.place, cup(player));
@@ -367,7 +386,7 @@ impl World {
             left -= wait;
             let before = self.velocity;
             let other = if let What::Impulse(player) = what { moves[player] } else { [0.0; 2] };
-            let bounce = if what == What::Wall { BOUNCE[0] } else { BOUNCE[1] };
+            let bounce = self.table.bounce[usize::from(what != What::Wall)];
             self.hit(normal, other, bounce);
             self.note(self.now + STEP - left, what, before);
         }
@@ -384,7 +403,7 @@ impl World {
 
     fn roll(&mut self) {
         let speed = length(self.velocity);
-        let loss = (0.008 * 9.81 + 0.03 * speed) * STEP;
+        let loss = (self.table.rolling * 9.81 + 0.03 * speed) * STEP;
         let share = if speed <= loss { 0.0 } else { 1.0 - loss / speed };
         self.velocity = [self.velocity[0] * share, self.velocity[1] * share];
     }
@@ -433,7 +452,7 @@ impl World {
         let along = dot(closing, normal);
         let sliding = plus(closing, normal, -along);
         let slide = length(sliding);
-        let grip = (FRICTION * (1.0 + bounce) * along.abs()).min(2.0 / 7.0 * slide);
+        let grip = (self.table.friction * (1.0 + bounce) * along.abs()).min(2.0 / 7.0 * slide);
         self.velocity = plus(self.velocity, normal, -(1.0 + bounce) * along);
         if 0.0 < slide {
             self.velocity = plus(self.velocity, sliding, -grip / slide);
@@ -442,9 +461,7 @@ impl World {
 
     /// Nothing overlaps: a ball that is pinned stops the striker.
     fn unstick(&mut self) {
-        for axis in 0..2 {
-            self.ball[axis] = self.ball[axis].clamp(-REACH[axis], REACH[axis]);
-        }
+        self.ball = [0, 1].map(|axis: usize| self.ball[axis].clamp(-REACH[axis], REACH[axis]));
         for player in 0..2 {
             let off = minus(self.ball, self.strikers[player].place);
             let far = length(off);
@@ -484,7 +501,7 @@ impl World {
                 } else {
                     let until = self.now + self.draw(0.1, 0.35);
                     let phase = off[1].atan2(off[0]);
-                    self.phase = Phase::Rim { cup: player, until, stays, phase };
+                    self.phase = Phase::Rim { cup: player, until, phase };
                 }
             } else {
                 self.velocity = plus(self.velocity, self.velocity, -0.2);
@@ -505,14 +522,14 @@ impl World {
     }
 
     /// Along the rim at 0.8 of its radius, then out.
-    fn circle(&mut self, player: usize, until: f64, stays: bool, phase: f64) {
+    fn circle(&mut self, player: usize, until: f64, phase: f64) {
         let phase = phase + 0.25 / (0.8 * CUP_RADIUS) * STEP;
         let place = plus(cup(player), [phase.cos(), phase.sin()], 0.8 * CUP_RADIUS);
         let way = minus(place, self.ball);
         let share = (0.6 * STEP / length(way).max(1e-12)).min(1.0);
         self.velocity = [way[0] * share / STEP, way[1] * share / STEP];
         self.ball = plus(self.ball, way, share);
-        self.phase = Phase::Rim { cup: player, until, stays, phase };
+        self.phase = Phase::Rim { cup: player, until, phase };
         if until <= self.now {
             let out = minus(self.ball, cup(player));
             let far = length(out);
@@ -544,7 +561,7 @@ impl World {
     fn seen_ball(&self) -> Option<Vector> {
         match self.phase {
             Phase::Away { .. } => None,
-            Phase::InCup { .. } if !self.cup_visible => None,
+            Phase::InCup { .. } if self.table.cups == Cups::Deep => None,
             _ => Some(self.ball),
         }
     }
@@ -565,9 +582,19 @@ impl Noise {
     }
 }
 
-/// A match of `seconds`, seen by `camera`. In every second match the ball is hidden once it is in a cup.
+/// A match of `seconds` on [`TABLE`], seen by `camera`.
 pub(crate) fn play(seed: u64, seconds: f64, camera: Camera) -> Game {
-    let mut world = World::new(seed, seed % 2 == 0);
+    play_on(TABLE, seed, seconds, camera)
+}
+
+/// A match of `seconds` on `table`, seen by `camera`.
+pub(crate) fn play_on(table: Table, seed: u64, seconds: f64, camera: Camera) -> Game {
+    let cups = match table.cups {
+        Cups::Either if seed.is_multiple_of(2) => Cups::Shallow,
+        Cups::Either => Cups::Deep,
+        given => given,
+    };
+    let mut world = World::new(seed, Table { cups, ..table });
     let mut noise = Noise(Stream::new(seed, "camera"));
     let mut pictures = Vec::new();
     let mut shot = 0_u64;

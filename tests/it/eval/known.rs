@@ -1,7 +1,7 @@
 //! The referee against the list of what truly happened.
 
 use super::{
-    game::{CAMERA, Camera, Game, Truth, What, play},
+    game::{CAMERA, Camera, Cups, Game, TABLE, Table, Truth, What, play, play_on},
     recorded::frames,
 };
 use klasktron::referee::{Event, EventKind, Rules, judge};
@@ -152,13 +152,14 @@ fn count(games: &[(Vec<Wanted>, Vec<Event>, f64)], is: fn(EventKind) -> bool) ->
 }
 
 fn judged(
+    table: Table,
     seeds: std::ops::Range<u64>,
     seconds: f64,
     camera: Camera,
 ) -> Vec<(Vec<Wanted>, Vec<Event>, f64)> {
     seeds
         .map(|seed| {
-            let game = play(seed, seconds, camera);
+            let game = play_on(table, seed, seconds, camera);
             let events = judge(&frames(&game), &Rules::default()).events;
             (wanted(&game), events, seconds - UNDECIDED)
         })
@@ -184,7 +185,7 @@ fn is_restart(kind: EventKind) -> bool {
 /// 120 Hz, 0.5 mm, 2 % of the frames lost; games that no constant was chosen on.
 #[test]
 fn what_happened_is_found_and_nothing_else() {
-    let games = judged(1000..1006, 240.0, CAMERA);
+    let games = judged(TABLE, 1000..1006, 240.0, CAMERA);
     let (touches, same_kind) = count(&games, EventKind::is_touch);
     let (bounces, _) = count(&games, is_bounce);
     let (goals, _) = count(&games, is_goal);
@@ -210,11 +211,29 @@ fn what_happened_is_found_and_nothing_else() {
 /// A slower, coarser camera: no target, but nothing may fall apart.
 #[test]
 fn a_worse_camera_still_sees_most() {
-    let games = judged(2000..2002, 180.0, Camera { rate_hz: 60.0, noise: 0.001, lost: 0.05 });
+    let games =
+        judged(TABLE, 2000..2002, 180.0, Camera { rate_hz: 60.0, noise: 0.001, lost: 0.05 });
     let (touches, _) = count(&games, EventKind::is_touch);
     let (goals, _) = count(&games, is_goal);
     assert!(0.85 <= touches.recall() && 0.9 <= touches.precision(), "{touches:?}");
     assert!(0.9 <= goals.recall() && 0.9 <= goals.precision(), "{goals:?}");
+}
+
+/// A table whose walls, strikers and board differ from those that the referee expects.
+#[test]
+fn another_table_is_judged_as_well() {
+    let table = Table { bounce: [0.6, 0.5], friction: 0.2, rolling: 0.016, cups: Cups::Deep };
+    let games = judged(table, 4000..4003, 180.0, CAMERA);
+    let (touches, same_kind) = count(&games, EventKind::is_touch);
+    let (bounces, _) = count(&games, is_bounce);
+    let (goals, _) = count(&games, is_goal);
+    println!(
+        "touches {touches:?}, {same_kind} of the right kind; bounces {bounces:?}; goals {goals:?}"
+    );
+    assert!(0.95 <= touches.recall() && 0.97 <= touches.precision(), "{touches:?}");
+    assert!(0.95 <= same_kind as f64 / touches.found as f64, "{same_kind} of {touches:?}");
+    assert!(0.97 <= bounces.recall() && 0.99 <= bounces.precision(), "{bounces:?}");
+    assert!(0.95 <= goals.recall() && 0.95 <= goals.precision(), "{goals:?}");
 }
 
 /// Blocks and strikes of all events sum up to the contacts of the episodes, and no touch is told twice.
