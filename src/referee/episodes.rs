@@ -5,7 +5,7 @@ use super::{
     rolls::Stretch,
     rules::{Rules, opponent},
     sight::Sight,
-    vector::{Vector, distance, dot, length, minus, times},
+    vector::{Vector, distance, dot, length, minus, plus, times},
 };
 use crate::{board::CUP_RADIUS, recording::topic::Player};
 use serde::Serialize;
@@ -25,6 +25,8 @@ const FEWEST: usize = 4;
 const AWAY: f64 = 0.25;
 /// Over this distance (m) a ball that lay still has been moved again.
 const MOVED: f64 = 0.02;
+/// Share by which the place of a ball at rest follows each sighting.
+const FOLLOWING: f64 = 0.03;
 /// Share of a pause in which the detector must have said nothing for the ball to be lost.
 const SILENT: f64 = 0.5;
 
@@ -344,11 +346,14 @@ impl<'a> Umpire<'a> {
     }
 
     fn watch_rest(&mut self, time: f64, ball: Vector) {
-        let (place, since) = *self.still.get_or_insert((ball, time));
+        let (place, since) = self.still.unwrap_or((ball, time));
         if self.rules.still_within < distance(ball, place) {
             self.still = Some((ball, time));
-        } else if self.rules.timeout_after <= time - since && self.is_on() && self.inside.is_none()
-        {
+            return;
+        }
+        // Follows slowly, so that noise about a place at the edge of what counts does not matter.
+        self.still = Some((plus(place, times(minus(ball, place), FOLLOWING)), since));
+        if self.rules.timeout_after <= time - since && self.is_on() && self.inside.is_none() {
             let end = since + self.rules.timeout_after;
             self.event(end, EventKind::Timeout, None, 1.0);
             self.end(end, Outcome::Timeout, None);

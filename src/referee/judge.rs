@@ -109,11 +109,7 @@ pub fn judge(frames: &[Frame], rules: &Rules) -> Judgement {
     Judgement {
         episodes: episodes.collect(),
         track: track(&sights, &stretches),
-        speeds: speeds
-            .iter()
-            .filter(|(time, _)| spans.iter().any(|s| s.start <= *time && *time <= s.end))
-            .map(|(_, speed)| *speed)
-            .collect(),
+        speeds: spans.iter().flat_map(|span| within(&speeds, span)).map(|(_, v)| *v).collect(),
         events,
         noise,
     }
@@ -155,6 +151,13 @@ fn speeds_of(samples: &[Sample], rules: &Rules) -> Vec<(f64, f64)> {
         .collect()
 }
 
+/// Those of `speeds` that lie in `span`.
+fn within<'a>(speeds: &'a [(f64, f64)], span: &Span) -> &'a [(f64, f64)] {
+    let from = speeds.partition_point(|(time, _)| *time < span.start);
+    let to = speeds.partition_point(|(time, _)| *time <= span.end);
+    &speeds[from..to.max(from)]
+}
+
 fn episode<'a>(
     span: Span,
     events: impl Iterator<Item = &'a Event>,
@@ -185,9 +188,7 @@ fn episode<'a>(
     if let Some((player, since)) = holder {
         episode.held[player] += span.end - since;
     }
-    let from = speeds.partition_point(|(time, _)| *time < span.start);
-    let to = speeds.partition_point(|(time, _)| *time <= span.end);
-    let own: Vec<f64> = speeds[from..to.max(from)].iter().map(|(_, speed)| *speed).collect();
+    let own: Vec<f64> = within(speeds, &span).iter().map(|(_, speed)| *speed).collect();
     episode.mean_speed = stats::mean(&own);
     episode.top_speed = stats::quantile(&own, 0.99);
     episode

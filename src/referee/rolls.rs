@@ -43,8 +43,8 @@ const BOUNCE_SPREAD: [f64; 2] = [0.02, 0.2];
 /// Negative logarithm of the chance that a frame's ball is somewhere else.
 const COST_ASTRAY: f64 = 7.0;
 /// Divisions kept per frame, and how much less likely (nats) they may be than the best.
-const KEPT: usize = 14;
-const WORST: f64 = 28.0;
+const KEPT: usize = 8;
+const WORST: f64 = 18.0;
 
 /// One believed place of the ball.
 #[derive(Debug, Clone, Copy)]
@@ -97,9 +97,8 @@ struct Belief {
     covariance: [f64; 3],
     /// Negative log-likelihood so far.
     cost: f64,
-    /// Time and index of the last change.
+    /// Time of the last change.
     since: f64,
-    last_change: u32,
     /// Where its history ends in `Division::history`.
     history: u32,
 }
@@ -152,7 +151,6 @@ impl<'a> Division<'a> {
             covariance: [self.variance, SPREAD_AFTER * SPREAD_AFTER, 0.0],
             cost: 0.0,
             since: first.time,
-            last_change: 0,
             history: NO_HISTORY,
         });
         for at in 1..samples.len() {
@@ -167,7 +165,8 @@ impl<'a> Division<'a> {
         let dt = now.time - before.time;
         self.next.clear();
         let mut change: Option<Belief> = None;
-        for belief in std::mem::take(&mut self.beliefs) {
+        for idx in 0..self.beliefs.len() {
+            let belief = self.beliefs[idx];
             let rolled = roll(&belief, now.time, dt);
             let kept = self.measured(&rolled, now.place);
             // Straight on through a frame of something else, where nothing else explains it.
@@ -179,8 +178,7 @@ impl<'a> Division<'a> {
                 self.next.push(kept);
             }
             let open = self.struck(&belief, now, dt);
-            for mut struck in self.bounced(&rolled, now).into_iter().chain([open]) {
-                struck.last_change = at as u32;
+            for struck in self.bounced(&rolled, now).into_iter().chain([open]) {
                 if change.is_none_or(|other| struck.cost < other.cost) {
                     change = Some(struck);
                 }
