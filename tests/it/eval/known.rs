@@ -123,7 +123,7 @@ impl Count {
 }
 
 /// Counts for events that `is` selects, over `games`, and how many touches found have the right kind.
-fn count(games: &[(Vec<Wanted>, Vec<Event>, f64)], is: fn(EventKind) -> bool) -> (Count, usize) {
+fn count(games: &[(Vec<Wanted>, Vec<Event>, f64)], is: Sort) -> (Count, usize) {
     let (mut count, mut same_kind) = (Count::default(), 0);
     for (wanted, events, until) in games {
         let told: Vec<&Event> = events.iter().filter(|event| is(event.kind)).collect();
@@ -165,6 +165,9 @@ fn judged(
         })
         .collect()
 }
+
+/// Whether an event is of some sort.
+type Sort = fn(EventKind) -> bool;
 
 fn is_goal(kind: EventKind) -> bool {
     kind == EventKind::Goal
@@ -258,4 +261,40 @@ fn contacts_are_blocks_and_strikes() {
         assert!(event.kind == EventKind::Strike || !event.goal_directed);
         assert!((0.0..=1.0).contains(&event.confidence), "{event:?}");
     }
+}
+
+/// The figures of `reports/2026-11-21-eval`, from an hour of games:
+/// `cargo test --release --test it -- --ignored --nocapture an_hour_of_games`.
+#[test]
+#[ignore = "takes minutes without optimisation and prints the report's figures"]
+fn an_hour_of_games() {
+    let other = Table { bounce: [0.6, 0.5], friction: 0.2, rolling: 0.016, cups: Cups::Either };
+    let mut tables = serde_json::Map::new();
+    for (name, table) in [("table", TABLE), ("another_table", other)] {
+        let games = judged(table, 7000..7006, 600.0, CAMERA);
+        let (touches, same_kind) = count(&games, EventKind::is_touch);
+        let mut events = serde_json::Map::new();
+        let sorts: [(&str, Sort); 5] = [
+            ("wall_bounce", is_bounce),
+            ("goal", is_goal),
+            ("striker_in_goal", is_striker_in),
+            ("ball_lost", is_lost),
+            ("restart", is_restart),
+        ];
+        let of_sorts = sorts.map(|(name, is)| (name, count(&games, is).0));
+        for (name, count) in [("touch", touches)].into_iter().chain(of_sorts) {
+            let figures = serde_json::json!({
+                "happened": count.wanted,
+                "told": count.told,
+                "recall": count.recall(),
+                "precision": count.precision(),
+                "within_one_frame": count.timely(),
+            });
+            events.insert(name.to_owned(), figures);
+        }
+        let right = same_kind as f64 / touches.found as f64;
+        events.insert("touches_of_the_right_kind".to_owned(), right.into());
+        tables.insert(name.to_owned(), events.into());
+    }
+    println!("{}", serde_json::to_string_pretty(&tables).unwrap());
 }
