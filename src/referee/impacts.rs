@@ -35,6 +35,8 @@ const VELOCITY_TOLERANCE: f64 = 0.03;
 /// Negative logarithms of the chance of each cause beside that of the likeliest.
 const COST_BOTH: f64 = 3.0;
 const COST_RIM: f64 = 3.0;
+/// In a corner two bounces are what is expected.
+const COST_CORNER: f64 = 0.0;
 const COST_NOTHING: f64 = 9.0;
 /// What an impact's three additional unknowns explain by chance (nats).
 const CHANCE: f64 = 6.0;
@@ -92,15 +94,34 @@ impl Impact {
 /// The impacts of one stretch, in order.
 pub(super) fn find(stretch: &Stretch, noise: f64, rules: &Rules) -> Vec<Impact> {
     let samples = &stretch.samples;
-    let count = stretch.changes.len();
-    (0..count)
-        .flat_map(|k| {
-            let first = if k == 0 { 0 } else { stretch.changes[k - 1] };
-            let end = if k + 1 < count { stretch.changes[k + 1] } else { samples.len() };
-            let near = Neighbourhood { samples, first, at: stretch.changes[k], end };
-            near.impacts(noise, rules)
-        })
-        .collect()
+    let changes = &stretch.changes;
+    let mut found = Vec::with_capacity(changes.len());
+    let mut from = 0;
+    while from < changes.len() {
+        let apart = |pair: &[usize]| pair[1] - pair[0] <= AROUND;
+        let close = changes[from..].windows(2).take_while(|pair| apart(pair)).count();
+        let to = from + close + 1;
+        let first = if from == 0 { 0 } else { changes[from - 1] };
+        let end = changes.get(to).copied().unwrap_or(samples.len());
+        let near = |first, at, end| Neighbourhood { samples, first, at, end };
+        let one_by_one: Vec<Impact> = (from..to)
+            .flat_map(|k| {
+                let before = if k == from { first } else { changes[k - 1] };
+                let after = if k + 1 == to { end } else { changes[k + 1] };
+                near(before, changes[k], after).impacts(noise, rules)
+            })
+            .collect();
+        // Between changes that lie a frame apart there is too little to tell two impacts by, but
+        // together they may be those of a corner.
+        let together = if one_by_one.len() < to - from {
+            near(first, changes[from], end).impacts(noise, rules)
+        } else {
+            Vec::new()
+        };
+        found.extend(if one_by_one.len() < together.len() { together } else { one_by_one });
+        from = to;
+    }
+    found
 }
 
 /// A change with the rolls before and after it.
@@ -347,7 +368,7 @@ impl Corner {
 
     fn cost(&self) -> f64 {
         self.best.iter().map(|best| best.map_or(f64::INFINITY, |(cost, ..)| cost)).sum::<f64>()
-            + COST_BOTH
+            + COST_CORNER
     }
 
     /// Both bounces; `other` is the cost of what else it could be.
