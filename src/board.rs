@@ -13,5 +13,7 @@
 //! ```
 
 mod frames;
+mod pieces;
 
 pub use frames::{BoardSize, BoardSizeError, Frame};
+pub use pieces::{BALL_RADIUS, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS};

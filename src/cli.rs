@@ -50,6 +50,11 @@ pub(crate) enum Command {
     /// nothing says so, the last of several recordings is held out, or every third run of one. OUT
     /// receives ekf.json (which `play` loads), index.html and ekf.mcap with estimate beside detection.
     TuneEkf(commands::tune_ekf::Args),
+    /// Judge recorded matches: contacts, bounces, goals, and the score with its intervals
+    ///
+    /// OUT receives score.json, events.mcap, episodes.csv, episodes.parquet and index.html with a
+    /// replay. A file that cannot be read is reported and does not stop the others (status 3).
+    Eval(commands::eval::Args),
     /// Write weights or tables for other software
     Export(commands::export::Args),
 }
@@ -66,6 +71,7 @@ impl Command {
             Self::Calibrate(args) => commands::gap::calibrate(&args),
             Self::Gap(args) => commands::gap::run(&args),
             Self::TuneEkf(args) => commands::tune_ekf::run(&args),
+            Self::Eval(args) => commands::eval::run(&args),
             Self::Export(args) => commands::export::run(&args),
         }
     }

@@ -1,6 +1,7 @@
 //! One file per subcommand: its arguments, and a `run` that makes one call into the library.
 
 pub(crate) mod collect;
+pub(crate) mod eval;
 pub(crate) mod export;
 pub(crate) mod fit_actuator;
 pub(crate) mod gap;
@@ -13,9 +14,10 @@ pub(crate) mod rig;
 mod table;
 pub(crate) mod tune_ekf;
 
-use klasktron::recording::Recording;
+use klasktron::recording::{Loss, Recording};
 use std::{
     io::{self, Write},
+    path::Path,
     process::ExitCode,
 };
 
@@ -51,11 +53,15 @@ pub(crate) fn tell(line: &str) {
 
 /// One sentence on what a damaged recording lost, and how to make a whole file of the rest.
 pub(crate) fn loss_sentence(recording: &Recording) -> String {
-    let file = recording.path.display();
+    loss_sentence_of(&recording.path, &recording.loss)
+}
+
+/// The same for a file of which only the loss is left.
+pub(crate) fn loss_sentence_of(path: &Path, loss: &Loss) -> String {
+    let file = path.display();
     format!(
-        "{file}: {}; the rest was read; make a whole file of it with `klasktron recover {file} -o \
-         OUT`",
-        recording.loss
+        "{file}: {loss}; the rest was read; make a whole file of it with `klasktron recover {file} -o \
+         OUT`"
     )
 }
 

@@ -21,6 +21,8 @@
 //!    `gap.json`, a page and the compared signals as `gap.mcap`.
 //! 8. [`ekf`] turns detections into places and velocities, tunes its noise on recordings and says
 //!    whether it is as sure as it may be: `ekf.json`, a page and estimates beside detections.
+//! 9. [`referee`] finds the events of a match and scores it: `score.json`, tables, `events.mcap` and a
+//!    page with a replay.
 //!
 //! # Rooms
 //!
@@ -48,9 +50,10 @@
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
+//! | | [`referee`] | the events of a match and its score |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
-//! Still to come, each with its place: `sim` in layer 2; `score` and `rl` in layer 3.
+//! Still to come, each with its place: `sim` in layer 2; `rl` in layer 3.
 //!
 //! # Invariants
 //!
@@ -83,3 +86,4 @@ pub mod twin;
 pub mod collect;
 pub mod gap;
 pub mod import;
+pub mod referee;

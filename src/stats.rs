@@ -1,5 +1,5 @@
-//! Plain statistics: summaries of slices, and bootstrap intervals over whole runs. Pure functions,
-//! no input or output.
+//! Plain statistics: summaries of slices, bootstrap intervals over whole runs, permutation tests.
+//! Pure functions, no input or output.
 //!
 //! ```
 //! use klasktron::stats::{median, quantile};
@@ -9,10 +9,12 @@
 
 mod bootstrap;
 mod distribution;
+mod permutation;
 mod summary;
 
-pub use bootstrap::{Interval, bootstrap_ci95};
+pub use bootstrap::{Interval, bootstrap_ci95, bootstrap_difference_ci95};
 pub use distribution::{
     chi_square_quantile, f_tail, incomplete_beta, ln_gamma, normal_cdf, normal_density, t_quantile,
 };
+pub use permutation::{holm, permutation_p};
 pub use summary::{half_central_spread, mean, median, quantile, standard_deviation};

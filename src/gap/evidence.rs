@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn an_effect_in_few_blocks_is_seen() {
-        let active = |row: usize| row * BLOCKS / ROWS % 10 == 0;
+        let active = |row: usize| (row * BLOCKS / ROWS).is_multiple_of(10);
         let change: Vec<f64> =
             (0..ROWS)
                 .map(|row| {

@@ -16,7 +16,7 @@ use plan::Plan;
 pub(in crate::recording) use plan::Selection;
 use std::collections::BTreeSet;
 use wire::Cell;
-pub use write::{TableFormat, data_frame, write_table};
+pub use write::{ColumnFormat, TableFormat, data_frame, write_columns, write_table};
 
 /// The values of one column; `None` is null.
 #[derive(Debug, Clone, PartialEq)]

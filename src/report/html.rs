@@ -127,6 +127,11 @@ impl Page {
         self.push(format_args!("{svg}\n"));
     }
 
+    /// Adds markup that the program itself wrote, such as a script with its data.
+    pub fn widget(&mut self, markup: &str) {
+        self.push(format_args!("{markup}\n"));
+    }
+
     /// Adds pictures beside each other where there is room.
     pub fn pictures_in_row(&mut self, svgs: &[String]) {
         self.push(format_args!("<div class=\"row\">{}</div>\n", svgs.join("\n")));

@@ -39,16 +39,42 @@ pub fn bootstrap_ci95<T>(
     }
     let mut stream = Stream::new(seed, "bootstrap");
     let mut drawn: Vec<&T> = Vec::with_capacity(groups.len());
-    let mut values: Vec<f64> = (0..DRAWS)
-        .map(|_| {
-            drawn.clear();
-            drawn.extend((0..groups.len()).map(|_| &groups[stream.below(groups.len())]));
-            statistic(&drawn)
-        })
-        .collect();
+    Some(percentiles(|| {
+        draw(groups, &mut stream, &mut drawn);
+        statistic(&drawn)
+    }))
+}
+
+/// 95 % interval of the difference of `statistic` between `b` and `a` (b minus a), both drawn with
+/// replacement. `None` where one of them has fewer than two groups.
+pub fn bootstrap_difference_ci95<T>(
+    a: &[T],
+    b: &[T],
+    seed: u64,
+    statistic: impl Fn(&[&T]) -> f64,
+) -> Option<Interval> {
+    if a.len().min(b.len()) < 2 {
+        return None;
+    }
+    let mut stream = Stream::new(seed, "bootstrap difference");
+    let (mut drawn_a, mut drawn_b) = (Vec::with_capacity(a.len()), Vec::with_capacity(b.len()));
+    Some(percentiles(|| {
+        draw(a, &mut stream, &mut drawn_a);
+        draw(b, &mut stream, &mut drawn_b);
+        statistic(&drawn_b) - statistic(&drawn_a)
+    }))
+}
+
+fn draw<'a, T>(groups: &'a [T], stream: &mut Stream, drawn: &mut Vec<&'a T>) {
+    drawn.clear();
+    drawn.extend((0..groups.len()).map(|_| &groups[stream.below(groups.len())]));
+}
+
+fn percentiles(value: impl FnMut() -> f64) -> Interval {
+    let mut values: Vec<f64> = std::iter::repeat_with(value).take(DRAWS).collect();
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values[(share * (DRAWS - 1) as f64).round() as usize];
-    Some(Interval { low: at(0.025), high: at(0.975) })
+    Interval { low: at(0.025), high: at(0.975) }
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ const LAYERS: [&[&str]; 4] = [
     &["units", "seed", "stats", "report", "provenance"],
     &["board", "recording", "nn"],
     &["can", "gantry", "link", "rig", "actuator", "effects", "twin", "ekf"],
-    &["import", "collect", "gap"],
+    &["import", "collect", "gap", "referee"],
 ];
 
 fn layer_of(room: &str) -> usize {

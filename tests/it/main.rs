@@ -8,6 +8,7 @@ mod collect;
 mod damage;
 mod drive;
 mod ekf;
+mod eval;
 mod fit_actuator;
 mod foreign;
 mod gap;

@@ -41,12 +41,7 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
         },
     ],
     null: &[5000.0, 1.0, 1.0],
-    probes: &[
-        &[100.0, 0.3, 0.02],
-        &[30.0, 0.3, 0.02],
-        &[30.0, 0.05, 0.02],
-        &[300.0, 0.3, 0.02],
-    ],
+    probes: &[&[100.0, 0.3, 0.02], &[30.0, 0.3, 0.02], &[30.0, 0.05, 0.02], &[300.0, 0.3, 0.02]],
     memory: 4,
     physics: Physics::Coupling(swing),
     regressors: &[Regressor::Acceleration],

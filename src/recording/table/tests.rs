@@ -89,7 +89,7 @@ fn parquet_reads_back_equal() {
     let read = ParquetReader::new(File::open(path).unwrap()).finish().unwrap();
     let written = data_frame(&read_table(&made, MATCH_EVENT).unwrap()).unwrap();
     assert!(read.equals_missing(&written), "{read} {written}");
-    assert_eq!(read.shape(), (100, 11));
+    assert_eq!(read.shape(), (100, 12));
 }
 
 #[test]

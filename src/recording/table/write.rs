@@ -34,6 +34,41 @@ pub fn data_frame(table: &Table) -> Result<DataFrame, polars::error::PolarsError
     DataFrame::new(table.log_time_ns.len(), columns)
 }
 
+/// How columns that belong to no topic are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ColumnFormat {
+    /// Apache Parquet, zstd pages.
+    Parquet,
+    /// Comma-separated text with a header line; null is empty.
+    Csv,
+}
+
+/// Writes `columns` of `rows` rows each, which belong to no topic, to `path`.
+///
+/// # Errors
+/// When two columns have one name or another number of rows, the name is taken and `existing`
+/// refuses, or the disk does; nothing is left behind then.
+pub fn write_columns(
+    columns: &[Column],
+    rows: usize,
+    path: &Path,
+    format: ColumnFormat,
+    existing: ExistingFile,
+) -> Result<(), RecordingError> {
+    write_beside(path, existing, |file| {
+        let columns = columns.iter().map(|column| FrameColumn::from(series(column))).collect();
+        DataFrame::new(rows, columns)
+            .and_then(|mut frame| match format {
+                ColumnFormat::Parquet => ParquetWriter::new(file).finish(&mut frame).map(drop),
+                ColumnFormat::Csv => CsvWriter::new(file).finish(&mut frame),
+            })
+            .map_err(|error| RecordingError::Table {
+                path: path.to_owned(),
+                reason: error.to_string(),
+            })
+    })
+}
+
 fn series(column: &Column) -> Series {
     let name = column.name.as_str().into();
     match &column.values {

@@ -1,0 +1,135 @@
+//! Whether two groups of matches differ: simulated and real ones, or those of two policies.
+
+use super::{
+    judge::Episode,
+    matches::ScoredMatch,
+    metric::{Figure, Metric, summarise},
+};
+use crate::stats::{Interval, bootstrap_difference_ci95, holm, permutation_p};
+use serde::Serialize;
+
+/// Below this corrected p-value two groups are said to differ.
+const SIGNIFICANT: f64 = 0.05;
+
+/// One group of matches.
+pub struct Group<'a> {
+    /// What it is called.
+    pub name: String,
+    /// Matches in it.
+    pub matches: usize,
+    /// The episodes of all of them.
+    pub episodes: Vec<&'a Episode>,
+}
+
+impl<'a> Group<'a> {
+    /// The group of `matches`, called `name`.
+    #[must_use]
+    pub fn new(name: &str, matches: &'a [ScoredMatch]) -> Self {
+        let episodes = matches.iter().flat_map(|scored| &scored.judgement.episodes).collect();
+        Self { name: name.to_owned(), matches: matches.len(), episodes }
+    }
+}
+
+/// How two groups differ.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Names of both groups.
+    pub groups: [String; 2],
+    /// Their matches.
+    pub matches: [usize; 2],
+    /// Their episodes.
+    pub episodes: [usize; 2],
+    /// One per metric.
+    pub metrics: Vec<Difference>,
+    /// Whether they differ, for people.
+    pub sentence: String,
+}
+
+/// How one metric differs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Difference {
+    /// Name of the metric.
+    pub metric: &'static str,
+    /// Of the first group.
+    pub a: Figure,
+    /// Of the second group.
+    pub b: Figure,
+    /// Second minus first; none where one of them has no value.
+    pub difference: Option<f64>,
+    /// Its 95 % interval by bootstrap over the episodes of both.
+    pub ci95: Option<[f64; 2]>,
+    /// Of a permutation test over episodes.
+    pub p_value: Option<f64>,
+    /// The same, corrected for the number of metrics (Holm).
+    pub p_value_corrected: Option<f64>,
+}
+
+/// Compares `b` with `a`.
+#[must_use]
+pub fn compare(a: &Group<'_>, b: &Group<'_>, seed: u64) -> Comparison {
+    let of_a = summarise(a.episodes.iter().copied(), seed);
+    let of_b = summarise(b.episodes.iter().copied(), seed);
+    let mut metrics: Vec<Difference> = Metric::ALL
+        .into_iter()
+        .map(|metric| {
+            let (x, y) =
+                (metric.of(a.episodes.iter().copied()), metric.of(b.episodes.iter().copied()));
+            let statistic = |drawn: &[&&Episode]| {
+                metric.value(&drawn.iter().map(|episode| **episode).collect::<Vec<_>>())
+            };
+            let (a, b) = (of_a[metric.name()], of_b[metric.name()]);
+            Difference {
+                metric: metric.name(),
+                a,
+                b,
+                difference: a.mean.zip(b.mean).map(|(a, b)| b - a),
+                ci95: bootstrap_difference_ci95(&x, &y, seed, statistic)
+                    .map(|Interval { low, high }| [low, high]),
+                p_value: permutation_p(&x, &y, seed, statistic),
+                p_value_corrected: None,
+            }
+        })
+        .collect();
+    let tested: Vec<f64> = metrics.iter().filter_map(|metric| metric.p_value).collect();
+    let mut corrected = holm(&tested).into_iter();
+    for metric in metrics.iter_mut().filter(|metric| metric.p_value.is_some()) {
+        metric.p_value_corrected = corrected.next();
+    }
+    let sentence = sentence([a, b].map(|group| group.name.as_str()), &metrics);
+    Comparison {
+        groups: [a.name.clone(), b.name.clone()],
+        matches: [a.matches, b.matches],
+        episodes: [a.episodes.len(), b.episodes.len()],
+        metrics,
+        sentence,
+    }
+}
+
+fn title(name: &str) -> &'static str {
+    Metric::ALL.into_iter().find(|metric| metric.name() == name).map_or("", Metric::title)
+}
+
+fn sentence([a, b]: [&str; 2], metrics: &[Difference]) -> String {
+    let tested = metrics.iter().filter(|metric| metric.p_value_corrected.is_some()).count();
+    if tested == 0 {
+        return format!(
+            "nothing can be said about {a} and {b}: each needs at least two finished episodes"
+        );
+    }
+    let differ: Vec<String> = metrics
+        .iter()
+        .filter(|metric| metric.p_value_corrected.is_some_and(|p| p < SIGNIFICANT))
+        .filter_map(|metric| {
+            let ([low, high], difference) = (metric.ci95?, metric.difference?);
+            Some(format!(
+                "{} by {difference:+.3} (95 %: {low:+.3} to {high:+.3})",
+                title(metric.metric)
+            ))
+        })
+        .collect();
+    if differ.is_empty() {
+        format!("no difference between {a} and {b} is beyond chance in any of {tested} metrics")
+    } else {
+        format!("{b} differs from {a} in {}", differ.join(", "))
+    }
+}

@@ -1,0 +1,391 @@
+//! From the first ball to the end: when play stops, why, and when it goes on.
+
+use super::{
+    event::{Event, EventKind},
+    rolls::Stretch,
+    rules::{Rules, opponent},
+    sight::Sight,
+    vector::{Vector, distance, dot, length, minus, plus, times},
+};
+use crate::{board::CUP_RADIUS, recording::topic::Player};
+use serde::Serialize;
+
+/// The ball has left a cup when it is this far outside its radius (m).
+const OUT: f64 = 0.001;
+/// Sightings from which the ball's velocity is told, and their longest span (s).
+const RECENT: usize = 6;
+const RECENT_SPAN: f64 = 0.08;
+/// A ball that vanishes so shortly (s) before it would be over a cup, or so near to its edge (m), went
+/// in.
+const VANISHED_BEFORE: f64 = 0.05;
+const VANISHED_NEAR: f64 = 0.008;
+/// Fewest samples of a sighting of the ball; fewer are taken for a mistake of the detector.
+const FEWEST: usize = 4;
+/// After an episode the ball was taken away when it was not seen for so long (s).
+const AWAY: f64 = 0.25;
+/// Over this distance (m) a ball that lay still has been moved again.
+const MOVED: f64 = 0.02;
+/// Share by which the place of a ball at rest follows each sighting.
+const FOLLOWING: f64 = 0.03;
+/// Share of a pause in which the detector must have said nothing for the ball to be lost.
+const SILENT: f64 = 0.5;
+
+/// How an episode ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The ball went into a cup.
+    Goal,
+    /// A striker went into its own cup.
+    StrikerInGoal,
+    /// The ball left the board.
+    BallLost,
+    /// The ball lay still too long.
+    Timeout,
+    /// The recording ended first.
+    Unfinished,
+}
+
+impl Outcome {
+    /// As files spell it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Goal => "goal",
+            Self::StrikerInGoal => "striker_in_goal",
+            Self::BallLost => "ball_lost",
+            Self::Timeout => "timeout",
+            Self::Unfinished => "unfinished",
+        }
+    }
+}
+
+/// One stretch of play.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Span {
+    /// Since the recording began (s).
+    pub start: f64,
+    /// Since the recording began (s).
+    pub end: f64,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Who got the point.
+    pub scorer: Option<Player>,
+}
+
+/// One instant of the ball's track as play sees it.
+#[derive(Debug, Clone, Copy)]
+struct Moment {
+    time: f64,
+    ball: Option<Vector>,
+    strikers: [Option<Vector>; 2],
+    said: bool,
+}
+
+/// Where play stands.
+enum Play {
+    /// Nothing has begun.
+    Waiting,
+    On {
+        start: f64,
+    },
+    /// Ended; whether the ball has been away since, and where it lay.
+    Off {
+        away: bool,
+        ball: Option<Vector>,
+    },
+}
+
+/// Spans of play, and the events that begin and end them (with rim-outs).
+pub(super) fn spans(
+    sights: &[Sight],
+    stretches: &[Stretch],
+    rules: &Rules,
+) -> (Vec<Span>, Vec<Event>) {
+    let mut umpire = Umpire::new(rules);
+    for moment in moments(sights, stretches) {
+        umpire.look(&moment);
+    }
+    umpire.finish()
+}
+
+/// What was seen, with the ball only where it belongs to a sighting worth the name.
+fn moments(sights: &[Sight], stretches: &[Stretch]) -> impl Iterator<Item = Moment> {
+    let mut believed = stretches
+        .iter()
+        .filter(|stretch| FEWEST <= stretch.samples.len())
+        .flat_map(|stretch| stretch.samples.iter())
+        .peekable();
+    sights.iter().map(move |sight| {
+        while believed.next_if(|sample| sample.time < sight.time).is_some() {}
+        let ball = believed.next_if(|sample| sample.time <= sight.time).map(|sample| sample.place);
+        Moment { time: sight.time, ball, strikers: sight.strikers, said: sight.said }
+    })
+}
+
+struct Umpire<'a> {
+    rules: &'a Rules,
+    play: Play,
+    spans: Vec<Span>,
+    events: Vec<Event>,
+    /// The last sightings of the ball, oldest first.
+    recent: Vec<(f64, Vector)>,
+    now: f64,
+    /// Since the last moment with a ball: seconds in which the detector was silent.
+    silent: f64,
+    /// Whose cup the ball is in, and since when.
+    inside: Option<(Player, f64)>,
+    /// Since when each striker is in its own cup, and when it was last seen there.
+    striker_inside: [Option<f64>; 2],
+    /// Where the ball began to lie still, and when.
+    still: Option<(Vector, f64)>,
+}
+
+impl<'a> Umpire<'a> {
+    fn new(rules: &'a Rules) -> Self {
+        Self {
+            rules,
+            play: Play::Waiting,
+            spans: Vec::new(),
+            events: Vec::new(),
+            recent: Vec::with_capacity(RECENT + 1),
+            now: 0.0,
+            silent: 0.0,
+            inside: None,
+            striker_inside: [None; 2],
+            still: None,
+        }
+    }
+
+    fn look(&mut self, moment: &Moment) {
+        if !moment.said {
+            self.silent += moment.time - self.now;
+        }
+        self.now = moment.time;
+        self.watch_strikers(moment);
+        match moment.ball {
+            Some(ball) => {
+                self.watch_pause(moment.time);
+                self.watch_cups(moment.time, ball);
+                self.watch_rest(moment.time, ball);
+                self.watch_restart(moment.time, ball);
+                self.remember(moment.time, ball);
+                self.silent = 0.0;
+            }
+            None => self.watch_pause(moment.time),
+        }
+    }
+
+    fn remember(&mut self, time: f64, ball: Vector) {
+        self.recent.retain(|(before, _)| time - before < RECENT_SPAN);
+        if RECENT <= self.recent.len() {
+            self.recent.remove(0);
+        }
+        self.recent.push((time, ball));
+    }
+
+    fn last(&self) -> Option<(f64, Vector)> {
+        self.recent.last().copied()
+    }
+
+    /// The ball's velocity over its last sightings (m/s).
+    fn velocity(&self) -> Vector {
+        match (self.recent.first(), self.recent.last()) {
+            (Some((from, a)), Some((to, b))) if from < to => {
+                times(minus(*b, *a), 1.0 / (to - from))
+            }
+            _ => [0.0; 2],
+        }
+    }
+
+    fn is_on(&self) -> bool {
+        matches!(self.play, Play::On { .. })
+    }
+
+    /// Whether play was on at `time`. A striker that went in later, which is known sooner, does not
+    /// count then.
+    fn was_on_at(&mut self, time: f64) -> bool {
+        if self.is_on() {
+            return true;
+        }
+        let hasty = self.spans.last().filter(|span| {
+            span.outcome == Outcome::StrikerInGoal && span.start < time && time < span.end
+        });
+        let Some(start) = hasty.map(|span| span.start) else { return false };
+        self.spans.pop();
+        self.events.retain(|event| event.kind != EventKind::StrikerInGoal || event.time < start);
+        self.play = Play::On { start };
+        true
+    }
+
+    fn event(&mut self, time: f64, kind: EventKind, player: Option<Player>, confidence: f64) {
+        let event = Event {
+            time,
+            kind,
+            player,
+            episode: self.spans.len(),
+            place: self.last().map_or([0.0; 2], |(_, place)| place),
+            velocity_in: self.velocity(),
+            velocity_out: if kind == EventKind::RimOut { self.velocity() } else { [0.0; 2] },
+            goal_directed: false,
+            confidence,
+        };
+        self.events.push(event);
+    }
+
+    /// Ends the episode at `time`.
+    fn end(&mut self, time: f64, outcome: Outcome, scorer: Option<Player>) {
+        let Play::On { start } = self.play else { return };
+        self.spans.push(Span { start, end: time.max(start), outcome, scorer });
+        let in_cup = self.inside.is_some() || outcome == Outcome::BallLost;
+        self.play = Play::Off { away: in_cup, ball: self.last().map(|(_, place)| place) };
+        self.still = None;
+    }
+
+    /// The ball has not been seen for a while, up to `time`.
+    fn watch_pause(&mut self, time: f64) {
+        let Some((seen, place)) = self.last() else { return };
+        let pause = time - seen;
+        if let Play::Off { away, .. } = &mut self.play {
+            *away |= AWAY <= pause;
+        }
+        if let Some((owner, since)) = self.inside {
+            // In a cup a ball often cannot be seen.
+            let stays = self.rules.goal_stay <= (time - since).min(pause);
+            if stays && self.was_on_at(since) {
+                self.goal(owner, since, 0.9);
+            }
+        } else if self.rules.lost_after <= pause
+            && SILENT * pause <= self.silent
+            && self.was_on_at(seen)
+        {
+            if let Some((owner, after)) = self.would_enter(place) {
+                self.inside = Some((owner, seen + after));
+                self.goal(owner, seen + after, 0.8);
+                return;
+            }
+            self.event(seen, EventKind::BallLost, None, 1.0);
+            self.end(seen, Outcome::BallLost, None);
+        }
+    }
+
+    fn goal(&mut self, owner: Player, since: f64, confidence: f64) {
+        self.event(since, EventKind::Goal, Some(owner), confidence);
+        self.end(since, Outcome::Goal, Some(opponent(owner)));
+    }
+
+    fn watch_cups(&mut self, time: f64, ball: Vector) {
+        if let Some((owner, since)) = self.inside {
+            let away = CUP_RADIUS + OUT < distance(ball, self.rules.cup(owner));
+            if away {
+                self.inside = None;
+                if self.is_on() {
+                    self.event(time, EventKind::RimOut, Some(owner), 1.0);
+                }
+            } else if self.rules.goal_stay <= time - since && self.was_on_at(since) {
+                self.goal(owner, since, 1.0);
+            }
+        }
+        if self.inside.is_none()
+            && let Some(owner) = self.rules.cup_at(ball)
+        {
+            self.inside = Some((owner, self.entered(time, ball, owner)));
+        }
+    }
+
+    /// Over whose cup the ball would have been soon after it was last seen at `place`, and when (s).
+    fn would_enter(&self, place: Vector) -> Option<(Player, f64)> {
+        let velocity = self.velocity();
+        Player::BOTH.into_iter().find_map(|owner| {
+            let way = minus(self.rules.cup(owner), place);
+            if length(way) < CUP_RADIUS + VANISHED_NEAR {
+                return Some((owner, 0.0));
+            }
+            let (speed, along) = (length(velocity), dot(way, velocity));
+            let nearest = if 0.0 < speed { along / (speed * speed) } else { 0.0 };
+            let miss = distance(times(velocity, nearest), way);
+            if CUP_RADIUS <= miss || along < 0.0 {
+                return None;
+            }
+            let half_chord = (CUP_RADIUS * CUP_RADIUS - miss * miss).sqrt();
+            let wait = nearest - half_chord / speed.max(f64::MIN_POSITIVE);
+            (wait <= VANISHED_BEFORE).then_some((owner, wait.max(0.0)))
+        })
+    }
+
+    /// When the ball crossed the cup's edge, on the straight way from where it was seen before.
+    fn entered(&self, time: f64, ball: Vector, owner: Player) -> f64 {
+        let Some((before, from)) = self.last() else { return time };
+        let cup = self.rules.cup(owner);
+        let (outside, inside) = (distance(from, cup), distance(ball, cup));
+        if time - before < self.rules.longest_gap && CUP_RADIUS < outside {
+            time - (time - before) * (CUP_RADIUS - inside) / (outside - inside)
+        } else {
+            time
+        }
+    }
+
+    fn watch_strikers(&mut self, moment: &Moment) {
+        for player in Player::BOTH {
+            let Some(place) = moment.strikers[player as usize] else { continue };
+            let inside = distance(place, self.rules.cup(player)) < CUP_RADIUS;
+            let since = &mut self.striker_inside[player as usize];
+            if !inside {
+                *since = None;
+                continue;
+            }
+            let since = *since.get_or_insert(moment.time);
+            if self.rules.striker_stay <= moment.time - since && self.is_on() {
+                self.event(since, EventKind::StrikerInGoal, Some(player), 1.0);
+                if let Some(event) = self.events.last_mut() {
+                    event.place = place;
+                }
+                self.end(since, Outcome::StrikerInGoal, Some(opponent(player)));
+            }
+        }
+    }
+
+    fn watch_rest(&mut self, time: f64, ball: Vector) {
+        let (place, since) = self.still.unwrap_or((ball, time));
+        if self.rules.still_within < distance(ball, place) {
+            self.still = Some((ball, time));
+            return;
+        }
+        // Follows slowly, so that noise about a place at the edge of what counts does not matter.
+        self.still = Some((plus(place, times(minus(ball, place), FOLLOWING)), since));
+        if self.rules.timeout_after <= time - since && self.is_on() && self.inside.is_none() {
+            let end = since + self.rules.timeout_after;
+            self.event(end, EventKind::Timeout, None, 1.0);
+            self.end(end, Outcome::Timeout, None);
+        }
+    }
+
+    fn watch_restart(&mut self, time: f64, ball: Vector) {
+        let open = self.inside.is_none() && self.striker_inside.iter().all(Option::is_none);
+        match self.play {
+            Play::Waiting if open => self.play = Play::On { start: time },
+            Play::Off { away, ball: lay } if open => {
+                let moved = lay.is_none_or(|lay| MOVED < distance(ball, lay));
+                if away || moved {
+                    self.recent.clear();
+                    self.recent.push((time, ball));
+                    self.play = Play::On { start: time };
+                    self.still = None;
+                    self.event(time, EventKind::Restart, None, 1.0);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn finish(mut self) -> (Vec<Span>, Vec<Event>) {
+        if let Some((owner, since)) = self.inside
+            && self.rules.goal_stay <= self.now - since
+            && self.is_on()
+        {
+            self.goal(owner, since, 0.9);
+        }
+        self.end(self.now, Outcome::Unfinished, None);
+        (self.spans, self.events)
+    }
+}

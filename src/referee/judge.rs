@@ -1,0 +1,245 @@
+//! A match from its frames to its events and episodes.
+
+use super::{
+    episodes::{self, Span},
+    event::{Event, EventKind},
+    impacts::{self, Impact},
+    rolls::{self, Sample},
+    rules::Rules,
+    sight::{self, Sight},
+    tape::Frame,
+    touches,
+    vector::distance,
+};
+use crate::{recording::topic::Player, stats};
+
+/// The camera's noise is taken within these (m): a picture's pixel, and what no camera exceeds.
+const NOISE: (f64, f64) = (1e-4, 2e-3);
+/// Spread of a second difference of independent noise, and the share of a normal sample's standard
+/// deviation below which half of its sizes lie.
+const SECOND_DIFFERENCE: f64 = 2.449_489_742_783_178;
+const MEDIAN_SIZE: f64 = 0.674_489_750_196_082;
+
+/// One stretch of play with what happened in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Episode {
+    /// When, and how it ended.
+    pub span: Span,
+    /// Touches that were blocks, by left and right player.
+    pub blocks: [usize; 2],
+    /// Touches that were strikes.
+    pub strikes: [usize; 2],
+    /// Strikes whose straight way led over the other player's cup.
+    pub goal_directed: [usize; 2],
+    /// Time for which each player was the last who touched the ball (s).
+    pub held: [f64; 2],
+    /// Mean speed of the ball while it was seen (m/s); `None` when it was not.
+    pub mean_speed: Option<f64>,
+    /// Its 99th percentile (m/s).
+    pub top_speed: Option<f64>,
+}
+
+impl Episode {
+    /// Seconds of play.
+    #[must_use]
+    pub fn duration(&self) -> f64 {
+        self.span.end - self.span.start
+    }
+
+    /// Blocks and strikes of both players.
+    #[must_use]
+    pub fn contacts(&self) -> usize {
+        self.blocks.iter().chain(&self.strikes).sum()
+    }
+
+    /// Share of the time since the first touch in which `player` was the last who touched the ball;
+    /// `None` without a touch.
+    #[must_use]
+    pub fn possession(&self, player: Player) -> Option<f64> {
+        let total = self.held[0] + self.held[1];
+        (0.0 < total).then(|| self.held[player as usize] / total)
+    }
+}
+
+/// What the referee says about one match.
+#[derive(Debug, Clone, Default)]
+pub struct Judgement {
+    /// Events in order of time.
+    pub events: Vec<Event>,
+    /// Episodes in order of time.
+    pub episodes: Vec<Episode>,
+    /// What of the frames was believed, for pictures and replay.
+    pub track: Vec<Frame>,
+    /// Speeds of the ball in play (m/s), one per frame.
+    pub speeds: Vec<f64>,
+    /// Standard deviation of one coordinate, as the track itself tells (m).
+    pub noise: f64,
+}
+
+/// Judges a match.
+///
+/// ```
+/// use klasktron::referee::{Frame, Outcome, Rules, judge};
+/// // A ball that rolls into the cup of the right player and stays there.
+/// let frames: Vec<Frame> = (0..240)
+///     .map(|k| {
+///         let time = f64::from(k) / 120.0;
+///         Frame { time, ball: Some([0.0, (0.3 * time).min(0.17)]), strikers: [None; 2] }
+///     })
+///     .collect();
+/// let judgement = judge(&frames, &Rules::default());
+/// assert_eq!(judgement.episodes[0].span.outcome, Outcome::Goal);
+/// ```
+#[must_use]
+pub fn judge(frames: &[Frame], rules: &Rules) -> Judgement {
+    let sights = sight::believe(frames, rules);
+    let samples: Vec<Sample> = sights.iter().filter_map(sample).collect();
+    let noise = noise_of(&samples);
+    let stretches = rolls::divide(&samples, noise, rules);
+    let impacts: Vec<Impact> =
+        stretches.iter().flat_map(|stretch| impacts::find(stretch, noise, rules)).collect();
+    let (spans, mut events) = episodes::spans(&sights, &stretches, rules);
+    let touched = touches::touches_and_bounces(&impacts, &sights, rules);
+    events.extend(touched.into_iter().filter_map(|event| in_play(event, &spans)));
+    events.sort_by(|a, b| a.time.total_cmp(&b.time));
+    let speeds: Vec<(f64, f64)> = speeds_of(&samples, rules);
+    let episodes = spans.iter().enumerate().map(|(idx, span)| {
+        episode(*span, events.iter().filter(|event| event.episode == idx), &speeds)
+    });
+    Judgement {
+        episodes: episodes.collect(),
+        track: track(&sights, &stretches),
+        speeds: spans.iter().flat_map(|span| within(&speeds, span)).map(|(_, v)| *v).collect(),
+        events,
+        noise,
+    }
+}
+
+fn sample(sight: &Sight) -> Option<Sample> {
+    let place = sight.ball?;
+    Some(Sample { time: sight.time, place, strikers: sight.strikers })
+}
+
+/// Of independent noise a second difference has sqrt 6 of the spread.
+fn noise_of(samples: &[Sample]) -> f64 {
+    let bends: Vec<f64> = samples
+        .windows(3)
+        .flat_map(|w| [0, 1].map(|k| w[2].place[k] - 2.0 * w[1].place[k] + w[0].place[k]))
+        .map(f64::abs)
+        .collect();
+    let noise = stats::median(&bends).unwrap_or(0.0) / (MEDIAN_SIZE * SECOND_DIFFERENCE);
+    noise.clamp(NOISE.0, NOISE.1)
+}
+
+/// `event` with its episode; `None` outside play.
+fn in_play(event: Event, spans: &[Span]) -> Option<Event> {
+    let episode = spans.partition_point(|span| span.end < event.time);
+    let span = spans.get(episode)?;
+    (span.start <= event.time).then_some(Event { episode, ..event })
+}
+
+/// Times and speeds of the ball over five frames.
+fn speeds_of(samples: &[Sample], rules: &Rules) -> Vec<(f64, f64)> {
+    samples
+        .windows(5)
+        .filter_map(|w| {
+            let (first, last) = (w[0], w[4]);
+            let span = last.time - first.time;
+            (0.0 < span && span < rules.longest_gap)
+                .then(|| (w[2].time, distance(first.place, last.place) / span))
+        })
+        .collect()
+}
+
+/// Those of `speeds` that lie in `span`.
+fn within<'a>(speeds: &'a [(f64, f64)], span: &Span) -> &'a [(f64, f64)] {
+    let from = speeds.partition_point(|(time, _)| *time < span.start);
+    let to = speeds.partition_point(|(time, _)| *time <= span.end);
+    &speeds[from..to.max(from)]
+}
+
+fn episode<'a>(
+    span: Span,
+    events: impl Iterator<Item = &'a Event>,
+    speeds: &[(f64, f64)],
+) -> Episode {
+    let mut episode = Episode {
+        span,
+        blocks: [0; 2],
+        strikes: [0; 2],
+        goal_directed: [0; 2],
+        held: [0.0; 2],
+        mean_speed: None,
+        top_speed: None,
+    };
+    let mut holder: Option<(usize, f64)> = None;
+    for event in events.filter(|event| event.kind.is_touch()) {
+        let Some(player) = event.player.map(|player| player as usize) else { continue };
+        match event.kind {
+            EventKind::Block => episode.blocks[player] += 1,
+            EventKind::Strike => episode.strikes[player] += 1,
+            _ => {}
+        }
+        episode.goal_directed[player] += usize::from(event.goal_directed);
+        if let Some((before, since)) = holder.replace((player, event.time)) {
+            episode.held[before] += event.time - since;
+        }
+    }
+    if let Some((player, since)) = holder {
+        episode.held[player] += span.end - since;
+    }
+    let own: Vec<f64> = within(speeds, &span).iter().map(|(_, speed)| *speed).collect();
+    episode.mean_speed = stats::mean(&own);
+    episode.top_speed = stats::quantile(&own, 0.99);
+    episode
+}
+
+/// The frames with the ball only where it is believed.
+fn track(sights: &[Sight], stretches: &[rolls::Stretch]) -> Vec<Frame> {
+    let mut believed = stretches.iter().flat_map(|stretch| &stretch.samples).peekable();
+    sights
+        .iter()
+        .map(|sight| {
+            while believed.next_if(|sample| sample.time < sight.time).is_some() {}
+            let ball = believed.next_if(|sample| sample.time <= sight.time);
+            let ball = ball.map(|sample| sample.place);
+            Frame { time: sight.time, ball, strikers: sight.strikers }
+        })
+        .collect()
+}
+
+impl Judgement {
+    /// Points of left and right player.
+    #[must_use]
+    pub fn points(&self) -> [usize; 2] {
+        Player::BOTH.map(|player| {
+            self.episodes.iter().filter(|episode| episode.span.scorer == Some(player)).count()
+        })
+    }
+
+    /// Who has more points; `None` when nobody has.
+    #[must_use]
+    pub fn winner(&self) -> Option<Player> {
+        let [left, right] = self.points();
+        match left.cmp(&right) {
+            std::cmp::Ordering::Less => Some(Player::Right),
+            std::cmp::Ordering::Equal => None,
+            std::cmp::Ordering::Greater => Some(Player::Left),
+        }
+    }
+
+    /// Seconds of play.
+    #[must_use]
+    pub fn play(&self) -> f64 {
+        self.episodes.iter().map(Episode::duration).sum()
+    }
+
+    /// How long the match was seen (s).
+    #[must_use]
+    pub fn duration(&self) -> f64 {
+        match (self.track.first(), self.track.last()) {
+            (Some(first), Some(last)) => last.time - first.time,
+            _ => 0.0,
+        }
+    }
+}

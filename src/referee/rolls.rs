@@ -1,0 +1,334 @@
+//! Where the ball's velocity changes suddenly: the most likely division of its track into free rolls.
+//!
+//! Between impacts the ball rolls, x' = v, v' = -a v/|v| + w, with w white noise for what the model
+//! leaves out. An impact between two frames gives it any velocity and leaves its place. Every
+//! division of the track into rolls then has a likelihood, by one Kalman filter per time of the last
+//! impact; the most likely is found by dynamic programming (Fearnhead and Liu, "On-line inference for
+//! multiple changepoint problems", J. R. Stat. Soc. B 69, 2007), with few divisions kept per frame.
+//! A frame that fits nothing costs what a place anywhere on the board would.
+//!
+//! Both axes have the same noise, so one covariance serves both.
+
+use super::{
+    rules::Rules,
+    vector::{Vector, distance, length},
+};
+use std::ops::Range;
+
+/// Rolling resistance (m/s^2): coefficient 0.008 times gravity, a steel ball on painted wood.
+const ROLLING: f64 = 0.08;
+/// Slower than this (m/s) the ball may as well stand.
+const STANDING: f64 = 0.02;
+/// Spectral density of what the model leaves out (m^2/s^3).
+const UNMODELLED: f64 = 1e-3;
+/// The same in the first frames after an impact, when the ball may slide before it rolls.
+const UNMODELLED_YOUNG: f64 = 4e-3;
+/// How long that may last (s).
+const YOUNG: f64 = 0.1;
+/// Standard deviation of each component of the velocity after an impact (m/s).
+const SPREAD_AFTER: f64 = 0.8;
+/// Negative logarithm of the chance of an impact in one frame, with something near and in the open.
+const COST_NEAR: f64 = 3.0;
+const COST_OPEN: f64 = 13.0;
+/// Over how much distance the first becomes the second (m), and where that begins.
+const COST_OVER: f64 = 0.008;
+const NEAR: f64 = 0.004;
+/// The same for a bounce of a ball that comes to a wall, which it does where it is this near (m).
+const COST_BOUNCE: f64 = 1.0;
+const AT_WALL: f64 = 0.001;
+/// Restitution of walls as far as it matters here, and how little is known of the velocity after a
+/// bounce: at rest (m/s), and as a share of the speed that came.
+const USUAL_BOUNCE: f64 = 0.75;
+const BOUNCE_SPREAD: [f64; 2] = [0.02, 0.2];
+/// Negative logarithm of the chance that a frame's ball is somewhere else.
+const COST_ASTRAY: f64 = 7.0;
+/// Divisions kept per frame, and how much less likely (nats) they may be than the best.
+const KEPT: usize = 8;
+const WORST: f64 = 18.0;
+
+/// One believed place of the ball.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    /// Since the recording began (s).
+    pub(super) time: f64,
+    pub(super) place: Vector,
+    /// Left and right striker at that time.
+    pub(super) strikers: [Option<Vector>; 2],
+}
+
+/// A part of the track without pause, and where its velocity changes.
+#[derive(Debug, Clone)]
+pub(super) struct Stretch {
+    /// Samples of the stretch that fit, in order.
+    pub(super) samples: Vec<Sample>,
+    /// Each the index of the first sample after a change; increasing.
+    pub(super) changes: Vec<usize>,
+}
+
+/// Cuts `samples` at pauses longer than `rules.longest_gap` and divides each stretch into rolls.
+/// `noise` is the standard deviation of one coordinate (m).
+pub(super) fn divide(samples: &[Sample], noise: f64, rules: &Rules) -> Vec<Stretch> {
+    stretches(samples, rules.longest_gap)
+        .into_iter()
+        .map(|stretch| Division::new(noise, rules).run(&samples[stretch]))
+        .collect()
+}
+
+fn stretches(samples: &[Sample], longest_gap: f64) -> Vec<Range<usize>> {
+    let mut found = Vec::new();
+    let mut start = 0;
+    for end in 1..=samples.len() {
+        let goes_on =
+            end < samples.len() && samples[end].time - samples[end - 1].time <= longest_gap;
+        if !goes_on {
+            found.push(start..end);
+            start = end;
+        }
+    }
+    found
+}
+
+/// Place and velocity with their common covariance, and how the division came to be.
+#[derive(Debug, Clone, Copy)]
+struct Belief {
+    place: Vector,
+    velocity: Vector,
+    /// Variances of place and velocity, and their covariance, of each axis.
+    covariance: [f64; 3],
+    /// Negative log-likelihood so far.
+    cost: f64,
+    /// Time of the last change.
+    since: f64,
+    /// Where its history ends in `Division::history`.
+    history: u32,
+}
+
+/// What happened at a sample, and what happened before.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    sample: u32,
+    what: StepKind,
+    before: u32,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum StepKind {
+    Change,
+    Astray,
+}
+
+const NO_HISTORY: u32 = u32::MAX;
+
+struct Division<'a> {
+    variance: f64,
+    rules: &'a Rules,
+    /// Negative logarithm of the density of a place anywhere on the board.
+    anywhere: f64,
+    beliefs: Vec<Belief>,
+    next: Vec<Belief>,
+    history: Vec<Step>,
+}
+
+impl<'a> Division<'a> {
+    fn new(noise: f64, rules: &'a Rules) -> Self {
+        Self {
+            variance: noise * noise,
+            rules,
+            anywhere: (rules.board.short_side * rules.board.long_side).ln(),
+            beliefs: Vec::new(),
+            next: Vec::new(),
+            history: Vec::new(),
+        }
+    }
+
+    fn run(mut self, samples: &[Sample]) -> Stretch {
+        let Some(first) = samples.first() else {
+            return Stretch { samples: vec![], changes: vec![] };
+        };
+        self.beliefs.push(Belief {
+            place: first.place,
+            velocity: [0.0; 2],
+            covariance: [self.variance, SPREAD_AFTER * SPREAD_AFTER, 0.0],
+            cost: 0.0,
+            since: first.time,
+            history: NO_HISTORY,
+        });
+        for at in 1..samples.len() {
+            self.advance(samples, at);
+        }
+        self.finish(samples)
+    }
+
+    /// Takes in sample `at`.
+    fn advance(&mut self, samples: &[Sample], at: usize) {
+        let (before, now) = (&samples[at - 1], &samples[at]);
+        let dt = now.time - before.time;
+        self.next.clear();
+        let mut change: Option<Belief> = None;
+        for idx in 0..self.beliefs.len() {
+            let belief = self.beliefs[idx];
+            let rolled = roll(&belief, now.time, dt);
+            let kept = self.measured(&rolled, now.place);
+            // Straight on through a frame of something else, where nothing else explains it.
+            if belief.cost + self.anywhere + COST_ASTRAY < kept.cost {
+                let history = self.remember(at, StepKind::Astray, belief.history);
+                let cost = belief.cost + self.anywhere + COST_ASTRAY;
+                self.next.push(Belief { cost, history, ..rolled });
+            } else {
+                self.next.push(kept);
+            }
+            let open = self.struck(&belief, now, dt);
+            for struck in self.bounced(&rolled, now).into_iter().chain([open]) {
+                if change.is_none_or(|other| struck.cost < other.cost) {
+                    change = Some(struck);
+                }
+            }
+        }
+        if let Some(mut change) = change {
+            change.history = self.remember(at, StepKind::Change, change.history);
+            self.next.push(change);
+        }
+        self.prune();
+    }
+
+    fn remember(&mut self, sample: usize, what: StepKind, before: u32) -> u32 {
+        self.history.push(Step { sample: sample as u32, what, before });
+        (self.history.len() - 1) as u32
+    }
+
+    /// The belief after an impact somewhere between the frames, with `now` taken in.
+    fn struck(&self, belief: &Belief, now: &Sample, dt: f64) -> Belief {
+        let spread = SPREAD_AFTER * SPREAD_AFTER;
+        let [place, velocity, both] = belief.covariance;
+        let half = 0.5 * dt;
+        let moved = place + half * (2.0 * both + half * velocity);
+        // Of the mean square of a time that is anywhere in the frame: a twelfth for the way before it,
+        // a third for the way after it.
+        let speed = length(belief.velocity);
+        let unknown = dt * dt * (speed * speed / 24.0 + spread / 3.0);
+        let prior = Belief {
+            place: [0, 1].map(|k| belief.place[k] + half * belief.velocity[k]),
+            velocity: [0.0; 2],
+            covariance: [moved + unknown, spread, spread * half],
+            cost: belief.cost + self.cost_of_impact(belief.place, now),
+            since: now.time,
+            ..*belief
+        };
+        self.measured(&prior, now.place)
+    }
+
+    /// The belief after a bounce at the wall beyond which it `rolled`, with `now` taken in; `None` where
+    /// there is none.
+    fn bounced(&self, rolled: &Belief, now: &Sample) -> Option<Belief> {
+        let reach = self.rules.reach();
+        let beyond = |axis: usize| rolled.place[axis].abs() - reach[axis];
+        let axis = usize::from(beyond(0) < beyond(1));
+        let sign = rolled.place[axis].signum();
+        let came = sign * rolled.velocity[axis];
+        if beyond(axis) < -AT_WALL || came <= 0.0 {
+            return None;
+        }
+        let mut bounced = *rolled;
+        let over = beyond(axis).max(0.0);
+        bounced.place[axis] -= sign * over * (1.0 + USUAL_BOUNCE);
+        bounced.velocity[axis] = -sign * USUAL_BOUNCE * came;
+        let unsure = BOUNCE_SPREAD[0] + BOUNCE_SPREAD[1] * came;
+        bounced.covariance[1] += unsure * unsure;
+        bounced.cost += COST_BOUNCE;
+        bounced.since = now.time;
+        Some(self.measured(&bounced, now.place))
+    }
+
+    /// Impacts are likely near walls, strikers and cups.
+    fn cost_of_impact(&self, before: Vector, now: &Sample) -> f64 {
+        let clearance = self.clearance(before, now).min(self.clearance(now.place, now));
+        let open = ((clearance - NEAR) / COST_OVER).clamp(0.0, 1.0);
+        COST_NEAR + open * (COST_OPEN - COST_NEAR)
+    }
+
+    fn clearance(&self, place: Vector, now: &Sample) -> f64 {
+        let reach = self.rules.reach();
+        let wall = (reach[0] - place[0].abs()).min(reach[1] - place[1].abs());
+        let striker = now
+            .strikers
+            .iter()
+            .flatten()
+            .map(|striker| distance(place, *striker) - self.rules.touching())
+            .fold(f64::INFINITY, f64::min);
+        wall.min(striker)
+    }
+
+    /// The belief with a measured place taken in.
+    fn measured(&self, belief: &Belief, place: Vector) -> Belief {
+        let [pp, vv, pv] = belief.covariance;
+        let total = pp + self.variance;
+        let (gain_place, gain_velocity) = (pp / total, pv / total);
+        let off = [place[0] - belief.place[0], place[1] - belief.place[1]];
+        let square = off[0] * off[0] + off[1] * off[1];
+        Belief {
+            place: [0, 1].map(|k| belief.place[k] + gain_place * off[k]),
+            velocity: [0, 1].map(|k| belief.velocity[k] + gain_velocity * off[k]),
+            covariance: [pp * (1.0 - gain_place), vv - gain_velocity * pv, pv * (1.0 - gain_place)],
+            cost: belief.cost + 0.5 * square / total + (std::f64::consts::TAU * total).ln(),
+            ..*belief
+        }
+    }
+
+    /// Keeps the likeliest.
+    fn prune(&mut self) {
+        self.next.sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost));
+        let worst = self.next.first().map_or(0.0, |best| best.cost) + WORST;
+        self.next.truncate(KEPT);
+        self.next.retain(|belief| belief.cost <= worst);
+        std::mem::swap(&mut self.beliefs, &mut self.next);
+    }
+
+    fn finish(self, samples: &[Sample]) -> Stretch {
+        let best = self.beliefs.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let mut at = best.map_or(NO_HISTORY, |best| best.history);
+        let mut astray = vec![false; samples.len()];
+        let mut changes = Vec::new();
+        while at != NO_HISTORY {
+            let step = self.history[at as usize];
+            match step.what {
+                StepKind::Change => changes.push(step.sample as usize),
+                StepKind::Astray => astray[step.sample as usize] = true,
+            }
+            at = step.before;
+        }
+        changes.reverse();
+        // Indices among the samples that are kept.
+        let mut kept_before = Vec::with_capacity(samples.len() + 1);
+        let mut count = 0;
+        for astray in &astray {
+            kept_before.push(count);
+            count += usize::from(!astray);
+        }
+        let fits = samples.iter().zip(&astray).filter(|(_, astray)| !**astray);
+        Stretch {
+            samples: fits.map(|(sample, _)| *sample).collect(),
+            changes: changes.into_iter().map(|at| kept_before[at]).collect(),
+        }
+    }
+}
+
+/// A free roll of `dt` to `now`.
+fn roll(belief: &Belief, now: f64, dt: f64) -> Belief {
+    let [pp, vv, pv] = belief.covariance;
+    let young = now - belief.since < YOUNG;
+    let q = if young { UNMODELLED_YOUNG } else { UNMODELLED };
+    let speed = length(belief.velocity);
+    let slower = if speed <= STANDING { 1.0 } else { 1.0 - (ROLLING * dt / speed).min(1.0) };
+    let velocity = belief.velocity.map(|v| v * slower);
+    let mean = [0, 1].map(|k| 0.5 * (belief.velocity[k] + velocity[k]));
+    Belief {
+        place: [0, 1].map(|k| belief.place[k] + dt * mean[k]),
+        velocity,
+        covariance: [
+            pp + dt * (2.0 * pv + dt * vv) + q * dt * dt * dt / 3.0,
+            vv + q * dt,
+            pv + dt * vv + q * dt * dt / 2.0,
+        ],
+        ..*belief
+    }
+}

@@ -1,0 +1,178 @@
+//! From what the camera said to what can be believed.
+//!
+//! The detector can miss the ball, name a striker the ball, repeat an old picture, or deliver one twice.
+//! Each is recognised by what cannot be: a ball inside a striker, a striker faster than any drive, a
+//! moving ball at exactly the same place. What cannot be is left out here, so that nothing later has
+//! to explain it.
+
+use super::{
+    rules::Rules,
+    tape::Frame,
+    vector::{Vector, distance, length, minus, times},
+};
+
+/// Faster than this (m/s) no striker moves; the drives' limit is 0.4 m/s per axis, hands are faster.
+const FASTEST_STRIKER: f64 = 3.0;
+/// After so long (s) a striker may be anywhere.
+const STRIKER_FORGOTTEN: f64 = 0.25;
+/// A centre that lies this much deeper than touching (m) cannot be the ball's.
+const DEEPEST_OVERLAP: f64 = 0.006;
+/// Outside the field by more than this (m) is not the ball.
+const OUTSIDE: f64 = 0.02;
+/// A ball that should have moved by this (m) and has exactly the same place is an old picture.
+const FROZEN: f64 = 0.003;
+/// Frames from which the speed before a standstill is told.
+const BEFORE: usize = 4;
+/// Longest span of these frames (s).
+const BEFORE_SPAN: f64 = 0.1;
+/// Weights of a quadratic through seven frames at its middle (Savitzky and Golay, 1964).
+const SMOOTHING: [f64; 7] = [-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0];
+
+/// One frame of which everything can be believed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sight {
+    /// Since the recording began (s).
+    pub(super) time: f64,
+    /// The ball, where it was truly seen (m).
+    pub(super) ball: Option<Vector>,
+    /// Left and right striker, smoothed, where they were seen (m).
+    pub(super) strikers: [Option<Vector>; 2],
+    /// Whether the detector said anything about the ball, be it wrong.
+    pub(super) said: bool,
+}
+
+/// The frames in order of time, each once, with what cannot be left out.
+pub(super) fn believe(frames: &[Frame], rules: &Rules) -> Vec<Sight> {
+    let mut sights = in_order(frames, rules);
+    for player in 0..2 {
+        drop_wild_strikers(&mut sights, player);
+    }
+    drop_swapped_balls(&mut sights, rules);
+    drop_frozen_balls(&mut sights);
+    let smooth: Vec<[Option<Vector>; 2]> =
+        (0..sights.len()).map(|at| [0, 1].map(|player| smoothed(&sights, at, player))).collect();
+    for (sight, strikers) in sights.iter_mut().zip(smooth) {
+        sight.strikers = strikers;
+    }
+    sights
+}
+
+fn in_order(frames: &[Frame], rules: &Rules) -> Vec<Sight> {
+    let mut sorted: Vec<&Frame> = frames.iter().filter(|frame| frame.time.is_finite()).collect();
+    sorted.sort_by(|a, b| a.time.total_cmp(&b.time));
+    let on_board = |place: &Vector| {
+        let reach = rules.reach();
+        (0..2).all(|axis| place[axis].abs() <= reach[axis] + OUTSIDE)
+    };
+    let period = usual_period(&sorted);
+    let mut sights: Vec<Sight> = Vec::with_capacity(sorted.len());
+    let mut last: Option<&Frame> = None;
+    for frame in sorted {
+        let twice = last.is_some_and(|last| {
+            let same = last.ball == frame.ball && last.strikers == frame.strikers;
+            let apart = frame.time - last.time;
+            apart < 1e-6 || (same && apart < 0.5 * period)
+        });
+        if twice {
+            continue;
+        }
+        let seen = frame.strikers.map(|striker| striker.filter(on_board));
+        sights.push(Sight {
+            time: frame.time,
+            ball: frame.ball.filter(on_board),
+            strikers: seen,
+            said: frame.ball.is_some(),
+        });
+        last = Some(frame);
+    }
+    sights
+}
+
+fn usual_period(frames: &[&Frame]) -> f64 {
+    let steps: Vec<f64> = frames.windows(2).map(|pair| pair[1].time - pair[0].time).collect();
+    crate::stats::median(&steps).unwrap_or(0.0)
+}
+
+/// Leaves out what a striker could only have reached faster than it can move.
+fn drop_wild_strikers(sights: &mut [Sight], player: usize) {
+    let mut last: Option<(f64, Vector)> = None;
+    for sight in sights {
+        let Some(place) = sight.strikers[player] else { continue };
+        if let Some((time, before)) = last {
+            let apart = sight.time - time;
+            let most = FASTEST_STRIKER * apart + DEEPEST_OVERLAP;
+            if apart < STRIKER_FORGOTTEN && most < distance(place, before) {
+                sight.strikers[player] = None;
+                continue;
+            }
+        }
+        last = Some((sight.time, place));
+    }
+}
+
+/// Leaves out a ball that lies where a striker is: the detector took one for the other.
+fn drop_swapped_balls(sights: &mut [Sight], rules: &Rules) {
+    let mut known: [Option<(f64, Vector)>; 2] = [None; 2];
+    for sight in sights {
+        for (known, striker) in known.iter_mut().zip(sight.strikers) {
+            *known = striker.map(|place| (sight.time, place)).or(*known);
+        }
+        let inside = |ball: Vector| {
+            known.iter().flatten().any(|(time, place)| {
+                sight.time - time < STRIKER_FORGOTTEN
+                    && distance(ball, *place) < rules.touching() - DEEPEST_OVERLAP
+            })
+        };
+        sight.ball = sight.ball.filter(|ball| !inside(*ball));
+    }
+}
+
+/// Leaves out exact repetitions of a moving ball's place that end with a jump.
+fn drop_frozen_balls(sights: &mut [Sight]) {
+    let seen: Vec<usize> = (0..sights.len()).filter(|at| sights[*at].ball.is_some()).collect();
+    let mut first = 0;
+    while first < seen.len() {
+        let place = sights[seen[first]].ball;
+        let same = seen[first..].iter().take_while(|at| sights[**at].ball == place).count();
+        let end = first + same;
+        if 1 < same && is_frozen(sights, &seen, first, end) {
+            for at in &seen[first + 1..end] {
+                sights[*at].ball = None;
+            }
+        }
+        first = end;
+    }
+}
+
+/// Whether the ball at `seen[first..end]`, all at one place, was moving before and is elsewhere after.
+fn is_frozen(sights: &[Sight], seen: &[usize], first: usize, end: usize) -> bool {
+    let ball = |at: usize| sights[seen[at]].ball.unwrap_or_default();
+    let time = |at: usize| sights[seen[at]].time;
+    let start = first.saturating_sub(BEFORE);
+    let span = time(first) - time(start);
+    if span <= 0.0 || BEFORE_SPAN < span {
+        return false;
+    }
+    let velocity = times(minus(ball(first), ball(start)), 1.0 / span);
+    let expected = length(velocity) * (time(end - 1) - time(first));
+    let jump = if end < seen.len() { distance(ball(end), ball(first)) } else { 0.0 };
+    FROZEN < expected && FROZEN.max(0.5 * expected) < jump
+}
+
+/// The striker by a quadratic through seven frames; as seen where not all of them are there.
+fn smoothed(sights: &[Sight], at: usize, player: usize) -> Option<Vector> {
+    let seen = sights[at].strikers[player]?;
+    let half = SMOOTHING.len() / 2;
+    let Some(around) = at.checked_sub(half).and_then(|from| sights.get(from..=at + half)) else {
+        return Some(seen);
+    };
+    let step = (around[2 * half].time - around[0].time) / (2 * half) as f64;
+    let mut sum = [0.0; 2];
+    for (k, (sight, weight)) in around.iter().zip(SMOOTHING).enumerate() {
+        let due = around[0].time + k as f64 * step;
+        let even = (sight.time - due).abs() < 0.25 * step;
+        let Some(place) = sight.strikers[player].filter(|_| even) else { return Some(seen) };
+        sum = [sum[0] + weight * place[0], sum[1] + weight * place[1]];
+    }
+    Some(times(sum, 1.0 / SMOOTHING.iter().sum::<f64>()))
+}

@@ -1,0 +1,63 @@
+//! Games as recordings, and as frames.
+
+use super::game::{Game, Picture};
+use crate::support::{START, writer};
+use klasktron::{
+    recording::{
+        message::{BoardState, CameraDetections, ObjectState, Point},
+        topic,
+    },
+    referee::Frame,
+};
+use std::path::{Path, PathBuf};
+
+/// The pictures as the referee takes them.
+pub(super) fn frames(game: &Game) -> Vec<Frame> {
+    game.pictures
+        .iter()
+        .map(|p| Frame { time: p.time, ball: p.ball, strikers: p.strikers })
+        .collect()
+}
+
+/// To hundredths of a millimetre, which packs to half the size.
+fn point(place: [f64; 2]) -> Point {
+    let [x, y] = place.map(|metres| (metres * 1e5).round() / 1e5);
+    Point { x, y }
+}
+
+/// Writes detections of the camera, 5 ms late.
+pub(super) fn write_detections(pictures: &[Picture], dir: &Path, name: &str) -> PathBuf {
+    let path = dir.join(name);
+    let mut file = writer(&path, "match");
+    for picture in pictures {
+        let capture = START.after_seconds(picture.time);
+        let message = CameraDetections {
+            capture_time_ns: capture.0,
+            ball: picture.ball.map(point),
+            left: picture.strikers[0].map(point),
+            right: picture.strikers[1].map(point),
+        };
+        let arrival = capture.after_seconds(0.005);
+        file.write_published(topic::CAMERA_DETECTIONS, arrival, capture, &message).unwrap();
+    }
+    file.finish().unwrap();
+    path
+}
+
+/// Writes every second picture as a state of the board, as an imported bag has it.
+pub(super) fn write_states(pictures: &[Picture], dir: &Path, name: &str) -> PathBuf {
+    let path = dir.join(name);
+    let mut file = writer(&path, "match");
+    let state = |place: [f64; 2]| ObjectState { x: place[0], y: place[1], vx: 0.0, vy: 0.0 };
+    for picture in pictures.iter().step_by(2) {
+        let message = BoardState {
+            ball: picture.ball.map(state),
+            left: picture.strikers[0].map(state),
+            right: picture.strikers[1].map(state),
+            status: 1,
+        };
+        file.write(topic::BOARD_STATE, START.after_seconds(picture.time), &message).unwrap();
+    }
+    file.finish().unwrap();
+    path
+}
