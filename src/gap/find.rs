@@ -15,7 +15,7 @@ use crate::{
     effects::Effect,
     recording::Split,
     stats::t_quantile,
-    twin::{Left, Session, Source, Stage, StageKind, Twin, Value, machine_of},
+    twin::{Left, Machine, Session, Source, Stage, StageKind, Twin, Value, machine_of},
 };
 
 /// The links in the order of the chain.
@@ -173,7 +173,11 @@ fn document(
         effects.clear();
     }
     let says = says(verdict, &effects, &class, &refit, outcomes);
-    let next_experiment = next_experiment(&class, outcomes);
+    // Runs are driven on the table only; what an axis or a ball needs stands with its class in words.
+    let next_experiment = match start.machine {
+        Machine::Table => next_experiment(&class, outcomes),
+        Machine::Axis => None,
+    };
     Document {
         schema_version: SCHEMA_VERSION,
         verdict,
@@ -343,7 +347,7 @@ fn why(
     if let (Some(signal), Some((before, after))) = (signal, gap) {
         text += &format!(
             " On data that was not fitted it takes the gap of {signal} from {before:.3e} to {after:.3e} RMS \
-             (p = {:.1e} after {} looked for as well).",
+             (p = {:.1e}; {} candidates were simulated).",
             step.p_value,
             step.contest.len()
         );

@@ -135,9 +135,8 @@ impl Screen<'_, '_> {
         let total = dot(&self.linear.residual, &self.linear.residual);
         let tested = in_parallel(&tries, |(effect, axis, probe)| {
             let mut variants = vec![with(twin, effect, *axis, probe)];
-            if effect.probes.len() == 1 {
-                variants.extend(single_variants(twin, effect, *axis, probe));
-            }
+            let singles = amplitudes(effect, probe);
+            variants.extend(singles.iter().map(|values| with(twin, effect, *axis, values)));
             let columns = self.problem.contrasts(&self.base, &variants, self.filters);
             test(&self.linear, &self.normal, total, columns)
         });
@@ -244,18 +243,35 @@ pub(super) fn with(twin: &Twin, effect: &'static Effect, axis: Axis, values: &[f
     changed
 }
 
-/// For effects of several parameters: each of them alone at its probe, the others at null.
-fn single_variants(twin: &Twin, effect: &'static Effect, axis: Axis, probe: &[f64]) -> Vec<Twin> {
-    if probe.len() < 2 {
+/// Values of `effect` with one amplitude each, where it has several: those that belong to a session (sine
+/// and cosine of one wave), at the probe's shape; or all parameters of an effect with a single probe, the
+/// others at null.
+fn amplitudes(effect: &Effect, probe: &[f64]) -> Vec<Vec<f64>> {
+    let waves: Vec<usize> = waves(effect);
+    let size = waves.iter().map(|k| (probe[*k] - effect.null[*k]).abs()).fold(0.0, f64::max);
+    if !waves.is_empty() {
+        let alone = |own: &usize| {
+            let mut values = probe.to_vec();
+            waves.iter().for_each(|k| values[*k] = effect.null[*k]);
+            values[*own] += size;
+            values
+        };
+        return waves.iter().map(alone).collect();
+    }
+    if probe.len() < 2 || 1 < effect.probes.len() {
         return Vec::new();
     }
-    (0..probe.len())
-        .map(|k| {
-            let mut values = effect.null.to_vec();
-            values[k] = probe[k];
-            with(twin, effect, axis, &values)
-        })
-        .collect()
+    let alone = |k: usize| {
+        let mut values = effect.null.to_vec();
+        values[k] = probe[k];
+        values
+    };
+    (0..probe.len()).map(alone).collect()
+}
+
+/// The parameters of `effect` that are components of a wave with a phase of its own in every session.
+fn waves(effect: &Effect) -> Vec<usize> {
+    (0..effect.parameters.len()).filter(|k| effect.parameters[*k].per_session).collect()
 }
 
 /// What a test of one probe found.
@@ -275,23 +291,27 @@ impl Tested {
     /// Where a fit should start: the probe, its amplitudes moved as far as the line says, within a
     /// factor that keeps the line believable.
     fn start(&self, effect: &Effect, probe: &[f64]) -> Vec<f64> {
-        probe
-            .iter()
-            .enumerate()
-            .map(|(k, value)| {
-                let null = effect.null[k];
-                let (low, high) = effect.parameters[k].bounds;
-                let moved = if 1 < self.factors.len() {
-                    null + (value - null) * self.factors[k].clamp(-20.0, 20.0)
-                } else if k == 0 && effect.probes.len() == 1 {
-                    let factor = self.factors.first().copied().unwrap_or(1.0);
-                    null + (value - null) * factor.clamp(-20.0, 20.0)
-                } else {
-                    *value
-                };
-                moved.clamp(low, high)
-            })
-            .collect()
+        let amplitudes = amplitudes(effect, probe);
+        let mut start = probe.to_vec();
+        if 1 < self.factors.len() && amplitudes.len() == self.factors.len() {
+            waves(effect).iter().for_each(|k| start[*k] = effect.null[*k]);
+            for (factor, alone) in self.factors.iter().zip(&amplitudes) {
+                for (k, value) in alone.iter().enumerate() {
+                    let shape = !waves(effect).is_empty() && !waves(effect).contains(&k);
+                    if !shape && *value != effect.null[k] {
+                        start[k] =
+                            effect.null[k] + (value - effect.null[k]) * factor.clamp(-20.0, 20.0);
+                    }
+                }
+            }
+        } else if effect.probes.len() == 1 {
+            let factor = self.factors.first().copied().unwrap_or(1.0).clamp(-20.0, 20.0);
+            start[0] = effect.null[0] + (probe[0] - effect.null[0]) * factor;
+        }
+        for (value, parameter) in start.iter_mut().zip(effect.parameters) {
+            *value = value.clamp(parameter.bounds.0, parameter.bounds.1);
+        }
+        start
     }
 }
 

@@ -263,12 +263,13 @@ pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknow
         place.map_or(0.0, |place| lines[place])
     };
     let blocks = problem.blocks().count as f64;
-    Some(Unknown {
+    let p_value = f_tail(most, blocks, blocks);
+    (p_value < FAMILY_ERROR).then(|| Unknown {
         name: format!("unknown.time[{:.1} to {:.1} Hz]", edge(0.1), edge(0.9)),
         signal: channels[signal].signal.clone(),
         share: 1.0 - 1.0 / most,
         statistic: most,
-        p_value: f_tail(most, blocks, blocks),
+        p_value,
     })
 }
 

@@ -32,8 +32,8 @@ const CUTOFF_SHARE: f64 = 0.1;
 const ENDS: usize = 5;
 /// Standard deviations of its noise within which a velocity counts as rest.
 const REST_DEVIATIONS: f64 = 3.0;
-/// Least duration of a rest (s): a reversal passes through zero faster.
-const REST_S: f64 = 0.05;
+/// Least duration of a rest (s): a reversal that does not stick passes through zero faster.
+const REST_S: f64 = 0.01;
 
 /// What was measured on one axis, at equal steps.
 #[derive(Debug, Clone)]

@@ -30,7 +30,7 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
         Parameter {
             name: "period_m",
             unit: "m",
-            scale: 1e-4,
+            scale: 2.5e-5,
             bounds: (1e-4, 0.5),
             plausible: (0.0005, 0.05),
             per_session: false,

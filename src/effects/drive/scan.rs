@@ -60,7 +60,8 @@ pub fn periods(position: &[f64], residual: &[f64]) -> Vec<f64> {
     strongest(&powers).into_iter().map(refine).collect()
 }
 
-/// The highest of `powers` that are no neighbours of each other, the best first.
+/// The highest of `powers`, the best first, a line apart at least: beside a line whose phase is distorted,
+/// its neighbour may be the true one.
 fn strongest(powers: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..powers.len()).collect();
     order.sort_by(|a, b| powers[*b].total_cmp(&powers[*a]));
@@ -69,7 +70,7 @@ fn strongest(powers: &[f64]) -> Vec<usize> {
         if lines.len() == PROPOSALS {
             break;
         }
-        if lines.iter().all(|line| 2.0 * PER_LINE <= line.abs_diff(index) as f64) {
+        if lines.iter().all(|line| PER_LINE <= line.abs_diff(index) as f64) {
             lines.push(index);
         }
     }
