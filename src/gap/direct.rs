@@ -7,7 +7,8 @@
 use super::{
     evidence::Amplitude,
     fit::{self, Fit},
-    problem::{Point, Problem, in_parallel},
+    parallel::in_parallel,
+    problem::{Point, Problem},
     round::slots_of_last,
     screen::{self, Candidate},
     whiten::Filters,

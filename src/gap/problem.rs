@@ -3,10 +3,12 @@
 
 use super::{
     evidence::Blocks,
+    nuisance::{Elimination, eliminate},
+    outliers::without_spikes,
+    parallel::in_parallel,
     whiten::{self, Filter, Filters, Layout, Residual},
 };
 use crate::twin::{Slot, Stage, Twin};
-use std::thread;
 
 /// One stage of one session, with what was measured there.
 pub struct Part<'a> {
@@ -99,47 +101,6 @@ pub struct Linear {
     pub(super) blocks: Blocks,
     /// Per part and group: orthonormal nuisance columns, to move the nuisances with a step.
     eliminations: Vec<Vec<Elimination>>,
-}
-
-/// The nuisance columns of one group as Q R.
-struct Elimination {
-    rows: std::ops::Range<usize>,
-    q: Vec<Vec<f64>>,
-    r: Vec<Vec<f64>>,
-    /// Components of the residual along q before it was taken away.
-    along_residual: Vec<f64>,
-    /// The same for each shared column.
-    along_columns: Vec<Vec<f64>>,
-}
-
-impl Linear {
-    /// Change of the nuisances of part `part` when the shared parameters change by `step` (scaled).
-    fn nuisance_step(&self, part: usize, step: &[f64]) -> Vec<Vec<f64>> {
-        self.eliminations[part]
-            .iter()
-            .map(|elimination| {
-                let count = elimination.q.len();
-                let mut right: Vec<f64> = (0..count)
-                    .map(|k| {
-                        let moved: f64 = step
-                            .iter()
-                            .zip(&elimination.along_columns)
-                            .map(|(change, along)| change * along[k])
-                            .sum();
-                        elimination.along_residual[k] - moved
-                    })
-                    .collect();
-                for k in (0..count).rev() {
-                    for j in k + 1..count {
-                        right[k] -= elimination.r[k][j] * right[j];
-                    }
-                    let pivot = elimination.r[k][k];
-                    right[k] = if pivot.abs() < 1e-12 { 0.0 } else { right[k] / pivot };
-                }
-                right
-            })
-            .collect()
-    }
 }
 
 /// What a twin predicts: `[part][channel][sample]`.
@@ -374,76 +335,14 @@ impl<'a> Problem<'a> {
             next.twin.set(*slot, point.twin.get(*slot) + change * scale);
             *taken = (next.twin.get(*slot) - point.twin.get(*slot)) / scale;
         }
-        for (part, nuisance) in next.nuisance.iter_mut().enumerate() {
-            for (group, change) in nuisance.iter_mut().zip(linear.nuisance_step(part, &taken)) {
-                for (number, change) in group.iter_mut().zip(change) {
+        for (groups, eliminations) in next.nuisance.iter_mut().zip(&linear.eliminations) {
+            for (group, elimination) in groups.iter_mut().zip(eliminations) {
+                for (number, change) in group.iter_mut().zip(elimination.numbers(&taken)) {
                     *number += change;
                 }
             }
         }
         next
-    }
-}
-
-/// Orthonormalises `local` (modified Gram and Schmidt) and takes its directions out of the rows.
-fn eliminate(
-    rows: std::ops::Range<usize>,
-    mut local: Vec<Vec<f64>>,
-    residual: &mut [f64],
-    columns: &mut [Vec<f64>],
-) -> Elimination {
-    let count = local.len();
-    let mut r = vec![vec![0.0; count]; count];
-    for k in 0..count {
-        let (done, rest) = local.split_at_mut(k);
-        for (row, value) in r.iter_mut().zip(orthonormalise(&mut rest[0], done)) {
-            row[k] = value;
-        }
-    }
-    let take = |values: &mut [f64]| -> Vec<f64> {
-        local
-            .iter()
-            .map(|q| {
-                let along = dot(q, values);
-                values.iter_mut().zip(q).for_each(|(value, q)| *value -= along * q);
-                along
-            })
-            .collect()
-    };
-    let along_residual = take(&mut residual[rows.clone()]);
-    let along_columns = columns.iter_mut().map(|column| take(&mut column[rows.clone()])).collect();
-    Elimination { rows, q: local, r, along_residual, along_columns }
-}
-
-/// Makes `own` a unit vector across all of `done`, or nothing if it depends on them: its components
-/// along `done`, and the length that was left.
-fn orthonormalise(own: &mut [f64], done: &[Vec<f64>]) -> Vec<f64> {
-    let before = norm(own);
-    let mut components = Vec::with_capacity(done.len() + 1);
-    for q in done {
-        let along = dot(q, own);
-        own.iter_mut().zip(q).for_each(|(value, q)| *value -= along * q);
-        components.push(along);
-    }
-    let length = norm(own);
-    if before == 0.0 || length <= 1e-9 * before {
-        own.fill(0.0);
-        components.push(0.0);
-    } else {
-        own.iter_mut().for_each(|value| *value /= length);
-        components.push(length);
-    }
-    components
-}
-
-impl Elimination {
-    /// Takes this group's nuisance directions out of one more column.
-    fn take_from(&self, column: &mut [f64]) {
-        let values = &mut column[self.rows.clone()];
-        for q in &self.q {
-            let along = dot(q, values);
-            values.iter_mut().zip(q).for_each(|(value, q)| *value -= along * q);
-        }
     }
 }
 
@@ -461,46 +360,6 @@ impl Linear {
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
-
-fn norm(a: &[f64]) -> f64 {
-    dot(a, a).sqrt()
-}
-
-/// `work` on every item, on all cores; the results are in the order of the items, whatever the
-/// number of cores.
-pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    let threads = thread::available_parallelism().map_or(1, usize::from).min(items.len());
-    if threads < 2 {
-        return items.iter().map(work).collect();
-    }
-    let next = std::sync::atomic::AtomicUsize::new(0);
-    let mut found: Vec<(usize, R)> = thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads)
-            .map(|_| {
-                scope.spawn(|| {
-                    let mut own = Vec::new();
-                    loop {
-                        let index = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-                        let Some(item) = items.get(index) else { return own };
-                        own.push((index, work(item)));
-                    }
-                })
-            })
-            .collect();
-        workers
-            .into_iter()
-            .flat_map(|worker| {
-                worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-            })
-            .collect()
-    });
-    found.sort_by_key(|(index, _)| *index);
-    found.into_iter().map(|(_, result)| result).collect()
-}
-
-/// A single sample that stands off from its neighbours by this many times the usual distance is an
-/// outlier of the sensor: no physics moves one sample alone.
-const OUTLIER: f64 = 8.0;
 
 impl Problem<'_> {
     /// Leaves out single samples that stand off from their neighbours in the residual at `point`.
@@ -550,32 +409,4 @@ impl Problem<'_> {
         }
         sums
     }
-}
-
-/// Which values are finite and no spikes: a spike stands off from the median of its four neighbours
-/// while they agree with each other.
-fn without_spikes(values: &[f64]) -> Vec<bool> {
-    let off: Vec<f64> = (0..values.len())
-        .map(|k| {
-            let near = [k.wrapping_sub(2), k.wrapping_sub(1), k + 1, k + 2];
-            let beside: Vec<f64> = near
-                .iter()
-                .filter_map(|at| values.get(*at))
-                .copied()
-                .filter(|v| v.is_finite())
-                .collect();
-            match crate::stats::median(&beside) {
-                Some(middle) if 3 <= beside.len() => (values[k] - middle).abs(),
-                _ => 0.0,
-            }
-        })
-        .collect();
-    // In quiet signals most distances are a quantum: the limit rests on the upper part of the
-    // usual distances, so that a coarse grid does not make every step a spike.
-    let usual = crate::stats::quantile(&off, 0.9).unwrap_or(0.0);
-    values
-        .iter()
-        .zip(&off)
-        .map(|(value, off)| value.is_finite() && *off <= OUTLIER * usual)
-        .collect()
 }

@@ -9,7 +9,8 @@
 use super::{
     evidence::{joint, least_squares},
     fit::{Fit, Normal},
-    problem::{Evaluated, Linear, Problem, dot, in_parallel},
+    parallel::in_parallel,
+    problem::{Evaluated, Linear, Problem, dot},
     whiten::Filters,
 };
 use crate::{
