@@ -28,8 +28,8 @@
 //!
 //! # Tuning
 //!
-//! [`tune_recordings`] maximises the innovation likelihood on the train runs ([`tune`]), checks NIS and,
-//! where a simulator wrote `/truth/board/state`, NEES on held-out runs ([`judge`]), and compares with
+//! [`tune_recordings`] maximises the innovation likelihood on the train runs ([`tune()`]), checks NIS and,
+//! where a simulator wrote `/truth/board/state`, NEES on held-out runs ([`judge()`]), and compares with
 //! [`UpstreamFilter`], the platform's own. The result is [`Document`], `ekf.json`, which
 //! [`read_settings`] reads back.
 //!

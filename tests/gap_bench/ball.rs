@@ -4,7 +4,8 @@
 
 use crate::{
     draw::{Coloured, Draw},
-    observe::{CAMERA_RATE, detrended_rms},
+    linear::{fit, rest},
+    observe::CAMERA_RATE,
 };
 
 /// Half the board (m), radius of the ball (m).
@@ -273,26 +274,41 @@ pub(crate) fn session(rig: &BallRig, starts: &[Start], draw: &mut Draw) -> Vec<V
     out
 }
 
-/// How large the difference of two rigs is beside the camera's noise, over the same rolls.
+/// How large the difference of two rigs is beside the camera's noise, over the same rolls, when the place
+/// and the velocity at which each roll began are not known but fitted with it.
 pub(crate) fn visibility(plain: &BallRig, with: &BallRig, starts: &[Start]) -> f64 {
     let mut sum = 0.0;
+    let mut count = 0;
     for (index, start) in starts.iter().enumerate() {
         let from = index as f64 * (ROLL + PAUSE);
-        let (p, w) = (roll(plain, *start, from), roll(with, *start, from));
-        for axis in 0..2 {
-            let distortion = |rig: &BallRig, at: [f64; 2]| {
+        let seen = |rig: &BallRig, start: Start| -> Vec<f64> {
+            let image = |axis: usize, at: [f64; 2]| {
                 at[axis] * (1.0 + rig.distortion * (at[0] * at[0] + at[1] * at[1]) / (0.21 * 0.21))
             };
-            let gap: Vec<f64> = p
-                .iter()
-                .zip(&w)
-                .map(|(p, w)| distortion(with, *w) - distortion(plain, *p))
-                .collect();
-            sum += detrended_rms(&gap, 1.0 / CAMERA_RATE).powi(2);
-        }
+            let path = roll(rig, start, from);
+            (0..2).flat_map(|axis| path.iter().map(move |at| image(axis, *at))).collect()
+        };
+        let base = seen(plain, *start);
+        let less = |other: Vec<f64>, per: f64| -> Vec<f64> {
+            other.iter().zip(&base).map(|(other, base)| (other - base) / per).collect()
+        };
+        let moved = |number: usize| {
+            let mut other = *start;
+            let part = if number < 2 { &mut other.at } else { &mut other.velocity };
+            part[number % 2] += START_STEP;
+            less(seen(plain, other), START_STEP)
+        };
+        let columns: Vec<Vec<f64>> = (0..4).map(moved).collect();
+        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let gap = less(seen(with, *start), 1.0);
+        sum += rest(&columns, &gap, &fit(&columns, &gap, 0.0));
+        count += gap.len();
     }
-    (sum / (2.0 * starts.len() as f64)).sqrt() / plain.camera_noise.max(1e-6)
+    (sum / count.max(1) as f64).sqrt() / plain.camera_noise.max(1e-6)
 }
+
+/// Step of a start for its finite differences (m, m/s).
+const START_STEP: f64 = 1e-5;
 
 /// An effect on the ball rig.
 pub(crate) struct BallSpec {

@@ -190,6 +190,70 @@ fn table(dir: &Path, name: &str, seconds: u64, machine: Machine) -> String {
     path.display().to_string()
 }
 
+/// Velocity commands that jump both ways on x and y (m/s), at 50 Hz.
+fn jumps(t: f64, session: f64) -> [f64; 2] {
+    let at = (t * 50.0).floor() / 50.0;
+    let square = |w: f64, size: f64| size * (w * at + session).sin().signum();
+    [square(5.1, 0.25) + 0.1 * (1.3 * at).sin(), square(6.7, 0.2) + 0.08 * (0.9 * at).cos()]
+}
+
+/// Sum and difference, scaled so that the map is its own inverse: from the rails to the motors and back.
+fn turned([a, b]: [f64; 2]) -> [f64; 2] {
+    [(a + b) * 0.5_f64.sqrt(), (a - b) * 0.5_f64.sqrt()]
+}
+
+/// Two sessions of a table whose motors ramp to their commands at 8 m/s^2 and follow the ramp with a time
+/// constant of 4 ms, all `delay` seconds late, by small explicit steps; velocities are read with 0.5 mm/s
+/// of noise.
+fn followed(dir: &Path, name: &str, delay: f64) -> [String; 2] {
+    [1.0, 2.0].map(|session| {
+        let path = dir.join(format!("{name}-{session}.mcap"));
+        let mut writer = writer(&path, "klasktron");
+        let mut noise = Stream::new(session as u64, name);
+        let (mut place, mut ramp, mut motor) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        for step in 0..120_000_u64 {
+            let t = step as f64 * 1e-4;
+            let at = Nanos(START.0 + step * 100_000);
+            let left = Player::Left;
+            if step % 200 == 0 {
+                let [vx, vy] = jumps(t, session);
+                writer.write(&topic::command(left), at, &VelocityCommand { vx, vy }).unwrap();
+            }
+            if step % 50 == 0 {
+                let mut read = |v: f64| {
+                    let normal: f32 = (0..12).map(|_| noise.uniform_f32(-0.5, 0.5)).sum();
+                    v + 5e-4 * f64::from(normal)
+                };
+                let [vx, vy] = turned(motor).map(&mut read);
+                let state = CarriageState { x: place[0], y: place[1], vx, vy };
+                writer.write(&topic::carriage(left), at, &state).unwrap();
+            }
+            let wanted = turned(jumps((t - delay).max(0.0), session));
+            for index in 0..2 {
+                ramp[index] += (wanted[index] - ramp[index]).clamp(-8e-4, 8e-4);
+                motor[index] += 1e-4 * (ramp[index] - motor[index]) / 0.004;
+                place[index] += 1e-4 * turned(motor)[index];
+            }
+        }
+        writer.finish().unwrap();
+        path.display().to_string()
+    })
+}
+
+#[test]
+fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
+    let dir = tempfile::tempdir().unwrap();
+    gap(&followed(dir.path(), "base", 0.0), None, &dir.path().join("base"));
+    let twin = dir.path().join("base/twin.json").display().to_string();
+    let (same, _) = gap(&followed(dir.path(), "same", 0.0), Some(&twin), &dir.path().join("same"));
+    assert!(names(&same).is_empty(), "{same:#}");
+    let late = followed(dir.path(), "late", 0.018);
+    let (document, _) = gap(&late, Some(&twin), &dir.path().join("late"));
+    let delay = document["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drive.delay");
+    let parameter = &delay.unwrap_or_else(|| panic!("{document:#}"))["parameters"][0];
+    assert!((parameter["value"].as_f64().unwrap() - 0.018).abs() < 0.001, "{parameter}");
+}
+
 #[test]
 fn what_cannot_be_judged_has_its_verdict_and_no_name() {
     let dir = tempfile::tempdir().unwrap();
