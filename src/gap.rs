@@ -52,6 +52,7 @@ mod rounds;
 mod screen;
 mod tape;
 mod unknown;
+mod verdict;
 mod whiten;
 
 pub use checks::{Objection, check};

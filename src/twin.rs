@@ -117,6 +117,8 @@ pub struct Twin {
     pub instances: Vec<Instance>,
     /// What it left unexplained when it was fitted, by signal.
     pub left: Vec<Left>,
+    /// How far that looks like effects that were not named, by link and effect.
+    pub mimicry: Vec<Mimicry>,
     /// SHA-256 of the recordings to which it was fitted.
     pub fitted_to: Vec<String>,
 }
@@ -132,6 +134,18 @@ pub struct Left {
     /// and recordings that are predicted as well hold nothing new.
     #[serde(default)]
     pub searched: bool,
+}
+
+/// What an effect that was not named explains of what a fitted twin left: a simulator's imperfection always
+/// looks a little like something.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Mimicry {
+    /// The link on which it was tried.
+    pub link: StageKind,
+    /// Dotted name of the effect.
+    pub effect: String,
+    /// Share of the whitened squared error, at the place and size where it explains most.
+    pub share: f64,
 }
 
 /// One fitted number of a twin: which instance, which of its values.

@@ -8,8 +8,9 @@ use super::{
         SignalGap, Verdict,
     },
     floor::{self, Floor, FloorSource},
-    locate,
+    known, locate,
     rounds::{self, Added, Link, Outcome, Reason, Task},
+    verdict::{Findings, Told},
 };
 use crate::{
     effects::Effect,
@@ -19,8 +20,14 @@ use crate::{
 };
 
 /// The links in the order of the chain.
-const ORDER: [StageKind; 5] =
-    [StageKind::Drive, StageKind::Camera, StageKind::Estimator, StageKind::Ball, StageKind::Axis];
+const ORDER: [StageKind; 6] = [
+    StageKind::Drive,
+    StageKind::Camera,
+    StageKind::Estimator,
+    StageKind::Ball,
+    StageKind::WholeRolls,
+    StageKind::Axis,
+];
 
 /// Everything that was found.
 pub struct Found<'a> {
@@ -33,12 +40,6 @@ pub struct Found<'a> {
     /// The floor of each signal: `[outcome][channel]`.
     pub floors: Vec<Vec<Floor>>,
 }
-
-/// Share by which a fitted parameter must move to speak for another machine.
-const JUMP: f64 = 0.25;
-
-/// Fewest parameters that jump together in another machine.
-const LEAST_JUMPS: usize = 4;
 
 /// Share by which a known parameter must move to be told, beside leaving its interval.
 const LEAST_MOVE: f64 = 0.01;
@@ -62,7 +63,8 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
                 .collect()
         };
         let link = Link { kind, train: of(Split::Train), held_out: of(Split::Validation) };
-        if link.train.is_empty() {
+        let is_second_look = kind == StageKind::WholeRolls;
+        if link.train.is_empty() || is_second_look && link.held_out.is_empty() {
             continue;
         }
         let outcome = rounds::search(&link, &twin, task);
@@ -77,6 +79,9 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     let floors: Vec<Vec<Floor>> = outcomes.iter().map(floors_of).collect();
     for outcome in &outcomes {
         leave(&mut twin, outcome, task);
+        if task == Task::CloseGap {
+            known::note_mimicry(&mut twin, outcome);
+        }
     }
     let document = document(&start, given, &twin, &outcomes, &floors);
     Found { document, twin, outcomes, floors }
@@ -166,13 +171,16 @@ fn document(
         .collect();
     let refit = given.map_or_else(Vec::new, |_| refits(start, twin, outcomes));
     let places = outcomes.iter().flat_map(|outcome| locate::places(outcome, &effects)).collect();
-    let mut verdict = verdict(&effects, &class, &refit, outcomes);
-    let mut effects = effects;
-    if is_other_machine(start, &refit) {
-        verdict = Verdict::DifferentMachine;
-        effects.clear();
-    }
-    let says = says(verdict, &effects, &class, &refit, outcomes);
+    let told = Told::of(&Findings {
+        start,
+        is_given: given.is_some(),
+        effects: &effects,
+        class: &class,
+        refit: &refit,
+        gap: &gap,
+        outcomes,
+    });
+    let effects = if told.verdict == Verdict::DifferentMachine { Vec::new() } else { effects };
     // Runs are driven on the table only; what an axis or a ball needs stands with its class in words.
     let next_experiment = match start.machine {
         Machine::Table => next_experiment(&class, outcomes),
@@ -180,8 +188,8 @@ fn document(
     };
     Document {
         schema_version: SCHEMA_VERSION,
-        verdict,
-        says,
+        verdict: told.verdict,
+        says: told.says,
         places,
         effects,
         class,
@@ -190,84 +198,6 @@ fn document(
         refit,
         next_experiment,
         doubts: doubts(outcomes),
-    }
-}
-
-fn verdict(
-    effects: &[NamedEffect],
-    class: &[Class],
-    refit: &[Refit],
-    outcomes: &[Outcome<'_>],
-) -> Verdict {
-    if !effects.is_empty() {
-        if class.len() == effects.len() { Verdict::Ambiguous } else { Verdict::Named }
-    } else if outcomes.iter().any(|outcome| outcome.unexplained.is_some()) {
-        Verdict::Unexplained
-    } else if !refit.is_empty() {
-        Verdict::RefitOnly
-    } else {
-        Verdict::None
-    }
-}
-
-/// Whether at least half of the fitted parameters jumped, and several.
-fn is_other_machine(start: &Twin, refit: &[Refit]) -> bool {
-    let fitted = start
-        .instances
-        .iter()
-        .flat_map(|instance| &instance.values)
-        .filter(|value| value.source == Source::Fitted && value.ci95.is_some())
-        .count();
-    let jumped = refit
-        .iter()
-        .filter(|refit| JUMP * refit.before.abs() < (refit.after - refit.before).abs())
-        .count();
-    LEAST_JUMPS <= jumped && fitted <= 2 * jumped
-}
-
-fn says(
-    verdict: Verdict,
-    effects: &[NamedEffect],
-    class: &[Class],
-    refit: &[Refit],
-    outcomes: &[Outcome<'_>],
-) -> String {
-    match verdict {
-        Verdict::Named | Verdict::Ambiguous => {
-            let names: Vec<&str> = effects.iter().map(|effect| effect.name.as_str()).collect();
-            let mut text = format!("The simulation was missing {}.", names.join(", "));
-            for class in class {
-                text += &format!(" The data cannot tell {} apart.", class.names.join(" from "));
-            }
-            text
-        }
-        Verdict::RefitOnly => {
-            let names: Vec<&str> = refit.iter().map(|refit| refit.name.as_str()).collect();
-            format!("Nothing is missing; known parameters moved: {}.", names.join(", "))
-        }
-        Verdict::Unexplained => {
-            let unknown = outcomes.iter().find_map(|outcome| outcome.unexplained.as_ref());
-            unknown.map_or_else(String::new, |unknown| {
-                format!(
-                    "Something is missing that no effect of the catalogue explains: {} of {} holds {:.0} % \
-                     of what is left (F = {:.0}, p = {:.1e}).",
-                    unknown.name,
-                    unknown.signal,
-                    100.0 * unknown.share,
-                    unknown.statistic,
-                    unknown.p_value
-                )
-            })
-        }
-        Verdict::DifferentMachine => {
-            let names: Vec<&str> = refit.iter().map(|refit| refit.name.as_str()).collect();
-            format!(
-                "This is another machine than the twin's, or a rebuilt one: {} moved together. Calibrate a \
-                 twin of its own with `klasktron calibrate`.",
-                names.join(", ")
-            )
-        }
-        _ => "Nothing is missing above the noise.".to_owned(),
     }
 }
 

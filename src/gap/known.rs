@@ -4,8 +4,14 @@
 //! what the simulation cannot follow. Recordings that it leaves no more of hold nothing new, and small
 //! effects in them are more often the simulation's own errors under another course than physics.
 
-use super::problem::{Point, Problem};
-use crate::twin::Twin;
+use super::{
+    problem::{Point, Problem},
+    rounds::Outcome,
+};
+use crate::{
+    effects::Effect,
+    twin::{Mimicry, StageKind, Twin},
+};
 
 /// Share of the squared residual by which recordings may exceed what is known to be left and still hold
 /// nothing new: sampling, and another course. An effect of a third of the noise is above it.
@@ -15,8 +21,19 @@ const NOTHING_NEW: f64 = 0.05;
 /// simulator of finite fidelity leaves that much of anything.
 const WORTH_NAMING: f64 = 0.02;
 
-/// The same where nothing is new.
+/// The same where nothing is new and nothing is known of the effect.
 const WORTH_NAMING_AGAIN: f64 = 0.1;
+
+/// The same where nothing is new and the effect is known to explain next to nothing of that.
+const LEAST_WORTH: f64 = 0.01;
+
+/// How often what the twin's own imperfection explains of an effect the effect must explain to be real.
+const BEYOND_MIMICRY: f64 = 3.0;
+
+/// Share of the squared error that the effects named before it removed which an effect must remove: the model
+/// of what is new in a known machine is right to a third of its amplitude, and what it leaves looks like
+/// something as well.
+const BESIDE_NAMED: f64 = 0.1;
 
 /// The largest share of the squared residual of a signal, over all `points`, above what `twin` left when
 /// its own search ended; `None` where that is not known of some signal.
@@ -37,6 +54,56 @@ pub(super) fn excess<const N: usize>(
     Some(most)
 }
 
+/// What share of the held-out squared error (whitened) makes an effect worth a name.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Worth<'t> {
+    /// Where nothing is known of the effect.
+    general: f64,
+    /// Where the effect is known to explain nothing of what the twin left.
+    least: f64,
+    /// What each effect explained where nothing was named, on this link.
+    mimicry: &'t [Mimicry],
+    link: StageKind,
+}
+
+impl<'t> Worth<'t> {
+    /// From what the given twin is known to leave, the [`excess`] of the recordings over it, and the share of
+    /// the squared error that named effects `removed` of what it was.
+    pub(super) fn new(given: &'t Twin, link: StageKind, excess: Option<f64>, removed: f64) -> Self {
+        let general = least_worth(excess);
+        let least = if is_nothing_new(excess) { LEAST_WORTH } else { general };
+        let beside = match excess {
+            Some(_) => BESIDE_NAMED * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
+            None => 0.0,
+        };
+        let [general, least] = [general, least].map(|worth: f64| worth.max(beside));
+        Self { general, least, mimicry: &given.mimicry, link }
+    }
+
+    /// For `effect`.
+    pub(super) fn of(&self, effect: &Effect) -> f64 {
+        let same = |own: &&Mimicry| own.link == self.link && own.effect == effect.name;
+        match self.mimicry.iter().find(same).map(|own| own.share) {
+            Some(share) => (BEYOND_MIMICRY * share).max(self.least),
+            None => self.general,
+        }
+    }
+}
+
+/// Notes what the effects that were not named explain of what is left at the end of a search.
+pub(super) fn note_mimicry(twin: &mut Twin, outcome: &Outcome<'_>) {
+    twin.mimicry.retain(|own| own.link != outcome.kind);
+    let mut own: Vec<Mimicry> = Vec::new();
+    for rejected in &outcome.rejected {
+        let (effect, share) = (rejected.candidate.effect.name, rejected.candidate.share);
+        match own.iter_mut().find(|other| other.effect == effect) {
+            Some(other) => other.share = other.share.max(share),
+            None => own.push(Mimicry { link: outcome.kind, effect: effect.to_owned(), share }),
+        }
+    }
+    twin.mimicry.extend(own);
+}
+
 /// Whether an [`excess`] is none.
 pub(super) fn is_nothing_new(excess: Option<f64>) -> bool {
     excess.is_some_and(|excess| excess < NOTHING_NEW)
@@ -50,6 +117,7 @@ pub(super) fn least_worth(excess: Option<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::twin::Machine;
 
     #[test]
     fn what_is_known_to_be_left_is_nothing_new_and_worth_a_name_only_where_it_is_large() {
@@ -59,5 +127,22 @@ mod tests {
         assert!(!is_nothing_new(None));
         assert!(least_worth(None) < least_worth(Some(0.0)));
         assert_eq!(least_worth(Some(0.5)), least_worth(None));
+    }
+
+    #[test]
+    fn what_the_twin_itself_looks_like_must_be_outdone() {
+        let effect = |name| crate::effects::find(name).unwrap();
+        let (lag, delay) = (effect("drive.lag1"), effect("drive.delay"));
+        let mut twin = Twin::nominal(Machine::Table);
+        twin.mimicry =
+            vec![Mimicry { link: StageKind::Drive, effect: lag.name.to_owned(), share: 0.03 }];
+        let worth = |link, excess, removed| Worth::new(&twin, link, excess, removed);
+        let known = worth(StageKind::Drive, Some(0.0), 0.0);
+        assert!((known.of(lag) - 0.09).abs() < 1e-12);
+        assert_eq!(known.of(delay), WORTH_NAMING_AGAIN);
+        assert_eq!(worth(StageKind::Camera, Some(0.0), 0.0).of(lag), WORTH_NAMING_AGAIN);
+        // What stands beside a large effect must be large too, unless nothing was known of the machine.
+        assert!((worth(StageKind::Drive, Some(1.0), 0.5).of(delay) - 0.1).abs() < 1e-12);
+        assert_eq!(worth(StageKind::Drive, None, 0.5).of(delay), WORTH_NAMING);
     }
 }

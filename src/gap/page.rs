@@ -233,7 +233,8 @@ fn link_name(kind: StageKind) -> &'static str {
     match kind {
         StageKind::Drive => "Drive: commands to motor motion",
         StageKind::Camera => "Camera: carriage to the striker that the camera sees",
-        StageKind::Ball => "Ball: free rolls as the camera sees them",
+        StageKind::Ball => "Ball: pieces of free rolls as the camera sees them",
+        StageKind::WholeRolls => "Ball: free rolls from end to end",
         StageKind::Axis => "Axis: command and motion of a single axis",
         StageKind::Estimator => "Estimator: positions to reported velocities",
     }

@@ -4,6 +4,7 @@ use super::{
     direct,
     evidence::{Amplitude, Blocks},
     fit::{self, Fit},
+    known::Worth,
     parallel::in_parallel,
     problem::{Point, Problem},
     rounds::{Added, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
@@ -61,8 +62,8 @@ pub(super) struct Stand<'p> {
     pub(super) filters: &'p Filters,
     /// The given twin as it was, before anything was fitted or added.
     pub(super) given: Option<&'p (Fit, Filters)>,
-    /// Share of the held-out squared error that an effect must explain to be worth a name.
-    pub(super) worth: f64,
+    /// What makes an effect worth a name.
+    pub(super) worth: Worth<'p>,
 }
 
 impl Round {
@@ -71,7 +72,7 @@ impl Round {
         let candidates = screen::screen(train, base, filters);
         let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
         let threshold = FAMILY_ERROR / tries.max(1) as f64;
-        let (mut rejected, mut short) = short_list(candidates, threshold, worth);
+        let (mut rejected, mut short) = short_list(candidates, threshold, &worth);
         if let Some((given, filters)) = given {
             for candidate in direct::nearest(train, given, filters).into_iter().take(FROM_GIVEN) {
                 let same =
@@ -92,7 +93,7 @@ impl Round {
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
         let known = train.columns(&at_lead, &base.slots, &sharp);
-        let bench = Bench::new(train, held_out, base, (&sharp, worth));
+        let bench = Bench::new(train, held_out, base, (&sharp, &worth));
         let items: Vec<(Candidate, Fit)> = short.into_iter().zip(rough).collect();
         let mut trials =
             in_parallel(&items, |(candidate, rough)| bench.trial(candidate, rough, &known));
@@ -120,7 +121,7 @@ fn rough_fits(train: &Problem<'_>, stand: &Stand<'_>, short: &[Candidate]) -> Ve
 fn short_list(
     candidates: Vec<Candidate>,
     threshold: f64,
-    worth: f64,
+    worth: &Worth<'_>,
 ) -> (Vec<Rejected>, Vec<Candidate>) {
     let mut rejected = Vec::new();
     let mut short: Vec<Candidate> = Vec::new();
@@ -134,7 +135,7 @@ fn short_list(
             Reason::NotTestable
         } else if threshold <= candidate.p_value {
             Reason::NotSignificant
-        } else if candidate.share < 0.5 * worth {
+        } else if candidate.share < 0.5 * worth.of(candidate.effect) {
             Reason::TooSmall
         } else if short.len() < SHORT_LIST
             && WORTH_SIMULATING * best <= candidate.share
@@ -189,8 +190,7 @@ struct Bench<'a, 'b> {
     held_out: &'b Problem<'a>,
     /// The metric: whitening of the best candidate's residual.
     filters: &'b Filters,
-    /// Share of the held-out squared error that an effect must explain.
-    worth: f64,
+    worth: &'b Worth<'b>,
     base_train_rows: Vec<f64>,
     base_held: Point,
     base_held_rows: Vec<f64>,
@@ -201,7 +201,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         train: &'b Problem<'a>,
         held_out: &'b Problem<'a>,
         base: &Fit,
-        (filters, worth): (&'b Filters, f64),
+        (filters, worth): (&'b Filters, &'b Worth<'b>),
     ) -> Self {
         let base_held = fit::adapt(held_out, held_out.start(base.point.twin.clone()), filters);
         Self {
@@ -292,7 +292,8 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
-        (self.held_out_gain(trial) < self.worth).then_some(Reason::TooSmall)
+        (self.held_out_gain(trial) < self.worth.of(trial.candidate.effect))
+            .then_some(Reason::TooSmall)
     }
 
     /// The one to add, with what explains the data as well; all others are rejected.

@@ -3,7 +3,7 @@
 use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
-    known::{excess, is_nothing_new, least_worth},
+    known::{Worth, excess, is_nothing_new, least_worth},
     parallel::in_parallel,
     problem::{Point, Problem},
     round::{Round, Stand},
@@ -152,12 +152,12 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     };
     let refitted = best.point.clone();
     let mut search =
-        Search { train, held_out, best, filters, added: Vec::new(), rejected: Vec::new() };
+        Search { kind: link.kind, train, held_out, best, filters, added: vec![], rejected: vec![] };
     let unexplained = match task {
         Task::Calibrate => None,
         Task::CloseGap => search.close(&given, excess),
     };
-    let Search { train, held_out, best, filters, added, rejected } = search;
+    let Search { train, held_out, best, filters, added, rejected, .. } = search;
     let adapted =
         |twin: &Twin, filters| fit::adapt(&held_out, held_out.start(twin.clone()), filters);
     let start_held_out = adapted(start, &scales);
@@ -221,6 +221,7 @@ pub(super) fn is_in(before: &[f64], after: &[f64], blocks: &Blocks) -> bool {
 
 /// A search under way.
 struct Search<'a> {
+    kind: StageKind,
     train: Problem<'a>,
     held_out: Problem<'a>,
     best: Fit,
@@ -234,12 +235,12 @@ impl Search<'_> {
     fn close(&mut self, given: &Point, mut excess: Option<f64>) -> Option<Unknown> {
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !is_nothing_new(excess);
-            let given = (first && excess.is_some()).then(|| self.as_given(given));
+            let as_given = (first && excess.is_some()).then(|| self.as_given(given));
             let stand = Stand {
                 base: &self.best,
                 filters: &self.filters,
-                given: given.as_ref(),
-                worth: least_worth(excess),
+                given: as_given.as_ref(),
+                worth: Worth::new(&given.twin, self.kind, excess, self.removed()),
             };
             let round = Round::run(&self.train, &self.held_out, &stand);
             self.rejected = round.rejected;
@@ -259,6 +260,11 @@ impl Search<'_> {
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
         }
         Some(unknown)
+    }
+
+    /// Share of the held-out squared error that the effects added so far removed, step after step.
+    fn removed(&self) -> f64 {
+        1.0 - self.added.iter().map(|step| 1.0 - step.held_out_gain).product::<f64>()
     }
 
     /// The given twin as it is, every signal scaled by its own residual.

@@ -14,7 +14,7 @@ use crate::{
     recording::{Recording, RecordingError},
 };
 use roller::{Roller, Rules};
-use rolls::{Roll, Tracks};
+use rolls::{Extent, Roll, Tracks};
 use std::ops::Range;
 
 /// Radius of the ball (m).
@@ -42,37 +42,47 @@ fn outward(wall: Wall) -> (usize, f64) {
 /// The rolls of one session. A roll is a piece of the ball's track on which nothing but board, air
 /// and walls acts; its start (place and velocity) is unknown and is a nuisance group of its own.
 ///
-/// Two channels, `camera.ball_x` and `camera.ball_y`; run `k` of both is roll `k`. A constant age
-/// of the camera's picture moves the starts and nothing else, so it cannot be seen here.
+/// Two channels, `camera.ball_x` and `camera.ball_y` (`camera.ball_roll_x` and `camera.ball_roll_y` of
+/// whole rolls); run `k` of both is roll `k`. A constant age of the camera's picture moves the starts
+/// and nothing else, so it cannot be seen here.
 pub struct BallStage {
+    extent: Extent,
     channels: Vec<Channel>,
     tracks: Tracks,
     rolls: Vec<Roll>,
 }
 
 impl BallStage {
-    /// The free rolls in `recording`; `None` without any. Only what lies in one of `spans` (seconds
-    /// since the recording began) counts, and no roll goes on beyond its end.
+    /// The free rolls in `recording`, in pieces, and whole as well where any was cut; nothing without
+    /// any. Only what lies in one of `spans` (seconds since the recording began) counts, and no roll
+    /// goes on beyond its end.
     ///
     /// # Errors
     /// When detections do not decode.
     pub fn from_recording(
         recording: &Recording,
         spans: &[Range<f64>],
-    ) -> Result<Option<Self>, RecordingError> {
-        let Some(tracks) = Tracks::from_recording(recording)? else { return Ok(None) };
-        Ok(Self::from_tracks(tracks, spans))
+    ) -> Result<Vec<Self>, RecordingError> {
+        let Some(tracks) = Tracks::from_recording(recording)? else { return Ok(Vec::new()) };
+        let whole = Self::from_tracks(tracks.clone(), spans, Extent::Whole);
+        let pieces = Self::from_tracks(tracks, spans, Extent::Pieces);
+        let count = pieces.as_ref().map_or(0, Self::roll_count);
+        let whole = whole.filter(|whole| whole.roll_count() < count);
+        Ok(pieces.into_iter().chain(whole).collect())
     }
 
     /// The free rolls in `tracks` within `spans`.
-    fn from_tracks(tracks: Tracks, spans: &[Range<f64>]) -> Option<Self> {
-        let rolls = rolls::cut(&tracks, spans);
+    fn from_tracks(tracks: Tracks, spans: &[Range<f64>], extent: Extent) -> Option<Self> {
+        let rolls = rolls::cut(&tracks, spans, extent);
         if rolls.is_empty() {
             return None;
         }
         let runs: Vec<Range<usize>> = rolls.iter().map(|roll| roll.samples.clone()).collect();
         let channel = |axis: usize, name: &'static str| Channel {
-            signal: format!("camera.ball_{name}"),
+            signal: match extent {
+                Extent::Pieces => format!("camera.ball_{name}"),
+                Extent::Whole => format!("camera.ball_roll_{name}"),
+            },
             unit: "m",
             domain: Domain::Ball,
             axis: name,
@@ -82,7 +92,7 @@ impl BallStage {
             runs: runs.clone(),
         };
         let channels = vec![channel(0, "x"), channel(1, "y")];
-        Some(Self { channels, tracks, rolls })
+        Some(Self { extent, channels, tracks, rolls })
     }
 
     /// How many rolls there are.
@@ -117,7 +127,10 @@ impl BallStage {
 
 impl Stage for BallStage {
     fn kind(&self) -> StageKind {
-        StageKind::Ball
+        match self.extent {
+            Extent::Pieces => StageKind::Ball,
+            Extent::Whole => StageKind::WholeRolls,
+        }
     }
 
     fn channels(&self) -> &[Channel] {

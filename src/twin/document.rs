@@ -1,6 +1,6 @@
 //! `twin.json`: the effects that are switched on, each number with unit, bounds, source and interval.
 
-use super::{Instance, Left, Machine, Source, Twin, Value};
+use super::{Instance, Left, Machine, Mimicry, Source, Twin, Value};
 use crate::{
     effects::{self, Axis},
     recording::{ExistingFile, RecordingError, write_bytes},
@@ -70,6 +70,8 @@ struct Document {
     #[serde(default)]
     left: Vec<Left>,
     #[serde(default)]
+    mimicry: Vec<Mimicry>,
+    #[serde(default)]
     fitted_to_sha256: Vec<String>,
 }
 
@@ -124,6 +126,7 @@ impl Document {
             belt_per_turn_m: twin.belt_per_turn,
             effects,
             left: twin.left.clone(),
+            mimicry: twin.mimicry.clone(),
             fitted_to_sha256: twin.fitted_to.clone(),
         }
     }
@@ -143,6 +146,7 @@ impl Document {
             belt_per_turn: self.belt_per_turn_m,
             instances,
             left: self.left,
+            mimicry: self.mimicry,
             fitted_to: self.fitted_to_sha256,
         })
     }

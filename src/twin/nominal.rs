@@ -61,6 +61,7 @@ impl Twin {
             belt_per_turn: BELT_METRES_PER_TURN,
             instances,
             left: Vec::new(),
+            mimicry: Vec::new(),
             fitted_to: Vec::new(),
         }
     }

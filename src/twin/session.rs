@@ -77,8 +77,8 @@ pub struct Session {
     pub drive: Option<DriveStage>,
     /// Carriage to camera.
     pub camera: Option<CameraStage>,
-    /// Free rolls.
-    pub ball: Option<BallStage>,
+    /// Free rolls, in pieces and whole.
+    pub ball: Vec<BallStage>,
     /// Positions to reported velocities.
     pub estimator: Option<EstimatorStage>,
     /// Single axes.
@@ -89,7 +89,7 @@ impl Session {
     /// Whether a carriage moved and nothing says what moved it.
     #[must_use]
     pub fn is_without_input(&self) -> bool {
-        self.commands == 0 && self.ball.is_none() && self.axes.is_empty()
+        self.commands == 0 && self.ball.is_empty() && self.axes.is_empty()
     }
 
     /// Its links.
@@ -99,7 +99,7 @@ impl Session {
         stages.extend(self.drive.as_ref().map(|stage| stage as &dyn Stage));
         stages.extend(self.camera.as_ref().map(|stage| stage as &dyn Stage));
         stages.extend(self.estimator.as_ref().map(|stage| stage as &dyn Stage));
-        stages.extend(self.ball.as_ref().map(|stage| stage as &dyn Stage));
+        stages.extend(self.ball.iter().map(|stage| stage as &dyn Stage));
         stages.extend(self.axes.iter().map(|stage| stage as &dyn Stage));
         stages
     }

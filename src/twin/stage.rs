@@ -13,8 +13,10 @@ pub enum StageKind {
     Drive,
     /// Carriage to camera.
     Camera,
-    /// Free rolls of the ball.
+    /// Free rolls of the ball, in pieces.
     Ball,
+    /// Free rolls of the ball from end to end.
+    WholeRolls,
     /// A single axis.
     Axis,
     /// Positions to reported velocities.

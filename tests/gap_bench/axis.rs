@@ -1,7 +1,10 @@
 //! A single axis driven by force, in closed loop along a reference: the kind of machine of which a
 //! force and a position are recorded at 1 kHz.
 
-use crate::draw::{Coloured, Draw};
+use crate::{
+    draw::{Coloured, Draw},
+    visibility::{beyond, detrended_rms},
+};
 use std::f64::consts::TAU;
 
 const STEP: f64 = 1e-4;
@@ -54,6 +57,16 @@ impl AxisRig {
             encoder: 1e-7,
             ..Self::default()
         }
+    }
+
+    /// The same rig with one parameter moved by a hundredth, for each that a plain twin fits.
+    pub(crate) fn neighbours(&self) -> [Self; 4] {
+        [
+            Self { mass: 1.01 * self.mass, ..self.clone() },
+            Self { viscous: 1.01 * self.viscous, ..self.clone() },
+            Self { coulomb: 1.01 * self.coulomb, ..self.clone() },
+            Self { offset: 0.1 + self.offset, ..self.clone() },
+        ]
     }
 
     /// RMS of the force that no model explains (N).
@@ -181,14 +194,24 @@ pub(crate) fn simulate(rig: &AxisRig, reference: &[f64], phase: f64, draw: &mut 
     trace
 }
 
-/// How large the change of the force is beside the force that nobody explains.
-pub(crate) fn visibility(plain: &AxisRig, with: &AxisRig, reference: &[f64]) -> f64 {
-    let silent = |rig: &AxisRig| AxisRig { disturbance: 0.0, encoder: 0.0, ..rig.clone() };
-    let mut draw = Draw::new(0, "unused");
-    let p = simulate(&silent(plain), reference, 0.4, &mut draw);
-    let w = simulate(&silent(with), reference, 0.4, &mut draw);
-    let gap: Vec<f64> = p.force.iter().zip(&w.force).map(|(p, w)| w - p).collect();
-    crate::observe::detrended_rms(&gap, 1.0 / RATE) / plain.floor()
+/// How large the change of the force is beside the force that nobody explains, when mass, friction and
+/// offset may be fitted again; `imitators` are the rigs with these moved, empty where they may not.
+pub(crate) fn visibility(
+    plain: &AxisRig,
+    with: &AxisRig,
+    reference: &[f64],
+    imitators: &[AxisRig],
+) -> f64 {
+    let force = |rig: &AxisRig| {
+        let silent = AxisRig { disturbance: 0.0, encoder: 0.0, ..rig.clone() };
+        simulate(&silent, reference, 0.4, &mut Draw::new(0, "unused")).force
+    };
+    let base = force(plain);
+    let change = |rig: &AxisRig| -> Vec<f64> {
+        force(rig).iter().zip(&base).map(|(own, base)| own - base).collect()
+    };
+    let known: Vec<Vec<f64>> = imitators.iter().map(change).collect();
+    detrended_rms(&beyond(&known, &change(with)), 1.0 / RATE) / plain.floor()
 }
 
 /// An effect on the axis.

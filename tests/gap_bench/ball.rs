@@ -4,7 +4,7 @@
 
 use crate::{
     draw::{Coloured, Draw},
-    linear::{fit, rest},
+    linear::fit,
     observe::CAMERA_RATE,
 };
 
@@ -281,34 +281,52 @@ pub(crate) fn visibility(plain: &BallRig, with: &BallRig, starts: &[Start]) -> f
     let mut count = 0;
     for (index, start) in starts.iter().enumerate() {
         let from = index as f64 * (ROLL + PAUSE);
-        let seen = |rig: &BallRig, start: Start| -> Vec<f64> {
-            let image = |axis: usize, at: [f64; 2]| {
-                at[axis] * (1.0 + rig.distortion * (at[0] * at[0] + at[1] * at[1]) / (0.21 * 0.21))
-            };
-            let path = roll(rig, start, from);
-            (0..2).flat_map(|axis| path.iter().map(move |at| image(axis, *at))).collect()
-        };
-        let base = seen(plain, *start);
-        let less = |other: Vec<f64>, per: f64| -> Vec<f64> {
-            other.iter().zip(&base).map(|(other, base)| (other - base) / per).collect()
-        };
-        let moved = |number: usize| {
-            let mut other = *start;
-            let part = if number < 2 { &mut other.at } else { &mut other.velocity };
-            part[number % 2] += START_STEP;
-            less(seen(plain, other), START_STEP)
-        };
-        let columns: Vec<Vec<f64>> = (0..4).map(moved).collect();
-        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-        let gap = less(seen(with, *start), 1.0);
-        sum += rest(&columns, &gap, &fit(&columns, &gap, 0.0));
-        count += gap.len();
+        let wanted = seen(plain, *start, from);
+        let mut own = *start;
+        let mut least = f64::INFINITY;
+        for _ in 0..START_ITERATIONS {
+            let now = seen(with, own, from);
+            let gap = per(&wanted, &now, 1.0);
+            least = least.min(gap.iter().map(|value| value * value).sum());
+            let columns: Vec<Vec<f64>> = (0..4)
+                .map(|number| {
+                    per(&seen(with, moved(own, number, START_STEP), from), &now, START_STEP)
+                })
+                .collect();
+            let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+            for (number, by) in fit(&columns, &gap, 0.0).into_iter().enumerate() {
+                own = moved(own, number, by);
+            }
+        }
+        sum += least;
+        count += wanted.len();
     }
     (sum / count.max(1) as f64).sqrt() / plain.camera_noise.max(1e-6)
 }
 
-/// Step of a start for its finite differences (m, m/s).
+/// Step of a start for its finite differences (m, m/s), and how often the fit of a start is linearised.
 const START_STEP: f64 = 1e-5;
+const START_ITERATIONS: usize = 6;
+
+/// All x, then all y, of a roll as the camera would have them without noise.
+fn seen(rig: &BallRig, start: Start, from: f64) -> Vec<f64> {
+    let image = |axis: usize, at: [f64; 2]| {
+        at[axis] * (1.0 + rig.distortion * (at[0] * at[0] + at[1] * at[1]) / (0.21 * 0.21))
+    };
+    let path = roll(rig, start, from);
+    (0..2).flat_map(|axis| path.iter().map(move |at| image(axis, *at))).collect()
+}
+
+/// `start` with one of its numbers (x, y, vx, vy) changed.
+fn moved(mut start: Start, number: usize, by: f64) -> Start {
+    let part = if number < 2 { &mut start.at } else { &mut start.velocity };
+    part[number % 2] += by;
+    start
+}
+
+fn per(one: &[f64], other: &[f64], step: f64) -> Vec<f64> {
+    one.iter().zip(other).map(|(one, other)| (one - other) / step).collect()
+}
 
 /// An effect on the ball rig.
 pub(crate) struct BallSpec {

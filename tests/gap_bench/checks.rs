@@ -15,4 +15,5 @@ mod observe;
 mod plan;
 mod sanity;
 mod step;
+mod visibility;
 mod wilson;

@@ -189,6 +189,26 @@ impl Gantry {
         rig
     }
 
+    /// The same rig with one parameter moved by a hundredth, for each that a plain twin fits. The moving
+    /// masses are given by the drawing and are not among them.
+    pub(crate) fn neighbours(&self) -> Vec<Self> {
+        let moves: [fn(&mut Self); 7] = [
+            |rig| rig.drive.kp = rig.drive.kp.map(|kp| 1.01 * kp),
+            |rig| rig.drive.ki = rig.drive.ki.map(|ki| 1.01 * ki),
+            |rig| rig.drive.ramp = rig.drive.ramp.map(|ramp| 1.01 * ramp),
+            |rig| rig.friction[0].coulomb *= 1.01,
+            |rig| rig.friction[1].coulomb *= 1.01,
+            |rig| rig.friction[0].viscous *= 1.01,
+            |rig| rig.friction[1].viscous *= 1.01,
+        ];
+        let moved = |change: fn(&mut Self)| {
+            let mut rig = self.clone();
+            change(&mut rig);
+            rig
+        };
+        moves.into_iter().map(moved).collect()
+    }
+
     /// Moving mass in x and y without the rotors (kg).
     pub(crate) fn carried() -> [f64; 2] {
         [CARRIAGE_MASS, CARRIAGE_MASS + BRIDGE_MASS]

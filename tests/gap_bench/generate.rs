@@ -8,11 +8,12 @@ use crate::{
     catalogue::{self, Place, Sizing},
     draw::Draw,
     gantry::{BELT_PER_TORQUE, BELT_PER_TURN, Gantry},
-    observe::{Floors, Observation, floors, observe, visibility},
+    observe::{Observation, observe},
     plan::{Excitation, Plan, plan},
     record::{Label, write_axis, write_ball, write_gantry},
     step::{Commands, Phases, simulate},
     truth::{Answers, Case, Class, Parameter, PlantedEffect, Rig, SCHEMA_VERSION},
+    visibility::{Floors, floors, visibility},
 };
 use anyhow::{Context as _, Result};
 use klasktron::recording::Split;
@@ -284,7 +285,8 @@ impl Job<'_> {
                 (spec.apply)(&mut with, m);
                 with
             };
-            let visible = |m: f64| axis::visibility(&before, &with(m), &sizing);
+            let imitators = if spec.known { Vec::new() } else { before.neighbours().to_vec() };
+            let visible = |m: f64| axis::visibility(&before, &with(m), &sizing, &imitators);
             let (magnitude, reached, capped) = bisect(spec.range, plant.multiple, visible);
             rig = with(magnitude);
             let parameter = (spec.parameter, spec.unit, (spec.value)(&rig));
@@ -372,11 +374,14 @@ fn size_gantry(rig: &Gantry, plant: &Plant, sizing: &Plan, draw: &mut Draw) -> (
     };
     let plain = noise(&rig, &mut draw.clone(), Commands::Follow(sizing));
     let floors = noise_floors(&rig, &plain, draw);
+    let moved = |other: Gantry| noise(&other, &mut draw.clone(), Commands::Replay(&plain.commands));
+    let known: Vec<Observation> =
+        if spec.known { Vec::new() } else { rig.neighbours().into_iter().map(moved).collect() };
     let look = |m: f64| {
         let mut with = rig.clone();
         (spec.apply)(&mut with, plant.on, plant.sign * m);
         let with = noise(&with, &mut draw.clone(), Commands::Replay(&plain.commands));
-        visibility(&floors, &plain, &with, spec.sizing)
+        visibility(&floors, &plain, &with, &known, spec.sizing)
     };
     let (magnitude, multiple, capped) = bisect(spec.range, plant.multiple, |m| look(m).multiple);
     let signal = look(magnitude).signal;
@@ -518,11 +523,16 @@ fn outside_gantry(rig: &mut Gantry, kind: usize, sizing: &Plan, draw: &mut Draw)
     };
     let plain = look(rig, Commands::Follow(sizing));
     let floors = noise_floors(rig, &plain, &mut draw.clone());
+    let known: Vec<Observation> = rig
+        .neighbours()
+        .iter()
+        .map(|other| look(other, Commands::Replay(&plain.commands)))
+        .collect();
     let (m, _, _) = bisect([0.05, 8.0], Some(3.0), |m| {
         let mut with = rig.clone();
         set(&mut with, m);
         let with = look(&with, Commands::Replay(&plain.commands));
-        visibility(&floors, &plain, &with, Sizing::Moving).multiple
+        visibility(&floors, &plain, &with, &known, Sizing::Moving).multiple
     });
     set(rig, m);
 }

@@ -34,6 +34,7 @@ mod score;
 mod step;
 mod table;
 mod truth;
+mod visibility;
 mod wilson;
 
 use anyhow::Result;

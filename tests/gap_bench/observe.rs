@@ -1,7 +1,6 @@
-//! What the sensors of the gantry make of a trace, and how large an effect is beside their noise.
+//! What the sensors of the gantry make of a trace.
 
 use crate::{
-    catalogue::Sizing,
     draw::{Coloured, Draw},
     gantry::{BELT_PER_TORQUE, BELT_PER_TURN, COUNTS, Gantry, HOME},
     step::{STEP, STEPS_PER_SAMPLE, Trace, duration},
@@ -11,8 +10,6 @@ use crate::{
 pub(crate) const CAMERA_RATE: f64 = 120.0;
 /// Sampling time of the motors (s).
 pub(crate) const SAMPLE: f64 = STEP * STEPS_PER_SAMPLE as f64;
-/// Window over which a straight line is taken out before an effect is compared with noise (s).
-const WINDOW: f64 = 2.0;
 /// Distance at which the distortion is given (m).
 const EDGE: f64 = 0.21;
 
@@ -158,86 +155,6 @@ fn estimate(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Vec<[f64; 4]> {
     out
 }
 
-/// How an effect shows, as multiples of each signal's noise; the largest first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Visibility {
-    pub(crate) multiple: f64,
-    pub(crate) signal: &'static str,
-}
-
-/// Names of the signals in which effects are looked for.
-const SIGNALS: [&str; 4] =
-    ["motor velocity", "motor torque", "camera minus motors", "estimated velocity"];
-
-/// Noise of each of the signals, a and b or x and y.
-pub(crate) type Floors = [[f64; 2]; 4];
-
-/// What differs between two observations of the same commands, signal by signal, with the time
-/// between samples.
-fn differences(plain: &Observation, with: &Observation, m: usize) -> [(Vec<f64>, f64); 4] {
-    let n = plain.turns.len();
-    let speed = (0..n)
-        .map(|i| (with.turns_per_s[i][m] - plain.turns_per_s[i][m]) * BELT_PER_TURN)
-        .collect();
-    let torque = (0..n).map(|i| with.torque_nm[i][m] - plain.torque_nm[i][m]).collect();
-    let state = plain.state.iter().zip(&with.state).map(|(p, w)| w[2 + m] - p[2 + m]).collect();
-    [
-        (speed, SAMPLE),
-        (torque, SAMPLE),
-        (camera_difference(plain, with, m), 1.0 / CAMERA_RATE),
-        (state, crate::plan::PERIOD),
-    ]
-}
-
-/// Noise of every signal: a noisy observation against the silent one of the same commands.
-pub(crate) fn floors(silent: &Observation, noisy: &Observation) -> Floors {
-    let mut out = [[0.0; 2]; 4];
-    for m in 0..2 {
-        for (signal, (values, dt)) in differences(silent, noisy, m).iter().enumerate() {
-            out[signal][m] = detrended_rms(values, *dt);
-        }
-    }
-    out
-}
-
-/// Compares two silent observations of the same commands.
-pub(crate) fn visibility(
-    floors: &Floors,
-    plain: &Observation,
-    with: &Observation,
-    sizing: Sizing,
-) -> Visibility {
-    let mut best = Visibility { multiple: 0.0, signal: "none" };
-    for m in 0..2 {
-        for (signal, (values, dt)) in differences(plain, with, m).iter().enumerate() {
-            let size = if sizing == Sizing::Constant {
-                plain_rms(values)
-            } else {
-                detrended_rms(values, *dt)
-            };
-            let multiple = size / floors[signal][m].max(1e-12);
-            if best.multiple < multiple {
-                best = Visibility { multiple, signal: SIGNALS[signal] };
-            }
-        }
-    }
-    best
-}
-
-/// Camera minus carriage, with the effect minus without, frame by frame (m).
-fn camera_difference(plain: &Observation, with: &Observation, axis: usize) -> Vec<f64> {
-    let gap = |o: &Observation, frame: &Frame| frame.at[axis] - carriage_at(o, frame.time, axis);
-    let mut plain_frames = plain.frames.iter().peekable();
-    let mut out = Vec::new();
-    for frame in &with.frames {
-        while plain_frames.next_if(|p| p.index < frame.index).is_some() {}
-        if let Some(p) = plain_frames.peek().filter(|p| p.index == frame.index) {
-            out.push(gap(with, frame) - gap(plain, p));
-        }
-    }
-    out
-}
-
 /// Carriage by the motors at `time`, between samples (m).
 pub(crate) fn carriage_at(o: &Observation, time: f64, axis: usize) -> f64 {
     let last = o.carriage.len() - 1;
@@ -245,36 +162,4 @@ pub(crate) fn carriage_at(o: &Observation, time: f64, axis: usize) -> f64 {
     let (index, part) = (at.floor() as usize, at.fract());
     let (p, q) = (o.carriage[index][axis], o.carriage[(index + 1).min(last)][axis]);
     p + part * (q - p)
-}
-
-fn plain_rms(values: &[f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
-}
-
-/// RMS after a straight line has been taken out of every window.
-pub(crate) fn detrended_rms(values: &[f64], dt: f64) -> f64 {
-    let window = ((WINDOW / dt).round() as usize).max(4);
-    let mut sum = 0.0;
-    let mut count = 0usize;
-    for part in values.chunks(window).filter(|part| 3 < part.len()) {
-        let n = part.len() as f64;
-        let middle = 0.5 * (n - 1.0);
-        let mean = part.iter().sum::<f64>() / n;
-        let (mut up, mut across) = (0.0, 0.0);
-        for (i, value) in part.iter().enumerate() {
-            let t = i as f64 - middle;
-            up += t * (value - mean);
-            across += t * t;
-        }
-        let slope = up / across;
-        for (i, value) in part.iter().enumerate() {
-            let rest = value - mean - slope * (i as f64 - middle);
-            sum += rest * rest;
-        }
-        count += part.len();
-    }
-    if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
 }

@@ -20,6 +20,7 @@ fn twin(effects: &[(&str, &[f64])]) -> Twin {
         belt_per_turn: 0.04,
         instances,
         left: Vec::new(),
+        mimicry: Vec::new(),
         fitted_to: Vec::new(),
     }
 }

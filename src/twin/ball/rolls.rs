@@ -2,8 +2,8 @@
 //!
 //! A roll ends where samples are missing, where the ball comes near a striker, where it is put
 //! elsewhere or pushed (its velocity changes away from every wall), at the end of its run, and
-//! after [`LONGEST`]. Pieces in which it hardly moves are left out, and so is rest before and
-//! after.
+//! where its [`Extent`] says so. Pieces in which it hardly moves are left out, and so is rest before
+//! and after.
 
 use super::{HALF_BOARD, RADIUS};
 use crate::{
@@ -26,10 +26,25 @@ const GAP: f64 = 0.1;
 /// Faster than this (m/s) no ball rolls: it was put elsewhere.
 const FASTEST: f64 = 8.0;
 
-/// Longest roll (s): what is wrong with a twin grows with every impact, and a fit that starts far
-/// off then finds no way back; over a third to two thirds of a second it does, and nothing is lost
-/// but that the pieces of one roll join.
-const LONGEST: f64 = 0.64;
+/// How much of a roll is predicted from one start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Extent {
+    /// Pieces of a third to two thirds of a second: what is wrong with a twin grows with every impact, and a
+    /// fit that starts far off finds its way back over so short a time.
+    Pieces,
+    /// All of it: what acts gently (rolling resistance, slope) shows with the square of the time.
+    Whole,
+}
+
+impl Extent {
+    /// Longest roll (s).
+    fn longest(self) -> f64 {
+        match self {
+            Self::Pieces => 0.64,
+            Self::Whole => f64::INFINITY,
+        }
+    }
+}
 
 /// Fewest samples of a roll.
 const FEWEST: usize = 24;
@@ -56,6 +71,7 @@ const REST: (usize, f64) = (8, 1.2e-3);
 const WATCHED_REST: f64 = 0.15;
 
 /// What the camera saw of the ball.
+#[derive(Clone)]
 pub(super) struct Tracks {
     /// When each frame was taken, as far as it is known (s since the recording began).
     pub(super) times: Vec<f64>,
@@ -196,11 +212,11 @@ pub(super) struct Line {
 }
 
 /// The free rolls in `tracks` within `spans`.
-pub(super) fn cut(tracks: &Tracks, spans: &[Range<f64>]) -> Vec<Roll> {
+pub(super) fn cut(tracks: &Tracks, spans: &[Range<f64>], extent: Extent) -> Vec<Roll> {
     let mut rolls = Vec::new();
     for piece in continuous_pieces(tracks, spans) {
         for part in between_pushes(tracks, moving_part(tracks, piece)) {
-            cut_long(tracks, part, &mut rolls);
+            cut_long(tracks, part, extent, &mut rolls);
         }
     }
     rolls
@@ -281,13 +297,13 @@ fn between_pushes(tracks: &Tracks, piece: Range<usize>) -> Vec<Range<usize>> {
     parts
 }
 
-/// Cuts `part` into rolls of about equal length, none longer than [`LONGEST`].
-fn cut_long(tracks: &Tracks, part: Range<usize>, rolls: &mut Vec<Roll>) {
+/// Cuts `part` into rolls of about equal length, none longer than `extent` allows.
+fn cut_long(tracks: &Tracks, part: Range<usize>, extent: Extent, rolls: &mut Vec<Roll>) {
     if part.len() < FEWEST {
         return;
     }
     let length = tracks.times[part.end - 1] - tracks.times[part.start];
-    let pieces = (length / LONGEST).ceil().max(1.0) as usize;
+    let pieces = (length / extent.longest()).ceil().max(1.0) as usize;
     for piece in 0..pieces {
         let edge = |piece: usize| part.start + part.len() * piece / pieces;
         rolls.extend(roll_of(tracks, edge(piece)..edge(piece + 1)));

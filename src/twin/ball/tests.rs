@@ -270,7 +270,8 @@ fn nominal() -> Rules {
 fn rolls_end_at_gaps_strikers_and_pushes_but_not_at_walls() {
     let whole = track(&nominal(), [-0.1, 0.0, 0.4, 0.2], 0.6);
     let stage = |samples: Vec<rolls::Sample>| {
-        Tracks::new(samples).and_then(|tracks| BallStage::from_tracks(tracks, &WHOLE))
+        Tracks::new(samples)
+            .and_then(|tracks| BallStage::from_tracks(tracks, &WHOLE, Extent::Pieces))
     };
     assert_eq!(stage(whole.clone()).map(|stage| stage.roll_count()), Some(1));
     let mut gap = whole.clone();
@@ -291,10 +292,23 @@ fn rolls_end_at_gaps_strikers_and_pushes_but_not_at_walls() {
 }
 
 #[test]
+fn a_long_roll_is_looked_at_in_pieces_and_whole() {
+    let tracks = Tracks::new(track(&nominal(), [-0.1, 0.0, 0.8, 0.4], 2.0)).expect("a track");
+    let lengths = |extent: Extent| -> Vec<usize> {
+        let stage = BallStage::from_tracks(tracks.clone(), &WHOLE, extent).expect("rolls");
+        stage.channels()[0].runs.iter().map(|run| run.len()).collect()
+    };
+    let (pieces, whole) = (lengths(Extent::Pieces), lengths(Extent::Whole));
+    assert!(pieces.iter().all(|piece| *piece < 80) && pieces.len() == 4, "{pieces:?}");
+    assert!(whole.len() == 1 && 200 < whole[0], "{whole:?}");
+}
+
+#[test]
 fn spans_confine_rolls() {
     let samples = track(&nominal(), [-0.1, 0.0, 0.4, 0.2], 1.2);
     let tracks = Tracks::new(samples).expect("a track");
-    let stage = BallStage::from_tracks(tracks, &[0.1..0.55, 0.55..0.9]).expect("rolls");
+    let stage =
+        BallStage::from_tracks(tracks, &[0.1..0.55, 0.55..0.9], Extent::Pieces).expect("rolls");
     let runs = &stage.channels()[0].runs;
     assert_eq!(runs.len(), 2);
     let times = &stage.channels()[0].times;
@@ -306,7 +320,7 @@ fn starts_are_guessed_within_the_noise() {
     let tracks = Tracks::new(track(&nominal(), [-0.1, 0.0, 1.0, 0.4], 0.6)).expect("a track");
     assert_close(tracks.noise, 2.5e-4, 5e-5);
     assert_close(tracks.rate_hz, 120.0, 0.1);
-    let stage = BallStage::from_tracks(tracks, &WHOLE).expect("a roll");
+    let stage = BallStage::from_tracks(tracks, &WHOLE, Extent::Pieces).expect("a roll");
     for (found, (expected, tolerance)) in
         stage.nuisance_start(0).iter().zip([(-0.1, 1e-3), (0.0, 1e-3), (1.0, 0.03), (0.4, 0.03)])
     {
@@ -318,7 +332,7 @@ fn starts_are_guessed_within_the_noise() {
 fn measured_impacts_show_the_restitution() {
     let samples = track(&nominal(), [-0.1, 0.0, 1.2, 0.5], 2.0);
     let tracks = Tracks::new(samples).expect("a track");
-    let stage = BallStage::from_tracks(tracks, &WHOLE).expect("rolls");
+    let stage = BallStage::from_tracks(tracks, &WHOLE, Extent::Pieces).expect("rolls");
     let impacts = stage.impacts();
     assert!(4 <= impacts.len(), "{impacts:?}");
     assert_eq!(impacts[0].wall, Wall::Right);
