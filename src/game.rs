@@ -78,6 +78,7 @@ mod laws;
 mod motion;
 mod observation;
 mod outcome;
+mod period;
 mod randomization;
 mod settings;
 

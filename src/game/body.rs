@@ -122,27 +122,33 @@ impl Mover {
 }
 
 /// `position + velocity time`.
+#[inline(always)]
 pub(super) fn along(position: [f64; 2], velocity: [f64; 2], time: f64) -> [f64; 2] {
     [position[0] + velocity[0] * time, position[1] + velocity[1] * time]
 }
 
+#[inline(always)]
 pub(super) fn add(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] + b[0], a[1] + b[1]]
 }
 
+#[inline(always)]
 pub(super) fn subtract(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] - b[0], a[1] - b[1]]
 }
 
+#[inline(always)]
 pub(super) fn scale(a: [f64; 2], factor: f64) -> [f64; 2] {
     [a[0] * factor, a[1] * factor]
 }
 
+#[inline(always)]
 pub(super) fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[0] + a[1] * b[1]
 }
 
 /// Length; `hypot` takes several times as long, and nothing here over- or underflows.
+#[inline(always)]
 pub(super) fn length(a: [f64; 2]) -> f64 {
     dot(a, a).sqrt()
 }

@@ -71,12 +71,17 @@ impl Walls<'_> {
         normal
     }
 
+    /// Whether a ball at `place` is clear of every wall, wherever it may stand.
+    pub(super) fn all_far(&self, place: [f64; 2]) -> bool {
+        let reserve = if self.laws.moves_walls() { FARTHEST_SHIFT } else { 0.0 };
+        let inside = |axis: usize| place[axis].abs() <= self.half[axis] - BALL_RADIUS - reserve;
+        inside(0) && inside(1)
+    }
+
     /// Time and wall of the first impact within `left` seconds.
     pub(super) fn first(&self, ball: &BallState, left: f64) -> Option<(f64, Wall)> {
         let end = along(ball.position, ball.velocity, left);
-        let reserve = if self.laws.moves_walls() { FARTHEST_SHIFT } else { 0.0 };
-        let inside = |axis: usize| end[axis].abs() <= self.half[axis] - BALL_RADIUS - reserve;
-        if inside(0) && inside(1) {
+        if self.all_far(end) {
             return None;
         }
         let mut first: Option<(f64, Wall)> = None;

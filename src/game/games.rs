@@ -3,30 +3,25 @@
 use super::{
     actuation::{Actuators, Leading, Rails, turned},
     biscuit::BiscuitState,
-    body::{BallState, Mover, StrikerState, add, along, dot, length, scale, subtract},
+    body::{BallState, StrikerState, length, subtract},
     error::GameError,
-    laws::BallLaws,
-    motion::{Happened, Play, Table},
+    motion::Table,
     observation::{ObservationKind, Sight},
     outcome::{Ending, Outcomes},
+    period::Period,
     randomization::BoardPhysics,
-    settings::{BiscuitSettings, CONTROL_PERIOD, EpisodeSettings, GameSettings, instances},
+    settings::{CONTROL_PERIOD, EpisodeSettings, GameSettings, LimiterPlace},
 };
 use crate::{
     board::{BALL_RADIUS, STRIKER_RADIUS},
-    effects::Oscillator,
     gantry::PerPlayer,
     recording::topic::Player,
     seed::Stream,
-    twin::Instance,
 };
 use std::ops::Range;
 
 /// Boards that go through a step together: their state stays in the processor's caches meanwhile.
 pub(super) const CHUNK: usize = 64;
-
-/// A striker displaced by less than this (m, and m/s) is back on its magnet.
-const BACK_HOME: f64 = 1e-9;
 
 /// Draws of the ball's start until it is clear of the strikers.
 const MOST_DRAWS: usize = 32;
@@ -66,10 +61,8 @@ pub struct Snapshot {
 pub struct Games {
     table: Table,
     rails: Rails,
-    /// What one piece does to a striker that was hit.
-    recoil: Oscillator,
-    striker_mass: f64,
     nominal: BoardPhysics,
+    most_steps: u32,
     settings: GameSettings,
     seed: u64,
     first: usize,
@@ -105,10 +98,8 @@ impl Games {
     ) -> Result<Self, GameError> {
         settings.check()?;
         let count = range.len();
-        let table = table(settings);
-        let half = table.half;
-        let rails = Rails::new(settings.limits, half, STRIKER_RADIUS, settings.pieces);
-        let striker = settings.striker;
+        let table = Table::new(settings);
+        let rails = Rails::new(settings.limits, table.half, STRIKER_RADIUS, settings.pieces);
         let ratio = settings.ball.static_friction_ratio;
         let nominal = BoardPhysics {
             ball_mass: settings.ball.mass,
@@ -117,13 +108,8 @@ impl Games {
         };
         let with_biscuits = if settings.biscuits.is_some() { count } else { 0 };
         let mut games = Self {
-            recoil: Oscillator::new(
-                striker.magnet_frequency,
-                striker.magnet_damping,
-                rails.piece(),
-            ),
-            striker_mass: striker.mass,
             nominal,
+            most_steps: settings.most_steps(),
             settings: settings.clone(),
             seed,
             first: range.start,
@@ -318,7 +304,7 @@ impl Games {
     fn take_in(&mut self, chunk: Range<usize>, commands: &[[[f32; 2]; 2]]) {
         let limits = &self.rails.limits;
         let PerPlayer { left, right } = &limits.field;
-        let on_command = limits.limiter == super::settings::LimiterPlace::Command;
+        let on_command = limits.limiter == LimiterPlace::Command;
         let boards = self.strikers[chunk.clone()].iter_mut().zip(&commands[chunk]);
         for (taken, (strikers, commands)) in self.commands.iter_mut().zip(boards) {
             for (player, field) in [left, right].into_iter().enumerate() {
@@ -336,32 +322,20 @@ impl Games {
 
     /// One control period of one board, the `row`-th of its chunk.
     fn play(&mut self, board: usize, row: usize, outcomes: &mut Outcomes) -> Result<(), GameError> {
-        let pieces = self.rails.pieces;
-        let h = self.rails.piece();
-        let stride = pieces + 1;
-        let start = CONTROL_PERIOD * f64::from(self.clocks[board].step);
-        let mut all = Happened::NOTHING;
-        let mut ended = None;
-        let mut places = self.strikers_before(board, row);
-        for piece in 0..pieces {
-            let push = if piece == 0 { 0.5 * h } else { h };
-            self.push(board, places, start + h * piece as f64, push);
-            let way = |player: usize| {
-                let at = (2 * row + player) * stride + piece;
-                [self.ways[at], self.ways[at + 1]]
-            };
-            let ways = [way(0), way(1)];
-            ended = self.play_piece(board, ways, &mut places, &mut all);
-            if ended.is_some() {
-                break;
-            }
-        }
-        if ended.is_none() {
-            self.push(board, places, start + CONTROL_PERIOD, 0.5 * h);
-        }
+        let stride = self.rails.pieces + 1;
+        let (left, right) = self.ways[2 * row * stride..][..2 * stride].split_at(stride);
+        let mut period = Period {
+            table: &self.table,
+            physics: &self.physics[board],
+            ball: &mut self.balls[board],
+            strikers: &mut self.strikers[board],
+            biscuits: self.biscuits.get_mut(board),
+            ways: [left, right],
+        };
         let clock = &mut self.clocks[board];
+        let (all, mut ended) = period.play(CONTROL_PERIOD * f64::from(clock.step));
         clock.step += 1;
-        if ended.is_none() && self.settings.most_steps() <= clock.step {
+        if ended.is_none() && self.most_steps <= clock.step {
             ended = Some(Ending::TimeLimit);
         }
         outcomes.ended[board] = ended;
@@ -369,120 +343,6 @@ impl Games {
         outcomes.hit_speeds[board] = all.struck.map(|speed| speed as f32);
         outcomes.wall_hits[board] = all.wall_hits;
         self.check_finite(board)
-    }
-
-    /// Places of the strikers before the period (m): the ways begin where the magnets were.
-    fn strikers_before(&self, board: usize, row: usize) -> [[f64; 2]; 2] {
-        let stride = self.rails.pieces + 1;
-        [0, 1].map(|player| {
-            add(self.ways[(2 * row + player) * stride], self.strikers[board][player].recoil)
-        })
-    }
-
-    fn push(&mut self, board: usize, strikers: [[f64; 2]; 2], time: f64, dt: f64) {
-        let play = Play { table: &self.table, physics: &self.physics[board] };
-        play.push(&mut self.balls[board], strikers, time, dt);
-    }
-
-    /// One piece of a period: the magnets go straight from the first to the second place of `ways`.
-    /// `places` are those of the strikers, before and then after.
-    fn play_piece(
-        &mut self,
-        board: usize,
-        ways: [[[f64; 2]; 2]; 2],
-        places: &mut [[f64; 2]; 2],
-        all: &mut Happened,
-    ) -> Option<Ending> {
-        let h = self.rails.piece();
-        let mut movers = [Mover::striker([0.0; 2], [0.0; 2], self.striker_mass); 5];
-        for player in 0..2 {
-            let striker = &mut self.strikers[board][player];
-            swing(&self.recoil, striker);
-            let end = add(ways[player][1], striker.recoil);
-            let velocity = scale(subtract(end, places[player]), 1.0 / h);
-            movers[player] = Mover::striker(places[player], velocity, self.striker_mass);
-        }
-        let mut count = 2;
-        if let (Some(settings), Some(biscuits)) =
-            (&self.settings.biscuits, self.biscuits.get(board))
-        {
-            for biscuit in biscuits {
-                movers[count] = biscuit.mover(settings, &movers[..2]);
-                count += 1;
-            }
-        }
-        let play = Play { table: &self.table, physics: &self.physics[board] };
-        let happened = play.drift(&mut self.balls[board], &mut movers[..count], h);
-        all.add(&happened);
-        let before = *places;
-        if let Some(settings) = self.settings.biscuits {
-            self.move_biscuits(&settings, board, before, &mut movers);
-        }
-        for player in 0..2 {
-            let striker = &mut self.strikers[board][player];
-            striker.recoil = add(striker.recoil, movers[player].moved);
-            striker.recoil_velocity = add(striker.recoil_velocity, movers[player].kicked);
-            places[player] = movers[player].position;
-        }
-        self.ending(board, &happened, [before, *places])
-    }
-
-    /// Biscuits after a piece: they slide, stick to strikers, and those that stick hand on what hit them.
-    fn move_biscuits(
-        &mut self,
-        settings: &BiscuitSettings,
-        board: usize,
-        before: [[f64; 2]; 2],
-        movers: &mut [Mover; 5],
-    ) {
-        let h = self.rails.piece();
-        let walls = (self.table.half, self.physics[board].walls.restitution);
-        let (strikers, others) = movers.split_at_mut(2);
-        for (biscuit, mover) in self.biscuits[board].iter_mut().zip(others) {
-            if let Some(holder) = biscuit.holder {
-                let striker = &mut strikers[usize::from(holder)];
-                striker.kick(mover.kicked);
-                continue;
-            }
-            let start = biscuit.position;
-            biscuit.slide(settings, mover, walls, h);
-            for (holder, striker) in strikers.iter().enumerate() {
-                let from = subtract(start, before[holder]);
-                let to = subtract(biscuit.position, striker.position);
-                if biscuit.holder.is_none() && nearest(from, to) < settings.capture_distance {
-                    biscuit.stick(holder as u8, striker.position);
-                }
-            }
-        }
-    }
-
-    /// How the episode ended in a piece through which the strikers went from `ways[0]` to `ways[1]`, if it
-    /// did. When several things happen in one piece, the first of them in upstream's order counts.
-    fn ending(
-        &self,
-        board: usize,
-        happened: &Happened,
-        ways: [[[f64; 2]; 2]; 2],
-    ) -> Option<Ending> {
-        if happened.taken {
-            let scorer =
-                if self.balls[board].position[1] < 0.0 { Player::Right } else { Player::Left };
-            return Some(Ending::Goal { scorer });
-        }
-        let cup = &self.table.cup;
-        for loser in Player::BOTH {
-            let player = loser as usize;
-            let centre = turned(player, [0.0, -cup.distance]);
-            let [from, to] = ways.map(|places| subtract(places[player], centre));
-            if nearest(from, to) < cup.radius {
-                return Some(Ending::OwnGoal { loser });
-            }
-        }
-        let biscuits = self.biscuits.get(board)?;
-        let held =
-            |player: Player| biscuits.iter().filter(|own| own.holder == Some(player as u8)).count();
-        let loser = Player::BOTH.into_iter().find(|player| 2 <= held(*player))?;
-        Some(Ending::Biscuits { loser })
     }
 
     fn check_finite(&self, board: usize) -> Result<(), GameError> {
@@ -524,45 +384,6 @@ impl Games {
     }
 }
 
-/// A striker that was hit swings on its magnet for one piece.
-fn swing(magnet: &Oscillator, striker: &mut StrikerState) {
-    let StrikerState { recoil, recoil_velocity, .. } = striker;
-    if *recoil == [0.0; 2] && *recoil_velocity == [0.0; 2] {
-        return;
-    }
-    let mut size = 0.0;
-    for axis in 0..2 {
-        let (place, velocity) = magnet.step(recoil[axis], recoil_velocity[axis]);
-        (recoil[axis], recoil_velocity[axis]) = (place, velocity);
-        size += place.abs() + velocity.abs();
-    }
-    if size < BACK_HOME {
-        (*recoil, *recoil_velocity) = ([0.0; 2], [0.0; 2]);
-    }
-}
-
-fn table(settings: &GameSettings) -> Table {
-    let complete = |effects: &[Instance]| {
-        let mut effects = effects.to_vec();
-        if settings.randomization.is_some() {
-            // What is drawn needs a law to act through.
-            let missing =
-                |entry: &Instance| effects.iter().all(|own| own.effect.name != entry.effect.name);
-            let neutral: [(&str, &[f64]); 2] =
-                [("impact.wall_restitution", &[1.0]), ("impact.wall_friction_spin", &[0.0])];
-            let added: Vec<Instance> = instances(&neutral).into_iter().filter(missing).collect();
-            effects.extend(added);
-        }
-        effects
-    };
-    let ball = &settings.ball;
-    Table {
-        laws: BallLaws::new(&complete(&ball.effects), &complete(&ball.striker_effects)),
-        cup: settings.cup,
-        half: [settings.board.short_side / 2.0, settings.board.long_side / 2.0],
-    }
-}
-
 /// Places of the strikers and of the ball at the start of an episode.
 fn draw_start(settings: &EpisodeSettings, stream: &mut Stream) -> ([[f64; 2]; 2], [f64; 2]) {
     let mut draw =
@@ -584,12 +405,4 @@ fn draw_start(settings: &EpisodeSettings, stream: &mut Stream) -> ([[f64; 2]; 2]
         }
     }
     (strikers, [0.0; 2])
-}
-
-/// Least distance from the origin of a point that goes straight from `from` to `to`.
-fn nearest(from: [f64; 2], to: [f64; 2]) -> f64 {
-    let way = subtract(to, from);
-    let square = dot(way, way);
-    let share = if 0.0 < square { (-dot(from, way) / square).clamp(0.0, 1.0) } else { 0.0 };
-    length(along(from, way, share))
 }

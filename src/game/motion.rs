@@ -10,9 +10,12 @@ use super::{
     cup::{fall_time, leaves_with},
     laws::BallLaws,
     randomization::BoardPhysics,
-    settings::{CupRule, CupSettings},
+    settings::{BiscuitSettings, CONTROL_PERIOD, CupRule, CupSettings, GameSettings, instances},
 };
-use crate::effects::{Ball, Wall};
+use crate::{
+    effects::{Ball, Oscillator, Wall},
+    twin::Instance,
+};
 
 /// Events within one piece; then the ball is wedged between two things, and both give way.
 const MOST_EVENTS: usize = 24;
@@ -72,6 +75,48 @@ pub(super) struct Table {
     pub(super) cup: CupSettings,
     /// Half of the board's sides (m).
     pub(super) half: [f64; 2],
+    /// What one piece does to a striker that was hit.
+    pub(super) magnet: Oscillator,
+    /// Mass of a striker (kg).
+    pub(super) striker_mass: f64,
+    pub(super) biscuits: Option<BiscuitSettings>,
+    /// Pieces of a control period.
+    pub(super) pieces: usize,
+}
+
+impl Table {
+    pub(super) fn new(settings: &GameSettings) -> Self {
+        let GameSettings { board, ball, striker, pieces, .. } = settings;
+        let complete = |effects: &[Instance]| match settings.randomization {
+            // What is drawn needs a law to act through.
+            Some(_) => with_laws_of_impact(effects),
+            None => effects.to_vec(),
+        };
+        let piece = CONTROL_PERIOD / *pieces as f64;
+        Self {
+            laws: BallLaws::new(&complete(&ball.effects), &complete(&ball.striker_effects)),
+            cup: settings.cup,
+            half: [board.short_side / 2.0, board.long_side / 2.0],
+            magnet: Oscillator::new(striker.magnet_frequency, striker.magnet_damping, piece),
+            striker_mass: striker.mass,
+            biscuits: settings.biscuits,
+            pieces: *pieces,
+        }
+    }
+
+    /// Length of a piece (s).
+    pub(super) fn piece(&self) -> f64 {
+        CONTROL_PERIOD / self.pieces as f64
+    }
+}
+
+/// `effects` with restitution and friction, where they are missing as laws that do nothing.
+fn with_laws_of_impact(effects: &[Instance]) -> Vec<Instance> {
+    let neutral: [(&str, &[f64]); 2] =
+        [("impact.wall_restitution", &[1.0]), ("impact.wall_friction_spin", &[0.0])];
+    let missing = |entry: &Instance| effects.iter().all(|own| own.effect.name != entry.effect.name);
+    let added = instances(&neutral).into_iter().filter(missing);
+    effects.iter().cloned().chain(added).collect()
 }
 
 /// The ball of one board with the numbers of its episode.
