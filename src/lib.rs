@@ -47,6 +47,7 @@
 //! | | [`effects`] | the catalogue of physical effects: one small file each |
 //! | | [`twin`] | the simulator made of them, and its links in a recording |
 //! | | [`ekf`] | the state estimate: filter, tuning, consistency |
+//! | | [`ppo`] | Proximal Policy Optimization on small networks |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
@@ -80,6 +81,7 @@ pub mod effects;
 pub mod ekf;
 pub mod gantry;
 pub mod link;
+pub mod ppo;
 pub mod rig;
 pub mod twin;
 

@@ -2,7 +2,7 @@
 //!
 //! At 64 units a general matrix product spends much of its time on packing and dispatch. Here the
 //! weights already lie as the micro-kernel wants them, bias, activation and its derivative are
-//! applied while the results are still in registers, and nothing is allocated. The register tile
+//! applied tile by tile, and nothing is allocated. The register tile
 //! is that of Goto and van de Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008):
 //! `ROWS` x `COLS` accumulators, `COLS` vectors of the right factor, one broadcast of the left.
 //!
@@ -44,7 +44,9 @@ macro_rules! unrolled {
     }};
 }
 
-/// What happens to each result while it is still in a register.
+/// What happens to each result while it is still in the cache next to the registers. Not in the
+/// registers themselves: an exponential for each of 24 accumulators, written out, would be a stack
+/// frame of megabytes in builds without optimisation.
 #[derive(Clone, Copy)]
 pub(super) enum Epilogue<'a> {
     /// Nothing.
@@ -52,7 +54,8 @@ pub(super) enum Epilogue<'a> {
     /// The activation.
     Activate(Activation),
     /// Times the activation's derivative, told from the activation's own value (same shape as
-    /// the result): 1 or 0 for ReLU, `(1 - |a|)^2` for softsign.
+    /// the result): 1 or 0 for ReLU, `(1 - |a|)^2` for softsign, 1 or `1 + a` for ELU, `1 - a^2` for
+    /// tanh.
     Derivative(Activation, &'a [f32]),
 }
 
@@ -177,15 +180,19 @@ fn product_tile<S: Simd, const R: usize, const C: usize>(
             unrolled!(J < C, acc[I][J] = simd.mul_add_e_f32s(left, w[J], acc[I][J]))
         });
     }
-    let last = depth_to == p.depth;
     unrolled!(I < R, {
         let at = (row + I) * vectors + first_column;
         let y = &mut y[at..at + C];
-        unrolled!(J < C, {
-            let value = acc[I][J];
-            y[J] = if last { finish(simd, value, at + J, p.epilogue) } else { value };
-        })
+        unrolled!(J < C, y[J] = acc[I][J])
     });
+    if depth_to == p.depth {
+        for row in row..row + R {
+            let at = row * vectors + first_column;
+            for (column, value) in y[at..at + C].iter_mut().enumerate() {
+                *value = finish(simd, *value, at + column, p.epilogue);
+            }
+        }
+    }
 }
 
 #[inline(always)]
@@ -207,7 +214,51 @@ fn activate<S: Simd>(simd: S, z: S::f32s, activation: Activation) -> S::f32s {
         Activation::Softsign => {
             simd.div_f32s(z, simd.add_f32s(simd.splat_f32s(1.0), simd.abs_f32s(z)))
         }
+        Activation::Elu => {
+            let zero = simd.splat_f32s(0.0);
+            let below = exp_m1(simd, simd.min_f32s(zero, z));
+            simd.select_f32s(simd.less_than_f32s(zero, z), z, below)
+        }
+        Activation::Tanh => {
+            // tanh |z| = -e / (2 + e) with e = exp(-2 |z|) - 1
+            let twice = simd.mul_f32s(simd.splat_f32s(-2.0), simd.abs_f32s(z));
+            let e = exp_m1(simd, twice);
+            let negative = simd.div_f32s(e, simd.add_f32s(simd.splat_f32s(2.0), e));
+            let below = simd.less_than_f32s(z, simd.splat_f32s(0.0));
+            simd.select_f32s(below, negative, simd.neg_f32s(negative))
+        }
     }
+}
+
+/// `exp(x) - 1` for `x` up to 0, within 2e-7 of the true value and accurate near 0.
+///
+/// `x = n ln 2 + r`, and `exp(x) - 1 = 2^n (exp(r) - 1) + (2^n - 1)`. The polynomial for `exp(r)` on
+/// `|r| < ln 2 / 2` and the split of `ln 2` are those of Cephes (Moshier, 1989), `expf.c`.
+#[inline(always)]
+fn exp_m1<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    /// 1.5 times 2^23: added to a small number, it leaves the nearest integer in the low bits.
+    const ROUND: f32 = 12_582_912.0;
+    const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
+    const POLYNOMIAL: [f32; 6] =
+        [1.987_569_1e-4, 1.398_2e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5];
+    /// Below, the result is -1 in single precision, and 2^n would be denormal.
+    const LOWEST: f32 = -87.0;
+    let x = simd.max_f32s(simd.splat_f32s(LOWEST), x);
+    let shifted =
+        simd.mul_add_e_f32s(x, simd.splat_f32s(std::f32::consts::LOG2_E), simd.splat_f32s(ROUND));
+    let n = simd.sub_f32s(shifted, simd.splat_f32s(ROUND));
+    let r = simd.mul_add_e_f32s(n, simd.splat_f32s(-LN_2[0]), x);
+    let r = simd.mul_add_e_f32s(n, simd.splat_f32s(-LN_2[1]), r);
+    let mut p = simd.splat_f32s(POLYNOMIAL[0]);
+    for coefficient in &POLYNOMIAL[1..] {
+        p = simd.mul_add_e_f32s(p, r, simd.splat_f32s(*coefficient));
+    }
+    let p = simd.mul_add_e_f32s(p, simd.mul_f32s(r, r), r);
+    // The exponent's bias, and the mantissa's width.
+    let biased = simd.add_u32s(simd.transmute_u32s_f32s(shifted), simd.splat_u32s(127));
+    let power = simd.wrapping_dyn_shl_u32s(biased, simd.splat_u32s(23));
+    let power = simd.transmute_f32s_u32s(power);
+    simd.mul_add_e_f32s(power, p, simd.sub_f32s(power, simd.splat_f32s(1.0)))
 }
 
 /// The activation's derivative at a point where its value is `a`.
@@ -220,6 +271,10 @@ fn derivative<S: Simd>(simd: S, a: S::f32s, activation: Activation) -> S::f32s {
             let slope = simd.sub_f32s(one, simd.abs_f32s(a));
             simd.mul_f32s(slope, slope)
         }
+        Activation::Elu => {
+            simd.select_f32s(simd.less_than_f32s(zero, a), one, simd.add_f32s(one, a))
+        }
+        Activation::Tanh => simd.negate_mul_add_e_f32s(a, a, one),
     }
 }
 
