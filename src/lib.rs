@@ -48,6 +48,7 @@
 //! | | [`twin`] | the simulator made of them, and its links in a recording |
 //! | | [`ekf`] | the state estimate: filter, tuning, consistency |
 //! | | [`game`] | KLASK in two dimensions, thousands of boards as arrays |
+//! | | [`ppo`] | Proximal Policy Optimization on small networks |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
@@ -82,6 +83,7 @@ pub mod ekf;
 pub mod game;
 pub mod gantry;
 pub mod link;
+pub mod ppo;
 pub mod rig;
 pub mod twin;
 

@@ -1,19 +1,23 @@
 //! Small multi-layer perceptrons: plain data, batched kernels, gradients with Adam, and the file
 //! formats in which other software reads them.
 
+mod denormal;
 mod kernel;
 mod network;
 pub mod npz;
 pub mod onnx;
 pub mod safetensors;
 mod stack;
+mod standardizer;
 pub mod torchscript;
 mod trainer;
 
+pub use denormal::flushing_denormals;
 pub use kernel::{PAD, padded};
 pub use network::{Activation, Dense, Network};
 pub use stack::{MAX_OUTPUTS, Stack, Tape};
-pub use trainer::{Adam, InputGradient, Trainer};
+pub use standardizer::Standardizer;
+pub use trainer::{Adam, BackwardScratch, InputGradient, Trainer, TrainerState};
 
 #[cfg(test)]
 mod tests;

@@ -14,6 +14,10 @@ pub enum Activation {
     Relu,
     /// `z / (1 + |z|)`, the upstream actuator network's choice
     Softsign,
+    /// `z` above zero, `exp(z) - 1` below, the upstream policy's choice
+    Elu,
+    /// `tanh(z)`
+    Tanh,
 }
 
 impl Activation {
@@ -23,8 +27,25 @@ impl Activation {
         match self {
             Self::Relu => z.max(0.0),
             Self::Softsign => z / (1.0 + z.abs()),
+            Self::Elu if 0.0 < z => z,
+            Self::Elu => z.exp_m1(),
+            Self::Tanh => z.tanh(),
         }
     }
+
+    /// The name in files: `relu`, `softsign`, `elu` or `tanh`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Relu => "relu",
+            Self::Softsign => "softsign",
+            Self::Elu => "elu",
+            Self::Tanh => "tanh",
+        }
+    }
+
+    /// Every activation, in the order of the enum.
+    pub const ALL: [Self; 4] = [Self::Relu, Self::Softsign, Self::Elu, Self::Tanh];
 }
 
 /// One dense layer, `y = W x + b`.

@@ -94,6 +94,8 @@ fn activate(activation: Activation, layer: &str, input: String, output: String) 
     let op_type = match activation {
         Activation::Relu => "Relu",
         Activation::Softsign => "Softsign",
+        Activation::Elu => "Elu",
+        Activation::Tanh => "Tanh",
     };
     Node {
         inputs: vec![input],

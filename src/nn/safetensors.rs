@@ -17,7 +17,7 @@ use safetensors::tensor::{Metadata, TensorInfo};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// Header key of the activation: `relu` or `softsign`.
+/// Header key of the activation: its [`Activation::name`].
 pub const ACTIVATION_KEY: &str = "activation";
 
 /// Multiple to which the header is padded with spaces, so that values lie aligned (bytes).
@@ -86,7 +86,9 @@ pub enum SafetensorsError {
         value: f32,
     },
     /// The metadata name an activation that is not known here.
-    #[error("metadata activation is {found:?}, expected \"relu\" or \"softsign\"")]
+    #[error(
+        "metadata activation is {found:?}, expected \"relu\", \"softsign\", \"elu\" or \"tanh\""
+    )]
     UnknownActivation {
         /// The name in the file.
         found: String,
@@ -100,7 +102,7 @@ pub enum SafetensorsError {
 #[must_use]
 pub fn to_safetensors(network: &Network, metadata: &BTreeMap<String, String>) -> Vec<u8> {
     let mut metadata = metadata.clone();
-    metadata.insert(ACTIVATION_KEY.to_owned(), activation_name(network.activation).to_owned());
+    metadata.insert(ACTIVATION_KEY.to_owned(), network.activation.name().to_owned());
     let mut header = BTreeMap::from([("__metadata__".to_owned(), json!(metadata))]);
     let mut data = Vec::new();
     for (layer, name) in network.layers.iter().zip(network.layer_names()) {
@@ -166,19 +168,9 @@ fn split(bytes: &[u8]) -> Result<(Metadata, &[u8]), SafetensorsError> {
     Ok((header, data))
 }
 
-fn activation_name(activation: Activation) -> &'static str {
-    match activation {
-        Activation::Relu => "relu",
-        Activation::Softsign => "softsign",
-    }
-}
-
 fn parse_activation(name: String) -> Result<Activation, SafetensorsError> {
-    match name.as_str() {
-        "relu" => Ok(Activation::Relu),
-        "softsign" => Ok(Activation::Softsign),
-        _ => Err(SafetensorsError::UnknownActivation { found: name }),
-    }
+    let known = Activation::ALL.into_iter().find(|activation| activation.name() == name);
+    known.ok_or(SafetensorsError::UnknownActivation { found: name })
 }
 
 /// The tensors of a file that no layer has claimed yet.
@@ -301,7 +293,7 @@ mod tests {
 
     #[test]
     fn reading_undoes_writing() {
-        for activation in [Activation::Relu, Activation::Softsign] {
+        for activation in Activation::ALL {
             let network = small(activation);
             let bytes = to_safetensors(&network, &metadata());
             let read = from_safetensors(&bytes, Activation::Relu).unwrap();
@@ -403,8 +395,8 @@ mod tests {
             "tensor fc_out.weight: found type F16, expected F32; convert the file first"
         );
         assert_eq!(
-            refusal(&file(r#"{"__metadata__":{"activation":"tanh"}}"#, 0)),
-            "metadata activation is \"tanh\", expected \"relu\" or \"softsign\""
+            refusal(&file(r#"{"__metadata__":{"activation":"gelu"}}"#, 0)),
+            "metadata activation is \"gelu\", expected \"relu\", \"softsign\", \"elu\" or \"tanh\""
         );
     }
 

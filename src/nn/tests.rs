@@ -54,7 +54,7 @@ const SHAPES: [(&[usize], usize); 7] = [
 
 #[test]
 fn the_kernels_agree_with_the_plain_forward_pass() {
-    for activation in [Activation::Relu, Activation::Softsign] {
+    for activation in Activation::ALL {
         for (sizes, batch) in SHAPES {
             let network = random_network(sizes, activation, 1);
             let stack = Stack::new(&network);
@@ -65,6 +65,27 @@ fn the_kernels_agree_with_the_plain_forward_pass() {
             for (fast, plain) in tape.y.iter().zip(plain) {
                 assert!((fast - plain).abs() < 1e-5, "{sizes:?} {activation:?}: {fast} {plain}");
             }
+        }
+    }
+}
+
+#[test]
+fn activations_are_accurate_over_their_whole_range() {
+    // One hidden unit passes z on, the output its activation.
+    for (activation, reference) in [
+        (Activation::Elu, (|z: f64| if 0.0 < z { z } else { z.exp_m1() }) as fn(f64) -> f64),
+        (Activation::Tanh, f64::tanh),
+    ] {
+        let one = |weight| Dense { inputs: 1, outputs: 1, weight: vec![weight], bias: vec![0.0] };
+        let stack = Stack::new(&Network { activation, layers: vec![one(1.0), one(1.0)] });
+        let exponents = (-300..=76).map(|i| 2.0f32.powf(i as f32 / 10.0));
+        let numbers: Vec<f32> = exponents.flat_map(|x| [x, -x]).chain([0.0, -1e4, 1e4]).collect();
+        let mut tape = tape_of(numbers);
+        stack.forward(&mut tape);
+        for (z, found) in tape.x.iter().zip(&tape.y) {
+            let expected = reference(f64::from(*z));
+            let error = (f64::from(*found) - expected).abs();
+            assert!(error <= 3e-7 * expected.abs(), "{activation:?} {z}: {found} {expected}");
         }
     }
 }
@@ -91,6 +112,14 @@ fn forward_f64(network: &Network, input: &[f32]) -> Vec<f64> {
                     _ if index == last => z,
                     Activation::Relu => z.max(0.0),
                     Activation::Softsign => z / (1.0 + z.abs()),
+                    Activation::Elu => {
+                        if 0.0 < z {
+                            z
+                        } else {
+                            z.exp() - 1.0
+                        }
+                    }
+                    Activation::Tanh => z.tanh(),
                 }
             })
             .collect();
@@ -106,7 +135,12 @@ fn slope(mut loss_moved_by: impl FnMut(f32) -> f64) -> f64 {
 
 #[test]
 fn gradients_agree_with_finite_differences() {
-    for (activation, tolerance) in [(Activation::Softsign, 2e-3), (Activation::Relu, 4e-2)] {
+    for (activation, tolerance) in [
+        (Activation::Softsign, 2e-3),
+        (Activation::Relu, 4e-2),
+        (Activation::Elu, 2e-3),
+        (Activation::Tanh, 2e-3),
+    ] {
         for (sizes, batch) in SHAPES.map(|(sizes, batch)| (sizes, batch.min(13))) {
             check_gradients(&random_network(sizes, activation, 3), batch, tolerance);
         }
@@ -176,6 +210,49 @@ fn adam_follows_the_algorithm_of_the_paper() {
         let found = f64::from(trainer.stack().network().layers[0].weight[5]);
         assert!((found - expected).abs() < 1e-5, "step {t}: {found} {expected}");
     }
+}
+
+#[test]
+fn training_continues_from_its_state_with_the_same_bytes() {
+    let network = random_network(&[5, 17, 20, 2], Activation::Elu, 21);
+    let adam = Adam { epsilon: 1e-5, ..Adam::default() };
+    let mut trainer = Trainer::new(&network, adam);
+    let mut tape = tape_of(random_inputs(5 * 9, 22));
+    let dy = random_inputs(2 * 9, 23);
+    let step = |trainer: &mut Trainer, tape: &mut Tape| {
+        trainer.forward(tape);
+        trainer.backward(tape, &dy, InputGradient::Skip, &mut Vec::new());
+        trainer.update(0.01);
+    };
+    for _ in 0..3 {
+        step(&mut trainer, &mut tape);
+    }
+    let mut again = Trainer::resume(&trainer.state(), adam);
+    step(&mut trainer, &mut tape);
+    step(&mut again, &mut tape);
+    assert_eq!(trainer.state(), again.state());
+    // Without the moments it would go elsewhere.
+    let mut fresh = Trainer::new(&trainer.stack().network(), adam);
+    step(&mut trainer, &mut tape);
+    step(&mut fresh, &mut tape);
+    assert_ne!(trainer.state().network, fresh.state().network);
+}
+
+#[test]
+fn a_scaled_update_is_one_with_a_scaled_gradient() {
+    let network = random_network(&[4, 16, 1], Activation::Tanh, 24);
+    let mut trainer = Trainer::new(&network, Adam::default());
+    let mut by_hand = trainer.clone();
+    let gradient = random_inputs(trainer.parameter_count(), 25);
+    for (place, value) in trainer.gradient_mut().iter_mut().zip(&gradient) {
+        *place = *value;
+    }
+    for (place, value) in by_hand.gradient_mut().iter_mut().zip(&gradient) {
+        *place = 0.25 * value;
+    }
+    trainer.update_scaled(0.01, 0.25);
+    by_hand.update(0.01);
+    assert_eq!(trainer.state(), by_hand.state());
 }
 
 #[test]

@@ -95,6 +95,8 @@ fn activation_code(activation: Activation, z: &str) -> String {
     match activation {
         Activation::Relu => format!("torch.relu({z})"),
         Activation::Softsign => format!("torch.true_divide({z}, torch.add(torch.abs({z}), 1))"),
+        Activation::Elu => format!("torch.elu({z})"),
+        Activation::Tanh => format!("torch.tanh({z})"),
     }
 }
 

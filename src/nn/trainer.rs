@@ -4,8 +4,8 @@
 //! order of operations of PyTorch's `torch.optim.Adam`.
 
 use super::{
-    kernel::{self, Epilogue, Product, padded},
-    network::Network,
+    kernel::{self, Curve, Elu, Epilogue, Product, Relu, Softsign, Tanh, padded},
+    network::{Activation, Network},
     stack::{MAX_OUTPUTS, Stack, Tape},
 };
 use pulp::{Arch, Simd, WithSimd};
@@ -45,10 +45,26 @@ pub struct Trainer {
     moment2: Vec<f32>,
     /// `[outputs][padded inputs]` of each hidden layer, for the way back.
     transposed: Vec<Vec<f32>>,
-    /// Gradients of the activations, `[batch][padded width]`, two in turn.
-    back: [Vec<f32>; 2],
+    back: BackwardScratch,
     adam: Adam,
     steps: i32,
+}
+
+/// Gradients of the activations on the way back, `[batch][padded width]`, two in turn; reused.
+#[derive(Debug, Clone, Default)]
+pub struct BackwardScratch([Vec<f32>; 2]);
+
+/// Everything that training continues from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainerState {
+    /// The parameters.
+    pub network: Network,
+    /// Adam's first moment of each parameter, at its place.
+    pub moment1: Network,
+    /// Adam's second moment of each parameter, at its place.
+    pub moment2: Network,
+    /// Updates done so far.
+    pub steps: i32,
 }
 
 impl Trainer {
@@ -64,13 +80,39 @@ impl Trainer {
             moment1: vec![0.0; size],
             moment2: vec![0.0; size],
             transposed,
-            back: [Vec::new(), Vec::new()],
+            back: BackwardScratch::default(),
             adam,
             steps: 0,
             stack,
         };
         trainer.transpose();
         trainer
+    }
+
+    /// Continues from `state`, with the bytes that an uninterrupted training would have.
+    ///
+    /// # Panics
+    /// When the three networks of the state differ in shape.
+    #[must_use]
+    pub fn resume(state: &TrainerState, adam: Adam) -> Self {
+        let mut trainer = Self::new(&state.network, adam);
+        trainer.moment1 = Stack::new(&state.moment1).values;
+        trainer.moment2 = Stack::new(&state.moment2).values;
+        let size = trainer.stack.values.len();
+        assert!([&trainer.moment1, &trainer.moment2].iter().all(|m| m.len() == size), "one shape");
+        trainer.steps = state.steps;
+        trainer
+    }
+
+    /// Parameters, moments and number of updates.
+    #[must_use]
+    pub fn state(&self) -> TrainerState {
+        TrainerState {
+            network: self.stack.network(),
+            moment1: self.stack.unpack(&self.moment1),
+            moment2: self.stack.unpack(&self.moment2),
+            steps: self.steps,
+        }
     }
 
     /// The parameters as they stand.
@@ -86,6 +128,30 @@ impl Trainer {
         self.stack.unpack(&self.gradient)
     }
 
+    /// Updates done so far.
+    #[must_use]
+    pub fn steps(&self) -> i32 {
+        self.steps
+    }
+
+    /// Number of places in the flat gradient, padding included.
+    #[must_use]
+    pub fn parameter_count(&self) -> usize {
+        self.gradient.len()
+    }
+
+    /// The flat gradient that the next update uses, laid out like what
+    /// [`accumulate`](Self::accumulate) fills; padding must stay zero.
+    pub fn gradient_mut(&mut self) -> &mut [f32] {
+        &mut self.gradient
+    }
+
+    /// Whether every parameter is a finite number.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.stack.values.iter().all(|value| value.is_finite())
+    }
+
     /// Computes `tape.y` from `tape.x`.
     pub fn forward(&self, tape: &mut Tape) {
         self.stack.forward(tape);
@@ -95,31 +161,53 @@ impl Trainer {
     /// (`[batch][outputs]`). With [`InputGradient::Compute`], `dx` becomes `[batch][padded
     /// inputs]`, the derivative with respect to the inputs.
     pub fn backward(&mut self, tape: &Tape, dy: &[f32], want: InputGradient, dx: &mut Vec<f32>) {
-        let batch = dy.len() / self.stack.outputs();
-        let widest = self.stack.hidden.iter().map(|span| span.stride).max().unwrap_or(0);
-        for back in &mut self.back {
-            back.resize(batch * widest, 0.0);
-        }
         let dx = match want {
             InputGradient::Skip => None,
             InputGradient::Compute => {
+                let batch = dy.len() / self.stack.outputs();
                 dx.resize(batch * padded(self.stack.inputs()), 0.0);
                 Some(dx.as_mut_slice())
             }
         };
+        let back = self.back.sized(&self.stack, dy);
         Arch::new().dispatch(Backward {
             stack: &self.stack,
             transposed: &self.transposed,
             gradient: &mut self.gradient,
-            back: &mut self.back,
+            back,
             tape,
             dy,
             dx,
         });
     }
 
+    /// Like [`backward`](Self::backward), but adds to a gradient of the caller's, of
+    /// [`parameter_count`](Self::parameter_count) places; for several threads at one network.
+    pub fn accumulate(
+        &self,
+        tape: &Tape,
+        dy: &[f32],
+        gradient: &mut [f32],
+        scratch: &mut BackwardScratch,
+    ) {
+        Arch::new().dispatch(Backward {
+            stack: &self.stack,
+            transposed: &self.transposed,
+            gradient,
+            back: scratch.sized(&self.stack, dy),
+            tape,
+            dy,
+            dx: None,
+        });
+    }
+
     /// One step of Adam with the accumulated gradient, which it then clears.
     pub fn update(&mut self, learning_rate: f32) {
+        self.update_scaled(learning_rate, 1.0);
+    }
+
+    /// [`update`](Self::update) with `scale` times the accumulated gradient.
+    pub fn update_scaled(&mut self, learning_rate: f32, scale: f32) {
         self.steps += 1;
         let Adam { beta1, beta2, epsilon } = self.adam;
         let correction = |beta: f32| (1.0 - f64::from(beta).powi(self.steps)) as f32;
@@ -127,6 +215,7 @@ impl Trainer {
             parameters: &mut self.stack.values,
             gradient: &mut self.gradient,
             moments: [&mut self.moment1, &mut self.moment2],
+            gradient_scale: scale,
             betas: [beta1, beta2],
             step: learning_rate / correction(beta1),
             scale: 1.0 / correction(beta2).sqrt(),
@@ -137,6 +226,18 @@ impl Trainer {
 
     fn transpose(&mut self) {
         Arch::new().dispatch(Transpose { stack: &self.stack, transposed: &mut self.transposed });
+    }
+}
+
+impl BackwardScratch {
+    /// Room for the widest layer of `stack` and as many rows as `dy` has.
+    fn sized(&mut self, stack: &Stack, dy: &[f32]) -> &mut [Vec<f32>; 2] {
+        let batch = dy.len() / stack.outputs();
+        let widest = stack.hidden.iter().map(|span| span.stride).max().unwrap_or(0);
+        for back in &mut self.0 {
+            back.resize(batch * widest, 0.0);
+        }
+        &mut self.0
     }
 }
 
@@ -200,13 +301,16 @@ impl WithSimd for Backward<'_> {
         let top = stack.hidden.len() - 1;
         let (dw, db) = gradient[span.weights.start..span.bias.end].split_at_mut(span.weights.len());
         let weights = (&stack.values[span.weights.clone()], dy);
-        let x = (tape.activations[top].as_slice(), span.stride, stack.activation);
+        let x = (tape.activations[top].as_slice(), span.stride);
         let first = &mut here[..batch * span.stride];
-        match span.outputs {
-            1 => kernel::narrow_backward::<S, 1>(simd, (dw, db), first, weights, x),
-            2 => kernel::narrow_backward::<S, 2>(simd, (dw, db), first, weights, x),
-            3 => kernel::narrow_backward::<S, 3>(simd, (dw, db), first, weights, x),
-            _ => kernel::narrow_backward::<S, MAX_OUTPUTS>(simd, (dw, db), first, weights, x),
+        let target = (dw, db);
+        match stack.activation {
+            Activation::Relu => last::<S, Relu>(simd, span.outputs, target, first, weights, x),
+            Activation::Softsign => {
+                last::<S, Softsign>(simd, span.outputs, target, first, weights, x);
+            }
+            Activation::Elu => last::<S, Elu>(simd, span.outputs, target, first, weights, x),
+            Activation::Tanh => last::<S, Tanh>(simd, span.outputs, target, first, weights, x),
         }
         let mut dx = dx;
         for layer in (0..=top).rev() {
@@ -242,9 +346,29 @@ impl WithSimd for Backward<'_> {
     }
 }
 
+/// The way back through the narrow last layer.
+#[inline(always)]
+fn last<S: Simd, A: Curve>(
+    simd: S,
+    outputs: usize,
+    target: (&mut [f32], &mut [f32]),
+    dx: &mut [f32],
+    weights: (&[f32], &[f32]),
+    x: (&[f32], usize),
+) {
+    match outputs {
+        1 => kernel::narrow_backward::<S, A, 1>(simd, target, dx, weights, x),
+        2 => kernel::narrow_backward::<S, A, 2>(simd, target, dx, weights, x),
+        3 => kernel::narrow_backward::<S, A, 3>(simd, target, dx, weights, x),
+        _ => kernel::narrow_backward::<S, A, MAX_OUTPUTS>(simd, target, dx, weights, x),
+    }
+}
+
 struct Update<'a> {
     parameters: &'a mut [f32],
     gradient: &'a mut [f32],
+    /// Multiplies the gradient first: 1, or less when it is clipped.
+    gradient_scale: f32,
     moments: [&'a mut [f32]; 2],
     betas: [f32; 2],
     /// Learning rate over the first moment's correction.
@@ -268,19 +392,21 @@ impl WithSimd for Update<'_> {
         let (step, scale) = (simd.splat_f32s(-self.step), simd.splat_f32s(self.scale));
         let (epsilon, zero) = (simd.splat_f32s(self.epsilon), simd.splat_f32s(0.0));
         let floor = simd.splat_f32s(MOMENT_FLOOR);
+        let gradient_scale = simd.splat_f32s(self.gradient_scale);
         // Every length is a multiple of the widest vector, so there are no tails.
         let [(moment1, _), (moment2, _)] = self.moments.map(|m| S::as_mut_simd_f32s(m));
         let (parameters, _) = S::as_mut_simd_f32s(self.parameters);
         let (gradient, _) = S::as_mut_simd_f32s(self.gradient);
         let moments = moment1.iter_mut().zip(moment2.iter_mut());
-        for ((p, g), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
-            let first = simd.mul_add_e_f32s(beta1, *m, simd.mul_f32s(rest1, *g));
+        for ((p, place), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
+            let g = simd.mul_f32s(gradient_scale, *place);
+            let first = simd.mul_add_e_f32s(beta1, *m, simd.mul_f32s(rest1, g));
             let kept = simd.less_than_f32s(floor, simd.abs_f32s(first));
             *m = simd.select_f32s(kept, first, zero);
-            *v = simd.mul_add_e_f32s(beta2, *v, simd.mul_f32s(rest2, simd.mul_f32s(*g, *g)));
+            *v = simd.mul_add_e_f32s(beta2, *v, simd.mul_f32s(rest2, simd.mul_f32s(g, g)));
             let root = simd.mul_add_e_f32s(simd.sqrt_f32s(*v), scale, epsilon);
             *p = simd.mul_add_e_f32s(step, simd.div_f32s(*m, root), *p);
-            *g = zero;
+            *place = zero;
         }
     }
 }

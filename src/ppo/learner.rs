@@ -1,0 +1,382 @@
+//! The learner: acts, learns, and can be stored.
+
+use super::{
+    Advantages, Gaussian, Moments, NetworkLayout, PpoError, PpoSettings, Rollout, RolloutStep,
+    Schedule, Scratch, Spaces,
+    batch::{Batch, Units, check_finite, epochs},
+    error::expect_size,
+    model::Model,
+    noise::Noise,
+    policy::Policy,
+    state::LearnerState,
+    update::{Passed, Passes, Totals},
+};
+use crate::nn::Standardizer;
+use serde::{Deserialize, Serialize};
+use std::num::NonZeroUsize;
+
+/// Most rows that go through the networks at once.
+const ACT_ROWS: usize = 128;
+
+/// Networks in training with all that belongs to them.
+#[derive(Debug, Clone)]
+pub struct Learner {
+    settings: PpoSettings,
+    spaces: Spaces,
+    seed: u64,
+    model: Model,
+    /// Of all observations that were learned from.
+    observed: Moments,
+    /// Of all targets that were learned from, one column.
+    targets: Moments,
+    observations: Standardizer,
+    values: Standardizer,
+    learning_rate: f32,
+    updates: u64,
+    noise: Noise,
+    /// Reused from update to update.
+    advantages: Advantages,
+    batch: Batch,
+}
+
+/// Where a batch of decisions belongs; its noise depends on nothing else.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// Number of the control step since training began; each is used once.
+    pub step: u64,
+    /// Number of the first environment of the batch.
+    pub first_environment: usize,
+}
+
+/// What an update did. Losses and norms are means over its minibatches.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct UpdateReport {
+    /// Its number, counted from 1.
+    pub update: u64,
+    /// Samples in the rollout.
+    pub samples: usize,
+    /// Clipped objective with its sign turned.
+    pub policy_loss: f64,
+    /// Half the squared error of the value, clipped where the settings say so.
+    pub value_loss: f64,
+    /// Bounds loss, without its coefficient.
+    pub bounds_loss: f64,
+    /// Entropy of the policy (nat).
+    pub entropy: f64,
+    /// Divergence from the policy that acted (nat).
+    pub kl: f64,
+    /// Share of visits with a ratio outside the clip range, 0 to 1.
+    pub clip_fraction: f64,
+    /// Norm of the whole gradient before it is shortened.
+    pub gradient_norm: f64,
+    /// Share of minibatches whose gradient was shortened, 0 to 1.
+    pub shortened_fraction: f64,
+    /// Share of the targets' variance that the values of the rollout explain, at most 1.
+    pub explained_variance: f64,
+    /// Rate at the end of the update.
+    pub learning_rate: f32,
+    /// Passes begun; fewer than in the settings after a stop by divergence.
+    pub epochs: usize,
+    /// Steps of Adam done.
+    pub minibatches: usize,
+}
+
+impl Learner {
+    /// Fresh networks. Equal arguments give equal bytes.
+    ///
+    /// # Errors
+    /// [`PpoError::Setting`] when a setting is outside its range.
+    pub fn new(settings: &PpoSettings, spaces: Spaces, seed: u64) -> Result<Self, PpoError> {
+        settings.check(spaces)?;
+        let model = Model::new(settings, spaces, seed);
+        let (observed, targets) = (Moments::new(spaces.observations), Moments::new(1));
+        let learner = Self {
+            spaces,
+            seed,
+            model,
+            observations: observed.standardizer(settings.observations),
+            values: targets.standardizer(settings.values),
+            observed,
+            targets,
+            learning_rate: settings.learning_rate,
+            updates: 0,
+            noise: Noise::new(seed, "actions"),
+            advantages: Advantages::default(),
+            batch: Batch::default(),
+            settings: settings.clone(),
+        };
+        Ok(learner)
+    }
+
+    /// Continues from a state, with the bytes that uninterrupted training would have.
+    ///
+    /// # Errors
+    /// [`PpoError::Setting`] as in [`new`](Self::new), and [`PpoError::State`] when the state's
+    /// networks have other shapes than the settings give.
+    pub fn resume(
+        settings: &PpoSettings,
+        spaces: Spaces,
+        state: &LearnerState,
+    ) -> Result<Self, PpoError> {
+        let fresh = Self::new(settings, spaces, state.seed)?;
+        state.check_fits(&fresh.state())?;
+        let networks = (&state.policy, state.critic.as_ref());
+        Ok(Self {
+            model: Model::resume(settings, networks, &state.deviations),
+            observations: state.observed.standardizer(settings.observations),
+            values: state.targets.standardizer(settings.values),
+            observed: state.observed.clone(),
+            targets: state.targets.clone(),
+            learning_rate: state.learning_rate,
+            updates: state.updates,
+            ..fresh
+        })
+    }
+
+    /// Everything that training continues from.
+    #[must_use]
+    pub fn state(&self) -> LearnerState {
+        let (policy, critic, deviations) = self.model.parts();
+        LearnerState {
+            seed: self.seed,
+            updates: self.updates,
+            learning_rate: self.learning_rate,
+            policy,
+            critic,
+            deviations,
+            observed: self.observed.clone(),
+            targets: self.targets.clone(),
+        }
+    }
+
+    /// The settings it was made with.
+    #[must_use]
+    pub fn settings(&self) -> &PpoSettings {
+        &self.settings
+    }
+
+    /// Updates done so far.
+    #[must_use]
+    pub fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    /// The policy as it stands, for opponents, evaluation and export.
+    #[must_use]
+    pub fn policy(&self) -> Policy {
+        let mut network = self.model.policy().stack().network();
+        if let (NetworkLayout::Shared, Some(last)) =
+            (self.settings.layout, network.layers.last_mut())
+        {
+            last.outputs = self.spaces.actions;
+            last.weight.truncate(last.outputs * last.inputs);
+            last.bias.truncate(last.outputs);
+        }
+        Policy::new(network, self.observations.clone(), self.model.gaussian())
+    }
+
+    /// Takes `observations`, `[rows][width]`, into the running moments without learning from them;
+    /// for a few steps of random play before the first update, so that it does not begin with raw
+    /// numbers.
+    ///
+    /// # Errors
+    /// [`PpoError::Size`] when they are no whole rows, [`PpoError::NonFiniteInput`] when one is not
+    /// finite.
+    pub fn observe(&mut self, observations: &[f32]) -> Result<(), PpoError> {
+        let width = self.spaces.observations;
+        expect_size("numbers beyond whole observations", observations.len() % width, 0)?;
+        let place = (self.updates + 1, 0, observations.len() / width);
+        check_finite("an observation", observations, place)?;
+        self.observed.merge(&Moments::of_rows(observations, width));
+        self.observations = self.observed.standardizer(self.settings.observations);
+        Ok(())
+    }
+
+    /// Decides for one step of a range of environments: reads `step.observations`, fills actions,
+    /// means, log-probabilities and values. Depends on nothing but the learner, the observations and
+    /// the place, so that ranges can be given to threads in any way.
+    pub fn act(&self, place: Place, step: &mut RolloutStep<'_>, scratch: &mut Scratch) {
+        let Spaces { observations: width, actions } = self.spaces;
+        let noise = self.noise.at(place.step);
+        let gaussian = self.model.gaussian();
+        let rows = step.values.len();
+        for first in (0..rows).step_by(ACT_ROWS) {
+            let end = rows.min(first + ACT_ROWS);
+            self.load(&step.observations[first * width..end * width], scratch);
+            self.model.forward(scratch);
+            for (row, value) in (first..end).zip(self.model.values(scratch)) {
+                step.values[row] = self.values.invert(0, value);
+            }
+            for (row, mean) in (first..end).zip(self.model.means(scratch)) {
+                let range = row * actions..(row + 1) * actions;
+                step.means[range.clone()].copy_from_slice(mean);
+                let action = &mut step.actions[range];
+                noise.act(place.first_environment + row, &gaussian, mean, action);
+                step.log_probabilities[row] = gaussian.log_probability(action, mean);
+            }
+        }
+    }
+
+    /// Values of `observations`, `[rows][width]`, into `values`, `[rows]`, in units of reward.
+    pub fn values(&self, observations: &[f32], values: &mut [f32], scratch: &mut Scratch) {
+        let rows = observations.chunks(ACT_ROWS * self.spaces.observations);
+        for (observations, values) in rows.zip(values.chunks_mut(ACT_ROWS)) {
+            self.load(observations, scratch);
+            self.model.forward_values(scratch);
+            for (place, value) in values.iter_mut().zip(self.model.values(scratch)) {
+                *place = self.values.invert(0, value);
+            }
+        }
+    }
+
+    fn load(&self, observations: &[f32], scratch: &mut Scratch) {
+        let x = &mut scratch.policy.x;
+        x.resize(observations.len(), 0.0);
+        self.observations.apply(observations, x);
+    }
+
+    /// Learns from a full rollout. `last_values`, `[environment]`, are the values of the observations
+    /// after its last step. The number of threads changes nothing but the time.
+    ///
+    /// Moments of observations grow at the end of the update: an observation is standardised alike
+    /// while it is acted on and while it is learned from.
+    ///
+    /// # Errors
+    /// [`PpoError::Size`] when the rollout is not for these spaces, [`PpoError::NonFiniteInput`] and
+    /// [`PpoError::NonFiniteLearning`] when a number leaves the range. The learner is then as it was
+    /// before.
+    pub fn learn(
+        &mut self,
+        rollout: &Rollout,
+        last_values: &[f32],
+        threads: NonZeroUsize,
+    ) -> Result<UpdateReport, PpoError> {
+        let shape = rollout.shape();
+        expect_size(
+            "numbers in an observation",
+            shape.spaces.observations,
+            self.spaces.observations,
+        )?;
+        expect_size("numbers in an action", shape.spaces.actions, self.spaces.actions)?;
+        expect_size("last values", last_values.len(), shape.environments)?;
+        let update = self.updates + 1;
+        check_finite("a last value", last_values, (update, shape.horizon, shape.environments))?;
+        let PpoSettings { gamma, gae_lambda, .. } = self.settings;
+        self.advantages.compute(rollout, last_values, gamma, gae_lambda);
+        let mut targets = self.targets.clone();
+        targets.merge(&Moments::of_rows(&self.advantages.targets, 1));
+        let values = targets.standardizer(self.settings.values);
+        let units = Units {
+            advantages: &self.advantages.advantages,
+            targets: &self.advantages.targets,
+            observations: &self.observations,
+            values: &values,
+        };
+        let seen = self.batch.fill(rollout, &units, (threads, update))?;
+        let epochs =
+            epochs(&self.settings, &self.advantages.advantages, (self.seed, update), threads);
+        let passes = Passes {
+            settings: &self.settings,
+            batch: &self.batch,
+            epochs: &epochs,
+            old: self.model.gaussian(),
+            update,
+            threads: threads.get(),
+        };
+        let passed = passes.run(&self.model, self.rate())?;
+        self.keep(passed, (seen, targets), rollout)
+    }
+
+    /// The rate at the start of the coming update.
+    fn rate(&self) -> f32 {
+        match self.settings.schedule {
+            Schedule::Fixed | Schedule::AdaptiveKl { .. } => self.learning_rate,
+            Schedule::Linear { updates } => {
+                let left = 1.0 - self.updates as f64 / updates as f64;
+                (f64::from(self.settings.learning_rate) * left.max(0.0)) as f32
+            }
+        }
+    }
+
+    /// Makes the outcome of an update the learner's own, when it is finite.
+    fn keep(
+        &mut self,
+        passed: Passed,
+        (seen, targets): (Moments, Moments),
+        rollout: &Rollout,
+    ) -> Result<UpdateReport, PpoError> {
+        let Passed { model, learning_rate, totals } = passed;
+        let update = self.updates + 1;
+        let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+        if !(model.is_finite() && finite(&targets.squares) && finite(&seen.squares)) {
+            let (epoch, minibatch) = (totals.epochs, totals.minibatches);
+            let what = "a parameter or moment";
+            return Err(PpoError::NonFiniteLearning { update, epoch, minibatch, what });
+        }
+        self.model = model;
+        self.learning_rate = learning_rate;
+        self.updates = update;
+        self.observed.merge(&seen);
+        self.observations = self.observed.standardizer(self.settings.observations);
+        self.targets = targets;
+        self.values = self.targets.standardizer(self.settings.values);
+        let explained = explained_variance(&rollout.values, &self.advantages.targets);
+        Ok(report(update, learning_rate, explained, rollout.shape().samples(), &totals))
+    }
+}
+
+fn report(
+    update: u64,
+    learning_rate: f32,
+    explained_variance: f64,
+    samples: usize,
+    totals: &Totals,
+) -> UpdateReport {
+    let by_sample = |sum: f64| sum / totals.samples.max(1) as f64;
+    let by_minibatch = |sum: f64| sum / totals.minibatches.max(1) as f64;
+    UpdateReport {
+        update,
+        samples,
+        policy_loss: by_sample(totals.sums.policy),
+        value_loss: by_sample(totals.sums.value),
+        bounds_loss: by_sample(totals.sums.bounds),
+        entropy: by_minibatch(totals.entropy),
+        kl: by_sample(totals.sums.divergence),
+        clip_fraction: by_sample(totals.sums.clipped),
+        gradient_norm: by_minibatch(totals.gradient_norm),
+        shortened_fraction: by_minibatch(totals.shortened as f64),
+        explained_variance,
+        learning_rate,
+        epochs: totals.epochs,
+        minibatches: totals.minibatches,
+    }
+}
+
+/// `1 - var(targets - values) / var(targets)`; 0 when the targets do not vary.
+fn explained_variance(values: &[f32], targets: &[f32]) -> f64 {
+    let errors: Vec<f32> =
+        targets.iter().zip(values).map(|(target, value)| target - value).collect();
+    let of = |values: &[f32]| Moments::of_rows(values, 1).variances()[0];
+    let all = of(targets);
+    if 0.0 < all { 1.0 - of(&errors) / all } else { 0.0 }
+}
+
+impl super::noise::StepNoise {
+    /// Draws the action of one environment.
+    pub(super) fn act(
+        self,
+        environment: usize,
+        gaussian: &Gaussian,
+        means: &[f32],
+        actions: &mut [f32],
+    ) {
+        // Two numbers to a pair; 4 actions at most.
+        const PAIRS: u64 = 2;
+        for (pair, (means, actions)) in means.chunks(2).zip(actions.chunks_mut(2)).enumerate() {
+            let normal = self.pair(environment as u64 * PAIRS + pair as u64);
+            for (index, (mean, action)) in means.iter().zip(actions).enumerate() {
+                *action = mean + gaussian.deviation(2 * pair + index) * normal[index];
+            }
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! A policy on its own: frozen, for opponents, evaluation and other software.
+
+use super::{Gaussian, Place, Scratch, noise::Noise};
+use crate::nn::{Network, Stack, Standardizer};
+
+/// Most rows that go through the network at once.
+const ROWS: usize = 128;
+
+/// Standardisation, network of the means, and deviations.
+#[derive(Debug, Clone)]
+pub struct Policy {
+    network: Network,
+    stack: Stack,
+    standardizer: Standardizer,
+    gaussian: Gaussian,
+}
+
+impl Policy {
+    /// From its parts; the network has a hidden layer and at most 4 outputs.
+    ///
+    /// # Panics
+    /// When the network has another shape, or its parts do not fit together.
+    #[must_use]
+    pub fn new(network: Network, standardizer: Standardizer, gaussian: Gaussian) -> Self {
+        assert!(network.inputs() == standardizer.columns(), "one standardisation for each input");
+        assert!(network.outputs() == gaussian.actions(), "one deviation for each output");
+        Self { stack: Stack::new(&network), network, standardizer, gaussian }
+    }
+
+    /// The network behind the standardisation, as plain data.
+    #[must_use]
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// What is done to observations before the network.
+    #[must_use]
+    pub fn standardizer(&self) -> &Standardizer {
+        &self.standardizer
+    }
+
+    /// The distribution around the means.
+    #[must_use]
+    pub fn gaussian(&self) -> &Gaussian {
+        &self.gaussian
+    }
+
+    /// Means for `observations`, `[rows][inputs]`, into `actions`, `[rows][outputs]`: how a trained
+    /// policy plays.
+    pub fn act_mean(&self, observations: &[f32], actions: &mut [f32], scratch: &mut Scratch) {
+        let (inputs, outputs) = (self.network.inputs(), self.network.outputs());
+        let rows = observations.chunks(ROWS * inputs).zip(actions.chunks_mut(ROWS * outputs));
+        for (observations, actions) in rows {
+            let tape = &mut scratch.policy;
+            tape.x.resize(observations.len(), 0.0);
+            self.standardizer.apply(observations, &mut tape.x);
+            self.stack.forward(tape);
+            actions.copy_from_slice(&tape.y);
+        }
+    }
+
+    /// Draws actions, with the noise called `name` of `seed` at `place`.
+    pub fn act_random(
+        &self,
+        (seed, name, place): (u64, &str, Place),
+        observations: &[f32],
+        actions: &mut [f32],
+        scratch: &mut Scratch,
+    ) {
+        self.act_mean(observations, actions, scratch);
+        let noise = Noise::new(seed, name).at(place.step);
+        let outputs = self.network.outputs();
+        for (row, actions) in actions.chunks_exact_mut(outputs).enumerate() {
+            let mut means = [0.0; crate::nn::MAX_OUTPUTS];
+            means[..outputs].copy_from_slice(actions);
+            let environment = place.first_environment + row;
+            noise.act(environment, &self.gaussian, &means[..outputs], actions);
+        }
+    }
+}
