@@ -41,7 +41,7 @@ mod window;
 
 pub use ablation::{Ablation, AblationFit, Cell, HISTORIES, WIDTHS, configs as ablation_configs};
 pub use baseline::{Arx, Ideal, Lag, LagDelay};
-pub use coverage::{AxisCoverage, CELLS, Coverage};
+pub use coverage::{AxisCoverage, CELLS, Coverage, CoverageMask};
 pub use dataset::{DataWarning, Dataset, InputFile, PlayerChoice, load};
 pub use error::ActuatorError;
 pub use export::{WeightsFormat, export_weights};

@@ -85,7 +85,7 @@ mod settings;
 pub use actuation::Actuation;
 pub use cup::sure_fall_speed;
 pub use error::GameError;
-pub use games::{Games, Snapshot};
+pub use games::{Asked, Clockwork, Games, Snapshot, Spent};
 pub use observation::{ObservationKind, Sight};
 pub use outcome::{Ending, Outcomes};
 pub use randomization::{BoardPhysics, Randomization, Surface};

@@ -23,6 +23,8 @@
 //!    whether it is as sure as it may be: `ekf.json`, a page and estimates beside detections.
 //! 9. [`referee`] finds the events of a match and scores it: `score.json`, tables, `events.mcap` and a
 //!    page with a replay.
+//! 10. [`train`] lets policies play against themselves in the [`game`], on ideal, fitted or calibrated
+//!     actuators, and learn from it with [`ppo`]: `policy.mcap` and a page.
 //!
 //! # Rooms
 //!
@@ -48,14 +50,14 @@
 //! | | [`twin`] | the simulator made of them, and its links in a recording |
 //! | | [`ekf`] | the state estimate: filter, tuning, consistency |
 //! | | [`game`] | KLASK in two dimensions, thousands of boards as arrays |
+//! | | [`opponent`] | scripted players: stationary, random, goalkeeper, chaser |
 //! | | [`ppo`] | Proximal Policy Optimization on small networks |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
 //! | | [`referee`] | the events of a match and its score |
+//! | | [`train`] | self-play: rewards, opponents, ratings, `policy.mcap` |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
-//!
-//! Still to come, each with its place: `sim` in layer 2; `rl` in layer 3.
 //!
 //! # Invariants
 //!
@@ -83,6 +85,7 @@ pub mod ekf;
 pub mod game;
 pub mod gantry;
 pub mod link;
+pub mod opponent;
 pub mod ppo;
 pub mod rig;
 pub mod twin;
@@ -91,3 +94,4 @@ pub mod collect;
 pub mod gap;
 pub mod import;
 pub mod referee;
+pub mod train;

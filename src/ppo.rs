@@ -104,6 +104,7 @@ pub use settings::{
     AdvantageNormalization, NetworkLayout, Normalization, PpoSettings, Schedule, Spaces, ValueLoss,
 };
 pub use state::LearnerState;
+pub(crate) use workers::for_each;
 
 #[cfg(test)]
 mod tests;

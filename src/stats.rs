@@ -10,6 +10,7 @@
 mod bootstrap;
 mod distribution;
 mod permutation;
+mod proportion;
 mod summary;
 
 pub use bootstrap::{Interval, bootstrap_ci95, bootstrap_difference_ci95};
@@ -17,4 +18,5 @@ pub use distribution::{
     chi_square_quantile, f_tail, incomplete_beta, ln_gamma, normal_cdf, normal_density, t_quantile,
 };
 pub use permutation::{holm, permutation_p};
+pub use proportion::wilson_ci95;
 pub use summary::{half_central_spread, mean, median, quantile, standard_deviation};

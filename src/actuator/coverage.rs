@@ -59,6 +59,51 @@ impl AxisCoverage {
     }
 }
 
+/// [`Coverage`] in a form that answers fast, for the middle of each cell.
+#[derive(Debug, Clone)]
+pub struct CoverageMask {
+    /// For each axis one over the spans of command and velocity.
+    scales: [[f32; 2]; AXES],
+    /// `[axis][command cell][velocity cell]`
+    cells: Vec<bool>,
+}
+
+impl CoverageMask {
+    /// The mask of `coverage`.
+    #[must_use]
+    pub fn new(coverage: &Coverage) -> Self {
+        let middle = |cell: usize| 2.0 * (cell as f64 + 0.5) / CELLS as f64 - 1.0;
+        let mut cells = Vec::with_capacity(AXES * CELLS * CELLS);
+        for axis in &coverage.axes {
+            for (row, column) in (0..CELLS).flat_map(|row| (0..CELLS).map(move |c| (row, c))) {
+                let command = middle(row) * axis.command_span_m_per_s;
+                cells.push(axis.contains(command, middle(column) * axis.velocity_span_m_per_s));
+            }
+        }
+        let scales = std::array::from_fn(|axis| {
+            let AxisCoverage { command_span_m_per_s, velocity_span_m_per_s, .. } =
+                coverage.axes[axis];
+            [command_span_m_per_s, velocity_span_m_per_s].map(|span| span.recip() as f32)
+        });
+        Self { scales, cells }
+    }
+
+    /// As [`Coverage::contains`], in m/s.
+    #[must_use]
+    pub fn contains(&self, command: [f32; AXES], velocity: [f32; AXES]) -> bool {
+        (0..AXES).all(|axis| {
+            let place = |value: f32, scale: f32| {
+                let share = 0.5 * (value * scale + 1.0);
+                (0.0..=1.0).contains(&share).then(|| ((share * CELLS as f32) as usize).min(CELLS - 1))
+            };
+            let [of_command, of_velocity] = self.scales[axis];
+            place(command[axis], of_command)
+                .zip(place(velocity[axis], of_velocity))
+                .is_some_and(|(row, column)| self.cells[(axis * CELLS + row) * CELLS + column])
+        })
+    }
+}
+
 /// The coverage of both axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Coverage {
@@ -87,5 +132,31 @@ impl Coverage {
         let pairs = run.commands.iter().zip(&run.velocities);
         let outside = pairs.filter(|(u, v)| !self.contains(**u, **v)).count();
         outside as f64 / run.len().max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mask_answers_as_the_map_does() {
+        let mut axis = AxisCoverage {
+            command_span_m_per_s: 0.5,
+            velocity_span_m_per_s: 0.4,
+            counts: vec![vec![0; CELLS]; CELLS],
+        };
+        axis.counts[12][12] = 3;
+        axis.counts[0][20] = 1;
+        let coverage = Coverage { axes: [axis.clone(), axis] };
+        let mask = CoverageMask::new(&coverage);
+        let mut inside = 0;
+        for (k, m) in (0..60).flat_map(|k| (0..60).map(move |m| (k, m))) {
+            let (command, velocity) = (-0.591 + 0.02 * f64::from(k), -0.591 + 0.02 * f64::from(m));
+            let truth = coverage.contains([command; 2], [velocity; 2]);
+            assert_eq!(mask.contains([command as f32; 2], [velocity as f32; 2]), truth);
+            inside += u32::from(truth);
+        }
+        assert!(10 < inside && inside < 1000, "{inside}");
     }
 }

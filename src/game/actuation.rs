@@ -10,7 +10,8 @@ mod twin;
 use super::{
     body::{StrikerState, add, along, scale, subtract},
     error::{GameError, within},
-    settings::{CONTROL_PERIOD, CommandLimits, LimiterPlace},
+    games::Asked,
+    settings::{CONTROL_PERIOD, CommandLimits, GameSettings, LimiterPlace},
 };
 use crate::{
     actuator::ActuatorNetwork, gantry::PerPlayer, gantry::Rectangle, twin::Machine, twin::Twin,
@@ -159,10 +160,12 @@ impl Rails {
 
 impl Actuators {
     /// The actuators of `count` boards.
-    pub(super) fn new(actuation: &Actuation, rails: &Rails, count: usize) -> Self {
-        match actuation {
+    pub(super) fn new(settings: &GameSettings, rails: &Rails, count: usize) -> Self {
+        match &settings.actuation {
             Actuation::Ideal => Self::Ideal,
-            Actuation::Learned(model) => Self::Learned(Box::new(Learned::new(model, count))),
+            Actuation::Learned(model) => {
+                Self::Learned(Box::new(Learned::new(model, settings.coverage.as_ref(), count)))
+            }
             Actuation::Twin { twin, step } => {
                 Self::Twin(Box::new(TwinDrives::new(twin, *step, rails, count)))
             }
@@ -175,6 +178,13 @@ impl Actuators {
             Self::Ideal => {}
             Self::Learned(learned) => learned.restart(board),
             Self::Twin(drives) => drives.restart(board, strikers),
+        }
+    }
+
+    pub(super) fn asked(&self) -> Asked {
+        match self {
+            Self::Ideal | Self::Twin(_) => Asked::default(),
+            Self::Learned(learned) => learned.asked(),
         }
     }
 

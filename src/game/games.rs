@@ -18,6 +18,7 @@ use crate::{
     recording::topic::Player,
     seed::Stream,
 };
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Boards that go through a step together: their state stays in the processor's caches meanwhile.
@@ -75,6 +76,29 @@ pub struct Games {
     actuators: Actuators,
     commands: Vec<[[f64; 2]; 2]>,
     ways: Vec<[f64; 2]>,
+    clock: Option<Clockwork>,
+    spent: Spent,
+}
+
+/// A clock that the caller lends: seconds since any instant.
+pub type Clockwork = fn() -> f64;
+
+/// Time that steps took, by a lent clock (s).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Spent {
+    /// Commands and actuators.
+    pub actuators: f64,
+    /// Ball, contacts and rules.
+    pub physics: f64,
+}
+
+/// What a learned actuator was asked, when the games know its coverage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Asked {
+    /// Velocities that it was asked for.
+    pub all: u64,
+    /// Of these, those far from everything in its training data.
+    pub outside: u64,
 }
 
 impl Games {
@@ -118,9 +142,11 @@ impl Games {
             physics: vec![nominal; count],
             clocks: vec![Clock::default(); count],
             biscuits: vec![[BiscuitState::default(); 3]; with_biscuits],
-            actuators: Actuators::new(&settings.actuation, &rails, count),
+            actuators: Actuators::new(settings, &rails, count),
             commands: vec![[[0.0; 2]; 2]; CHUNK.min(count)],
             ways: vec![[0.0; 2]; CHUNK.min(count) * 2 * (settings.pieces + 1)],
+            clock: None,
+            spent: Spent::default(),
             table,
             rails,
         };
@@ -178,6 +204,7 @@ impl Games {
         self.check_commands(commands)?;
         for first in (0..self.len()).step_by(CHUNK) {
             let chunk = first..(first + CHUNK).min(self.len());
+            let begun = self.now();
             self.take_in(chunk.clone(), commands);
             let mut leading = Leading {
                 first,
@@ -187,11 +214,36 @@ impl Games {
                 rails: &self.rails,
             };
             self.actuators.lead(&mut leading);
+            let led = self.now();
             for board in chunk {
                 self.play(board, board - first, outcomes)?;
             }
+            self.spent.actuators += led - begun;
+            self.spent.physics += self.now() - led;
         }
         Ok(())
+    }
+
+    /// Measures with `clock` from now on what steps take; without a clock they take nothing.
+    pub fn lend_clock(&mut self, clock: Clockwork) {
+        self.clock = Some(clock);
+    }
+
+    /// Time that steps took since a clock was lent.
+    #[must_use]
+    pub fn spent(&self) -> Spent {
+        self.spent
+    }
+
+    fn now(&self) -> f64 {
+        self.clock.map_or(0.0, |clock| clock())
+    }
+
+    /// What the learned actuator was asked since the games began; nothing without
+    /// [`GameSettings::coverage`].
+    #[must_use]
+    pub fn asked(&self) -> Asked {
+        self.actuators.asked()
     }
 
     /// Begins the next episode on every board whose episode has ended according to `outcomes`.
@@ -230,6 +282,21 @@ impl Games {
             Sight::of(player, strikers, ball).write(kind, cup_distance, row);
         }
         Ok(())
+    }
+
+    /// Writes what `player` sees of one board, `[kind.len()]`.
+    ///
+    /// # Panics
+    /// When there is no such board, or `row` has the wrong length.
+    pub fn observe_board(
+        &self,
+        board: usize,
+        player: Player,
+        kind: ObservationKind,
+        row: &mut [f32],
+    ) {
+        let sight = Sight::of(player, &self.strikers[board], &self.balls[board]);
+        sight.write(kind, self.table.cup.distance as f32, row);
     }
 
     /// What stands where on `board`.

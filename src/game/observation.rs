@@ -22,13 +22,16 @@
 
 use super::body::{BallState, StrikerState};
 use crate::recording::topic::Player;
+use serde::{Deserialize, Serialize};
 
 /// Which values a player sees.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ObservationKind {
     /// Places and velocities: 12 values.
+    #[serde(rename = "standard12")]
     Standard12,
     /// With angles and distances: 20 values.
+    #[serde(rename = "augmented20")]
     Augmented20,
 }
 

@@ -6,6 +6,7 @@ use super::{
     randomization::Randomization,
 };
 use crate::{
+    actuator::Coverage,
     board::{BoardSize, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
     effects::{self, Axis, Physics},
     gantry::{PerPlayer, Rectangle, Robot},
@@ -30,6 +31,9 @@ pub struct GameSettings {
     pub limits: CommandLimits,
     /// How a command becomes motion.
     pub actuation: Actuation,
+    /// Where the data of a learned actuator lies; with it, questions beyond are counted
+    /// ([`super::Games::asked`]). `None` by default.
+    pub coverage: Option<Coverage>,
     /// Where an episode begins, and when it ends without a winner.
     pub episode: EpisodeSettings,
     /// The three magnets of the full game; `None`, as in the paper's experiments, without them.
@@ -50,6 +54,7 @@ impl Default for GameSettings {
             cup: CupSettings::default(),
             limits: CommandLimits::default(),
             actuation: Actuation::Ideal,
+            coverage: None,
             episode: EpisodeSettings::default(),
             biscuits: None,
             randomization: None,

@@ -9,7 +9,7 @@ use std::{
 
 /// Does `work` with every item, on at most `threads` threads, in any order. Results do not depend on
 /// the order as long as each item holds all that its work changes.
-pub(super) fn for_each<T: Send>(threads: NonZeroUsize, items: Vec<T>, work: impl Fn(T) + Sync) {
+pub(crate) fn for_each<T: Send>(threads: NonZeroUsize, items: Vec<T>, work: impl Fn(T) + Sync) {
     let threads = threads.get().min(items.len());
     let queue = Mutex::new(items.into_iter());
     let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();

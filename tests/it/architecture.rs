@@ -10,8 +10,8 @@ use std::{
 const LAYERS: [&[&str]; 4] = [
     &["units", "seed", "stats", "report", "provenance"],
     &["board", "recording", "nn"],
-    &["can", "gantry", "link", "rig", "actuator", "effects", "twin", "ekf", "game", "ppo"],
-    &["import", "collect", "gap", "referee"],
+    &["can", "gantry", "link", "rig", "actuator", "effects", "twin", "ekf", "game", "opponent", "ppo"],
+    &["import", "collect", "gap", "referee", "train"],
 ];
 
 fn layer_of(room: &str) -> usize {

@@ -6,8 +6,11 @@
 
 use super::{Leading, turned};
 use crate::{
-    actuator::{ActuatorNetwork, Layout},
-    game::{games::CHUNK, settings::LimiterPlace},
+    actuator::{ActuatorNetwork, Coverage, CoverageMask, Layout},
+    game::{
+        games::{Asked, CHUNK},
+        settings::LimiterPlace,
+    },
     gantry::PerPlayer,
     nn::{Stack, Tape},
 };
@@ -24,10 +27,13 @@ pub(in crate::game) struct Learned {
     /// For each chunk of boards the inputs of the network, `[board][player][inputs]`.
     histories: Vec<Vec<f32>>,
     tape: Tape,
+    /// Where the training data lies, when questions are counted.
+    covered: Option<CoverageMask>,
+    asked: Asked,
 }
 
 impl Learned {
-    pub(super) fn new(model: &ActuatorNetwork, count: usize) -> Self {
+    pub(super) fn new(model: &ActuatorNetwork, coverage: Option<&Coverage>, count: usize) -> Self {
         let inputs = model.layout.inputs();
         let chunk = |first: usize| vec![0.0; 2 * CHUNK.min(count - first) * inputs];
         let mut learned = Self {
@@ -35,6 +41,8 @@ impl Learned {
             stack: Stack::new(&model.network),
             histories: (0..count).step_by(CHUNK).map(chunk).collect(),
             tape: Tape::default(),
+            covered: coverage.map(CoverageMask::new),
+            asked: Asked::default(),
         };
         // The largest chunk sizes the tape, so that no step has to.
         learned.tape.x = vec![0.0; 2 * CHUNK.min(count) * inputs];
@@ -48,6 +56,10 @@ impl Learned {
         self.histories[board / CHUNK][row..row + length].fill(0.0);
     }
 
+    pub(super) fn asked(&self) -> Asked {
+        self.asked
+    }
+
     pub(super) fn lead(&mut self, leading: &mut Leading<'_>) {
         let Leading { first, commands, strikers, ways, rails } = leading;
         let chunk = *first / CHUNK;
@@ -59,7 +71,12 @@ impl Learned {
             for (player, row) in rows.chunks_exact_mut(layout.inputs()).enumerate() {
                 let single = |v: [f64; 2]| turned(player, v).map(|v| v as f32);
                 let velocity = single(strikers[player].led_velocity);
-                layout.advance(row, single(commands[player]), velocity);
+                let command = single(commands[player]);
+                layout.advance(row, command, velocity);
+                if let Some(covered) = &self.covered {
+                    self.asked.all += 1;
+                    self.asked.outside += u64::from(!covered.contains(command, velocity));
+                }
             }
         }
         self.stack.forward(&mut self.tape);

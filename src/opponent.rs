@@ -1,0 +1,271 @@
+//! Scripted players, against which policies are measured and can be trained.
+//!
+//! A [`Scripted`] player sees what a policy sees, the standard values of
+//! [`ObservationKind`](crate::game::ObservationKind) in its own frame, and answers with a velocity. It
+//! has no memory, so it can take over any board at any time, in a simulation and on a table.
+//!
+//! | player | what it does |
+//! |---|---|
+//! | `stationary` | stands |
+//! | `random` | drives in a random direction at a random speed, a new one every 0.2 s |
+//! | `goalkeeper` | stays close to its own cup, on the line from there to the ball |
+//! | `chaser` | drives behind a ball in its half and hits it towards the other cup, else waits between ball and own cup |
+//!
+//! ```
+//! use klasktron::opponent::{Moment, Scripted};
+//! let moment = Moment { seed: 0, board: 0, step: 0 };
+//! let mut seen = [0.0; 12];
+//! (seen[1], seen[8], seen[9]) = (-0.15, 0.1, 0.05); // the ball is in front and to the right
+//! let [vx, vy] = Scripted::Goalkeeper.velocity(&seen, moment, 0.4);
+//! assert!(0.0 < vx && vy.abs() <= 0.4);
+//! assert_eq!(Scripted::Stationary.velocity(&seen, moment, 0.4), [0.0, 0.0]);
+//! ```
+//!
+//! None of this is from the paper or upstream, which name such players without a definition.
+
+use crate::{
+    board::{BALL_RADIUS, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
+    seed::Stream,
+};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Control periods for which the random player keeps a velocity: 0.2 s, half a crossing of its half.
+const RANDOM_STEPS: u64 = 10;
+/// Velocity towards a place over the distance to it (1/s): within two control periods of a slew-limited
+/// carriage, so that it arrives without swinging.
+const GAIN: f32 = 10.0;
+/// Distance of the goalkeeper from the middle of its own cup (m): rim, striker and ball side by side.
+const KEEPER_DISTANCE: f32 = (CUP_RADIUS + STRIKER_RADIUS + 2.0 * BALL_RADIUS) as f32;
+/// Nearer than this to the middle of its own cup no player is led (m), or it would fall in.
+const CUP_CLEARANCE: f32 = (CUP_RADIUS + 2.0 * STRIKER_RADIUS) as f32;
+/// Distance behind the ball from which the chaser hits it (m): it touches at 0.0145 m.
+const RUN_UP: f32 = 0.03;
+/// Off the line of the hit by less than this (m), the chaser goes through the ball.
+const ON_LINE: f32 = 0.006;
+/// Where the chaser waits: its distance from its own cup towards the ball (m).
+const WAIT_DISTANCE: f32 = 0.08;
+
+/// A player that follows a rule.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Scripted {
+    /// Stands.
+    Stationary,
+    /// Drives about.
+    Random,
+    /// Guards its cup.
+    Goalkeeper,
+    /// Goes after the ball.
+    Chaser,
+}
+
+/// When and where a decision is taken; only the random player's depends on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Moment {
+    /// The user's seed.
+    pub seed: u64,
+    /// Number of the board.
+    pub board: u64,
+    /// Number of the control period.
+    pub step: u64,
+}
+
+impl Scripted {
+    /// All of them, weakest first.
+    pub const ALL: [Self; 4] = [Self::Stationary, Self::Random, Self::Goalkeeper, Self::Chaser];
+
+    /// `stationary`, `random`, `goalkeeper` or `chaser`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stationary => "stationary",
+            Self::Random => "random",
+            Self::Goalkeeper => "goalkeeper",
+            Self::Chaser => "chaser",
+        }
+    }
+
+    /// Velocity (m/s, own frame), at most `speed` along each axis, for what is `seen`: at least the 12
+    /// standard values (m, m/s, own frame).
+    ///
+    /// # Panics
+    /// When fewer values are seen.
+    #[must_use]
+    pub fn velocity(self, seen: &[f32], moment: Moment, speed: f32) -> [f32; 2] {
+        let (own, ball) = ([seen[0], seen[1]], [seen[8], seen[9]]);
+        match self {
+            Self::Stationary => [0.0; 2],
+            Self::Random => random(moment, speed),
+            Self::Goalkeeper => {
+                let place = along(OWN_CUP, ball, KEEPER_DISTANCE);
+                towards(place, own, speed)
+            }
+            Self::Chaser => chase(own, ball, speed),
+        }
+    }
+}
+
+impl fmt::Display for Scripted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+const OWN_CUP: [f32; 2] = [0.0, -CUP_DISTANCE as f32];
+const OTHER_CUP: [f32; 2] = [0.0, CUP_DISTANCE as f32];
+
+fn random(moment: Moment, speed: f32) -> [f32; 2] {
+    let numbers = [moment.board, moment.step / RANDOM_STEPS];
+    let mut stream = Stream::numbered(moment.seed, "opponent.random", &numbers);
+    [stream.uniform_f32(-speed, speed), stream.uniform_f32(-speed, speed)]
+}
+
+fn chase(own: [f32; 2], ball: [f32; 2], speed: f32) -> [f32; 2] {
+    if 0.0 < ball[1] {
+        return towards(along(OWN_CUP, ball, WAIT_DISTANCE), own, speed);
+    }
+    let hit = unit(minus(OTHER_CUP, ball));
+    let from_ball = minus(own, ball);
+    let behind = -dot(from_ball, hit);
+    let beside = from_ball[0] * hit[1] - from_ball[1] * hit[0];
+    if 0.0 < behind && beside.abs() < ON_LINE {
+        // Through the ball, at full speed.
+        return towards([ball[0] + hit[0], ball[1] + hit[1]], own, speed);
+    }
+    let mut place = [ball[0] - RUN_UP * hit[0], ball[1] - RUN_UP * hit[1]];
+    if behind < 0.0 {
+        // Around the ball, on the side where it is.
+        let side = if beside < 0.0 { -RUN_UP } else { RUN_UP };
+        place = [place[0] + side * hit[1], place[1] - side * hit[0]];
+    }
+    if length(minus(place, OWN_CUP)) < CUP_CLEARANCE {
+        place = along(OWN_CUP, own, CUP_CLEARANCE);
+    }
+    towards(place, own, speed)
+}
+
+/// Velocity from `own` to `place`, that leads away from the own cup when it is too close.
+fn towards(place: [f32; 2], own: [f32; 2], speed: f32) -> [f32; 2] {
+    let to_cup = minus(own, OWN_CUP);
+    let place =
+        if length(to_cup) < CUP_CLEARANCE { along(OWN_CUP, own, 2.0 * CUP_CLEARANCE) } else { place };
+    minus(place, own).map(|distance| (GAIN * distance).clamp(-speed, speed))
+}
+
+/// The place `distance` from `start` on the way to `end`.
+fn along(start: [f32; 2], end: [f32; 2], distance: f32) -> [f32; 2] {
+    let [x, y] = unit(minus(end, start));
+    [start[0] + distance * x, start[1] + distance * y]
+}
+
+fn minus(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+
+fn dot(a: [f32; 2], b: [f32; 2]) -> f32 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+fn length(a: [f32; 2]) -> f32 {
+    dot(a, a).sqrt()
+}
+
+/// Of length 1; straight ahead for no length.
+fn unit(a: [f32; 2]) -> [f32; 2] {
+    let length = length(a);
+    if length < 1e-6 { [0.0, 1.0] } else { a.map(|v| v / length) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        game::{Ending, GameSettings, Games, ObservationKind, Outcomes},
+        recording::topic::Player,
+    };
+
+    const SPEED: f32 = 0.4;
+
+    /// Endings of `left` against `right`, one episode on each of `boards`, and hits of each.
+    fn play([left, right]: [Scripted; 2], boards: usize) -> (Vec<Ending>, [u32; 2]) {
+        let mut games = Games::new(boards, &GameSettings::default(), 5).unwrap();
+        let mut outcomes = Outcomes::new(boards);
+        let mut rows = [vec![0.0; 12 * boards], vec![0.0; 12 * boards]];
+        let mut endings = vec![None; boards];
+        let mut hits = [0; 2];
+        for step in 0..600 {
+            for player in Player::BOTH {
+                let rows = &mut rows[player as usize];
+                games.observe(player, ObservationKind::Standard12, rows).unwrap();
+            }
+            let commands: Vec<_> = (0..boards)
+                .map(|board| {
+                    let moment = Moment { seed: 1, board: board as u64, step };
+                    let of = |script: Scripted, player: usize| {
+                        let row = &rows[player][12 * board..12 * (board + 1)];
+                        script.velocity(row, moment, SPEED)
+                    };
+                    [of(left, 0), of(right, 1)]
+                })
+                .collect();
+            games.step(&commands, &mut outcomes).unwrap();
+            for board in 0..boards {
+                endings[board] = endings[board].or(outcomes.ended[board]);
+                hits[0] += u32::from(outcomes.hits[board][0]);
+                hits[1] += u32::from(outcomes.hits[board][1]);
+            }
+        }
+        (endings.into_iter().flatten().collect(), hits)
+    }
+
+    fn wins(endings: &[Ending], player: Player) -> usize {
+        endings.iter().filter(|ending| ending.winner() == Some(player)).count()
+    }
+
+    #[test]
+    fn the_chaser_scores_against_all_others_from_both_seats() {
+        for other in [Scripted::Stationary, Scripted::Random, Scripted::Goalkeeper] {
+            let (endings, hits) = play([Scripted::Chaser, other], 40);
+            assert_eq!(endings.len(), 40);
+            let (own, others) = (wins(&endings, Player::Left), wins(&endings, Player::Right));
+            assert!(3 * others.max(1) < own, "{other}: {own} {others}");
+            assert!(40 < hits[0], "{other}: {hits:?}");
+            let (endings, _) = play([other, Scripted::Chaser], 40);
+            let (own, others) = (wins(&endings, Player::Right), wins(&endings, Player::Left));
+            assert!(3 * others.max(1) < own, "turned, {other}: {own} {others}");
+        }
+    }
+
+    #[test]
+    fn the_goalkeeper_lets_fewer_in_than_one_that_stands() {
+        let conceded = |keeper| {
+            let (endings, _) = play([Scripted::Chaser, keeper], 60);
+            let goal = Ending::Goal { scorer: Player::Left };
+            endings.iter().filter(|ending| **ending == goal).count()
+        };
+        let (keeper, standing) = (conceded(Scripted::Goalkeeper), conceded(Scripted::Stationary));
+        assert!(keeper < standing, "{keeper} {standing}");
+    }
+
+    #[test]
+    fn careful_players_do_not_fall_into_their_cups() {
+        for script in [Scripted::Stationary, Scripted::Goalkeeper, Scripted::Chaser] {
+            let (endings, _) = play([script, Scripted::Chaser], 40);
+            let own = endings.iter().filter(|e| **e == Ending::OwnGoal { loser: Player::Left });
+            assert!(own.count() <= 1, "{script}: {endings:?}");
+        }
+    }
+
+    #[test]
+    fn random_velocities_last_and_differ_by_board_and_time() {
+        let seen = [0.0; 12];
+        let at = |board, step| {
+            Scripted::Random.velocity(&seen, Moment { seed: 3, board, step }, SPEED)
+        };
+        assert_eq!(at(0, 0), at(0, RANDOM_STEPS - 1));
+        assert_ne!(at(0, 0), at(0, RANDOM_STEPS));
+        assert_ne!(at(0, 0), at(1, 0));
+        assert!((0..100).flat_map(|step| at(0, 10 * step)).all(|v| v.abs() <= SPEED));
+    }
+}

@@ -1,0 +1,202 @@
+//! The rollout of a block of boards: learner and opponents decide, the games advance, steps are paid.
+//!
+//! Blocks are the unit of work of the threads. They do not depend on the number of threads, and each holds
+//! all that changes with it, so neither do results.
+
+use super::{
+    curve::Tally,
+    pool::{GameResult, Pool, velocity_of},
+    reward::{RewardSettings, Step},
+    table::{Tables, across},
+};
+use crate::{
+    game::{Clockwork, Ending, GameError},
+    ppo::{End, Learner, Place, RolloutPart, RolloutStep},
+};
+use std::ops::Range;
+
+/// Largest number of boards in a block: their state and one network stay in the processor's caches.
+const MOST: usize = 256;
+/// Blocks that there are at least, as long as they keep 16 boards: work for that many threads.
+const BLOCKS: usize = 16;
+/// Least number of boards in a block: as many rows as the kernels take at once.
+const LEAST: usize = 16;
+
+/// The blocks of `environments` boards.
+pub(super) fn ranges(environments: usize) -> Vec<Range<usize>> {
+    let size = (environments / BLOCKS).clamp(LEAST, MOST);
+    (0..environments).step_by(size).map(|first| first..(first + size).min(environments)).collect()
+}
+
+/// What all blocks share in one update.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scene<'a> {
+    pub(super) learner: &'a Learner,
+    pub(super) pool: &'a Pool,
+    pub(super) reward: &'a RewardSettings,
+    pub(super) seed: u64,
+    /// Number of the first control period of the rollout, since training began.
+    pub(super) first_step: u64,
+    /// Boards of all blocks together.
+    pub(super) environments: usize,
+    pub(super) clock: Clockwork,
+}
+
+/// A block of boards.
+#[derive(Debug)]
+pub(super) struct Block {
+    pub(super) tables: Tables,
+    /// Opponent on each board.
+    drawn: Vec<u32>,
+    /// Earned so far in the episode on each board.
+    returns: Vec<f32>,
+    /// Control periods of that episode.
+    lengths: Vec<u32>,
+    pub(super) tally: Tally,
+    finals: Finals,
+}
+
+/// Last observations of episodes that were cut off.
+#[derive(Debug, Default)]
+struct Finals {
+    boards: Vec<usize>,
+    rows: Vec<f32>,
+    values: Vec<f32>,
+}
+
+impl Block {
+    /// Fresh boards; the opponents of their first episodes are those of control period `step`.
+    pub(super) fn new(tables: Tables, pool: &Pool, seed: u64, step: u64) -> Self {
+        let count = tables.len();
+        let drawn = (0..count)
+            .map(|row| pool.draw(seed, (tables.first + row) as u64, step))
+            .collect();
+        Self {
+            drawn,
+            returns: vec![0.0; count],
+            lengths: vec![0; count],
+            tally: Tally::default(),
+            finals: Finals::default(),
+            tables,
+        }
+    }
+
+    /// Plays the part of the rollout that is this block's. `last_values` are the learner's values of what it
+    /// sees afterwards.
+    pub(super) fn play(
+        &mut self,
+        scene: &Scene<'_>,
+        part: RolloutPart<'_>,
+        last_values: &mut [f32],
+    ) -> Result<(), GameError> {
+        let mut rows = Vec::new();
+        for (number, mut step) in part.steps.into_iter().enumerate() {
+            let number = scene.first_step + number as u64;
+            self.decide(scene, number, &mut step);
+            self.tables.advance()?;
+            self.pay(scene, number, &mut step);
+            self.tables.begin_ended()?;
+            rows.resize(step.observations.len(), 0.0);
+        }
+        self.tables.copy_first_seats(&mut rows);
+        scene.learner.values(&rows, last_values, &mut self.tables.scratch);
+        Ok(())
+    }
+
+    /// Learner and opponents choose their commands.
+    fn decide(&mut self, scene: &Scene<'_>, number: u64, step: &mut RolloutStep<'_>) {
+        let begun = (scene.clock)();
+        let tables = &mut self.tables;
+        tables.copy_first_seats(step.observations);
+        let place = Place { step: number, first_environment: tables.first };
+        scene.learner.act(place, step, &mut tables.scratch);
+        for (row, action) in step.actions.chunks_exact(2).enumerate() {
+            let seat = tables.seat(row);
+            tables.commands[row][seat as usize] = velocity_of(action, tables.speed);
+        }
+        let first = tables.first;
+        let other = |row: usize| across(super::table::seat(first + row));
+        tables.ask(&scene.pool.opponents, &self.drawn, (scene.seed, number), other);
+        self.tally.spent.policy += (scene.clock)() - begun;
+    }
+
+    /// Rewards and ends of the step that was just played.
+    fn pay(&mut self, scene: &Scene<'_>, number: u64, step: &mut RolloutStep<'_>) {
+        let transitions = number * scene.environments as u64;
+        let left = scene.reward.shaping_left(transitions);
+        self.finals.boards.clear();
+        self.finals.rows.clear();
+        for row in 0..self.tables.len() {
+            let player = self.tables.seat(row);
+            let seen = self.tables.seen(row, player);
+            let ended = self.tables.outcomes.ended[row];
+            let hit_speed = self.tables.outcomes.hit_speeds[row][player as usize];
+            let reward = scene.reward.of_step(&Step { seen, ended, player, hit_speed }, left);
+            step.rewards[row] = reward;
+            step.ends[row] = match ended {
+                None => End::Running,
+                Some(Ending::TimeLimit) => End::Truncated,
+                Some(_) => End::Terminal,
+            };
+            if step.ends[row] == End::Truncated {
+                self.finals.boards.push(row);
+                self.finals.rows.extend_from_slice(seen);
+            }
+            self.returns[row] += reward;
+            self.lengths[row] += 1;
+            self.tally.hits += u64::from(self.tables.outcomes.hits[row][player as usize]);
+            if let Some(ending) = ended {
+                self.finish_episode(scene, (row, number), ending);
+            }
+        }
+        self.value_finals(scene, step);
+    }
+
+    fn finish_episode(&mut self, scene: &Scene<'_>, (row, number): (usize, u64), ending: Ending) {
+        let player = self.tables.seat(row);
+        let score = match ending.winner() {
+            Some(winner) if winner == player => 1,
+            Some(_) => -1,
+            None => 0,
+        };
+        self.tally.results.push(GameResult { opponent: self.drawn[row], score });
+        self.tally.returns += f64::from(std::mem::take(&mut self.returns[row]));
+        self.tally.episode_steps += u64::from(std::mem::take(&mut self.lengths[row]));
+        self.tally.own_mistakes +=
+            u64::from(score < 0 && !matches!(ending, Ending::Goal { .. }));
+        let board = (self.tables.first + row) as u64;
+        self.drawn[row] = scene.pool.draw(scene.seed, board, number + 1);
+    }
+
+    fn value_finals(&mut self, scene: &Scene<'_>, step: &mut RolloutStep<'_>) {
+        let Finals { boards, rows, values } = &mut self.finals;
+        if boards.is_empty() {
+            return;
+        }
+        let begun = (scene.clock)();
+        values.resize(boards.len(), 0.0);
+        scene.learner.values(rows, values, &mut self.tables.scratch);
+        for (row, value) in boards.iter().zip(values.iter()) {
+            step.final_values[*row] = *value;
+        }
+        self.tally.spent.policy += (scene.clock)() - begun;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_cover_every_board_once_and_do_not_ask_for_threads() {
+        for (environments, count, largest) in
+            [(2, 1, 2), (40, 3, 16), (512, 16, 32), (4096, 16, 256), (16_384, 64, 256)]
+        {
+            let ranges = ranges(environments);
+            assert_eq!(ranges.len(), count, "{environments}");
+            assert_eq!(ranges.iter().map(Range::len).max(), Some(largest));
+            let boards: Vec<usize> = ranges.into_iter().flatten().collect();
+            assert_eq!(boards, (0..environments).collect::<Vec<_>>());
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! What a step earns: the result, and shaping that fades away.
+//!
+//! Source: the paper, appendix A, equation 2, with `t` the transitions of all environments:
+//!
+//! ```text
+//! r = r_result + exp(-t / N) (R_progress exp(-|ball - other cup| / D) - R_defence exp(-|ball - own cup| / D)
+//!                             + R_proximity exp(-|ball - own striker| / C) + R_speed |v_ball|
+//!                             + R_collision exp(-v_0 / v_hit) for each step with a hit)
+//! ```
+//!
+//! Results are the paper's: +1, -1, and -1 for the own striker over the own cup; the opponent's mistake
+//! earns nothing, as upstream. The paper states no other number. `D` (0.2 m), `v_0` (0.1 m/s) and `N` (1e7)
+//! are upstream's. The weights are smaller than upstream's, and for a reason: with upstream's, a ball held
+//! before the other cup earns more than a goal (0.04 a step, so 2.8 goals at gamma 0.99). Here everything
+//! that shaping can earn for ever, at most `R / (1 - gamma)`, stays below the one goal that ends it.
+
+use crate::{
+    board::CUP_DISTANCE,
+    game::Ending,
+    recording::topic::Player,
+};
+use serde::{Deserialize, Serialize};
+
+/// The paper's three variants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Curriculum {
+    /// The way of the ball from the own cup to the other one, closeness to the ball, its speed: the paper's
+    /// best.
+    DenseBallToGoal,
+    /// Hits of the ball.
+    CollisionOnly,
+    /// Results alone.
+    Sparse,
+}
+
+/// Weights and lengths of the reward.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RewardSettings {
+    /// For the ball in the other cup; 1.
+    pub goal_scored: f32,
+    /// For the ball in the own cup; -1.
+    pub goal_conceded: f32,
+    /// For the own striker over the own cup, or two biscuits on it; -1.
+    pub own_mistake: f32,
+    /// For the same of the opponent; 0.
+    pub opponent_mistake: f32,
+    /// Weight of the ball's closeness to the other cup, each step; 0.006.
+    pub progress: f32,
+    /// Weight of its closeness to the own cup, which is subtracted; 0.006.
+    pub defence: f32,
+    /// Distance over which closeness to a cup falls by e (m), above 0; 0.2.
+    pub cup_scale_m: f32,
+    /// Weight of the striker's closeness to the ball, each step; 0.001.
+    pub proximity: f32,
+    /// Distance over which that falls by e (m), above 0; 0.1.
+    pub ball_scale_m: f32,
+    /// Weight of the ball's speed (s/m), each step; 0.002.
+    pub ball_speed_s_per_m: f32,
+    /// Weight of a step in which the own striker hits the ball; 0.02 in the collision curriculum.
+    pub collision: f32,
+    /// Closing speed at which a hit counts 1/e (m/s); 0.1.
+    pub collision_scale_m_per_s: f32,
+    /// Transitions, of all environments together, over which shaping falls by e, above 0; 1e7.
+    pub decay_transitions: f64,
+}
+
+/// A step as the reward sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct Step<'a> {
+    /// The standard values after the step, in the player's own frame (m, m/s).
+    pub seen: &'a [f32],
+    /// How the episode ended in it, if it did.
+    pub ended: Option<Ending>,
+    /// Whose reward it is.
+    pub player: Player,
+    /// Largest closing speed of the player's hits of the ball (m/s); 0 without one.
+    pub hit_speed: f32,
+}
+
+impl RewardSettings {
+    /// The reward of a curriculum.
+    #[must_use]
+    pub fn of(curriculum: Curriculum) -> Self {
+        let sparse = Self {
+            goal_scored: 1.0,
+            goal_conceded: -1.0,
+            own_mistake: -1.0,
+            opponent_mistake: 0.0,
+            progress: 0.0,
+            defence: 0.0,
+            cup_scale_m: 0.2,
+            proximity: 0.0,
+            ball_scale_m: 0.1,
+            ball_speed_s_per_m: 0.0,
+            collision: 0.0,
+            collision_scale_m_per_s: 0.1,
+            decay_transitions: 1e7,
+        };
+        match curriculum {
+            Curriculum::Sparse => sparse,
+            Curriculum::CollisionOnly => Self { collision: 0.02, ..sparse },
+            Curriculum::DenseBallToGoal => Self {
+                progress: 0.006,
+                defence: 0.006,
+                proximity: 0.001,
+                ball_speed_s_per_m: 0.002,
+                ..sparse
+            },
+        }
+    }
+
+    /// Share of the shaping that is left after `transitions`, from 1 to 0.
+    #[must_use]
+    pub fn shaping_left(&self, transitions: u64) -> f32 {
+        (-(transitions as f64) / self.decay_transitions).exp() as f32
+    }
+
+    /// What `step` earns when `left` of the shaping is left.
+    #[must_use]
+    pub fn of_step(&self, step: &Step<'_>, left: f32) -> f32 {
+        self.result(step) + left * self.shaping(step)
+    }
+
+    fn result(&self, step: &Step<'_>) -> f32 {
+        match step.ended {
+            None | Some(Ending::TimeLimit) => 0.0,
+            Some(Ending::Goal { scorer }) if scorer == step.player => self.goal_scored,
+            Some(Ending::Goal { .. }) => self.goal_conceded,
+            Some(Ending::OwnGoal { loser } | Ending::Biscuits { loser })
+                if loser == step.player =>
+            {
+                self.own_mistake
+            }
+            Some(Ending::OwnGoal { .. } | Ending::Biscuits { .. }) => self.opponent_mistake,
+        }
+    }
+
+    fn shaping(&self, step: &Step<'_>) -> f32 {
+        let seen = step.seen;
+        let (own, ball) = ([seen[0], seen[1]], [seen[8], seen[9]]);
+        let cup = CUP_DISTANCE as f32;
+        let closeness = |a: [f32; 2], scale: f32| (-(a[0] - ball[0]).hypot(a[1] - ball[1]) / scale).exp();
+        let mut sum = 0.0;
+        if self.progress != 0.0 || self.defence != 0.0 {
+            sum += self.progress * closeness([0.0, cup], self.cup_scale_m);
+            sum -= self.defence * closeness([0.0, -cup], self.cup_scale_m);
+        }
+        if self.proximity != 0.0 {
+            sum += self.proximity * closeness(own, self.ball_scale_m);
+        }
+        sum += self.ball_speed_s_per_m * seen[10].hypot(seen[11]);
+        if 0.0 < step.hit_speed {
+            sum += self.collision * (-self.collision_scale_m_per_s / step.hit_speed).exp();
+        }
+        sum
+    }
+
+    /// The first value that cannot be: its name, itself, and the range.
+    pub(super) fn wrong(&self) -> Option<(&'static str, f64, &'static str)> {
+        let Self { cup_scale_m, ball_scale_m, collision_scale_m_per_s, decay_transitions, .. } = *self;
+        let positive = [
+            ("reward.cup_scale_m", f64::from(cup_scale_m)),
+            ("reward.ball_scale_m", f64::from(ball_scale_m)),
+            ("reward.collision_scale_m_per_s", f64::from(collision_scale_m_per_s)),
+            ("reward.decay_transitions", decay_transitions),
+        ];
+        let finite = [
+            ("reward.goal_scored", self.goal_scored),
+            ("reward.goal_conceded", self.goal_conceded),
+            ("reward.own_mistake", self.own_mistake),
+            ("reward.opponent_mistake", self.opponent_mistake),
+            ("reward.progress", self.progress),
+            ("reward.defence", self.defence),
+            ("reward.proximity", self.proximity),
+            ("reward.ball_speed_s_per_m", self.ball_speed_s_per_m),
+            ("reward.collision", self.collision),
+        ];
+        let positive = positive.into_iter().find(|(_, value)| !(0.0 < *value && value.is_finite()));
+        let finite = finite.into_iter().find(|(_, value)| !(value.abs() <= 1e6));
+        positive
+            .map(|(name, value)| (name, value, "above 0"))
+            .or(finite.map(|(name, value)| (name, f64::from(value), "from -1e6 to 1e6")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The own striker at (0.03, -0.1), the ball at (0.03, -0.05) with 0.5 m/s.
+    fn seen() -> [f32; 12] {
+        let mut seen = [0.0; 12];
+        (seen[0], seen[1], seen[8], seen[9]) = (0.03, -0.1, 0.03, -0.05);
+        (seen[10], seen[11]) = (0.3, -0.4);
+        seen
+    }
+
+    fn step(seen: &[f32], ended: Option<Ending>, hit_speed: f32) -> Step<'_> {
+        Step { seen, ended, player: Player::Right, hit_speed }
+    }
+
+    fn only(change: impl Fn(&mut RewardSettings)) -> RewardSettings {
+        let mut settings = RewardSettings::of(Curriculum::Sparse);
+        change(&mut settings);
+        settings
+    }
+
+    #[test]
+    fn results_have_their_signs_for_both_players() {
+        let seen = seen();
+        let settings = RewardSettings::of(Curriculum::DenseBallToGoal);
+        let sparse = RewardSettings::of(Curriculum::Sparse);
+        let (left, right) = (Player::Left, Player::Right);
+        for (ending, of_left, of_right) in [
+            (Ending::Goal { scorer: left }, 1.0, -1.0),
+            (Ending::Goal { scorer: right }, -1.0, 1.0),
+            (Ending::OwnGoal { loser: left }, -1.0, 0.0),
+            (Ending::OwnGoal { loser: right }, 0.0, -1.0),
+            (Ending::Biscuits { loser: left }, -1.0, 0.0),
+            (Ending::TimeLimit, 0.0, 0.0),
+        ] {
+            for (player, expected) in [(left, of_left), (right, of_right)] {
+                let step = Step { seen: &seen, ended: Some(ending), player, hit_speed: 0.0 };
+                assert_eq!(sparse.of_step(&step, 1.0), expected, "{ending:?} {player}");
+                assert_eq!(settings.of_step(&step, 0.0), expected, "{ending:?} {player}");
+            }
+        }
+    }
+
+    #[test]
+    fn each_term_is_that_of_a_hand_computed_example() {
+        let seen = seen();
+        // Distances: other cup (0.03, 0.22) -> 0.222036 m, own cup (0.03, 0.12) -> 0.123693 m,
+        // striker 0.05 m; speed 0.5 m/s.
+        for (settings, expected) in [
+            (only(|s| s.progress = 1.0), 0.329_500),   // exp(-0.222036 / 0.2)
+            (only(|s| s.defence = 1.0), -0.538_763),   // -exp(-0.123693 / 0.2)
+            (only(|s| s.proximity = 1.0), 0.606_531),  // exp(-0.05 / 0.1)
+            (only(|s| s.ball_speed_s_per_m = 1.0), 0.5),
+            (only(|s| s.collision = 1.0), 0.367_879),  // exp(-0.1 / 0.1)
+        ] {
+            let found = settings.of_step(&step(&seen, None, 0.1), 1.0);
+            assert!((found - expected).abs() < 2e-5, "{settings:?}: {found} {expected}");
+            let faded = settings.of_step(&step(&seen, None, 0.1), 0.25);
+            assert!((faded - 0.25 * expected).abs() < 1e-5);
+        }
+        let none = only(|s| s.collision = 1.0).of_step(&step(&seen, None, 0.0), 1.0);
+        assert_eq!(none, 0.0, "no hit, nothing earned");
+    }
+
+    #[test]
+    fn shaping_fades_over_transitions() {
+        let settings = RewardSettings::of(Curriculum::DenseBallToGoal);
+        assert_eq!(settings.shaping_left(0), 1.0);
+        assert!((settings.shaping_left(10_000_000) - 0.367_879).abs() < 1e-6);
+        assert!((settings.shaping_left(20_000_000) - 0.135_335).abs() < 1e-6);
+    }
+
+    #[test]
+    fn no_shaping_for_ever_is_worth_a_goal() {
+        // The best of every term at once, though a fast ball cannot be held at a place.
+        for curriculum in [Curriculum::DenseBallToGoal, Curriculum::CollisionOnly] {
+            let s = RewardSettings::of(curriculum);
+            let farthest = (-2.0 * CUP_DISTANCE as f32 / s.cup_scale_m).exp();
+            // A hit at most every fifth step: to and fro at 0.4 m/s over a ball's diameter.
+            let each = s.progress - s.defence * farthest + s.proximity + s.collision / 5.0;
+            let speed = 0.5 * s.ball_speed_s_per_m;
+            assert!((each + speed) / (1.0 - 0.99) < s.goal_scored, "{curriculum:?} {each}");
+        }
+    }
+}

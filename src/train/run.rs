@@ -1,0 +1,415 @@
+//! The loop: boards and learner, update by update.
+//!
+//! A run is cut by checkpoints ([`TrainSettings::checkpoint_updates`]). At each, all boards begin anew with
+//! starts of their own; so what is stored is the learner, the pool and some counters, and a run that is taken
+//! up again goes on with the bytes of one that was never interrupted.
+
+use super::{
+    TrainError,
+    block::{Block, Scene, ranges},
+    curve::{CurvePoint, Tally, TimeShares},
+    pool::{Opponent, Pool, PoolState},
+    settings::TrainSettings,
+    table::Tables,
+};
+use crate::{
+    game::{Asked, Clockwork, GameError, GameSettings, Outcomes},
+    opponent::{Moment, Scripted},
+    ppo::{Learner, LearnerState, Policy, PpoError, Rollout, RolloutPart, RolloutShape, for_each},
+    recording::topic::Player,
+    seed::Stream,
+};
+use std::num::NonZeroUsize;
+
+/// Boards on which the learner looks around before the first update.
+const LOOK_BOARDS: usize = 256;
+/// Control periods of random play in which it does.
+const LOOK_STEPS: u64 = 100;
+/// Every so many of them are taken in.
+const LOOK_EVERY: u64 = 10;
+
+/// What a run needs of the machine.
+#[derive(Debug, Clone, Copy)]
+pub struct Machine {
+    /// Threads; results do not depend on them.
+    pub threads: NonZeroUsize,
+    /// Seconds since any instant; nothing but [`TimeShares`] depends on it.
+    pub clock: Clockwork,
+}
+
+/// Everything that a run is taken up from.
+#[derive(Debug, Clone)]
+pub struct Checkpoint {
+    /// The learner.
+    pub(super) learner: LearnerState,
+    /// Counters of the pool; its policies are in [`opponents`](Self::opponents).
+    pub(super) pool: PoolState,
+    /// One for each member.
+    pub(super) opponents: Vec<Opponent>,
+    /// What the actuators were asked so far.
+    pub(super) asked: Asked,
+    /// Updates so far.
+    pub(super) curve: Vec<CurvePoint>,
+}
+
+/// A run.
+#[derive(Debug)]
+pub struct Run {
+    settings: TrainSettings,
+    game: GameSettings,
+    machine: Machine,
+    learner: Learner,
+    pool: Pool,
+    blocks: Vec<Block>,
+    rollout: Rollout,
+    last_values: Vec<f32>,
+    curve: Vec<CurvePoint>,
+    /// On boards before the present ones.
+    asked: Asked,
+    checkpoint: Checkpoint,
+    times: TimeShares,
+}
+
+/// The work of one block in one update.
+struct Work<'a> {
+    block: &'a mut Block,
+    part: RolloutPart<'a>,
+    last_values: &'a mut [f32],
+}
+
+impl Run {
+    /// Before the first update. `game` says how commands become motion; its randomisation is that of the
+    /// settings.
+    ///
+    /// # Errors
+    /// When a setting cannot be.
+    pub fn new(
+        settings: &TrainSettings,
+        game: &GameSettings,
+        machine: Machine,
+    ) -> Result<Self, TrainError> {
+        settings.check()?;
+        let game = game_of(settings, game);
+        let mut learner = Learner::new(&settings.ppo, settings.spaces(), settings.seed)?;
+        look_around(&mut learner, settings, &game)?;
+        let pool = Pool::new(settings.opponents, learner.policy());
+        let checkpoint = Checkpoint {
+            learner: learner.state(),
+            pool: pool.state.clone(),
+            opponents: pool.opponents.clone(),
+            asked: Asked::default(),
+            curve: Vec::new(),
+        };
+        Self::assemble(settings, game, machine, checkpoint)
+    }
+
+    /// Goes on from a checkpoint of the same settings, but for [`TrainSettings::steps`].
+    ///
+    /// # Errors
+    /// When a setting cannot be, or the checkpoint has networks of other sizes.
+    pub fn resume(
+        settings: &TrainSettings,
+        game: &GameSettings,
+        machine: Machine,
+        checkpoint: Checkpoint,
+    ) -> Result<Self, TrainError> {
+        settings.check()?;
+        Self::assemble(settings, game_of(settings, game), machine, checkpoint)
+    }
+
+    fn assemble(
+        settings: &TrainSettings,
+        game: GameSettings,
+        machine: Machine,
+        checkpoint: Checkpoint,
+    ) -> Result<Self, TrainError> {
+        game.check()?;
+        let spaces = settings.spaces();
+        let shape = RolloutShape {
+            horizon: settings.ppo.horizon,
+            environments: settings.environments,
+            spaces,
+        };
+        let Checkpoint { opponents, pool, asked, curve, .. } = checkpoint.clone();
+        Ok(Self {
+            learner: Learner::resume(&settings.ppo, spaces, &checkpoint.learner)?,
+            pool: Pool::from_parts(settings.opponents, opponents, pool),
+            blocks: Vec::new(),
+            rollout: Rollout::new(shape),
+            last_values: vec![0.0; settings.environments],
+            curve,
+            asked,
+            checkpoint,
+            times: TimeShares::default(),
+            settings: settings.clone(),
+            game,
+            machine,
+        })
+    }
+
+    /// The settings.
+    #[must_use]
+    pub fn settings(&self) -> &TrainSettings {
+        &self.settings
+    }
+
+    /// The game that is played.
+    #[must_use]
+    pub fn game(&self) -> &GameSettings {
+        &self.game
+    }
+
+    /// Updates so far, oldest first.
+    #[must_use]
+    pub fn curve(&self) -> &[CurvePoint] {
+        &self.curve
+    }
+
+    /// The policy as it stands.
+    #[must_use]
+    pub fn policy(&self) -> Policy {
+        self.learner.policy()
+    }
+
+    /// Where the time went.
+    #[must_use]
+    pub fn times(&self) -> TimeShares {
+        self.times
+    }
+
+    /// Names and policies of the pool, oldest first.
+    pub(super) fn pool(&self) -> &Pool {
+        &self.pool
+    }
+
+    /// The newest checkpoint.
+    #[must_use]
+    pub fn checkpoint(&self) -> &Checkpoint {
+        &self.checkpoint
+    }
+
+    /// What the actuators were asked so far.
+    #[must_use]
+    pub fn asked(&self) -> Asked {
+        self.blocks.iter().map(|block| block.tables.asked()).fold(self.asked, plus)
+    }
+
+    /// Whether all updates are done.
+    #[must_use]
+    pub fn is_done(&self) -> bool {
+        self.settings.updates() <= self.learner.updates()
+    }
+
+    /// Whether the coming update begins with a checkpoint.
+    #[must_use]
+    pub fn is_at_checkpoint(&self) -> bool {
+        self.learner.updates().is_multiple_of(self.settings.checkpoint_updates)
+    }
+
+    /// One update: a rollout, and what is learned from it.
+    ///
+    /// # Errors
+    /// [`TrainError::NotFinite`] when a number leaves its range; the learner and the newest checkpoint are
+    /// then as they were before.
+    pub fn update(&mut self) -> Result<&CurvePoint, TrainError> {
+        let begun = (self.machine.clock)();
+        if self.is_at_checkpoint() {
+            self.begin_anew()?;
+        }
+        let before = self.times_of_blocks();
+        self.roll_out()?;
+        let played = (self.machine.clock)();
+        let report = self
+            .learner
+            .learn(&self.rollout, &self.last_values, self.machine.threads)
+            .map_err(|error| self.stopped(&error))?;
+        let learned = (self.machine.clock)();
+        let tally = self.tally();
+        let policy_s = tally.spent.policy;
+        let elo = self.pool.take_in(tally.results.iter().copied());
+        self.curve.push(point(&self.settings, &tally, (elo, self.pool.opponents.len()), report));
+        if self.pool.wants_update() {
+            self.pool.push(self.learner.policy(), self.learner.updates());
+        }
+        self.count_time([begun, played, learned], before, policy_s);
+        Ok(&self.curve[self.curve.len() - 1])
+    }
+
+    /// Time of all blocks' games so far (s): physics and actuators.
+    fn times_of_blocks(&self) -> [f64; 2] {
+        self.blocks.iter().map(|block| block.tables.games.spent()).fold([0.0; 2], |sum, spent| {
+            [sum[0] + spent.physics, sum[1] + spent.actuators]
+        })
+    }
+
+    fn count_time(&mut self, [begun, played, learned]: [f64; 3], before: [f64; 2], policy_s: f64) {
+        let threads = self.machine.threads.get() as f64;
+        let after = self.times_of_blocks();
+        let [physics, actuators] = [after[0] - before[0], after[1] - before[1]];
+        let now = (self.machine.clock)();
+        let times = &mut self.times;
+        times.wall_s += now - begun;
+        times.physics_s += physics;
+        times.actuator_s += actuators;
+        times.policy_s += policy_s;
+        times.learning_s += threads * (learned - played);
+        let all = threads * (now - begun);
+        let rest = all - threads * (learned - played) - physics - actuators - policy_s;
+        times.other_s += rest.max(0.0);
+        times.transitions += self.settings.transitions_per_update();
+    }
+
+    /// A checkpoint, and fresh boards.
+    fn begin_anew(&mut self) -> Result<(), TrainError> {
+        self.asked = self.asked();
+        self.pool.forget_oldest();
+        self.checkpoint = Checkpoint {
+            learner: self.learner.state(),
+            pool: self.pool.state.clone(),
+            opponents: self.pool.opponents.clone(),
+            asked: self.asked,
+            curve: self.curve.clone(),
+        };
+        let Self { settings, game, machine, pool, .. } = self;
+        let updates = self.learner.updates();
+        let seed = settings.seed;
+        let starts = Stream::numbered(seed, "train.boards", &[updates]).below(1 << 62) as u64;
+        let step = updates * settings.ppo.horizon as u64;
+        let blocks = ranges(settings.environments).into_iter().map(|range| {
+            let made_of = (settings.observations, starts, machine.clock);
+            Ok(Block::new(Tables::new(range, game, made_of)?, pool, seed, step))
+        });
+        self.blocks = blocks.collect::<Result<_, GameError>>()?;
+        Ok(())
+    }
+
+    fn roll_out(&mut self) -> Result<(), TrainError> {
+        let scene = Scene {
+            learner: &self.learner,
+            pool: &self.pool,
+            reward: &self.settings.reward,
+            seed: self.settings.seed,
+            first_step: self.learner.updates() * self.settings.ppo.horizon as u64,
+            environments: self.settings.environments,
+            clock: self.machine.clock,
+        };
+        let ranges = ranges(self.settings.environments);
+        let mut rest = self.last_values.as_mut_slice();
+        let mut works = Vec::with_capacity(ranges.len());
+        for (block, part) in self.blocks.iter_mut().zip(self.rollout.split(&ranges)) {
+            let (last_values, others) = rest.split_at_mut(block.tables.len());
+            rest = others;
+            works.push(Work { block, part, last_values });
+        }
+        let mut outcomes = vec![Ok(()); works.len()];
+        let items = works.into_iter().zip(&mut outcomes).collect();
+        for_each(self.machine.threads, items, |(work, outcome): (Work<'_>, &mut _)| {
+            let Work { block, part, last_values } = work;
+            *outcome = block.play(&scene, part, last_values);
+        });
+        let failed = outcomes.into_iter().find_map(Result::err);
+        failed.map_or(Ok(()), |error| Err(self.stopped_game(&error)))
+    }
+
+    /// Counts of all blocks together, which then count anew.
+    fn tally(&mut self) -> Tally {
+        let mut all = Tally::default();
+        for block in &mut self.blocks {
+            let tally = std::mem::take(&mut block.tally);
+            all.results.extend(tally.results);
+            all.returns += tally.returns;
+            all.episode_steps += tally.episode_steps;
+            all.hits += tally.hits;
+            all.own_mistakes += tally.own_mistakes;
+            all.spent.policy += tally.spent.policy;
+        }
+        all
+    }
+
+    fn not_finite(&self, reason: String) -> TrainError {
+        let updates = self.learner.updates();
+        TrainError::NotFinite {
+            transitions: updates * self.settings.transitions_per_update(),
+            update: updates + 1,
+            seed: self.settings.seed,
+            reason,
+        }
+    }
+
+    fn stopped(&self, error: &PpoError) -> TrainError {
+        self.not_finite(error.to_string())
+    }
+
+    fn stopped_game(&self, error: &GameError) -> TrainError {
+        self.not_finite(error.to_string())
+    }
+}
+
+/// The game with the physics of the settings.
+fn game_of(settings: &TrainSettings, game: &GameSettings) -> GameSettings {
+    GameSettings { randomization: settings.randomization_ranges(), ..game.clone() }
+}
+
+fn plus(a: Asked, b: Asked) -> Asked {
+    Asked { all: a.all + b.all, outside: a.outside + b.outside }
+}
+
+fn point(
+    settings: &TrainSettings,
+    tally: &Tally,
+    (elo, pool): (f64, usize),
+    learning: crate::ppo::UpdateReport,
+) -> CurvePoint {
+    use crate::game::CONTROL_PERIOD;
+    let games = tally.results.len() as u64;
+    let of = |score: i8| tally.results.iter().filter(|result| result.score == score).count() as u64;
+    let mean = |sum: f64| if games == 0 { 0.0 } else { sum / games as f64 };
+    let transitions = learning.update * settings.transitions_per_update();
+    let minutes = settings.transitions_per_update() as f64 * CONTROL_PERIOD / 60.0;
+    CurvePoint {
+        update: learning.update,
+        transitions,
+        games,
+        won: of(1),
+        lost: of(-1),
+        own_mistakes: tally.own_mistakes,
+        mean_return: mean(tally.returns),
+        mean_episode_s: mean(tally.episode_steps as f64 * CONTROL_PERIOD),
+        hits_per_minute: tally.hits as f64 / minutes,
+        elo,
+        pool: pool as u64,
+        shaping_left: f64::from(settings.reward.shaping_left(transitions)),
+        learning,
+    }
+}
+
+/// Lets the learner see what random play looks like, so that its first update does not begin with raw numbers.
+fn look_around(
+    learner: &mut Learner,
+    settings: &TrainSettings,
+    game: &GameSettings,
+) -> Result<(), TrainError> {
+    let count = settings.environments.min(LOOK_BOARDS);
+    let seed = Stream::new(settings.seed, "train.look").below(1 << 62) as u64;
+    let mut games = crate::game::Games::new(count, game, seed)?;
+    let mut outcomes = Outcomes::new(count);
+    let mut seen = vec![0.0; count * settings.observations.len()];
+    let mut commands = vec![[[0.0; 2]; 2]; count];
+    let speed = game.limits.speed as f32;
+    for step in 0..LOOK_STEPS {
+        for (board, commands) in commands.iter_mut().enumerate() {
+            for (player, command) in commands.iter_mut().enumerate() {
+                let moment = Moment { seed, board: (2 * board + player) as u64, step };
+                *command = Scripted::Random.velocity(&[0.0; 12], moment, speed);
+            }
+        }
+        games.step(&commands, &mut outcomes)?;
+        if step.is_multiple_of(LOOK_EVERY) {
+            for player in Player::BOTH {
+                games.observe(player, settings.observations, &mut seen)?;
+                learner.observe(&seen)?;
+            }
+        }
+    }
+    Ok(())
+}

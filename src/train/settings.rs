@@ -1,0 +1,279 @@
+//! Every choice of a run, in one document. Names are those of the JSON form; unknown keys are errors.
+
+use super::{
+    TrainError,
+    reward::{Curriculum, RewardSettings},
+};
+use crate::{
+    game::{ObservationKind, Randomization},
+    opponent::Scripted,
+    ppo::{PpoSettings, Spaces},
+};
+use serde::{Deserialize, Serialize};
+use std::{fs, path::Path};
+
+/// Values of an action: the velocity along x and y.
+pub const ACTIONS: usize = 2;
+
+/// A run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainSettings {
+    /// Everything random comes from it.
+    pub seed: u64,
+    /// Transitions of all environments together, at least 1; whole updates are done until they are reached.
+    pub steps: u64,
+    /// Boards that are played at once, 2 to 1,000,000.
+    pub environments: usize,
+    /// What players see.
+    pub observations: ObservationKind,
+    /// The learner.
+    pub ppo: PpoSettings,
+    /// What it is paid for.
+    pub reward: RewardSettings,
+    /// Against whom it plays.
+    pub opponents: OpponentSettings,
+    /// Physics drawn for every episode.
+    pub randomization: RandomizationKind,
+    /// Updates between two checkpoints, at least 1. All boards begin new episodes at each, so that nothing of a
+    /// board has to be stored and a resumed run equals an uninterrupted one.
+    pub checkpoint_updates: u64,
+    /// How policies are judged at the end.
+    pub evaluation: EvaluationSettings,
+}
+
+/// Physics of the episodes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RandomizationKind {
+    /// The same in all.
+    Off,
+    /// The paper's table III ([`Randomization::paper`]).
+    Paper,
+}
+
+/// From where opponents come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OpponentMode {
+    /// Enhanced Self-Play: earlier policies, weighted by [`OpponentSettings::decay`] to the power of their age.
+    Enhanced,
+    /// Earlier policies, all alike.
+    Uniform,
+    /// The newest of them.
+    Best,
+    /// A scripted player.
+    Scripted(Scripted),
+}
+
+/// The pool of opponents.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OpponentSettings {
+    /// From where they come.
+    pub mode: OpponentMode,
+    /// The policy joins the pool when the mean score difference of the last [`window_games`](Self::window_games)
+    /// is above this, -1 to 1; 0.7 as in the paper.
+    pub update_score: f64,
+    /// Finished games over which that is taken, at least 1; 1024.
+    pub window_games: usize,
+    /// Weight of a policy over that of the next younger one, above 0 to 1; 0.9 as in the paper.
+    pub decay: f64,
+    /// Policies that are kept, at least 1; 32, of which the oldest weighs 0.04.
+    pub most: usize,
+}
+
+/// Games after training.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationSettings {
+    /// Games against each scripted player, half of them from each seat; even.
+    pub games_per_opponent: usize,
+    /// Games of each pair of the Elo table, half of them from each seat; even; 0 for no table.
+    pub games_per_pair: usize,
+    /// Earlier policies in the Elo table, spread over the pool.
+    pub pool_players: usize,
+    /// Games that are stored move by move, against the chaser.
+    pub sample_games: usize,
+}
+
+/// A published recipe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Preset {
+    /// The paper's table II: 64-64, 4 epochs.
+    Paper,
+    /// The KlaskTron repository's recipe for rl_games: 256-128-64, 8 epochs.
+    Upstream,
+}
+
+impl TrainSettings {
+    /// The settings of a recipe, 20 million transitions.
+    #[must_use]
+    pub fn preset(preset: Preset) -> Self {
+        Self {
+            seed: 0,
+            steps: 20_000_000,
+            environments: 4096,
+            observations: ObservationKind::Augmented20,
+            ppo: match preset {
+                Preset::Paper => PpoSettings::paper(),
+                Preset::Upstream => PpoSettings::upstream(),
+            },
+            reward: RewardSettings::of(Curriculum::DenseBallToGoal),
+            opponents: OpponentSettings {
+                mode: OpponentMode::Enhanced,
+                update_score: 0.7,
+                window_games: 1024,
+                decay: 0.9,
+                most: 32,
+            },
+            randomization: RandomizationKind::Off,
+            checkpoint_updates: 8,
+            evaluation: EvaluationSettings {
+                games_per_opponent: 1000,
+                games_per_pair: 40,
+                pool_players: 6,
+                sample_games: 4,
+            },
+        }
+    }
+
+    /// Reads settings.
+    ///
+    /// # Errors
+    /// When the file cannot be read, a key is unknown or missing, or a value cannot be.
+    pub fn read(path: &Path) -> Result<Self, TrainError> {
+        let error = |source| TrainError::Settings { path: path.to_owned(), source };
+        let text = fs::read_to_string(path).map_err(|io| error(serde_json::Error::io(io)))?;
+        serde_json::from_str(&text).map_err(error)
+    }
+
+    /// The document.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).unwrap_or_else(|_plain| unreachable!("plain data"))
+    }
+
+    /// Widths of observation and action.
+    #[must_use]
+    pub fn spaces(&self) -> Spaces {
+        Spaces { observations: self.observations.len(), actions: ACTIONS }
+    }
+
+    /// Transitions of an update.
+    #[must_use]
+    pub fn transitions_per_update(&self) -> u64 {
+        (self.environments * self.ppo.horizon) as u64
+    }
+
+    /// Updates until [`steps`](Self::steps) are reached.
+    #[must_use]
+    pub fn updates(&self) -> u64 {
+        self.steps.div_ceil(self.transitions_per_update())
+    }
+
+    /// Ranges from which the physics are drawn.
+    #[must_use]
+    pub fn randomization_ranges(&self) -> Option<Randomization> {
+        match self.randomization {
+            RandomizationKind::Off => None,
+            RandomizationKind::Paper => Some(Randomization::paper()),
+        }
+    }
+
+    /// Refuses values that cannot be.
+    ///
+    /// # Errors
+    /// With the first one.
+    pub fn check(&self) -> Result<(), TrainError> {
+        self.ppo.check(self.spaces())?;
+        let Self { opponents, evaluation, .. } = self;
+        let at_least_one = |name, value: u64| (name, value as f64, "at least 1", 1 <= value);
+        let even = |name, value: usize| (name, value as f64, "even", value.is_multiple_of(2));
+        let environments = self.environments;
+        let score = opponents.update_score;
+        let checks = [
+            at_least_one("steps", self.steps),
+            (
+                "environments",
+                environments as f64,
+                "from 2 to 1000000",
+                (2..=1_000_000).contains(&environments),
+            ),
+            at_least_one("checkpoint_updates", self.checkpoint_updates),
+            ("opponents.update_score", score, "from -1 to 1", (-1.0..=1.0).contains(&score)),
+            at_least_one("opponents.window_games", opponents.window_games as u64),
+            (
+                "opponents.decay",
+                opponents.decay,
+                "above 0 and at most 1",
+                0.0 < opponents.decay && opponents.decay <= 1.0,
+            ),
+            at_least_one("opponents.most", opponents.most as u64),
+            even("evaluation.games_per_opponent", evaluation.games_per_opponent),
+            even("evaluation.games_per_pair", evaluation.games_per_pair),
+        ];
+        if let Some((name, value, range, _)) = checks.into_iter().find(|(.., fine)| !fine) {
+            return Err(TrainError::Setting { name, value, range });
+        }
+        self.reward
+            .wrong()
+            .map_or(Ok(()), |(name, value, range)| Err(TrainError::Setting { name, value, range }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_come_back_from_json_and_unknown_keys_do_not_pass() {
+        for preset in [Preset::Paper, Preset::Upstream] {
+            let settings = TrainSettings::preset(preset);
+            settings.check().unwrap();
+            let json = settings.to_json();
+            assert_eq!(serde_json::from_str::<TrainSettings>(&json).unwrap(), settings);
+            for (key, typo) in
+                [("\"steps\"", "\"step\""), ("\"gamma\"", "\"gama\""), ("\"decay\"", "\"dcay\"")]
+            {
+                let error = serde_json::from_str::<TrainSettings>(&json.replace(key, typo));
+                assert!(error.unwrap_err().to_string().contains("unknown field"), "{typo}");
+            }
+            // A number as text, which YAML 1.1 makes of an unquoted 1e-7, is no number.
+            let text = json.replace("\"update_score\": 0.7", "\"update_score\": \"0.7\"");
+            assert_ne!(text, json);
+            assert!(serde_json::from_str::<TrainSettings>(&text).is_err());
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_is_named_with_its_range() {
+        let refused = |change: &dyn Fn(&mut TrainSettings)| {
+            let mut settings = TrainSettings::preset(Preset::Paper);
+            change(&mut settings);
+            settings.check().unwrap_err().to_string()
+        };
+        for (change, expected) in [
+            (
+                &(|s: &mut TrainSettings| s.environments = 1) as &dyn Fn(&mut TrainSettings),
+                "setting environments is 1; it must be from 2 to 1000000",
+            ),
+            (&|s| s.opponents.decay = 0.0, "opponents.decay is 0; it must be above 0 and at most 1"),
+            (&|s| s.opponents.update_score = f64::NAN, "opponents.update_score is NaN"),
+            (&|s| s.evaluation.games_per_pair = 3, "games_per_pair is 3; it must be even"),
+            (&|s| s.reward.cup_scale_m = 0.0, "reward.cup_scale_m is 0; it must be above 0"),
+            (&|s| s.reward.progress = f32::NAN, "reward.progress is NaN"),
+            (&|s| s.ppo.gamma = 1.5, "gamma is 1.5"),
+        ] {
+            let found = refused(change);
+            assert!(found.contains(expected), "{found}");
+        }
+    }
+
+    #[test]
+    fn steps_are_reached_by_whole_updates() {
+        let settings = TrainSettings::preset(Preset::Paper);
+        assert_eq!(settings.transitions_per_update(), 262_144);
+        assert_eq!(settings.updates(), 77);
+    }
+}
