@@ -2,7 +2,7 @@
 //!
 //! At 64 units a general matrix product spends much of its time on packing and dispatch. Here the
 //! weights already lie as the micro-kernel wants them, bias, activation and its derivative are
-//! applied tile by tile, and nothing is allocated. The register tile
+//! applied while results are in the cache, and nothing is allocated. The register tile
 //! is that of Goto and van de Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008):
 //! `ROWS` x `COLS` accumulators, `COLS` vectors of the right factor, one broadcast of the left.
 //!
@@ -44,9 +44,7 @@ macro_rules! unrolled {
     }};
 }
 
-/// What happens to each result while it is still in the cache next to the registers. Not in the
-/// registers themselves: an exponential for each of 24 accumulators, written out, would be a stack
-/// frame of megabytes in builds without optimisation.
+/// What happens to the results of some columns when they are complete.
 #[derive(Clone, Copy)]
 pub(super) enum Epilogue<'a> {
     /// Nothing.
@@ -127,6 +125,7 @@ fn product_columns<S: Simd, const COLS: usize>(
             product_tile::<S, 1, COLS>(simd, y, row, block, p);
         }
         if depth_to == p.depth {
+            finish::<S, COLS>(simd, y, (first_column, vectors), p.epilogue);
             return COLS;
         }
         depth_from = depth_to;
@@ -185,48 +184,136 @@ fn product_tile<S: Simd, const R: usize, const C: usize>(
         let y = &mut y[at..at + C];
         unrolled!(J < C, y[J] = acc[I][J])
     });
-    if depth_to == p.depth {
-        for row in row..row + R {
-            let at = row * vectors + first_column;
-            for (column, value) in y[at..at + C].iter_mut().enumerate() {
-                *value = finish(simd, *value, at + column, p.epilogue);
+}
+
+/// Applies the epilogue to `C` vectors of every row. Rows are a loop of their own: within the
+/// register tile, the compiler would spread the exponentials over its accumulators and spill them.
+#[inline(always)]
+fn finish<S: Simd, const C: usize>(
+    simd: S,
+    y: &mut [f32],
+    (first_column, vectors): (usize, usize),
+    epilogue: Epilogue<'_>,
+) {
+    let (y, _) = S::as_mut_simd_f32s(y);
+    let at = (first_column, vectors);
+    match epilogue {
+        Epilogue::Linear => {}
+        Epilogue::Activate(Activation::Relu) => activate::<S, Relu, C>(simd, y, at),
+        Epilogue::Activate(Activation::Softsign) => activate::<S, Softsign, C>(simd, y, at),
+        Epilogue::Activate(Activation::Elu) => activate::<S, Elu, C>(simd, y, at),
+        Epilogue::Activate(Activation::Tanh) => activate::<S, Tanh, C>(simd, y, at),
+        Epilogue::Derivative(activation, of) => {
+            let (of, _) = S::as_simd_f32s(of);
+            match activation {
+                Activation::Relu => slope::<S, Relu, C>(simd, y, of, at),
+                Activation::Softsign => slope::<S, Softsign, C>(simd, y, of, at),
+                Activation::Elu => slope::<S, Elu, C>(simd, y, of, at),
+                Activation::Tanh => slope::<S, Tanh, C>(simd, y, of, at),
             }
         }
     }
 }
 
+/// Replaces values by their activations.
 #[inline(always)]
-fn finish<S: Simd>(simd: S, value: S::f32s, at: usize, epilogue: Epilogue<'_>) -> S::f32s {
-    match epilogue {
-        Epilogue::Linear => value,
-        Epilogue::Activate(activation) => activate(simd, value, activation),
-        Epilogue::Derivative(activation, of) => {
-            let (of, _) = S::as_simd_f32s(of);
-            simd.mul_f32s(value, derivative(simd, of[at], activation))
+fn activate<S: Simd, A: Curve, const C: usize>(
+    simd: S,
+    y: &mut [S::f32s],
+    (first_column, vectors): (usize, usize),
+) {
+    for row in y.chunks_exact_mut(vectors) {
+        for value in &mut row[first_column..first_column + C] {
+            *value = A::value(simd, *value);
         }
     }
 }
 
+/// Multiplies values by the activation's derivative where its values are `of`.
 #[inline(always)]
-fn activate<S: Simd>(simd: S, z: S::f32s, activation: Activation) -> S::f32s {
-    match activation {
-        Activation::Relu => simd.max_f32s(z, simd.splat_f32s(0.0)),
-        Activation::Softsign => {
-            simd.div_f32s(z, simd.add_f32s(simd.splat_f32s(1.0), simd.abs_f32s(z)))
+fn slope<S: Simd, A: Curve, const C: usize>(
+    simd: S,
+    y: &mut [S::f32s],
+    of: &[S::f32s],
+    (first_column, vectors): (usize, usize),
+) {
+    let columns = first_column..first_column + C;
+    for (row, of) in y.chunks_exact_mut(vectors).zip(of.chunks_exact(vectors)) {
+        for (value, of) in row[columns.clone()].iter_mut().zip(&of[columns.clone()]) {
+            *value = simd.mul_f32s(*value, A::derivative(simd, *of));
         }
-        Activation::Elu => {
-            let zero = simd.splat_f32s(0.0);
-            let below = exp_m1(simd, simd.min_f32s(zero, z));
-            simd.select_f32s(simd.less_than_f32s(zero, z), z, below)
-        }
-        Activation::Tanh => {
-            // tanh |z| = -e / (2 + e) with e = exp(-2 |z|) - 1
-            let twice = simd.mul_f32s(simd.splat_f32s(-2.0), simd.abs_f32s(z));
-            let e = exp_m1(simd, twice);
-            let negative = simd.div_f32s(e, simd.add_f32s(simd.splat_f32s(2.0), e));
-            let below = simd.less_than_f32s(z, simd.splat_f32s(0.0));
-            simd.select_f32s(below, negative, simd.neg_f32s(negative))
-        }
+    }
+}
+
+/// An activation as a type, so that it is chosen outside of the loops.
+pub(super) trait Curve {
+    /// At `z`.
+    fn value<S: Simd>(simd: S, z: S::f32s) -> S::f32s;
+
+    /// The derivative at a point where the value is `a`.
+    fn derivative<S: Simd>(simd: S, a: S::f32s) -> S::f32s;
+}
+
+pub(super) struct Relu;
+pub(super) struct Softsign;
+pub(super) struct Elu;
+pub(super) struct Tanh;
+
+impl Curve for Relu {
+    #[inline(always)]
+    fn value<S: Simd>(simd: S, z: S::f32s) -> S::f32s {
+        simd.max_f32s(z, simd.splat_f32s(0.0))
+    }
+
+    #[inline(always)]
+    fn derivative<S: Simd>(simd: S, a: S::f32s) -> S::f32s {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        simd.select_f32s(simd.less_than_f32s(zero, a), one, zero)
+    }
+}
+
+impl Curve for Softsign {
+    #[inline(always)]
+    fn value<S: Simd>(simd: S, z: S::f32s) -> S::f32s {
+        simd.div_f32s(z, simd.add_f32s(simd.splat_f32s(1.0), simd.abs_f32s(z)))
+    }
+
+    #[inline(always)]
+    fn derivative<S: Simd>(simd: S, a: S::f32s) -> S::f32s {
+        let slope = simd.sub_f32s(simd.splat_f32s(1.0), simd.abs_f32s(a));
+        simd.mul_f32s(slope, slope)
+    }
+}
+
+impl Curve for Elu {
+    #[inline(always)]
+    fn value<S: Simd>(simd: S, z: S::f32s) -> S::f32s {
+        let zero = simd.splat_f32s(0.0);
+        let below = exp_m1(simd, simd.min_f32s(zero, z));
+        simd.select_f32s(simd.less_than_f32s(zero, z), z, below)
+    }
+
+    #[inline(always)]
+    fn derivative<S: Simd>(simd: S, a: S::f32s) -> S::f32s {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        simd.add_f32s(one, simd.min_f32s(zero, a))
+    }
+}
+
+impl Curve for Tanh {
+    /// `tanh |z| = -e / (2 + e)` with `e = exp(-2 |z|) - 1`.
+    #[inline(always)]
+    fn value<S: Simd>(simd: S, z: S::f32s) -> S::f32s {
+        let twice = simd.mul_f32s(simd.splat_f32s(-2.0), simd.abs_f32s(z));
+        let e = exp_m1(simd, twice);
+        let negative = simd.div_f32s(e, simd.add_f32s(simd.splat_f32s(2.0), e));
+        let below = simd.less_than_f32s(z, simd.splat_f32s(0.0));
+        simd.select_f32s(below, negative, simd.neg_f32s(negative))
+    }
+
+    #[inline(always)]
+    fn derivative<S: Simd>(simd: S, a: S::f32s) -> S::f32s {
+        simd.negate_mul_add_e_f32s(a, a, simd.splat_f32s(1.0))
     }
 }
 
@@ -259,23 +346,6 @@ fn exp_m1<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let power = simd.wrapping_dyn_shl_u32s(biased, simd.splat_u32s(23));
     let power = simd.transmute_f32s_u32s(power);
     simd.mul_add_e_f32s(power, p, simd.sub_f32s(power, simd.splat_f32s(1.0)))
-}
-
-/// The activation's derivative at a point where its value is `a`.
-#[inline(always)]
-fn derivative<S: Simd>(simd: S, a: S::f32s, activation: Activation) -> S::f32s {
-    let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
-    match activation {
-        Activation::Relu => simd.select_f32s(simd.less_than_f32s(zero, a), one, zero),
-        Activation::Softsign => {
-            let slope = simd.sub_f32s(one, simd.abs_f32s(a));
-            simd.mul_f32s(slope, slope)
-        }
-        Activation::Elu => {
-            simd.select_f32s(simd.less_than_f32s(zero, a), one, simd.add_f32s(one, a))
-        }
-        Activation::Tanh => simd.negate_mul_add_e_f32s(a, a, one),
-    }
 }
 
 /// `dw += x^T dy` and `db += sum over the batch of dy`; `x` `[batch][x_stride]`, `dy`
@@ -397,12 +467,12 @@ pub(super) fn narrow<S: Simd, const OUT: usize>(
 /// Backward pass of [`narrow`] in one sweep: `dw += dy^T x`, `db += sum dy`, and
 /// `dx = (dy w) * activation'(x)`.
 #[inline(always)]
-pub(super) fn narrow_backward<S: Simd, const OUT: usize>(
+pub(super) fn narrow_backward<S: Simd, A: Curve, const OUT: usize>(
     simd: S,
     (dw, db): (&mut [f32], &mut [f32]),
     dx: &mut [f32],
     (weights, dy): (&[f32], &[f32]),
-    (x, columns, activation): (&[f32], usize, Activation),
+    (x, columns): (&[f32], usize),
 ) {
     let vectors = columns / S::F32_LANES;
     let (w, _) = S::as_simd_f32s(weights);
@@ -425,7 +495,7 @@ pub(super) fn narrow_backward<S: Simd, const OUT: usize>(
                 back = simd.mul_add_e_f32s(d, w[o], back);
                 sums[o] = simd.mul_add_e_f32s(d, x[k], sums[o]);
             }
-            dx[k] = simd.mul_f32s(back, derivative(simd, x[k], activation));
+            dx[k] = simd.mul_f32s(back, A::derivative(simd, x[k]));
         }
         for o in 0..OUT {
             dw[o * vectors + k] = sums[o];

@@ -4,8 +4,8 @@
 //! order of operations of PyTorch's `torch.optim.Adam`.
 
 use super::{
-    kernel::{self, Epilogue, Product, padded},
-    network::Network,
+    kernel::{self, Curve, Elu, Epilogue, Product, Relu, Softsign, Tanh, padded},
+    network::{Activation, Network},
     stack::{MAX_OUTPUTS, Stack, Tape},
 };
 use pulp::{Arch, Simd, WithSimd};
@@ -301,13 +301,16 @@ impl WithSimd for Backward<'_> {
         let top = stack.hidden.len() - 1;
         let (dw, db) = gradient[span.weights.start..span.bias.end].split_at_mut(span.weights.len());
         let weights = (&stack.values[span.weights.clone()], dy);
-        let x = (tape.activations[top].as_slice(), span.stride, stack.activation);
+        let x = (tape.activations[top].as_slice(), span.stride);
         let first = &mut here[..batch * span.stride];
-        match span.outputs {
-            1 => kernel::narrow_backward::<S, 1>(simd, (dw, db), first, weights, x),
-            2 => kernel::narrow_backward::<S, 2>(simd, (dw, db), first, weights, x),
-            3 => kernel::narrow_backward::<S, 3>(simd, (dw, db), first, weights, x),
-            _ => kernel::narrow_backward::<S, MAX_OUTPUTS>(simd, (dw, db), first, weights, x),
+        let target = ((dw, db), first);
+        match stack.activation {
+            Activation::Relu => last::<S, Relu>(simd, span.outputs, target, weights, x),
+            Activation::Softsign => {
+                last::<S, Softsign>(simd, span.outputs, target, weights, x);
+            }
+            Activation::Elu => last::<S, Elu>(simd, span.outputs, target, weights, x),
+            Activation::Tanh => last::<S, Tanh>(simd, span.outputs, target, weights, x),
         }
         let mut dx = dx;
         for layer in (0..=top).rev() {
@@ -340,6 +343,23 @@ impl WithSimd for Backward<'_> {
             kernel::product(simd, target, columns, product);
             std::mem::swap(&mut here, &mut below);
         }
+    }
+}
+
+/// The way back through the narrow last layer.
+#[inline(always)]
+fn last<S: Simd, A: Curve>(
+    simd: S,
+    outputs: usize,
+    (target, dx): ((&mut [f32], &mut [f32]), &mut [f32]),
+    weights: (&[f32], &[f32]),
+    x: (&[f32], usize),
+) {
+    match outputs {
+        1 => kernel::narrow_backward::<S, A, 1>(simd, target, dx, weights, x),
+        2 => kernel::narrow_backward::<S, A, 2>(simd, target, dx, weights, x),
+        3 => kernel::narrow_backward::<S, A, 3>(simd, target, dx, weights, x),
+        _ => kernel::narrow_backward::<S, A, MAX_OUTPUTS>(simd, target, dx, weights, x),
     }
 }
 
