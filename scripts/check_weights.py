@@ -1,16 +1,18 @@
 #!/usr/bin/env python3
 """Compare exported networks with the outputs that klasktron computed itself.
 
-Usage: check_weights.py DIR
+Usage: check_weights.py DIR [--inputs NAME] [--outputs NAME] [--tolerance NUMBER]
 
 DIR holds model.onnx, model.safetensors, optionally model.pt (TorchScript), and two
 float32 arrays: history.npy, the inputs [N, inputs], and velocity.npy, klasktron's
-outputs [N, 2]. Each file is run by its own software (onnxruntime after onnx's full
-check, plain numpy in double precision, torch) and the largest absolute difference
-is printed. The exit code is 1 when one of them is above 1e-5, and 2 on wrong usage.
+outputs [N, 2], or others named by --inputs and --outputs. Each file is run by its own
+software (onnxruntime after onnx's full check, plain numpy in double precision, torch)
+and the largest difference is printed, absolute up to 1 and relative above. The exit
+code is 1 when one of them is above the tolerance (1e-5), and 2 on wrong usage.
 onnxruntime and safetensors are required; onnx and torch are used when installed.
 """
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -30,7 +32,8 @@ def run_onnx(path, history):
     else:
         onnx.checker.check_model(onnx.load(path), full_check=True)
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    return session.run(["velocity"], {"history": history})[0]
+    (source,), (sink,) = session.get_inputs(), session.get_outputs()
+    return session.run([sink.name], {source.name: history})[0]
 
 
 def run_safetensors(path, history):
@@ -38,9 +41,13 @@ def run_safetensors(path, history):
     with safe_open(path, framework="numpy") as file:
         activation = file.metadata()["activation"]
         tensors = {name: file.get_tensor(name) for name in file.keys()}
-    n_hidden = len(tensors) // 2 - 1
+    n_hidden = sum(name.startswith("fc") for name in tensors) // 2 - 1
     names = [f"fc{i + 1}" for i in range(n_hidden)] + ["fc_out"]
     value = history.astype(np.float64)
+    if "standardize.mean" in tensors:
+        limit = tensors["standardize.limit"][0]
+        value = (value - tensors["standardize.mean"]) * tensors["standardize.scale"]
+        value = np.clip(value, -limit, limit)
     for name in names:
         z = value @ tensors[f"{name}.weight"].T + tensors[f"{name}.bias"]
         value = z if name == "fc_out" else activate(activation, z)
@@ -53,7 +60,11 @@ def activate(name, z):
         return np.maximum(z, 0.0)
     if name == "softsign":
         return z / (1.0 + np.abs(z))
-    raise ValueError(f"unknown activation {name!r}, expected relu or softsign")
+    if name == "elu":
+        return np.where(z > 0.0, z, np.expm1(np.minimum(z, 0.0)))
+    if name == "tanh":
+        return np.tanh(z)
+    raise ValueError(f"unknown activation {name!r}, expected relu, softsign, elu or tanh")
 
 
 def run_torchscript(path, history):
@@ -67,7 +78,7 @@ def run_torchscript(path, history):
         return module(torch.from_numpy(history)).numpy()
 
 
-def compare(path, run, history, velocity):
+def compare(path, run, history, velocity, tolerance):
     """Print the largest difference for one file; return whether it is acceptable."""
     found = run(str(path), history)
     if found is None:
@@ -76,26 +87,37 @@ def compare(path, run, history, velocity):
     if found.shape != velocity.shape:
         print(f"{path.name}: output shape {found.shape}, expected {velocity.shape}")
         return False
-    difference = np.abs(found.astype(np.float64) - velocity).max()
+    # Relative where outputs are above 1: single precision has a fixed number of digits.
+    scale = np.maximum(1.0, np.abs(velocity.astype(np.float64)))
+    difference = (np.abs(found.astype(np.float64) - velocity) / scale).max()
     # Written so that a difference that is not a number fails as well.
-    accepted = bool(difference <= TOLERANCE)
+    accepted = bool(difference <= tolerance)
     print(f"{path.name}: largest difference {difference:.2e} {'ok' if accepted else 'TOO LARGE'}")
     return accepted
 
 
+def parse_arguments():
+    """What was typed."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("directory", type=Path)
+    parser.add_argument("--inputs", default="history.npy")
+    parser.add_argument("--outputs", default="velocity.npy")
+    parser.add_argument("--tolerance", type=float, default=TOLERANCE)
+    return parser.parse_args()
+
+
 def main():
     """Compare every file in the directory and return the exit code."""
-    if len(sys.argv) != 2:
-        print(__doc__, file=sys.stderr)
-        return 2
-    directory = Path(sys.argv[1])
-    history = np.load(directory / "history.npy")
-    velocity = np.load(directory / "velocity.npy")
+    options = parse_arguments()
+    directory = options.directory
+    inputs = np.load(directory / options.inputs)
+    outputs = np.load(directory / options.outputs)
     checks = {"model.onnx": run_onnx, "model.safetensors": run_safetensors}
     if (directory / "model.pt").exists():
         checks["model.pt"] = run_torchscript
     accepted = [
-        compare(directory / name, run, history, velocity) for name, run in checks.items()
+        compare(directory / name, run, inputs, outputs, options.tolerance)
+        for name, run in checks.items()
     ]
     return 0 if all(accepted) else 1
 

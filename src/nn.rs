@@ -9,6 +9,7 @@ pub mod onnx;
 pub mod safetensors;
 mod stack;
 mod standardizer;
+pub mod tensors;
 pub mod torchscript;
 mod trainer;
 

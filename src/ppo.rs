@@ -77,6 +77,7 @@
 mod advantage;
 mod barrier;
 mod batch;
+pub mod checkpoint;
 mod error;
 mod gaussian;
 mod learner;

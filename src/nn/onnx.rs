@@ -1,13 +1,17 @@
 //! ONNX export: the network as one `ModelProto`, for onnxruntime and everything that reads ONNX.
 //!
 //! Each dense layer is a `Gemm` node with `transB = 1`, so weights keep PyTorch's order; `Relu` or
-//! `Softsign` nodes stand between them. The messages below are the needed subset of `onnx.proto3`
+//! `Softsign`, `Elu` or `Tanh` nodes stand between them; a standardisation before them is `Sub`, `Mul`
+//! and `Clip`. The messages below are the needed subset of `onnx.proto3`
 //! (onnx/onnx, release 1.8: IR version 7, operator set 13), field numbers as there. Old versions
 //! are chosen on purpose: every runtime of the last years reads them, and no newer operator is used.
 //!
 //! Left out: reading ONNX, external data files, training information, every other operator.
 
-use super::network::{Activation, Dense, Network};
+use super::{
+    network::{Activation, Dense, Network},
+    standardizer::Standardizer,
+};
 use prost::Message;
 use std::collections::BTreeMap;
 
@@ -32,12 +36,38 @@ const FLOAT: i32 = 1;
 /// `AttributeProto.AttributeType.INT`
 const INT: i32 = 2;
 
-/// The network as the bytes of an ONNX file.
+/// How a model meets the world: names of its only input and output, and what comes first.
+#[derive(Debug, Clone, Copy)]
+pub struct Interface<'a> {
+    /// Name of the input, float32 `[batch, inputs]`.
+    pub input: &'a str,
+    /// Name of the output, float32 `[batch, outputs]`.
+    pub output: &'a str,
+    /// Applied to the input before the network.
+    pub standardizer: Option<&'a Standardizer>,
+}
+
+impl Interface<'static> {
+    /// That of an actuator's model.
+    pub const ACTUATOR: Self = Self { input: INPUT_NAME, output: OUTPUT_NAME, standardizer: None };
+}
+
+/// The network as the bytes of an ONNX file, from `history` to `velocity`.
 ///
 /// `metadata` becomes `metadata_props`, in the map's order: normalisation, history length, origin.
 /// Equal arguments give equal bytes.
 #[must_use]
 pub fn to_onnx(network: &Network, metadata: &BTreeMap<String, String>) -> Vec<u8> {
+    to_onnx_with(network, &Interface::ACTUATOR, metadata)
+}
+
+/// [`to_onnx`] with another interface.
+#[must_use]
+pub fn to_onnx_with(
+    network: &Network,
+    interface: &Interface<'_>,
+    metadata: &BTreeMap<String, String>,
+) -> Vec<u8> {
     let metadata_props = metadata
         .iter()
         .map(|(key, value)| StringEntry { key: key.clone(), value: value.clone() })
@@ -46,25 +76,29 @@ pub fn to_onnx(network: &Network, metadata: &BTreeMap<String, String>) -> Vec<u8
         ir_version: IR_VERSION,
         producer_name: "klasktron".to_owned(),
         producer_version: env!("CARGO_PKG_VERSION").to_owned(),
-        graph: Some(graph(network)),
+        graph: Some(graph(network, interface)),
         opset_import: vec![OperatorSet { version: OPSET_VERSION }],
         metadata_props,
     };
     model.encode_to_vec()
 }
 
-/// The chain of nodes; every value is named after the node that makes it, the last `velocity`.
-fn graph(network: &Network) -> Graph {
+/// The chain of nodes; every value is named after the node that makes it, the last is the output.
+fn graph(network: &Network, interface: &Interface<'_>) -> Graph {
     let last = network.layers.len() - 1;
     let mut nodes = Vec::new();
     let mut initializers = Vec::new();
-    let mut value = INPUT_NAME.to_owned();
+    let mut value = interface.input.to_owned();
+    if let Some(standardizer) = interface.standardizer {
+        value = standardize(standardizer, value, &mut nodes, &mut initializers);
+    }
     for (index, (layer, name)) in network.layers.iter().zip(network.layer_names()).enumerate() {
-        let output = if index == last { OUTPUT_NAME.to_owned() } else { format!("{name}.linear") };
+        let is_last = index == last;
+        let output = if is_last { interface.output.to_owned() } else { format!("{name}.linear") };
         nodes.push(gemm(&name, value, output.clone()));
         initializers.extend(parameters(layer, &name));
         value = output;
-        if index < last {
+        if !is_last {
             let output = format!("{name}.active");
             nodes.push(activate(network.activation, &name, value, output.clone()));
             value = output;
@@ -74,9 +108,44 @@ fn graph(network: &Network) -> Graph {
         nodes,
         name: "klasktron".to_owned(),
         initializers,
-        inputs: vec![value_info(INPUT_NAME, network.inputs())],
-        outputs: vec![value_info(OUTPUT_NAME, network.outputs())],
+        inputs: vec![value_info(interface.input, network.inputs())],
+        outputs: vec![value_info(interface.output, network.outputs())],
     }
+}
+
+/// `clamp((input - mean) * scale, -limit, limit)`; returns the name of its result.
+fn standardize(
+    standardizer: &Standardizer,
+    input: String,
+    nodes: &mut Vec<Node>,
+    initializers: &mut Vec<Tensor>,
+) -> String {
+    let columns = [standardizer.columns()];
+    let (mean, scale) = ("standardize.mean".to_owned(), "standardize.scale".to_owned());
+    initializers.push(tensor(mean.clone(), &columns, &standardizer.mean));
+    initializers.push(tensor(scale.clone(), &columns, &standardizer.scale));
+    let mut value = input;
+    let mut add = |op_type: &str, others: Vec<String>| {
+        let output = format!("standardize.{}", op_type.to_lowercase());
+        nodes.push(Node {
+            inputs: [vec![std::mem::take(&mut value)], others].concat(),
+            outputs: vec![output.clone()],
+            name: output.clone(),
+            op_type: op_type.to_owned(),
+            attributes: Vec::new(),
+        });
+        value = output;
+    };
+    add("Sub", vec![mean]);
+    add("Mul", vec![scale]);
+    if standardizer.limit.is_finite() {
+        let bounds = ["standardize.low", "standardize.high"].map(str::to_owned);
+        add("Clip", bounds.to_vec());
+        for (name, bound) in bounds.into_iter().zip([-standardizer.limit, standardizer.limit]) {
+            initializers.push(tensor(name, &[], &[bound]));
+        }
+    }
+    value
 }
 
 /// `output = input weight^T + bias`
@@ -310,6 +379,35 @@ mod tests {
     }
 
     #[test]
+    fn a_standardisation_comes_first_and_names_are_free() {
+        let standardizer = Standardizer { mean: vec![1.0; 3], scale: vec![2.0; 3], limit: 5.0 };
+        let chain = |standardizer: &Standardizer| {
+            let interface = Interface {
+                input: "observation",
+                output: "action",
+                standardizer: Some(standardizer),
+            };
+            let bytes = to_onnx_with(&small(Activation::Elu), &interface, &metadata());
+            Model::decode(bytes.as_slice()).unwrap().graph.unwrap()
+        };
+        let graph = chain(&standardizer);
+        let ops: Vec<&str> = graph.nodes.iter().map(|node| node.op_type.as_str()).collect();
+        assert_eq!(ops, ["Sub", "Mul", "Clip", "Gemm", "Elu", "Gemm"]);
+        assert_eq!(graph.nodes[0].inputs, ["observation", "standardize.mean"]);
+        for pair in graph.nodes.windows(2) {
+            assert_eq!(pair[0].outputs[0], pair[1].inputs[0]);
+        }
+        assert_eq!(graph.nodes[5].outputs, ["action"]);
+        assert_eq!(graph.inputs, [value_info("observation", 3)]);
+        let scalar = graph.initializers.iter().find(|t| t.name == "standardize.low").unwrap();
+        assert_eq!(
+            (scalar.dims.len(), scalar.raw_data.as_slice()),
+            (0, &(-5.0f32).to_le_bytes()[..])
+        );
+        assert_eq!(chain(&Standardizer::identity(3)).nodes.len(), 5, "no limit, no Clip");
+    }
+
+    #[test]
     fn single_layer_is_one_node() {
         let mut network = small(Activation::Relu);
         network.layers.truncate(1);
@@ -322,7 +420,7 @@ mod tests {
     /// number only after `scripts/check_weights.py` has accepted a new file.
     #[test]
     fn bytes_are_those_that_onnx_accepted() {
-        let bytes = graph(&small(Activation::Softsign)).encode_to_vec();
+        let bytes = graph(&small(Activation::Softsign), &Interface::ACTUATOR).encode_to_vec();
         assert_eq!(crc32fast::hash(&bytes), 2_276_033_303);
         let header = to_onnx(&small(Activation::Relu), &BTreeMap::new());
         assert!(header.starts_with(b"\x08\x07\x12\x09klasktron"));

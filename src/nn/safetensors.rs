@@ -111,9 +111,14 @@ pub fn to_safetensors(network: &Network, metadata: &BTreeMap<String, String>) ->
         header.insert(format!("{name}.weight"), weight);
         header.insert(format!("{name}.bias"), bias);
     }
+    assemble(header, &data)
+}
+
+/// A file of a header and the values that it describes.
+pub(super) fn assemble(header: BTreeMap<String, Value>, data: &[u8]) -> Vec<u8> {
     let mut header = json!(header).to_string().into_bytes();
     header.resize(header.len().next_multiple_of(ALIGNMENT), b' ');
-    [&(header.len() as u64).to_le_bytes(), header.as_slice(), &data].concat()
+    [&(header.len() as u64).to_le_bytes(), header.as_slice(), data].concat()
 }
 
 /// Appends the values and returns their header entry. Keys are in alphabetical order, so that the
@@ -151,7 +156,7 @@ pub fn from_safetensors(
 ///
 /// Not `SafeTensors::deserialize`: safetensors 0.8.0 adds the described length to the header's
 /// before it compares, which overflows on a crafted header and panics where overflow is checked.
-fn split(bytes: &[u8]) -> Result<(Metadata, &[u8]), SafetensorsError> {
+pub(super) fn split(bytes: &[u8]) -> Result<(Metadata, &[u8]), SafetensorsError> {
     let truncated = SafetensorsError::Truncated { found: bytes.len() };
     let Some((length, rest)) = bytes.split_first_chunk::<8>() else {
         return Err(truncated);
@@ -168,7 +173,7 @@ fn split(bytes: &[u8]) -> Result<(Metadata, &[u8]), SafetensorsError> {
     Ok((header, data))
 }
 
-fn parse_activation(name: String) -> Result<Activation, SafetensorsError> {
+pub(crate) fn parse_activation(name: String) -> Result<Activation, SafetensorsError> {
     let known = Activation::ALL.into_iter().find(|activation| activation.name() == name);
     known.ok_or(SafetensorsError::UnknownActivation { found: name })
 }

@@ -303,14 +303,14 @@ impl WithSimd for Backward<'_> {
         let weights = (&stack.values[span.weights.clone()], dy);
         let x = (tape.activations[top].as_slice(), span.stride);
         let first = &mut here[..batch * span.stride];
-        let target = (dw, db);
+        let target = ((dw, db), first);
         match stack.activation {
-            Activation::Relu => last::<S, Relu>(simd, span.outputs, target, first, weights, x),
+            Activation::Relu => last::<S, Relu>(simd, span.outputs, target, weights, x),
             Activation::Softsign => {
-                last::<S, Softsign>(simd, span.outputs, target, first, weights, x);
+                last::<S, Softsign>(simd, span.outputs, target, weights, x);
             }
-            Activation::Elu => last::<S, Elu>(simd, span.outputs, target, first, weights, x),
-            Activation::Tanh => last::<S, Tanh>(simd, span.outputs, target, first, weights, x),
+            Activation::Elu => last::<S, Elu>(simd, span.outputs, target, weights, x),
+            Activation::Tanh => last::<S, Tanh>(simd, span.outputs, target, weights, x),
         }
         let mut dx = dx;
         for layer in (0..=top).rev() {
@@ -351,8 +351,7 @@ impl WithSimd for Backward<'_> {
 fn last<S: Simd, A: Curve>(
     simd: S,
     outputs: usize,
-    target: (&mut [f32], &mut [f32]),
-    dx: &mut [f32],
+    (target, dx): ((&mut [f32], &mut [f32]), &mut [f32]),
     weights: (&[f32], &[f32]),
     x: (&[f32], usize),
 ) {

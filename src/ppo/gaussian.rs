@@ -15,6 +15,8 @@ const LN_2_PI: f32 = 1.837_877_1;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gaussian {
     actions: usize,
+    /// ln sigma
+    logarithms: [f32; MAX_OUTPUTS],
     /// sigma
     deviation: [f32; MAX_OUTPUTS],
     /// 1 / sigma
@@ -28,11 +30,13 @@ impl Gaussian {
     pub fn new(log_deviations: &[f32]) -> Self {
         let mut gaussian = Self {
             actions: log_deviations.len(),
+            logarithms: [0.0; MAX_OUTPUTS],
             deviation: [1.0; MAX_OUTPUTS],
             inverse: [1.0; MAX_OUTPUTS],
             log_deviation_sum: log_deviations.iter().sum(),
         };
         for (action, logarithm) in log_deviations.iter().enumerate() {
+            gaussian.logarithms[action] = *logarithm;
             gaussian.deviation[action] = logarithm.exp();
             gaussian.inverse[action] = (-logarithm).exp();
         }
@@ -43,6 +47,12 @@ impl Gaussian {
     #[must_use]
     pub fn actions(&self) -> usize {
         self.actions
+    }
+
+    /// Natural logarithms of the deviations.
+    #[must_use]
+    pub fn log_deviations(&self) -> &[f32] {
+        &self.logarithms[..self.actions]
     }
 
     /// The deviation of one action.

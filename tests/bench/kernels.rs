@@ -1,4 +1,5 @@
-//! The kernels behind `fit-actuator`, beside the matrix product of faer, and the filter of `tune-ekf`.
+//! The kernels behind `fit-actuator`, beside the matrix product of faer, the filter of `tune-ekf`, and an
+//! update of `ppo`.
 //!
 //! Throughput is in floating-point operations: a product of `m x k` by `k x n` counts `2 m n k`, a
 //! training step the products of forward pass, weight gradients and inner input gradients, and
@@ -9,10 +10,11 @@ use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use klasktron::{
     ekf::{BoardFilter, FilterSettings, Object, ObjectFilter, Observed, Seen},
     nn::{Activation, Adam, Dense, InputGradient, Network, Stack, Tape, Trainer},
+    ppo::{Learner, Place, PpoSettings, Rollout, RolloutShape, Scratch, Spaces},
     seed::Stream,
     units::Nanos,
 };
-use std::{hint::black_box, time::Duration};
+use std::{hint::black_box, num::NonZeroUsize, time::Duration};
 
 /// Inputs of the network: ten commands and ten velocities in x and y.
 const INPUTS: usize = 40;
@@ -229,6 +231,39 @@ fn state_estimate(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// One update of PPO on 4096 samples by one thread, in visits of a sample; `scripts/bench_ppo.py` has
+/// longer ones beside PyTorch. Checked: two threads learn the same, to the byte.
+fn ppo_update(criterion: &mut Criterion) {
+    let spaces = Spaces { observations: 20, actions: 2 };
+    let shape = RolloutShape { horizon: 1, environments: 4096, spaces };
+    let last_values = vec![0.0; shape.environments];
+    let mut group = criterion.benchmark_group("ppo_update");
+    for (name, settings) in [("paper", PpoSettings::paper()), ("upstream", PpoSettings::upstream())]
+    {
+        let Ok(mut learner) = Learner::new(&settings, spaces, 1) else { unreachable!("a preset") };
+        let mut rollout = Rollout::new(shape);
+        let mut step = rollout.whole().steps.remove(0);
+        step.observations.copy_from_slice(&values("observations", 20 * shape.samples()));
+        step.rewards.copy_from_slice(&values("rewards", shape.samples()));
+        let place = Place { step: 0, first_environment: 0 };
+        learner.act(place, &mut step, &mut Scratch::default());
+        let learned = |threads: usize| {
+            let (mut learner, threads) = (learner.clone(), NonZeroUsize::new(threads));
+            let report =
+                learner.learn(&rollout, &last_values, threads.unwrap_or(NonZeroUsize::MIN));
+            assert!(report.is_ok(), "{report:?}");
+            learner.state()
+        };
+        assert!(learned(1) == learned(2), "threads change nothing");
+        assert!(learned(1) != learner.state(), "something is learned");
+        group.throughput(Throughput::Elements((shape.samples() * settings.epochs) as u64));
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| black_box(learner.learn(&rollout, &last_values, NonZeroUsize::MIN)));
+        });
+    }
+    group.finish();
+}
+
 fn short() -> Criterion {
     Criterion::default()
         .sample_size(20)
@@ -239,6 +274,6 @@ fn short() -> Criterion {
 criterion_group! {
     name = kernels;
     config = short();
-    targets = faer_product, forward, training_step, state_estimate
+    targets = faer_product, forward, training_step, state_estimate, ppo_update
 }
 criterion_main!(kernels);

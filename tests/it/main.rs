@@ -14,6 +14,7 @@ mod foreign;
 mod gap;
 mod import;
 mod info;
+mod policy_out;
 mod readme;
 mod recover;
 mod recover_actuator;
