@@ -55,6 +55,12 @@ pub(crate) enum Command {
     /// OUT receives score.json, events.mcap, episodes.csv, episodes.parquet and index.html with a
     /// replay. A file that cannot be read is reported and does not stop the others (status 3).
     Eval(commands::eval::Args),
+    /// Let a policy learn KLASK against earlier versions of itself
+    ///
+    /// OUT receives policy.mcap (learning curve, ratings, sample games, weights as safetensors and ONNX, and a
+    /// checkpoint from which --resume goes on) and index.html. Ctrl-C ends after the update (status 3). The
+    /// same seed gives the same bytes whatever the number of threads.
+    Train(commands::train::Args),
     /// Write weights or tables for other software
     Export(commands::export::Args),
 }
@@ -72,6 +78,7 @@ impl Command {
             Self::Gap(args) => commands::gap::run(&args),
             Self::TuneEkf(args) => commands::tune_ekf::run(&args),
             Self::Eval(args) => commands::eval::run(&args),
+            Self::Train(args) => commands::train::run(&args),
             Self::Export(args) => commands::export::run(&args),
         }
     }

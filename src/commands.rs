@@ -12,6 +12,7 @@ mod live_view;
 pub(crate) mod recover;
 pub(crate) mod rig;
 mod table;
+pub(crate) mod train;
 pub(crate) mod tune_ekf;
 
 use klasktron::recording::{Loss, Recording};

@@ -148,8 +148,11 @@ fn chase(own: [f32; 2], ball: [f32; 2], speed: f32) -> [f32; 2] {
 /// Velocity from `own` to `place`, that leads away from the own cup when it is too close.
 fn towards(place: [f32; 2], own: [f32; 2], speed: f32) -> [f32; 2] {
     let to_cup = minus(own, OWN_CUP);
-    let place =
-        if length(to_cup) < CUP_CLEARANCE { along(OWN_CUP, own, 2.0 * CUP_CLEARANCE) } else { place };
+    let place = if length(to_cup) < CUP_CLEARANCE {
+        along(OWN_CUP, own, 2.0 * CUP_CLEARANCE)
+    } else {
+        place
+    };
     minus(place, own).map(|distance| (GAIN * distance).clamp(-speed, speed))
 }
 
@@ -260,9 +263,8 @@ mod tests {
     #[test]
     fn random_velocities_last_and_differ_by_board_and_time() {
         let seen = [0.0; 12];
-        let at = |board, step| {
-            Scripted::Random.velocity(&seen, Moment { seed: 3, board, step }, SPEED)
-        };
+        let at =
+            |board, step| Scripted::Random.velocity(&seen, Moment { seed: 3, board, step }, SPEED);
         assert_eq!(at(0, 0), at(0, RANDOM_STEPS - 1));
         assert_ne!(at(0, 0), at(0, RANDOM_STEPS));
         assert_ne!(at(0, 0), at(1, 0));

@@ -94,7 +94,9 @@ impl CoverageMask {
         (0..AXES).all(|axis| {
             let place = |value: f32, scale: f32| {
                 let share = 0.5 * (value * scale + 1.0);
-                (0.0..=1.0).contains(&share).then(|| ((share * CELLS as f32) as usize).min(CELLS - 1))
+                (0.0..=1.0)
+                    .contains(&share)
+                    .then(|| ((share * CELLS as f32) as usize).min(CELLS - 1))
             };
             let [of_command, of_velocity] = self.scales[axis];
             place(command[axis], of_command)

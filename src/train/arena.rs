@@ -151,8 +151,7 @@ impl Arena<'_> {
         scores: &mut [i8],
     ) -> Result<Asked, GameError> {
         let range = first..first + scores.len();
-        let mut tables =
-            Tables::new(range, self.game, (self.observations, self.seed, || 0.0))?;
+        let mut tables = Tables::new(range, self.game, (self.observations, self.seed, || 0.0))?;
         let mut open = vec![true; scores.len()];
         let [all_first, all_second] = [0, 1].map(|player| vec![player; scores.len()]);
         for step in 0..u64::from(self.game.most_steps()) {

@@ -68,9 +68,8 @@ impl Block {
     /// Fresh boards; the opponents of their first episodes are those of control period `step`.
     pub(super) fn new(tables: Tables, pool: &Pool, seed: u64, step: u64) -> Self {
         let count = tables.len();
-        let drawn = (0..count)
-            .map(|row| pool.draw(seed, (tables.first + row) as u64, step))
-            .collect();
+        let drawn =
+            (0..count).map(|row| pool.draw(seed, (tables.first + row) as u64, step)).collect();
         Self {
             drawn,
             returns: vec![0.0; count],
@@ -162,8 +161,7 @@ impl Block {
         self.tally.results.push(GameResult { opponent: self.drawn[row], score });
         self.tally.returns += f64::from(std::mem::take(&mut self.returns[row]));
         self.tally.episode_steps += u64::from(std::mem::take(&mut self.lengths[row]));
-        self.tally.own_mistakes +=
-            u64::from(score < 0 && !matches!(ending, Ending::Goal { .. }));
+        self.tally.own_mistakes += u64::from(score < 0 && !matches!(ending, Ending::Goal { .. }));
         let board = (self.tables.first + row) as u64;
         self.drawn[row] = scene.pool.draw(scene.seed, board, number + 1);
     }

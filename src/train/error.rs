@@ -1,6 +1,9 @@
 //! What can go wrong.
 
-use crate::{actuator::ActuatorError, game::GameError, nn::safetensors::SafetensorsError, ppo::PpoError, recording::RecordingError, twin::TwinError};
+use crate::{
+    actuator::ActuatorError, game::GameError, nn::safetensors::SafetensorsError, ppo::PpoError,
+    recording::RecordingError, twin::TwinError,
+};
 use std::path::PathBuf;
 
 /// Why there is no run, or why it ended.
@@ -17,7 +20,9 @@ pub enum TrainError {
         range: &'static str,
     },
     /// The settings cannot be read.
-    #[error("{path} holds no settings of `train`: {source}; `klasktron train --print-settings` prints some")]
+    #[error(
+        "{path} holds no settings of `train`: {source}; `klasktron train --print-settings` prints some"
+    )]
     Settings {
         /// The file.
         path: PathBuf,
@@ -54,21 +59,8 @@ pub enum TrainError {
         reason: String,
     },
     /// Two things that do not belong together.
-    #[error("{path}: {what} is {found}, but {other} has {expected}; {remedy}")]
-    Mismatch {
-        /// The file that does not fit.
-        path: PathBuf,
-        /// What differs.
-        what: &'static str,
-        /// In the file.
-        found: String,
-        /// What it is compared with.
-        other: &'static str,
-        /// There.
-        expected: String,
-        /// The way out.
-        remedy: &'static str,
-    },
+    #[error(transparent)]
+    Mismatch(#[from] Box<Mismatch>),
     /// A file that is no policy, or half of one.
     #[error("{path}: {reason}")]
     BadPolicy {
@@ -87,4 +79,22 @@ pub enum TrainError {
         /// What is wrong.
         source: SafetensorsError,
     },
+}
+
+/// Two things that do not belong together.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{path}: {what} is {found}, but {other} has {expected}; {remedy}")]
+pub struct Mismatch {
+    /// The file that does not fit.
+    pub path: PathBuf,
+    /// What differs.
+    pub what: String,
+    /// In the file.
+    pub found: String,
+    /// What it is compared with.
+    pub other: &'static str,
+    /// There.
+    pub expected: String,
+    /// The way out.
+    pub remedy: &'static str,
 }

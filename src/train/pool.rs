@@ -139,12 +139,13 @@ impl Pool {
     /// The pool at the start of training, with the untrained `policy`.
     pub(super) fn new(settings: OpponentSettings, policy: Policy) -> Self {
         let (opponent, name) = match settings.mode {
-            OpponentMode::Scripted(script) => (Opponent::Scripted(script), script.name().to_owned()),
+            OpponentMode::Scripted(script) => {
+                (Opponent::Scripted(script), script.name().to_owned())
+            }
             _ => (Opponent::Policy(Box::new(policy), Choice::Random), "update_0".to_owned()),
         };
         let member = Member { name, update: 0, rating: elo::BASE, choice: Choice::Random };
-        let state =
-            PoolState { members: vec![member], window: VecDeque::new(), rating: elo::BASE };
+        let state = PoolState { members: vec![member], window: VecDeque::new(), rating: elo::BASE };
         Self::from_parts(settings, vec![opponent], state)
     }
 
@@ -205,7 +206,9 @@ impl Pool {
     pub(super) fn score(&self) -> Option<f64> {
         let window = &self.state.window;
         let full = window.len() == self.settings.window_games;
-        full.then(|| window.iter().map(|score| f64::from(*score)).sum::<f64>() / window.len() as f64)
+        full.then(|| {
+            window.iter().map(|score| f64::from(*score)).sum::<f64>() / window.len() as f64
+        })
     }
 
     /// Whether the learner has outgrown its opponents.

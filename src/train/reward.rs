@@ -14,11 +14,7 @@
 //! before the other cup earns more than a goal (0.04 a step, so 2.8 goals at gamma 0.99). Here everything
 //! that shaping can earn for ever, at most `R / (1 - gamma)`, stays below the one goal that ends it.
 
-use crate::{
-    board::CUP_DISTANCE,
-    game::Ending,
-    recording::topic::Player,
-};
+use crate::{board::CUP_DISTANCE, game::Ending, recording::topic::Player};
 use serde::{Deserialize, Serialize};
 
 /// The paper's three variants.
@@ -141,7 +137,8 @@ impl RewardSettings {
         let seen = step.seen;
         let (own, ball) = ([seen[0], seen[1]], [seen[8], seen[9]]);
         let cup = CUP_DISTANCE as f32;
-        let closeness = |a: [f32; 2], scale: f32| (-(a[0] - ball[0]).hypot(a[1] - ball[1]) / scale).exp();
+        let closeness =
+            |a: [f32; 2], scale: f32| (-(a[0] - ball[0]).hypot(a[1] - ball[1]) / scale).exp();
         let mut sum = 0.0;
         if self.progress != 0.0 || self.defence != 0.0 {
             sum += self.progress * closeness([0.0, cup], self.cup_scale_m);
@@ -159,7 +156,8 @@ impl RewardSettings {
 
     /// The first value that cannot be: its name, itself, and the range.
     pub(super) fn wrong(&self) -> Option<(&'static str, f64, &'static str)> {
-        let Self { cup_scale_m, ball_scale_m, collision_scale_m_per_s, decay_transitions, .. } = *self;
+        let Self { cup_scale_m, ball_scale_m, collision_scale_m_per_s, decay_transitions, .. } =
+            *self;
         let positive = [
             ("reward.cup_scale_m", f64::from(cup_scale_m)),
             ("reward.ball_scale_m", f64::from(ball_scale_m)),
@@ -178,7 +176,7 @@ impl RewardSettings {
             ("reward.collision", self.collision),
         ];
         let positive = positive.into_iter().find(|(_, value)| !(0.0 < *value && value.is_finite()));
-        let finite = finite.into_iter().find(|(_, value)| !(value.abs() <= 1e6));
+        let finite = finite.into_iter().find(|(_, value)| value.is_nan() || 1e6 < value.abs());
         positive
             .map(|(name, value)| (name, value, "above 0"))
             .or(finite.map(|(name, value)| (name, f64::from(value), "from -1e6 to 1e6")))
@@ -235,11 +233,11 @@ mod tests {
         // Distances: other cup (0.03, 0.22) -> 0.222036 m, own cup (0.03, 0.12) -> 0.123693 m,
         // striker 0.05 m; speed 0.5 m/s.
         for (settings, expected) in [
-            (only(|s| s.progress = 1.0), 0.329_500),   // exp(-0.222036 / 0.2)
-            (only(|s| s.defence = 1.0), -0.538_763),   // -exp(-0.123693 / 0.2)
-            (only(|s| s.proximity = 1.0), 0.606_531),  // exp(-0.05 / 0.1)
+            (only(|s| s.progress = 1.0), 0.329_500), // exp(-0.222036 / 0.2)
+            (only(|s| s.defence = 1.0), -0.538_763), // -exp(-0.123693 / 0.2)
+            (only(|s| s.proximity = 1.0), 0.606_531), // exp(-0.05 / 0.1)
             (only(|s| s.ball_speed_s_per_m = 1.0), 0.5),
-            (only(|s| s.collision = 1.0), 0.367_879),  // exp(-0.1 / 0.1)
+            (only(|s| s.collision = 1.0), 0.367_879), // exp(-0.1 / 0.1)
         ] {
             let found = settings.of_step(&step(&seen, None, 0.1), 1.0);
             assert!((found - expected).abs() < 2e-5, "{settings:?}: {found} {expected}");

@@ -237,9 +237,10 @@ impl Run {
 
     /// Time of all blocks' games so far (s): physics and actuators.
     fn times_of_blocks(&self) -> [f64; 2] {
-        self.blocks.iter().map(|block| block.tables.games.spent()).fold([0.0; 2], |sum, spent| {
-            [sum[0] + spent.physics, sum[1] + spent.actuators]
-        })
+        self.blocks
+            .iter()
+            .map(|block| block.tables.games.spent())
+            .fold([0.0; 2], |sum, spent| [sum[0] + spent.physics, sum[1] + spent.actuators])
     }
 
     fn count_time(&mut self, [begun, played, learned]: [f64; 3], before: [f64; 2], policy_s: f64) {

@@ -128,7 +128,7 @@ impl TrainSettings {
                 most: 32,
             },
             randomization: RandomizationKind::Off,
-            checkpoint_updates: 8,
+            checkpoint_updates: 64,
             evaluation: EvaluationSettings {
                 games_per_opponent: 1000,
                 games_per_pair: 40,
@@ -258,7 +258,10 @@ mod tests {
                 &(|s: &mut TrainSettings| s.environments = 1) as &dyn Fn(&mut TrainSettings),
                 "setting environments is 1; it must be from 2 to 1000000",
             ),
-            (&|s| s.opponents.decay = 0.0, "opponents.decay is 0; it must be above 0 and at most 1"),
+            (
+                &|s| s.opponents.decay = 0.0,
+                "opponents.decay is 0; it must be above 0 and at most 1",
+            ),
             (&|s| s.opponents.update_score = f64::NAN, "opponents.update_score is NaN"),
             (&|s| s.evaluation.games_per_pair = 3, "games_per_pair is 3; it must be even"),
             (&|s| s.reward.cup_scale_m = 0.0, "reward.cup_scale_m is 0; it must be above 0"),

@@ -10,7 +10,10 @@ use std::{
 const LAYERS: [&[&str]; 4] = [
     &["units", "seed", "stats", "report", "provenance"],
     &["board", "recording", "nn"],
-    &["can", "gantry", "link", "rig", "actuator", "effects", "twin", "ekf", "game", "opponent", "ppo"],
+    &[
+        "can", "gantry", "link", "rig", "actuator", "effects", "twin", "ekf", "game", "opponent",
+        "ppo",
+    ],
     &["import", "collect", "gap", "referee", "train"],
 ];
 

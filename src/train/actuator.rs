@@ -1,0 +1,77 @@
+//! How commands become motion in training: chosen by name or by file.
+
+use super::{Mismatch, TrainError};
+use crate::{
+    actuator::read_actuator,
+    game::{Actuation, CONTROL_PERIOD, GameSettings},
+    recording::{Recording, sha256_of_file},
+    twin::read_twin,
+};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The name of the ideal actuator.
+pub const IDEAL: &str = "ideal";
+
+/// What the actuator of a run was.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ActuatorSource {
+    /// `ideal`, `twin` or `learned`.
+    pub kind: String,
+    /// Name of its file.
+    pub file: Option<String>,
+    /// SHA-256 of that file.
+    pub sha256: Option<String>,
+}
+
+/// The game with the actuator called `choice`: `ideal`, a `twin.json`, or an `actuator.mcap`.
+///
+/// # Errors
+/// When a file cannot be read, is none of these, or belongs to another control rate.
+pub fn game_with_actuator(choice: &Path) -> Result<(GameSettings, ActuatorSource), TrainError> {
+    let game = GameSettings::default();
+    if choice.as_os_str() == IDEAL {
+        let kind = IDEAL.to_owned();
+        return Ok((game, ActuatorSource { kind, file: None, sha256: None }));
+    }
+    let game = match choice.extension().and_then(|extension| extension.to_str()) {
+        Some("json") => game.with_twin(&read_twin(choice)?),
+        Some("mcap") => with_network(game, choice)?,
+        _ => {
+            return Err(TrainError::BadPolicy {
+                path: choice.to_owned(),
+                reason:
+                    "an actuator is 'ideal', a twin.json of `klasktron gap` or an actuator.mcap of \
+                         `klasktron fit-actuator`"
+                        .to_owned(),
+            });
+        }
+    };
+    game.check()?;
+    let source = ActuatorSource {
+        kind: game.actuation.name().to_owned(),
+        file: choice.file_name().map(|name| name.to_string_lossy().into_owned()),
+        sha256: Some(sha256_of_file(choice)?),
+    };
+    Ok((game, source))
+}
+
+fn with_network(game: GameSettings, path: &Path) -> Result<GameSettings, TrainError> {
+    let stored = read_actuator(&Recording::open(path)?)?;
+    let rate: f64 =
+        stored.metadata.get("rate_hz").and_then(|text| text.parse().ok()).unwrap_or(f64::NAN);
+    let expected = CONTROL_PERIOD.recip();
+    if 1e-9 < (rate - expected).abs() || rate.is_nan() {
+        return Err(Box::new(Mismatch {
+            path: path.to_owned(),
+            what: "the rate".to_owned(),
+            found: format!("{rate} Hz"),
+            other: "the game",
+            expected: format!("{expected} Hz"),
+            remedy: "fit the actuator with --rate-hz 50",
+        })
+        .into());
+    }
+    let coverage = Some(stored.coverage);
+    Ok(GameSettings { actuation: Actuation::learned(stored.model), coverage, ..game })
+}

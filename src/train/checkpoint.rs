@@ -1,0 +1,149 @@
+//! A checkpoint as bytes: the learner as safetensors, counters as Protocol Buffers (numbers come back bit for
+//! bit, which JSON does not promise), each policy of the pool as safetensors.
+
+use super::{
+    pool::{Choice, Member, Opponent, PoolState},
+    run::Checkpoint,
+    settings::{OpponentMode, TrainSettings},
+};
+use crate::{
+    game::Asked,
+    nn::safetensors::SafetensorsError,
+    ppo::{LearnerState, Policy},
+};
+use prost::Message;
+use std::collections::BTreeMap;
+
+/// Attachment with the learner.
+pub(super) const LEARNER: &str = "checkpoint/learner.safetensors";
+/// Attachment with the counters.
+pub(super) const COUNTERS: &str = "checkpoint/counters.binpb";
+
+/// Attachment with the weights of a member of the pool.
+pub(super) fn member_attachment(name: &str) -> String {
+    format!("pool/{name}.safetensors")
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Counters {
+    #[prost(message, repeated, tag = "1")]
+    members: Vec<MemberCounters>,
+    /// Results plus one, oldest first.
+    #[prost(bytes = "vec", tag = "2")]
+    window: Vec<u8>,
+    #[prost(double, tag = "3")]
+    rating: f64,
+    #[prost(uint64, tag = "4")]
+    asked: u64,
+    #[prost(uint64, tag = "5")]
+    asked_outside: u64,
+    #[prost(uint64, tag = "6")]
+    updates: u64,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct MemberCounters {
+    #[prost(string, tag = "1")]
+    name: String,
+    #[prost(uint64, tag = "2")]
+    update: u64,
+    #[prost(double, tag = "3")]
+    rating: f64,
+    #[prost(bool, tag = "4")]
+    draws: bool,
+}
+
+/// Why bytes are no checkpoint: the attachment and the reason.
+pub(super) type Refusal = (String, String);
+
+impl Checkpoint {
+    /// Attachments of the checkpoint by name.
+    pub(super) fn to_attachments(&self) -> Vec<(String, Vec<u8>)> {
+        let none = BTreeMap::new();
+        let counters = Counters {
+            members: self.pool.members.iter().map(MemberCounters::of).collect(),
+            window: self.pool.window.iter().map(|score| (score + 1) as u8).collect(),
+            rating: self.pool.rating,
+            asked: self.asked.all,
+            asked_outside: self.asked.outside,
+            updates: self.curve.len() as u64,
+        };
+        let mut attachments = vec![
+            (LEARNER.to_owned(), self.learner.to_safetensors(&none)),
+            (COUNTERS.to_owned(), counters.encode_to_vec()),
+        ];
+        for (member, opponent) in self.pool.members.iter().zip(&self.opponents) {
+            if let Opponent::Policy(policy, _) = opponent {
+                attachments.push((member_attachment(&member.name), policy.to_safetensors(&none)));
+            }
+        }
+        attachments
+    }
+
+    /// Undoes [`to_attachments`](Self::to_attachments); the curve is that of the whole run.
+    pub(super) fn from_attachments(
+        settings: &TrainSettings,
+        curve: &[super::CurvePoint],
+        find: &dyn Fn(&str) -> Option<Vec<u8>>,
+    ) -> Result<Self, Refusal> {
+        let bytes = |name: &str| {
+            find(name).ok_or_else(|| (name.to_owned(), "the attachment is missing".to_owned()))
+        };
+        let refusal = |name: &str, error: SafetensorsError| (name.to_owned(), error.to_string());
+        let (learner, _) = LearnerState::from_safetensors(&bytes(LEARNER)?)
+            .map_err(|error| refusal(LEARNER, error))?;
+        let counters = Counters::decode(bytes(COUNTERS)?.as_slice())
+            .map_err(|error| (COUNTERS.to_owned(), error.to_string()))?;
+        let updates = counters.updates as usize;
+        if curve.len() < updates || learner.updates != counters.updates {
+            let reason = format!(
+                "it counts {updates} updates, but the learner {} and the curve {}",
+                learner.updates,
+                curve.len()
+            );
+            return Err((COUNTERS.to_owned(), reason));
+        }
+        if counters.members.is_empty() || counters.window.iter().any(|score| 2 < *score) {
+            return Err((COUNTERS.to_owned(), "the pool is empty or has no results".to_owned()));
+        }
+        let mut opponents = Vec::new();
+        for member in &counters.members {
+            opponents.push(match settings.opponents.mode {
+                OpponentMode::Scripted(script) => Opponent::Scripted(script),
+                _ => {
+                    let name = member_attachment(&member.name);
+                    let (policy, _) = Policy::from_safetensors(&bytes(&name)?)
+                        .map_err(|error| refusal(&name, error))?;
+                    Opponent::Policy(Box::new(policy), member.choice())
+                }
+            });
+        }
+        Ok(Self {
+            learner,
+            pool: PoolState {
+                members: counters.members.iter().map(MemberCounters::member).collect(),
+                window: counters.window.iter().map(|score| *score as i8 - 1).collect(),
+                rating: counters.rating,
+            },
+            opponents,
+            asked: Asked { all: counters.asked, outside: counters.asked_outside },
+            curve: curve[..updates].to_vec(),
+        })
+    }
+}
+
+impl MemberCounters {
+    fn of(member: &Member) -> Self {
+        let Member { name, update, rating, choice } = member.clone();
+        Self { name, update, rating, draws: choice == Choice::Random }
+    }
+
+    fn choice(&self) -> Choice {
+        if self.draws { Choice::Random } else { Choice::Mean }
+    }
+
+    fn member(&self) -> Member {
+        let Self { name, update, rating, .. } = self.clone();
+        Member { name, update, rating, choice: self.choice() }
+    }
+}

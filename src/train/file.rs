@@ -1,0 +1,262 @@
+//! `policy.mcap`: curves, ratings and sample games as messages, weights as attachments, settings as metadata.
+//!
+//! | topic | message | what |
+//! |---|---|---|
+//! | `/train/update` | `TrainingUpdate` | the learning curve, an update every millisecond |
+//! | `/train/evaluation` | `MatchScore` | games against scripted players, by seat |
+//! | `/train/elo` | `EloRating` | the round robin |
+//! | `/board/state` | `BoardState` | sample games, 50 Hz, which `klasktron eval` scores |
+//! | `/striker/{left,right}/command` | `VelocityCommand` | their commands |
+//!
+//! Attachments: `policy.safetensors` and `policy.onnx` (standardisation, network; observation in, mean action
+//! out), `settings.json`, `summary.json`, `pool/*.safetensors`, and `checkpoint/*`, from which `--resume` goes on.
+//! Metadata: `klasktron.recording` and `klasktron.policy`. Nothing in it depends on clocks, threads or places.
+
+use super::{
+    actuator::ActuatorSource, judge::Verdict, message::message_of, run::Run, sample::SampleGame,
+    settings::TrainSettings,
+};
+use crate::{
+    game::{Asked, CONTROL_PERIOD, Snapshot},
+    provenance::Provenance,
+    recording::{
+        ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingError, RecordingWriter,
+        message::{BoardState, EloRating, MatchScore, ObjectState, VelocityCommand},
+        topic::{self, Player},
+    },
+    units::Nanos,
+};
+use serde::Serialize;
+use std::{collections::BTreeMap, path::Path};
+
+/// Name of the metadata record with what everyone who uses the policy must know.
+pub const POLICY_METADATA: &str = "klasktron.policy";
+/// Version of that record and of the observations.
+pub(super) const FORMAT_VERSION: &str = "1";
+/// Topic of the learning curve.
+pub const UPDATE_TOPIC: &str = "/train/update";
+const EVALUATION_TOPIC: &str = "/train/evaluation";
+const ELO_TOPIC: &str = "/train/elo";
+pub(super) const POLICY_ATTACHMENT: &str = "policy.safetensors";
+const ONNX_ATTACHMENT: &str = "policy.onnx";
+pub(super) const SETTINGS_ATTACHMENT: &str = "settings.json";
+const SUMMARY_ATTACHMENT: &str = "summary.json";
+const NANOS_PER_UPDATE: u64 = 1_000_000;
+/// A sample game stands as it ended for so long (s): a referee wants to see that the ball stays in the cup.
+const STAND: f64 = 1.5;
+
+/// The result document.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Updates that were done.
+    pub updates: u64,
+    /// Transitions of all environments.
+    pub transitions: u64,
+    /// Whether all steps that were asked for are done.
+    pub finished: bool,
+    /// Games against scripted players and earlier policies; absent before the end of training.
+    pub verdict: Option<Verdict>,
+    /// What a learned actuator was asked in training; zeros for other actuators.
+    pub actuator_asked: Asked,
+    /// Share of these questions outside of its training data; absent when it was not asked.
+    pub actuator_outside_share: Option<f64>,
+    /// How commands became motion.
+    pub actuator: ActuatorSource,
+    /// Doubts.
+    pub warnings: Vec<String>,
+    /// The settings.
+    pub settings: TrainSettings,
+    /// How it was made.
+    pub provenance: Provenance,
+}
+
+/// Share of questions outside of the data from which on it is a warning.
+const OUTSIDE_WARNING: f64 = 0.01;
+
+impl Summary {
+    /// Of `run` as it stands.
+    #[must_use]
+    pub fn new(
+        run: &Run,
+        actuator: ActuatorSource,
+        verdict: Option<Verdict>,
+        provenance: Provenance,
+    ) -> Self {
+        let asked = run.asked();
+        let outside_share = (0 < asked.all).then(|| asked.outside as f64 / asked.all as f64);
+        let mut warnings = Vec::new();
+        if let Some(share) = outside_share.filter(|share| OUTSIDE_WARNING < *share) {
+            warnings.push(format!(
+                "the actuator model was asked {} times, {} of them ({:.1} %) far from its training data; what \
+                 it answered there is a guess: collect wider motions and fit it again, or lower the speed",
+                asked.all,
+                asked.outside,
+                100.0 * share
+            ));
+        }
+        if !run.is_done() {
+            warnings.push(format!(
+                "training ended after update {} of {}; the same command with --resume goes on",
+                run.curve().len(),
+                run.settings().updates()
+            ));
+        }
+        Self {
+            updates: run.curve().len() as u64,
+            transitions: run.curve().last().map_or(0, |point| point.transitions),
+            finished: run.is_done(),
+            verdict,
+            actuator_asked: asked,
+            actuator_outside_share: outside_share,
+            actuator,
+            warnings,
+            settings: run.settings().clone(),
+            provenance,
+        }
+    }
+}
+
+/// Writes the file; beside its name, and renamed when it is complete.
+///
+/// # Errors
+/// When the disk refuses.
+pub fn write_policy(
+    run: &Run,
+    summary: &Summary,
+    samples: &[SampleGame],
+    path: &Path,
+) -> Result<(), RecordingError> {
+    let mut writer = RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
+    let policy_metadata = policy_metadata(summary, run.game().limits.speed);
+    writer.metadata(RECORDING_METADATA, recording_metadata(summary))?;
+    writer.metadata(POLICY_METADATA, policy_metadata.clone())?;
+    for point in run.curve() {
+        let time = Nanos(point.update * NANOS_PER_UPDATE);
+        writer.write(UPDATE_TOPIC, time, &message_of(point))?;
+    }
+    let end = Nanos((run.curve().len() as u64 + 1) * NANOS_PER_UPDATE);
+    if let Some(verdict) = &summary.verdict {
+        write_verdict(verdict, end, &mut writer)?;
+    }
+    write_samples(samples, end, &mut writer)?;
+    let policy = run.policy();
+    let bytes = "application/octet-stream";
+    writer.attach(POLICY_ATTACHMENT, bytes, &policy.to_safetensors(&policy_metadata))?;
+    writer.attach(ONNX_ATTACHMENT, bytes, &policy.to_onnx(&policy_metadata))?;
+    for (name, attachment) in run.checkpoint().to_attachments() {
+        writer.attach(&name, bytes, &attachment)?;
+    }
+    writer.attach(SETTINGS_ATTACHMENT, "application/json", run.settings().to_json().as_bytes())?;
+    let json = serde_json::to_vec_pretty(summary)
+        .unwrap_or_else(|_plain| unreachable!("a summary is plain data"));
+    writer.attach(SUMMARY_ATTACHMENT, "application/json", &json)?;
+    writer.finish()
+}
+
+fn strings<const N: usize>(entries: [(&str, String); N]) -> BTreeMap<String, String> {
+    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+fn recording_metadata(summary: &Summary) -> BTreeMap<String, String> {
+    let Provenance { command_line, crate_version, git_hash } = &summary.provenance;
+    let mut metadata = strings([
+        ("schema_version", "1".to_owned()),
+        ("source", "simulation".to_owned()),
+        ("session", "train".to_owned()),
+        ("robot", "simulated".to_owned()),
+        ("command_line", command_line.clone()),
+        ("crate_version", (*crate_version).to_owned()),
+        ("git_hash", (*git_hash).to_owned()),
+        ("seed", summary.settings.seed.to_string()),
+    ]);
+    if let (Some(file), Some(sha256)) = (&summary.actuator.file, &summary.actuator.sha256) {
+        metadata.insert("input_0".to_owned(), file.clone());
+        metadata.insert("input_0_sha256".to_owned(), sha256.clone());
+    }
+    metadata
+}
+
+fn policy_metadata(summary: &Summary, speed: f64) -> BTreeMap<String, String> {
+    let settings = &summary.settings;
+    let name = serde_json::to_value(settings.observations).unwrap_or_default();
+    strings([
+        ("format_version", FORMAT_VERSION.to_owned()),
+        ("observations", name.as_str().unwrap_or_default().to_owned()),
+        (
+            "observation_frame",
+            "own: the board turned by 180 degrees for the right player".to_owned(),
+        ),
+        ("action_order", "x, y; own frame; -1 to 1, clamped".to_owned()),
+        ("action_scale_m_per_s", speed.to_string()),
+        ("rate_hz", CONTROL_PERIOD.recip().to_string()),
+        ("actuator", summary.actuator.kind.clone()),
+        ("actuator_sha256", summary.actuator.sha256.clone().unwrap_or_default()),
+        ("updates", summary.updates.to_string()),
+        ("transitions", summary.transitions.to_string()),
+    ])
+}
+
+fn write_verdict(
+    verdict: &Verdict,
+    time: Nanos,
+    writer: &mut RecordingWriter,
+) -> Result<(), RecordingError> {
+    for judged in &verdict.opponents {
+        for (seat, count) in
+            [(Player::Left, judged.score.left), (Player::Right, judged.score.right)]
+        {
+            let message = MatchScore {
+                opponent: judged.opponent.clone(),
+                seat: seat.name().to_owned(),
+                won: count.won,
+                drawn: count.drawn,
+                lost: count.lost,
+            };
+            writer.write(EVALUATION_TOPIC, time, &message)?;
+        }
+    }
+    for row in &verdict.elo {
+        let message = EloRating {
+            player: row.player.clone(),
+            rating: row.rating,
+            ci95_low: row.ci95.map(|ci| ci.low),
+            ci95_high: row.ci95.map(|ci| ci.high),
+            games: row.games,
+        };
+        writer.write(ELO_TOPIC, time, &message)?;
+    }
+    Ok(())
+}
+
+fn write_samples(
+    samples: &[SampleGame],
+    start: Nanos,
+    writer: &mut RecordingWriter,
+) -> Result<(), RecordingError> {
+    let mut time = start;
+    for game in samples {
+        for moment in &game.moments {
+            for player in Player::BOTH {
+                let [vx, vy] = moment.commands[player as usize];
+                writer.write(&topic::command(player), time, &VelocityCommand { vx, vy })?;
+            }
+            writer.write(topic::BOARD_STATE, time, &state_of(&moment.board))?;
+            time = time.after_seconds(CONTROL_PERIOD);
+        }
+        let Some(last) = game.moments.last() else { continue };
+        let standing =
+            Snapshot { ball_velocity: [0.0; 2], striker_velocities: [[0.0; 2]; 2], ..last.board };
+        for _ in 0..(STAND / CONTROL_PERIOD) as usize {
+            writer.write(topic::BOARD_STATE, time, &state_of(&standing))?;
+            time = time.after_seconds(CONTROL_PERIOD);
+        }
+    }
+    Ok(())
+}
+
+fn state_of(board: &Snapshot) -> BoardState {
+    let object = |[x, y]: [f64; 2], [vx, vy]: [f64; 2]| Some(ObjectState { x, y, vx, vy });
+    let [left, right] = [0, 1]
+        .map(|player| object(board.striker_positions[player], board.striker_velocities[player]));
+    BoardState { ball: object(board.ball_position, board.ball_velocity), left, right, status: 0 }
+}

@@ -1,0 +1,66 @@
+//! Games that are stored move by move.
+
+use super::{
+    TrainError,
+    pool::Opponent,
+    table::{Tables, across, seat},
+};
+use crate::{
+    game::{Ending, GameSettings, ObservationKind, Snapshot},
+    recording::topic::Player,
+};
+
+/// A moment of a game.
+#[derive(Debug, Clone)]
+pub struct Moment {
+    /// What stands where, before the commands act.
+    pub board: Snapshot,
+    /// Commands of left and right (m/s, board frame).
+    pub commands: [[f64; 2]; 2],
+}
+
+/// A game from its start to its end.
+#[derive(Debug, Clone)]
+pub struct SampleGame {
+    /// Seat of the first player.
+    pub seat: Player,
+    /// Control period by control period, the last without commands.
+    pub moments: Vec<Moment>,
+    /// How it ended.
+    pub ending: Ending,
+}
+
+/// Plays the games numbered 0 to `count` between `players`; the seats change from game to game.
+///
+/// # Errors
+/// When a game leaves the range of numbers.
+pub fn play_samples(
+    (game, observations): (&GameSettings, ObservationKind),
+    players: &[Opponent; 2],
+    (count, seed): (usize, u64),
+) -> Result<Vec<SampleGame>, TrainError> {
+    (0..count).map(|number| play_one((game, observations), players, (number, seed))).collect()
+}
+
+fn play_one(
+    (game, observations): (&GameSettings, ObservationKind),
+    players: &[Opponent; 2],
+    (number, seed): (usize, u64),
+) -> Result<SampleGame, TrainError> {
+    let mut tables = Tables::new(number..number + 1, game, (observations, seed, || 0.0))?;
+    let own = seat(number);
+    let mut moments = Vec::new();
+    for step in 0.. {
+        tables.ask(players, &[0], (seed, step), |_row| own);
+        tables.ask(players, &[1], (seed, step), |_row| across(own));
+        let [left, right] = tables.commands[0].map(|command| command.map(f64::from));
+        let commands = [left, right.map(|v| -v)];
+        moments.push(Moment { board: tables.games.snapshot(0), commands });
+        tables.advance()?;
+        if let Some(ending) = tables.outcomes.ended[0] {
+            moments.push(Moment { board: tables.games.snapshot(0), commands: [[0.0; 2]; 2] });
+            return Ok(SampleGame { seat: own, moments, ending });
+        }
+    }
+    unreachable!("a game has a time limit")
+}

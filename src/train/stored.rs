@@ -1,0 +1,174 @@
+//! Reading a `policy.mcap`: the policy for others, the checkpoint for `--resume`.
+
+use super::{
+    CurvePoint, Mismatch, TrainError,
+    actuator::ActuatorSource,
+    file::{FORMAT_VERSION, POLICY_ATTACHMENT, POLICY_METADATA, SETTINGS_ATTACHMENT, UPDATE_TOPIC},
+    message::point_of,
+    run::Checkpoint,
+    settings::TrainSettings,
+};
+use crate::{
+    game::{CONTROL_PERIOD, ObservationKind},
+    ppo::Policy,
+    recording::{Recording, message::TrainingUpdate},
+};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A policy read back from a `policy.mcap`.
+#[derive(Debug, Clone)]
+pub struct StoredPolicy {
+    /// Observation to mean action.
+    pub policy: Policy,
+    /// What it must be shown.
+    pub observations: ObservationKind,
+    /// Speed of a full action (m/s).
+    pub action_scale_m_per_s: f64,
+    /// Settings of its training.
+    pub settings: TrainSettings,
+    /// The metadata record `klasktron.policy`.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// The parts of a file, each found or named as missing.
+struct Parts<'a> {
+    recording: &'a Recording,
+    metadata: &'a BTreeMap<String, String>,
+}
+
+impl<'a> Parts<'a> {
+    fn of(recording: &'a Recording) -> Result<Self, TrainError> {
+        match recording.metadata.get(POLICY_METADATA) {
+            Some(metadata) => Ok(Self { recording, metadata }),
+            None => Err(TrainError::BadPolicy {
+                path: recording.path.clone(),
+                reason: "no policy in this file; make one with `klasktron train`".to_owned(),
+            }),
+        }
+    }
+
+    fn bad(&self, reason: String) -> TrainError {
+        TrainError::BadPolicy { path: self.recording.path.clone(), reason }
+    }
+
+    fn entry(&self, key: &str) -> Result<&'a str, TrainError> {
+        let missing = || self.bad(format!("metadata {POLICY_METADATA} has no '{key}'"));
+        self.metadata.get(key).map(String::as_str).ok_or_else(missing)
+    }
+
+    /// Refuses an entry that is not `expected`.
+    fn expect(&self, key: &str, expected: &str) -> Result<(), TrainError> {
+        let found = self.entry(key)?;
+        if found == expected {
+            return Ok(());
+        }
+        Err(self.mismatch(
+            (key, found),
+            ("this program", expected),
+            "train it again with this version",
+        ))
+    }
+
+    fn mismatch(
+        &self,
+        (what, found): (&str, &str),
+        (other, expected): (&'static str, &str),
+        remedy: &'static str,
+    ) -> TrainError {
+        let path = self.recording.path.clone();
+        let (what, found, expected) = (what.to_owned(), found.to_owned(), expected.to_owned());
+        Box::new(Mismatch { path, what, found, other, expected, remedy }).into()
+    }
+
+    fn attachment(&self, name: &str) -> Result<&'a [u8], TrainError> {
+        let found = self.recording.attachment(name);
+        found
+            .map(|attachment| attachment.data.as_slice())
+            .ok_or_else(|| self.bad(format!("attachment {name} is missing")))
+    }
+}
+
+/// Reads the policy out of a `policy.mcap`.
+///
+/// # Errors
+/// When a part is missing or does not fit the others.
+pub fn read_policy(recording: &Recording) -> Result<StoredPolicy, TrainError> {
+    let parts = Parts::of(recording)?;
+    parts.expect("format_version", FORMAT_VERSION)?;
+    parts.expect("rate_hz", &CONTROL_PERIOD.recip().to_string())?;
+    let name = serde_json::Value::String(parts.entry("observations")?.to_owned());
+    let observations: ObservationKind = serde_json::from_value(name)
+        .map_err(|error| parts.bad(format!("observations: {error}")))?;
+    let weights = Policy::from_safetensors(parts.attachment(POLICY_ATTACHMENT)?);
+    let (policy, _) = weights.map_err(|source| {
+        let (path, attachment) = (recording.path.clone(), POLICY_ATTACHMENT.to_owned());
+        TrainError::BadWeights { path, attachment, source }
+    })?;
+    let (width, expected) = (policy.network().inputs(), observations.len());
+    if width != expected {
+        return Err(parts.mismatch(
+            ("the width of the network's input", &width.to_string()),
+            ("its observation layout", &expected.to_string()),
+            "train it again",
+        ));
+    }
+    let settings = serde_json::from_slice(parts.attachment(SETTINGS_ATTACHMENT)?)
+        .map_err(|source| TrainError::Settings { path: recording.path.clone(), source })?;
+    let scale = parts.entry("action_scale_m_per_s")?;
+    let action_scale_m_per_s =
+        scale.parse().ok().filter(|scale: &f64| scale.is_finite() && 0.0 < *scale).ok_or_else(
+            || parts.bad(format!("action_scale_m_per_s is {scale}; it must be above 0")),
+        )?;
+    let metadata = parts.metadata.clone();
+    Ok(StoredPolicy { policy, observations, action_scale_m_per_s, settings, metadata })
+}
+
+/// Reads the checkpoint out of a `policy.mcap`, for a run with `settings` and `actuator`; settings other than
+/// [`TrainSettings::steps`] must be those of the file.
+///
+/// # Errors
+/// When something is missing, or differs: with both values.
+pub fn read_checkpoint(
+    recording: &Recording,
+    settings: &TrainSettings,
+    actuator: &ActuatorSource,
+) -> Result<Checkpoint, TrainError> {
+    let stored = read_policy(recording)?;
+    let parts = Parts::of(recording)?;
+    let remedy = "give the same settings, or another --out for a new run";
+    let mismatch = |what: &str, found: &str, expected: &str| {
+        parts.mismatch((what, found), ("this command", expected), remedy)
+    };
+    let steps = TrainSettings { steps: settings.steps, ..stored.settings.clone() };
+    let values =
+        [&steps, settings].map(|settings| serde_json::to_value(settings).unwrap_or_default());
+    if let Some((key, [found, expected])) = first_difference("", [&values[0], &values[1]]) {
+        return Err(mismatch(&key, &found, &expected));
+    }
+    let sha256 = actuator.sha256.clone().unwrap_or_default();
+    for (key, expected) in [("actuator", &actuator.kind), ("actuator_sha256", &sha256)] {
+        let found = parts.entry(key)?;
+        if found != expected {
+            return Err(mismatch(key, found, expected));
+        }
+    }
+    let curve: Vec<CurvePoint> =
+        recording.series::<TrainingUpdate>(UPDATE_TOPIC)?.values.iter().map(point_of).collect();
+    let find = |name: &str| recording.attachment(name).map(|attachment| attachment.data.clone());
+    Checkpoint::from_attachments(settings, &curve, &find)
+        .map_err(|(attachment, reason)| parts.bad(format!("{attachment}: {reason}")))
+}
+
+/// The first place where two documents differ, and what stands there.
+fn first_difference(key: &str, [a, b]: [&serde_json::Value; 2]) -> Option<(String, [String; 2])> {
+    if let (Some(of_a), Some(of_b)) = (a.as_object(), b.as_object()) {
+        let keys: BTreeSet<&String> = of_a.keys().chain(of_b.keys()).collect();
+        let null = serde_json::Value::Null;
+        return keys.into_iter().find_map(|inner| {
+            let name = if key.is_empty() { inner.clone() } else { format!("{key}.{inner}") };
+            let both = [of_a, of_b].map(|object| object.get(inner).unwrap_or(&null));
+            first_difference(&name, both)
+        });
+    }
+    (a != b).then(|| (key.to_owned(), [a.to_string(), b.to_string()]))
+}
