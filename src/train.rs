@@ -1,4 +1,57 @@
 //! Self-play: policies learn KLASK against earlier versions of themselves.
+//!
+//! [`Run`] is the loop: many boards of the [`game`](crate::game) fill a rollout, the [`ppo`](crate::ppo)
+//! learner learns from it, and now and then the policy joins the pool of its opponents.
+//!
+//! ```
+//! use klasktron::{game::GameSettings, train::{Machine, Preset, Run, TrainSettings}};
+//! use std::num::NonZeroUsize;
+//! # fn main() -> Result<(), klasktron::train::TrainError> {
+//! let mut settings = TrainSettings::preset(Preset::Paper);
+//! (settings.environments, settings.ppo.horizon, settings.ppo.hidden) = (16, 8, vec![8]);
+//! settings.steps = 2 * settings.transitions_per_update();
+//! let machine = Machine { threads: NonZeroUsize::MIN, clock: || 0.0 };
+//! let mut run = Run::new(&settings, &GameSettings::default(), machine)?;
+//! while !run.is_done() {
+//!     let point = run.update()?;
+//!     assert_eq!(point.learning.samples, 128);
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # The details
+//!
+//! Paper: KlaskTron, appendix A and B. Upstream: the KlaskTron repositories. The learner's own details are on
+//! the front page of [`ppo`](crate::ppo).
+//!
+//! | detail | here | done by |
+//! |---|---|---|
+//! | observations | 12 standard values, or 8 more (paper A.3) | [`ObservationKind`](crate::game::ObservationKind) |
+//! | actions | two, -1 to 1, clamped; times 0.4 m/s; slew and wall limiter are the game's (upstream) | `pool::velocity_of` |
+//! | seats | the learner sits left on even boards, right on odd ones; all see their own frame | `table::seat` |
+//! | reward | result plus shaping that decays with transitions (paper, equation 2) | [`RewardSettings`] |
+//! | curricula | dense ball-to-goal, collision only, sparse (paper A.1) | [`Curriculum`] |
+//! | ends | a time limit cuts an episode off, which then counts on with its last value; all else ends it | `block::Block::pay` |
+//! | opponents | drawn for every episode, weight 0.9 to the power of the age (paper A.2) | `pool::weights` |
+//! | first opponent | untrained, draws its actions; later ones play means (upstream) | `pool::Pool::new` |
+//! | pool update | mean score difference of the last finished games above 0.7 (paper A.2); a full window, nothing added | `pool::Pool::wants_update` |
+//! | Elo | K 10, base 1200 (upstream); both seats, equal numbers of games, intervals | [`elo_table`] |
+//! | judgement | means of actions, one episode on each board, no first finishers | [`Arena::play`] |
+//! | randomisation | the paper's table III, off by default | [`RandomizationKind`] |
+//! | first look | moments of observations from random play, before the first update | `run::look_around` |
+//!
+//! # Bytes
+//!
+//! Boards are played in blocks that do not depend on threads, random numbers are named after seed, board and
+//! step, and sums run in the order of blocks: equal settings give equal bytes on any number of threads. A run
+//! is cut by checkpoints, at which all boards begin anew; so a resumed run equals an uninterrupted one.
+//!
+//! # Left out on purpose
+//!
+//! Upstream's other learners (FastSAC, Dreamer), its pretraining in another action space, noise on
+//! observations, init-velocity assistance. Networks of learner and opponents have the same layout.
+
 mod actuator;
 mod arena;
 mod block;

@@ -64,6 +64,9 @@ pub(crate) struct Args {
     /// What players see: 12 standard values, or with 8 angles and distances [default: 20]
     #[arg(long, value_enum)]
     observations: Option<ObservationsArg>,
+    /// Games against each scripted player at the end, even; 0 for no judgement [default: 1000]
+    #[arg(long, value_name = "COUNT")]
+    games: Option<usize>,
     /// Everything random comes from it [default: 0]
     #[arg(long)]
     seed: Option<u64>,
@@ -215,6 +218,12 @@ impl Args {
                 ObservationsArg::Standard => ObservationKind::Standard12,
                 ObservationsArg::Augmented => ObservationKind::Augmented20,
             };
+        }
+        if let Some(games) = self.games {
+            settings.evaluation.games_per_opponent = games;
+            if games == 0 {
+                settings.evaluation.games_per_pair = 0;
+            }
         }
         if self.randomize {
             settings.randomization = RandomizationKind::Paper;

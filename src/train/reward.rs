@@ -48,11 +48,11 @@ pub struct RewardSettings {
     pub defence: f32,
     /// Distance over which closeness to a cup falls by e (m), above 0; 0.2.
     pub cup_scale_m: f32,
-    /// Weight of the striker's closeness to the ball, each step; 0.001.
+    /// Weight of the striker's closeness to the ball, each step; 0.002.
     pub proximity: f32,
     /// Distance over which that falls by e (m), above 0; 0.1.
     pub ball_scale_m: f32,
-    /// Weight of the ball's speed (s/m), each step; 0.002.
+    /// Weight of the ball's speed (s/m), each step; 0.004.
     pub ball_speed_s_per_m: f32,
     /// Weight of a step in which the own striker hits the ball; 0.02 in the collision curriculum.
     pub collision: f32,
@@ -100,8 +100,8 @@ impl RewardSettings {
             Curriculum::DenseBallToGoal => Self {
                 progress: 0.006,
                 defence: 0.006,
-                proximity: 0.001,
-                ball_speed_s_per_m: 0.002,
+                proximity: 0.002,
+                ball_speed_s_per_m: 0.004,
                 ..sparse
             },
         }

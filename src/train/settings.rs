@@ -116,7 +116,8 @@ impl TrainSettings {
             environments: 4096,
             observations: ObservationKind::Augmented20,
             ppo: match preset {
-                Preset::Paper => PpoSettings::paper(),
+                // The paper leaves the horizon open; short rollouts give four times as many updates.
+                Preset::Paper => PpoSettings { horizon: 16, ..PpoSettings::paper() },
                 Preset::Upstream => PpoSettings::upstream(),
             },
             reward: RewardSettings::of(Curriculum::DenseBallToGoal),
@@ -276,7 +277,7 @@ mod tests {
     #[test]
     fn steps_are_reached_by_whole_updates() {
         let settings = TrainSettings::preset(Preset::Paper);
-        assert_eq!(settings.transitions_per_update(), 262_144);
-        assert_eq!(settings.updates(), 77);
+        assert_eq!(settings.transitions_per_update(), 65_536);
+        assert_eq!(settings.updates(), 306);
     }
 }

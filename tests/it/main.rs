@@ -20,4 +20,5 @@ mod recover;
 mod recover_actuator;
 mod support;
 mod tables;
+mod train;
 mod weights_out;

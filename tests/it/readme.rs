@@ -35,11 +35,12 @@ fn every_command_of_the_readme_works() {
     let commands = typed(&readme);
     assert!(5 <= commands.len(), "{commands:?}");
     for line in commands {
-        // The installed name stands for the program under test, and few epochs for many.
+        // The installed name stands for the program under test, and few epochs and steps for many.
         let run = line
             .replace("cargo run --release --", "klasktron")
             .replace("klasktron ", &format!("{program} "))
-            .replace("--epochs 300", "--epochs 3");
+            .replace("--epochs 300", "--epochs 3")
+            .replace("train --steps 20e6", "train --steps 500 --envs 16 --hidden 8 --games 0");
         let status = Command::new("sh")
             .args(["-c", &run])
             .current_dir(dir.path())

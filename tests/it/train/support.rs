@@ -1,0 +1,31 @@
+//! A run that takes moments.
+
+use klasktron::train::{Preset, TrainSettings};
+use std::path::{Path, PathBuf};
+
+/// Six updates of 32 boards with a small network, a checkpoint before every second one.
+pub(super) fn tiny() -> TrainSettings {
+    let mut settings = TrainSettings::preset(Preset::Paper);
+    settings.seed = 7;
+    settings.environments = 32;
+    settings.ppo.hidden = vec![8];
+    settings.ppo.horizon = 16;
+    settings.ppo.epochs = 2;
+    settings.ppo.minibatch = 128;
+    settings.checkpoint_updates = 2;
+    settings.opponents.window_games = 1;
+    settings.opponents.update_score = -1.0;
+    settings.evaluation.games_per_opponent = 4;
+    settings.evaluation.games_per_pair = 2;
+    settings.evaluation.pool_players = 2;
+    settings.evaluation.sample_games = 2;
+    settings.steps = 6 * settings.transitions_per_update();
+    settings
+}
+
+/// The settings as a file.
+pub(super) fn settings_file(dir: &Path, settings: &TrainSettings) -> PathBuf {
+    let path = dir.join("settings.json");
+    std::fs::write(&path, settings.to_json()).unwrap();
+    path
+}
