@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(found, [1205.0, 1195.0]);
         // Second game: expected 1 / (1 + 10^(-10/400)) = 0.514387, so 4.85613 are won.
         let found = ratings(2, &[first, first]);
-        assert!((found[0] - 1209.856_13).abs() < 1e-4, "{found:?}");
+        assert!((found[0] - 1_209.856_13).abs() < 1e-4, "{found:?}");
         assert!((found[0] + found[1] - 2400.0).abs() < 1e-9);
         let draw = Played { players: [1, 0], score: 0.5 };
         assert_eq!(ratings(2, &[draw]), [1200.0, 1200.0]);
