@@ -67,8 +67,10 @@ fn a_period_without_contacts_is_as_good_in_one_piece() {
             games.snapshot(0)
         });
         assert_ne!(a.ball_velocity, [0.0; 2]);
-        assert!(length(subtract(a.ball_position, b.ball_position)) < 2e-6, "{step} {a:?} {b:?}");
-        assert!(length(subtract(a.ball_velocity, b.ball_velocity)) < 5e-6, "{step}");
+        let off = length(subtract(a.ball_position, b.ball_position));
+        let change = length(subtract(a.ball_velocity, b.ball_velocity));
+        // The square of the period's share of the 2.5 s in which the ball would stop.
+        assert!(off < 1e-5 && change < 5e-5, "step {step}: {off} m, {change} m/s");
     }
 }
 
