@@ -3,7 +3,8 @@
 //! [`Games`] holds the boards as arrays, one per kind of thing (balls, strikers, physics, clocks), and plays
 //! all of them one control period (20 ms, 50 Hz) per [`Games::step`]. Nothing is allocated in a step. A board
 //! depends on the seed, its number and its episode only, so the same seed gives the same bytes however boards
-//! are divided over threads: each thread plays a [`Games::range`] of its own.
+//! are divided over threads: each thread plays a [`Games::range`] of its own. [`Games::save`] and
+//! [`Games::restore`] let an interrupted training go on as if it had not been.
 //!
 //! ```
 //! use klasktron::{
@@ -81,6 +82,7 @@ mod outcome;
 mod period;
 mod randomization;
 mod settings;
+mod state;
 
 pub use actuation::Actuation;
 pub use cup::sure_fall_speed;

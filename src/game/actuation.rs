@@ -110,8 +110,10 @@ impl Rails {
     pub(super) fn new(limits: CommandLimits, half: [f64; 2], radius: f64, pieces: usize) -> Self {
         let PerPlayer { left, right } = limits.field;
         let reach = [left, right].map(|field: Rectangle| {
-            let inside =
-                |low: f64, high: f64, half: f64| [low.max(radius - half), high.min(half - radius)];
+            let inside = |low: f64, high: f64, half: f64| {
+                let edge = half - radius;
+                [low.clamp(-edge, edge), high.clamp(-edge, edge)]
+            };
             [
                 inside(field.x_min_m, field.x_max_m, half[0]),
                 inside(field.y_min_m, field.y_max_m, half[1]),

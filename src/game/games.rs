@@ -29,9 +29,9 @@ const MOST_DRAWS: usize = 32;
 
 /// Which episode a board plays, and how far it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Clock {
-    episode: u64,
-    step: u32,
+pub(super) struct Clock {
+    pub(super) episode: u64,
+    pub(super) step: u32,
 }
 
 /// What stands where on one board (m, m/s; board frame; players are left, right).
@@ -67,13 +67,13 @@ pub struct Games {
     settings: GameSettings,
     seed: u64,
     first: usize,
-    balls: Vec<BallState>,
-    strikers: Vec<[StrikerState; 2]>,
+    pub(super) balls: Vec<BallState>,
+    pub(super) strikers: Vec<[StrikerState; 2]>,
     physics: Vec<BoardPhysics>,
-    clocks: Vec<Clock>,
+    pub(super) clocks: Vec<Clock>,
     /// Empty in a game without.
-    biscuits: Vec<[BiscuitState; 3]>,
-    actuators: Actuators,
+    pub(super) biscuits: Vec<[BiscuitState; 3]>,
+    pub(super) actuators: Actuators,
     commands: Vec<[[f64; 2]; 2]>,
     ways: Vec<[f64; 2]>,
     clock: Option<Clockwork>,
@@ -428,14 +428,25 @@ impl Games {
 
     /// The start of an episode, drawn from seed, board and episode alone.
     fn begin(&mut self, board: usize) {
-        let numbers = [(self.first + board) as u64, self.clocks[board].episode];
-        let mut stream = Stream::numbered(self.seed, "game.start", &numbers);
+        let mut stream = self.stream("game.start", board);
         let (strikers, ball) = draw_start(&self.settings.episode, &mut stream);
-        self.physics[board] = self.settings.randomization.map_or(self.nominal, |ranges| {
-            ranges.draw(&mut Stream::numbered(self.seed, "game.physics", &numbers))
-        });
+        self.draw_physics(board);
         self.balls[board] = BallState::at(ball);
         self.stand(board, strikers);
+    }
+
+    /// The physics of the episode that `board` plays.
+    pub(super) fn draw_physics(&mut self, board: usize) {
+        self.physics[board] = match &self.settings.randomization {
+            Some(ranges) => ranges.draw(&mut self.stream("game.physics", board)),
+            None => self.nominal,
+        };
+    }
+
+    /// The stream called `name` of the episode that `board` plays.
+    fn stream(&self, name: &str, board: usize) -> Stream {
+        let numbers = [(self.first + board) as u64, self.clocks[board].episode];
+        Stream::numbered(self.seed, name, &numbers)
     }
 
     /// Both strikers stand at rest at `positions`, and the biscuits where they belong.

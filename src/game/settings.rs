@@ -10,6 +10,7 @@ use crate::{
     board::{BoardSize, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
     effects::{self, Axis, Physics},
     gantry::{PerPlayer, Rectangle, Robot},
+    recording::topic::Player,
     twin::{Instance, Source, Twin},
 };
 
@@ -41,7 +42,8 @@ pub struct GameSettings {
     /// Physics drawn anew for every episode; `None` by default.
     pub randomization: Option<Randomization>,
     /// Pieces into which a control period is cut, 1 to 40; 4 by default. Within a piece everything moves
-    /// on straight lines and every contact is solved for; more pieces follow curved ways more closely.
+    /// on straight lines and every contact is solved for; more pieces follow curved ways more closely. A
+    /// period in which nothing can touch anything is always one piece.
     pub pieces: usize,
 }
 
@@ -299,6 +301,7 @@ impl GameSettings {
         within("limits.deceleration_distance_m", limits.deceleration_distance, 1e-3, 1.0)?;
         within("limits.clearance_m", limits.clearance, 0.0, 0.1)?;
         within("episode.time_limit_s", episode.time_limit, CONTROL_PERIOD, 3600.0)?;
+        self.check_fields()?;
         self.check_start()?;
         if let Some(biscuits) = &self.biscuits {
             biscuits.check(board)?;
@@ -307,6 +310,26 @@ impl GameSettings {
             randomization.check()?;
         }
         self.actuation.check(limits.limiter)
+    }
+
+    /// Both carriages need room on the board.
+    fn check_fields(&self) -> Result<(), GameError> {
+        let half = [self.board.short_side / 2.0, self.board.long_side / 2.0];
+        let room = |low: f64, high: f64, half: f64| {
+            let edge = half - STRIKER_RADIUS;
+            // Not max and min, which would hide what is no number.
+            high.clamp(-edge, edge) - low.clamp(-edge, edge)
+        };
+        for player in Player::BOTH {
+            let field = self.limits.field.of(player);
+            let (x, y) = (
+                room(field.x_min_m, field.x_max_m, half[0]),
+                room(field.y_min_m, field.y_max_m, half[1]),
+            );
+            within("limits.field: room on the board across, in m", x, 0.0, 10.0)?;
+            within("limits.field: room on the board along, in m", y, 0.0, 10.0)?;
+        }
+        Ok(())
     }
 
     fn check_start(&self) -> Result<(), GameError> {

@@ -108,12 +108,18 @@ impl PlantState {
         self.acceleration = [0.0; 2];
     }
 
+    /// Every number of the state, always in the same order: to keep it and to put it back.
+    pub fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
+        let Self { position, velocity, acceleration, force, setpoint, integral, friction, .. } =
+            self;
+        let pairs = [position, velocity, acceleration, force, setpoint, integral, friction];
+        pairs.into_iter().flatten().chain(&mut self.memory).chain([&mut self.time])
+    }
+
     /// Sets what has decayed to nothing to zero, before it becomes denormal numbers, which are a hundred times
     /// slower. Between two steps.
     pub fn flush(&mut self) {
-        let Self { velocity, acceleration, force, setpoint, integral, friction, memory, .. } = self;
-        let pairs = [velocity, acceleration, force, setpoint, integral, friction];
-        for value in pairs.into_iter().flatten().chain(memory) {
+        for value in self.numbers() {
             if value.abs() < f64::from(f32::MIN_POSITIVE) {
                 *value = 0.0;
             }

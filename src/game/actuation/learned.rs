@@ -60,6 +60,15 @@ impl Learned {
         self.asked
     }
 
+    /// Calls `visit` with every number that is remembered.
+    pub(in crate::game) fn each_number(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        for value in self.histories.iter_mut().flatten() {
+            let mut number = f64::from(*value);
+            visit(&mut number);
+            *value = number as f32;
+        }
+    }
+
     pub(super) fn lead(&mut self, leading: &mut Leading<'_>) {
         let Leading { first, commands, strikers, ways, rails } = leading;
         let chunk = *first / CHUNK;

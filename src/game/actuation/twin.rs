@@ -74,6 +74,13 @@ impl TwinDrives {
         }
     }
 
+    /// Calls `visit` with every number that is remembered.
+    pub(in crate::game) fn each_number(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.states.iter_mut().flat_map(PlantState::numbers).for_each(&mut *visit);
+        self.commands.iter_mut().flatten().for_each(&mut *visit);
+        self.memories.iter_mut().for_each(visit);
+    }
+
     pub(super) fn lead(&mut self, leading: &mut Leading<'_>) {
         let Leading { first, commands, strikers, ways, rails } = leading;
         let ways = ways.chunks_exact_mut(rails.pieces + 1);

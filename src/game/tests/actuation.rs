@@ -182,3 +182,31 @@ fn a_twin_carriage_stops_at_the_end_of_its_rails() {
     }
     assert!(0.1 < games.snapshot(0).striker_positions[0][0], "it comes back");
 }
+
+#[test]
+fn nothing_decays_to_denormal_numbers() {
+    // A lag whose output halves every few milliseconds would be denormal after some seconds of rest.
+    let mut twin = Twin::nominal(Machine::Table);
+    let effect = effects::find("drive.lag1").unwrap();
+    twin.instances.push(Instance::new(effect, Axis::Motors, effect.probes[0], Source::Nominal));
+    let effect = effects::find("coupling.magnet_spring").unwrap();
+    twin.instances.push(Instance::new(effect, Axis::Whole, effect.probes[0], Source::Nominal));
+    let mut games = Games::new(1, &long(GameSettings::default().with_twin(&twin)), 0).unwrap();
+    games.place(0, [0.05, -0.06], [0.3, 0.2], [[0.05, -0.1], ASIDE[1]]);
+    let mut outcomes = Outcomes::new(1);
+    for _ in 0..50 {
+        games.advance(&[[[0.1, 0.4], [0.3, 0.3]]], &mut outcomes).unwrap();
+    }
+    for second in 0..40 {
+        for _ in 0..50 {
+            games.advance(&[STILL], &mut outcomes).unwrap();
+        }
+        // All numbers of all parts, private ones too, are in the debugging text.
+        let text = format!("{games:?}");
+        let numbers = text.split(|c: char| !(c.is_ascii_alphanumeric() || "+-.".contains(c)));
+        let denormal = numbers
+            .filter_map(|word| word.parse::<f64>().ok())
+            .find(|number| number.is_subnormal());
+        assert_eq!(denormal, None, "after {second} s");
+    }
+}

@@ -3,6 +3,7 @@
 use super::ball;
 use crate::{
     actuator::{ActuatorNetwork, Layout, LayoutKind},
+    effects::{self, Axis},
     game::{
         Actuation, BiscuitSettings, EpisodeSettings, GameSettings, Games, ObservationKind,
         Outcomes, Randomization,
@@ -10,7 +11,7 @@ use crate::{
     nn::{Dense, Network},
     recording::topic::Player,
     seed::Stream,
-    twin::{Machine, Twin},
+    twin::{Instance, Machine, Source, Twin},
 };
 use std::ops::Range;
 
@@ -120,4 +121,40 @@ fn the_next_episode_does_not_depend_on_how_the_last_one_ended() {
     twice.restart_ended(&ended(vec![over, over])).unwrap();
     assert_eq!(games.snapshot(1), twice.snapshot(1));
     assert_eq!((games.snapshot(0).episode, twice.snapshot(0).episode), (0, 1));
+}
+
+#[test]
+fn restored_boards_go_on_as_the_saved_ones() {
+    let layout = Layout { kind: LayoutKind::KlaskRl, history_steps: 10 };
+    let mut twin = Twin::nominal(Machine::Table);
+    for (name, axis) in [("drive.delay", Axis::Motors), ("coupling.magnet_spring", Axis::Whole)] {
+        let effect = effects::find(name).unwrap();
+        twin.instances.push(Instance::new(effect, axis, effect.probes[0], Source::Nominal));
+    }
+    let actuations =
+        [Actuation::Ideal, Actuation::learned(network(layout, 8)), Actuation::twin(twin)];
+    let mut lengths = Vec::new();
+    for actuation in actuations {
+        let settings = settings(actuation);
+        let mut games = Games::range(5..75, &settings, 2).unwrap();
+        let play = |games: &mut Games, steps: Range<usize>| {
+            for step in steps {
+                let commands: Vec<_> = (0..70).map(|board| command(board, step)).collect();
+                games.step(&commands, &mut Outcomes::new(70)).unwrap();
+            }
+        };
+        play(&mut games, 0..33);
+        let saved = games.save();
+        let mut again = Games::range(5..75, &settings, 2).unwrap();
+        again.restore(&saved).unwrap();
+        assert_eq!(again.save(), saved);
+        play(&mut games, 33..70);
+        play(&mut again, 33..70);
+        assert!((0..70).all(|board| again.snapshot(board) == games.snapshot(board)));
+        assert_eq!(again.save(), games.save());
+        lengths.push(saved.len());
+        let error = again.restore(&saved[8..]).unwrap_err();
+        assert!(error.to_string().starts_with("the saved state (in bytes) has"), "{error}");
+    }
+    assert!(lengths[0] < lengths[1] && lengths[0] < lengths[2], "memories are part of the state");
 }

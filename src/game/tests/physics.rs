@@ -4,7 +4,7 @@ use super::{ASIDE, STILL, ball, long, one};
 use crate::{
     board::{BALL_RADIUS, STRIKER_RADIUS},
     game::{
-        BallSettings, BoardPhysics, GameSettings, Games, Outcomes, Surface,
+        BallSettings, BiscuitSettings, BoardPhysics, GameSettings, Games, Outcomes, Surface,
         body::{BallState, Mover, length, subtract},
         contact::strike,
         laws::BallLaws,
@@ -44,6 +44,33 @@ fn a_free_roll_follows_the_closed_formula() {
                 assert!((now.ball_velocity[axis] - direction * v).abs() < bound);
             }
         }
+    }
+}
+
+#[test]
+fn a_period_without_contacts_is_as_good_in_one_piece() {
+    // Biscuits, here far away, make the game cut every period.
+    let ball = BallSettings {
+        effects: instances(&[
+            ("ball.rolling_resistance", &[0.01, 0.1]),
+            ("ball.tilt", &[0.004, -0.003]),
+            ("ball.air_drag", &[0.1]),
+        ]),
+        ..BallSettings::default()
+    };
+    let whole = long(GameSettings { ball, ..GameSettings::default() });
+    let cut = GameSettings { biscuits: Some(BiscuitSettings::default()), ..whole.clone() };
+    let mut games = [whole, cut].map(|settings| one(&settings, [0.1, 0.02], [-0.2, 0.15]));
+    for step in 0..40 {
+        let [a, b] = games.each_mut().map(|games| {
+            games.advance(&[STILL], &mut Outcomes::new(1)).unwrap();
+            games.snapshot(0)
+        });
+        assert_ne!(a.ball_velocity, [0.0; 2]);
+        let off = length(subtract(a.ball_position, b.ball_position));
+        let change = length(subtract(a.ball_velocity, b.ball_velocity));
+        // The square of the period's share of the 2.5 s in which the ball would stop.
+        assert!(off < 1e-5 && change < 5e-5, "step {step}: {off} m, {change} m/s");
     }
 }
 

@@ -245,6 +245,13 @@ fn what_cannot_be_is_refused_with_its_number() {
     settings.cup.radius = -1.0;
     let error = Games::new(1, &settings, 0).unwrap_err();
     assert_eq!(error.to_string(), "cup.radius_m is -1; it must lie in [0.001, 0.16]");
+    for edge in [0.12, f64::NAN] {
+        let mut settings = GameSettings::default();
+        settings.limits.field.right.x_min_m = edge;
+        settings.limits.field.right.x_max_m = 0.1;
+        let error = Games::new(1, &settings, 0).unwrap_err();
+        assert!(error.to_string().starts_with("limits.field: room on the board across"), "{error}");
+    }
     let mut settings = GameSettings::default();
     settings.episode.striker_y = [0.1, 0.05];
     let error = Games::new(1, &settings, 0).unwrap_err();
