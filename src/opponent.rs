@@ -15,7 +15,7 @@
 //! use klasktron::opponent::{Moment, Scripted};
 //! let moment = Moment { seed: 0, board: 0, step: 0 };
 //! let mut seen = [0.0; 12];
-//! (seen[1], seen[8], seen[9]) = (-0.15, 0.1, 0.05); // the ball is in front and to the right
+//! (seen[1], seen[8], seen[9]) = (-0.13, 0.1, 0.05); // the ball is in front and to the right
 //! let [vx, vy] = Scripted::Goalkeeper.velocity(&seen, moment, 0.4);
 //! assert!(0.0 < vx && vy.abs() <= 0.4);
 //! assert_eq!(Scripted::Stationary.velocity(&seen, moment, 0.4), [0.0, 0.0]);
