@@ -253,8 +253,8 @@ impl Search<'_> {
             return None;
         }
         let (held_out, judged) = (&self.held_out, self.judged());
-        let unknown = unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters);
-        let Some(unknown) = unknown else { return self.disturbance(&judged) };
+        let unknown = unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters)
+            .or_else(|| self.disturbance(&judged))?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
@@ -348,12 +348,13 @@ fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
         .map(|found| found.point)
 }
 
-/// Takes back what explains less than what stays unexplained: an effect outside the catalogue is
-/// imitated in part by several inside it. Gives whether anything was taken back.
+/// Takes back what removed less than what stays unexplained: an effect outside the catalogue is imitated in
+/// part by several inside it. Gives whether anything was taken back.
 fn withdraw(best: &mut Fit, added: &mut Vec<Added>, unknown: &Unknown) -> bool {
     let before = added.len();
     added.retain(|step| {
-        let stays = unknown.share < step.held_out_gain;
+        // Both as shares of what was left when the step was done.
+        let stays = unknown.share < step.held_out_gain / (1.0 - step.held_out_gain).max(1e-12);
         if !stays {
             let twin = &mut best.point.twin;
             let found = twin
