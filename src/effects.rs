@@ -30,6 +30,7 @@ mod sensor;
 
 pub use drive::asymmetric::{Directed, by_direction};
 pub use drive::scan::{SCANS, Scan, periods};
+pub(crate) use oscillator::Oscillator;
 pub use physics::{
     Ball, Carriage, Change, CrossMotion, Impact, LoopGains, Motion, Noise, Physics, Sample, Wall,
 };

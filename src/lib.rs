@@ -47,6 +47,7 @@
 //! | | [`effects`] | the catalogue of physical effects: one small file each |
 //! | | [`twin`] | the simulator made of them, and its links in a recording |
 //! | | [`ekf`] | the state estimate: filter, tuning, consistency |
+//! | | [`game`] | KLASK in two dimensions, thousands of boards as arrays |
 //! | 3 procedures | [`import`] | bags, npz, CSV and candump logs to recordings |
 //! | | [`collect`] | a plan of runs, its proof, and the session that drives and records it |
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
@@ -78,6 +79,7 @@ pub mod actuator;
 pub mod can;
 pub mod effects;
 pub mod ekf;
+pub mod game;
 pub mod gantry;
 pub mod link;
 pub mod rig;

@@ -22,6 +22,18 @@ impl Stream {
         Self(ChaCha8Rng::from_seed(key.into()))
     }
 
+    /// The stream called `name` of the user's `seed` for one thing among many, such as an episode of a board,
+    /// told by its `numbers`. Nothing is allocated.
+    #[must_use]
+    pub fn numbered(seed: u64, name: &str, numbers: &[u64]) -> Self {
+        // 0xff is no part of any name, so that no name ends where another's numbers begin.
+        let start = Sha256::new().chain_update(seed.to_le_bytes()).chain_update(name);
+        let hash = numbers.iter().fold(start.chain_update([0xff]), |hash, number| {
+            hash.chain_update(number.to_le_bytes())
+        });
+        Self(ChaCha8Rng::from_seed(hash.finalize().into()))
+    }
+
     /// A number from `low` (included) to `high` (excluded), from 24 random bits.
     pub fn uniform_f32(&mut self, low: f32, high: f32) -> f32 {
         let unit = (self.0.next_u32() >> 8) as f32 / (1u32 << 24) as f32;
@@ -51,6 +63,16 @@ mod tests {
         assert_eq!(draw(7, "order"), draw(7, "order"));
         assert_ne!(draw(7, "order"), draw(8, "order"));
         assert_ne!(draw(7, "order"), draw(7, "weights"));
+    }
+
+    #[test]
+    fn numbered_streams_repeat_and_differ_by_every_number() {
+        let draw = |name, numbers: &[u64]| Stream::numbered(7, name, numbers).below(1 << 40);
+        assert_eq!(draw("episode", &[3, 5]), draw("episode", &[3, 5]));
+        for numbers in [&[3, 6][..], &[4, 5], &[5, 3], &[3], &[]] {
+            assert_ne!(draw("episode", &[3, 5]), draw("episode", numbers));
+        }
+        assert_ne!(draw("episode", &[]), Stream::new(7, "episode").below(1 << 40));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 /// x'' + 2 z w x' + w^2 x = 0 over one step, for any damping.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Oscillator {
+pub(crate) struct Oscillator {
     natural: f64,
     damping: f64,
     cosine: f64,
@@ -15,7 +15,7 @@ impl Oscillator {
     ///
     /// With p = sqrt(|1 - z^2|) w the solution is exp(-z w t) times cosines and sines of p t, or
     /// hyperbolic ones above critical damping; they are multiplied out so that none overflows.
-    pub(super) fn new(natural: f64, ratio: f64, dt: f64) -> Self {
+    pub(crate) fn new(natural: f64, ratio: f64, dt: f64) -> Self {
         let damping = ratio * natural;
         let turn = (1.0 - ratio * ratio).abs().sqrt() * natural;
         let decay = (-damping * dt).exp();
@@ -32,7 +32,7 @@ impl Oscillator {
     }
 
     /// Place and velocity after the step.
-    pub(super) fn step(&self, place: f64, velocity: f64) -> (f64, f64) {
+    pub(crate) fn step(&self, place: f64, velocity: f64) -> (f64, f64) {
         let Self { natural, damping, cosine, sine } = *self;
         (
             place * cosine + (velocity + damping * place) * sine,

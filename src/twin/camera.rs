@@ -1,10 +1,7 @@
 //! Measured carriage to the striker that the camera sees.
 
-use super::{
-    Channel, Instance, MeasuredPath, Stage, StageKind, Twin,
-    plant::{Part, belts, rails},
-};
-use crate::effects::{Carriage, Effect, Motion, Physics, both};
+use super::{Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, plant::Part};
+use crate::effects::{Carriage, Effect, Physics, both};
 
 /// Step of the march along the measured path (s).
 const STEP: f64 = 1e-3;
@@ -23,130 +20,41 @@ pub struct CameraStage {
     pub height: f64,
 }
 
-type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
-type EncoderPart = Part<fn(&[f64], f64) -> f64>;
-type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
-type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
 type DelayPart = Part<fn(&[f64], f64) -> f64>;
 type CameraPart = Part<fn(&[f64], [f64; 2], f64) -> [f64; 2]>;
 
 /// The functions between encoder and camera, in their order.
 struct Chain {
-    encoders: [Vec<EncoderPart>; 2],
-    belt_plays: [Vec<PlayPart>; 2],
-    rail_plays: [Vec<PlayPart>; 2],
-    frames: Vec<FramePart>,
-    couplings: Vec<CouplingPart>,
+    linkage: Linkage,
+    memory: Vec<f64>,
     cameras: Vec<CameraPart>,
     delays: Vec<DelayPart>,
-    mass: [f64; 2],
-    memory: Vec<f64>,
     striker_mass: f64,
 }
 
 impl Chain {
     fn new(twin: &Twin) -> Self {
+        let linkage = Linkage::new(twin, Places::Reported);
         let mut chain = Self {
-            encoders: [Vec::new(), Vec::new()],
-            belt_plays: [Vec::new(), Vec::new()],
-            rail_plays: [Vec::new(), Vec::new()],
-            frames: Vec::new(),
-            couplings: Vec::new(),
+            memory: vec![0.0; linkage.memory()],
+            linkage,
             cameras: Vec::new(),
             delays: Vec::new(),
-            mass: [0.0; 2],
-            memory: Vec::new(),
             striker_mass: twin.striker_mass,
         };
-        let mut memory = 0;
         for instance in &twin.instances {
-            chain.add(instance, &mut memory);
+            match instance.effect.physics {
+                Physics::Camera(call) => chain.cameras.push(Part::new(call, instance, &mut 0)),
+                Physics::CameraDelay(call) => chain.delays.push(Part::new(call, instance, &mut 0)),
+                _ => {}
+            }
         }
-        chain.memory = vec![0.0; memory];
         chain
     }
 
-    fn add(&mut self, instance: &Instance, memory: &mut usize) {
-        let axis = instance.axis;
-        let covered = (0..2).filter(|index| axis.covers(*index));
-        match instance.effect.physics {
-            Physics::Encoder(call) => {
-                covered.for_each(|k| self.encoders[k].push(Part::new(call, instance, memory)));
-            }
-            Physics::Play(call) => {
-                let plays =
-                    if axis.is_motor() { &mut self.belt_plays } else { &mut self.rail_plays };
-                covered.for_each(|k| plays[k].push(Part::new(call, instance, memory)));
-            }
-            Physics::Frame(call) => self.frames.push(Part::new(call, instance, memory)),
-            Physics::Coupling(call) => self.couplings.push(Part::new(call, instance, memory)),
-            Physics::Camera(call) => self.cameras.push(Part::new(call, instance, memory)),
-            Physics::CameraDelay(call) => self.delays.push(Part::new(call, instance, memory)),
-            Physics::Inertia(_) => {
-                covered.for_each(|k| self.mass[k] += instance.values[0].value);
-            }
-            _ => {}
-        }
-    }
-
-    /// Whether anything between encoder and camera remembers or depends on acceleration.
-    fn is_dynamic(&self) -> bool {
-        let plays = self.belt_plays.iter().chain(&self.rail_plays).any(|parts| !parts.is_empty());
-        plays || !self.couplings.is_empty() || !self.frames.is_empty()
-    }
-
     /// Striker of a carriage at one time.
-    fn striker(&mut self, mut carriage: Carriage) -> [f64; 2] {
-        let memory = &mut self.memory;
-        let mut belt = belts(carriage.position);
-        for (k, parts) in self.encoders.iter().enumerate() {
-            for part in parts {
-                // The path holds the reported position: take away what the encoder adds.
-                belt[k] -= (part.call)(part.p(), belt[k]) - belt[k];
-            }
-        }
-        let force = both(|k| self.mass[k] * carriage.acceleration[k]);
-        let belt_force = belts(force).map(|sum| 0.5 * sum);
-        let (belt_velocity, belt_acceleration) =
-            (belts(carriage.velocity), belts(carriage.acceleration));
-        for (k, parts) in self.belt_plays.iter().enumerate() {
-            for part in parts {
-                let motion = Motion {
-                    dt: carriage.dt,
-                    position: belt[k],
-                    velocity: belt_velocity[k],
-                    acceleration: belt_acceleration[k],
-                    force: belt_force[k],
-                    ..Motion::default()
-                };
-                belt[k] = (part.call)(part.p(), part.memory(memory), &motion);
-            }
-        }
-        let mut place = rails(belt);
-        for (k, parts) in self.rail_plays.iter().enumerate() {
-            for part in parts {
-                let motion = Motion {
-                    dt: carriage.dt,
-                    position: place[k],
-                    velocity: carriage.velocity[k],
-                    acceleration: carriage.acceleration[k],
-                    force: force[k],
-                    ..Motion::default()
-                };
-                place[k] = (part.call)(part.p(), part.memory(memory), &motion);
-            }
-        }
-        carriage.position = place;
-        for part in &self.frames {
-            carriage.position = (part.call)(part.p(), &carriage);
-        }
-        let magnet = carriage.position;
-        let mut striker = magnet;
-        for part in &self.couplings {
-            let moved = (part.call)(part.p(), part.memory(memory), &carriage);
-            striker = both(|k| striker[k] + moved[k] - magnet[k]);
-        }
-        striker
+    fn striker(&mut self, carriage: Carriage) -> [f64; 2] {
+        self.linkage.striker(&mut self.memory, carriage)
     }
 
     fn delay(&self, elapsed: f64) -> f64 {
@@ -199,7 +107,7 @@ impl Stage for CameraStage {
         for values in predicted.iter_mut() {
             values.fill(f64::NAN);
         }
-        let dynamic = chain.is_dynamic();
+        let dynamic = chain.linkage.is_dynamic();
         for run in &self.channels[0].runs {
             if dynamic {
                 self.march(&mut chain, run.clone(), offset, predicted);

@@ -1,4 +1,5 @@
-//! The kernels behind `fit-actuator`, beside the matrix product of faer, and the filter of `tune-ekf`.
+//! The kernels behind `fit-actuator`, beside the matrix product of faer, the filter of `tune-ekf`, and the
+//! boards of the game.
 //!
 //! Throughput is in floating-point operations: a product of `m x k` by `k x n` counts `2 m n k`, a
 //! training step the products of forward pass, weight gradients and inner input gradients, and
@@ -7,9 +8,13 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use klasktron::{
+    actuator::{ActuatorNetwork, Layout, LayoutKind},
     ekf::{BoardFilter, FilterSettings, Object, ObjectFilter, Observed, Seen},
+    game::{Actuation, GameSettings, Games, ObservationKind, Outcomes},
     nn::{Activation, Adam, Dense, InputGradient, Network, Stack, Tape, Trainer},
+    recording::topic::Player,
     seed::Stream,
+    twin::{Machine, Twin},
     units::Nanos,
 };
 use std::{hint::black_box, time::Duration};
@@ -229,6 +234,86 @@ fn state_estimate(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// Boards that are played at once: the time of a board's step is to be the same.
+const BOARDS: [usize; 4] = [256, 1024, 4096, 16_384];
+/// Steps of all boards in one iteration.
+const BOARD_STEPS: usize = 5;
+
+fn actuations() -> [Actuation; 3] {
+    let layout = Layout { kind: LayoutKind::Klasktron, history_steps: 10 };
+    [
+        Actuation::Ideal,
+        Actuation::learned(ActuatorNetwork::new(layout, network(64))),
+        Actuation::twin(Twin::nominal(Machine::Table)),
+    ]
+}
+
+/// Commands within 0.4 m/s, each for one board and all steps of an iteration.
+fn board_commands(count: usize) -> Vec<[[f32; 2]; 2]> {
+    let draws = values("board commands", 4 * count);
+    let scaled = |v: &[f32]| [[0.4 * v[0], 0.4 * v[1]], [0.4 * v[2], 0.4 * v[3]]];
+    draws.chunks_exact(4).map(scaled).collect()
+}
+
+/// Checks that a ball without resistance comes back from a wall as it went there, that boards differ, and
+/// that a part of them plays as it does among all.
+fn check_boards(settings: &GameSettings) {
+    let mut quiet = settings.clone();
+    quiet.ball.effects.clear();
+    quiet.ball.striker_effects.clear();
+    let mut games = Games::new(1, &quiet, 0).expect("settings that can be");
+    games.place(0, [0.0, 0.0], [1.0, 0.5], [[-0.15, -0.2], [-0.15, 0.2]]);
+    let mut outcomes = Outcomes::new(1);
+    for _ in 0..10 {
+        games.step(&[[[0.0; 2]; 2]], &mut outcomes).expect("a step");
+    }
+    // 0.2 m at 1 m/s across: 0.153 m to the wall and 0.047 m back.
+    let now = games.snapshot(0);
+    check_close("place of the ball", now.ball_position[0] as f32, 0.106, 1e-6);
+    check_close("speed of the ball", now.ball_velocity[0] as f32, -1.0, 1e-6);
+    let commands = board_commands(200);
+    let mut whole = Games::new(200, settings, 1).expect("settings that can be");
+    let mut part = Games::range(130..200, settings, 1).expect("settings that can be");
+    let (mut all, mut some) = (Outcomes::new(200), Outcomes::new(70));
+    for _ in 0..50 {
+        whole.step(&commands, &mut all).expect("a step");
+        part.step(&commands[130..], &mut some).expect("a step");
+    }
+    assert!((0..70).all(|board| part.snapshot(board) == whole.snapshot(130 + board)));
+    assert_ne!(part.snapshot(0), part.snapshot(1));
+}
+
+/// Steps of boards, by actuator and number; elements are board-steps of both players.
+fn boards(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("game");
+    for actuation in actuations() {
+        let name = actuation.name();
+        let settings = GameSettings { actuation, ..GameSettings::default() };
+        check_boards(&settings);
+        for count in BOARDS {
+            let mut games = Games::new(count, &settings, 0).expect("settings that can be");
+            let mut outcomes = Outcomes::new(count);
+            let commands = board_commands(count);
+            group.throughput(Throughput::Elements((BOARD_STEPS * count) as u64));
+            group.bench_function(BenchmarkId::new(name, count), |bencher| {
+                bencher.iter(|| {
+                    for _ in 0..BOARD_STEPS {
+                        games.step(black_box(&commands), &mut outcomes).expect("a step");
+                    }
+                });
+            });
+        }
+    }
+    let games = Games::new(BOARDS[1], &GameSettings::default(), 0).expect("settings that can be");
+    let kind = ObservationKind::Augmented20;
+    let mut rows = vec![0.0; games.len() * kind.len()];
+    group.throughput(Throughput::Elements(games.len() as u64));
+    group.bench_function("observe_20", |bencher| {
+        bencher.iter(|| games.observe(Player::Right, kind, black_box(&mut rows)));
+    });
+    group.finish();
+}
+
 fn short() -> Criterion {
     Criterion::default()
         .sample_size(20)
@@ -239,6 +324,6 @@ fn short() -> Criterion {
 criterion_group! {
     name = kernels;
     config = short();
-    targets = faer_product, forward, training_step, state_estimate
+    targets = faer_product, forward, training_step, state_estimate, boards
 }
 criterion_main!(kernels);

@@ -10,7 +10,7 @@ use std::{
 const LAYERS: [&[&str]; 4] = [
     &["units", "seed", "stats", "report", "provenance"],
     &["board", "recording", "nn"],
-    &["can", "gantry", "link", "rig", "actuator", "effects", "twin", "ekf"],
+    &["can", "gantry", "link", "rig", "actuator", "effects", "twin", "ekf", "game"],
     &["import", "collect", "gap", "referee"],
 ];
 

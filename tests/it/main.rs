@@ -11,6 +11,7 @@ mod ekf;
 mod eval;
 mod fit_actuator;
 mod foreign;
+mod game;
 mod gap;
 mod import;
 mod info;

@@ -1,0 +1,151 @@
+//! What a player sees: 12 standard values and 8 more that are computed from them.
+//!
+//! Source: the upstream observation configuration; the order is part of every policy file. All values are
+//! in the player's own frame (that of the left player; the right one sees the board turned by 180 degrees),
+//! in m, m/s and rad.
+//!
+//! | index | value | index | value |
+//! |---|---|---|---|
+//! | 0, 1 | own striker | 12 | angle at the own striker between ball and other cup |
+//! | 2, 3 | its velocity | 13 | angle at the other striker between ball and own cup |
+//! | 4, 5 | other striker | 14 | angle at the own striker between ball and other striker |
+//! | 6, 7 | its velocity | 15 | angle at the other striker between ball and own striker |
+//! | 8, 9 | ball | 16, 17 | distance from the ball to the own, the other cup |
+//! | 10, 11 | its velocity | 18, 19 | distance from the ball to the own, the other striker |
+//!
+//! Angles are `acos(a b / (|a| |b| + 1e-8))`, from 0 to pi. One version of upstream's table software
+//! computed value 16 to the own striker; here it is the cup.
+//!
+//! The state is exact and of this instant. A model of the camera (noise, age of the picture, what a filter
+//! makes of it) belongs between [`Sight::of`] and [`Sight::write`]: it changes a [`Sight`], and the eight
+//! features are computed from what was seen.
+
+use super::body::{BallState, StrikerState};
+use crate::recording::topic::Player;
+
+/// Which values a player sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ObservationKind {
+    /// Places and velocities: 12 values.
+    Standard12,
+    /// With angles and distances: 20 values.
+    Augmented20,
+}
+
+impl ObservationKind {
+    /// Number of values.
+    #[must_use]
+    pub fn len(self) -> usize {
+        match self {
+            Self::Standard12 => 12,
+            Self::Augmented20 => 20,
+        }
+    }
+
+    /// Never: there is always something to see.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        false
+    }
+}
+
+/// Guard of the angles against a division by zero, as upstream.
+const GUARD: f32 = 1e-8;
+
+/// What one player sees of one board, in its own frame: place and velocity of own striker, other striker
+/// and ball (m, m/s).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight(pub [f32; 12]);
+
+impl Sight {
+    /// The exact state.
+    pub(super) fn of(player: Player, strikers: &[StrikerState; 2], ball: &BallState) -> Self {
+        let (own, other, sign) = match player {
+            Player::Left => (&strikers[0], &strikers[1], 1.0),
+            Player::Right => (&strikers[1], &strikers[0], -1.0),
+        };
+        let [a, b, c, d, e, f] = [
+            own.position(),
+            own.velocity(),
+            other.position(),
+            other.velocity(),
+            ball.position,
+            ball.velocity,
+        ]
+        .map(|[x, y]| [(sign * x) as f32, (sign * y) as f32]);
+        Self([a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1], e[0], e[1], f[0], f[1]])
+    }
+
+    /// Writes the values of `kind` into `row`; the cups are `cup_distance` (m) from the middle.
+    pub fn write(&self, kind: ObservationKind, cup_distance: f32, row: &mut [f32]) {
+        let (standard, augmented) = row.split_at_mut(12);
+        standard.copy_from_slice(&self.0);
+        if kind == ObservationKind::Augmented20 {
+            augmented.copy_from_slice(&self.features(cup_distance));
+        }
+    }
+
+    fn features(&self, cup_distance: f32) -> [f32; 8] {
+        let place = |index: usize| [self.0[index], self.0[index + 1]];
+        let (own, other, ball) = (place(0), place(4), place(8));
+        let (own_cup, other_cup) = ([0.0, -cup_distance], [0.0, cup_distance]);
+        [
+            angle(own, ball, other_cup),
+            angle(other, ball, own_cup),
+            angle(own, ball, other),
+            angle(other, ball, own),
+            distance(ball, own_cup),
+            distance(ball, other_cup),
+            distance(ball, own),
+            distance(ball, other),
+        ]
+    }
+}
+
+fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
+    let [x, y] = [a[0] - b[0], a[1] - b[1]];
+    (x * x + y * y).sqrt()
+}
+
+/// Angle at `at` between `a` and `b` (rad).
+fn angle(at: [f32; 2], a: [f32; 2], b: [f32; 2]) -> f32 {
+    let [ax, ay] = [a[0] - at[0], a[1] - at[1]];
+    let [bx, by] = [b[0] - at[0], b[1] - at[1]];
+    let sizes = ((ax * ax + ay * ay) * (bx * bx + by * by)).sqrt();
+    ((ax * bx + ay * by) / (sizes + GUARD)).clamp(-1.0, 1.0).acos()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::{FRAC_PI_2, PI};
+
+    #[test]
+    fn angles_and_distances_are_those_of_a_drawn_example() {
+        // Own striker at (0, -0.1), other at (0, 0.1), ball at (0.1, -0.1).
+        let mut seen = [0.0; 12];
+        (seen[1], seen[5], seen[8], seen[9]) = (-0.1, 0.1, 0.1, -0.1);
+        let mut row = [0.0; 20];
+        Sight(seen).write(ObservationKind::Augmented20, 0.17, &mut row);
+        let wanted = [
+            FRAC_PI_2,
+            (0.1_f32).atan2(0.2), // between (0.1, -0.2) and straight down
+            FRAC_PI_2,
+            (0.1_f32).atan2(0.2),
+            (0.01_f32 + 0.0049).sqrt(),
+            (0.01_f32 + 0.0729).sqrt(),
+            0.1,
+            (0.01_f32 + 0.04).sqrt(),
+        ];
+        for (index, (found, wanted)) in row[12..].iter().zip(wanted).enumerate() {
+            assert!((found - wanted).abs() < 1e-5, "{}: {found} {wanted}", index + 12);
+        }
+        assert_eq!(row[..12], seen);
+    }
+
+    #[test]
+    fn the_guard_makes_an_angle_without_a_side_a_right_one() {
+        assert_eq!(angle([0.0; 2], [0.0; 2], [0.1, 0.0]), FRAC_PI_2);
+        assert!((angle([0.0; 2], [0.1, 0.0], [-0.2, 0.0]) - PI).abs() < 2e-3);
+    }
+}

@@ -1,0 +1,367 @@
+//! Every number of a game, with its source.
+
+use super::{
+    actuation::Actuation,
+    error::{GameError, within},
+    randomization::Randomization,
+};
+use crate::{
+    board::{BoardSize, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
+    effects::{self, Axis, Physics},
+    gantry::{PerPlayer, Rectangle, Robot},
+    recording::topic::Player,
+    twin::{Instance, Source, Twin},
+};
+
+/// Length of a control period (s): 50 Hz, as the table's controller and upstream's simulator.
+pub const CONTROL_PERIOD: f64 = 0.02;
+
+/// A game: what stands on the board, how it moves, and by which rules.
+#[derive(Debug, Clone)]
+pub struct GameSettings {
+    /// Size of the playing field.
+    pub board: BoardSize,
+    /// The ball.
+    pub ball: BallSettings,
+    /// The strikers.
+    pub striker: StrikerSettings,
+    /// The two cups.
+    pub cup: CupSettings,
+    /// What becomes of a command before it reaches a drive.
+    pub limits: CommandLimits,
+    /// How a command becomes motion.
+    pub actuation: Actuation,
+    /// Where an episode begins, and when it ends without a winner.
+    pub episode: EpisodeSettings,
+    /// The three magnets of the full game; `None`, as in the paper's experiments, without them.
+    pub biscuits: Option<BiscuitSettings>,
+    /// Physics drawn anew for every episode; `None` by default.
+    pub randomization: Option<Randomization>,
+    /// Pieces into which a control period is cut, 1 to 40; 4 by default. Within a piece everything moves
+    /// on straight lines and every contact is solved for; more pieces follow curved ways more closely. A
+    /// period in which nothing can touch anything is always one piece.
+    pub pieces: usize,
+}
+
+impl Default for GameSettings {
+    fn default() -> Self {
+        Self {
+            board: BoardSize::default(),
+            ball: BallSettings::default(),
+            striker: StrikerSettings::default(),
+            cup: CupSettings::default(),
+            limits: CommandLimits::default(),
+            actuation: Actuation::Ideal,
+            episode: EpisodeSettings::default(),
+            biscuits: None,
+            randomization: None,
+            pieces: 4,
+        }
+    }
+}
+
+/// The ball: its mass and the effects of the catalogue that act on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BallSettings {
+    /// Mass (kg); 0.0017, upstream's nominal one.
+    pub mass: f64,
+    /// Effects between impacts and at the walls: rolling, sliding, restitution, friction, places of the
+    /// walls. By default `ball.rolling_resistance` of the plain twin, `impact.wall_restitution` 0.85 and
+    /// `impact.wall_friction_spin` 0.09: upstream's simulator, with the mean of ball (0.8; 0.12) and board
+    /// (0.9; 0.06).
+    pub effects: Vec<Instance>,
+    /// Effects of an impact on a striker. By default 0.75 and 0.09: the same mean with the striker's 0.7
+    /// and 0.06.
+    pub striker_effects: Vec<Instance>,
+    /// Friction at rest over friction while sliding, at least 1; 1.5, as all pairs of upstream's simulator
+    /// have it. An impact that this can keep from sliding ends it.
+    pub static_friction_ratio: f64,
+}
+
+impl Default for BallSettings {
+    fn default() -> Self {
+        Self {
+            mass: 0.0017,
+            effects: instances(&[
+                ("ball.rolling_resistance", &[0.01, 0.0]),
+                ("impact.wall_restitution", &[0.85]),
+                ("impact.wall_friction_spin", &[0.09]),
+            ]),
+            striker_effects: instances(&[
+                ("impact.wall_restitution", &[0.75]),
+                ("impact.wall_friction_spin", &[0.09]),
+            ]),
+            static_friction_ratio: 1.5,
+        }
+    }
+}
+
+/// Whole-board instances of effects by name; an unknown name is left out.
+pub(super) fn instances(entries: &[(&str, &[f64])]) -> Vec<Instance> {
+    let of = |(name, values): &(&str, &[f64])| {
+        let effect = effects::find(name)?;
+        Some(Instance::new(effect, Axis::Whole, values, Source::Nominal))
+    };
+    entries.iter().filter_map(of).collect()
+}
+
+/// A striker and the magnet's hold on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StrikerSettings {
+    /// Mass above the board (kg); 0.012, from the table's drawings.
+    pub mass: f64,
+    /// Angular frequency of the striker on its magnet (rad/s), by which it comes back after a hit. 39.5:
+    /// the paper's lag of 4 mm in reversals at its mean acceleration of 6.25 m/s^2, sqrt(6.25 / 0.004).
+    pub magnet_frequency: f64,
+    /// Share of critical damping of that motion; 0.7, an estimate (grease under the striker).
+    pub magnet_damping: f64,
+}
+
+impl Default for StrikerSettings {
+    fn default() -> Self {
+        Self { mass: 0.012, magnet_frequency: 39.5, magnet_damping: 0.7 }
+    }
+}
+
+/// How a cup takes the ball.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CupRule {
+    /// The ball falls while its centre is over the cup, and leaves it again when it meets the far rim high
+    /// and fast enough.
+    Fall,
+    /// As upstream's simulator: every ball at most this fast (m/s) whose centre is over the cup; faster
+    /// ones pass unhindered. Upstream: 5 m/s.
+    SlowerThan(f64),
+}
+
+/// A goal cup.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CupSettings {
+    /// Radius (m).
+    pub radius: f64,
+    /// Distance of the centres from the middle of the board, along y (m).
+    pub distance: f64,
+    /// How it takes the ball.
+    pub rule: CupRule,
+}
+
+impl Default for CupSettings {
+    fn default() -> Self {
+        Self { radius: CUP_RADIUS, distance: CUP_DISTANCE, rule: CupRule::Fall }
+    }
+}
+
+/// Where the wall limiter acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LimiterPlace {
+    /// On the command, before the drive: the table.
+    Command,
+    /// On the velocity behind an ideal or learned actuator: upstream's newer simulator.
+    Motion,
+}
+
+/// What becomes of a command before it reaches a drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CommandLimits {
+    /// Largest speed along each axis (m/s); 0.4.
+    pub speed: f64,
+    /// Largest change of a command along each axis (m/s^2); 10, upstream's simulator.
+    pub slew: f64,
+    /// Distance over which the wall limiter brakes (m); 0.09.
+    pub deceleration_distance: f64,
+    /// Distance from an edge at which it blocks (m); 0.0135, 1.8 radii of the striker.
+    pub clearance: f64,
+    /// Where the carriages may be; upstream's simulator by default, whose halves are turned copies of each
+    /// other: x within 0.16 m, y from 0.02 to 0.21 m.
+    pub field: PerPlayer<Rectangle>,
+    /// Where the wall limiter acts.
+    pub limiter: LimiterPlace,
+}
+
+impl Default for CommandLimits {
+    fn default() -> Self {
+        let field =
+            |y_min_m, y_max_m| Rectangle { x_min_m: -0.16, x_max_m: 0.16, y_min_m, y_max_m };
+        Self {
+            speed: 0.4,
+            slew: 10.0,
+            deceleration_distance: 0.09,
+            clearance: 0.0135,
+            field: PerPlayer { left: field(-0.21, -0.02), right: field(0.02, 0.21) },
+            limiter: LimiterPlace::Command,
+        }
+    }
+}
+
+/// Where an episode begins, and when it ends without a winner. Sources: events of upstream's simulator.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EpisodeSettings {
+    /// Time limit (s); 10.
+    pub time_limit: f64,
+    /// Strikers: largest |x| (m); 0.1.
+    pub striker_x: f64,
+    /// Strikers: least and largest distance from the middle along y (m); 0.03 to 0.14.
+    pub striker_y: [f64; 2],
+    /// Ball: largest |x| (m); 0.15.
+    pub ball_x: f64,
+    /// Ball: largest |y| (m); 0.1.
+    pub ball_y: f64,
+}
+
+impl Default for EpisodeSettings {
+    fn default() -> Self {
+        Self {
+            time_limit: 10.0,
+            striker_x: 0.1,
+            striker_y: [0.03, 0.14],
+            ball_x: 0.15,
+            ball_y: 0.1,
+        }
+    }
+}
+
+/// The three magnets on the centre line. No source states their numbers: all are estimates from the size
+/// of the commercial game's pieces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BiscuitSettings {
+    /// Radius (m); 0.006.
+    pub radius: f64,
+    /// Mass (kg); 0.001.
+    pub mass: f64,
+    /// Distance of centres at which a striker's magnet takes hold of one (m); 0.02.
+    pub capture_distance: f64,
+    /// Friction coefficient on the board; 0.2.
+    pub friction: f64,
+    /// Distance between neighbours on the centre line (m); 0.08, a quarter of the short side.
+    pub spacing: f64,
+}
+
+impl Default for BiscuitSettings {
+    fn default() -> Self {
+        Self { radius: 0.006, mass: 0.001, capture_distance: 0.02, friction: 0.2, spacing: 0.08 }
+    }
+}
+
+impl GameSettings {
+    /// The same game with the ball, the walls and the actuators of `twin`. What the twin does not have,
+    /// the walls do not do; impacts on strikers stay as they are, since a twin knows none.
+    #[must_use]
+    pub fn with_twin(mut self, twin: &Twin) -> Self {
+        self.ball.effects = twin
+            .instances
+            .iter()
+            .filter(|instance| acts_on_ball(&instance.effect.physics))
+            .cloned()
+            .collect();
+        self.striker.mass = twin.striker_mass;
+        self.actuation = Actuation::twin(twin.clone());
+        self
+    }
+
+    /// The same game within the fields and the clearance of `robot`, whose halves need not be alike.
+    #[must_use]
+    pub fn within_robot(mut self, robot: &Robot) -> Self {
+        self.limits.field = robot.field;
+        self.limits.clearance = robot.clearance_m;
+        self
+    }
+
+    /// Control periods in an episode.
+    #[must_use]
+    pub fn most_steps(&self) -> u32 {
+        (self.episode.time_limit / CONTROL_PERIOD).round().max(1.0) as u32
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// At the first that cannot be.
+    pub fn check(&self) -> Result<(), GameError> {
+        let Self { board, ball, striker, cup, limits, episode, .. } = self;
+        within("board.short_side_m", board.short_side, 0.1, 10.0)?;
+        within("board.long_side_m", board.long_side, 0.1, 10.0)?;
+        within("pieces", self.pieces as f64, 1.0, 40.0)?;
+        within("ball.mass_kg", ball.mass, 1e-5, 1.0)?;
+        within("ball.static_friction_ratio", ball.static_friction_ratio, 1.0, 10.0)?;
+        within("striker.mass_kg", striker.mass, 1e-4, 10.0)?;
+        within("striker.magnet_frequency_rad_per_s", striker.magnet_frequency, 1.0, 1e4)?;
+        within("striker.magnet_damping", striker.magnet_damping, 0.0, 10.0)?;
+        within("cup.radius_m", cup.radius, 1e-3, board.short_side / 2.0)?;
+        within("cup.distance_m", cup.distance, cup.radius, board.long_side / 2.0 - cup.radius)?;
+        if let CupRule::SlowerThan(speed) = cup.rule {
+            within("cup.rule speed_m_per_s", speed, 0.0, 1e3)?;
+        }
+        within("limits.speed_m_per_s", limits.speed, 1e-3, 5.0)?;
+        within("limits.slew_m_per_s2", limits.slew, 1e-2, 1e6)?;
+        within("limits.deceleration_distance_m", limits.deceleration_distance, 1e-3, 1.0)?;
+        within("limits.clearance_m", limits.clearance, 0.0, 0.1)?;
+        within("episode.time_limit_s", episode.time_limit, CONTROL_PERIOD, 3600.0)?;
+        self.check_fields()?;
+        self.check_start()?;
+        if let Some(biscuits) = &self.biscuits {
+            biscuits.check(board)?;
+        }
+        if let Some(randomization) = &self.randomization {
+            randomization.check()?;
+        }
+        self.actuation.check(limits.limiter)
+    }
+
+    /// Both carriages need room on the board.
+    fn check_fields(&self) -> Result<(), GameError> {
+        let half = [self.board.short_side / 2.0, self.board.long_side / 2.0];
+        let room = |low: f64, high: f64, half: f64| {
+            let edge = half - STRIKER_RADIUS;
+            // Not max and min, which would hide what is no number.
+            high.clamp(-edge, edge) - low.clamp(-edge, edge)
+        };
+        for player in Player::BOTH {
+            let field = self.limits.field.of(player);
+            let (x, y) = (
+                room(field.x_min_m, field.x_max_m, half[0]),
+                room(field.y_min_m, field.y_max_m, half[1]),
+            );
+            within("limits.field: room on the board across, in m", x, 0.0, 10.0)?;
+            within("limits.field: room on the board along, in m", y, 0.0, 10.0)?;
+        }
+        Ok(())
+    }
+
+    fn check_start(&self) -> Result<(), GameError> {
+        let Self { board, episode, .. } = self;
+        let half = [board.short_side / 2.0, board.long_side / 2.0];
+        let radius = STRIKER_RADIUS;
+        within("episode.striker_x_m", episode.striker_x, 0.0, half[0] - radius)?;
+        let [near, far] = episode.striker_y;
+        within("episode.striker_y_m[0]", near, radius, half[1] - radius)?;
+        within("episode.striker_y_m[1]", far, radius, half[1] - radius)?;
+        if far < near {
+            return Err(GameError::Range { name: "episode.striker_y_m", low: near, high: far });
+        }
+        within("episode.ball_x_m", episode.ball_x, 0.0, half[0] - crate::board::BALL_RADIUS)?;
+        within("episode.ball_y_m", episode.ball_y, 0.0, self.cup.distance - self.cup.radius)
+    }
+}
+
+impl BiscuitSettings {
+    fn check(&self, board: &BoardSize) -> Result<(), GameError> {
+        within("biscuits.radius_m", self.radius, 1e-3, 0.05)?;
+        within("biscuits.mass_kg", self.mass, 1e-5, 1.0)?;
+        within("biscuits.capture_distance_m", self.capture_distance, 0.0, 0.2)?;
+        within("biscuits.friction", self.friction, 0.0, 10.0)?;
+        let widest = board.short_side / 2.0 - self.radius;
+        within("biscuits.spacing_m", self.spacing, 2.0 * self.radius, widest)
+    }
+}
+
+/// Whether physics of this place acts on the ball alone.
+fn acts_on_ball(physics: &Physics) -> bool {
+    matches!(
+        physics,
+        Physics::Roll(_)
+            | Physics::Resistance(_)
+            | Physics::Slide(_)
+            | Physics::Impact(_)
+            | Physics::Wall(_)
+    )
+}

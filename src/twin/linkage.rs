@@ -1,0 +1,146 @@
+//! Carriage to striker: encoders, play, geometry of the gantry, magnet.
+
+use super::{
+    Instance, Twin,
+    plant::{Part, belts, rails},
+};
+use crate::effects::{Carriage, Motion, Physics, both};
+
+type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
+type EncoderPart = Part<fn(&[f64], f64) -> f64>;
+type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
+type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
+
+/// What the places of a carriage are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Places {
+    /// Where the encoders say that it is; what they add is taken away.
+    Reported,
+    /// Where its motors truly are, as a [`super::Plant`] has them.
+    True,
+}
+
+/// The functions between carriage and striker, in their order.
+#[derive(Debug, Clone)]
+pub struct Linkage {
+    encoders: [Vec<EncoderPart>; 2],
+    belt_plays: [Vec<PlayPart>; 2],
+    rail_plays: [Vec<PlayPart>; 2],
+    frames: Vec<FramePart>,
+    couplings: Vec<CouplingPart>,
+    mass: [f64; 2],
+    memory: usize,
+}
+
+impl Linkage {
+    /// The linkage of the instances in `twin` that act between carriage and striker.
+    #[must_use]
+    pub fn new(twin: &Twin, places: Places) -> Self {
+        let mut linkage = Self {
+            encoders: [Vec::new(), Vec::new()],
+            belt_plays: [Vec::new(), Vec::new()],
+            rail_plays: [Vec::new(), Vec::new()],
+            frames: Vec::new(),
+            couplings: Vec::new(),
+            mass: [0.0; 2],
+            memory: 0,
+        };
+        for instance in &twin.instances {
+            linkage.add(instance);
+        }
+        if places == Places::True {
+            linkage.encoders = [Vec::new(), Vec::new()];
+        }
+        linkage
+    }
+
+    fn add(&mut self, instance: &Instance) {
+        let memory = &mut self.memory;
+        let axis = instance.axis;
+        let covered = (0..2).filter(|index| axis.covers(*index));
+        match instance.effect.physics {
+            Physics::Encoder(call) => {
+                covered.for_each(|k| self.encoders[k].push(Part::new(call, instance, memory)));
+            }
+            Physics::Play(call) => {
+                let plays =
+                    if axis.is_motor() { &mut self.belt_plays } else { &mut self.rail_plays };
+                covered.for_each(|k| plays[k].push(Part::new(call, instance, memory)));
+            }
+            Physics::Frame(call) => self.frames.push(Part::new(call, instance, memory)),
+            Physics::Coupling(call) => self.couplings.push(Part::new(call, instance, memory)),
+            Physics::Inertia(_) => {
+                covered.for_each(|k| self.mass[k] += instance.values[0].value);
+            }
+            _ => {}
+        }
+    }
+
+    /// Numbers that it remembers for one carriage.
+    #[must_use]
+    pub fn memory(&self) -> usize {
+        self.memory
+    }
+
+    /// Whether anything in it remembers or depends on motion.
+    #[must_use]
+    pub fn is_dynamic(&self) -> bool {
+        let plays = self.belt_plays.iter().chain(&self.rail_plays).any(|parts| !parts.is_empty());
+        plays || !self.couplings.is_empty() || !self.frames.is_empty()
+    }
+
+    /// Striker (m) of a carriage at one time; `memory` is that of this carriage, [`memory`](Self::memory) numbers,
+    /// all zero after a long rest.
+    #[must_use]
+    pub fn striker(&self, memory: &mut [f64], mut carriage: Carriage) -> [f64; 2] {
+        let mut belt = belts(carriage.position);
+        for (k, parts) in self.encoders.iter().enumerate() {
+            for part in parts {
+                // The path holds the reported position: take away what the encoder adds.
+                belt[k] -= (part.call)(part.p(), belt[k]) - belt[k];
+            }
+        }
+        let force = both(|k| self.mass[k] * carriage.acceleration[k]);
+        let belt_force = belts(force).map(|sum| 0.5 * sum);
+        let (belt_velocity, belt_acceleration) =
+            (belts(carriage.velocity), belts(carriage.acceleration));
+        for (k, parts) in self.belt_plays.iter().enumerate() {
+            for part in parts {
+                let motion = Motion {
+                    dt: carriage.dt,
+                    position: belt[k],
+                    velocity: belt_velocity[k],
+                    acceleration: belt_acceleration[k],
+                    force: belt_force[k],
+                    ..Motion::default()
+                };
+                belt[k] = (part.call)(part.p(), part.memory(memory), &motion);
+            }
+        }
+        let mut place = rails(belt);
+        for (k, parts) in self.rail_plays.iter().enumerate() {
+            for part in parts {
+                let motion = Motion {
+                    dt: carriage.dt,
+                    position: place[k],
+                    velocity: carriage.velocity[k],
+                    acceleration: carriage.acceleration[k],
+                    force: force[k],
+                    ..Motion::default()
+                };
+                place[k] = (part.call)(part.p(), part.memory(memory), &motion);
+            }
+        }
+        carriage.position = place;
+        for part in &self.frames {
+            carriage.position = (part.call)(part.p(), &carriage);
+        }
+        let magnet = carriage.position;
+        let mut striker = magnet;
+        for part in &self.couplings {
+            let moved = (part.call)(part.p(), part.memory(memory), &carriage);
+            striker = both(|k| striker[k] + moved[k] - magnet[k]);
+        }
+        striker
+    }
+}
