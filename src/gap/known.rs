@@ -19,7 +19,7 @@ const NOTHING_NEW: f64 = 0.05;
 
 /// Share of the held-out squared error (whitened) that an effect must explain to be worth a name: a
 /// simulator of finite fidelity leaves that much of anything.
-const WORTH_NAMING: f64 = 0.02;
+const WORTH_NAMING: f64 = 0.03;
 
 /// The same where nothing is new and nothing is known of the effect.
 const WORTH_NAMING_AGAIN: f64 = 0.1;
