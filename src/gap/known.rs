@@ -30,7 +30,7 @@ const BEYOND_MIMICRY: f64 = 3.0;
 /// Share of the squared error that the effects named before it removed which an effect must remove: the model
 /// of what is new in a known machine is right to a third of its amplitude, and what it leaves looks like
 /// something as well.
-const BESIDE_NAMED: f64 = 0.1;
+pub(super) const BESIDE_NAMED: f64 = 0.1;
 
 /// The largest share of the squared residual of a signal, over all `points`, above what `twin` left when
 /// its own search ended; `None` where that is not known of some signal.

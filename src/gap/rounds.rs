@@ -3,7 +3,7 @@
 use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
-    known::{Worth, excess, is_nothing_new, least_worth},
+    known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
     parallel::in_parallel,
     problem::{Point, Problem},
     round::{Round, Stand},
@@ -254,7 +254,7 @@ impl Search<'_> {
         }
         let (held_out, judged) = (&self.held_out, self.judged());
         let unknown = unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters)
-            .or_else(|| self.disturbance(&judged))?;
+            .or_else(|| self.disturbance(given, &judged))?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
@@ -281,12 +281,14 @@ impl Search<'_> {
         excess(&self.best.point.twin, [(&self.train, &self.best.point), (&self.held_out, &judged)])
     }
 
-    /// More than is known to be left, in both kinds of sessions, which depends on nothing measured.
-    fn disturbance(&self, judged: &Point) -> Option<Unknown> {
+    /// More than is known to be left, in both kinds of sessions, which depends on nothing measured and is more
+    /// than what any fit leaves of the gap that it closed.
+    fn disturbance(&self, given: &Point, judged: &Point) -> Option<Unknown> {
         let twin = &self.best.point.twin;
+        let before = excess(twin, [(&self.train, given)])?;
         let trained = excess(twin, [(&self.train, &self.best.point)])?;
         let held = excess(twin, [(&self.held_out, judged)])?;
-        (FAR_MORE < trained.min(held))
+        (FAR_MORE < trained.min(held) && BESIDE_NAMED * (before - trained) < trained)
             .then(|| unknown::disturbance(&self.train, &self.best.point))
             .flatten()
     }
