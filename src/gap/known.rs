@@ -19,7 +19,10 @@ const NOTHING_NEW: f64 = 0.05;
 
 /// Share of the held-out squared error (whitened) that an effect must explain to be worth a name: a
 /// simulator of finite fidelity leaves that much of anything.
-const WORTH_NAMING: f64 = 0.03;
+const WORTH_NAMING: f64 = 0.02;
+
+/// The same in a machine whose twin was searched before: what is imperfect there is known to be small.
+const WORTH_NAMING_LATER: f64 = 0.03;
 
 /// The same where nothing is new and nothing is known of the effect.
 const WORTH_NAMING_AGAIN: f64 = 0.1;
@@ -71,7 +74,8 @@ impl<'t> Worth<'t> {
             Some(_) => BESIDE_NAMED * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
             None => 0.0,
         };
-        let [general, least] = [least_worth(excess), WORTH_NAMING].map(|worth| worth.max(beside));
+        let [general, least] =
+            [least_worth(excess), WORTH_NAMING_LATER].map(|worth| worth.max(beside));
         Self { general, least, mimicry: &given.mimicry, link }
     }
 
