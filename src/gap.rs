@@ -47,7 +47,6 @@ mod locate;
 mod nuisance;
 mod outliers;
 mod page;
-mod parallel;
 mod problem;
 mod round;
 mod rounds;

@@ -4,7 +4,6 @@ use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
     known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
-    parallel::in_parallel,
     problem::{Point, Problem},
     round::{Round, Stand},
     screen::Candidate,
@@ -13,6 +12,7 @@ use super::{
 };
 use crate::{
     effects::{Axis, Effect},
+    parallel::in_parallel,
     twin::{Slot, Stage, StageKind, Twin},
 };
 
@@ -233,6 +233,7 @@ struct Search<'a> {
 impl Search<'_> {
     /// Adds effects until nothing passes; gives what is then still unexplained.
     fn close(&mut self, given: &Point, mut excess: Option<f64>) -> Option<Unknown> {
+        let mut judged = None;
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !is_nothing_new(excess);
             let as_given = (first && excess.is_some()).then(|| self.as_given(given));
@@ -247,12 +248,12 @@ impl Search<'_> {
             let Some((fit, step)) = round.winner else { break };
             self.added.push(step);
             (self.best, self.filters) = fit::settle(&self.train, fit.point, &fit.slots, 8);
-            excess = self.excess();
+            excess = self.excess(judged.insert(self.judged()));
         }
         if is_nothing_new(excess) {
             return None;
         }
-        let (held_out, judged) = (&self.held_out, self.judged());
+        let (held_out, judged) = (&self.held_out, judged.unwrap_or_else(|| self.judged()));
         let unknown = unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters)
             .or_else(|| self.disturbance(given, &judged))?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
@@ -276,9 +277,8 @@ impl Search<'_> {
     }
 
     /// What is left beyond what is known to be left.
-    fn excess(&self) -> Option<f64> {
-        let judged = self.judged();
-        excess(&self.best.point.twin, [(&self.train, &self.best.point), (&self.held_out, &judged)])
+    fn excess(&self, judged: &Point) -> Option<f64> {
+        excess(&self.best.point.twin, [(&self.train, &self.best.point), (&self.held_out, judged)])
     }
 
     /// More than is known to be left, in both kinds of sessions, which depends on nothing measured and is more

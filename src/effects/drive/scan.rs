@@ -35,8 +35,9 @@ const PROPOSALS: usize = 3;
 /// Periods of `residual` along `position`, the strongest first, in the unit of the position.
 ///
 /// Least squares of a sine and a cosine beside a constant at every frequency from two periods in
-/// the travel to the shortest that the samples resolve where the motion is slow (Lomb 1976, Scargle 1982, with a floating
-/// mean); the strongest lines that are no neighbours of each other are refined by golden sections.
+/// the travel to the shortest that the samples resolve where the motion is slow (Lomb 1976, Scargle
+/// 1982, with a floating mean); the strongest lines that are no neighbours of each other are refined
+/// by golden sections.
 /// Empty where the position does not move.
 #[must_use]
 pub fn periods(position: &[f64], residual: &[f64]) -> Vec<f64> {
