@@ -15,8 +15,10 @@
 //!    session follows it in sign and size and gains by it, and no number stands on a bound. Rivals
 //!    that explain the data as well are its class; of equals the one with the fewest numbers is added.
 //! 5. Then again, until nothing passes. What is left and still depends on something gets a name of its
-//!    own: `unknown.<regressor>[<band>]`. Recordings of which a searched twin leaves no more than it is
-//!    known to leave hold nothing new: there only what closes a tenth of the gap is worth a name.
+//!    own: `unknown.<regressor>[<band>]`.
+//!    A searched twin notes what it leaves and what each effect explains of that though it is not there
+//!    (`known`): in later recordings an effect must explain three times as much, and one that stands beside
+//!    a larger one must be more than the larger one's model is wrong.
 //! 6. [`find()`] puts it into `gap.json` ([`Document`]), [`page()`] into `index.html`, [`write_tape`] into
 //!    `gap.mcap`.
 //!
@@ -45,7 +47,6 @@ mod locate;
 mod nuisance;
 mod outliers;
 mod page;
-mod parallel;
 mod problem;
 mod round;
 mod rounds;

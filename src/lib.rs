@@ -36,6 +36,7 @@
 //! | 0 words | [`units`] | the time stamp and its conversions |
 //! | | [`seed`] | one user seed, many named independent streams |
 //! | | [`stats`] | summaries, bootstrap intervals |
+//! | | [`parallel`] | independent work on several cores |
 //! | | [`report`] | pages of sections, tables and pictures |
 //! | | [`provenance`] | how a result was made |
 //! | 1 things | [`board`] | geometry and frames of the table |
@@ -68,6 +69,7 @@
 //! - What is written appears under its name only when it is complete.
 //! - A recording that is marked for validation is never fitted.
 
+pub mod parallel;
 pub mod provenance;
 pub mod report;
 pub mod seed;

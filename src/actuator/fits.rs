@@ -11,6 +11,7 @@ use super::{
 };
 use crate::{
     nn::safetensors,
+    parallel::in_parallel_on,
     recording::{ExistingFile, RecordingError, hexadecimal, write_bytes},
 };
 use sha2::{Digest, Sha256};
@@ -18,10 +19,7 @@ use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicBool, AtomicUsize, Ordering},
-    },
+    sync::atomic::AtomicBool,
 };
 
 /// Metadata keys of a stored fit.
@@ -129,19 +127,7 @@ pub fn fit_all(
     // The largest first, so that no thread is left with a long fit at the end.
     let mut queue: Vec<usize> = (0..configs.len()).collect();
     queue.sort_by_key(|index| std::cmp::Reverse(work(&configs[*index])));
-    let next = AtomicUsize::new(0);
-    let made = Mutex::new(Vec::with_capacity(configs.len()));
-    std::thread::scope(|scope| {
-        for _ in 0..threads.min(configs.len()) {
-            scope.spawn(|| {
-                while let Some(index) = queue.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let result = one(&configs[*index]);
-                    made.lock().unwrap_or_else(PoisonError::into_inner).push((*index, result));
-                }
-            });
-        }
-    });
-    let made = made.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let made = in_parallel_on(threads, &queue, |index| (*index, one(&configs[*index])));
     let mut by_index = BTreeMap::new();
     for (index, result) in made {
         if let Some(fit) = result? {

@@ -4,6 +4,7 @@ use super::{Outcome, loss_sentence_of, print, tell};
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
+    parallel,
     provenance::Provenance,
     recording::{ExistingFile, table::ColumnFormat, write_bytes},
     referee::{
@@ -15,7 +16,6 @@ use std::{
     fs,
     num::NonZeroUsize,
     path::{Path, PathBuf},
-    thread,
 };
 
 /// What can be typed after `klasktron eval`.
@@ -131,8 +131,7 @@ fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
 fn judge(args: &Args, listed: Vec<Listed>) -> anyhow::Result<Judged> {
     let files: Vec<PathBuf> = listed.iter().flat_map(|group| group.files.clone()).collect();
     let bar = progress(files.len());
-    let threads = args.threads.or_else(|| thread::available_parallelism().ok());
-    let threads = threads.map_or(1, NonZeroUsize::get);
+    let threads = args.threads.map_or_else(parallel::cores, NonZeroUsize::get);
     let results = judge_matches(&files, &Rules::default(), threads, &|| bar.inc(1));
     bar.finish_and_clear();
     let mut results = results.into_iter();

@@ -9,14 +9,11 @@ use klasktron::{
         self, FitConfig, FitObserver, FitsObserver, LayoutKind, PlayerChoice, ResampleConfig,
         Schedule, Store, Study, StudyKind, Summary, Target,
     },
+    parallel,
     provenance::Provenance,
     recording::{ExistingFile, topic::Player, write_bytes},
 };
-use std::{
-    num::NonZeroUsize,
-    path::{Path, PathBuf},
-    thread,
-};
+use std::path::{Path, PathBuf};
 
 /// What can be typed after `klasktron fit-actuator`.
 #[derive(Debug, clap::Args)]
@@ -124,7 +121,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let store = Store::open(&args.out.join("fits"), &dataset)?;
     let stop = interrupt::raised_by_ctrl_c("finishing with the fits that are done")?;
     let progress = Progress::new(&configs);
-    let threads = args.threads.unwrap_or_else(available_threads);
+    let threads = args.threads.unwrap_or_else(parallel::cores);
     let fits = actuator::fit_all(&configs, &dataset, &store, (threads, stop), &progress)?;
     progress.bar.finish_and_clear();
     let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
@@ -207,10 +204,6 @@ impl Args {
             Some(PlayerArg::Right) => PlayerChoice::Given(Player::Right),
         }
     }
-}
-
-fn available_threads() -> usize {
-    thread::available_parallelism().map_or(1, NonZeroUsize::get)
 }
 
 fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result<()> {

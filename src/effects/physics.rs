@@ -86,6 +86,22 @@ pub enum Wall {
     Far,
 }
 
+impl Wall {
+    /// All of them, in their order.
+    pub const ALL: [Self; 4] = [Self::Left, Self::Right, Self::Near, Self::Far];
+
+    /// Index of the coordinate that it bounds, and the sign of its outward normal.
+    #[must_use]
+    pub fn outward(self) -> (usize, f64) {
+        match self {
+            Self::Left => (0, -1.0),
+            Self::Right => (0, 1.0),
+            Self::Near => (1, -1.0),
+            Self::Far => (1, 1.0),
+        }
+    }
+}
+
 /// The ball at a wall, before the impact.
 #[derive(Debug, Clone, Copy)]
 pub struct Impact {

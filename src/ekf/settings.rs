@@ -1,7 +1,7 @@
 //! Every number of the filter, with its unit in its name: what `ekf.json` holds under `filter`.
 
 use super::error::EkfError;
-use crate::board::BoardSize;
+use crate::board::{BALL_RADIUS, BoardSize};
 use serde::{Deserialize, Serialize};
 
 /// One of the three things that the camera follows.
@@ -153,7 +153,7 @@ impl Default for FilterSettings {
 impl Default for BallSettings {
     fn default() -> Self {
         Self {
-            radius_m: 0.007,
+            radius_m: BALL_RADIUS,
             rolling_deceleration_m_per_s2: 0.1,
             rolling_drag_per_s: 0.1,
             wall_restitution: 0.8,

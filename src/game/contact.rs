@@ -20,25 +20,12 @@ use crate::{
     effects::{Change, Impact, Wall},
 };
 
-/// The walls, in the order of [`Wall`].
-pub(super) const WALLS: [Wall; 4] = [Wall::Left, Wall::Right, Wall::Near, Wall::Far];
-
 /// Distance over which the direction of a shifted wall is measured (m).
 const ALONG: f64 = 1e-3;
 
 /// Farthest that a shifted wall may stand inside the board's edge (m); more than the bounds of
 /// `impact.wall_location` at a corner.
 const FARTHEST_SHIFT: f64 = 0.04;
-
-/// Index of the coordinate that `wall` bounds, and the sign of its outward normal.
-fn outward(wall: Wall) -> (usize, f64) {
-    match wall {
-        Wall::Left => (0, -1.0),
-        Wall::Right => (0, 1.0),
-        Wall::Near => (1, -1.0),
-        Wall::Far => (1, 1.0),
-    }
-}
 
 /// The four walls as the ball meets them.
 pub(super) struct Walls<'a> {
@@ -50,14 +37,14 @@ pub(super) struct Walls<'a> {
 impl Walls<'_> {
     /// How far the ball may still go towards `wall` from `place` (m).
     pub(super) fn gap(&self, wall: Wall, place: [f64; 2]) -> f64 {
-        let (axis, sign) = outward(wall);
+        let (axis, sign) = wall.outward();
         let gap = self.half[axis] - BALL_RADIUS - sign * place[axis];
         if self.laws.moves_walls() { gap + self.laws.shift(wall, place[1 - axis]) } else { gap }
     }
 
     /// Outward normal of `wall` at `place`; a shifted wall is turned by the slope of its shift.
     pub(super) fn normal(&self, wall: Wall, place: [f64; 2]) -> [f64; 2] {
-        let (axis, sign) = outward(wall);
+        let (axis, sign) = wall.outward();
         let mut normal = [0.0; 2];
         if !self.laws.moves_walls() {
             normal[axis] = sign;
@@ -85,7 +72,7 @@ impl Walls<'_> {
             return None;
         }
         let mut first: Option<(f64, Wall)> = None;
-        for wall in WALLS {
+        for wall in Wall::ALL {
             let after = self.gap(wall, end);
             if 0.0 <= after {
                 continue;

@@ -6,7 +6,7 @@
 
 use super::{
     body::{BallState, Mover, ON_THE_BOARD, add, dot, length, scale, subtract},
-    contact::{WALLS, Walls, strike, time_to_leave, time_to_meet},
+    contact::{Walls, strike, time_to_leave, time_to_meet},
     cup::{fall_time, leaves_with},
     laws::BallLaws,
     randomization::BoardPhysics,
@@ -287,7 +287,7 @@ impl Play<'_> {
             }
         }
         let walls = self.walls();
-        for wall in WALLS {
+        for wall in Wall::ALL {
             let beyond = walls.gap(wall, ball.position).min(0.0);
             let normal = walls.normal(wall, ball.position);
             ball.position = add(ball.position, scale(normal, beyond));

@@ -7,7 +7,6 @@
 use super::{
     evidence::Amplitude,
     fit::{self, Fit},
-    parallel::in_parallel,
     problem::{Point, Problem},
     round::slots_of_last,
     screen::{self, Candidate},
@@ -15,6 +14,7 @@ use super::{
 };
 use crate::{
     effects::{Axis, Effect},
+    parallel::in_parallel,
     stats::f_tail,
 };
 

@@ -184,10 +184,7 @@ fn mean_is_zero(sample: &[Vec<f64>]) -> (f64, f64) {
 /// by chance (first-order correction of Rao and Scott, Annals of Statistics 12, 1984).
 fn by_explained(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64, f64) {
     let Some(factors) = least_squares(columns, residual) else { return (0.0, 1.0) };
-    let mut rest = residual.to_vec();
-    for (column, factor) in columns.iter().zip(&factors) {
-        rest.iter_mut().zip(column).for_each(|(value, column)| *value -= factor * column);
-    }
+    let rest = without(columns, &factors, residual);
     let explained = dot(residual, residual) - dot(&rest, &rest);
     if !explained.is_finite() {
         return (0.0, 1.0);
@@ -200,6 +197,16 @@ fn by_explained(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64
     let dispersion = Dispersion::of(columns, &rest, blocks, &solved);
     let f = explained / k as f64 / dispersion.value;
     (f, f_tail(f, k as f64, dispersion.freedom))
+}
+
+/// What is left of `residual` when `factors` of `columns` are taken from it.
+#[must_use]
+pub(super) fn without(columns: &[Vec<f64>], factors: &[f64], residual: &[f64]) -> Vec<f64> {
+    let mut rest = residual.to_vec();
+    for (column, factor) in columns.iter().zip(factors) {
+        rest.iter_mut().zip(column).for_each(|(value, column)| *value -= factor * column);
+    }
+    rest
 }
 
 /// Least-squares factors of `columns` on `residual`; `None` where there is nothing to solve.

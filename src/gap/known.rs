@@ -21,11 +21,11 @@ const NOTHING_NEW: f64 = 0.05;
 /// simulator of finite fidelity leaves that much of anything.
 const WORTH_NAMING: f64 = 0.02;
 
+/// The same in a machine whose twin was searched before: what is imperfect there is known to be small.
+const WORTH_NAMING_LATER: f64 = 0.03;
+
 /// The same where nothing is new and nothing is known of the effect.
 const WORTH_NAMING_AGAIN: f64 = 0.1;
-
-/// The same where nothing is new and the effect is known to explain next to nothing of that.
-const LEAST_WORTH: f64 = 0.01;
 
 /// How often what the twin's own imperfection explains of an effect the effect must explain to be real.
 const BEYOND_MIMICRY: f64 = 3.0;
@@ -33,7 +33,7 @@ const BEYOND_MIMICRY: f64 = 3.0;
 /// Share of the squared error that the effects named before it removed which an effect must remove: the model
 /// of what is new in a known machine is right to a third of its amplitude, and what it leaves looks like
 /// something as well.
-const BESIDE_NAMED: f64 = 0.1;
+pub(super) const BESIDE_NAMED: f64 = 0.1;
 
 /// The largest share of the squared residual of a signal, over all `points`, above what `twin` left when
 /// its own search ended; `None` where that is not known of some signal.
@@ -59,7 +59,7 @@ pub(super) fn excess<const N: usize>(
 pub(super) struct Worth<'t> {
     /// Where nothing is known of the effect.
     general: f64,
-    /// Where the effect is known to explain nothing of what the twin left.
+    /// Where the effect is known to explain next to nothing of what the twin left.
     least: f64,
     /// What each effect explained where nothing was named, on this link.
     mimicry: &'t [Mimicry],
@@ -70,13 +70,12 @@ impl<'t> Worth<'t> {
     /// From what the given twin is known to leave, the [`excess`] of the recordings over it, and the share of
     /// the squared error that named effects `removed` of what it was.
     pub(super) fn new(given: &'t Twin, link: StageKind, excess: Option<f64>, removed: f64) -> Self {
-        let general = least_worth(excess);
-        let least = if is_nothing_new(excess) { LEAST_WORTH } else { general };
         let beside = match excess {
             Some(_) => BESIDE_NAMED * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
             None => 0.0,
         };
-        let [general, least] = [general, least].map(|worth: f64| worth.max(beside));
+        let [general, least] =
+            [least_worth(excess), WORTH_NAMING_LATER].map(|worth| worth.max(beside));
         Self { general, least, mimicry: &given.mimicry, link }
     }
 

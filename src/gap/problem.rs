@@ -5,10 +5,12 @@ use super::{
     evidence::Blocks,
     nuisance::{Elimination, eliminate},
     outliers::without_spikes,
-    parallel::in_parallel,
     whiten::{self, Filter, Filters, Layout, Residual},
 };
-use crate::twin::{Slot, Stage, Twin};
+use crate::{
+    parallel::in_parallel,
+    twin::{Slot, Stage, Twin},
+};
 
 /// One stage of one session, with what was measured there.
 pub struct Part<'a> {

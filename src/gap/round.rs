@@ -5,13 +5,15 @@ use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit},
     known::Worth,
-    parallel::in_parallel,
     problem::{Point, Problem},
     rounds::{Added, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
     screen::{self, Candidate},
     whiten::{self, Filters},
 };
-use crate::twin::{Slot, Twin};
+use crate::{
+    parallel::in_parallel,
+    twin::{Slot, Twin},
+};
 
 /// Candidates that are simulated again in one round.
 const SHORT_LIST: usize = 7;

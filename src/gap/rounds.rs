@@ -3,8 +3,7 @@
 use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
-    known::{Worth, excess, is_nothing_new, least_worth},
-    parallel::in_parallel,
+    known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
     problem::{Point, Problem},
     round::{Round, Stand},
     screen::Candidate,
@@ -13,6 +12,7 @@ use super::{
 };
 use crate::{
     effects::{Axis, Effect},
+    parallel::in_parallel,
     twin::{Slot, Stage, StageKind, Twin},
 };
 
@@ -233,6 +233,7 @@ struct Search<'a> {
 impl Search<'_> {
     /// Adds effects until nothing passes; gives what is then still unexplained.
     fn close(&mut self, given: &Point, mut excess: Option<f64>) -> Option<Unknown> {
+        let mut judged = None;
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !is_nothing_new(excess);
             let as_given = (first && excess.is_some()).then(|| self.as_given(given));
@@ -247,14 +248,14 @@ impl Search<'_> {
             let Some((fit, step)) = round.winner else { break };
             self.added.push(step);
             (self.best, self.filters) = fit::settle(&self.train, fit.point, &fit.slots, 8);
-            excess = self.excess();
+            excess = self.excess(judged.insert(self.judged()));
         }
         if is_nothing_new(excess) {
             return None;
         }
-        let (held_out, judged) = (&self.held_out, self.judged());
-        let unknown = unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters);
-        let Some(unknown) = unknown else { return self.disturbance(&judged) };
+        let (held_out, judged) = (&self.held_out, judged.unwrap_or_else(|| self.judged()));
+        let unknown = unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters)
+            .or_else(|| self.disturbance(given, &judged))?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
@@ -276,17 +277,18 @@ impl Search<'_> {
     }
 
     /// What is left beyond what is known to be left.
-    fn excess(&self) -> Option<f64> {
-        let judged = self.judged();
-        excess(&self.best.point.twin, [(&self.train, &self.best.point), (&self.held_out, &judged)])
+    fn excess(&self, judged: &Point) -> Option<f64> {
+        excess(&self.best.point.twin, [(&self.train, &self.best.point), (&self.held_out, judged)])
     }
 
-    /// More than is known to be left, in both kinds of sessions, which depends on nothing measured.
-    fn disturbance(&self, judged: &Point) -> Option<Unknown> {
+    /// More than is known to be left, in both kinds of sessions, which depends on nothing measured and is more
+    /// than what any fit leaves of the gap that it closed.
+    fn disturbance(&self, given: &Point, judged: &Point) -> Option<Unknown> {
         let twin = &self.best.point.twin;
+        let before = excess(twin, [(&self.train, given)])?;
         let trained = excess(twin, [(&self.train, &self.best.point)])?;
         let held = excess(twin, [(&self.held_out, judged)])?;
-        (FAR_MORE < trained.min(held))
+        (FAR_MORE < trained.min(held) && BESIDE_NAMED * (before - trained) < trained)
             .then(|| unknown::disturbance(&self.train, &self.best.point))
             .flatten()
     }
@@ -348,12 +350,13 @@ fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
         .map(|found| found.point)
 }
 
-/// Takes back what explains less than what stays unexplained: an effect outside the catalogue is
-/// imitated in part by several inside it. Gives whether anything was taken back.
+/// Takes back what removed less than what stays unexplained: an effect outside the catalogue is imitated in
+/// part by several inside it. Gives whether anything was taken back.
 fn withdraw(best: &mut Fit, added: &mut Vec<Added>, unknown: &Unknown) -> bool {
     let before = added.len();
     added.retain(|step| {
-        let stays = unknown.share < step.held_out_gain;
+        // Both as shares of what was left when the step was done.
+        let stays = unknown.share < step.held_out_gain / (1.0 - step.held_out_gain).max(1e-12);
         if !stays {
             let twin = &mut best.point.twin;
             let found = twin

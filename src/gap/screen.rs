@@ -9,12 +9,12 @@
 use super::{
     evidence::{joint, least_squares},
     fit::{Fit, Normal},
-    parallel::in_parallel,
     problem::{Evaluated, Linear, Problem, dot},
     whiten::Filters,
 };
 use crate::{
     effects::{Axis, CATALOGUE, Effect, Physics, SCANS},
+    parallel::in_parallel,
     twin::{Instance, Source, Twin},
 };
 

@@ -9,7 +9,7 @@
 use crate::stats::f_tail;
 
 use super::{
-    evidence::{joint, least_squares},
+    evidence::{joint, least_squares, without},
     fit::Fit,
     problem::{Linear, Part, Point, Problem, dot},
     rounds::FAMILY_ERROR,
@@ -118,10 +118,7 @@ fn explained(columns: &[Vec<f64>], weights: &[f64], residual: &[f64]) -> f64 {
 
 /// Squared error that given weights remove.
 fn explained_by(columns: &[Vec<f64>], weights: &[f64], residual: &[f64]) -> f64 {
-    let mut left = residual.to_vec();
-    for (column, weight) in columns.iter().zip(weights) {
-        left.iter_mut().zip(column).for_each(|(value, column)| *value -= weight * column);
-    }
+    let left = without(columns, weights, residual);
     dot(residual, residual) - dot(&left, &left)
 }
 

@@ -6,14 +6,8 @@ use super::{
     rules::Rules,
     tape::{Source, Tape},
 };
-use crate::{recording::Loss, units::Nanos};
-use std::{
-    path::PathBuf,
-    sync::{
-        Mutex,
-        atomic::{AtomicUsize, Ordering},
-    },
-};
+use crate::{parallel::in_parallel_on, recording::Loss, units::Nanos};
+use std::path::PathBuf;
 
 /// A match with what the referee says about it.
 #[derive(Debug, Clone)]
@@ -42,25 +36,11 @@ pub fn judge_matches(
     threads: usize,
     done: &(dyn Fn() + Sync),
 ) -> Vec<Result<ScoredMatch, RefereeError>> {
-    let next = AtomicUsize::new(0);
-    let results: Vec<Mutex<Option<Result<ScoredMatch, RefereeError>>>> =
-        paths.iter().map(|_| Mutex::new(None)).collect();
-    std::thread::scope(|scope| {
-        for _ in 0..threads.clamp(1, paths.len().max(1)) {
-            scope.spawn(|| {
-                loop {
-                    let idx = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(path) = paths.get(idx) else { return };
-                    let result = Tape::open(path).map(|tape| score(tape, rules));
-                    if let Ok(mut slot) = results[idx].lock() {
-                        *slot = Some(result);
-                    }
-                    done();
-                }
-            });
-        }
-    });
-    results.into_iter().filter_map(|slot| slot.into_inner().ok().flatten()).collect()
+    in_parallel_on(threads, paths, |path| {
+        let result = Tape::open(path).map(|tape| score(tape, rules));
+        done();
+        result
+    })
 }
 
 fn score(tape: Tape, rules: &Rules) -> ScoredMatch {

@@ -10,34 +10,19 @@ pub use impacts::WallImpact;
 
 use super::{Channel, Stage, StageKind, Twin};
 use crate::{
-    effects::{Domain, Effect, Physics, Wall},
+    board::BALL_RADIUS,
+    effects::{Domain, Effect, Physics},
     recording::{Recording, RecordingError},
 };
 use roller::{Roller, Rules};
 use rolls::{Extent, Roll, Tracks};
 use std::ops::Range;
 
-/// Radius of the ball (m).
-const RADIUS: f64 = 0.007;
-
 /// Half of the board's sides (m).
 const HALF_BOARD: [f64; 2] = [0.16, 0.21];
 
 /// Typical sizes of a roll's start: place (m) and velocity (m/s).
 const START_SCALE: [f64; 4] = [1e-3, 1e-3, 0.01, 0.01];
-
-/// The walls, in the order of [`Wall`].
-const WALLS: [Wall; 4] = [Wall::Left, Wall::Right, Wall::Near, Wall::Far];
-
-/// Index of the coordinate that `wall` bounds, and the sign of its outward normal.
-fn outward(wall: Wall) -> (usize, f64) {
-    match wall {
-        Wall::Left => (0, -1.0),
-        Wall::Right => (0, 1.0),
-        Wall::Near => (1, -1.0),
-        Wall::Far => (1, 1.0),
-    }
-}
 
 /// The rolls of one session. A roll is a piece of the ball's track on which nothing but board, air
 /// and walls acts; its start (place and velocity) is unknown and is a nuisance group of its own.

@@ -43,12 +43,13 @@ fn solve(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
     b
 }
 
+/// What `coefficients` leave of `y`.
+pub(crate) fn left(columns: &[&[f64]], y: &[f64], coefficients: &[f64]) -> Vec<f64> {
+    let model = |row: usize| columns.iter().zip(coefficients).map(|(c, k)| c[row] * k).sum::<f64>();
+    y.iter().enumerate().map(|(row, value)| value - model(row)).collect()
+}
+
 /// Sum of squares that `coefficients` leave.
 pub(crate) fn rest(columns: &[&[f64]], y: &[f64], coefficients: &[f64]) -> f64 {
-    (0..y.len())
-        .map(|row| {
-            let model: f64 = columns.iter().zip(coefficients).map(|(c, k)| c[row] * k).sum();
-            (y[row] - model).powi(2)
-        })
-        .sum()
+    left(columns, y, coefficients).iter().map(|value| value.powi(2)).sum()
 }

@@ -7,7 +7,6 @@ use std::{collections::BTreeSet, fs, path::Path};
 #[derive(Debug, Clone)]
 pub(crate) struct StatedParameter {
     pub(crate) name: String,
-    pub(crate) unit: String,
     pub(crate) value: f64,
     pub(crate) interval: Option<[f64; 2]>,
 }
@@ -24,7 +23,6 @@ pub(crate) struct StatedEffect {
 #[derive(Debug, Clone)]
 pub(crate) struct Moved {
     pub(crate) name: String,
-    pub(crate) unit: String,
     pub(crate) before: Option<f64>,
     pub(crate) after: Option<f64>,
     pub(crate) interval: Option<[f64; 2]>,
@@ -117,7 +115,6 @@ fn effect(value: &Value) -> StatedEffect {
     let parameter = |value: &Value| {
         Some(StatedParameter {
             name: text(value, "name"),
-            unit: text(value, "unit"),
             value: number(value, "value")?,
             interval: interval(value),
         })
@@ -132,7 +129,6 @@ fn effect(value: &Value) -> StatedEffect {
 fn moved(value: &Value) -> Moved {
     Moved {
         name: text(value, "name"),
-        unit: text(value, "unit"),
         before: number(value, "before"),
         after: number(value, "after"),
         interval: interval(value),

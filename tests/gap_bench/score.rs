@@ -180,25 +180,35 @@ fn unit_key(unit: &str) -> String {
     unit.chars().filter(|c| c.is_alphanumeric() || *c == '/').collect::<String>().to_lowercase()
 }
 
+/// Names of the same quantity: effect, here, in the program.
+const SAME_QUANTITY: [(&str, &str, &str); 9] = [
+    ("drive.lag1", "tau_s", "time_constant_s"),
+    ("drive.offset", "offset_m_per_s", "offset"),
+    ("drive.friction.viscous", "slope_n_s_per_m", "coefficient_n_s_per_m"),
+    ("drive.friction.load", "coefficient", "share"),
+    ("drive.friction.stribeck", "excess_n", "force_n"),
+    ("ball.tilt", "slope_rad", "tilt_x_rad"),
+    ("ball.stiction_patch", "additional_resistance", "coefficient"),
+    ("impact.wall_location", "shift_m", "right_m"),
+    ("estimator.lag", "tau_s", "lag_s"),
+];
+
+/// Error and cover of the planted parameter, where the program states the same quantity.
 fn parameter(planted: &PlantedEffect, said: &Said) -> Option<(f64, Option<bool>)> {
     let truth = planted.parameters.first()?;
-    let matches = |unit: &str| unit_key(unit) == unit_key(&truth.unit);
+    let same =
+        SAME_QUANTITY.iter().find(|(effect, own, _)| *effect == planted.name && *own == truth.name);
+    let name = same.map_or(truth.name.as_str(), |(_, _, name)| *name);
     let judge = |value: f64, interval: Option<[f64; 2]>| {
         let error = (value - truth.value).abs() / truth.value.abs().max(1e-12);
         (error, interval.map(|[low, high]| low <= truth.value && truth.value <= high))
     };
     let effect = said.effects.iter().find(|effect| effect.name == planted.name);
     if let Some(effect) = effect {
-        let list = &effect.parameters;
-        let same = list.iter().find(|p| p.name == truth.name);
-        let chosen = same.or_else(|| list.iter().find(|p| matches(&p.unit)))?;
+        let chosen = effect.parameters.iter().find(|p| p.name == name)?;
         return Some(judge(chosen.value, chosen.interval));
     }
-    let moved = said
-        .moved
-        .iter()
-        .filter(|moved| moved.name.starts_with(&planted.name))
-        .find(|moved| matches(&moved.unit))?;
+    let moved = said.moved.iter().find(|moved| moved.name == format!("{}.{name}", planted.name))?;
     Some(judge(moved.after?, moved.interval))
 }
 

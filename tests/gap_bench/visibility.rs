@@ -4,7 +4,7 @@
 use crate::{
     catalogue::Sizing,
     gantry::BELT_PER_TURN,
-    linear::fit,
+    linear::{fit, left},
     observe::{CAMERA_RATE, Frame, Observation, SAMPLE, carriage_at},
 };
 
@@ -101,9 +101,7 @@ pub(crate) fn beyond(columns: &[Vec<f64>], change: &[f64]) -> Vec<f64> {
         .map(Vec::as_slice)
         .filter(|column| column.iter().any(|value| *value != 0.0))
         .collect();
-    let weights = fit(&columns, change, 1e-9);
-    let imitated = |row: usize| columns.iter().zip(&weights).map(|(c, w)| c[row] * w).sum::<f64>();
-    change.iter().enumerate().map(|(row, value)| value - imitated(row)).collect()
+    left(&columns, change, &fit(&columns, change, 1e-9))
 }
 
 /// How one signal changes, in units of its noise.

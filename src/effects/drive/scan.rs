@@ -1,7 +1,10 @@
 //! Numbers of an effect that a screen must look for, because no small step leads to them.
 
 use super::ripple_motor::RIPPLE_MOTOR;
-use crate::effects::{Effect, Regressor};
+use crate::{
+    effects::{Effect, Regressor},
+    stats::quantile,
+};
 use std::f64::consts::TAU;
 
 /// How to propose values of one parameter of an effect from what a twin leaves unexplained.
@@ -23,14 +26,18 @@ pub static SCANS: &[(&Effect, Scan)] =
 const PER_LINE: f64 = 4.0;
 /// Most frequencies that are tried.
 const MOST_FREQUENCIES: usize = 4000;
+/// Share of the travel that a sample must move to count, and the quantile of such steps that is slow.
+const MOVING: f64 = 1e-4;
+const SLOW: f64 = 0.1;
 /// How many periods are proposed at most.
 const PROPOSALS: usize = 3;
 
 /// Periods of `residual` along `position`, the strongest first, in the unit of the position.
 ///
 /// Least squares of a sine and a cosine beside a constant at every frequency from two periods in
-/// the travel to the shortest that the samples resolve (Lomb 1976, Scargle 1982, with a floating
-/// mean); the strongest lines that are no neighbours of each other are refined by golden sections.
+/// the travel to the shortest that the samples resolve where the motion is slow (Lomb 1976, Scargle
+/// 1982, with a floating mean); the strongest lines that are no neighbours of each other are refined
+/// by golden sections.
 /// Empty where the position does not move.
 #[must_use]
 pub fn periods(position: &[f64], residual: &[f64]) -> Vec<f64> {
@@ -48,7 +55,7 @@ pub fn periods(position: &[f64], residual: &[f64]) -> Vec<f64> {
     }
     let step = 1.0 / (PER_LINE * travel);
     let first = 2.0 / travel;
-    let count = ((0.5 / typical_step(&position, travel) - first) / step) as usize;
+    let count = ((0.5 / slow_step(&position, travel) - first) / step) as usize;
     let count = count.clamp(1, MOST_FREQUENCIES);
     let powers: Vec<f64> =
         (0..count).map(|index| power(&position, &residual, first + step * index as f64)).collect();
@@ -77,18 +84,15 @@ fn strongest(powers: &[f64]) -> Vec<usize> {
     lines
 }
 
-/// Median way between neighbouring samples that move.
-fn typical_step(position: &[f64], travel: f64) -> f64 {
-    let mut steps: Vec<f64> = position
+/// Way between neighbouring samples where the motion is slow: what passes in no time elsewhere is resolved
+/// there.
+fn slow_step(position: &[f64], travel: f64) -> f64 {
+    let steps: Vec<f64> = position
         .windows(2)
         .map(|pair| (pair[1] - pair[0]).abs())
-        .filter(|step| 1e-6 * travel < *step)
+        .filter(|step| MOVING * travel < *step)
         .collect();
-    if steps.is_empty() {
-        return travel;
-    }
-    steps.sort_by(f64::total_cmp);
-    steps[steps.len() / 2]
+    quantile(&steps, SLOW).unwrap_or(travel)
 }
 
 /// Sum of squares that a wave of `frequency` and a constant explain.
@@ -139,6 +143,20 @@ mod tests {
             .collect();
         let found = periods(&position, &residual);
         assert!(found.iter().any(|period| (period / 0.00731 - 1.0).abs() < 1e-3), "{found:?}");
+    }
+
+    #[test]
+    fn a_period_shorter_than_a_fast_step_shows_where_the_motion_is_slow() {
+        // Seven tenths of the samples run at 4.7 mm a step, the rest at 0.3 mm.
+        let mut position = vec![0.0];
+        for k in 0..3000 {
+            let step = if k % 1000 < 700 { 0.0047 } else { 0.0003 };
+            let up = (k / 30) % 2 == 0;
+            position.push(position[k] + if up { step } else { -step });
+        }
+        let wave = |q: &f64| (TAU * q / 0.0025).sin();
+        let found = periods(&position, &position.iter().map(wave).collect::<Vec<f64>>());
+        assert!(found.iter().any(|period| (period / 0.0025 - 1.0).abs() < 1e-3), "{found:?}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Impacts as the camera's samples show them, for looking at restitution without any twin.
 
 use super::{
-    HALF_BOARD, RADIUS, WALLS, outward,
+    BALL_RADIUS, HALF_BOARD,
     rolls::{Line, Roll, Tracks},
 };
 use crate::{effects::Wall, stats::median};
@@ -72,7 +72,7 @@ pub(super) fn measure(tracks: &Tracks, rolls: &[Roll]) -> Vec<WallImpact> {
 fn turns_of(tracks: &Tracks, roll: &Roll) -> Vec<(usize, Wall)> {
     let inner = roll.samples.start + 2..roll.samples.end.saturating_sub(2);
     inner
-        .flat_map(|sample| WALLS.map(|wall| (sample, wall)))
+        .flat_map(|sample| Wall::ALL.map(|wall| (sample, wall)))
         .filter(|(sample, wall)| turns_at(tracks, *sample, *wall))
         .collect()
 }
@@ -99,7 +99,7 @@ fn usual_deceleration(tracks: &Tracks, rolls: &[Roll], turns: &[Vec<(usize, Wall
 
 /// Whether the ball is furthest out towards `wall` at `sample`, and near it.
 fn turns_at(tracks: &Tracks, sample: usize, wall: Wall) -> bool {
-    let (axis, sign) = outward(wall);
+    let (axis, sign) = wall.outward();
     let out = |i: usize| sign * tracks.ball[i][axis];
     let here = out(sample);
     let way = (here - out(sample - 2)).abs().max((here - out(sample + 2)).abs());
@@ -107,7 +107,7 @@ fn turns_at(tracks: &Tracks, sample: usize, wall: Wall) -> bool {
         && out(sample - 1) <= here
         && out(sample + 1) < here
         && out(sample + 2) < here;
-    furthest && HALF_BOARD[axis] - RADIUS - here < NEAR + way
+    furthest && HALF_BOARD[axis] - BALL_RADIUS - here < NEAR + way
 }
 
 /// Measures the impact next to the sample of `turn`, from samples in `free` alone.
@@ -117,7 +117,7 @@ fn at_turn(
     free: Range<usize>,
     braking: f64,
 ) -> Option<WallImpact> {
-    let (axis, sign) = outward(wall);
+    let (axis, sign) = wall.outward();
     let most = BESIDE.end - 1;
     let before = free.start.max(sample.saturating_sub(most))..sample;
     let after = sample + 1..free.end.min(sample + 1 + most);
@@ -142,7 +142,7 @@ fn at_turn(
         wall,
         along: incoming.place[other] + incoming.velocity[other] * late,
         beyond: sign * (incoming.place[axis] + incoming.velocity[axis] * late)
-            - (HALF_BOARD[axis] - RADIUS),
+            - (HALF_BOARD[axis] - BALL_RADIUS),
         speed_in,
         speed_out,
         along_in: before[other],

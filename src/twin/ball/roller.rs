@@ -14,7 +14,7 @@
 //! of sliding ([`Physics::Slide`]) takes from the velocity 2/7 of what it takes from the slip
 //! (solid sphere: acceleration `mu g` of the centre, `5/2 mu g` of the surface).
 
-use super::{HALF_BOARD, RADIUS, WALLS, outward};
+use super::{BALL_RADIUS, HALF_BOARD};
 use crate::{
     effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall, both},
     twin::Instance,
@@ -91,7 +91,7 @@ impl Rules {
 
     /// Where the camera sees the ball that is at `place`.
     pub(super) fn seen(&self, place: [f64; 2]) -> [f64; 2] {
-        self.camera.iter().fold(place, |place, (law, p)| law(p, place, RADIUS))
+        self.camera.iter().fold(place, |place, (law, p)| law(p, place, BALL_RADIUS))
     }
 
     fn shift(&self, wall: Wall, along: f64) -> f64 {
@@ -111,13 +111,13 @@ impl Rules {
 
     /// How far the ball may still go towards `wall` from `place` (m).
     fn gap(&self, wall: Wall, place: [f64; 2]) -> f64 {
-        let (axis, sign) = outward(wall);
-        HALF_BOARD[axis] - RADIUS - sign * place[axis] + self.shift(wall, place[1 - axis])
+        let (axis, sign) = wall.outward();
+        HALF_BOARD[axis] - BALL_RADIUS - sign * place[axis] + self.shift(wall, place[1 - axis])
     }
 
     /// Outward normal of `wall` at `place`, a shifted wall being turned by the slope of its shift.
     fn normal(&self, wall: Wall, place: [f64; 2]) -> [f64; 2] {
-        let (axis, sign) = outward(wall);
+        let (axis, sign) = wall.outward();
         let along = place[1 - axis];
         let slope =
             (self.shift(wall, along + ALONG) - self.shift(wall, along - ALONG)) / (2.0 * ALONG);
@@ -182,7 +182,7 @@ impl Free {
 
 /// Whether a wall, shifted as far as walls can be, may be reached at `place`.
 fn near_any_wall(place: [f64; 2]) -> bool {
-    (0..2).any(|k| HALF_BOARD[k] - RADIUS - NEAR_A_WALL < place[k].abs())
+    (0..2).any(|k| HALF_BOARD[k] - BALL_RADIUS - NEAR_A_WALL < place[k].abs())
 }
 
 /// A ball that is being rolled.
@@ -294,7 +294,7 @@ impl<'a> Roller<'a> {
             return None;
         }
         let mut first: Option<(f64, Wall)> = None;
-        for wall in WALLS {
+        for wall in Wall::ALL {
             let gap = self.rules.gap(wall, end.place);
             if 0.0 <= gap {
                 continue;
@@ -377,7 +377,7 @@ impl<'a> Roller<'a> {
 
     /// What is left of a step in which the ball chatters against a wall: it only moves along it.
     fn rest_against_walls(&mut self, span: f64) {
-        for wall in WALLS {
+        for wall in Wall::ALL {
             let normal = self.rules.normal(wall, self.ball.position);
             let velocity = self.ball.velocity;
             let outwards = velocity[0] * normal[0] + velocity[1] * normal[1];

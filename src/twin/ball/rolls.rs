@@ -5,7 +5,7 @@
 //! where its [`Extent`] says so. Pieces in which it hardly moves are left out, and so is rest before
 //! and after.
 
-use super::{HALF_BOARD, RADIUS};
+use super::{BALL_RADIUS, HALF_BOARD};
 use crate::{
     recording::{
         FrameTimes, Recording, RecordingError,
@@ -266,7 +266,7 @@ fn moving_part(tracks: &Tracks, piece: Range<usize>) -> Range<usize> {
 /// `piece` without sudden changes of velocity away from the walls.
 fn between_pushes(tracks: &Tracks, piece: Range<usize>) -> Vec<Range<usize>> {
     let from_wall = |i: usize| {
-        let gap = |k: usize| HALF_BOARD[k] - RADIUS - tracks.ball[i][k].abs();
+        let gap = |k: usize| HALF_BOARD[k] - BALL_RADIUS - tracks.ball[i][k].abs();
         gap(0).min(gap(1))
     };
     let least = PUSH.max(8.0 * tracks.velocity_spread(BESIDE));

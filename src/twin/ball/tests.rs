@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    effects::{Axis, CATALOGUE, find},
+    effects::{Axis, CATALOGUE, Wall, find},
     twin::{Instance, Source},
 };
 
@@ -51,7 +51,7 @@ fn a_roll_stops_where_constant_deceleration_says() {
     assert_close(places[0][0], -0.1 + 0.6 * way, 1e-12);
     let stopped = 0.09 / (2.0 * deceleration);
     for place in &places[2..] {
-        assert_close(place[1] + RADIUS, HALF_BOARD[1].min(0.8 * stopped + RADIUS), 1e-6);
+        assert_close(place[1] + BALL_RADIUS, HALF_BOARD[1].min(0.8 * stopped + BALL_RADIUS), 1e-6);
         assert_close(place[0], -0.1 + 0.6 * stopped, 1e-6);
     }
 }
