@@ -6,6 +6,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     game::{GameSettings, ObservationKind},
     opponent::Scripted,
+    parallel::cores,
     provenance::Provenance,
     recording::{ExistingFile, Recording, write_bytes},
     train::{
@@ -24,7 +25,6 @@ use std::{
         OnceLock,
         atomic::{AtomicBool, Ordering},
     },
-    thread,
     time::{Instant, SystemTime, UNIX_EPOCH},
 };
 
@@ -170,7 +170,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let (game, actuator) = game_with_actuator(&args.actuator)?;
     let provenance = Provenance::new(args.command_line(&settings));
-    let threads = args.threads.or_else(|| thread::available_parallelism().ok());
+    let threads = args.threads.or_else(|| NonZeroUsize::new(cores()));
     let threads = threads.unwrap_or(NonZeroUsize::MIN);
     let places = args.places();
     let task = Task { settings, game, actuator, places, provenance, threads };
