@@ -73,14 +73,14 @@ mod table;
 mod tensorboard;
 
 pub use actuator::{ActuatorSource, IDEAL, game_with_actuator};
-pub use arena::{Arena, Count, Games, MatchScore};
+pub use arena::{Arena, Count, GameResult, Games, MatchScore};
 pub use curve::{CurvePoint, TimeShares};
 pub use elo::{
     BASE as ELO_BASE, EloRow, K as ELO_K, Played, expected_score, ratings, table as elo_table,
 };
 pub use error::{Mismatch, TrainError};
 pub use file::{POLICY_METADATA, Summary, UPDATE_TOPIC, write_policy};
-pub use judge::{Judged, LEARNER_NAME, Verdict, judge};
+pub use judge::{Estimate, Judged, LEARNER_NAME, Verdict, judge};
 pub use page::page;
 pub use pool::{Choice, Member, Opponent};
 pub use reward::{Curriculum, RewardSettings, Step};

@@ -342,7 +342,7 @@ impl Task {
             Opponent::Scripted(Scripted::Chaser),
         ];
         let samples = play_samples(
-            (run.game(), self.settings.observations),
+            (&run.judging_game(), self.settings.observations),
             &players,
             (self.settings.evaluation.sample_games, self.settings.seed),
         )?;
@@ -398,8 +398,8 @@ fn table(summary: &Summary, run: &Run, task: &Task) -> String {
     let mut lines = Vec::new();
     if let Some(verdict) = &summary.verdict {
         lines.push(format!(
-            "{:<14}{:>7}{:>7}{:>7}{:>18}{:>17}",
-            "against", "won", "drawn", "lost", "won of decided", "95 %"
+            "{:<14}{:>7}{:>7}{:>7}{:>18}{:>17}{:>16}",
+            "against", "won", "drawn", "lost", "won of decided", "95 %", "points per min"
         ));
         for judged in &verdict.opponents {
             let both = judged.score.both();
@@ -409,13 +409,15 @@ fn table(summary: &Summary, run: &Run, task: &Task) -> String {
                 |ci| format!("{} to {}", share(ci.low), share(ci.high)),
             );
             lines.push(format!(
-                "{:<14}{:>7}{:>7}{:>7}{:>16} %{:>17}",
+                "{:<14}{:>7}{:>7}{:>7}{:>16} %{:>17}{:>8.2} : {:<5.2}",
                 judged.opponent,
                 both.won,
                 both.drawn,
                 both.lost,
                 judged.won_share.map_or_else(|| "-".to_owned(), share),
-                interval
+                interval,
+                judged.scored_per_min.mean,
+                judged.conceded_per_min.mean
             ));
         }
         let best = verdict.elo.iter().find(|row| row.player == klasktron::train::LEARNER_NAME);

@@ -85,11 +85,22 @@ impl MatchScore {
     }
 }
 
-/// Score of the first player on each board: 1, 0, -1; and what the actuators were asked.
+/// One game, as the first player sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct GameResult {
+    /// Won 1, drawn 0, lost -1.
+    pub score: i8,
+    /// Its length in control periods.
+    pub periods: u32,
+    /// Times that the first player's striker hit the ball.
+    pub hits: u32,
+}
+
+/// The games, one of each board, and what the actuators were asked.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Games {
     /// Even boards: first player on the left; odd ones: on the right.
-    pub scores: Vec<i8>,
+    pub results: Vec<GameResult>,
     /// All asked, those outside of the training data.
     pub asked: Asked,
 }
@@ -99,12 +110,12 @@ impl Games {
     #[must_use]
     pub fn score(&self) -> MatchScore {
         let mut score = MatchScore { left: Count::default(), right: Count::default() };
-        for (board, result) in self.scores.iter().enumerate() {
+        for (board, result) in self.results.iter().enumerate() {
             let count = match seat(board) {
                 Player::Left => &mut score.left,
                 Player::Right => &mut score.right,
             };
-            match result {
+            match result.score {
                 1 => count.won += 1,
                 0 => count.drawn += 1,
                 _ => count.lost += 1,
@@ -117,7 +128,7 @@ impl Games {
 /// A range of boards for one thread.
 struct Part<'a> {
     first: usize,
-    scores: &'a mut [i8],
+    results: &'a mut [GameResult],
     outcome: &'a mut Result<Asked, GameError>,
 }
 
@@ -127,42 +138,48 @@ impl Arena<'_> {
     /// # Errors
     /// When the game refuses its settings or a number.
     pub fn play(&self, players: &[Opponent; 2], count: usize) -> Result<Games, TrainError> {
-        let mut scores = vec![0; count];
+        let mut results = vec![GameResult::default(); count];
         let mut outcomes = vec![Ok(Asked::default()); count.div_ceil(BLOCK)];
-        let parts = scores.chunks_mut(BLOCK).zip(&mut outcomes).enumerate();
+        let parts = results.chunks_mut(BLOCK).zip(&mut outcomes).enumerate();
         let parts = parts
-            .map(|(index, (scores, outcome))| Part { first: index * BLOCK, scores, outcome })
+            .map(|(index, (results, outcome))| Part { first: index * BLOCK, results, outcome })
             .collect();
         for_each(self.threads, parts, |part: Part<'_>| {
-            *part.outcome = self.play_part(players, part.first, part.scores);
+            *part.outcome = self.play_part(players, part.first, part.results);
         });
         let mut asked = Asked::default();
         for outcome in outcomes {
             let Asked { all, outside } = outcome?;
             asked = Asked { all: asked.all + all, outside: asked.outside + outside };
         }
-        Ok(Games { scores, asked })
+        Ok(Games { results, asked })
     }
 
     fn play_part(
         &self,
         players: &[Opponent; 2],
         first: usize,
-        scores: &mut [i8],
+        results: &mut [GameResult],
     ) -> Result<Asked, GameError> {
-        let range = first..first + scores.len();
+        let range = first..first + results.len();
         let mut tables = Tables::new(range, self.game, (self.observations, self.seed, || 0.0))?;
-        let mut open = vec![true; scores.len()];
-        let [all_first, all_second] = [0, 1].map(|player| vec![player; scores.len()]);
+        let mut open = vec![true; results.len()];
+        let [all_first, all_second] = [0, 1].map(|player| vec![player; results.len()]);
         for step in 0..u64::from(self.game.most_steps()) {
             let moment = (self.seed, step);
             tables.ask(players, &all_first, moment, |row| seat(first + row));
             tables.ask(players, &all_second, moment, |row| across(seat(first + row)));
             tables.advance()?;
-            for (row, open) in open.iter_mut().enumerate() {
-                if let (true, Some(ending)) = (*open, tables.outcomes.ended[row]) {
+            for (row, (result, open)) in results.iter_mut().zip(&mut open).enumerate() {
+                if !*open {
+                    continue;
+                }
+                let player = seat(first + row);
+                result.periods += 1;
+                result.hits += u32::from(tables.outcomes.hits[row][player as usize]);
+                if let Some(ending) = tables.outcomes.ended[row] {
                     *open = false;
-                    scores[row] = score_of(ending, seat(first + row));
+                    result.score = score_of(ending, player);
                 }
             }
             if !open.contains(&true) {

@@ -2,11 +2,16 @@
 
 use super::{
     Arena, MatchScore, TrainError,
+    arena::{GameResult, Games},
     elo::{self, EloRow, Played},
     pool::{Choice, Opponent, Pool},
     run::Run,
 };
-use crate::{opponent::Scripted, stats::Interval};
+use crate::{
+    game::CONTROL_PERIOD,
+    opponent::Scripted,
+    stats::{Interval, bootstrap_ci95},
+};
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 
@@ -24,6 +29,56 @@ pub struct Judged {
     pub won_share: Option<f64>,
     /// Its 95 % interval (Wilson).
     pub won_share_ci95: Option<Interval>,
+    /// Points of the policy per minute of play.
+    pub scored_per_min: Estimate,
+    /// Points of the opponent per minute of play.
+    pub conceded_per_min: Estimate,
+    /// Length of a game (s); one that nobody wins counts with its limit.
+    pub episode_length_s: Estimate,
+    /// Hits of the ball by the policy in a game.
+    pub hits_per_episode: Estimate,
+}
+
+/// A figure over games.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Over all games.
+    pub mean: f64,
+    /// Its 95 % interval (bootstrap over games).
+    pub ci95: Option<Interval>,
+}
+
+impl Judged {
+    fn new(opponent: String, games: &Games, seed: u64) -> Self {
+        let score = games.score();
+        let both = score.both();
+        // A sum over games for each of so many of another one.
+        let ratio = |above: fn(&GameResult) -> f64, below: fn(&GameResult) -> f64| {
+            let of = |drawn: &[&GameResult]| {
+                let sum = |part: fn(&GameResult) -> f64| -> f64 {
+                    drawn.iter().map(|result| part(result)).sum()
+                };
+                sum(above) / sum(below)
+            };
+            let all: Vec<&GameResult> = games.results.iter().collect();
+            Estimate { mean: of(&all), ci95: bootstrap_ci95(&games.results, seed, of) }
+        };
+        let won = |result: &GameResult| f64::from(result.score.max(0));
+        let lost = |result: &GameResult| f64::from((-result.score).max(0));
+        let minutes = |result: &GameResult| f64::from(result.periods) * CONTROL_PERIOD / 60.0;
+        let seconds = |result: &GameResult| f64::from(result.periods) * CONTROL_PERIOD;
+        let one = |_: &GameResult| 1.0;
+        Self {
+            opponent,
+            won_share: both.won_share(),
+            won_share_ci95: both.won_share_ci95(),
+            scored_per_min: ratio(won, minutes),
+            conceded_per_min: ratio(lost, minutes),
+            episode_length_s: ratio(seconds, one),
+            hits_per_episode: ratio(|result| f64::from(result.hits), one),
+            score,
+        }
+    }
 }
 
 /// All of it.
@@ -41,8 +96,9 @@ pub struct Verdict {
 /// When a game leaves the range of numbers.
 pub fn judge(run: &Run, threads: NonZeroUsize) -> Result<Verdict, TrainError> {
     let settings = run.settings();
+    let game = run.judging_game();
     let arena = Arena {
-        game: run.game(),
+        game: &game,
         observations: settings.observations,
         seed: settings.seed ^ JUDGE_SEED,
         threads,
@@ -51,14 +107,8 @@ pub fn judge(run: &Run, threads: NonZeroUsize) -> Result<Verdict, TrainError> {
     let games = settings.evaluation.games_per_opponent;
     let mut opponents = Vec::new();
     for script in Scripted::ALL.into_iter().filter(|_| 0 < games) {
-        let score = arena.play(&[learner.clone(), Opponent::Scripted(script)], games)?.score();
-        let both = score.both();
-        opponents.push(Judged {
-            opponent: script.name().to_owned(),
-            won_share: both.won_share(),
-            won_share_ci95: both.won_share_ci95(),
-            score,
-        });
+        let games = arena.play(&[learner.clone(), Opponent::Scripted(script)], games)?;
+        opponents.push(Judged::new(script.name().to_owned(), &games, arena.seed));
     }
     let mut players = vec![(LEARNER_NAME.to_owned(), learner)];
     players.extend(spread(run.pool(), settings.evaluation.pool_players));
@@ -98,13 +148,13 @@ fn round_robin(
     for a in 0..players.len() {
         for b in a + 1..players.len() {
             let both = [players[a].1.clone(), players[b].1.clone()];
-            pairs.push(([a, b], arena.play(&both, games)?.scores));
+            pairs.push(([a, b], arena.play(&both, games)?.results));
         }
     }
     let of_round = |round: usize| {
-        pairs.iter().map(move |(players, scores)| Played {
+        pairs.iter().map(move |(players, results)| Played {
             players: *players,
-            score: f64::midpoint(f64::from(scores[round]), 1.0),
+            score: f64::midpoint(f64::from(results[round].score), 1.0),
         })
     };
     let played: Vec<Played> = (0..games).flat_map(of_round).collect();

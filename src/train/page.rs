@@ -3,7 +3,7 @@
 use super::{
     CurvePoint,
     file::Summary,
-    judge::{Judged, Verdict},
+    judge::{Estimate, Judged, Verdict},
 };
 use crate::{
     report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, line_plot},
@@ -75,12 +75,18 @@ fn interval(ci95: Option<Interval>, scale: f64) -> String {
     )
 }
 
+/// `2.3 (2.1 to 2.5)`
+fn estimate(estimate: &Estimate) -> String {
+    let range = estimate.ci95.map(|ci| format!(" ({:.1} to {:.1})", ci.low, ci.high));
+    format!("{:.1}{}", estimate.mean, range.unwrap_or_default())
+}
+
 fn strength(page: &mut Page, verdict: &Verdict) {
     let texts = |cells: &[&str]| cells.iter().map(|cell| (*cell).to_owned()).collect();
     page.section("Strength");
     page.paragraph(
         "The policy plays the means of its actions; every board plays one episode, half of them from each \
-         seat. A game that nobody wins in time is drawn and not decided.",
+         seat. A game that nobody wins in time is drawn and not decided. In brackets: 95 % intervals.",
     );
     let share = |share: Option<f64>| {
         share.map_or_else(|| "-".to_owned(), |share| format!("{:.1}", 100.0 * share))
@@ -96,6 +102,10 @@ fn strength(page: &mut Page, verdict: &Verdict) {
             interval(judged.won_share_ci95, 100.0),
             share(judged.score.left.won_share()),
             share(judged.score.right.won_share()),
+            estimate(&judged.scored_per_min),
+            estimate(&judged.conceded_per_min),
+            estimate(&judged.episode_length_s),
+            estimate(&judged.hits_per_episode),
         ]
     });
     page.table(&Table {
@@ -108,6 +118,10 @@ fn strength(page: &mut Page, verdict: &Verdict) {
             "95 %",
             "from the left (%)",
             "from the right (%)",
+            "scored per min",
+            "conceded per min",
+            "length (s)",
+            "own hits",
         ]),
         rows: rows.collect(),
     });

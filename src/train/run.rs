@@ -13,7 +13,7 @@ use super::{
     table::Tables,
 };
 use crate::{
-    game::{Asked, Clockwork, GameError, GameSettings, Outcomes},
+    game::{Asked, Clockwork, EpisodeSettings, GameError, GameSettings, Outcomes},
     opponent::{Moment, Scripted},
     ppo::{Learner, LearnerState, Policy, PpoError, Rollout, RolloutPart, RolloutShape, for_each},
     recording::topic::Player,
@@ -157,6 +157,14 @@ impl Run {
     #[must_use]
     pub fn game(&self) -> &GameSettings {
         &self.game
+    }
+
+    /// The game in which the policy is judged: with the time limit of the evaluation.
+    #[must_use]
+    pub fn judging_game(&self) -> GameSettings {
+        let time_limit = self.settings.evaluation.time_limit_s;
+        let episode = EpisodeSettings { time_limit, ..self.game.episode };
+        GameSettings { episode, ..self.game.clone() }
     }
 
     /// Updates so far, oldest first.

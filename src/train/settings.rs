@@ -84,9 +84,11 @@ pub struct OpponentSettings {
 }
 
 /// Games after training.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationSettings {
+    /// Time limit of these games (s); longer than that of training, so that most games are decided.
+    pub time_limit_s: f64,
     /// Games against each scripted player, half of them from each seat; even.
     pub games_per_opponent: usize,
     /// Games of each pair of the Elo table, half of them from each seat; even; 0 for no table.
@@ -131,6 +133,7 @@ impl TrainSettings {
             randomization: RandomizationKind::Off,
             checkpoint_updates: 64,
             evaluation: EvaluationSettings {
+                time_limit_s: 30.0,
                 games_per_opponent: 1000,
                 games_per_pair: 40,
                 pool_players: 6,
@@ -193,6 +196,7 @@ impl TrainSettings {
         let even = |name, value: usize| (name, value as f64, "even", value.is_multiple_of(2));
         let environments = self.environments;
         let score = opponents.update_score;
+        let limit = evaluation.time_limit_s;
         let checks = [
             at_least_one("steps", self.steps),
             (
@@ -211,6 +215,12 @@ impl TrainSettings {
                 0.0 < opponents.decay && opponents.decay <= 1.0,
             ),
             at_least_one("opponents.most", opponents.most as u64),
+            (
+                "evaluation.time_limit_s",
+                limit,
+                "from 0.02 to 3600",
+                (0.02..=3600.0).contains(&limit),
+            ),
             even("evaluation.games_per_opponent", evaluation.games_per_opponent),
             even("evaluation.games_per_pair", evaluation.games_per_pair),
         ];
