@@ -61,6 +61,11 @@ pub(crate) enum Command {
     /// checkpoint from which --resume goes on) and index.html. Ctrl-C ends after the update (status 3). The
     /// same seed gives the same bytes whatever the number of threads.
     Train(commands::train::Args),
+    /// The whole pipeline on the virtual rig, from a table that nobody has measured to a scored match
+    ///
+    /// OUT receives every recording and result and index.html, which tells the story. The commands are those
+    /// that anyone can type; what is finished is kept, so the same command goes on after Ctrl-C.
+    Demo(commands::demo::Args),
     /// Write weights or tables for other software
     Export(commands::export::Args),
 }
@@ -79,6 +84,7 @@ impl Command {
             Self::TuneEkf(args) => commands::tune_ekf::run(&args),
             Self::Eval(args) => commands::eval::run(&args),
             Self::Train(args) => commands::train::run(&args),
+            Self::Demo(args) => commands::demo::run(&args),
             Self::Export(args) => commands::export::run(&args),
         }
     }

@@ -1,6 +1,7 @@
 //! One file per subcommand: its arguments, and a `run` that makes one call into the library.
 
 pub(crate) mod collect;
+pub(crate) mod demo;
 pub(crate) mod eval;
 pub(crate) mod export;
 pub(crate) mod fit_actuator;

@@ -58,6 +58,7 @@
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
 //! | | [`referee`] | the events of a match and its score |
 //! | | [`train`] | self-play: rewards, opponents, ratings, `policy.mcap` |
+//! | | [`demo`] | the whole pipeline as a list of commands, and its story |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
 //! # Invariants
@@ -93,6 +94,7 @@ pub mod rig;
 pub mod twin;
 
 pub mod collect;
+pub mod demo;
 pub mod gap;
 pub mod import;
 pub mod referee;

@@ -104,6 +104,11 @@ impl Page {
         self.push(format_args!("<p><code>{}</code></p>\n", escape(text)));
     }
 
+    /// Adds a link to a file beside the page.
+    pub fn link(&mut self, to: &str, text: &str) {
+        self.push(format_args!("<p><a href=\"{}\">{}</a></p>\n", escape(to), escape(text)));
+    }
+
     /// Adds a table.
     pub fn table(&mut self, table: &Table) {
         let html = table.html("scroll");

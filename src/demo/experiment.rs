@@ -1,0 +1,293 @@
+//! The experiment: what each policy did in its simulation, and what it does on the rig.
+
+use super::plan::{OPPONENTS, POLICIES, SEATS, match_name};
+use crate::stats::{Interval, bootstrap_ci95, bootstrap_difference_ci95, wilson_ci95};
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// A number with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Figure {
+    /// The number.
+    pub value: f64,
+    /// Its interval; absent where nothing can be said.
+    pub ci95: Option<Interval>,
+}
+
+/// One stretch of play on the rig, seen from the policy's seat.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Episode {
+    minutes: f64,
+    scored: f64,
+    conceded: f64,
+    contacts: f64,
+}
+
+/// One policy against one opponent.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Contest {
+    /// The policy.
+    pub policy: &'static str,
+    /// The opponent.
+    pub opponent: &'static str,
+    /// Points of the policy per minute in its own simulation.
+    pub simulated_scored_per_min: Figure,
+    /// Share of the decided games that it won there.
+    pub simulated_won_share: Option<f64>,
+    /// Points of the policy per minute of play on the rig.
+    pub scored_per_min: Figure,
+    /// Points of the opponent per minute of play on the rig.
+    pub conceded_per_min: Figure,
+    /// Share of the points on the rig that the policy won (Wilson's interval).
+    pub won_share: Option<Figure>,
+    /// Length of an episode on the rig (s).
+    pub episode_length_s: Figure,
+    /// Contacts of both strikers with the ball in an episode on the rig.
+    pub contacts_per_episode: Figure,
+    /// Scoring rate on the rig over that in simulation; the interval is as wide as both together allow.
+    pub kept_share: Option<Figure>,
+    /// Episodes on the rig.
+    pub episodes: usize,
+}
+
+/// What is different between two policies on the rig.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Difference {
+    /// The policy that the paper expects to do better.
+    pub better: &'static str,
+    /// The other one.
+    pub worse: &'static str,
+    /// Net points per minute of the first minus those of the second.
+    pub net_points_per_min: Figure,
+}
+
+impl Difference {
+    /// What the interval says.
+    #[must_use]
+    pub fn says(&self) -> &'static str {
+        match self.net_points_per_min.ci95 {
+            Some(Interval { low, .. }) if 0.0 < low => "better, as expected",
+            Some(Interval { high, .. }) if high < 0.0 => "worse, against the expectation",
+            _ => "cannot be told apart",
+        }
+    }
+}
+
+/// All of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Experiment {
+    /// Every policy against every opponent.
+    pub contests: Vec<Contest>,
+    /// Net points per minute of each policy on the rig, against all opponents together.
+    pub net_points_per_min: Vec<(&'static str, Figure)>,
+    /// The paper's expectation, pair by pair.
+    pub differences: Vec<Difference>,
+}
+
+/// Draws of the bootstrap come from this seed.
+const SEED: u64 = 0;
+
+/// Pairs that the paper's claim orders: who knows the actuator should beat who does not.
+const CLAIMS: [(&str, &str); 4] =
+    [("twin", "ideal"), ("learned", "ideal"), ("twin", "randomized"), ("learned", "randomized")];
+
+impl Experiment {
+    /// From the result documents of `train-*` and of `eval`; `None` where they do not hold what is needed.
+    #[must_use]
+    pub fn new(results: &BTreeMap<String, Value>) -> Option<Self> {
+        let score = results.get("eval")?;
+        let mut contests = Vec::new();
+        let mut of_policy: BTreeMap<&str, Vec<Episode>> = BTreeMap::new();
+        for policy in POLICIES.map(|kind| kind.name) {
+            let trained = results.get(&format!("train-{policy}"))?;
+            for opponent in OPPONENTS {
+                let episodes: Vec<Episode> = SEATS
+                    .iter()
+                    .flat_map(|seat| episodes(score, &match_name(policy, opponent, seat), seat))
+                    .collect();
+                contests.push(contest((policy, opponent), trained, &episodes)?);
+                of_policy.entry(policy).or_default().extend(episodes);
+            }
+        }
+        let net = |policy: &'static str| (policy, rate(&of_policy[policy], net_points, minutes));
+        let difference = |(better, worse): (&'static str, &'static str)| {
+            let [a, b] = [&of_policy[worse], &of_policy[better]];
+            let net = |drawn: &[&Episode]| ratio(drawn, net_points, minutes);
+            let value = net(&b.iter().collect::<Vec<_>>()) - net(&a.iter().collect::<Vec<_>>());
+            let ci95 = bootstrap_difference_ci95(a, b, SEED, net);
+            Difference { better, worse, net_points_per_min: Figure { value, ci95 } }
+        };
+        Some(Self {
+            contests,
+            net_points_per_min: POLICIES.map(|kind| net(kind.name)).into(),
+            differences: CLAIMS.map(difference).into(),
+        })
+    }
+}
+
+fn minutes(episode: &Episode) -> f64 {
+    episode.minutes
+}
+
+fn net_points(episode: &Episode) -> f64 {
+    episode.scored - episode.conceded
+}
+
+fn ratio(drawn: &[&Episode], above: fn(&Episode) -> f64, below: fn(&Episode) -> f64) -> f64 {
+    let sum = |part: fn(&Episode) -> f64| drawn.iter().map(|episode| part(episode)).sum::<f64>();
+    sum(above) / sum(below)
+}
+
+/// Sum of `above` over sum of `below`, with an interval from whole episodes.
+fn rate(episodes: &[Episode], above: fn(&Episode) -> f64, below: fn(&Episode) -> f64) -> Figure {
+    let of = |drawn: &[&Episode]| ratio(drawn, above, below);
+    let all: Vec<&Episode> = episodes.iter().collect();
+    Figure { value: of(&all), ci95: bootstrap_ci95(episodes, SEED, of) }
+}
+
+/// The episodes of the match called `name`, seen from `seat`.
+fn episodes(score: &Value, name: &str, seat: &str) -> Vec<Episode> {
+    let matches = score["matches"].as_array().map_or(&[][..], Vec::as_slice);
+    let own = |one: &&Value| {
+        let file = one["file"].as_str().unwrap_or_default();
+        std::path::Path::new(file).file_stem().is_some_and(|stem| stem == name)
+    };
+    let found = matches.iter().find(own).and_then(|one| one["episodes"].as_array());
+    let episode = |one: &Value| {
+        let number = |key: &str| one[key].as_f64().unwrap_or(0.0);
+        let scorer = one["scorer"].as_str();
+        Episode {
+            minutes: (number("end_s") - number("start_s")) / 60.0,
+            scored: f64::from(u8::from(scorer == Some(seat))),
+            conceded: f64::from(u8::from(scorer.is_some_and(|scorer| scorer != seat))),
+            contacts: number("contacts"),
+        }
+    };
+    found.map_or(&[][..], Vec::as_slice).iter().map(episode).collect()
+}
+
+/// A figure as `train` writes it.
+fn figure(value: &Value) -> Option<Figure> {
+    let ci95 = value.get("ci95").and_then(|ci| serde_json::from_value(ci.clone()).ok());
+    Some(Figure { value: value["mean"].as_f64()?, ci95 })
+}
+
+fn contest(
+    (policy, opponent): (&'static str, &'static str),
+    trained: &Value,
+    episodes: &[Episode],
+) -> Option<Contest> {
+    let judged = trained.pointer("/verdict/opponents")?.as_array()?;
+    let judged = judged.iter().find(|one| one["opponent"] == opponent)?;
+    let simulated = figure(&judged["scored_per_min"])?;
+    let one = |_: &Episode| 1.0;
+    let scored = rate(episodes, |episode| episode.scored, minutes);
+    let sum = |part: fn(&Episode) -> f64| episodes.iter().map(part).sum::<f64>() as u64;
+    let (won, lost) = (sum(|episode| episode.scored), sum(|episode| episode.conceded));
+    let won_share = (0 < won + lost).then(|| Figure {
+        value: won as f64 / (won + lost) as f64,
+        ci95: wilson_ci95(won, won + lost),
+    });
+    Some(Contest {
+        policy,
+        opponent,
+        simulated_scored_per_min: simulated,
+        simulated_won_share: judged["won_share"].as_f64(),
+        scored_per_min: scored,
+        conceded_per_min: rate(episodes, |episode| episode.conceded, minutes),
+        won_share,
+        episode_length_s: rate(episodes, |episode| 60.0 * episode.minutes, one),
+        contacts_per_episode: rate(episodes, |episode| episode.contacts, one),
+        kept_share: kept(scored, simulated),
+        episodes: episodes.len(),
+    })
+}
+
+/// What of a rate is kept; nothing can be said of a rate of zero.
+fn kept(measured: Figure, simulated: Figure) -> Option<Figure> {
+    let both = measured.ci95.zip(simulated.ci95);
+    let ci95 = both.filter(|(_, simulated)| 0.0 < simulated.low).map(|(measured, simulated)| {
+        Interval { low: measured.low / simulated.high, high: measured.high / simulated.low }
+    });
+    (0.0 < simulated.value).then(|| Figure { value: measured.value / simulated.value, ci95 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// Ten episodes of half a minute: `won` points for `seat`, `lost` for the other one.
+    fn played(name: &str, seat: &str, (won, lost): (usize, usize)) -> Value {
+        let other = if seat == "left" { "right" } else { "left" };
+        let scorer = |number: usize| match number {
+            n if n < won => json!(seat),
+            n if n < won + lost => json!(other),
+            _ => json!(null),
+        };
+        let episode = |number: usize| {
+            let start = 30.0 * number as f64;
+            json!({"start_s": start, "end_s": start + 30.0, "scorer": scorer(number), "contacts": 4})
+        };
+        json!({"file": format!("matches/{name}.mcap"), "episodes": (0..10).map(episode).collect::<Vec<_>>()})
+    }
+
+    fn results(points: impl Fn(&str) -> (usize, usize)) -> BTreeMap<String, Value> {
+        let mut results = BTreeMap::new();
+        let mut matches = Vec::new();
+        for kind in POLICIES {
+            let judged = OPPONENTS.map(|opponent| {
+                let rate = json!({"mean": 1.0, "ci95": {"low": 0.8, "high": 1.25}});
+                json!({"opponent": opponent, "won_share": 0.9, "scored_per_min": rate})
+            });
+            results
+                .insert(format!("train-{}", kind.name), json!({"verdict": {"opponents": judged}}));
+            for opponent in OPPONENTS {
+                for seat in SEATS {
+                    let name = match_name(kind.name, opponent, seat);
+                    matches.push(played(&name, seat, points(kind.name)));
+                }
+            }
+        }
+        results.insert("eval".to_owned(), json!({"matches": matches}));
+        results
+    }
+
+    #[test]
+    fn rates_are_points_per_minute_of_the_policys_own_seat() {
+        let experiment = Experiment::new(&results(|_| (4, 1))).unwrap();
+        assert_eq!(experiment.contests.len(), 8);
+        for contest in &experiment.contests {
+            // 8 points and 2 of the other one in 20 episodes, 10 minutes.
+            assert!((contest.scored_per_min.value - 0.8).abs() < 1e-12, "{contest:?}");
+            assert!((contest.conceded_per_min.value - 0.2).abs() < 1e-12);
+            assert!((contest.won_share.unwrap().value - 0.8).abs() < 1e-12);
+            assert!((contest.episode_length_s.value - 30.0).abs() < 1e-9);
+            let kept = contest.kept_share.unwrap();
+            assert!((kept.value - 0.8).abs() < 1e-12);
+            let (kept, own) = (kept.ci95.unwrap(), contest.scored_per_min.ci95.unwrap());
+            assert!((kept.low - own.low / 1.25).abs() < 1e-12);
+        }
+        assert!(experiment.differences.iter().all(|one| one.says() == "cannot be told apart"));
+    }
+
+    #[test]
+    fn an_order_is_only_claimed_where_the_interval_shows_it() {
+        let points = |name: &str| if name == "ideal" { (1, 7) } else { (8, 1) };
+        let experiment = Experiment::new(&results(points)).unwrap();
+        let said: Vec<&str> = experiment.differences.iter().map(Difference::says).collect();
+        let [better, same] = ["better, as expected", "cannot be told apart"];
+        assert_eq!(said, [better, better, same, same]);
+        let points = |name: &str| if name == "twin" { (0, 9) } else { (8, 1) };
+        let experiment = Experiment::new(&results(points)).unwrap();
+        assert_eq!(experiment.differences[0].says(), "worse, against the expectation");
+    }
+
+    #[test]
+    fn without_a_score_there_is_no_experiment() {
+        let mut results = results(|_| (4, 1));
+        results.remove("eval");
+        assert_eq!(Experiment::new(&results), None);
+    }
+}
