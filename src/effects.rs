@@ -109,10 +109,12 @@ impl Axis {
         }
     }
 
-    /// Whether two instances of one effect at these places would act on the same coordinate.
+    /// Whether two instances of one effect at these places would act on the same coordinate. A motor and a
+    /// rail never do: friction can sit in both.
     #[must_use]
     pub fn overlaps(self, other: Self) -> bool {
-        (0..2).any(|index| self.covers(index) && other.covers(index))
+        self.is_motor() == other.is_motor()
+            && (0..2).any(|index| self.covers(index) && other.covers(index))
     }
 
     /// Whether this is a place in belt coordinates.

@@ -13,6 +13,7 @@ use super::{
 use crate::{
     effects::{Axis, Effect},
     parallel::in_parallel,
+    stats::t_quantile,
     twin::{Slot, Stage, StageKind, Twin},
 };
 
@@ -191,9 +192,14 @@ fn refit(
     let judged = fit::adapt(held_out, held_out.start(rough.point.twin.clone()), &filters);
     held_out.drop_outliers(&judged);
     let (best, filters) = fit::settle(train, rough.point, slots, 10);
-    match restarted(train, &best, given) {
-        Some(better) => fit::settle(train, better, slots, 10),
-        None => (best, filters),
+    from_deepest(train, (best, filters), given)
+}
+
+/// The fit itself, or what is found from other starts where that is better.
+fn from_deepest(train: &Problem<'_>, found: (Fit, Filters), given: &Point) -> (Fit, Filters) {
+    match restarted(train, &found.0, given) {
+        Some(better) => fit::settle(train, better, &found.0.slots, 10),
+        None => found,
     }
 }
 
@@ -236,7 +242,7 @@ impl Search<'_> {
         let mut judged = None;
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !is_nothing_new(excess);
-            let as_given = (first && excess.is_some()).then(|| self.as_given(given));
+            let as_given = first.then(|| self.as_given(given));
             let stand = Stand {
                 base: &self.best,
                 filters: &self.filters,
@@ -247,7 +253,11 @@ impl Search<'_> {
             self.rejected = round.rejected;
             let Some((fit, step)) = round.winner else { break };
             self.added.push(step);
-            (self.best, self.filters) = fit::settle(&self.train, fit.point, &fit.slots, 8);
+            let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
+            (self.best, self.filters) = from_deepest(&self.train, settled, given);
+            excess = self.excess(judged.insert(self.judged()));
+        }
+        if self.take_back_what_is_none() {
             excess = self.excess(judged.insert(self.judged()));
         }
         if is_nothing_new(excess) {
@@ -261,6 +271,37 @@ impl Search<'_> {
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
         }
         Some(unknown)
+    }
+
+    /// Takes back effects of one number whose interval, now that everything is fitted together, holds the
+    /// value at which there is no effect: what was added later explains what they did. Gives whether any was.
+    fn take_back_what_is_none(&mut self) -> bool {
+        let before = self.added.len();
+        while let Some(step) = self.nothing() {
+            take_out(&mut self.best, &step);
+            self.added.retain(|own| own.effect != step.effect || own.axis != step.axis);
+            let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
+            (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
+        }
+        self.added.len() < before
+    }
+
+    /// The first step but the last whose effect may as well be none.
+    fn nothing(&self) -> Option<Added> {
+        let (_, earlier) = self.added.split_last()?;
+        let judged = self.judged();
+        let found = (&self.best, &judged);
+        let uncertainty = fit::uncertainty(&self.train, &self.held_out, found, &self.filters);
+        let quantile = t_quantile(0.975, uncertainty.freedom);
+        let is_none = |step: &&Added| {
+            let [null] = step.effect.null else { return false };
+            let own = |slot: &Slot| Some(slot.instance) == instance_of(&self.best.point.twin, step);
+            let errors = self.best.slots.iter().zip(&uncertainty.standard_errors);
+            errors.filter(|(slot, _)| own(slot)).any(|(slot, error)| {
+                (self.best.point.twin.get(*slot) - null).abs() < quantile * error
+            })
+        };
+        earlier.iter().find(is_none).cloned()
     }
 
     /// Share of the held-out squared error that the effects added so far removed, step after step.
@@ -314,22 +355,27 @@ const OTHER_STARTS: usize = 2;
 const RESTART_ITERATIONS: usize = 12;
 
 /// A refit can stop in a valley that is not the deepest: a spring far softer, a delay far longer than
-/// before. Where the rest is well above what the given twin is known to leave, or nothing is known of that,
-/// each of its effects is put to its probes as well; the best of them are fitted; the best fit, when it is
-/// better.
+/// before, and parameters that have made up for an effect that was missing until now. Where the rest is well
+/// above what the given twin is known to leave, or nothing is known of that, everything that was given starts
+/// again from its given values, and each of its effects from its probes; the best of them are fitted; the best
+/// fit, when it is better.
 fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
     if excess(&given.twin, [(train, &best.point)]).is_some_and(|excess| excess < STUCK) {
         return None;
     }
     let scales = train.filters(&best.point, whiten::scale_filters);
     let loss = |point: &Point| fit::squared(&train.whitened(point, &scales));
-    let mut starts = Vec::new();
+    let mut anew = best.point.clone();
+    for (own, instance) in anew.twin.instances.iter_mut().zip(&given.twin.instances) {
+        own.values.clone_from(&instance.values);
+    }
+    let mut starts = vec![anew.clone()];
     for (index, instance) in given.twin.instances.iter().enumerate() {
         if !best.slots.iter().any(|slot| slot.instance == index) {
             continue;
         }
         for probe in instance.effect.probes {
-            let mut point = given.clone();
+            let mut point = anew.clone();
             for (parameter, value) in probe.iter().enumerate() {
                 point.twin.set(Slot { instance: index, parameter }, *value);
             }
@@ -358,21 +404,23 @@ fn withdraw(best: &mut Fit, added: &mut Vec<Added>, unknown: &Unknown) -> bool {
         // Both as shares of what was left when the step was done.
         let stays = unknown.share < step.held_out_gain / (1.0 - step.held_out_gain).max(1e-12);
         if !stays {
-            let twin = &mut best.point.twin;
-            let found = twin
-                .instances
-                .iter()
-                .position(|own| own.effect == step.effect && own.axis == step.axis);
-            if let Some(index) = found {
-                twin.instances.remove(index);
-                best.slots.retain(|slot| slot.instance != index);
-                best.slots
-                    .iter_mut()
-                    .filter(|slot| index < slot.instance)
-                    .for_each(|slot| slot.instance -= 1);
-            }
+            take_out(best, step);
         }
         stays
     });
     added.len() < before
+}
+
+/// Where in the twin the effect of a step is.
+fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
+    twin.instances.iter().position(|own| own.effect == step.effect && own.axis == step.axis)
+}
+
+/// Takes the effect of a step out of the twin; the rest stays as it is.
+fn take_out(best: &mut Fit, step: &Added) {
+    let Some(index) = instance_of(&best.point.twin, step) else { return };
+    best.point.twin.instances.remove(index);
+    best.slots.retain(|slot| slot.instance != index);
+    let later = best.slots.iter_mut().filter(|slot| index < slot.instance);
+    later.for_each(|slot| slot.instance -= 1);
 }
