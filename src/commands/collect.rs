@@ -12,7 +12,7 @@ use clap::ValueEnum;
 use klasktron::{
     collect::{
         HomingPolicy, Leg, Plan, Proof, RawFrames, Schedule, SessionConfig, SessionError,
-        SessionOutput, SessionReport, WatchdogPolicy, listen, plan_page, prove, run_session,
+        SessionOutput, SessionReport, WatchdogPolicy, Work, listen, plan_page, prove, run_session,
     },
     gantry::Pattern,
     link::BusSpec,
@@ -181,7 +181,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let legs = Leg::of_proof(&proof);
     let view = LiveView::new();
     session(args, &files, &view, |table, output| {
-        run_session(&mut *table.link, &files.robot, &config, &legs, output)
+        run_session(&mut *table.link, &files.robot, &config, Work::Legs(&legs), output)
     })
 }
 

@@ -4,7 +4,7 @@
 use klasktron::{
     collect::{
         HomingPolicy, Leg, Progress, RawFrames, RunLabel, SessionConfig, SessionError,
-        SessionOutput, SessionReport, WatchdogPolicy, run_session,
+        SessionOutput, SessionReport, WatchdogPolicy, Work, run_session,
     },
     gantry::{Reference, Robot},
     link::Link,
@@ -141,7 +141,7 @@ impl Bench {
             }
         };
         let output = SessionOutput { writer, presses: &presses, show: &mut show };
-        run_session(link, &self.robot, &config, &self.legs(), output)
+        run_session(link, &self.robot, &config, Work::Legs(&self.legs()), output)
     }
 }
 

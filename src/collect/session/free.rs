@@ -1,0 +1,134 @@
+//! The stretch that a pilot drives.
+//!
+//! There is no path that a carriage could be compared with, so its encoders are compared with the integral
+//! `r` of its own commands `u`, which leaks towards the position `p`: `r' = u + (p - r)/T`. A carriage that
+//! follows with a lag keeps `r - p` near the way that it lags, which the guard allows for; one that is jammed
+//! leaves `r` behind by up to `u T`.
+
+use super::Session;
+use crate::{
+    collect::{
+        control::Tick,
+        pilot::{Carriage, Decision, FreeStretch, Moment},
+        reason::StopReason,
+        recorder::Entry,
+        report::PictureToCommand,
+    },
+    recording::{message::run_marker::Phase, topic::Player},
+    units::Nanos,
+};
+
+/// Time in which the integral of commands forgets (s). With a following error of 0.06 m, a jammed carriage is
+/// noticed that is told to move at 0.06 m/s or faster; half of this time would double that speed.
+const LEAK_SECONDS: f64 = 1.0;
+
+/// What a free stretch keeps from period to period.
+#[derive(Default)]
+struct Flight {
+    /// Where the commands of each player have led (m).
+    led_to: [Option<[f64; 2]>; 2],
+    /// When the newest picture shows the board.
+    newest: Option<Nanos>,
+    /// From picture to command (ms), period by period.
+    waits_ms: Vec<f64>,
+}
+
+impl Session<'_> {
+    /// Home, then the stretch.
+    pub(super) fn drive_freely(&mut self, mut stretch: FreeStretch<'_>) -> Result<(), StopReason> {
+        self.station.note_of("phase", None, "going home");
+        let home = |player: &Player| {
+            let home = self.station.robot.home.of(*player);
+            (*player, [home.x_m, home.y_m])
+        };
+        let homes: Vec<_> = self.config.players.iter().map(home).collect();
+        self.go_to(&homes)?;
+        self.station.keep_pictures();
+        self.stand(&homes)?;
+        self.station.note_of("phase", None, &stretch.label.pattern);
+        self.mark(&stretch.label, Phase::Start);
+        let mut flight = Flight::default();
+        let driven = self.fly(&mut stretch, &mut flight);
+        self.mark(&stretch.label, Phase::End);
+        self.picture_to_command = PictureToCommand::of(&flight.waits_ms);
+        driven?;
+        self.runs_done += 1;
+        self.samples += self.periods_in_leg;
+        Ok(())
+    }
+
+    fn fly(
+        &mut self,
+        stretch: &mut FreeStretch<'_>,
+        flight: &mut Flight,
+    ) -> Result<(), StopReason> {
+        self.guard.restart();
+        let periods = stretch.periods(self.config.rate_hz);
+        let mut at = 0;
+        while at < periods {
+            let tick = self.control.wait(&mut self.station)?;
+            // Periods that were left out are not caught up.
+            at += tick.advanced as usize - 1;
+            for (shown, picture) in self.station.take_pictures() {
+                flight.newest = flight.newest.max(Some(shown));
+                stretch.pilot.see(shown, &picture);
+            }
+            let now = self.station.now();
+            let carriages = Player::BOTH.map(|player| self.driven_carriage(player));
+            let decision = stretch.pilot.decide(&Moment { now, step: at as u64, carriages });
+            self.obey(&decision, tick, flight)?;
+            at += 1;
+            self.periods_in_leg = at;
+            self.end_period(tick, Some(&stretch.label))?;
+        }
+        Ok(())
+    }
+
+    fn driven_carriage(&self, player: Player) -> Option<Carriage> {
+        let (position, velocity) = self.station.carriage(player).state()?;
+        Some(Carriage { position, velocity })
+    }
+
+    /// Sends what the pilot wants, as far as the limits let it.
+    fn obey(
+        &mut self,
+        decision: &Decision,
+        tick: Tick,
+        flight: &mut Flight,
+    ) -> Result<(), StopReason> {
+        let config = self.config;
+        for player in &config.players {
+            let velocity = decision.velocities[*player as usize];
+            if !velocity.iter().all(|v| v.is_finite()) {
+                return Err(StopReason::NoDecision { player: *player, velocity });
+            }
+        }
+        let now = self.station.now();
+        if let Some(belief) = decision.belief {
+            self.station.record(now, Entry::Board(belief));
+        }
+        for player in &config.players {
+            self.expect_of_commands(*player, tick, &mut flight.led_to[*player as usize]);
+            let wanted = self.before_edges(*player, decision.velocities[*player as usize]);
+            self.control.command(&mut self.station, *player, wanted, tick);
+        }
+        if let Some(newest) = flight.newest {
+            flight.waits_ms.push(1e3 * self.station.now().seconds_since(newest));
+        }
+        Ok(())
+    }
+
+    /// Tells the guard where the commands so far have led the carriage.
+    fn expect_of_commands(&mut self, player: Player, tick: Tick, led_to: &mut Option<[f64; 2]>) {
+        let Some((position, _)) = self.station.carriage(player).state() else { return };
+        let dt = f64::from(tick.advanced) * self.control.period_seconds();
+        let commanded = self.control.commanded(player);
+        let before = led_to.unwrap_or(position);
+        let next = [0, 1].map(|axis| {
+            let leak = (position[axis] - before[axis]) / LEAK_SECONDS;
+            before[axis] + dt * (commanded[axis] + leak)
+        });
+        *led_to = Some(next);
+        self.guard.expect(player, self.station.now(), next);
+    }
+}
