@@ -5,7 +5,7 @@ mod free;
 use super::{
     arming::{self, WatchdogPolicy},
     control::{ControlLoop, Tick},
-    guard::{CameraDuty, Guard},
+    guard::{CameraDuty, Guard, MOST_LAG_SECONDS},
     homing::{self, HomingPolicy},
     leg::{Leg, RunLabel},
     pilot::Work,
@@ -259,7 +259,7 @@ impl<'a> Session<'a> {
 
     /// Drives one leg to its end.
     fn follow(&mut self, leg: &Leg) -> Result<(), StopReason> {
-        self.guard.restart();
+        self.guard.restart(MOST_LAG_SECONDS);
         let mut at = 0;
         while at < leg.periods() {
             let tick = self.control.wait(&mut self.station)?;
@@ -302,17 +302,17 @@ impl<'a> Session<'a> {
             let pull = self.config.hold_gain_per_s * (due[axis] - position[axis]);
             setpoint.velocity[axis] + pull.clamp(-MOST_CORRECTION, MOST_CORRECTION)
         });
-        self.before_edges(player, pulled)
+        self.before_edges(player, pulled, self.station.robot.limits.reaction_s)
     }
 
-    /// `wanted` (m/s), but never faster towards an edge than the carriage can stop.
-    fn before_edges(&self, player: Player, wanted: [f64; 2]) -> [f64; 2] {
+    /// `wanted` (m/s), but never faster towards an edge than the carriage can stop from where it will be
+    /// `ahead_s` (s) from now, when this command takes effect.
+    fn before_edges(&self, player: Player, wanted: [f64; 2], ahead_s: f64) -> [f64; 2] {
         let Some((position, velocity)) = self.station.carriage(player).state() else {
             return wanted;
         };
         let robot = self.station.robot;
-        // Where it will be when this command takes effect.
-        let soon = [0, 1].map(|axis| position[axis] + velocity[axis] * robot.limits.reaction_s);
+        let soon = [0, 1].map(|axis| position[axis] + velocity[axis] * ahead_s);
         robot.limits.before_edges(&robot.window(player), soon, wanted)
     }
 

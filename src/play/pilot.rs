@@ -191,6 +191,7 @@ impl Pilot for Match {
             let wanted = self.wanted(player, ball, moment.step);
             let Some(carriage) = moment.carriages[player as usize] else { return wanted };
             self.limits.iter().fold(wanted, |velocity, limits| {
+                let velocity = velocity.map(|v| v.clamp(-limits.speed, limits.speed));
                 limits.before_walls(limits.field.of(player), carriage.position, velocity)
             })
         });

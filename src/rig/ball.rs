@@ -137,8 +137,9 @@ impl Ball {
         if 0.0 < self.config.launch_every_s && self.next_launch_s <= now_s {
             self.next_launch_s += self.config.launch_every_s;
             let launch = self.reach.map(|bounds| draw(&mut self.launches, bounds));
+            let top = self.config.launch_speed_m_per_s;
             self.place = Some(launch);
-            self.velocity = push(&mut self.launches, self.config.launch_speed_m_per_s);
+            self.velocity = push(&mut self.launches, top / 5.0, top);
             self.spin = self.velocity;
             self.in_cup_s = None;
         }
@@ -153,8 +154,9 @@ impl Ball {
         if 0.0 < spread {
             place = place.map(|at| at + draw(&mut self.serves, [-spread, spread]));
         }
-        if 0.0 < self.config.serve_speed_m_per_s {
-            let given = push(&mut self.serves, self.config.serve_speed_m_per_s);
+        let top = self.config.serve_speed_m_per_s;
+        if 0.0 < top {
+            let given = push(&mut self.serves, top / 2.0, top);
             velocity = [velocity[0] + given[0], velocity[1] + given[1]];
         }
         self.place =
@@ -326,9 +328,9 @@ fn draw(stream: &mut Stream, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * f64::from(stream.uniform_f32(0.0, 1.0))
 }
 
-/// A velocity (m/s) in a random direction, a fifth of `top` to `top` fast.
-fn push(stream: &mut Stream, top: f64) -> [f64; 2] {
-    let speed = draw(stream, [top / 5.0, top]);
+/// A velocity (m/s) in a random direction, `least` to `top` fast.
+fn push(stream: &mut Stream, least: f64, top: f64) -> [f64; 2] {
+    let speed = draw(stream, [least, top]);
     let angle = draw(stream, [0.0, std::f64::consts::TAU]);
     [speed * angle.cos(), speed * angle.sin()]
 }

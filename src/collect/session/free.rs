@@ -1,11 +1,14 @@
 //! The stretch that a pilot drives.
 //!
 //! There is no path that a carriage could be compared with, so its encoders are compared with the integral
-//! `r` of its own commands `u`, which leaks towards the position `p`: `r' = u + (p - r)/T`. A carriage that
-//! follows with a lag keeps `r - p` near the way that it lags, which the guard allows for; one that is jammed
-//! leaves `r` behind by up to `u T`.
+//! `r` of its own commands `u`, which leaks towards the position `p`: `r' = u + (p - r)/T`. There are two of
+//! them: of the commands as they are, and of commands that change no faster than the drives surely brake.
+//! A carriage that follows is between both, a little late; from one that is jammed both go away by up to `u T`.
+//!
+//! A leg is proven to keep a margin from the edges, in which the lag of the drive has room. A pilot's way is not
+//! proven, so its commands are held back before edges as by a carriage that is ahead by that lag.
 
-use super::Session;
+use super::{Session, USUAL_LAG_SECONDS};
 use crate::{
     collect::{
         control::Tick,
@@ -22,11 +25,55 @@ use crate::{
 /// noticed that is told to move at 0.06 m/s or faster; half of this time would double that speed.
 const LEAK_SECONDS: f64 = 1.0;
 
+/// A carriage may be as late as this behind its commands (s): twice the usual lag. Longer would let one that
+/// is jammed be passed by commands that go to and fro.
+const MOST_LAG_SECONDS: f64 = 2.0 * USUAL_LAG_SECONDS;
+
+/// Where commands have led a carriage.
+#[derive(Debug, Clone, Copy)]
+struct Led {
+    /// If it followed at once (m).
+    at_once: [f64; 2],
+    /// If it accelerated no better than the robot file promises (m).
+    slowly: [f64; 2],
+    /// Its velocity then (m/s).
+    slow_velocity: [f64; 2],
+}
+
+impl Led {
+    fn at(position: [f64; 2]) -> Self {
+        Self { at_once: position, slowly: position, slow_velocity: [0.0; 2] }
+    }
+
+    /// After `dt` seconds with a command (m/s), of which the carriage, at `position` (m), may take
+    /// `acceleration` (m/s^2) for granted.
+    fn advance(&mut self, (position, commanded): ([f64; 2], [f64; 2]), acceleration: f64, dt: f64) {
+        for axis in 0..2 {
+            let step = acceleration * dt;
+            let slow = &mut self.slow_velocity[axis];
+            *slow += (commanded[axis] - *slow).clamp(-step, step);
+            let lead = |from: &mut f64, velocity: f64| {
+                *from += dt * (velocity + (position[axis] - *from) / LEAK_SECONDS);
+            };
+            lead(&mut self.at_once[axis], commanded[axis]);
+            lead(&mut self.slowly[axis], *slow);
+        }
+    }
+
+    /// The place between both that is nearest to `position` (m).
+    fn nearest(&self, position: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|axis| {
+            let [a, b] = [self.at_once[axis], self.slowly[axis]];
+            position[axis].clamp(a.min(b), a.max(b))
+        })
+    }
+}
+
 /// What a free stretch keeps from period to period.
 #[derive(Default)]
 struct Flight {
-    /// Where the commands of each player have led (m).
-    led_to: [Option<[f64; 2]>; 2],
+    /// Where the commands of each player have led.
+    led: [Option<Led>; 2],
     /// When the newest picture shows the board.
     newest: Option<Nanos>,
     /// From picture to command (ms), period by period.
@@ -62,7 +109,7 @@ impl Session<'_> {
         stretch: &mut FreeStretch<'_>,
         flight: &mut Flight,
     ) -> Result<(), StopReason> {
-        self.guard.restart();
+        self.guard.restart(MOST_LAG_SECONDS);
         let periods = stretch.periods(self.config.rate_hz);
         let mut at = 0;
         while at < periods {
@@ -107,9 +154,11 @@ impl Session<'_> {
         if let Some(belief) = decision.belief {
             self.station.record(now, Entry::Board(belief));
         }
+        let ahead_s = self.station.robot.limits.reaction_s + USUAL_LAG_SECONDS;
         for player in &config.players {
-            self.expect_of_commands(*player, tick, &mut flight.led_to[*player as usize]);
-            let wanted = self.before_edges(*player, decision.velocities[*player as usize]);
+            self.expect_of_commands(*player, tick, &mut flight.led[*player as usize]);
+            let wanted = decision.velocities[*player as usize];
+            let wanted = self.before_edges(*player, wanted, ahead_s);
             self.control.command(&mut self.station, *player, wanted, tick);
         }
         if let Some(newest) = flight.newest {
@@ -119,16 +168,13 @@ impl Session<'_> {
     }
 
     /// Tells the guard where the commands so far have led the carriage.
-    fn expect_of_commands(&mut self, player: Player, tick: Tick, led_to: &mut Option<[f64; 2]>) {
+    fn expect_of_commands(&mut self, player: Player, tick: Tick, led: &mut Option<Led>) {
         let Some((position, _)) = self.station.carriage(player).state() else { return };
         let dt = f64::from(tick.advanced) * self.control.period_seconds();
         let commanded = self.control.commanded(player);
-        let before = led_to.unwrap_or(position);
-        let next = [0, 1].map(|axis| {
-            let leak = (position[axis] - before[axis]) / LEAK_SECONDS;
-            before[axis] + dt * (commanded[axis] + leak)
-        });
-        *led_to = Some(next);
-        self.guard.expect(player, self.station.now(), next);
+        let acceleration = self.station.robot.limits.braking_m_per_s2;
+        let led = led.get_or_insert(Led::at(position));
+        led.advance((position, commanded), acceleration, dt);
+        self.guard.expect(player, self.station.now(), led.nearest(position));
     }
 }

@@ -56,7 +56,7 @@ ranged! {
         /// (m); the first ball is put there alike.
         serve_spread_m: 0.0 in [0.0, 1.0];
         /// Largest speed that the ball is given in a random direction as it is put back (m/s), beside that of
-        /// its start; the least is a fifth of it.
+        /// its start; the least is half of it.
         serve_speed_m_per_s: 0.0 in [0.0, 10.0];
     }
     other {

@@ -34,7 +34,7 @@ fn busy(ball: [f64; 4]) -> Value {
         "peg": {"left": peg, "right": peg}, "magnet": {"left": magnet, "right": magnet},
         "ball": {"start": {"x_m": x_m, "y_m": y_m, "vx_m_per_s": vx_m_per_s, "vy_m_per_s": vy_m_per_s},
                  "put_back_after_s": 0.05, "launch_every_s": 0.12, "launch_speed_m_per_s": 5.0,
-                 "serve_spread_m": 0.01, "serve_speed_m_per_s": 0.2,
+                 "serve_spread_m": 1e-3, "serve_speed_m_per_s": 0.02,
                  "peg_attraction_m_per_s2": 0.1, "sliding_friction": 0.1, "crown_m": 0.001,
                  "patch": {"radius_m": 0.1, "extra_resistance": 0.01},
                  "wall_restitution_loss_s_per_m": 0.05, "peg_restitution_loss_s_per_m": 0.05},
