@@ -17,7 +17,7 @@ use super::{
 };
 use crate::{
     can::Command,
-    gantry::{BeltError, Reference, Robot, Setpoint},
+    gantry::{BeltError, Limits, Reference, Robot, Setpoint},
     link::Link,
     recording::{
         RecordingError, RecordingWriter, SESSION_METADATA,
@@ -302,18 +302,23 @@ impl<'a> Session<'a> {
             let pull = self.config.hold_gain_per_s * (due[axis] - position[axis]);
             setpoint.velocity[axis] + pull.clamp(-MOST_CORRECTION, MOST_CORRECTION)
         });
-        self.before_edges(player, pulled, self.station.robot.limits.reaction_s)
+        let limits = &self.station.robot.limits;
+        self.before_edges(player, pulled, (limits, limits.reaction_s))
     }
 
-    /// `wanted` (m/s), but never faster towards an edge than the carriage can stop from where it will be
-    /// `ahead_s` (s) from now, when this command takes effect.
-    fn before_edges(&self, player: Player, wanted: [f64; 2], ahead_s: f64) -> [f64; 2] {
+    /// `wanted` (m/s), but never faster towards an edge than the carriage can stop by `limits` from where it will
+    /// be `ahead_s` (s) from now, when this command takes effect.
+    fn before_edges(
+        &self,
+        player: Player,
+        wanted: [f64; 2],
+        (limits, ahead_s): (&Limits, f64),
+    ) -> [f64; 2] {
         let Some((position, velocity)) = self.station.carriage(player).state() else {
             return wanted;
         };
-        let robot = self.station.robot;
         let soon = [0, 1].map(|axis| position[axis] + velocity[axis] * ahead_s);
-        robot.limits.before_edges(&robot.window(player), soon, wanted)
+        limits.before_edges(&self.station.robot.window(player), soon, wanted)
     }
 
     fn show_progress(&mut self, run: Option<&RunLabel>) {

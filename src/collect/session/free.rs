@@ -2,11 +2,12 @@
 //!
 //! There is no path that a carriage could be compared with, so its encoders are compared with the integral
 //! `r` of its own commands `u`, which leaks towards the position `p`: `r' = u + (p - r)/T`. There are two of
-//! them: of the commands as they are, and of commands that change no faster than the drives surely brake.
+//! them: of the commands as they are, and of commands that change no faster than the drives can on a diagonal.
 //! A carriage that follows is between both, a little late; from one that is jammed both go away by up to `u T`.
 //!
 //! A leg is proven to keep a margin from the edges, in which the lag of the drive has room. A pilot's way is not
-//! proven, so its commands are held back before edges as by a carriage that is ahead by that lag.
+//! proven, so its commands are held back before edges as by a carriage that is ahead by that lag, and that
+//! brakes as on a diagonal.
 
 use super::{Session, USUAL_LAG_SECONDS};
 use crate::{
@@ -17,24 +18,30 @@ use crate::{
         recorder::Entry,
         report::PictureToCommand,
     },
+    gantry::Limits,
     recording::{message::run_marker::Phase, topic::Player},
     units::Nanos,
 };
 
 /// Time in which the integral of commands forgets (s). With a following error of 0.06 m, a jammed carriage is
-/// noticed that is told to move at 0.06 m/s or faster; half of this time would double that speed.
+/// noticed that is told to move at 0.06 m/s or faster; half of this time would double that speed. While commands
+/// go to and fro within that distance, a jam shows only in the heat of the drives.
 const LEAK_SECONDS: f64 = 1.0;
 
 /// A carriage may be as late as this behind its commands (s): twice the usual lag. Longer would let one that
 /// is jammed be passed by commands that go to and fro.
 const MOST_LAG_SECONDS: f64 = 2.0 * USUAL_LAG_SECONDS;
 
+/// On a diagonal one motor of a CoreXY gantry turns and the other stands, so along each axis half of the
+/// acceleration is left that both have together.
+const DIAGONAL_SHARE: f64 = 0.5;
+
 /// Where commands have led a carriage.
 #[derive(Debug, Clone, Copy)]
 struct Led {
     /// If it followed at once (m).
     at_once: [f64; 2],
-    /// If it accelerated no better than the robot file promises (m).
+    /// If it accelerated no better than it can on a diagonal (m).
     slowly: [f64; 2],
     /// Its velocity then (m/s).
     slow_velocity: [f64; 2],
@@ -131,6 +138,11 @@ impl Session<'_> {
         Ok(())
     }
 
+    fn diagonal_limits(&self) -> Limits {
+        let limits = self.station.robot.limits;
+        Limits { braking_m_per_s2: DIAGONAL_SHARE * limits.braking_m_per_s2, ..limits }
+    }
+
     fn driven_carriage(&self, player: Player) -> Option<Carriage> {
         let (position, velocity) = self.station.carriage(player).state()?;
         Some(Carriage { position, velocity })
@@ -154,11 +166,12 @@ impl Session<'_> {
         if let Some(belief) = decision.belief {
             self.station.record(now, Entry::Board(belief));
         }
-        let ahead_s = self.station.robot.limits.reaction_s + USUAL_LAG_SECONDS;
+        let limits = self.diagonal_limits();
+        let ahead_s = limits.reaction_s + USUAL_LAG_SECONDS;
         for player in &config.players {
             self.expect_of_commands(*player, tick, &mut flight.led[*player as usize]);
             let wanted = decision.velocities[*player as usize];
-            let wanted = self.before_edges(*player, wanted, ahead_s);
+            let wanted = self.before_edges(*player, wanted, (&limits, ahead_s));
             self.control.command(&mut self.station, *player, wanted, tick);
         }
         if let Some(newest) = flight.newest {
@@ -172,7 +185,7 @@ impl Session<'_> {
         let Some((position, _)) = self.station.carriage(player).state() else { return };
         let dt = f64::from(tick.advanced) * self.control.period_seconds();
         let commanded = self.control.commanded(player);
-        let acceleration = self.station.robot.limits.braking_m_per_s2;
+        let acceleration = self.diagonal_limits().braking_m_per_s2;
         let led = led.get_or_insert(Led::at(position));
         led.advance((position, commanded), acceleration, dt);
         self.guard.expect(player, self.station.now(), led.nearest(position));

