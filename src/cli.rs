@@ -61,6 +61,13 @@ pub(crate) enum Command {
     /// checkpoint from which --resume goes on) and index.html. Ctrl-C ends after the update (status 3). The
     /// same seed gives the same bytes whatever the number of threads.
     Train(commands::train::Args),
+    /// Let policies and scripted players play on a table and record the match
+    ///
+    /// Pictures become estimates, estimates decisions, decisions commands, 50 times a second, with the safety of
+    /// `collect`: the first Ctrl-C ramps to zero and switches off, the second is an emergency stop. Without a
+    /// table, --bus virtual (the default) is one, on which the ball is put back after goals and when it lies
+    /// still. `klasktron eval` scores the recording.
+    Play(commands::play::Args),
     /// The whole pipeline on the virtual rig, from a table that nobody has measured to a scored match
     ///
     /// OUT receives every recording and result and index.html, which tells the story. The commands are those
@@ -84,6 +91,7 @@ impl Command {
             Self::TuneEkf(args) => commands::tune_ekf::run(&args),
             Self::Eval(args) => commands::eval::run(&args),
             Self::Train(args) => commands::train::run(&args),
+            Self::Play(args) => commands::play::run(&args),
             Self::Demo(args) => commands::demo::run(&args),
             Self::Export(args) => commands::export::run(&args),
         }

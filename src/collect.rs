@@ -7,13 +7,14 @@
 //! executed is what the [`Proof`] holds. [`plan_page()`] shows it without moving anything.
 //!
 //! [`run_session`] looks at the bus, references the carriages, arms the drives, proves that they stop
-//! by themselves when nobody talks to them, drives every leg and switches off. Whatever ends it is a
+//! by themselves when nobody talks to them, does its [`Work`] and switches off: the legs of a plan, or a
+//! stretch that a [`Pilot`] drives by what the camera shows. Whatever ends it is a
 //! [`StopReason`], with a [`Reaction`] of its own, in the recording and in the [`SessionReport`].
 //!
 //! | what | where |
 //! |---|---|
 //! | runs and their proof | `plan`, `proof`, `plan_page` |
-//! | the procedure | `session`: `preflight`, `homing`, `arming`, then legs |
+//! | the procedure | `session`: `preflight`, `homing`, `arming`, then legs or a free stretch (`pilot`) |
 //! | the loop | `control`: absolute deadlines, latest setpoint only |
 //! | safety | `guard` every period, `station` at once, `reason` what is done |
 //! | what is known | `watch`: drives, carriages, camera |
@@ -33,6 +34,7 @@ mod error;
 mod guard;
 mod homing;
 mod leg;
+mod pilot;
 mod plan;
 mod plan_page;
 mod preflight;
@@ -49,11 +51,12 @@ pub use control::Lateness;
 pub use error::{Breach, Part, PlanError};
 pub use homing::{HomingError, HomingPolicy};
 pub use leg::{Leg, RunLabel};
+pub use pilot::{Carriage, Decision, FreeStretch, Moment, Pilot, Work};
 pub use plan::{Plan, PlannedRun, Schedule};
 pub use plan_page::{PlanPage, plan_page};
 pub use preflight::{Census, CyclicRate, MOST_BUS_LOAD, Problem, bus_load};
 pub use proof::{Figures, Proof, ProvenRun, check_reference, prove};
 pub use reason::{HotPart, Reaction, StopReason};
-pub use report::{Progress, SessionReport};
+pub use report::{PictureToCommand, Progress, SessionReport};
 pub use session::{SessionConfig, SessionError, SessionOutput, listen, run_session};
 pub use station::RawFrames;

@@ -90,7 +90,7 @@ pub use region::{Region, Strikers, region_at};
 pub use rise::{Hit, LONGEST_FRAMES, Response, Rise, RiseJudgement, responses, rises};
 pub use settings::{BallSettings, BoardSettings, FilterSettings, Object, ObjectSettings};
 pub use slope::{Impact, impacts, velocities};
-pub use tape::{UPSTREAM_TOPIC, write_tape};
+pub use tape::{UPSTREAM_TOPIC, board_state, write_tape};
 pub use track::{BoardFilter, LOST_AFTER_S, Observed, REMEMBERED_FRAMES, Seen, Step, Track};
 pub use tune::{LEAST_SAMPLES, LEAST_VISITS, RegionTuning, Tuning, tune};
 pub use upstream::UpstreamFilter;

@@ -88,7 +88,7 @@ pub use actuation::Actuation;
 pub use cup::sure_fall_speed;
 pub use error::GameError;
 pub use games::{Asked, Clockwork, Games, Snapshot, Spent};
-pub use observation::{ObservationKind, Sight};
+pub use observation::{ObservationKind, Sight, turned};
 pub use outcome::{Ending, Outcomes};
 pub use randomization::{BoardPhysics, Randomization, Surface};
 pub use settings::{

@@ -25,6 +25,8 @@
 //!    page with a replay.
 //! 10. [`train`] lets policies play against themselves in the [`game`], on ideal, fitted or calibrated
 //!     actuators, and learn from it with [`ppo`]: `policy.mcap` and a page.
+//! 11. [`play`] lets them, or scripted players, play on a real table or the [`rig`]: a recording that
+//!     the [`referee`] scores.
 //!
 //! # Rooms
 //!
@@ -58,6 +60,7 @@
 //! | | [`gap`] | where twin and recording disagree, and the name of what is missing |
 //! | | [`referee`] | the events of a match and its score |
 //! | | [`train`] | self-play: rewards, opponents, ratings, `policy.mcap` |
+//! | | [`play`] | a match on a table: pictures to estimates to decisions to commands |
 //! | | [`demo`] | the whole pipeline as a list of commands, and its story |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
@@ -97,5 +100,6 @@ pub mod collect;
 pub mod demo;
 pub mod gap;
 pub mod import;
+pub mod play;
 pub mod referee;
 pub mod train;

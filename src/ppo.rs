@@ -51,7 +51,7 @@
 //! | G12 debug variables | losses, divergence, clip fraction, explained variance | [`UpdateReport`] |
 //! | G13 shared or separate networks | both | [`NetworkLayout`] |
 //! | C1 normal distribution | independent actions | [`Gaussian`] |
-//! | C2 deviations that do not depend on the state | logarithms are learned, from 0 | [`Deviations`] |
+//! | C2 deviations that do not depend on the state | logarithms are learned, from 0; the paper preset keeps them at 0 or below | [`Deviations`] |
 //! | C3 independent components | log-probabilities are added | [`Gaussian::log_probability`] |
 //! | C4 separate networks | default; upstream shares | [`NetworkLayout`] |
 //! | C5 actions are limited by the environment | the unlimited action is learned from; its mean is drawn inside 1.1 (rl_games, `bound_loss`) | [`RolloutStep::actions`], `loss::sample_loss` |

@@ -13,8 +13,8 @@ use crate::{
 };
 use std::collections::VecDeque;
 
-/// A carriage may be as late as this behind its reference (s): drive, belt and bus together.
-const REFERENCE_SECONDS: f64 = 0.3;
+/// A carriage may be as late as this behind the path of its leg (s): drive, belt and bus together.
+pub(super) const MOST_LAG_SECONDS: f64 = 0.3;
 /// A striker must be far from its magnet for this long before it counts as lost (s), since single
 /// detections fail.
 const STRIKER_LOST_SECONDS: f64 = 0.1;
@@ -34,6 +34,8 @@ pub(super) struct Guard {
     camera: CameraDuty,
     /// Where each carriage was to be, newest last (m).
     references: [VecDeque<(Nanos, [f64; 2])>; 2],
+    /// As late as this a carriage may be there (s).
+    most_lag_s: f64,
     striker_far_since: [Option<Nanos>; 2],
     worst_tracking: f64,
 }
@@ -43,13 +45,16 @@ impl Guard {
         Self {
             camera,
             references: [VecDeque::new(), VecDeque::new()],
+            most_lag_s: MOST_LAG_SECONDS,
             striker_far_since: [None, None],
             worst_tracking: 0.0,
         }
     }
 
-    /// Forgets where carriages were to be, before a new leg.
-    pub(super) fn restart(&mut self) {
+    /// Forgets where carriages were to be, before a new leg or stretch, in which they may be as late as
+    /// `most_lag_s` (s).
+    pub(super) fn restart(&mut self, most_lag_s: f64) {
+        self.most_lag_s = most_lag_s;
         self.references.iter_mut().for_each(VecDeque::clear);
     }
 
@@ -57,7 +62,7 @@ impl Guard {
     pub(super) fn expect(&mut self, player: Player, now: Nanos, position: [f64; 2]) {
         let kept = &mut self.references[player as usize];
         kept.push_back((now, position));
-        while kept.front().is_some_and(|(t, _)| REFERENCE_SECONDS < now.seconds_since(*t)) {
+        while kept.front().is_some_and(|(t, _)| self.most_lag_s < now.seconds_since(*t)) {
             kept.pop_front();
         }
     }

@@ -19,7 +19,7 @@ pub struct RunLabel {
     pub number: u32,
     /// Pattern, as in the markers.
     pub pattern: String,
-    /// `train` or `validation`.
+    /// `train` or `validation`; empty where whoever reads the recording decides.
     pub split: String,
 }
 
@@ -43,6 +43,12 @@ impl Leg {
         }
         legs.push(Self { run: None, references: of_players(proof.home()) });
         legs
+    }
+
+    /// Where each player begins (m).
+    pub(super) fn starts(&self) -> Vec<(Player, [f64; 2])> {
+        let start = |(player, reference): &(Player, Reference)| Some((*player, reference.start()?));
+        self.references.iter().filter_map(start).collect()
     }
 
     /// Its length in control periods.

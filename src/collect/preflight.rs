@@ -108,6 +108,8 @@ pub enum Problem {
         /// Rate of the control loop (Hz).
         rate_hz: f64,
     },
+    /// A pilot needs pictures, and none came.
+    NoPictures,
     /// The bus itself has failed.
     Stopped(StopReason),
 }
@@ -155,6 +157,11 @@ impl fmt::Display for Problem {
                  in the robot file)",
                 1e2 * load,
                 1e2 * MOST_BUS_LOAD
+            ),
+            Self::NoPictures => write!(
+                f,
+                "no picture of the camera came within {LISTEN_SECONDS} s, and whoever plays must see \
+                 the board; check --camera and the program that sends pictures there"
             ),
             Self::Stopped(reason) => reason.fmt(f),
         }

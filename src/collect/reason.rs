@@ -107,6 +107,13 @@ pub enum StopReason {
         /// Tolerated (s).
         limit_s: f64,
     },
+    /// A pilot wants a velocity that is no number.
+    NoDecision {
+        /// For whom.
+        player: Player,
+        /// What it wants (m/s).
+        velocity: [f64; 2],
+    },
     /// Another program gives orders to a drive.
     ForeignCommand {
         /// The node that they are for.
@@ -177,6 +184,7 @@ impl StopReason {
             | Self::TooHot { .. }
             | Self::CameraSilent { .. }
             | Self::StrikerLost { .. }
+            | Self::NoDecision { .. }
             | Self::LoopStalled { .. }
             | Self::RecordingFailed { .. } => Reaction::Ramp,
             Self::SoftLimit { .. } => Reaction::Brake,
@@ -211,6 +219,7 @@ impl StopReason {
             Self::SoftLimit { .. } => "soft_limit",
             Self::StrikerLost { .. } => "striker_lost",
             Self::CameraSilent { .. } => "camera_silent",
+            Self::NoDecision { .. } => "no_decision",
             Self::ForeignCommand { .. } => "foreign_command",
             Self::BusFailed { .. } => "bus_failed",
             Self::BusFull { .. } => "bus_full",
@@ -313,6 +322,11 @@ impl fmt::Display for StopReason {
             Self::CameraSilent { age_s, limit_s } => {
                 write!(f, "no picture of the camera for {age_s:.2} s (limit {limit_s} s)")
             }
+            Self::NoDecision { player, velocity: [x, y] } => write!(
+                f,
+                "the {player} player decided on ({x}, {y}) m/s, which is no velocity; its policy is \
+                 broken: train it again"
+            ),
             Self::ForeignCommand { node, command } => write!(
                 f,
                 "another program sent {} to node {node}; end it before collecting",

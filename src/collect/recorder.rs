@@ -5,8 +5,8 @@ use crate::{
     recording::{
         RECORDING_METADATA, RecordingError, RecordingWriter,
         message::{
-            CameraDetections, CanFrame, CarriageState, ControlTick, DriveStatus, MotorState,
-            RunMarker, SessionEvent, VelocityCommand,
+            BoardState, CameraDetections, CanFrame, CarriageState, ControlTick, DriveStatus,
+            MotorState, RunMarker, SessionEvent, VelocityCommand,
         },
         topic::{self, Motor, Player},
     },
@@ -30,6 +30,7 @@ pub(super) enum Entry {
     Motor(Player, Motor, MotorState),
     Drive(Player, Motor, DriveStatus),
     Camera(CameraDetections),
+    Board(BoardState),
     Marker(RunMarker),
     Tick(ControlTick),
     Event(SessionEvent),
@@ -122,6 +123,7 @@ fn write_all(mut writer: RecordingWriter, queue: &Receiver<Job>) -> Result<(), R
                     Entry::Camera(m) => {
                         writer.write_published(topic::CAMERA_DETECTIONS, log, publish, m)
                     }
+                    Entry::Board(m) => writer.write(topic::BOARD_STATE, log, m),
                     Entry::Marker(m) => writer.write(topic::RUN_MARKER, log, m),
                     Entry::Tick(m) => writer.write(topic::CONTROL_TICK, log, m),
                     Entry::Event(m) => writer.write(topic::SESSION_EVENT, log, m),

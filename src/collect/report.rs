@@ -1,7 +1,7 @@
 //! What a session tells: to the person while it runs, and as a document when it is over.
 
 use super::{control::Lateness, leg::RunLabel, preflight::Census, reason::StopReason};
-use crate::units::Nanos;
+use crate::{stats::quantile, units::Nanos};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -30,6 +30,24 @@ pub struct Progress<'a> {
     pub now: Nanos,
 }
 
+/// From the time at which the newest picture shows the board to the moment when the command was sent. Where
+/// the camera's clock is not the host's, from its arrival.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PictureToCommand {
+    /// Median (ms).
+    pub median_ms: f64,
+    /// 99th percentile (ms).
+    pub p99_ms: f64,
+}
+
+impl PictureToCommand {
+    /// Of the time before every command (ms); `None` without any.
+    pub(super) fn of(waits_ms: &[f64]) -> Option<Self> {
+        let at = |share| quantile(waits_ms, share);
+        Some(Self { median_ms: at(0.5)?, p99_ms: at(0.99)? })
+    }
+}
+
 /// How a session went.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SessionReport {
@@ -53,6 +71,9 @@ pub struct SessionReport {
     pub census: Census,
     /// How late the control periods were.
     pub lateness: Lateness,
+    /// How old the newest picture was when each command of a pilot was sent; absent without a pilot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub picture_to_command: Option<PictureToCommand>,
     /// Largest distance of a carriage from its reference (m).
     pub worst_tracking_m: f64,
     /// Frames received.

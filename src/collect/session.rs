@@ -1,20 +1,23 @@
-//! One session: look, home, arm, drive every leg, come home, switch off, and say how it went.
+//! One session: look, home, arm, drive every leg or a free stretch, switch off, and say how it went.
+
+mod free;
 
 use super::{
     arming::{self, WatchdogPolicy},
-    control::ControlLoop,
-    guard::{CameraDuty, Guard},
+    control::{ControlLoop, Tick},
+    guard::{CameraDuty, Guard, MOST_LAG_SECONDS},
     homing::{self, HomingPolicy},
     leg::{Leg, RunLabel},
+    pilot::Work,
     preflight::{self, Census, Problem},
     reason::StopReason,
     recorder::{Entry, Recorder},
-    report::{Progress, SessionReport},
+    report::{PictureToCommand, Progress, SessionReport},
     station::{Counts, ForeignOrders, RawFrames, Station},
 };
 use crate::{
     can::Command,
-    gantry::{BeltError, Reference, Robot, Setpoint},
+    gantry::{BeltError, Limits, Reference, Robot, Setpoint},
     link::Link,
     recording::{
         RecordingError, RecordingWriter, SESSION_METADATA,
@@ -93,14 +96,17 @@ pub fn run_session(
     link: &mut dyn Link,
     robot: &Robot,
     config: &SessionConfig,
-    legs: &[Leg],
+    work: Work<'_>,
     output: SessionOutput<'_>,
 ) -> Result<SessionReport, SessionError> {
     let SessionOutput { writer, presses, show } = output;
     let mut station = Station::new(link, robot, &config.players, config.raw, presses)?;
     let started = station.now();
-    let (census, problems) =
+    let (census, mut problems) =
         preflight::look(&mut station, config.rate_hz, &config.accepted_firmware);
+    if matches!(work, Work::Free(_)) && station.counts.pictures == 0 {
+        problems.push(Problem::NoPictures);
+    }
     if !problems.is_empty() {
         writer.discard();
         return Err(SessionError::Preflight(problems));
@@ -110,8 +116,8 @@ pub fn run_session(
         return Err(error.into());
     }
     station.record_to(Recorder::start(writer, config.metadata.clone())?);
-    let mut session = Session::new(station, config, legs, show);
-    let reason = session.drive().err().unwrap_or(StopReason::Completed);
+    let mut session = Session::new(station, config, &work, show);
+    let reason = session.drive(work).err().unwrap_or(StopReason::Completed);
     session.close(&reason, started, census)
 }
 
@@ -137,11 +143,12 @@ struct Session<'a> {
     control: ControlLoop,
     guard: Guard,
     config: &'a SessionConfig,
-    legs: &'a [Leg],
     show: &'a mut dyn FnMut(&Progress<'_>),
     shown: Shown,
+    runs_planned: usize,
     runs_done: usize,
     samples: usize,
+    picture_to_command: Option<PictureToCommand>,
     /// How many periods a carriage is behind its reference when all is well.
     lag_periods: usize,
     periods_planned: usize,
@@ -153,7 +160,7 @@ impl<'a> Session<'a> {
     fn new(
         station: Station<'a>,
         config: &'a SessionConfig,
-        legs: &'a [Leg],
+        work: &Work<'_>,
         show: &'a mut dyn FnMut(&Progress<'_>),
     ) -> Self {
         let now = station.now();
@@ -167,28 +174,39 @@ impl<'a> Session<'a> {
             control: ControlLoop::new(config.rate_hz, now),
             guard: Guard::new(camera),
             config,
-            legs,
             show,
             shown: Shown { at: now, frames: 0, pictures: 0 },
+            runs_planned: work.runs(),
             runs_done: 0,
             samples: 0,
+            picture_to_command: None,
             lag_periods: (USUAL_LAG_SECONDS * config.rate_hz).round() as usize,
-            periods_planned: legs.iter().map(Leg::periods).sum(),
+            periods_planned: work.periods(config.rate_hz),
             periods_done: 0,
             periods_in_leg: 0,
         }
     }
 
-    fn drive(&mut self) -> Result<(), StopReason> {
+    fn drive(&mut self, work: Work<'_>) -> Result<(), StopReason> {
         arming::arm(&mut self.station, &mut self.control)?;
         if self.config.watchdog == WatchdogPolicy::Test {
             arming::prove_watchdogs(&mut self.station, &mut self.control)?;
         }
-        self.go_to_first_leg()?;
-        for leg in self.legs {
+        match work {
+            Work::Legs(legs) => self.drive_legs(legs),
+            Work::Free(stretch) => self.drive_freely(stretch),
+        }
+    }
+
+    fn drive_legs(&mut self, legs: &[Leg]) -> Result<(), StopReason> {
+        self.station.note_of("phase", None, "going to the start");
+        if let Some(first) = legs.first() {
+            self.go_to(&first.starts())?;
+        }
+        for leg in legs {
             match &leg.run {
                 Some(run) => {
-                    self.settle(leg)?;
+                    self.stand(&leg.starts())?;
                     self.station.note_of("phase", None, &format!("run {}", run.number));
                     self.mark(run, Phase::Start);
                     let driven = self.follow(leg);
@@ -205,32 +223,27 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// From where each carriage stands to where its first leg begins.
-    fn go_to_first_leg(&mut self) -> Result<(), StopReason> {
-        self.station.note_of("phase", None, "going to the start");
-        let Some(first) = self.legs.first() else { return Ok(()) };
-        let mut references = Vec::new();
-        for (player, reference) in &first.references {
-            let state = self.station.carriage(*player).state();
-            let Some(((from, _), to)) = state.zip(reference.start()) else { continue };
+    /// Leads carriages to these points (m).
+    fn go_to(&mut self, points: &[(Player, [f64; 2])]) -> Result<(), StopReason> {
+        let way = |(player, to): &(Player, [f64; 2])| {
+            let (from, _) = self.station.carriage(*player).state()?;
             let limits = &self.station.robot.limits;
             // A rate or a point that cannot be has been refused long before.
-            if let Ok(way) = Reference::transfer(from, to, limits, self.config.rate_hz) {
-                references.push((*player, way));
-            }
-        }
+            let way = Reference::transfer(from, *to, limits, self.config.rate_hz).ok()?;
+            Some((*player, way))
+        };
+        let references = points.iter().filter_map(way).collect();
         self.follow(&Leg { run: None, references })
     }
 
-    /// Stands where the leg begins.
-    fn settle(&mut self, leg: &Leg) -> Result<(), StopReason> {
+    /// Stands at these points (m) for a moment.
+    fn stand(&mut self, points: &[(Player, [f64; 2])]) -> Result<(), StopReason> {
         let rate = self.config.rate_hz;
         let still = vec![[0.0; 2]; (SETTLE_SECONDS * rate).round() as usize];
-        let standing = |(player, reference): &(Player, Reference)| {
-            let still = Reference::from_velocities(reference.start()?, &still, rate).ok()?;
-            Some((*player, still))
+        let standing = |(player, point): &(Player, [f64; 2])| {
+            Some((*player, Reference::from_velocities(*point, &still, rate).ok()?))
         };
-        let references = leg.references.iter().filter_map(standing).collect();
+        let references = points.iter().filter_map(standing).collect();
         self.follow(&Leg { run: None, references })
     }
 
@@ -246,7 +259,7 @@ impl<'a> Session<'a> {
 
     /// Drives one leg to its end.
     fn follow(&mut self, leg: &Leg) -> Result<(), StopReason> {
-        self.guard.restart();
+        self.guard.restart(MOST_LAG_SECONDS);
         let mut at = 0;
         while at < leg.periods() {
             let tick = self.control.wait(&mut self.station)?;
@@ -260,22 +273,28 @@ impl<'a> Session<'a> {
                 let wanted = self.wanted(*player, &setpoint, due);
                 self.control.command(&mut self.station, *player, wanted, tick);
             }
-            self.station.ask_temperatures();
-            self.control.finish(&mut self.station, tick)?;
-            self.guard.check(&self.station, self.control.all_commanded())?;
             at += 1;
             if leg.run.is_some() {
                 self.periods_in_leg = at;
             }
-            self.show_progress(leg.run.as_ref());
+            self.end_period(tick, leg.run.as_ref())?;
         }
         Ok(())
     }
 
+    /// What follows the commands of every period.
+    fn end_period(&mut self, tick: Tick, run: Option<&RunLabel>) -> Result<(), StopReason> {
+        self.station.ask_temperatures();
+        self.control.finish(&mut self.station, tick)?;
+        self.guard.check(&self.station, self.control.all_commanded())?;
+        self.show_progress(run);
+        Ok(())
+    }
+
     /// The velocity of the reference, with a weak pull towards where the carriage should have come by
-    /// now, and never faster towards an edge than it can stop.
+    /// now.
     fn wanted(&self, player: Player, setpoint: &Setpoint, due: Option<Setpoint>) -> [f64; 2] {
-        let Some((position, velocity)) = self.station.carriage(player).state() else {
+        let Some((position, _)) = self.station.carriage(player).state() else {
             return setpoint.velocity;
         };
         let due = due.map_or(setpoint.position, |due| due.position);
@@ -283,10 +302,23 @@ impl<'a> Session<'a> {
             let pull = self.config.hold_gain_per_s * (due[axis] - position[axis]);
             setpoint.velocity[axis] + pull.clamp(-MOST_CORRECTION, MOST_CORRECTION)
         });
-        let robot = self.station.robot;
-        // Where it will be when this command takes effect.
-        let soon = [0, 1].map(|axis| position[axis] + velocity[axis] * robot.limits.reaction_s);
-        robot.limits.before_edges(&robot.window(player), soon, pulled)
+        let limits = &self.station.robot.limits;
+        self.before_edges(player, pulled, (limits, limits.reaction_s))
+    }
+
+    /// `wanted` (m/s), but never faster towards an edge than the carriage can stop by `limits` from where it will
+    /// be `ahead_s` (s) from now, when this command takes effect.
+    fn before_edges(
+        &self,
+        player: Player,
+        wanted: [f64; 2],
+        (limits, ahead_s): (&Limits, f64),
+    ) -> [f64; 2] {
+        let Some((position, velocity)) = self.station.carriage(player).state() else {
+            return wanted;
+        };
+        let soon = [0, 1].map(|axis| position[axis] + velocity[axis] * ahead_s);
+        limits.before_edges(&self.station.robot.window(player), soon, wanted)
     }
 
     fn show_progress(&mut self, run: Option<&RunLabel>) {
@@ -301,7 +333,7 @@ impl<'a> Session<'a> {
         (self.show)(&Progress {
             run,
             runs_done: self.runs_done,
-            runs: count_runs(self.legs),
+            runs: self.runs_planned,
             periods_done: self.periods_done + self.periods_in_leg,
             periods: self.periods_planned,
             frames_per_s: (counts.frames_received - before.frames) as f64 / since,
@@ -336,13 +368,14 @@ impl<'a> Session<'a> {
             schema_version: "1",
             stop: reason.code(),
             stop_text: stop_text.clone(),
-            runs_planned: count_runs(self.legs),
+            runs_planned: self.runs_planned,
             runs_done: self.runs_done,
             samples: self.samples,
             duration_s: self.station.now().seconds_since(started),
             not_confirmed_off,
             census,
             lateness: self.control.lateness(),
+            picture_to_command: self.picture_to_command,
             worst_tracking_m: self.guard.worst_tracking(),
             frames_received,
             frames_sent,
@@ -415,10 +448,6 @@ fn setpoint_at(reference: &Reference, at: usize) -> Option<Setpoint> {
     reference.setpoints().get(at).copied().or_else(rest)
 }
 
-fn count_runs(legs: &[Leg]) -> usize {
-    legs.iter().filter(|leg| leg.run.is_some()).count()
-}
-
 fn write_report(mut recorder: Recorder, report: &SessionReport) -> Result<(), String> {
     let text = serde_json::to_string(report).map_err(|error| error.to_string())?;
     let values = [
@@ -452,7 +481,7 @@ pub fn listen(
     metadata.insert("carriage_origin".to_owned(), "unknown".to_owned());
     station.record_to(Recorder::start(writer, metadata)?);
     let started = station.now();
-    let mut session = Session::new(station, config, &[], show);
+    let mut session = Session::new(station, config, &Work::Legs(&[]), show);
     let reason = session.hear(started.after_seconds(seconds)).err();
     session.close(&reason.unwrap_or(StopReason::Completed), started, Census::default())
 }

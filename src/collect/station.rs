@@ -14,7 +14,7 @@ use crate::{
     gantry::{BeltError, CoreXy, DriveReport, MotorPair, MotorSeat, Robot},
     link::{BusFault, Event, Link, LinkError, parse_detections},
     recording::{
-        message::{MotorState, SessionEvent, VelocityCommand},
+        message::{CameraDetections, MotorState, SessionEvent, VelocityCommand},
         topic::Player,
     },
     units::Nanos,
@@ -74,6 +74,9 @@ pub(super) struct Station<'a> {
     carriages: [CarriageWatch; 2],
     foreign_setpoints: [Pairing<f64>; 2],
     pub(super) camera: CameraWatch,
+    /// Pictures that a pilot has not seen yet, with the time at which they show the board; `None` while
+    /// there is no pilot.
+    unseen: Option<Vec<(Nanos, CameraDetections)>>,
     pub(super) counts: Counts,
     pub(super) foreign_orders: ForeignOrders,
     pub(super) first_foreign: Option<(u8, Command)>,
@@ -106,6 +109,7 @@ impl<'a> Station<'a> {
             carriages: [CarriageWatch::new(gantry), CarriageWatch::new(gantry)],
             foreign_setpoints: [Pairing::default(), Pairing::default()],
             camera: CameraWatch::default(),
+            unseen: None,
             counts: Counts::default(),
             foreign_orders: ForeignOrders::Alarm,
             first_foreign: None,
@@ -145,6 +149,16 @@ impl<'a> Station<'a> {
             losses.push("no frame came in; check cable, supply and bit rate".to_owned());
         }
         losses
+    }
+
+    /// From now on pictures are kept for [`take_pictures`](Self::take_pictures).
+    pub(super) fn keep_pictures(&mut self) {
+        self.unseen = Some(Vec::new());
+    }
+
+    /// Pictures since the last call, in order of their arrival, with the time at which they show the board.
+    pub(super) fn take_pictures(&mut self) -> Vec<(Nanos, CameraDetections)> {
+        self.unseen.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// How often the person has pressed Ctrl-C.
@@ -281,6 +295,9 @@ impl<'a> Station<'a> {
             Ok(detections) => {
                 self.counts.pictures += 1;
                 let shown = self.camera.push(time, &detections);
+                if let Some(unseen) = &mut self.unseen {
+                    unseen.push((shown, detections));
+                }
                 self.record_at([time, shown], Entry::Camera(detections));
             }
             Err(error) => {

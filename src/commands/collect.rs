@@ -1,26 +1,22 @@
 //! `klasktron collect`: arguments to a plan, a link and a session, and its outcome.
 
 use super::{
-    Outcome, interrupt,
-    live_view::LiveView,
-    print,
-    table::{OpenTable, TableArgs, TableFiles},
+    Outcome, print,
+    session::{self, Motion, SessionArgs},
+    table::{OpenTable, TableArgs, TableFiles, parse_within},
     tell,
 };
 use anyhow::{Context, bail};
 use clap::ValueEnum;
 use klasktron::{
     collect::{
-        HomingPolicy, Leg, Plan, Proof, RawFrames, Schedule, SessionConfig, SessionError,
-        SessionOutput, SessionReport, WatchdogPolicy, listen, plan_page, prove, run_session,
+        HomingPolicy, Leg, Plan, Proof, Schedule, SessionConfig, SessionError, SessionOutput,
+        SessionReport, Work, listen, plan_page, prove, run_session,
     },
-    gantry::Pattern,
+    gantry::{Pattern, Robot},
     link::BusSpec,
-    provenance::{CRATE_VERSION, GIT_HASH},
-    recording::{
-        ExistingFile, FlushPolicy, RecordingWriter, SESSION_COMPLETED, Split, partial_name,
-        topic::Player, write_bytes,
-    },
+    recording::{ExistingFile, Split, topic::Player, write_bytes},
+    rig::RigConfig,
 };
 use std::{
     collections::BTreeMap,
@@ -45,28 +41,18 @@ pub(crate) struct Args {
     /// The recording to write
     #[arg(short, long, value_name = "OUT", default_value = "collect.mcap")]
     output: PathBuf,
-    /// Replace the recording if it is there already
-    #[arg(long)]
-    overwrite: bool,
     #[command(flatten)]
     table: TableArgs,
+    /// Whose carriages are used
+    #[arg(long, value_enum, default_value = "both")]
+    player: PlayersArg,
     #[command(flatten)]
     motion: MotionArgs,
-    /// How positions are referenced [default: camera when there is one]
-    #[arg(long, value_enum)]
-    homing: Option<HomingArg>,
-    /// How it is made sure that the drives stop by themselves when this program dies
-    #[arg(long, value_enum, default_value = "test")]
-    watchdog: WatchdogArg,
-    /// Also drive firmware of this version, as Get_Version reports it (repeatable)
-    #[arg(long, value_name = "VERSION")]
-    accept_firmware: Vec<String>,
+    #[command(flatten)]
+    session: SessionArgs,
     /// How strongly commands pull a carriage back to its path ((m/s)/m)
     #[arg(long, value_name = "GAIN", default_value = "1", value_parser = parse_gain)]
     hold_gain_per_s: f64,
-    /// Record every frame on /can/frames too
-    #[arg(long)]
-    raw: bool,
     /// Write the plan as page, table and JSON into a folder, and touch no bus
     #[arg(long, value_name = "DIR", num_args = 0..=1, default_missing_value = "plan")]
     dry_run: Option<PathBuf>,
@@ -76,12 +62,13 @@ pub(crate) struct Args {
     /// Print the robot file with every value as JSON, and end
     #[arg(long)]
     print_robot: bool,
-    /// Session in the recording's metadata [default: the output's name]
-    #[arg(long)]
-    session: Option<String>,
-    /// Print the result document alone on stdout
-    #[arg(long)]
-    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum PlayersArg {
+    Left,
+    Right,
+    Both,
 }
 
 #[derive(Debug, clap::Args)]
@@ -112,31 +99,6 @@ struct MotionArgs {
     seed: u64,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum HomingArg {
-    /// The camera sees where the strikers are
-    Camera,
-    /// The carriages stand at the home points of the robot file
-    Declared,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum WatchdogArg {
-    /// Arm at zero velocity, fall silent, and demand that every drive disarms by itself
-    Test,
-    /// The operator knows that the watchdogs are on
-    Trust,
-    /// The operator accepts that they are off
-    None,
-}
-
-fn parse_within(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if low <= value && value <= high => Ok(value),
-        _ => Err(format!("must be a number from {low} to {high} {unit}")),
-    }
-}
-
 fn parse_rate(text: &str) -> Result<f64, String> {
     parse_within(text, 10.0, LARGEST_RATE_HZ, "Hz")
 }
@@ -158,7 +120,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.motion.patterns {
         return list_patterns();
     }
-    let files = args.table.read_files()?;
+    let files = args.table.read_files(RigConfig::default())?;
     if args.print_robot {
         print(&serde_json::to_string_pretty(&files.robot)?)?;
         return Ok(Outcome::Done);
@@ -167,7 +129,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return listen_only(args, &files, seconds);
     }
     let plan = args.motion.plan()?;
-    let players = args.table.players(&files.robot)?;
+    let players = args.player.of_robot(&files.robot)?;
     let proof = prove(&plan, &files.robot, &players)?;
     if let Some(folder) = &args.dry_run {
         return write_plan(folder, &proof, &files, args);
@@ -175,92 +137,37 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if matches!(args.table.bus, BusSpec::Replay(_)) {
         bail!("{} can be listened to (--listen), not driven", args.table.bus);
     }
-    let mut config = args.session_config(&files, players)?;
-    config.rate_hz = plan.rate_hz;
+    let homing = args.session.homing(&args.table, None)?;
+    let mut config = args.session_config(&files, (players, plan.rate_hz), homing)?;
     config.metadata.extend(plan_metadata(&plan)?);
     let legs = Leg::of_proof(&proof);
-    let view = LiveView::new();
-    session(args, &files, &view, |table, output| {
-        run_session(&mut *table.link, &files.robot, &config, &legs, output)
+    drive(args, &files, |table, output| {
+        run_session(table.link(), &files.robot, &config, Work::Legs(&legs), output)
     })
 }
 
 fn listen_only(args: &Args, files: &TableFiles, seconds: f64) -> anyhow::Result<Outcome> {
-    let players = args.table.players(&files.robot)?;
-    let config = args.session_config(files, players)?;
-    let view = LiveView::new();
-    session(args, files, &view, |table, output| {
-        listen(&mut *table.link, &files.robot, &config, seconds, output)
-    })
+    let players = args.player.of_robot(&files.robot)?;
+    // Nothing is driven, so nothing needs a reference.
+    let homing = args.session.homing(&args.table, Some(HomingPolicy::Declared))?;
+    let config = args.session_config(files, (players, args.motion.rate()), homing)?;
+    drive(args, files, |table, output| listen(table.link(), &files.robot, &config, seconds, output))
 }
 
-/// Opens file and table, runs one session and says how it went.
-fn session(
+/// Runs one session and says how it went.
+fn drive(
     args: &Args,
     files: &TableFiles,
-    view: &LiveView,
     run: impl FnOnce(&mut OpenTable, SessionOutput<'_>) -> Result<SessionReport, SessionError>,
 ) -> anyhow::Result<Outcome> {
-    let existing = if args.overwrite { ExistingFile::Replace } else { ExistingFile::Refuse };
-    let mut table = args.table.open(files)?;
-    let writer = RecordingWriter::create(&args.output, existing, FlushPolicy::EverySecond)?;
-    let presses = interrupt::counted_ctrl_c(
-        "interrupted: ramping down; once more for an emergency stop",
-        "emergency stop; once more to end at once",
-    )?;
-    let output = SessionOutput { writer, presses, show: &mut |progress| view.show(progress) };
-    let result = run(&mut table, output);
-    view.close();
-    tell_outcome(args, &result?)
-}
-
-fn tell_outcome(args: &Args, report: &SessionReport) -> anyhow::Result<Outcome> {
-    let file = args.output.display();
-    for warning in &report.warnings {
-        tell(&format!("warning: {warning}"));
+    let (report, _table) = args.session.run((&args.table, files), &args.output, run)?;
+    session::tell_doubts(&report);
+    if args.session.json {
+        print(&serde_json::to_string_pretty(&report)?)?;
     }
-    for loss in &report.losses {
-        tell(&format!("lost: {loss}"));
-    }
-    for node in &report.not_confirmed_off {
-        tell(&format!("warning: node {node} has not confirmed that it is off; cut the power"));
-    }
-    if args.json {
-        print(&serde_json::to_string_pretty(report)?)?;
-    }
-    if let Some((_, firmware)) = report.census.firmware.first() {
-        let [load, worst] = [report.census.bus_load, report.census.worst_bus_load].map(|l| 1e2 * l);
-        let drives = report.census.firmware.len();
-        tell(&format!(
-            "{drives} drives, firmware {firmware}; bus {load:.0} % busy, {worst:.0} % at worst"
-        ));
-    }
-    if report.stop != SESSION_COMPLETED {
-        tell(&format!("stopped: {}", report.stop_text));
-    }
-    let kept = if args.output.exists() {
-        format!("wrote {file}")
-    } else {
-        let partial = partial_name(&args.output);
-        let partial = partial.display();
-        format!(
-            "what was written is in {partial}; save it with `klasktron recover {partial} -o OUT`"
-        )
-    };
-    let late = &report.lateness;
-    tell(&format!(
-        "{kept}: {} of {} runs, {} samples, {:.1} s; periods late by {:.0} us (median), {:.0} us \
-         (99 %), {:.0} us (most); {} left out",
-        report.runs_done,
-        report.runs_planned,
-        report.samples,
-        report.duration_s,
-        late.p50_us,
-        late.p99_us,
-        late.max_us,
-        late.skipped
-    ));
-    Ok(if report.is_complete() { Outcome::Done } else { Outcome::Lossy })
+    let SessionReport { runs_done, runs_planned, samples, .. } = report;
+    let done = format!("{runs_done} of {runs_planned} runs, {samples} samples");
+    Ok(session::tell_outcome(&report, &args.output, &done))
 }
 
 fn write_plan(
@@ -278,7 +185,7 @@ fn write_plan(
     ] {
         write_bytes(&folder.join(name), ExistingFile::Replace, text.as_bytes())?;
     }
-    if args.json {
+    if args.session.json {
         print(&page.plan_json)?;
     }
     let (runs, samples) = (proof.runs().len(), proof.plan().samples());
@@ -337,73 +244,31 @@ impl MotionArgs {
     }
 }
 
+impl PlayersArg {
+    /// Players that were asked for, as far as the robot has them.
+    fn of_robot(self, robot: &Robot) -> anyhow::Result<Vec<Player>> {
+        let all = robot.players();
+        let wanted = match self {
+            Self::Left => vec![Player::Left],
+            Self::Right => vec![Player::Right],
+            Self::Both => return Ok(all),
+        };
+        if wanted.iter().any(|player| !all.contains(player)) {
+            bail!("the robot file has no drives for the {} player", wanted[0]);
+        }
+        Ok(wanted)
+    }
+}
+
 impl Args {
     fn session_config(
         &self,
         files: &TableFiles,
-        players: Vec<Player>,
-    ) -> anyhow::Result<SessionConfig> {
-        let homing = match self.homing {
-            Some(HomingArg::Declared) => HomingPolicy::Declared,
-            Some(HomingArg::Camera) if !self.table.has_camera() => {
-                bail!("--homing camera needs --camera")
-            }
-            Some(HomingArg::Camera) => HomingPolicy::Camera,
-            None if self.table.has_camera() => HomingPolicy::Camera,
-            None if self.listen.is_some() => HomingPolicy::Declared,
-            None => bail!(
-                "there is no camera to say where the carriages are: give --camera, or put them at \
-                 their home points and say --homing declared"
-            ),
-        };
-        Ok(SessionConfig {
-            players,
-            rate_hz: self.motion.rate(),
-            homing,
-            watchdog: match self.watchdog {
-                WatchdogArg::Test => WatchdogPolicy::Test,
-                WatchdogArg::Trust => WatchdogPolicy::Trust,
-                WatchdogArg::None => WatchdogPolicy::None,
-            },
-            raw: if self.raw { RawFrames::Record } else { RawFrames::Omit },
-            accepted_firmware: self.accept_firmware.clone(),
-            hold_gain_per_s: self.hold_gain_per_s,
-            metadata: self.metadata(files, homing)?,
-        })
-    }
-
-    /// What every recording carries, and how this one was made.
-    fn metadata(
-        &self,
-        files: &TableFiles,
+        (players, rate_hz): (Vec<Player>, f64),
         homing: HomingPolicy,
-    ) -> anyhow::Result<BTreeMap<String, String>> {
-        let robot = &files.robot;
-        let name = self.output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let origin = match homing {
-            HomingPolicy::Camera => "camera",
-            HomingPolicy::Declared => "declared",
-        };
-        let mut entries = vec![
-            ("schema_version", "1".to_owned()),
-            ("source", self.table.source().to_owned()),
-            ("session", self.session.clone().unwrap_or(name)),
-            ("robot", robot.name.clone()),
-            ("bus", self.table.bus.to_string()),
-            ("board_short_side_m", robot.board.short_side_m.to_string()),
-            ("board_long_side_m", robot.board.long_side_m.to_string()),
-            ("belt_metres_per_turn", robot.belt_metres_per_turn.to_string()),
-            ("slew_limit_m_per_s2", robot.limits.slew_m_per_s2.to_string()),
-            ("hold_gain_per_s", self.hold_gain_per_s.to_string()),
-            ("carriage_origin", origin.to_owned()),
-            ("robot_json", serde_json::to_string(robot)?),
-            ("crate_version", CRATE_VERSION.to_owned()),
-            ("git_hash", GIT_HASH.to_owned()),
-        ];
-        if self.table.bus == BusSpec::Virtual {
-            entries.push(("rig_json", serde_json::to_string(&files.rig)?));
-        }
-        Ok(entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect())
+    ) -> anyhow::Result<SessionConfig> {
+        let motion = Motion { players, rate_hz, hold_gain_per_s: self.hold_gain_per_s };
+        self.session.config((&self.table, files), motion, homing, &self.output)
     }
 }
 

@@ -1,4 +1,4 @@
-//! What `collect` shows while it runs.
+//! What a session shows while it runs.
 
 use super::tell;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -38,7 +38,9 @@ impl LiveView {
         let Some(run) = progress.run else { return };
         if self.bar.is_hidden() && self.said.replace(run.number) != run.number {
             let (number, runs) = (run.number, progress.runs);
-            tell(&format!("run {number} of {runs}: {} ({})", run.pattern, run.split));
+            let split =
+                if run.split.is_empty() { String::new() } else { format!(" ({})", run.split) };
+            tell(&format!("run {number} of {runs}: {}{split}", run.pattern));
         }
     }
 

@@ -8,8 +8,7 @@ use klasktron::{
         BusLock, BusSpec, CameraSocket, CameraSpec, Link, LiveLink, Replay, ReplayLink,
         TransportSpec,
     },
-    recording::topic::Player,
-    rig::{RigConfig, Speed, VirtualLink},
+    rig::{RigConfig, Speed, Truth, VirtualLink},
     units::Nanos,
 };
 use std::{
@@ -33,22 +32,12 @@ pub(crate) struct TableArgs {
     /// Robot file (JSON): drives, field, limits, time-outs [default: the KlaskTron table]
     #[arg(long, value_name = "FILE")]
     robot: Option<PathBuf>,
-    /// Whose carriages are used
-    #[arg(long, value_enum, default_value = "both")]
-    player: PlayersArg,
     /// Parameters and hidden effects of the virtual rig (JSON)
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// How fast the virtual rig runs
     #[arg(long, value_enum, default_value = "real")]
     speed: SpeedArg,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum PlayersArg {
-    Left,
-    Right,
-    Both,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -66,30 +55,19 @@ pub(crate) struct TableFiles {
 }
 
 impl TableArgs {
-    /// Reads robot and rig file.
-    pub(crate) fn read_files(&self) -> anyhow::Result<TableFiles> {
+    /// Reads robot and rig file; without a rig file the rig is `usual_rig`.
+    pub(crate) fn read_files(&self, usual_rig: RigConfig) -> anyhow::Result<TableFiles> {
         let virtual_only = self.rig.is_some() || self.speed == SpeedArg::Max;
         if virtual_only && self.bus != BusSpec::Virtual {
             bail!("--rig and --speed max are for --bus virtual, but the bus is {}", self.bus);
         }
         Ok(TableFiles {
             robot: read_or_default(self.robot.as_deref(), |text| Ok(Robot::from_json(text)?))?,
-            rig: read_or_default(self.rig.as_deref(), |text| Ok(RigConfig::from_json(text)?))?,
+            rig: match self.rig.as_deref() {
+                Some(path) => read_json(path, |text| Ok(RigConfig::from_json(text)?))?,
+                None => usual_rig,
+            },
         })
-    }
-
-    /// Players that were asked for, as far as the robot has them.
-    pub(crate) fn players(&self, robot: &Robot) -> anyhow::Result<Vec<Player>> {
-        let all = robot.players();
-        let wanted = match self.player {
-            PlayersArg::Left => vec![Player::Left],
-            PlayersArg::Right => vec![Player::Right],
-            PlayersArg::Both => return Ok(all),
-        };
-        if wanted.iter().any(|player| !all.contains(player)) {
-            bail!("the robot file has no drives for the {} player", wanted[0]);
-        }
-        Ok(wanted)
     }
 
     /// Whether pictures come in.
@@ -113,11 +91,11 @@ impl TableArgs {
                 if self.camera.is_some() {
                     bail!("the virtual rig has its own camera; leave --camera out");
                 }
-                Ok(OpenTable { link: Box::new(self.virtual_link(files)?), _lock: None })
+                Ok(OpenTable::Virtual(Box::new(self.virtual_link(files)?)))
             }
             BusSpec::Replay(path) => {
                 let link = ReplayLink::new(Replay::open(path, None)?)?;
-                Ok(OpenTable { link: Box::new(link), _lock: None })
+                Ok(OpenTable::Other { link: Box::new(link), _lock: None })
             }
             BusSpec::Live(transport) => self.open_live(transport, &files.robot),
         }
@@ -135,14 +113,35 @@ impl TableArgs {
         let lock = transport.lock()?;
         let bus = transport.open(robot.can.bitrate)?;
         let camera = self.camera.as_ref().map(CameraSocket::bind).transpose()?;
-        Ok(OpenTable { link: Box::new(LiveLink::start(bus, camera)?), _lock: Some(lock) })
+        let link = Box::new(LiveLink::start(bus, camera)?);
+        Ok(OpenTable::Other { link, _lock: Some(lock) })
     }
 }
 
 /// A connection to a table.
-pub(crate) struct OpenTable {
-    pub(crate) link: Box<dyn Link>,
-    _lock: Option<BusLock>,
+pub(crate) enum OpenTable {
+    /// The rig inside this program.
+    Virtual(Box<VirtualLink>),
+    /// Everything else, with the lock of its device.
+    Other { link: Box<dyn Link>, _lock: Option<BusLock> },
+}
+
+impl OpenTable {
+    /// Its link.
+    pub(crate) fn link(&mut self) -> &mut dyn Link {
+        match self {
+            Self::Virtual(link) => &mut **link,
+            Self::Other { link, .. } => &mut **link,
+        }
+    }
+
+    /// What is really the case, where that is known.
+    pub(crate) fn truth(&self) -> Option<Truth> {
+        match self {
+            Self::Virtual(link) => Some(link.truth()),
+            Self::Other { .. } => None,
+        }
+    }
 }
 
 /// What a JSON file says; the default without a file.
@@ -150,10 +149,21 @@ pub(crate) fn read_or_default<T: Default>(
     path: Option<&Path>,
     parse: impl Fn(&str) -> anyhow::Result<T>,
 ) -> anyhow::Result<T> {
-    let Some(path) = path else { return Ok(T::default()) };
+    path.map_or_else(|| Ok(T::default()), |path| read_json(path, parse))
+}
+
+fn read_json<T>(path: &Path, parse: impl Fn(&str) -> anyhow::Result<T>) -> anyhow::Result<T> {
     let file = path.display();
     let text = fs::read_to_string(path).with_context(|| format!("{file}: cannot read"))?;
     parse(&text).with_context(|| format!("{file}"))
+}
+
+/// A number within a range, for a flag.
+pub(crate) fn parse_within(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if low <= value && value <= high => Ok(value),
+        _ => Err(format!("must be a number from {low} to {high} {unit}")),
+    }
 }
 
 /// The system's time, since the Unix epoch.

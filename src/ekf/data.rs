@@ -4,7 +4,7 @@ use super::{error::EkfError, settings::Object, track::Seen};
 use crate::{
     recording::{
         Recording, RecordingError, Series, Split,
-        message::{BoardState, CameraDetections, ObjectState, Point},
+        message::{BoardState, CameraDetections, ObjectState},
         topic,
     },
     stats::median,
@@ -182,11 +182,8 @@ fn frames_of(recording: &Recording) -> Result<Arrivals, EkfError> {
         .iter()
         .map(|(arrival, found)| {
             let time = if has_clock { Nanos(found.capture_time_ns) } else { arrival };
-            let place = |point: &Option<Point>| point.as_ref().map(|point| [point.x, point.y]);
-            let places = [place(&found.ball), place(&found.left), place(&found.right)]
-                .map(|place| place.filter(|place| place.iter().all(|x| x.is_finite())));
             let truth = if age.is_some() { truth.at(time) } else { [None; 3] };
-            (arrival, Frame { seen: Seen { time, places }, truth })
+            (arrival, Frame { seen: Seen::of(time, found), truth })
         })
         .collect();
     frames.sort_by_key(|(_, frame)| frame.seen.time);

@@ -34,18 +34,20 @@ pub fn write_tape(tuned: &super::Tuned, path: &Path) -> Result<(), RecordingErro
         let [ball, left, right] = seen.places.map(|p| p.map(|[x, y]| Point { x, y }));
         let detections = CameraDetections { capture_time_ns: seen.time.0, ball, left, right };
         writer.write(topic::CAMERA_DETECTIONS, seen.time, &detections)?;
-        let estimate = state(judged.estimates.map(|own| own.map(|own| own.mean)));
+        let estimate = board_state(judged.estimates.map(|own| own.map(|own| own.mean)));
         writer.write(topic::BOARD_STATE, seen.time, &estimate)?;
-        writer.write(UPSTREAM_TOPIC, seen.time, &state(judged.upstream))?;
+        writer.write(UPSTREAM_TOPIC, seen.time, &board_state(judged.upstream))?;
         if judged.frame.truth.iter().any(Option::is_some) {
-            writer.write(super::TRUTH_TOPIC, seen.time, &state(judged.frame.truth))?;
+            writer.write(super::TRUTH_TOPIC, seen.time, &board_state(judged.frame.truth))?;
         }
     }
     writer.attach("ekf.json", "application/json", tuned.document.to_json().as_bytes())?;
     writer.finish()
 }
 
-fn state(states: [Option<[f64; 4]>; 3]) -> BoardState {
+/// A state by [`super::Object::index`], each (x, y, vx, vy) (m, m/s), as a message.
+#[must_use]
+pub fn board_state(states: [Option<[f64; 4]>; 3]) -> BoardState {
     let [ball, left, right] =
         states.map(|state| state.map(|[x, y, vx, vy]| ObjectState { x, y, vx, vy }));
     BoardState { ball, left, right, status: 0 }

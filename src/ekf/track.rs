@@ -6,7 +6,10 @@ use super::{
     region::{Region, Strikers},
     settings::{FilterSettings, Object},
 };
-use crate::units::Nanos;
+use crate::{
+    recording::message::{CameraDetections, Point},
+    units::Nanos,
+};
 
 /// Without an accepted detection for longer, the belief is given up (s).
 pub const LOST_AFTER_S: f64 = 0.25;
@@ -47,6 +50,17 @@ pub struct Step {
     pub innovation: Option<Innovation>,
     /// Whether the belief was started or started anew with this frame.
     pub started: bool,
+}
+
+impl Seen {
+    /// A picture that was taken at `time`.
+    #[must_use]
+    pub fn of(time: Nanos, picture: &CameraDetections) -> Self {
+        let places = [picture.ball, picture.left, picture.right].map(|point| {
+            point.map(|Point { x, y }| [x, y]).filter(|place| place.iter().all(|x| x.is_finite()))
+        });
+        Self { time, places }
+    }
 }
 
 impl Track {

@@ -38,7 +38,7 @@ pub enum ObservationKind {
 impl ObservationKind {
     /// Number of values.
     #[must_use]
-    pub fn len(self) -> usize {
+    pub const fn len(self) -> usize {
         match self {
             Self::Standard12 => 12,
             Self::Augmented20 => 20,
@@ -63,20 +63,34 @@ pub struct Sight(pub [f32; 12]);
 impl Sight {
     /// The exact state.
     pub(super) fn of(player: Player, strikers: &[StrikerState; 2], ball: &BallState) -> Self {
-        let (own, other, sign) = match player {
-            Player::Left => (&strikers[0], &strikers[1], 1.0),
-            Player::Right => (&strikers[1], &strikers[0], -1.0),
+        let motion = |[x, y]: [f64; 2], [vx, vy]: [f64; 2]| [x, y, vx, vy];
+        let strikers = [0, 1].map(|k| motion(strikers[k].position(), strikers[k].velocity()));
+        Self::of_board(player, &strikers, motion(ball.position, ball.velocity))
+    }
+
+    /// What `player` sees of strikers (left first) and ball, each told as (x, y, vx, vy) in the board frame
+    /// (m, m/s).
+    ///
+    /// ```
+    /// use klasktron::{game::Sight, recording::topic::Player};
+    /// let strikers = [[0.02, -0.1, 0.0, 0.0], [0.05, 0.12, 0.0, 0.3]];
+    /// let seen = Sight::of_board(Player::Right, &strikers, [0.0, 0.1, 0.2, 0.0]).0;
+    /// assert_eq!(seen[..4], [-0.05, -0.12, 0.0, -0.3]);
+    /// assert_eq!(seen[4..6], [-0.02, 0.1]);
+    /// assert_eq!(seen[8..11], [0.0, -0.1, -0.2]);
+    /// ```
+    #[must_use]
+    pub fn of_board(player: Player, strikers: &[[f64; 4]; 2], ball: [f64; 4]) -> Self {
+        let (own, other) = match player {
+            Player::Left => (strikers[0], strikers[1]),
+            Player::Right => (strikers[1], strikers[0]),
         };
-        let [a, b, c, d, e, f] = [
-            own.position(),
-            own.velocity(),
-            other.position(),
-            other.velocity(),
-            ball.position,
-            ball.velocity,
-        ]
-        .map(|[x, y]| [(sign * x) as f32, (sign * y) as f32]);
-        Self([a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1], e[0], e[1], f[0], f[1]])
+        let mut seen = [0.0; 12];
+        let values = [own, other, ball].into_iter().flat_map(|[x, y, vx, vy]| [[x, y], [vx, vy]]);
+        for (pair, value) in seen.chunks_exact_mut(2).zip(values) {
+            pair.copy_from_slice(&turned(player, value).map(|value| value as f32));
+        }
+        Self(seen)
     }
 
     /// Writes the values of `kind` into `row`; the cups are `cup_distance` (m) from the middle.
@@ -102,6 +116,16 @@ impl Sight {
             distance(ball, own),
             distance(ball, other),
         ]
+    }
+}
+
+/// A place (m) or velocity (m/s) of the board frame in the frame of `player`, and the other way round: the
+/// same for the left player, turned by 180 degrees for the right one.
+#[must_use]
+pub fn turned(player: Player, vector: [f64; 2]) -> [f64; 2] {
+    match player {
+        Player::Left => vector,
+        Player::Right => vector.map(|value| -value),
     }
 }
 

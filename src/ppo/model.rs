@@ -208,16 +208,18 @@ impl Model {
     pub(super) fn update(
         &mut self,
         slopes: &[f64; MAX_OUTPUTS],
-        learning_rate: f32,
-        scale: f32,
-        adam_epsilon: f32,
+        (learning_rate, scale): (f32, f32),
+        settings: &PpoSettings,
     ) {
         self.policy.update_scaled(learning_rate, scale);
         if let Some(critic) = &mut self.critic {
             critic.update_scaled(learning_rate, scale);
         }
         let steps = self.policy.steps();
-        self.deviations.update(slopes, (learning_rate, scale, adam_epsilon), steps);
+        self.deviations.update(slopes, (learning_rate, scale, settings.adam_epsilon), steps);
+        if let Some(most) = settings.most_log_deviation {
+            self.deviations.logarithms.iter_mut().for_each(|value| *value = value.min(most));
+        }
     }
 }
 

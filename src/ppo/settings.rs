@@ -92,6 +92,9 @@ pub struct PpoSettings {
     pub activation: Activation,
     /// Start of the logarithm of the policy's standard deviation, the same for every action.
     pub initial_log_deviation: f32,
+    /// Largest logarithm of it; `None` for no limit. Where actions are clamped to -1 to 1, a deviation above 1
+    /// changes little but earns the entropy bonus without end.
+    pub most_log_deviation: Option<f32>,
     /// Steps of each environment in one update, at least 1; a proposal to the caller, who makes
     /// the rollout.
     pub horizon: usize,
@@ -136,7 +139,7 @@ pub struct PpoSettings {
 impl PpoSettings {
     /// The paper's table II: gamma 0.99, lambda 0.95, rate 3e-4, clip 0.2, minibatch 4096, entropy
     /// 0.01. What the table leaves open is as in CleanRL's `ppo_continuous_action.py`, except for
-    /// the networks' ELU and 4 epochs.
+    /// the networks' ELU, 4 epochs and a deviation of at most 1.
     #[must_use]
     pub fn paper() -> Self {
         Self {
@@ -144,6 +147,7 @@ impl PpoSettings {
             hidden: vec![64, 64],
             activation: Activation::Elu,
             initial_log_deviation: 0.0,
+            most_log_deviation: Some(0.0),
             horizon: 64,
             epochs: 4,
             minibatch: 4096,
@@ -176,6 +180,7 @@ impl PpoSettings {
         Self {
             layout: NetworkLayout::Shared,
             hidden: vec![256, 128, 64],
+            most_log_deviation: None,
             horizon: 128,
             epochs: 8,
             gamma: 0.996,
@@ -211,6 +216,9 @@ impl PpoSettings {
         at_least_one("epochs", self.epochs)?;
         at_least_one("minibatch", self.minibatch)?;
         within("initial_log_deviation", self.initial_log_deviation, -10.0, 10.0)?;
+        if let Some(most) = self.most_log_deviation {
+            within("most_log_deviation", most, self.initial_log_deviation, 10.0)?;
+        }
         within("gamma", self.gamma, 0.0, 1.0)?;
         within("gae_lambda", self.gae_lambda, 0.0, 1.0)?;
         for (name, value) in [

@@ -220,7 +220,7 @@ impl<'a> Worker<'a> {
         }
         let scale = clip_scale(norm, settings.max_gradient_norm);
         self.note(samples.len(), &sums, norm, scale);
-        self.model.update(&slopes, self.learning_rate, scale, settings.adam_epsilon);
+        self.model.update(&slopes, (self.learning_rate, scale), settings);
         self.learning_rate = adapted(self.learning_rate, settings.schedule, divergence);
         Ok(Next::Minibatch)
     }

@@ -23,6 +23,8 @@ const GRIP: f64 = 2.0 / 7.0;
 const LEAST_BOUNCE: f64 = 0.005;
 /// Impacts within one step; the rest of the step is then lost.
 const MOST_IMPACTS: usize = 8;
+/// A slower ball lies still, for people (m/s).
+const STILL: f64 = 0.005;
 
 /// The ball and what surrounds it.
 #[derive(Debug, Clone)]
@@ -34,6 +36,7 @@ pub(super) struct Ball {
     /// Balls that went into the cup of y < 0 and of y > 0.
     pub(super) goals: [u32; 2],
     in_cup_s: Option<f64>,
+    still_since_s: Option<f64>,
     next_launch_s: f64,
     config: BallConfig,
     cups: CupConfig,
@@ -44,6 +47,7 @@ pub(super) struct Ball {
     /// rolls (m/s).
     spin: [f64; 2],
     launches: Stream,
+    serves: Stream,
 }
 
 /// What is hit first.
@@ -71,6 +75,7 @@ impl Ball {
             velocity: [0.0; 2],
             goals: [0; 2],
             in_cup_s: None,
+            still_since_s: None,
             next_launch_s: config.launch_every_s,
             config: config.clone(),
             cups: cups.clone(),
@@ -78,6 +83,7 @@ impl Ball {
             reach,
             spin: [0.0; 2],
             launches: Stream::new(seed, "rig.ball.launch"),
+            serves: Stream::new(seed, "rig.ball.serve"),
         };
         ball.put_back();
         ball
@@ -114,22 +120,26 @@ impl Ball {
         self.enter_cup(place, now_s);
     }
 
-    /// People: putting the ball back after a goal, rolling it now and then.
+    /// People: putting the ball back after a goal or when it lies still, rolling it now and then.
     fn handle(&mut self, now_s: f64) {
-        let wait = self.config.put_back_after_s;
-        if self.in_cup_s.is_some_and(|since| 0.0 < wait && since + wait <= now_s) {
+        let still = self.place.is_some()
+            && self.in_cup_s.is_none()
+            && self.velocity[0].hypot(self.velocity[1]) < STILL;
+        self.still_since_s = if still { self.still_since_s.or(Some(now_s)) } else { None };
+        let is_over = |since: Option<f64>, wait: f64| {
+            since.is_some_and(|since| 0.0 < wait && since + wait <= now_s)
+        };
+        if is_over(self.in_cup_s, self.config.put_back_after_s)
+            || is_over(self.still_since_s, self.config.put_back_still_after_s)
+        {
             self.put_back();
         }
         if 0.0 < self.config.launch_every_s && self.next_launch_s <= now_s {
             self.next_launch_s += self.config.launch_every_s;
-            let mut draw = |low: f64, high: f64| {
-                low + (high - low) * f64::from(self.launches.uniform_f32(0.0, 1.0))
-            };
-            let launch = self.reach.map(|[low, high]| draw(low, high));
+            let launch = self.reach.map(|bounds| draw(&mut self.launches, bounds));
             let top = self.config.launch_speed_m_per_s;
-            let (speed, angle) = (draw(top / 5.0, top), draw(0.0, std::f64::consts::TAU));
             self.place = Some(launch);
-            self.velocity = [speed * angle.cos(), speed * angle.sin()];
+            self.velocity = push(&mut self.launches, top / 5.0, top);
             self.spin = self.velocity;
             self.in_cup_s = None;
         }
@@ -137,12 +147,22 @@ impl Ball {
 
     fn put_back(&mut self) {
         self.in_cup_s = None;
-        if let Some(Launch { x_m, y_m, vx_m_per_s, vy_m_per_s }) = self.config.start {
-            let [[x_low, x_high], [y_low, y_high]] = self.reach;
-            self.place = Some([x_m.clamp(x_low, x_high), y_m.clamp(y_low, y_high)]);
-            self.velocity = [vx_m_per_s, vy_m_per_s];
-            self.spin = self.velocity;
+        self.still_since_s = None;
+        let Some(Launch { x_m, y_m, vx_m_per_s, vy_m_per_s }) = self.config.start else { return };
+        let (mut place, mut velocity) = ([x_m, y_m], [vx_m_per_s, vy_m_per_s]);
+        let spread = self.config.serve_spread_m;
+        if 0.0 < spread {
+            place = place.map(|at| at + draw(&mut self.serves, [-spread, spread]));
         }
+        let top = self.config.serve_speed_m_per_s;
+        if 0.0 < top {
+            let given = push(&mut self.serves, top / 2.0, top);
+            velocity = [velocity[0] + given[0], velocity[1] + given[1]];
+        }
+        self.place =
+            Some([0, 1].map(|axis| place[axis].clamp(self.reach[axis][0], self.reach[axis][1])));
+        self.velocity = velocity;
+        self.spin = velocity;
     }
 
     fn roll(&mut self, place: [f64; 2], dt: f64) {
@@ -302,6 +322,17 @@ impl Ball {
             self.goals[usize::from(0.0 < side)] += 1;
         }
     }
+}
+
+fn draw(stream: &mut Stream, [low, high]: [f64; 2]) -> f64 {
+    low + (high - low) * f64::from(stream.uniform_f32(0.0, 1.0))
+}
+
+/// A velocity (m/s) in a random direction, `least` to `top` fast.
+fn push(stream: &mut Stream, least: f64, top: f64) -> [f64; 2] {
+    let speed = draw(stream, [least, top]);
+    let angle = draw(stream, [0.0, std::f64::consts::TAU]);
+    [speed * angle.cos(), speed * angle.sin()]
 }
 
 fn restitution(at_rest: f64, loss: f64, speed: f64) -> f64 {

@@ -6,7 +6,7 @@ use super::{
     table::{Tables, across, seat},
 };
 use crate::{
-    game::{Ending, GameSettings, ObservationKind, Snapshot},
+    game::{Ending, GameSettings, ObservationKind, Snapshot, turned},
     recording::topic::Player,
 };
 
@@ -53,8 +53,8 @@ fn play_one(
     for step in 0.. {
         tables.ask(players, &[0], (seed, step), |_row| own);
         tables.ask(players, &[1], (seed, step), |_row| across(own));
-        let [left, right] = tables.commands[0].map(|command| command.map(f64::from));
-        let commands = [left, right.map(|v| -v)];
+        let commands = Player::BOTH
+            .map(|player| turned(player, tables.commands[0][player as usize].map(f64::from)));
         moments.push(Moment { board: tables.games.snapshot(0), commands });
         tables.advance()?;
         if let Some(ending) = tables.outcomes.ended[0] {

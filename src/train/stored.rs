@@ -5,12 +5,14 @@ use super::{
     actuator::ActuatorSource,
     file::{FORMAT_VERSION, POLICY_ATTACHMENT, POLICY_METADATA, SETTINGS_ATTACHMENT, UPDATE_TOPIC},
     message::point_of,
+    pool::velocity_of,
     run::Checkpoint,
-    settings::TrainSettings,
+    settings::{ACTIONS, TrainSettings},
 };
 use crate::{
-    game::{CONTROL_PERIOD, ObservationKind},
-    ppo::Policy,
+    board::CUP_DISTANCE,
+    game::{CONTROL_PERIOD, ObservationKind, Sight},
+    ppo::{Policy, Scratch},
     recording::{Recording, message::TrainingUpdate},
 };
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,6 +30,19 @@ pub struct StoredPolicy {
     pub settings: TrainSettings,
     /// The metadata record `klasktron.policy`.
     pub metadata: BTreeMap<String, String>,
+}
+
+impl StoredPolicy {
+    /// What it decides on for what is `seen`: its mean action as a velocity (m/s, own frame).
+    #[must_use]
+    pub fn velocity(&self, seen: &Sight, scratch: &mut Scratch) -> [f32; 2] {
+        let mut row = [0.0; ObservationKind::Augmented20.len()];
+        let row = &mut row[..self.observations.len()];
+        seen.write(self.observations, CUP_DISTANCE as f32, row);
+        let mut action = [0.0; ACTIONS];
+        self.policy.act_mean(row, &mut action, scratch);
+        velocity_of(&action, self.action_scale_m_per_s as f32)
+    }
 }
 
 /// The parts of a file, each found or named as missing.
@@ -109,6 +124,14 @@ pub fn read_policy(recording: &Recording) -> Result<StoredPolicy, TrainError> {
         return Err(parts.mismatch(
             ("the width of the network's input", &width.to_string()),
             ("its observation layout", &expected.to_string()),
+            "train it again",
+        ));
+    }
+    let outputs = policy.network().outputs();
+    if outputs != ACTIONS {
+        return Err(parts.mismatch(
+            ("the width of the network's output", &outputs.to_string()),
+            ("this game", &ACTIONS.to_string()),
             "train it again",
         ));
     }

@@ -1,6 +1,6 @@
 //! Sessions on the virtual rig: what they record, and what every fault leaves behind.
 
-mod bench;
+pub(crate) mod bench;
 mod cli;
 mod faults;
 

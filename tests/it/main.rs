@@ -15,6 +15,7 @@ mod game;
 mod gap;
 mod import;
 mod info;
+mod play;
 mod policy_out;
 mod readme;
 mod recover;

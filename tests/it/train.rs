@@ -1,7 +1,7 @@
 //! `klasktron train`: it learns, repeats itself, resumes, and says what is wrong.
 
 mod program;
-mod support;
+pub(crate) mod support;
 
 use klasktron::{
     board::{BALL_RADIUS, STRIKER_RADIUS},

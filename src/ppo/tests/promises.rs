@@ -70,6 +70,18 @@ fn a_resumed_learner_continues_with_the_same_bytes() {
 }
 
 #[test]
+fn an_entropy_bonus_widens_the_policy_no_further_than_the_limit() {
+    let widest = |most_log_deviation| {
+        let settings = PpoSettings { entropy_coef: 10.0, most_log_deviation, ..settings() };
+        let mut learner = Learner::new(&settings, SPACES, 5).unwrap();
+        train(&mut learner, 1..3, 1);
+        learner.state().deviations.logarithms.iter().copied().fold(f32::MIN, f32::max)
+    };
+    assert!(0.0 < widest(None));
+    assert_eq!(widest(Some(0.0)), 0.0);
+}
+
+#[test]
 fn a_state_of_another_shape_is_refused_with_both() {
     let state = Learner::new(&settings(), SPACES, 5).unwrap().state();
     let other = PpoSettings { hidden: vec![48, 32], ..settings() };

@@ -50,6 +50,14 @@ ranged! {
         launch_speed_m_per_s: 1.5 in [0.01, 10.0];
         /// Time after a goal until the ball is put back where it started (s); 0 is never.
         put_back_after_s: 2.0 in [0.0, 3600.0];
+        /// Time for which the ball lies still on the board until it is put back (s); 0 is never.
+        put_back_still_after_s: 0.0 in [0.0, 3600.0];
+        /// Largest random distance, along each axis, of the ball that is put back from where it started
+        /// (m); the first ball is put there alike.
+        serve_spread_m: 0.0 in [0.0, 1.0];
+        /// Largest speed that the ball is given in a random direction as it is put back (m/s), beside that of
+        /// its start; the least is half of it.
+        serve_speed_m_per_s: 0.0 in [0.0, 10.0];
     }
     other {
         /// Where it starts; without it there is no ball until somebody rolls one.
@@ -116,6 +124,19 @@ ranged! {
 }
 
 impl BallConfig {
+    /// A ball that people keep in play: put back 1 s after a goal and after 3 s at rest, with a push out of
+    /// the strip along the middle that no striker reaches. The push ends before either cup.
+    #[must_use]
+    pub fn in_a_match() -> Self {
+        Self {
+            put_back_after_s: 1.0,
+            put_back_still_after_s: 3.0,
+            serve_spread_m: 0.03,
+            serve_speed_m_per_s: 0.12,
+            ..Self::default()
+        }
+    }
+
     pub(super) fn check(&self, path: &str) -> Result<(), ConfigError> {
         self.check_numbers(path)?;
         self.patch.check_numbers(&format!("{path}patch."))?;

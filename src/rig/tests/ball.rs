@@ -180,6 +180,51 @@ fn people_put_the_ball_back_and_roll_it() {
 }
 
 #[test]
+fn a_ball_at_rest_is_served_again_from_near_its_start() {
+    let rig = |seed: u32, serve: &str| {
+        format!(
+            r#"{{"seed": {seed}, "ball": {{"start": {{"x_m": 0.05}}, "put_back_still_after_s": 0.5{serve}}}}}"#
+        )
+    };
+    // Without a push it is put back to where it lies.
+    let mut host = Host::from_json(&rig(1, ""));
+    host.wait(2.0);
+    let ball = host.link.truth().ball.unwrap();
+    assert_eq!([ball.x, ball.y, ball.vx, ball.vy], [0.05, 0.0, 0.0, 0.0]);
+    let serve = r#", "serve_spread_m": 0.02, "serve_speed_m_per_s": 0.1"#;
+    let served = |seed| {
+        let mut host = Host::from_json(&rig(seed, serve));
+        let first = host.link.truth().ball.unwrap();
+        // It rolls for at most 0.1 / (0.008 * 9.81) s, and 0.5 s later it is served once more.
+        host.wait(1.27 + 0.5 + 0.05);
+        (first, host.link.truth().ball.unwrap())
+    };
+    let (first, again) = served(1);
+    for ball in [first, again] {
+        assert!((ball.x - 0.05).abs() < 0.02 + 0.064 && ball.y.abs() < 0.02 + 0.064, "{ball:?}");
+    }
+    assert!((0.05..=0.1).contains(&first.speed()), "{first:?}");
+    assert!(0.0 < again.speed(), "{again:?}");
+    assert_eq!(served(1), (first, again));
+    assert_ne!(served(2).0, first);
+}
+
+#[test]
+fn the_serve_of_a_match_scores_no_goal_by_itself() {
+    let config = BallConfig::in_a_match();
+    for seed in 0..40 {
+        let mut pegs = loose_pegs(0.01);
+        pegs[0].position = [0.15, -0.2];
+        pegs[1].position = [0.15, 0.2];
+        let mut ball = Ball::new(&config, &CupConfig::default(), HALF_BOARD, seed);
+        for idx in 0..16_000 {
+            step(&mut ball, &mut pegs, idx);
+        }
+        assert_eq!(ball.goals, [0, 0], "seed {seed}");
+    }
+}
+
+#[test]
 fn a_striker_hits_the_ball() {
     let mut host = Host::from_json(r#"{"ball": {"start": {"x_m": 0.0, "y_m": 0.07}}}"#);
     host.arm();

@@ -34,6 +34,7 @@ fn busy(ball: [f64; 4]) -> Value {
         "peg": {"left": peg, "right": peg}, "magnet": {"left": magnet, "right": magnet},
         "ball": {"start": {"x_m": x_m, "y_m": y_m, "vx_m_per_s": vx_m_per_s, "vy_m_per_s": vy_m_per_s},
                  "put_back_after_s": 0.05, "launch_every_s": 0.12, "launch_speed_m_per_s": 5.0,
+                 "serve_spread_m": 1e-3, "serve_speed_m_per_s": 0.02,
                  "peg_attraction_m_per_s2": 0.1, "sliding_friction": 0.1, "crown_m": 0.001,
                  "patch": {"radius_m": 0.1, "extra_resistance": 0.01},
                  "wall_restitution_loss_s_per_m": 0.05, "peg_restitution_loss_s_per_m": 0.05},
@@ -45,7 +46,7 @@ fn busy(ball: [f64; 4]) -> Value {
 
 /// Numbers that only matter in a situation that the busy rig does not get into; each has a test of
 /// its own, or is plainly a threshold.
-const QUIET: [&str; 17] = [
+const QUIET: [&str; 18] = [
     "drive.watchdog_timeout_s",
     "drive.position_gain_per_s",
     "drive.overspeed_ratio",
@@ -63,6 +64,7 @@ const QUIET: [&str; 17] = [
     "step_s",
     "board",
     "cups.capture_speed_m_per_s",
+    "ball.put_back_still_after_s",
 ];
 
 fn digest(config: RigConfig) -> [u8; 32] {

@@ -4,7 +4,7 @@
 use klasktron::{
     collect::{
         HomingPolicy, Leg, Progress, RawFrames, RunLabel, SessionConfig, SessionError,
-        SessionOutput, SessionReport, WatchdogPolicy, run_session,
+        SessionOutput, SessionReport, WatchdogPolicy, Work, run_session,
     },
     gantry::{Reference, Robot},
     link::Link,
@@ -13,7 +13,7 @@ use klasktron::{
     units::Nanos,
 };
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::atomic::{AtomicUsize, Ordering},
 };
 
@@ -104,19 +104,7 @@ impl Bench {
     pub(crate) fn run(&self) -> BenchOutcome {
         let mut link = VirtualLink::new(self.rig.clone(), Speed::Maximum, START).unwrap();
         let report = self.session(&mut link);
-        let recording = self.path().exists().then(|| Recording::open(&self.path()).unwrap());
-        // Whatever still moves may come to rest, as it would on a table.
-        let until = link.now().after_seconds(COAST_SECONDS);
-        let mut moved_until = None;
-        while link.now() < until {
-            let soon = link.now().after_seconds(0.005);
-            while link.next_event(soon).is_ok_and(|event| event.is_some()) {}
-            let truth = link.truth();
-            if [truth.left, truth.right].iter().any(|p| STANDING < p.carriage.speed()) {
-                moved_until = Some(link.now());
-            }
-        }
-        BenchOutcome { report, truth: link.truth(), recording, moved_until }
+        BenchOutcome::after(report, &mut link, &self.path())
     }
 
     /// Runs the session on a rig of the caller's.
@@ -141,11 +129,32 @@ impl Bench {
             }
         };
         let output = SessionOutput { writer, presses: &presses, show: &mut show };
-        run_session(link, &self.robot, &config, &self.legs(), output)
+        run_session(link, &self.robot, &config, Work::Legs(&self.legs()), output)
     }
 }
 
 impl BenchOutcome {
+    /// What a session has left: its report, the file at `path`, and the rig once everything is at rest.
+    pub(crate) fn after(
+        report: Result<SessionReport, SessionError>,
+        link: &mut VirtualLink,
+        path: &Path,
+    ) -> Self {
+        let recording = path.exists().then(|| Recording::open(path).unwrap());
+        // Whatever still moves may come to rest, as it would on a table.
+        let until = link.now().after_seconds(COAST_SECONDS);
+        let mut moved_until = None;
+        while link.now() < until {
+            let soon = link.now().after_seconds(0.005);
+            while link.next_event(soon).is_ok_and(|event| event.is_some()) {}
+            let truth = link.truth();
+            if [truth.left, truth.right].iter().any(|p| STANDING < p.carriage.speed()) {
+                moved_until = Some(link.now());
+            }
+        }
+        Self { report, truth: link.truth(), recording, moved_until }
+    }
+
     /// Every drive of the rig has left closed loop.
     pub(crate) fn all_idle(&self) {
         for drive in &self.truth.drives {

@@ -4,7 +4,7 @@ use klasktron::train::{Preset, TrainSettings};
 use std::path::{Path, PathBuf};
 
 /// Six updates of 32 boards with a small network, a checkpoint before every second one.
-pub(super) fn tiny() -> TrainSettings {
+pub(crate) fn tiny() -> TrainSettings {
     let mut settings = TrainSettings::preset(Preset::Paper);
     settings.seed = 7;
     settings.environments = 32;
@@ -24,7 +24,7 @@ pub(super) fn tiny() -> TrainSettings {
 }
 
 /// The settings as a file.
-pub(super) fn settings_file(dir: &Path, settings: &TrainSettings) -> PathBuf {
+pub(crate) fn settings_file(dir: &Path, settings: &TrainSettings) -> PathBuf {
     let path = dir.join("settings.json");
     std::fs::write(&path, settings.to_json()).unwrap();
     path

@@ -1,0 +1,148 @@
+//! `klasktron play`: two players, a table, a recording that `eval` scores.
+
+use super::{
+    Outcome, print,
+    session::{self, Motion, SessionArgs},
+    table::{TableArgs, TableFiles, parse_within},
+    tell,
+};
+use anyhow::bail;
+use klasktron::{
+    collect::{FreeStretch, SessionReport, Work, run_session},
+    ekf::read_settings,
+    link::BusSpec,
+    play::{Match, Seat, Who, label},
+    rig::{RigConfig, Truth, config::BallConfig},
+};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Commands of the moves before a match pull a carriage back to its path by so much ((m/s)/m).
+const HOLD_GAIN_PER_S: f64 = 1.0;
+
+/// What can be typed after `klasktron play`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  klasktron play --speed max --left goalkeeper --right chaser --seconds 60 -o match.mcap
+  klasktron play --bus socketcan:can0 --camera udp:0.0.0.0:9870 --ekf ekf/ekf.json \\
+      --left none --right policy/policy.mcap -o against-me.mcap
+  klasktron eval match.mcap --out eval")]
+pub(crate) struct Args {
+    /// Who plays y < 0: stationary, random, goalkeeper, chaser, none, or a policy.mcap
+    #[arg(long, value_name = "WHO")]
+    left: Who,
+    /// Who plays y > 0, alike
+    #[arg(long, value_name = "WHO")]
+    right: Who,
+    /// Length of the match (s)
+    #[arg(long, default_value = "120", value_parser = parse_seconds)]
+    seconds: f64,
+    /// Settings of the filter, from `klasktron tune-ekf` [default: the untuned ones]
+    #[arg(long, value_name = "FILE")]
+    ekf: Option<PathBuf>,
+    /// Seed of the random player, and of the virtual rig where no --rig says otherwise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The recording to write
+    #[arg(short, long, value_name = "OUT", default_value = "match.mcap")]
+    output: PathBuf,
+    #[command(flatten)]
+    table: TableArgs,
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
+/// The result document: that of the session, and what only a match has.
+#[derive(Serialize)]
+struct MatchReport<'a> {
+    #[serde(flatten)]
+    session: &'a SessionReport,
+    left: String,
+    right: String,
+    /// Goals that the virtual rig knows of, by the player who scored; absent on a real table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    truth_goals: Option<Goals>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+struct Goals {
+    left: u32,
+    right: u32,
+}
+
+impl Goals {
+    /// A ball in the cup of one player is the other one's goal.
+    fn of(truth: &Truth) -> Self {
+        let [in_left_cup, in_right_cup] = truth.goals;
+        Self { left: in_right_cup, right: in_left_cup }
+    }
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    parse_within(text, 1.0, 7200.0, "s")
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let seats = [Seat::read(&args.left)?, Seat::read(&args.right)?];
+    let names = seats.each_ref().map(|seat| seat.as_ref().map_or_else(none, Seat::to_string));
+    let filter = args.ekf.as_deref().map(read_settings).transpose()?;
+    let files = args.read_files()?;
+    if let BusSpec::Replay(_) = args.table.bus {
+        bail!("{} is a log, on which nobody can play", args.table.bus);
+    }
+    if !args.table.has_camera() {
+        bail!("whoever plays must see the board: give --camera");
+    }
+    let mut game = Match::new(seats, &files.robot, &filter.unwrap_or_default(), args.seed)?;
+    let motion = Motion {
+        players: game.players(),
+        rate_hz: game.rate_hz(),
+        hold_gain_per_s: HOLD_GAIN_PER_S,
+    };
+    let homing = args.session.homing(&args.table, None)?;
+    let table = (&args.table, &files);
+    let mut config = args.session.config(table, motion, homing, &args.output)?;
+    config.metadata.extend(game.metadata());
+    let stretch = FreeStretch { pilot: &mut game, seconds: args.seconds, label: label() };
+    let (report, table) = args.session.run(table, &args.output, |table, output| {
+        run_session(table.link(), &files.robot, &config, Work::Free(stretch), output)
+    })?;
+    args.tell(&report, names, table.truth().as_ref().map(Goals::of))
+}
+
+fn none() -> String {
+    "none".to_owned()
+}
+
+impl Args {
+    fn read_files(&self) -> anyhow::Result<TableFiles> {
+        let rig =
+            RigConfig { seed: self.seed, ball: BallConfig::in_a_match(), ..RigConfig::default() };
+        self.table.read_files(rig)
+    }
+
+    fn tell(
+        &self,
+        report: &SessionReport,
+        [left, right]: [String; 2],
+        truth_goals: Option<Goals>,
+    ) -> anyhow::Result<Outcome> {
+        session::tell_doubts(report);
+        let mut done = format!("{left} against {right}, {} decisions", report.samples);
+        if self.session.json {
+            let document = MatchReport { session: report, left, right, truth_goals };
+            print(&serde_json::to_string_pretty(&document)?)?;
+        }
+        if let Some(Goals { left, right }) = truth_goals {
+            done.push_str(&format!(", goals {left} : {right} by the rig"));
+        }
+        if let Some(wait) = report.picture_to_command {
+            tell(&format!(
+                "from picture to command {:.1} ms (median), {:.1} ms (99 %)",
+                wait.median_ms, wait.p99_ms
+            ));
+        }
+        Ok(session::tell_outcome(report, &self.output, &done))
+    }
+}

@@ -1,0 +1,200 @@
+//! From pictures to velocities.
+
+use super::{PlayError, Seat};
+use crate::{
+    board::{CUP_DISTANCE, CUP_RADIUS},
+    collect::{Decision, Moment, Pilot, RunLabel},
+    ekf::{BoardFilter, FilterSettings, Object, Seen, board_state},
+    game::{CONTROL_PERIOD, CommandLimits, GameSettings, Sight, turned},
+    gantry::Robot,
+    opponent,
+    ppo::Scratch,
+    recording::{message::CameraDetections, topic::Player},
+    train::{Mismatch, TrainError},
+    units::Nanos,
+};
+use std::collections::BTreeMap;
+
+/// A ball that has been over a cup for so long is out of play (s); upstream ends a game after 30 pictures.
+pub const IN_CUP_SECONDS: f64 = 0.25;
+/// The word in the markers of a match.
+const PATTERN: &str = "match";
+
+/// What the markers of a match say: nothing on its split, so whoever fits to it divides it.
+#[must_use]
+pub fn label() -> RunLabel {
+    RunLabel { number: 1, pattern: PATTERN.to_owned(), split: String::new() }
+}
+
+/// Two seats at a table, and what is known about it.
+pub struct Match {
+    seats: [Option<Seat>; 2],
+    seed: u64,
+    /// Speed of scripted players (m/s).
+    speed: f32,
+    filter: BoardFilter,
+    filter_settings: FilterSettings,
+    /// Wall limiters with their fields: that of training, that of the robot.
+    limits: [CommandLimits; 2],
+    /// Where each striker was taken to be last (m, m/s).
+    strikers: [[f64; 4]; 2],
+    in_cup_since: Option<Nanos>,
+    scratch: Scratch,
+}
+
+impl Match {
+    /// A match of `seats`, left first, on the table of `robot`; `seed` is that of the random player.
+    ///
+    /// # Errors
+    /// When nobody plays, or somebody on a side without drives, or a policy wants to be faster than the
+    /// robot may.
+    pub fn new(
+        seats: [Option<Seat>; 2],
+        robot: &Robot,
+        filter_settings: &FilterSettings,
+        seed: u64,
+    ) -> Result<Self, PlayError> {
+        if seats.iter().all(Option::is_none) {
+            return Err(PlayError::NobodyPlays);
+        }
+        for player in Player::BOTH {
+            let Some(seat) = &seats[player as usize] else { continue };
+            if !robot.players().contains(&player) {
+                return Err(PlayError::NoDrives(player));
+            }
+            check_speed(seat, robot)?;
+        }
+        let limits = [GameSettings::default(), GameSettings::default().within_robot(robot)]
+            .map(|g| g.limits);
+        let home = |player| {
+            let home = robot.home.of(player);
+            [home.x_m, home.y_m, 0.0, 0.0]
+        };
+        Ok(Self {
+            seats,
+            seed,
+            speed: limits[0].speed.min(robot.limits.speed_m_per_s) as f32,
+            filter: BoardFilter::new(filter_settings),
+            filter_settings: *filter_settings,
+            limits,
+            strikers: Player::BOTH.map(home),
+            in_cup_since: None,
+            scratch: Scratch::default(),
+        })
+    }
+
+    /// Whose gantries are driven.
+    #[must_use]
+    pub fn players(&self) -> Vec<Player> {
+        let seated = |player: &Player| self.seats[*player as usize].is_some();
+        Player::BOTH.into_iter().filter(seated).collect()
+    }
+
+    /// Rate of decisions (Hz).
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        CONTROL_PERIOD.recip()
+    }
+
+    /// Who plays and with what, for the recording.
+    #[must_use]
+    pub fn metadata(&self) -> BTreeMap<String, String> {
+        let filter = serde_json::to_string(&self.filter_settings)
+            .unwrap_or_else(|_plain| unreachable!("settings are plain data"));
+        let mut entries = BTreeMap::from([
+            ("filter_json".to_owned(), filter),
+            ("rate_hz".to_owned(), self.rate_hz().to_string()),
+            ("seed".to_owned(), self.seed.to_string()),
+        ]);
+        for player in Player::BOTH {
+            let seat = self.seats[player as usize].as_ref();
+            let name = seat.map_or_else(|| "none".to_owned(), Seat::to_string);
+            entries.insert(format!("player_{player}"), name);
+            if let Some(Seat::Policy { sha256, .. }) = seat {
+                entries.insert(format!("player_{player}_sha256"), sha256.clone());
+            }
+        }
+        entries
+    }
+
+    /// Places and velocities of the strikers now; see the room's front page for those that are not seen.
+    fn find_strikers(&mut self, estimates: &[Option<[f64; 4]>; 3], moment: &Moment) {
+        for player in Player::BOTH {
+            let index = player as usize;
+            let object = [Object::Left, Object::Right][index];
+            let by_encoders = moment.carriages[index].map(|carriage| {
+                let ([x, y], [vx, vy]) = (carriage.position, carriage.velocity);
+                [x, y, vx, vy]
+            });
+            let [x, y, ..] = self.strikers[index];
+            self.strikers[index] =
+                estimates[object.index()].or(by_encoders).unwrap_or([x, y, 0.0, 0.0]);
+        }
+    }
+
+    /// The ball, unless it has been in a cup for a while.
+    fn in_play(&mut self, ball: Option<[f64; 4]>, now: Nanos) -> Option<[f64; 4]> {
+        let [x, y, ..] = ball?;
+        if x.hypot(y.abs() - CUP_DISTANCE) < CUP_RADIUS {
+            let since = *self.in_cup_since.get_or_insert(now);
+            return ball.filter(|_| now.seconds_since(since) < IN_CUP_SECONDS);
+        }
+        self.in_cup_since = None;
+        ball
+    }
+
+    /// What `player` wants, before walls (m/s, board frame).
+    fn wanted(&mut self, player: Player, ball: [f64; 4], step: u64) -> [f64; 2] {
+        let Some(seat) = &self.seats[player as usize] else { return [0.0; 2] };
+        let seen = Sight::of_board(player, &self.strikers, ball);
+        let velocity = match seat {
+            Seat::Scripted(script) => {
+                let moment = opponent::Moment { seed: self.seed, board: player as u64, step };
+                script.velocity(&seen.0, moment, self.speed)
+            }
+            Seat::Policy { policy, .. } => policy.velocity(&seen, &mut self.scratch),
+        };
+        turned(player, velocity.map(f64::from))
+    }
+}
+
+/// Refuses a policy whose full action the robot would cut off without a word.
+fn check_speed(seat: &Seat, robot: &Robot) -> Result<(), PlayError> {
+    let Seat::Policy { file, policy, .. } = seat else { return Ok(()) };
+    let (scale, top) = (policy.action_scale_m_per_s, robot.limits.speed_m_per_s);
+    if scale <= top {
+        return Ok(());
+    }
+    let mismatch = Mismatch {
+        path: file.into(),
+        what: "action_scale_m_per_s".to_owned(),
+        found: scale.to_string(),
+        other: "limits.speed_m_per_s of the robot file",
+        expected: top.to_string(),
+        remedy: "train a slower policy, or raise the limit if the table allows it",
+    };
+    Err(TrainError::from(Box::new(mismatch)).into())
+}
+
+impl Pilot for Match {
+    fn see(&mut self, shown: Nanos, picture: &CameraDetections) {
+        self.filter.observe(&Seen::of(shown, picture));
+    }
+
+    fn decide(&mut self, moment: &Moment) -> Decision {
+        let estimates = Object::ALL
+            .map(|object| self.filter.estimate_at(object, moment.now).map(|belief| belief.mean));
+        self.find_strikers(&estimates, moment);
+        let ball = self.in_play(estimates[Object::Ball.index()], moment.now);
+        let velocities = Player::BOTH.map(|player| {
+            let Some(ball) = ball else { return [0.0; 2] };
+            let wanted = self.wanted(player, ball, moment.step);
+            let Some(carriage) = moment.carriages[player as usize] else { return wanted };
+            self.limits.iter().fold(wanted, |velocity, limits| {
+                let velocity = velocity.map(|v| v.clamp(-limits.speed, limits.speed));
+                limits.before_walls(limits.field.of(player), carriage.position, velocity)
+            })
+        });
+        Decision { velocities, belief: Some(board_state(estimates)) }
+    }
+}

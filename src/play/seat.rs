@@ -1,0 +1,88 @@
+//! Who plays on one side.
+
+use super::PlayError;
+use crate::{
+    opponent::Scripted,
+    recording::Recording,
+    train::{StoredPolicy, read_policy},
+};
+use std::{fmt, path::PathBuf, str::FromStr};
+
+/// Who is to play on one side, as it is typed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Who {
+    /// `none`: this gantry is not driven.
+    Nobody,
+    /// The name of a scripted player.
+    Scripted(Scripted),
+    /// The file of a policy.
+    Policy(PathBuf),
+}
+
+/// A word that names nobody.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "`{0}` is no player; the players are {names}, none, or a policy.mcap of `klasktron train`",
+    names = Scripted::ALL.map(Scripted::name).join(", ")
+)]
+pub struct WhoError(String);
+
+impl FromStr for Who {
+    type Err = WhoError;
+
+    fn from_str(text: &str) -> Result<Self, WhoError> {
+        if text == "none" {
+            return Ok(Self::Nobody);
+        }
+        if let Some(script) = Scripted::ALL.into_iter().find(|script| script.name() == text) {
+            return Ok(Self::Scripted(script));
+        }
+        let path = PathBuf::from(text);
+        let is_file =
+            path.extension().is_some_and(|extension| extension == "mcap") || path.is_file();
+        if is_file { Ok(Self::Policy(path)) } else { Err(WhoError(text.to_owned())) }
+    }
+}
+
+/// A player that can decide.
+#[derive(Debug, Clone)]
+pub enum Seat {
+    /// One that follows a rule.
+    Scripted(Scripted),
+    /// One that has learned.
+    Policy {
+        /// Name of its file.
+        file: String,
+        /// SHA-256 of the file, in hexadecimal.
+        sha256: String,
+        /// What was in it.
+        policy: Box<StoredPolicy>,
+    },
+}
+
+impl Seat {
+    /// The player that `who` names; `None` for nobody.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or holds no policy for this game: with the values that differ.
+    pub fn read(who: &Who) -> Result<Option<Self>, PlayError> {
+        let path = match who {
+            Who::Nobody => return Ok(None),
+            Who::Scripted(script) => return Ok(Some(Self::Scripted(*script))),
+            Who::Policy(path) => path,
+        };
+        let recording = Recording::open(path)?;
+        let policy = Box::new(read_policy(&recording)?);
+        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Some(Self::Policy { file, sha256: recording.sha256, policy }))
+    }
+}
+
+impl fmt::Display for Seat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Scripted(script) => script.fmt(f),
+            Self::Policy { file, .. } => f.write_str(file),
+        }
+    }
+}

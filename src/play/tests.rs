@@ -1,0 +1,232 @@
+//! Decisions on pictures that are made here: no rig, no session.
+
+use super::{IN_CUP_SECONDS, Match, PlayError, Seat, Who};
+use crate::{
+    board::CUP_DISTANCE,
+    collect::{Carriage, Moment, Pilot},
+    ekf::FilterSettings,
+    game::ObservationKind,
+    gantry::{PerPlayer, Rectangle, Robot},
+    nn::Network,
+    opponent::Scripted,
+    ppo::{Learner, Policy, PpoSettings, Spaces},
+    recording::{
+        message::{CameraDetections, Point},
+        topic::Player,
+    },
+    train::{Preset, StoredPolicy, TrainSettings},
+    units::{NANOS_PER_SECOND, Nanos},
+};
+
+const PICTURE_NS: u64 = NANOS_PER_SECOND / 120;
+
+/// Places of ball, left and right striker.
+type Places = [Option<[f64; 2]>; 3];
+
+/// A robot whose halves are turned copies of each other, as the board of training.
+fn symmetric() -> Robot {
+    let field = |y_min_m, y_max_m| Rectangle { x_min_m: -0.15, x_max_m: 0.15, y_min_m, y_max_m };
+    Robot {
+        field: PerPlayer { left: field(-0.21, -0.01), right: field(0.01, 0.21) },
+        ..Robot::default()
+    }
+}
+
+fn play(seats: [Option<Seat>; 2]) -> Match {
+    Match::new(seats, &symmetric(), &FilterSettings::default(), 3).unwrap()
+}
+
+fn scripted(script: Scripted) -> Option<Seat> {
+    Some(Seat::Scripted(script))
+}
+
+/// A policy that nobody has trained, whose weights are `change`d.
+fn policy(seed: u64, change: impl Fn(&mut Network)) -> Option<Seat> {
+    let spaces = Spaces { observations: 20, actions: 2 };
+    let settings = PpoSettings { hidden: vec![8], ..PpoSettings::paper() };
+    let untrained = Learner::new(&settings, spaces, seed).unwrap().policy();
+    let mut network = untrained.network().clone();
+    change(&mut network);
+    let policy =
+        Policy::new(network, untrained.standardizer().clone(), untrained.gaussian().clone());
+    let policy = Box::new(StoredPolicy {
+        policy,
+        observations: ObservationKind::Augmented20,
+        action_scale_m_per_s: 0.4,
+        settings: TrainSettings::preset(Preset::Paper),
+        metadata: [].into(),
+    });
+    Some(Seat::Policy { file: "tiny.mcap".to_owned(), sha256: "0".to_owned(), policy })
+}
+
+/// So large that the action is no zero: an untrained policy hardly moves.
+fn strong(network: &mut Network) {
+    network.layers.iter_mut().flat_map(|layer| &mut layer.weight).for_each(|w| *w *= 30.0);
+}
+
+fn picture(time: Nanos, [ball, left, right]: Places) -> CameraDetections {
+    let [ball, left, right] = [ball, left, right].map(|p| p.map(|[x, y]| Point { x, y }));
+    CameraDetections { capture_time_ns: time.0, ball, left, right }
+}
+
+/// Shows `places` from `from` for `seconds`, 120 times a second.
+fn show(game: &mut Match, from: Nanos, seconds: f64, places: impl Fn(f64) -> Places) -> Nanos {
+    let pictures = (seconds * 120.0) as u64;
+    for k in 0..pictures {
+        let time = Nanos(from.0 + k * PICTURE_NS);
+        game.see(time, &picture(time, places(k as f64 / 120.0)));
+    }
+    Nanos(from.0 + pictures * PICTURE_NS)
+}
+
+fn decide(game: &mut Match, now: Nanos, carriages: [Option<[f64; 2]>; 2]) -> [[f64; 2]; 2] {
+    let carriages = carriages.map(|c| c.map(|position| Carriage { position, velocity: [0.0; 2] }));
+    game.decide(&Moment { now, step: 7, carriages }).velocities
+}
+
+fn turn(place: [f64; 2]) -> [f64; 2] {
+    place.map(|v| -v)
+}
+
+#[test]
+fn a_turned_table_gives_turned_commands() {
+    let (own, other) = ([0.03, -0.12], [-0.05, 0.1]);
+    let ball = |t: f64| [0.08 - 0.2 * t, -0.05 + 0.1 * t];
+    let mut moved = 0;
+    for seat in [Scripted::Goalkeeper, Scripted::Chaser].map(scripted).into_iter().chain([
+        policy(1, strong),
+        policy(2, strong),
+        policy(3, strong),
+    ]) {
+        let mut left = play([seat.clone(), None]);
+        let places = |t| [Some(ball(t)), Some(own), Some(other)];
+        let now = show(&mut left, Nanos(0), 0.2, places);
+        let as_left = decide(&mut left, now, [Some(own), None])[0];
+        let mut right = play([None, seat]);
+        let places = |t| [Some(turn(ball(t))), Some(turn(other)), Some(turn(own))];
+        let now = show(&mut right, Nanos(0), 0.2, places);
+        let as_right = decide(&mut right, now, [None, Some(turn(own))])[1];
+        for axis in 0..2 {
+            assert!((as_left[axis] + as_right[axis]).abs() < 1e-6, "{as_left:?} {as_right:?}");
+        }
+        moved += usize::from(0.05 < as_left[0].hypot(as_left[1]));
+    }
+    assert!(4 <= moved, "{moved} of 5 players moved");
+}
+
+#[test]
+fn estimates_are_moved_ahead_to_now() {
+    // A ball that rolls to the right at 0.5 m/s: 50 ms after the last picture the goalkeeper is led as by a
+    // ball that has gone 25 mm on.
+    let lead = |late: f64, shift: f64| {
+        let mut game = play([scripted(Scripted::Goalkeeper), None]);
+        let places = |t| [Some([shift + 0.5 * t, 0.0]), Some([0.0, -0.12]), Some([0.0, 0.1])];
+        let now = show(&mut game, Nanos(0), 0.1, places);
+        decide(&mut game, now.after_seconds(late), [Some([0.0, -0.12]), None])[0][0]
+    };
+    let (late, shifted) = (lead(0.05, -0.05), lead(0.0, -0.025));
+    assert!((late - shifted).abs() < 0.01 && 0.05 < late - lead(0.0, -0.05), "{late} {shifted}");
+}
+
+#[test]
+fn both_stand_while_the_ball_is_not_seen() {
+    let mut game = play([scripted(Scripted::Goalkeeper), policy(1, strong)]);
+    let carriages = [Some([0.0, -0.12]), Some([0.0, 0.12])];
+    let strikers = |ball| [ball, carriages[0], carriages[1]];
+    let now = show(&mut game, Nanos(0), 0.2, |_| strikers(Some([0.1, 0.0])));
+    assert!(decide(&mut game, now, carriages).iter().all(|v| *v != [0.0; 2]));
+    let now = show(&mut game, now, 0.3, |_| strikers(None));
+    assert_eq!(decide(&mut game, now, carriages), [[0.0; 2]; 2]);
+    let now = show(&mut game, now, 0.1, |_| strikers(Some([0.1, 0.0])));
+    assert!(decide(&mut game, now, carriages).iter().all(|v| *v != [0.0; 2]));
+}
+
+#[test]
+fn both_stand_when_the_ball_stays_in_a_cup() {
+    let mut game = play([scripted(Scripted::Chaser), scripted(Scripted::Goalkeeper)]);
+    let carriages = [Some([0.05, -0.12]), Some([0.05, 0.12])];
+    let in_cup = |_| [Some([0.0, -CUP_DISTANCE]), carriages[0], carriages[1]];
+    let now = show(&mut game, Nanos(0), 0.1, in_cup);
+    assert_ne!(decide(&mut game, now, carriages), [[0.0; 2]; 2]);
+    let now = show(&mut game, now, IN_CUP_SECONDS + 0.02, in_cup);
+    assert_eq!(decide(&mut game, now, carriages), [[0.0; 2]; 2]);
+    let back = |_| [Some([0.0, -0.06]), carriages[0], carriages[1]];
+    let now = show(&mut game, now, 0.1, back);
+    assert_ne!(decide(&mut game, now, carriages), [[0.0; 2]; 2]);
+}
+
+#[test]
+fn a_striker_that_is_not_seen_is_where_its_carriage_is() {
+    let decision = |left: Option<[f64; 2]>, carriage| {
+        let mut game = play([scripted(Scripted::Goalkeeper), None]);
+        let places = |_| [Some([0.0, 0.05]), left, Some([0.0, 0.1])];
+        let now = show(&mut game, Nanos(0), 0.2, places);
+        decide(&mut game, now, [Some(carriage), None])[0]
+    };
+    let place = [0.03, -0.12];
+    let (seen, unseen) = (decision(Some(place), place), decision(None, place));
+    assert!((seen[0] - unseen[0]).hypot(seen[1] - unseen[1]) < 0.01, "{seen:?} {unseen:?}");
+    assert!(unseen[0] < -0.1);
+}
+
+#[test]
+fn the_wall_limiter_holds_at_the_nearer_of_both_fields() {
+    // It always wants 0.4 m/s to the right and forwards. 30 mm beside its wall the robot's field ends first and
+    // leaves (30 - 13.5)/90 of that; ahead it is training's field: at 0.02 m, not at 0.01 m from the middle.
+    let forwards = policy(1, |network| {
+        let last = network.layers.last_mut().unwrap();
+        last.weight.fill(0.0);
+        last.bias.fill(3.0);
+    });
+    let mut game = play([forwards, None]);
+    let place = [0.12, -0.05];
+    let places = |_| [Some([0.15, -0.021]), Some(place), Some([0.0, 0.1])];
+    let now = show(&mut game, Nanos(0), 0.2, places);
+    let [vx, vy] = decide(&mut game, now, [Some(place), None])[0];
+    let cap = 0.4 * (0.03 - 0.0135) / 0.09;
+    assert!((vx - cap).abs() < 1e-9 && (vy - cap).abs() < 1e-9, "{vx} {vy}");
+}
+
+#[test]
+fn a_policy_of_broken_weights_decides_on_no_number() {
+    let broken = policy(1, |network| network.layers[0].weight.fill(f32::NAN));
+    let mut game = play([broken, None]);
+    let places = |_| [Some([0.0, 0.05]), Some([0.0, -0.1]), Some([0.0, 0.1])];
+    let now = show(&mut game, Nanos(0), 0.2, places);
+    let [vx, vy] = decide(&mut game, now, [Some([0.0, -0.1]), None])[0];
+    assert!(vx.is_nan() && vy.is_nan());
+}
+
+#[test]
+fn who_cannot_play_is_told_why() {
+    let refused = |seats, robot: &Robot| -> String {
+        let game = Match::new(seats, robot, &FilterSettings::default(), 0);
+        game.err().map(|error| error.to_string()).unwrap_or_default()
+    };
+    let mut slow = Robot::default();
+    slow.limits.speed_m_per_s = 0.2;
+    let said = refused([policy(1, strong), None], &slow);
+    assert!(
+        said.contains("tiny.mcap: action_scale_m_per_s is 0.4, but limits.speed_m_per_s"),
+        "{said}"
+    );
+    assert!(said.contains("has 0.2;"), "{said}");
+    // A scripted player keeps to the robot's limit instead.
+    assert_eq!(refused([scripted(Scripted::Chaser), None], &slow), "");
+    assert!(refused([None, None], &slow).contains("nobody plays"));
+    let mut alone = Robot::default();
+    alone.drives.retain(|seat| seat.player == Player::Left);
+    let said = refused([None, scripted(Scripted::Random)], &alone);
+    assert!(said.contains("no drive of the right player"), "{said}");
+}
+
+#[test]
+fn players_are_named_as_they_are_typed() {
+    assert_eq!("none".parse(), Ok(Who::Nobody));
+    assert_eq!("chaser".parse(), Ok(Who::Scripted(Scripted::Chaser)));
+    assert_eq!("p/policy.mcap".parse(), Ok(Who::Policy("p/policy.mcap".into())));
+    let said = "chasr".parse::<Who>().unwrap_err().to_string();
+    assert!(said.contains("`chasr` is no player") && said.contains("goalkeeper, chaser, none"));
+    let error = Seat::read(&Who::Policy("nowhere.mcap".into())).unwrap_err();
+    assert!(matches!(error, PlayError::Recording(_)) && error.to_string().contains("nowhere.mcap"));
+}
