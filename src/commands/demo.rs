@@ -30,6 +30,9 @@ pub(crate) struct Args {
     /// Less of everything: at most five minutes on two cores
     #[arg(long)]
     quick: bool,
+    /// Every command once, with results that mean nothing: for tests
+    #[arg(long, hide = true, conflicts_with = "quick")]
+    smallest: bool,
     /// Everything random comes from it
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..1_000_000_000))]
     seed: u64,
@@ -58,7 +61,7 @@ struct Task<'a> {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let size = if args.quick { Size::Quick } else { Size::Full };
+    let size = args.size();
     let plan = Plan::new(size, args.seed);
     let stop = interrupt::raised_by_ctrl_c("ending the demo")?;
     let program = std::env::current_exe().context("cannot find the program itself")?;
@@ -101,10 +104,22 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 impl Args {
+    fn size(&self) -> Size {
+        match (self.quick, self.smallest) {
+            (true, _) => Size::Quick,
+            (false, true) => Size::Smallest,
+            (false, false) => Size::Full,
+        }
+    }
+
     /// The command without the place of its results.
     fn command_line(&self) -> String {
-        let quick = if self.quick { " --quick" } else { "" };
-        format!("klasktron demo{quick} --seed {}", self.seed)
+        let size = match self.size() {
+            Size::Quick => " --quick",
+            Size::Full => "",
+            Size::Smallest => " --smallest",
+        };
+        format!("klasktron demo{size} --seed {}", self.seed)
     }
 }
 
@@ -194,8 +209,8 @@ impl Demo<'_> {
 fn failure(step: &Step, output: &Output) -> String {
     let said = String::from_utf8_lossy(&output.stderr);
     let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
-    let status = output.status;
-    format!("step {} failed ({status}): {last}; its log is steps/{}.log", step.line(), step.name)
+    let last = last.trim_start_matches("error: ");
+    format!("`{}` failed: {last}; its log is steps/{}.log", step.line(), step.name)
 }
 
 fn document(

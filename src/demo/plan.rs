@@ -10,6 +10,8 @@ pub enum Size {
     Quick,
     /// Twenty million transitions for each policy, matches long enough for narrow intervals.
     Full,
+    /// Every command once, with results that mean nothing: for tests.
+    Smallest,
 }
 
 /// One command, as it would be typed in the folder of the demo.
@@ -121,6 +123,15 @@ impl Size {
                 games: 200,
                 match_seconds: 180,
             },
+            Self::Smallest => Amounts {
+                run_seconds: 3,
+                ball_seconds: 6,
+                fit_seeds: 1,
+                fit_epochs: 2,
+                steps: "1",
+                games: 2,
+                match_seconds: 5,
+            },
             Self::Full => Amounts {
                 run_seconds: 20,
                 ball_seconds: 60,
@@ -139,6 +150,7 @@ impl Size {
         match self {
             Self::Quick => 5.0,
             Self::Full => 25.0,
+            Self::Smallest => 1.0,
         }
     }
 }

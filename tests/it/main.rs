@@ -6,6 +6,7 @@ mod bus;
 mod codec;
 mod collect;
 mod damage;
+mod demo;
 mod drive;
 mod ekf;
 mod eval;
