@@ -47,8 +47,7 @@ fn policy(seed: u64, change: impl Fn(&mut Network)) -> Option<Seat> {
     let untrained = Learner::new(&settings, spaces, seed).unwrap().policy();
     let mut network = untrained.network().clone();
     change(&mut network);
-    let policy =
-        Policy::new(network, untrained.standardizer().clone(), untrained.gaussian().clone());
+    let policy = Policy::new(network, untrained.standardizer().clone(), *untrained.gaussian());
     let policy = Box::new(StoredPolicy {
         policy,
         observations: ObservationKind::Augmented20,

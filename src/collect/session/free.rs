@@ -166,6 +166,7 @@ impl Session<'_> {
         if let Some(belief) = decision.belief {
             self.station.record(now, Entry::Board(belief));
         }
+        self.station.record_truth();
         let limits = self.diagonal_limits();
         let ahead_s = limits.reaction_s + USUAL_LAG_SECONDS;
         for player in &config.players {
