@@ -44,6 +44,7 @@ pub use spec::{BusLock, BusSpec, BusSpecError, TransportSpec};
 
 use crate::{
     can::{Direction, Frame},
+    recording::message::BoardState,
     units::Nanos,
 };
 use std::time::Duration;
@@ -145,6 +146,11 @@ pub trait Link {
 
     /// What the bus can do.
     fn capabilities(&self) -> Capabilities;
+
+    /// What is really the case now, from a simulator that tells; only ever for the recording.
+    fn true_state(&self) -> Option<BoardState> {
+        None
+    }
 
     /// What of the source could not be delivered, each as a sentence.
     fn losses(&self) -> Vec<String> {

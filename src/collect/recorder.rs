@@ -31,6 +31,7 @@ pub(super) enum Entry {
     Drive(Player, Motor, DriveStatus),
     Camera(CameraDetections),
     Board(BoardState),
+    Truth(BoardState),
     Marker(RunMarker),
     Tick(ControlTick),
     Event(SessionEvent),
@@ -124,6 +125,7 @@ fn write_all(mut writer: RecordingWriter, queue: &Receiver<Job>) -> Result<(), R
                         writer.write_published(topic::CAMERA_DETECTIONS, log, publish, m)
                     }
                     Entry::Board(m) => writer.write(topic::BOARD_STATE, log, m),
+                    Entry::Truth(m) => writer.write(topic::TRUE_BOARD_STATE, log, m),
                     Entry::Marker(m) => writer.write(topic::RUN_MARKER, log, m),
                     Entry::Tick(m) => writer.write(topic::CONTROL_TICK, log, m),
                     Entry::Event(m) => writer.write(topic::SESSION_EVENT, log, m),

@@ -61,7 +61,7 @@ pub struct SessionReport {
     pub runs_planned: usize,
     /// Runs that were done to their end.
     pub runs_done: usize,
-    /// Samples of the runs that were done, for each player.
+    /// Samples of the runs that were done, or decisions of a pilot, for each player.
     pub samples: usize,
     /// From the first look to the last heartbeat (s).
     pub duration_s: f64,

@@ -142,6 +142,13 @@ impl<'a> Station<'a> {
         &mut self.carriages[player as usize]
     }
 
+    /// Records what is really the case, where a simulator tells it.
+    pub(super) fn record_truth(&mut self) {
+        if let Some(state) = self.link.true_state() {
+            self.record(self.link.now(), Entry::Truth(state));
+        }
+    }
+
     /// What the link could not deliver, and that nothing came at all.
     pub(super) fn losses(&self) -> Vec<String> {
         let mut losses = self.link.losses();
@@ -299,6 +306,9 @@ impl<'a> Station<'a> {
                     unseen.push((shown, detections));
                 }
                 self.record_at([time, shown], Entry::Camera(detections));
+                if self.unseen.is_some() {
+                    self.record_truth();
+                }
             }
             Err(error) => {
                 self.camera.refused += 1;

@@ -21,7 +21,7 @@ const STANDING_CLOCK_S: f64 = 1e-6;
 /// A camera whose stamps lie further from the arrivals has another clock (s).
 const LARGEST_LATENCY_S: f64 = 1.0;
 /// Topic of the truth.
-pub const TRUTH_TOPIC: &str = "/truth/board/state";
+pub const TRUTH_TOPIC: &str = topic::TRUE_BOARD_STATE;
 /// Truth is interpolated between samples that are at most this far apart (s),
 const TRUTH_GAP_S: f64 = 0.01;
 /// and whose velocities differ by less than this (m/s): between them lies no impact.

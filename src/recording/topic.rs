@@ -87,6 +87,8 @@ pub const CAN_FRAMES: &str = "/can/frames";
 pub const CAMERA_DETECTIONS: &str = "/camera/detections";
 /// The filtered state of the board (`BoardState`).
 pub const BOARD_STATE: &str = "/board/state";
+/// The state of the board as a simulator knows it (`BoardState`).
+pub const TRUE_BOARD_STATE: &str = "/truth/board/state";
 /// Start and end of each scripted run (`RunMarker`).
 pub const RUN_MARKER: &str = "/run/marker";
 /// What the referee saw (`MatchEvent`).

@@ -2,7 +2,10 @@
 
 use crate::{
     can::{AxisErrors, AxisState},
-    recording::topic::Player,
+    recording::{
+        message::{BoardState, ObjectState},
+        topic::Player,
+    },
     units::Nanos,
 };
 
@@ -79,6 +82,18 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// Ball and strikers on the board, as a message.
+    #[must_use]
+    pub fn board_state(&self) -> BoardState {
+        let state = |Body { x, y, vx, vy }: Body| ObjectState { x, y, vx, vy };
+        BoardState {
+            ball: self.ball.map(state),
+            left: Some(state(self.left.peg)),
+            right: Some(state(self.right.peg)),
+            status: 0,
+        }
+    }
+
     /// What is true of `player`.
     #[must_use]
     pub fn player(&self, player: Player) -> &PlayerTruth {

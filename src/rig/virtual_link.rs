@@ -15,6 +15,7 @@ use super::{
 use crate::{
     can::{Direction, Frame},
     link::{BusFault, Capabilities, Event, Link, LinkError},
+    recording::message::BoardState,
     seed::Stream,
     units::Nanos,
 };
@@ -227,6 +228,10 @@ impl Link for VirtualLink {
             }
             self.step();
         }
+    }
+
+    fn true_state(&self) -> Option<BoardState> {
+        Some(self.truth().board_state())
     }
 
     fn capabilities(&self) -> Capabilities {

@@ -105,9 +105,10 @@ impl Session<'_> {
         let driven = self.fly(&mut stretch, &mut flight);
         self.mark(&stretch.label, Phase::End);
         self.picture_to_command = PictureToCommand::of(&flight.waits_ms);
+        // A match that is ended early is a match all the same.
+        self.samples += self.periods_in_leg;
         driven?;
         self.runs_done += 1;
-        self.samples += self.periods_in_leg;
         Ok(())
     }
 
@@ -166,6 +167,7 @@ impl Session<'_> {
         if let Some(belief) = decision.belief {
             self.station.record(now, Entry::Board(belief));
         }
+        self.station.record_truth();
         let limits = self.diagonal_limits();
         let ahead_s = limits.reaction_s + USUAL_LAG_SECONDS;
         for player in &config.players {

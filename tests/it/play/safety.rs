@@ -172,6 +172,7 @@ fn a_decision_that_is_no_number_ends_a_match() {
     assert!(text.contains("the right player decided on (NaN, 0) m/s"), "{text}");
     let [start, end] = span(&outcome);
     assert!((end - start - 1.0).abs() < 0.05, "{start} {end}");
+    assert_eq!(outcome.report.unwrap().samples, 50);
 }
 
 #[test]
