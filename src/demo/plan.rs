@@ -89,7 +89,7 @@ pub const POLICIES: [PolicyKind; 4] = [
 ];
 
 /// Scripted players that every policy meets.
-pub const OPPONENTS: [&str; 2] = ["goalkeeper", "chaser"];
+pub const OPPONENTS: [&str; 2] = ["stationary", "chaser"];
 
 /// Seats of the policy.
 pub const SEATS: [&str; 2] = ["left", "right"];
@@ -121,7 +121,7 @@ impl Size {
                 fit_epochs: 100,
                 steps: "4e6",
                 games: 200,
-                match_seconds: 180,
+                match_seconds: 300,
             },
             Self::Smallest => Amounts {
                 run_seconds: 3,
@@ -291,12 +291,13 @@ impl Plan {
         let mut steps = Vec::new();
         for (pair, opponent) in (0..).zip(OPPONENTS) {
             for (number, seat) in (0..).zip(SEATS) {
-                // Every policy meets the same table.
+                // Every policy meets the same table. Somebody puts a ball back that lies still, as the game
+                // of the training does.
                 let ball = json!({
+                    "start": {"y_m": 0.065},
+                    "serve_spread_m": 0.035,
                     "put_back_after_s": 1.0,
-                    "put_back_still_after_s": 3.0,
-                    "serve_spread_m": 0.03,
-                    "serve_speed_m_per_s": 0.12,
+                    "put_back_still_after_s": 2.0,
                 });
                 let number = seed + 10 + 2 * pair + number;
                 let file = self

@@ -32,7 +32,12 @@ const MOST_DRAWS: usize = 32;
 pub(super) struct Clock {
     pub(super) episode: u64,
     pub(super) step: u32,
+    /// Control periods for which the ball has lain still.
+    pub(super) still: u32,
 }
+
+/// A slower ball lies still (m/s).
+const STILL_SPEED: f64 = 0.005;
 
 /// What stands where on one board (m, m/s; board frame; players are left, right).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,6 +69,7 @@ pub struct Games {
     rails: Rails,
     nominal: BoardPhysics,
     most_steps: u32,
+    most_still_steps: u32,
     settings: GameSettings,
     seed: u64,
     first: usize,
@@ -134,6 +140,7 @@ impl Games {
         let mut games = Self {
             nominal,
             most_steps: settings.most_steps(),
+            most_still_steps: settings.most_still_steps(),
             settings: settings.clone(),
             seed,
             first: range.start,
@@ -255,7 +262,7 @@ impl Games {
         for (board, ended) in outcomes.ended.iter().enumerate() {
             if ended.is_some() {
                 let clock = &mut self.clocks[board];
-                *clock = Clock { episode: clock.episode + 1, step: 0 };
+                *clock = Clock { episode: clock.episode + 1, ..Clock::default() };
                 self.begin(board);
             }
         }
@@ -402,7 +409,10 @@ impl Games {
         let clock = &mut self.clocks[board];
         let (all, mut ended) = period.play(CONTROL_PERIOD * f64::from(clock.step));
         clock.step += 1;
-        if ended.is_none() && self.most_steps <= clock.step {
+        let moves = STILL_SPEED <= length(self.balls[board].velocity);
+        clock.still = if moves { 0 } else { clock.still + 1 };
+        let over = self.most_steps <= clock.step || self.most_still_steps <= clock.still;
+        if ended.is_none() && over {
             ended = Some(Ending::TimeLimit);
         }
         outcomes.ended[board] = ended;
@@ -421,7 +431,7 @@ impl Games {
         if sum.is_finite() {
             return Ok(());
         }
-        let Clock { episode, step } = self.clocks[board];
+        let Clock { episode, step, .. } = self.clocks[board];
         let (board, step) = (self.first + board, step - 1);
         Err(GameError::NotFinite { board, episode, step, seed: self.seed })
     }
@@ -467,6 +477,7 @@ fn draw_start(settings: &EpisodeSettings, stream: &mut Stream) -> ([[f64; 2]; 2]
     let mut draw =
         |low: f64, high: f64| low + (high - low) * f64::from(stream.uniform_f32(0.0, 1.0));
     let EpisodeSettings { striker_x, striker_y: [near, far], ball_x, ball_y, .. } = *settings;
+    let [ball_near, ball_far] = ball_y;
     let strikers = [0, 1].map(|player| {
         let own = [draw(-striker_x, striker_x), -draw(near, far)];
         turned(player, own)
@@ -477,10 +488,11 @@ fn draw_start(settings: &EpisodeSettings, stream: &mut Stream) -> ([[f64; 2]; 2]
             .all(|striker| BALL_RADIUS + STRIKER_RADIUS < length(subtract(ball, *striker)))
     };
     for _ in 0..MOST_DRAWS {
-        let ball = [draw(-ball_x, ball_x), draw(-ball_y, ball_y)];
+        let (x, side) = (draw(-ball_x, ball_x), draw(-1.0, 1.0));
+        let ball = [x, draw(ball_near, ball_far).copysign(side)];
         if clear(ball) {
             return (strikers, ball);
         }
     }
-    (strikers, [0.0; 2])
+    (strikers, [0.0, ball_near])
 }

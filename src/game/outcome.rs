@@ -20,7 +20,7 @@ pub enum Ending {
         /// Whose it is.
         loser: Player,
     },
-    /// Nobody won in time.
+    /// Nobody won in time, or the ball lay still for too long.
     TimeLimit,
 }
 

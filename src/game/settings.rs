@@ -203,24 +203,29 @@ impl Default for CommandLimits {
 pub struct EpisodeSettings {
     /// Time limit (s); 10.
     pub time_limit: f64,
+    /// An episode ends without a winner when the ball has lain still for so long (s); 2. Upstream waits for
+    /// the time limit, though on half of its boards nobody can reach the ball any more.
+    pub still_limit: f64,
     /// Strikers: largest |x| (m); 0.1.
     pub striker_x: f64,
     /// Strikers: least and largest distance from the middle along y (m); 0.03 to 0.14.
     pub striker_y: [f64; 2],
     /// Ball: largest |x| (m); 0.15.
     pub ball_x: f64,
-    /// Ball: largest |y| (m); 0.1.
-    pub ball_y: f64,
+    /// Ball: least and largest |y| (m); 0.03 to 0.1. Upstream draws from 0 on, but behind the wall limiter no
+    /// striker reaches a ball that lies nearer to the middle.
+    pub ball_y: [f64; 2],
 }
 
 impl Default for EpisodeSettings {
     fn default() -> Self {
         Self {
             time_limit: 10.0,
+            still_limit: 2.0,
             striker_x: 0.1,
             striker_y: [0.03, 0.14],
             ball_x: 0.15,
-            ball_y: 0.1,
+            ball_y: [0.03, 0.1],
         }
     }
 }
@@ -274,7 +279,13 @@ impl GameSettings {
     /// Control periods in an episode.
     #[must_use]
     pub fn most_steps(&self) -> u32 {
-        (self.episode.time_limit / CONTROL_PERIOD).round().max(1.0) as u32
+        periods(self.episode.time_limit)
+    }
+
+    /// Control periods for which the ball may lie still.
+    #[must_use]
+    pub fn most_still_steps(&self) -> u32 {
+        periods(self.episode.still_limit)
     }
 
     /// Checks every number.
@@ -301,6 +312,7 @@ impl GameSettings {
         within("limits.deceleration_distance_m", limits.deceleration_distance, 1e-3, 1.0)?;
         within("limits.clearance_m", limits.clearance, 0.0, 0.1)?;
         within("episode.time_limit_s", episode.time_limit, CONTROL_PERIOD, 3600.0)?;
+        within("episode.still_limit_s", episode.still_limit, CONTROL_PERIOD, 3600.0)?;
         self.check_fields()?;
         self.check_start()?;
         if let Some(biscuits) = &self.biscuits {
@@ -344,8 +356,15 @@ impl GameSettings {
             return Err(GameError::Range { name: "episode.striker_y_m", low: near, high: far });
         }
         within("episode.ball_x_m", episode.ball_x, 0.0, half[0] - crate::board::BALL_RADIUS)?;
-        within("episode.ball_y_m", episode.ball_y, 0.0, self.cup.distance - self.cup.radius)
+        let [near, far] = episode.ball_y;
+        within("episode.ball_y_m[1]", far, 0.0, self.cup.distance - self.cup.radius)?;
+        within("episode.ball_y_m[0]", near, 0.0, far)
     }
+}
+
+/// Control periods in `seconds`, at least one.
+fn periods(seconds: f64) -> u32 {
+    (seconds / CONTROL_PERIOD).round().max(1.0) as u32
 }
 
 impl BiscuitSettings {

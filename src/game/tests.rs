@@ -44,6 +44,6 @@ fn until_end(games: &mut Games, command: [[f32; 2]; 2]) -> (Ending, u32) {
 
 /// Episodes that last.
 fn long(settings: GameSettings) -> GameSettings {
-    let episode = EpisodeSettings { time_limit: 3600.0, ..settings.episode };
+    let episode = EpisodeSettings { time_limit: 3600.0, still_limit: 3600.0, ..settings.episode };
     GameSettings { episode, ..settings }
 }

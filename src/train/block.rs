@@ -34,8 +34,6 @@ pub(super) struct Scene<'a> {
     pub(super) learner: &'a Learner,
     pub(super) pool: &'a Pool,
     pub(super) reward: &'a RewardSettings,
-    /// Gamma.
-    pub(super) discount: f32,
     pub(super) seed: u64,
     /// Number of the first control period of the rollout, since training began.
     pub(super) first_step: u64,
@@ -132,10 +130,7 @@ impl Block {
             let seen = self.tables.seen(row, player);
             let ended = self.tables.outcomes.ended[row];
             let hit_speed = self.tables.outcomes.hit_speeds[row][player as usize];
-            let width = seen.len();
-            let before = &step.observations[row * width..(row + 1) * width];
-            let moved = Step { before, seen, ended, player, hit_speed };
-            let reward = scene.reward.of_step(&moved, left, scene.discount);
+            let reward = scene.reward.of_step(&Step { seen, ended, player, hit_speed }, left);
             step.rewards[row] = reward;
             step.ends[row] = match ended {
                 None => End::Running,

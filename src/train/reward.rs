@@ -46,9 +46,6 @@ pub struct RewardSettings {
     pub progress: f32,
     /// Weight of its closeness to the own cup, which is subtracted; 0.006.
     pub defence: f32,
-    /// Weight of what a step adds to the ball's closeness to the other cup less that to the own one, the new
-    /// state discounted; 0.5.
-    pub approach: f32,
     /// Distance over which closeness to a cup falls by e (m), above 0; 0.2.
     pub cup_scale_m: f32,
     /// Weight of the striker's closeness to the ball, each step; 0.002.
@@ -68,9 +65,7 @@ pub struct RewardSettings {
 /// A step as the reward sees it.
 #[derive(Debug, Clone, Copy)]
 pub struct Step<'a> {
-    /// The standard values before the step, in the player's own frame (m, m/s).
-    pub before: &'a [f32],
-    /// The same after it.
+    /// The standard values after the step, in the player's own frame (m, m/s).
     pub seen: &'a [f32],
     /// How the episode ended in it, if it did.
     pub ended: Option<Ending>,
@@ -91,7 +86,6 @@ impl RewardSettings {
             opponent_mistake: 0.0,
             progress: 0.0,
             defence: 0.0,
-            approach: 0.0,
             cup_scale_m: 0.2,
             proximity: 0.0,
             ball_scale_m: 0.1,
@@ -121,20 +115,8 @@ impl RewardSettings {
 
     /// What `step` earns when `left` of the shaping is left.
     #[must_use]
-    pub fn of_step(&self, step: &Step<'_>, left: f32, discount: f32) -> f32 {
-        let mut shaping = self.shaping(step);
-        if self.approach != 0.0 {
-            let [before, after] = [step.before, step.seen].map(|seen| self.advance(seen));
-            shaping += self.approach * (discount * after - before);
-        }
-        self.result(step) + left * shaping
-    }
-
-    /// How much closer the ball is to the other cup than to the own one, -1 to 1.
-    fn advance(&self, seen: &[f32]) -> f32 {
-        let cup = CUP_DISTANCE as f32;
-        closeness([0.0, cup], seen, self.cup_scale_m)
-            - closeness([0.0, -cup], seen, self.cup_scale_m)
+    pub fn of_step(&self, step: &Step<'_>, left: f32) -> f32 {
+        self.result(step) + left * self.shaping(step)
     }
 
     fn result(&self, step: &Step<'_>) -> f32 {
@@ -153,14 +135,17 @@ impl RewardSettings {
 
     fn shaping(&self, step: &Step<'_>) -> f32 {
         let seen = step.seen;
+        let (own, ball) = ([seen[0], seen[1]], [seen[8], seen[9]]);
         let cup = CUP_DISTANCE as f32;
+        let closeness =
+            |a: [f32; 2], scale: f32| (-(a[0] - ball[0]).hypot(a[1] - ball[1]) / scale).exp();
         let mut sum = 0.0;
         if self.progress != 0.0 || self.defence != 0.0 {
-            sum += self.progress * closeness([0.0, cup], seen, self.cup_scale_m);
-            sum -= self.defence * closeness([0.0, -cup], seen, self.cup_scale_m);
+            sum += self.progress * closeness([0.0, cup], self.cup_scale_m);
+            sum -= self.defence * closeness([0.0, -cup], self.cup_scale_m);
         }
         if self.proximity != 0.0 {
-            sum += self.proximity * closeness([seen[0], seen[1]], seen, self.ball_scale_m);
+            sum += self.proximity * closeness(own, self.ball_scale_m);
         }
         sum += self.ball_speed_s_per_m * seen[10].hypot(seen[11]);
         if 0.0 < step.hit_speed {
@@ -186,7 +171,6 @@ impl RewardSettings {
             ("reward.opponent_mistake", self.opponent_mistake),
             ("reward.progress", self.progress),
             ("reward.defence", self.defence),
-            ("reward.approach", self.approach),
             ("reward.proximity", self.proximity),
             ("reward.ball_speed_s_per_m", self.ball_speed_s_per_m),
             ("reward.collision", self.collision),
@@ -197,11 +181,6 @@ impl RewardSettings {
             .map(|(name, value)| (name, value, "above 0"))
             .or(finite.map(|(name, value)| (name, f64::from(value), "from -1e6 to 1e6")))
     }
-}
-
-/// 1 where the ball is at `place`, falling by e over `scale` (m).
-fn closeness(place: [f32; 2], seen: &[f32], scale: f32) -> f32 {
-    (-(place[0] - seen[8]).hypot(place[1] - seen[9]) / scale).exp()
 }
 
 #[cfg(test)]
@@ -217,7 +196,7 @@ mod tests {
     }
 
     fn step(seen: &[f32], ended: Option<Ending>, hit_speed: f32) -> Step<'_> {
-        Step { before: seen, seen, ended, player: Player::Right, hit_speed }
+        Step { seen, ended, player: Player::Right, hit_speed }
     }
 
     fn only(change: impl Fn(&mut RewardSettings)) -> RewardSettings {
@@ -241,15 +220,9 @@ mod tests {
             (Ending::TimeLimit, 0.0, 0.0),
         ] {
             for (player, expected) in [(left, of_left), (right, of_right)] {
-                let step = Step {
-                    before: &seen,
-                    seen: &seen,
-                    ended: Some(ending),
-                    player,
-                    hit_speed: 0.0,
-                };
-                assert_eq!(sparse.of_step(&step, 1.0, 0.99), expected, "{ending:?} {player}");
-                assert_eq!(settings.of_step(&step, 0.0, 0.99), expected, "{ending:?} {player}");
+                let step = Step { seen: &seen, ended: Some(ending), player, hit_speed: 0.0 };
+                assert_eq!(sparse.of_step(&step, 1.0), expected, "{ending:?} {player}");
+                assert_eq!(settings.of_step(&step, 0.0), expected, "{ending:?} {player}");
             }
         }
     }
@@ -266,12 +239,12 @@ mod tests {
             (only(|s| s.ball_speed_s_per_m = 1.0), 0.5),
             (only(|s| s.collision = 1.0), 0.367_879), // exp(-0.1 / 0.1)
         ] {
-            let found = settings.of_step(&step(&seen, None, 0.1), 1.0, 0.99);
+            let found = settings.of_step(&step(&seen, None, 0.1), 1.0);
             assert!((found - expected).abs() < 2e-5, "{settings:?}: {found} {expected}");
-            let faded = settings.of_step(&step(&seen, None, 0.1), 0.25, 0.99);
+            let faded = settings.of_step(&step(&seen, None, 0.1), 0.25);
             assert!((faded - 0.25 * expected).abs() < 1e-5);
         }
-        let none = only(|s| s.collision = 1.0).of_step(&step(&seen, None, 0.0), 1.0, 0.99);
+        let none = only(|s| s.collision = 1.0).of_step(&step(&seen, None, 0.0), 1.0);
         assert_eq!(none, 0.0, "no hit, nothing earned");
     }
 

@@ -297,7 +297,6 @@ impl Run {
             learner: &self.learner,
             pool: &self.pool,
             reward: &self.settings.reward,
-            discount: self.settings.ppo.gamma,
             seed: self.settings.seed,
             first_step: self.learner.updates() * self.settings.ppo.horizon as u64,
             environments: self.settings.environments,

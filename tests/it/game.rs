@@ -43,7 +43,11 @@ fn instances(entries: &[(String, Vec<f64>)]) -> Vec<Instance> {
 
 fn trajectory(scenario: &Scenario) -> Vec<Sample> {
     let mut settings = GameSettings {
-        episode: EpisodeSettings { time_limit: 3600.0, ..EpisodeSettings::default() },
+        episode: EpisodeSettings {
+            time_limit: 3600.0,
+            still_limit: 3600.0,
+            ..EpisodeSettings::default()
+        },
         ..GameSettings::default()
     };
     settings.ball.effects = instances(&scenario.effects);
