@@ -333,23 +333,36 @@ fn scored(page: &mut Page, story: &Story<'_>) {
             shown(one.scored_per_min),
             one.kept_share.map_or_else(dash, shown),
             shown(one.conceded_per_min),
+        ]
+    });
+    page.table(&Table {
+        head: texts(&[
+            "points per min",
+            "against",
+            "in its own simulation",
+            "on the rig",
+            "kept (share)",
+            "conceded on the rig",
+        ]),
+        rows: rows.collect(),
+    });
+    let rows = experiment.contests.iter().map(|one| {
+        vec![
+            one.policy.to_owned(),
+            one.opponent.to_owned(),
             one.won_share.map_or_else(dash, shown),
-            format!("{:.1}", one.episode_length_s.value),
-            format!("{:.1}", one.contacts_per_episode.value),
+            shown(one.episode_length_s),
+            shown(one.contacts_per_episode),
             one.episodes.to_string(),
         ]
     });
     page.table(&Table {
         head: texts(&[
-            "policy",
-            "against",
-            "points per min, simulated",
             "on the rig",
-            "kept",
-            "conceded per min",
+            "against",
             "points won (share)",
             "episode (s)",
-            "contacts",
+            "contacts per episode",
             "episodes",
         ]),
         rows: rows.collect(),

@@ -106,10 +106,32 @@ fn a_striker_over_its_own_cup_loses() {
 
 #[test]
 fn nobody_wins_at_the_time_limit() {
-    let mut games = one(&GameSettings::default(), [0.1, 0.0], [0.0; 2]);
+    let mut settings = GameSettings::default();
+    settings.episode.still_limit = 3600.0;
+    let mut games = one(&settings, [0.1, 0.0], [0.0; 2]);
     let (ending, steps) = until_end(&mut games, STILL);
     assert_eq!((ending, steps), (Ending::TimeLimit, 500));
     assert_eq!(ending.winner(), None);
+}
+
+#[test]
+fn nobody_wins_when_the_ball_lies_still_for_too_long() {
+    let mut games = one(&GameSettings::default(), [0.1, 0.0], [0.0; 2]);
+    assert_eq!(until_end(&mut games, STILL), (Ending::TimeLimit, 100));
+    // A ball that rolls is waited for: 0.1 m/s at about 0.1 m/s^2 for one second, then two at rest.
+    let mut games = one(&GameSettings::default(), [0.1, 0.0], [-0.1, 0.0]);
+    let (ending, steps) = until_end(&mut games, STILL);
+    assert_eq!(ending, Ending::TimeLimit);
+    assert!((130..200).contains(&steps), "{steps}");
+}
+
+#[test]
+fn no_episode_begins_where_no_striker_reaches_the_ball() {
+    let games = Games::new(500, &GameSettings::default(), 7).unwrap();
+    let places = (0..500).map(|board| games.snapshot(board).ball_position[1]);
+    assert!(places.clone().all(|y| (0.03..=0.1).contains(&y.abs())));
+    let left = places.filter(|y| *y < 0.0).count();
+    assert!((200..300).contains(&left), "{left}");
 }
 
 #[test]
