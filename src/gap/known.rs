@@ -94,7 +94,9 @@ pub(super) fn note_mimicry(twin: &mut Twin, outcome: &Outcome<'_>) {
     twin.mimicry.retain(|own| own.link != outcome.kind);
     let mut own: Vec<Mimicry> = Vec::new();
     for rejected in &outcome.rejected {
-        let (effect, share) = (rejected.candidate.effect.name, rejected.candidate.share);
+        let effect = rejected.candidate.effect.name;
+        // What was simulated may have been screened at the given twin, which left much more.
+        let share = rejected.held_out_gain.map_or(rejected.candidate.share, |gain| gain.max(0.0));
         match own.iter_mut().find(|other| other.effect == effect) {
             Some(other) => other.share = other.share.max(share),
             None => own.push(Mimicry { link: outcome.kind, effect: effect.to_owned(), share }),
