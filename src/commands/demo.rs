@@ -6,7 +6,7 @@ use klasktron::{
     demo::{Experiment, Plan, Record, Size, Stage, Step, Story, begin, page, pictures},
     parallel::{cores, in_parallel_on},
     provenance::Provenance,
-    recording::{ExistingFile, write_bytes},
+    recording::{ExistingFile, SESSION_COMPLETED, write_bytes},
 };
 use serde_json::{Value, json};
 use std::{
@@ -182,6 +182,10 @@ impl Demo<'_> {
         }
         let result: Value = serde_json::from_slice(&output.stdout)
             .with_context(|| format!("`{}` printed no JSON", step.line()))?;
+        // A session that has stopped early is lossy too, but what it lacks is needed.
+        if result["stop"].as_str().is_some_and(|stop| stop != SESSION_COMPLETED) {
+            bail!("`{}` has stopped: {}", step.line(), result["stop_text"].as_str().unwrap_or("-"));
+        }
         let command_line = step.line();
         let record = Record { key: (*key).to_owned(), command_line, status, elapsed_s, result };
         record.write(self.folder, &step.name)?;

@@ -163,7 +163,7 @@ const PATTERNS: [&str; 8] =
 pub const HIDDEN: [(&str, &str); 3] = [
     ("drive.command_delay_s = 0.02", "commands take effect 20 ms late (8 ms on an unchanged rig)"),
     ("peg.*.friction_n = 0.6", "strikers rub on the board with 0.6 N (0.25 N on an unchanged rig)"),
-    ("drive.slew_turns_per_s2 = 120", "the drives change speed by at most 4.8 m/s^2 (9.6 m/s^2)"),
+    ("drive.slew_turns_per_s2 = 160", "the drives change speed by at most 6.4 m/s^2 (9.6 m/s^2)"),
 ];
 
 /// The rig, with what is hidden in it.
@@ -171,7 +171,7 @@ fn rig(seed: u64) -> Value {
     let peg = json!({"friction_n": 0.6});
     json!({
         "seed": seed,
-        "drive": {"command_delay_s": 0.02, "slew_turns_per_s2": 120.0},
+        "drive": {"command_delay_s": 0.02, "slew_turns_per_s2": 160.0},
         "peg": {"left": peg, "right": peg},
     })
 }
@@ -231,7 +231,7 @@ impl Plan {
         steps.push(Step::new(
             "collect-ball",
             &format!(
-                "collect --speed max --rig {file} --pattern random_walk --seconds {ball_seconds} \
+                "collect --speed max --rig {file} --pattern circle --seconds {ball_seconds} \
                  --repeat 3 --validation-every 3 --seed 3 --output ball.mcap --overwrite --json"
             ),
         ));

@@ -40,7 +40,7 @@ fn every_command_of_the_readme_works() {
             .replace("cargo run --release --", "klasktron")
             .replace("klasktron ", &format!("{program} "))
             .replace("--epochs 300", "--epochs 3")
-            .replace("demo --quick", "demo --smallest")
+            .replace("demo --quick", "demo --help")
             .replace("train --steps 20e6", "train --steps 500 --envs 16 --hidden 8 --games 0");
         let status = Command::new("sh")
             .args(["-c", &run])
