@@ -15,6 +15,7 @@ PROTO = Path(__file__).resolve().parent.parent / "datasets_schema" / "klasktron.
 
 SCALARS = {
     "double": descriptor_pb2.FieldDescriptorProto.TYPE_DOUBLE,
+    "float": descriptor_pb2.FieldDescriptorProto.TYPE_FLOAT,
     "uint32": descriptor_pb2.FieldDescriptorProto.TYPE_UINT32,
     "uint64": descriptor_pb2.FieldDescriptorProto.TYPE_UINT64,
     "int64": descriptor_pb2.FieldDescriptorProto.TYPE_INT64,
