@@ -141,10 +141,12 @@ pub(super) fn adapt(problem: &Problem<'_>, start: Point, filters: &Filters) -> P
     fit(problem, start, &own, filters, 8).point
 }
 
-/// Sum of squares.
+/// Sum of squares; infinite where a simulation has left the range of numbers, so that no comparison takes it
+/// for the least.
 #[must_use]
 pub(super) fn squared(values: &[f64]) -> f64 {
-    dot(values, values)
+    let sum = dot(values, values);
+    if sum.is_finite() { sum } else { f64::INFINITY }
 }
 
 /// Normal equations of one linearisation.

@@ -89,14 +89,15 @@ impl Round {
         }
         // First in the metric of the base residual, then in that of the best candidate's.
         let rough = rough_fits(train, stand, &short);
-        let sound = |fit: &&Fit| on_bound(fit).is_none();
+        let sound = |fit: &&Fit| fit.loss.is_finite() && on_bound(fit).is_none();
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(lead) = lead.or(rough.first()) else { return Self { winner: None, rejected } };
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
         let known = train.columns(&at_lead, &base.slots, &sharp);
         let bench = Bench::new(train, held_out, base, (&sharp, &worth));
-        let items: Vec<(Candidate, Fit)> = short.into_iter().zip(rough).collect();
+        let items: Vec<(Candidate, Fit)> =
+            short.into_iter().zip(rough).filter(|(_, fit)| fit.loss.is_finite()).collect();
         let mut trials =
             in_parallel(&items, |(candidate, rough)| bench.trial(candidate, rough, &known));
         trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
