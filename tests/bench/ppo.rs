@@ -51,7 +51,7 @@ fn main() {
 /// A minibatch with ratios and values on both sides of every clip, and what is made of it.
 ///
 /// With an epsilon and a rate far above every gradient, one step of Adam subtracts the gradient
-/// itself, so that it can be read off the weights.
+/// itself, so that it can be read off the weights; nothing may hold them.
 fn sample(settings: &PpoSettings) -> Value {
     const HUGE: f32 = 1e6;
     let settings = PpoSettings {
@@ -60,6 +60,7 @@ fn sample(settings: &PpoSettings) -> Value {
         adam_epsilon: HUGE,
         schedule: Schedule::Fixed,
         max_gradient_norm: None,
+        most_log_deviation: None,
         values: klasktron::ppo::Normalization::Off,
         ..settings.clone()
     };
