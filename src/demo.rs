@@ -15,7 +15,7 @@
 //! ```
 //! use klasktron::demo::{Plan, Size};
 //! let plan = Plan::new(Size::Quick, 0);
-//! assert_eq!(plan.stages[0].title, "Collect");
+//! assert_eq!(plan.stages[0].chapter.title(), "Collect");
 //! assert!(plan.stages[0].steps[0].line().starts_with("klasktron collect --speed max"));
 //! ```
 

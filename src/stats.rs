@@ -13,7 +13,7 @@ mod permutation;
 mod proportion;
 mod summary;
 
-pub use bootstrap::{Interval, bootstrap_ci95, bootstrap_difference_ci95};
+pub use bootstrap::{Interval, bootstrap_ci95, bootstrap_difference_ci95, ratio_ci95};
 pub use distribution::{
     chi_square_quantile, f_tail, incomplete_beta, ln_gamma, normal_cdf, normal_density, t_quantile,
 };

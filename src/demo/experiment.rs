@@ -1,7 +1,7 @@
 //! The experiment: what each policy did in its simulation, and what it does on the rig.
 
 use super::plan::{OPPONENTS, POLICIES, SEATS, match_name};
-use crate::stats::{Interval, bootstrap_ci95, bootstrap_difference_ci95, wilson_ci95};
+use crate::stats::{Interval, bootstrap_difference_ci95, ratio_ci95, wilson_ci95};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -113,9 +113,9 @@ impl Experiment {
         let net = |policy: &'static str| (policy, rate(&of_policy[policy], net_points, minutes));
         let difference = |(better, worse): (&'static str, &'static str)| {
             let [a, b] = [&of_policy[worse], &of_policy[better]];
-            let net = |drawn: &[&Episode]| ratio(drawn, net_points, minutes);
-            let value = net(&b.iter().collect::<Vec<_>>()) - net(&a.iter().collect::<Vec<_>>());
-            let ci95 = bootstrap_difference_ci95(a, b, SEED, net);
+            let ci95 = bootstrap_difference_ci95(a, b, SEED, net_rate);
+            let [value_a, value_b] = [a, b].map(|all| net_rate(&all.iter().collect::<Vec<_>>()));
+            let value = value_b - value_a;
             Difference { better, worse, net_points_per_min: Figure { value, ci95 } }
         };
         Some(Self {
@@ -134,16 +134,15 @@ fn net_points(episode: &Episode) -> f64 {
     episode.scored - episode.conceded
 }
 
-fn ratio(drawn: &[&Episode], above: fn(&Episode) -> f64, below: fn(&Episode) -> f64) -> f64 {
+fn net_rate(drawn: &[&Episode]) -> f64 {
     let sum = |part: fn(&Episode) -> f64| drawn.iter().map(|episode| part(episode)).sum::<f64>();
-    sum(above) / sum(below)
+    sum(net_points) / sum(minutes)
 }
 
 /// Sum of `above` over sum of `below`, with an interval from whole episodes.
 fn rate(episodes: &[Episode], above: fn(&Episode) -> f64, below: fn(&Episode) -> f64) -> Figure {
-    let of = |drawn: &[&Episode]| ratio(drawn, above, below);
-    let all: Vec<&Episode> = episodes.iter().collect();
-    Figure { value: of(&all), ci95: bootstrap_ci95(episodes, SEED, of) }
+    let (value, ci95) = ratio_ci95(episodes, SEED, above, below);
+    Figure { value, ci95 }
 }
 
 /// The episodes of the match called `name`, seen from `seat`.

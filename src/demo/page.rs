@@ -2,7 +2,7 @@
 
 use super::{
     experiment::{Experiment, Figure},
-    plan::{HIDDEN, OPPONENTS, POLICIES, Plan, Stage},
+    plan::{Chapter, HIDDEN, OPPONENTS, POLICIES, Plan, Stage},
     record::Record,
 };
 use crate::{
@@ -58,17 +58,16 @@ pub fn page(story: &Story<'_>) -> String {
     page.lead(&lead(story));
     hidden(&mut page);
     for stage in &story.plan.stages {
-        page.section(stage.title);
-        page.paragraph(stage.why);
-        match stage.title {
-            "Collect" => collected(&mut page, story),
-            "Fit the actuator" => fitted(&mut page, story),
-            "Tune the filter" => tuned(&mut page, story),
-            "Close the gap" => closed(&mut page, story),
-            "Train" => trained(&mut page, story),
-            "Play" => played(&mut page, story),
-            "Score" => scored(&mut page, story),
-            _ => {}
+        page.section(stage.chapter.title());
+        page.paragraph(stage.chapter.why());
+        match stage.chapter {
+            Chapter::Collect => collected(&mut page, story),
+            Chapter::FitActuator => fitted(&mut page, story),
+            Chapter::TuneFilter => tuned(&mut page, story),
+            Chapter::CloseGap => closed(&mut page, story),
+            Chapter::Train => trained(&mut page, story),
+            Chapter::Play => played(&mut page, story),
+            Chapter::Score => scored(&mut page, story),
         }
         commands(&mut page, stage, story.records);
     }

@@ -25,13 +25,72 @@ pub struct Step {
     pub resume: Option<&'static str>,
 }
 
+/// What the steps of a stage do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Chapter {
+    /// Recordings.
+    Collect,
+    /// The actuator network.
+    FitActuator,
+    /// The state estimate.
+    TuneFilter,
+    /// The twin.
+    CloseGap,
+    /// The policies.
+    Train,
+    /// The matches.
+    Play,
+    /// Their score.
+    Score,
+}
+
+impl Chapter {
+    /// Its heading.
+    #[must_use]
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Collect => "Collect",
+            Self::FitActuator => "Fit the actuator",
+            Self::TuneFilter => "Tune the filter",
+            Self::CloseGap => "Close the gap",
+            Self::Train => "Train",
+            Self::Play => "Play",
+            Self::Score => "Score",
+        }
+    }
+
+    /// What it is for, as a sentence.
+    #[must_use]
+    pub fn why(self) -> &'static str {
+        match self {
+            Self::Collect => {
+                "Scripted motions on two days, and carriages at work beside a rolling ball."
+            }
+            Self::FitActuator => "A network learns what the carriage does with ten past commands.",
+            Self::TuneFilter => {
+                "The noise of the state estimate is fitted to the camera's detections."
+            }
+            Self::CloseGap => {
+                "Where a plain simulation and the table disagree, what is missing gets a name and is added."
+            }
+            Self::Train => {
+                "The same learner with the same settings, in four simulations that know more and more."
+            }
+            Self::Play => {
+                "Each policy on the rig, as it is, against the same opponents, from both seats."
+            }
+            Self::Score => {
+                "Contacts, goals and lengths of episodes, found in the recordings alone."
+            }
+        }
+    }
+}
+
 /// Steps that belong together.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stage {
     /// What is done.
-    pub title: &'static str,
-    /// Why.
-    pub why: &'static str,
+    pub chapter: Chapter,
     /// In this order.
     pub steps: Vec<Step>,
     /// Whether they may run at the same time; each then uses one core only.
@@ -144,7 +203,7 @@ impl Size {
         }
     }
 
-    /// How long it takes on two cores (min), measured.
+    /// How long it takes on two cores (min): the quick one measured, the full one by proportion.
     #[must_use]
     pub fn expected_minutes(self) -> f64 {
         match self {
@@ -199,8 +258,8 @@ impl Plan {
         plan
     }
 
-    fn stage(&mut self, title: &'static str, why: &'static str, steps: Vec<Step>) {
-        self.stages.push(Stage { title, why, steps, side_by_side: false });
+    fn stage(&mut self, chapter: Chapter, steps: Vec<Step>) {
+        self.stages.push(Stage { chapter, steps, side_by_side: false });
     }
 
     /// Writes a rig file and gives its name.
@@ -235,20 +294,13 @@ impl Plan {
                  --repeat 3 --validation-every 3 --seed 3 --output ball.mcap --overwrite --json"
             ),
         ));
-        self.stage(
-            "Collect",
-            "Scripted motions on two days, and carriages at work beside a rolling ball.",
-            steps,
-        );
+        self.stage(Chapter::Collect, steps);
     }
 
     fn identify(&mut self, amounts: &Amounts) {
         let Amounts { fit_seeds, fit_epochs, .. } = amounts;
         let step = |name, line: &str| vec![Step::new(name, line)];
-        self.stage(
-            "Fit the actuator",
-            "A network learns what the carriage does with ten past commands.",
-            step(
+        self.stage(Chapter::FitActuator, step(
                 "fit-actuator",
                 &format!(
                     "fit-actuator monday.mcap tuesday.mcap --seeds {fit_seeds} --epochs {fit_epochs} \
@@ -256,16 +308,8 @@ impl Plan {
                 ),
             ),
         );
-        self.stage(
-            "Tune the filter",
-            "The noise of the state estimate is fitted to the camera's detections.",
-            step("tune-ekf", "tune-ekf ball.mcap --out ekf --json"),
-        );
-        self.stage(
-            "Close the gap",
-            "Where a plain simulation and the table disagree, what is missing gets a name and is added.",
-            step("gap", "gap monday.mcap tuesday.mcap --out gap --json"),
-        );
+        self.stage(Chapter::TuneFilter, step("tune-ekf", "tune-ekf ball.mcap --out ekf --json"));
+        self.stage(Chapter::CloseGap, step("gap", "gap monday.mcap tuesday.mcap --out gap --json"));
     }
 
     fn train(&mut self, amounts: &Amounts, seed: u64) {
@@ -279,11 +323,7 @@ impl Plan {
             );
             Step { resume: Some("--resume"), ..Step::new(&format!("train-{}", kind.name), &line) }
         };
-        self.stage(
-            "Train",
-            "The same learner with the same settings, in four simulations that know more and more.",
-            POLICIES.iter().map(policy).collect(),
-        );
+        self.stage(Chapter::Train, POLICIES.iter().map(policy).collect());
     }
 
     fn play(&mut self, amounts: &Amounts, seed: u64) {
@@ -315,17 +355,8 @@ impl Plan {
                 }
             }
         }
-        self.stages.push(Stage {
-            title: "Play",
-            why: "Each policy on the rig, as it is, against the same opponents, from both seats.",
-            steps,
-            side_by_side: true,
-        });
-        self.stage(
-            "Score",
-            "Contacts, goals and lengths of episodes, found in the recordings alone.",
-            vec![Step::new("eval", "eval matches --out eval --json")],
-        );
+        self.stages.push(Stage { chapter: Chapter::Play, steps, side_by_side: true });
+        self.stage(Chapter::Score, vec![Step::new("eval", "eval matches --out eval --json")]);
     }
 }
 

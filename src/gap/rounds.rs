@@ -289,6 +289,7 @@ impl Search<'_> {
     /// The first step but the last whose effect may as well be none.
     fn nothing(&self) -> Option<Added> {
         let (_, earlier) = self.added.split_last()?;
+        earlier.iter().find(|step| step.effect.null.len() == 1)?;
         let judged = self.judged();
         let found = (&self.best, &judged);
         let uncertainty = fit::uncertainty(&self.train, &self.held_out, found, &self.filters);

@@ -45,6 +45,29 @@ pub fn bootstrap_ci95<T>(
     }))
 }
 
+/// Sum of `above` over sum of `below`, over all `groups`, and its 95 % interval as [`bootstrap_ci95`].
+///
+/// ```
+/// use klasktron::stats::ratio_ci95;
+/// let goals_and_minutes = [(1.0, 2.0), (0.0, 1.0), (2.0, 3.0)];
+/// let (rate, interval) = ratio_ci95(&goals_and_minutes, 0, |one| one.0, |one| one.1);
+/// assert_eq!(rate, 0.5);
+/// assert!(interval.unwrap().low < rate);
+/// ```
+pub fn ratio_ci95<T>(
+    groups: &[T],
+    seed: u64,
+    above: impl Fn(&T) -> f64,
+    below: impl Fn(&T) -> f64,
+) -> (f64, Option<Interval>) {
+    let of = |drawn: &[&T]| {
+        let sum = |part: &dyn Fn(&T) -> f64| drawn.iter().map(|group| part(group)).sum::<f64>();
+        sum(&above) / sum(&below)
+    };
+    let all: Vec<&T> = groups.iter().collect();
+    (of(&all), bootstrap_ci95(groups, seed, of))
+}
+
 /// 95 % interval of the difference of `statistic` between `b` and `a` (b minus a), both drawn with
 /// replacement. `None` where one of them has fewer than two groups.
 pub fn bootstrap_difference_ci95<T>(

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     game::CONTROL_PERIOD,
     opponent::Scripted,
-    stats::{Interval, bootstrap_ci95},
+    stats::{Interval, ratio_ci95},
 };
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
@@ -52,16 +52,9 @@ impl Judged {
     fn new(opponent: String, games: &Games, seed: u64) -> Self {
         let score = games.score();
         let both = score.both();
-        // A sum over games for each of so many of another one.
         let ratio = |above: fn(&GameResult) -> f64, below: fn(&GameResult) -> f64| {
-            let of = |drawn: &[&GameResult]| {
-                let sum = |part: fn(&GameResult) -> f64| -> f64 {
-                    drawn.iter().map(|result| part(result)).sum()
-                };
-                sum(above) / sum(below)
-            };
-            let all: Vec<&GameResult> = games.results.iter().collect();
-            Estimate { mean: of(&all), ci95: bootstrap_ci95(&games.results, seed, of) }
+            let (mean, ci95) = ratio_ci95(&games.results, seed, above, below);
+            Estimate { mean, ci95 }
         };
         let won = |result: &GameResult| f64::from(result.score.max(0));
         let lost = |result: &GameResult| f64::from((-result.score).max(0));

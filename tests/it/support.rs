@@ -30,6 +30,27 @@ pub(crate) fn said(output: &Output) -> (String, String, i32) {
     (text(&output.stdout), text(&output.stderr), output.status.code().unwrap())
 }
 
+/// What is typed, the exit status, and what the message must hold.
+pub(crate) type Mistake<'a> = (&'a [&'a str], i32, &'a str);
+
+/// Checks that `command` refuses every mistake in one sentence and leaves no file at `out`, which is
+/// given where a mistake names no other place.
+pub(crate) fn check_mistakes(command: &str, out: &str, cases: &[Mistake<'_>]) {
+    for (arguments, expected_status, expected) in cases {
+        let mut typed = vec![command];
+        typed.extend(*arguments);
+        if !arguments.contains(&"-o") {
+            typed.extend(["-o", out]);
+        }
+        let (stdout, stderr, status) = said(&klasktron(&typed));
+        assert_eq!(status, *expected_status, "{arguments:?}: {stderr}");
+        assert!(stderr.contains(expected), "{arguments:?}: {stderr}");
+        assert!(stdout.is_empty(), "{stdout}");
+        assert!(*expected_status == 2 || stderr.trim_end().lines().count() == 1, "{stderr}");
+        assert!(!Path::new(out).exists(), "{arguments:?} left a file");
+    }
+}
+
 /// Starts a file of the contract with its metadata.
 pub(crate) fn writer(path: &Path, robot: &str) -> RecordingWriter {
     let mut writer =

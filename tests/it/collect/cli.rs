@@ -1,6 +1,6 @@
 //! `klasktron collect` as it is typed: plans, dry runs, logs that are listened to, and mistakes.
 
-use crate::support::{klasktron, said};
+use crate::support::{Mistake, check_mistakes, klasktron, said};
 use klasktron::recording::{
     Recording,
     message::{CarriageState, VelocityCommand},
@@ -100,7 +100,7 @@ fn mistakes_are_told_in_one_sentence() {
     fs::write(&taken, "x").unwrap();
     let out = file(dir.path(), "out.mcap");
     let circle = "--pattern=circle";
-    let cases: &[(&[&str], i32, &str)] = &[
+    let cases: &[Mistake<'_>] = &[
         (&["--pattern", "cirle"], 2, "circle, diagonal"),
         (&["--pattern", "circle:radius=0.05"], 2, "radius_m"),
         (&["--pattern", "circle:radius_m=0.5", "--speed", "max"], 1, "radius_m"),
@@ -115,19 +115,7 @@ fn mistakes_are_told_in_one_sentence() {
         (&[], 2, "--plan <PLAN>"),
         (&["--plan", "papr"], 1, "--plan takes `paper`"),
     ];
-    for (arguments, expected_status, expected) in cases {
-        let mut typed = vec!["collect"];
-        typed.extend(*arguments);
-        if !arguments.contains(&"-o") {
-            typed.extend(["-o", &out]);
-        }
-        let (stdout, stderr, status) = said(&klasktron(&typed));
-        assert_eq!(status, *expected_status, "{arguments:?}: {stderr}");
-        assert!(stderr.contains(expected), "{arguments:?}: {stderr}");
-        assert!(stdout.is_empty(), "{stdout}");
-        assert!(*expected_status == 2 || stderr.trim_end().lines().count() == 1, "{stderr}");
-        assert!(!Path::new(&out).exists(), "{arguments:?} left a file");
-    }
+    check_mistakes("collect", &out, cases);
     assert_eq!(fs::read(&taken).unwrap(), b"x");
 }
 

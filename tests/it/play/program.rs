@@ -2,7 +2,7 @@
 
 use super::series;
 use crate::{
-    support::{klasktron, said},
+    support::{Mistake, check_mistakes, klasktron, said},
     train::support::{settings_file, tiny},
 };
 use klasktron::{
@@ -190,7 +190,7 @@ fn mistakes_are_told_in_one_sentence() {
     fs::write(&ekf, "{}").unwrap();
     let out = file(dir.path(), "out.mcap");
     let both = ["--left", "chaser", "--right", "chaser"];
-    let cases: &[(&[&str], i32, &str)] = &[
+    let cases: &[Mistake<'_>] = &[
         (
             &["--left", "chasr", "--right", "none"],
             2,
@@ -205,17 +205,6 @@ fn mistakes_are_told_in_one_sentence() {
         (&[both[0], both[1], both[2], both[3], "--bus", "slcan:/dev/nothing"], 1, "give --camera"),
         (&[both[0], both[1], both[2], both[3], "--bus", "replay:bus.log"], 1, "is a log"),
     ];
-    for (arguments, expected_status, expected) in cases {
-        let mut typed = vec!["play"];
-        typed.extend(*arguments);
-        if !arguments.contains(&"-o") {
-            typed.extend(["-o", &out]);
-        }
-        let (stdout, stderr, status) = said(&klasktron(&typed));
-        assert_eq!(status, *expected_status, "{arguments:?}: {stderr}");
-        assert!(stderr.contains(expected), "{arguments:?}: {stderr}");
-        assert!(*expected_status == 2 || stderr.trim_end().lines().count() == 1, "{stderr}");
-        assert!(stdout.is_empty() && !Path::new(&out).exists(), "{arguments:?}");
-    }
+    check_mistakes("play", &out, cases);
     assert_eq!(fs::read(&taken).unwrap(), b"x");
 }
