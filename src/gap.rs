@@ -14,7 +14,7 @@
 //!    one's residual. One is named when its gain is beyond chance for all tries, when the held-out
 //!    session follows it in sign and size and gains by it, and no number stands on a bound. Rivals
 //!    that explain the data as well are its class; of equals the one with the fewest numbers is added.
-//! 5. Then again, until nothing passes. What is left and still depends on something gets a name of its
+//! 5. Then again, until nothing passes; last, what changes the scatter of the camera and no value (`scatter`). What is left and still depends on something gets a name of its
 //!    own: `unknown.<regressor>[<band>]`.
 //!    A searched twin notes what it leaves and what each effect explains of that though it is not there
 //!    (`known`): in later recordings an effect must explain three times as much, and one that stands beside
@@ -50,6 +50,7 @@ mod page;
 mod problem;
 mod round;
 mod rounds;
+mod scatter;
 mod screen;
 mod tape;
 mod unknown;

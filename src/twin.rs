@@ -31,6 +31,7 @@ pub mod noise;
 mod nominal;
 mod path;
 mod plant;
+mod repeats;
 mod session;
 mod stage;
 
@@ -121,6 +122,8 @@ pub struct Twin {
     pub left: Vec<Left>,
     /// How far that looks like effects that were not named, by link and effect.
     pub mimicry: Vec<Mimicry>,
+    /// How the camera scattered when it was fitted, by link.
+    pub scatter: Vec<Scatter>,
     /// SHA-256 of the recordings to which it was fitted.
     pub fitted_to: Vec<String>,
 }
@@ -148,6 +151,19 @@ pub struct Mimicry {
     pub effect: String,
     /// Share of the whitened squared error, at the place and size where it explains most.
     pub share: f64,
+}
+
+/// How the camera scattered about a fitted twin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Scatter {
+    /// The link on which it was measured.
+    pub link: StageKind,
+    /// Variance of the frames' time stamps (s^2), and its standard error.
+    pub stamp_variance_s2: (f64, f64),
+    /// Variance at rest of what changes from frame to frame (m^2), and its standard error.
+    pub still_variance_m2: (f64, f64),
+    /// Variance about the prediction at rest (m^2), and its standard error.
+    pub whole_variance_m2: (f64, f64),
 }
 
 /// One fitted number of a twin: which instance, which of its values.

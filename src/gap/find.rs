@@ -10,10 +10,11 @@ use super::{
     floor::{self, Floor, FloorSource},
     known, locate,
     rounds::{self, Added, Link, Outcome, Reason, Task},
+    scatter,
     verdict::{Findings, Told},
 };
 use crate::{
-    effects::Effect,
+    effects::{Effect, Physics},
     recording::Split,
     stats::t_quantile,
     twin::{Left, Machine, Session, Source, Stage, StageKind, Twin, Value, machine_of},
@@ -67,7 +68,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
         if link.train.is_empty() || is_second_look && link.held_out.is_empty() {
             continue;
         }
-        let outcome = rounds::search(&link, &twin, task);
+        let outcome = rounds::search(&link, &twin, task_of(kind, task, &outcomes));
         twin = stated(&outcome);
         outcomes.push(outcome);
     }
@@ -79,12 +80,23 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     let floors: Vec<Vec<Floor>> = outcomes.iter().map(floors_of).collect();
     for outcome in &outcomes {
         leave(&mut twin, outcome, task);
+        if let Some(found) = scatter::measure(&outcome.train, &outcome.last.point) {
+            scatter::state(&mut twin, outcome.kind, &found);
+        }
         if task == Task::CloseGap {
             known::note_mimicry(&mut twin, outcome);
         }
     }
     let document = document(&start, given, &twin, &outcomes, &floors);
     Found { document, twin, outcomes, floors }
+}
+
+/// What is asked of one link. The estimator's true velocities are made of the camera's places: where these
+/// scatter otherwise than before, it cannot be told whether the estimator does.
+fn task_of(kind: StageKind, task: Task, before: &[Outcome<'_>]) -> Task {
+    let is_noise = |step: &Added| matches!(step.effect.physics, Physics::Noise(_));
+    let scatters = before.iter().any(|outcome| outcome.added.iter().any(is_noise));
+    if kind == StageKind::Estimator && scatters { Task::Calibrate } else { task }
 }
 
 /// Nothing may be said.
@@ -227,25 +239,27 @@ fn named(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> NamedEffect {
         .filter(|k| 0.0 < after[*k])
         .max_by(|a, b| (before[*a] / after[*a]).total_cmp(&(before[*b] / after[*b])));
     let channels = outcome.train.parts.first().map(|part| part.stage.channels());
-    let signal = most.and_then(|index| {
+    let of_signal = |what: &str, index: usize| {
         channels
             .and_then(|channels| channels.get(index))
-            .map(|channel| format!("{} ({})", channel.signal, channel.unit))
-    });
+            .map(|channel| format!("{what}{} ({})", channel.signal, channel.unit))
+    };
+    // What changes the scatter alone leaves every residual as it is: its gap is the scatter that is not stated.
+    let (signal, ends) = match step.unstated {
+        Some(ends) => (of_signal("unstated scatter of ", 0), Some(ends)),
+        None => (
+            most.and_then(|index| of_signal("", index)),
+            most.map(|index| (before[index], after[index])),
+        ),
+    };
     NamedEffect {
         name: step.effect.name.to_owned(),
         axis: step.axis,
         p_value: step.p_value,
-        gap_before: most.map(|index| before[index]),
-        gap_after: most.map(|index| after[index]),
+        gap_before: ends.map(|ends| ends.0),
+        gap_after: ends.map(|ends| ends.1),
         held_out_gain: step.held_out_gain,
-        why: why(
-            step.effect,
-            step,
-            signal.as_deref(),
-            most.map(|k| (before[k], after[k])),
-            &parameters,
-        ),
+        why: why(step.effect, step, signal.as_deref(), ends, &parameters),
         gap_signal: signal,
         parameters,
     }
@@ -343,8 +357,13 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
 /// are now. The limit is corrected for the number of parameters that could have moved (Bonferroni).
 fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
     let better = |instance: usize| {
-        let fitted = |own: &&Outcome<'_>| own.last.slots.iter().any(|s| s.instance == instance);
-        outcomes.iter().find(|outcome| outcome.is_better && fitted(outcome))
+        // A scatter is measured on the camera, without a slot that is fitted.
+        let is_noise = matches!(start.instances[instance].effect.physics, Physics::Noise(_));
+        let fitted = |own: &&Outcome<'_>| {
+            own.is_better && own.last.slots.iter().any(|s| s.instance == instance)
+                || is_noise && own.kind == StageKind::Camera
+        };
+        outcomes.iter().find(fitted)
     };
     let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
     let beyond_chance = 1.0 - 0.5 * rounds::FAMILY_ERROR / tries.max(1) as f64;

@@ -266,6 +266,7 @@ impl<'a, 'b> Bench<'a, 'b> {
                 self.held_out.rms(&self.base_held),
                 self.held_out.rms(&own.held_point),
             ),
+            unstated: None,
             contest,
         }
     }

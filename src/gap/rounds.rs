@@ -6,6 +6,7 @@ use super::{
     known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
     problem::{Point, Problem},
     round::{Round, Stand},
+    scatter,
     screen::Candidate,
     unknown::{self, Unknown},
     whiten::{self, Filters},
@@ -87,6 +88,9 @@ pub struct Added {
     pub class: Vec<&'static str>,
     /// Residual RMS per held-out signal before and after this step, in the order of the channels.
     pub held_out_steps: (Vec<f64>, Vec<f64>),
+    /// For an effect that changes the scatter alone: RMS of the held-out scatter that the twin does not state,
+    /// before and after (m).
+    pub unstated: Option<(f64, f64)>,
     /// The strongest candidates of the round: name, axis, whitened loss per row when fitted.
     pub contest: Vec<(String, Axis, f64)>,
 }
@@ -260,17 +264,34 @@ impl Search<'_> {
         if self.take_back_what_is_none() {
             excess = self.excess(judged.insert(self.judged()));
         }
+        let judged = judged.unwrap_or_else(|| self.judged());
+        let scatters_otherwise = self.name_scatter(&given.twin, &judged, excess);
         if is_nothing_new(excess) {
             return None;
         }
-        let (held_out, judged) = (&self.held_out, judged.unwrap_or_else(|| self.judged()));
+        let held_out = &self.held_out;
+        let disturbance = || match scatters_otherwise {
+            true => None,
+            false => self.disturbance(given, &judged),
+        };
         let unknown = unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters)
-            .or_else(|| self.disturbance(given, &judged))?;
+            .or_else(disturbance)?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
         }
         Some(unknown)
+    }
+
+    /// Adds what the scatter of the camera says beyond what the given twin states; gives whether it says anything.
+    fn name_scatter(&mut self, given: &Twin, judged: &Point, excess: Option<f64>) -> bool {
+        let problems = [&self.train, &self.held_out];
+        let found = scatter::find(problems, [&self.best.point, judged], given, excess);
+        let any = !found.is_empty();
+        for named in found {
+            self.added.extend(named.put_into(&mut self.best.point.twin));
+        }
+        any
     }
 
     /// Takes back effects of one number whose interval, now that everything is fitted together, holds the

@@ -1,6 +1,6 @@
 //! `twin.json`: the effects that are switched on, each number with unit, bounds, source and interval.
 
-use super::{Instance, Left, Machine, Mimicry, Source, Twin, Value};
+use super::{Instance, Left, Machine, Mimicry, Scatter, Source, Twin, Value};
 use crate::{
     effects::{self, Axis},
     recording::{ExistingFile, RecordingError, write_bytes},
@@ -71,6 +71,8 @@ struct Document {
     left: Vec<Left>,
     #[serde(default)]
     mimicry: Vec<Mimicry>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    scatter: Vec<Scatter>,
     #[serde(default)]
     fitted_to_sha256: Vec<String>,
 }
@@ -127,6 +129,7 @@ impl Document {
             effects,
             left: twin.left.clone(),
             mimicry: twin.mimicry.clone(),
+            scatter: twin.scatter.clone(),
             fitted_to_sha256: twin.fitted_to.clone(),
         }
     }
@@ -147,6 +150,7 @@ impl Document {
             instances,
             left: self.left,
             mimicry: self.mimicry,
+            scatter: self.scatter,
             fitted_to: self.fitted_to_sha256,
         })
     }

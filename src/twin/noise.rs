@@ -1,5 +1,5 @@
 //! What the scatter of signals says: the effects that change no value (`sensor.frame_jitter`,
-//! `sensor.frame_drop`, `sensor.encoder_quantisation`, `sensor.noise_model`) are measured here.
+//! `sensor.noise_model`, `sensor.frame_drop`, `sensor.encoder_quantisation`) are measured here.
 //!
 //! Samples close in time are not independent, so standard errors come from leaving out one block
 //! at a time (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11). Values
@@ -66,25 +66,42 @@ fn in_errors(value: f64, error: f64) -> f64 {
     if 0.0 < error { value / error } else { 0.0 }
 }
 
-/// Jitter of the camera's time stamps (s), from the `residual` of a camera coordinate (m) and the
-/// speed of the object along that coordinate (m/s) at the same frames, in order.
+/// How a coordinate of the camera scatters, each with its standard error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scattering {
+    /// Variance of the time stamps (s^2); below zero by chance where they have none.
+    pub stamp_variance_s2: (f64, f64),
+    /// Variance at rest of what changes from frame to frame (m^2), scaled to that of white noise.
+    pub still_variance_m2: (f64, f64),
+    /// Variance about the prediction at rest (m^2): the same for white noise, larger for what is smooth.
+    pub whole_variance_m2: (f64, f64),
+    /// Mean square of the speed (m^2/s^2).
+    pub mean_square_speed: f64,
+    /// Blocks on which it stands.
+    pub blocks: usize,
+}
+
+/// How a camera coordinate scatters, from its `residual` (m) and the speed of the object along it (m/s) at the
+/// same frames, in order.
 ///
 /// The residual's second difference, scaled to the variance of a white residual, leaves out what is
 /// smooth from frame to frame: a wrong latency also grows with speed, but smoothly. Its square is
-/// regressed on the squared speed; the slope is the variance of the time stamps.
+/// regressed on the squared speed; the slope is the variance of the time stamps, the intercept that of the
+/// places.
 #[must_use]
-pub fn frame_jitter(residual: &[f64], speed: &[f64], block: usize) -> Option<NoiseFinding> {
+pub fn scattering(residual: &[f64], speed: &[f64], block: usize) -> Option<Scattering> {
     let n = residual.len().min(speed.len());
     let (residual, speed) = (&residual[..n], &speed[..n]);
     let mut blocks = Vec::new();
     for start in (0..n).step_by(block.max(1)) {
-        let mut sums = [0.0; 5];
+        let mut sums = [0.0; 7];
         for k in start.max(1)..(start + block.max(1)).min(n.saturating_sub(1)) {
             let y = (residual[k - 1] - 2.0 * residual[k] + residual[k + 1]).powi(2) / 6.0;
             // The three stamps share the difference as 1 : 4 : 1.
             let x = (speed[k - 1].powi(2) + 4.0 * speed[k].powi(2) + speed[k + 1].powi(2)) / 6.0;
+            let z = residual[k].powi(2);
             if x.is_finite() && y.is_finite() {
-                for (sum, term) in sums.iter_mut().zip([1.0, x, y, x * x, x * y]) {
+                for (sum, term) in sums.iter_mut().zip([1.0, x, y, z, x * x, x * y, x * z]) {
                     *sum += term;
                 }
             }
@@ -93,12 +110,18 @@ pub fn frame_jitter(residual: &[f64], speed: &[f64], block: usize) -> Option<Noi
             blocks.push(sums);
         }
     }
-    let (slope, error) =
-        jackknife(&blocks, |[n, x, y, xx, xy]| (n * xy - x * y) / (n * xx - x * x))?;
-    let value = slope.max(0.0).sqrt();
-    // Of the root by the derivative, and where that has none by the root of the error.
-    let standard_error = if error < slope { error / (2.0 * value) } else { 0.5 * error.sqrt() };
-    Some(NoiseFinding { value, standard_error, t: in_errors(slope, error), blocks: blocks.len() })
+    let slope = |[n, x, y, _, xx, xy, _]: &[f64; 7]| (n * xy - x * y) / (n * xx - x * x);
+    let still = |[n, x, y, _, xx, xy, _]: &[f64; 7]| (xx * y - x * xy) / (n * xx - x * x);
+    let whole = |[n, x, _, z, xx, _, xz]: &[f64; 7]| (xx * z - x * xz) / (n * xx - x * x);
+    let (count, squares) =
+        blocks.iter().fold((0.0, 0.0), |all, own| (all.0 + own[0], all.1 + own[1]));
+    Some(Scattering {
+        stamp_variance_s2: jackknife(&blocks, slope)?,
+        still_variance_m2: jackknife(&blocks, still)?,
+        whole_variance_m2: jackknife(&blocks, whole)?,
+        mean_square_speed: squares / count,
+        blocks: blocks.len(),
+    })
 }
 
 /// Share of frames that are missing from `times` (s, increasing), beyond what their jitter alone
@@ -297,30 +320,6 @@ fn on_grid(steps: &[f64], guess: f64) -> Grid {
         count: seen.len(),
         others,
     }
-}
-
-/// Ratio of the scatter of `residual` at rest to the `stated` standard deviation, both in one unit.
-/// Only what changes within a block counts, so that an offset or a slow drift does not.
-#[must_use]
-pub fn noise_model(residual: &[f64], stated: f64, block: usize) -> Option<NoiseFinding> {
-    let blocks: Vec<[f64; 2]> = residual
-        .chunks(block.max(2))
-        .filter_map(|chunk| {
-            let kept: Vec<f64> = chunk.iter().copied().filter(|value| value.is_finite()).collect();
-            let mean = kept.iter().sum::<f64>() / kept.len() as f64;
-            let squares: f64 = kept.iter().map(|value| (value - mean).powi(2)).sum();
-            (2 <= kept.len()).then_some([squares, kept.len() as f64 - 1.0])
-        })
-        .collect();
-    let (log, error) =
-        jackknife(&blocks, |[squares, free]| 0.5 * (squares / free / (stated * stated)).ln())?;
-    let value = log.exp();
-    Some(NoiseFinding {
-        value,
-        standard_error: value * error,
-        t: in_errors(log, error),
-        blocks: blocks.len(),
-    })
 }
 
 #[cfg(test)]

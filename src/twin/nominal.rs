@@ -62,6 +62,7 @@ impl Twin {
             instances,
             left: Vec::new(),
             mimicry: Vec::new(),
+            scatter: Vec::new(),
             fitted_to: Vec::new(),
         }
     }

@@ -29,7 +29,20 @@ pub(crate) static INPUT_DEADBAND: Effect = Effect {
         },
     ],
     null: &[0.0, 0.0],
-    probes: &[&[0.005, 0.0], &[0.02, 0.0], &[0.06, 0.0], &[0.005, 1.0], &[0.02, 1.0]],
+    // Between two commands that were given the threshold has no slope, so its sizes stand close.
+    probes: &[
+        &[0.002, 0.0],
+        &[0.003, 0.0],
+        &[0.004, 0.0],
+        &[0.006, 0.0],
+        &[0.009, 0.0],
+        &[0.013, 0.0],
+        &[0.02, 0.0],
+        &[0.03, 0.0],
+        &[0.06, 0.0],
+        &[0.005, 1.0],
+        &[0.02, 1.0],
+    ],
     memory: 0,
     physics: Physics::Command(|p, _, command, _| {
         if command.abs() < p[0] { 0.0 } else { command - p[1] * p[0].copysign(command) }

@@ -21,6 +21,7 @@ fn twin(effects: &[(&str, &[f64])]) -> Twin {
         instances,
         left: Vec::new(),
         mimicry: Vec::new(),
+        scatter: Vec::new(),
         fitted_to: Vec::new(),
     }
 }

@@ -13,6 +13,7 @@ use crate::{
         topic::CAMERA_DETECTIONS,
     },
     stats::median,
+    twin::repeats::repeats,
     units::Nanos,
 };
 use std::ops::Range;
@@ -133,7 +134,9 @@ impl Tracks {
             rate_hz: 0.0,
             noise: 0.0,
         };
-        for Sample { time, arrival, ball, strikers } in samples {
+        let balls: Vec<[f64; 2]> = samples.iter().map(|sample| sample.ball).collect();
+        let own = samples.into_iter().zip(repeats(&balls)).filter(|(_, repeated)| !repeated);
+        for (Sample { time, arrival, ball, strikers }, _) in own {
             let ordered = tracks.times.last().is_none_or(|last| last + 1e-6 < time);
             if ordered && ball.iter().all(|coordinate| coordinate.is_finite()) {
                 tracks.times.push(time);

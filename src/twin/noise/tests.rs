@@ -28,17 +28,25 @@ fn alarms(trials: u64, find: impl Fn(u64) -> Option<NoiseFinding>) -> usize {
     (0..trials).filter(|seed| find(*seed).is_some_and(|found| 3.0 < found.t.abs())).count()
 }
 
+/// Distance of a variance from zero, in standard errors.
+fn in_its_errors((value, error): (f64, f64)) -> f64 {
+    value / error
+}
+
 #[test]
 fn jitter_is_measured_and_a_wrong_latency_is_none() {
     let (residual, speed) = camera(1, 2.5e-4, 1e-3, 0.0);
-    let found = frame_jitter(&residual, &speed, 60).unwrap();
-    assert!((found.value - 1e-3).abs() < 3.0 * found.standard_error, "{found:?}");
-    assert!(found.standard_error < 5e-5 && 10.0 < found.t, "{found:?}");
-    let false_alarms = alarms(300, |seed| {
-        let (residual, speed) = camera(seed, 2.5e-4, 0.0, 0.02);
-        frame_jitter(&residual, &speed, 60)
-    });
-    assert!(false_alarms <= 4, "{false_alarms}");
+    let found = scattering(&residual, &speed, 60).unwrap();
+    let (variance, error) = found.stamp_variance_s2;
+    assert!((variance - 1e-6).abs() < 3.0 * error && error < 1e-7, "{found:?}");
+    let alarms = (0..300)
+        .filter(|seed| {
+            let (residual, speed) = camera(*seed, 2.5e-4, 0.0, 0.02);
+            let found = scattering(&residual, &speed, 60).unwrap();
+            3.0 < in_its_errors(found.stamp_variance_s2).abs()
+        })
+        .count();
+    assert!(alarms <= 4, "{alarms}");
 }
 
 #[test]
@@ -50,7 +58,28 @@ fn gaps_are_not_differenced() {
             *later += 0.05;
         }
     }
-    assert!(frame_jitter(&residual, &speed, 60).unwrap().t.abs() < 3.0);
+    let found = scattering(&residual, &speed, 60).unwrap();
+    assert!(in_its_errors(found.stamp_variance_s2).abs() < 3.0);
+}
+
+#[test]
+fn the_scatter_at_rest_is_that_of_the_places_and_not_of_the_stamps() {
+    let (residual, speed) = camera(5, 4e-4, 1e-3, 0.0);
+    let found = scattering(&residual, &speed, 60).unwrap();
+    for (variance, error) in [found.still_variance_m2, found.whole_variance_m2] {
+        assert!((variance - 1.6e-7).abs() < 3.0 * error && error < 1.6e-8, "{found:?}");
+    }
+}
+
+#[test]
+fn what_is_smooth_scatters_about_the_prediction_but_not_from_frame_to_frame() {
+    let (mut residual, speed) = camera(6, 2.5e-4, 0.0, 0.0);
+    for k in 1..residual.len() {
+        residual[k] = 0.9 * residual[k - 1] + (1.0_f64 - 0.81).sqrt() * residual[k];
+    }
+    let found = scattering(&residual, &speed, 60).unwrap();
+    assert!((found.whole_variance_m2.0 / 6.25e-8 - 1.0).abs() < 0.2, "{found:?}");
+    assert!(found.still_variance_m2.0 < 0.2 * 6.25e-8, "{found:?}");
 }
 
 /// Times of frames with jitter (s), a share of them lost.
@@ -143,16 +172,4 @@ fn the_grid_of_an_encoder_is_found_and_no_grid_is_not() {
         let smooth: Vec<f64> = (0..4000).map(|k| place(k) + 1e-5 * noise[k]).collect();
         assert_eq!(encoder_quantisation(&smooth).unwrap().value, 0.0);
     }
-}
-
-#[test]
-fn the_scatter_at_rest_is_compared_with_the_stated_one() {
-    let scatter = |seed, sd: f64| -> Vec<f64> {
-        let drift = |k: usize| 1e-3 * (k as f64 / 3000.0);
-        normals(seed, "rest", 3000).iter().enumerate().map(|(k, z)| sd * z + drift(k)).collect()
-    };
-    let found = noise_model(&scatter(5, 4e-4), 2.5e-4, 60).unwrap();
-    assert!((found.value - 1.6).abs() < 3.0 * found.standard_error && 10.0 < found.t, "{found:?}");
-    let false_alarms = alarms(300, |seed| noise_model(&scatter(seed, 2.5e-4), 2.5e-4, 60));
-    assert!(false_alarms <= 5, "{false_alarms}");
 }

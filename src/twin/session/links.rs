@@ -11,6 +11,7 @@ use crate::{
     twin::{
         CameraStage, DriveStage, MeasuredPath,
         drive::{Output, RunStart, SETTLING},
+        repeats::repeats,
     },
 };
 use std::ops::Range;
@@ -105,15 +106,19 @@ pub(super) fn camera_stage(
     let Some((origin, _)) = recording.time_range() else { return Ok(None) };
     let frames = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
     let taken = FrameTimes::of(&frames).taken;
-    let seen = Readings::<2>::collect(taken.iter().zip(&frames.values).map(|(time, frame)| {
+    let mut seen = Readings::<2>::collect(taken.iter().zip(&frames.values).map(|(time, frame)| {
         let point = match gantry.player {
             Player::Left => &frame.left,
             Player::Right => &frame.right,
         };
         let place = point.as_ref().map_or([f64::NAN; 2], |point| [point.x, point.y]);
         (time.seconds_since(origin), place)
-    }))
-    .evened();
+    }));
+    let repeated = repeats(&seen.values);
+    for (place, _) in seen.values.iter_mut().zip(repeated).filter(|(_, repeated)| *repeated) {
+        *place = [f64::NAN; 2];
+    }
+    let seen = seen.evened();
     if seen.values.iter().filter(|value| value[0].is_finite()).count() < FEWEST_PICTURES {
         return Ok(None);
     }
