@@ -44,8 +44,8 @@
 //! # Bytes
 //!
 //! Boards are played in blocks that do not depend on threads, random numbers are named after seed, board and
-//! step, and sums run in the order of blocks: equal settings give equal bytes on any number of threads. A run
-//! is cut by checkpoints, at which all boards begin anew; so a resumed run equals an uninterrupted one.
+//! step, and sums run in the order of blocks: equal settings give equal bytes on any number of threads. A
+//! checkpoint holds the boards in the middle of their episodes too, so a resumed run equals an uninterrupted one.
 //!
 //! # Left out on purpose
 //!

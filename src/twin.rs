@@ -151,6 +151,10 @@ pub struct Mimicry {
     pub effect: String,
     /// Share of the whitened squared error, at the place and size where it explains most.
     pub share: f64,
+    /// How far from doing nothing each of its numbers would then be, bounds or not, in its unit: below this no
+    /// recording of the machine tells the number. Empty where that is not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lean: Vec<f64>,
 }
 
 /// How the camera scattered about a fitted twin.

@@ -65,6 +65,7 @@ pub(super) fn nearest(problem: &Problem<'_>, given: &Fit, filters: &Filters) -> 
             p_value: f_tail(statistic, 1.0, amplitude.freedom),
             visibility: f64::INFINITY,
             tries: count,
+            lean: Vec::new(),
         }
     });
     found.sort_by(|a, b| b.share.total_cmp(&a.share));

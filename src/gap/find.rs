@@ -117,15 +117,22 @@ fn refused<'a>(twin: Twin, objection: Objection) -> Found<'a> {
     Found { document, twin, outcomes: Vec::new(), floors: Vec::new() }
 }
 
-/// The final twin of a link with sources and intervals.
+/// The final twin of a link with sources and intervals. An effect that was added is known no better than by what
+/// the given twin looked like it before.
 fn stated(outcome: &Outcome<'_>) -> Twin {
     let mut twin = outcome.last.point.twin.clone();
+    let given = &outcome.start.twin;
     let quantile = t_quantile(0.975, outcome.uncertainty.freedom);
     for (index, slot) in outcome.last.slots.iter().enumerate() {
         if outcome.uncertainty.undetermined[index] {
             continue;
         }
-        let half = quantile * outcome.uncertainty.standard_errors[index];
+        let mut half = quantile * outcome.uncertainty.standard_errors[index];
+        if given.instances.len() <= slot.instance {
+            let effect = twin.instances[slot.instance].effect;
+            let lean = known::lean(given, outcome.kind, effect);
+            half += lean.get(slot.parameter).map_or(0.0, |lean| lean.abs());
+        }
         let value = twin.get(*slot);
         twin.instances[slot.instance].values[slot.parameter] =
             Value { value, ci95: Some([value - half, value + half]), source: Source::Fitted };

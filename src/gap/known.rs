@@ -97,12 +97,27 @@ pub(super) fn note_mimicry(twin: &mut Twin, outcome: &Outcome<'_>) {
         let effect = rejected.candidate.effect.name;
         // What was simulated may have been screened at the given twin, which left much more.
         let share = rejected.held_out_gain.map_or(rejected.candidate.share, |gain| gain.max(0.0));
+        let lean = rejected.candidate.lean.clone();
         match own.iter_mut().find(|other| other.effect == effect) {
-            Some(other) => other.share = other.share.max(share),
-            None => own.push(Mimicry { link: outcome.kind, effect: effect.to_owned(), share }),
+            Some(other) => {
+                if other.share < share || other.lean.is_empty() {
+                    other.lean = lean;
+                }
+                other.share = other.share.max(share);
+            }
+            None => {
+                own.push(Mimicry { link: outcome.kind, effect: effect.to_owned(), share, lean })
+            }
         }
     }
     twin.mimicry.extend(own);
+}
+
+/// What `effect` on `link` would be in recordings in which it is not, by number: below this its numbers are
+/// not known.
+pub(super) fn lean(given: &Twin, link: StageKind, effect: &Effect) -> Vec<f64> {
+    let same = |own: &&Mimicry| own.link == link && own.effect == effect.name;
+    given.mimicry.iter().find(same).map_or_else(Vec::new, |own| own.lean.clone())
 }
 
 /// Whether an [`excess`] is none.
@@ -135,8 +150,12 @@ mod tests {
         let effect = |name| crate::effects::find(name).unwrap();
         let (lag, delay) = (effect("drive.lag1"), effect("drive.delay"));
         let mut twin = Twin::nominal(Machine::Table);
-        twin.mimicry =
-            vec![Mimicry { link: StageKind::Drive, effect: lag.name.to_owned(), share: 0.03 }];
+        twin.mimicry = vec![Mimicry {
+            link: StageKind::Drive,
+            effect: lag.name.to_owned(),
+            share: 0.03,
+            lean: vec![],
+        }];
         let worth = |link, excess, removed| Worth::new(&twin, link, excess, removed);
         let known = worth(StageKind::Drive, Some(0.0), 0.0);
         assert!((known.of(lag) - 0.09).abs() < 1e-12);

@@ -128,12 +128,12 @@ impl Change {
         self.p_value() < FAMILY_ERROR && t_quantile(1.0 - LEVEL, freedom) < judged * t.signum()
     }
 
-    fn named(self, is_new: bool, rms: Vec<f64>) -> Named {
+    fn named(self, given: &Twin, rms: Vec<f64>) -> Named {
         let (value, error) = self.value;
         let half = t_quantile(0.975, self.t(0).1) * error;
         let number =
             Value { value, ci95: Some([value - half, value + half]), source: Source::Fitted };
-        let step = is_new.then(|| Added {
+        let step = (!has(given, self.effect)).then(|| Added {
             effect: self.effect,
             axis: Axis::Whole,
             p_value: self.p_value(),
@@ -162,15 +162,17 @@ fn log_ratio(a: Estimate, b: Estimate) -> Estimate {
 
 /// The change of the time stamps' scatter, where it is large enough; `None` for a jitter that fell in a twin
 /// without one.
-fn jitter(known: Option<&Scatter>, found: [&Scattering; 2], has_one: bool) -> Option<Change> {
+fn jitter(given: &Twin, known: Option<&Scatter>, found: [&Scattering; 2]) -> Option<Change> {
+    let effect = noise_effect(Noise::FrameTime);
     let before = known.map_or((0.0, 0.0), |known| known.stamp_variance_s2);
     let changes = found.map(|own| difference(own.stamp_variance_s2, before));
     let (variance, error) = found[0].stamp_variance_s2;
     let value = variance.max(0.0).sqrt();
-    let worth = LEAST_JITTER_S.powi(2) < changes[0].0.abs() && (has_one || 0.0 < changes[0].0);
+    let worth =
+        LEAST_JITTER_S.powi(2) < changes[0].0.abs() && (has(given, effect) || 0.0 < changes[0].0);
     let speed = found[1].mean_square_speed;
     worth.then(|| Change {
-        effect: noise_effect(Noise::FrameTime),
+        effect,
         changes,
         blocks: found.map(|own| own.blocks),
         value: (value, error / (2.0 * value.max(LEAST_JITTER_S))),
@@ -205,6 +207,11 @@ fn size(known: &Scatter, found: [&Scattering; 2]) -> Option<Change> {
     })
 }
 
+/// Whether `twin` has the effect already.
+fn has(twin: &Twin, effect: &Effect) -> bool {
+    twin.instance(effect.name, Axis::Whole).is_some()
+}
+
 fn noise_effect(kind: Noise) -> &'static Effect {
     let same = |effect: &&&Effect| matches!(effect.physics, Physics::Noise(own) if own == kind);
     effects::CATALOGUE.iter().copied().find(|effect| same(&effect)).expect("the catalogue has it")
@@ -226,8 +233,7 @@ pub(super) fn find(
     let link = problems[0].parts[0].stage.kind();
     let known = stated(given, link);
     let found = [&fitted, &judged];
-    let has = |kind| given.instance(noise_effect(kind).name, Axis::Whole).is_some();
-    let jitter = jitter(known.as_ref(), found, has(Noise::FrameTime)).filter(Change::is_in);
+    let jitter = jitter(given, known.as_ref(), found).filter(Change::is_in);
     let size = known.as_ref().and_then(|known| size(known, found)).filter(Change::is_in);
     if let (Some(known), Some(excess)) = (&known, excess) {
         let accounted: f64 = [&jitter, &size].into_iter().flatten().map(|own| own.unstated.0).sum();
@@ -236,10 +242,7 @@ pub(super) fn find(
         }
     }
     let rms = problems[1].rms(points[1]);
-    [(jitter, Noise::FrameTime), (size, Noise::Scatter)]
-        .into_iter()
-        .filter_map(|(change, kind)| Some(change?.named(!has(kind), rms.clone())))
-        .collect()
+    [jitter, size].into_iter().flatten().map(|own| own.named(given, rms.clone())).collect()
 }
 
 impl Named {

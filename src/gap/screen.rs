@@ -40,6 +40,9 @@ pub struct Candidate {
     pub visibility: f64,
     /// How many starts were tried for it.
     pub tries: usize,
+    /// How far from doing nothing the line of the screen leads each number, bounds or not; empty where the
+    /// effect was simulated instead.
+    pub lean: Vec<f64>,
 }
 
 /// Share of a column's length that must be left when the known parameters are taken out; below it
@@ -148,6 +151,7 @@ impl Screen<'_, '_> {
                 axis,
                 start: tested.start(effect, &probe),
                 visibility: tested.visibility * reach(effect, &probe),
+                lean: tested.lean(effect, &probe),
                 probe,
                 share: tested.share,
                 statistic: tested.statistic,
@@ -191,10 +195,7 @@ fn reach(effect: &Effect, probe: &[f64]) -> f64 {
 #[must_use]
 pub(super) fn towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
     let effect = candidate.effect;
-    let far = |k: usize| {
-        let (probe, null) = (candidate.probe[k], effect.null[k]);
-        0.0 < probe && FAR * probe < null
-    };
+    let far = |k: usize| is_far(candidate.probe[k], effect.null[k]);
     let mut starts = vec![candidate.start.clone(), candidate.probe.clone()];
     for share in [0.5, 0.25, 0.1] {
         let values = candidate.probe.iter().enumerate().map(|(k, probe)| {
@@ -212,6 +213,11 @@ pub(super) fn towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
 
 /// Ratio of null to probe from which the way between is taken in equal ratios.
 const FAR: f64 = 5.0;
+
+/// Whether null is so far from a probe (a limit that never acts) that no line leads from one to the other.
+fn is_far(probe: f64, null: f64) -> bool {
+    0.0 < probe && FAR * probe < null
+}
 
 /// Whether a place is all coordinates alike.
 pub(super) fn is_shared(axis: Axis) -> bool {
@@ -313,6 +319,30 @@ impl Tested {
             *value = value.clamp(parameter.bounds.0, parameter.bounds.1);
         }
         start
+    }
+}
+
+impl Tested {
+    /// How far from null the line leads each number of `effect`: its first at the shape of the probe, or each
+    /// that is an amplitude of its own.
+    fn lean(&self, effect: &Effect, probe: &[f64]) -> Vec<f64> {
+        let mut lean = vec![0.0; probe.len()];
+        let amplitudes = amplitudes(effect, probe);
+        if 1 < self.factors.len() && amplitudes.len() == self.factors.len() {
+            for (factor, alone) in self.factors.iter().zip(&amplitudes) {
+                for (k, value) in alone.iter().enumerate() {
+                    let is_shape = !waves(effect).is_empty() && !waves(effect).contains(&k);
+                    if !is_shape && *value != effect.null[k] {
+                        lean[k] = (value - effect.null[k]) * factor;
+                    }
+                }
+            }
+        } else if let Some(factor) = self.factors.first()
+            && !is_far(probe[0], effect.null[0])
+        {
+            lean[0] = (probe[0] - effect.null[0]) * factor;
+        }
+        lean
     }
 }
 

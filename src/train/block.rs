@@ -56,6 +56,19 @@ pub(super) struct Block {
     finals: Finals,
 }
 
+/// A block's boards in the middle of their episodes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct BlockState {
+    /// As [`Games::save`](crate::game::Games::save) gives it.
+    pub(super) games: Vec<u8>,
+    /// Opponent on each board.
+    pub(super) drawn: Vec<u32>,
+    /// Earned so far in the episode on each board.
+    pub(super) returns: Vec<f32>,
+    /// Control periods of that episode.
+    pub(super) lengths: Vec<u32>,
+}
+
 /// Last observations of episodes that were cut off.
 #[derive(Debug, Default)]
 struct Finals {
@@ -78,6 +91,35 @@ impl Block {
             finals: Finals::default(),
             tables,
         }
+    }
+
+    /// The boards of `tables` as they were kept.
+    pub(super) fn restore(mut tables: Tables, state: &BlockState) -> Result<Self, GameError> {
+        tables.restore(&state.games)?;
+        for found in [state.drawn.len(), state.returns.len(), state.lengths.len()] {
+            let (what, expected) = ("the boards of a checkpoint", tables.len());
+            if found != expected {
+                return Err(GameError::Shape { what, found, expected });
+            }
+        }
+        let BlockState { drawn, returns, lengths, .. } = state.clone();
+        let (tally, finals) = (Tally::default(), Finals::default());
+        Ok(Self { drawn, returns, lengths, tally, finals, tables })
+    }
+
+    /// The boards, to be kept.
+    pub(super) fn state(&self) -> BlockState {
+        BlockState {
+            games: self.tables.games.save(),
+            drawn: self.drawn.clone(),
+            returns: self.returns.clone(),
+            lengths: self.lengths.clone(),
+        }
+    }
+
+    /// The oldest `count` opponents have gone: the oldest that is left takes over where they play.
+    pub(super) fn forget_opponents(&mut self, count: usize) {
+        self.drawn.iter_mut().for_each(|own| *own = own.saturating_sub(count as u32));
     }
 
     /// Plays the part of the rollout that is this block's. `last_values` are the learner's values of what it

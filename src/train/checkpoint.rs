@@ -1,7 +1,8 @@
-//! A checkpoint as bytes: the learner as safetensors, counters as Protocol Buffers (numbers come back bit for
-//! bit, which JSON does not promise), each policy of the pool as safetensors.
+//! A checkpoint as bytes: the learner as safetensors, counters and boards as Protocol Buffers (numbers come back
+//! bit for bit, which JSON does not promise), the boards compressed, each policy of the pool as safetensors.
 
 use super::{
+    block::BlockState,
     pool::{Choice, Member, Opponent, PoolState},
     run::Checkpoint,
     settings::{OpponentMode, TrainSettings},
@@ -12,12 +13,19 @@ use crate::{
     ppo::{LearnerState, Policy},
 };
 use prost::Message;
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, io::Read};
 
 /// Attachment with the learner.
 pub(super) const LEARNER: &str = "checkpoint/learner.safetensors";
 /// Attachment with the counters.
 pub(super) const COUNTERS: &str = "checkpoint/counters.binpb";
+
+/// Attachment with the boards, compressed by Zstandard.
+pub(super) const BOARDS: &str = "checkpoint/boards.binpb.zst";
+/// Level of that compression.
+const LEVEL: i32 = 3;
+/// Largest boards that are read (bytes): 100,000 boards of 1000 numbers.
+const MOST_BYTES: u64 = 800_000_000;
 
 /// Attachment with the weights of a member of the pool.
 pub(super) fn member_attachment(name: &str) -> String {
@@ -53,6 +61,55 @@ struct MemberCounters {
     draws: bool,
 }
 
+#[derive(Clone, PartialEq, Message)]
+struct Boards {
+    #[prost(message, repeated, tag = "1")]
+    blocks: Vec<BoardsOfBlock>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct BoardsOfBlock {
+    #[prost(bytes = "vec", tag = "1")]
+    games: Vec<u8>,
+    #[prost(uint32, repeated, tag = "2")]
+    drawn: Vec<u32>,
+    #[prost(float, repeated, tag = "3")]
+    returns: Vec<f32>,
+    #[prost(uint32, repeated, tag = "4")]
+    lengths: Vec<u32>,
+}
+
+impl Boards {
+    fn of(blocks: &[BlockState]) -> Self {
+        let block = |own: &BlockState| {
+            let BlockState { games, drawn, returns, lengths } = own.clone();
+            BoardsOfBlock { games, drawn, returns, lengths }
+        };
+        Self { blocks: blocks.iter().map(block).collect() }
+    }
+
+    fn into_blocks(self) -> Vec<BlockState> {
+        let block = |own: BoardsOfBlock| {
+            let BoardsOfBlock { games, drawn, returns, lengths } = own;
+            BlockState { games, drawn, returns, lengths }
+        };
+        self.blocks.into_iter().map(block).collect()
+    }
+
+    fn to_bytes(&self) -> Vec<u8> {
+        zstd::encode_all(self.encode_to_vec().as_slice(), LEVEL)
+            .expect("writing to memory cannot fail")
+    }
+
+    fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
+        let mut plain = Vec::new();
+        zstd::Decoder::new(bytes)
+            .and_then(|decoder| decoder.take(MOST_BYTES).read_to_end(&mut plain))
+            .map_err(|error| error.to_string())?;
+        Self::decode(plain.as_slice()).map_err(|error| error.to_string())
+    }
+}
+
 /// Why bytes are no checkpoint: the attachment and the reason.
 pub(super) type Refusal = (String, String);
 
@@ -71,6 +128,7 @@ impl Checkpoint {
         let mut attachments = vec![
             (LEARNER.to_owned(), self.learner.to_safetensors(&none)),
             (COUNTERS.to_owned(), counters.encode_to_vec()),
+            (BOARDS.to_owned(), Boards::of(&self.boards).to_bytes()),
         ];
         for (member, opponent) in self.pool.members.iter().zip(&self.opponents) {
             if let Opponent::Policy(policy, _) = opponent {
@@ -106,6 +164,18 @@ impl Checkpoint {
         if counters.members.is_empty() || counters.window.iter().any(|score| 2 < *score) {
             return Err((COUNTERS.to_owned(), "the pool is empty or has no results".to_owned()));
         }
+        let boards = Boards::from_bytes(&bytes(BOARDS)?)
+            .map_err(|reason| (BOARDS.to_owned(), reason))?
+            .into_blocks();
+        let members = counters.members.len() as u32;
+        if boards.iter().any(|own| own.drawn.iter().any(|opponent| members <= *opponent)) {
+            let reason = format!("a board plays against a member that the pool of {members} lacks");
+            return Err((BOARDS.to_owned(), reason));
+        }
+        if boards.is_empty() != (updates == 0) {
+            let reason = format!("{} blocks of boards after {updates} updates", boards.len());
+            return Err((BOARDS.to_owned(), reason));
+        }
         let mut opponents = Vec::new();
         for member in &counters.members {
             opponents.push(match settings.opponents.mode {
@@ -128,6 +198,7 @@ impl Checkpoint {
             opponents,
             asked: Asked { all: counters.asked, outside: counters.asked_outside },
             curve: curve[..updates].to_vec(),
+            boards,
         })
     }
 }

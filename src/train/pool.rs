@@ -227,12 +227,13 @@ impl Pool {
         self.weigh();
     }
 
-    /// Lets go the oldest above the limit; only while no board plays against them.
-    pub(super) fn forget_oldest(&mut self) {
+    /// Lets go the oldest above the limit; gives how many.
+    pub(super) fn forget_oldest(&mut self) -> usize {
         let excess = self.opponents.len().saturating_sub(self.settings.most);
         self.opponents.drain(..excess);
         self.state.members.drain(..excess);
         self.weigh();
+        excess
     }
 }
 
@@ -332,7 +333,7 @@ mod tests {
     fn the_oldest_are_forgotten_and_a_script_is_alone() {
         let mut pool = pool(OpponentMode::Uniform, 8, 5);
         pool.settings.most = 2;
-        pool.forget_oldest();
+        assert_eq!(pool.forget_oldest(), 3);
         let names: Vec<&str> = pool.state.members.iter().map(|m| m.name.as_str()).collect();
         assert_eq!(names, ["update_3", "update_4"]);
         let mut pool = self::pool(OpponentMode::Scripted(Scripted::Chaser), 1, 1);

@@ -1,12 +1,11 @@
 //! The loop: boards and learner, update by update.
 //!
-//! A run is cut by checkpoints ([`TrainSettings::checkpoint_updates`]). At each, all boards begin anew with
-//! starts of their own; so what is stored is the learner, the pool and some counters, and a run that is taken
-//! up again goes on with the bytes of one that was never interrupted.
+//! Every so many updates ([`TrainSettings::checkpoint_updates`]) the learner, the pool, all boards and some
+//! counters are kept, and a run that is taken up again goes on with the bytes of one that was never interrupted.
 
 use super::{
     TrainError,
-    block::{Block, Scene, ranges},
+    block::{Block, BlockState, Scene, ranges},
     curve::{CurvePoint, Tally, TimeShares},
     pool::{Opponent, Pool, PoolState},
     settings::TrainSettings,
@@ -50,6 +49,8 @@ pub struct Checkpoint {
     pub(super) asked: Asked,
     /// Updates so far.
     pub(super) curve: Vec<CurvePoint>,
+    /// The boards, block by block; none before the first update.
+    pub(super) boards: Vec<BlockState>,
 }
 
 /// A run.
@@ -64,7 +65,7 @@ pub struct Run {
     rollout: Rollout,
     last_values: Vec<f32>,
     curve: Vec<CurvePoint>,
-    /// On boards before the present ones.
+    /// Before this run was taken up.
     asked: Asked,
     checkpoint: Checkpoint,
     times: TimeShares,
@@ -99,6 +100,7 @@ impl Run {
             opponents: pool.opponents.clone(),
             asked: Asked::default(),
             curve: Vec::new(),
+            boards: Vec::new(),
         };
         Self::assemble(settings, game, machine, checkpoint)
     }
@@ -221,8 +223,11 @@ impl Run {
     /// then as they were before.
     pub fn update(&mut self) -> Result<&CurvePoint, TrainError> {
         let begun = (self.machine.clock)();
+        if self.blocks.is_empty() {
+            self.set_up()?;
+        }
         if self.is_at_checkpoint() {
-            self.begin_anew()?;
+            self.keep_checkpoint();
         }
         let before = self.times_of_blocks();
         self.roll_out()?;
@@ -268,28 +273,38 @@ impl Run {
         times.transitions += self.settings.transitions_per_update();
     }
 
-    /// A checkpoint, and fresh boards.
-    fn begin_anew(&mut self) -> Result<(), TrainError> {
-        self.asked = self.asked();
-        self.pool.forget_oldest();
+    /// The boards as the checkpoint has them, or fresh ones.
+    fn set_up(&mut self) -> Result<(), TrainError> {
+        let Self { settings, game, machine, pool, checkpoint, .. } = self;
+        let starts = Stream::new(settings.seed, "train.boards").below(1 << 62) as u64;
+        let step = self.learner.updates() * settings.ppo.horizon as u64;
+        let mut kept = checkpoint.boards.iter();
+        let blocks = ranges(settings.environments).into_iter().map(|range| {
+            let made_of = (settings.observations, starts, machine.clock);
+            let tables = Tables::new(range, game, made_of)?;
+            match kept.next() {
+                Some(state) => Block::restore(tables, state),
+                None => Ok(Block::new(tables, pool, settings.seed, step)),
+            }
+        });
+        self.blocks = blocks.collect::<Result<_, GameError>>()?;
+        Ok(())
+    }
+
+    fn keep_checkpoint(&mut self) {
+        let forgotten = self.pool.forget_oldest();
+        self.blocks.iter_mut().for_each(|block| block.forget_opponents(forgotten));
         self.checkpoint = Checkpoint {
             learner: self.learner.state(),
             pool: self.pool.state.clone(),
             opponents: self.pool.opponents.clone(),
-            asked: self.asked,
+            asked: self.asked(),
             curve: self.curve.clone(),
+            boards: match self.learner.updates() {
+                0 => Vec::new(),
+                _ => self.blocks.iter().map(Block::state).collect(),
+            },
         };
-        let Self { settings, game, machine, pool, .. } = self;
-        let updates = self.learner.updates();
-        let seed = settings.seed;
-        let starts = Stream::numbered(seed, "train.boards", &[updates]).below(1 << 62) as u64;
-        let step = updates * settings.ppo.horizon as u64;
-        let blocks = ranges(settings.environments).into_iter().map(|range| {
-            let made_of = (settings.observations, starts, machine.clock);
-            Ok(Block::new(Tables::new(range, game, made_of)?, pool, seed, step))
-        });
-        self.blocks = blocks.collect::<Result<_, GameError>>()?;
-        Ok(())
     }
 
     fn roll_out(&mut self) -> Result<(), TrainError> {

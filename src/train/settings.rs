@@ -35,8 +35,7 @@ pub struct TrainSettings {
     pub opponents: OpponentSettings,
     /// Physics drawn for every episode.
     pub randomization: RandomizationKind,
-    /// Updates between two checkpoints, at least 1. All boards begin new episodes at each, so that nothing of a
-    /// board has to be stored and a resumed run equals an uninterrupted one.
+    /// Updates between two checkpoints, at least 1.
     pub checkpoint_updates: u64,
     /// How policies are judged at the end.
     pub evaluation: EvaluationSettings,

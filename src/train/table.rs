@@ -77,6 +77,12 @@ impl Tables {
         Ok(tables)
     }
 
+    /// Puts back boards that were kept.
+    pub(super) fn restore(&mut self, games: &[u8]) -> Result<(), GameError> {
+        self.games.restore(games)?;
+        self.look()
+    }
+
     pub(super) fn len(&self) -> usize {
         self.commands.len()
     }

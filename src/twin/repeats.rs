@@ -25,16 +25,25 @@ pub(super) fn repeats(places: &[[f64; 2]]) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::repeats;
+    use crate::seed::Stream;
 
-    /// A course at 120 Hz, rounded to `grid`, with every tenth frame a copy of the one before.
+    /// A course at 120 Hz with 0.2 mm of scatter, rounded to `grid`, with every tenth frame a copy of the one
+    /// before.
     fn course(speed: f64, grid: f64) -> Vec<[f64; 2]> {
-        let place = |k: usize| (speed * k as f64 / 120.0 / grid).round() * grid;
-        (0..100).map(|k| [place(if k % 10 == 5 { k - 1 } else { k }), 0.0]).collect()
+        let mut stream = Stream::new(1, "course");
+        let mut places: Vec<[f64; 2]> = (0..100)
+            .map(|k| {
+                let scatter = f64::from(stream.uniform_f32(-2e-4, 2e-4));
+                [((speed * f64::from(k) / 120.0 + scatter) / grid).round() * grid, 0.0]
+            })
+            .collect();
+        (5..100).step_by(10).for_each(|k| places[k] = places[k - 1]);
+        places
     }
 
     #[test]
     fn copies_are_found_where_the_object_moves() {
-        let found = repeats(&course(0.37, 1e-6));
+        let found = repeats(&course(0.37, 1e-7));
         assert!((0..100).all(|k| found[k] == (k % 10 == 5)), "{found:?}");
     }
 
@@ -47,7 +56,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_no_repeat() {
-        let mut places = course(0.37, 1e-6);
+        let mut places = course(0.37, 1e-7);
         places[20] = [f64::NAN; 2];
         places[21] = [f64::NAN; 2];
         let found = repeats(&places);
