@@ -1,25 +1,40 @@
 //! Camera frames that came twice.
 
-/// Steps between frames below this many times the smallest are one of a coarse grid, on which an object at rest
-/// stays where it is.
+/// Steps between frames of fewer quanta than this are those of a coarse grid, on which an object at rest stays
+/// where it is.
 const MOVES: f64 = 5.0;
+
+/// Coordinates nearer to each other than this (m) are the same one, rounded.
+const ROUNDING_M: f64 = 1e-12;
 
 /// Which of `places` (m, frame by frame) repeat the one before exactly although the object moves: a camera or its
 /// driver sent one picture twice, and the second says nothing of its time.
 pub(super) fn repeats(places: &[[f64; 2]]) -> Vec<bool> {
     let step = |k: usize| (places[k][0] - places[k - 1][0]).hypot(places[k][1] - places[k - 1][1]);
-    let least =
-        (1..places.len()).map(step).filter(|step| 0.0 < *step).fold(f64::INFINITY, f64::min);
+    let quantum = quantum(places);
     let mut found = vec![false; places.len()];
     let mut next = f64::NAN;
     for k in (1..places.len()).rev() {
         let own = step(k);
-        found[k] = own == 0.0 && MOVES * least < next;
+        found[k] = own == 0.0 && MOVES * quantum < next;
         if own != 0.0 {
             next = own;
         }
     }
     found
+}
+
+/// The smallest distance between two different values of a coordinate: the grid of the detector, or next to nothing
+/// where it has none (m).
+fn quantum(places: &[[f64; 2]]) -> f64 {
+    let of_axis = |axis: usize| {
+        let mut values: Vec<f64> =
+            places.iter().map(|place| place[axis]).filter(|value| value.is_finite()).collect();
+        values.sort_by(f64::total_cmp);
+        let gaps = values.windows(2).map(|pair| pair[1] - pair[0]);
+        gaps.filter(|gap| ROUNDING_M < *gap).fold(f64::INFINITY, f64::min)
+    };
+    of_axis(0).min(of_axis(1))
 }
 
 #[cfg(test)]
@@ -33,8 +48,11 @@ mod tests {
         let mut stream = Stream::new(1, "course");
         let mut places: Vec<[f64; 2]> = (0..100)
             .map(|k| {
-                let scatter = f64::from(stream.uniform_f32(-2e-4, 2e-4));
-                [((speed * f64::from(k) / 120.0 + scatter) / grid).round() * grid, 0.0]
+                let mut seen = |place: f64| {
+                    let scatter = f64::from(stream.uniform_f32(-2e-4, 2e-4));
+                    ((place + scatter) / grid).round() * grid
+                };
+                [seen(speed * f64::from(k) / 120.0), seen(0.05)]
             })
             .collect();
         (5..100).step_by(10).for_each(|k| places[k] = places[k - 1]);
