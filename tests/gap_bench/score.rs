@@ -43,8 +43,7 @@ pub(crate) fn gather(cases: &Path, results: &Path) -> Result<Evidence> {
     let rivals = serde_json::from_slice(&fs::read(cases.join("baselines.json"))?)?;
     let mut judged = BTreeMap::new();
     for (name, case) in &answers.cases {
-        let base = results.join(baseline_name(&case.rig)).join("out/twin.json");
-        let base = fs::read_to_string(base).unwrap_or_default();
+        let base = Base::read(&results.join(baseline_name(&case.rig)).join("out"));
         let folder = results.join(name);
         let outcome = fs::read(folder.join("run.json"))
             .ok()
@@ -64,7 +63,25 @@ pub(crate) fn read_answers(cases: &Path) -> Result<Answers> {
     Ok(serde_json::from_slice(&bytes)?)
 }
 
-fn judge(case: &Case, said: Option<&Said>, base_twin: &str, outcome: Outcome) -> Judged {
+/// What the program made of the rig as it is.
+struct Base {
+    /// Its twin, as text.
+    twin: String,
+    /// What that leaves of each signal on data that it was not fitted to.
+    left: BTreeMap<String, f64>,
+}
+
+impl Base {
+    fn read(folder: &Path) -> Self {
+        let rows = said::read(&folder.join("gap.json")).map_or_else(Vec::new, |said| said.gap);
+        Self {
+            twin: fs::read_to_string(folder.join("twin.json")).unwrap_or_default(),
+            left: rows.into_iter().map(|row| (row.signal, row.after)).collect(),
+        }
+    }
+}
+
+fn judge(case: &Case, said: Option<&Said>, base: &Base, outcome: Outcome) -> Judged {
     let Some(said) = said else {
         let mut none = Judged { outcome, summary: "no gap.json".to_owned(), ..Judged::default() };
         none.found = vec![false; case.effects.len()];
@@ -83,7 +100,7 @@ fn judge(case: &Case, said: Option<&Said>, base_twin: &str, outcome: Outcome) ->
     };
     let names: Vec<&str> = said.effects.iter().map(|effect| effect.name.as_str()).collect();
     let found: Vec<bool> =
-        case.effects.iter().map(|planted| is_found(planted, said, base_twin)).collect();
+        case.effects.iter().map(|planted| is_found(planted, said, &base.twin)).collect();
     let mut set = said.class.clone();
     set.extend(names.iter().map(|name| (*name).to_owned()));
     let small = set.len() <= 3.max(case.effects.len() + 1);
@@ -103,8 +120,8 @@ fn judge(case: &Case, said: Option<&Said>, base_twin: &str, outcome: Outcome) ->
         unexplained: said.verdict == "unexplained" || unknown,
         recognised: main.is_some_and(|planted| is_recognised(planted, said)),
         parameter: main.and_then(|planted| parameter(planted, said)),
-        closed: closed(case, said),
-        worse: said.gap.iter().any(|row| is_worse(case, row)),
+        closed: closed(case, said, base),
+        worse: said.gap.iter().any(|row| is_worse(case, row, base)),
         summary: summary(said),
         outcome,
         found,
@@ -212,23 +229,25 @@ fn parameter(planted: &PlantedEffect, said: &Said) -> Option<(f64, Option<bool>)
     Some(judge(moved.after?, moved.interval))
 }
 
-/// Noise of a row by the generator's own knowledge, else by the row's.
-fn floor(case: &Case, row: &GapRow) -> f64 {
+/// What no added effect can take away: what the rig's own twin leaves of the signal where nothing is hidden, and at
+/// least the noise by the generator's own knowledge.
+fn floor(case: &Case, row: &GapRow, base: &Base) -> f64 {
     let key = unit_key(&row.unit);
     let made = case.floors.iter().find(|(unit, _)| unit_key(unit) == key).map(|(_, value)| *value);
-    made.filter(|made| *made < row.before).or(row.floor).unwrap_or(0.0)
+    let made = made.filter(|made| *made < row.before).or(row.floor).unwrap_or(0.0);
+    base.left.get(&row.signal).map_or(made, |left| left.max(made))
 }
 
 /// Share of the removable gap that is gone, in the signal that shows the effect best.
-fn closed(case: &Case, said: &Said) -> Option<f64> {
-    let over = |row: &GapRow| row.before / floor(case, row).max(1e-12);
+fn closed(case: &Case, said: &Said, base: &Base) -> Option<f64> {
+    let over = |row: &GapRow| row.before / floor(case, row, base).max(1e-12);
     let row = said.gap.iter().max_by(|p, q| over(p).total_cmp(&over(q)))?;
-    let floor = floor(case, row);
+    let floor = floor(case, row, base);
     (1.2 * floor < row.before).then(|| (row.before - row.after) / (row.before - floor))
 }
 
-fn is_worse(case: &Case, row: &GapRow) -> bool {
-    1.02 * row.before < row.after && 1.02 * floor(case, row) < row.after
+fn is_worse(case: &Case, row: &GapRow, base: &Base) -> bool {
+    1.02 * row.before < row.after && 1.02 * floor(case, row, base) < row.after
 }
 
 fn summary(said: &Said) -> String {

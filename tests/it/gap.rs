@@ -4,7 +4,8 @@ use crate::support::{START, klasktron, said, writer};
 use klasktron::{
     recording::{
         message::{
-            AxisInput, AxisOutput, CarriageState, RunMarker, VelocityCommand, run_marker::Phase,
+            AxisInput, AxisOutput, CameraDetections, CarriageState, Point, RunMarker,
+            VelocityCommand, run_marker::Phase,
         },
         topic::{self, Player},
     },
@@ -202,14 +203,27 @@ fn turned([a, b]: [f64; 2]) -> [f64; 2] {
     [(a + b) * 0.5_f64.sqrt(), (a - b) * 0.5_f64.sqrt()]
 }
 
+/// How a camera at 100 Hz scatters.
+#[derive(Clone, Copy)]
+struct Camera {
+    place_m: f64,
+    stamp_s: f64,
+}
+
+/// A standard normal number, nearly: the sum of twelve uniform ones.
+fn normal(stream: &mut Stream) -> f64 {
+    f64::from((0..12).map(|_| stream.uniform_f32(-0.5, 0.5)).sum::<f32>())
+}
+
 /// Two sessions of a table whose motors ramp to their commands at 8 m/s^2 and follow the ramp with a time
 /// constant of 4 ms, all `delay` seconds late, by small explicit steps; velocities are read with 0.5 mm/s
-/// of noise.
-fn followed(dir: &Path, name: &str, delay: f64) -> [String; 2] {
+/// of noise. A camera sees the striker on the carriage.
+fn followed(dir: &Path, name: &str, delay: f64, camera: Option<Camera>) -> [String; 2] {
     [1.0, 2.0].map(|session| {
         let path = dir.join(format!("{name}-{session}.mcap"));
         let mut writer = writer(&path, "klasktron");
         let mut noise = Stream::new(session as u64, name);
+        let mut scatter = Stream::new(session as u64, "camera");
         let (mut place, mut ramp, mut motor) = ([0.0; 2], [0.0; 2], [0.0; 2]);
         for step in 0..120_000_u64 {
             let t = step as f64 * 1e-4;
@@ -220,13 +234,21 @@ fn followed(dir: &Path, name: &str, delay: f64) -> [String; 2] {
                 writer.write(&topic::command(left), at, &VelocityCommand { vx, vy }).unwrap();
             }
             if step % 50 == 0 {
-                let mut read = |v: f64| {
-                    let normal: f32 = (0..12).map(|_| noise.uniform_f32(-0.5, 0.5)).sum();
-                    v + 5e-4 * f64::from(normal)
-                };
+                let mut read = |v: f64| v + 5e-4 * normal(&mut noise);
                 let [vx, vy] = turned(motor).map(&mut read);
                 let state = CarriageState { x: place[0], y: place[1], vx, vy };
                 writer.write(&topic::carriage(left), at, &state).unwrap();
+            }
+            if let Some(camera) = camera
+                && step % 100 == 30
+            {
+                let late_ns = 3e6 + 1e9 * camera.stamp_s * normal(&mut scatter);
+                let mut seen = |place: f64| place + camera.place_m * normal(&mut scatter);
+                let [x, y] = place.map(&mut seen);
+                let frame =
+                    CameraDetections { left: Some(Point { x, y }), ..CameraDetections::default() };
+                let at = Nanos(at.0 + late_ns.max(0.0) as u64);
+                writer.write(topic::CAMERA_DETECTIONS, at, &frame).unwrap();
             }
             let wanted = turned(jumps((t - delay).max(0.0), session));
             for index in 0..2 {
@@ -243,15 +265,37 @@ fn followed(dir: &Path, name: &str, delay: f64) -> [String; 2] {
 #[test]
 fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
     let dir = tempfile::tempdir().unwrap();
-    gap(&followed(dir.path(), "base", 0.0), None, &dir.path().join("base"));
+    gap(&followed(dir.path(), "base", 0.0, None), None, &dir.path().join("base"));
     let twin = dir.path().join("base/twin.json").display().to_string();
-    let (same, _) = gap(&followed(dir.path(), "same", 0.0), Some(&twin), &dir.path().join("same"));
+    let same = followed(dir.path(), "same", 0.0, None);
+    let (same, _) = gap(&same, Some(&twin), &dir.path().join("same"));
     assert!(names(&same).is_empty(), "{same:#}");
-    let late = followed(dir.path(), "late", 0.018);
+    let late = followed(dir.path(), "late", 0.018, None);
     let (document, _) = gap(&late, Some(&twin), &dir.path().join("late"));
     let delay = document["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drive.delay");
     let parameter = &delay.unwrap_or_else(|| panic!("{document:#}"))["parameters"][0];
     assert!((parameter["value"].as_f64().unwrap() - 0.018).abs() < 0.001, "{parameter}");
+}
+
+#[test]
+fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
+    let dir = tempfile::tempdir().unwrap();
+    let camera = |place_m, stamp_s| Some(Camera { place_m, stamp_s });
+    let base = followed(dir.path(), "base", 0.0, camera(2.5e-4, 0.0));
+    gap(&base, None, &dir.path().join("base"));
+    let twin = dir.path().join("base/twin.json").display().to_string();
+    let changed = followed(dir.path(), "changed", 0.0, camera(5e-4, 1.5e-3));
+    let (document, _) = gap(&changed, Some(&twin), &dir.path().join("changed"));
+    assert_eq!(names(&document), ["sensor.frame_jitter", "sensor.noise_model"], "{document:#}");
+    for (index, truth) in [(0, 1.5e-3), (1, 2.0)] {
+        let parameter = &document["effects"][index]["parameters"][0];
+        let value = parameter["value"].as_f64().unwrap();
+        assert!((value - truth).abs() < 0.15 * truth, "{parameter}");
+    }
+    // The twin states it from then on.
+    let twin = dir.path().join("changed/twin.json").display().to_string();
+    let (again, _) = gap(&changed, Some(&twin), &dir.path().join("again"));
+    assert!(names(&again).is_empty(), "{again:#}");
 }
 
 #[test]
