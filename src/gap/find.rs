@@ -189,7 +189,7 @@ fn document(
         .flat_map(|(outcome, floors)| signal_gaps(outcome, floors))
         .collect();
     let refit = given.map_or_else(Vec::new, |_| refits(start, twin, outcomes));
-    let places = outcomes.iter().flat_map(|outcome| locate::places(outcome, &effects)).collect();
+    let places = locate::places(outcomes, &effects);
     let told = Told::of(&Findings {
         start,
         is_given: given.is_some(),

@@ -5,51 +5,50 @@ use super::{
     problem,
     rounds::Outcome,
 };
+use crate::{effects::find, twin::Channel};
 
-/// Places of the gap of one link with the given twin, the largest first: per signal its share and
-/// the state in which it is concentrated.
+/// Places of the gap with the given twin over all links, the largest first: per signal its share and the state in
+/// which it is concentrated. A gap is what the squared residual is above what the twin is known to leave of the
+/// signal, or above what is left in the end, in units of that.
 #[must_use]
-pub(super) fn places(outcome: &Outcome<'_>, effects: &[NamedEffect]) -> Vec<Where> {
+pub(super) fn places(outcomes: &[Outcome<'_>], effects: &[NamedEffect]) -> Vec<Where> {
+    let mut places: Vec<(f64, Where)> =
+        outcomes.iter().flat_map(|outcome| places_of(outcome, effects)).collect();
+    let total: f64 = places.iter().map(|(excess, _)| excess).sum();
+    places.sort_by(|a, b| b.0.total_cmp(&a.0));
+    places
+        .into_iter()
+        .map(|(excess, place)| Where { share_of_gap: excess / total, ..place })
+        .collect()
+}
+
+/// Places of one link, each with its excess; their shares are not known yet.
+fn places_of(outcome: &Outcome<'_>, effects: &[NamedEffect]) -> Vec<(f64, Where)> {
     let Some(part) = outcome.train.parts.first() else { return Vec::new() };
     let before = outcome.train.rms(&outcome.start);
     let after = outcome.train.rms(&outcome.last.point);
-    let excess: Vec<f64> = before
-        .iter()
-        .zip(&after)
-        .map(|(before, after)| ((before * before - after * after) / (after * after)).max(0.0))
-        .collect();
-    let total: f64 = excess.iter().sum();
-    let residual = problem::predict(part.stage, &outcome.start.twin, &outcome.start.nuisance[0]);
+    let given = &outcome.start.twin;
+    let channels = part.stage.channels();
+    let excess = |k: usize| {
+        let known = given.left.iter().find(|left| left.signal == channels[k].signal);
+        let least = known.map_or(after[k], |left| left.residual_rms.min(after[k]));
+        ((before[k] / least.max(f64::MIN_POSITIVE)).powi(2) - 1.0).max(0.0)
+    };
+    let residual = problem::predict(part.stage, given, &outcome.start.nuisance[0]);
     let residual = part.residual(&residual);
-    let mut places: Vec<Where> = part
-        .stage
-        .channels()
+    let named = effects
         .iter()
-        .enumerate()
-        .filter(|(k, _)| 0.0 < excess[*k])
-        .map(|(k, channel)| {
-            let named = effects
-                .iter()
-                .find(|effect| outcome.added.iter().any(|step| step.effect.name == effect.name));
-            Where {
-                domain: named
-                    .and_then(|effect| crate::effects::find(&effect.name))
-                    .map_or(channel.domain, |effect| effect.domain),
-                axis: named
-                    .map_or_else(|| channel.axis.to_owned(), |effect| effect.axis.to_string()),
-                signal: channel.signal.clone(),
-                condition: condition(
-                    &channel.times,
-                    &channel.measured,
-                    &residual[k],
-                    &channel.runs,
-                ),
-                share_of_gap: if 0.0 < total { excess[k] / total } else { 0.0 },
-            }
-        })
-        .collect();
-    places.sort_by(|a, b| b.share_of_gap.total_cmp(&a.share_of_gap));
-    places
+        .find(|effect| outcome.added.iter().any(|step| step.effect.name == effect.name));
+    let domain = named.and_then(|named| find(&named.name)).map(|effect| effect.domain);
+    let place = |k: usize, channel: &Channel| Where {
+        domain: domain.unwrap_or(channel.domain),
+        axis: named.map_or_else(|| channel.axis.to_owned(), |effect| effect.axis.to_string()),
+        signal: channel.signal.clone(),
+        condition: condition(&channel.times, &channel.measured, &residual[k], &channel.runs),
+        share_of_gap: 0.0,
+    };
+    let of_all = channels.iter().enumerate().map(|(k, channel)| (excess(k), place(k, channel)));
+    of_all.filter(|(excess, _)| 0.0 < *excess).collect()
 }
 
 /// The state of motion that holds most of the squared residual for its share of time.
