@@ -1,10 +1,11 @@
 //! What `sweep` and its presets share: the options of an engine, and running a plan by it.
 
-use super::{interrupt, tell};
+use super::{Outcome, interrupt, print, tell};
 use anyhow::{Context as _, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     parallel,
+    provenance::Provenance,
     sweep::{
         Ended, FailedPoint, FolderLock, Merged, Plan, Point, RetryPolicy, Runner, SlurmRequest,
         Store, SweepError, SweepObserver, batch_script, request_faults, run_local, run_slurm,
@@ -15,7 +16,7 @@ use std::{
     collections::BTreeMap,
     fs,
     io::{self, IsTerminal as _},
-    path::Path,
+    path::{Path, PathBuf},
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicBool, AtomicUsize, Ordering},
@@ -73,7 +74,7 @@ pub(crate) struct Finished {
 /// A plan with the place of its results and what its points are run with.
 pub(crate) struct Sweep<'a> {
     pub(crate) plan: &'a Plan,
-    pub(crate) out: &'a Path,
+    pub(crate) out: PathBuf,
     pub(crate) workers: usize,
 }
 
@@ -127,13 +128,13 @@ impl EngineArgs {
         let mut lines = Vec::new();
         if self.is_slurm() {
             let runner = self.runner(sweep, &request)?;
-            let out = absolute(sweep.out)?;
+            let out = absolute(&sweep.out)?;
             lines.push(batch_script(&out, &runner, &request, sweep.plan.command)?);
         } else {
-            lines.extend(points.iter().map(Point::line));
+            lines.extend(points.iter().map(|point| point.command_line.clone()));
         }
         let finished = match sweep.out.join("points").is_dir() {
-            true => Store::open(sweep.out)?.finished(points)?.len(),
+            true => Store::open(&sweep.out)?.finished(points)?.len(),
             false => 0,
         };
         lines.push(format!("{} points, of which {finished} are finished", points.len()));
@@ -157,9 +158,9 @@ impl EngineArgs {
     /// Runs what is not finished of `sweep`, and reads what is.
     pub(crate) fn run(&self, sweep: &Sweep<'_>) -> anyhow::Result<Finished> {
         let request = self.request(sweep.plan)?;
-        fs::create_dir_all(sweep.out)
+        fs::create_dir_all(&sweep.out)
             .with_context(|| format!("{}: cannot create the folder", sweep.out.display()))?;
-        let out = absolute(sweep.out)?;
+        let out = absolute(&sweep.out)?;
         let _lock = FolderLock::take(&out)?;
         let store = Store::open(&out)?;
         let runner = self.runner(sweep, &request)?;
@@ -252,12 +253,56 @@ fn refuse_while_queued(store: &Store, plan: &Plan) -> anyhow::Result<()> {
 }
 
 /// `path` from the root, whether it is there or not.
-pub(crate) fn absolute(path: &Path) -> anyhow::Result<std::path::PathBuf> {
+pub(crate) fn absolute(path: &Path) -> anyhow::Result<PathBuf> {
     std::path::absolute(path).with_context(|| format!("{}: cannot be found", path.display()))
 }
 
+/// What goes to stdout.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum PrintKind {
+    /// A table for people.
+    Table,
+    /// The result document alone.
+    Json,
+}
+
+impl PrintKind {
+    /// Of the flag `--json`.
+    pub(crate) fn of_flag(json: &bool) -> Self {
+        if *json { Self::Json } else { Self::Table }
+    }
+}
+
+/// Writes the files of a sweep, with `page` as `index.html`, and says how it went.
+pub(crate) fn conclude(
+    sweep: &Sweep<'_>,
+    finished: &Finished,
+    (provenance, page): (&Provenance, &str),
+    print_kind: PrintKind,
+) -> anyhow::Result<Outcome> {
+    let Finished { merged, open } = finished;
+    let plan = sweep.plan;
+    merged.write((plan, &Store::open(&sweep.out)?), provenance, page)?;
+    for warning in &merged.warnings {
+        tell(&format!("warning: {warning}"));
+    }
+    tell_failures(&merged.failures);
+    if let Some(open) = open {
+        tell(open);
+    }
+    if print_kind == PrintKind::Json {
+        print(merged.to_json(plan, provenance).trim_end())?;
+    } else {
+        print(&merged.table(plan))?;
+        let out = sweep.out.display();
+        print(&format!("wrote table.csv, table.parquet, sweep.json and index.html in {out}"))?;
+    }
+    let whole = open.is_none() && merged.rows.len() == plan.points.len();
+    Ok(if whole { Outcome::Done } else { Outcome::Lossy })
+}
+
 /// Says what failed, and the way out.
-pub(crate) fn tell_failures(failures: &[FailedPoint]) {
+fn tell_failures(failures: &[FailedPoint]) {
     const MOST: usize = 20;
     for failed in failures.iter().take(MOST) {
         let task = failed.task.as_ref().map_or_else(String::new, |task| format!(", task {task}"));

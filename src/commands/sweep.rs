@@ -2,7 +2,7 @@
 
 use super::{
     Outcome,
-    engine::{EngineArgs, Sweep, tell_failures},
+    engine::{EngineArgs, PrintKind, Sweep, conclude},
     print, tell,
 };
 use crate::cli::Cli;
@@ -12,7 +12,7 @@ use klasktron::{
     provenance::Provenance,
     sweep::{
         Better, CommandLine, Ended, OptionKind, OptionSpec, Plan, Runner, Store, TASK_DISK_FULL,
-        TASK_FAILED, TASK_INTERRUPTED, quoted, read_file, read_task, run_point,
+        TASK_FAILED, TASK_INTERRUPTED, page, quoted, read_file, read_task, run_point,
     },
 };
 use std::{
@@ -69,33 +69,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let plan = Plan::new(&file, &CommandLine { options: &options, check: &refusal })?;
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension(""));
     let workers = args.workers.map_or_else(parallel::cores, NonZeroUsize::get);
-    let sweep = Sweep { plan: &plan, out: &out, workers };
+    let sweep = Sweep { plan: &plan, out: out.clone(), workers };
     if args.engine.is_dry_run() {
         print(&args.engine.dry_run(&sweep)?)?;
         return Ok(Outcome::Done);
     }
     let finished = args.engine.run(&sweep)?;
-    let (merged, open) = (&finished.merged, &finished.open);
     let provenance = Provenance::new(args.command_line());
-    merged.write(&plan, &Store::open(&out)?, &provenance)?;
-    for warning in &merged.warnings {
-        tell(&format!("warning: {warning}"));
-    }
-    tell_failures(&merged.failures);
-    if let Some(open) = open {
-        tell(open);
-    }
-    if args.json {
-        print(merged.to_json(&plan, &provenance).trim_end())?;
-    } else {
-        print(&merged.table(&plan))?;
-        print(&format!(
-            "wrote table.csv, table.parquet, sweep.json and index.html in {}",
-            out.display()
-        ))?;
-    }
-    let whole = open.is_none() && merged.rows.len() == plan.points.len();
-    Ok(if whole { Outcome::Done } else { Outcome::Lossy })
+    let html = page(&plan, &finished.merged, &provenance);
+    conclude(&sweep, &finished, (&provenance, &html), PrintKind::of_flag(&args.json))
 }
 
 impl Args {
@@ -174,7 +156,7 @@ pub(crate) fn run_task(args: &TaskArgs) -> anyhow::Result<Outcome> {
         threads: args.threads,
         task: Some(args.task.clone()),
     };
-    tell(&format!("task {}: {}", args.task, point.line()));
+    tell(&format!("task {}: {}", args.task, point.command_line));
     match run_task_point(&args.out, &point, &runner, stop) {
         Ok(Ended::Finished(remark)) => {
             tell(

@@ -100,7 +100,7 @@ pub fn rows<'a>(
     let read = in_parallel(&there, |(index, point)| {
         let (record, result) = store.read(point)?;
         let mut figures = BTreeMap::new();
-        flatten(&result, String::new(), &mut figures);
+        flatten(&result, String::new(), ListKind::Outer, &mut figures);
         let metric = plan.metric.of(&result);
         let (index, status, remark) = (*index, record.status, record.remark);
         Some(Row { index, status, remark, git_hash: record.git_hash, metric, figures })
@@ -110,20 +110,27 @@ pub fn rows<'a>(
     (read.into_iter().flatten().collect(), unreadable)
 }
 
-fn flatten(value: &Value, path: String, figures: &mut BTreeMap<String, Value>) {
+/// Whether a list is part of another one: lists of lists are data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ListKind {
+    Outer,
+    Inner,
+}
+
+fn flatten(value: &Value, path: String, kind: ListKind, figures: &mut BTreeMap<String, Value>) {
     let below =
         |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
     match value {
         Value::Object(fields) => {
             for (name, one) in fields {
                 if !(path.is_empty() && LEFT_OUT.contains(&name.as_str())) {
-                    flatten(one, below(name), figures);
+                    flatten(one, below(name), kind, figures);
                 }
             }
         }
-        Value::Array(list) if list.len() <= MOST_ELEMENTS => {
+        Value::Array(list) if list.len() <= MOST_ELEMENTS && kind == ListKind::Outer => {
             for (index, one) in list.iter().enumerate() {
-                flatten(one, below(&index.to_string()), figures);
+                flatten(one, below(&index.to_string()), ListKind::Inner, figures);
             }
         }
         Value::Number(_) | Value::Bool(_) => {
@@ -237,11 +244,11 @@ mod tests {
     fn single_figures_are_flattened_and_long_lists_left_out() {
         let long: Vec<u8> = (0..9).collect();
         let result = json!({
-            "x": {"y": [1, 2.5]}, "long": long, "yes": true, "none": null, "word": "ok",
+            "x": {"y": [1, 2.5]}, "deep": [{"list": [1]}], "long": long, "yes": true, "none": null, "word": "ok",
             "provenance": {"git_hash": "abc"},
         });
         let mut found = BTreeMap::new();
-        flatten(&result, String::new(), &mut found);
+        flatten(&result, String::new(), ListKind::Outer, &mut found);
         let names: Vec<&str> = found.keys().map(String::as_str).collect();
         assert_eq!(names, ["word", "x.y.0", "x.y.1", "yes"]);
     }

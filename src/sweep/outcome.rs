@@ -136,22 +136,21 @@ impl Merged {
         })
     }
 
-    /// Writes `table.csv`, `table.parquet`, `sweep.json` and `index.html` beside the points.
+    /// Writes `table.csv`, `table.parquet`, `sweep.json` and `page` as `index.html` beside the points.
     ///
     /// # Errors
     /// When the disk refuses.
     pub fn write(
         &self,
-        plan: &Plan,
-        store: &Store,
+        (plan, store): (&Plan, &Store),
         provenance: &Provenance,
+        page: &str,
     ) -> Result<(), SweepError> {
         let root = store.root();
         merge::write_tables(plan, &self.rows, root)?;
         let json = self.to_json(plan, provenance);
         write_bytes(&root.join("sweep.json"), ExistingFile::Replace, json.as_bytes())?;
-        let html = page::page(plan, self, provenance);
-        write_bytes(&root.join("index.html"), ExistingFile::Replace, html.as_bytes())?;
+        write_bytes(&root.join("index.html"), ExistingFile::Replace, page.as_bytes())?;
         Ok(())
     }
 

@@ -339,7 +339,7 @@ fn how(page: &mut Page, plan: &Plan, provenance: &Provenance) {
     page.code(&provenance.command_line);
     if let Some(point) = plan.points.first() {
         page.paragraph("The first point, as it can be typed in the folder of the sweep file:");
-        page.code(&format!("{} --out {}", point.line(), quoted(&point.hash)));
+        page.code(&format!("{} --out {}", point.command_line, quoted(&point.hash)));
     }
     let rows = [("crate", provenance.crate_version), ("commit", provenance.git_hash)];
     let rows = rows.map(|(name, value)| vec![name.to_owned(), value.to_owned()]).into();

@@ -220,6 +220,10 @@ impl Planner<'_> {
     fn check_words(&self, options: &Options, line: usize) -> Result<(), SweepError> {
         let seed = self.file.seeds.as_ref().and_then(|seeds| seeds.first().copied());
         (self.line.check)(&self.words(options, seed)).map_err(|said| {
+            // The line of the option that is complained about, where it is one of this point.
+            let named =
+                |(name, _): &(&String, &Located<Setting>)| said.contains(&format!("'--{name} "));
+            let line = options.iter().find(named).map_or(line, |(_, setting)| setting.line);
             let command = self.file.command.name();
             self.fault(line, FileFault::RefusedPoint { command, said })
         })

@@ -25,6 +25,8 @@ pub struct Point {
     pub folder: PathBuf,
     /// What is typed after `klasktron`, without the place of results and the number of threads.
     pub words: Vec<String>,
+    /// The same as a command line for people and shells, wherever the sweep lies.
+    pub command_line: String,
     /// What differs from point to point, by option.
     pub settings: BTreeMap<String, String>,
     /// Its seed.
@@ -37,14 +39,9 @@ impl Point {
     pub fn new(words: Vec<String>, inputs: &[String]) -> Self {
         let hash = hash_of(&words, inputs);
         let folder = Path::new(super::store::POINTS).join(&hash);
-        Self { hash, folder, words, settings: BTreeMap::new(), seed: None }
-    }
-
-    /// The command line, for people and shells.
-    #[must_use]
-    pub fn line(&self) -> String {
-        let words: Vec<String> = self.words.iter().map(|word| quoted(word)).collect();
-        format!("klasktron {}", words.join(" "))
+        let quoted: Vec<String> = words.iter().map(|word| quoted(word)).collect();
+        let command_line = format!("klasktron {}", quoted.join(" "));
+        Self { hash, folder, words, command_line, settings: BTreeMap::new(), seed: None }
     }
 
     /// What tells it from others: `width 64, history 5, seed 2`.

@@ -181,7 +181,7 @@ fn judge(
         return Ok(Ended::Interrupted);
     }
     let failure = Failure {
-        command_line: point.line(),
+        command_line: point.command_line.clone(),
         reason: reason(status, last.as_deref()),
         task: runner.task.clone(),
     };

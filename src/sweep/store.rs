@@ -241,7 +241,7 @@ impl PointRecord {
     pub(super) fn new(point: &Point, status: i32, remark: Option<String>) -> Self {
         Self {
             hash: point.hash.clone(),
-            command_line: point.line(),
+            command_line: point.command_line.clone(),
             git_hash: GIT_HASH.to_owned(),
             status,
             remark,
