@@ -282,7 +282,6 @@ pub(crate) fn conclude(
 ) -> anyhow::Result<Outcome> {
     let Finished { merged, open } = finished;
     let plan = sweep.plan;
-    merged.write((plan, &Store::open(&sweep.out)?), provenance, page)?;
     for warning in &merged.warnings {
         tell(&format!("warning: {warning}"));
     }
@@ -290,6 +289,8 @@ pub(crate) fn conclude(
     if let Some(open) = open {
         tell(open);
     }
+    // Last, because on a full disk it ends the command.
+    merged.write((plan, &Store::open(&sweep.out)?), provenance, page)?;
     if print_kind == PrintKind::Json {
         print(merged.to_json(plan, provenance).trim_end())?;
     } else {
