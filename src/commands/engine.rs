@@ -69,6 +69,8 @@ pub(crate) struct Finished {
     pub(crate) merged: Merged,
     /// Why not all points have ended, in words for the person.
     pub(crate) open: Option<String>,
+    /// Whether the engine has told every failure.
+    told: bool,
 }
 
 /// A plan with the place of its results and what its points are run with.
@@ -206,7 +208,7 @@ impl EngineArgs {
                 plan.points.len()
             )
         });
-        Ok(Finished { merged, open })
+        Ok(Finished { merged, open, told: false })
     }
 
     fn on_slurm(
@@ -235,7 +237,7 @@ impl EngineArgs {
             }
             text
         });
-        Ok(Finished { merged, open })
+        Ok(Finished { merged, open, told: true })
     }
 }
 
@@ -280,12 +282,21 @@ pub(crate) fn conclude(
     (provenance, page): (&Provenance, &str),
     print_kind: PrintKind,
 ) -> anyhow::Result<Outcome> {
-    let Finished { merged, open } = finished;
+    let Finished { merged, open, .. } = finished;
     let plan = sweep.plan;
     for warning in &merged.warnings {
         tell(&format!("warning: {warning}"));
     }
-    tell_failures(&merged.failures);
+    if !finished.told {
+        merged.failures.iter().take(MOST_TOLD).for_each(tell_failure);
+    }
+    match merged.failures.len() {
+        0 => {}
+        1 => tell("1 point failed; run it again with --retry"),
+        count => {
+            tell(&format!("{count} points failed, see index.html; run them again with --retry"))
+        }
+    }
     if let Some(open) = open {
         tell(open);
     }
@@ -302,24 +313,13 @@ pub(crate) fn conclude(
     Ok(if whole { Outcome::Done } else { Outcome::Lossy })
 }
 
-/// Says what failed, and the way out.
-fn tell_failures(failures: &[FailedPoint]) {
-    const MOST: usize = 20;
-    for failed in failures.iter().take(MOST) {
-        let task = failed.task.as_ref().map_or_else(String::new, |task| format!(", task {task}"));
-        tell(&format!(
-            "failed: {}{task}: {}; log {}",
-            failed.title,
-            failed.reason,
-            failed.log.display()
-        ));
-    }
-    if MOST < failures.len() {
-        tell(&format!("and {} more, see index.html", failures.len() - MOST));
-    }
-    if !failures.is_empty() {
-        tell(&format!("{} points failed; run them again with --retry", failures.len()));
-    }
+/// Failures that are told one by one.
+const MOST_TOLD: usize = 20;
+
+/// Says what failed, and where more is said.
+fn tell_failure(failed: &FailedPoint) {
+    let FailedPoint { title, reason, log, .. } = failed;
+    tell(&format!("failed: {title}: {reason}; log {}", log.display()));
 }
 
 /// A bar of points on a terminal, lines elsewhere.

@@ -216,6 +216,9 @@ pub enum FileFault {
     Input(String),
 }
 
+/// What Linux says of a full disk.
+pub(super) const NO_SPACE: &str = "No space left on device";
+
 fn meant(nearest: Option<&str>) -> String {
     nearest.map_or_else(String::new, |name| format!("; did you mean '{name}'?"))
 }
@@ -241,6 +244,8 @@ impl SweepError {
             Self::Write(RecordingError::Io { source, .. }) => {
                 source.kind() == io::ErrorKind::StorageFull
             }
+            // Other libraries pass the system's words on.
+            Self::Write(RecordingError::Table { reason, .. }) => reason.contains(NO_SPACE),
             _ => false,
         }
     }

@@ -11,7 +11,7 @@ use crate::{
 use serde::Serialize;
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::PathBuf,
+    path::{Path, PathBuf},
 };
 
 /// A point without a result, and why.
@@ -147,6 +147,20 @@ impl Merged {
         page: &str,
     ) -> Result<(), SweepError> {
         let root = store.root();
+        self.write_files((plan, root), provenance, page).map_err(|error| {
+            match error.is_disk_full() {
+                true => SweepError::DiskFull { path: root.to_owned() },
+                false => error,
+            }
+        })
+    }
+
+    fn write_files(
+        &self,
+        (plan, root): (&Plan, &Path),
+        provenance: &Provenance,
+        page: &str,
+    ) -> Result<(), SweepError> {
         merge::write_tables(plan, &self.rows, root)?;
         let json = self.to_json(plan, provenance);
         write_bytes(&root.join("sweep.json"), ExistingFile::Replace, json.as_bytes())?;

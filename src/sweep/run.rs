@@ -2,6 +2,7 @@
 
 use super::{
     Point, SweepError,
+    error::NO_SPACE,
     store::{Failure, LOG_FILE, PointRecord, RESULT_FILE, Store},
 };
 use serde_json::Value;
@@ -196,7 +197,7 @@ impl Failure {
     /// Whether its last words are that the disk is full.
     #[must_use]
     pub fn is_disk_full(&self) -> bool {
-        self.reason.contains("No space left on device") || self.reason.contains("the disk is full")
+        self.reason.contains(NO_SPACE) || self.reason.contains("the disk is full")
     }
 }
 

@@ -4,7 +4,7 @@ use super::{
     PROGRAM_MISSING, TASK_DISK_FULL, TASK_INTERRUPTED,
     scheduler::{State, TaskState},
 };
-use crate::sweep::run::last_words;
+use crate::sweep::{error::NO_SPACE, run::last_words};
 use std::{fs, path::Path};
 
 /// Where a task without a result stands.
@@ -82,7 +82,7 @@ fn of_files(log: &Path) -> String {
         ("DUE TO TIME LIMIT", TIME),
         ("DUE TO NODE FAILURE", NODE),
         ("oom-kill", MEMORY),
-        ("No space left on device", DISK),
+        (NO_SPACE, DISK),
         ("CANCELLED AT", CANCELLED),
     ];
     if let Some((_, reason)) = marks.iter().find(|(mark, _)| text.contains(mark)) {

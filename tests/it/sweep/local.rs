@@ -100,7 +100,7 @@ fn a_failed_point_is_told_kept_and_tried_again_when_asked() {
     let (_, stderr, status) = bench.run(&out, &[]);
     assert_eq!(status, 3, "{stderr}");
     assert!(stderr.contains("failed: seed 0: match.mcap: not an MCAP file"), "{stderr}");
-    assert!(stderr.contains("run them again with --retry"), "{stderr}");
+    assert!(stderr.contains("1 point failed; run it again with --retry"), "{stderr}");
     let page = fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("Failed points") && page.contains("not an MCAP file"));
     let (_, stderr, status) = bench.run(&out, &[]);
