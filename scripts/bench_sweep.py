@@ -40,7 +40,7 @@ def sweep_file(folder, name, seeds):
     return path
 
 
-def overhead_by_point(program, folder, points=40, repeats=5):
+def overhead_by_point(program, folder, points=40, repeats=3):
     """Milliseconds by point beside the command itself: median of `repeats` pairs, one worker."""
     file = sweep_file(folder, "local.toml", points)
     differences = []

@@ -48,7 +48,7 @@ mod store;
 pub use choice::{Choice, Combination, choose, combinations};
 pub use command::{Better, OptionKind, OptionSpec, SweptCommand, nearest};
 pub use error::{FileFault, SweepError};
-pub use file::{Located, NamedSetting, Setting, SweepFile, parse, read_file};
+pub use file::{Located, NamedAxis, NamedSetting, Setting, SweepFile, parse, read_file};
 pub use local::{SweepObserver, run_local};
 pub use lock::FolderLock;
 pub use merge::{Metric, Row, rows, write_tables};

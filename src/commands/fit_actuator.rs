@@ -16,10 +16,7 @@ use klasktron::{
     parallel,
     provenance::Provenance,
     recording::{ExistingFile, topic::Player, write_bytes},
-    sweep::{
-        Better, GridAxis, InputHashes, Metric, Plan, Point, SlurmRequest, Store as PointStore,
-        SweptCommand,
-    },
+    sweep::{InputHashes, Plan, Point, SlurmRequest, Store as PointStore, SweptCommand},
 };
 use std::{
     fs,
@@ -268,13 +265,12 @@ impl Args {
                 settings.map(|(name, value)| (name.to_owned(), value.to_string())).into();
             point
         };
-        let (path, better): (&str, Better) = SweptCommand::FitActuator.metric();
         Ok(Plan {
             command: SweptCommand::FitActuator,
             working_folder: std::env::current_dir().context("cannot find the working folder")?,
-            axes: Vec::<GridAxis>::new(),
+            axes: Vec::new(),
             points: configs.iter().map(point).collect(),
-            metric: Metric { path: path.to_owned(), better },
+            metric: SweptCommand::FitActuator.metric(),
             slurm: SlurmRequest::default(),
         })
     }

@@ -13,7 +13,7 @@ use klasktron::{
     parallel::cores,
     provenance::Provenance,
     recording::{ExistingFile, Recording, write_bytes},
-    sweep::{InputHashes, Metric, Plan, Point, SlurmRequest, Store, SweptCommand},
+    sweep::{InputHashes, Plan, Point, SlurmRequest, Store, SweptCommand},
     train::{
         ActuatorSource, Choice, Curriculum, CurvePoint, EventFile, Machine, Opponent, OpponentMode,
         Preset, RandomizationKind, RewardSettings, Run, SeedRun, Summary, TimeShares, TrainError,
@@ -268,13 +268,12 @@ fn seeds_plan(
         point.seed = Some(seed);
         point
     };
-    let (path, better) = SweptCommand::Train.metric();
     Ok(Plan {
         command: SweptCommand::Train,
         working_folder: std::env::current_dir().context("cannot find the working folder")?,
         axes: Vec::new(),
         points: (settings.seed..=last).map(point).collect(),
-        metric: Metric { path: path.to_owned(), better },
+        metric: SweptCommand::Train.metric(),
         slurm: SlurmRequest::default(),
     })
 }

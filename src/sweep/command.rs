@@ -1,5 +1,6 @@
 //! The commands that can be swept, and what an engine must know of each.
 
+use super::Metric;
 use serde_json::Value;
 
 /// A command whose points can be run.
@@ -177,16 +178,35 @@ impl SweptCommand {
         }
     }
 
-    /// The figure that is compared when nobody names one: a path into the result, and its direction.
+    /// The figure that is compared when nobody names one.
     #[must_use]
-    pub fn metric(self) -> (&'static str, Better) {
-        match self {
-            Self::FitActuator => ("free_running_rmse_m_per_s.2.median", Better::Smaller),
-            Self::TuneEkf => ("judgement.0.velocity_rmse_m_per_s", Better::Smaller),
-            Self::Gap => ("gap.*.held_out_after", Better::Smaller),
-            Self::Train => ("verdict.opponents.*.won_share", Better::Larger),
-            Self::Eval => ("summary.scoring_rate_per_min.mean", Better::Larger),
-        }
+    pub fn metric(self) -> Metric {
+        let (path, title, better) = match self {
+            Self::FitActuator => (
+                "free_running_rmse_m_per_s.2.median",
+                "free-running error over 2 s on held-out runs (m/s)",
+                Better::Smaller,
+            ),
+            Self::TuneEkf => (
+                "judgement.0.velocity_rmse_m_per_s",
+                "error of the ball's velocity on held-out runs (m/s)",
+                Better::Smaller,
+            ),
+            Self::Gap => (
+                "gap.*.held_out_after/noise_floor",
+                "remaining gap on held-out runs over the noise floor, mean over signals",
+                Better::Smaller,
+            ),
+            Self::Train => (
+                "verdict.opponents.*.won_share",
+                "share of decided games won, mean over opponents",
+                Better::Larger,
+            ),
+            Self::Eval => {
+                ("summary.scoring_rate_per_min.mean", "points per minute of play", Better::Larger)
+            }
+        };
+        Metric { path: path.to_owned(), title: title.to_owned(), better }
     }
 }
 

@@ -59,6 +59,9 @@ pub struct Located<T> {
 /// An option of a table.
 pub type NamedSetting = (String, Located<Setting>);
 
+/// An axis of the grid: the option and its values.
+pub type NamedAxis = (String, Vec<Located<Setting>>);
+
 /// A sweep file, read but not yet held against the command's options.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepFile {
@@ -77,7 +80,7 @@ pub struct SweepFile {
     /// Options of every point.
     pub options: Vec<NamedSetting>,
     /// Axes of the grid, in the order of the file.
-    pub grid: Vec<(String, Vec<Located<Setting>>)>,
+    pub grid: Vec<NamedAxis>,
     /// Further points.
     pub points: Vec<Vec<NamedSetting>>,
     /// What to ask of Slurm.
@@ -316,10 +319,7 @@ impl Reader<'_> {
         entries(table).into_iter().map(one).collect()
     }
 
-    fn grid(
-        &self,
-        table: &DeTable<'_>,
-    ) -> Result<Vec<(String, Vec<Located<Setting>>)>, SweepError> {
+    fn grid(&self, table: &DeTable<'_>) -> Result<Vec<NamedAxis>, SweepError> {
         let mut axes = Vec::new();
         for (key, _, value) in entries(table) {
             let expected = format!("every axis of [grid] is a list: {key} = [1, 2]");

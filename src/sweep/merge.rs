@@ -21,8 +21,10 @@ use super::Better;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Metric {
     /// Names and positions into the result document, with dots between them; `*` is every element of a
-    /// list, of which the mean is taken.
+    /// list, of which the mean is taken; `a/b` at the end divides one figure by the one beside it.
     pub path: String,
+    /// What it is, with its unit, for people.
+    pub title: String,
     /// Its direction.
     #[serde(serialize_with = "as_name")]
     pub better: Better,
@@ -53,7 +55,15 @@ fn figures(value: &Value, path: &[&str]) -> Vec<f64> {
             let one = first.parse().ok().and_then(|index: usize| list.get(index));
             one.map_or_else(Vec::new, |one| figures(one, rest))
         }
-        Value::Object(fields) => fields.get(*first).map_or_else(Vec::new, |one| figures(one, rest)),
+        Value::Object(fields) => match (fields.get(*first), first.split_once('/')) {
+            (Some(one), _) => figures(one, rest),
+            (None, Some((above, below))) if rest.is_empty() => {
+                let number = |name: &str| fields.get(name).and_then(Value::as_f64);
+                let ratio = number(above).zip(number(below)).map(|(above, below)| above / below);
+                ratio.filter(|ratio| ratio.is_finite()).into_iter().collect()
+            }
+            _ => Vec::new(),
+        },
         _ => Vec::new(),
     }
 }
@@ -226,7 +236,7 @@ mod tests {
     use serde_json::json;
 
     fn metric(path: &str) -> Metric {
-        Metric { path: path.to_owned(), better: Better::Larger }
+        Metric { path: path.to_owned(), title: String::new(), better: Better::Larger }
     }
 
     #[test]
@@ -235,6 +245,8 @@ mod tests {
         assert_eq!(metric("a.0.b").of(&result), Some(1.0));
         assert_eq!(metric("a.*.b").of(&result), Some(2.5));
         assert_eq!(metric("c.d.0").of(&result), Some(7.0));
+        let gap = json!({"gap": [{"x": 3.0, "n": 2.0}, {"x": 1.0, "n": null}, {"x": 1.0, "n": 0}]});
+        assert_eq!(metric("gap.*.x/n").of(&gap), Some(1.5));
         for absent in ["a.1.b", "a.9.b", "c", "e", "x.y", ""] {
             assert_eq!(metric(absent).of(&result), None, "{absent}");
         }

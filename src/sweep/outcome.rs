@@ -1,8 +1,9 @@
 //! What is known of a sweep at a moment: finished rows, failures, the choice, and the files that tell it.
 
 use super::{
-    Choice, Combination, Metric, Plan, Row, Store, SweepError, choose, combinations, merge, page,
-    store::to_json,
+    Choice, Combination, Metric, Plan, Point, Row, Store, SweepError, choose, combinations, merge,
+    page,
+    store::{Failure, to_json},
 };
 use crate::{
     provenance::{GIT_HASH, Provenance},
@@ -27,6 +28,14 @@ pub struct FailedPoint {
     pub log: PathBuf,
     /// The Slurm task that ran it.
     pub task: Option<String>,
+}
+
+impl FailedPoint {
+    /// `point`, of which the store has `failure` and its `log`.
+    pub(super) fn new(point: &Point, failure: Failure, log: PathBuf) -> Self {
+        let Failure { reason, task, .. } = failure;
+        Self { hash: point.hash.clone(), title: point.title(), reason, log, task }
+    }
 }
 
 /// Everything that is known of the points.
@@ -72,29 +81,12 @@ impl Merged {
     ) -> Result<Self, SweepError> {
         let finished = store.finished(&plan.points)?;
         let (rows, unreadable) = merge::rows(plan, store, &finished);
-        let mut warnings = Vec::new();
-        for point in unreadable {
+        let mut warnings = warnings(plan, &rows);
+        warnings.extend(unreadable.into_iter().map(|point| {
             let folder = store.folder(point);
-            warnings.push(format!(
-                "{}: cannot be read; remove this folder and give the same command again",
-                folder.display()
-            ));
-        }
-        let others: BTreeSet<&str> =
-            rows.iter().map(|row| row.git_hash.as_str()).filter(|hash| *hash != GIT_HASH).collect();
-        if !others.is_empty() {
-            let others = others.into_iter().collect::<Vec<_>>().join(", ");
-            warnings.push(format!(
-                "some points were made by commit {others} of the program, this is {GIT_HASH}; remove their \
-                 folders to run them again"
-            ));
-        }
-        if !rows.is_empty() && rows.iter().all(|row| row.metric.is_none()) {
-            warnings.push(format!(
-                "no finished point has a number at '{}' of its result; name another with --metric, see the \
-                 columns of table.csv", plan.metric.path
-            ));
-        }
+            let folder = folder.display();
+            format!("{folder}: cannot be read; remove this folder and give the same command again")
+        }));
         let recorded = store.failed()?;
         let mut failures = Vec::new();
         for point in plan.points.iter().filter(|point| !finished.contains(&point.hash)) {
@@ -103,13 +95,7 @@ impl Merged {
             } else if let Some(failure) =
                 recorded.contains(&point.hash).then(|| store.failure(point)).flatten()
             {
-                failures.push(FailedPoint {
-                    hash: point.hash.clone(),
-                    title: point.title(),
-                    reason: failure.reason,
-                    log: store.failed_log(point),
-                    task: failure.task,
-                });
+                failures.push(FailedPoint::new(point, failure, store.failed_log(point)));
             }
         }
         let combinations = combinations(plan, &rows);
@@ -172,7 +158,7 @@ impl Merged {
     #[must_use]
     pub fn table(&self, plan: &Plan) -> String {
         const MOST: usize = 30;
-        let mut lines = vec![format!("{:<44}{:>6}  {}", "combination", "seeds", plan.metric.path)];
+        let mut lines = vec![format!("{:<44}{:>6}  {}", "combination", "seeds", plan.metric.title)];
         for one in self.combinations.iter().take(MOST) {
             let figure = one.mean.map_or_else(|| "-".to_owned(), page::digits);
             let error = one.standard_error.map(|error| format!(" ± {}", page::digits(error)));
@@ -190,4 +176,26 @@ impl Merged {
         }
         lines.join("\n")
     }
+}
+
+/// What a reader of `rows` must know.
+fn warnings(plan: &Plan, rows: &[Row]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let others: BTreeSet<&str> =
+        rows.iter().map(|row| row.git_hash.as_str()).filter(|hash| *hash != GIT_HASH).collect();
+    if !others.is_empty() {
+        let others = others.into_iter().collect::<Vec<_>>().join(", ");
+        warnings.push(format!(
+            "some points were made by commit {others} of the program, this is {GIT_HASH}; remove their folders to run \
+             them again"
+        ));
+    }
+    if !rows.is_empty() && rows.iter().all(|row| row.metric.is_none()) {
+        warnings.push(format!(
+            "no finished point has a number at '{}' of its result; name another with --metric, see the columns of \
+             table.csv",
+            plan.metric.path
+        ));
+    }
+    warnings
 }

@@ -56,12 +56,12 @@ fn lead(plan: &Plan, merged: &Merged) -> String {
 }
 
 fn sentence(plan: &Plan, chosen: &Combination, choice: Choice) -> String {
-    let figure = format!("{} {}", plan.metric.path, estimate(chosen));
+    let figure = format!("{}: {}", plan.metric.title, estimate(chosen));
     let name = title(chosen);
     if choice.best == choice.chosen {
-        format!("Best: {name}, with {figure}.")
+        format!("Best: {name}; {figure}.")
     } else {
-        format!("Chosen: {name}, the first within one standard error of the best, with {figure}.")
+        format!("Chosen: {name}, the first within one standard error of the best; {figure}.")
     }
 }
 
@@ -197,9 +197,9 @@ fn lines(plan: &Plan, merged: &Merged, axis: &GridAxis) -> String {
         format!("{} ({})", axis.name, names.join(", "))
     };
     line_plot(&LinePlot {
-        title: plan.metric.path.clone(),
+        title: plan.metric.title.clone(),
         x,
-        y: Axis { label: plan.metric.path.clone(), scale: Scale::Linear },
+        y: Axis { label: plan.metric.title.clone(), scale: Scale::Linear },
         bands: vec![Band { colour: BLUE, points: band }],
         curves,
         size: PLOT,
@@ -229,7 +229,7 @@ fn map(plan: &Plan, merged: &Merged, rows: &GridAxis, columns: &GridAxis) -> Str
         .map(|row| (0..width).map(|column| text(row, column)).collect())
         .collect();
     heat_map(&HeatMap {
-        title: format!("{}; * is the choice", plan.metric.path),
+        title: format!("{}; * is the choice", plan.metric.title),
         x: columns.name.clone(),
         y: rows.name.clone(),
         x_range: (0.0, columns.values.len() as f64),
@@ -251,8 +251,8 @@ fn choice(page: &mut Page, plan: &Plan, merged: &Merged) {
         Better::Larger => "largest",
     };
     page.paragraph(&format!(
-        "The {direction} mean of {} has {}: {}.",
-        plan.metric.path,
+        "The {direction} mean of \"{}\" has {}: {}.",
+        plan.metric.title,
         title(best),
         estimate(best)
     ));
@@ -294,7 +294,7 @@ fn combinations(page: &mut Page, plan: &Plan, merged: &Merged) {
         cells
     });
     let head = ["combination", "seeds", "mean", "standard error", "smallest", "largest"];
-    page.paragraph(&format!("{}, the best first.", plan.metric.path));
+    page.paragraph(&format!("By {}, the best first.", plan.metric.title));
     page.table(&Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect() });
     if MOST_ROWS < order.len() {
         page.paragraph(&format!("and {} more in table.csv", order.len() - MOST_ROWS));
@@ -337,6 +337,8 @@ fn remarks(page: &mut Page, plan: &Plan, merged: &Merged) {
 fn how(page: &mut Page, plan: &Plan, provenance: &Provenance) {
     page.section("How it was made");
     page.code(&provenance.command_line);
+    page.paragraph(&format!("Compared is {} of each result:", plan.metric.title));
+    page.code(&plan.metric.path);
     if let Some(point) = plan.points.first() {
         page.paragraph("The first point, as it can be typed in the folder of the sweep file:");
         page.code(&format!("{} --out {}", point.command_line, quoted(&point.hash)));

@@ -72,15 +72,17 @@ impl Plan {
             name: name.clone(),
             values: values.iter().map(|value| planner.shown(name, &value.value)).collect(),
         });
-        let (path, better) = file.command.metric();
-        let metric = Metric {
-            path: file.metric.clone().unwrap_or_else(|| path.to_owned()),
+        let metric = match &file.metric {
             // A figure that somebody names is an error, until somebody says more.
-            better: file.better.unwrap_or(if file.metric.is_some() {
-                Better::Smaller
-            } else {
-                better
-            }),
+            Some(path) => Metric {
+                path: path.clone(),
+                title: path.clone(),
+                better: file.better.unwrap_or(Better::Smaller),
+            },
+            None => {
+                let own = file.command.metric();
+                Metric { better: file.better.unwrap_or(own.better), ..own }
+            }
         };
         Ok(Self {
             command: file.command,

@@ -20,8 +20,8 @@ pub use jobs::{Jobs, read_task};
 pub use script::{batch_script, request_faults};
 
 use super::{FailedPoint, Plan, Point, Store, SweepError, SweepObserver, run::Runner};
-use jobs::{Array, Submission, write_list};
-use scheduler::{Limits, Scheduler, State, Submitted, TaskState};
+use jobs::{Array, Submission, Task, write_list};
+use scheduler::{Limits, Scheduler, State, States, Submitted, TaskState};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
@@ -176,7 +176,7 @@ pub fn tasks_in_queue(
     }
     let known: BTreeSet<&String> = plan.points.iter().map(|point| &point.hash).collect();
     let states = Scheduler.states(&jobs.job_ids())?.unwrap_or_default();
-    let alive = |task: &(String, usize)| states.get(task).is_some_and(|one| one.state.is_alive());
+    let alive = |task: &Task| states.get(task).is_some_and(|one| one.state.is_alive());
     let tasks: Vec<(String, usize)> = jobs
         .tasks(&folder)
         .into_iter()
@@ -218,16 +218,15 @@ impl Engine<'_> {
     ) -> Result<Standing, SweepError> {
         let tasks = self.jobs.tasks(&self.folder);
         // The queue before the store: what ends in between then has its result.
-        let states = if tasks.is_empty() {
-            Some(BTreeMap::new())
-        } else {
-            self.scheduler.states(&self.jobs.job_ids())?
+        let states = match tasks.is_empty() {
+            true => Some(States::new()),
+            false => self.scheduler.states(&self.jobs.job_ids())?,
         };
         if states.is_none() && kind == LookKind::First {
             self.observer.remark("Slurm's controller does not answer; waiting for it");
         }
-        let finished = self.store.finished(&self.plan.points)?;
         let failed = self.store.failed()?;
+        let finished = self.store.finished(&self.plan.points)?;
         let mut standing = Standing { finished, ..Standing::default() };
         for (index, point) in self.plan.points.iter().enumerate() {
             if standing.finished.contains(&point.hash) {
@@ -237,43 +236,53 @@ impl Engine<'_> {
                 standing.failed.insert(point.hash.clone());
                 continue;
             }
-            let Some(task) = tasks.get(&point.hash) else {
-                standing.todo.push(index);
-                continue;
-            };
-            let Some(states) = &states else {
-                standing.unclear += 1;
-                continue;
-            };
-            let looks = unseen.entry(point.hash.clone()).or_default();
-            match verdict(states.get(task), &self.log_of(task)) {
-                Verdict::InQueue(state) => {
-                    *looks = 0;
-                    standing.in_queue.insert(point.hash.clone(), state);
-                }
-                Verdict::Ended { reason, hasty } => {
-                    *looks += 1;
-                    let patience = if hasty { HASTY_LOOKS } else { PATIENT_LOOKS };
-                    // Who comes back long after has waited enough.
-                    if kind == LookKind::Again && *looks <= patience {
-                        standing.unclear += 1;
-                    } else if kind == LookKind::First && states.contains_key(task) && !hasty {
-                        standing.unclear += 1;
-                    } else {
-                        let lost = self.lost(point, task, reason);
-                        standing.lost.insert(point.hash.clone(), lost);
-                    }
+            match (tasks.get(&point.hash), &states) {
+                (None, _) => standing.todo.push(index),
+                (Some(_), None) => standing.unclear += 1,
+                (Some(task), Some(states)) => {
+                    let looks = unseen.entry(point.hash.clone()).or_default();
+                    self.ask(point, (task, states.get(task)), (looks, kind), &mut standing);
                 }
             }
         }
         Ok(standing)
     }
 
-    fn log_of(&self, (job, task): &(String, usize)) -> PathBuf {
+    /// Where `point` stands, whose task Slurm knows as `state`, at the `looks`-th look since it was there.
+    fn ask(
+        &self,
+        point: &Point,
+        (task, state): (&Task, Option<&TaskState>),
+        (looks, kind): (&mut usize, LookKind),
+        standing: &mut Standing,
+    ) {
+        match verdict(state, &self.log_of(task)) {
+            Verdict::InQueue(state) => {
+                *looks = 0;
+                standing.in_queue.insert(point.hash.clone(), state);
+            }
+            Verdict::Ended { reason, hasty } => {
+                *looks += 1;
+                let patience = if hasty { HASTY_LOOKS } else { PATIENT_LOOKS };
+                let may_come = match kind {
+                    LookKind::Again => *looks <= patience,
+                    // Who comes back has waited, unless it has ended well a moment ago.
+                    LookKind::First => !hasty,
+                };
+                if may_come {
+                    standing.unclear += 1;
+                } else {
+                    standing.lost.insert(point.hash.clone(), self.lost(point, task, reason));
+                }
+            }
+        }
+    }
+
+    fn log_of(&self, (job, task): &Task) -> PathBuf {
         self.folder.join("log").join(format!("{job}_{task}.log"))
     }
 
-    fn lost(&self, point: &Point, task: &(String, usize), reason: String) -> FailedPoint {
+    fn lost(&self, point: &Point, task: &Task, reason: String) -> FailedPoint {
         FailedPoint {
             hash: point.hash.clone(),
             title: point.title(),
@@ -296,42 +305,34 @@ impl Engine<'_> {
 
     /// New failures, and how far everything is.
     fn tell(&self, standing: &Standing, told: &mut BTreeSet<String>) {
-        for lost in standing.lost.values() {
-            if told.insert(lost.hash.clone()) {
-                let task = lost.task.as_deref().unwrap_or("-");
-                self.observer.remark(&format!(
-                    "task {task} ({}) ended without a result: {}; log {}",
-                    lost.title,
-                    lost.reason,
-                    lost.log.display()
-                ));
-            }
+        for lost in standing.lost.values().filter(|lost| told.insert(lost.hash.clone())) {
+            self.tell_failure("ended without a result", lost);
         }
         for point in self.plan.points.iter().filter(|point| standing.failed.contains(&point.hash)) {
-            if !told.insert(point.hash.clone()) {
-                continue;
-            }
-            if let Some(failure) = self.store.failure(point) {
-                let task = failure.task.as_deref().unwrap_or("-");
-                let log = self.store.failed_log(point);
-                self.observer.remark(&format!(
-                    "task {task} ({}) failed: {}; log {}",
-                    point.title(),
-                    failure.reason,
-                    log.display()
-                ));
+            if told.insert(point.hash.clone())
+                && let Some(failure) = self.store.failure(point)
+            {
+                let failed = FailedPoint::new(point, failure, self.store.failed_log(point));
+                self.tell_failure("failed", &failed);
             }
         }
         for (hash, state) in &standing.in_queue {
             if 0 < state.restarts && told.insert(format!("{hash} {}", state.restarts)) {
+                let TaskState { job, task, reason, .. } = state;
                 self.observer.remark(&format!(
-                    "task {}_{} was put back into the queue by Slurm, as it does when a node goes down ({}); it \
-                     starts again by itself",
-                    state.job, state.task, state.reason
+                    "task {job}_{task} was put back into the queue by Slurm, as it does when a node goes down \
+                     ({reason}); it starts again by itself"
                 ));
             }
         }
         self.observer.remark_progress(&progress(self.plan, standing));
+    }
+
+    fn tell_failure(&self, what: &str, failed: &FailedPoint) {
+        let FailedPoint { title, reason, log, .. } = failed;
+        let task = failed.task.as_deref().unwrap_or("-");
+        self.observer
+            .remark(&format!("task {task} ({title}) {what}: {reason}; log {}", log.display()));
     }
 
     /// Submits as many of what is to be done as Slurm takes.
@@ -420,7 +421,7 @@ fn progress(plan: &Plan, standing: &Standing) -> String {
     if let Some(why) = why {
         text.push_str(&format!(" ({why})"));
     }
-    if 0 < standing.todo.len() {
+    if !standing.todo.is_empty() {
         text.push_str(&format!(", {} to submit", standing.todo.len()));
     }
     if 0 < failed {

@@ -17,6 +17,9 @@ use std::{
 
 const JOBS_FILE: &str = "jobs.json";
 
+/// Id of an array, and the position of a task in it.
+pub(super) type Task = (String, usize);
+
 /// An array of jobs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Array {
@@ -68,7 +71,7 @@ impl Jobs {
     }
 
     /// The newest task of every point: array and position in it.
-    pub(super) fn tasks(&self, folder: &Path) -> BTreeMap<String, (String, usize)> {
+    pub(super) fn tasks(&self, folder: &Path) -> BTreeMap<String, Task> {
         let mut tasks = BTreeMap::new();
         for submission in &self.submissions {
             let hashes = hashes(&folder.join(&submission.list));

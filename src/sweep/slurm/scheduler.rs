@@ -1,6 +1,6 @@
 //! Slurm's own programs: `sbatch`, `squeue`, `scontrol`.
 
-use super::SweepError;
+use super::{SweepError, jobs::Task};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::Path,
@@ -101,7 +101,7 @@ impl TaskState {
 }
 
 /// Tasks by array and position.
-pub(super) type States = BTreeMap<(String, usize), TaskState>;
+pub(super) type States = BTreeMap<Task, TaskState>;
 
 /// What came of a submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
