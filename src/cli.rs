@@ -68,6 +68,15 @@ pub(crate) enum Command {
     /// table, --bus virtual (the default) is one, on which the ball is put back after goals and when it lies
     /// still. `klasktron eval` scores the recording.
     Play(commands::play::Args),
+    /// Run a command for every combination of options and seeds, on this machine or on Slurm
+    ///
+    /// OUT receives a folder for every finished point, table.csv, table.parquet, sweep.json and index.html. A
+    /// finished point is never run again: the same command goes on after Ctrl-C, a kill or a power cut, and on
+    /// Slurm it comes back to the jobs that it has submitted.
+    Sweep(commands::sweep::Args),
+    /// Run one point of a sweep, as a task of Slurm does
+    #[command(hide = true)]
+    SweepTask(commands::sweep::TaskArgs),
     /// The whole pipeline on the virtual rig, from a table that nobody has measured to a scored match
     ///
     /// OUT receives every recording and result and index.html, which tells the story. The commands are those
@@ -92,6 +101,8 @@ impl Command {
             Self::Eval(args) => commands::eval::run(&args),
             Self::Train(args) => commands::train::run(&args),
             Self::Play(args) => commands::play::run(&args),
+            Self::Sweep(args) => commands::sweep::run(&args),
+            Self::SweepTask(args) => commands::sweep::run_task(&args),
             Self::Demo(args) => commands::demo::run(&args),
             Self::Export(args) => commands::export::run(&args),
         }

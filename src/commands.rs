@@ -2,6 +2,7 @@
 
 pub(crate) mod collect;
 pub(crate) mod demo;
+mod engine;
 pub(crate) mod eval;
 pub(crate) mod export;
 pub(crate) mod fit_actuator;
@@ -14,6 +15,7 @@ pub(crate) mod play;
 pub(crate) mod recover;
 pub(crate) mod rig;
 mod session;
+pub(crate) mod sweep;
 mod table;
 pub(crate) mod train;
 pub(crate) mod tune_ekf;
@@ -37,6 +39,8 @@ pub(crate) enum Outcome {
     Done,
     /// Done, but something was lost or a gate was not met; it was said on stderr.
     Lossy,
+    /// A task of Slurm without a result, with the status that tells why.
+    Task(u8),
 }
 
 impl Outcome {
@@ -45,6 +49,7 @@ impl Outcome {
         match self {
             Self::Done => ExitCode::SUCCESS,
             Self::Lossy => ExitCode::from(EXIT_LOSSY),
+            Self::Task(status) => ExitCode::from(status),
         }
     }
 }

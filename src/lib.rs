@@ -61,6 +61,7 @@
 //! | | [`referee`] | the events of a match and its score |
 //! | | [`train`] | self-play: rewards, opponents, ratings, `policy.mcap` |
 //! | | [`play`] | a match on a table: pictures to estimates to decisions to commands |
+//! | | [`sweep`] | many runs of one command, here or on Slurm: points, store, table, page |
 //! | | [`demo`] | the whole pipeline as a list of commands, and its story |
 //! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
 //!
@@ -102,4 +103,5 @@ pub mod gap;
 pub mod import;
 pub mod play;
 pub mod referee;
+pub mod sweep;
 pub mod train;

@@ -67,6 +67,7 @@ mod pool;
 mod reward;
 mod run;
 mod sample;
+mod seeds_page;
 mod settings;
 mod stored;
 mod table;
@@ -86,9 +87,10 @@ pub use pool::{Choice, Member, Opponent};
 pub use reward::{Curriculum, RewardSettings, Step};
 pub use run::{Checkpoint, Machine, Run};
 pub use sample::{Moment, SampleGame, play_samples};
+pub use seeds_page::{SeedRun, seeds_page};
 pub use settings::{
     ACTIONS, EvaluationSettings, OpponentMode, OpponentSettings, Preset, RandomizationKind,
     TrainSettings,
 };
-pub use stored::{StoredPolicy, read_checkpoint, read_policy};
+pub use stored::{StoredPolicy, read_checkpoint, read_curve, read_policy};
 pub use tensorboard::EventFile;

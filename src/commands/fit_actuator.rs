@@ -1,22 +1,30 @@
 //! `klasktron fit-actuator`: arguments to a set of fits, and their outcome to files.
 
-use super::{Outcome, interrupt, print, tell};
-use anyhow::bail;
+use super::{
+    Outcome,
+    engine::{EngineArgs, Sweep},
+    interrupt, print, tell,
+};
+use anyhow::{Context as _, bail};
 use clap::{ValueEnum, builder::PossibleValue};
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     actuator::{
-        self, FitConfig, FitObserver, FitsObserver, LayoutKind, PlayerChoice, ResampleConfig,
+        self, Fit, FitConfig, FitObserver, FitsObserver, LayoutKind, PlayerChoice, ResampleConfig,
         Schedule, Store, Study, StudyKind, Summary, Target,
     },
     parallel,
     provenance::Provenance,
     recording::{ExistingFile, topic::Player, write_bytes},
+    sweep::{InputHashes, Plan, Point, SlurmRequest, Store as PointStore, SweptCommand},
 };
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 /// What can be typed after `klasktron fit-actuator`.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 #[command(
     after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator"
 )]
@@ -78,6 +86,14 @@ pub(crate) struct Args {
     /// Print the result document alone on stdout
     #[arg(long)]
     json: bool,
+    /// Keep the fits and judge nothing: a point of an ablation
+    #[arg(long, hide = true)]
+    fits_only: bool,
+    /// Runs of fewer samples are left out
+    #[arg(long, value_name = "SAMPLES", hide = true)]
+    shortest_run: Option<usize>,
+    #[command(flatten)]
+    engine: EngineArgs,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -115,15 +131,30 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     // Of an ablation, the longest history decides which runs every fit can use.
     let longest_history = configs.iter().map(|config| config.history_steps).max().unwrap_or(0);
-    let needed = longest_history + base.horizon + 1;
+    let needed = (longest_history + base.horizon + 1).max(args.shortest_run.unwrap_or(0));
     let config = ResampleConfig { target: args.target, rate_hz: args.rate_hz };
     let dataset = actuator::load(&args.recordings, args.player_choice(), config, needed)?;
+    if args.engine.is_given() && !args.ablate {
+        bail!(
+            "options of an engine need --ablate; or name them in a sweep file for `klasktron sweep`"
+        );
+    }
+    if args.engine.is_dry_run() {
+        let plan = args.plan(&configs, needed)?;
+        print(&args.engine.dry_run(&args.sweep(&plan))?)?;
+        return Ok(Outcome::Done);
+    }
     let store = Store::open(&args.out.join("fits"), &dataset)?;
-    let stop = interrupt::raised_by_ctrl_c("finishing with the fits that are done")?;
-    let progress = Progress::new(&configs);
-    let threads = args.threads.unwrap_or_else(parallel::cores);
-    let fits = actuator::fit_all(&configs, &dataset, &store, (threads, stop), &progress)?;
-    progress.bar.finish_and_clear();
+    let fits = match kind {
+        StudyKind::Seeds => args.fit_here(&configs, &dataset, &store)?,
+        StudyKind::Ablation => args.fit_by_engine(&configs, &store, needed)?,
+    };
+    if args.fits_only {
+        let (asked, finished) = (configs.len(), fits.len());
+        let document = serde_json::json!({"fits_asked": asked, "fits_finished": finished});
+        print(&document.to_string())?;
+        return Ok(if asked == finished { Outcome::Done } else { Outcome::Lossy });
+    }
     let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
         bail!("interrupted before the first fit was finished; nothing was written");
     };
@@ -141,7 +172,124 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(if whole { Outcome::Done } else { Outcome::Lossy })
 }
 
+/// Folder of the points of an ablation, until their fits are in the store.
+const SWEEP_FOLDER: &str = "sweep";
+
 impl Args {
+    /// The fits of `configs`, made in this process.
+    fn fit_here(
+        &self,
+        configs: &[FitConfig],
+        dataset: &actuator::Dataset,
+        store: &Store,
+    ) -> anyhow::Result<Vec<Fit>> {
+        let stop = interrupt::raised_by_ctrl_c("finishing with the fits that are done")?;
+        let progress = Progress::new(configs);
+        let threads = self.threads.unwrap_or_else(parallel::cores);
+        let fits = actuator::fit_all(configs, dataset, store, (threads, stop), &progress)?;
+        progress.bar.finish_and_clear();
+        Ok(fits)
+    }
+
+    /// The fits of `configs`, each a point of a sweep, but for those that are in the store.
+    fn fit_by_engine(
+        &self,
+        configs: &[FitConfig],
+        store: &Store,
+        needed: usize,
+    ) -> anyhow::Result<Vec<Fit>> {
+        let missing: Vec<FitConfig> =
+            configs.iter().filter(|config| store.get(config).is_none()).copied().collect();
+        if !missing.is_empty() {
+            let plan = self.plan(&missing, needed)?;
+            let sweep = self.sweep(&plan);
+            let finished = self.engine.run(&sweep)?;
+            self.gather(&plan)?;
+            if let Some(open) = finished.open {
+                tell(&open);
+            }
+            if let Some(failed) = finished.merged.failures.first() {
+                bail!(
+                    "{} of {} fits failed, the first ({}) because: {}; log {}; run them again with --retry",
+                    finished.merged.failures.len(),
+                    configs.len(),
+                    failed.title,
+                    failed.reason,
+                    failed.log.display()
+                );
+            }
+        }
+        let fits: Vec<Fit> = configs.iter().filter_map(|config| store.get(config)).collect();
+        if fits.len() == configs.len() {
+            // Every fit is in the store; the points were the way there.
+            fs::remove_dir_all(self.out.join(SWEEP_FOLDER)).ok();
+        }
+        Ok(fits)
+    }
+
+    /// Moves the fits of finished points to where fits are kept.
+    fn gather(&self, plan: &Plan) -> anyhow::Result<()> {
+        let points = PointStore::open(&self.out.join(SWEEP_FOLDER))?;
+        let finished = points.finished(&plan.points)?;
+        for point in plan.points.iter().filter(|point| finished.contains(&point.hash)) {
+            let folder = points.folder(point).join("fits");
+            let read = || format!("{}: cannot read", folder.display());
+            for entry in fs::read_dir(&folder).with_context(read)? {
+                let fit = entry.with_context(read)?;
+                let bytes = fs::read(fit.path()).with_context(read)?;
+                let to = self.out.join("fits").join(fit.file_name());
+                write_bytes(&to, ExistingFile::Replace, &bytes)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn sweep<'a>(&self, plan: &'a Plan) -> Sweep<'a> {
+        let workers = self.threads.unwrap_or_else(parallel::cores);
+        Sweep { plan, out: self.out.join(SWEEP_FOLDER), workers }
+    }
+
+    /// A point for each of `configs`, the largest network first, so that no worker is left with a long fit at
+    /// the end.
+    fn plan(&self, configs: &[FitConfig], needed: usize) -> anyhow::Result<Plan> {
+        let mut hashes = InputHashes::default();
+        let inputs: Vec<String> =
+            self.recordings.iter().map(|path| hashes.of(path)).collect::<Result<_, _>>()?;
+        let mut configs = configs.to_vec();
+        configs.sort_by_key(|config| std::cmp::Reverse((config.width, config.history_steps)));
+        let point = |config: &FitConfig| {
+            let mut point = Point::new(self.words(config, needed), &inputs);
+            point.seed = Some(config.seed);
+            let settings = [("history", config.history_steps), ("width", config.width)];
+            point.settings =
+                settings.map(|(name, value)| (name.to_owned(), value.to_string())).into();
+            point
+        };
+        Ok(Plan {
+            command: SweptCommand::FitActuator,
+            working_folder: std::env::current_dir().context("cannot find the working folder")?,
+            axes: Vec::new(),
+            points: configs.iter().map(point).collect(),
+            metric: SweptCommand::FitActuator.metric(),
+            slurm: SlurmRequest::default(),
+        })
+    }
+
+    /// What is typed for one fit.
+    fn words(&self, config: &FitConfig, needed: usize) -> Vec<String> {
+        let mut words = vec!["fit-actuator".to_owned()];
+        words.extend(self.recordings.iter().map(|path| path.display().to_string()));
+        let own =
+            Self { seed: config.seed, seeds: 1, history: config.history_steps, ..self.clone() };
+        let own = Self { width: config.width, ..own };
+        words.extend(
+            own.options().into_iter().flat_map(|(name, value)| [format!("--{name}"), value]),
+        );
+        words.push("--fits-only".to_owned());
+        words.extend(["--shortest-run".to_owned(), needed.to_string()]);
+        words
+    }
+
     fn fit_config(&self) -> anyhow::Result<FitConfig> {
         if self.layout == LayoutKind::KlaskRl && self.history < 2 {
             bail!("--history {} is too short for --layout klask-rl, which needs 2", self.history);
@@ -167,6 +315,17 @@ impl Args {
         for path in &self.recordings {
             line.push_str(&format!(" {}", path.display()));
         }
+        for (option, value) in self.options() {
+            line.push_str(&format!(" --{option} {value}"));
+        }
+        if self.ablate {
+            line.push_str(" --ablate");
+        }
+        line
+    }
+
+    /// Every option that decides the result, with its value.
+    fn options(&self) -> Vec<(&'static str, String)> {
         let name = |value: &dyn Fn() -> Option<PossibleValue>| {
             value().map_or_else(String::new, |value| value.get_name().to_owned())
         };
@@ -188,13 +347,7 @@ impl Args {
         if let Some(player) = self.player {
             options.push(("player", name(&|| player.to_possible_value())));
         }
-        for (option, value) in options {
-            line.push_str(&format!(" --{option} {value}"));
-        }
-        if self.ablate {
-            line.push_str(" --ablate");
-        }
-        line
+        options
     }
 
     fn player_choice(&self) -> PlayerChoice {

@@ -1,6 +1,10 @@
 //! `klasktron train`: settings and an actuator to a policy.
 
-use super::{Outcome, interrupt, print, tell};
+use super::{
+    Outcome,
+    engine::{EngineArgs, Finished, PrintKind, Sweep, conclude},
+    interrupt, print, tell,
+};
 use anyhow::{Context as _, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
@@ -9,11 +13,12 @@ use klasktron::{
     parallel::cores,
     provenance::Provenance,
     recording::{ExistingFile, Recording, write_bytes},
+    sweep::{InputHashes, Plan, Point, SlurmRequest, Store, SweptCommand},
     train::{
         ActuatorSource, Choice, Curriculum, CurvePoint, EventFile, Machine, Opponent, OpponentMode,
-        Preset, RandomizationKind, RewardSettings, Run, Summary, TimeShares, TrainError,
-        TrainSettings, game_with_actuator, judge, page, play_samples, read_checkpoint,
-        write_policy,
+        Preset, RandomizationKind, RewardSettings, Run, SeedRun, Summary, TimeShares, TrainError,
+        TrainSettings, game_with_actuator, judge, page, play_samples, read_checkpoint, read_curve,
+        seeds_page, write_policy,
     },
 };
 use serde::Serialize;
@@ -31,7 +36,7 @@ use std::{
 /// What can be typed after `klasktron train`.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  klasktron train --steps 20e6 --out policy\n  klasktron train --actuator actuator/actuator.mcap --hidden 256,128,64 --out policy\n  klasktron train --steps 20e6 --out policy --resume"
+    after_help = "Examples:\n  klasktron train --steps 20e6 --out policy\n  klasktron train --actuator actuator/actuator.mcap --hidden 256,128,64 --out policy\n  klasktron train --steps 20e6 --out policy --resume\n  klasktron train --steps 20e6 --seeds 5 --out policies"
 )]
 pub(crate) struct Args {
     /// Transitions of all boards together, such as 20e6 [default: 20e6]
@@ -70,6 +75,10 @@ pub(crate) struct Args {
     /// Everything random comes from it [default: 0]
     #[arg(long)]
     seed: Option<u64>,
+    /// Train this many seeds from --seed on, each in OUT/seed-N, with one page and table of all
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..=1000),
+        conflicts_with_all = ["resume", "overwrite", "tensorboard", "print_settings"])]
+    seeds: Option<u64>,
     /// Folder for policy.mcap and index.html, or the name of an .mcap file
     #[arg(short, long, value_name = "DIR", default_value = "policy")]
     out: PathBuf,
@@ -91,6 +100,11 @@ pub(crate) struct Args {
     /// Print the result document alone on stdout
     #[arg(long)]
     json: bool,
+    /// Leave times out of the document, so that equal results are equal bytes
+    #[arg(long, requires = "json")]
+    without_times: bool,
+    #[command(flatten)]
+    engine: EngineArgs,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -169,6 +183,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     let (game, actuator) = game_with_actuator(&args.actuator)?;
+    if let Some(seeds) = args.seeds {
+        return run_seeds(args, &settings, seeds);
+    }
+    if args.engine.is_given() {
+        bail!("options of an engine need --seeds; a single run is made here");
+    }
     let provenance = Provenance::new(args.command_line(&settings));
     let threads = args.threads.or_else(|| NonZeroUsize::new(cores()));
     let threads = threads.unwrap_or(NonZeroUsize::MIN);
@@ -190,9 +210,89 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     for warning in &summary.warnings {
         tell(&format!("warning: {warning}"));
     }
-    let text = if args.json { json(&summary, run.times())? } else { table(&summary, &run, &task) };
+    let text = match (args.json, args.without_times) {
+        (true, true) => serde_json::to_string_pretty(&summary)?,
+        (true, false) => json(&summary, run.times())?,
+        (false, _) => table(&summary, &run, &task),
+    };
     print(&text)?;
     Ok(if summary.finished { Outcome::Done } else { Outcome::Lossy })
+}
+
+/// Several seeds as points of a sweep.
+fn run_seeds(args: &Args, settings: &TrainSettings, seeds: u64) -> anyhow::Result<Outcome> {
+    if args.out.extension().is_some_and(|extension| extension == "mcap") {
+        bail!("{}: several seeds need a folder, not a file", args.out.display());
+    }
+    let last = settings.seed.checked_add(seeds - 1);
+    let last = last.with_context(|| format!("--seed {} leaves no {seeds} seeds", settings.seed))?;
+    let file = args.out.join("settings.json");
+    let plan = seeds_plan(args, settings, (&file, last))?;
+    let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
+    let workers = plan.points.len().min(threads);
+    let sweep = Sweep { plan: &plan, out: args.out.clone(), workers };
+    if args.engine.is_dry_run() {
+        print(&args.engine.dry_run(&sweep)?)?;
+        return Ok(Outcome::Done);
+    }
+    // Refuses the folder of other settings before anything in it is touched.
+    Store::open(&args.out)?.finished(&plan.points)?;
+    write_bytes(&file, ExistingFile::Replace, settings.to_json().as_bytes())?;
+    let finished = args.engine.run(&sweep)?;
+    let provenance = Provenance::new(format!("{} --seeds {seeds}", args.command_line(settings)));
+    let html = seeds_page(&seed_runs(&sweep, &finished)?, &provenance);
+    conclude(&sweep, &finished, (&provenance, &html), PrintKind::of_flag(&args.json))
+}
+
+/// A point in `seed-N` for every seed up to `last`; `file` will hold the settings.
+fn seeds_plan(
+    args: &Args,
+    settings: &TrainSettings,
+    (file, last): (&Path, u64),
+) -> anyhow::Result<Plan> {
+    let mut inputs = vec![settings.to_json()];
+    let actuator = args.actuator.display().to_string();
+    if SweptCommand::Train.is_file("actuator", &actuator) {
+        inputs.push(InputHashes::default().of(&args.actuator)?);
+    }
+    let point = |seed: u64| {
+        let words = |settings: String| {
+            let seed = seed.to_string();
+            ["train", "--settings", &settings, "--actuator", &actuator, "--seed", &seed]
+                .map(str::to_owned)
+                .to_vec()
+        };
+        let mut point = Point::new(words("settings.json".to_owned()), &inputs);
+        point.words = words(file.display().to_string());
+        point.folder = format!("seed-{seed}").into();
+        point.seed = Some(seed);
+        point
+    };
+    Ok(Plan {
+        command: SweptCommand::Train,
+        working_folder: std::env::current_dir().context("cannot find the working folder")?,
+        axes: Vec::new(),
+        points: (settings.seed..=last).map(point).collect(),
+        metric: SweptCommand::Train.metric(),
+        slurm: SlurmRequest::default(),
+    })
+}
+
+/// What the page tells of every finished seed.
+fn seed_runs(sweep: &Sweep<'_>, finished: &Finished) -> anyhow::Result<Vec<SeedRun>> {
+    let store = Store::open(&sweep.out)?;
+    let mut runs = Vec::new();
+    for row in &finished.merged.rows {
+        let point = &sweep.plan.points[row.index];
+        let Some((_, result)) = store.read(point) else { continue };
+        let policy = store.folder(point).join("policy.mcap");
+        runs.push(SeedRun {
+            seed: point.seed.unwrap_or_default(),
+            verdict: serde_json::from_value(result["verdict"].clone()).ok(),
+            curve: read_curve(&Recording::open(&policy)?)?,
+        });
+    }
+    Ok(runs)
 }
 
 impl Args {

@@ -10,11 +10,11 @@ use crate::{
     stats::Interval,
 };
 
-const BLUE: [u8; 3] = [31, 105, 180];
-const SIZE: (u32, u32) = (480, 260);
+pub(super) const BLUE: [u8; 3] = [31, 105, 180];
+pub(super) const SIZE: (u32, u32) = (480, 260);
 
 /// The pictures: title, figure, unit.
-const PICTURES: [(&str, &str, &str); 10] = [
+pub(super) const PICTURES: [(&str, &str, &str); 10] = [
     ("Score against the pool", "play/score", "won minus lost, share of games"),
     ("Running Elo", "play/elo", "Elo"),
     ("Return of an episode", "play/return", "reward"),

@@ -175,11 +175,19 @@ pub fn read_checkpoint(
             return Err(mismatch(key, found, expected));
         }
     }
-    let curve: Vec<CurvePoint> =
-        recording.series::<TrainingUpdate>(UPDATE_TOPIC)?.values.iter().map(point_of).collect();
+    let curve = read_curve(recording)?;
     let find = |name: &str| recording.attachment(name).map(|attachment| attachment.data.clone());
     Checkpoint::from_attachments(settings, &curve, &find)
         .map_err(|(attachment, reason)| parts.bad(format!("{attachment}: {reason}")))
+}
+
+/// The learning curve in `recording`, an update each.
+///
+/// # Errors
+/// When an update does not decode.
+pub fn read_curve(recording: &Recording) -> Result<Vec<CurvePoint>, TrainError> {
+    let updates = recording.series::<TrainingUpdate>(UPDATE_TOPIC)?;
+    Ok(updates.values.iter().map(point_of).collect())
 }
 
 /// The first place where two documents differ, and what stands there.

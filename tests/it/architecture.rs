@@ -14,7 +14,7 @@ const LAYERS: [&[&str]; 4] = [
         "can", "gantry", "link", "rig", "actuator", "effects", "twin", "ekf", "game", "opponent",
         "ppo",
     ],
-    &["import", "collect", "gap", "referee", "train", "play", "demo"],
+    &["import", "collect", "gap", "referee", "train", "play", "demo", "sweep"],
 ];
 
 fn layer_of(room: &str) -> usize {

@@ -22,6 +22,7 @@ mod readme;
 mod recover;
 mod recover_actuator;
 mod support;
+mod sweep;
 mod tables;
 mod train;
 mod weights_out;
