@@ -3,11 +3,17 @@
 mod cli;
 mod commands;
 
-use clap::Parser;
-use std::process::ExitCode;
+use std::{process::ExitCode, time::Instant};
 
 fn main() -> ExitCode {
-    match cli::Cli::parse().command.run() {
+    let begun = Instant::now();
+    let cli = match cli::Cli::start(begun) {
+        Ok(cli) => cli,
+        Err(status) => return status,
+    };
+    let result = cli.run();
+    log::info!("ended after {:.3} s", begun.elapsed().as_secs_f64());
+    match result {
         Ok(outcome) => outcome.exit_code(),
         Err(error) => {
             commands::tell(&format!("error: {}", one_line(&error)));

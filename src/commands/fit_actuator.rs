@@ -1,9 +1,9 @@
 //! `klasktron fit-actuator`: arguments to a set of fits, and their outcome to files.
 
-use super::{Outcome, interrupt, print, tell};
+use super::{Outcome, interrupt, print, tell, terminal};
 use anyhow::bail;
 use clap::{ValueEnum, builder::PossibleValue};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use klasktron::{
     actuator::{
         self, FitConfig, FitObserver, FitsObserver, LayoutKind, PlayerChoice, ResampleConfig,
@@ -118,6 +118,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let needed = longest_history + base.horizon + 1;
     let config = ResampleConfig { target: args.target, rate_hz: args.rate_hz };
     let dataset = actuator::load(&args.recordings, args.player_choice(), config, needed)?;
+    let (train, held_out) = (dataset.train().len(), dataset.held_out().len());
+    log::info!("{train} runs to fit, {held_out} to judge by; {} fits", configs.len());
     let store = Store::open(&args.out.join("fits"), &dataset)?;
     let stop = interrupt::raised_by_ctrl_c("finishing with the fits that are done")?;
     let progress = Progress::new(&configs);
@@ -127,6 +129,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
         bail!("interrupted before the first fit was finished; nothing was written");
     };
+    log::info!("judging the fits");
     let summary = study.summary(Provenance::new(args.command_line()));
     write_outcome(&study, &summary, &args.out)?;
     for warning in &summary.warnings {
@@ -260,7 +263,7 @@ fn table(summary: &Summary, out: &Path) -> String {
     lines.join("\n")
 }
 
-/// A bar of epochs; nothing is drawn when stderr is not a terminal.
+/// A bar of epochs.
 struct Progress {
     bar: ProgressBar,
 }
@@ -268,11 +271,8 @@ struct Progress {
 impl Progress {
     fn new(configs: &[FitConfig]) -> Self {
         let epochs: usize = configs.iter().map(|config| config.epochs).sum();
-        let bar = ProgressBar::new(epochs as u64);
-        let style = "{msg} {wide_bar} {pos}/{len} epochs, {eta} left";
-        if let Ok(style) = ProgressStyle::with_template(style) {
-            bar.set_style(style);
-        }
+        let template = "{msg} {wide_bar} {pos}/{len} epochs, {eta} left";
+        let bar = terminal::bar(Some(epochs as u64), template);
         bar.set_message(format!("{} fits", configs.len()));
         Self { bar }
     }

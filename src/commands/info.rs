@@ -11,7 +11,11 @@ use klasktron::recording::{
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
+/// What can be typed after `klasktron info`.
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  klasktron info match.mcap\n  klasktron info --json train.mcap validation.mcap"
+)]
 pub(crate) struct Args {
     /// Recordings: of the data contract, ROS 2 bags in MCAP, or any other MCAP file
     #[arg(required = true, value_name = "FILE")]

@@ -152,6 +152,13 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         refit(&mut train, &mut held_out, (&given, &slots))
     };
     let refitted = best.point.clone();
+    log::info!(
+        "{:?}: {} parameters refitted on {} stages, {} judge",
+        link.kind,
+        slots.len(),
+        link.train.len(),
+        link.held_out.len()
+    );
     let mut search =
         Search { kind: link.kind, train, held_out, best, filters, added: vec![], rejected: vec![] };
     let unexplained = match task {

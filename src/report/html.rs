@@ -31,6 +31,7 @@ p{max-width:78ch}
 .scroll{overflow-x:auto}
 table{border-collapse:collapse;font-size:14px;margin:8px 0}
 th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #e6e9ee;white-space:nowrap}
+th{white-space:normal;vertical-align:bottom}
 th:first-child,td:first-child{text-align:left}
 th{background:#eef1f5}
 .words th:last-child,.words td:last-child{text-align:left;white-space:normal;min-width:22ch}
