@@ -164,8 +164,14 @@ fn answer(error: &clap::Error, expanded: &Expanded) -> ExitCode {
     if !error.use_stderr() {
         return ExitCode::SUCCESS;
     }
-    for setting in expanded.settings.iter().filter(|setting| !setting.arguments.is_empty()) {
-        tell(&format!("{}: {}", setting.place, setting.says()));
+    let added = expanded.settings.iter().filter(|setting| !setting.arguments.is_empty());
+    let added: Vec<String> =
+        added.map(|setting| format!("{} ({})", setting.says(), setting.place)).collect();
+    if !added.is_empty() {
+        tell(&format!(
+            "the settings file has added {}; --no-config goes without",
+            added.join(", ")
+        ));
     }
     ExitCode::from(EXIT_USAGE)
 }

@@ -64,3 +64,18 @@ pub(crate) fn loss_sentence_of(path: &Path, loss: &Loss) -> String {
          OUT`"
     )
 }
+
+/// The chain of reasons on one line. A reason that the message before it already tells, as library
+/// errors do, is not told again.
+pub(crate) fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for reason in error.chain().map(ToString::to_string) {
+        if !line.contains(&reason) {
+            if !line.is_empty() {
+                line.push_str(": ");
+            }
+            line.push_str(&reason);
+        }
+    }
+    line
+}

@@ -146,9 +146,10 @@ fn without_denials(command: &Command, typed: Vec<OsString>) -> (Vec<OsString>, B
     (kept, taken_back)
 }
 
-/// Long names of all flags of all commands.
+/// Long names of all flags of all commands, counted ones included.
 fn gather_flags(command: &Command, flags: &mut BTreeSet<String>) {
-    let own = command.get_arguments().filter(|arg| matches!(arg.get_action(), ArgAction::SetTrue));
+    let is_flag = |action: &ArgAction| matches!(action, ArgAction::SetTrue | ArgAction::Count);
+    let own = command.get_arguments().filter(|arg| is_flag(arg.get_action()));
     flags.extend(own.filter_map(|arg| arg.get_long().map(ToOwned::to_owned)));
     command.get_subcommands().for_each(|below| gather_flags(below, flags));
 }

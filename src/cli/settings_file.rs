@@ -132,10 +132,18 @@ impl Reader<'_> {
     ) -> Result<(), SettingsError> {
         let word = name.get_ref().as_ref();
         let DeValue::Table(table) = value.get_ref() else {
-            let what = format!(
-                "`{word}` stands in no table; put it below the name of its command, such as \
-                 [fit-actuator], or below [{GLOBAL}]"
-            );
+            let is_table = word == GLOBAL || subcommand_of(root, word).is_some();
+            let what = if is_table {
+                format!(
+                    "`{word}` must be one table, written [{word}], not {}",
+                    kind(value.get_ref())
+                )
+            } else {
+                format!(
+                    "`{word}` stands in no table; put it below the name of its command, such as \
+                     [fit-actuator], or below [{GLOBAL}]"
+                )
+            };
             return Err(self.wrong(name.span(), what));
         };
         if word == GLOBAL {

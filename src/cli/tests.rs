@@ -57,7 +57,7 @@ fn what_is_a_flag_of_one_command_is_a_flag_of_all() {
     let mut kinds: BTreeMap<String, BTreeSet<bool>> = BTreeMap::new();
     for (_, command) in all_below(&built(), "klasktron") {
         for arg in command.get_arguments() {
-            let is_flag = matches!(arg.get_action(), ArgAction::SetTrue);
+            let is_flag = matches!(arg.get_action(), ArgAction::SetTrue | ArgAction::Count);
             kinds.entry(arg.get_long().unwrap_or_default().to_owned()).or_default().insert(is_flag);
         }
     }
@@ -140,7 +140,7 @@ fn lists_counts_and_options_that_need_no_value() {
     assert_eq!(line(file, "eval"), "eval --verbose --verbose --compare a b");
     assert_eq!(
         line(file, "collect -q"),
-        "collect -q --pattern=circle:radius_m=0.05 --pattern=ramp --dry-run"
+        "collect -q --dry-run --pattern=circle:radius_m=0.05 --pattern=ramp"
     );
     assert_eq!(line("[collect]\npattern = \"ramp\"\n", "collect"), "collect --pattern=ramp");
     assert_eq!(
@@ -167,6 +167,9 @@ fn a_commands_own_table_stands_for_the_global_one() {
     assert_eq!(line(file, "train"), "train");
     assert_eq!(line(file, "info a.mcap"), "info a.mcap --quiet");
     assert_eq!(line(file, "info a.mcap --quiet=false"), "info a.mcap");
+    let file = "[global]\nverbose = 2\n";
+    assert_eq!(line(file, "info --verbose=false a.mcap"), "info a.mcap");
+    assert_eq!(line(file, "--verbose=true info a.mcap"), "--verbose info a.mcap");
 }
 
 #[test]
@@ -181,6 +184,7 @@ fn a_mistake_in_the_file_is_told_with_its_line_and_the_way_out() {
             "FILE:2: no command is called `fit_actuator`; did you mean `fit-actuator`?",
         ),
         ("epochs = 5", "FILE:1: `epochs` stands in no table"),
+        ("[[train]]\nseed = 1", "FILE:1: `train` must be one table, written [train], not a list"),
         ("[train]\n\nseed = \"7\"", "FILE:3: [train] seed: must be a number, not a text"),
         (
             "[train]\nrandomize = \"yes\"",

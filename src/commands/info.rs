@@ -2,7 +2,7 @@
 
 mod layout;
 
-use super::{Outcome, print, tell};
+use super::{Outcome, one_line, print, tell};
 use anyhow::bail;
 use klasktron::recording::{
     Recording,
@@ -49,7 +49,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             // Alone, the file's error is that of the command.
             Err(error) if args.files.len() == 1 => return Err(error),
             Err(error) => {
-                tell(&format!("error: {error:#}"));
+                tell(&format!("error: {}", one_line(&error)));
                 outcome = Outcome::Lossy;
             }
         }

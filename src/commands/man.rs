@@ -4,7 +4,10 @@ use super::{Outcome, print};
 use anyhow::Context as _;
 use clap::{Command, CommandFactory};
 use clap_mangen::Man;
-use klasktron::recording::{ExistingFile, write_bytes};
+use klasktron::{
+    provenance::CRATE_VERSION,
+    recording::{ExistingFile, write_bytes},
+};
 use std::{
     fs,
     io::{self, Write},
@@ -46,6 +49,9 @@ fn write_pages(command: &Command, folder: &Path) -> anyhow::Result<usize> {
 
 fn page(command: &Command) -> io::Result<Vec<u8>> {
     let mut page = Vec::new();
-    Man::new(command.clone()).manual("Klasktron").render(&mut page)?;
-    Ok(page)
+    let man = Man::new(command.clone()).manual("Klasktron");
+    man.source(format!("klasktron {CRATE_VERSION}")).render(&mut page)?;
+    // The generator has no name for what stands at the end of a help text: with us, examples.
+    let page = String::from_utf8_lossy(&page).replace("\n.SH EXTRA\n", "\n.SH EXAMPLES\n");
+    Ok(page.into_bytes())
 }

@@ -91,7 +91,7 @@ fn a_wrong_command_line_shows_what_the_file_added() {
     let (_, stderr, status) = run_in(dir.path(), "play");
     assert_eq!(status, 2);
     assert!(
-        stderr.contains("--right") && stderr.contains("klasktron.toml:2: --left=chaser"),
+        stderr.contains("--right") && stderr.contains("--left=chaser (klasktron.toml:2)"),
         "{stderr}"
     );
 }

@@ -94,6 +94,7 @@ fn there_is_a_manual_page_for_every_command_that_groff_sets_without_a_warning() 
     let own = said(&klasktron(&["man"])).0;
     assert_eq!(own, fs::read_to_string(folder.join("klasktron.1")).unwrap());
     let train = fs::read_to_string(folder.join("klasktron-train.1")).unwrap();
+    assert!(train.contains("\n.SH EXAMPLES\n"), "{train}");
     assert!(train.contains("klasktron train \\-\\-steps 20e6"), "no example in {train}");
     if !is_installed("groff") {
         return;
