@@ -259,6 +259,7 @@ impl Search<'_> {
             let round = Round::run(&self.train, &self.held_out, &stand);
             self.rejected = round.rejected;
             let Some((fit, step)) = round.winner else { break };
+            log::info!("{:?}: {} on {} is added", self.kind, step.effect.name, step.axis);
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
             (self.best, self.filters) = from_deepest(&self.train, settled, given);
