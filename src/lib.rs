@@ -62,7 +62,7 @@
 //! | | [`train`] | self-play: rewards, opponents, ratings, `policy.mcap` |
 //! | | [`play`] | a match on a table: pictures to estimates to decisions to commands |
 //! | | [`demo`] | the whole pipeline as a list of commands, and its story |
-//! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
+//! | 4 binary | `cli`, `commands` | arguments, typed or set in `klasktron.toml`; one `run` per subcommand |
 //!
 //! # Invariants
 //!
