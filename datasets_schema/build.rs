@@ -16,18 +16,37 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The commit of the checkout; `unknown` in a package without one.
+/// Digits of a commit's hash.
+const HASH_DIGITS: usize = 12;
+
+/// The commit of the checkout, or the one from which this package was made; `unknown` elsewhere. A
+/// package that lies in a checkout of something else is not asked for that one's commit.
 fn git_hash() -> String {
-    for file in [".git/HEAD", ".git/logs/HEAD"] {
+    for file in [".git/HEAD", ".git/logs/HEAD", PACKAGED_FROM] {
         if fs::exists(file).unwrap_or(false) {
             println!("cargo::rerun-if-changed={file}");
         }
     }
-    Command::new("git")
-        .args(["rev-parse", "--short=12", "HEAD"])
-        .output()
-        .ok()
-        .filter(|output| output.status.success())
-        .and_then(|output| String::from_utf8(output.stdout).ok())
-        .map_or_else(|| "unknown".to_owned(), |hash| hash.trim().to_owned())
+    let hash = hash_of_package().or_else(hash_of_checkout);
+    hash.map_or_else(|| "unknown".to_owned(), |hash| hash.chars().take(HASH_DIGITS).collect())
+}
+
+/// Where `cargo package` notes the commit.
+const PACKAGED_FROM: &str = ".cargo_vcs_info.json";
+
+fn hash_of_package() -> Option<String> {
+    let info = fs::read_to_string(PACKAGED_FROM).ok()?;
+    let (_, after) = info.split_once("\"sha1\": \"")?;
+    let (hash, _) = after.split_once('"')?;
+    let is_hash = HASH_DIGITS <= hash.len() && hash.chars().all(|digit| digit.is_ascii_hexdigit());
+    is_hash.then(|| hash.to_owned())
+}
+
+fn hash_of_checkout() -> Option<String> {
+    if !fs::exists(".git").unwrap_or(false) {
+        return None;
+    }
+    let output = Command::new("git").args(["rev-parse", "HEAD"]).output().ok()?;
+    let hash = output.status.success().then_some(output.stdout)?;
+    Some(String::from_utf8(hash).ok()?.trim().to_owned())
 }

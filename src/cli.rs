@@ -1,17 +1,40 @@
-//! What can be typed: one variant per subcommand, each with its arguments beside its `run`.
+//! What can be typed: one variant per subcommand, each with its arguments beside its `run`. Options of every
+//! subcommand are in `global`; `expand` adds what `klasktron.toml` says (`settings_file`).
 
-use crate::commands::{self, Outcome};
-use clap::{Parser, Subcommand};
+mod expand;
+mod global;
+mod log_output;
+mod settings_file;
+#[cfg(test)]
+mod tests;
+
+use crate::commands::{
+    self, EXIT_USAGE, Outcome,
+    terminal::{self, Talk, tell},
+};
+use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
+use expand::{Expanded, expand};
+use global::{GlobalArgs, color_of};
+use klasktron::provenance::VERSION_LINE;
+use std::{env, ffi::OsString, process::ExitCode, time::Instant};
 
 /// System identification and sim-to-real for the KlaskTron table and any driven axis.
 ///
 /// Exit status: 0 done; 1 failed; 2 wrong usage; 3 done, but something was lost or a gate was not
-/// met. Data goes to stdout or files, everything else to stderr.
+/// met. Data goes to stdout or files, everything else to stderr. Options may also stand in klasktron.toml
+/// in the working folder, in a table for each subcommand.
 #[derive(Debug, Parser)]
-#[command(name = "klasktron", version, max_term_width = 100)]
+#[command(
+    name = "klasktron",
+    version = VERSION_LINE.as_str(),
+    max_term_width = 100,
+    after_help = "Examples:\n  klasktron demo --quick\n  klasktron train --help"
+)]
 pub(crate) struct Cli {
+    #[command(flatten)]
+    global: GlobalArgs,
     #[command(subcommand)]
-    pub(crate) command: Command,
+    command: Command,
 }
 
 #[derive(Debug, Subcommand)]
@@ -84,6 +107,82 @@ pub(crate) enum Command {
     Demo(commands::demo::Args),
     /// Write weights or tables for other software
     Export(commands::export::Args),
+    /// Print the script that completes commands and options in a shell
+    Completions(commands::completions::Args),
+    /// Print the manual page, or write one for every subcommand
+    Man(commands::man::Args),
+}
+
+impl Cli {
+    /// What was typed and what the settings file adds, with voice and log as they say. What cannot be run has
+    /// been answered then, and the exit status is given.
+    pub(crate) fn start(begun: Instant) -> Result<Self, ExitCode> {
+        let typed: Vec<OsString> = env::args_os().collect();
+        let color = typed_color(&typed);
+        terminal::set_color(color_of(color));
+        let command = Self::command().color(color);
+        let expanded = expand(&command, typed).map_err(|error| {
+            tell(&format!("error: {error}"));
+            ExitCode::from(EXIT_USAGE)
+        })?;
+        let matches = command.try_get_matches_from(&expanded.arguments);
+        let cli = matches
+            .and_then(|matches| Self::from_arg_matches(&matches))
+            .map_err(|error| answer(&error, &expanded))?;
+        cli.global.begin(begun);
+        log::debug!("klasktron {}", VERSION_LINE.as_str());
+        for setting in &expanded.settings {
+            log::info!("{}: {}", setting.place, setting.says());
+        }
+        Ok(cli)
+    }
+
+    /// Runs the command.
+    pub(crate) fn run(self) -> anyhow::Result<Outcome> {
+        self.command.run()
+    }
+}
+
+impl GlobalArgs {
+    fn begin(&self, begun: Instant) {
+        let color = color_of(self.color);
+        terminal::set_color(color);
+        log_output::start(self.verbose, color, begun);
+        terminal::set_talk(match (self.quiet, log_output::is_on()) {
+            (true, _) => Talk::Quiet,
+            (false, true) => Talk::Log,
+            (false, false) => Talk::Usual,
+        });
+    }
+}
+
+/// `--color` before anything is parsed, for the help and for mistakes.
+fn typed_color(typed: &[OsString]) -> ColorChoice {
+    let words: Vec<&str> = typed.iter().map(|word| word.to_str().unwrap_or_default()).collect();
+    let value = words.iter().enumerate().find_map(|(index, word)| match *word {
+        "--color" => words.get(index + 1).copied(),
+        word => word.strip_prefix("--color="),
+    });
+    value.and_then(|value| value.parse().ok()).unwrap_or_default()
+}
+
+/// Prints help, version or a mistake, with what the settings file has to do with it.
+fn answer(error: &clap::Error, expanded: &Expanded) -> ExitCode {
+    // Nobody is left to answer when the terminal is closed.
+    error.print().ok();
+    if !error.use_stderr() {
+        return ExitCode::SUCCESS;
+    }
+    let added = expanded.settings.iter().filter(|setting| !setting.arguments.is_empty());
+    let added: Vec<String> =
+        added.map(|setting| format!("{} ({})", setting.says(), setting.place)).collect();
+    if !added.is_empty() {
+        tell(&format!(
+            "the settings file has added {}; --no-config goes without",
+            added.join(", ")
+        ));
+    }
+    ExitCode::from(EXIT_USAGE)
 }
 
 impl Command {
@@ -105,6 +204,8 @@ impl Command {
             Self::SweepTask(args) => commands::sweep::run_task(&args),
             Self::Demo(args) => commands::demo::run(&args),
             Self::Export(args) => commands::export::run(&args),
+            Self::Completions(args) => commands::completions::run(&args),
+            Self::Man(args) => commands::man::run(&args),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! One file per subcommand: its arguments, and a `run` that makes one call into the library.
 
 pub(crate) mod collect;
+pub(crate) mod completions;
 pub(crate) mod demo;
 mod engine;
 pub(crate) mod eval;
@@ -11,24 +12,25 @@ pub(crate) mod import;
 pub(crate) mod info;
 mod interrupt;
 mod live_view;
+pub(crate) mod man;
 pub(crate) mod play;
 pub(crate) mod recover;
 pub(crate) mod rig;
 mod session;
 pub(crate) mod sweep;
 mod table;
+pub(crate) mod terminal;
 pub(crate) mod train;
 pub(crate) mod tune_ekf;
 
 use klasktron::recording::{Loss, Recording};
-use std::{
-    io::{self, Write},
-    path::Path,
-    process::ExitCode,
-};
+use std::{path::Path, process::ExitCode};
+pub(crate) use terminal::{note, print, tell};
 
 /// Exit status of a command that failed.
 pub(crate) const EXIT_FAILED: u8 = 1;
+/// Exit status when something was typed or set that no command takes.
+pub(crate) const EXIT_USAGE: u8 = 2;
 /// Exit status of a command that finished, but lost something or did not meet a gate.
 const EXIT_LOSSY: u8 = 3;
 
@@ -54,12 +56,6 @@ impl Outcome {
     }
 }
 
-/// Says one line to the person, on stderr.
-pub(crate) fn tell(line: &str) {
-    // Nobody is left to tell when stderr is closed.
-    writeln!(io::stderr(), "{line}").ok();
-}
-
 /// One sentence on what a damaged recording lost, and how to make a whole file of the rest.
 pub(crate) fn loss_sentence(recording: &Recording) -> String {
     loss_sentence_of(&recording.path, &recording.loss)
@@ -74,10 +70,17 @@ pub(crate) fn loss_sentence_of(path: &Path, loss: &Loss) -> String {
     )
 }
 
-/// Prints a result on stdout; a reader that has gone away (`| head`) is no failure.
-pub(crate) fn print(text: &str) -> io::Result<()> {
-    match writeln!(io::stdout(), "{text}") {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        other => other,
+/// The chain of reasons on one line. A reason that the message before it already tells, as library
+/// errors do, is not told again.
+pub(crate) fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for reason in error.chain().map(ToString::to_string) {
+        if !line.contains(&reason) {
+            if !line.is_empty() {
+                line.push_str(": ");
+            }
+            line.push_str(&reason);
+        }
     }
+    line
 }

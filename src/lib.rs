@@ -63,7 +63,7 @@
 //! | | [`play`] | a match on a table: pictures to estimates to decisions to commands |
 //! | | [`sweep`] | many runs of one command, here or on Slurm: points, store, table, page |
 //! | | [`demo`] | the whole pipeline as a list of commands, and its story |
-//! | 4 binary | `cli`, `commands` | arguments, one `run` per subcommand |
+//! | 4 binary | `cli`, `commands` | arguments, typed or set in `klasktron.toml`; one `run` per subcommand |
 //!
 //! # Invariants
 //!

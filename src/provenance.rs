@@ -1,11 +1,18 @@
 //! How a result was made, as every result says it.
 
 use serde::Serialize;
+use std::sync::LazyLock;
 
 /// Version of this crate.
 pub const CRATE_VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Commit that this program was built from; `unknown` outside a checkout.
 pub const GIT_HASH: &str = env!("KLASKTRON_GIT_HASH");
+
+/// Version and commit, as `--version` prints them; the version alone outside a checkout.
+pub static VERSION_LINE: LazyLock<String> = LazyLock::new(|| match GIT_HASH {
+    "unknown" => CRATE_VERSION.to_owned(),
+    hash => format!("{CRATE_VERSION} ({hash})"),
+});
 
 /// What made a result.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

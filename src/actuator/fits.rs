@@ -114,12 +114,18 @@ pub fn fit_all(
     let (train, held_out) = (dataset.train(), dataset.held_out());
     let one = |config: &FitConfig| -> Result<Option<Fit>, ActuatorError> {
         if let Some(fit) = store.get(config) {
+            log::info!("fit of seed {} is there already", config.seed);
             observer.fit_reused(config);
             return Ok(Some(fit));
         }
+        let FitConfig { seed, history_steps, width, epochs, .. } = config;
+        log::info!(
+            "fit of seed {seed} begins: history {history_steps}, width {width}, {epochs} epochs"
+        );
         let made = fit::fit(config, &train, &held_out, stop, &AsFitObserver(observer))?;
         if let Some(fit) = &made {
             store.put(fit)?;
+            log::info!("fit of seed {seed}, history {history_steps}, width {width} is done");
             observer.fit_done(config);
         }
         Ok(made)

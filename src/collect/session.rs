@@ -104,6 +104,7 @@ pub fn run_session(
     let started = station.now();
     let (census, mut problems) =
         preflight::look(&mut station, config.rate_hz, &config.accepted_firmware);
+    log::info!("{} drives on the bus", census.firmware.len());
     if matches!(work, Work::Free(_)) && station.counts.pictures == 0 {
         problems.push(Problem::NoPictures);
     }
@@ -115,9 +116,11 @@ pub fn run_session(
         writer.discard();
         return Err(error.into());
     }
+    log::info!("positions are referenced; recording begins");
     station.record_to(Recorder::start(writer, config.metadata.clone())?);
     let mut session = Session::new(station, config, &work, show);
     let reason = session.drive(work).err().unwrap_or(StopReason::Completed);
+    log::info!("{reason}");
     session.close(&reason, started, census)
 }
 

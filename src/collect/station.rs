@@ -377,6 +377,7 @@ impl<'a> Station<'a> {
         loop {
             match self.send(node, message) {
                 Err(LinkError::Full { .. }) if self.link.now() < give_up => {
+                    log::debug!("node {node}: the transmit queue is full; trying again");
                     let again = self.link.now().after_seconds(RETRY_SECONDS).min(give_up);
                     if let Err(reason) = self.wait_until(again) {
                         self.raise(reason); // the next wait of the control loop tells it

@@ -1,10 +1,9 @@
 //! `klasktron collect`: arguments to a plan, a link and a session, and its outcome.
 
 use super::{
-    Outcome, print,
+    Outcome, note, print,
     session::{self, Motion, SessionArgs},
     table::{OpenTable, TableArgs, TableFiles, parse_within},
-    tell,
 };
 use anyhow::{Context, bail};
 use clap::ValueEnum;
@@ -189,7 +188,7 @@ fn write_plan(
         print(&page.plan_json)?;
     }
     let (runs, samples) = (proof.runs().len(), proof.plan().samples());
-    tell(&format!(
+    note(&format!(
         "proven: {runs} runs, {samples} samples, {:.1} min with the moves between runs; nearest to an \
          edge {:.1} mm with its stopping distance; wrote {2}/index.html, {2}/plan.csv and \
          {2}/plan.json",

@@ -1,6 +1,6 @@
 //! `klasktron demo`: every command of the pipeline, one after the other, and the page that tells it.
 
-use super::{Outcome, interrupt, print, tell};
+use super::{Outcome, interrupt, note, print};
 use anyhow::{Context as _, bail};
 use klasktron::{
     demo::{Experiment, Plan, Record, Size, Stage, Step, Story, begin, page, pictures},
@@ -68,7 +68,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let total = plan.stages.iter().map(|stage| stage.steps.len()).sum();
     let demo = Demo { folder: &args.out, program, stop, total };
     demo.prepare(&plan)?;
-    tell(&format!(
+    note(&format!(
         "{total} commands in {}; about {:.0} min on two cores, and what is finished is kept",
         args.out.display(),
         size.expected_minutes()
@@ -164,11 +164,12 @@ impl Demo<'_> {
         }
         let heading = format!("[{number}/{}] {}", self.total, step.name);
         if let Some(record) = Record::read(self.folder, step, key) {
-            tell(&format!("{heading}: kept"));
+            note(&format!("{heading}: kept"));
             return Ok(record);
         }
         let again = begin(self.folder, &step.name, key)?;
         let arguments = if again { step.resumed() } else { step.arguments.clone() };
+        log::info!("klasktron {}", arguments.join(" "));
         let start = Instant::now();
         let output = self.output(&arguments)?;
         let elapsed_s = start.elapsed().as_secs_f64();
@@ -189,7 +190,7 @@ impl Demo<'_> {
         let command_line = step.line();
         let record = Record { key: (*key).to_owned(), command_line, status, elapsed_s, result };
         record.write(self.folder, &step.name)?;
-        tell(&format!("{heading}: {elapsed_s:.1} s"));
+        note(&format!("{heading}: {elapsed_s:.1} s"));
         Ok(record)
     }
 
@@ -197,6 +198,8 @@ impl Demo<'_> {
     fn output(&self, arguments: &[String]) -> anyhow::Result<Output> {
         Command::new(&self.program)
             .args(arguments)
+            // The steps are what stands on the page, whatever lies in that folder.
+            .arg("--no-config")
             .current_dir(self.folder)
             .output()
             .with_context(|| format!("{}: cannot be started", self.program.display()))

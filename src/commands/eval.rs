@@ -1,8 +1,7 @@
 //! `klasktron eval`: recordings of matches to their score.
 
-use super::{Outcome, loss_sentence_of, print, tell};
+use super::{Outcome, loss_sentence_of, print, tell, terminal};
 use anyhow::{Context, bail};
-use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     parallel,
     provenance::Provenance,
@@ -130,7 +129,8 @@ fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
 
 fn judge(args: &Args, listed: Vec<Listed>) -> anyhow::Result<Judged> {
     let files: Vec<PathBuf> = listed.iter().flat_map(|group| group.files.clone()).collect();
-    let bar = progress(files.len());
+    let template = "{wide_bar} {pos}/{len} matches, {eta} left";
+    let bar = terminal::bar(Some(files.len() as u64), template);
     let threads = args.threads.map_or_else(parallel::cores, NonZeroUsize::get);
     let results = judge_matches(&files, &Rules::default(), threads, &|| bar.inc(1));
     bar.finish_and_clear();
@@ -161,15 +161,6 @@ fn judge(args: &Args, listed: Vec<Listed>) -> anyhow::Result<Judged> {
         judged.groups.push((group.name, count));
     }
     Ok(judged)
-}
-
-/// A bar of matches; nothing is drawn when stderr is not a terminal.
-fn progress(matches: usize) -> ProgressBar {
-    let bar = ProgressBar::new(matches as u64);
-    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} matches, {eta} left") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 fn scored(judged: &Judged, seed: u64) -> Score {

@@ -19,7 +19,12 @@ use std::{
 /// Attachments with this prefix hold the weights of an `actuator.mcap`.
 const WEIGHTS_PREFIX: &str = "weights/";
 
+/// What can be typed after `klasktron export`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  klasktron export train.mcap --to parquet --topic /striker/left/command --out commands.parquet
+  klasktron export train.mcap --to csv --out tables
+  klasktron export actuator/actuator.mcap --to onnx --out model.onnx")]
 pub(crate) struct Args {
     /// A recording, or an actuator.mcap
     file: PathBuf,

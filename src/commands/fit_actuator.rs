@@ -3,11 +3,11 @@
 use super::{
     Outcome,
     engine::{EngineArgs, Sweep},
-    interrupt, print, tell,
+    interrupt, print, tell, terminal,
 };
 use anyhow::{Context as _, bail};
 use clap::{ValueEnum, builder::PossibleValue};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use klasktron::{
     actuator::{
         self, Fit, FitConfig, FitObserver, FitsObserver, LayoutKind, PlayerChoice, ResampleConfig,
@@ -144,6 +144,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&args.engine.dry_run(&args.sweep(&plan))?)?;
         return Ok(Outcome::Done);
     }
+    let (train, held_out) = (dataset.train().len(), dataset.held_out().len());
+    log::info!("{train} runs to fit, {held_out} to judge by; {} fits", configs.len());
     let store = Store::open(&args.out.join("fits"), &dataset)?;
     let fits = match kind {
         StudyKind::Seeds => args.fit_here(&configs, &dataset, &store)?,
@@ -158,6 +160,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
         bail!("interrupted before the first fit was finished; nothing was written");
     };
+    log::info!("judging the fits");
     let summary = study.summary(Provenance::new(args.command_line()));
     write_outcome(&study, &summary, &args.out)?;
     for warning in &summary.warnings {
@@ -413,7 +416,7 @@ fn table(summary: &Summary, out: &Path) -> String {
     lines.join("\n")
 }
 
-/// A bar of epochs; nothing is drawn when stderr is not a terminal.
+/// A bar of epochs.
 struct Progress {
     bar: ProgressBar,
 }
@@ -421,11 +424,8 @@ struct Progress {
 impl Progress {
     fn new(configs: &[FitConfig]) -> Self {
         let epochs: usize = configs.iter().map(|config| config.epochs).sum();
-        let bar = ProgressBar::new(epochs as u64);
-        let style = "{msg} {wide_bar} {pos}/{len} epochs, {eta} left";
-        if let Ok(style) = ProgressStyle::with_template(style) {
-            bar.set_style(style);
-        }
+        let template = "{msg} {wide_bar} {pos}/{len} epochs, {eta} left";
+        let bar = terminal::bar(Some(epochs as u64), template);
         bar.set_message(format!("{} fits", configs.len()));
         Self { bar }
     }

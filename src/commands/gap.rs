@@ -1,7 +1,7 @@
 //! `klasktron gap` and `klasktron calibrate`: recordings and a twin to a better twin, and what was
 //! missing.
 
-use super::{Outcome, loss_sentence, print, tell};
+use super::{Outcome, loss_sentence, note, print, tell};
 use klasktron::{
     gap::{self, Document, Found, Task, Verdict},
     provenance::Provenance,
@@ -93,7 +93,7 @@ impl Inputs {
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
     let sessions = inputs.sessions()?;
-    tell(&format!("comparing {} sessions with the twin", sessions.len()));
+    note(&format!("comparing {} sessions with the twin", sessions.len()));
     let found = gap::find(&sessions, inputs.start.as_ref(), Task::CloseGap);
     let provenance = Provenance::new(args.command_line());
     write_outcome(&found, &provenance, &inputs, &sessions, &args.out)?;

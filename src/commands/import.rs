@@ -1,6 +1,6 @@
 //! `klasktron import`: bags, npz, CSV and candump logs become recordings.
 
-use super::{Outcome, tell};
+use super::{Outcome, note, tell};
 use anyhow::Result;
 use clap::{Subcommand, ValueEnum};
 use klasktron::{
@@ -19,7 +19,11 @@ use std::path::PathBuf;
 /// Without a kind, `klasktron import FILE -o OUT` guesses it from the name: a folder, .db3 or .mcap is
 /// a bag, then .npz and .log (candump).
 #[derive(Debug, clap::Args)]
-#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    after_help = "Examples:\n  klasktron import bus.log --output bus.mcap\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
+)]
 pub(crate) struct Args {
     #[command(subcommand)]
     kind: Option<Kind>,
@@ -94,6 +98,9 @@ struct BeltArgs {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  klasktron import bag rosbag2_monday rosbag2_tuesday -o bags.mcap"
+)]
 struct BagArgs {
     /// Bags: folders, .db3 or .mcap files
     #[arg(required = true)]
@@ -107,6 +114,7 @@ struct BagArgs {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  klasktron import npz run.npz --frame sim-mirrored -o run.mcap")]
 struct NpzArgs {
     /// The npz file
     path: PathBuf,
@@ -120,6 +128,9 @@ struct NpzArgs {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
+)]
 struct CsvArgs {
     /// The table; its first row holds the column names
     path: PathBuf,
@@ -146,6 +157,7 @@ struct CsvArgs {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  klasktron import candump bus.log -o bus.mcap")]
 struct CandumpArgs {
     /// The log
     path: PathBuf,
@@ -217,10 +229,11 @@ fn run_guessed(args: &GuessedArgs) -> Result<ImportReport, ImportError> {
 
 fn tell_report(report: &ImportReport) -> Outcome {
     for count in &report.written {
-        tell(&format!("imported: {}, {} messages", count.topic, count.messages));
+        note(&format!("imported: {}, {} messages", count.topic, count.messages));
     }
     for notice in &report.notices {
-        tell(&notice.to_string());
+        let say = if notice.is_loss() { tell } else { note };
+        say(&notice.to_string());
     }
     if report.is_lossy() { Outcome::Lossy } else { Outcome::Done }
 }

@@ -2,7 +2,7 @@
 
 mod layout;
 
-use super::{Outcome, print, tell};
+use super::{Outcome, one_line, print, tell};
 use anyhow::bail;
 use klasktron::recording::{
     Recording,
@@ -11,7 +11,11 @@ use klasktron::recording::{
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
+/// What can be typed after `klasktron info`.
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  klasktron info match.mcap\n  klasktron info --json train.mcap validation.mcap"
+)]
 pub(crate) struct Args {
     /// Recordings: of the data contract, ROS 2 bags in MCAP, or any other MCAP file
     #[arg(required = true, value_name = "FILE")]
@@ -45,7 +49,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             // Alone, the file's error is that of the command.
             Err(error) if args.files.len() == 1 => return Err(error),
             Err(error) => {
-                tell(&format!("error: {error:#}"));
+                tell(&format!("error: {}", one_line(&error)));
                 outcome = Outcome::Lossy;
             }
         }

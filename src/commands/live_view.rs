@@ -1,7 +1,7 @@
 //! What a session shows while it runs.
 
-use super::tell;
-use indicatif::{ProgressBar, ProgressStyle};
+use super::{note, terminal};
+use indicatif::ProgressBar;
 use klasktron::collect::Progress;
 use std::cell::Cell;
 
@@ -13,11 +13,7 @@ pub(super) struct LiveView {
 
 impl LiveView {
     pub(super) fn new() -> Self {
-        let bar = ProgressBar::no_length();
-        let template = "{elapsed_precise} [{bar:20}] {wide_msg}";
-        if let Ok(style) = ProgressStyle::with_template(template) {
-            bar.set_style(style);
-        }
+        let bar = terminal::bar(None, "{elapsed_precise} [{bar:20}] {wide_msg}");
         Self { bar, said: Cell::new(0) }
     }
 
@@ -40,7 +36,7 @@ impl LiveView {
             let (number, runs) = (run.number, progress.runs);
             let split =
                 if run.split.is_empty() { String::new() } else { format!(" ({})", run.split) };
-            tell(&format!("run {number} of {runs}: {}{split}", run.pattern));
+            note(&format!("run {number} of {runs}: {}{split}", run.pattern));
         }
     }
 

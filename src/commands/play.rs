@@ -1,10 +1,9 @@
 //! `klasktron play`: two players, a table, a recording that `eval` scores.
 
 use super::{
-    Outcome, print,
+    Outcome, note, print,
     session::{self, Motion, SessionArgs},
     table::{TableArgs, TableFiles, parse_within},
-    tell,
 };
 use anyhow::bail;
 use klasktron::{
@@ -138,7 +137,7 @@ impl Args {
             done.push_str(&format!(", goals {left} : {right} by the rig"));
         }
         if let Some(wait) = report.picture_to_command {
-            tell(&format!(
+            note(&format!(
                 "from picture to command {:.1} ms (median), {:.1} ms (99 %)",
                 wait.median_ms, wait.p99_ms
             ));

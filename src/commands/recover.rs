@@ -1,6 +1,6 @@
 //! `klasktron recover`: what a cut-off or damaged file still holds, as a whole file.
 
-use super::{Outcome, tell};
+use super::{Outcome, note, tell};
 use anyhow::bail;
 use klasktron::recording::{ExistingFile, Recording, recover::write_copy};
 use std::{
@@ -8,7 +8,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// What can be typed after `klasktron recover`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  klasktron recover cut.mcap --out saved.mcap")]
 pub(crate) struct Args {
     /// The cut-off or damaged MCAP file
     file: PathBuf,
@@ -41,7 +43,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.out.display()
     );
     if recording.loss.is_none() {
-        tell(&format!("{kept}; the file was whole, nothing was lost"));
+        note(&format!("{kept}; the file was whole, nothing was lost"));
         return Ok(Outcome::Done);
     }
     tell(&format!("{kept}; lost: {}", recording.loss));

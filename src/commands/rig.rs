@@ -1,6 +1,6 @@
 //! `klasktron rig`: the virtual rig as a process of its own, on a bus that others open from their side.
 
-use super::{Outcome, interrupt, print, table::read_or_default, tell};
+use super::{Outcome, interrupt, note, print, table::read_or_default};
 use anyhow::bail;
 use klasktron::{
     link::{BusSpec, CameraSender, CameraSpec, Slcan, Transport, TransportSpec},
@@ -39,14 +39,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let bus = open_bus(args.bus.as_ref(), config.bus.bitrate)?;
     let camera = args.camera.as_ref().map(CameraSender::connect).transpose()?;
     let stop = interrupt::raised_by_ctrl_c("ending the rig")?;
-    tell("the rig runs; Ctrl-C ends it");
+    note("the rig runs; Ctrl-C ends it");
     let mut send_picture = |datagram: &[u8]| {
         if let Some(camera) = &camera {
             camera.send(datagram);
         }
     };
     let report = serve(&*bus, &mut send_picture, config, stop, print_change)?;
-    tell(&format!(
+    note(&format!(
         "{} frames received, {} sent, {} given up because the bus was full",
         report.received, report.sent, report.given_up
     ));

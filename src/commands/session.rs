@@ -4,6 +4,7 @@
 use super::{
     Outcome, interrupt,
     live_view::LiveView,
+    note,
     table::{OpenTable, TableArgs, TableFiles},
     tell,
 };
@@ -196,7 +197,7 @@ pub(crate) fn tell_outcome(report: &SessionReport, output: &Path, done: &str) ->
     if let Some((_, firmware)) = report.census.firmware.first() {
         let [load, worst] = [report.census.bus_load, report.census.worst_bus_load].map(|l| 1e2 * l);
         let drives = report.census.firmware.len();
-        tell(&format!(
+        note(&format!(
             "{drives} drives, firmware {firmware}; bus {load:.0} % busy, {worst:.0} % at worst"
         ));
     }
@@ -213,7 +214,9 @@ pub(crate) fn tell_outcome(report: &SessionReport, output: &Path, done: &str) ->
         )
     };
     let late = &report.lateness;
-    tell(&format!(
+    // A session that ended early is a loss, and nobody asked to miss that.
+    let say = if report.is_complete() { note } else { tell };
+    say(&format!(
         "{kept}: {done}, {:.1} s; periods late by {:.0} us (median), {:.0} us (99 %), {:.0} us (most); \
          {} left out",
         report.duration_s, late.p50_us, late.p99_us, late.max_us, late.skipped

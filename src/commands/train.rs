@@ -3,10 +3,10 @@
 use super::{
     Outcome,
     engine::{EngineArgs, Finished, PrintKind, Sweep, conclude},
-    interrupt, print, tell,
+    interrupt, note, print, tell, terminal,
 };
 use anyhow::{Context as _, bail};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use klasktron::{
     game::{GameSettings, ObservationKind},
     opponent::Scripted,
@@ -364,7 +364,7 @@ impl Task {
             return Ok(Run::resume(&self.settings, &self.game, machine, checkpoint)?);
         }
         if args.resume {
-            tell(&format!("{}: nothing to resume; starting anew", policy.display()));
+            note(&format!("{}: nothing to resume; starting anew", policy.display()));
         } else if policy.exists() && !args.overwrite {
             bail!(
                 "{}: this policy exists; go on with --resume, replace it with --overwrite, or choose another \
@@ -436,6 +436,7 @@ impl Task {
 
     /// Judges the policy when training is done, and writes everything.
     fn finish(&self, run: &Run) -> anyhow::Result<Summary> {
+        log::info!("trained after {:.1} s; judging", clock());
         let verdict = if run.is_done() { Some(judge(run, self.threads)?) } else { None };
         let players = [
             Opponent::Policy(Box::new(run.policy()), Choice::Mean),
@@ -463,15 +464,12 @@ fn wall_time() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
 }
 
-/// A bar of transitions; nothing is drawn when stderr is not a terminal.
+/// A bar of transitions.
 fn progress(run: &Run) -> ProgressBar {
     let settings = run.settings();
-    let bar = ProgressBar::new(settings.updates() * settings.transitions_per_update());
-    let style = "{msg} {wide_bar} {human_pos}/{human_len} steps, {eta} left";
-    if let Ok(style) = ProgressStyle::with_template(style) {
-        bar.set_style(style);
-    }
-    bar
+    let transitions = settings.updates() * settings.transitions_per_update();
+    let template = "{msg} {wide_bar} {human_pos}/{human_len} steps, {eta} left";
+    terminal::bar(Some(transitions), template)
 }
 
 fn message(point: &CurvePoint, times: TimeShares) -> String {

@@ -111,6 +111,8 @@ fn tune_object(start: &FilterSettings, object: Object, data: &Data) -> (ObjectSe
         }
     }
     let after = problem.score(&own);
+    let detections = before.detections;
+    log::info!("tuned {}: {detections} detections, {evaluations} evaluations", object.name());
     let tuning = Tuning {
         object,
         detections: before.detections,

@@ -156,6 +156,13 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         refit(&mut train, &mut held_out, (&given, &slots))
     };
     let refitted = best.point.clone();
+    log::info!(
+        "{:?}: {} parameters refitted on {} stages, {} judge",
+        link.kind,
+        slots.len(),
+        link.train.len(),
+        link.held_out.len()
+    );
     let mut search =
         Search { kind: link.kind, train, held_out, best, filters, added: vec![], rejected: vec![] };
     let unexplained = match task {
@@ -256,6 +263,7 @@ impl Search<'_> {
             let round = Round::run(&self.train, &self.held_out, &stand);
             self.rejected = round.rejected;
             let Some((fit, step)) = round.winner else { break };
+            log::info!("{:?}: {} on {} is added", self.kind, step.effect.name, step.axis);
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
             (self.best, self.filters) = from_deepest(&self.train, settled, given);

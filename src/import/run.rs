@@ -52,6 +52,9 @@ impl ImportConfig {
         split: Split,
         files: &[(String, String)],
     ) -> Result<ImportReport, ImportError> {
+        for (name, sha256) in files {
+            log::info!("read {name}, sha256 {sha256}");
+        }
         let join = |pick: fn(&(String, String)) -> &str| {
             files.iter().map(pick).collect::<Vec<_>>().join(", ")
         };

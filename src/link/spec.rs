@@ -121,6 +121,7 @@ impl TransportSpec {
     /// # Errors
     /// When the bus is not there or cannot be used.
     pub fn open(&self, bitrate: u32) -> Result<Arc<dyn Transport>, LinkError> {
+        log::info!("opening {self}");
         Ok(match self {
             Self::SocketCan { interface } => open_socketcan(interface)?,
             Self::Slcan { port } => Arc::new(Slcan::open(port, bitrate)?),

@@ -57,5 +57,7 @@ pub fn write_bytes(
 ) -> Result<(), RecordingError> {
     write_beside(path, existing, |mut file| {
         file.write_all(bytes).map_err(RecordingError::io(path, "write"))
-    })
+    })?;
+    log::info!("wrote {}: {} bytes", path.display(), bytes.len());
+    Ok(())
 }

@@ -145,7 +145,15 @@ impl Recording {
         recording.sha256 = hexadecimal(&source.sha256.finalize());
         recording.channels.retain(|channel| !channel.topic.is_empty());
         recording.check_schemas()?;
+        recording.log_opened();
         Ok(recording)
+    }
+
+    fn log_opened(&self) {
+        let messages: usize = self.channels.iter().map(|channel| channel.messages.len()).sum();
+        let (path, bytes, channels) = (self.path.display(), self.bytes, self.channels.len());
+        log::info!("opened {path}: {bytes} bytes, {messages} messages on {channels} channels");
+        log::debug!("{path}: sha256 {}", self.sha256);
     }
 
     /// Refuses a topic of the contract whose schema is another one.

@@ -251,7 +251,10 @@ impl RecordingWriter {
         if self.existing == ExistingFile::Refuse && self.path.exists() {
             return Err(RecordingError::Exists { path: self.path });
         }
-        fs::rename(&self.partial, &self.path).map_err(RecordingError::io(&self.path, "rename"))
+        fs::rename(&self.partial, &self.path).map_err(RecordingError::io(&self.path, "rename"))?;
+        let bytes = file.metadata().map_or(0, |metadata| metadata.len());
+        log::info!("wrote {}: {bytes} bytes", self.path.display());
+        Ok(())
     }
 
     /// Gives up: removes the partial file. For conversions, whose source is still there.

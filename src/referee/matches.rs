@@ -46,6 +46,8 @@ pub fn judge_matches(
 fn score(tape: Tape, rules: &Rules) -> ScoredMatch {
     let rules = tape.rules(rules);
     let judgement = judge(&tape.frames, &rules);
+    let events = judgement.events.len();
+    log::info!("judged {}: {events} events", tape.path.display());
     let Tape { path, sha256, origin, loss, source, .. } = tape;
     ScoredMatch { path, sha256, origin, loss, source, rules, judgement }
 }

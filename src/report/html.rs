@@ -29,8 +29,9 @@ p{max-width:78ch}
 .lead{font-size:18px}
 .warning{background:#fff4dc;border-left:4px solid #d9902f;padding:8px 12px;margin:8px 0;max-width:76ch}
 .scroll{overflow-x:auto}
-table{border-collapse:collapse;font-size:14px;margin:8px 0}
-th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #e6e9ee;white-space:nowrap}
+table{border-collapse:collapse;font-size:13.5px;margin:8px 0}
+th,td{padding:3px 7px;text-align:right;border-bottom:1px solid #e6e9ee;white-space:nowrap}
+th{white-space:normal;vertical-align:bottom}
 th:first-child,td:first-child{text-align:left}
 th{background:#eef1f5}
 .words th:last-child,.words td:last-child{text-align:left;white-space:normal;min-width:22ch}

@@ -126,6 +126,9 @@ impl Run {
         checkpoint: Checkpoint,
     ) -> Result<Self, TrainError> {
         game.check()?;
+        let TrainSettings { seed, environments, .. } = settings;
+        let (updates, threads) = (settings.updates(), machine.threads);
+        log::info!("seed {seed}, {environments} boards, {updates} updates, {threads} threads");
         let spaces = settings.spaces();
         let shape = RolloutShape {
             horizon: settings.ppo.horizon,
@@ -245,6 +248,9 @@ impl Run {
             self.pool.push(self.learner.policy(), self.learner.updates());
         }
         self.count_time([begun, played, learned], before, policy_s);
+        let (updates, played_s, learned_s) =
+            (self.learner.updates(), played - begun, learned - played);
+        log::debug!("update {updates}: played {played_s:.3} s, learned {learned_s:.3} s");
         Ok(&self.curve[self.curve.len() - 1])
     }
 

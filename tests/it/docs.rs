@@ -1,0 +1,151 @@
+//! What README and the pages of `docs/` promise: a page per subcommand, links that lead somewhere, pictures that
+//! are small enough to open, and commands that work.
+
+use crate::support::{klasktron, said};
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+/// Largest picture (bytes).
+const LARGEST_PICTURE: u64 = 120_000;
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// README and every page.
+fn pages() -> Vec<PathBuf> {
+    let pages = fs::read_dir(root().join("docs")).unwrap().map(|entry| entry.unwrap().path());
+    let mut pages: Vec<PathBuf> =
+        pages.filter(|path| path.extension().is_some_and(|extension| extension == "md")).collect();
+    pages.push(root().join("README.md"));
+    pages.sort();
+    pages
+}
+
+/// Subcommands as `--help` lists them.
+fn subcommands() -> Vec<String> {
+    let help = said(&klasktron(&["--help"])).0;
+    let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+    let lines = lines.take_while(|line| !line.is_empty());
+    // A long description goes on below, further to the right.
+    let named = lines.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
+    let names = named.filter_map(|line| line.split_whitespace().next());
+    names.filter(|name| *name != "help").map(ToOwned::to_owned).collect()
+}
+
+#[test]
+fn every_subcommand_has_a_page_with_a_picture_and_is_in_both_lists() {
+    let lists = ["README.md", "docs/README.md"];
+    let lists = lists.map(|name| fs::read_to_string(root().join(name)).unwrap());
+    let names = subcommands();
+    assert!(14 <= names.len(), "{names:?}");
+    for name in names {
+        let page = fs::read_to_string(root().join(format!("docs/{name}.md"))).unwrap_or_default();
+        assert!(
+            page.starts_with(&format!("# `klasktron {name}`")),
+            "docs/{name}.md has no heading"
+        );
+        assert!(page.contains("](pictures/"), "docs/{name}.md has no picture");
+        assert!(page.contains("\n## Limits\n"), "docs/{name}.md does not say its limits");
+        for list in &lists {
+            assert!(list.contains(&format!("{name}.md)")), "{name} is missing in a list of pages");
+        }
+    }
+}
+
+#[test]
+fn links_and_pictures_are_there_and_every_picture_is_shown() {
+    let mut shown = BTreeSet::new();
+    for page in pages() {
+        let text = fs::read_to_string(&page).unwrap();
+        for link in text.split("](").skip(1).filter_map(|after| after.split(')').next()) {
+            if link.starts_with("https://") {
+                continue;
+            }
+            let target = page.parent().unwrap().join(link);
+            assert!(target.exists(), "{}: {link} is not there", page.display());
+            shown.insert(target.canonicalize().unwrap());
+        }
+        for report in text.split("`reports/").skip(1) {
+            let name = report.split(['`', '/']).next().unwrap();
+            assert!(root().join("reports").join(name).is_dir(), "{}: {name}", page.display());
+        }
+    }
+    for entry in fs::read_dir(root().join("docs/pictures")).unwrap() {
+        let path = entry.unwrap().path();
+        let bytes = fs::metadata(&path).unwrap().len();
+        assert!(bytes <= LARGEST_PICTURE, "{}: {bytes} bytes", path.display());
+        assert!(shown.contains(&path.canonicalize().unwrap()), "{} is on no page", path.display());
+    }
+}
+
+/// Lines that a person is told to type, in order, without those of cargo.
+fn typed(page: &str) -> impl Iterator<Item = &str> {
+    let typed = page.lines().filter_map(|line| line.strip_prefix("$ "));
+    typed.filter(|line| !line.starts_with("cargo test") && *line != "klasktron train")
+}
+
+/// The line with the program under test for the installed one, and few epochs and steps for many.
+fn quick(line: &str) -> String {
+    let program = env!("CARGO_BIN_EXE_klasktron");
+    line.replace("cargo run --release --", "klasktron")
+        .replace("klasktron ", &format!("{program} "))
+        .replace("--epochs 300", "--epochs 3")
+        .replace("demo --quick", "demo --help")
+        .replace("--seconds 60", "--seconds 20")
+        .replace("train --steps 20e6", "train --steps 500 --envs 16 --hidden 8 --games 0")
+}
+
+#[cfg(unix)]
+#[test]
+fn every_command_of_the_pages_works() {
+    let mut run = BTreeSet::new();
+    let dir = tempfile::tempdir().unwrap();
+    let data = dir.path().join("tests/data");
+    fs::create_dir_all(&data).unwrap();
+    for entry in fs::read_dir(root().join("tests/data")).unwrap() {
+        let entry = entry.unwrap();
+        fs::copy(entry.path(), data.join(entry.file_name())).unwrap();
+    }
+    // What a page tells to type may use what README's commands have written.
+    let mut pages = pages();
+    pages.sort_by_key(|page| page.parent() != Some(root()));
+    for page in pages {
+        let text = fs::read_to_string(&page).unwrap();
+        for line in typed(&text) {
+            // One line on two pages is run once; so is a recording that exists then.
+            if !run.insert(line.to_owned()) {
+                continue;
+            }
+            let mut command = Command::new("sh");
+            command.args(["-c", &quick(line)]).current_dir(dir.path());
+            let status = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+            let status = status.status().unwrap();
+            let expected = if line.contains("recover") { 3 } else { 0 };
+            assert_eq!(status.code(), Some(expected), "{}: {line}", page.display());
+        }
+    }
+    assert!(15 <= run.len(), "{run:?}");
+}
+
+/// The settings of the page are settings that the program takes.
+#[test]
+fn the_settings_file_of_the_page_is_right() {
+    let page = fs::read_to_string(root().join("docs/settings.md")).unwrap();
+    let file = page.split("```toml\n").nth(1).unwrap().split("```").next().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("klasktron.toml");
+    fs::write(&path, file).unwrap();
+    let path = path.to_str().unwrap();
+    let (_, stderr, status) = said(&klasktron(&["train", "--print-settings", "--config", path]));
+    assert_eq!(status, 0, "{stderr}");
+    let wrong = file.replace("epochs", "epoch");
+    fs::write(path, wrong).unwrap();
+    let (_, stderr, _) = said(&klasktron(&["train", "--config", path]));
+    let expected = page.lines().find(|line| line.starts_with("error: klasktron.toml")).unwrap();
+    assert!(stderr.trim_end().ends_with(&expected["error: ".len()..]), "{stderr}");
+}
