@@ -19,6 +19,7 @@
 //! definition. Every table is checked, also those of commands that are not run.
 
 use clap::{Arg, ArgAction, Command, error::ErrorKind};
+use klasktron::sweep::nearest;
 use std::{
     any::TypeId,
     fs, io,
@@ -37,9 +38,6 @@ pub(crate) const USUAL_NAME: &str = "klasktron.toml";
 const GLOBAL: &str = "global";
 /// Options that say which file is read, so that no file can hold them, and those that end the program.
 const TYPED_ONLY: [&str; 4] = ["config", "no_config", "help", "version"];
-/// Least likeness (Jaro) of a name that is suggested, as clap has it.
-const LEAST_LIKENESS: f64 = 0.7;
-
 /// Why the file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum SettingsError {
@@ -225,11 +223,7 @@ fn options(command: &Command) -> impl Iterator<Item = &Arg> {
 }
 
 fn did_you_mean<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> String {
-    let likeness = |name: &str| strsim::jaro(word, name);
-    let nearest = names.max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
-    nearest
-        .filter(|name| LEAST_LIKENESS < likeness(name))
-        .map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
+    nearest(word, names).map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
 /// What would be typed for `value`, or what it must be.
