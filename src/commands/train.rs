@@ -66,6 +66,9 @@ pub(crate) struct Args {
     /// Draw the physics of every episode from the paper's table III
     #[arg(long)]
     randomize: bool,
+    /// Lay three magnets on the board that stick to strikers; two lose the point
+    #[arg(long)]
+    biscuits: bool,
     /// What players see: 12 standard values, or with 8 angles and distances [default: 20]
     #[arg(long, value_enum)]
     observations: Option<ObservationsArg>,
@@ -325,6 +328,7 @@ impl Args {
                 settings.evaluation.games_per_pair = 0;
             }
         }
+        settings.biscuits |= self.biscuits;
         if self.randomize {
             settings.randomization = RandomizationKind::Paper;
         }

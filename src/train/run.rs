@@ -12,7 +12,7 @@ use super::{
     table::Tables,
 };
 use crate::{
-    game::{Asked, Clockwork, EpisodeSettings, GameError, GameSettings, Outcomes},
+    game::{Asked, BiscuitSettings, Clockwork, EpisodeSettings, GameError, GameSettings, Outcomes},
     opponent::{Moment, Scripted},
     ppo::{Learner, LearnerState, Policy, PpoError, Rollout, RolloutPart, RolloutShape, for_each},
     recording::topic::Player,
@@ -377,7 +377,11 @@ impl Run {
 
 /// The game with the physics of the settings.
 fn game_of(settings: &TrainSettings, game: &GameSettings) -> GameSettings {
-    GameSettings { randomization: settings.randomization_ranges(), ..game.clone() }
+    GameSettings {
+        randomization: settings.randomization_ranges(),
+        biscuits: settings.biscuits.then(BiscuitSettings::default),
+        ..game.clone()
+    }
 }
 
 fn plus(a: Asked, b: Asked) -> Asked {

@@ -35,6 +35,10 @@ pub struct TrainSettings {
     pub opponents: OpponentSettings,
     /// Physics drawn for every episode.
     pub randomization: RandomizationKind,
+    /// Whether three magnets lie on the board, which stick to strikers: two lose the point. Players do not see
+    /// them.
+    #[serde(default)]
+    pub biscuits: bool,
     /// Updates between two checkpoints, at least 1.
     pub checkpoint_updates: u64,
     /// How policies are judged at the end.
@@ -130,6 +134,7 @@ impl TrainSettings {
                 most: 32,
             },
             randomization: RandomizationKind::Off,
+            biscuits: false,
             checkpoint_updates: 64,
             evaluation: EvaluationSettings {
                 time_limit_s: 30.0,
