@@ -1,8 +1,8 @@
 //! What `sweep` and its presets share: the options of an engine, and running a plan by it.
 
-use super::{Outcome, interrupt, print, tell};
+use super::{Outcome, interrupt, note, print, tell, terminal};
 use anyhow::{Context as _, bail};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use klasktron::{
     parallel,
     provenance::Provenance,
@@ -334,12 +334,8 @@ struct Progress {
 
 impl Progress {
     fn new(total: usize, ended: usize) -> Self {
-        let bar = ProgressBar::new(total as u64).with_position(ended as u64);
-        if let Ok(style) =
-            ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} points, {eta} left")
-        {
-            bar.set_style(style);
-        }
+        let template = "{msg} {wide_bar} {pos}/{len} points, {eta} left";
+        let bar = terminal::bar(Some(total as u64), template).with_position(ended as u64);
         Self {
             bar,
             total,
@@ -374,8 +370,12 @@ impl SweepObserver for Progress {
         self.bar.inc(1);
         if self.is_drawn() && !matches!(ended, Ended::Failed(_)) {
             self.bar.set_message(point.title());
-        } else {
-            self.remark(&format!("[{number}/{}] {}: {said}", self.total, point.title()));
+            return;
+        }
+        let line = format!("[{number}/{}] {}: {said}", self.total, point.title());
+        match ended {
+            Ended::Failed(_) => self.bar.suspend(|| tell(&line)),
+            _ => self.bar.suspend(|| note(&line)),
         }
     }
 
@@ -386,7 +386,7 @@ impl SweepObserver for Progress {
     fn remark_progress(&self, text: &str) {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if *last != text {
-            self.remark(text);
+            self.bar.suspend(|| note(text));
             text.clone_into(&mut last);
         }
     }

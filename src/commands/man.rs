@@ -43,7 +43,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 fn write_pages(command: &Command, folder: &Path) -> anyhow::Result<usize> {
     let path = folder.join(Man::new(command.clone()).get_filename());
     write_bytes(&path, ExistingFile::Replace, &page(command)?)?;
-    let below = command.get_subcommands().map(|subcommand| write_pages(subcommand, folder));
+    let shown = command.get_subcommands().filter(|subcommand| !subcommand.is_hide_set());
+    let below = shown.map(|subcommand| write_pages(subcommand, folder));
     Ok(1 + below.sum::<anyhow::Result<usize>>()?)
 }
 

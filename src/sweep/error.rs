@@ -126,7 +126,7 @@ pub enum FileFault {
     UnknownKey {
         /// The key.
         key: String,
-        /// Where: "the sweep", "[slurm]".
+        /// Where: the sweep itself, or its table for Slurm.
         place: &'static str,
         /// What may have been meant.
         nearest: Option<String>,

@@ -112,7 +112,8 @@ fn run_claimed(
         File::create(&path).map_err(SweepError::io(path, "create"))
     };
     let mut command = Command::new(&runner.program);
-    command.args(&words).current_dir(&runner.working_folder);
+    // Settings of a file in the working folder are no part of a point.
+    command.arg("--no-config").args(&words).current_dir(&runner.working_folder);
     command.stdin(claim).stdout(create(RESULT_FILE)?).stderr(create(LOG_FILE)?);
     own_group(&mut command);
     let child = command.spawn().map_err(SweepError::io(&runner.program, "start"))?;

@@ -51,7 +51,7 @@ if [ ! -x "$program" ]; then
     echo "error: $program is not on node $(hostname), or not executable" >&2
     status={PROGRAM_MISSING}
 else
-    "$program" sweep-task --out {root} --list "$2" --line "$(($1 + SLURM_ARRAY_TASK_ID))" \
+    "$program" --no-config sweep-task --out {root} --list "$2" --line "$(($1 + SLURM_ARRAY_TASK_ID))" \
         --task "$task" --threads {cores} < /dev/null
     status=$?
 fi
