@@ -127,8 +127,7 @@ impl<'a> Deepest<'a> {
 /// The arguments without `--flag=false` (and with `--flag` for `--flag=true`), and the flags that were taken
 /// back so.
 fn without_denials(command: &Command, typed: Vec<OsString>) -> (Vec<OsString>, BTreeSet<String>) {
-    let mut flags = BTreeSet::new();
-    gather_flags(command, &mut flags);
+    let flags = flags_of_typed(command, &typed);
     let mut taken_back = BTreeSet::new();
     let mut open = true;
     let mut kept = Vec::new();
@@ -146,12 +145,16 @@ fn without_denials(command: &Command, typed: Vec<OsString>) -> (Vec<OsString>, B
     (kept, taken_back)
 }
 
-/// Long names of all flags of all commands, counted ones included.
-fn gather_flags(command: &Command, flags: &mut BTreeSet<String>) {
+/// Long names of all flags, counted ones included, of the commands that were typed.
+fn flags_of_typed(command: &Command, typed: &[OsString]) -> BTreeSet<String> {
     let is_flag = |action: &ArgAction| matches!(action, ArgAction::SetTrue | ArgAction::Count);
-    let own = command.get_arguments().filter(|arg| is_flag(arg.get_action()));
-    flags.extend(own.filter_map(|arg| arg.get_long().map(ToOwned::to_owned)));
-    command.get_subcommands().for_each(|below| gather_flags(below, flags));
+    let mut named = vec![command];
+    for word in typed.iter().skip(1).filter_map(|word| word.to_str()) {
+        named.extend(named[named.len() - 1].find_subcommand(word));
+    }
+    let all = named.into_iter().flat_map(Command::get_arguments);
+    let flags = all.filter(|arg| is_flag(arg.get_action()));
+    flags.filter_map(|arg| arg.get_long().map(ToOwned::to_owned)).collect()
 }
 
 /// The settings behind what was typed, but before what follows a `--`.

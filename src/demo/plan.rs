@@ -192,7 +192,7 @@ impl Size {
                 match_seconds: 5,
             },
             Self::Full => Amounts {
-                run_seconds: 20,
+                run_seconds: 10,
                 ball_seconds: 60,
                 fit_seeds: 8,
                 fit_epochs: 1000,
