@@ -157,7 +157,8 @@ fn a_commands_own_table_stands_for_the_global_one() {
 #[test]
 fn a_flag_of_one_command_may_take_a_value_in_another() {
     assert_eq!(line("", "sweep a.toml --dry-run=false"), "sweep a.toml");
-    assert_eq!(line("", "collect --dry-run=false"), "collect --dry-run=false");
+    let collect = "collect --plan paper --dry-run=false";
+    assert_eq!(line("", collect), collect);
 }
 
 #[test]

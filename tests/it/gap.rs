@@ -242,7 +242,7 @@ fn followed(dir: &Path, name: &str, delay: f64, camera: Option<Camera>) -> [Stri
             if let Some(camera) = camera
                 && step % 100 == 30
             {
-                let late_ns = 4e6 + 1e9 * camera.stamp_s * normal(&mut scatter);
+                let late_ns = 5e6 + 1e9 * camera.stamp_s * normal(&mut scatter);
                 let mut seen = |place: f64| place + camera.place_m * normal(&mut scatter);
                 let [x, y] = place.map(&mut seen);
                 let frame =
@@ -284,13 +284,13 @@ fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
     let base = followed(dir.path(), "base", 0.0, camera(2.5e-4, 0.0));
     gap(&base, None, &dir.path().join("base"));
     let twin = dir.path().join("base/twin.json").display().to_string();
-    let changed = followed(dir.path(), "changed", 0.0, camera(4e-4, 1e-3));
+    let changed = followed(dir.path(), "changed", 0.0, camera(4e-4, 1.5e-3));
     let (document, _) = gap(&changed, Some(&twin), &dir.path().join("changed"));
     assert_eq!(names(&document), ["sensor.frame_jitter", "sensor.noise_model"], "{document:#}");
-    for (index, truth) in [(0, 1e-3), (1, 1.6)] {
+    for (index, truth) in [(0, 1.5e-3), (1, 1.6)] {
         let parameter = &document["effects"][index]["parameters"][0];
         let value = parameter["value"].as_f64().unwrap();
-        assert!((value - truth).abs() < 0.2 * truth, "{parameter}");
+        assert!((value - truth).abs() < 0.25 * truth, "{parameter}");
     }
     // The twin states it from then on.
     let twin = dir.path().join("changed/twin.json").display().to_string();

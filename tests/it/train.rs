@@ -65,7 +65,7 @@ fn a_policy_learns_what_it_is_paid_for() {
     settings.ppo.learning_rate = 3e-3;
     settings.ppo.entropy_coef = 0.0;
     settings.checkpoint_updates = 16;
-    settings.steps = 80 * settings.transitions_per_update();
+    settings.steps = 140 * settings.transitions_per_update();
     let before =
         Run::new(&settings, &GameSettings::default(), machine(1)).map(|run| distance_to_ball(&run));
     let (before, after) = (before.unwrap(), distance_to_ball(&trained(&settings, 2)));
