@@ -8,7 +8,7 @@ use super::{
     biscuit::BiscuitState,
     body::{BallState, StrikerState},
     error::GameError,
-    games::Games,
+    games::{Clock, Games},
 };
 
 /// Bytes of one number.
@@ -18,10 +18,11 @@ const BYTES: usize = 8;
 fn each_number(games: &mut Games, visit: &mut dyn FnMut(&mut f64)) {
     for clock in &mut games.clocks {
         // Exact below 2^53 episodes.
-        let (mut episode, mut step) = (clock.episode as f64, f64::from(clock.step));
-        visit(&mut episode);
-        visit(&mut step);
-        (clock.episode, clock.step) = (episode as u64, step as u32);
+        let Clock { episode, step, still } = *clock;
+        let mut numbers = [episode as f64, f64::from(step), f64::from(still)];
+        numbers.iter_mut().for_each(&mut *visit);
+        let [episode, step, still] = numbers;
+        *clock = Clock { episode: episode as u64, step: step as u32, still: still as u32 };
     }
     for ball in &mut games.balls {
         let BallState { position, velocity, slip, spin, since_impact, over_cup } = ball;
@@ -75,5 +76,34 @@ impl Games {
         });
         (0..self.len()).for_each(|board| self.draw_physics(board));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{GameSettings, Games, Outcomes};
+
+    /// Plays `steps` control periods in which nobody moves.
+    fn wait(games: &mut Games, steps: usize) {
+        let commands = vec![[[0.0; 2]; 2]; games.len()];
+        let mut outcomes = Outcomes::new(games.len());
+        for _ in 0..steps {
+            games.step(&commands, &mut outcomes).unwrap();
+        }
+    }
+
+    #[test]
+    fn restored_boards_go_on_as_the_saved_ones_also_where_the_ball_has_lain_still_for_a_while() {
+        let settings = GameSettings::default();
+        let mut games = Games::new(8, &settings, 3).unwrap();
+        // A ball at rest ends the episode after 2 s: after 2.6 s some boards are in their second.
+        wait(&mut games, 130);
+        let saved = games.save();
+        wait(&mut games, 150);
+        let mut restored = Games::new(8, &settings, 3).unwrap();
+        restored.restore(&saved).unwrap();
+        assert!(restored.save() == saved);
+        wait(&mut restored, 150);
+        assert!(restored.save() == games.save());
     }
 }
