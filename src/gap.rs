@@ -45,6 +45,7 @@ mod floor;
 mod known;
 mod locate;
 mod nuisance;
+mod numbers;
 mod outliers;
 mod page;
 mod problem;
@@ -64,6 +65,7 @@ pub use findings::{
 };
 pub use fit::{Fit, Uncertainty};
 pub use floor::{Floor, FloorSource};
+pub use numbers::Number;
 pub use page::page;
 pub use problem::{Part, Point, Problem};
 pub use rounds::{Added, Link, Outcome, Reason, Rejected, Task, search};

@@ -31,4 +31,10 @@ impl Provenance {
     pub fn new(command_line: String) -> Self {
         Self { command_line, crate_version: CRATE_VERSION, git_hash: GIT_HASH }
     }
+
+    /// The program by name and value, for a page.
+    #[must_use]
+    pub fn facts(&self) -> [(&'static str, String); 2] {
+        [("crate", self.crate_version.to_owned()), ("commit", self.git_hash.to_owned())]
+    }
 }

@@ -25,6 +25,7 @@
 
 mod beside;
 mod error;
+mod folder;
 mod frame_times;
 pub mod inspect;
 mod load;
@@ -39,6 +40,7 @@ mod writer;
 
 pub use beside::{ExistingFile, partial_name, write_beside, write_bytes};
 pub use error::RecordingError;
+pub use folder::files_in;
 pub use frame_times::FrameTimes;
 pub use load::{Attachment, Channel, MessageIndex, Recording, Series, hexadecimal, sha256_of_file};
 pub use runs::MarkedRun;

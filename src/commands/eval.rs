@@ -5,7 +5,7 @@ use anyhow::{Context, bail};
 use klasktron::{
     parallel,
     provenance::Provenance,
-    recording::{ExistingFile, table::ColumnFormat, write_bytes},
+    recording::{ExistingFile, files_in, table::ColumnFormat, write_bytes},
     referee::{
         EVENTS_FILE, Figure, Group, Metric, Rules, Score, ScoredMatch, compare, judge_matches,
         page, write_episodes, write_events,
@@ -113,17 +113,10 @@ fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
         return Ok(vec![path.to_owned()]);
     }
     let folder = path.display();
-    let mut files = Vec::new();
-    for entry in fs::read_dir(path).with_context(|| format!("{folder}: cannot read"))? {
-        let file = entry.with_context(|| format!("{folder}: cannot read"))?.path();
-        if file.extension().is_some_and(|extension| extension == "mcap") {
-            files.push(file);
-        }
-    }
+    let files = files_in(path).with_context(|| format!("{folder}: cannot read"))?;
     if files.is_empty() {
         bail!("{folder}: no .mcap file in this folder; name the recordings or another folder");
     }
-    files.sort();
     Ok(files)
 }
 

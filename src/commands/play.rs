@@ -4,6 +4,7 @@ use super::{
     Outcome, note, print,
     session::{self, Motion, SessionArgs},
     table::{TableArgs, TableFiles, parse_within},
+    tell,
 };
 use anyhow::bail;
 use klasktron::{
@@ -94,6 +95,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         bail!("whoever plays must see the board: give --camera");
     }
     let mut game = Match::new(seats, &files.robot, &filter.unwrap_or_default(), args.seed)?;
+    for doubt in game.doubts(&files.robot) {
+        tell(&format!("warning: {doubt}"));
+    }
     let motion = Motion {
         players: game.players(),
         rate_hz: game.rate_hz(),

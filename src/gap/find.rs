@@ -268,6 +268,7 @@ fn named(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> NamedEffect {
         held_out_gain: step.held_out_gain,
         why: why(step.effect, step, signal.as_deref(), ends, &parameters),
         gap_signal: signal,
+        numbers_when_added: step.numbers.clone(),
         parameters,
     }
 }

@@ -1,5 +1,6 @@
 //! `gap.json`: the contract's document of what was found.
 
+use super::numbers::Number;
 use crate::effects::{Axis, Domain};
 use serde::{Deserialize, Serialize};
 
@@ -77,6 +78,9 @@ pub struct NamedEffect {
     pub gap_signal: Option<String>,
     /// Share of the held-out squared error (whitened) that it removes, 0 to 1.
     pub held_out_gain: f64,
+    /// All fitted numbers of its link when it had been added, by plain least squares (each signal in units of
+    /// its RMS): later effects move them.
+    pub numbers_when_added: Vec<Number>,
     /// One sentence.
     pub why: String,
 }

@@ -106,6 +106,13 @@ pub(super) fn fit_from_afar(
     settle(problem, point, slots, iterations)
 }
 
+/// The same by plain least squares, every signal in units of its RMS: what published tables hold.
+#[must_use]
+pub(super) fn plainly(problem: &Problem<'_>, found: &Fit) -> Fit {
+    let scales = problem.filters(&found.point, whiten::scale_filters);
+    fit(problem, found.point.clone(), &found.slots, &scales, 8)
+}
+
 /// Fits from nearby: whitened by the residual, and again by the residual that is then left.
 #[must_use]
 pub(super) fn settle(
@@ -268,6 +275,26 @@ pub(super) fn uncertainty(
         standard_errors.push(variance.sqrt() * found.point.twin.scale(*slot));
     }
     Uncertainty { standard_errors, freedom: own.freedom, undetermined: own.undetermined }
+}
+
+impl Uncertainty {
+    /// The same where the model may be wrong: a right one gives the same values however its errors are
+    /// weighed (Hausman, Econometrica 46, 1978). Where residuals that are merely scaled, not whitened, would
+    /// give another value than scatter explains, half of what is beyond it is added to the variance, as
+    /// between sessions.
+    #[must_use]
+    pub(super) fn whatever_the_metric(mut self, problem: &Problem<'_>, found: &Fit) -> Self {
+        let scales = problem.filters(&found.point, whiten::scale_filters);
+        let other = Sandwich::new(problem, &found.point, &found.slots, &scales);
+        for (index, slot) in found.slots.iter().enumerate() {
+            if !other.undetermined[index] {
+                let beyond = (other.step[index].powi(2) - other.variances[index]).max(0.0);
+                let error = &mut self.standard_errors[index];
+                *error = error.hypot((0.5 * beyond).sqrt() * found.point.twin.scale(*slot));
+            }
+        }
+        self
+    }
 }
 
 /// Covariance of the parameters on one problem, by blocks of time, in scaled units.

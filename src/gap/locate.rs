@@ -47,8 +47,9 @@ fn places_of(outcome: &Outcome<'_>, effects: &[NamedEffect]) -> Vec<(f64, Where)
         condition: condition(&channel.times, &channel.measured, &residual[k], &channel.runs),
         share_of_gap: 0.0,
     };
-    let of_all = channels.iter().enumerate().map(|(k, channel)| (excess(k), place(k, channel)));
-    of_all.filter(|(excess, _)| 0.0 < *excess).collect()
+    let of_all = channels.iter().enumerate().map(|(k, channel)| (excess(k), k, channel));
+    let with_gap = of_all.filter(|(excess, ..)| 0.0 < *excess);
+    with_gap.map(|(excess, k, channel)| (excess, place(k, channel))).collect()
 }
 
 /// The state of motion that holds most of the squared residual for its share of time.

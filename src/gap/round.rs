@@ -33,6 +33,17 @@ const RIVAL_LEVEL: f64 = 5e-3;
 /// Factor by which the judging sessions may want the effect larger; half of it at least they must want.
 const SESSIONS_APART: f64 = 3.0;
 
+/// Difference of two squared errors (whitened) below which they are the same even in white noise: two standard
+/// deviations of one number.
+const SAME: f64 = 4.0;
+
+/// How much more of the gap than the effect that shows most clearly another one must close to be added first.
+const FAR_STRONGER: f64 = 1.5;
+
+/// How much more of the held-out squared error of one signal an effect must remove to be worth a name than
+/// of all signals together, where most of them do not show it.
+const IN_ONE_SIGNAL: f64 = 4.0;
+
 /// Length of an effect's column at its largest plausible size, in whitened standard deviations, below
 /// which this motion cannot show it: what a test at one in 10,000 can just see.
 const VISIBLE: f64 = 5.0;
@@ -193,6 +204,8 @@ struct Bench<'a, 'b> {
     held_out: &'b Problem<'a>,
     /// The metric: whitening of the best candidate's residual.
     filters: &'b Filters,
+    /// One over the RMS of each signal's residual: in which a gap is told.
+    scales: Filters,
     worth: &'b Worth<'b>,
     base_train_rows: Vec<f64>,
     base_held: Point,
@@ -211,6 +224,7 @@ impl<'a, 'b> Bench<'a, 'b> {
             train,
             held_out,
             filters,
+            scales: train.filters(&base.point, whiten::scale_filters),
             worth,
             base_train_rows: train.whitened(&base.point, filters),
             base_held_rows: held_out.whitened(&base_held, filters),
@@ -268,6 +282,7 @@ impl<'a, 'b> Bench<'a, 'b> {
             ),
             unstated: None,
             contest,
+            numbers: Vec::new(),
         }
     }
 
@@ -275,6 +290,20 @@ impl<'a, 'b> Bench<'a, 'b> {
     fn held_out_gain(&self, trial: &Trial) -> f64 {
         let before = fit::squared(&self.base_held_rows);
         (before - fit::squared(&trial.held_rows)) / before.max(f64::MIN_POSITIVE)
+    }
+
+    /// The same of the signal that it helps most.
+    fn gain_of_a_signal(&self, trial: &Trial) -> f64 {
+        let mut squares: Vec<[f64; 2]> = Vec::new();
+        let rows = self.held_out.parts.iter().flat_map(|part| &part.layout.rows);
+        for ((row, before), after) in rows.zip(&self.base_held_rows).zip(&trial.held_rows) {
+            let channel = row.channel as usize;
+            squares.resize(squares.len().max(channel + 1), [0.0; 2]);
+            squares[channel][0] += before * before;
+            squares[channel][1] += after * after;
+        }
+        let gain = |[before, after]: &[f64; 2]| 1.0 - after / before.max(f64::MIN_POSITIVE);
+        squares.iter().map(gain).fold(0.0, f64::max)
     }
 
     /// Why the trial may not be named; `None` when it may.
@@ -296,7 +325,8 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
-        (self.held_out_gain(trial) < self.worth.of(trial.candidate.effect))
+        let worth = self.worth.of(trial.candidate.effect);
+        (self.held_out_gain(trial) < worth && self.gain_of_a_signal(trial) < IN_ONE_SIGNAL * worth)
             .then_some(Reason::TooSmall)
     }
 
@@ -308,11 +338,12 @@ impl<'a, 'b> Bench<'a, 'b> {
         rejected: &mut Vec<Rejected>,
     ) -> Option<(Fit, Added)> {
         let passed: Vec<&Trial> = trials.iter().filter(|trial| trial.objection.is_none()).collect();
-        let own = self.simplest(&passed)?;
+        let own = self.strongest(self.simplest(&passed)?, &passed);
         let mut class = Vec::new();
         for other in passed.iter().filter(|other| !std::ptr::eq(**other, own)) {
             let name = other.candidate.effect.name;
-            if name != own.candidate.effect.name && self.is_rival(own, other) {
+            let is_as_good = self.is_rival(own, other) && self.is_rival(other, own);
+            if name != own.candidate.effect.name && is_as_good {
                 if !class.contains(&name) {
                     class.push(name);
                 }
@@ -334,6 +365,23 @@ impl<'a, 'b> Bench<'a, 'b> {
             .min_by_key(|trial| trial.candidate.effect.parameters.len())
     }
 
+    /// The strongest goes first: of effects that explain different things it is not `best`, which the whitened
+    /// residual shows most clearly, but one that closes far more of the gap.
+    fn strongest<'t>(&self, best: &'t Trial, passed: &[&'t Trial]) -> &'t Trial {
+        let most = FAR_STRONGER * self.closes(best);
+        let far_stronger = passed.iter().map(|trial| (self.closes(trial), *trial));
+        far_stronger
+            .filter(|(closes, _)| most < *closes)
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(best, |(_, trial)| trial)
+    }
+
+    /// Share of the squared gap on the fitted sessions, every signal in units of its RMS, that the trial closes.
+    fn closes(&self, trial: &Trial) -> f64 {
+        1.0 - fit::squared(&self.train.whitened(&trial.fit.point, &self.scales))
+            / self.train.rows().max(1) as f64
+    }
+
     /// Whether `other` explains all sessions as well as `own`.
     fn is_rival(&self, own: &Trial, other: &Trial) -> bool {
         let (train, held) = (self.train.blocks(), self.held_out.blocks());
@@ -343,7 +391,9 @@ impl<'a, 'b> Bench<'a, 'b> {
             count: train.count + held.count,
         };
         let all = |trial: &Trial| [trial.train_rows.as_slice(), &trial.held_rows].concat();
-        !Amplitude::of(&all(other), &all(own), &blocks).is_above(0.5, RIVAL_LEVEL)
+        let (own, other) = (all(own), all(other));
+        fit::squared(&other) - fit::squared(&own) < SAME
+            || !Amplitude::of(&other, &own, &blocks).is_above(0.5, RIVAL_LEVEL)
     }
 }
 

@@ -4,6 +4,7 @@ use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
     known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
+    numbers::{Number, numbers},
     problem::{Point, Problem},
     round::{Round, Stand},
     scatter,
@@ -93,6 +94,8 @@ pub struct Added {
     pub unstated: Option<(f64, f64)>,
     /// The strongest candidates of the round: name, axis, whitened loss per row when fitted.
     pub contest: Vec<(String, Axis, f64)>,
+    /// All numbers with it, before anything else was added, by plain least squares.
+    pub numbers: Vec<Number>,
 }
 
 /// What the search found on one link.
@@ -108,7 +111,7 @@ pub struct Outcome<'a> {
     /// The same on the judging sessions.
     pub start_held_out: Point,
     /// All parameters fitted, nothing added.
-    pub refitted: Point,
+    pub refitted: Fit,
     /// The final twin.
     pub last: Fit,
     /// Its nuisances on the judging sessions.
@@ -155,7 +158,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     } else {
         refit(&mut train, &mut held_out, (&given, &slots))
     };
-    let refitted = best.point.clone();
+    let refitted = best.clone();
     log::info!(
         "{:?}: {} parameters refitted on {} stages, {} judge",
         link.kind,
@@ -177,7 +180,8 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     Outcome {
         kind: link.kind,
         is_better: is_better(&held_out, (&start_held_out, &last_held_out), &filters, worth),
-        uncertainty: fit::uncertainty(&train, &held_out, (&best, &last_held_out), &filters),
+        uncertainty: fit::uncertainty(&train, &held_out, (&best, &last_held_out), &filters)
+            .whatever_the_metric(&train, &best),
         start_held_out,
         last_held_out,
         train,
@@ -267,6 +271,8 @@ impl Search<'_> {
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
             (self.best, self.filters) = from_deepest(&self.train, settled, given);
+            let plain = fit::plainly(&self.train, &self.best);
+            self.added.last_mut().expect("one was added").numbers = numbers(&plain);
             excess = self.excess(judged.insert(self.judged()));
         }
         if self.take_back_what_is_none() {

@@ -143,6 +143,7 @@ impl Change {
             held_out_steps: (rms.clone(), rms),
             unstated: Some((self.unstated.0.max(0.0).sqrt(), self.unstated.1.max(0.0).sqrt())),
             contest: Vec::new(),
+            numbers: Vec::new(),
         });
         Named {
             step,
@@ -162,10 +163,9 @@ fn log_ratio(a: Estimate, b: Estimate) -> Estimate {
 
 /// The change of the time stamps' scatter, where it is large enough; `None` for a jitter that fell in a twin
 /// without one.
-fn jitter(given: &Twin, known: Option<&Scatter>, found: [&Scattering; 2]) -> Option<Change> {
+fn jitter(given: &Twin, known: &Scatter, found: [&Scattering; 2]) -> Option<Change> {
     let effect = noise_effect(Noise::FrameTime);
-    let before = known.map_or((0.0, 0.0), |known| known.stamp_variance_s2);
-    let changes = found.map(|own| difference(own.stamp_variance_s2, before));
+    let changes = found.map(|own| difference(own.stamp_variance_s2, known.stamp_variance_s2));
     let (variance, error) = found[0].stamp_variance_s2;
     let value = variance.max(0.0).sqrt();
     let worth =
@@ -231,18 +231,20 @@ pub(super) fn find(
         return Vec::new();
     };
     let link = problems[0].parts[0].stage.kind();
-    let known = stated(given, link);
+    // Where nothing is stated there is nothing to compare with: whatever a twin does not follow from frame to
+    // frame grows with speed like a jitter.
+    let Some(known) = stated(given, link) else { return Vec::new() };
     let found = [&fitted, &judged];
-    let jitter = jitter(given, known.as_ref(), found).filter(Change::is_in);
-    let size = known.as_ref().and_then(|known| size(known, found)).filter(Change::is_in);
-    if let (Some(known), Some(excess)) = (&known, excess) {
-        let accounted: f64 = [&jitter, &size].into_iter().flatten().map(|own| own.unstated.0).sum();
+    let changes = [jitter(given, &known, found), size(&known, found)];
+    let changes = changes.into_iter().flatten().filter(Change::is_in).collect::<Vec<_>>();
+    if let Some(excess) = excess {
+        let accounted: f64 = changes.iter().map(|own| own.unstated.0).sum();
         if accounted < ACCOUNTS_FOR * excess * known.whole_variance_m2.0 {
             return Vec::new();
         }
     }
     let rms = problems[1].rms(points[1]);
-    [jitter, size].into_iter().flatten().map(|own| own.named(given, rms.clone())).collect()
+    changes.into_iter().map(|own| own.named(given, rms.clone())).collect()
 }
 
 impl Named {

@@ -83,6 +83,12 @@ impl Match {
         })
     }
 
+    /// What may make a player worse on `robot` than it was in training, as sentences.
+    #[must_use]
+    pub fn doubts(&self, robot: &Robot) -> Vec<String> {
+        self.seats.iter().flatten().filter_map(|seat| seat.doubt(robot)).collect()
+    }
+
     /// Whose gantries are driven.
     #[must_use]
     pub fn players(&self) -> Vec<Player> {

@@ -2,6 +2,7 @@
 
 use super::PlayError;
 use crate::{
+    gantry::Robot,
     opponent::Scripted,
     recording::Recording,
     train::{StoredPolicy, read_policy},
@@ -75,6 +76,18 @@ impl Seat {
         let policy = Box::new(read_policy(&recording)?);
         let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Some(Self::Policy { file, sha256: recording.sha256, policy }))
+    }
+
+    /// What a policy learned otherwise than `robot` will do it, though both can play together.
+    pub(super) fn doubt(&self, robot: &Robot) -> Option<String> {
+        let Self::Policy { file, policy, .. } = self else { return None };
+        let (learned, has) = (policy.command_slew_m_per_s2?, robot.limits.slew_m_per_s2);
+        (has < learned).then(|| {
+            format!(
+                "{file} learned with commands that change by up to {learned} m/s^2, but \
+                 limits.slew_m_per_s2 of the robot file is {has}: it will answer later than in training"
+            )
+        })
     }
 }
 

@@ -52,6 +52,7 @@ fn policy(seed: u64, change: impl Fn(&mut Network)) -> Option<Seat> {
         policy,
         observations: ObservationKind::Augmented20,
         action_scale_m_per_s: 0.4,
+        command_slew_m_per_s2: Some(10.0),
         settings: TrainSettings::preset(Preset::Paper),
         metadata: [].into(),
     });
@@ -217,6 +218,20 @@ fn who_cannot_play_is_told_why() {
     alone.drives.retain(|seat| seat.player == Player::Left);
     let said = refused([None, scripted(Scripted::Random)], &alone);
     assert!(said.contains("no drive of the right player"), "{said}");
+}
+
+#[test]
+fn a_robot_that_changes_speed_more_slowly_than_in_training_is_a_doubt() {
+    let doubts = |seats: [Option<Seat>; 2], slew| {
+        let mut robot = symmetric();
+        robot.limits.slew_m_per_s2 = slew;
+        Match::new(seats, &robot, &FilterSettings::default(), 3).unwrap().doubts(&robot)
+    };
+    let said = doubts([policy(1, strong), scripted(Scripted::Chaser)], 6.0);
+    assert_eq!(said.len(), 1);
+    assert!(said[0].contains("up to 10 m/s^2") && said[0].contains("robot file is 6"), "{said:?}");
+    assert!(doubts([policy(1, strong), None], 10.0).is_empty());
+    assert!(doubts([scripted(Scripted::Chaser), None], 6.0).is_empty());
 }
 
 #[test]

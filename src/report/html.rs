@@ -122,6 +122,13 @@ impl Page {
         self.push(format_args!("{html}"));
     }
 
+    /// Adds what is known as such a table: a name and a value in each row.
+    pub fn facts<const N: usize>(&mut self, facts: [(&str, String); N]) {
+        let head = ["what", "value"].map(str::to_owned).into();
+        let rows = facts.map(|(name, value)| vec![name.to_owned(), value]).into();
+        self.table_of_words(&Table { head, rows });
+    }
+
     /// Adds such a table, shown when `summary` is clicked.
     pub fn folded_table_of_words(&mut self, summary: &str, table: &Table) {
         let (summary, html) = (escape(summary), table.html("scroll words"));

@@ -343,9 +343,7 @@ fn how(page: &mut Page, plan: &Plan, provenance: &Provenance) {
         page.paragraph("The first point, as it can be typed in the folder of the sweep file:");
         page.code(&format!("{} --out {}", point.command_line, quoted(&point.hash)));
     }
-    let rows = [("crate", provenance.crate_version), ("commit", provenance.git_hash)];
-    let rows = rows.map(|(name, value)| vec![name.to_owned(), value.to_owned()]).into();
-    page.table_of_words(&Table { head: vec!["what".to_owned(), "value".to_owned()], rows });
+    page.facts(provenance.facts());
 }
 
 #[cfg(test)]

@@ -3,13 +3,12 @@
 use super::{SweepError, SweptCommand};
 use crate::{
     provenance::CRATE_VERSION,
-    recording::{hexadecimal, sha256_of_file},
+    recording::{files_in, hexadecimal, sha256_of_file},
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -111,16 +110,8 @@ impl InputHashes {
 }
 
 fn of_folder(path: &Path) -> Result<String, SweepError> {
-    let mut files = Vec::new();
-    for entry in fs::read_dir(path).map_err(SweepError::io(path, "read"))? {
-        let file = entry.map_err(SweepError::io(path, "read"))?.path();
-        if file.extension().is_some_and(|extension| extension == "mcap") {
-            files.push(file);
-        }
-    }
-    files.sort();
     let mut hash = Sha256::new();
-    for file in files {
+    for file in files_in(path).map_err(SweepError::io(path, "read"))? {
         hash.update(file.file_name().unwrap_or_default().to_string_lossy().as_bytes());
         hash.update([0]);
         hash.update(sha256_of_file(&file)?);

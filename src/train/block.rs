@@ -57,15 +57,19 @@ pub(super) struct Block {
 }
 
 /// A block's boards in the middle of their episodes.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct BlockState {
     /// As [`Games::save`](crate::game::Games::save) gives it.
+    #[prost(bytes = "vec", tag = "1")]
     pub(super) games: Vec<u8>,
     /// Opponent on each board.
+    #[prost(uint32, repeated, tag = "2")]
     pub(super) drawn: Vec<u32>,
     /// Earned so far in the episode on each board.
+    #[prost(float, repeated, tag = "3")]
     pub(super) returns: Vec<f32>,
     /// Control periods of that episode.
+    #[prost(uint32, repeated, tag = "4")]
     pub(super) lengths: Vec<u32>,
 }
 

@@ -64,38 +64,10 @@ struct MemberCounters {
 #[derive(Clone, PartialEq, Message)]
 struct Boards {
     #[prost(message, repeated, tag = "1")]
-    blocks: Vec<BoardsOfBlock>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-struct BoardsOfBlock {
-    #[prost(bytes = "vec", tag = "1")]
-    games: Vec<u8>,
-    #[prost(uint32, repeated, tag = "2")]
-    drawn: Vec<u32>,
-    #[prost(float, repeated, tag = "3")]
-    returns: Vec<f32>,
-    #[prost(uint32, repeated, tag = "4")]
-    lengths: Vec<u32>,
+    blocks: Vec<BlockState>,
 }
 
 impl Boards {
-    fn of(blocks: &[BlockState]) -> Self {
-        let block = |own: &BlockState| {
-            let BlockState { games, drawn, returns, lengths } = own.clone();
-            BoardsOfBlock { games, drawn, returns, lengths }
-        };
-        Self { blocks: blocks.iter().map(block).collect() }
-    }
-
-    fn into_blocks(self) -> Vec<BlockState> {
-        let block = |own: BoardsOfBlock| {
-            let BoardsOfBlock { games, drawn, returns, lengths } = own;
-            BlockState { games, drawn, returns, lengths }
-        };
-        self.blocks.into_iter().map(block).collect()
-    }
-
     fn to_bytes(&self) -> Vec<u8> {
         zstd::encode_all(self.encode_to_vec().as_slice(), LEVEL)
             .expect("writing to memory cannot fail")
@@ -128,7 +100,7 @@ impl Checkpoint {
         let mut attachments = vec![
             (LEARNER.to_owned(), self.learner.to_safetensors(&none)),
             (COUNTERS.to_owned(), counters.encode_to_vec()),
-            (BOARDS.to_owned(), Boards::of(&self.boards).to_bytes()),
+            (BOARDS.to_owned(), Boards { blocks: self.boards.clone() }.to_bytes()),
         ];
         for (member, opponent) in self.pool.members.iter().zip(&self.opponents) {
             if let Opponent::Policy(policy, _) = opponent {
@@ -166,7 +138,7 @@ impl Checkpoint {
         }
         let boards = Boards::from_bytes(&bytes(BOARDS)?)
             .map_err(|reason| (BOARDS.to_owned(), reason))?
-            .into_blocks();
+            .blocks;
         let members = counters.members.len() as u32;
         if boards.iter().any(|own| own.drawn.iter().any(|opponent| members <= *opponent)) {
             let reason = format!("a board plays against a member that the pool of {members} lacks");

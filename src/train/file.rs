@@ -17,7 +17,7 @@ use super::{
     settings::TrainSettings,
 };
 use crate::{
-    game::{Asked, CONTROL_PERIOD, Snapshot},
+    game::{Asked, CONTROL_PERIOD, CommandLimits, Snapshot},
     provenance::Provenance,
     recording::{
         ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingError, RecordingWriter,
@@ -31,6 +31,8 @@ use std::{collections::BTreeMap, path::Path};
 
 /// Name of the metadata record with what everyone who uses the policy must know.
 pub const POLICY_METADATA: &str = "klasktron.policy";
+/// Its entry with the largest change of a command in training (m/s^2).
+pub(super) const COMMAND_SLEW_ENTRY: &str = "command_slew_m_per_s2";
 /// Version of that record and of the observations.
 pub(super) const FORMAT_VERSION: &str = "1";
 /// Topic of the learning curve.
@@ -127,7 +129,7 @@ pub fn write_policy(
     path: &Path,
 ) -> Result<(), RecordingError> {
     let mut writer = RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
-    let policy_metadata = policy_metadata(summary, run.game().limits.speed);
+    let policy_metadata = policy_metadata(summary, &run.game().limits);
     writer.metadata(RECORDING_METADATA, recording_metadata(summary))?;
     writer.metadata(POLICY_METADATA, policy_metadata.clone())?;
     for point in run.curve() {
@@ -176,7 +178,7 @@ fn recording_metadata(summary: &Summary) -> BTreeMap<String, String> {
     metadata
 }
 
-fn policy_metadata(summary: &Summary, speed: f64) -> BTreeMap<String, String> {
+fn policy_metadata(summary: &Summary, limits: &CommandLimits) -> BTreeMap<String, String> {
     let settings = &summary.settings;
     let name = serde_json::to_value(settings.observations).unwrap_or_default();
     strings([
@@ -187,7 +189,8 @@ fn policy_metadata(summary: &Summary, speed: f64) -> BTreeMap<String, String> {
             "own: the board turned by 180 degrees for the right player".to_owned(),
         ),
         ("action_order", "x, y; own frame; -1 to 1, clamped".to_owned()),
-        ("action_scale_m_per_s", speed.to_string()),
+        ("action_scale_m_per_s", limits.speed.to_string()),
+        (COMMAND_SLEW_ENTRY, limits.slew.to_string()),
         ("rate_hz", CONTROL_PERIOD.recip().to_string()),
         ("actuator", summary.actuator.kind.clone()),
         ("actuator_sha256", summary.actuator.sha256.clone().unwrap_or_default()),

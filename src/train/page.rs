@@ -165,16 +165,15 @@ fn how(page: &mut Page, summary: &Summary) {
         || "-".to_owned(),
         |share| format!("{:.2} % of {}", 100.0 * share, summary.actuator_asked.all),
     );
-    let rows = [
-        ("crate", summary.provenance.crate_version.to_owned()),
-        ("commit", summary.provenance.git_hash.to_owned()),
+    let [version, commit] = summary.provenance.facts();
+    page.facts([
+        version,
+        commit,
         ("seed", summary.settings.seed.to_string()),
         ("actuator", summary.actuator.file.clone().unwrap_or(summary.actuator.kind.clone())),
         ("its SHA-256", sha256),
         ("asked outside of its training data", asked),
-    ];
-    let rows = rows.map(|(name, value)| vec![name.to_owned(), value]).into();
-    page.table_of_words(&Table { head: vec!["what".to_owned(), "value".to_owned()], rows });
+    ]);
     page.subsection("Settings");
     page.code(&summary.settings.to_json());
 }

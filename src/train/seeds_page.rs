@@ -54,9 +54,7 @@ pub fn seeds_page(runs: &[SeedRun], provenance: &Provenance) -> String {
     page.link("table.csv", "table.csv: every figure of every seed");
     page.section("How it was made");
     page.code(&provenance.command_line);
-    let rows = [("crate", provenance.crate_version), ("commit", provenance.git_hash)];
-    let rows = rows.map(|(name, value)| vec![name.to_owned(), value.to_owned()]).into();
-    page.table_of_words(&Table { head: vec!["what".to_owned(), "value".to_owned()], rows });
+    page.facts(provenance.facts());
     page.finish()
 }
 

@@ -3,7 +3,10 @@
 use super::{
     CurvePoint, Mismatch, TrainError,
     actuator::ActuatorSource,
-    file::{FORMAT_VERSION, POLICY_ATTACHMENT, POLICY_METADATA, SETTINGS_ATTACHMENT, UPDATE_TOPIC},
+    file::{
+        COMMAND_SLEW_ENTRY, FORMAT_VERSION, POLICY_ATTACHMENT, POLICY_METADATA,
+        SETTINGS_ATTACHMENT, UPDATE_TOPIC,
+    },
     message::point_of,
     pool::velocity_of,
     run::Checkpoint,
@@ -26,6 +29,8 @@ pub struct StoredPolicy {
     pub observations: ObservationKind,
     /// Speed of a full action (m/s).
     pub action_scale_m_per_s: f64,
+    /// Largest change of a command in its training (m/s^2); files of earlier versions do not say.
+    pub command_slew_m_per_s2: Option<f64>,
     /// Settings of its training.
     pub settings: TrainSettings,
     /// The metadata record `klasktron.policy`.
@@ -143,7 +148,15 @@ pub fn read_policy(recording: &Recording) -> Result<StoredPolicy, TrainError> {
             || parts.bad(format!("action_scale_m_per_s is {scale}; it must be above 0")),
         )?;
     let metadata = parts.metadata.clone();
-    Ok(StoredPolicy { policy, observations, action_scale_m_per_s, settings, metadata })
+    let command_slew_m_per_s2 = metadata.get(COMMAND_SLEW_ENTRY).and_then(|slew| slew.parse().ok());
+    Ok(StoredPolicy {
+        policy,
+        observations,
+        action_scale_m_per_s,
+        command_slew_m_per_s2,
+        settings,
+        metadata,
+    })
 }
 
 /// Reads the checkpoint out of a `policy.mcap`, for a run with `settings` and `actuator`; settings other than

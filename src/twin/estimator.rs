@@ -1,24 +1,30 @@
 //! Positions of the camera to the velocities that the state estimator reports.
 //!
 //! The true velocity is the slope of a parabola through the camera's places around each instant,
-//! which looks ahead as far as it looks back and so does not lag. The twin's estimator effects make
-//! of it what `/board/state` should say.
+//! which looks ahead as far as it looks back and so does not lag. Of a striker whose carriage is
+//! measured, it is the carriage's velocity and the slope of the difference between both ([`guide`]).
+//! The twin's estimator effects make of it what `/board/state` should say.
+
+mod guide;
 
 use super::{
-    Instance, Twin,
+    Instance, MeasuredPath, Twin,
     stage::{Channel, Stage, StageKind},
 };
 use crate::effects::{Domain, Effect, Physics, Sample};
 use crate::recording::{
     FrameTimes, Recording, RecordingError,
     message::{BoardState, CameraDetections, ObjectState, Point},
-    topic,
+    topic::{self, Player},
 };
 use crate::stats::{median, quantile};
+use guide::Guide;
 use std::ops::Range;
 
 /// Frames on each side of an instant, of which the velocity is made.
 const FRAMES_BESIDE: usize = 4;
+/// The same where the carriage guides: the striker differs from it slowly.
+const GUIDED_FRAMES_BESIDE: usize = 12;
 /// Fewest frames and states of an object that is looked at.
 const FEWEST: usize = 50;
 /// An object that covers less (m) does not move.
@@ -51,9 +57,11 @@ struct Step {
 
 /// Times (s) and places (m) of one object.
 #[derive(Default)]
-struct Track {
+struct Track<'p> {
     times: Vec<f64>,
+    /// Less those of the guide.
     places: Vec<[f64; 2]>,
+    guide: Option<Guide<'p>>,
 }
 
 /// Velocity by a parabola, and how far the parabola misses the places.
@@ -74,13 +82,15 @@ struct Instant {
 impl EstimatorStage {
     /// The stage of a recording with detections of the camera and states; `None` where it lacks one
     /// of them, or nothing moves. Its runs are `spans` (seconds since the recording began): positions
-    /// beyond them only prepare the estimator, and no state beyond them is compared.
+    /// beyond them only prepare the estimator, and no state beyond them is compared. `carriage` is the
+    /// measured one of a player.
     ///
     /// # Errors
     /// When a message does not decode.
     pub fn from_recording(
         recording: &Recording,
         spans: &[Range<f64>],
+        carriage: Option<(Player, &MeasuredPath)>,
     ) -> Result<Option<Self>, RecordingError> {
         let states = recording.series::<BoardState>(topic::BOARD_STATE)?;
         let detections = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
@@ -98,7 +108,8 @@ impl EstimatorStage {
         let mut stage = Self { channels: Vec::new(), inputs: Vec::new() };
         for object in &OBJECTS {
             let seen = detections.values.iter().map(|found| (object.seen)(found));
-            let track = Track::new(&frames, seen);
+            let path = carriage.filter(|(player, _)| object.player == Some(*player));
+            let track = Track::new(&frames, seen).guided(path.map(|(_, path)| path));
             let told = |state: &BoardState| (object.state)(state).map(|state| [state.vx, state.vy]);
             let reported: Vec<_> = states.values.iter().map(told).collect();
             stage.add(object.name, &track, &reported, (&times, &runs));
@@ -207,15 +218,27 @@ struct Object {
     name: &'static str,
     seen: fn(&CameraDetections) -> Option<&Point>,
     state: fn(&BoardState) -> Option<&ObjectState>,
+    player: Option<Player>,
 }
 
 const OBJECTS: [Object; 3] = [
-    Object { name: "ball", seen: |found| found.ball.as_ref(), state: |state| state.ball.as_ref() },
-    Object { name: "left", seen: |found| found.left.as_ref(), state: |state| state.left.as_ref() },
+    Object {
+        name: "ball",
+        seen: |found| found.ball.as_ref(),
+        state: |state| state.ball.as_ref(),
+        player: None,
+    },
+    Object {
+        name: "left",
+        seen: |found| found.left.as_ref(),
+        state: |state| state.left.as_ref(),
+        player: Some(Player::Left),
+    },
     Object {
         name: "right",
         seen: |found| found.right.as_ref(),
         state: |state| state.right.as_ref(),
+        player: Some(Player::Right),
     },
 ];
 
@@ -225,7 +248,7 @@ fn rate(times: &[f64]) -> f64 {
     median(&periods).filter(|period| 0.0 < *period).map_or(0.0, f64::recip)
 }
 
-impl Track {
+impl<'p> Track<'p> {
     /// The places that are there, at increasing times.
     fn new<'a>(times: &[f64], places: impl Iterator<Item = Option<&'a Point>>) -> Self {
         let mut track = Self::default();
@@ -238,6 +261,19 @@ impl Track {
             }
         }
         track
+    }
+
+    /// The same less what the carriage on `path` does, where it moves and follows that.
+    fn guided(mut self, path: Option<&'p MeasuredPath>) -> Self {
+        let Some(path) = path.filter(|_| self.moves()) else { return self };
+        self.guide = Guide::of(path, &self.times, &self.places);
+        if let Some(guide) = &self.guide {
+            for (time, place) in self.times.iter().zip(&mut self.places) {
+                let (led, _) = guide.at(*time);
+                *place = [place[0] - led[0], place[1] - led[1]];
+            }
+        }
+        self
     }
 
     /// Whether the places range over more than noise.
@@ -266,10 +302,11 @@ impl Track {
     /// The parabola through the frames beside `time`, in units of the window's half length; `None`
     /// at the ends of the track and where frames are missing.
     fn slope(&self, time: f64, period: f64) -> Option<Slope> {
+        let beside = if self.guide.is_some() { GUIDED_FRAMES_BESIDE } else { FRAMES_BESIDE };
         let after = self.times.partition_point(|frame| *frame < time);
-        let (low, high) = (after.checked_sub(FRAMES_BESIDE)?, after + FRAMES_BESIDE);
+        let (low, high) = (after.checked_sub(beside)?, after + beside);
         let times = self.times.get(low..=high).or_else(|| self.times.get(low..high))?;
-        let half = FRAMES_BESIDE as f64 * period;
+        let half = beside as f64 * period;
         let (first, last) = (time - times[0], times[times.len() - 1] - time);
         if 2.0 * half < first || 2.0 * half < last {
             return None;
@@ -294,7 +331,8 @@ impl Track {
             (place[0] - at(&a)).powi(2) + (place[1] - at(&b)).powi(2)
         });
         let misses = (misses.sum::<f64>() / times.len() as f64).sqrt();
-        Some(Slope { velocity: [a[1] / half, b[1] / half], misses })
+        let led = self.guide.as_ref().map_or([0.0; 2], |guide| guide.at(time).1);
+        Some(Slope { velocity: [led[0] + a[1] / half, led[1] + b[1] / half], misses })
     }
 }
 

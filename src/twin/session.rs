@@ -211,6 +211,8 @@ fn session_of(
         commands = recording.count(&topic::command(gantry.player));
     }
     let spans: Vec<Range<f64>> = runs.iter().map(|run| run.span.clone()).collect();
+    let path = gantry.map(Gantry::path);
+    let carriage = gantry.map(|gantry| gantry.player).zip(path.as_ref());
     Ok(Session {
         name: session_name(recording),
         sha256: recording.sha256.clone(),
@@ -221,7 +223,7 @@ fn session_of(
         drive,
         camera,
         ball: BallStage::from_recording(recording, &spans)?,
-        estimator: EstimatorStage::from_recording(recording, &spans)?,
+        estimator: EstimatorStage::from_recording(recording, &spans, carriage)?,
         axes: AxisStage::from_recording(recording, &spans)?,
     })
 }

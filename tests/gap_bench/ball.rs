@@ -4,7 +4,7 @@
 
 use crate::{
     draw::{Coloured, Draw},
-    linear::fit,
+    linear::{fit, left},
     observe::CAMERA_RATE,
 };
 
@@ -274,37 +274,103 @@ pub(crate) fn session(rig: &BallRig, starts: &[Start], draw: &mut Draw) -> Vec<V
     out
 }
 
-/// How large the difference of two rigs is beside the camera's noise, over the same rolls, when the place
-/// and the velocity at which each roll began are not known but fitted with it.
-pub(crate) fn visibility(plain: &BallRig, with: &BallRig, starts: &[Start]) -> f64 {
-    let mut sum = 0.0;
-    let mut count = 0;
-    for (index, start) in starts.iter().enumerate() {
-        let from = index as f64 * (ROLL + PAUSE);
-        let wanted = seen(plain, *start, from);
-        let mut own = *start;
-        let mut least = f64::INFINITY;
-        for _ in 0..START_ITERATIONS {
-            let now = seen(with, own, from);
-            let gap = per(&wanted, &now, 1.0);
-            least = least.min(gap.iter().map(|value| value * value).sum());
-            let columns: Vec<Vec<f64>> = (0..4)
-                .map(|number| {
-                    per(&seen(with, moved(own, number, START_STEP), from), &now, START_STEP)
-                })
-                .collect();
-            let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-            for (number, by) in fit(&columns, &gap, 0.0).into_iter().enumerate() {
-                own = moved(own, number, by);
-            }
-        }
-        sum += least;
-        count += wanted.len();
-    }
-    (sum / count.max(1) as f64).sqrt() / plain.camera_noise.max(1e-6)
+/// A number of the rig that the plain twin has: what a refit of it imitates is no evidence for an effect.
+pub(crate) type Knob = fn(&mut BallRig, f64);
+
+/// Resistance and restitution, but for those that the effect `spec` itself changes.
+pub(crate) fn imitators(spec: &BallSpec) -> Vec<Knob> {
+    let knobs: [(&str, Knob); 2] = [
+        ("ball.rolling_resistance", |rig, by| rig.rolling += by),
+        ("impact.wall_restitution", |rig, by| rig.restitution += by),
+    ];
+    knobs.into_iter().filter(|(name, _)| *name != spec.name).map(|(_, knob)| knob).collect()
 }
 
-/// Step of a start for its finite differences (m, m/s), and how often the fit of a start is linearised.
+/// How large the difference of two rigs is beside the camera's noise, over the same rolls, when what the
+/// twin knows is fitted with it: the place and the velocity at which each roll began, and the numbers of
+/// `known`.
+pub(crate) fn visibility(plain: &BallRig, with: &BallRig, starts: &[Start], known: &[Knob]) -> f64 {
+    let mut rig = with.clone();
+    let mut own = starts.to_vec();
+    let mut least = f64::INFINITY;
+    let mut rows = 0;
+    for _ in 0..START_ITERATIONS {
+        let rolls: Vec<Rolled> = (0..starts.len())
+            .map(|index| Rolled::new((plain, starts[index]), (&rig, own[index]), index, known))
+            .collect();
+        rows = rolls.iter().map(|roll| roll.gap.len()).sum();
+        let sum: f64 = rolls.iter().flat_map(|roll| &roll.gap).map(|gap| gap * gap).sum();
+        least = least.min(sum);
+        let by = shared_step(&rolls, known.len());
+        for (knob, by) in known.iter().zip(&by) {
+            knob(&mut rig, *by);
+        }
+        for (own, roll) in own.iter_mut().zip(&rolls) {
+            for (number, by) in roll.local_step(&by).into_iter().enumerate() {
+                *own = moved(*own, number, by);
+            }
+        }
+    }
+    (least / rows.max(1) as f64).sqrt() / plain.camera_noise.max(1e-6)
+}
+
+/// One roll, linearised: what is wanted less what is there, and how that changes with its start and with the
+/// numbers of the rig.
+struct Rolled {
+    gap: Vec<f64>,
+    local: Vec<Vec<f64>>,
+    shared: Vec<Vec<f64>>,
+}
+
+impl Rolled {
+    fn new(
+        (plain, start): (&BallRig, Start),
+        (rig, own): (&BallRig, Start),
+        index: usize,
+        known: &[Knob],
+    ) -> Self {
+        let from = index as f64 * (ROLL + PAUSE);
+        let now = seen(rig, own, from);
+        let local = (0..4)
+            .map(|number| per(&seen(rig, moved(own, number, START_STEP), from), &now, START_STEP));
+        let shared = known.iter().map(|knob| {
+            let mut other = rig.clone();
+            knob(&mut other, START_STEP);
+            per(&seen(&other, own, from), &now, START_STEP)
+        });
+        Self {
+            gap: per(&seen(plain, start, from), &now, 1.0),
+            local: local.collect(),
+            shared: shared.collect(),
+        }
+    }
+
+    /// `column` without what a change of the start makes.
+    fn beyond_start(&self, column: &[f64]) -> Vec<f64> {
+        let local: Vec<&[f64]> = self.local.iter().map(Vec::as_slice).collect();
+        left(&local, column, &fit(&local, column, 0.0))
+    }
+
+    /// The start's change when the numbers of the rig change by `by`.
+    fn local_step(&self, by: &[f64]) -> Vec<f64> {
+        let shared: Vec<&[f64]> = self.shared.iter().map(Vec::as_slice).collect();
+        let local: Vec<&[f64]> = self.local.iter().map(Vec::as_slice).collect();
+        fit(&local, &left(&shared, &self.gap, by), 0.0)
+    }
+}
+
+/// The change of the rig's `count` numbers that all rolls together want.
+fn shared_step(rolls: &[Rolled], count: usize) -> Vec<f64> {
+    let all = |column: fn(&Rolled, usize) -> &[f64], index: usize| -> Vec<f64> {
+        rolls.iter().flat_map(|roll| roll.beyond_start(column(roll, index))).collect()
+    };
+    let columns: Vec<Vec<f64>> =
+        (0..count).map(|index| all(|roll, index| &roll.shared[index], index)).collect();
+    let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+    fit(&columns, &all(|roll, _| &roll.gap, 0), 0.0)
+}
+
+/// Step of a start or a number of the rig for its finite differences, and how often the fit is linearised.
 const START_STEP: f64 = 1e-5;
 const START_ITERATIONS: usize = 6;
 

@@ -245,7 +245,8 @@ impl Job<'_> {
                 (spec.apply)(&mut with, plant.sign * m);
                 with
             };
-            let visible = |m: f64| ball::visibility(&before, &with(m), &sizing);
+            let known = ball::imitators(spec);
+            let visible = |m: f64| ball::visibility(&before, &with(m), &sizing, &known);
             let (magnitude, reached, capped) = bisect(spec.range, plant.multiple, visible);
             rig = with(magnitude);
             let parameter = (spec.parameter, spec.unit, (spec.value)(&rig));

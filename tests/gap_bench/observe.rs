@@ -117,6 +117,9 @@ fn read_camera(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Vec<Frame> {
     frames
 }
 
+/// Steps of the board's filter within one of its periods: those of the simulation.
+const INNER: u32 = 100;
+
 /// The board's filter: position with little noise, velocity of first order, a dead zone.
 fn estimate(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Vec<[f64; 4]> {
     let s = &rig.sensors;
@@ -124,17 +127,16 @@ fn estimate(rig: &Gantry, trace: &Trace, draw: &mut Draw) -> Vec<[f64; 4]> {
     let period = crate::plan::PERIOD;
     let mut slow = [0.0; 2];
     let mut out = Vec::new();
-    let inner = 10;
+    let step = period / f64::from(INNER);
     for index in 0..trace.commands.len() {
         let now = index as f64 * period;
         let at = lens(rig, trace.seen_at(now));
         let mut state = [at[0], at[1], 0.0, 0.0];
-        for part in 1..=inner {
-            let time = now - period + period * f64::from(part) / f64::from(inner);
-            let (p, q) = (trace.seen_at(time - 1e-3), trace.seen_at(time));
+        for part in 1..=INNER {
+            let time = now - period + step * f64::from(part);
+            let (p, q) = (trace.seen_at(time - step), trace.seen_at(time));
             for axis in 0..2 {
-                let speed = if time < 1e-3 { 0.0 } else { (q[axis] - p[axis]) / 1e-3 };
-                let step = period / f64::from(inner);
+                let speed = if time < step { 0.0 } else { (q[axis] - p[axis]) / step };
                 let share =
                     if s.estimator_lag > 0.0 { 1.0 - (-step / s.estimator_lag).exp() } else { 1.0 };
                 slow[axis] += share * (speed - slow[axis]);

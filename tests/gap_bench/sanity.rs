@@ -207,3 +207,25 @@ fn references_and_carriages_stay_on_the_board() {
         }
     }
 }
+
+#[test]
+fn what_resistance_and_restitution_imitate_is_no_size_of_a_ball_effect() {
+    let rig =
+        BallRig { rolling: 0.01, restitution: 0.8, camera_noise: 2.5e-4, ..BallRig::default() };
+    let starts = ball::starts(ball::Rolls::Full, 1.0, &mut Draw::new(0, "imitated"));
+    let look = |name: &str, m: f64| {
+        let spec = ball::spec(name);
+        let mut with = rig.clone();
+        (spec.apply)(&mut with, m);
+        let size = |known: &[ball::Knob]| ball::visibility(&rig, &with, &starts, known);
+        (size(&[]), size(&ball::imitators(spec)))
+    };
+    // What is known itself is sized against the other one only.
+    let (alone, beside) = look("ball.rolling_resistance", 0.002);
+    assert!(1.0 < beside && beside < alone, "{alone} {beside}");
+    // A restitution that falls with speed is mostly a lower restitution; a slope of the board is nothing alike.
+    let (alone, beside) = look("impact.wall_restitution_speed", 0.01);
+    assert!(beside < 0.6 * alone, "{alone} {beside}");
+    let (alone, beside) = look("ball.tilt", 0.002);
+    assert!(0.8 * alone < beside, "{alone} {beside}");
+}

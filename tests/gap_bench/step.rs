@@ -148,9 +148,12 @@ impl<'a> World<'a> {
         let share = if d.lag[m] > 0.0 { 1.0 - (-STEP / d.lag[m]).exp() } else { 1.0 };
         self.lagged[m] += share * (u - self.lagged[m]);
         let most = d.ramp[m] * STEP;
-        self.setpoint[m] += (self.lagged[m] - self.setpoint[m]).clamp(-most, most);
+        let before = self.setpoint[m];
+        self.setpoint[m] += (self.lagged[m] - before).clamp(-most, most);
+        // The ramp in the middle of the step: at its end the drive would be ahead of its command.
+        let setpoint = 0.5 * (before + self.setpoint[m]);
         let speed = self.encoder(m)[1];
-        let error = self.setpoint[m] - speed - noise;
+        let error = setpoint - speed - noise;
         let raw = d.kp[m] * error + self.integral[m];
         let limit = d.force_limit[m];
         self.target[m] = raw.clamp(-limit, limit);
@@ -322,6 +325,9 @@ impl<'a> World<'a> {
         for dof in 0..4 {
             self.q[dof] += STEP * self.v[dof];
         }
+        if self.rig.coupling.magnet <= 0.0 {
+            self.peg = [self.q[0], self.q[1]];
+        }
         let carriage = [(self.v[0] - before[0]) / STEP, (self.v[1] - before[1]) / STEP];
         self.tip(carriage);
         let power = (0..2).map(|m| (self.force[m] * self.motor(m)[1]).abs()).sum::<f64>();
@@ -373,11 +379,10 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Magnet between carriage and peg; gives the force on the carriage (N).
+    /// Magnet between carriage and peg; gives the force on the carriage (N). Without one the peg is rigid on it.
     fn couple(&mut self) -> [f64; 2] {
         let c = &self.rig.coupling;
         if c.magnet <= 0.0 {
-            self.peg = [self.q[0], self.q[1]];
             return [0.0; 2];
         }
         let stiffness = 1.0 / c.magnet;

@@ -292,6 +292,9 @@ fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
         let value = parameter["value"].as_f64().unwrap();
         assert!((value - truth).abs() < 0.25 * truth, "{parameter}");
     }
+    // A twin that states no scatter has nothing to compare with.
+    let (first, _) = gap(&changed, None, &dir.path().join("first"));
+    assert_eq!(names(&first), ["sensor.camera_latency"], "{first:#}");
     // The twin states it from then on.
     let twin = dir.path().join("changed/twin.json").display().to_string();
     let (again, _) = gap(&changed, Some(&twin), &dir.path().join("again"));

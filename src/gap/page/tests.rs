@@ -11,6 +11,7 @@ pub(in crate::gap) fn found(says: &str) -> Found<'static> {
         says: says.to_owned(),
         places: Vec::new(),
         effects: vec![NamedEffect {
+            numbers_when_added: Vec::new(),
             name: "drive.delay".to_owned(),
             axis: crate::effects::Axis::Motors,
             parameters: Vec::new(),

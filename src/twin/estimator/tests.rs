@@ -42,7 +42,7 @@ fn recording(velocity: impl Fn(f64) -> f64) -> Recording {
 
 /// The stage of such a recording in runs at `spans` (s).
 fn stage_of(spans: Vec<Range<f64>>, velocity: impl Fn(f64) -> f64) -> Option<EstimatorStage> {
-    EstimatorStage::from_recording(&recording(velocity), &spans).unwrap()
+    EstimatorStage::from_recording(&recording(velocity), &spans, None).unwrap()
 }
 
 /// All 20 s, in runs of 2.5 s.
@@ -125,7 +125,57 @@ fn a_gap_in_the_frames_leaves_nothing_said() {
     let track = Track {
         times: (0..100).filter(|k| !(40..70).contains(k)).map(|k| f64::from(k) / 100.0).collect(),
         places: vec![[0.0; 2]; 70],
+        guide: None,
     };
     assert!(track.slope(0.2, 0.01).is_some());
     assert!(track.slope(0.5, 0.01).is_none() && track.slope(0.0, 0.01).is_none());
+}
+
+#[test]
+fn encoders_tell_a_reversal_that_frames_smear() {
+    // 0.3 m/s to and fro, turning every 0.5 s with 7.5 m/s^2; the camera sees it 24 ms later, turned and scaled.
+    let velocity = |t: f64| (1.2 * (OMEGA * t).sin()).clamp(-0.3, 0.3);
+    let mut way = vec![0.0];
+    for k in 0..101_000 {
+        way.push(way[k] + 1e-4 * velocity(1e-4 * (k as f64 + 0.5)));
+    }
+    let place = |t: f64| way[(1e4 * t.max(0.0)).round() as usize];
+    let times: Vec<f64> = (0..2000).map(|k| 0.005 * f64::from(k)).collect();
+    let path = MeasuredPath::new(
+        times.clone(),
+        times.iter().map(|t| [place(*t), 0.02 * (9.0 * t).sin()]).collect(),
+        times.iter().map(|t| [velocity(*t), 0.18 * (9.0 * t).cos()]).collect(),
+    );
+    let frames: Vec<f64> = (0..1200).map(|k| f64::from(k) / 120.0).collect();
+    let noise = |k: usize| 2.5e-4 * (k as f64 * 2.399_963).sin();
+    let points: Vec<Point> = frames
+        .iter()
+        .enumerate()
+        .map(|(k, t)| {
+            let [x, y] = [place(t - 0.024), 0.02 * (9.0 * (t - 0.024)).sin()];
+            Point { x: 1.02 * x + 0.03 * y + noise(k), y: y - 0.03 * x - 0.1 + noise(k + 7) }
+        })
+        .collect();
+    let worst = |track: &Track<'_>| {
+        let errors = (100..1100).map(|k| {
+            let time = frames[k] + 0.004;
+            let slope = track.slope(time, 1.0 / 120.0).unwrap();
+            (slope.velocity[0]
+                - 1.02 * velocity(time - 0.024)
+                - 0.0054 * (9.0 * (time - 0.024)).cos())
+            .powi(2)
+        });
+        (errors.sum::<f64>() / 1000.0).sqrt()
+    };
+    let track = || Track::new(&frames, points.iter().map(Some));
+    let (guided, alone) = (track().guided(Some(&path)), track().guided(None));
+    assert!(guided.guide.is_some() && alone.guide.is_none());
+    assert!(5.0 * worst(&guided) < worst(&alone), "{} {}", worst(&guided), worst(&alone));
+    // Another's carriage is no guide.
+    let other = MeasuredPath::new(
+        times.clone(),
+        times.iter().map(|t| [0.05 * (7.3 * t).sin(), 0.05 * (5.1 * t).cos()]).collect(),
+        times.iter().map(|t| [0.365 * (7.3 * t).cos(), -0.255 * (5.1 * t).sin()]).collect(),
+    );
+    assert!(track().guided(Some(&other)).guide.is_none());
 }

@@ -1,0 +1,96 @@
+//! The carriage as a guide to the striker: where encoders say how it moves, the camera need only say how the
+//! striker differs from it.
+//!
+//! Encoders tell a jump of the acceleration that frames with noise cannot: what is left to be smoothed is the
+//! small difference of both, over a longer window and so with less noise.
+
+use crate::{effects::both, twin::MeasuredPath};
+use faer::{Mat, linalg::solvers::Solve};
+
+/// Delays of the frames behind the carriage that are tried (s), and the steps in which they are.
+const DELAYS: (f64, f64) = (-0.05, 0.2);
+const STEPS: [f64; 3] = [5e-3, 5e-4, 5e-5];
+
+/// Share of the striker's variance that its carriage may leave; beyond it they do not belong together.
+const MOST_LEFT: f64 = 0.02;
+
+/// A carriage as the camera would see it, were the striker rigid on it.
+pub(super) struct Guide<'p> {
+    path: &'p MeasuredPath,
+    /// Frames behind the carriage (s).
+    delay: f64,
+    /// Place in the camera: `[axis][x, y, 1]`.
+    map: [[f64; 3]; 2],
+}
+
+impl<'p> Guide<'p> {
+    /// The delay and the affine map with which `path` comes nearest to `places` at `times`; `None` where they do
+    /// not follow it.
+    pub(super) fn of(
+        path: &'p MeasuredPath,
+        times: &[f64],
+        places: &[[f64; 2]],
+    ) -> Option<Guide<'p>> {
+        let mut best: Option<(f64, Self)> = None;
+        let mut range = DELAYS;
+        for step in STEPS {
+            let count = ((range.1 - range.0) / step).round() as usize;
+            for delay in (0..=count).map(|k| range.0 + step * k as f64) {
+                if let Some((left, map)) = fitted(path, delay, (times, places))
+                    && best.as_ref().is_none_or(|(least, _)| left < *least)
+                {
+                    best = Some((left, Self { path, delay, map }));
+                }
+            }
+            let delay = best.as_ref()?.1.delay;
+            range = (delay - step, delay + step);
+        }
+        best.filter(|(left, _)| *left < MOST_LEFT).map(|(_, guide)| guide)
+    }
+
+    /// Place (m) and velocity (m/s) at `time` (s).
+    pub(super) fn at(&self, time: f64) -> ([f64; 2], [f64; 2]) {
+        let ([x, y], [vx, vy], _) = self.path.at(time - self.delay, &mut self.cursor(time));
+        let image = |axis: usize, [x, y, one]: [f64; 3]| {
+            let [by_x, by_y, shift] = self.map[axis];
+            by_x * x + by_y * y + shift * one
+        };
+        (both(|axis| image(axis, [x, y, 1.0])), both(|axis| image(axis, [vx, vy, 0.0])))
+    }
+
+    /// Where in the path to look.
+    fn cursor(&self, time: f64) -> usize {
+        self.path.times().partition_point(|at| *at < time - self.delay).saturating_sub(1)
+    }
+}
+
+/// Share of the variance of `places` that the best affine map of the path, so much later, leaves, and the map;
+/// `None` where the motion does not determine it.
+fn fitted(
+    path: &MeasuredPath,
+    delay: f64,
+    (times, places): (&[f64], &[[f64; 2]]),
+) -> Option<(f64, [[f64; 3]; 2])> {
+    let mut cursor = 0;
+    let (mut gram, mut right, mut sums) = ([[0.0; 3]; 3], [[0.0; 3]; 2], [[0.0; 2]; 2]);
+    for (time, place) in times.iter().zip(places) {
+        let ([x, y], ..) = path.at(time - delay, &mut cursor);
+        let row = [x, y, 1.0];
+        for i in 0..3 {
+            (0..3).for_each(|j| gram[i][j] += row[i] * row[j]);
+            (0..2).for_each(|axis| right[axis][i] += row[i] * place[axis]);
+        }
+        for (axis, value) in place.iter().enumerate() {
+            sums[axis][0] += value;
+            sums[axis][1] += value * value;
+        }
+    }
+    let left = Mat::from_fn(3, 3, |i, j| gram[i][j]).partial_piv_lu();
+    let solved = left.solve(&Mat::from_fn(3, 2, |i, axis| right[axis][i]));
+    let map = both(|axis| [solved[(0, axis)], solved[(1, axis)], solved[(2, axis)]]);
+    let explained = |axis: usize| (0..3).map(|i| map[axis][i] * right[axis][i]).sum::<f64>();
+    let whole = |axis: usize| sums[axis][1] - sums[axis][0].powi(2) / times.len() as f64;
+    let rest: f64 = (0..2).map(|axis| sums[axis][1] - explained(axis)).sum();
+    let share = rest / (whole(0) + whole(1));
+    share.is_finite().then_some((share, map))
+}
