@@ -134,6 +134,8 @@ pub struct Sample {
     pub dt: f64,
     /// Velocity that a perfect estimator would report (m/s).
     pub velocity: f64,
+    /// The same along the other coordinate, where the estimator looks at both together (m/s); else 0.
+    pub across: f64,
 }
 
 /// Effects on the scatter of a signal rather than on its value.

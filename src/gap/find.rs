@@ -43,7 +43,7 @@ pub struct Found<'a> {
 }
 
 /// Share by which a known parameter must move to be told, beside leaving its interval.
-const LEAST_MOVE: f64 = 0.01;
+const LEAST_MOVE: f64 = 0.002;
 
 /// Runs the workflow on `sessions` from `given`, or from the plain twin.
 #[must_use]

@@ -64,6 +64,9 @@ pub(super) struct Worth<'t> {
     /// What each effect explained where nothing was named, on this link.
     mimicry: &'t [Mimicry],
     link: StageKind,
+    /// Whether one signal alone may show the effect: not beside a named one, and not where it is not known what
+    /// the twin leaves; a model's own error may be concentrated there.
+    pub(super) in_one_signal: bool,
 }
 
 impl<'t> Worth<'t> {
@@ -76,7 +79,13 @@ impl<'t> Worth<'t> {
         };
         let [general, least] =
             [least_worth(excess), WORTH_NAMING_LATER].map(|worth| worth.max(beside));
-        Self { general, least, mimicry: &given.mimicry, link }
+        Self {
+            general,
+            least,
+            mimicry: &given.mimicry,
+            link,
+            in_one_signal: removed == 0.0 && excess.is_some(),
+        }
     }
 
     /// For `effect`.

@@ -292,8 +292,9 @@ impl<'a, 'b> Bench<'a, 'b> {
         (before - fit::squared(&trial.held_rows)) / before.max(f64::MIN_POSITIVE)
     }
 
-    /// The same of the signal that it helps most.
-    fn gain_of_a_signal(&self, trial: &Trial) -> f64 {
+    /// What the trial is worth on the judging sessions: the share of the squared error that it removes of all
+    /// signals together, or that of one signal over [`IN_ONE_SIGNAL`]: most signals do not show most effects.
+    fn worth(&self, trial: &Trial) -> f64 {
         let mut squares: Vec<[f64; 2]> = Vec::new();
         let rows = self.held_out.parts.iter().flat_map(|part| &part.layout.rows);
         for ((row, before), after) in rows.zip(&self.base_held_rows).zip(&trial.held_rows) {
@@ -302,13 +303,30 @@ impl<'a, 'b> Bench<'a, 'b> {
             squares[channel][0] += before * before;
             squares[channel][1] += after * after;
         }
-        let gain = |[before, after]: &[f64; 2]| 1.0 - after / before.max(f64::MIN_POSITIVE);
-        squares.iter().map(gain).fold(0.0, f64::max)
+        let share = |[before, after]: &[f64; 2]| 1.0 - after / before.max(f64::MIN_POSITIVE);
+        let single = squares.iter().filter(|_| self.worth.in_one_signal);
+        let single = single.map(|own| share(own) / IN_ONE_SIGNAL);
+        single.fold(self.held_out_gain(trial), f64::max)
+    }
+
+    /// Whether it hardly matters that a number which only shapes the effect stopped on a bound: half-way to where
+    /// it started it is as good.
+    fn is_flat(&self, fit: &Fit, slot: Slot) -> bool {
+        let mut point = fit.point.clone();
+        let null = point.twin.instances[slot.instance].effect.null[slot.parameter];
+        point.twin.set(slot, 0.5 * (point.twin.get(slot) + null));
+        let loss = fit::squared(&self.train.whitened(&point, self.filters));
+        0 < slot.parameter && loss - fit.loss < SAME
     }
 
     /// Why the trial may not be named; `None` when it may.
     fn objection(&self, trial: &Trial) -> Option<Reason> {
-        if let Some(name) = on_bound(&trial.fit) {
+        if let Some((slot, name)) = on_bound(&trial.fit)
+            && !self.is_flat(&trial.fit, slot)
+        {
+            return Some(Reason::OnBound(name));
+        }
+        if let Some(name) = wrong_sign(&trial.fit) {
             return Some(Reason::OnBound(name));
         }
         if !is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
@@ -325,9 +343,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
-        let worth = self.worth.of(trial.candidate.effect);
-        (self.held_out_gain(trial) < worth && self.gain_of_a_signal(trial) < IN_ONE_SIGNAL * worth)
-            .then_some(Reason::TooSmall)
+        (self.worth(trial) < self.worth.of(trial.candidate.effect)).then_some(Reason::TooSmall)
     }
 
     /// The one to add, with what explains the data as well; all others are rejected.
@@ -397,13 +413,27 @@ impl<'a, 'b> Bench<'a, 'b> {
     }
 }
 
-/// The first parameter of the added effect that stopped on a bound.
-fn on_bound(fit: &Fit) -> Option<String> {
+/// The size of the added effect where it is below nothing though the effect has one sign only: commands do not
+/// take effect before they are sent, though a fit may move a clock so.
+fn wrong_sign(fit: &Fit) -> Option<String> {
+    let size = *slots_of_last(&fit.point.twin).first()?;
+    let effect = fit.point.twin.instances[size.instance].effect;
+    let parameter = effect.parameters.first()?;
+    let one_sign = effect.null[0] == 0.0 && 0.0 <= parameter.plausible.0;
+    (one_sign && fit.point.twin.get(size) < 0.0).then(|| parameter.name.to_owned())
+}
+
+/// The first parameter of the added effect that stopped on a bound. Of several the later ones may do nothing.
+fn on_bound(fit: &Fit) -> Option<(Slot, String)> {
     let twin = &fit.point.twin;
     slots_of_last(twin).into_iter().find_map(|slot| {
-        let parameter = &twin.instances[slot.instance].effect.parameters[slot.parameter];
+        let effect = twin.instances[slot.instance].effect;
+        let parameter = &effect.parameters[slot.parameter];
         let (value, (low, high)) = (twin.get(slot), parameter.bounds);
         let near = 1e-6 * (high - low);
-        (value <= low + near || high - near <= value).then(|| parameter.name.to_owned())
+        let does_nothing =
+            0 < slot.parameter && (value - effect.null[slot.parameter]).abs() <= near;
+        let is_on = value <= low + near || high - near <= value;
+        (is_on && !does_nothing).then(|| (slot, parameter.name.to_owned()))
     })
 }

@@ -321,10 +321,9 @@ impl Search<'_> {
         self.added.len() < before
     }
 
-    /// The first step but the last whose effect may as well be none.
+    /// The first step whose effect may as well be none.
     fn nothing(&self) -> Option<Added> {
-        let (_, earlier) = self.added.split_last()?;
-        earlier.iter().find(|step| step.effect.null.len() == 1)?;
+        self.added.iter().find(|step| step.effect.null.len() == 1)?;
         let judged = self.judged();
         let found = (&self.best, &judged);
         let uncertainty = fit::uncertainty(&self.train, &self.held_out, found, &self.filters);
@@ -337,7 +336,7 @@ impl Search<'_> {
                 (self.best.point.twin.get(*slot) - null).abs() < quantile * error
             })
         };
-        earlier.iter().find(is_none).cloned()
+        self.added.iter().find(is_none).cloned()
     }
 
     /// Share of the held-out squared error that the effects added so far removed, step after step.

@@ -51,6 +51,8 @@ struct Step {
     dt: f64,
     /// True velocity (m/s).
     velocity: f64,
+    /// That of the other coordinate, where both are reported as zero together; else 0 (m/s).
+    across: f64,
     /// Sample of the channel that is reported now.
     reports: Option<usize>,
 }
@@ -127,13 +129,14 @@ impl EstimatorStage {
     ) {
         let own = runs.iter().flat_map(|run| &reported[run.clone()]).flatten();
         let told = own.filter(|v| v[0] != 0.0 || v[1] != 0.0).count();
-        if !track.moves() || told < FEWEST {
+        if track.guide.is_none() && !track.moves() || told < FEWEST {
             return;
         }
         let instants = track.instants(times);
         let misses: Vec<f64> = instants.iter().map(|instant| instant.slope.misses).collect();
         let usual = median(&misses);
         let poor = POOR_FIT * usual.unwrap_or(f64::INFINITY);
+        let together = zeroed_together(reported);
         for axis in 0..2 {
             let mut measured: Vec<f64> =
                 reported.iter().map(|v| v.map_or(f64::NAN, |v| v[axis])).collect();
@@ -145,7 +148,9 @@ impl EstimatorStage {
                 }
                 let dt = time - before;
                 let dt = if LONGEST_GAP_S < dt { f64::NAN } else { dt };
-                steps.push(Step { dt, velocity: slope.velocity[axis], reports: *reports });
+                let velocity = slope.velocity[axis];
+                let across = if together { slope.velocity[1 - axis] } else { 0.0 };
+                steps.push(Step { dt, velocity, across, reports: *reports });
                 before = *time;
             }
             self.channels.push(Channel {
@@ -176,16 +181,16 @@ impl EstimatorStage {
                     _ => None,
                 })
                 .collect();
-            let mut pass = |velocity: f64, dt: f64| {
-                chain.iter_mut().fold(velocity, |velocity, (physics, numbers, memory)| {
-                    physics(numbers, memory, &Sample { dt, velocity })
+            let mut pass = |Step { velocity, across, .. }: &Step, dt: f64| {
+                chain.iter_mut().fold(*velocity, |velocity, (physics, numbers, memory)| {
+                    physics(numbers, memory, &Sample { dt, velocity, across: *across })
                 })
             };
             for step in steps {
                 let reported = if step.dt.is_finite() {
-                    pass(step.velocity, step.dt)
+                    pass(step, step.dt)
                 } else {
-                    (0..SETTLING_STEPS).fold(0.0, |_, _| pass(step.velocity, 1.0))
+                    (0..SETTLING_STEPS).fold(0.0, |_, _| pass(step, 1.0))
                 };
                 if let Some(sample) = step.reports {
                     out[sample] = reported;
@@ -241,6 +246,16 @@ const OBJECTS: [Object; 3] = [
         player: Some(Player::Right),
     },
 ];
+
+/// Whether velocities are reported as zero along both coordinates at once, more often than along one alone.
+fn zeroed_together(reported: &[Option<[f64; 2]>]) -> bool {
+    let zeros = |count: usize| {
+        let is_zero =
+            |velocity: &&[f64; 2]| velocity.iter().filter(|v| **v == 0.0).count() == count;
+        reported.iter().flatten().filter(is_zero).count()
+    };
+    zeros(1) < zeros(2)
+}
 
 /// Rate of `times` (Hz).
 fn rate(times: &[f64]) -> f64 {

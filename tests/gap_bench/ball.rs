@@ -41,6 +41,8 @@ pub(crate) struct BallRig {
     pub(crate) camera_rho: f64,
     pub(crate) outliers: f64,
     pub(crate) drop: f64,
+    /// Deceleration per speed (1/s): none of the rigs has it, but the plain twin may take it for something else.
+    pub(crate) viscous: f64,
     /// Sideways acceleration that comes and goes with time (m/s2), known to no catalogue.
     pub(crate) gust: f64,
     /// Swirl about the middle (1/s2), known to no catalogue.
@@ -163,7 +165,7 @@ fn acceleration(rig: &BallRig, ball: &Ball, session_time: f64) -> [f64; 2] {
     out[1] += rig.swirl * ball.at[0];
     if 1e-6 < speed {
         for (axis, out) in out.iter_mut().enumerate() {
-            *out -= (resistance / speed + rig.drag * speed) * ball.v[axis];
+            *out -= (resistance / speed + rig.viscous + rig.drag * speed) * ball.v[axis];
         }
     }
     out
@@ -279,8 +281,9 @@ pub(crate) type Knob = fn(&mut BallRig, f64);
 
 /// Resistance and restitution, but for those that the effect `spec` itself changes.
 pub(crate) fn imitators(spec: &BallSpec) -> Vec<Knob> {
-    let knobs: [(&str, Knob); 2] = [
+    let knobs: [(&str, Knob); 3] = [
         ("ball.rolling_resistance", |rig, by| rig.rolling += by),
+        ("", |rig, by| rig.viscous += by),
         ("impact.wall_restitution", |rig, by| rig.restitution += by),
     ];
     knobs.into_iter().filter(|(name, _)| *name != spec.name).map(|(_, knob)| knob).collect()

@@ -23,8 +23,7 @@ pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
             name: "viscous_per_s",
             unit: "1/s",
             scale: 0.05,
-            // A little below zero, so that a ball without it does not stop a fit on its bound.
-            bounds: (-0.05, 5.0),
+            bounds: (0.0, 5.0),
             plausible: (0.0, 0.3),
             per_session: false,
         },

@@ -70,7 +70,11 @@ mod tests {
         let mut memory = [0.0; 3];
         let steps = (until / dt).round() as usize;
         (1..=steps).fold(0.0, |_, step| {
-            smooth(p, &mut memory, &Sample { dt, velocity: velocity(step as f64 * dt) })
+            smooth(
+                p,
+                &mut memory,
+                &Sample { dt, velocity: velocity(step as f64 * dt), across: 0.0 },
+            )
         })
     }
 
