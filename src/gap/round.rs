@@ -437,3 +437,40 @@ fn on_bound(fit: &Fit) -> Option<(Slot, String)> {
         (is_on && !does_nothing).then(|| (slot, parameter.name.to_owned()))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, find},
+        twin::Machine,
+    };
+
+    /// A fit that ended with the effect called `name` at `values`.
+    fn ended(name: &str, axis: Axis, values: &[f64]) -> Fit {
+        let effect = find(name).unwrap();
+        let twin = screen::with(&Twin::nominal(Machine::Table), effect, axis, values);
+        Fit { point: Point { twin, nuisance: vec![] }, slots: vec![], loss: 0.0, rows: 0 }
+    }
+
+    #[test]
+    fn a_size_on_its_bound_is_no_effect_and_a_later_number_at_nothing_is_none_of_it() {
+        let bound = |values: &[f64]| {
+            on_bound(&ended("ball.rolling_resistance", Axis::Whole, values)).map(|(_, name)| name)
+        };
+        assert_eq!(bound(&[0.0, 0.1]), Some("coefficient".to_owned()));
+        assert_eq!(bound(&[0.3, 0.1]), Some("coefficient".to_owned()));
+        assert_eq!(bound(&[0.01, 5.0]), Some("viscous_per_s".to_owned()));
+        assert_eq!(bound(&[0.01, 0.0]), None);
+    }
+
+    #[test]
+    fn commands_do_not_act_before_they_are_sent() {
+        let wrong = |values: &[f64]| wrong_sign(&ended("drive.delay", Axis::Motors, values));
+        assert_eq!(wrong(&[-5e-5]), Some("delay_s".to_owned()));
+        assert_eq!(wrong(&[5e-5]), None);
+        // Tilt has both signs; a gain below one is one.
+        assert_eq!(wrong_sign(&ended("ball.tilt", Axis::Whole, &[-0.001, 0.0])), None);
+        assert_eq!(wrong_sign(&ended("drive.gain", Axis::Motors, &[0.9])), None);
+    }
+}

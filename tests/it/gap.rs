@@ -116,6 +116,14 @@ fn direction_dependent_friction_is_named_and_measured() {
     let difference = &document["effects"][0]["parameters"][0];
     let value = difference["value"].as_f64().unwrap();
     assert!((value + 60.0).abs() < 0.05 * 60.0, "{difference}");
+    let numbers = document["effects"][0]["numbers_when_added"].as_array().unwrap();
+    for (name, truth) in
+        [("viscous_forwards_n_s_per_m", 80.0), ("viscous_backwards_n_s_per_m", 140.0)]
+    {
+        let name = format!("drive.friction.asymmetric.{name}");
+        let own = numbers.iter().find(|own| own["name"] == name.as_str()).unwrap();
+        assert!((own["value"].as_f64().unwrap() - truth).abs() < 0.03 * truth, "{own}");
+    }
     let gap = &document["gap"][0];
     assert!(gap["held_out_after"].as_f64() < gap["held_out_before"].as_f64());
     for file in ["gap.json", "twin.json", "index.html", "gap.mcap"] {

@@ -2,7 +2,7 @@
 //!
 //! There is no path that a carriage could be compared with, so its encoders are compared with the integral
 //! `r` of its own commands `u`, which leaks towards the position `p`: `r' = u + (p - r)/T`. There are two of
-//! them: of the commands as they are, and of commands that change no faster than the drives can on a diagonal.
+//! them: of the commands as they are, and of commands to the motors that change no faster than the drives can.
 //! A carriage that follows is between both, a little late; from one that is jammed both go away by up to `u T`.
 //!
 //! A leg is proven to keep a margin from the edges, in which the lag of the drive has room. A pilot's way is not
@@ -41,29 +41,32 @@ const DIAGONAL_SHARE: f64 = 0.5;
 struct Led {
     /// If it followed at once (m).
     at_once: [f64; 2],
-    /// If it accelerated no better than it can on a diagonal (m).
+    /// If its motors accelerated no better than can be relied on (m).
     slowly: [f64; 2],
-    /// Its velocity then (m/s).
-    slow_velocity: [f64; 2],
+    /// Velocity of the belts a and b then (m/s).
+    slow_belts: [f64; 2],
 }
 
 impl Led {
     fn at(position: [f64; 2]) -> Self {
-        Self { at_once: position, slowly: position, slow_velocity: [0.0; 2] }
+        Self { at_once: position, slowly: position, slow_belts: [0.0; 2] }
     }
 
-    /// After `dt` seconds with a command (m/s), of which the carriage, at `position` (m), may take
-    /// `acceleration` (m/s^2) for granted.
+    /// After `dt` seconds with a command (m/s) to the carriage at `position` (m), whose belts may take
+    /// `acceleration` (m/s^2) for granted: along an axis both work together, on a diagonal one stands.
     fn advance(&mut self, (position, commanded): ([f64; 2], [f64; 2]), acceleration: f64, dt: f64) {
-        for axis in 0..2 {
-            let step = acceleration * dt;
-            let slow = &mut self.slow_velocity[axis];
-            *slow += (commanded[axis] - *slow).clamp(-step, step);
+        let [x, y] = commanded;
+        let step = acceleration * dt;
+        for (slow, wanted) in self.slow_belts.iter_mut().zip([x + y, x - y]) {
+            *slow += (wanted - *slow).clamp(-step, step);
+        }
+        let [a, b] = self.slow_belts;
+        for (axis, slow) in [0.5 * (a + b), 0.5 * (a - b)].into_iter().enumerate() {
             let lead = |from: &mut f64, velocity: f64| {
                 *from += dt * (velocity + (position[axis] - *from) / LEAK_SECONDS);
             };
             lead(&mut self.at_once[axis], commanded[axis]);
-            lead(&mut self.slowly[axis], *slow);
+            lead(&mut self.slowly[axis], slow);
         }
     }
 
@@ -187,9 +190,50 @@ impl Session<'_> {
         let Some((position, _)) = self.station.carriage(player).state() else { return };
         let dt = f64::from(tick.advanced) * self.control.period_seconds();
         let commanded = self.control.commanded(player);
-        let acceleration = self.diagonal_limits().braking_m_per_s2;
+        let acceleration = self.station.robot.limits.braking_m_per_s2;
         let led = led.get_or_insert(Led::at(position));
         led.advance((position, commanded), acceleration, dt);
         self.guard.expect(player, self.station.now(), led.nearest(position));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    const DT: f64 = 0.02;
+
+    /// Largest distance (m) of a carriage from where `commands` lead it, of belts that change speed by
+    /// `ramp` (m/s^2) and begin `late` periods after them.
+    fn worst(commands: impl Fn(f64) -> [f64; 2], ramp: f64, late: usize) -> f64 {
+        let (mut led, mut position) = (Led::at([0.0; 2]), [0.0; 2]);
+        let (mut belts, mut sent, mut worst) = ([0.0_f64; 2], vec![[0.0; 2]; late], 0.0_f64);
+        for period in 0..3000 {
+            let commanded = commands(DT * f64::from(period));
+            sent.push(commanded);
+            let [x, y] = sent.remove(0);
+            for (belt, wanted) in belts.iter_mut().zip([x + y, x - y]) {
+                *belt += (wanted - *belt).clamp(-ramp * DT, ramp * DT);
+            }
+            let velocity = [0.5 * (belts[0] + belts[1]), 0.5 * (belts[0] - belts[1])];
+            position = [0, 1].map(|axis| position[axis] + DT * velocity[axis]);
+            led.advance((position, commanded), 5.0, DT);
+            let nearest = led.nearest(position);
+            worst = worst.max((nearest[0] - position[0]).hypot(nearest[1] - position[1]));
+        }
+        worst
+    }
+
+    /// Full speed one way or the other along each axis, as policies command it.
+    fn to_and_fro(t: f64) -> [f64; 2] {
+        [1.13, 1.71].map(|hertz| 0.4 * (TAU * hertz * t).sin().signum())
+    }
+
+    #[test]
+    fn a_ramping_gantry_stays_near_commands_that_go_to_and_fro_and_a_jammed_one_does_not() {
+        assert!(worst(to_and_fro, 6.4, 1) < 0.035, "{}", worst(to_and_fro, 6.4, 1));
+        assert!(worst(to_and_fro, 40.0, 2) < 0.035, "{}", worst(to_and_fro, 40.0, 2));
+        assert!(0.06 < worst(|_| [0.1, 0.0], 0.0, 0));
     }
 }
