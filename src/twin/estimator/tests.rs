@@ -174,7 +174,7 @@ fn encoders_tell_a_reversal_that_frames_smear() {
     let mut stage = EstimatorStage { channels: Vec::new(), inputs: Vec::new() };
     let states: Vec<f64> = (0..400).map(|k| 0.1 + f64::from(k) / 50.0).collect();
     let reported: Vec<_> = states.iter().map(|t| Some([1.02 * velocity(t - 0.024), 0.1])).collect();
-    stage.add("left", &guided, &reported, (&states, &[0..400]));
+    stage.add("left", &guided, &reported, (&states, &[0..200, 200..400]));
     assert_eq!(stage.channels.len(), 2);
     // Another's carriage is no guide.
     let other = MeasuredPath::new(
