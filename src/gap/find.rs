@@ -305,9 +305,15 @@ fn why(
         );
     }
     if step.class.is_empty() {
-        if let Some((name, ..)) = step.contest.iter().find(|(name, ..)| name != effect.name) {
-            text += &format!(" The next best, {name}, explains less.");
-        }
+        let place = step.contest.iter().position(|(name, ..)| name == effect.name);
+        let next = step.contest.iter().position(|(name, ..)| name != effect.name);
+        text += &match (place, next.map(|next| (next, &step.contest[next].0))) {
+            (Some(place), Some((next, name))) if next < place => {
+                format!(" {name} shows more clearly and closes far less of the gap.")
+            }
+            (_, Some((_, name))) => format!(" The next best, {name}, explains less."),
+            (_, None) => String::new(),
+        };
     } else {
         text += &format!(" It could as well be {}.", step.class.join(" or "));
     }
