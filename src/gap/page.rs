@@ -454,8 +454,9 @@ fn moved_numbers(page: &mut Page, outcome: &Outcome<'_>) {
     }
     let refitted = fit::plainly(&outcome.train, &outcome.refitted);
     let mut stages = vec![("refitted".to_owned(), numbers(&refitted))];
-    stages
-        .extend(steps.iter().map(|step| (format!("+ {}", step.effect.name), step.numbers.clone())));
+    // The last word of a name is enough here, and keeps the table within the page.
+    let short = |name: &str| format!("+ {}", name.rsplit('.').next().unwrap_or(name));
+    stages.extend(steps.iter().map(|step| (short(step.effect.name), step.numbers.clone())));
     let mut rows: Vec<&Number> = Vec::new();
     for number in stages.iter().flat_map(|(_, numbers)| numbers) {
         if !rows.iter().any(|row| row.name == number.name && row.axis == number.axis) {
