@@ -19,7 +19,7 @@ mod robot;
 mod trajectory;
 
 pub use kinematics::{
-    BELT_METRES_PER_TURN, BeltError, CoreXy, KLASKTRON_SEATS, MotorPair, MotorSeat,
+    BELT_METRES_PER_TURN, BeltError, CoreXy, KLASKTRON_SEATS, MotorPair, MotorSeat, belts, rails,
 };
 pub use limits::{Limits, Rectangle};
 pub use reports::{DriveHealth, DriveReport, DriveReports, MOST_PAIR_SECONDS};

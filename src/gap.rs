@@ -12,10 +12,12 @@
 //!    effects are also simulated on it as it was, before a refit could absorb them.
 //! 4. The best are simulated again, everything fitted together, and compared in the metric of the best
 //!    one's residual. One is named when its gain is beyond chance for all tries, when the held-out
-//!    session follows it in sign and size and gains by it, and no number stands on a bound. Rivals
-//!    that explain the data as well are its class; of equals the one with the fewest numbers is added.
-//! 5. Then again, until nothing passes; last, what changes the scatter of the camera and no value (`scatter`). What is left and still depends on something gets a name of its
-//!    own: `unknown.<regressor>[<band>]`.
+//!    session follows it in sign and size and gains by it, and no number stands on a bound. One that closes
+//!    far more of the gap itself comes before one that shows more clearly: small slow effects are the clearest.
+//!    Rivals that explain the data as well are its class; of equals the one with the fewest numbers is added.
+//! 5. Then again, until nothing passes; last, what changes the scatter of the camera and no value
+//!    (`scatter`). What is left and still depends on something gets a name of its own:
+//!    `unknown.<regressor>[<band>]`.
 //!    A searched twin notes what it leaves and what each effect explains of that though it is not there
 //!    (`known`): in later recordings an effect must explain three times as much, and one that stands beside
 //!    a larger one must be more than the larger one's model is wrong.
@@ -30,7 +32,8 @@
 //!   (after Davidson and MacKinnon, Econometrica 49, 1981), and a joint test of several numbers (after Rao
 //!   and Scott, Annals of Statistics 12, 1984, or Hotelling's of the blocks' correlations).
 //! - Intervals by the sandwich covariance of Liang and Zeger (Biometrika 73, 1986), widened by what sessions
-//!   differ in beyond their scatter (DerSimonian and Laird 1986).
+//!   differ in beyond their scatter (DerSimonian and Laird 1986), and by what a fit with errors weighed
+//!   otherwise differs in beyond it (after Hausman, Econometrica 46, 1978).
 //! - Bonferroni's correction for all pairs of effect and start that a screen tries.
 //! - Rivals by the same amplitude between two simulated changes: the better one's must be above one half.
 //! - The noise floor from measurements alone, never from a residual.

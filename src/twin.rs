@@ -44,7 +44,7 @@ pub use estimator::EstimatorStage;
 pub use linkage::{Linkage, Places};
 pub use machine::{Machine, machine_of};
 pub use path::MeasuredPath;
-pub use plant::{Plant, PlantState, belts, rails};
+pub use plant::{Plant, PlantState};
 pub use session::{Run, Session, SessionError, divide, runs_of, sessions_of};
 pub use stage::{Channel, Stage, StageKind};
 

@@ -38,6 +38,18 @@ pub struct BeltError {
     pub metres_per_turn: f64,
 }
 
+/// Belt coordinates of a rail vector: a = x + y, b = x - y.
+#[must_use]
+pub fn belts([x, y]: [f64; 2]) -> [f64; 2] {
+    [x + y, x - y]
+}
+
+/// Rail coordinates of a belt vector.
+#[must_use]
+pub fn rails([a, b]: [f64; 2]) -> [f64; 2] {
+    [0.5 * (a + b), 0.5 * (a - b)]
+}
+
 /// Kinematics of one gantry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CoreXy {
@@ -72,8 +84,9 @@ impl CoreXy {
     /// Inverse kinematics: a displacement (m) or velocity (m/s) of the board frame in motor turns
     /// or turns per second.
     #[must_use]
-    pub fn motors_from_board(self, [x, y]: [f64; 2]) -> MotorPair {
-        MotorPair { a: (x + y) / self.metres_per_turn, b: (x - y) / self.metres_per_turn }
+    pub fn motors_from_board(self, rail: [f64; 2]) -> MotorPair {
+        let [a, b] = belts(rail).map(|belt| belt / self.metres_per_turn);
+        MotorPair { a, b }
     }
 
     /// Forward kinematics: motor turns or turns per second as a displacement (m) or velocity (m/s)

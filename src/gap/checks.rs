@@ -2,7 +2,10 @@
 //! enough of it, in both directions?
 
 use super::findings::Verdict;
-use crate::twin::{DriveStage, Output, Session, belts};
+use crate::{
+    gantry::belts,
+    twin::{DriveStage, Output, Session},
+};
 
 /// Shortest time of runs in all sessions together on which anything is said (s).
 const LEAST_TIME: f64 = 4.0;

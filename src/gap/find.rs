@@ -9,7 +9,7 @@ use super::{
     },
     floor::{self, Floor, FloorSource},
     known, locate,
-    rounds::{self, Added, Link, Outcome, Reason, Task},
+    rounds::{self, Added, Contestant, Link, Outcome, Reason, Task},
     scatter,
     verdict::{Findings, Told},
 };
@@ -305,14 +305,13 @@ fn why(
         );
     }
     if step.class.is_empty() {
-        let place = step.contest.iter().position(|(name, ..)| name == effect.name);
-        let next = step.contest.iter().position(|(name, ..)| name != effect.name);
-        text += &match (place, next.map(|next| (next, &step.contest[next].0))) {
-            (Some(place), Some((next, name))) if next < place => {
-                format!(" {name} shows more clearly and closes far less of the gap.")
-            }
-            (_, Some((_, name))) => format!(" The next best, {name}, explains less."),
-            (_, None) => String::new(),
+        let name = |other: &Contestant| other.effect.name;
+        text += &match step.contest.iter().find(|other| step.is_outshone_by(other)).map(name) {
+            Some(name) => format!(" {name} shows more clearly and closes far less of the gap."),
+            None => step
+                .runner_up()
+                .map(name)
+                .map_or_else(String::new, |name| format!(" The next best, {name}, explains less.")),
         };
     } else {
         text += &format!(" It could as well be {}.", step.class.join(" or "));

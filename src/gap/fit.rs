@@ -269,12 +269,16 @@ pub(super) fn uncertainty(
             && !other.undetermined[index]
             && !effect.parameters[slot.parameter].per_session
         {
-            let scatter = variance + other.variances[index];
-            variance += 0.5 * (other.step[index].powi(2) - scatter).max(0.0);
+            variance += beyond(other.step[index], variance + other.variances[index]);
         }
         standard_errors.push(variance.sqrt() * found.point.twin.scale(*slot));
     }
     Uncertainty { standard_errors, freedom: own.freedom, undetermined: own.undetermined }
+}
+
+/// Variance that two estimates, `step` apart, tell of where their scatter has this variance.
+fn beyond(step: f64, scatter: f64) -> f64 {
+    0.5 * (step.powi(2) - scatter).max(0.0)
 }
 
 impl Uncertainty {
@@ -288,9 +292,9 @@ impl Uncertainty {
         let other = Sandwich::new(problem, &found.point, &found.slots, &scales);
         for (index, slot) in found.slots.iter().enumerate() {
             if !other.undetermined[index] {
-                let beyond = (other.step[index].powi(2) - other.variances[index]).max(0.0);
+                let variance = beyond(other.step[index], other.variances[index]);
                 let error = &mut self.standard_errors[index];
-                *error = error.hypot((0.5 * beyond).sqrt() * found.point.twin.scale(*slot));
+                *error = error.hypot(variance.sqrt() * found.point.twin.scale(*slot));
             }
         }
         self

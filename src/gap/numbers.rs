@@ -4,7 +4,7 @@
 use super::fit::Fit;
 use crate::{
     effects::{Axis, by_direction},
-    twin::{Slot, Twin},
+    twin::{Instance, Slot, Twin},
 };
 use serde::{Deserialize, Serialize};
 
@@ -36,10 +36,10 @@ pub(super) fn numbers(fit: &Fit) -> Vec<Number> {
         }
     };
     let mut numbers: Vec<Number> = fit.slots.iter().map(of_slot).collect();
-    let has = |axis: Axis| fit.slots.iter().any(|slot| twin.instances[slot.instance].axis == axis);
-    for instance in &twin.instances {
-        if instance.effect.name == ASYMMETRIC && has(instance.axis) {
-            numbers.extend(directed(twin, instance.axis));
+    for (index, instance) in twin.instances.iter().enumerate() {
+        let is_fitted = fit.slots.iter().any(|slot| slot.instance == index);
+        if is_fitted && instance.effect.name == ASYMMETRIC {
+            numbers.extend(directed(twin, instance));
         }
     }
     numbers
@@ -48,10 +48,10 @@ pub(super) fn numbers(fit: &Fit) -> Vec<Number> {
 /// The effect that makes friction differ by direction.
 const ASYMMETRIC: &str = "drive.friction.asymmetric";
 
-/// Dry and viscous friction of `axis` in both directions.
-fn directed(twin: &Twin, axis: Axis) -> Vec<Number> {
+/// Dry and viscous friction in both directions where `asymmetry` acts.
+fn directed(twin: &Twin, asymmetry: &Instance) -> [Number; 4] {
+    let axis = asymmetry.axis;
     let value = |name: &str| twin.instance(name, axis).map_or(0.0, |own| own.values[0].value);
-    let Some(asymmetry) = twin.instance(ASYMMETRIC, axis) else { return Vec::new() };
     let [forwards, backwards] = by_direction(
         value("drive.friction.coulomb"),
         value("drive.friction.viscous"),
@@ -64,7 +64,7 @@ fn directed(twin: &Twin, axis: Axis) -> Vec<Number> {
         value,
         unit: unit.to_owned(),
     };
-    vec![
+    [
         number("coulomb_forwards_n", forwards.coulomb_n, "N"),
         number("coulomb_backwards_n", backwards.coulomb_n, "N"),
         number("viscous_forwards_n_s_per_m", forwards.viscous_n_s_per_m, "N s/m"),

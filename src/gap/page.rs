@@ -14,9 +14,8 @@ use self::{
 use super::{
     find::Found,
     findings::{Document, NamedEffect, Refit, RejectedEffect, SignalGap, Verdict},
-    fit,
     floor::{Floor, FloorSource},
-    numbers::{Number, numbers},
+    numbers::Number,
     rounds::{Added, Outcome},
 };
 use crate::{
@@ -421,26 +420,23 @@ fn evidence(page: &mut Page, found: &Found<'_>) {
 }
 
 fn contest(step: &Added) -> Table {
-    let own =
-        |name: &str, axis: &crate::effects::Axis| name == step.effect.name && *axis == step.axis;
-    let named = step.contest.iter().find(|(name, axis, _)| own(name, axis)).map(|entry| entry.2);
-    let rows = step.contest.iter().map(|(name, axis, loss)| {
-        let worse = named.filter(|named| 0.0 < *named).map_or_else(String::new, |named| {
-            match loss / named {
-                ratio if ratio < FAR_WORSE => format!("{:+.2} %", 100.0 * (ratio - 1.0)),
-                ratio => format!("{} times", number(ratio)),
-            }
+    let named = step.loss().filter(|named| 0.0 < *named);
+    let rows = step.contest.iter().map(|one| {
+        let worse = named.map_or_else(String::new, |named| match one.loss / named {
+            ratio if ratio < FAR_WORSE => format!("{:+.2} %", 100.0 * (ratio - 1.0)),
+            ratio => format!("{} times", number(ratio)),
         });
-        let what = if own(name, axis) {
+        let what = if step.is(one) {
             "named"
-        } else if step.class.contains(&name.as_str()) {
+        } else if step.class.contains(&one.effect.name) {
             "cannot be told from it"
-        } else if named.is_some_and(|named| *loss < named) {
+        } else if step.is_outshone_by(one) {
             "shows more clearly, but closes far less of the gap: its turn comes later"
         } else {
             ""
         };
-        vec![name.clone(), axis.to_string(), digits(*loss, 5), worse, what.to_owned()]
+        let loss = digits(one.loss, 5);
+        vec![one.effect.name.to_owned(), one.axis.to_string(), loss, worse, what.to_owned()]
     });
     let head = ["candidate", "axis", "loss per sample", "against the named", ""];
     Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect() }
@@ -452,8 +448,7 @@ fn moved_numbers(page: &mut Page, outcome: &Outcome<'_>) {
     if steps.is_empty() {
         return;
     }
-    let refitted = fit::plainly(&outcome.train, &outcome.refitted);
-    let mut stages = vec![("refitted".to_owned(), numbers(&refitted))];
+    let mut stages = vec![("refitted".to_owned(), outcome.refitted_numbers.clone())];
     // The last word of a name is enough here, and keeps the table within the page.
     let short = |name: &str| format!("+ {}", name.rsplit('.').next().unwrap_or(name));
     stages.extend(steps.iter().map(|step| (short(step.effect.name), step.numbers.clone())));

@@ -6,7 +6,7 @@ use super::{
     fit::{self, Fit},
     known::Worth,
     problem::{Point, Problem},
-    rounds::{Added, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
+    rounds::{Added, Contestant, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
     screen::{self, Candidate},
     whiten::{self, Filters},
 };
@@ -262,13 +262,12 @@ impl<'a, 'b> Bench<'a, 'b> {
         trials: &[Trial],
         tries: usize,
     ) -> Added {
-        let contest = trials
-            .iter()
-            .map(|trial| {
-                let loss = trial.fit.loss / trial.fit.rows.max(1) as f64;
-                (trial.candidate.effect.name.to_owned(), trial.candidate.axis, loss)
-            })
-            .collect();
+        let contestant = |trial: &Trial| Contestant {
+            effect: trial.candidate.effect,
+            axis: trial.candidate.axis,
+            loss: trial.fit.loss / trial.fit.rows.max(1) as f64,
+            has_passed: trial.objection.is_none(),
+        };
         Added {
             effect: own.candidate.effect,
             axis: own.candidate.axis,
@@ -281,7 +280,7 @@ impl<'a, 'b> Bench<'a, 'b> {
                 self.held_out.rms(&own.held_point),
             ),
             unstated: None,
-            contest,
+            contest: trials.iter().map(contestant).collect(),
             numbers: Vec::new(),
         }
     }
@@ -292,9 +291,9 @@ impl<'a, 'b> Bench<'a, 'b> {
         (before - fit::squared(&trial.held_rows)) / before.max(f64::MIN_POSITIVE)
     }
 
-    /// What the trial is worth on the judging sessions: the share of the squared error that it removes of all
+    /// What counts for the trial on the judging sessions: the share of the squared error that it removes of all
     /// signals together, or that of one signal over [`IN_ONE_SIGNAL`]: most signals do not show most effects.
-    fn worth(&self, trial: &Trial) -> f64 {
+    fn removes(&self, trial: &Trial) -> f64 {
         let mut squares: Vec<[f64; 2]> = Vec::new();
         let rows = self.held_out.parts.iter().flat_map(|part| &part.layout.rows);
         for ((row, before), after) in rows.zip(&self.base_held_rows).zip(&trial.held_rows) {
@@ -343,7 +342,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
-        (self.worth(trial) < self.worth.of(trial.candidate.effect)).then_some(Reason::TooSmall)
+        (self.removes(trial) < self.worth.of(trial.candidate.effect)).then_some(Reason::TooSmall)
     }
 
     /// The one to add, with what explains the data as well; all others are rejected.

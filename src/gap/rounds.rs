@@ -72,6 +72,19 @@ pub struct Rejected {
     pub held_out_gain: Option<f64>,
 }
 
+/// One of the candidates that were simulated again in a round.
+#[derive(Debug, Clone)]
+pub struct Contestant {
+    /// Its effect.
+    pub effect: &'static Effect,
+    /// Where it would act.
+    pub axis: Axis,
+    /// Whitened loss per row when fitted: the less, the more clearly it shows.
+    pub loss: f64,
+    /// Whether it could have been named.
+    pub has_passed: bool,
+}
+
 /// An effect that passed.
 #[derive(Debug, Clone)]
 pub struct Added {
@@ -92,10 +105,35 @@ pub struct Added {
     /// For an effect that changes the scatter alone: RMS of the held-out scatter that the twin does not state,
     /// before and after (m).
     pub unstated: Option<(f64, f64)>,
-    /// The strongest candidates of the round: name, axis, whitened loss per row when fitted.
-    pub contest: Vec<(String, Axis, f64)>,
+    /// The strongest candidates of the round, the clearest first.
+    pub contest: Vec<Contestant>,
     /// All numbers with it, before anything else was added, by plain least squares.
     pub numbers: Vec<Number>,
+}
+
+impl Added {
+    /// Its own place in the contest.
+    pub(super) fn is(&self, one: &Contestant) -> bool {
+        one.effect == self.effect && one.axis == self.axis
+    }
+
+    /// Its own whitened loss per row.
+    pub(super) fn loss(&self) -> Option<f64> {
+        self.contest.iter().find(|one| self.is(one)).map(|own| own.loss)
+    }
+
+    /// Whether `other` of its round could have been named and shows more clearly, though it closes less of the gap.
+    pub(super) fn is_outshone_by(&self, other: &Contestant) -> bool {
+        other.has_passed
+            && !self.class.contains(&other.effect.name)
+            && self.loss().is_some_and(|own| other.loss < own)
+    }
+
+    /// The best of the contest that explains less and is another effect.
+    pub(super) fn runner_up(&self) -> Option<&Contestant> {
+        let own = self.loss()?;
+        self.contest.iter().find(|other| other.effect != self.effect && own <= other.loss)
+    }
 }
 
 /// What the search found on one link.
@@ -111,7 +149,9 @@ pub struct Outcome<'a> {
     /// The same on the judging sessions.
     pub start_held_out: Point,
     /// All parameters fitted, nothing added.
-    pub refitted: Fit,
+    pub refitted: Point,
+    /// All numbers then, by plain least squares; empty where nothing was added later.
+    pub refitted_numbers: Vec<Number>,
     /// The final twin.
     pub last: Fit,
     /// Its nuisances on the judging sessions.
@@ -173,6 +213,10 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         Task::CloseGap => search.close(&given, excess),
     };
     let Search { train, held_out, best, filters, added, rejected, .. } = search;
+    let refitted_numbers = match added.is_empty() {
+        true => Vec::new(),
+        false => numbers(&fit::plainly(&train, &refitted)),
+    };
     let adapted =
         |twin: &Twin, filters| fit::adapt(&held_out, held_out.start(twin.clone()), filters);
     let start_held_out = adapted(start, &scales);
@@ -187,7 +231,8 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         train,
         held_out,
         start: given,
-        refitted,
+        refitted: refitted.point,
+        refitted_numbers,
         last: best,
         filters,
         added,

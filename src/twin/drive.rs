@@ -2,9 +2,12 @@
 
 use super::{
     Channel, Plant, PlantState, Stage, StageKind, Twin,
-    plant::{self, LONGEST_STEP, belts},
+    plant::{self, LONGEST_STEP},
 };
-use crate::effects::{Effect, both};
+use crate::{
+    effects::{Effect, both},
+    gantry::belts,
+};
 use std::f64::consts::TAU;
 
 /// Time after the start of a run in which the recorded command may stem from before it (s): there

@@ -1,10 +1,10 @@
 //! Carriage to striker: encoders, play, geometry of the gantry, magnet.
 
-use super::{
-    Instance, Twin,
-    plant::{Part, belts, rails},
+use super::{Instance, Twin, plant::Part};
+use crate::{
+    effects::{Carriage, Motion, Physics, both},
+    gantry::{belts, rails},
 };
-use crate::effects::{Carriage, Motion, Physics, both};
 
 type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type EncoderPart = Part<fn(&[f64], f64) -> f64>;

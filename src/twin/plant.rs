@@ -9,7 +9,10 @@
 //! A single axis is a plant with one motor and one rail, which are the same coordinate.
 
 use super::{Instance, Twin};
-use crate::effects::{CrossMotion, LoopGains, Motion, Physics, both};
+use crate::{
+    effects::{CrossMotion, LoopGains, Motion, Physics, both},
+    gantry::belts,
+};
 
 /// Most parameters that one effect has.
 const MOST_PARAMETERS: usize = 8;
@@ -134,18 +137,6 @@ impl PlantState {
         }
         self.velocity = velocity;
     }
-}
-
-/// Belt coordinates of a rail vector: a = x + y, b = x - y.
-#[must_use]
-pub fn belts(rail: [f64; 2]) -> [f64; 2] {
-    [rail[0] + rail[1], rail[0] - rail[1]]
-}
-
-/// Rail coordinates of a belt vector.
-#[must_use]
-pub fn rails(belt: [f64; 2]) -> [f64; 2] {
-    [0.5 * (belt[0] + belt[1]), 0.5 * (belt[0] - belt[1])]
 }
 
 impl Plant {

@@ -211,8 +211,8 @@ fn session_of(
         commands = recording.count(&topic::command(gantry.player));
     }
     let spans: Vec<Range<f64>> = runs.iter().map(|run| run.span.clone()).collect();
-    let path = gantry.map(Gantry::path);
-    let carriage = gantry.map(|gantry| gantry.player).zip(path.as_ref());
+    let carriage = gantry.zip(camera.as_ref()).map(|(own, seen)| (own.player, &seen.carriage));
+    let estimator = EstimatorStage::from_recording(recording, &spans, carriage)?;
     Ok(Session {
         name: session_name(recording),
         sha256: recording.sha256.clone(),
@@ -223,7 +223,7 @@ fn session_of(
         drive,
         camera,
         ball: BallStage::from_recording(recording, &spans)?,
-        estimator: EstimatorStage::from_recording(recording, &spans, carriage)?,
+        estimator,
         axes: AxisStage::from_recording(recording, &spans)?,
     })
 }

@@ -18,7 +18,7 @@ use crate::{
         recorder::Entry,
         report::PictureToCommand,
     },
-    gantry::Limits,
+    gantry::{Limits, belts, rails},
     recording::{message::run_marker::Phase, topic::Player},
     units::Nanos,
 };
@@ -55,13 +55,11 @@ impl Led {
     /// After `dt` seconds with a command (m/s) to the carriage at `position` (m), whose belts may take
     /// `acceleration` (m/s^2) for granted: along an axis both work together, on a diagonal one stands.
     fn advance(&mut self, (position, commanded): ([f64; 2], [f64; 2]), acceleration: f64, dt: f64) {
-        let [x, y] = commanded;
         let step = acceleration * dt;
-        for (slow, wanted) in self.slow_belts.iter_mut().zip([x + y, x - y]) {
+        for (slow, wanted) in self.slow_belts.iter_mut().zip(belts(commanded)) {
             *slow += (wanted - *slow).clamp(-step, step);
         }
-        let [a, b] = self.slow_belts;
-        for (axis, slow) in [0.5 * (a + b), 0.5 * (a - b)].into_iter().enumerate() {
+        for (axis, slow) in rails(self.slow_belts).into_iter().enumerate() {
             let lead = |from: &mut f64, velocity: f64| {
                 *from += dt * (velocity + (position[axis] - *from) / LEAK_SECONDS);
             };

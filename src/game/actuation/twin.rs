@@ -8,7 +8,8 @@ use super::{Leading, Rails, turned};
 use crate::{
     effects::Carriage,
     game::{body::StrikerState, settings::CONTROL_PERIOD},
-    twin::{Linkage, Places, Plant, PlantState, Twin, belts},
+    gantry::belts,
+    twin::{Linkage, Places, Plant, PlantState, Twin},
 };
 
 /// One step of the plant within a control period.

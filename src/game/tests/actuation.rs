@@ -5,7 +5,8 @@ use crate::{
     actuator::{Layout, LayoutKind},
     effects::{self, Axis},
     game::{Actuation, GameSettings, Games, LimiterPlace, Outcomes},
-    twin::{Instance, Machine, Plant, Source, Twin, belts},
+    gantry::belts,
+    twin::{Instance, Machine, Plant, Source, Twin},
 };
 
 /// Commands of the left player that stay far from every wall.

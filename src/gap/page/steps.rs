@@ -25,8 +25,7 @@ pub(super) type Legend = Vec<(String, [u8; 3])>;
 pub(super) fn steps(outcome: &Outcome<'_>) -> Steps {
     let mut names = vec![vec!["as given".to_owned()], vec!["refitted".to_owned()]];
     if outcome.held_out.parts.is_empty() {
-        let mut rms =
-            vec![outcome.train.rms(&outcome.start), outcome.train.rms(&outcome.refitted.point)];
+        let mut rms = vec![outcome.train.rms(&outcome.start), outcome.train.rms(&outcome.refitted)];
         if !outcome.added.is_empty() {
             names.push(vec!["+ all that".to_owned(), "was added".to_owned()]);
             rms.push(outcome.train.rms(&outcome.last.point));

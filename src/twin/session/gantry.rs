@@ -2,13 +2,12 @@
 
 use super::Readings;
 use crate::{
-    gantry::BELT_METRES_PER_TURN,
+    gantry::{BELT_METRES_PER_TURN, belts, rails},
     recording::{
         Recording, RecordingError,
         message::{CarriageState, MotorState},
         topic::{self, Motor, Player},
     },
-    twin::{MeasuredPath, belts, rails},
     units::Nanos,
 };
 
@@ -58,14 +57,6 @@ impl Gantry {
             }
             (Some(motors), Some(carriage)) => Some(Self { player, motors, carriage }),
         })
-    }
-
-    /// The carriage's way, to be read at any time.
-    pub(super) fn path(&self) -> MeasuredPath {
-        let column = |from: usize| {
-            self.carriage.values.iter().map(|value| [value[from], value[from + 1]]).collect()
-        };
-        MeasuredPath::new(self.carriage.times.clone(), column(0), column(2))
     }
 
     /// Length of the carriage's way (m).

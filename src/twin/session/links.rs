@@ -9,7 +9,7 @@ use crate::{
         topic::{self, Player},
     },
     twin::{
-        CameraStage, DriveStage,
+        CameraStage, DriveStage, MeasuredPath,
         drive::{Output, RunStart, SETTLING},
         repeats::repeats,
     },
@@ -126,5 +126,10 @@ pub(super) fn camera_stage(
     let x = ("camera.striker_x", "m", Domain::Sensor, "x");
     let y = ("camera.striker_y", "m", Domain::Sensor, "y");
     let channels = vec![seen.channel(0, &spans, x), seen.channel(1, &spans, y)];
-    Ok(Some(CameraStage { carriage: gantry.path(), channels, height: STRIKER_HEIGHT }))
+    let path = MeasuredPath::new(
+        gantry.carriage.times.clone(),
+        gantry.carriage.values.iter().map(|value| [value[0], value[1]]).collect(),
+        gantry.carriage.values.iter().map(|value| [value[2], value[3]]).collect(),
+    );
+    Ok(Some(CameraStage { carriage: path, channels, height: STRIKER_HEIGHT }))
 }
