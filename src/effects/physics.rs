@@ -172,7 +172,7 @@ pub enum Physics {
     Friction(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
     /// Mass beyond the nominal one (kg).
     Inertia(fn(p: &[f64], motion: &Motion) -> f64),
-    /// True position of a motor (m of belt) to the reported one.
+    /// True position of a motor (m of belt) to the reported one; the velocity loop sees its slope too.
     Encoder(fn(p: &[f64], position: f64) -> f64),
     /// Motion of the motor's side to the position of the load's side (m); `motion.force` is the force
     /// that the load's inertia asks for (N).

@@ -97,17 +97,6 @@ fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
             ),
         );
     }
-    let best = pairs.best_delay(0.0..1.0);
-    if best.1 < LEAST_EXPLAINED {
-        return objection(
-            Verdict::InputNotConnected,
-            format!(
-                "{name}: the command explains {:.0} % of the motion at any delay up to {LONGEST_DELAY} s: \
-                 moved by hand, another source of commands, or clocks apart",
-                100.0 * best.1.max(0.0)
-            ),
-        );
-    }
     let forward = pairs.commanded().filter(|value| STANDING < *value).count() as f64;
     let backward = pairs.commanded().filter(|value| *value < -STANDING).count() as f64;
     if forward.min(backward) < LEAST_DIRECTION * (forward + backward) {
@@ -116,6 +105,17 @@ fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
             format!(
                 "{name}: the motors were driven in one direction only, so no friction, offset or play \
                  can be told from another; record moves both ways, such as x_line and y_line"
+            ),
+        );
+    }
+    let best = pairs.best_delay(0.0..1.0);
+    if best.1 < LEAST_EXPLAINED {
+        return objection(
+            Verdict::InputNotConnected,
+            format!(
+                "{name}: the command explains {:.0} % of the motion at any delay up to {LONGEST_DELAY} s: \
+                 moved by hand, another source of commands, or clocks apart",
+                100.0 * best.1.max(0.0)
             ),
         );
     }

@@ -88,6 +88,11 @@ impl<'t> Worth<'t> {
         }
     }
 
+    /// Below which no effect is worth a name, whatever is known of it.
+    pub(super) fn least(&self) -> f64 {
+        self.least.min(self.general)
+    }
+
     /// For `effect`.
     pub(super) fn of(&self, effect: &Effect) -> f64 {
         let same = |own: &&Mimicry| own.link == self.link && own.effect == effect.name;

@@ -112,12 +112,14 @@ impl Round {
         let mut trials =
             in_parallel(&items, |(candidate, rough)| bench.trial(candidate, rough, &known));
         trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
+        let worth_naming = bench.worth_naming(&trials);
         for trial in &trials {
-            if let Some(reason) = &trial.objection {
+            let is_in = worth_naming.iter().any(|own| std::ptr::eq(*own, trial));
+            if let Some(reason) = trial.objection.as_ref().filter(|_| !is_in) {
                 rejected.push(bench.rejected(trial, reason.clone()));
             }
         }
-        let winner = bench.winner(&trials, tries, &mut rejected);
+        let winner = bench.winner(&worth_naming, &trials, tries, &mut rejected);
         Self { winner, rejected }
     }
 }
@@ -149,7 +151,7 @@ fn short_list(
             Reason::NotTestable
         } else if threshold <= candidate.p_value {
             Reason::NotSignificant
-        } else if candidate.share < 0.5 * worth.of(candidate.effect) {
+        } else if candidate.share < 0.5 * worth.least() {
             Reason::TooSmall
         } else if short.len() < SHORT_LIST
             && WORTH_SIMULATING * best <= candidate.share
@@ -348,12 +350,12 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// The one to add, with what explains the data as well; all others are rejected.
     fn winner(
         &self,
+        passed: &[&Trial],
         trials: &[Trial],
         tries: usize,
         rejected: &mut Vec<Rejected>,
     ) -> Option<(Fit, Added)> {
-        let passed: Vec<&Trial> = trials.iter().filter(|trial| trial.objection.is_none()).collect();
-        let own = self.strongest(self.simplest(&passed)?, &passed);
+        let own = self.strongest(self.simplest(passed)?, passed);
         let mut class = Vec::new();
         for other in passed.iter().filter(|other| !std::ptr::eq(**other, own)) {
             let name = other.candidate.effect.name;
@@ -368,6 +370,20 @@ impl<'a, 'b> Bench<'a, 'b> {
             }
         }
         Some((own.fit.clone(), self.added(own, class, trials, tries)))
+    }
+
+    /// What passed, the clearest first, and what explains the data as well as the clearest and was only not worth a
+    /// name: where two cannot be told apart, what is known of one of them is known of neither.
+    fn worth_naming<'t>(&self, trials: &'t [Trial]) -> Vec<&'t Trial> {
+        let Some(best) = trials.iter().find(|trial| trial.objection.is_none()) else {
+            return Vec::new();
+        };
+        let is_worth = |trial: &Trial| match &trial.objection {
+            None => true,
+            Some(Reason::TooSmall) => self.is_rival(best, trial) && self.is_rival(trial, best),
+            Some(_) => false,
+        };
+        trials.iter().filter(|trial| is_worth(trial)).collect()
     }
 
     /// Of the best that passed and its rivals, the one with the fewest numbers; of equals the best.

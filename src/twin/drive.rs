@@ -86,18 +86,20 @@ impl Stage for DriveStage {
                 state.position = run.position;
             }
             reader.begin(index);
+            let mut before = Outputs::of(&plant, &state, 0.0);
             while state.time < run.end {
                 let (command, until) = self.command_at(state.time, delays, &mut cursors);
                 let span = (until.min(run.end) - state.time).max(1e-9);
                 let steps = (span / LONGEST_STEP).ceil();
                 let dt = span / steps;
                 for _ in 0..steps as usize {
-                    let (time, before) = (state.time, Outputs::of(&state));
                     plant.step(&mut state, command, dt);
-                    let step = Step { time, dt, before, after: Outputs::of(&state) };
-                    reader.read(index, &step, predicted);
+                    let after = Outputs::of(&plant, &state, dt);
+                    reader.read(index, [&before, &after], predicted);
+                    before = after;
                 }
             }
+            reader.finish(index, &before, predicted);
         }
     }
 }
@@ -122,24 +124,36 @@ impl DriveStage {
     }
 }
 
-/// What can be compared, at one time.
+/// What can be compared after one step.
 struct Outputs {
+    /// End of the step (s).
+    time: f64,
+    /// Velocity of each motor then, as its encoder reports it (m/s of belt).
     velocity: [f64; 2],
+    /// Middle of the step (s).
+    middle: f64,
+    /// Force of each motor then (N of belt).
     force: [f64; 2],
 }
 
 impl Outputs {
-    fn of(state: &PlantState) -> Self {
-        Self { velocity: belts(state.velocity), force: state.force }
+    /// Of `state` after a step of `dt` seconds.
+    fn of(plant: &Plant, state: &PlantState, dt: f64) -> Self {
+        Self {
+            time: state.time,
+            velocity: plant.reported(state),
+            middle: state.time - 0.5 * dt,
+            force: state.force,
+        }
     }
-}
 
-/// A step of the plant from `time`, and what can be compared at its ends.
-struct Step {
-    time: f64,
-    dt: f64,
-    before: Outputs,
-    after: Outputs,
+    /// Time and value of `output` (m/s of belt, or N m with pulleys of `radius` metres).
+    fn get(&self, output: Output, radius: f64) -> (f64, f64) {
+        match output {
+            Output::Velocity(motor) => (self.time, self.velocity[motor]),
+            Output::Torque(motor) => (self.middle, self.force[motor] * radius),
+        }
+    }
 }
 
 /// Reads the plant at the times of the measured samples.
@@ -156,19 +170,27 @@ impl Reader<'_> {
         }
     }
 
-    fn read(&mut self, run: usize, step: &Step, predicted: &mut [Vec<f64>]) {
-        let Step { time, dt, before, after } = step;
+    /// Reads what lies between two steps' outputs.
+    fn read(&mut self, run: usize, step: [&Outputs; 2], predicted: &mut [Vec<f64>]) {
         for (index, channel) in self.stage.channels.iter().enumerate() {
+            let output = self.stage.outputs[index];
+            let [(start, from), (end, to)] = step.map(|at| at.get(output, self.radius));
             let next = &mut self.next[index];
-            while *next < channel.runs[run].end && channel.times[*next] <= time + dt {
-                let share = ((channel.times[*next] - time) / dt).clamp(0.0, 1.0);
-                let mix = |from: f64, to: f64| from + share * (to - from);
-                predicted[index][*next] = match self.stage.outputs[index] {
-                    Output::Velocity(motor) => mix(before.velocity[motor], after.velocity[motor]),
-                    Output::Torque(motor) => {
-                        mix(before.force[motor], after.force[motor]) * self.radius
-                    }
-                };
+            while *next < channel.runs[run].end && channel.times[*next] <= end {
+                let share = ((channel.times[*next] - start) / (end - start)).clamp(0.0, 1.0);
+                predicted[index][*next] = from + share * (to - from);
+                *next += 1;
+            }
+        }
+    }
+
+    /// Reads what is left of a run after its last step.
+    fn finish(&mut self, run: usize, last: &Outputs, predicted: &mut [Vec<f64>]) {
+        for (index, channel) in self.stage.channels.iter().enumerate() {
+            let (_, value) = last.get(self.stage.outputs[index], self.radius);
+            let next = &mut self.next[index];
+            while *next < channel.runs[run].end && channel.times[*next] <= last.time {
+                predicted[index][*next] = value;
                 *next += 1;
             }
         }

@@ -1,7 +1,7 @@
 //! Drives and gantry in free-running time: the equations that all instances of a twin make together.
 //!
 //! Per motor, in metres of belt: command -> effects on the command -> ramp -> velocity loop -> effects
-//! on the force. Per rail: sum of both belts' forces, forces and friction of all instances, moving
+//! on the force; the loop sees the velocity that its encoder reports. Per rail: sum of both belts' forces, forces and friction of all instances, moving
 //! mass. The step is semi-implicit: the loop's force is taken at the middle of the step, with the
 //! velocity that it will have there to first order, and friction is the impulse that would stop the
 //! motion, held within its level (Coulomb's law without chatter, as in the simulators of BAM).
@@ -55,6 +55,10 @@ impl<F> Part<F> {
 type CommandPart = Part<fn(&[f64], &mut [f64], f64, f64) -> f64>;
 type MotionPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
+type EncoderPart = Part<fn(&[f64], f64) -> f64>;
+
+/// Way over which the slope of an encoder's reading is taken (m).
+const SLOPE: f64 = 1e-6;
 
 /// Functions that act on one motor (belt coordinate).
 #[derive(Debug, Clone, Default)]
@@ -66,6 +70,7 @@ struct MotorParts {
     efforts: Vec<MotionPart>,
     forces: Vec<MotionPart>,
     frictions: Vec<MotionPart>,
+    encoders: Vec<EncoderPart>,
 }
 
 /// Functions that act on one rail.
@@ -176,6 +181,7 @@ impl Plant {
                 motor.frictions.push(Part::new(call, instance, memory));
             }
             Physics::Friction(call) => rail.frictions.push(Part::new(call, instance, memory)),
+            Physics::Encoder(call) => motor.encoders.push(Part::new(call, instance, memory)),
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
             _ => {}
         }
@@ -201,6 +207,17 @@ impl Plant {
         *state = PlantState { position, memory, ..PlantState::default() };
     }
 
+    /// Velocity of each motor (m/s of belt) as its encoder reports it.
+    #[must_use]
+    pub fn reported(&self, state: &PlantState) -> [f64; 2] {
+        let (position, velocity) = (belts(state.position), belts(state.velocity));
+        let of = |index: usize| match self.motors.get(index) {
+            Some(motor) => motor.reported(position[index], velocity[index]),
+            None => velocity[index],
+        };
+        both(of)
+    }
+
     /// One step of `dt` seconds with each motor's `command` (m/s of belt), at most
     /// 1 ms for the accuracy that the tests state.
     pub fn step(&self, state: &mut PlantState, command: [f64; 2], dt: f64) {
@@ -214,6 +231,7 @@ impl Plant {
 
     fn step_gantry(&self, state: &mut PlantState, command: [f64; 2], dt: f64) {
         let step = GantryStep::new(self, state, dt);
+        let seen = self.reported(state);
         let memory = &mut state.memory;
         // Loads on the rails, with the motors' forces of the step before where one depends on them.
         let load = self.loads(&step, state.force, memory);
@@ -222,19 +240,19 @@ impl Plant {
             both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
         let drag = belts(both(|index| (load[index] + state.friction[index]) / step.mass[index]));
         let demand = both(|index| {
-            let error = middle[index] - step.belts.velocity[index] - 0.5 * dt * drag[index];
+            let error = middle[index] - seen[index] - 0.5 * dt * drag[index];
             self.motors[index].demand(error, state.integral[index], step.loop_mass, dt)
         });
         let force = self.efforts(&step, demand, memory);
         let pull = self.pulls(&step, force, load, memory);
         let (velocity, friction) = self.slides(&step, force, total(pull, load), memory);
-        let belt_after = belts(velocity);
+        state.arrive(velocity, dt);
+        let seen_after = self.reported(state);
         for (index, motor) in self.motors.iter().enumerate() {
-            let error = middle[index] - 0.5 * (step.belts.velocity[index] + belt_after[index]);
+            let error = middle[index] - 0.5 * (seen[index] + seen_after[index]);
             state.integral[index] +=
                 step.loop_mass.gains * motor.gains.integral_per_s2 * error * dt;
         }
-        state.arrive(velocity, dt);
         state.friction = friction;
         state.force = force;
         state.setpoint = setpoint;
@@ -457,6 +475,16 @@ impl MotorParts {
             .fold(taken_in, |value, part| (part.call)(part.p(), part.memory(memory), value, dt))
     }
 
+    /// What the encoder makes of a `velocity` (m/s of belt) at `position` (m of belt).
+    fn reported(&self, mut position: f64, mut velocity: f64) -> f64 {
+        for part in &self.encoders {
+            let read = |at: f64| (part.call)(part.p(), at);
+            velocity *= (read(position + SLOPE) - read(position - SLOPE)) / (2.0 * SLOPE);
+            position = read(position);
+        }
+        velocity
+    }
+
     /// Setpoint in the middle of a step: a ramp is half-way, a jump has happened at its start.
     fn middle(&self, before: f64, after: f64) -> f64 {
         if self.ramps.is_empty() { after } else { 0.5 * (before + after) }
@@ -481,5 +509,6 @@ pub(super) fn calls(physics: &Physics) -> bool {
             | Physics::Force(_)
             | Physics::Friction(_)
             | Physics::Inertia(_)
+            | Physics::Encoder(_)
     )
 }

@@ -5,7 +5,8 @@ use crate::gantry::BELT_METRES_PER_TURN;
 use std::f64::consts::TAU;
 
 /// `sensor.encoder_eccentricity`: q + s sin(2 pi q / turn) + c cos(2 pi q / turn), in metres of belt.
-/// The phase is that of the recorded position: homing keeps it as long as it finds the same place
+/// The drive's velocity loop sees it too: while the encoder reports an even motion, the motor goes unevenly,
+/// the more torque the faster. The phase is that of the recorded position: homing keeps it as long as it finds the same place
 /// to a tenth of a turn.
 pub(crate) static ENCODER_ECCENTRICITY: Effect = Effect {
     name: "sensor.encoder_eccentricity",
