@@ -149,6 +149,8 @@ pub enum Site {
     MotorsAndRails,
     /// Belt coordinates, one motor at a time: what both share has another name.
     OneMotor,
+    /// Board coordinates, one rail at a time: it has numbers that are no other rail's.
+    OneRail,
     /// One place only.
     Whole,
 }
@@ -164,6 +166,7 @@ impl Site {
                 &[Axis::Rails, Axis::X, Axis::Y, Axis::Motors, Axis::A, Axis::B]
             }
             Self::OneMotor => &[Axis::A, Axis::B],
+            Self::OneRail => &[Axis::X, Axis::Y],
             Self::Whole => &[Axis::Whole],
         }
     }

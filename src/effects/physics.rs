@@ -16,6 +16,8 @@ pub struct CrossMotion {
 /// One coordinate during one step: a belt (a, b), a rail (x, y) or a single axis.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Motion {
+    /// Which coordinate of its pair: 0 for a or x, 1 for b or y.
+    pub index: usize,
     /// Time since the session began (s).
     pub time: f64,
     /// Length of the step (s).
@@ -201,4 +203,6 @@ pub enum Physics {
     Estimator(fn(p: &[f64], m: &mut [f64], sample: &Sample) -> f64),
     /// Scatter instead of a value.
     Noise(Noise),
+    /// Two equations at two places of the chain, with the same numbers.
+    Both(&'static [Self; 2]),
 }

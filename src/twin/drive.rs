@@ -14,6 +14,9 @@ use std::f64::consts::TAU;
 /// the plant runs but nothing is compared.
 pub(super) const SETTLING: f64 = 0.1;
 
+/// The first steps after a command (s).
+const FIRST_STEPS: [f64; 3] = [1e-4, 2e-4, 4e-4];
+
 /// One gantry of one session: commands in, motor velocities and torques out.
 #[derive(Debug, Clone)]
 pub struct DriveStage {
@@ -90,9 +93,7 @@ impl Stage for DriveStage {
             while state.time < run.end {
                 let (command, until) = self.command_at(state.time, delays, &mut cursors);
                 let span = (until.min(run.end) - state.time).max(1e-9);
-                let steps = (span / LONGEST_STEP).ceil();
-                let dt = span / steps;
-                for _ in 0..steps as usize {
+                for dt in steps(span) {
                     plant.step(&mut state, command, dt);
                     let after = Outputs::of(&plant, &state, dt);
                     reader.read(index, [&before, &after], predicted);
@@ -102,6 +103,20 @@ impl Stage for DriveStage {
             reader.finish(index, &before, predicted);
         }
     }
+}
+
+/// Steps (s) that make up `span` seconds after a command: short ones first, for there the force bends, and what is
+/// read between the middles of two steps would be rounded off.
+fn steps(span: f64) -> impl Iterator<Item = f64> {
+    let mut left = span;
+    let first = FIRST_STEPS.map(|step| {
+        let step = step.min(left);
+        left -= step;
+        step
+    });
+    let count = (left / LONGEST_STEP).ceil();
+    let rest = std::iter::repeat_n(left / count.max(1.0), count as usize);
+    first.into_iter().filter(|step| 0.0 < *step).chain(rest)
 }
 
 impl DriveStage {
@@ -132,6 +147,8 @@ struct Outputs {
     velocity: [f64; 2],
     /// Middle of the step (s).
     middle: f64,
+    /// Acceleration of each motor then (m/s^2 of belt).
+    acceleration: [f64; 2],
     /// Force of each motor then (N of belt).
     force: [f64; 2],
 }
@@ -143,6 +160,7 @@ impl Outputs {
             time: state.time,
             velocity: plant.reported(state),
             middle: state.time - 0.5 * dt,
+            acceleration: belts(state.acceleration),
             force: state.force,
         }
     }
@@ -152,6 +170,18 @@ impl Outputs {
         match output {
             Output::Velocity(motor) => (self.time, self.velocity[motor]),
             Output::Torque(motor) => (self.middle, self.force[motor] * radius),
+        }
+    }
+
+    /// Second derivative of `output` in the step that ends here after one that ended at `before`, as far as it is
+    /// known: a force is read between the middles of two steps, across whatever bends it.
+    fn bend(&self, before: &Self, output: Output) -> f64 {
+        match output {
+            Output::Velocity(motor) => {
+                (self.acceleration[motor] - before.acceleration[motor])
+                    / (self.middle - before.middle)
+            }
+            Output::Torque(_) => 0.0,
         }
     }
 }
@@ -175,10 +205,12 @@ impl Reader<'_> {
         for (index, channel) in self.stage.channels.iter().enumerate() {
             let output = self.stage.outputs[index];
             let [(start, from), (end, to)] = step.map(|at| at.get(output, self.radius));
+            let bend = step[1].bend(step[0], output);
             let next = &mut self.next[index];
             while *next < channel.runs[run].end && channel.times[*next] <= end {
                 let share = ((channel.times[*next] - start) / (end - start)).clamp(0.0, 1.0);
-                predicted[index][*next] = from + share * (to - from);
+                let sag = 0.5 * bend * share * (1.0 - share) * (end - start).powi(2);
+                predicted[index][*next] = from + share * (to - from) - sag;
                 *next += 1;
             }
         }
@@ -193,6 +225,90 @@ impl Reader<'_> {
                 predicted[index][*next] = value;
                 *next += 1;
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, Domain},
+        twin::{Instance, Machine, Source},
+    };
+
+    /// On both rails (kg).
+    const MASS: f64 = 2.4;
+
+    /// A frictionless table whose loops are critically damped, at `omega` (rad/s), with commands that are
+    /// `delay` seconds late and ramps of `slope` (m/s^2 of belt).
+    fn table(omega: f64, delay: f64, slope: f64) -> Twin {
+        let mut twin = Twin::nominal(Machine::Table);
+        twin.instances.retain(|own| !own.effect.name.starts_with("drive.friction"));
+        let mut set = |name: &str, values: &[f64]| {
+            twin.instances.retain(|own| own.effect.name != name);
+            let effect = crate::effects::find(name).unwrap();
+            twin.instances.push(Instance::new(effect, Axis::Motors, values, Source::Nominal));
+        };
+        set("drive.velocity_loop", &[omega / TAU, 1.0]);
+        set("drive.saturation.slew", &[slope]);
+        set("drive.delay", &[delay]);
+        for instance in &mut twin.instances {
+            if instance.effect.name == "gantry.inertia" {
+                instance.values[0].value = MASS;
+            }
+        }
+        twin
+    }
+
+    fn channel(signal: &str, times: &[f64]) -> Channel {
+        Channel {
+            signal: signal.to_owned(),
+            unit: "1",
+            domain: Domain::Drive,
+            axis: "a",
+            rate_hz: 100.0,
+            times: times.to_vec(),
+            measured: vec![0.0; times.len()],
+            runs: vec![0..times.len()],
+        }
+    }
+
+    /// The closed form of a PI loop that follows a ramp from rest: the error is r t exp(-w t), so the velocity is
+    /// r t (1 - exp(-w t)) and the force m r (1 - (1 - w t) exp(-w t)).
+    #[test]
+    fn velocity_and_torque_are_those_of_the_closed_form_at_every_sample() {
+        let (omega, delay, slope) = (120.0, 0.0079, 17.0);
+        let twin = table(omega, delay, slope);
+        let times: Vec<f64> = (1..40).map(|k| 0.0103 + 0.0007 * f64::from(k)).collect();
+        let stage = DriveStage {
+            command_times: vec![0.0, 0.01],
+            commands: vec![[0.0, 0.0], [1.0, 0.0]],
+            starts: vec![RunStart {
+                time: 0.0,
+                end: 0.05,
+                position: [0.0; 2],
+                velocity: [0.0; 2],
+                fresh: true,
+            }],
+            channels: vec![channel("velocity", &times), channel("torque", &times)],
+            outputs: vec![Output::Velocity(0), Output::Torque(0)],
+        };
+        let mut predicted = vec![vec![0.0; times.len()]; 2];
+        stage.predict(&twin, &[], &mut predicted);
+        // Along x both motors pull: each moves half of the mass, in metres of belt that are those of the rail.
+        let force = 0.5 * MASS * slope * twin.belt_per_turn / TAU;
+        for (k, time) in times.iter().enumerate() {
+            let t = (time - 0.01 - delay).max(0.0);
+            let fading = (-omega * t).exp();
+            let velocity = slope * t * (1.0 - fading);
+            let torque = force * (1.0 - (1.0 - omega * t) * fading);
+            assert!(
+                (predicted[0][k] - velocity).abs() < 1e-4,
+                "{t} {} {velocity}",
+                predicted[0][k]
+            );
+            assert!((predicted[1][k] / force - torque / force).abs() < 0.01, "{t}");
         }
     }
 }

@@ -46,7 +46,7 @@ impl Linkage {
             memory: 0,
         };
         for instance in &twin.instances {
-            linkage.add(instance);
+            linkage.add(instance, &instance.effect.physics);
         }
         if places == Places::True {
             linkage.encoders = [Vec::new(), Vec::new()];
@@ -54,11 +54,12 @@ impl Linkage {
         linkage
     }
 
-    fn add(&mut self, instance: &Instance) {
+    fn add(&mut self, instance: &Instance, physics: &Physics) {
         let memory = &mut self.memory;
         let axis = instance.axis;
         let covered = (0..2).filter(|index| axis.covers(*index));
-        match instance.effect.physics {
+        match *physics {
+            Physics::Both(both) => both.iter().for_each(|own| self.add(instance, own)),
             Physics::Encoder(call) => {
                 covered.for_each(|k| self.encoders[k].push(Part::new(call, instance, memory)));
             }

@@ -42,7 +42,7 @@ impl Machine {
             Self::Axis => match site {
                 Site::Motors => vec![Axis::Motors],
                 Site::OneMotor => Vec::new(),
-                Site::Rails | Site::MotorsAndRails => vec![Axis::Rails],
+                Site::Rails | Site::OneRail | Site::MotorsAndRails => vec![Axis::Rails],
                 Site::Whole => vec![Axis::Whole],
             },
         }

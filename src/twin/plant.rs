@@ -156,18 +156,19 @@ impl Plant {
         };
         for instance in &twin.instances {
             for index in (0..count).filter(|index| instance.axis.covers(*index)) {
-                plant.add(instance, index);
+                plant.add(instance, &instance.effect.physics, index);
             }
         }
         plant
     }
 
-    fn add(&mut self, instance: &Instance, index: usize) {
+    fn add(&mut self, instance: &Instance, physics: &Physics, index: usize) {
         let memory = &mut self.memory;
         let motor = &mut self.motors[index];
         let rail = &mut self.rails[index];
         let at_motor = instance.axis.is_motor();
-        match instance.effect.physics {
+        match *physics {
+            Physics::Both(both) => both.iter().for_each(|own| self.add(instance, own, index)),
             Physics::CommandDelay(call) => motor.delay += call(&instance.numbers()),
             Physics::Command(call) => motor.commands.push(Part::new(call, instance, memory)),
             Physics::Ramp(call) => motor.ramps.push(Part::new(call, instance, memory)),
@@ -240,8 +241,9 @@ impl Plant {
             both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
         let drag = belts(both(|index| (load[index] + state.friction[index]) / step.mass[index]));
         let demand = both(|index| {
+            let now = state.setpoint[index] - seen[index];
             let error = middle[index] - seen[index] - 0.5 * dt * drag[index];
-            self.motors[index].demand(error, state.integral[index], step.loop_mass, dt)
+            self.motors[index].demand([now, error], state.integral[index], step.loop_mass, dt)
         });
         let force = self.efforts(&step, demand, memory);
         let pull = self.pulls(&step, force, load, memory);
@@ -321,6 +323,7 @@ impl Plant {
         let (motor, rail) = (&self.motors[0], &self.rails[0]);
         let memory = &mut state.memory;
         let mut motion = Motion {
+            index: 0,
             time: state.time,
             dt,
             position: state.position[0],
@@ -336,9 +339,10 @@ impl Plant {
         let setpoint = motor.setpoint(command, memory, dt);
         let middle = motor.middle(state.setpoint[0], setpoint);
         let drag = (load + state.friction[0]) / mass;
+        let now = state.setpoint[0] - state.velocity[0];
         let error = middle - state.velocity[0] - 0.5 * dt * drag;
         let loop_mass = LoopMass { gains: mass, moved: mass };
-        motion.force = motor.demand(error, state.integral[0], loop_mass, dt);
+        motion.force = motor.demand([now, error], state.integral[0], loop_mass, dt);
         for part in &motor.efforts {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
         }
@@ -370,6 +374,7 @@ impl Frame {
     /// Motion of one coordinate with the `force` along both and the `mass` of its own.
     fn motion(&self, index: usize, force: [f64; 2], mass: f64) -> Motion {
         Motion {
+            index,
             time: self.time,
             dt: self.dt,
             position: self.position[index],
@@ -490,15 +495,20 @@ impl MotorParts {
         if self.ramps.is_empty() { after } else { 0.5 * (before + after) }
     }
 
-    /// Force at the middle of the step.
-    fn demand(&self, error: f64, integral: f64, mass: LoopMass, dt: f64) -> f64 {
+    /// Force at the middle of the step: of the velocity errors at its start, and there without the loop's own
+    /// force.
+    fn demand(&self, error: [f64; 2], integral: f64, mass: LoopMass, dt: f64) -> f64 {
         let gain = mass.gains * self.gains.proportional_per_s;
-        (gain * error + integral) / (1.0 + 0.5 * dt * gain / mass.moved)
+        let halfway = integral + 0.5 * dt * mass.gains * self.gains.integral_per_s2 * error[0];
+        (gain * error[1] + halfway) / (1.0 + 0.5 * dt * gain / mass.moved)
     }
 }
 
 /// Whether a plant calls the physics of an effect.
 pub(super) fn calls(physics: &Physics) -> bool {
+    if let Physics::Both(both) = physics {
+        return both.iter().any(calls);
+    }
     matches!(
         physics,
         Physics::CommandDelay(_)

@@ -12,12 +12,13 @@ const END: Parameter = Parameter {
 };
 
 /// `gantry.endstop`: k (low - q) below `low`, k (high - q) above `high`, nothing between them. The
-/// places are in the board frame; without a contact on one side its end lies beyond the travel.
+/// places are in the board frame; without a contact on one side its end lies beyond the travel. The probes are
+/// one end, or both, for a carriage that works in the middle of the board or in one half of it.
 pub(crate) static ENDSTOP: Effect = Effect {
     name: "gantry.endstop",
     says: "near the end of its travel the carriage runs into something springy",
     domain: Domain::Gantry,
-    site: Site::Rails,
+    site: Site::OneRail,
     parameters: &[
         Parameter {
             name: "stiffness_n_per_m",
@@ -44,6 +45,15 @@ pub(crate) static ENDSTOP: Effect = Effect {
         &[1000.0, -2.0, -0.06],
         &[1000.0, 0.03, 2.0],
         &[1000.0, 0.06, 2.0],
+        &[1000.0, -0.15, 0.15],
+        &[1000.0, -0.12, 0.12],
+        &[1000.0, -0.09, 0.09],
+        &[1000.0, -0.18, -0.03],
+        &[1000.0, -0.17, -0.06],
+        &[1000.0, -0.15, -0.08],
+        &[1000.0, 0.03, 0.18],
+        &[1000.0, 0.06, 0.17],
+        &[1000.0, 0.08, 0.15],
     ],
     memory: 0,
     physics: Physics::Force(|p, _, motion| {
