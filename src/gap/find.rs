@@ -14,7 +14,7 @@ use super::{
     verdict::{Findings, Told},
 };
 use crate::{
-    effects::{Effect, Physics},
+    effects::{CATALOGUE, Domain, Effect, Physics},
     recording::Split,
     stats::t_quantile,
     twin::{Left, Machine, Session, Source, Stage, StageKind, Twin, Value, machine_of},
@@ -87,7 +87,13 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
             known::note_mimicry(&mut twin, outcome);
         }
     }
-    let document = document(&start, given, &twin, &outcomes, &floors);
+    let unseen = unseen(sessions, &start);
+    let document = document(
+        &start,
+        given,
+        &twin,
+        &Findable { outcomes: &outcomes, floors: &floors, unseen: &unseen },
+    );
     Found { document, twin, outcomes, floors }
 }
 
@@ -164,13 +170,28 @@ fn leave(twin: &mut Twin, outcome: &Outcome<'_>, task: Task) {
     }
 }
 
-fn document(
-    start: &Twin,
-    given: Option<&Twin>,
-    twin: &Twin,
-    outcomes: &[Outcome<'_>],
-    floors: &[Vec<Floor>],
-) -> Document {
+/// What the recordings show, link by link, and what they do not show.
+struct Findable<'f, 'a> {
+    outcomes: &'f [Outcome<'a>],
+    floors: &'f [Vec<Floor>],
+    unseen: &'f [&'static Effect],
+}
+
+/// Effects that no link of these recordings shows, whatever the motion: what takes a camera, where there was none.
+fn unseen(sessions: &[Session], start: &Twin) -> Vec<&'static Effect> {
+    let stages: Vec<&dyn Stage> = sessions.iter().flat_map(Session::stages).collect();
+    let is_shown = |effect: &Effect| match effect.physics {
+        Physics::Noise(_) => stages.iter().any(|stage| stage.kind() == StageKind::Camera),
+        _ => stages.iter().any(|stage| stage.calls(effect)),
+    };
+    let is_known = |effect: &Effect| start.instances.iter().any(|own| own.effect == effect);
+    let all = CATALOGUE.iter().copied();
+    all.filter(|effect| start.machine == Machine::Table && !is_shown(effect) && !is_known(effect))
+        .collect()
+}
+
+fn document(start: &Twin, given: Option<&Twin>, twin: &Twin, found: &Findable<'_, '_>) -> Document {
+    let Findable { outcomes, floors, unseen } = *found;
     let effects: Vec<NamedEffect> = outcomes
         .iter()
         .flat_map(|outcome| outcome.added.iter().map(move |step| named(outcome, step, twin)))
@@ -181,8 +202,8 @@ fn document(
         .filter(|step| !step.class.is_empty())
         .map(class_of)
         .collect();
-    let rejected =
-        outcomes.iter().flat_map(|outcome| &outcome.rejected).map(rejected_effect).collect();
+    let rejected = outcomes.iter().flat_map(|outcome| &outcome.rejected).map(rejected_effect);
+    let rejected = rejected.chain(unseen.iter().copied().map(unseen_effect)).collect();
     let gap: Vec<SignalGap> = outcomes
         .iter()
         .zip(floors)
@@ -202,7 +223,7 @@ fn document(
     let effects = if told.verdict == Verdict::DifferentMachine { Vec::new() } else { effects };
     // Runs are driven on the table only; what an axis or a ball needs stands with its class in words.
     let next_experiment = match start.machine {
-        Machine::Table => next_experiment(&class, outcomes),
+        Machine::Table => next_experiment(&class, outcomes, unseen),
         Machine::Axis => None,
     };
     Document {
@@ -350,10 +371,8 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
         Reason::SessionsDisagree => "the sessions do not agree on its sign or size".to_owned(),
         Reason::TooSmall => "explains less than the simulation's own fidelity".to_owned(),
         Reason::NotTestable => {
-            format!(
-                "not testable with this motion: it takes {}",
-                rejected.candidate.effect.excitation
-            )
+            let takes = rejected.candidate.effect.excitation;
+            format!("not testable with this motion: it takes {takes}")
         }
     };
     RejectedEffect {
@@ -363,6 +382,21 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
         statistic: rejected.candidate.statistic,
         p_value: rejected.candidate.p_value,
         held_out_gain: rejected.held_out_gain,
+    }
+}
+
+/// An effect that nothing in the recordings shows.
+fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
+    RejectedEffect {
+        name: effect.name.to_owned(),
+        axis: effect.site.axes()[0],
+        reason: format!(
+            "not testable without the signals that show it: it takes {}",
+            effect.excitation
+        ),
+        statistic: 0.0,
+        p_value: 1.0,
+        held_out_gain: None,
     }
 }
 
@@ -446,14 +480,22 @@ fn signal_gaps(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalGap> {
         .collect()
 }
 
+/// Where the camera's detections come from unless somebody says otherwise.
+const CAMERA: &str = " --camera udp:127.0.0.1:9870";
+
 /// A `collect` command that drives `patterns` with repeats.
 fn collect_command(patterns: &[&str]) -> String {
     let patterns: Vec<String> = patterns.iter().map(|name| format!("--pattern {name}")).collect();
     format!("klasktron collect {} --seconds 10 --repeat 2 --output next.mcap", patterns.join(" "))
 }
 
-/// What would decide what is left: the class first, then what could not be tested.
-fn next_experiment(class: &[Class], outcomes: &[Outcome<'_>]) -> Option<String> {
+/// What would decide what is left: the class first, then what could not be tested. Where no camera saw the
+/// striker, one belongs to it.
+fn next_experiment(
+    class: &[Class],
+    outcomes: &[Outcome<'_>],
+    unseen: &[&'static Effect],
+) -> Option<String> {
     let mut patterns: Vec<&str> = Vec::new();
     let mut add = |name: &str| {
         if let Some(effect) = crate::effects::find(name)
@@ -469,8 +511,13 @@ fn next_experiment(class: &[Class], outcomes: &[Outcome<'_>]) -> Option<String> 
             add(rejected.candidate.effect.name);
         }
     }
+    let is_driven = outcomes.iter().any(|outcome| outcome.kind == StageKind::Drive);
+    let with_camera = |effect: &&&Effect| is_driven && effect.domain == Domain::Coupling;
+    let unseen: Vec<&&Effect> = unseen.iter().filter(with_camera).collect();
+    unseen.iter().for_each(|effect| add(effect.name));
     patterns.truncate(4);
-    (!patterns.is_empty()).then(|| collect_command(&patterns))
+    let camera = if unseen.is_empty() { "" } else { CAMERA };
+    (!patterns.is_empty()).then(|| collect_command(&patterns) + camera)
 }
 
 fn doubts(outcomes: &[Outcome<'_>]) -> Vec<String> {

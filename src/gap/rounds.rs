@@ -320,7 +320,9 @@ impl Search<'_> {
             self.added.last_mut().expect("one was added").numbers = numbers(&plain);
             excess = self.excess(judged.insert(self.judged()));
         }
-        if self.take_back_what_is_none() {
+        let least = Worth::new(&given.twin, self.kind, excess, 0.0).least();
+        let is_less = self.take_back_what_is_not_missed(least);
+        if self.take_back_what_is_none() || is_less {
             excess = self.excess(judged.insert(self.judged()));
         }
         let judged = judged.unwrap_or_else(|| self.judged());
@@ -351,6 +353,51 @@ impl Search<'_> {
             self.added.extend(named.put_into(&mut self.best.point.twin));
         }
         any
+    }
+
+    /// Takes back, one after the other, the effect that the data miss least when everything else is fitted without
+    /// it, where that is not beyond chance or less than the share `least` of the held-out squared error: what was
+    /// added early may have stood for what came later, and a fit may have found its way only beside another
+    /// (backward elimination). Gives whether any was.
+    fn take_back_what_is_not_missed(&mut self, least: f64) -> bool {
+        let before = self.added.len();
+        while 1 < self.added.len()
+            && let Some((step, fit, filters)) = self.least_missed(least)
+        {
+            log::info!("{:?}: {} on {} is not missed", self.kind, step.effect.name, step.axis);
+            self.added.retain(|own| own.effect != step.effect || own.axis != step.axis);
+            (self.best, self.filters) = (fit, filters);
+        }
+        self.added.len() < before
+    }
+
+    /// The step that the data miss least, if they do not miss it, with the fit without it.
+    fn least_missed(&self, least: f64) -> Option<(Added, Fit, Filters)> {
+        let rows = |point: &Point, judged: &Point| {
+            let train = self.train.whitened(point, &self.filters);
+            (train, self.held_out.whitened(judged, &self.filters))
+        };
+        let (train, held) = rows(&self.best.point, &self.judged());
+        let trials = in_parallel(&self.added, |step| {
+            let mut without = self.best.clone();
+            take_out(&mut without, step);
+            let (fit, filters) = fit::settle(&self.train, without.point.clone(), &without.slots, 8);
+            let start = self.held_out.start(fit.point.twin.clone());
+            let judged = fit::adapt(&self.held_out, start, &self.filters);
+            let (train_without, held_without) = rows(&fit.point, &judged);
+            let share = |without: &[f64], with: &[f64]| {
+                1.0 - fit::squared(with) / fit::squared(without).max(f64::MIN_POSITIVE)
+            };
+            let is_missed = is_in(&train_without, &train, &self.train.blocks())
+                && (held.is_empty()
+                    || is_in(&held_without, &held, &self.held_out.blocks())
+                        && least <= share(&held_without, &held));
+            (share(&train_without, &train), is_missed, fit, filters)
+        });
+        let found = self.added.iter().zip(trials).filter(|(_, (_, is_missed, ..))| !is_missed);
+        found
+            .min_by(|a, b| a.1.0.total_cmp(&b.1.0))
+            .map(|(step, (_, _, fit, filters))| (step.clone(), fit, filters))
     }
 
     /// Takes back effects of one number whose interval, now that everything is fitted together, holds the
