@@ -1,10 +1,11 @@
 //! Drives and gantry in free-running time: the equations that all instances of a twin make together.
 //!
 //! Per motor, in metres of belt: command -> effects on the command -> ramp -> velocity loop -> effects
-//! on the force; the loop sees the velocity that its encoder reports. Per rail: sum of both belts' forces, forces and friction of all instances, moving
-//! mass. The step is semi-implicit: the loop's force is taken at the middle of the step, with the
-//! velocity that it will have there to first order, and friction is the impulse that would stop the
-//! motion, held within its level (Coulomb's law without chatter, as in the simulators of BAM).
+//! on the force; the loop sees the velocity that its encoder reports. Per rail: sum of both belts'
+//! forces, forces and friction of all instances, moving mass. The step is semi-implicit: the loop's
+//! force is taken at the middle of the step, with the velocity that it will have there to first order,
+//! and friction is the impulse that would stop the motion, held within its level (Coulomb's law without
+//! chatter, as in the simulators of BAM).
 //!
 //! A single axis is a plant with one motor and one rail, which are the same coordinate.
 

@@ -278,6 +278,11 @@ fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
     let same = followed(dir.path(), "same", 0.0, None);
     let (same, _) = gap(&same, Some(&twin), &dir.path().join("same"));
     assert!(names(&same).is_empty(), "{same:#}");
+    // What only a camera shows is said to be untested, and the next recording asks for one.
+    let rejected = same["rejected"].as_array().unwrap();
+    let magnet = rejected.iter().find(|own| own["name"] == "coupling.magnet_spring").unwrap();
+    assert!(magnet["reason"].as_str().unwrap().contains("not testable without"), "{magnet}");
+    assert!(same["next_experiment"].as_str().unwrap().contains("--camera"), "{same:#}");
     let late = followed(dir.path(), "late", 0.018, None);
     let (document, _) = gap(&late, Some(&twin), &dir.path().join("late"));
     let delay = document["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drive.delay");
@@ -323,6 +328,15 @@ fn what_cannot_be_judged_has_its_verdict_and_no_name() {
         ),
         ("short", 2, follow, "not_testable"),
         ("one-way", 20, Machine { command: |t| both_ways(t).abs(), ..follow }, "not_testable"),
+        (
+            "one-way and shaken",
+            20,
+            Machine {
+                command: |t| both_ways(t).abs(),
+                respond: |v, t| 0.3 * v + 0.4 * (t * 9.1).sin(),
+            },
+            "not_testable",
+        ),
     ];
     for (name, seconds, machine, verdict) in cases {
         let file = table(dir.path(), &format!("{name}.mcap"), seconds, machine);
