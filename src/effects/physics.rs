@@ -206,3 +206,14 @@ pub enum Physics {
     /// Two equations at two places of the chain, with the same numbers.
     Both(&'static [Self; 2]),
 }
+
+impl Physics {
+    /// Its equations, each at one place of the chain.
+    #[must_use]
+    pub fn equations(&self) -> &[Self] {
+        match self {
+            Self::Both(both) => *both,
+            own => std::slice::from_ref(own),
+        }
+    }
+}

@@ -365,8 +365,7 @@ impl Search<'_> {
             && let Some((step, fit, filters)) = self.least_missed(least)
         {
             log::info!("{:?}: {} on {} is not missed", self.kind, step.effect.name, step.axis);
-            self.added.retain(|own| own.effect != step.effect || own.axis != step.axis);
-            (self.best, self.filters) = (fit, filters);
+            self.go_back(&step, (fit, filters));
         }
         self.added.len() < before
     }
@@ -379,12 +378,8 @@ impl Search<'_> {
         };
         let (train, held) = rows(&self.best.point, &self.judged());
         let trials = in_parallel(&self.added, |step| {
-            let mut without = self.best.clone();
-            take_out(&mut without, step);
-            let (fit, filters) = fit::settle(&self.train, without.point.clone(), &without.slots, 8);
-            let start = self.held_out.start(fit.point.twin.clone());
-            let judged = fit::adapt(&self.held_out, start, &self.filters);
-            let (train_without, held_without) = rows(&fit.point, &judged);
+            let (fit, filters) = self.without(step);
+            let (train_without, held_without) = rows(&fit.point, &self.judged_of(&fit));
             let share = |without: &[f64], with: &[f64]| {
                 1.0 - fit::squared(with) / fit::squared(without).max(f64::MIN_POSITIVE)
             };
@@ -405,10 +400,8 @@ impl Search<'_> {
     fn take_back_what_is_none(&mut self) -> bool {
         let before = self.added.len();
         while let Some(step) = self.nothing() {
-            take_out(&mut self.best, &step);
-            self.added.retain(|own| own.effect != step.effect || own.axis != step.axis);
-            let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
-            (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
+            let rest = self.without(&step);
+            self.go_back(&step, rest);
         }
         self.added.len() < before
     }
@@ -461,10 +454,27 @@ impl Search<'_> {
             .flatten()
     }
 
+    /// Everything fitted without the effect of `step`.
+    fn without(&self, step: &Added) -> (Fit, Filters) {
+        let mut rest = self.best.clone();
+        take_out(&mut rest, step);
+        fit::settle(&self.train, rest.point, &rest.slots, 8)
+    }
+
+    /// Takes `step` back; what is left has been fitted.
+    fn go_back(&mut self, step: &Added, rest: (Fit, Filters)) {
+        self.added.retain(|own| own.effect != step.effect || own.axis != step.axis);
+        (self.best, self.filters) = rest;
+    }
+
     /// The best twin on the judging sessions.
     fn judged(&self) -> Point {
-        let start = self.held_out.start(self.best.point.twin.clone());
-        fit::adapt(&self.held_out, start, &self.filters)
+        self.judged_of(&self.best)
+    }
+
+    /// The twin of `fit` on the judging sessions, in the metric of the best.
+    fn judged_of(&self, fit: &Fit) -> Point {
+        fit::adapt(&self.held_out, self.held_out.start(fit.point.twin.clone()), &self.filters)
     }
 }
 

@@ -66,22 +66,6 @@ impl Chain {
     }
 }
 
-/// Whether anything between carriage and picture calls the physics of an effect.
-fn calls(physics: &Physics) -> bool {
-    if let Physics::Both(both) = physics {
-        return both.iter().any(calls);
-    }
-    matches!(
-        physics,
-        Physics::Play(_)
-            | Physics::Encoder(_)
-            | Physics::Frame(_)
-            | Physics::Coupling(_)
-            | Physics::Camera(_)
-            | Physics::CameraDelay(_)
-    )
-}
-
 impl Stage for CameraStage {
     fn kind(&self) -> StageKind {
         StageKind::Camera
@@ -92,7 +76,18 @@ impl Stage for CameraStage {
     }
 
     fn calls(&self, effect: &Effect) -> bool {
-        calls(&effect.physics)
+        let is_called = |equation: &Physics| {
+            matches!(
+                equation,
+                Physics::Play(_)
+                    | Physics::Encoder(_)
+                    | Physics::Frame(_)
+                    | Physics::Coupling(_)
+                    | Physics::Camera(_)
+                    | Physics::CameraDelay(_)
+            )
+        };
+        effect.physics.equations().iter().any(is_called)
     }
 
     /// One offset for the whole session: the camera's zero against that of the homed carriage.

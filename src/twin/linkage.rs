@@ -46,7 +46,9 @@ impl Linkage {
             memory: 0,
         };
         for instance in &twin.instances {
-            linkage.add(instance, &instance.effect.physics);
+            for equation in instance.effect.physics.equations() {
+                linkage.add(instance, *equation);
+            }
         }
         if places == Places::True {
             linkage.encoders = [Vec::new(), Vec::new()];
@@ -54,12 +56,11 @@ impl Linkage {
         linkage
     }
 
-    fn add(&mut self, instance: &Instance, physics: &Physics) {
+    fn add(&mut self, instance: &Instance, equation: Physics) {
         let memory = &mut self.memory;
         let axis = instance.axis;
         let covered = (0..2).filter(|index| axis.covers(*index));
-        match *physics {
-            Physics::Both(both) => both.iter().for_each(|own| self.add(instance, own)),
+        match equation {
             Physics::Encoder(call) => {
                 covered.for_each(|k| self.encoders[k].push(Part::new(call, instance, memory)));
             }

@@ -157,19 +157,20 @@ impl Plant {
         };
         for instance in &twin.instances {
             for index in (0..count).filter(|index| instance.axis.covers(*index)) {
-                plant.add(instance, &instance.effect.physics, index);
+                for equation in instance.effect.physics.equations() {
+                    plant.add(instance, *equation, index);
+                }
             }
         }
         plant
     }
 
-    fn add(&mut self, instance: &Instance, physics: &Physics, index: usize) {
+    fn add(&mut self, instance: &Instance, equation: Physics, index: usize) {
         let memory = &mut self.memory;
         let motor = &mut self.motors[index];
         let rail = &mut self.rails[index];
         let at_motor = instance.axis.is_motor();
-        match *physics {
-            Physics::Both(both) => both.iter().for_each(|own| self.add(instance, own, index)),
+        match equation {
             Physics::CommandDelay(call) => motor.delay += call(&instance.numbers()),
             Physics::Command(call) => motor.commands.push(Part::new(call, instance, memory)),
             Physics::Ramp(call) => motor.ramps.push(Part::new(call, instance, memory)),
@@ -507,19 +508,19 @@ impl MotorParts {
 
 /// Whether a plant calls the physics of an effect.
 pub(super) fn calls(physics: &Physics) -> bool {
-    if let Physics::Both(both) = physics {
-        return both.iter().any(calls);
-    }
-    matches!(
-        physics,
-        Physics::CommandDelay(_)
-            | Physics::Command(_)
-            | Physics::Ramp(_)
-            | Physics::VelocityLoop(_)
-            | Physics::Effort(_)
-            | Physics::Force(_)
-            | Physics::Friction(_)
-            | Physics::Inertia(_)
-            | Physics::Encoder(_)
-    )
+    let is_called = |equation: &Physics| {
+        matches!(
+            equation,
+            Physics::CommandDelay(_)
+                | Physics::Command(_)
+                | Physics::Ramp(_)
+                | Physics::VelocityLoop(_)
+                | Physics::Effort(_)
+                | Physics::Force(_)
+                | Physics::Friction(_)
+                | Physics::Inertia(_)
+                | Physics::Encoder(_)
+        )
+    };
+    physics.equations().iter().any(is_called)
 }

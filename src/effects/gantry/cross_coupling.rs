@@ -51,9 +51,13 @@ pub(crate) static CROSS_COUPLING: Effect = Effect {
 };
 
 fn push(p: &[f64], _: &mut [f64], motion: &Motion) -> f64 {
+    -stable(p[0], motion) * motion.other.acceleration - p[1] * motion.other.velocity
+}
+
+/// An off-diagonal `mass` (kg), held within what keeps two rails stable.
+pub(super) fn stable(mass: f64, motion: &Motion) -> f64 {
     let most = LARGEST_SHARE * motion.mass;
-    let mass = if 0.0 < most { p[0].clamp(-most, most) } else { p[0] };
-    -mass * motion.other.acceleration - p[1] * motion.other.velocity
+    if 0.0 < most { mass.clamp(-most, most) } else { mass }
 }
 
 #[cfg(test)]

@@ -1,10 +1,7 @@
 //! The beam yaws when the carriage accelerates off its middle.
 
+use super::cross_coupling::stable;
 use crate::effects::{Carriage, Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
-
-/// Largest share of the moving mass that the coupling may take: each rail sees the acceleration of the step
-/// before.
-const LARGEST_SHARE: f64 = 0.9;
 
 /// `gantry.racking`: what goes along y depends on how far along the beam the carriage is.
 ///
@@ -55,15 +52,12 @@ pub(crate) static RACKING: Effect = Effect {
 };
 
 fn push(p: &[f64], _: &mut [f64], motion: &Motion) -> f64 {
-    let mass = |x: f64| {
-        let most = LARGEST_SHARE * motion.mass;
-        if 0.0 < most { (p[0] * x).clamp(-most, most) } else { p[0] * x }
-    };
+    let other = &motion.other;
     match motion.index {
-        0 => -mass(motion.position) * motion.other.acceleration,
+        0 => -stable(p[0] * motion.position, motion) * other.acceleration,
         _ => {
-            let other = &motion.other;
-            -mass(other.position) * other.acceleration - p[0] * other.velocity.powi(2)
+            -stable(p[0] * other.position, motion) * other.acceleration
+                - p[0] * other.velocity.powi(2)
         }
     }
 }
