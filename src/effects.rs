@@ -32,7 +32,8 @@ pub use drive::asymmetric::{Directed, by_direction};
 pub use drive::scan::{SCANS, Scan, periods};
 pub(crate) use oscillator::Oscillator;
 pub use physics::{
-    Ball, Carriage, Change, CrossMotion, Impact, LoopGains, Motion, Noise, Physics, Sample, Wall,
+    Ball, Bristles, Carriage, Change, CrossMotion, Impact, LoopGains, Motion, Noise, Physics,
+    Sample, Wall,
 };
 
 use serde::{Deserialize, Serialize};

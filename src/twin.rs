@@ -22,6 +22,7 @@
 mod axis;
 mod ball;
 mod camera;
+mod contact;
 mod document;
 mod drive;
 mod estimator;

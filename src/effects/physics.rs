@@ -36,6 +36,60 @@ pub struct Motion {
     pub other: CrossMotion,
 }
 
+/// The part of dry friction that contacts carry which bend before they slide.
+///
+/// The force is `-F z - c d z'` with the bend `z' = (v - h(v) z) / d`, `h(v) = |v| / tanh(|v| / v0)`: LuGre's law of
+/// bristles with the stiffness `F / d` and the damping `c`, whose level vanishes towards rest below the speed `v0`,
+/// as that of lubricated contacts does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bristles {
+    /// Friction when they slide (N).
+    pub force: f64,
+    /// Way over which they bend (m), positive.
+    pub distance: f64,
+    /// Speed below which they creep (m/s), positive.
+    pub velocity: f64,
+    /// Damping while they bend (N s/m).
+    pub damping: f64,
+}
+
+impl Bristles {
+    /// Speed with which the bend follows: that of the motion, and at rest the speed of creep (m/s).
+    #[must_use]
+    pub fn pace(&self, velocity: f64) -> f64 {
+        let share = velocity.abs() / self.velocity;
+        if share < 1e-6 { self.velocity } else { velocity.abs() / share.tanh() }
+    }
+
+    /// The bend after `dt` seconds at a constant `velocity`, from `bend`.
+    #[must_use]
+    pub fn bent(&self, bend: f64, velocity: f64, dt: f64) -> f64 {
+        let pace = self.pace(velocity);
+        let end = velocity / pace;
+        end + (bend - end) * (-pace * dt / self.distance).exp()
+    }
+
+    /// Force (N) against the motion when the bend comes to `bend` at `rate` (1/s).
+    #[must_use]
+    pub fn pull(&self, bend: f64, rate: f64) -> f64 {
+        self.force * bend + self.damping * self.distance * rate
+    }
+
+    /// The same contacts where there is less dry friction than they could carry, but some: as stiff, but sliding
+    /// earlier.
+    #[must_use]
+    pub fn held_to(self, level: f64) -> Self {
+        if self.force <= level {
+            return self;
+        }
+        Self {
+            force: level,
+            distance: (self.distance * level / self.force).max(f64::MIN_POSITIVE),
+            ..self
+        }
+    }
+}
+
 /// Gains of the velocity loop, per kilogram of moving mass.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LoopGains {
@@ -172,6 +226,8 @@ pub enum Physics {
     /// Largest friction force at this motion (N, not negative); it opposes the motion and holds at
     /// rest.
     Friction(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// The part of the dry friction that bends before it slides; its memory is the bend.
+    Bristles(fn(p: &[f64]) -> Bristles),
     /// Mass beyond the nominal one (kg).
     Inertia(fn(p: &[f64], motion: &Motion) -> f64),
     /// True position of a motor (m of belt) to the reported one; the velocity loop sees its slope too.

@@ -55,7 +55,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     let mut twin = start.clone();
     let mut outcomes = Vec::new();
     for kind in ORDER {
-        let of = |split: Split| -> Vec<&'a dyn Stage> {
+        let of = |kind: StageKind, split: Split| -> Vec<&'a dyn Stage> {
             sessions
                 .iter()
                 .filter(|session| session.split == split)
@@ -63,7 +63,15 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
                 .filter(|stage| stage.kind() == kind)
                 .collect()
         };
-        let link = Link { kind, train: of(Split::Train), held_out: of(Split::Validation) };
+        let link = Link {
+            kind,
+            train: of(kind, Split::Train),
+            held_out: of(kind, Split::Validation),
+            witnesses: match kind {
+                StageKind::Ball => of(StageKind::WholeRolls, Split::Validation),
+                _ => Vec::new(),
+            },
+        };
         let is_second_look = kind == StageKind::WholeRolls;
         if link.train.is_empty() || is_second_look && link.held_out.is_empty() {
             continue;

@@ -148,6 +148,14 @@ pub(super) fn adapt(problem: &Problem<'_>, start: Point, filters: &Filters) -> P
     fit(problem, start, &own, filters, 8).point
 }
 
+/// `point` with its nuisances and what belongs to a session fitted alone, every signal in units of its RMS: where a
+/// gap is told, a roll's start must not be chosen by a metric that looks past slow errors.
+#[must_use]
+pub(super) fn told(problem: &Problem<'_>, point: &Point) -> Point {
+    let scales = problem.filters(point, whiten::scale_filters);
+    adapt(problem, point.clone(), &scales)
+}
+
 /// Sum of squares; infinite where a simulation has left the range of numbers, so that no comparison takes it
 /// for the least.
 #[must_use]

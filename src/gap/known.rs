@@ -5,6 +5,7 @@
 //! effects in them are more often the simulation's own errors under another course than physics.
 
 use super::{
+    fit,
     problem::{Point, Problem},
     rounds::Outcome,
 };
@@ -41,7 +42,7 @@ pub(super) fn excess<const N: usize>(
     twin: &Twin,
     points: [(&Problem<'_>, &Point); N],
 ) -> Option<f64> {
-    let squares = points.map(|(problem, point)| problem.squares(point));
+    let squares = points.map(|(problem, point)| problem.squares(&fit::told(problem, point)));
     let channels = points.first()?.0.parts.first()?.stage.channels();
     let mut most = f64::NEG_INFINITY;
     for (k, channel) in channels.iter().enumerate() {
@@ -54,19 +55,20 @@ pub(super) fn excess<const N: usize>(
     Some(most)
 }
 
-/// What share of the held-out squared error (whitened) makes an effect worth a name.
+/// What share of the held-out squared error makes an effect worth a name.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Worth<'t> {
     /// Where nothing is known of the effect.
     general: f64,
-    /// Where the effect is known to explain next to nothing of what the twin left.
-    least: f64,
+    /// Because of what stands beside it already.
+    beside: f64,
     /// What each effect explained where nothing was named, on this link.
     mimicry: &'t [Mimicry],
     link: StageKind,
-    /// Whether one signal alone may show the effect: not beside a named one, and not where it is not known what
-    /// the twin leaves; a model's own error may be concentrated there.
-    pub(super) in_one_signal: bool,
+    /// Whether one signal alone may show the effect, or the residual as it is where the whitened one does not: not
+    /// beside a named one, and not where it is not known what the twin leaves; a model's own error may be
+    /// concentrated in one signal, and is mostly slow.
+    pub(super) in_any_view: bool,
 }
 
 impl<'t> Worth<'t> {
@@ -77,29 +79,28 @@ impl<'t> Worth<'t> {
             Some(_) => BESIDE_NAMED * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
             None => 0.0,
         };
-        let [general, least] =
-            [least_worth(excess), WORTH_NAMING_LATER].map(|worth| worth.max(beside));
         Self {
-            general,
-            least,
+            general: least_worth(excess),
+            beside,
             mimicry: &given.mimicry,
             link,
-            in_one_signal: removed == 0.0 && excess.is_some(),
+            in_any_view: removed == 0.0 && excess.is_some(),
         }
     }
 
-    /// Below which no effect is worth a name, whatever is known of it.
+    /// Below which no effect is worth a name, whatever is known of it and stands beside it.
     pub(super) fn least(&self) -> f64 {
-        self.least.min(self.general)
+        WORTH_NAMING_LATER.min(self.general)
     }
 
     /// For `effect`.
     pub(super) fn of(&self, effect: &Effect) -> f64 {
         let same = |own: &&Mimicry| own.link == self.link && own.effect == effect.name;
-        match self.mimicry.iter().find(same).map(|own| own.share) {
-            Some(share) => (BEYOND_MIMICRY * share).max(self.least),
+        let own = match self.mimicry.iter().find(same).map(|own| own.share) {
+            Some(share) => (BEYOND_MIMICRY * share).max(WORTH_NAMING_LATER),
             None => self.general,
-        }
+        };
+        own.max(self.beside)
     }
 }
 
@@ -172,11 +173,13 @@ mod tests {
         }];
         let worth = |link, excess, removed| Worth::new(&twin, link, excess, removed);
         let known = worth(StageKind::Drive, Some(0.0), 0.0);
-        assert!((known.of(lag) - 0.09).abs() < 1e-12);
+        assert!((known.of(lag) - 0.09).abs() < 1e-12 && known.in_any_view);
         assert_eq!(known.of(delay), WORTH_NAMING_AGAIN);
         assert_eq!(worth(StageKind::Camera, Some(0.0), 0.0).of(lag), WORTH_NAMING_AGAIN);
         // What stands beside a large effect must be large too, unless nothing was known of the machine.
-        assert!((worth(StageKind::Drive, Some(1.0), 0.5).of(delay) - 0.1).abs() < 1e-12);
-        assert_eq!(worth(StageKind::Drive, None, 0.5).of(delay), WORTH_NAMING);
+        let beside = worth(StageKind::Drive, Some(1.0), 0.5);
+        assert!((beside.of(delay) - 0.1).abs() < 1e-12 && !beside.in_any_view);
+        let unknown = worth(StageKind::Drive, None, 0.5);
+        assert!(unknown.of(delay) == WORTH_NAMING && !unknown.in_any_view);
     }
 }

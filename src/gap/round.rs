@@ -5,7 +5,7 @@ use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit},
     known::Worth,
-    problem::{Point, Problem},
+    problem::{Point, Problem, dot},
     rounds::{Added, Contestant, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
     screen::{self, Candidate},
     whiten::{self, Filters},
@@ -36,6 +36,9 @@ const SESSIONS_APART: f64 = 3.0;
 /// Difference of two squared errors (whitened) below which they are the same even in white noise: two standard
 /// deviations of one number.
 const SAME: f64 = 4.0;
+
+/// Share of the squared change of one prediction that lies along that of another which is the same.
+const SHARED: f64 = 0.5;
 
 /// How much more of the gap than the effect that shows most clearly another one must close to be added first.
 const FAR_STRONGER: f64 = 1.5;
@@ -79,13 +82,25 @@ pub(super) struct Stand<'p> {
     pub(super) worth: Worth<'p>,
 }
 
+/// What a round looks at.
+#[derive(Clone, Copy)]
+pub(super) struct Problems<'a, 'b> {
+    /// The link on the fitted sessions.
+    pub(super) train: &'b Problem<'a>,
+    /// The link on the judging sessions.
+    pub(super) held_out: &'b Problem<'a>,
+    /// Another link on the judging sessions, on which the same effects act for longer.
+    pub(super) witness: &'b Problem<'a>,
+}
+
 impl Round {
-    pub(super) fn run(train: &Problem<'_>, held_out: &Problem<'_>, stand: &Stand<'_>) -> Self {
+    pub(super) fn run(problems: Problems<'_, '_>, stand: &Stand<'_>) -> Self {
         let Stand { base, filters, given, worth } = *stand;
+        let train = problems.train;
         let candidates = screen::screen(train, base, filters);
         let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
         let threshold = FAMILY_ERROR / tries.max(1) as f64;
-        let (mut rejected, mut short) = short_list(candidates, threshold, &worth);
+        let (mut rejected, mut short) = short_list(candidates, threshold);
         if let Some((given, filters)) = given {
             for candidate in direct::nearest(train, given, filters).into_iter().take(FROM_GIVEN) {
                 let same =
@@ -106,11 +121,13 @@ impl Round {
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
         let known = train.columns(&at_lead, &base.slots, &sharp);
-        let bench = Bench::new(train, held_out, base, (&sharp, &worth));
+        let bench = Bench::new(problems, base, (&sharp, &worth));
         let items: Vec<(Candidate, Fit)> =
             short.into_iter().zip(rough).filter(|(_, fit)| fit.loss.is_finite()).collect();
         let mut trials =
             in_parallel(&items, |(candidate, rough)| bench.trial(candidate, rough, &known));
+        trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
+        bench.give_second_chances(&mut trials, &known);
         trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
         let worth_naming = bench.worth_naming(&trials);
         for trial in &trials {
@@ -134,11 +151,7 @@ fn rough_fits(train: &Problem<'_>, stand: &Stand<'_>, short: &[Candidate]) -> Ve
 }
 
 /// Who is simulated again, and why the others are not.
-fn short_list(
-    candidates: Vec<Candidate>,
-    threshold: f64,
-    worth: &Worth<'_>,
-) -> (Vec<Rejected>, Vec<Candidate>) {
+fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec<Candidate>) {
     let mut rejected = Vec::new();
     let mut short: Vec<Candidate> = Vec::new();
     let best = candidates
@@ -151,8 +164,6 @@ fn short_list(
             Reason::NotTestable
         } else if threshold <= candidate.p_value {
             Reason::NotSignificant
-        } else if candidate.share < 0.5 * worth.least() {
-            Reason::TooSmall
         } else if short.len() < SHORT_LIST
             && WORTH_SIMULATING * best <= candidate.share
             && short.iter().filter(|other| other.effect == candidate.effect).count() < PLACES_OF_ONE
@@ -204,11 +215,13 @@ pub(super) fn slots_of_last(twin: &Twin) -> Vec<Slot> {
 struct Bench<'a, 'b> {
     train: &'b Problem<'a>,
     held_out: &'b Problem<'a>,
+    witness: &'b Problem<'a>,
     /// The metric: whitening of the best candidate's residual.
     filters: &'b Filters,
     /// One over the RMS of each signal's residual: in which a gap is told.
     scales: Filters,
     worth: &'b Worth<'b>,
+    base_twin: &'b Twin,
     base_train_rows: Vec<f64>,
     base_held: Point,
     base_held_rows: Vec<f64>,
@@ -216,18 +229,20 @@ struct Bench<'a, 'b> {
 
 impl<'a, 'b> Bench<'a, 'b> {
     fn new(
-        train: &'b Problem<'a>,
-        held_out: &'b Problem<'a>,
-        base: &Fit,
+        problems: Problems<'a, 'b>,
+        base: &'b Fit,
         (filters, worth): (&'b Filters, &'b Worth<'b>),
     ) -> Self {
+        let Problems { train, held_out, witness } = problems;
         let base_held = fit::adapt(held_out, held_out.start(base.point.twin.clone()), filters);
         Self {
             train,
             held_out,
+            witness,
             filters,
             scales: train.filters(&base.point, whiten::scale_filters),
             worth,
+            base_twin: &base.point.twin,
             base_train_rows: train.whitened(&base.point, filters),
             base_held_rows: held_out.whitened(&base_held, filters),
             base_held,
@@ -250,6 +265,28 @@ impl<'a, 'b> Bench<'a, 'b> {
         };
         trial.objection = self.objection(&trial);
         trial
+    }
+
+    /// Fits what may be confused with the best trial once more from where that one ended: a rival must not lose
+    /// because its own fit stopped in another valley of the known parameters.
+    fn give_second_chances(&self, trials: &mut [Trial], known: &[Vec<f64>]) {
+        let Some((best, others)) = trials.split_first_mut() else { return };
+        let effect = best.candidate.effect;
+        let again = in_parallel(others, |other| {
+            let own = other.candidate.effect;
+            let is_alike = own.confused_with.contains(&effect.name)
+                || effect.confused_with.contains(&own.name);
+            let instance = other.fit.point.twin.instances.last().filter(|_| is_alike)?;
+            let mut start = other.fit.clone();
+            start.point = best.fit.point.clone();
+            *start.point.twin.instances.last_mut()? = instance.clone();
+            Some(self.trial(&other.candidate, &start, known))
+        });
+        for (other, again) in others.iter_mut().zip(again) {
+            if let Some(again) = again.filter(|again| again.fit.loss < other.fit.loss) {
+                *other = again;
+            }
+        }
     }
 
     fn rejected(&self, trial: &Trial, reason: Reason) -> Rejected {
@@ -293,21 +330,41 @@ impl<'a, 'b> Bench<'a, 'b> {
         (before - fit::squared(&trial.held_rows)) / before.max(f64::MIN_POSITIVE)
     }
 
-    /// What counts for the trial on the judging sessions: the share of the squared error that it removes of all
-    /// signals together, or that of one signal over [`IN_ONE_SIGNAL`]: most signals do not show most effects.
-    fn removes(&self, trial: &Trial) -> f64 {
+    /// Whether the trial removes the share of the squared error of the judging sessions that makes its effect worth
+    /// a name: of the whitened residual, or of the residual as it is, there or on the witness.
+    fn is_worth_naming(&self, trial: &Trial) -> bool {
+        let worth = self.worth.of(trial.candidate.effect);
+        let twins = [self.base_twin, &trial.fit.point.twin];
+        let plainly = |problem: &Problem<'_>| {
+            let base = problem.start(self.base_twin.clone());
+            let scales = problem.filters(&base, whiten::scale_filters);
+            let [before, after] = twins.map(|twin| {
+                let point = fit::adapt(problem, problem.start(twin.clone()), &scales);
+                problem.whitened(&point, &scales)
+            });
+            self.removes(problem, &before, &after)
+        };
+        let views = [self.held_out, self.witness];
+        worth <= self.removes(self.held_out, &self.base_held_rows, &trial.held_rows)
+            || self.worth.in_any_view
+                && views.iter().any(|view| !view.parts.is_empty() && worth <= plainly(view))
+    }
+
+    /// The share of the squared error of `problem` between two residuals that is removed of all signals
+    /// together, or that of one signal over [`IN_ONE_SIGNAL`]: most signals do not show most effects.
+    fn removes(&self, problem: &Problem<'_>, before: &[f64], after: &[f64]) -> f64 {
         let mut squares: Vec<[f64; 2]> = Vec::new();
-        let rows = self.held_out.parts.iter().flat_map(|part| &part.layout.rows);
-        for ((row, before), after) in rows.zip(&self.base_held_rows).zip(&trial.held_rows) {
+        let rows = problem.parts.iter().flat_map(|part| &part.layout.rows);
+        for ((row, before), after) in rows.zip(before).zip(after) {
             let channel = row.channel as usize;
             squares.resize(squares.len().max(channel + 1), [0.0; 2]);
             squares[channel][0] += before * before;
             squares[channel][1] += after * after;
         }
         let share = |[before, after]: &[f64; 2]| 1.0 - after / before.max(f64::MIN_POSITIVE);
-        let single = squares.iter().filter(|_| self.worth.in_one_signal);
+        let single = squares.iter().filter(|_| self.worth.in_any_view);
         let single = single.map(|own| share(own) / IN_ONE_SIGNAL);
-        single.fold(self.held_out_gain(trial), f64::max)
+        single.fold(share(&[fit::squared(before), fit::squared(after)]), f64::max)
     }
 
     /// Whether it hardly matters that a number which only shapes the effect stopped on a bound: half-way to where
@@ -344,7 +401,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
-        (self.removes(trial) < self.worth.of(trial.candidate.effect)).then_some(Reason::TooSmall)
+        (!self.is_worth_naming(trial)).then_some(Reason::TooSmall)
     }
 
     /// The one to add, with what explains the data as well; all others are rejected.
@@ -413,8 +470,11 @@ impl<'a, 'b> Bench<'a, 'b> {
             / self.train.rows().max(1) as f64
     }
 
-    /// Whether `other` explains all sessions as well as `own`.
+    /// Whether `other` explains the same as `own` and all sessions as well.
     fn is_rival(&self, own: &Trial, other: &Trial) -> bool {
+        if !self.is_same(own, other) {
+            return false;
+        }
         let (train, held) = (self.train.blocks(), self.held_out.blocks());
         let later = held.of_row.iter().map(|block| train.count + block);
         let blocks = Blocks {
@@ -425,6 +485,21 @@ impl<'a, 'b> Bench<'a, 'b> {
         let (own, other) = (all(own), all(other));
         fit::squared(&other) - fit::squared(&own) < SAME
             || !Amplitude::of(&other, &own, &blocks).is_above(0.5, RIVAL_LEVEL)
+    }
+
+    /// Whether the two change the prediction alike: what has most of its change for itself explains something else,
+    /// however well.
+    fn is_same(&self, own: &Trial, other: &Trial) -> bool {
+        let change = |trial: &Trial| -> Vec<f64> {
+            self.base_train_rows
+                .iter()
+                .zip(&trial.train_rows)
+                .map(|(base, own)| base - own)
+                .collect()
+        };
+        let (own, other) = (change(own), change(other));
+        let shared = dot(&own, &other).max(0.0).powi(2);
+        SHARED * fit::squared(&own) * fit::squared(&other) <= shared
     }
 }
 
@@ -438,7 +513,8 @@ fn wrong_sign(fit: &Fit) -> Option<String> {
     (one_sign && fit.point.twin.get(size) < 0.0).then(|| parameter.name.to_owned())
 }
 
-/// The first parameter of the added effect that stopped on a bound. Of several the later ones may do nothing.
+/// The first parameter of the added effect that stopped on a bound. Of several the later ones may do nothing, or
+/// shape the effect up to a bound that is plausible itself (contacts that do not creep).
 fn on_bound(fit: &Fit) -> Option<(Slot, String)> {
     let twin = &fit.point.twin;
     slots_of_last(twin).into_iter().find_map(|slot| {
@@ -448,8 +524,11 @@ fn on_bound(fit: &Fit) -> Option<(Slot, String)> {
         let near = 1e-6 * (high - low);
         let does_nothing =
             0 < slot.parameter && (value - effect.null[slot.parameter]).abs() <= near;
+        let (least, most) = parameter.plausible;
+        let is_limit = 0 < slot.parameter
+            && (value <= low + near && least <= low || high - near <= value && high <= most);
         let is_on = value <= low + near || high - near <= value;
-        (is_on && !does_nothing).then(|| (slot, parameter.name.to_owned()))
+        (is_on && !does_nothing && !is_limit).then(|| (slot, parameter.name.to_owned()))
     })
 }
 

@@ -6,7 +6,7 @@ use super::{
     known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
     numbers::{Number, numbers},
     problem::{Point, Problem},
-    round::{Round, Stand},
+    round::{Problems, Round, Stand},
     scatter,
     screen::Candidate,
     unknown::{self, Unknown},
@@ -40,6 +40,8 @@ pub struct Link<'a> {
     pub train: Vec<&'a dyn Stage>,
     /// Stages that judge.
     pub held_out: Vec<&'a dyn Stage>,
+    /// Stages of another link on which the same effects act for longer, and judge how much of a gap they are.
+    pub witnesses: Vec<&'a dyn Stage>,
 }
 
 /// Why a candidate was not added.
@@ -206,28 +208,39 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         link.train.len(),
         link.held_out.len()
     );
-    let mut search =
-        Search { kind: link.kind, train, held_out, best, filters, added: vec![], rejected: vec![] };
+    let mut search = Search {
+        kind: link.kind,
+        train,
+        held_out,
+        witness: Problem::new(&link.witnesses, start),
+        best,
+        filters,
+        added: vec![],
+        rejected: vec![],
+    };
     let unexplained = match task {
         Task::Calibrate => None,
         Task::CloseGap => search.close(&given, excess),
     };
-    let Search { train, held_out, best, filters, added, rejected, .. } = search;
+    let Search { train, held_out, mut best, mut filters, added, rejected, .. } = search;
+    let is_better = is_better(&held_out, (start, &best.point.twin), &filters, worth);
+    if task == Task::CloseGap && added.is_empty() && !is_better {
+        (best, filters) = as_it_is(&train, &given, &slots);
+    }
     let refitted_numbers = match added.is_empty() {
         true => Vec::new(),
         false => numbers(&fit::plainly(&train, &refitted)),
     };
-    let adapted =
-        |twin: &Twin, filters| fit::adapt(&held_out, held_out.start(twin.clone()), filters);
-    let start_held_out = adapted(start, &scales);
-    let last_held_out = adapted(&best.point.twin, &filters);
+    let judged = fit::adapt(&held_out, held_out.start(best.point.twin.clone()), &filters);
+    let uncertainty = fit::uncertainty(&train, &held_out, (&best, &judged), &filters)
+        .whatever_the_metric(&train, &best);
+    best.point = fit::told(&train, &best.point);
     Outcome {
         kind: link.kind,
-        is_better: is_better(&held_out, (&start_held_out, &last_held_out), &filters, worth),
-        uncertainty: fit::uncertainty(&train, &held_out, (&best, &last_held_out), &filters)
-            .whatever_the_metric(&train, &best),
-        start_held_out,
-        last_held_out,
+        is_better,
+        uncertainty,
+        start_held_out: fit::adapt(&held_out, held_out.start(start.clone()), &scales),
+        last_held_out: fit::told(&held_out, &judged),
         train,
         held_out,
         start: given,
@@ -263,16 +276,25 @@ fn from_deepest(train: &Problem<'_>, found: (Fit, Filters), given: &Point) -> (F
     }
 }
 
-/// Whether the judging sessions prefer the second point to the first, beyond chance and by the
+/// The given twin with nothing but its nuisances fitted; `slots` are its known parameters.
+fn as_it_is(train: &Problem<'_>, given: &Point, slots: &[Slot]) -> (Fit, Filters) {
+    let (mut kept, filters) = fit::settle(train, given.clone(), &[], 10);
+    kept.slots = slots.to_vec();
+    (kept, filters)
+}
+
+/// Whitened residuals of the judging sessions under two twins, each with its own nuisances.
+fn judged_rows(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters) -> [Vec<f64>; 2] {
+    [twins.0, twins.1].map(|twin| {
+        let point = fit::adapt(held_out, held_out.start(twin.clone()), filters);
+        held_out.whitened(&point, filters)
+    })
+}
+
+/// Whether the judging sessions prefer the second twin to the first, beyond chance and by the
 /// share `worth` of the squared error; nothing to judge by objects to nothing.
-fn is_better(
-    held_out: &Problem<'_>,
-    points: (&Point, &Point),
-    filters: &Filters,
-    worth: f64,
-) -> bool {
-    let (before, after) =
-        (held_out.whitened(points.0, filters), held_out.whitened(points.1, filters));
+fn is_better(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters, worth: f64) -> bool {
+    let [before, after] = judged_rows(held_out, twins, filters);
     held_out.parts.is_empty()
         || is_in(&before, &after, &held_out.blocks())
             && worth < 1.0 - fit::squared(&after) / fit::squared(&before)
@@ -290,6 +312,7 @@ struct Search<'a> {
     kind: StageKind,
     train: Problem<'a>,
     held_out: Problem<'a>,
+    witness: Problem<'a>,
     best: Fit,
     filters: Filters,
     added: Vec<Added>,
@@ -300,6 +323,7 @@ impl Search<'_> {
     /// Adds effects until nothing passes; gives what is then still unexplained.
     fn close(&mut self, given: &Point, mut excess: Option<f64>) -> Option<Unknown> {
         let mut judged = None;
+        let mut starts_again = !is_nothing_new(excess) && !self.is_followed(given);
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !is_nothing_new(excess);
             let as_given = first.then(|| self.as_given(given));
@@ -309,9 +333,19 @@ impl Search<'_> {
                 given: as_given.as_ref(),
                 worth: Worth::new(&given.twin, self.kind, excess, self.removed()),
             };
-            let round = Round::run(&self.train, &self.held_out, &stand);
+            let problems =
+                Problems { train: &self.train, held_out: &self.held_out, witness: &self.witness };
+            let round = Round::run(problems, &stand);
             self.rejected = round.rejected;
-            let Some((fit, step)) = round.winner else { break };
+            let Some((fit, step)) = round.winner else {
+                // A refit that led astray hides what the given twin shows.
+                if self.added.is_empty() && std::mem::take(&mut starts_again) {
+                    let slots = std::mem::take(&mut self.best.slots);
+                    (self.best, self.filters) = as_it_is(&self.train, given, &slots);
+                    continue;
+                }
+                break;
+            };
             log::info!("{:?}: {} on {} is added", self.kind, step.effect.name, step.axis);
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
@@ -342,6 +376,13 @@ impl Search<'_> {
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
         }
         Some(unknown)
+    }
+
+    /// Whether the judging sessions are not worse off with the refit than with the given twin.
+    fn is_followed(&self, given: &Point) -> bool {
+        let twins = (&given.twin, &self.best.point.twin);
+        let [before, after] = judged_rows(&self.held_out, twins, &self.filters);
+        fit::squared(&after) <= fit::squared(&before)
     }
 
     /// Adds what the scatter of the camera says beyond what the given twin states; gives whether it says anything.

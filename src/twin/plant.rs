@@ -5,13 +5,14 @@
 //! forces, forces and friction of all instances, moving mass. The step is semi-implicit: the loop's
 //! force is taken at the middle of the step, with the velocity that it will have there to first order,
 //! and friction is the impulse that would stop the motion, held within its level (Coulomb's law without
-//! chatter, as in the simulators of BAM).
+//! chatter, as in the simulators of BAM); what of it bends before it slides is solved with the step
+//! ([`contact`](super::contact)).
 //!
 //! A single axis is a plant with one motor and one rail, which are the same coordinate.
 
-use super::{Instance, Twin};
+use super::{Instance, Twin, contact::Contact};
 use crate::{
-    effects::{CrossMotion, LoopGains, Motion, Physics, both},
+    effects::{Bristles, CrossMotion, LoopGains, Motion, Physics, both},
     gantry::belts,
 };
 
@@ -56,6 +57,7 @@ impl<F> Part<F> {
 type CommandPart = Part<fn(&[f64], &mut [f64], f64, f64) -> f64>;
 type MotionPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
+type BristlesPart = Part<fn(&[f64]) -> Bristles>;
 type EncoderPart = Part<fn(&[f64], f64) -> f64>;
 
 /// Way over which the slope of an encoder's reading is taken (m).
@@ -70,7 +72,7 @@ struct MotorParts {
     gains: LoopGains,
     efforts: Vec<MotionPart>,
     forces: Vec<MotionPart>,
-    frictions: Vec<MotionPart>,
+    rubs: Rubs,
     encoders: Vec<EncoderPart>,
 }
 
@@ -79,7 +81,31 @@ struct MotorParts {
 struct RailParts {
     masses: Vec<MassPart>,
     forces: Vec<MotionPart>,
-    frictions: Vec<MotionPart>,
+    rubs: Rubs,
+}
+
+/// What rubs on one motor or rail.
+#[derive(Debug, Clone, Default)]
+struct Rubs {
+    levels: Vec<MotionPart>,
+    /// Of several the last.
+    bristles: Option<BristlesPart>,
+}
+
+impl Rubs {
+    fn is_none(&self) -> bool {
+        self.levels.is_empty()
+    }
+
+    /// What rubs at `motion`.
+    fn contact<'m>(&self, memory: &'m mut [f64], motion: &Motion) -> Contact<'m> {
+        let level = sum(&self.levels, memory, motion).max(0.0);
+        let bristles = match &self.bristles {
+            Some(part) => Some(((part.call)(part.p()), &mut memory[part.memory])),
+            None => None,
+        };
+        Contact { level, bristles }
+    }
 }
 
 /// The drives and the gantry of a twin, ready to step.
@@ -180,10 +206,14 @@ impl Plant {
                 motor.forces.push(Part::new(call, instance, memory));
             }
             Physics::Force(call) => rail.forces.push(Part::new(call, instance, memory)),
-            Physics::Friction(call) if at_motor => {
-                motor.frictions.push(Part::new(call, instance, memory));
+            Physics::Friction(call) => {
+                let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
+                rubs.levels.push(Part::new(call, instance, memory));
             }
-            Physics::Friction(call) => rail.frictions.push(Part::new(call, instance, memory)),
+            Physics::Bristles(call) => {
+                let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
+                rubs.bristles = Some(Part::new(call, instance, memory));
+            }
             Physics::Encoder(call) => motor.encoders.push(Part::new(call, instance, memory)),
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
             _ => {}
@@ -294,12 +324,13 @@ impl Plant {
             force[index] + sum(&self.motors[index].forces, memory, &motion)
         });
         for (index, motor) in self.motors.iter().enumerate() {
-            if motor.frictions.is_empty() {
+            if motor.rubs.is_none() {
                 continue;
             }
-            let level = sum(&motor.frictions, memory, &step.belt(index, force)).max(0.0);
+            let motion = step.belt(index, force);
             let free = belts(step.free(total(pull, load)))[index];
-            pull[index] -= (step.belt_mass * free / step.rails.dt).clamp(-level, level);
+            let contact = motor.rubs.contact(memory, &motion);
+            pull[index] += contact.force(step.belt_mass, motion.velocity, free, motion.dt);
         }
         pull
     }
@@ -315,8 +346,8 @@ impl Plant {
     ) -> ([f64; 2], [f64; 2]) {
         let slid = both(|index| {
             let motion = step.rail(index, force);
-            let level = sum(&self.rails[index].frictions, memory, &motion).max(0.0);
-            slide(motion.velocity, total[index], level, step.mass[index], motion.dt)
+            let contact = self.rails[index].rubs.contact(memory, &motion);
+            slide(motion.velocity, total[index], contact, step.mass[index], motion.dt)
         });
         (slid.map(|(velocity, _)| velocity), slid.map(|(_, friction)| friction))
     }
@@ -348,10 +379,14 @@ impl Plant {
         for part in &motor.efforts {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
         }
-        let level = (sum(&rail.frictions, memory, &motion)
-            + sum(&motor.frictions, memory, &motion))
-        .max(0.0);
-        let (velocity, friction) = slide(state.velocity[0], motion.force + load, level, mass, dt);
+        // Motor and rail are one coordinate; what bends on one of them bends for both.
+        let (of_motor, of_rail) = if rail.rubs.bristles.is_some() {
+            (motor.rubs.contact(memory, &motion).level, rail.rubs.contact(memory, &motion))
+        } else {
+            (rail.rubs.contact(memory, &motion).level, motor.rubs.contact(memory, &motion))
+        };
+        let contact = Contact { level: of_motor + of_rail.level, ..of_rail };
+        let (velocity, friction) = slide(state.velocity[0], motion.force + load, contact, mass, dt);
         let error = middle - 0.5 * (state.velocity[0] + velocity);
         state.integral[0] += mass * motor.gains.integral_per_s2 * error * dt;
         state.acceleration[0] = (velocity - state.velocity[0]) / dt;
@@ -454,10 +489,10 @@ fn total(pull: [f64; 2], load: [f64; 2]) -> [f64; 2] {
     [along[0] + load[0], along[1] + load[1]]
 }
 
-/// Velocity after `dt` under `force` and at most `level` of friction, and the friction force.
-fn slide(velocity: f64, force: f64, level: f64, mass: f64, dt: f64) -> (f64, f64) {
+/// Velocity after `dt` under `force` and the friction of `contact`, and the friction force.
+fn slide(velocity: f64, force: f64, contact: Contact<'_>, mass: f64, dt: f64) -> (f64, f64) {
     let free = velocity + dt * force / mass;
-    let friction = -(mass * free / dt).clamp(-level, level);
+    let friction = contact.force(mass, velocity, free, dt);
     (free + dt * friction / mass, friction)
 }
 
@@ -518,6 +553,7 @@ pub(super) fn calls(physics: &Physics) -> bool {
                 | Physics::Effort(_)
                 | Physics::Force(_)
                 | Physics::Friction(_)
+                | Physics::Bristles(_)
                 | Physics::Inertia(_)
                 | Physics::Encoder(_)
         )

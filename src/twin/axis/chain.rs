@@ -1,7 +1,7 @@
 //! The functions of all instances that act on a single axis, by their place in the chain.
 
 use crate::{
-    effects::{Motion, Physics},
+    effects::{Bristles, Motion, Physics},
     twin::{Instance, Twin},
 };
 
@@ -29,6 +29,7 @@ impl<F> Part<F> {
 
 type CommandPart = Part<fn(&[f64], &mut [f64], f64, f64) -> f64>;
 type MotionPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
+type BristlesPart = Part<fn(&[f64]) -> Bristles>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
 
 /// Everything between the input of a force-driven axis and its motion.
@@ -40,6 +41,7 @@ pub(super) struct Chain {
     efforts: Vec<MotionPart>,
     forces: Vec<MotionPart>,
     frictions: Vec<MotionPart>,
+    bristles: Vec<BristlesPart>,
     masses: Vec<MassPart>,
     /// Memory of commands and efforts, then that of forces and frictions.
     way: usize,
@@ -73,6 +75,7 @@ impl Chain {
                 | Physics::Effort(_)
                 | Physics::Force(_)
                 | Physics::Friction(_)
+                | Physics::Bristles(_)
                 | Physics::Inertia(_)
         )
     }
@@ -96,6 +99,10 @@ impl Chain {
             }
             Physics::Friction(call) => {
                 self.frictions.push(Part { call, p, memory: load, length });
+                self.load += length;
+            }
+            Physics::Bristles(call) => {
+                self.bristles.push(Part { call, p, memory: load, length });
                 self.load += length;
             }
             Physics::Inertia(call) => {
@@ -123,7 +130,20 @@ impl Chain {
                 .map(|part| (part.call)(&part.p, part.memory(&mut memory.load), motion))
                 .sum()
         };
-        (sum(&self.forces), sum(&self.frictions))
+        let (forces, rigid) = (sum(&self.forces), sum(&self.frictions));
+        let lacking = self.bristles.iter().map(|part| {
+            let bristles = (part.call)(&part.p);
+            let bend = &mut part.memory(&mut memory.load)[0];
+            if motion.velocity == 0.0 {
+                // What has stopped is held by the bent contacts.
+                return bristles.force * (1.0 - bend.abs());
+            }
+            let before = *bend;
+            *bend = bristles.bent(before, motion.velocity, motion.dt);
+            let pull = bristles.pull(*bend, (*bend - before) / motion.dt);
+            bristles.force - motion.velocity.signum() * pull
+        });
+        (forces, rigid - lacking.sum::<f64>())
     }
 
     /// Force of the motor for the input `input`.
