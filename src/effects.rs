@@ -33,7 +33,7 @@ pub use drive::scan::{SCANS, Scan, periods};
 pub(crate) use oscillator::Oscillator;
 pub use physics::{
     Ball, Bristles, Carriage, Change, CrossMotion, Impact, LoopGains, Motion, Noise, Physics,
-    Sample, Wall,
+    Sample, Spring, Wall,
 };
 
 use serde::{Deserialize, Serialize};

@@ -35,6 +35,7 @@ mod plant;
 mod repeats;
 mod session;
 mod stage;
+mod transmission;
 
 pub use axis::{AxisError, AxisStage, FreeRun};
 pub use ball::{BallStage, WallImpact};

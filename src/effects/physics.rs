@@ -90,6 +90,25 @@ impl Bristles {
     }
 }
 
+/// What lies between a motor and the load that it moves, in metres and newtons of belt.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spring {
+    /// Its stiffness (N/m), positive.
+    pub stiffness: f64,
+    /// Its damping as a share of the critical one of the motor's mass on it.
+    pub damping_ratio: f64,
+    /// Mass that stays with the motor (kg of belt), positive: its rotor.
+    pub motor_mass: f64,
+}
+
+impl Spring {
+    /// Damping (N s/m).
+    #[must_use]
+    pub fn damping(&self) -> f64 {
+        2.0 * self.damping_ratio * (self.stiffness * self.motor_mass).sqrt()
+    }
+}
+
 /// Gains of the velocity loop, per kilogram of moving mass.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LoopGains {
@@ -232,6 +251,8 @@ pub enum Physics {
     Inertia(fn(p: &[f64], motion: &Motion) -> f64),
     /// True position of a motor (m of belt) to the reported one; the velocity loop sees its slope too.
     Encoder(fn(p: &[f64], position: f64) -> f64),
+    /// What lies between a motor and its load, if it is soft.
+    Transmission(fn(p: &[f64]) -> Option<Spring>),
     /// Motion of the motor's side to the position of the load's side (m); `motion.force` is the force
     /// that the load's inertia asks for (N).
     Play(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),

@@ -93,10 +93,24 @@ impl<'t> Worth<'t> {
         WORTH_NAMING_LATER.min(self.general)
     }
 
+    /// What is known of `effect` where it was not named.
+    fn known(&self, effect: &Effect) -> Option<&'t Mimicry> {
+        self.mimicry.iter().find(|own| own.link == self.link && own.effect == effect.name)
+    }
+
+    /// Whether an effect of one number at `value` is not clearly more than what the twin looked like where it was not
+    /// named: what was there before is not what has changed.
+    pub(super) fn was_there_before(&self, effect: &Effect, value: f64) -> bool {
+        let ([null], Some(known)) = (effect.null, self.known(effect)) else { return false };
+        let more = |lean: &f64| {
+            0.0 < lean * (value - null) && (value - null).abs() < BEYOND_MIMICRY * lean.abs()
+        };
+        known.lean.first().is_some_and(more)
+    }
+
     /// For `effect`.
     pub(super) fn of(&self, effect: &Effect) -> f64 {
-        let same = |own: &&Mimicry| own.link == self.link && own.effect == effect.name;
-        let own = match self.mimicry.iter().find(same).map(|own| own.share) {
+        let own = match self.known(effect).map(|own| own.share) {
             Some(share) => (BEYOND_MIMICRY * share).max(WORTH_NAMING_LATER),
             None => self.general,
         };
@@ -169,13 +183,15 @@ mod tests {
             link: StageKind::Drive,
             effect: lag.name.to_owned(),
             share: 0.03,
-            lean: vec![],
+            lean: vec![2e-5],
         }];
         let worth = |link, excess, removed| Worth::new(&twin, link, excess, removed);
         let known = worth(StageKind::Drive, Some(0.0), 0.0);
         assert!((known.of(lag) - 0.09).abs() < 1e-12 && known.in_any_view);
         assert_eq!(known.of(delay), WORTH_NAMING_AGAIN);
         assert_eq!(worth(StageKind::Camera, Some(0.0), 0.0).of(lag), WORTH_NAMING_AGAIN);
+        assert!(known.was_there_before(lag, 5e-5) && !known.was_there_before(lag, 7e-5));
+        assert!(!known.was_there_before(lag, -5e-5) && !known.was_there_before(delay, 1e-5));
         // What stands beside a large effect must be large too, unless nothing was known of the machine.
         let beside = worth(StageKind::Drive, Some(1.0), 0.5);
         assert!((beside.of(delay) - 0.1).abs() < 1e-12 && !beside.in_any_view);

@@ -401,7 +401,12 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
-        (!self.is_worth_naming(trial)).then_some(Reason::TooSmall)
+        let size = slots_of_last(&trial.fit.point.twin)
+            .first()
+            .map(|slot| trial.fit.point.twin.get(*slot));
+        let is_old =
+            size.is_some_and(|size| self.worth.was_there_before(trial.candidate.effect, size));
+        (is_old || !self.is_worth_naming(trial)).then_some(Reason::TooSmall)
     }
 
     /// The one to add, with what explains the data as well; all others are rejected.

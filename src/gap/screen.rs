@@ -50,7 +50,7 @@ pub struct Candidate {
 const IMITATED: f64 = 0.02;
 
 /// How many effects are tried on single axes, after the screen of the shared ones.
-const TRIED_ALONE: usize = 12;
+const TRIED_ALONE: usize = 20;
 
 /// Every effect that the link of `problem` can show and that `found` does not have yet: first on all
 /// axes alike, then the best on each axis alone.

@@ -3,25 +3,33 @@
 use crate::effects::Bristles;
 
 /// What rubs on one coordinate during a step.
-pub(super) struct Contact<'m> {
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Contact {
     /// Largest friction (N).
     pub(super) level: f64,
-    /// The part of it that bends before it slides, with its bend, which the step moves on.
-    pub(super) bristles: Option<(Bristles, &'m mut f64)>,
+    /// The part of it that bends before it slides, and where its bend is remembered.
+    pub(super) bristles: Option<(Bristles, usize)>,
 }
 
-impl Contact<'_> {
+impl Contact {
     /// Friction (N) over a step of `dt` seconds in which a coordinate of `mass` would come from `velocity` to
-    /// `free` without it.
+    /// `free` without it; moves the bend in `memory` on.
     ///
     /// Rigid friction is the impulse that would stop the motion, held within its level (Coulomb's law without
     /// chatter). Bristles follow the velocity at the end of the step (implicit Euler): stable however stiff they
     /// are, and still a quadratic equation in that velocity.
-    pub(super) fn force(self, mass: f64, velocity: f64, free: f64, dt: f64) -> f64 {
+    pub(super) fn force(
+        self,
+        memory: &mut [f64],
+        mass: f64,
+        [velocity, free]: [f64; 2],
+        dt: f64,
+    ) -> f64 {
         let inertia = mass / dt;
-        let Some((bristles, bend)) = self.bristles.filter(|_| 0.0 < self.level) else {
+        let Some((bristles, place)) = self.bristles.filter(|_| 0.0 < self.level) else {
             return -(inertia * free).clamp(-self.level, self.level);
         };
+        let bend = &mut memory[place];
         let bristles = bristles.held_to(self.level);
         let rigid = self.level - bristles.force;
         let per_speed = dt / bristles.distance;
@@ -64,20 +72,21 @@ mod tests {
         seconds: f64,
         force: impl Fn(f64) -> f64,
     ) -> [f64; 3] {
-        let (mut place, mut velocity, mut bend) = (0.0, 0.0, 0.0);
+        let (mut place, mut velocity, mut bend) = (0.0, 0.0, [0.0]);
         for step in 0..(seconds / DT).round() as usize {
             let free = velocity + DT * force(step as f64 * DT) / 2.0;
-            let contact = Contact { level, bristles: Some((bristles, &mut bend)) };
-            let friction = contact.force(2.0, velocity, free, DT);
+            let contact = Contact { level, bristles: Some((bristles, 0)) };
+            let friction = contact.force(&mut bend, 2.0, [velocity, free], DT);
             velocity = free + DT * friction / 2.0;
             place += DT * velocity;
         }
-        [place, velocity, bend]
+        [place, velocity, bend[0]]
     }
 
     #[test]
     fn rigid_friction_holds_up_to_its_level() {
-        let of = |free| Contact { level: 3.0, bristles: None }.force(2.0, 0.0, free, 1e-3);
+        let of =
+            |free| Contact { level: 3.0, bristles: None }.force(&mut [], 2.0, [0.0, free], 1e-3);
         assert!((of(1e-3) + 2.0).abs() < 1e-12);
         assert_eq!(of(1.0), -3.0);
     }
@@ -115,13 +124,13 @@ mod tests {
     fn a_step_agrees_with_many_small_ones() {
         // After a reversal at speed the bend follows Dahl's law.
         let own = Bristles { force: 4.0, distance: 1e-3, velocity: 1e-6, damping: 0.0 };
-        let mut bend = 1.0;
+        let mut bend = [1.0];
         let mut velocity = -0.05;
         for _ in 0..100 {
-            let contact = Contact { level: 4.0, bristles: Some((own, &mut bend)) };
-            let friction = contact.force(1e6, velocity, velocity, DT);
+            let contact = Contact { level: 4.0, bristles: Some((own, 0)) };
+            let friction = contact.force(&mut bend, 1e6, [velocity, velocity], DT);
             velocity += DT * friction / 1e6;
         }
-        assert!((bend - own.bent(1.0, -0.05, 100.0 * DT)).abs() < 5e-3, "{bend}");
+        assert!((bend[0] - own.bent(1.0, -0.05, 100.0 * DT)).abs() < 5e-3, "{bend:?}");
     }
 }

@@ -10,10 +10,14 @@
 //!
 //! A single axis is a plant with one motor and one rail, which are the same coordinate.
 
-use super::{Instance, Twin, contact::Contact};
+use super::{
+    Instance, Twin,
+    contact::Contact,
+    transmission::{self, Moved, Rubbing, Tie, TwoMasses},
+};
 use crate::{
-    effects::{Bristles, CrossMotion, LoopGains, Motion, Physics, both},
-    gantry::belts,
+    effects::{Bristles, CrossMotion, LoopGains, Motion, Physics, Spring, both},
+    gantry::{belts, rails},
 };
 
 /// Most parameters that one effect has.
@@ -74,6 +78,7 @@ struct MotorParts {
     forces: Vec<MotionPart>,
     rubs: Rubs,
     encoders: Vec<EncoderPart>,
+    spring: Option<Spring>,
 }
 
 /// Functions that act on one rail.
@@ -98,13 +103,12 @@ impl Rubs {
     }
 
     /// What rubs at `motion`.
-    fn contact<'m>(&self, memory: &'m mut [f64], motion: &Motion) -> Contact<'m> {
-        let level = sum(&self.levels, memory, motion).max(0.0);
-        let bristles = match &self.bristles {
-            Some(part) => Some(((part.call)(part.p()), &mut memory[part.memory])),
-            None => None,
-        };
-        Contact { level, bristles }
+    fn contact(&self, memory: &mut [f64], motion: &Motion) -> Contact {
+        let bent = |part: &BristlesPart| ((part.call)(part.p()), part.memory);
+        Contact {
+            level: sum(&self.levels, memory, motion).max(0.0),
+            bristles: self.bristles.as_ref().map(bent),
+        }
     }
 }
 
@@ -113,6 +117,8 @@ impl Rubs {
 pub struct Plant {
     motors: Vec<MotorParts>,
     rails: Vec<RailParts>,
+    /// What lies between motors and load, where it is soft.
+    ties: Option<[Tie; 2]>,
     memory: usize,
 }
 
@@ -121,7 +127,7 @@ pub struct Plant {
 pub struct PlantState {
     /// Time since the start (s).
     pub time: f64,
-    /// Place of the carriage (m).
+    /// Place of the carriage, by the motors (m).
     pub position: [f64; 2],
     /// Its velocity (m/s).
     pub velocity: [f64; 2],
@@ -132,6 +138,9 @@ pub struct PlantState {
     setpoint: [f64; 2],
     integral: [f64; 2],
     friction: [f64; 2],
+    /// Where belts are soft: how far the load is ahead of the motors (m), and its velocity less theirs (m/s).
+    ahead: [f64; 2],
+    gaining: [f64; 2],
     memory: Vec<f64>,
 }
 
@@ -141,6 +150,7 @@ impl PlantState {
         self.position = position;
         self.velocity = velocity;
         self.acceleration = [0.0; 2];
+        (self.ahead, self.gaining) = ([0.0; 2], [0.0; 2]);
     }
 
     /// Every number of the state, always in the same order: to keep it and to put it back.
@@ -148,7 +158,8 @@ impl PlantState {
         let Self { position, velocity, acceleration, force, setpoint, integral, friction, .. } =
             self;
         let pairs = [position, velocity, acceleration, force, setpoint, integral, friction];
-        pairs.into_iter().flatten().chain(&mut self.memory).chain([&mut self.time])
+        let pairs = pairs.into_iter().chain([&mut self.ahead, &mut self.gaining]);
+        pairs.flatten().chain(&mut self.memory).chain([&mut self.time])
     }
 
     /// Sets what has decayed to nothing to zero, before it becomes denormal numbers, which are a hundred times
@@ -179,6 +190,7 @@ impl Plant {
         let mut plant = Self {
             motors: vec![MotorParts::default(); count],
             rails: vec![RailParts::default(); count],
+            ties: None,
             memory: 0,
         };
         for instance in &twin.instances {
@@ -187,6 +199,9 @@ impl Plant {
                     plant.add(instance, *equation, index);
                 }
             }
+        }
+        if let [a, b] = &plant.motors[..] {
+            plant.ties = transmission::ties([a.spring, b.spring]);
         }
         plant
     }
@@ -214,6 +229,7 @@ impl Plant {
                 let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
                 rubs.bristles = Some(Part::new(call, instance, memory));
             }
+            Physics::Transmission(call) => motor.spring = call(&instance.numbers()),
             Physics::Encoder(call) => motor.encoders.push(Part::new(call, instance, memory)),
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
             _ => {}
@@ -271,25 +287,58 @@ impl Plant {
         let setpoint = both(|index| self.motors[index].setpoint(command[index], memory, dt));
         let middle =
             both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
-        let drag = belts(both(|index| (load[index] + state.friction[index]) / step.mass[index]));
+        let drag = step.drag(both(|index| load[index] + state.friction[index]));
         let demand = both(|index| {
             let now = state.setpoint[index] - seen[index];
             let error = middle[index] - seen[index] - 0.5 * dt * drag[index];
-            self.motors[index].demand([now, error], state.integral[index], step.loop_mass, dt)
+            let mass = step.loop_mass(index);
+            self.motors[index].demand([now, error], state.integral[index], mass, dt)
         });
         let force = self.efforts(&step, demand, memory);
-        let pull = self.pulls(&step, force, load, memory);
-        let (velocity, friction) = self.slides(&step, force, total(pull, load), memory);
+        let (velocity, friction) = match &step.two_masses {
+            Some(two) => {
+                let moved = self.swing(&step, two, (force, load), memory);
+                let velocity = rails(moved.motor);
+                for index in 0..2 {
+                    let gaining = moved.load[index] - velocity[index];
+                    state.ahead[index] += 0.5 * dt * (state.gaining[index] + gaining);
+                    state.gaining[index] = gaining;
+                }
+                (velocity, moved.friction)
+            }
+            None => {
+                let pull = self.pulls(&step, force, load, memory);
+                self.slides(&step, force, total(pull, load), memory)
+            }
+        };
         state.arrive(velocity, dt);
         let seen_after = self.reported(state);
         for (index, motor) in self.motors.iter().enumerate() {
             let error = middle[index] - 0.5 * (seen[index] + seen_after[index]);
             state.integral[index] +=
-                step.loop_mass.gains * motor.gains.integral_per_s2 * error * dt;
+                step.loop_mass(index).gains * motor.gains.integral_per_s2 * error * dt;
         }
         state.friction = friction;
         state.force = force;
         state.setpoint = setpoint;
+    }
+
+    /// Motors and load after a step in which the belts between them stretch.
+    fn swing(
+        &self,
+        step: &GantryStep,
+        two: &TwoMasses,
+        (force, load): ([f64; 2], [f64; 2]),
+        memory: &mut [f64],
+    ) -> Moved {
+        let driven = both(|index| {
+            force[index] + sum(&self.motors[index].forces, memory, &step.belt(index, force))
+        });
+        let rubs = Rubbing {
+            motors: both(|index| self.motors[index].rubs.contact(memory, &step.belt(index, force))),
+            rails: both(|index| self.rails[index].rubs.contact(memory, &step.rail(index, force))),
+        };
+        two.step([driven, load], &rubs, memory)
     }
 
     /// Force on each rail that is no motor's and no friction.
@@ -330,7 +379,8 @@ impl Plant {
             let motion = step.belt(index, force);
             let free = belts(step.free(total(pull, load)))[index];
             let contact = motor.rubs.contact(memory, &motion);
-            pull[index] += contact.force(step.belt_mass, motion.velocity, free, motion.dt);
+            let velocity = [motion.velocity, free];
+            pull[index] += contact.force(memory, motion.mass, velocity, motion.dt);
         }
         pull
     }
@@ -347,7 +397,7 @@ impl Plant {
         let slid = both(|index| {
             let motion = step.rail(index, force);
             let contact = self.rails[index].rubs.contact(memory, &motion);
-            slide(motion.velocity, total[index], contact, step.mass[index], motion.dt)
+            slide(&motion, total[index], contact, memory)
         });
         (slid.map(|(velocity, _)| velocity), slid.map(|(_, friction)| friction))
     }
@@ -386,7 +436,7 @@ impl Plant {
             (rail.rubs.contact(memory, &motion).level, motor.rubs.contact(memory, &motion))
         };
         let contact = Contact { level: of_motor + of_rail.level, ..of_rail };
-        let (velocity, friction) = slide(state.velocity[0], motion.force + load, contact, mass, dt);
+        let (velocity, friction) = slide(&motion, motion.force + load, contact, memory);
         let error = middle - 0.5 * (state.velocity[0] + velocity);
         state.integral[0] += mass * motor.gains.integral_per_s2 * error * dt;
         state.acceleration[0] = (velocity - state.velocity[0]) / dt;
@@ -442,17 +492,20 @@ struct LoopMass {
 struct GantryStep {
     rails: Frame,
     belts: Frame,
-    /// Mass on each rail (kg).
+    /// Mass on each rail (kg); without rotors where belts are soft.
     mass: [f64; 2],
-    /// Mass that the force of one belt moves (kg).
-    belt_mass: f64,
-    loop_mass: LoopMass,
+    /// Mass that the force of each belt moves (kg).
+    belt_mass: [f64; 2],
+    /// Scales the gains of the loops (kg).
+    gain_mass: f64,
+    /// Motors and load, where belts are soft.
+    two_masses: Option<TwoMasses>,
 }
 
 impl GantryStep {
     fn new(plant: &Plant, state: &PlantState, dt: f64) -> Self {
-        let PlantState { time, position, velocity, acceleration, .. } = *state;
-        let rails = Frame { time, dt, position, velocity, acceleration };
+        let PlantState { time, position, velocity, acceleration, ahead, gaining, .. } = *state;
+        let mut rails = Frame { time, dt, position, velocity, acceleration };
         let belts = Frame {
             time,
             dt,
@@ -461,9 +514,32 @@ impl GantryStep {
             acceleration: belts(acceleration),
         };
         let mass = both(|index| plant.rails[index].mass(&rails.motion(index, [0.0; 2], 0.0)));
-        let belt_mass = 1.0 / (1.0 / mass[0] + 1.0 / mass[1]);
-        let loop_mass = LoopMass { gains: 0.5 * (0.5 * (mass[0] + mass[1])), moved: belt_mass };
-        Self { rails, belts, mass, belt_mass, loop_mass }
+        let gain_mass = 0.5 * (0.5 * (mass[0] + mass[1]));
+        let Some(ties) = &plant.ties else {
+            let belt_mass = [rigid_belt_mass(mass); 2];
+            return Self { rails, belts, mass, belt_mass, gain_mass, two_masses: None };
+        };
+        rails.position = both(|index| position[index] + ahead[index]);
+        rails.velocity = both(|index| velocity[index] + gaining[index]);
+        let (ties, load_mass) = transmission::parted(ties, mass);
+        let two =
+            TwoMasses { ties, load_mass, ahead, motor: belts.velocity, load: rails.velocity, dt };
+        let rigid = rigid_belt_mass(mass);
+        let belt_mass = ties.map(|tie| tie.spring.map_or(rigid, |_| tie.motor_mass));
+        Self { rails, belts, mass: load_mass, belt_mass, gain_mass, two_masses: Some(two) }
+    }
+
+    /// The masses that the loop of one motor works on.
+    fn loop_mass(&self, index: usize) -> LoopMass {
+        LoopMass { gains: self.gain_mass, moved: self.belt_mass[index] }
+    }
+
+    /// Acceleration of each motor (m/s^2 of belt) without its own force, with `load` on the rails (N).
+    fn drag(&self, load: [f64; 2]) -> [f64; 2] {
+        let rigid = belts(both(|index| load[index] / self.mass[index]));
+        let Some(two) = &self.two_masses else { return rigid };
+        let pulls = two.pulls();
+        both(|index| pulls[index].map_or(rigid[index], |pull| -pull / self.belt_mass[index]))
     }
 
     /// Motion of one rail under the motors' `force`.
@@ -473,7 +549,7 @@ impl GantryStep {
 
     /// Motion of one belt under the motors' `force`.
     fn belt(&self, index: usize, force: [f64; 2]) -> Motion {
-        self.belts.motion(index, force, self.belt_mass)
+        self.belts.motion(index, force, self.belt_mass[index])
     }
 
     /// Velocity of the rails after the step under the `total` force on them, without friction.
@@ -483,16 +559,22 @@ impl GantryStep {
     }
 }
 
+/// Mass that the force of one belt moves with this `mass` on the rails (kg).
+fn rigid_belt_mass(mass: [f64; 2]) -> f64 {
+    1.0 / (1.0 / mass[0] + 1.0 / mass[1])
+}
+
 /// Force on the rails of the belts' `pull` and the rails' `load`.
 fn total(pull: [f64; 2], load: [f64; 2]) -> [f64; 2] {
     let along = belts(pull);
     [along[0] + load[0], along[1] + load[1]]
 }
 
-/// Velocity after `dt` under `force` and the friction of `contact`, and the friction force.
-fn slide(velocity: f64, force: f64, contact: Contact<'_>, mass: f64, dt: f64) -> (f64, f64) {
+/// Velocity after a step from `motion` under `force` and the friction of `contact`, and the friction force.
+fn slide(motion: &Motion, force: f64, contact: Contact, memory: &mut [f64]) -> (f64, f64) {
+    let Motion { velocity, mass, dt, .. } = *motion;
     let free = velocity + dt * force / mass;
-    let friction = contact.force(mass, velocity, free, dt);
+    let friction = contact.force(memory, mass, [velocity, free], dt);
     (free + dt * friction / mass, friction)
 }
 
@@ -556,6 +638,7 @@ pub(super) fn calls(physics: &Physics) -> bool {
                 | Physics::Bristles(_)
                 | Physics::Inertia(_)
                 | Physics::Encoder(_)
+                | Physics::Transmission(_)
         )
     };
     physics.equations().iter().any(is_called)

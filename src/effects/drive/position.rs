@@ -1,9 +1,10 @@
 //! Friction that depends on the place.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
+use std::f64::consts::TAU;
 
-/// `drive.friction.position`: the level changes by s q + c q^2, q from the origin of the
-/// coordinate.
+/// `drive.friction.position`: the level changes by s q + c q^2 + a sin(2 pi q / L) + b cos(2 pi q / L), q from the
+/// origin of the coordinate: a rail that is not straight or worn in the middle, or one that waves.
 pub(crate) static POSITION: Effect = Effect {
     name: "drive.friction.position",
     says: "friction is higher in some places of the travel than in others",
@@ -26,11 +27,44 @@ pub(crate) static POSITION: Effect = Effect {
             plausible: (-2000.0, 2000.0),
             per_session: false,
         },
+        Parameter {
+            name: "sine_n",
+            unit: "N",
+            scale: 0.5,
+            bounds: (-500.0, 500.0),
+            plausible: (-5.0, 5.0),
+            per_session: false,
+        },
+        Parameter {
+            name: "cosine_n",
+            unit: "N",
+            scale: 0.5,
+            bounds: (-500.0, 500.0),
+            plausible: (-5.0, 5.0),
+            per_session: false,
+        },
+        Parameter {
+            name: "length_m",
+            unit: "m",
+            scale: 0.01,
+            bounds: (0.02, 1.0),
+            plausible: (0.05, 0.5),
+            per_session: false,
+        },
     ],
-    null: &[0.0, 0.0],
-    probes: &[&[5.0, 0.0], &[0.0, 50.0]],
+    null: &[0.0, 0.0, 0.0, 0.0, 0.1],
+    probes: &[
+        &[5.0, 0.0, 0.0, 0.0, 0.1],
+        &[0.0, 50.0, 0.0, 0.0, 0.1],
+        &[0.0, 0.0, 0.3, 0.0, 0.07],
+        &[0.0, 0.0, 0.0, 0.3, 0.07],
+        &[0.0, 0.0, 0.3, 0.0, 0.12],
+        &[0.0, 0.0, 0.0, 0.3, 0.12],
+        &[0.0, 0.0, 0.3, 0.0, 0.2],
+        &[0.0, 0.0, 0.0, 0.3, 0.2],
+    ],
     memory: 0,
-    physics: Physics::Friction(|p, _, motion| (p[0] + p[1] * motion.position) * motion.position),
+    physics: Physics::Friction(level),
     regressors: &[Regressor::Position, Regressor::Direction],
     excitation: "slow sweeps over the whole travel in both directions",
     experiment: "x_line",
@@ -42,17 +76,25 @@ pub(crate) static POSITION: Effect = Effect {
     ],
 };
 
+/// What the place adds to the level (N).
+fn level(p: &[f64], _: &mut [f64], motion: &Motion) -> f64 {
+    let (sin, cos) = (TAU * motion.position / p[4]).sin_cos();
+    (p[0] + p[1] * motion.position) * motion.position + p[2] * sin + p[3] * cos
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::Motion;
 
     #[test]
     fn it_follows_the_place() {
-        let Physics::Friction(level) = POSITION.physics else { panic!("it is friction") };
         let at = |position| Motion { position, velocity: 1.0, ..Motion::default() };
-        assert!((level(&[10.0, 100.0], &mut [], &at(0.1)) - 2.0).abs() < 1e-12);
-        assert!(level(&[10.0, 100.0], &mut [], &at(-0.1)).abs() < 1e-12);
+        let parabola = [10.0, 100.0, 0.0, 0.0, 0.1];
+        assert!((level(&parabola, &mut [], &at(0.1)) - 2.0).abs() < 1e-12);
+        assert!(level(&parabola, &mut [], &at(-0.1)).abs() < 1e-12);
+        let wave = [0.0, 0.0, 0.5, -0.2, 0.12];
+        assert!((level(&wave, &mut [], &at(0.03)) - 0.5).abs() < 1e-12);
+        assert!((level(&wave, &mut [], &at(0.06)) - 0.2).abs() < 1e-12);
         assert_eq!(level(POSITION.null, &mut [], &at(0.1)), 0.0);
     }
 }

@@ -1,0 +1,254 @@
+//! Two masses with a spring between them, per motor: one step of a gantry whose belts are soft.
+
+use super::contact::Contact;
+use crate::{
+    effects::{Spring, both},
+    gantry::belts,
+};
+
+/// Largest share of a rail's mass that is rotors.
+const MOST_ROTOR: f64 = 0.95;
+
+/// A motor and what ties it to the load; without a spring the belt is rigid.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tie {
+    pub(super) spring: Option<Spring>,
+    /// Mass that stays with the motor (kg of belt).
+    pub(super) motor_mass: f64,
+}
+
+/// The ties of both motors where at least one belt is soft.
+pub(super) fn ties(soft: [Option<Spring>; 2]) -> Option<[Tie; 2]> {
+    let other = soft.iter().flatten().next()?.motor_mass;
+    Some(soft.map(|spring| Tie { spring, motor_mass: spring.map_or(other, |own| own.motor_mass) }))
+}
+
+/// The ties with rotors that are no more than what moves on either rail, and the mass there that is no rotor (kg).
+pub(super) fn parted(ties: &[Tie; 2], mass: [f64; 2]) -> ([Tie; 2], [f64; 2]) {
+    let rotors = ties[0].motor_mass + ties[1].motor_mass;
+    let share = (MOST_ROTOR * mass[0].min(mass[1]) / rotors).min(1.0);
+    let ties = ties.map(|own| Tie { motor_mass: share * own.motor_mass, ..own });
+    (ties, mass.map(|mass| mass - share * rotors))
+}
+
+/// Motors and load at the start of a step.
+pub(super) struct TwoMasses {
+    pub(super) ties: [Tie; 2],
+    /// Mass of the load on each rail (kg).
+    pub(super) load_mass: [f64; 2],
+    /// How far the load is ahead of the motors, in board coordinates (m).
+    pub(super) ahead: [f64; 2],
+    /// Velocity of the motors (m/s of belt).
+    pub(super) motor: [f64; 2],
+    /// Velocity of the load (m/s).
+    pub(super) load: [f64; 2],
+    /// Length of the step (s).
+    pub(super) dt: f64,
+}
+
+/// What rubs on both sides of the springs.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Rubbing {
+    pub(super) motors: [Contact; 2],
+    pub(super) rails: [Contact; 2],
+}
+
+/// The same at its end.
+pub(super) struct Moved {
+    /// Velocity of the motors (m/s of belt).
+    pub(super) motor: [f64; 2],
+    /// Velocity of the load (m/s).
+    pub(super) load: [f64; 2],
+    /// Friction on each rail (N).
+    pub(super) friction: [f64; 2],
+}
+
+/// What one tie makes of a step: against its motor acts `still + follow (motor - load)`, with the velocities at the
+/// end of the step, and with the motor eliminated the load gets `given - drag load` (N of belt).
+struct Link {
+    inertia: f64,
+    follow: f64,
+    still: f64,
+    given: f64,
+    drag: f64,
+}
+
+impl TwoMasses {
+    /// Force of each spring against its motor now (N of belt).
+    pub(super) fn pulls(&self) -> [Option<f64>; 2] {
+        let (ahead, rate) = (belts(self.ahead), self.rates());
+        let pull = |m: usize| {
+            let spring = self.ties[m].spring?;
+            Some(spring.damping() * rate[m] - spring.stiffness * ahead[m])
+        };
+        [pull(0), pull(1)]
+    }
+
+    /// How fast each motor runs ahead of the load (m/s of belt).
+    fn rates(&self) -> [f64; 2] {
+        let load = belts(self.load);
+        both(|m| self.motor[m] - load[m])
+    }
+
+    /// What the ties make of the step under `force` of the motors (N of belt). Springs follow the motion through the
+    /// step (the implicit midpoint rule), which neither damps nor feeds the swinging.
+    fn links(&self, force: [f64; 2]) -> [Link; 2] {
+        let (ahead, rate) = (belts(self.ahead), self.rates());
+        let link = |m: usize| {
+            let inertia = self.ties[m].motor_mass / self.dt;
+            let driven = inertia * self.motor[m] + force[m];
+            let Some(spring) = self.ties[m].spring else {
+                return Link { inertia, follow: 0.0, still: 0.0, given: driven, drag: inertia };
+            };
+            let follow = 0.25 * spring.stiffness * self.dt + 0.5 * spring.damping();
+            let still = follow * rate[m] - spring.stiffness * ahead[m];
+            let share = follow / (inertia + follow);
+            let given = still + share * (driven - still);
+            Link { inertia, follow, still, given, drag: share * inertia }
+        };
+        [link(0), link(1)]
+    }
+
+    /// Mass that the forces on each rail move in this step, over its length (kg/s).
+    fn own(&self, links: &[Link; 2]) -> [f64; 2] {
+        let along = links[0].drag + links[1].drag;
+        self.load_mass.map(|mass| mass / self.dt + along)
+    }
+
+    /// Velocity of the load after the step without friction, under `pull` on the rails (N).
+    fn free(&self, links: &[Link; 2], pull: [f64; 2]) -> [f64; 2] {
+        let own = self.own(links);
+        let across = links[0].drag - links[1].drag;
+        let given = belts([links[0].given, links[1].given]);
+        let right = both(|rail| {
+            self.load_mass[rail] / self.dt * self.load[rail] + given[rail] + pull[rail]
+        });
+        let determinant = own[0] * own[1] - across * across;
+        [
+            (own[1] * right[0] - across * right[1]) / determinant,
+            (own[0] * right[1] - across * right[0]) / determinant,
+        ]
+    }
+
+    /// Velocity of motor `m` after the step, of a load that then moves with `load` (m/s of belt) there.
+    fn motor(&self, m: usize, link: &Link, force: f64, load: f64) -> f64 {
+        if self.ties[m].spring.is_none() {
+            return load;
+        }
+        let driven = link.inertia * self.motor[m] + force - link.still + link.follow * load;
+        driven / (link.inertia + link.follow)
+    }
+
+    /// The step under `force` of the motors (N of belt) and `pull` on the rails (N), with what `rubs` on motors and
+    /// rails, whose bends are in `memory`.
+    pub(super) fn step(
+        &self,
+        [mut force, pull]: [[f64; 2]; 2],
+        rubs: &Rubbing,
+        memory: &mut [f64],
+    ) -> Moved {
+        let dt = self.dt;
+        let mut links = self.links(force);
+        let own = self.own(&links);
+        let mut free = self.free(&links, pull);
+        if rubs.motors.iter().any(|contact| 0.0 < contact.level) {
+            let along = belts(free);
+            for (m, contact) in rubs.motors.iter().enumerate() {
+                let motor = self.motor(m, &links[m], force[m], along[m]);
+                let held = match self.ties[m].spring {
+                    Some(_) => links[m].inertia + links[m].follow,
+                    None => 1.0 / (1.0 / own[0] + 1.0 / own[1]),
+                };
+                force[m] += contact.force(memory, held * dt, [self.motor[m], motor], dt);
+            }
+            links = self.links(force);
+            free = self.free(&links, pull);
+        }
+        let mut friction = [0.0; 2];
+        for (rail, contact) in rubs.rails.iter().enumerate() {
+            let velocity = [self.load[rail], free[rail]];
+            friction[rail] = contact.force(memory, own[rail] * dt, velocity, dt);
+        }
+        let load = both(|rail| free[rail] + friction[rail] / own[rail]);
+        let along = belts(load);
+        let motor = both(|m| self.motor(m, &links[m], force[m], along[m]));
+        Moved { motor, load, friction }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gantry::rails;
+
+    const DT: f64 = 1e-3;
+
+    /// A step of 1 ms, and how far the load is ahead after it.
+    fn stepped(two: &TwoMasses, force: [f64; 2]) -> (Moved, [f64; 2]) {
+        let moved = two.step([force, [0.0; 2]], &Rubbing::default(), &mut []);
+        let (before, after) = (rails(two.motor), rails(moved.motor));
+        let gained = |x: usize| two.load[x] + moved.load[x] - before[x] - after[x];
+        let ahead = both(|x| two.ahead[x] + 0.5 * two.dt * gained(x));
+        (moved, ahead)
+    }
+
+    fn soft(stiffness: f64) -> Spring {
+        Spring { stiffness, damping_ratio: 0.0, motor_mass: 1.0 }
+    }
+
+    /// Velocity of motor a and of the load along x after `steps`, from motors that run at 0.1 m/s and a load at rest.
+    fn swung(steps: usize, dt: f64) -> (f64, f64) {
+        let ties = ties([Some(soft(2e4)); 2]).unwrap();
+        let (ahead, motor, load) = ([0.0; 2], [0.1; 2], [0.0; 2]);
+        let mut two = TwoMasses { ties, load_mass: [0.5; 2], ahead, motor, load, dt };
+        for _ in 0..steps {
+            let (moved, ahead) = stepped(&two, [0.0; 2]);
+            two = TwoMasses { ahead, motor: moved.motor, load: moved.load, ..two };
+        }
+        assert!((two.motor[0] - two.motor[1]).abs() < 1e-12);
+        (two.motor[0], two.load[0])
+    }
+
+    #[test]
+    fn momentum_and_energy_are_kept() {
+        let (motor, load) = swung(500, DT);
+        // Along x the two rotors move as one mass of 2 kg on 4e4 N/m.
+        assert!((2.0 * motor + 0.5 * load - 0.2).abs() < 1e-9);
+        let most = (0..200).map(|steps| swung(steps, DT).0).fold(0.0, f64::max);
+        assert!((most - 0.1).abs() < 1e-3, "{most}");
+    }
+
+    #[test]
+    fn it_swings_at_the_frequency_of_two_masses() {
+        // 4e4 N/m between 2 and 0.5 kg: 316 rad/s. After a half period the load has all it can have.
+        let half = std::f64::consts::PI / (4e4 * (1.0 / 2.0 + 1.0 / 0.5_f64)).sqrt();
+        let (_, load) = swung(100, half / 100.0);
+        assert!((load - 2.0 * 0.1 * 2.0 / 2.5).abs() < 1e-4, "{load}");
+    }
+
+    #[test]
+    fn rotors_are_never_more_than_all_that_moves() {
+        let own = Tie { spring: None, motor_mass: 2.0 };
+        let (ties, load) = parted(&[own; 2], [2.0, 3.0]);
+        assert!((ties[0].motor_mass - 0.95).abs() < 1e-12);
+        assert!((load[0] - 0.1).abs() < 1e-12 && (load[1] - 1.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn beside_a_soft_belt_a_rigid_one_follows_at_once() {
+        assert!(ties([None, None]).is_none());
+        let ties = ties([None, Some(soft(1e5))]).unwrap();
+        assert_eq!(ties[0].motor_mass, 1.0);
+        let (ahead, motor, load) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        let mut two = TwoMasses { ties, load_mass: [0.5, 0.7], ahead, motor, load, dt: DT };
+        for _ in 0..100 {
+            let (moved, ahead) = stepped(&two, [1.0; 2]);
+            two = TwoMasses { ahead, motor: moved.motor, load: moved.load, ..two };
+            assert!((two.motor[0] - belts(two.load)[0]).abs() < 1e-12);
+            assert!(belts(two.ahead)[0].abs() < 1e-12);
+        }
+        // All forces are inside: what 2 N along x give in 0.1 s.
+        let momentum = 0.5 * two.load[0] + two.motor[0] + two.motor[1];
+        assert!((momentum - 0.2).abs() < 1e-9, "{momentum}");
+    }
+}
