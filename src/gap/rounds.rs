@@ -184,46 +184,16 @@ pub enum Task {
 /// Searches one link from `start`.
 #[must_use]
 pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
-    let mut train = Problem::new(&link.train, start);
-    let mut held_out = Problem::new(&link.held_out, start);
-    let given = train.start(start.clone());
-    let scales = train.filters(&given, whiten::scale_filters);
-    let given = fit::adapt(&train, given, &scales);
-    let held_given = fit::adapt(&held_out, held_out.start(start.clone()), &scales);
-    train.drop_outliers(&given);
-    held_out.drop_outliers(&held_given);
-    let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
-    let worth = least_worth(excess);
-    let slots = start.free(link.train[0]);
-    let (best, filters) = if is_nothing_new(excess) {
-        fit::settle(&train, given.clone(), &slots, 10)
-    } else {
-        refit(&mut train, &mut held_out, (&given, &slots))
-    };
-    let refitted = best.clone();
-    log::info!(
-        "{:?}: {} parameters refitted on {} stages, {} judge",
-        link.kind,
-        slots.len(),
-        link.train.len(),
-        link.held_out.len()
-    );
-    let mut search = Search {
-        kind: link.kind,
-        train,
-        held_out,
-        witness: Problem::new(&link.witnesses, start),
-        best,
-        filters,
-        added: vec![],
-        rejected: vec![],
-    };
+    let (mut search, opening) = Search::opened(link, start);
+    let Opening { given, scales, excess, slots } = opening;
+    let refitted = search.best.clone();
     let unexplained = match task {
         Task::Calibrate => None,
         Task::CloseGap => search.close(&given, excess),
     };
     let Search { train, held_out, mut best, mut filters, added, rejected, .. } = search;
-    let is_better = is_better(&held_out, (start, &best.point.twin), &filters, worth);
+    let twins = (start, &best.point.twin);
+    let is_better = is_better(&held_out, twins, &filters, least_worth(excess));
     if task == Task::CloseGap && added.is_empty() && !is_better {
         (best, filters) = as_it_is(&train, &given, &slots);
     }
@@ -317,6 +287,57 @@ struct Search<'a> {
     filters: Filters,
     added: Vec<Added>,
     rejected: Vec<Rejected>,
+}
+
+/// Where a search begins.
+struct Opening {
+    /// The given twin, nuisances fitted.
+    given: Point,
+    /// One over the RMS of each signal's residual there.
+    scales: Filters,
+    /// What the recordings hold beyond what the given twin is known to leave.
+    excess: Option<f64>,
+    /// The parameters that may be fitted.
+    slots: Vec<Slot>,
+}
+
+impl<'a> Search<'a> {
+    /// The given twin on `link`, and its refit, single samples off the rest left out.
+    fn opened(link: &Link<'a>, start: &Twin) -> (Self, Opening) {
+        let mut train = Problem::new(&link.train, start);
+        let mut held_out = Problem::new(&link.held_out, start);
+        let given = train.start(start.clone());
+        let scales = train.filters(&given, whiten::scale_filters);
+        let given = fit::adapt(&train, given, &scales);
+        let held_given = fit::adapt(&held_out, held_out.start(start.clone()), &scales);
+        train.drop_outliers(&given);
+        held_out.drop_outliers(&held_given);
+        let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
+        let slots = start.free(link.train[0]);
+        let (best, filters) = if is_nothing_new(excess) {
+            fit::settle(&train, given.clone(), &slots, 10)
+        } else {
+            refit(&mut train, &mut held_out, (&given, &slots))
+        };
+        log::info!(
+            "{:?}: {} parameters refitted on {} stages, {} judge",
+            link.kind,
+            slots.len(),
+            link.train.len(),
+            link.held_out.len()
+        );
+        let search = Self {
+            kind: link.kind,
+            train,
+            held_out,
+            witness: Problem::new(&link.witnesses, start),
+            best,
+            filters,
+            added: vec![],
+            rejected: vec![],
+        };
+        (search, Opening { given, scales, excess, slots })
+    }
 }
 
 impl Search<'_> {

@@ -93,8 +93,8 @@ mod tests {
 
     #[test]
     fn below_the_level_bristles_are_a_spring() {
-        let own = Bristles { force: 10.0, distance: 1e-3, velocity: 1e-7, damping: 0.0 };
-        // 0.1 N on 1e4 N/m: a hundredth of the way over which they bend; the ringing dies out in implicit steps.
+        let own = Bristles { force: 10.0, distance: 1e-3, velocity: 1e-7, damping: 283.0 };
+        // 0.1 N on 1e4 N/m: a hundredth of the way over which they bend.
         let [place, velocity, bend] = driven(10.0, own, 2.0, |_| 0.1);
         assert!((place - 1e-5).abs() < 2e-7 && velocity.abs() < 1e-4, "{place} {velocity}");
         assert!((bend - 0.01).abs() < 1e-4, "{bend}");
@@ -105,7 +105,8 @@ mod tests {
         let own = Bristles { force: 4.0, distance: 1e-5, velocity: 1e-6, damping: 0.0 };
         let [_, velocity, bend] = driven(6.0, own, 0.5, |_| 8.0);
         assert!((bend - 1.0).abs() < 1e-6);
-        assert!((velocity - 0.5 * (8.0 - 6.0) / 2.0).abs() < 1e-3, "{velocity}");
+        // 8 N less 6 N on 2 kg for 0.5 s, and a little for the way over which they bent.
+        assert!((0.5..0.51).contains(&velocity), "{velocity}");
     }
 
     #[test]

@@ -299,11 +299,10 @@ impl Plant {
             Some(two) => {
                 let moved = self.swing(&step, two, (force, load), memory);
                 let velocity = rails(moved.motor);
-                for index in 0..2 {
-                    let gaining = moved.load[index] - velocity[index];
-                    state.ahead[index] += 0.5 * dt * (state.gaining[index] + gaining);
-                    state.gaining[index] = gaining;
-                }
+                let gaining = both(|index| moved.load[index] - velocity[index]);
+                let gained = both(|index| 0.5 * dt * (state.gaining[index] + gaining[index]));
+                state.ahead = both(|index| state.ahead[index] + gained[index]);
+                state.gaining = gaining;
                 (velocity, moved.friction)
             }
             None => {
