@@ -132,13 +132,18 @@ fn refused<'a>(twin: Twin, objection: Objection) -> Found<'a> {
 }
 
 /// The final twin of a link with sources and intervals. An effect that was added is known no better than by what
-/// the given twin looked like it before.
+/// the given twin looked like it before; a number that the data do not determine and that moved all the same (a level
+/// that is never reached) has no interval any more.
 fn stated(outcome: &Outcome<'_>) -> Twin {
     let mut twin = outcome.last.point.twin.clone();
     let given = &outcome.start.twin;
     let quantile = t_quantile(0.975, outcome.uncertainty.freedom);
     for (index, slot) in outcome.last.slots.iter().enumerate() {
+        let value = twin.get(*slot);
         if outcome.uncertainty.undetermined[index] {
+            let stays = given.instances.len() > slot.instance && given.get(*slot) == value;
+            let own = &mut twin.instances[slot.instance].values[slot.parameter];
+            own.ci95 = own.ci95.filter(|_| stays);
             continue;
         }
         let mut half = quantile * outcome.uncertainty.standard_errors[index];
@@ -147,7 +152,6 @@ fn stated(outcome: &Outcome<'_>) -> Twin {
             let lean = known::lean(given, outcome.kind, effect);
             half += lean.get(slot.parameter).map_or(0.0, |lean| lean.abs());
         }
-        let value = twin.get(*slot);
         twin.instances[slot.instance].values[slot.parameter] =
             Value { value, ci95: Some([value - half, value + half]), source: Source::Fitted };
     }
