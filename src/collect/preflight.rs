@@ -16,8 +16,9 @@ use std::fmt;
 
 /// How long the bus is listened to (s); twelve heartbeats.
 pub(super) const LISTEN_SECONDS: f64 = 1.2;
-/// How often a version is asked for, and how long each answer is waited for (s).
-const VERSION_ATTEMPTS: usize = 3;
+/// How often a version is asked for, and how long each answer is waited for (s): one second in all
+/// for a drive that has no answer or a computer that is busy; no longer than the answers take otherwise.
+const VERSION_ATTEMPTS: usize = 10;
 const VERSION_SECONDS: f64 = 0.1;
 /// Bits of a standard frame with eight data bytes and the gap after it, without stuffing.
 const FRAME_BITS: f64 = 111.0;

@@ -4,7 +4,7 @@ use super::{
     problem::{Linear, Point, Problem, dot},
     whiten::{self, Filters},
 };
-use crate::twin::Slot;
+use crate::twin::{Slot, Twin};
 use faer::{Mat, linalg::solvers::Solve};
 
 /// Relative gain of the squared error below which a fit has converged.
@@ -146,6 +146,12 @@ pub(super) fn adapt(problem: &Problem<'_>, start: Point, filters: &Filters) -> P
         return start;
     }
     fit(problem, start, &own, filters, 8).point
+}
+
+/// `twin` on a problem that it was not fitted to: its nuisances from their first guesses, as [`adapt`] finds them.
+#[must_use]
+pub(super) fn on(problem: &Problem<'_>, twin: &Twin, filters: &Filters) -> Point {
+    adapt(problem, problem.start(twin.clone()), filters)
 }
 
 /// `point` with its nuisances and what belongs to a session fitted alone, every signal in units of its RMS: where a

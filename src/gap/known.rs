@@ -95,7 +95,7 @@ impl<'t> Worth<'t> {
 
     /// What is known of `effect` where it was not named.
     fn known(&self, effect: &Effect) -> Option<&'t Mimicry> {
-        self.mimicry.iter().find(|own| own.link == self.link && own.effect == effect.name)
+        mimicry(self.mimicry, self.link, effect)
     }
 
     /// Whether an effect of one number at `value` is not clearly more than what the twin looked like where it was not
@@ -142,11 +142,15 @@ pub(super) fn note_mimicry(twin: &mut Twin, outcome: &Outcome<'_>) {
     twin.mimicry.extend(own);
 }
 
+/// What is known of `effect` on `link` where it was not named.
+fn mimicry<'t>(all: &'t [Mimicry], link: StageKind, effect: &Effect) -> Option<&'t Mimicry> {
+    all.iter().find(|own| own.link == link && own.effect == effect.name)
+}
+
 /// What `effect` on `link` would be in recordings in which it is not, by number: below this its numbers are
 /// not known.
 pub(super) fn lean(given: &Twin, link: StageKind, effect: &Effect) -> Vec<f64> {
-    let same = |own: &&Mimicry| own.link == link && own.effect == effect.name;
-    given.mimicry.iter().find(same).map_or_else(Vec::new, |own| own.lean.clone())
+    mimicry(&given.mimicry, link, effect).map_or_else(Vec::new, |own| own.lean.clone())
 }
 
 /// Whether an [`excess`] is none.

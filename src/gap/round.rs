@@ -211,38 +211,66 @@ pub(super) fn slots_of_last(twin: &Twin) -> Vec<Slot> {
         .collect()
 }
 
+/// The first number of the instance that was added last: the size of its effect.
+fn size_of_last(twin: &Twin) -> Option<f64> {
+    slots_of_last(twin).first().map(|size| twin.get(*size))
+}
+
 /// What all trials of a round are measured against.
 struct Bench<'a, 'b> {
     train: &'b Problem<'a>,
     held_out: &'b Problem<'a>,
-    witness: &'b Problem<'a>,
+    /// Where else it may show what an effect is worth, if anywhere.
+    views: Vec<View<'a, 'b>>,
     /// The metric: whitening of the best candidate's residual.
     filters: &'b Filters,
     /// One over the RMS of each signal's residual: in which a gap is told.
     scales: Filters,
     worth: &'b Worth<'b>,
-    base_twin: &'b Twin,
     base_train_rows: Vec<f64>,
     base_held: Point,
     base_held_rows: Vec<f64>,
 }
 
+/// Judging sessions in plain units: every signal in units of the RMS that the base leaves.
+struct View<'a, 'b> {
+    problem: &'b Problem<'a>,
+    scales: Filters,
+    base_rows: Vec<f64>,
+}
+
+impl<'a, 'b> View<'a, 'b> {
+    fn new(problem: &'b Problem<'a>, base: &Twin) -> Self {
+        let scales = problem.filters(&problem.start(base.clone()), whiten::scale_filters);
+        let mut view = Self { problem, scales, base_rows: Vec::new() };
+        view.base_rows = view.rows(base);
+        view
+    }
+
+    /// What `twin` leaves.
+    fn rows(&self, twin: &Twin) -> Vec<f64> {
+        let point = fit::on(self.problem, twin, &self.scales);
+        self.problem.whitened(&point, &self.scales)
+    }
+}
+
 impl<'a, 'b> Bench<'a, 'b> {
     fn new(
         problems: Problems<'a, 'b>,
-        base: &'b Fit,
+        base: &Fit,
         (filters, worth): (&'b Filters, &'b Worth<'b>),
     ) -> Self {
         let Problems { train, held_out, witness } = problems;
-        let base_held = fit::adapt(held_out, held_out.start(base.point.twin.clone()), filters);
+        let seen = [held_out, witness].into_iter();
+        let seen = seen.filter(|problem| worth.in_any_view && !problem.parts.is_empty());
+        let base_held = fit::on(held_out, &base.point.twin, filters);
         Self {
             train,
             held_out,
-            witness,
+            views: seen.map(|problem| View::new(problem, &base.point.twin)).collect(),
             filters,
             scales: train.filters(&base.point, whiten::scale_filters),
             worth,
-            base_twin: &base.point.twin,
             base_train_rows: train.whitened(&base.point, filters),
             base_held_rows: held_out.whitened(&base_held, filters),
             base_held,
@@ -253,8 +281,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     fn trial(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Trial {
         let how = fit::How { filters: self.filters, iterations: 8, known };
         let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
-        let start = self.held_out.start(fit.point.twin.clone());
-        let held_point = fit::adapt(self.held_out, start, self.filters);
+        let held_point = fit::on(self.held_out, &fit.point.twin, self.filters);
         let mut trial = Trial {
             candidate: candidate.clone(),
             train_rows: self.train.whitened(&fit.point, self.filters),
@@ -334,20 +361,12 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// a name: of the whitened residual, or of the residual as it is, there or on the witness.
     fn is_worth_naming(&self, trial: &Trial) -> bool {
         let worth = self.worth.of(trial.candidate.effect);
-        let twins = [self.base_twin, &trial.fit.point.twin];
-        let plainly = |problem: &Problem<'_>| {
-            let base = problem.start(self.base_twin.clone());
-            let scales = problem.filters(&base, whiten::scale_filters);
-            let [before, after] = twins.map(|twin| {
-                let point = fit::adapt(problem, problem.start(twin.clone()), &scales);
-                problem.whitened(&point, &scales)
-            });
-            self.removes(problem, &before, &after)
+        let shows = |view: &View<'_, '_>| {
+            let rows = view.rows(&trial.fit.point.twin);
+            worth <= self.removes(view.problem, &view.base_rows, &rows)
         };
-        let views = [self.held_out, self.witness];
         worth <= self.removes(self.held_out, &self.base_held_rows, &trial.held_rows)
-            || self.worth.in_any_view
-                && views.iter().any(|view| !view.parts.is_empty() && worth <= plainly(view))
+            || self.views.iter().any(shows)
     }
 
     /// The share of the squared error of `problem` between two residuals that is removed of all signals
@@ -401,11 +420,8 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
-        let size = slots_of_last(&trial.fit.point.twin)
-            .first()
-            .map(|slot| trial.fit.point.twin.get(*slot));
-        let is_old =
-            size.is_some_and(|size| self.worth.was_there_before(trial.candidate.effect, size));
+        let is_old = size_of_last(&trial.fit.point.twin)
+            .is_some_and(|size| self.worth.was_there_before(trial.candidate.effect, size));
         (is_old || !self.is_worth_naming(trial)).then_some(Reason::TooSmall)
     }
 
@@ -511,11 +527,10 @@ impl<'a, 'b> Bench<'a, 'b> {
 /// The size of the added effect where it is below nothing though the effect has one sign only: commands do not
 /// take effect before they are sent, though a fit may move a clock so.
 fn wrong_sign(fit: &Fit) -> Option<String> {
-    let size = *slots_of_last(&fit.point.twin).first()?;
-    let effect = fit.point.twin.instances[size.instance].effect;
+    let effect = fit.point.twin.instances.last()?.effect;
     let parameter = effect.parameters.first()?;
     let one_sign = effect.null[0] == 0.0 && 0.0 <= parameter.plausible.0;
-    (one_sign && fit.point.twin.get(size) < 0.0).then(|| parameter.name.to_owned())
+    (one_sign && size_of_last(&fit.point.twin)? < 0.0).then(|| parameter.name.to_owned())
 }
 
 /// The first parameter of the added effect that stopped on a bound. Of several the later ones may do nothing, or

@@ -201,7 +201,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         true => Vec::new(),
         false => numbers(&fit::plainly(&train, &refitted)),
     };
-    let judged = fit::adapt(&held_out, held_out.start(best.point.twin.clone()), &filters);
+    let judged = fit::on(&held_out, &best.point.twin, &filters);
     let uncertainty = fit::uncertainty(&train, &held_out, (&best, &judged), &filters)
         .whatever_the_metric(&train, &best);
     best.point = fit::told(&train, &best.point);
@@ -209,7 +209,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         kind: link.kind,
         is_better,
         uncertainty,
-        start_held_out: fit::adapt(&held_out, held_out.start(start.clone()), &scales),
+        start_held_out: fit::on(&held_out, start, &scales),
         last_held_out: fit::told(&held_out, &judged),
         train,
         held_out,
@@ -232,7 +232,7 @@ fn refit(
 ) -> (Fit, Filters) {
     let (rough, filters) = fit::fit_from_afar(train, given.clone(), slots, 15);
     train.drop_outliers(&rough.point);
-    let judged = fit::adapt(held_out, held_out.start(rough.point.twin.clone()), &filters);
+    let judged = fit::on(held_out, &rough.point.twin, &filters);
     held_out.drop_outliers(&judged);
     let (best, filters) = fit::settle(train, rough.point, slots, 10);
     from_deepest(train, (best, filters), given)
@@ -255,10 +255,7 @@ fn as_it_is(train: &Problem<'_>, given: &Point, slots: &[Slot]) -> (Fit, Filters
 
 /// Whitened residuals of the judging sessions under two twins, each with its own nuisances.
 fn judged_rows(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters) -> [Vec<f64>; 2] {
-    [twins.0, twins.1].map(|twin| {
-        let point = fit::adapt(held_out, held_out.start(twin.clone()), filters);
-        held_out.whitened(&point, filters)
-    })
+    [twins.0, twins.1].map(|twin| held_out.whitened(&fit::on(held_out, twin, filters), filters))
 }
 
 /// Whether the judging sessions prefer the second twin to the first, beyond chance and by the
@@ -309,7 +306,7 @@ impl<'a> Search<'a> {
         let given = train.start(start.clone());
         let scales = train.filters(&given, whiten::scale_filters);
         let given = fit::adapt(&train, given, &scales);
-        let held_given = fit::adapt(&held_out, held_out.start(start.clone()), &scales);
+        let held_given = fit::on(&held_out, start, &scales);
         train.drop_outliers(&given);
         held_out.drop_outliers(&held_given);
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
@@ -536,7 +533,7 @@ impl Search<'_> {
 
     /// The twin of `fit` on the judging sessions, in the metric of the best.
     fn judged_of(&self, fit: &Fit) -> Point {
-        fit::adapt(&self.held_out, self.held_out.start(fit.point.twin.clone()), &self.filters)
+        fit::on(&self.held_out, &fit.point.twin, &self.filters)
     }
 }
 

@@ -122,8 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_agrees_with_many_small_ones() {
-        // After a reversal at speed the bend follows Dahl's law.
+    fn after_a_reversal_at_speed_the_bend_follows_dahls_law() {
         let own = Bristles { force: 4.0, distance: 1e-3, velocity: 1e-6, damping: 0.0 };
         let mut bend = [1.0];
         let mut velocity = -0.05;

@@ -429,12 +429,12 @@ impl Plant {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
         }
         // Motor and rail are one coordinate; what bends on one of them bends for both.
-        let (of_motor, of_rail) = if rail.rubs.bristles.is_some() {
-            (motor.rubs.contact(memory, &motion).level, rail.rubs.contact(memory, &motion))
-        } else {
-            (rail.rubs.contact(memory, &motion).level, motor.rubs.contact(memory, &motion))
+        let [on_rail, on_motor] =
+            [&rail.rubs, &motor.rubs].map(|rubs| rubs.contact(memory, &motion));
+        let contact = Contact {
+            level: on_rail.level + on_motor.level,
+            bristles: on_rail.bristles.or(on_motor.bristles),
         };
-        let contact = Contact { level: of_motor + of_rail.level, ..of_rail };
         let (velocity, friction) = slide(&motion, motion.force + load, contact, memory);
         let error = middle - 0.5 * (state.velocity[0] + velocity);
         state.integral[0] += mass * motor.gains.integral_per_s2 * error * dt;
@@ -514,8 +514,9 @@ impl GantryStep {
         };
         let mass = both(|index| plant.rails[index].mass(&rails.motion(index, [0.0; 2], 0.0)));
         let gain_mass = 0.5 * (0.5 * (mass[0] + mass[1]));
+        let rigid = rigid_belt_mass(mass);
         let Some(ties) = &plant.ties else {
-            let belt_mass = [rigid_belt_mass(mass); 2];
+            let belt_mass = [rigid; 2];
             return Self { rails, belts, mass, belt_mass, gain_mass, two_masses: None };
         };
         rails.position = both(|index| position[index] + ahead[index]);
@@ -523,7 +524,6 @@ impl GantryStep {
         let (ties, load_mass) = transmission::parted(ties, mass);
         let two =
             TwoMasses { ties, load_mass, ahead, motor: belts.velocity, load: rails.velocity, dt };
-        let rigid = rigid_belt_mass(mass);
         let belt_mass = ties.map(|tie| tie.spring.map_or(rigid, |_| tie.motor_mass));
         Self { rails, belts, mass: load_mass, belt_mass, gain_mass, two_masses: Some(two) }
     }

@@ -53,7 +53,7 @@ pub(super) struct Rubbing {
     pub(super) rails: [Contact; 2],
 }
 
-/// The same at its end.
+/// Motors and load at the end of a step.
 pub(super) struct Moved {
     /// Velocity of the motors (m/s of belt).
     pub(super) motor: [f64; 2],

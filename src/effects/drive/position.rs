@@ -3,6 +3,16 @@
 use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
 use std::f64::consts::TAU;
 
+/// One component of the wave.
+const WAVE: Parameter = Parameter {
+    name: "sine_n",
+    unit: "N",
+    scale: 0.5,
+    bounds: (-500.0, 500.0),
+    plausible: (-5.0, 5.0),
+    per_session: false,
+};
+
 /// `drive.friction.position`: the level changes by s q + c q^2 + a sin(2 pi q / L) + b cos(2 pi q / L), q from the
 /// origin of the coordinate: a rail that is not straight or worn in the middle, or one that waves.
 pub(crate) static POSITION: Effect = Effect {
@@ -27,22 +37,8 @@ pub(crate) static POSITION: Effect = Effect {
             plausible: (-2000.0, 2000.0),
             per_session: false,
         },
-        Parameter {
-            name: "sine_n",
-            unit: "N",
-            scale: 0.5,
-            bounds: (-500.0, 500.0),
-            plausible: (-5.0, 5.0),
-            per_session: false,
-        },
-        Parameter {
-            name: "cosine_n",
-            unit: "N",
-            scale: 0.5,
-            bounds: (-500.0, 500.0),
-            plausible: (-5.0, 5.0),
-            per_session: false,
-        },
+        WAVE,
+        Parameter { name: "cosine_n", ..WAVE },
         Parameter {
             name: "length_m",
             unit: "m",

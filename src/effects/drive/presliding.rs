@@ -6,8 +6,8 @@ use crate::effects::{Bristles, Domain, Effect, Parameter, Physics, Regressor, Si
 /// ([`Bristles`]): beside a reversal friction turns round over the way z0, and below the velocity v0 it grows with
 /// the velocity, as lubricated contacts do. Far from a reversal nothing changes. F counts up to the dry friction
 /// that there is; the stiffness of the contacts is F/z0, 1e4 to 1e6 N/m; their damping is about the square root of
-/// stiffness times mass. Sources: Dahl 1968; Canudas de Wit,
-/// Olsson, Astrom and Lischinsky 1995; rounding by velocity: Makkar, Dixon, Sawyer and Hu 2005.
+/// stiffness times mass. Sources: Dahl 1968; Canudas de Wit, Olsson, Astrom and Lischinsky 1995; rounding by
+/// velocity: Makkar, Dixon, Sawyer and Hu 2005.
 pub(crate) static PRESLIDING: Effect = Effect {
     name: "drive.friction.presliding",
     says: "friction turns round smoothly at a reversal: contacts bend before they slide",
