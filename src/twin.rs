@@ -170,6 +170,9 @@ pub struct Scatter {
     pub still_variance_m2: (f64, f64),
     /// Variance about the prediction at rest (m^2), and its standard error.
     pub whole_variance_m2: (f64, f64),
+    /// Share of frames that did not come or came twice, and its standard error.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lost_share: Option<(f64, f64)>,
 }
 
 /// One fitted number of a twin: which instance, which of its values.

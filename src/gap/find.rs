@@ -9,7 +9,7 @@ use super::{
     },
     floor::{self, Floor, FloorSource},
     known, locate,
-    rounds::{self, Added, Contestant, Link, Outcome, Reason, Task},
+    rounds::{self, Added, Contestant, Link, Outcome, Reason, Task, Unstated},
     scatter,
     verdict::{Findings, Told},
 };
@@ -88,9 +88,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     let floors: Vec<Vec<Floor>> = outcomes.iter().map(floors_of).collect();
     for outcome in &outcomes {
         leave(&mut twin, outcome, task);
-        if let Some(found) = scatter::measure(&outcome.train, &outcome.last.point) {
-            scatter::state(&mut twin, outcome.kind, &found);
-        }
+        scatter::state(&mut twin, &outcome.train, &outcome.last.point);
         if task == Task::CloseGap {
             known::note_mimicry(&mut twin, outcome);
         }
@@ -108,8 +106,8 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
 /// What is asked of one link. The estimator's true velocities are made of the camera's places: where these
 /// scatter otherwise than before, it cannot be told whether the estimator does.
 fn task_of(kind: StageKind, task: Task, before: &[Outcome<'_>]) -> Task {
-    let is_noise = |step: &Added| matches!(step.effect.physics, Physics::Noise(_));
-    let scatters = before.iter().any(|outcome| outcome.added.iter().any(is_noise));
+    let mut added = before.iter().flat_map(|outcome| &outcome.added);
+    let scatters = added.any(|step| scatter::is_scatter(step.effect));
     if kind == StageKind::Estimator && scatters { Task::Calibrate } else { task }
 }
 
@@ -286,7 +284,13 @@ fn named(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> NamedEffect {
     };
     // What changes the scatter alone leaves every residual as it is: its gap is the scatter that is not stated.
     let (signal, ends) = match step.unstated {
-        Some(ends) => (of_signal("unstated scatter of ", 0), Some(ends)),
+        Some(Unstated::Variance(before, after)) => (
+            of_signal("unstated scatter of ", 0),
+            Some((before.max(0.0).sqrt(), after.max(0.0).sqrt())),
+        ),
+        Some(Unstated::FramesLost(before, after)) => {
+            (Some("share of frames lost that is not stated".to_owned()), Some((before, after)))
+        }
         None => (
             most.and_then(|index| of_signal("", index)),
             most.map(|index| (before[index], after[index])),
@@ -330,11 +334,18 @@ fn why(
         .collect();
     let mut text = format!("On {}: {}; {}.", step.axis, effect.says, numbers.join(", "));
     if let (Some(signal), Some((before, after))) = (signal, gap) {
+        let (what, unit) = match step.unstated {
+            Some(Unstated::FramesLost(..)) => (signal.to_owned(), ""),
+            _ => (format!("gap of {signal}"), " RMS"),
+        };
+        let tried = match step.contest.len() {
+            0 => String::new(),
+            count => format!("; {count} candidates were simulated"),
+        };
         text += &format!(
-            " On data that was not fitted it takes the gap of {signal} from {before:.3e} to {after:.3e} RMS \
-             (p = {:.1e}; {} candidates were simulated).",
+            " On data that was not fitted it takes the {what} from {before:.3e} to {after:.3e}{unit} \
+             (p = {:.1e}{tried}).",
             step.p_value,
-            step.contest.len()
         );
     }
     if step.class.is_empty() {

@@ -1,7 +1,7 @@
 //! Levenberg and Marquardt's method on a [`Problem`], and intervals that hold under correlated noise.
 
 use super::{
-    problem::{Linear, Point, Problem, dot},
+    problem::{Evaluated, Linear, Point, Problem, dot},
     whiten::{self, Filters},
 };
 use crate::twin::{Slot, Twin};
@@ -10,8 +10,11 @@ use faer::{Mat, linalg::solvers::Solve};
 /// Relative gain of the squared error below which a fit has converged.
 const CONVERGED: f64 = 1e-5;
 
+/// Steps with corrected columns after one with fresh ones.
+const SECANT_STEPS: usize = 2;
+
 /// Most times that the damping is raised within one iteration.
-const MOST_RETRIES: usize = 8;
+const MOST_RETRIES: usize = 7;
 
 /// Weight of a parameter's start, against a whitened row, in units of its scale: enough to hold what
 /// the data say nothing about, far too little to pull what they know.
@@ -53,36 +56,100 @@ pub(super) struct How<'a> {
 }
 
 /// The same where the columns of the first parameters are known from nearby.
+///
+/// Columns are simulated anew in each of the iterations; between them a few steps follow with columns that the last
+/// step has corrected along itself (Broyden, Mathematics of Computation 19, 1965), which cost one simulation each;
+/// not where nuisances move beside the parameters, whose bends would be taken for theirs.
 #[must_use]
 pub(super) fn fit_with(problem: &Problem<'_>, start: Point, slots: &[Slot], how: &How<'_>) -> Fit {
-    let How { filters, iterations, known } = *how;
-    let mut at = problem.evaluated(start);
-    let mut loss = squared(&problem.whitened_at(&at.prediction, filters));
-    let mut damping = 1e-3;
-    let moves = !slots.is_empty() || at.point.nuisance.iter().any(|part| !part.is_empty());
-    for _ in 0..if moves { iterations } else { 0 } {
-        let linear = problem.linear_at(&at, slots, filters, known);
-        let normal = Normal::new(&linear).without_blocked(&at.point, slots);
-        let mut improved = None;
-        for _ in 0..MOST_RETRIES {
-            let step = normal.step(damping);
-            let next = problem.evaluated(problem.moved(&at.point, slots, &step, &linear));
-            let next_loss = squared(&problem.whitened_at(&next.prediction, filters));
-            if next_loss < loss {
-                improved = Some((next, next_loss));
-                break;
-            }
-            damping = if damping < 1e-6 { 1e-4 } else { damping * 10.0 };
+    let at = problem.evaluated(start);
+    let loss = squared(&problem.whitened_at(&at.prediction, how.filters));
+    let mut descent = Descent { problem, slots, filters: how.filters, at, loss, damping: 1e-3 };
+    let has_nuisances = descent.at.point.nuisance.iter().any(|part| !part.is_empty());
+    let iterations = if slots.is_empty() && !has_nuisances { 0 } else { how.iterations };
+    let secant_steps = if has_nuisances { 0 } else { SECANT_STEPS };
+    let mut columns = how.known.to_vec();
+    for _ in 0..iterations {
+        let before = descent.loss;
+        let fresh = problem.columns(&descent.at, &slots[how.known.len()..], how.filters);
+        columns.splice(how.known.len().., fresh);
+        let mut leads_on = descent.step(&mut columns, MOST_RETRIES);
+        for _ in 0..secant_steps {
+            leads_on = leads_on && descent.step(&mut columns, 0);
         }
-        let Some((next, next_loss)) = improved else { break };
-        let gain = (loss - next_loss) / loss.max(f64::MIN_POSITIVE);
-        (at, loss) = (next, next_loss);
-        damping = (damping * 0.1).max(1e-9);
-        if gain < CONVERGED {
+        if before - descent.loss < CONVERGED * before {
             break;
         }
     }
-    Fit { point: at.point, slots: slots.to_vec(), loss, rows: problem.rows() }
+    Fit { point: descent.at.point, slots: slots.to_vec(), loss: descent.loss, rows: problem.rows() }
+}
+
+/// A fit under way.
+struct Descent<'a, 'b> {
+    problem: &'b Problem<'a>,
+    slots: &'b [Slot],
+    filters: &'b Filters,
+    at: Evaluated,
+    loss: f64,
+    damping: f64,
+}
+
+impl Descent<'_, '_> {
+    /// One step with `columns`, which are corrected by what it changed, more damped in up to so many `retries`;
+    /// gives whether it led on.
+    fn step(&mut self, columns: &mut [Vec<f64>], retries: usize) -> bool {
+        let Self { problem, slots, filters, .. } = *self;
+        let linear = problem.linear_of(&self.at, columns.to_vec(), filters);
+        let normal = Normal::new(&linear).without_blocked(&self.at.point, slots);
+        let damping = self.damping;
+        for _ in 0..=retries {
+            let step = normal.step(self.damping);
+            let (moved, taken) = problem.moved(&self.at.point, slots, &step, &linear);
+            let next = problem.evaluated(moved);
+            let residual = problem.whitened_at(&next.prediction, filters);
+            let loss = squared(&residual);
+            if loss < self.loss {
+                let gain = self.loss - loss;
+                let before = problem.whitened_at(&self.at.prediction, filters);
+                correct(columns, &taken, &linear, (&before, &residual));
+                (self.at, self.loss) = (next, loss);
+                self.damping = (self.damping * 0.1).max(1e-9);
+                return CONVERGED * self.loss <= gain;
+            }
+            self.damping = if self.damping < 1e-6 { 1e-4 } else { self.damping * 10.0 };
+        }
+        if retries == 0 {
+            self.damping = damping;
+        }
+        false
+    }
+}
+
+/// Broyden's correction of `columns` by a step `taken` (scaled), in which the whitened residual changed: what it
+/// changed other than they say, and other than nuisances do, is theirs along the step.
+fn correct(
+    columns: &mut [Vec<f64>],
+    taken: &[f64],
+    linear: &Linear,
+    (before, after): (&[f64], &[f64]),
+) {
+    let length = dot(taken, taken);
+    if length == 0.0 {
+        return;
+    }
+    let mut defect: Vec<f64> =
+        before.iter().zip(after).map(|(before, after)| before - after).collect();
+    for (column, step) in columns.iter().zip(taken) {
+        for (defect, value) in defect.iter_mut().zip(column) {
+            *defect -= step * value;
+        }
+    }
+    linear.take_nuisances_from(&mut defect);
+    for (column, step) in columns.iter_mut().zip(taken) {
+        for (value, defect) in column.iter_mut().zip(&defect) {
+            *value += defect * step / length;
+        }
+    }
 }
 
 /// Fits from far away: first with each signal merely scaled, then whitened by its own residual.
@@ -110,7 +177,7 @@ pub(super) fn fit_from_afar(
 #[must_use]
 pub(super) fn plainly(problem: &Problem<'_>, found: &Fit) -> Fit {
     let scales = problem.filters(&found.point, whiten::scale_filters);
-    fit(problem, found.point.clone(), &found.slots, &scales, 8)
+    fit(problem, found.point.clone(), &found.slots, &scales, 4)
 }
 
 /// Fits from nearby: whitened by the residual, and again by the residual that is then left.

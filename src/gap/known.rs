@@ -25,7 +25,8 @@ const WORTH_NAMING: f64 = 0.02;
 /// The same in a machine whose twin was searched before: what is imperfect there is known to be small.
 const WORTH_NAMING_LATER: f64 = 0.03;
 
-/// The same where nothing is new and nothing is known of the effect.
+/// The same where nothing is new and nothing is known of the effect, or it is below what a simulation
+/// follows.
 const WORTH_NAMING_AGAIN: f64 = 0.1;
 
 /// How often what the twin's own imperfection explains of an effect the effect must explain to be real.
@@ -108,13 +109,14 @@ impl<'t> Worth<'t> {
         known.lean.first().is_some_and(more)
     }
 
-    /// For `effect`.
-    pub(super) fn of(&self, effect: &Effect) -> f64 {
+    /// For `effect` with its numbers.
+    pub(super) fn of(&self, effect: &Effect, numbers: &[f64]) -> f64 {
         let own = match self.known(effect).map(|own| own.share) {
             Some(share) => (BEYOND_MIMICRY * share).max(WORTH_NAMING_LATER),
             None => self.general,
         };
-        own.max(self.beside)
+        let least = if is_below_fidelity(effect, numbers) { WORTH_NAMING_AGAIN } else { 0.0 };
+        own.max(self.beside).max(least)
     }
 }
 
@@ -151,6 +153,20 @@ fn mimicry<'t>(all: &'t [Mimicry], link: StageKind, effect: &Effect) -> Option<&
 /// not known.
 pub(super) fn lean(given: &Twin, link: StageKind, effect: &Effect) -> Vec<f64> {
     mimicry(&given.mimicry, link, effect).map_or_else(Vec::new, |own| own.lean.clone())
+}
+
+/// Whether an effect with these numbers is below what a simulation follows: its size is a time shorter than is
+/// plausible, within one step of a simulation or of a drive's loop, in which every simulator is late or early by some
+/// share of it; or a number that shapes it is less than is plausible, though not at nothing.
+fn is_below_fidelity(effect: &Effect, numbers: &[f64]) -> bool {
+    let mut all = effect.parameters.iter().zip(effect.null).zip(numbers).enumerate();
+    all.any(|(index, ((parameter, null), value))| {
+        let least = parameter.plausible.0;
+        match index {
+            0 => parameter.unit == "s" && value.abs() < least,
+            _ => 0.0 < least && value.abs() < least && value != null,
+        }
+    })
 }
 
 /// Whether an [`excess`] is none.
@@ -191,15 +207,20 @@ mod tests {
         }];
         let worth = |link, excess, removed| Worth::new(&twin, link, excess, removed);
         let known = worth(StageKind::Drive, Some(0.0), 0.0);
-        assert!((known.of(lag) - 0.09).abs() < 1e-12 && known.in_any_view);
-        assert_eq!(known.of(delay), WORTH_NAMING_AGAIN);
-        assert_eq!(worth(StageKind::Camera, Some(0.0), 0.0).of(lag), WORTH_NAMING_AGAIN);
+        assert!((known.of(lag, &[1e-3]) - 0.09).abs() < 1e-12 && known.in_any_view);
+        assert_eq!(known.of(delay, &[1e-3]), WORTH_NAMING_AGAIN);
+        assert_eq!(worth(StageKind::Camera, Some(0.0), 0.0).of(lag, &[1e-3]), WORTH_NAMING_AGAIN);
         assert!(known.was_there_before(lag, 5e-5) && !known.was_there_before(lag, 7e-5));
         assert!(!known.was_there_before(lag, -5e-5) && !known.was_there_before(delay, 1e-5));
         // What stands beside a large effect must be large too, unless nothing was known of the machine.
         let beside = worth(StageKind::Drive, Some(1.0), 0.5);
-        assert!((beside.of(delay) - 0.1).abs() < 1e-12 && !beside.in_any_view);
+        assert!((beside.of(delay, &[1e-3]) - 0.1).abs() < 1e-12 && !beside.in_any_view);
         let unknown = worth(StageKind::Drive, None, 0.5);
-        assert!(unknown.of(delay) == WORTH_NAMING && !unknown.in_any_view);
+        assert!(unknown.of(delay, &[1e-3]) == WORTH_NAMING && !unknown.in_any_view);
+        // A lag within a step must be larger too, and contacts that hardly bend.
+        let presliding = effect("drive.friction.presliding");
+        let bristles = |distance| unknown.of(presliding, &[1.0, distance, 1e-3, 0.0]);
+        assert!(bristles(1e-5) == WORTH_NAMING && bristles(2e-7) == WORTH_NAMING_AGAIN);
+        assert_eq!(unknown.of(delay, &[1e-4]), WORTH_NAMING_AGAIN);
     }
 }

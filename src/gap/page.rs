@@ -19,6 +19,7 @@ use super::{
     rounds::{Added, Outcome},
 };
 use crate::{
+    effects::{self, Physics},
     provenance::Provenance,
     recording::Split,
     report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, line_plot},
@@ -128,10 +129,15 @@ fn effects(page: &mut Page, document: &Document) {
     for (index, effect) in document.effects.iter().enumerate() {
         page.subsection(&format!("{}. {} on {}", index + 1, effect.name, effect.axis));
         page.paragraph(&effect.why);
+        let is_noise =
+            effects::find(&effect.name).is_some_and(|own| matches!(own.physics, Physics::Noise(_)));
+        let share = percent(effect.held_out_gain);
+        let gain = match is_noise {
+            true => format!("It accounts for {share} of that on held-out data"),
+            false => format!("It removes {share} of the squared error on held-out data (whitened)"),
+        };
         page.paragraph(&format!(
-            "It removes {} of the squared error on held-out data (whitened); by chance such a gain \
-             has the probability {}, corrected for everything that was tried.",
-            percent(effect.held_out_gain),
+            "{gain}; by chance such a gain has the probability {}, corrected for everything that was tried.",
             probability(effect.p_value)
         ));
         page.table_of_words(&parameters(effect));

@@ -208,23 +208,9 @@ impl<'a> Problem<'a> {
     /// are per scaled parameter: a change of one is `scale` of the parameter.
     #[must_use]
     pub fn linear(&self, point: &Point, slots: &[Slot], filters: &Filters) -> Linear {
-        self.linear_at(&self.evaluated(point.clone()), slots, filters, &[])
-    }
-
-    /// The same at a point that is evaluated already, with columns of the first parameters that are known
-    /// from nearby ([`Self::columns`]): a fit that adds one effect need not simulate every known parameter
-    /// anew in every step.
-    #[must_use]
-    pub(super) fn linear_at(
-        &self,
-        at: &Evaluated,
-        slots: &[Slot],
-        filters: &Filters,
-        known: &[Vec<f64>],
-    ) -> Linear {
-        let mut columns = known.to_vec();
-        columns.extend(self.columns(at, &slots[known.len()..], filters));
-        self.eliminated(at, columns, filters)
+        let at = self.evaluated(point.clone());
+        let columns = self.columns(&at, slots, filters);
+        self.linear_of(&at, columns, filters)
     }
 
     /// Whitened derivative by each scaled parameter, nuisances unchanged.
@@ -283,8 +269,14 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Takes the nuisance directions out of the residual there and out of `columns`.
-    fn eliminated(&self, at: &Evaluated, mut columns: Vec<Vec<f64>>, filters: &Filters) -> Linear {
+    /// The same at a point that is evaluated already, with `columns` that are known: the nuisance directions are
+    /// taken out of them and of the residual there.
+    pub(super) fn linear_of(
+        &self,
+        at: &Evaluated,
+        mut columns: Vec<Vec<f64>>,
+        filters: &Filters,
+    ) -> Linear {
         let mut residual = self.whitened_at(&at.prediction, filters);
         let mut eliminations = Vec::with_capacity(self.parts.len());
         let mut first_row = 0;
@@ -327,9 +319,16 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// `point` with the shared parameters moved by `step` (scaled) and the nuisances with them.
+    /// `point` with the shared parameters moved by `step` (scaled) and the nuisances with them; and the step that
+    /// was taken, which their bounds may have cut.
     #[must_use]
-    pub fn moved(&self, point: &Point, slots: &[Slot], step: &[f64], linear: &Linear) -> Point {
+    pub(super) fn moved(
+        &self,
+        point: &Point,
+        slots: &[Slot],
+        step: &[f64],
+        linear: &Linear,
+    ) -> (Point, Vec<f64>) {
         let mut next = point.clone();
         let mut taken = vec![0.0; step.len()];
         for ((slot, change), taken) in slots.iter().zip(step).zip(&mut taken) {
@@ -344,7 +343,7 @@ impl<'a> Problem<'a> {
                 }
             }
         }
-        next
+        (next, taken)
     }
 }
 

@@ -30,12 +30,19 @@ const WORTH_SIMULATING: f64 = 0.1;
 /// Probability of taking a rival that explains the data as well as the winner for a worse one.
 const RIVAL_LEVEL: f64 = 5e-3;
 
+/// Share of what the best removes that a rival must remove to be fitted to the end beside it.
+const NEAR: f64 = 0.8;
+
 /// Factor by which the judging sessions may want the effect larger; half of it at least they must want.
 const SESSIONS_APART: f64 = 3.0;
 
 /// Difference of two squared errors (whitened) below which they are the same even in white noise: two standard
 /// deviations of one number.
 const SAME: f64 = 4.0;
+
+/// Squared distance of two predictions, of the squared change that either makes, below which they are the same: a
+/// hundredth of the effect is beyond what a simulator follows, however clearly a test sees it.
+const SAME_PREDICTION: f64 = 1e-4;
 
 /// Share of the squared change of one prediction that lies along that of another which is the same.
 const SHARED: f64 = 0.5;
@@ -61,6 +68,31 @@ struct Trial {
     held_point: Point,
     /// Why it may not be named.
     objection: Option<Reason>,
+}
+
+impl Trial {
+    /// Takes another fit of the same where it is better.
+    fn take(&mut self, again: Option<Self>) {
+        if let Some(again) = again.filter(|again| again.fit.loss < self.fit.loss) {
+            *self = again;
+        }
+    }
+}
+
+/// The best first.
+fn in_order(trials: &mut [Trial]) {
+    trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
+}
+
+/// Squared distance of two residuals.
+fn apart(one: &[f64], other: &[f64]) -> f64 {
+    one.iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum()
+}
+
+/// Whether the effects of two trials may be confused.
+fn is_alike(one: &Trial, other: &Trial) -> bool {
+    let (one, other) = (one.candidate.effect, other.candidate.effect);
+    one.confused_with.contains(&other.name) || other.confused_with.contains(&one.name)
 }
 
 /// One round: screen, simulate, decide.
@@ -126,9 +158,11 @@ impl Round {
             short.into_iter().zip(rough).filter(|(_, fit)| fit.loss.is_finite()).collect();
         let mut trials =
             in_parallel(&items, |(candidate, rough)| bench.trial(candidate, rough, &known));
-        trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
+        in_order(&mut trials);
         bench.give_second_chances(&mut trials, &known);
-        trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
+        in_order(&mut trials);
+        bench.fit_rivals_in_earnest(&mut trials);
+        in_order(&mut trials);
         let worth_naming = bench.worth_naming(&trials);
         for trial in &trials {
             let is_in = worth_naming.iter().any(|own| std::ptr::eq(*own, trial));
@@ -298,21 +332,34 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// because its own fit stopped in another valley of the known parameters.
     fn give_second_chances(&self, trials: &mut [Trial], known: &[Vec<f64>]) {
         let Some((best, others)) = trials.split_first_mut() else { return };
-        let effect = best.candidate.effect;
         let again = in_parallel(others, |other| {
-            let own = other.candidate.effect;
-            let is_alike = own.confused_with.contains(&effect.name)
-                || effect.confused_with.contains(&own.name);
-            let instance = other.fit.point.twin.instances.last().filter(|_| is_alike)?;
+            let instance = other.fit.point.twin.instances.last();
+            let instance = instance.filter(|_| is_alike(best, other))?;
             let mut start = other.fit.clone();
             start.point = best.fit.point.clone();
             *start.point.twin.instances.last_mut()? = instance.clone();
             Some(self.trial(&other.candidate, &start, known))
         });
         for (other, again) in others.iter_mut().zip(again) {
-            if let Some(again) = again.filter(|again| again.fit.loss < other.fit.loss) {
-                *other = again;
-            }
+            other.take(again);
+        }
+    }
+
+    /// Fits the best trial and what may be confused with it and comes near it to the end, no column known from
+    /// elsewhere: which of them the data prefer must not hang on whose fit was stopped earlier.
+    fn fit_rivals_in_earnest(&self, trials: &mut [Trial]) {
+        let Some((best, others)) = trials.split_first() else { return };
+        let removes = |trial: &Trial| fit::squared(&self.base_train_rows) - trial.fit.loss;
+        let is_near =
+            |other: &Trial| is_alike(best, other) && NEAR * removes(best) <= removes(other);
+        let mut in_earnest: Vec<bool> = others.iter().map(is_near).collect();
+        in_earnest.insert(0, in_earnest.contains(&true));
+        let items: Vec<(&Trial, bool)> = trials.iter().zip(in_earnest).collect();
+        let again = in_parallel(&items, |(trial, in_earnest)| {
+            in_earnest.then(|| self.trial(&trial.candidate, &trial.fit, &[]))
+        });
+        for (trial, again) in trials.iter_mut().zip(again) {
+            trial.take(again);
         }
     }
 
@@ -360,7 +407,10 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// Whether the trial removes the share of the squared error of the judging sessions that makes its effect worth
     /// a name: of the whitened residual, or of the residual as it is, there or on the witness.
     fn is_worth_naming(&self, trial: &Trial) -> bool {
-        let worth = self.worth.of(trial.candidate.effect);
+        let twin = &trial.fit.point.twin;
+        let numbers: Vec<f64> =
+            slots_of_last(twin).into_iter().map(|slot| twin.get(slot)).collect();
+        let worth = self.worth.of(trial.candidate.effect, &numbers);
         let shows = |view: &View<'_, '_>| {
             let rows = view.rows(&trial.fit.point.twin);
             worth <= self.removes(view.problem, &view.base_rows, &rows)
@@ -504,7 +554,9 @@ impl<'a, 'b> Bench<'a, 'b> {
         };
         let all = |trial: &Trial| [trial.train_rows.as_slice(), &trial.held_rows].concat();
         let (own, other) = (all(own), all(other));
-        fit::squared(&other) - fit::squared(&own) < SAME
+        let base = [self.base_train_rows.as_slice(), &self.base_held_rows].concat();
+        apart(&own, &other) < SAME_PREDICTION * apart(&base, &own)
+            || fit::squared(&other) - fit::squared(&own) < SAME
             || !Amplitude::of(&other, &own, &blocks).is_above(0.5, RIVAL_LEVEL)
     }
 

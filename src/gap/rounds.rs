@@ -15,15 +15,20 @@ use super::{
 use crate::{
     effects::{Axis, Effect},
     parallel::in_parallel,
-    stats::t_quantile,
     twin::{Slot, Stage, StageKind, Twin},
 };
+use take_back::withdraw;
+
+mod take_back;
 
 /// Probability of a false name over all tries of one screen (Bonferroni).
 pub(super) const FAMILY_ERROR: f64 = 0.01;
 
 /// Most effects that are added to one link.
 const MOST_ADDED: usize = 6;
+
+/// The same in a known machine: what takes more than these is something else.
+const MOST_ADDED_LATER: usize = 4;
 
 /// Probability of taking chance for an effect, on the fitted and again on the judging sessions.
 pub(super) const LEVEL: f64 = 1e-3;
@@ -104,13 +109,36 @@ pub struct Added {
     pub class: Vec<&'static str>,
     /// Residual RMS per held-out signal before and after this step, in the order of the channels.
     pub held_out_steps: (Vec<f64>, Vec<f64>),
-    /// For an effect that changes the scatter alone: RMS of the held-out scatter that the twin does not state,
-    /// before and after (m).
-    pub unstated: Option<(f64, f64)>,
+    /// For an effect that leaves every residual as it is: what it is about instead.
+    pub unstated: Option<Unstated>,
     /// The strongest candidates of the round, the clearest first.
     pub contest: Vec<Contestant>,
     /// All numbers with it, before anything else was added, by plain least squares.
     pub numbers: Vec<Number>,
+}
+
+/// What of the held-out sessions a twin did not state before a step, and does not state after it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Unstated {
+    /// Variance of a sample (m^2).
+    Variance(f64, f64),
+    /// Share of the frames that are lost.
+    FramesLost(f64, f64),
+}
+
+impl Unstated {
+    pub(super) fn ends(self) -> (f64, f64) {
+        let (Self::Variance(before, after) | Self::FramesLost(before, after)) = self;
+        (before, after)
+    }
+
+    /// Variance of a sample for which it accounts (m^2).
+    pub(super) fn variance(self) -> f64 {
+        match self {
+            Self::Variance(before, _) => before,
+            Self::FramesLost(..) => 0.0,
+        }
+    }
 }
 
 impl Added {
@@ -342,7 +370,8 @@ impl Search<'_> {
     fn close(&mut self, given: &Point, mut excess: Option<f64>) -> Option<Unknown> {
         let mut judged = None;
         let mut starts_again = !is_nothing_new(excess) && !self.is_followed(given);
-        while self.added.len() < MOST_ADDED {
+        let most = if excess.is_some() { MOST_ADDED_LATER } else { MOST_ADDED };
+        while self.added.len() < most {
             let first = self.added.is_empty() && !is_nothing_new(excess);
             let as_given = first.then(|| self.as_given(given));
             let stand = Stand {
@@ -403,84 +432,16 @@ impl Search<'_> {
         fit::squared(&after) <= fit::squared(&before)
     }
 
-    /// Adds what the scatter of the camera says beyond what the given twin states; gives whether it says anything.
+    /// Adds what the scatter of the camera and its lost frames say beyond what the given twin states; gives whether it
+    /// scatters otherwise.
     fn name_scatter(&mut self, given: &Twin, judged: &Point, excess: Option<f64>) -> bool {
         let problems = [&self.train, &self.held_out];
         let found = scatter::find(problems, [&self.best.point, judged], given, excess);
-        let any = !found.is_empty();
+        let scatters = found.iter().any(scatter::Named::scatters);
         for named in found {
             self.added.extend(named.put_into(&mut self.best.point.twin));
         }
-        any
-    }
-
-    /// Takes back, one after the other, the effect that the data miss least when everything else is fitted without
-    /// it, where that is not beyond chance or less than the share `least` of the held-out squared error: what was
-    /// added early may have stood for what came later, and a fit may have found its way only beside another
-    /// (backward elimination). Gives whether any was.
-    fn take_back_what_is_not_missed(&mut self, least: f64) -> bool {
-        let before = self.added.len();
-        while 1 < self.added.len()
-            && let Some((step, fit, filters)) = self.least_missed(least)
-        {
-            log::info!("{:?}: {} on {} is not missed", self.kind, step.effect.name, step.axis);
-            self.go_back(&step, (fit, filters));
-        }
-        self.added.len() < before
-    }
-
-    /// The step that the data miss least, if they do not miss it, with the fit without it.
-    fn least_missed(&self, least: f64) -> Option<(Added, Fit, Filters)> {
-        let rows = |point: &Point, judged: &Point| {
-            let train = self.train.whitened(point, &self.filters);
-            (train, self.held_out.whitened(judged, &self.filters))
-        };
-        let (train, held) = rows(&self.best.point, &self.judged());
-        let trials = in_parallel(&self.added, |step| {
-            let (fit, filters) = self.without(step);
-            let (train_without, held_without) = rows(&fit.point, &self.judged_of(&fit));
-            let share = |without: &[f64], with: &[f64]| {
-                1.0 - fit::squared(with) / fit::squared(without).max(f64::MIN_POSITIVE)
-            };
-            let is_missed = is_in(&train_without, &train, &self.train.blocks())
-                && (held.is_empty()
-                    || is_in(&held_without, &held, &self.held_out.blocks())
-                        && least <= share(&held_without, &held));
-            (share(&train_without, &train), is_missed, fit, filters)
-        });
-        let found = self.added.iter().zip(trials).filter(|(_, (_, is_missed, ..))| !is_missed);
-        found
-            .min_by(|a, b| a.1.0.total_cmp(&b.1.0))
-            .map(|(step, (_, _, fit, filters))| (step.clone(), fit, filters))
-    }
-
-    /// Takes back effects of one number whose interval, now that everything is fitted together, holds the
-    /// value at which there is no effect: what was added later explains what they did. Gives whether any was.
-    fn take_back_what_is_none(&mut self) -> bool {
-        let before = self.added.len();
-        while let Some(step) = self.nothing() {
-            let rest = self.without(&step);
-            self.go_back(&step, rest);
-        }
-        self.added.len() < before
-    }
-
-    /// The first step whose effect may as well be none.
-    fn nothing(&self) -> Option<Added> {
-        self.added.iter().find(|step| step.effect.null.len() == 1)?;
-        let judged = self.judged();
-        let found = (&self.best, &judged);
-        let uncertainty = fit::uncertainty(&self.train, &self.held_out, found, &self.filters);
-        let quantile = t_quantile(0.975, uncertainty.freedom);
-        let is_none = |step: &&Added| {
-            let [null] = step.effect.null else { return false };
-            let own = |slot: &Slot| Some(slot.instance) == instance_of(&self.best.point.twin, step);
-            let errors = self.best.slots.iter().zip(&uncertainty.standard_errors);
-            errors.filter(|(slot, _)| own(slot)).any(|(slot, error)| {
-                (self.best.point.twin.get(*slot) - null).abs() < quantile * error
-            })
-        };
-        self.added.iter().find(is_none).cloned()
+        scatters
     }
 
     /// Share of the held-out squared error that the effects added so far removed, step after step.
@@ -511,19 +472,6 @@ impl Search<'_> {
         (FAR_MORE < trained.min(held) && BESIDE_NAMED * (before - trained) < trained)
             .then(|| unknown::disturbance(&self.train, &self.best.point))
             .flatten()
-    }
-
-    /// Everything fitted without the effect of `step`.
-    fn without(&self, step: &Added) -> (Fit, Filters) {
-        let mut rest = self.best.clone();
-        take_out(&mut rest, step);
-        fit::settle(&self.train, rest.point, &rest.slots, 8)
-    }
-
-    /// Takes `step` back; what is left has been fitted.
-    fn go_back(&mut self, step: &Added, rest: (Fit, Filters)) {
-        self.added.retain(|own| own.effect != step.effect || own.axis != step.axis);
-        (self.best, self.filters) = rest;
     }
 
     /// The best twin on the judging sessions.
@@ -590,33 +538,4 @@ fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
         .min_by(|a, b| a.loss.total_cmp(&b.loss))
         .filter(|found| found.loss < ANOTHER_VALLEY * loss(&best.point))
         .map(|found| found.point)
-}
-
-/// Takes back what removed less than what stays unexplained: an effect outside the catalogue is imitated in
-/// part by several inside it. Gives whether anything was taken back.
-fn withdraw(best: &mut Fit, added: &mut Vec<Added>, unknown: &Unknown) -> bool {
-    let before = added.len();
-    added.retain(|step| {
-        // Both as shares of what was left when the step was done.
-        let stays = unknown.share < step.held_out_gain / (1.0 - step.held_out_gain).max(1e-12);
-        if !stays {
-            take_out(best, step);
-        }
-        stays
-    });
-    added.len() < before
-}
-
-/// Where in the twin the effect of a step is.
-fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
-    twin.instances.iter().position(|own| own.effect == step.effect && own.axis == step.axis)
-}
-
-/// Takes the effect of a step out of the twin; the rest stays as it is.
-fn take_out(best: &mut Fit, step: &Added) {
-    let Some(index) = instance_of(&best.point.twin, step) else { return };
-    best.point.twin.instances.remove(index);
-    best.slots.retain(|slot| slot.instance != index);
-    let later = best.slots.iter_mut().filter(|slot| index < slot.instance);
-    later.for_each(|slot| slot.instance -= 1);
 }

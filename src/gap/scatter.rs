@@ -1,34 +1,38 @@
-//! Effects that change no value but its scatter: `sensor.frame_jitter` and `sensor.noise_model`, on the links
-//! whose output the camera measures.
+//! Effects that change no value but its scatter, `sensor.frame_jitter` and `sensor.noise_model`, or how many values
+//! there are, `sensor.frame_drop`: on the links whose output the camera measures.
 //!
 //! How the residual scatters from frame to frame, at rest and with the speed, is measured on the fitted and on the
 //! judging sessions ([`scattering`]) and compared with what the given twin states, session against session as
-//! everything else. Noise that only changes its colour is not named: it has the same size.
+//! everything else; so is the share of frames that were lost ([`FrameLosses`]). Noise that only changes its colour
+//! is not named: it has the same size.
 
 use super::{
     problem::{Point, Problem},
-    rounds::{Added, FAMILY_ERROR, LEVEL},
+    rounds::{Added, FAMILY_ERROR, LEVEL, Unstated},
 };
 use crate::{
     effects::{self, Axis, Effect, Noise, Physics},
     stats::{f_tail, t_quantile},
     twin::{
         Instance, Scatter, Source, StageKind, Twin, Value,
-        noise::{Scattering, scattering},
+        noise::{FrameLosses, LostShare, Scattering, scattering},
     },
 };
 
 /// Frames of a block.
 const BLOCK: usize = 60;
 
-/// Tests of one recording: two effects on two links.
-const TRIES: f64 = 4.0;
+/// Tests of one recording: two effects on two links, and one on one.
+const TRIES: f64 = 5.0;
 
 /// Least change of the scatter's size that is worth a name.
 const LEAST_RATIO: f64 = 1.15;
 
 /// Least standard deviation of the time stamps that is worth a name (s).
 const LEAST_JITTER_S: f64 = 1e-4;
+
+/// Least share of frames lost that is worth a name.
+const LEAST_LOST: f64 = 0.005;
 
 /// Share of what a known twin leaves more than before that the scatter must account for.
 const ACCOUNTS_FOR: f64 = 0.5;
@@ -64,6 +68,12 @@ pub(super) fn measure(problem: &Problem<'_>, point: &Point) -> Option<Scattering
     scattering(&residuals, &speeds, BLOCK)
 }
 
+/// How many frames all sessions of `problem` lost; `None` where no camera measures them.
+fn measure_losses(problem: &Problem<'_>) -> Option<LostShare> {
+    let losses = problem.parts.iter().map(|part| part.stage.frame_losses());
+    FrameLosses::share(&losses.collect::<Option<Vec<_>>>()?)
+}
+
 /// Central differences; not finite at the ends.
 fn slopes(times: &[f64], values: &[f64]) -> Vec<f64> {
     (0..times.len())
@@ -81,14 +91,17 @@ fn stated(twin: &Twin, link: StageKind) -> Option<Scatter> {
     twin.scatter.iter().find(|own| own.link == link).copied()
 }
 
-/// States the scatter as it is.
-pub(super) fn state(twin: &mut Twin, link: StageKind, found: &Scattering) {
+/// States the scatter of `problem` at `point`, and its lost frames, as they are.
+pub(super) fn state(twin: &mut Twin, problem: &Problem<'_>, point: &Point) {
+    let Some(found) = measure(problem, point) else { return };
+    let link = problem.parts[0].stage.kind();
     twin.scatter.retain(|own| own.link != link);
     twin.scatter.push(Scatter {
         link,
         stamp_variance_s2: found.stamp_variance_s2,
         still_variance_m2: found.still_variance_m2,
         whole_variance_m2: found.whole_variance_m2,
+        lost_share: measure_losses(problem).map(|lost| lost.share),
     });
 }
 
@@ -103,8 +116,7 @@ struct Change {
     blocks: [usize; 2],
     /// The effect's number and its standard error.
     value: Estimate,
-    /// Variance of a sample that the twin did not state, and that it does not state afterwards (m^2).
-    unstated: (f64, f64),
+    unstated: Unstated,
 }
 
 impl Change {
@@ -131,6 +143,7 @@ impl Change {
     fn named(self, given: &Twin, rms: Vec<f64>) -> Named {
         let (value, error) = self.value;
         let half = t_quantile(0.975, self.t(0).1) * error;
+        let (before, after) = self.unstated.ends();
         let number =
             Value { value, ci95: Some([value - half, value + half]), source: Source::Fitted };
         let step = (!has(given, self.effect)).then(|| Added {
@@ -138,10 +151,10 @@ impl Change {
             axis: Axis::Whole,
             p_value: self.p_value(),
             statistic: self.t(0).0.powi(2),
-            held_out_gain: 1.0 - self.unstated.1 / self.unstated.0.max(f64::MIN_POSITIVE),
+            held_out_gain: 1.0 - after / before.max(f64::MIN_POSITIVE),
             class: Vec::new(),
             held_out_steps: (rms.clone(), rms),
-            unstated: Some((self.unstated.0.max(0.0).sqrt(), self.unstated.1.max(0.0).sqrt())),
+            unstated: Some(self.unstated),
             contest: Vec::new(),
             numbers: Vec::new(),
         });
@@ -176,7 +189,7 @@ fn jitter(given: &Twin, known: &Scatter, found: [&Scattering; 2]) -> Option<Chan
         changes,
         blocks: found.map(|own| own.blocks),
         value: (value, error / (2.0 * value.max(LEAST_JITTER_S))),
-        unstated: (
+        unstated: Unstated::Variance(
             changes[1].0.abs() * speed,
             difference(found[1].stamp_variance_s2, found[0].stamp_variance_s2).0.abs() * speed,
         ),
@@ -200,11 +213,37 @@ fn size(known: &Scatter, found: [&Scattering; 2]) -> Option<Change> {
         changes: still,
         blocks: found.map(|own| own.blocks),
         value: (ratio, ratio * still[0].1),
-        unstated: (
+        unstated: Unstated::Variance(
             (variance(1) - known.still_variance_m2.0).abs(),
             (variance(1) - variance(0)).abs(),
         ),
     })
+}
+
+/// The change of the share of frames lost, where it is large enough; `None` for a share that fell in a twin without
+/// lost frames.
+fn losses(given: &Twin, known: &Scatter, problems: [&Problem<'_>; 2]) -> Option<Change> {
+    let effect = noise_effect(Noise::FrameLoss);
+    let known = known.lost_share?;
+    let found = [measure_losses(problems[0])?, measure_losses(problems[1])?];
+    let changes = found.map(|own| difference(own.share, known));
+    let change = changes[0].0;
+    let worth = LEAST_LOST < change.abs() && (has(given, effect) || 0.0 < change);
+    worth.then(|| Change {
+        effect,
+        changes,
+        blocks: found.map(|own| own.blocks),
+        value: found[0].share,
+        unstated: Unstated::FramesLost(
+            changes[1].0.abs(),
+            (found[1].share.0 - found[0].share.0).abs(),
+        ),
+    })
+}
+
+/// Whether `effect` makes the values of the camera scatter.
+pub(super) fn is_scatter(effect: &Effect) -> bool {
+    matches!(effect.physics, Physics::Noise(Noise::FrameTime | Noise::Scatter))
 }
 
 /// Whether `twin` has the effect already.
@@ -235,19 +274,23 @@ pub(super) fn find(
     // frame grows with speed like a jitter.
     let Some(known) = stated(given, link) else { return Vec::new() };
     let found = [&fitted, &judged];
-    let changes = [jitter(given, &known, found), size(&known, found)];
-    let changes = changes.into_iter().flatten().filter(Change::is_in).collect::<Vec<_>>();
-    if let Some(excess) = excess {
-        let accounted: f64 = changes.iter().map(|own| own.unstated.0).sum();
-        if accounted < ACCOUNTS_FOR * excess * known.whole_variance_m2.0 {
-            return Vec::new();
-        }
+    let scatter = [jitter(given, &known, found), size(&known, found)];
+    let mut changes: Vec<Change> = scatter.into_iter().flatten().filter(Change::is_in).collect();
+    let accounted: f64 = changes.iter().map(|own| own.unstated.variance()).sum();
+    if excess.is_some_and(|own| accounted < ACCOUNTS_FOR * own * known.whole_variance_m2.0) {
+        changes.clear();
     }
+    changes.extend(losses(given, &known, problems).filter(Change::is_in));
     let rms = problems[1].rms(points[1]);
     changes.into_iter().map(|own| own.named(given, rms.clone())).collect()
 }
 
 impl Named {
+    /// Whether values scatter otherwise, rather than being fewer.
+    pub(super) fn scatters(&self) -> bool {
+        is_scatter(self.instance.effect)
+    }
+
     /// Puts it into `twin`, and what it says of the camera beside every link that the camera measures.
     pub(super) fn put_into(self, twin: &mut Twin) -> Option<Added> {
         let Self { step, mut instance } = self;
@@ -255,6 +298,9 @@ impl Named {
         for known in &mut twin.scatter {
             match instance.effect.physics {
                 Physics::Noise(Noise::FrameTime) => known.stamp_variance_s2.0 = value * value,
+                Physics::Noise(Noise::FrameLoss) => {
+                    known.lost_share = known.lost_share.map(|(_, error)| (value, error));
+                }
                 _ => {
                     known.still_variance_m2.0 *= value * value;
                     known.whole_variance_m2.0 *= value * value;

@@ -57,7 +57,8 @@ const TRIED_ALONE: usize = 20;
 #[must_use]
 pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
     let base = problem.evaluated(found.point.clone());
-    let linear = problem.linear_at(&base, &found.slots, filters, &[]);
+    let known = problem.columns(&base, &found.slots, filters);
+    let linear = problem.linear_of(&base, known, filters);
     let linear_residual =
         problem.parts.first().map(|part| part.residual(&base.prediction[0])).unwrap_or_default();
     let screen = Screen { problem, found, filters, base, normal: Normal::new(&linear), linear };

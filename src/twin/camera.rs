@@ -1,6 +1,8 @@
 //! Measured carriage to the striker that the camera sees.
 
-use super::{Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, plant::Part};
+use super::{
+    Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, noise::FrameLosses, plant::Part,
+};
 use crate::effects::{Carriage, Effect, Physics, both};
 
 /// Step of the march along the measured path (s).
@@ -18,6 +20,8 @@ pub struct CameraStage {
     pub channels: Vec<Channel>,
     /// Height of what the camera sees above the board (m).
     pub height: f64,
+    /// Frames that did not come or came twice; `None` of too few.
+    pub losses: Option<FrameLosses>,
 }
 
 type DelayPart = Part<fn(&[f64], f64) -> f64>;
@@ -88,6 +92,10 @@ impl Stage for CameraStage {
             )
         };
         effect.physics.equations().iter().any(is_called)
+    }
+
+    fn frame_losses(&self) -> Option<&FrameLosses> {
+        self.losses.as_ref()
     }
 
     /// One offset for the whole session: the camera's zero against that of the homed carriage.

@@ -61,11 +61,6 @@ fn jackknife<const N: usize>(
     (value.is_finite() && error.is_finite()).then_some((value, error))
 }
 
-/// `value` in units of `error`; 0 for nothing measured without any error.
-fn in_errors(value: f64, error: f64) -> f64 {
-    if 0.0 < error { value / error } else { 0.0 }
-}
-
 /// How a coordinate of the camera scatters, each with its standard error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scattering {
@@ -124,53 +119,87 @@ pub fn scattering(residual: &[f64], speed: &[f64], block: usize) -> Option<Scatt
     })
 }
 
-/// Share of frames that are missing from `times` (s, increasing), beyond what their jitter alone
-/// would make look missing.
-///
-/// A frame is missing where an interval is longer than one and a half periods and neither interval
-/// beside it makes up for that; a much longer one is a pause of the recording. How often white jitter of the same spread looks so is drawn from a
-/// stream of random numbers of its own, the same at every call.
-#[must_use]
-pub fn frame_drop(times: &[f64], block: usize) -> Option<NoiseFinding> {
-    let intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let period = median(&intervals)?;
-    if period <= 0.0 {
-        return None;
+/// Frames that are missing from an even sequence or came twice, by blocks of time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameLosses {
+    /// Frames lost, and frames that there should be.
+    blocks: Vec<[f64; 2]>,
+    /// Share of frames that jitter alone makes look missing, and its standard error.
+    by_chance: (f64, f64),
+}
+
+/// Share of frames lost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LostShare {
+    /// The share and its standard error; below zero by chance where none is lost.
+    pub share: (f64, f64),
+    /// Blocks on which it stands.
+    pub blocks: usize,
+}
+
+impl FrameLosses {
+    /// Of frames taken at `times` (s, increasing), some of which only repeat the one before.
+    ///
+    /// A frame is missing where an interval is longer than one and a half periods and neither interval
+    /// beside it makes up for that; a much longer one is a pause of the recording. How often white jitter of
+    /// the same spread looks so is drawn from a stream of random numbers of its own, the same at every call.
+    #[must_use]
+    pub fn new(times: &[f64], repeated: &[bool], block: usize) -> Option<Self> {
+        let intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let period = median(&intervals)?;
+        if period <= 0.0 {
+            return None;
+        }
+        let jitter = half_central_spread(&intervals)? / 2.0_f64.sqrt();
+        let by_chance = share_by_chance(jitter, period);
+        // The jitter itself is known to about one part in the root of the frames.
+        let wider = jitter * (1.0 + 1.0 / (intervals.len() as f64).sqrt());
+        let doubt = share_by_chance(wider, period) - by_chance;
+        let drawn = (by_chance / DRAWS as f64).sqrt();
+        let lost: Vec<[f64; 2]> = missing(&intervals, period)
+            .iter()
+            .zip(repeated.iter().skip(1))
+            .map(|(missing, repeated)| [missing + f64::from(*repeated), missing + 1.0])
+            .collect();
+        let sum = |frames: &[[f64; 2]]| {
+            frames.iter().fold([0.0; 2], |sum, own| [sum[0] + own[0], sum[1] + own[1]])
+        };
+        let blocks = lost.chunks(block.max(1)).map(sum).collect();
+        Some(Self { blocks, by_chance: (by_chance, doubt.hypot(drawn)) })
     }
-    let missing = |intervals: &[f64]| -> Vec<f64> {
-        (0..intervals.len())
-            .map(|k| {
-                let interval = intervals[k];
-                let beside =
-                    |other: Option<&f64>| other.is_none_or(|other| 2.5 * period < interval + other);
-                let lonely =
-                    beside(intervals.get(k + 1)) && beside(intervals.get(k.wrapping_sub(1)));
-                let long = 1.5 * period < interval && interval < PAUSE_PERIODS * period && lonely;
-                if long { (interval / period).round() - 1.0 } else { 0.0 }
-            })
-            .collect()
-    };
-    let jitter = half_central_spread(&intervals)? / 2.0_f64.sqrt();
-    let by_chance = share_by_chance(jitter, period, &missing);
-    // The jitter itself is known to about one part in the root of the frames.
-    let wider = jitter * (1.0 + 1.0 / (intervals.len() as f64).sqrt());
-    let doubt = share_by_chance(wider, period, &missing) - by_chance;
-    let drawn = (by_chance / DRAWS as f64).sqrt();
-    let blocks: Vec<[f64; 2]> = missing(&intervals)
-        .chunks(block.max(1))
-        .map(|found| [found.iter().sum(), found.len() as f64])
-        .collect();
-    let (share, error) = jackknife(&blocks, |[lost, kept]| lost / (lost + kept) - by_chance)?;
-    let standard_error = error.hypot(doubt).hypot(drawn);
-    let t = in_errors(share, standard_error);
-    Some(NoiseFinding { value: share.max(0.0), standard_error, t, blocks: blocks.len() })
+
+    /// Share of frames lost of all of `parts`, beyond what their jitter alone would make look missing;
+    /// `None` of too few.
+    #[must_use]
+    pub fn share(parts: &[&Self]) -> Option<LostShare> {
+        let blocks: Vec<[f64; 2]> = parts.iter().flat_map(|part| part.blocks.clone()).collect();
+        let count = parts.len().max(1) as f64;
+        let by_chance = parts.iter().map(|part| part.by_chance.0).sum::<f64>() / count;
+        let doubt = parts.iter().map(|part| part.by_chance.1).sum::<f64>() / count;
+        let (share, error) = jackknife(&blocks, |[lost, all]| lost / all - by_chance)?;
+        Some(LostShare { share: (share, error.hypot(doubt)), blocks: blocks.len() })
+    }
+}
+
+/// Frames that are missing from each of `intervals`.
+fn missing(intervals: &[f64], period: f64) -> Vec<f64> {
+    (0..intervals.len())
+        .map(|k| {
+            let interval = intervals[k];
+            let beside =
+                |other: Option<&f64>| other.is_none_or(|other| 2.5 * period < interval + other);
+            let lonely = beside(intervals.get(k + 1)) && beside(intervals.get(k.wrapping_sub(1)));
+            let long = 1.5 * period < interval && interval < PAUSE_PERIODS * period && lonely;
+            if long { (interval / period).round() - 1.0 } else { 0.0 }
+        })
+        .collect()
 }
 
 /// Frames that are drawn to see what jitter alone does.
 const DRAWS: usize = 100_000;
 
 /// Share of frames that look missing although only the time stamps scatter.
-fn share_by_chance(jitter: f64, period: f64, missing: &impl Fn(&[f64]) -> Vec<f64>) -> f64 {
+fn share_by_chance(jitter: f64, period: f64) -> f64 {
     // Half a period is then more than four standard deviations of an interval.
     if jitter < 0.08 * period {
         return 0.0;
@@ -185,7 +214,7 @@ fn share_by_chance(jitter: f64, period: f64, missing: &impl Fn(&[f64]) -> Vec<f6
             interval
         })
         .collect();
-    let lost: f64 = missing(&intervals).iter().sum();
+    let lost: f64 = missing(&intervals, period).iter().sum();
     lost / (lost + DRAWS as f64)
 }
 
@@ -194,29 +223,6 @@ fn normal(stream: &mut Stream) -> f64 {
     let radius = f64::from(stream.uniform_f32(f32::MIN_POSITIVE, 1.0));
     let angle = TAU * f64::from(stream.uniform_f32(0.0, 1.0));
     (-2.0 * radius.ln()).sqrt() * angle.cos()
-}
-
-/// Share of frames that repeat the place before (m, exactly) although the object moves. `travel` is
-/// how far it went since the frame before by another measurement (m); only frames count whose travel
-/// is several times the smallest step between different places.
-#[must_use]
-pub fn frame_repeat(places: &[[f64; 2]], travel: &[f64], block: usize) -> Option<NoiseFinding> {
-    let step = |k: usize| (places[k][0] - places[k - 1][0]).hypot(places[k][1] - places[k - 1][1]);
-    let n = places.len().min(travel.len());
-    let least = (1..n).map(step).filter(|step| 1e-9 < *step).fold(f64::INFINITY, f64::min);
-    let mut blocks = Vec::new();
-    for start in (0..n).step_by(block.max(1)) {
-        let moving: Vec<usize> = (start.max(1)..(start + block.max(1)).min(n))
-            .filter(|k| 5.0 * least < travel[*k] && step(*k).is_finite())
-            .collect();
-        if !moving.is_empty() {
-            let repeated = moving.iter().filter(|k| step(**k) == 0.0).count();
-            blocks.push([repeated as f64, moving.len() as f64]);
-        }
-    }
-    let (value, standard_error) = jackknife(&blocks, |[repeated, moving]| repeated / moving)?;
-    let t = in_errors(value, standard_error);
-    Some(NoiseFinding { value, standard_error, t, blocks: blocks.len() })
 }
 
 /// Step of the grid on which `positions` (m) lie; 0 where they lie on none. `t` is the root of

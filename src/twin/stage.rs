@@ -1,6 +1,6 @@
 //! One link of the chain: measured input, measured output, prediction between them.
 
-use super::Twin;
+use super::{Twin, noise::FrameLosses};
 use crate::effects::{Domain, Effect, Regressor};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -73,6 +73,11 @@ pub trait Stage: Sync {
     /// What a residual of the first channel may depend on, sample by sample; `None` where the stage
     /// does not know it.
     fn regressor(&self, _regressor: Regressor) -> Option<Vec<f64>> {
+        None
+    }
+
+    /// Which frames of the camera were lost; `None` where none measures this link.
+    fn frame_losses(&self) -> Option<&FrameLosses> {
         None
     }
 

@@ -211,11 +211,13 @@ fn turned([a, b]: [f64; 2]) -> [f64; 2] {
     [(a + b) * 0.5_f64.sqrt(), (a - b) * 0.5_f64.sqrt()]
 }
 
-/// How a camera at 100 Hz scatters.
+/// How a camera at 100 Hz scatters, and the share of its frames that are lost: every other one comes not at all, the
+/// rest as the frame before.
 #[derive(Clone, Copy)]
 struct Camera {
     place_m: f64,
     stamp_s: f64,
+    lost: f64,
 }
 
 /// A standard normal number, nearly: the sum of twelve uniform ones.
@@ -232,6 +234,8 @@ fn followed(dir: &Path, name: &str, delay: f64, camera: Option<Camera>) -> [Stri
         let mut writer = writer(&path, "klasktron");
         let mut noise = Stream::new(session as u64, name);
         let mut scatter = Stream::new(session as u64, "camera");
+        let mut losses = Stream::new(session as u64, "losses");
+        let (mut lost, mut last) = (0, None);
         let (mut place, mut ramp, mut motor) = ([0.0; 2], [0.0; 2], [0.0; 2]);
         for step in 0..120_000_u64 {
             let t = step as f64 * 1e-4;
@@ -253,10 +257,17 @@ fn followed(dir: &Path, name: &str, delay: f64, camera: Option<Camera>) -> [Stri
                 let late_ns = 5e6 + 1e9 * camera.stamp_s * normal(&mut scatter);
                 let mut seen = |place: f64| place + camera.place_m * normal(&mut scatter);
                 let [x, y] = place.map(&mut seen);
-                let frame =
-                    CameraDetections { left: Some(Point { x, y }), ..CameraDetections::default() };
-                let at = Nanos(at.0 + late_ns.max(0.0) as u64);
-                writer.write(topic::CAMERA_DETECTIONS, at, &frame).unwrap();
+                let mut left = Some(Point { x, y });
+                if f64::from(losses.uniform_f32(0.0, 1.0)) < camera.lost {
+                    lost += 1;
+                    left = last.clone().filter(|_| lost % 2 == 0);
+                }
+                if left.is_some() {
+                    last.clone_from(&left);
+                    let frame = CameraDetections { left, ..CameraDetections::default() };
+                    let at = Nanos(at.0 + late_ns.max(0.0) as u64);
+                    writer.write(topic::CAMERA_DETECTIONS, at, &frame).unwrap();
+                }
             }
             let wanted = turned(jumps((t - delay).max(0.0), session));
             for index in 0..2 {
@@ -293,7 +304,7 @@ fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
 #[test]
 fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
     let dir = tempfile::tempdir().unwrap();
-    let camera = |place_m, stamp_s| Some(Camera { place_m, stamp_s });
+    let camera = |place_m, stamp_s| Some(Camera { place_m, stamp_s, lost: 0.0 });
     let base = followed(dir.path(), "base", 0.0, camera(2.5e-4, 0.0));
     gap(&base, None, &dir.path().join("base"));
     let twin = dir.path().join("base/twin.json").display().to_string();
@@ -311,6 +322,26 @@ fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
     // The twin states it from then on.
     let twin = dir.path().join("changed/twin.json").display().to_string();
     let (again, _) = gap(&changed, Some(&twin), &dir.path().join("again"));
+    assert!(names(&again).is_empty(), "{again:#}");
+}
+
+#[test]
+fn a_camera_that_loses_frames_is_named_by_the_share_it_loses() {
+    let dir = tempfile::tempdir().unwrap();
+    let camera = |lost| Some(Camera { place_m: 2.5e-4, stamp_s: 0.0, lost });
+    gap(&followed(dir.path(), "base", 0.0, camera(0.0)), None, &dir.path().join("base"));
+    let twin = dir.path().join("base/twin.json").display().to_string();
+    let (same, _) =
+        gap(&followed(dir.path(), "same", 0.0, camera(0.0)), Some(&twin), &dir.path().join("same"));
+    assert!(names(&same).is_empty(), "{same:#}");
+    let lossy = followed(dir.path(), "lossy", 0.0, camera(0.06));
+    let (document, _) = gap(&lossy, Some(&twin), &dir.path().join("lossy"));
+    assert_eq!(names(&document), ["sensor.frame_drop"], "{document:#}");
+    let share = document["effects"][0]["parameters"][0]["value"].as_f64().unwrap();
+    assert!((share - 0.06).abs() < 0.02, "{share}");
+    // The twin states it from then on.
+    let twin = dir.path().join("lossy/twin.json").display().to_string();
+    let (again, _) = gap(&lossy, Some(&twin), &dir.path().join("again"));
     assert!(names(&again).is_empty(), "{again:#}");
 }
 

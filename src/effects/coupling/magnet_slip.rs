@@ -3,23 +3,45 @@
 use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
 
 /// `coupling.magnet_slip`: the striker follows exactly as long as that takes less than F_max. Beyond
-/// it the striker slides over the magnet, pulled by F_max against the sliding, until it has the
-/// magnet's velocity again, and keeps the offset.
+/// it the striker slides over the magnet, pulled by F_max + c v against the sliding at v, until it has the
+/// magnet's velocity again, and keeps the offset. c is the eddy currents and the grease under it.
 pub(crate) static MAGNET_SLIP: Effect = Effect {
     name: "coupling.magnet_slip",
     says: "in a hard acceleration the magnet loses grip, and the striker stays offset afterwards",
     domain: Domain::Coupling,
     site: Site::Whole,
-    parameters: &[Parameter {
-        name: "grip_n",
-        unit: "N",
-        scale: 0.05,
-        bounds: (1e-3, 1e3),
-        plausible: (0.05, 6.0),
-        per_session: false,
-    }],
-    null: &[1e3],
-    probes: &[&[0.05], &[0.1], &[0.2], &[0.5], &[1.0]],
+    parameters: &[
+        Parameter {
+            name: "grip_n",
+            unit: "N",
+            scale: 0.05,
+            bounds: (1e-3, 1e3),
+            plausible: (0.05, 6.0),
+            per_session: false,
+        },
+        Parameter {
+            name: "damping_n_s_per_m",
+            unit: "N s/m",
+            scale: 0.1,
+            bounds: (0.0, 100.0),
+            plausible: (0.0, 10.0),
+            per_session: false,
+        },
+    ],
+    null: &[1e3, 0.1],
+    probes: &[
+        &[0.035, 0.3],
+        &[0.05, 0.3],
+        &[0.07, 0.3],
+        &[0.1, 0.3],
+        &[0.14, 0.3],
+        &[0.2, 0.3],
+        &[0.4, 0.3],
+        &[0.8, 0.3],
+        &[0.05, 0.0],
+        &[0.1, 0.0],
+        &[0.2, 0.0],
+    ],
     memory: 4,
     physics: Physics::Coupling(slip),
     regressors: &[Regressor::Acceleration, Regressor::SinceReversal],
@@ -29,13 +51,14 @@ pub(crate) static MAGNET_SLIP: Effect = Effect {
 };
 
 /// Memory: velocity of the striker against the magnet, then its offset. The velocity shrinks by
-/// what the grip can do in a step and never beyond zero, so that it holds without chatter.
+/// what the grip can do in a step and never beyond zero, so that it holds without chatter; the damping is implicit.
 fn slip(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let dt = carriage.dt;
     let free = both(|axis| memory[axis] - carriage.acceleration[axis] * dt);
     let speed = free[0].hypot(free[1]);
     let held = p[0] / carriage.striker_mass * dt;
-    let left = if held < speed { 1.0 - held / speed } else { 0.0 };
+    let slowed = 1.0 + p[1] / carriage.striker_mass * dt;
+    let left = if held < speed { (1.0 - held / speed) / slowed } else { 0.0 };
     both(|axis| {
         let velocity = left * free[axis];
         memory[2 + axis] += 0.5 * dt * (memory[axis] + velocity);
@@ -58,10 +81,23 @@ mod tests {
             let acceleration = [if step < 500 { -20.0 } else { 0.0 }, 0.0];
             let carriage =
                 Carriage { dt: 1e-4, acceleration, striker_mass: 0.01, ..Carriage::default() };
-            place = slip(&[0.1], &mut memory, &carriage);
+            place = slip(&[0.1, 0.0], &mut memory, &carriage);
         }
         assert!((place[0] - 0.025).abs() < 1e-4, "{place:?}");
         assert_eq!(memory[0], 0.0);
+    }
+
+    #[test]
+    fn a_damped_slide_tends_to_the_speed_at_which_grip_and_damping_carry_the_acceleration() {
+        // m a = 0.2 N against a grip of 0.1 N and 0.5 N s/m: 0.2 m/s.
+        let mut memory = [0.0; 4];
+        let acceleration = [-20.0, 0.0];
+        let carriage =
+            Carriage { dt: 1e-4, acceleration, striker_mass: 0.01, ..Carriage::default() };
+        for _ in 0..5000 {
+            let _ = slip(&[0.1, 0.5], &mut memory, &carriage);
+        }
+        assert!((memory[0] - 0.2).abs() < 1e-4, "{memory:?}");
     }
 
     #[test]
@@ -70,6 +106,6 @@ mod tests {
         let acceleration = [6.0, -6.0];
         let carriage =
             Carriage { dt: 1e-3, acceleration, striker_mass: 0.01, ..Carriage::default() };
-        assert_eq!(slip(&[0.1], &mut memory, &carriage), [0.0, 0.0]);
+        assert_eq!(slip(&[0.1, 0.0], &mut memory, &carriage), [0.0, 0.0]);
     }
 }

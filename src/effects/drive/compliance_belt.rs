@@ -17,7 +17,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
             unit: "m/N",
             scale: 1e-5,
             bounds: (0.0, 0.01),
-            plausible: (1e-6, 2e-4),
+            plausible: (2e-6, 2e-4),
             per_session: false,
         },
         Parameter {
@@ -63,7 +63,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
 };
 
 /// Below this compliance (m/N) belts are rigid: the load would swing faster than a step can follow.
-const RIGID: f64 = 2e-7;
+const RIGID: f64 = 2e-6;
 
 fn spring(p: &[f64]) -> Option<Spring> {
     let soft = |stiffness| Spring { stiffness, damping_ratio: p[2], motor_mass: p[1] };

@@ -23,11 +23,6 @@ fn camera(seed: u64, scatter: f64, jitter: f64, latency: f64) -> (Vec<f64>, Vec<
     (residual, speed)
 }
 
-/// How many of `trials` findings are beyond three standard errors.
-fn alarms(trials: u64, find: impl Fn(u64) -> Option<NoiseFinding>) -> usize {
-    (0..trials).filter(|seed| find(*seed).is_some_and(|found| 3.0 < found.t.abs())).count()
-}
-
 /// Distance of a variance from zero, in standard errors.
 fn in_its_errors((value, error): (f64, f64)) -> f64 {
     value / error
@@ -92,15 +87,26 @@ fn frame_times(seed: u64, jitter: f64, lost: f64) -> Vec<f64> {
         .collect()
 }
 
+/// Share of these frames lost, none of which repeats another.
+fn lost(times: &[f64]) -> LostShare {
+    let losses = FrameLosses::new(times, &vec![false; times.len()], 120).unwrap();
+    FrameLosses::share(&[&losses]).unwrap()
+}
+
 #[test]
 fn lost_frames_are_counted_whatever_the_jitter() {
     for jitter in [0.0, 3e-4, 1e-3] {
-        let found = frame_drop(&frame_times(3, jitter, 0.03), 120).unwrap();
-        assert!((found.value - 0.03).abs() < 0.006 && 5.0 < found.t, "{jitter} {found:?}");
+        let found = lost(&frame_times(3, jitter, 0.03));
+        let (share, error) = found.share;
+        assert!((share - 0.03).abs() < 0.006 && 5.0 * error < share, "{jitter} {found:?}");
     }
     for jitter in [3e-4, 1e-3, 2e-3, 3e-3] {
-        let false_alarms = alarms(40, |seed| frame_drop(&frame_times(seed, jitter, 0.0), 120));
-        assert!(false_alarms <= 1, "{jitter} {false_alarms}");
+        let is_alarm = |seed: &u64| {
+            let (share, error) = lost(&frame_times(*seed, jitter, 0.0)).share;
+            3.0 * error < share.abs()
+        };
+        let alarms = (0..40).filter(is_alarm).count();
+        assert!(alarms <= 1, "{jitter} {alarms}");
     }
 }
 
@@ -111,39 +117,18 @@ fn pauses_of_the_recording_are_no_lost_frames() {
         .enumerate()
         .map(|(k, t)| t + 1.5 * (k / 300) as f64)
         .collect();
-    assert_eq!(frame_drop(&paused, 120).unwrap().value, 0.0);
+    assert_eq!(lost(&paused).share.0, 0.0);
 }
 
 #[test]
-fn repeated_frames_are_counted_only_in_motion() {
-    let travel: Vec<f64> = velocities(7200).iter().map(|v| v.abs() / 120.0).collect();
-    let noise = normals(4, "places", 7200);
-    let mut stream = Stream::new(4, "repeat");
-    let mut x = 0.0;
-    let mut places: Vec<[f64; 2]> = Vec::new();
-    let mut repeats = 0;
-    for k in 0..7200 {
-        x += travel[k];
-        let repeat = stream.uniform_f32(0.0, 1.0) < 0.02;
-        match places.last() {
-            Some(before) if repeat => {
-                places.push(*before);
-                repeats += 1;
-            }
-            _ => places.push([x + 2e-4 * noise[k], 0.0]),
-        }
-    }
-    let found = frame_repeat(&places, &travel, 120).unwrap();
-    assert!((found.value - f64::from(repeats) / 7200.0).abs() < 0.003 && 5.0 < found.t);
-    // Places on a grid of 1 mm repeat by themselves in slow motion; that is no fault of the frames.
-    let coarse: Vec<[f64; 2]> = travel
-        .iter()
-        .scan(0.0, |x, step| {
-            *x += step;
-            Some([(*x * 1000.0).round() / 1000.0, 0.0])
-        })
-        .collect();
-    assert!(frame_repeat(&coarse, &travel, 120).is_none_or(|found| found.value == 0.0));
+fn frames_that_repeat_another_are_lost_as_well() {
+    let times = frame_times(4, 0.0, 0.02);
+    let repeated: Vec<bool> = (0..times.len()).map(|k| k % 25 == 7).collect();
+    let half = times.len() / 2;
+    let parts = [0..half, half..times.len()]
+        .map(|own| FrameLosses::new(&times[own.clone()], &repeated[own], 120).unwrap());
+    let found = FrameLosses::share(&parts.each_ref()).unwrap();
+    assert!((found.share.0 - 0.06).abs() < 0.006, "{found:?}");
 }
 
 #[test]

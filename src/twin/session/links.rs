@@ -11,6 +11,7 @@ use crate::{
     twin::{
         CameraStage, DriveStage, MeasuredPath,
         drive::{Output, RunStart, SETTLING},
+        noise::FrameLosses,
         repeats::repeats,
     },
 };
@@ -24,6 +25,9 @@ const FEWEST_COMMANDS: usize = 10;
 
 /// Fewest pictures of a striker that is looked at.
 const FEWEST_PICTURES: usize = 20;
+
+/// Frames of a block in which losses are counted.
+const LOSSES_BLOCK: usize = 60;
 
 /// Height of the striker's mark above the board (m).
 const STRIKER_HEIGHT: f64 = 0.02;
@@ -115,6 +119,7 @@ pub(super) fn camera_stage(
         (time.seconds_since(origin), place)
     }));
     let repeated = repeats(&seen.values);
+    let losses = FrameLosses::new(&seen.times, &repeated, LOSSES_BLOCK);
     for (place, _) in seen.values.iter_mut().zip(repeated).filter(|(_, repeated)| *repeated) {
         *place = [f64::NAN; 2];
     }
@@ -131,5 +136,5 @@ pub(super) fn camera_stage(
         gantry.carriage.values.iter().map(|value| [value[0], value[1]]).collect(),
         gantry.carriage.values.iter().map(|value| [value[2], value[3]]).collect(),
     );
-    Ok(Some(CameraStage { carriage: path, channels, height: STRIKER_HEIGHT }))
+    Ok(Some(CameraStage { carriage: path, channels, height: STRIKER_HEIGHT, losses }))
 }
