@@ -260,10 +260,10 @@ fn followed(dir: &Path, name: &str, delay: f64, camera: Option<Camera>) -> [Stri
                 let mut left = Some(Point { x, y });
                 if f64::from(losses.uniform_f32(0.0, 1.0)) < camera.lost {
                     lost += 1;
-                    left = last.clone().filter(|_| lost % 2 == 0);
+                    left = last.filter(|_| lost % 2 == 0);
                 }
                 if left.is_some() {
-                    last.clone_from(&left);
+                    last = left;
                     let frame = CameraDetections { left, ..CameraDetections::default() };
                     let at = Nanos(at.0 + late_ns.max(0.0) as u64);
                     writer.write(topic::CAMERA_DETECTIONS, at, &frame).unwrap();
