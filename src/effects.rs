@@ -259,6 +259,14 @@ pub struct Effect {
     pub confused_with: &'static [&'static str],
 }
 
+impl Effect {
+    /// Whether it changes how a signal scatters rather than its value.
+    #[must_use]
+    pub fn is_noise(&self) -> bool {
+        matches!(self.physics, Physics::Noise(_))
+    }
+}
+
 /// Every effect, by domain.
 pub static CATALOGUE: &[&Effect] = &[
     &drive::gain::GAIN,

@@ -139,7 +139,7 @@ fn stated(outcome: &Outcome<'_>) -> Twin {
     for (index, slot) in outcome.last.slots.iter().enumerate() {
         let value = twin.get(*slot);
         if outcome.uncertainty.undetermined[index] {
-            let stays = given.instances.len() > slot.instance && given.get(*slot) == value;
+            let stays = slot.instance < given.instances.len() && given.get(*slot) == value;
             let own = &mut twin.instances[slot.instance].values[slot.parameter];
             own.ci95 = own.ci95.filter(|_| stays);
             continue;
@@ -428,7 +428,7 @@ fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
 fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
     let better = |instance: usize| {
         // A scatter is measured on the camera, without a slot that is fitted.
-        let is_noise = matches!(start.instances[instance].effect.physics, Physics::Noise(_));
+        let is_noise = start.instances[instance].effect.is_noise();
         let fitted = |own: &&Outcome<'_>| {
             own.is_better && own.last.slots.iter().any(|s| s.instance == instance)
                 || is_noise && own.kind == StageKind::Camera

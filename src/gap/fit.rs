@@ -62,9 +62,7 @@ pub(super) struct How<'a> {
 /// not where nuisances move beside the parameters, whose bends would be taken for theirs.
 #[must_use]
 pub(super) fn fit_with(problem: &Problem<'_>, start: Point, slots: &[Slot], how: &How<'_>) -> Fit {
-    let at = problem.evaluated(start);
-    let loss = squared(&problem.whitened_at(&at.prediction, how.filters));
-    let mut descent = Descent { problem, slots, filters: how.filters, at, loss, damping: 1e-3 };
+    let mut descent = Descent::new(problem, problem.evaluated(start), slots, how.filters);
     let has_nuisances = descent.at.point.nuisance.iter().any(|part| !part.is_empty());
     let iterations = if slots.is_empty() && !has_nuisances { 0 } else { how.iterations };
     let secant_steps = if has_nuisances { 0 } else { SECANT_STEPS };
@@ -90,11 +88,24 @@ struct Descent<'a, 'b> {
     slots: &'b [Slot],
     filters: &'b Filters,
     at: Evaluated,
+    /// Whitened, where it is.
+    residual: Vec<f64>,
     loss: f64,
     damping: f64,
 }
 
-impl Descent<'_, '_> {
+impl<'a, 'b> Descent<'a, 'b> {
+    fn new(
+        problem: &'b Problem<'a>,
+        at: Evaluated,
+        slots: &'b [Slot],
+        filters: &'b Filters,
+    ) -> Self {
+        let residual = problem.whitened_at(&at.prediction, filters);
+        let loss = squared(&residual);
+        Self { problem, slots, filters, at, residual, loss, damping: 1e-3 }
+    }
+
     /// One step with `columns`, which are corrected by what it changed, more damped in up to so many `retries`;
     /// gives whether it led on.
     fn step(&mut self, columns: &mut [Vec<f64>], retries: usize) -> bool {
@@ -110,9 +121,8 @@ impl Descent<'_, '_> {
             let loss = squared(&residual);
             if loss < self.loss {
                 let gain = self.loss - loss;
-                let before = problem.whitened_at(&self.at.prediction, filters);
-                correct(columns, &taken, &linear, (&before, &residual));
-                (self.at, self.loss) = (next, loss);
+                correct(columns, &taken, &linear, (&self.residual, &residual));
+                (self.at, self.residual, self.loss) = (next, residual, loss);
                 self.damping = (self.damping * 0.1).max(1e-9);
                 return CONVERGED * self.loss <= gain;
             }

@@ -19,7 +19,7 @@ use super::{
     rounds::{Added, Outcome},
 };
 use crate::{
-    effects::{self, Physics},
+    effects::{self, Effect},
     provenance::Provenance,
     recording::Split,
     report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, line_plot},
@@ -129,8 +129,7 @@ fn effects(page: &mut Page, document: &Document) {
     for (index, effect) in document.effects.iter().enumerate() {
         page.subsection(&format!("{}. {} on {}", index + 1, effect.name, effect.axis));
         page.paragraph(&effect.why);
-        let is_noise =
-            effects::find(&effect.name).is_some_and(|own| matches!(own.physics, Physics::Noise(_)));
+        let is_noise = effects::find(&effect.name).is_some_and(Effect::is_noise);
         let share = percent(effect.held_out_gain);
         let gain = match is_noise {
             true => format!("It accounts for {share} of that on held-out data"),

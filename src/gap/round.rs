@@ -245,9 +245,14 @@ pub(super) fn slots_of_last(twin: &Twin) -> Vec<Slot> {
         .collect()
 }
 
-/// The first number of the instance that was added last: the size of its effect.
+/// The numbers of the instance that was added last.
+fn numbers_of_last(twin: &Twin) -> Vec<f64> {
+    slots_of_last(twin).into_iter().map(|slot| twin.get(slot)).collect()
+}
+
+/// The first of them: the size of its effect.
 fn size_of_last(twin: &Twin) -> Option<f64> {
-    slots_of_last(twin).first().map(|size| twin.get(*size))
+    numbers_of_last(twin).first().copied()
 }
 
 /// What all trials of a round are measured against.
@@ -408,12 +413,9 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// a name: of the whitened residual, or of the residual as it is, there or on the witness.
     fn is_worth_naming(&self, trial: &Trial) -> bool {
         let twin = &trial.fit.point.twin;
-        let numbers: Vec<f64> =
-            slots_of_last(twin).into_iter().map(|slot| twin.get(slot)).collect();
-        let worth = self.worth.of(trial.candidate.effect, &numbers);
+        let worth = self.worth.of(trial.candidate.effect, &numbers_of_last(twin));
         let shows = |view: &View<'_, '_>| {
-            let rows = view.rows(&trial.fit.point.twin);
-            worth <= self.removes(view.problem, &view.base_rows, &rows)
+            worth <= self.removes(view.problem, &view.base_rows, &view.rows(twin))
         };
         worth <= self.removes(self.held_out, &self.base_held_rows, &trial.held_rows)
             || self.views.iter().any(shows)

@@ -15,12 +15,9 @@ use crate::{
     stats::{f_tail, t_quantile},
     twin::{
         Instance, Scatter, Source, StageKind, Twin, Value,
-        noise::{FrameLosses, LostShare, Scattering, scattering},
+        noise::{FRAMES_OF_A_BLOCK, FrameLosses, LostShare, Scattering, scattering},
     },
 };
-
-/// Frames of a block.
-const BLOCK: usize = 60;
 
 /// Tests of one recording: two effects on two links, and one on one.
 const TRIES: f64 = 5.0;
@@ -65,7 +62,7 @@ pub(super) fn measure(problem: &Problem<'_>, point: &Point) -> Option<Scattering
             speeds.extend(slopes(&channel.times, &predicted[k]).into_iter().chain([f64::NAN]));
         }
     }
-    scattering(&residuals, &speeds, BLOCK)
+    scattering(&residuals, &speeds, FRAMES_OF_A_BLOCK)
 }
 
 /// How many frames all sessions of `problem` lost; `None` where no camera measures them.

@@ -13,7 +13,7 @@ use super::{
     whiten::Filters,
 };
 use crate::{
-    effects::{Axis, CATALOGUE, Effect, Physics, SCANS},
+    effects::{Axis, CATALOGUE, Effect, SCANS},
     parallel::in_parallel,
     twin::{Instance, Source, Twin},
 };
@@ -229,9 +229,7 @@ pub(super) fn is_shared(axis: Axis) -> bool {
 pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
     let mut pairs = Vec::new();
     for effect in CATALOGUE {
-        if matches!(effect.physics, Physics::Noise(_))
-            || !problem.parts.iter().any(|part| part.stage.calls(effect))
-        {
+        if effect.is_noise() || !problem.parts.iter().any(|part| part.stage.calls(effect)) {
             continue;
         }
         for axis in twin.machine.axes(effect.site) {

@@ -9,6 +9,9 @@ use crate::seed::Stream;
 use crate::stats::{half_central_spread, median};
 use std::f64::consts::TAU;
 
+/// Frames of the camera that make a block.
+pub(crate) const FRAMES_OF_A_BLOCK: usize = 60;
+
 /// Fewest blocks of which a standard error can be formed.
 const FEWEST_BLOCKS: usize = 5;
 

@@ -11,7 +11,7 @@ use crate::{
     twin::{
         CameraStage, DriveStage, MeasuredPath,
         drive::{Output, RunStart, SETTLING},
-        noise::FrameLosses,
+        noise::{FRAMES_OF_A_BLOCK, FrameLosses},
         repeats::repeats,
     },
 };
@@ -25,9 +25,6 @@ const FEWEST_COMMANDS: usize = 10;
 
 /// Fewest pictures of a striker that is looked at.
 const FEWEST_PICTURES: usize = 20;
-
-/// Frames of a block in which losses are counted.
-const LOSSES_BLOCK: usize = 60;
 
 /// Height of the striker's mark above the board (m).
 const STRIKER_HEIGHT: f64 = 0.02;
@@ -119,7 +116,7 @@ pub(super) fn camera_stage(
         (time.seconds_since(origin), place)
     }));
     let repeated = repeats(&seen.values);
-    let losses = FrameLosses::new(&seen.times, &repeated, LOSSES_BLOCK);
+    let losses = FrameLosses::new(&seen.times, &repeated, FRAMES_OF_A_BLOCK);
     for (place, _) in seen.values.iter_mut().zip(repeated).filter(|(_, repeated)| *repeated) {
         *place = [f64::NAN; 2];
     }
