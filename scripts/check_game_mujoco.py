@@ -170,7 +170,7 @@ def game_settings(one, theirs, walls, striker):
     if one["rolling_m"]:
         effects.append(["ball.rolling_resistance", [one["rolling_m"] * 5.0 / 7.0 / RADIUS_M, 0.0]])
     if one["sliding"]:
-        effects.append(["ball.sliding_phase", [one["sliding"]]])
+        effects.append(["ball.sliding_phase", [one["sliding"], 0.0]])
     return {
         "effects": effects,
         "striker_effects": [["impact.wall_restitution", [striker]], ["impact.wall_friction_spin", [one["friction"]]]],

@@ -22,6 +22,7 @@ mod ball;
 mod coupling;
 mod drive;
 mod estimator;
+mod first_order;
 mod gantry;
 mod impact;
 mod oscillator;
@@ -116,6 +117,16 @@ impl Axis {
     pub fn overlaps(self, other: Self) -> bool {
         self.is_motor() == other.is_motor()
             && (0..2).any(|index| self.covers(index) && other.covers(index))
+    }
+
+    /// The two single places that make up this shared one, on a machine with two motors.
+    #[must_use]
+    pub fn parts(self) -> Option<[Self; 2]> {
+        match self {
+            Self::Motors => Some([Self::A, Self::B]),
+            Self::Rails => Some([Self::X, Self::Y]),
+            Self::A | Self::B | Self::X | Self::Y | Self::Whole => None,
+        }
     }
 
     /// Whether this is a place in belt coordinates.

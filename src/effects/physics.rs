@@ -116,6 +116,8 @@ pub struct LoopGains {
     pub proportional_per_s: f64,
     /// Force per travelled error and mass (1/s^2).
     pub integral_per_s2: f64,
+    /// Age of the velocity that the loop compares with its setpoint (s).
+    pub feedback_age_s: f64,
 }
 
 /// The magnet under the board at one time.
@@ -272,6 +274,8 @@ pub enum Physics {
     /// Deceleration by friction on the board while the ball slides after an impact (m/s^2), until it
     /// rolls; without it the ball always rolls.
     Slide(fn(p: &[f64], ball: &Ball) -> f64),
+    /// Share of its velocity with which the ball slides where a roll begins; the rest of it is rolling.
+    Launch(fn(p: &[f64]) -> f64),
     /// What a wall does to the ball.
     Impact(fn(p: &[f64], impact: &Impact, change: Change) -> Change),
     /// Outward shift of a wall (m) at `along` metres from its middle, along the board's x or y.

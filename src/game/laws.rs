@@ -75,12 +75,14 @@ impl BallLaws {
             ..Self::default()
         };
         for instance in sorted(effects) {
-            match instance.effect.physics {
-                Physics::Roll(call) => laws.roll.push(Law::new(call, instance)),
-                Physics::Resistance(call) => laws.resistance.push(Law::new(call, instance)),
-                Physics::Slide(call) => laws.slide.push(Law::new(call, instance)),
-                Physics::Wall(call) => laws.places.push(Law::new(call, instance)),
-                _ => {}
+            for equation in instance.effect.physics.equations() {
+                match *equation {
+                    Physics::Roll(call) => laws.roll.push(Law::new(call, instance)),
+                    Physics::Resistance(call) => laws.resistance.push(Law::new(call, instance)),
+                    Physics::Slide(call) => laws.slide.push(Law::new(call, instance)),
+                    Physics::Wall(call) => laws.places.push(Law::new(call, instance)),
+                    _ => {}
+                }
             }
         }
         laws

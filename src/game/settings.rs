@@ -260,7 +260,7 @@ impl GameSettings {
         self.ball.effects = twin
             .instances
             .iter()
-            .filter(|instance| acts_on_ball(&instance.effect.physics))
+            .filter(|instance| instance.effect.physics.equations().iter().any(acts_on_ball))
             .cloned()
             .collect();
         self.striker.mass = twin.striker_mass;
@@ -385,6 +385,7 @@ fn acts_on_ball(physics: &Physics) -> bool {
         Physics::Roll(_)
             | Physics::Resistance(_)
             | Physics::Slide(_)
+            | Physics::Launch(_)
             | Physics::Impact(_)
             | Physics::Wall(_)
     )

@@ -66,6 +66,7 @@ pub(super) fn nearest(problem: &Problem<'_>, given: &Fit, filters: &Filters) -> 
             visibility: f64::INFINITY,
             tries: count,
             lean: Vec::new(),
+            shift: Vec::new(),
         }
     });
     found.sort_by(|a, b| b.share.total_cmp(&a.share));

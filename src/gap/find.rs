@@ -17,7 +17,7 @@ use crate::{
     effects::{CATALOGUE, Domain, Effect, Physics},
     recording::Split,
     stats::t_quantile,
-    twin::{Left, Machine, Session, Source, Stage, StageKind, Twin, Value, machine_of},
+    twin::{Instance, Left, Machine, Session, Source, Stage, StageKind, Twin, Value, machine_of},
 };
 
 /// The links in the order of the chain.
@@ -428,7 +428,7 @@ fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
 fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
     let better = |instance: usize| {
         // A scatter is measured on the camera, without a slot that is fitted.
-        let is_noise = start.instances[instance].effect.is_noise();
+        let is_noise = twin.instances[instance].effect.is_noise();
         let fitted = |own: &&Outcome<'_>| {
             own.is_better && own.last.slots.iter().any(|s| s.instance == instance)
                 || is_noise && own.kind == StageKind::Camera
@@ -438,7 +438,8 @@ fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
     let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
     let beyond_chance = 1.0 - 0.5 * rounds::FAMILY_ERROR / tries.max(1) as f64;
     let mut refits = Vec::new();
-    for (index, (before, after)) in start.instances.iter().zip(&twin.instances).enumerate() {
+    for (index, after) in twin.instances.iter().enumerate() {
+        let Some(before) = known_as(start, index, after) else { continue };
         let Some(outcome) = better(index) else { continue };
         let freedom = outcome.uncertainty.freedom;
         let in_half_intervals = t_quantile(beyond_chance, freedom) / t_quantile(0.975, freedom);
@@ -454,7 +455,7 @@ fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
             if limit < change && LEAST_MOVE * parameter.scale.max(old.value.abs()) < change {
                 refits.push(Refit {
                     name: format!("{}.{}", before.effect.name, parameter.name),
-                    axis: before.axis,
+                    axis: after.axis,
                     before: old.value,
                     after: new.value,
                     ci95: new.ci95,
@@ -464,6 +465,13 @@ fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
         }
     }
     refits
+}
+
+/// As what the twin had the instance `index` at the `start`, perhaps on both motors or rails alike.
+fn known_as<'t>(start: &'t Twin, index: usize, instance: &Instance) -> Option<&'t Instance> {
+    let is_same =
+        |own: &&Instance| own.effect == instance.effect && own.axis.overlaps(instance.axis);
+    start.instances.get(index).or_else(|| start.instances.iter().find(is_same))
 }
 
 fn signal_gaps(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalGap> {

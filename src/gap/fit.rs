@@ -4,7 +4,10 @@ use super::{
     problem::{Evaluated, Linear, Point, Problem, dot},
     whiten::{self, Filters},
 };
-use crate::twin::{Slot, Twin};
+use crate::{
+    stats::t_quantile,
+    twin::{Slot, Twin},
+};
 use faer::{Mat, linalg::solvers::Solve};
 
 /// Relative gain of the squared error below which a fit has converged.
@@ -387,6 +390,22 @@ impl Uncertainty {
                 let error = &mut self.standard_errors[index];
                 *error = error.hypot(variance.sqrt() * found.point.twin.scale(*slot));
             }
+        }
+        self
+    }
+}
+
+impl Uncertainty {
+    /// The same where one of several small effects is there that is not worth a name: `shifts` say how far each
+    /// parameter would move beside each of them (scaled). An interval reaches as far as the largest of them.
+    #[must_use]
+    pub(super) fn whatever_is_beside(mut self, found: &Fit, shifts: &[&[f64]]) -> Self {
+        let quantile = t_quantile(0.975, self.freedom);
+        for (index, slot) in found.slots.iter().enumerate() {
+            let own = shifts.iter().filter_map(|shift| shift.get(index));
+            let largest = own.fold(0.0_f64, |most, shift| most.max(shift.abs()));
+            let error = &mut self.standard_errors[index];
+            *error = error.hypot(largest * found.point.twin.scale(*slot) / quantile);
         }
         self
     }

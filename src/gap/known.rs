@@ -10,7 +10,7 @@ use super::{
     rounds::Outcome,
 };
 use crate::{
-    effects::Effect,
+    effects::{Domain, Effect},
     twin::{Mimicry, StageKind, Twin},
 };
 
@@ -25,8 +25,8 @@ const WORTH_NAMING: f64 = 0.02;
 /// The same in a machine whose twin was searched before: what is imperfect there is known to be small.
 const WORTH_NAMING_LATER: f64 = 0.03;
 
-/// The same where nothing is new and nothing is known of the effect, or it is below what a simulation
-/// follows.
+/// The same where nothing is new and nothing is known of the effect, or it is at the edge of what a simulation
+/// follows; further below it the more.
 const WORTH_NAMING_AGAIN: f64 = 0.1;
 
 /// How often what the twin's own imperfection explains of an effect the effect must explain to be real.
@@ -115,7 +115,7 @@ impl<'t> Worth<'t> {
             Some(share) => (BEYOND_MIMICRY * share).max(WORTH_NAMING_LATER),
             None => self.general,
         };
-        let least = if is_below_fidelity(effect, numbers) { WORTH_NAMING_AGAIN } else { 0.0 };
+        let least = below_fidelity(effect, numbers).map_or(0.0, |below| WORTH_NAMING_AGAIN * below);
         own.max(self.beside).max(least)
     }
 }
@@ -155,18 +155,21 @@ pub(super) fn lean(given: &Twin, link: StageKind, effect: &Effect) -> Vec<f64> {
     mimicry(&given.mimicry, link, effect).map_or_else(Vec::new, |own| own.lean.clone())
 }
 
-/// Whether an effect with these numbers is below what a simulation follows: its size is a time shorter than is
-/// plausible, within one step of a simulation or of a drive's loop, in which every simulator is late or early by some
-/// share of it; or a number that shapes it is less than is plausible, though not at nothing.
-fn is_below_fidelity(effect: &Effect, numbers: &[f64]) -> bool {
-    let mut all = effect.parameters.iter().zip(effect.null).zip(numbers).enumerate();
-    all.any(|(index, ((parameter, null), value))| {
-        let least = parameter.plausible.0;
+/// How far below what a simulation follows an effect with these numbers is, 1 at its edge: its size is a time shorter
+/// than is plausible, for a drive within one step of its loop, in which every simulator is late or early by some share
+/// of it; or a number that shapes it is less than is plausible, though not at nothing.
+fn below_fidelity(effect: &Effect, numbers: &[f64]) -> Option<f64> {
+    let all = effect.parameters.iter().zip(effect.null).zip(numbers).enumerate();
+    let below = all.filter_map(|(index, ((parameter, null), value))| {
+        let (least, size) = (parameter.plausible.0, value.abs());
         match index {
-            0 => parameter.unit == "s" && value.abs() < least,
-            _ => 0.0 < least && value.abs() < least && value != null,
+            0 if parameter.unit != "s" => None,
+            0 if effect.domain == Domain::Drive => (size < least).then(|| least / size),
+            0 => (size < least).then_some(1.0),
+            _ => (0.0 < least && size < least && value != null).then_some(1.0),
         }
-    })
+    });
+    below.max_by(f64::total_cmp)
 }
 
 /// Whether an [`excess`] is none.
@@ -221,6 +224,6 @@ mod tests {
         let presliding = effect("drive.friction.presliding");
         let bristles = |distance| unknown.of(presliding, &[1.0, distance, 1e-3, 0.0]);
         assert!(bristles(1e-5) == WORTH_NAMING && bristles(2e-7) == WORTH_NAMING_AGAIN);
-        assert_eq!(unknown.of(delay, &[1e-4]), WORTH_NAMING_AGAIN);
+        assert!((unknown.of(delay, &[1e-4]) - 2.0 * WORTH_NAMING_AGAIN).abs() < 1e-12);
     }
 }

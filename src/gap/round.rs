@@ -58,6 +58,13 @@ const IN_ONE_SIGNAL: f64 = 4.0;
 /// which this motion cannot show it: what a test at one in 10,000 can just see.
 const VISIBLE: f64 = 5.0;
 
+/// So many probes of an effect say that its size has no slope.
+const MANY_PROBES: usize = 6;
+
+/// Factors of a size without slope that are tried beside it, and how often.
+const AWAY: [f64; 8] = [0.7, 0.82, 0.9, 0.96, 1.04, 1.1, 1.2, 1.4];
+const ACROSS_STEPS: usize = 3;
+
 /// A candidate, simulated and fitted.
 struct Trial {
     candidate: Candidate,
@@ -234,7 +241,30 @@ fn fitted(
     let (_, point, known) = nearest.expect("there is a base, and sizes to start from");
     let mut slots = bases[0].0.slots.clone();
     slots.extend(slots_of_last(&point.twin));
-    fit::fit_with(train, point, &slots, &fit::How { filters, iterations: 10, known })
+    let how = fit::How { filters, iterations: 10, known };
+    let found = fit::fit_with(train, point, &slots, &how);
+    match MANY_PROBES <= candidate.effect.probes.len() {
+        true => across_steps(train, found, &how),
+        false => found,
+    }
+}
+
+/// The fit, or a better one found by trying the size of the last effect at several distances: a threshold has no
+/// slope to follow between two values at which something passes it.
+fn across_steps(train: &Problem<'_>, mut found: Fit, how: &fit::How<'_>) -> Fit {
+    for _ in 0..ACROSS_STEPS {
+        let Some(size) = slots_of_last(&found.point.twin).first().copied() else { break };
+        let tries = AWAY.map(|factor| {
+            let mut point = found.point.clone();
+            point.twin.set(size, factor * found.point.twin.get(size));
+            (fit::squared(&train.whitened(&point, how.filters)), point)
+        });
+        let nearest = tries.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        let nearest = nearest.filter(|(loss, _)| *loss < found.loss);
+        let Some((_, point)) = nearest else { break };
+        found = fit::fit_with(train, point, &found.slots, how);
+    }
+    found
 }
 
 /// Slots of the instance that was added last.

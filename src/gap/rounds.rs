@@ -19,6 +19,7 @@ use crate::{
 };
 use take_back::withdraw;
 
+mod part;
 mod take_back;
 
 /// Probability of a false name over all tries of one screen (Bonferroni).
@@ -231,7 +232,8 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     };
     let judged = fit::on(&held_out, &best.point.twin, &filters);
     let uncertainty = fit::uncertainty(&train, &held_out, (&best, &judged), &filters)
-        .whatever_the_metric(&train, &best);
+        .whatever_the_metric(&train, &best)
+        .whatever_is_beside(&best, &shifts(&rejected));
     best.point = fit::told(&train, &best.point);
     Outcome {
         kind: link.kind,
@@ -250,6 +252,15 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         rejected,
         unexplained,
     }
+}
+
+/// How far each known parameter would move with each effect that was screened last, is in the data beyond chance and
+/// was not added all the same (scaled).
+fn shifts(rejected: &[Rejected]) -> Vec<&[f64]> {
+    let candidates = rejected.iter().map(|own| &own.candidate);
+    let tries: usize = candidates.clone().map(|own| own.tries).sum();
+    let is_there = |own: &&Candidate| own.p_value * (tries as f64) < FAMILY_ERROR;
+    candidates.filter(is_there).map(|own| own.shift.as_slice()).collect()
 }
 
 /// Everything that the twin has, fitted; single samples off the rest are left out from then on.
@@ -370,9 +381,10 @@ impl Search<'_> {
     fn close(&mut self, given: &Point, mut excess: Option<f64>) -> Option<Unknown> {
         let mut judged = None;
         let mut starts_again = !is_nothing_new(excess) && !self.is_followed(given);
+        let mut has_parted = false;
         let most = if excess.is_some() { MOST_ADDED_LATER } else { MOST_ADDED };
         while self.added.len() < most {
-            let first = self.added.is_empty() && !is_nothing_new(excess);
+            let first = self.added.is_empty() && !has_parted && !is_nothing_new(excess);
             let as_given = first.then(|| self.as_given(given));
             let stand = Stand {
                 base: &self.best,
@@ -389,6 +401,12 @@ impl Search<'_> {
                 if self.added.is_empty() && std::mem::take(&mut starts_again) {
                     let slots = std::mem::take(&mut self.best.slots);
                     (self.best, self.filters) = as_it_is(&self.train, given, &slots);
+                    continue;
+                }
+                let may_part = !has_parted && excess.is_some() && !is_nothing_new(excess);
+                if may_part && self.part_a_known(excess) {
+                    has_parted = true;
+                    excess = self.excess(judged.insert(self.judged()));
                     continue;
                 }
                 break;
@@ -411,13 +429,19 @@ impl Search<'_> {
         if is_nothing_new(excess) {
             return None;
         }
-        let held_out = &self.held_out;
-        let disturbance = || match scatters_otherwise {
+        let disturbance = match scatters_otherwise {
             true => None,
             false => self.disturbance(given, &judged),
         };
-        let unknown = unknown::strongest(&self.train, held_out, &self.best, &judged, &self.filters)
-            .or_else(disturbance)?;
+        self.unexplained(&judged, disturbance)
+    }
+
+    /// What the rest still depends on, or is, if on nothing, a `disturbance`; what was added and removed less than
+    /// that is withdrawn.
+    fn unexplained(&mut self, judged: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
+        let (train, held_out) = (&self.train, &self.held_out);
+        let unknown = unknown::strongest(train, held_out, &self.best, judged, &self.filters)
+            .or(disturbance)?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);

@@ -43,6 +43,8 @@ pub struct Candidate {
     /// How far from doing nothing the line of the screen leads each number, bounds or not; empty where the
     /// effect was simulated instead.
     pub lean: Vec<f64>,
+    /// How far each known parameter would move with it, as the line of the screen says (scaled).
+    pub shift: Vec<f64>,
 }
 
 /// Share of a column's length that must be left when the known parameters are taken out; below it
@@ -153,6 +155,7 @@ impl Screen<'_, '_> {
                 start: tested.start(effect, &probe),
                 visibility: tested.visibility * reach(effect, &probe),
                 lean: tested.lean(effect, &probe),
+                shift: tested.shift,
                 probe,
                 share: tested.share,
                 statistic: tested.statistic,
@@ -288,11 +291,19 @@ struct Tested {
     visibility: f64,
     /// Factor of each amplitude: one for all parameters together, or one for each.
     factors: Vec<f64>,
+    /// How far known parameters move when the amplitudes have these factors (scaled).
+    shift: Vec<f64>,
 }
 
 impl Tested {
-    const NOTHING: Self =
-        Self { share: 0.0, statistic: 0.0, p_value: 1.0, visibility: 0.0, factors: Vec::new() };
+    const NOTHING: Self = Self {
+        share: 0.0,
+        statistic: 0.0,
+        p_value: 1.0,
+        visibility: 0.0,
+        factors: Vec::new(),
+        shift: Vec::new(),
+    };
 
     /// Where a fit should start: the probe, its amplitudes moved as far as the line says, within a
     /// factor that keeps the line believable.
@@ -348,17 +359,21 @@ impl Tested {
 /// Tests the columns of one probe: the first is all parameters together, then each alone.
 fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) -> Tested {
     let mut original = Vec::with_capacity(own.len());
+    let mut imitating = Vec::with_capacity(own.len());
     for column in &mut own {
         linear.take_nuisances_from(column);
         original.push(dot(column, column));
         let products: Vec<f64> = linear.columns.iter().map(|known| dot(known, column)).collect();
-        for (known, weight) in linear.columns.iter().zip(normal.solve(&products)) {
+        let weights = normal.solve(&products);
+        for (known, weight) in linear.columns.iter().zip(&weights) {
             column.iter_mut().zip(known).for_each(|(value, known)| *value -= weight * known);
         }
+        imitating.push(weights);
     }
     // Each parameter is an amplitude of its own where each alone does something.
     let amplitudes = 1 < own.len() && original[1..].iter().all(|size| 1e-12 < *size);
     let kept: Vec<Vec<f64>> = if amplitudes { own.split_off(1) } else { own.drain(..1).collect() };
+    let imitating = if amplitudes { &imitating[1..] } else { &imitating[..1] };
     let sizes = if amplitudes { original[1..].to_vec() } else { original[..1].to_vec() };
     let left: f64 = kept.iter().map(|column| dot(column, column)).sum();
     if !(left.is_finite() && sizes.iter().sum::<f64>() * IMITATED * IMITATED < left) {
@@ -368,5 +383,8 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
     let Some(factors) = least_squares(&kept, &linear.residual) else { return Tested::NOTHING };
     let explained: f64 = factors.iter().zip(&products).map(|(f, p)| f * p).sum();
     let (statistic, p_value) = joint(&kept, &linear.residual, &linear.blocks);
-    Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors }
+    let shift = (0..linear.columns.len())
+        .map(|k| -imitating.iter().zip(&factors).map(|(weights, f)| weights[k] * f).sum::<f64>())
+        .collect();
+    Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors, shift }
 }

@@ -94,10 +94,12 @@ impl BallStage {
     }
 
     fn predict_roll(&self, rules: &Rules, roll: &Roll, start: &[f64], predicted: &mut [Vec<f64>]) {
-        let from = roll.samples.start;
-        let origin = self.tracks.times[from];
-        let age = rules.age(origin);
         let mut roller = Roller::new(rules, start);
+        let origin = self.tracks.times[roll.samples.start];
+        let age = rules.age(origin);
+        if roll.goes_on {
+            roller.rolls_without_slip();
+        }
         for sample in roll.samples.clone() {
             let time = self.tracks.times[sample];
             roller.strikers(self.tracks.strikers[sample]);
@@ -123,16 +125,20 @@ impl Stage for BallStage {
     }
 
     fn calls(&self, effect: &Effect) -> bool {
-        matches!(
-            effect.physics,
-            Physics::Roll(_)
-                | Physics::Resistance(_)
-                | Physics::Slide(_)
-                | Physics::Impact(_)
-                | Physics::Wall(_)
-                | Physics::Camera(_)
-                | Physics::CameraDelay(_)
-        )
+        let is_called = |equation: &Physics| {
+            matches!(
+                equation,
+                Physics::Roll(_)
+                    | Physics::Resistance(_)
+                    | Physics::Slide(_)
+                    | Physics::Launch(_)
+                    | Physics::Impact(_)
+                    | Physics::Wall(_)
+                    | Physics::Camera(_)
+                    | Physics::CameraDelay(_)
+            )
+        };
+        effect.physics.equations().iter().any(is_called)
     }
 
     fn nuisance_groups(&self) -> Vec<Range<usize>> {

@@ -179,12 +179,17 @@ impl EffectEntry {
         let values = effect
             .parameters
             .iter()
-            .map(|parameter| {
-                let given = self
-                    .parameters
-                    .iter()
-                    .find(|given| given.name == parameter.name)
-                    .ok_or_else(|| wrong(parameter.name, "is missing".to_owned()))?;
+            .zip(effect.null)
+            .enumerate()
+            .map(|(index, (parameter, null))| {
+                let Some(given) = self.parameters.iter().find(|own| own.name == parameter.name)
+                else {
+                    // An older version had fewer numbers: those that came later do nothing at zero.
+                    let came_later = index != 0 && *null == 0.0;
+                    let nothing = || Value { value: 0.0, ci95: None, source: Source::Nominal };
+                    let missing = || wrong(parameter.name, "is missing".to_owned());
+                    return came_later.then(nothing).ok_or_else(missing);
+                };
                 let (low, high) = parameter.bounds;
                 if !(low..=high).contains(&given.value) {
                     let problem = format!(
@@ -230,4 +235,30 @@ pub fn read_twin(path: &Path) -> Result<Twin, TwinError> {
 pub fn write_twin(twin: &Twin, path: &Path) -> Result<(), RecordingError> {
     let text = twin.to_json().unwrap_or_default();
     write_bytes(path, ExistingFile::Replace, text.as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The built-in twin of a table as its file, without the number `parameter` of the effect `name`.
+    fn without(name: &str, parameter: &str) -> Result<Twin, TwinError> {
+        let text = Twin::nominal(Machine::Table).to_json().unwrap();
+        let mut document: Document = serde_json::from_str(&text).unwrap();
+        for own in document.effects.iter_mut().filter(|own| own.name == name) {
+            own.parameters.retain(|given| given.name != parameter);
+        }
+        document.into_twin("twin.json")
+    }
+
+    #[test]
+    fn a_twin_of_an_older_version_has_nothing_of_numbers_that_came_later() {
+        let twin = without("drive.velocity_loop", "feedback_age_s").unwrap();
+        let own = twin.instances.iter().find(|own| own.effect.name == "drive.velocity_loop");
+        assert_eq!(own.unwrap().values[2].value, 0.0);
+        for needed in ["natural_frequency_hz", "damping_ratio"] {
+            let error = without("drive.velocity_loop", needed).unwrap_err().to_string();
+            assert!(error.contains(needed) && error.contains("is missing"), "{error}");
+        }
+    }
 }

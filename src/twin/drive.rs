@@ -14,8 +14,8 @@ use std::f64::consts::TAU;
 /// the plant runs but nothing is compared.
 pub(super) const SETTLING: f64 = 0.1;
 
-/// The first steps after a command (s).
-const FIRST_STEPS: [f64; 3] = [1e-4, 2e-4, 4e-4];
+/// The first steps after a command (s), which takes effect within the first of them.
+const FIRST_STEPS: [f64; 4] = [2e-5, 1e-4, 2e-4, 4e-4];
 
 /// One gantry of one session: commands in, motor velocities and torques out.
 #[derive(Debug, Clone)]
@@ -250,7 +250,7 @@ mod tests {
             let effect = crate::effects::find(name).unwrap();
             twin.instances.push(Instance::new(effect, Axis::Motors, values, Source::Nominal));
         };
-        set("drive.velocity_loop", &[omega / TAU, 1.0]);
+        set("drive.velocity_loop", &[omega / TAU, 1.0, 0.0]);
         set("drive.saturation.slew", &[slope]);
         set("drive.delay", &[delay]);
         for instance in &mut twin.instances {
@@ -275,13 +275,13 @@ mod tests {
         }
     }
 
-    /// The closed form of a PI loop that follows a ramp from rest: the error is r t exp(-w t), so the velocity is
-    /// r t (1 - exp(-w t)) and the force m r (1 - (1 - w t) exp(-w t)).
-    #[test]
-    fn velocity_and_torque_are_those_of_the_closed_form_at_every_sample() {
-        let (omega, delay, slope) = (120.0, 0.0079, 17.0);
-        let twin = table(omega, delay, slope);
-        let times: Vec<f64> = (1..40).map(|k| 0.0103 + 0.0007 * f64::from(k)).collect();
+    /// Times at which the sensors are read (s).
+    fn sampled() -> Vec<f64> {
+        (1..40).map(|k| 0.0103 + 0.0007 * f64::from(k)).collect()
+    }
+
+    /// What the first motor does when 1 m/s along x is asked for at 0.01 s: velocities and torques.
+    fn answers(twin: &Twin, times: &[f64]) -> [Vec<f64>; 2] {
         let stage = DriveStage {
             command_times: vec![0.0, 0.01],
             commands: vec![[0.0, 0.0], [1.0, 0.0]],
@@ -292,11 +292,22 @@ mod tests {
                 velocity: [0.0; 2],
                 fresh: true,
             }],
-            channels: vec![channel("velocity", &times), channel("torque", &times)],
+            channels: vec![channel("velocity", times), channel("torque", times)],
             outputs: vec![Output::Velocity(0), Output::Torque(0)],
         };
         let mut predicted = vec![vec![0.0; times.len()]; 2];
-        stage.predict(&twin, &[], &mut predicted);
+        stage.predict(twin, &[], &mut predicted);
+        predicted.try_into().expect("two channels")
+    }
+
+    /// The closed form of a PI loop that follows a ramp from rest: the error is r t exp(-w t), so the velocity is
+    /// r t (1 - exp(-w t)) and the force m r (1 - (1 - w t) exp(-w t)).
+    #[test]
+    fn velocity_and_torque_are_those_of_the_closed_form_at_every_sample() {
+        let (omega, delay, slope) = (120.0, 0.0079, 17.0);
+        let twin = table(omega, delay, slope);
+        let times = sampled();
+        let [velocities, torques] = answers(&twin, &times);
         // Along x both motors pull: each moves half of the mass, in metres of belt that are those of the rail.
         let force = 0.5 * MASS * slope * twin.belt_per_turn / TAU;
         for (k, time) in times.iter().enumerate() {
@@ -304,10 +315,39 @@ mod tests {
             let fading = (-omega * t).exp();
             let velocity = slope * t * (1.0 - fading);
             let torque = force * (1.0 - (1.0 - omega * t) * fading);
-            let [seen, felt] = [0, 1].map(|channel: usize| predicted[channel][k]);
+            let (seen, felt) = (velocities[k], torques[k]);
             // Half of what a sensor scatters.
             assert!((seen - velocity).abs() < 2.5e-4, "{t} s: {seen} not {velocity} m/s");
             assert!((felt - torque).abs() < 0.01 * force, "{t} s: {felt} not {torque} N m");
         }
+    }
+
+    /// The same loop, but its velocity is old: by small steps of the definition, with a memory of velocities.
+    #[test]
+    fn a_loop_that_sees_old_velocities_swings_as_its_definition_does() {
+        let (omega, slope, age) = (120.0, 17.0, 3e-4);
+        let mut twin = table(omega, 0.0, slope);
+        let gains = twin.instances.iter_mut().find(|own| own.effect.name == "drive.velocity_loop");
+        gains.unwrap().values[2].value = age;
+        let times = sampled();
+        let [seen, _] = answers(&twin, &times);
+        let [fresh, _] = answers(&table(omega, 0.0, slope), &times);
+        let (steps, dt) = (60_000_usize, 1e-6);
+        let mut velocity = vec![0.0; steps];
+        let (mut travelled, mut setpoint) = (0.0, 0.0_f64);
+        for step in 10_000..steps - 1 {
+            setpoint = (setpoint + slope * dt).min(1.0);
+            let error = setpoint - velocity[step - (age / dt) as usize];
+            travelled += error * dt;
+            let pull = 2.0 * omega * error + omega * omega * travelled;
+            velocity[step + 1] = velocity[step] + pull * dt;
+        }
+        let at = |time: f64| velocity[(time / dt).round() as usize];
+        let worst = |own: &[f64]| {
+            times.iter().zip(own).fold(0.0_f64, |most, (t, v)| most.max((v - at(*t)).abs()))
+        };
+        // Half of what a sensor scatters, and far less than the age makes.
+        assert!(worst(&seen) < 2.5e-4, "{} m/s", worst(&seen));
+        assert!(8.0 * worst(&seen) < worst(&fresh), "{} m/s", worst(&fresh));
     }
 }

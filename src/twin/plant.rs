@@ -290,9 +290,9 @@ impl Plant {
         let drag = step.drag(both(|index| load[index] + state.friction[index]));
         let demand = both(|index| {
             let now = state.setpoint[index] - seen[index];
-            let error = middle[index] - seen[index] - 0.5 * dt * drag[index];
-            let mass = step.loop_mass(index);
-            self.motors[index].demand([now, error], state.integral[index], mass, dt)
+            let motor = &self.motors[index];
+            let error = middle[index] - seen[index] - motor.ahead(dt) * drag[index];
+            motor.demand([now, error], state.integral[index], step.loop_mass(index), dt)
         });
         let force = self.efforts(&step, demand, memory);
         let (velocity, friction) = match &step.two_masses {
@@ -313,9 +313,10 @@ impl Plant {
         state.arrive(velocity, dt);
         let seen_after = self.reported(state);
         for (index, motor) in self.motors.iter().enumerate() {
-            let error = middle[index] - 0.5 * (seen[index] + seen_after[index]);
+            let middle = middle[index] - 0.5 * (seen[index] + seen_after[index]);
+            let gained = motor.travelled(middle, seen_after[index] - seen[index], dt);
             state.integral[index] +=
-                step.loop_mass(index).gains * motor.gains.integral_per_s2 * error * dt;
+                step.loop_mass(index).gains * motor.gains.integral_per_s2 * gained;
         }
         state.friction = friction;
         state.force = force;
@@ -422,7 +423,7 @@ impl Plant {
         let middle = motor.middle(state.setpoint[0], setpoint);
         let drag = (load + state.friction[0]) / mass;
         let now = state.setpoint[0] - state.velocity[0];
-        let error = middle - state.velocity[0] - 0.5 * dt * drag;
+        let error = middle - state.velocity[0] - motor.ahead(dt) * drag;
         let loop_mass = LoopMass { gains: mass, moved: mass };
         motion.force = motor.demand([now, error], state.integral[0], loop_mass, dt);
         for part in &motor.efforts {
@@ -437,7 +438,8 @@ impl Plant {
         };
         let (velocity, friction) = slide(&motion, motion.force + load, contact, memory);
         let error = middle - 0.5 * (state.velocity[0] + velocity);
-        state.integral[0] += mass * motor.gains.integral_per_s2 * error * dt;
+        let gained = motor.travelled(error, velocity - state.velocity[0], dt);
+        state.integral[0] += mass * motor.gains.integral_per_s2 * gained;
         state.acceleration[0] = (velocity - state.velocity[0]) / dt;
         state.position[0] += 0.5 * dt * (velocity + state.velocity[0]);
         state.velocity[0] = velocity;
@@ -613,12 +615,22 @@ impl MotorParts {
         if self.ramps.is_empty() { after } else { 0.5 * (before + after) }
     }
 
-    /// Force at the middle of the step: of the velocity errors at its start, and there without the loop's own
+    /// From the start of a step to when the velocity was measured that the loop acts on in its middle (s).
+    fn ahead(&self, dt: f64) -> f64 {
+        0.5 * dt - self.gains.feedback_age_s
+    }
+
+    /// Travelled error (m) of a step with this `error` in its middle, in which the velocity `changed` (m/s).
+    fn travelled(&self, error: f64, changed: f64, dt: f64) -> f64 {
+        error * dt + self.gains.feedback_age_s * changed
+    }
+
+    /// Force at the middle of the step: of the velocity errors at its start, and then without the loop's own
     /// force.
     fn demand(&self, error: [f64; 2], integral: f64, mass: LoopMass, dt: f64) -> f64 {
         let gain = mass.gains * self.gains.proportional_per_s;
         let halfway = integral + 0.5 * dt * mass.gains * self.gains.integral_per_s2 * error[0];
-        (gain * error[1] + halfway) / (1.0 + 0.5 * dt * gain / mass.moved)
+        (gain * error[1] + halfway) / (1.0 + self.ahead(dt) * gain / mass.moved)
     }
 }
 

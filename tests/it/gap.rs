@@ -225,10 +225,19 @@ fn normal(stream: &mut Stream) -> f64 {
     f64::from((0..12).map(|_| stream.uniform_f32(-0.5, 0.5)).sum::<f32>())
 }
 
-/// Two sessions of a table whose motors ramp to their commands at 8 m/s^2 and follow the ramp with a time
-/// constant of 4 ms, all `delay` seconds late, by small explicit steps; velocities are read with 0.5 mm/s
-/// of noise. A camera sees the striker on the carriage.
-fn followed(dir: &Path, name: &str, delay: f64, camera: Option<Camera>) -> [String; 2] {
+/// How the motors of a table follow their commands: so late (s), with ramps so steep (m/s^2).
+#[derive(Clone, Copy)]
+struct Follows {
+    late_s: f64,
+    ramps: [f64; 2],
+}
+
+/// At once, and alike.
+const ALIKE: Follows = Follows { late_s: 0.0, ramps: [8.0; 2] };
+
+/// Two sessions of a table whose motors ramp to their commands and follow the ramp with a time constant of 4 ms, by
+/// small explicit steps; velocities are read with 0.5 mm/s of noise. A camera sees the striker on the carriage.
+fn followed(dir: &Path, name: &str, motors: Follows, camera: Option<Camera>) -> [String; 2] {
     [1.0, 2.0].map(|session| {
         let path = dir.join(format!("{name}-{session}.mcap"));
         let mut writer = writer(&path, "klasktron");
@@ -269,9 +278,10 @@ fn followed(dir: &Path, name: &str, delay: f64, camera: Option<Camera>) -> [Stri
                     writer.write(topic::CAMERA_DETECTIONS, at, &frame).unwrap();
                 }
             }
-            let wanted = turned(jumps((t - delay).max(0.0), session));
+            let wanted = turned(jumps((t - motors.late_s).max(0.0), session));
             for index in 0..2 {
-                ramp[index] += (wanted[index] - ramp[index]).clamp(-8e-4, 8e-4);
+                let most = 1e-4 * motors.ramps[index];
+                ramp[index] += (wanted[index] - ramp[index]).clamp(-most, most);
                 motor[index] += 1e-4 * (ramp[index] - motor[index]) / 0.004;
                 place[index] += 1e-4 * turned(motor)[index];
             }
@@ -284,9 +294,9 @@ fn followed(dir: &Path, name: &str, delay: f64, camera: Option<Camera>) -> [Stri
 #[test]
 fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
     let dir = tempfile::tempdir().unwrap();
-    gap(&followed(dir.path(), "base", 0.0, None), None, &dir.path().join("base"));
+    gap(&followed(dir.path(), "base", ALIKE, None), None, &dir.path().join("base"));
     let twin = dir.path().join("base/twin.json").display().to_string();
-    let same = followed(dir.path(), "same", 0.0, None);
+    let same = followed(dir.path(), "same", ALIKE, None);
     let (same, _) = gap(&same, Some(&twin), &dir.path().join("same"));
     assert!(names(&same).is_empty(), "{same:#}");
     // What only a camera shows is said to be untested, and the next recording asks for one.
@@ -294,7 +304,7 @@ fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
     let magnet = rejected.iter().find(|own| own["name"] == "coupling.magnet_spring").unwrap();
     assert!(magnet["reason"].as_str().unwrap().contains("not testable without"), "{magnet}");
     assert!(same["next_experiment"].as_str().unwrap().contains("--camera"), "{same:#}");
-    let late = followed(dir.path(), "late", 0.018, None);
+    let late = followed(dir.path(), "late", Follows { late_s: 0.018, ..ALIKE }, None);
     let (document, _) = gap(&late, Some(&twin), &dir.path().join("late"));
     let delay = document["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drive.delay");
     let parameter = &delay.unwrap_or_else(|| panic!("{document:#}"))["parameters"][0];
@@ -302,13 +312,35 @@ fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
 }
 
 #[test]
+fn a_ramp_that_became_slower_on_one_motor_is_refitted_there_and_nothing_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    gap(&followed(dir.path(), "base", ALIKE, None), None, &dir.path().join("base"));
+    let twin = dir.path().join("base/twin.json").display().to_string();
+    let slower = Follows { ramps: [6.0, 8.0], ..ALIKE };
+    let worn = followed(dir.path(), "worn", slower, None);
+    let (document, _) = gap(&worn, Some(&twin), &dir.path().join("worn"));
+    assert!(names(&document).is_empty(), "{document:#}");
+    let refits = document["refit"].as_array().unwrap();
+    let ramp = |axis: &str| {
+        refits.iter().find(|own| {
+            own["name"] == "drive.saturation.slew.limit_m_per_s2" && own["axis"] == axis
+        })
+    };
+    let own = ramp("a").unwrap_or_else(|| panic!("{document:#}"));
+    // In metres of belt.
+    let truth = 6.0 * 2.0_f64.sqrt();
+    assert!((own["after"].as_f64().unwrap() - truth).abs() < 0.02 * truth, "{own}");
+    assert!(ramp("b").is_none(), "{document:#}");
+}
+
+#[test]
 fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
     let dir = tempfile::tempdir().unwrap();
     let camera = |place_m, stamp_s| Some(Camera { place_m, stamp_s, lost: 0.0 });
-    let base = followed(dir.path(), "base", 0.0, camera(2.5e-4, 0.0));
+    let base = followed(dir.path(), "base", ALIKE, camera(2.5e-4, 0.0));
     gap(&base, None, &dir.path().join("base"));
     let twin = dir.path().join("base/twin.json").display().to_string();
-    let changed = followed(dir.path(), "changed", 0.0, camera(4e-4, 1.5e-3));
+    let changed = followed(dir.path(), "changed", ALIKE, camera(4e-4, 1.5e-3));
     let (document, _) = gap(&changed, Some(&twin), &dir.path().join("changed"));
     assert_eq!(names(&document), ["sensor.frame_jitter", "sensor.noise_model"], "{document:#}");
     for (index, truth) in [(0, 1.5e-3), (1, 1.6)] {
@@ -329,12 +361,15 @@ fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
 fn a_camera_that_loses_frames_is_named_by_the_share_it_loses() {
     let dir = tempfile::tempdir().unwrap();
     let camera = |lost| Some(Camera { place_m: 2.5e-4, stamp_s: 0.0, lost });
-    gap(&followed(dir.path(), "base", 0.0, camera(0.0)), None, &dir.path().join("base"));
+    gap(&followed(dir.path(), "base", ALIKE, camera(0.0)), None, &dir.path().join("base"));
     let twin = dir.path().join("base/twin.json").display().to_string();
-    let (same, _) =
-        gap(&followed(dir.path(), "same", 0.0, camera(0.0)), Some(&twin), &dir.path().join("same"));
+    let (same, _) = gap(
+        &followed(dir.path(), "same", ALIKE, camera(0.0)),
+        Some(&twin),
+        &dir.path().join("same"),
+    );
     assert!(names(&same).is_empty(), "{same:#}");
-    let lossy = followed(dir.path(), "lossy", 0.0, camera(0.06));
+    let lossy = followed(dir.path(), "lossy", ALIKE, camera(0.06));
     let (document, _) = gap(&lossy, Some(&twin), &dir.path().join("lossy"));
     assert_eq!(names(&document), ["sensor.frame_drop"], "{document:#}");
     let share = document["effects"][0]["parameters"][0]["value"].as_f64().unwrap();

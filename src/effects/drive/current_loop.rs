@@ -1,8 +1,8 @@
 //! The force follows its demand through the current loop.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site, first_order::follow};
 
-/// `drive.current_loop`: Te F' + F = Fd, by an implicit step that delays by Te whatever the step.
+/// `drive.current_loop`: Te F' + F = Fd, so that a ramp of the demand is Te behind.
 /// In an inverse model it is an extra force M Te jerk.
 pub(crate) static CURRENT_LOOP: Effect = Effect {
     name: "drive.current_loop",
@@ -19,11 +19,8 @@ pub(crate) static CURRENT_LOOP: Effect = Effect {
     }],
     null: &[0.0],
     probes: &[&[0.0005], &[0.003]],
-    memory: 1,
-    physics: Physics::Effort(|p, memory, motion| {
-        memory[0] += (motion.force - memory[0]) * motion.dt / (p[0] + motion.dt);
-        memory[0]
-    }),
+    memory: 2,
+    physics: Physics::Effort(|p, memory, motion| follow(p[0], memory, motion.force, motion.dt)),
     regressors: &[Regressor::Jerk],
     excitation: "reversals of the acceleration at full force, with the torque recorded",
     experiment: "step_ladder",
@@ -45,9 +42,12 @@ mod tests {
     fn the_force_follows_and_without_a_time_constant_at_once() {
         let Physics::Effort(follow) = CURRENT_LOOP.physics else { panic!("it acts on the effort") };
         let motion = Motion { dt: 1e-3, force: 8.0, ..Motion::default() };
-        let mut memory = [0.0];
-        assert!((follow(&[1e-3], &mut memory, &motion) - 4.0).abs() < 1e-12);
-        assert!((follow(&[1e-3], &mut memory, &motion) - 6.0).abs() < 1e-12);
-        assert_eq!(follow(CURRENT_LOOP.null, &mut [0.0], &motion), 8.0);
+        let left = (-1.0_f64).exp();
+        let mut memory = [0.0; 2];
+        // The demand rises within the first step, and is held from then on.
+        assert!((follow(&[1e-3], &mut memory, &motion) - 8.0 * left).abs() < 1e-12);
+        let want = 8.0 - 8.0 * (1.0 - left) * left;
+        assert!((follow(&[1e-3], &mut memory, &motion) - want).abs() < 1e-12);
+        assert_eq!(follow(CURRENT_LOOP.null, &mut [0.0; 2], &motion), 8.0);
     }
 }

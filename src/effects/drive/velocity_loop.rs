@@ -4,7 +4,8 @@ use crate::effects::{Domain, Effect, LoopGains, Parameter, Physics, Regressor, S
 use std::f64::consts::TAU;
 
 /// `drive.velocity_loop`: with mass M, force M (2 z w e + w^2 integral of e), so that the closed
-/// loop is (2 z w s + w^2) / (s^2 + 2 z w s + w^2).
+/// loop is (2 z w s + w^2) / (s^2 + 2 z w s + w^2). The loop runs on a computer: the velocity in its error e is a
+/// little old, by the sampling, the encoder's filter and the time that it takes to act.
 pub(crate) static VELOCITY_LOOP: Effect = Effect {
     name: "drive.velocity_loop",
     says: "the velocity loop answers with another bandwidth or damping",
@@ -27,13 +28,25 @@ pub(crate) static VELOCITY_LOOP: Effect = Effect {
             plausible: (0.3, 5.0),
             per_session: false,
         },
+        Parameter {
+            name: "feedback_age_s",
+            unit: "s",
+            scale: 2e-4,
+            bounds: (0.0, 1e-3),
+            plausible: (0.0, 5e-4),
+            per_session: false,
+        },
     ],
-    null: &[300.0, 1.0],
-    probes: &[&[20.0, 1.0], &[60.0, 1.0], &[10.0, 0.5]],
+    null: &[300.0, 1.0, 0.0],
+    probes: &[&[20.0, 1.0, 0.0], &[60.0, 1.0, 0.0], &[10.0, 0.5, 0.0]],
     memory: 0,
     physics: Physics::VelocityLoop(|p| {
         let w = TAU * p[0];
-        LoopGains { proportional_per_s: 2.0 * p[1] * w, integral_per_s2: w * w }
+        LoopGains {
+            proportional_per_s: 2.0 * p[1] * w,
+            integral_per_s2: w * w,
+            feedback_age_s: p[2],
+        }
     }),
     regressors: &[Regressor::Acceleration, Regressor::Jerk],
     excitation: "velocity steps and chirps",

@@ -46,6 +46,7 @@ type ImpactLaw = fn(&[f64], &Impact, Change) -> Change;
 type WallLaw = fn(&[f64], Wall, f64) -> f64;
 type CameraLaw = fn(&[f64], [f64; 2], f64) -> [f64; 2];
 type DelayLaw = fn(&[f64], f64) -> f64;
+type LaunchLaw = fn(&[f64]) -> f64;
 
 /// What a twin says about the ball: the functions of its instances by place, in the order of the
 /// catalogue, so that the order in which effects were found does not matter.
@@ -54,6 +55,7 @@ pub(super) struct Rules {
     roll: Vec<Law<RollLaw>>,
     resistance: Vec<Law<BallLaw>>,
     slide: Vec<Law<BallLaw>>,
+    launch: Vec<Law<LaunchLaw>>,
     impact: Vec<Law<ImpactLaw>>,
     wall: Vec<Law<WallLaw>>,
     camera: Vec<Law<CameraLaw>>,
@@ -69,19 +71,25 @@ impl Rules {
         sorted.sort_by_key(place);
         let mut rules = Self::default();
         for instance in sorted {
-            let numbers = instance.numbers();
-            match instance.effect.physics {
-                Physics::Roll(law) => rules.roll.push((law, numbers)),
-                Physics::Resistance(law) => rules.resistance.push((law, numbers)),
-                Physics::Slide(law) => rules.slide.push((law, numbers)),
-                Physics::Impact(law) => rules.impact.push((law, numbers)),
-                Physics::Wall(law) => rules.wall.push((law, numbers)),
-                Physics::Camera(law) => rules.camera.push((law, numbers)),
-                Physics::CameraDelay(law) => rules.delay.push((law, numbers)),
-                _ => {}
+            for equation in instance.effect.physics.equations() {
+                rules.add(*equation, instance.numbers());
             }
         }
         rules
+    }
+
+    fn add(&mut self, equation: Physics, numbers: Vec<f64>) {
+        match equation {
+            Physics::Roll(law) => self.roll.push((law, numbers)),
+            Physics::Resistance(law) => self.resistance.push((law, numbers)),
+            Physics::Slide(law) => self.slide.push((law, numbers)),
+            Physics::Launch(law) => self.launch.push((law, numbers)),
+            Physics::Impact(law) => self.impact.push((law, numbers)),
+            Physics::Wall(law) => self.wall.push((law, numbers)),
+            Physics::Camera(law) => self.camera.push((law, numbers)),
+            Physics::CameraDelay(law) => self.delay.push((law, numbers)),
+            _ => {}
+        }
     }
 
     /// Age of the picture at `elapsed` seconds of the session (s).
@@ -194,7 +202,7 @@ pub(super) struct Roller<'a> {
 }
 
 impl<'a> Roller<'a> {
-    /// At `start`: x, y (m), vx, vy (m/s); rolling, without spin.
+    /// At `start`: x, y (m), vx, vy (m/s); sliding as it is launched, without spin.
     pub(super) fn new(rules: &'a Rules, start: &[f64]) -> Self {
         let number = |k: usize| start.get(k).copied().unwrap_or(0.0);
         let ball = Ball {
@@ -202,7 +210,13 @@ impl<'a> Roller<'a> {
             velocity: [number(2), number(3)],
             ..Ball::default()
         };
-        Self { rules, ball, slip: [0.0; 2], spin: 0.0 }
+        let launch: f64 = rules.launch.iter().map(|(law, p)| law(p)).sum();
+        Self { rules, ball, slip: ball.velocity.map(|v| launch * v), spin: 0.0 }
+    }
+
+    /// It is in the middle of its roll: what was left of sliding is not known.
+    pub(super) fn rolls_without_slip(&mut self) {
+        self.slip = [0.0; 2];
     }
 
     /// Tells where the strikers are from now on.

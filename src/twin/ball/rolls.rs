@@ -107,6 +107,8 @@ pub(super) struct Roll {
     pub(super) samples: Range<usize>,
     /// First guess of x, y (m), vx, vy (m/s) at the first of them.
     pub(super) start: [f64; 4],
+    /// Whether it is the same roll that ends where this piece begins.
+    pub(super) goes_on: bool,
 }
 
 impl Tracks {
@@ -309,7 +311,12 @@ fn cut_long(tracks: &Tracks, part: Range<usize>, extent: Extent, rolls: &mut Vec
     let pieces = (length / extent.longest()).ceil().max(1.0) as usize;
     for piece in 0..pieces {
         let edge = |piece: usize| part.start + part.len() * piece / pieces;
-        rolls.extend(roll_of(tracks, edge(piece)..edge(piece + 1)));
+        let mut roll = roll_of(tracks, edge(piece)..edge(piece + 1));
+        if let Some(roll) = &mut roll {
+            roll.goes_on =
+                rolls.last().is_some_and(|last| last.samples.end == edge(piece) && 0 < piece);
+        }
+        rolls.extend(roll);
     }
 }
 
@@ -325,7 +332,11 @@ fn roll_of(tracks: &Tracks, samples: Range<usize>) -> Option<Roll> {
                 let start = [line.place[0], line.place[1], line.velocity[0], line.velocity[1]];
                 let samples = first..samples.end;
                 let far = samples.clone().map(|i| tracks.displacement(first, i));
-                return (LEAST_WAY < far.fold(0.0, f64::max)).then_some(Roll { samples, start });
+                return (LEAST_WAY < far.fold(0.0, f64::max)).then_some(Roll {
+                    samples,
+                    start,
+                    goes_on: false,
+                });
             }
         }
         first += 1;

@@ -101,7 +101,7 @@ fn a_turned_wall_turns_the_way_back_by_twice_its_angle() {
 fn energy_never_grows() {
     let rules = rules(&[
         ("ball.rolling_resistance", &[0.01, 0.02]),
-        ("ball.sliding_phase", &[0.1]),
+        ("ball.sliding_phase", &[0.1, 0.3]),
         ("ball.air_drag", &[0.03]),
         ("impact.wall_restitution", &[1.0]),
         ("impact.wall_restitution_speed", &[0.05]),
@@ -127,7 +127,7 @@ fn energy_never_grows() {
 fn a_mirrored_start_gives_a_mirrored_path() {
     let rules = rules(&[
         ("ball.rolling_resistance", &[0.01, 0.02]),
-        ("ball.sliding_phase", &[0.1]),
+        ("ball.sliding_phase", &[0.1, 0.3]),
         ("impact.wall_restitution", &[0.85]),
         ("impact.wall_friction_spin", &[0.2]),
         ("ball.board_curvature", &[0.0005]),
