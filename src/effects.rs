@@ -276,6 +276,14 @@ impl Effect {
     pub fn is_noise(&self) -> bool {
         matches!(self.physics, Physics::Noise(_))
     }
+
+    /// Whether its first number alone is counted from nothing, and the others shape it: they may be there without it,
+    /// as a spring without the friction of what it holds.
+    #[must_use]
+    pub fn has_shape(&self) -> bool {
+        let shape = self.null.get(1..).unwrap_or_default();
+        self.null[0] == 0.0 && !shape.is_empty() && shape.iter().all(|null| *null != 0.0)
+    }
 }
 
 /// Every effect, by domain.
@@ -392,6 +400,28 @@ mod tests {
                 assert!(parameter.bounds.0 < parameter.bounds.1, "{}", effect.name);
                 assert!(parameter.plausible.0 <= parameter.plausible.1, "{}", effect.name);
             }
+        }
+    }
+
+    #[test]
+    fn what_is_shared_parts_into_what_it_covers() {
+        for (shared, parts) in
+            [(Axis::Motors, [Axis::A, Axis::B]), (Axis::Rails, [Axis::X, Axis::Y])]
+        {
+            assert_eq!(shared.parts(), Some(parts));
+            for (index, part) in parts.into_iter().enumerate() {
+                assert!(part.parts().is_none() && part.overlaps(shared));
+                assert!(part.covers(index) && !part.covers(1 - index));
+            }
+        }
+    }
+
+    #[test]
+    fn a_size_with_shapes_is_told_from_several_sizes() {
+        let has_shape = |name| find(name).unwrap().has_shape();
+        assert!(has_shape("coupling.striker_friction") && has_shape("drive.friction.stribeck"));
+        for several in ["drive.ripple.pulley", "drive.friction.asymmetric", "drive.delay"] {
+            assert!(!has_shape(several), "{several}");
         }
     }
 }

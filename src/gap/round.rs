@@ -4,7 +4,7 @@ use super::{
     direct,
     evidence::{Amplitude, Blocks},
     fit::{self, Fit},
-    known::Worth,
+    known::{BESIDE_NAMED, Worth},
     problem::{Point, Problem, dot},
     rounds::{Added, Contestant, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
     screen::{self, Candidate},
@@ -478,6 +478,27 @@ impl<'a, 'b> Bench<'a, 'b> {
         0 < slot.parameter && loss - fit.loss < SAME
     }
 
+    /// Whether what makes the effect is hardly needed beside the numbers that shape it: with its size at nothing the
+    /// sessions are explained nearly as well, and it is another effect that they show.
+    fn is_as_good_without_size(&self, trial: &Trial) -> bool {
+        let mut twin = trial.fit.point.twin.clone();
+        let size = slots_of_last(&twin).into_iter().next();
+        let Some(size) = size.filter(|_| trial.candidate.effect.has_shape()) else { return false };
+        twin.set(size, 0.0);
+        let needs = |problem: &Problem<'_>, base: &[f64], with: &[f64]| {
+            let point = fit::on(problem, &twin, self.filters);
+            let without = problem.whitened(&point, self.filters);
+            let removes = |rows: &[f64]| 1.0 - fit::squared(rows) / fit::squared(base);
+            let shape = removes(&without).max(0.0);
+            is_in(&without, with, &problem.blocks())
+                && BESIDE_NAMED * shape <= removes(with) - shape
+        };
+        let held_out = self.held_out;
+        let on_held_out =
+            held_out.parts.is_empty() || needs(held_out, &self.base_held_rows, &trial.held_rows);
+        !(on_held_out && needs(self.train, &self.base_train_rows, &trial.train_rows))
+    }
+
     /// Why the trial may not be named; `None` when it may.
     fn objection(&self, trial: &Trial) -> Option<Reason> {
         if let Some((slot, name)) = on_bound(&trial.fit)
@@ -489,6 +510,9 @@ impl<'a, 'b> Bench<'a, 'b> {
             return Some(Reason::OnBound(name));
         }
         if !is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
+            return Some(Reason::NotSignificant);
+        }
+        if self.is_as_good_without_size(trial) {
             return Some(Reason::NotSignificant);
         }
         if self.held_out.parts.is_empty() {

@@ -1,28 +1,61 @@
-//! The striker rubs on the board and hangs back on the soft grip of the magnet.
+//! The striker rubs on the board.
 
+use crate::effects::oscillator::Oscillator;
 use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
 
-/// `coupling.striker_friction`: the striker moves only when the spring k pulls harder than its
-/// friction Fc, so it hangs back by Fc/k against the direction in which it last moved, and stays
-/// there at rest. Only the ratio can be seen, and it is the parameter. Lag by inertia is
-/// `coupling.magnet_spring`.
+/// `coupling.striker_friction`: m s' = -k d / (1 + (d/d0)^2) - 2 z sqrt(k m) d' - F s/|s|, with the striker's velocity
+/// s and its displacement d from the magnet, which holds it like the spring of `coupling.magnet_spring`: dry friction
+/// of the striker on the board, on which its magnet presses it. At a constant velocity it hangs back by about F/k; at
+/// rest it may stay anywhere within that.
 pub(crate) static STRIKER_FRICTION: Effect = Effect {
     name: "coupling.striker_friction",
     says: "the striker rubs on the board and hangs back by the same distance at any speed, also at rest",
     domain: Domain::Coupling,
     site: Site::Whole,
-    parameters: &[Parameter {
-        name: "half_band_m",
-        unit: "m",
-        scale: 2e-4,
-        bounds: (0.0, 0.03),
-        plausible: (5e-5, 5e-3),
-        per_session: false,
-    }],
-    null: &[0.0],
-    probes: &[&[2e-4], &[1e-3]],
-    memory: 2,
-    physics: Physics::Coupling(hang_back),
+    parameters: &[
+        Parameter {
+            name: "force_n",
+            unit: "N",
+            scale: 0.05,
+            bounds: (0.0, 20.0),
+            plausible: (0.005, 2.0),
+            per_session: false,
+        },
+        Parameter {
+            name: "stiffness_n_per_m",
+            unit: "N/m",
+            scale: 50.0,
+            bounds: (1.0, 5000.0),
+            plausible: (20.0, 3000.0),
+            per_session: false,
+        },
+        Parameter {
+            name: "damping_ratio",
+            unit: "1",
+            scale: 0.1,
+            bounds: (0.0, 3.0),
+            plausible: (0.0, 1.5),
+            per_session: false,
+        },
+        Parameter {
+            name: "softening_m",
+            unit: "m",
+            scale: 0.002,
+            bounds: (0.0005, 1.0),
+            plausible: (0.002, 1.0),
+            per_session: false,
+        },
+    ],
+    null: &[0.0, 5000.0, 1.0, 1.0],
+    probes: &[
+        &[0.5, 2500.0, 0.3, 0.02],
+        &[0.1, 400.0, 0.2, 0.02],
+        &[0.4, 400.0, 0.2, 0.02],
+        &[0.02, 100.0, 0.2, 0.02],
+        &[0.1, 100.0, 0.2, 0.02],
+    ],
+    memory: 4,
+    physics: Physics::Coupling(rub),
     regressors: &[Regressor::Direction, Regressor::SinceReversal],
     excitation: "slow reversals along rails and diagonals, with camera and encoders",
     experiment: "creep",
@@ -34,38 +67,130 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
     ],
 };
 
-/// Memory: displacement of the striker from the magnet. The magnet moves on alone until the
-/// displacement is as long as the band allows, then drags the striker along.
-fn hang_back(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-    let alone = both(|axis| memory[axis] - carriage.velocity[axis] * carriage.dt);
-    let length = alone[0].hypot(alone[1]);
-    let share = if p[0] < length { p[0] / length } else { 1.0 };
-    both(|axis| {
-        memory[axis] = share * alone[axis];
-        carriage.position[axis] + memory[axis]
-    })
+/// Part of a radian by which the spring turns in one step of the integration.
+const TURN: f64 = 0.25;
+
+/// Most such steps within one of the carriage.
+const MOST_STEPS: f64 = 32.0;
+
+/// Memory: displacement of the striker from the magnet, then its velocity on the board.
+fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
+    let stiffest = (p[1] / carriage.striker_mass).sqrt();
+    let steps = (stiffest * carriage.dt / TURN).ceil().clamp(1.0, MOST_STEPS);
+    let h = carriage.dt / steps;
+    let friction = p[0] / carriage.striker_mass;
+    for step in 1..=steps as usize {
+        let left = carriage.dt - h * step as f64;
+        let after = both(|axis| carriage.velocity[axis] - carriage.acceleration[axis] * left);
+        let before = both(|axis| after[axis] - carriage.acceleration[axis] * h);
+        let away = [memory[0], memory[1]];
+        let softened = 1.0 / (1.0 + (away[0] * away[0] + away[1] * away[1]) / (p[3] * p[3]));
+        let square = softened * stiffest * stiffest;
+        let speed = memory[2].hypot(memory[3]);
+        let pull = both(|axis| {
+            -square * away[axis] - 2.0 * p[2] * stiffest * (memory[2 + axis] - before[axis])
+        });
+        let strength = pull[0].hypot(pull[1]);
+        if speed == 0.0 && strength <= friction {
+            (0..2).for_each(|axis| memory[axis] -= 0.5 * h * (before[axis] + after[axis]));
+            continue;
+        }
+        // Along its velocity, or where it is about to go.
+        let along = match 0.0 < speed {
+            true => both(|axis| memory[2 + axis] / speed),
+            false => both(|axis| pull[axis] / strength),
+        };
+        let spring = Oscillator::new(square.sqrt(), p[2] / softened.sqrt(), h);
+        for axis in 0..2 {
+            let rest = -(carriage.acceleration[axis] + friction * along[axis]) / square;
+            let (from_rest, rate) = spring.step(away[axis] - rest, memory[2 + axis] - before[axis]);
+            memory[axis] = rest + from_rest;
+            memory[2 + axis] = rate + after[axis];
+        }
+        // Friction stops it and does not turn it back.
+        if memory[2] * along[0] + memory[3] * along[1] <= 0.0 {
+            (memory[2], memory[3]) = (0.0, 0.0);
+        }
+    }
+    both(|axis| carriage.position[axis] + memory[axis])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn moved(p: &[f64], memory: &mut [f64], velocity: [f64; 2], steps: usize) -> [f64; 2] {
-        let carriage = Carriage { dt: 1e-3, velocity, ..Carriage::default() };
-        (0..steps).fold([0.0; 2], |_, _| hang_back(p, memory, &carriage))
+    const MASS: f64 = 0.012;
+
+    /// The displacement after so many milliseconds of a carriage that moves as `motion`: velocity and acceleration at
+    /// a time (s).
+    fn moved(
+        p: &[f64],
+        memory: &mut [f64],
+        milliseconds: std::ops::Range<u32>,
+        motion: impl Fn(f64) -> [[f64; 2]; 2],
+    ) -> [f64; 2] {
+        milliseconds.fold([0.0; 2], |_, k| {
+            let [velocity, acceleration] = motion(1e-3 * f64::from(k + 1));
+            let carriage = Carriage {
+                dt: 1e-3,
+                velocity,
+                acceleration,
+                striker_mass: MASS,
+                ..Carriage::default()
+            };
+            rub(p, memory, &carriage)
+        })
     }
 
     #[test]
-    fn the_striker_hangs_back_and_crosses_the_band_at_a_reversal() {
-        let mut memory = [0.0; 2];
-        let [x, y] = moved(&[5e-4], &mut memory, [0.3, 0.4], 100);
-        assert!((x + 3e-4).abs() < 1e-9 && (y + 4e-4).abs() < 1e-9);
-        // At rest it stays; back at 0.5 m/s it crosses 1 mm in 2 ms.
-        let _ = moved(&[5e-4], &mut memory, [0.0, 0.0], 100);
-        let [x, _] = moved(&[5e-4], &mut memory, [-0.3, -0.4], 1);
-        assert!(x.abs() < 1e-9, "{x}");
-        let [x, _] = moved(&[5e-4], &mut memory, [-0.3, -0.4], 1);
-        assert!((x - 3e-4).abs() < 1e-9);
-        assert_eq!(moved(STRIKER_FRICTION.null, &mut memory, [0.3, 0.4], 1), [0.0; 2]);
+    fn it_hangs_back_by_force_over_stiffness_and_crosses_the_band_at_a_reversal() {
+        let p = [0.4, 800.0, 0.3, 1.0];
+        let mut memory = [0.0; 4];
+        let there = |_| [[0.003, 0.004], [0.0; 2]];
+        let [x, y] = moved(&p, &mut memory, 0..2000, there);
+        assert!((x + 3e-4).abs() < 1e-7 && (y + 4e-4).abs() < 1e-7, "{x} {y}");
+        // At rest it stays, and at another speed it hangs back as far.
+        let rest = moved(&p, &mut memory, 0..2000, |_| [[0.0; 2]; 2]);
+        assert_eq!(rest, moved(&p, &mut memory, 0..2000, |_| [[0.0; 2]; 2]));
+        assert!((rest[0] + 3e-4).abs() < 2e-6 && (rest[1] + 4e-4).abs() < 2e-6, "{rest:?}");
+        let [x, y] = moved(&p, &mut memory, 0..2000, |_| [[-0.03, -0.04], [0.0; 2]]);
+        assert!((x - 3e-4).abs() < 1e-6 && (y - 4e-4).abs() < 1e-6, "{x} {y}");
+        assert_eq!(moved(&p, &mut [0.0; 4], 0..1, |_| [[0.0; 2]; 2]), [0.0; 2]);
+    }
+
+    /// The equation itself, by small steps, with friction that is smooth near rest.
+    #[test]
+    fn it_swings_as_its_equation_says() {
+        let p = [0.1, 400.0, 0.1, 0.002];
+        let turn = 2.0 * std::f64::consts::PI * 3.0;
+        let motion = |t: f64| {
+            let (sin, cos) = (turn * t).sin_cos();
+            [[0.2 * sin, 0.0], [0.2 * turn * cos, 0.0]]
+        };
+        let (h, damping) = (1e-6, 2.0 * p[2] * (p[1] * MASS).sqrt());
+        let (mut away, mut speed, mut worst) = (0.0, 0.0_f64, 0.0_f64);
+        let mut memory = [0.0; 4];
+        for k in 0..1000 {
+            for inner in 0..1000 {
+                let t = 1e-3 * f64::from(k) + h * f64::from(inner);
+                let rate = speed - motion(t)[0][0];
+                let spring = -p[1] * away / (1.0 + (away / p[3]).powi(2));
+                let force = spring - damping * rate - p[0] * (speed / 1e-4).tanh();
+                away += h * rate;
+                speed += h * force / MASS;
+            }
+            let [x, _] = moved(&p, &mut memory, k..k + 1, motion);
+            worst = worst.max((x - away).abs());
+        }
+        // A hundredth of the swing.
+        assert!(worst < 1e-5, "{worst}");
+    }
+
+    #[test]
+    fn without_friction_it_is_a_spring() {
+        let mut memory = [0.0; 4];
+        let [x, _] =
+            moved(&[0.0, 30.0, 0.5, 1e3], &mut memory, 0..3000, |t| [[5.0 * t, 0.0], [5.0, 0.0]]);
+        assert!((x + 0.002).abs() < 1e-9, "{x}");
     }
 }
