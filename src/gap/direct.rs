@@ -7,7 +7,7 @@
 use super::{
     evidence::Amplitude,
     fit::{self, Fit},
-    problem::{Point, Problem},
+    problem::{Point, Problem, dot},
     round::slots_of_last,
     screen::{self, Candidate},
     whiten::Filters,
@@ -73,25 +73,35 @@ pub(super) fn nearest(problem: &Problem<'_>, given: &Fit, filters: &Filters) -> 
     found
 }
 
-/// Every pair at its best probe, where that is nearer to the data than nothing; the nearest first.
+/// Every pair at its best probe, or where the line through that leads, where it is nearer to the data than nothing; the
+/// nearest first.
 fn simulated(
     problem: &Problem<'_>,
     given: &Point,
     filters: &Filters,
     pairs: &[(&'static Effect, Axis)],
 ) -> Vec<Try> {
-    let nothing = fit::squared(&problem.whitened(given, filters));
+    let nothing = problem.whitened(given, filters);
     let probes: Vec<(&'static Effect, Axis, &[f64])> = pairs
         .iter()
         .flat_map(|(effect, axis)| effect.probes.iter().map(|probe| (*effect, *axis, *probe)))
         .collect();
     let all = in_parallel(&probes, |(effect, axis, probe)| {
-        let twin = screen::with(&given.twin, effect, *axis, probe);
-        let start = Point { twin, nuisance: given.nuisance.clone() };
-        // Where a run begins follows what the effect does in it.
-        let fit = fit::fit(problem, start, &[], filters, NUISANCE_ITERATIONS);
-        Try { effect, axis: *axis, probe: probe.to_vec(), point: fit.point, loss: fit.loss }
+        let simulated = |values: &[f64]| {
+            let twin = screen::with(&given.twin, effect, *axis, values);
+            let start = Point { twin, nuisance: given.nuisance.clone() };
+            // Where a run begins follows what the effect does in it.
+            let fit = fit::fit(problem, start, &[], filters, NUISANCE_ITERATIONS);
+            Try { effect, axis: *axis, probe: probe.to_vec(), point: fit.point, loss: fit.loss }
+        };
+        let own = simulated(probe);
+        let after = problem.whitened(&own.point, filters);
+        match led(effect, probe, &nothing, &after).map(|values| simulated(&values)) {
+            Some(led) if led.loss < own.loss => led,
+            _ => own,
+        }
     });
+    let nothing = fit::squared(&nothing);
     let mut best: Vec<Try> = Vec::new();
     for own in all.into_iter().filter(|own| own.loss < nothing) {
         match best.iter_mut().find(|other| other.effect == own.effect && other.axis == own.axis) {
@@ -102,4 +112,47 @@ fn simulated(
     }
     best.sort_by(|a, b| a.loss.total_cmp(&b.loss));
     best
+}
+
+/// Where the line from nothing through the `probe` comes nearest to the data, with the residuals before and at the
+/// probe: a small effect is nearer to nothing than to its probe, and may have the other sign. `None` where that is
+/// the probe itself, beyond what the effect may be, or where no line leads.
+fn led(effect: &Effect, probe: &[f64], before: &[f64], after: &[f64]) -> Option<Vec<f64>> {
+    let change: Vec<f64> = before.iter().zip(after).map(|(before, after)| before - after).collect();
+    let factor = dot(&change, before) / dot(&change, &change);
+    if screen::is_far(probe[0], effect.null[0]) || factor.is_nan() || 1.0 <= factor.abs() {
+        return None;
+    }
+    let along = |k: usize| {
+        let (null, (low, high)) = (effect.null[k], effect.parameters[k].bounds);
+        // What is counted from nothing scales; a shape stays.
+        let value =
+            if k == 0 || null == 0.0 { null + factor * (probe[k] - null) } else { probe[k] };
+        (low..=high).contains(&value).then_some(value)
+    };
+    (0..probe.len()).map(along).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the line leads when the probe changes the data by `change` and `times` that is there.
+    fn leads(name: &str, times: f64) -> Option<Vec<f64>> {
+        let effect = crate::effects::find(name).unwrap();
+        let change = [1.0, 2.0, -0.5];
+        let before = change.map(|value| times * value);
+        let after = change.map(|value| (times - 1.0) * value);
+        led(effect, effect.probes[0], &before, &after)
+    }
+
+    #[test]
+    fn a_small_effect_is_started_where_the_line_leads_with_its_sign() {
+        let gain = leads("drive.gain", -0.5).unwrap();
+        assert!((gain[0] - 0.99).abs() < 1e-12, "{gain:?}");
+        assert!(leads("drive.gain", 3.0).is_none(), "beyond the probe a fit goes on from there");
+        // A lag has one sign; a speed that is never reached is no distance away.
+        assert!(leads("drive.lag1", 0.25).is_some() && leads("drive.lag1", -0.25).is_none());
+        assert!(leads("drive.saturation.torque_speed", 0.5).is_none());
+    }
 }

@@ -14,6 +14,7 @@ use crate::{
     parallel::in_parallel,
     twin::{Slot, Twin},
 };
+use std::mem;
 
 /// Candidates that are simulated again in one round.
 const SHORT_LIST: usize = 7;
@@ -43,6 +44,10 @@ const SAME: f64 = 4.0;
 /// Squared distance of two predictions, of the squared change that either makes, below which they are the same: a
 /// hundredth of the effect is beyond what a simulator follows, however clearly a test sees it.
 const SAME_PREDICTION: f64 = 1e-4;
+
+/// Share of what the best removes that something simpler of the same joint must remove to go before it: a seventh of its
+/// size is within what sampled accelerations say of it.
+const NEARLY_AS_GOOD: f64 = 0.98;
 
 /// Share of the squared change of one prediction that lies along that of another which is the same.
 const SHARED: f64 = 0.5;
@@ -543,7 +548,9 @@ impl<'a, 'b> Bench<'a, 'b> {
         let mut class = Vec::new();
         for other in passed.iter().filter(|other| !std::ptr::eq(**other, own)) {
             let name = other.candidate.effect.name;
-            let is_as_good = self.is_rival(own, other) && self.is_rival(other, own);
+            let is_as_good = self.is_rival(own, other)
+                && self.is_rival(other, own)
+                && self.free_numbers(other) <= self.free_numbers(own);
             if name != own.candidate.effect.name && is_as_good {
                 if !class.contains(&name) {
                     class.push(name);
@@ -570,14 +577,45 @@ impl<'a, 'b> Bench<'a, 'b> {
         trials.iter().filter(|trial| is_worth(trial)).collect()
     }
 
-    /// Of the best that passed and its rivals, the one with the fewest numbers; of equals the best.
+    /// Of the best that passed and what is nearly as good, the one with the fewest numbers that are needed; of equals
+    /// the best.
     fn simplest<'t>(&self, passed: &[&'t Trial]) -> Option<&'t Trial> {
         let best = *passed.first()?;
+        let needed = self.free_numbers(best);
+        let stands = |other: &Trial| {
+            self.is_rival(best, other)
+                || self.is_nearly_as_good(best, other) && self.free_numbers(other) < needed
+        };
         passed
             .iter()
             .copied()
-            .filter(|other| std::ptr::eq(*other, best) || self.is_rival(best, other))
-            .min_by_key(|trial| trial.candidate.effect.parameters.len())
+            .filter(|other| std::ptr::eq(*other, best) || stands(other))
+            .min_by_key(|trial| self.free_numbers(trial))
+    }
+
+    /// How many numbers of the effect do something that is beyond chance: a spring that does not soften has no length
+    /// at which it does.
+    fn free_numbers(&self, trial: &Trial) -> usize {
+        let change = apart(&self.base_train_rows, &trial.train_rows);
+        let does_something = |slot: &Slot| {
+            let mut point = trial.fit.point.clone();
+            point.twin.set(*slot, trial.candidate.effect.null[slot.parameter]);
+            let without = self.train.whitened(&point, self.filters);
+            SAME_PREDICTION * change <= apart(&without, &trial.train_rows)
+                && is_in(&without, &trial.train_rows, &self.train.blocks())
+        };
+        slots_of_last(&trial.fit.point.twin).iter().filter(|slot| does_something(slot)).count()
+    }
+
+    /// Whether `other` describes the same joint of the chain as `own`, may be confused with it, changes the prediction
+    /// alike and removes nearly as much.
+    fn is_nearly_as_good(&self, own: &Trial, other: &Trial) -> bool {
+        let removes = |trial: &Trial| fit::squared(&self.base_train_rows) - trial.fit.loss;
+        let joint = |trial: &Trial| mem::discriminant(&trial.candidate.effect.physics);
+        joint(own) == joint(other)
+            && is_alike(own, other)
+            && self.is_same(own, other)
+            && NEARLY_AS_GOOD * removes(own) <= removes(other)
     }
 
     /// The strongest goes first: of effects that explain different things it is not `best`, which the whitened

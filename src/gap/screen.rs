@@ -219,7 +219,7 @@ pub(super) fn towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
 const FAR: f64 = 5.0;
 
 /// Whether null is so far from a probe (a limit that never acts) that no line leads from one to the other.
-fn is_far(probe: f64, null: f64) -> bool {
+pub(super) fn is_far(probe: f64, null: f64) -> bool {
     0.0 < probe && FAR * probe < null
 }
 
