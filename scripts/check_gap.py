@@ -3,9 +3,9 @@
 
     scripts/check_gap.py PROGRAM PRACTICE_DIR OUT_DIR [--case NAME]...
 
-PRACTICE_DIR holds pairs NAME-1.mcap, NAME-2.mcap and answers.json, as the gap contract describes: the
-base twins come from baseline-{1,2} and ball-baseline-{1,2}, every other pair starts from one of them.
-The answers are read only after the program has run. OUT_DIR receives each result and practice.json.
+PRACTICE_DIR holds pairs NAME-1.mcap, NAME-2.mcap and answers.json, as the gap contract describes or as
+`scripts/hide_effects.py` writes them: the base twins come from baseline-{1,2} and ball-baseline-{1,2}, where
+the answers list them, every other pair starts from one of them. OUT_DIR receives each result and practice.json.
 """
 
 import argparse
@@ -49,13 +49,15 @@ def main():
     parser.add_argument("--case", action="append")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
+    answers = json.loads((args.practice / "answers.json").read_text())
     bases = {}
     for name in ("baseline", "ball-baseline"):
+        if name not in answers:
+            continue
         _, seconds = run(args.program, args.practice, args.out, name, None)
         twin = args.out / name / "twin.json"
         bases[name] = {entry["name"] for entry in json.loads(twin.read_text())["effects"]}
         print(f"{name:<16} {seconds:6.1f} s  base twin", flush=True)
-    answers = json.loads((args.practice / "answers.json").read_text())
     results = []
     for name, truths in answers.items():
         if name in bases or (args.case and name not in args.case):
