@@ -173,8 +173,11 @@ def lossy_camera(share):
     """Frames that never come."""
 
     def change(tape):
-        is_lost = lambda own: own.channel.topic == DETECTIONS and tape.random.random() < share
-        tape.messages = [own for own in tape.messages if not is_lost(own)]
+        tape.messages = [
+            own
+            for own in tape.messages
+            if own.channel.topic != DETECTIONS or share <= tape.random.random()
+        ]
 
     return change
 

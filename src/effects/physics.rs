@@ -297,4 +297,21 @@ impl Physics {
             own => std::slice::from_ref(own),
         }
     }
+
+    /// Whether any of them acts on the ball, its walls among that.
+    #[must_use]
+    pub fn acts_on_ball(&self) -> bool {
+        let acts = |equation: &Self| {
+            matches!(
+                equation,
+                Self::Roll(_)
+                    | Self::Resistance(_)
+                    | Self::Slide(_)
+                    | Self::Launch(_)
+                    | Self::Impact(_)
+                    | Self::Wall(_)
+            )
+        };
+        self.equations().iter().any(acts)
+    }
 }

@@ -8,7 +8,7 @@ use super::{
 use crate::{
     actuator::Coverage,
     board::{BoardSize, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
-    effects::{self, Axis, Physics},
+    effects::{self, Axis},
     gantry::{PerPlayer, Rectangle, Robot},
     recording::topic::Player,
     twin::{Instance, Source, Twin},
@@ -260,7 +260,7 @@ impl GameSettings {
         self.ball.effects = twin
             .instances
             .iter()
-            .filter(|instance| instance.effect.physics.equations().iter().any(acts_on_ball))
+            .filter(|instance| instance.effect.physics.acts_on_ball())
             .cloned()
             .collect();
         self.striker.mass = twin.striker_mass;
@@ -376,17 +376,4 @@ impl BiscuitSettings {
         let widest = board.short_side / 2.0 - self.radius;
         within("biscuits.spacing_m", self.spacing, 2.0 * self.radius, widest)
     }
-}
-
-/// Whether physics of this place acts on the ball alone.
-fn acts_on_ball(physics: &Physics) -> bool {
-    matches!(
-        physics,
-        Physics::Roll(_)
-            | Physics::Resistance(_)
-            | Physics::Slide(_)
-            | Physics::Launch(_)
-            | Physics::Impact(_)
-            | Physics::Wall(_)
-    )
 }

@@ -393,9 +393,7 @@ impl Uncertainty {
         }
         self
     }
-}
 
-impl Uncertainty {
     /// The same where one of several small effects is there that is not worth a name: `shifts` say how far each
     /// parameter would move beside each of them (scaled). An interval reaches as far as the largest of them.
     #[must_use]

@@ -82,6 +82,9 @@ struct Trial {
     objection: Option<Reason>,
 }
 
+/// A trial and how many [free numbers](Bench::free_numbers) its effect has.
+type Counted<'t> = (&'t Trial, usize);
+
 impl Trial {
     /// Takes another fit of the same where it is better.
     fn take(&mut self, again: Option<Self>) {
@@ -544,13 +547,14 @@ impl<'a, 'b> Bench<'a, 'b> {
         tries: usize,
         rejected: &mut Vec<Rejected>,
     ) -> Option<(Fit, Added)> {
-        let own = self.strongest(self.simplest(passed)?, passed);
+        let free = in_parallel(passed, |trial| self.free_numbers(trial));
+        let counted: Vec<Counted<'_>> = passed.iter().copied().zip(free).collect();
+        let (own, free) = self.strongest(self.simplest(&counted)?, &counted);
         let mut class = Vec::new();
-        for other in passed.iter().filter(|other| !std::ptr::eq(**other, own)) {
+        for (other, numbers) in counted.iter().filter(|(other, _)| !std::ptr::eq(*other, own)) {
             let name = other.candidate.effect.name;
-            let is_as_good = self.is_rival(own, other)
-                && self.is_rival(other, own)
-                && self.free_numbers(other) <= self.free_numbers(own);
+            let is_as_good =
+                *numbers <= free && self.is_rival(own, other) && self.is_rival(other, own);
             if name != own.candidate.effect.name && is_as_good {
                 if !class.contains(&name) {
                     class.push(name);
@@ -579,18 +583,14 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Of the best that passed and what is nearly as good, the one with the fewest numbers that are needed; of equals
     /// the best.
-    fn simplest<'t>(&self, passed: &[&'t Trial]) -> Option<&'t Trial> {
-        let best = *passed.first()?;
-        let needed = self.free_numbers(best);
-        let stands = |other: &Trial| {
-            self.is_rival(best, other)
-                || self.is_nearly_as_good(best, other) && self.free_numbers(other) < needed
+    fn simplest<'t>(&self, passed: &[Counted<'t>]) -> Option<Counted<'t>> {
+        let (best, free) = *passed.first()?;
+        let stands = |(other, numbers): &Counted<'_>| {
+            std::ptr::eq(*other, best)
+                || self.is_rival(best, other)
+                || *numbers < free && self.is_nearly_as_good(best, other)
         };
-        passed
-            .iter()
-            .copied()
-            .filter(|other| std::ptr::eq(*other, best) || stands(other))
-            .min_by_key(|trial| self.free_numbers(trial))
+        passed.iter().copied().filter(stands).min_by_key(|(_, numbers)| *numbers)
     }
 
     /// How many numbers of the effect do something that is beyond chance: a spring that does not soften has no length
@@ -620,13 +620,13 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// The strongest goes first: of effects that explain different things it is not `best`, which the whitened
     /// residual shows most clearly, but one that closes far more of the gap.
-    fn strongest<'t>(&self, best: &'t Trial, passed: &[&'t Trial]) -> &'t Trial {
-        let most = FAR_STRONGER * self.closes(best);
-        let far_stronger = passed.iter().map(|trial| (self.closes(trial), *trial));
+    fn strongest<'t>(&self, best: Counted<'t>, passed: &[Counted<'t>]) -> Counted<'t> {
+        let most = FAR_STRONGER * self.closes(best.0);
+        let far_stronger = passed.iter().map(|own| (self.closes(own.0), *own));
         far_stronger
             .filter(|(closes, _)| most < *closes)
             .max_by(|a, b| a.0.total_cmp(&b.0))
-            .map_or(best, |(_, trial)| trial)
+            .map_or(best, |(_, own)| own)
     }
 
     /// Share of the squared gap on the fitted sessions, every signal in units of its RMS, that the trial closes.

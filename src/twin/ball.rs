@@ -125,20 +125,10 @@ impl Stage for BallStage {
     }
 
     fn calls(&self, effect: &Effect) -> bool {
-        let is_called = |equation: &Physics| {
-            matches!(
-                equation,
-                Physics::Roll(_)
-                    | Physics::Resistance(_)
-                    | Physics::Slide(_)
-                    | Physics::Launch(_)
-                    | Physics::Impact(_)
-                    | Physics::Wall(_)
-                    | Physics::Camera(_)
-                    | Physics::CameraDelay(_)
-            )
-        };
-        effect.physics.equations().iter().any(is_called)
+        let is_seen =
+            |equation: &Physics| matches!(equation, Physics::Camera(_) | Physics::CameraDelay(_));
+        let physics = &effect.physics;
+        physics.acts_on_ball() || physics.equations().iter().any(is_seen)
     }
 
     fn nuisance_groups(&self) -> Vec<Range<usize>> {

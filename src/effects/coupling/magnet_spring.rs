@@ -3,8 +3,35 @@
 use crate::effects::oscillator::Oscillator;
 use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
 
+/// Stiffness of the magnet's hold on the striker.
+pub(super) const STIFFNESS: Parameter = Parameter {
+    name: "stiffness_n_per_m",
+    unit: "N/m",
+    scale: 20.0,
+    bounds: (1.0, 5000.0),
+    plausible: (20.0, 500.0),
+    per_session: false,
+};
+
 /// Share of critical damping of the striker on its spring: grease and magnet together.
-const DAMPING_BOUNDS: (f64, f64) = (0.0, 3.0);
+pub(super) const DAMPING: Parameter = Parameter {
+    name: "damping_ratio",
+    unit: "1",
+    scale: 0.1,
+    bounds: (0.0, 3.0),
+    plausible: (0.01, 1.5),
+    per_session: false,
+};
+
+/// Displacement at which the pull is largest.
+pub(super) const SOFTENING: Parameter = Parameter {
+    name: "softening_m",
+    unit: "m",
+    scale: 0.002,
+    bounds: (0.0005, 1.0),
+    plausible: (0.002, 0.008),
+    per_session: false,
+};
 
 /// `coupling.magnet_spring`: m a = k d / (1 + (d/d0)^2) + 2 z sqrt(k m) d', with the displacement d of the
 /// magnet from the striker: the pull of two magnets grows with the displacement at first, is largest at
@@ -14,32 +41,7 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
     says: "the magnet holds the striker like a soft spring: it lags in accelerations and swings after them",
     domain: Domain::Coupling,
     site: Site::Whole,
-    parameters: &[
-        Parameter {
-            name: "stiffness_n_per_m",
-            unit: "N/m",
-            scale: 20.0,
-            bounds: (1.0, 5000.0),
-            plausible: (20.0, 500.0),
-            per_session: false,
-        },
-        Parameter {
-            name: "damping_ratio",
-            unit: "1",
-            scale: 0.1,
-            bounds: DAMPING_BOUNDS,
-            plausible: (0.01, 1.5),
-            per_session: false,
-        },
-        Parameter {
-            name: "softening_m",
-            unit: "m",
-            scale: 0.002,
-            bounds: (0.0005, 1.0),
-            plausible: (0.002, 0.008),
-            per_session: false,
-        },
-    ],
+    parameters: &[STIFFNESS, DAMPING, SOFTENING],
     null: &[5000.0, 1.0, 1.0],
     probes: &[&[100.0, 0.3, 0.02], &[30.0, 0.3, 0.02], &[30.0, 0.05, 0.02], &[300.0, 0.3, 0.02]],
     memory: 4,
@@ -55,11 +57,15 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
     ],
 };
 
+/// Share of the stiffness that is left at a displacement (m), with the displacement of the largest pull (m).
+pub(super) fn softened(away: [f64; 2], softening: f64) -> f64 {
+    1.0 / (1.0 + (away[0] * away[0] + away[1] * away[1]) / (softening * softening))
+}
+
 /// Memory: displacement of the striker from the magnet and its velocity, x then y. Exact for an
 /// acceleration and a secant stiffness that are constant over the step.
 fn swing(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-    let away_square = memory[0] * memory[0] + memory[2] * memory[2];
-    let softened = 1.0 / (1.0 + away_square / (p[2] * p[2]));
+    let softened = softened([memory[0], memory[2]], p[2]);
     let square = softened * p[0] / carriage.striker_mass;
     let oscillator = Oscillator::new(square.sqrt(), p[1] / softened.sqrt(), carriage.dt);
     both(|axis| {

@@ -1,5 +1,6 @@
 //! The striker rubs on the board.
 
+use super::magnet_spring::{DAMPING, SOFTENING, STIFFNESS, softened};
 use crate::effects::oscillator::Oscillator;
 use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
 
@@ -21,30 +22,9 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
             plausible: (0.005, 2.0),
             per_session: false,
         },
-        Parameter {
-            name: "stiffness_n_per_m",
-            unit: "N/m",
-            scale: 50.0,
-            bounds: (1.0, 5000.0),
-            plausible: (20.0, 3000.0),
-            per_session: false,
-        },
-        Parameter {
-            name: "damping_ratio",
-            unit: "1",
-            scale: 0.1,
-            bounds: (0.0, 3.0),
-            plausible: (0.0, 1.5),
-            per_session: false,
-        },
-        Parameter {
-            name: "softening_m",
-            unit: "m",
-            scale: 0.002,
-            bounds: (0.0005, 1.0),
-            plausible: (0.002, 1.0),
-            per_session: false,
-        },
+        Parameter { scale: 50.0, plausible: (20.0, 3000.0), ..STIFFNESS },
+        Parameter { plausible: (0.0, 1.5), ..DAMPING },
+        Parameter { plausible: (0.002, 1.0), ..SOFTENING },
     ],
     null: &[0.0, 5000.0, 1.0, 1.0],
     probes: &[
@@ -84,7 +64,7 @@ fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
         let after = both(|axis| carriage.velocity[axis] - carriage.acceleration[axis] * left);
         let before = both(|axis| after[axis] - carriage.acceleration[axis] * h);
         let away = [memory[0], memory[1]];
-        let softened = 1.0 / (1.0 + (away[0] * away[0] + away[1] * away[1]) / (p[3] * p[3]));
+        let softened = softened(away, p[3]);
         let square = softened * stiffest * stiffest;
         let speed = memory[2].hypot(memory[3]);
         let pull = both(|axis| {
