@@ -17,7 +17,9 @@ use crate::{
     effects::{CATALOGUE, Domain, Effect, Physics},
     recording::Split,
     stats::t_quantile,
-    twin::{Instance, Left, Machine, Session, Source, Stage, StageKind, Twin, Value, machine_of},
+    twin::{
+        Instance, Left, Machine, Session, Slot, Source, Stage, StageKind, Twin, Value, machine_of,
+    },
 };
 
 /// The links in the order of the chain.
@@ -54,6 +56,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     }
     let mut twin = start.clone();
     let mut outcomes = Vec::new();
+    let mut determined: Vec<Slot> = Vec::new();
     for kind in ORDER {
         let of = |kind: StageKind, split: Split| -> Vec<&'a dyn Stage> {
             sessions
@@ -63,8 +66,10 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
                 .filter(|stage| stage.kind() == kind)
                 .collect()
         };
+        let is_second_look = kind == StageKind::WholeRolls;
         let link = Link {
             kind,
+            held: if is_second_look { Vec::new() } else { determined.clone() },
             train: of(kind, Split::Train),
             held_out: of(kind, Split::Validation),
             witnesses: match kind {
@@ -72,12 +77,13 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
                 _ => Vec::new(),
             },
         };
-        let is_second_look = kind == StageKind::WholeRolls;
         if link.train.is_empty() || is_second_look && link.held_out.is_empty() {
             continue;
         }
         let outcome = rounds::search(&link, &twin, task_of(kind, task, &outcomes));
         twin = stated(&outcome);
+        let told = outcome.last.slots.iter().zip(&outcome.uncertainty.undetermined);
+        determined.extend(told.filter(|(_, unknown)| !**unknown).map(|(slot, _)| *slot));
         outcomes.push(outcome);
     }
     for session in sessions.iter().filter(|session| session.split == Split::Train) {

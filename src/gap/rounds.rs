@@ -48,6 +48,8 @@ pub struct Link<'a> {
     pub held_out: Vec<&'a dyn Stage>,
     /// Stages of another link on which the same effects act for longer, and judge how much of a gap they are.
     pub witnesses: Vec<&'a dyn Stage>,
+    /// Parameters that a link before it has determined from these recordings: they stay as they are.
+    pub held: Vec<Slot>,
 }
 
 /// Why a candidate was not added.
@@ -349,7 +351,8 @@ impl<'a> Search<'a> {
         train.drop_outliers(&given);
         held_out.drop_outliers(&held_given);
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
-        let slots = start.free(link.train[0]);
+        let mut slots = start.free(link.train[0]);
+        slots.retain(|slot| !link.held.contains(slot));
         let (best, filters) = if is_nothing_new(excess) {
             fit::settle(&train, given.clone(), &slots, 10)
         } else {

@@ -198,8 +198,9 @@ impl Stage for AxisStage {
     }
 
     fn calls(&self, effect: &Effect) -> bool {
-        // A limit without memory cannot be inverted: every measured force would be its own prediction.
-        let limit = matches!(effect.physics, Physics::Effort(_)) && effect.memory == 0;
+        // A limit under load cannot be inverted: every measured force would be its own prediction.
+        let limit = matches!(effect.physics, Physics::Effort(_))
+            && effect.regressors.contains(&Regressor::Load);
         !limit && Chain::calls(&effect.physics)
     }
 

@@ -350,4 +350,27 @@ mod tests {
         assert!(worst(&seen) < 2.5e-4, "{} m/s", worst(&seen));
         assert!(8.0 * worst(&seen) < worst(&fresh), "{} m/s", worst(&fresh));
     }
+
+    /// Beside a belt that is soft, one that hardly stretches and one that is rigid swing alike, whatever rubs.
+    #[test]
+    fn beside_a_soft_belt_a_rigid_one_is_the_limit_of_a_stiff_one() {
+        let find = |name| crate::effects::find(name).unwrap();
+        let mut rigid = table(120.0, 0.0, 17.0);
+        let add = |twin: &mut Twin, name, axis, values: &[f64]| {
+            twin.instances.push(Instance::new(find(name), axis, values, Source::Nominal));
+        };
+        add(&mut rigid, "drive.friction.coulomb", Axis::Rails, &[3.0]);
+        add(&mut rigid, "drive.compliance.belt", Axis::A, &[3.5e-5, 0.98, 0.03]);
+        let mut stiff = rigid.clone();
+        add(&mut stiff, "drive.compliance.belt", Axis::B, &[2.1e-6, 0.98, 0.03]);
+        let times = sampled();
+        let (ours, theirs) = (answers(&rigid, &times), answers(&stiff, &times));
+        let apart = |k: usize| {
+            let both = ours[k].iter().zip(&theirs[k]);
+            both.fold(0.0_f64, |most, (own, other)| most.max((own - other).abs()))
+        };
+        // What a sensor scatters.
+        assert!(apart(0) < 5e-4, "{} m/s", apart(0));
+        assert!(apart(1) < 1.5e-3, "{} N m", apart(1));
+    }
 }

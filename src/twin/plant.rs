@@ -516,9 +516,8 @@ impl GantryStep {
         };
         let mass = both(|index| plant.rails[index].mass(&rails.motion(index, [0.0; 2], 0.0)));
         let gain_mass = 0.5 * (0.5 * (mass[0] + mass[1]));
-        let rigid = rigid_belt_mass(mass);
         let Some(ties) = &plant.ties else {
-            let belt_mass = [rigid; 2];
+            let belt_mass = [rigid_belt_mass(mass); 2];
             return Self { rails, belts, mass, belt_mass, gain_mass, two_masses: None };
         };
         rails.position = both(|index| position[index] + ahead[index]);
@@ -526,7 +525,10 @@ impl GantryStep {
         let (ties, load_mass) = transmission::parted(ties, mass);
         let two =
             TwoMasses { ties, load_mass, ahead, motor: belts.velocity, load: rails.velocity, dt };
-        let belt_mass = ties.map(|tie| tie.spring.map_or(rigid, |_| tie.motor_mass));
+        let belt_mass = ties.map(|tie| match tie.spring {
+            Some(_) => tie.motor_mass,
+            None => tie.motor_mass + rigid_belt_mass(load_mass),
+        });
         Self { rails, belts, mass: load_mass, belt_mass, gain_mass, two_masses: Some(two) }
     }
 
@@ -537,10 +539,15 @@ impl GantryStep {
 
     /// Acceleration of each motor (m/s^2 of belt) without its own force, with `load` on the rails (N).
     fn drag(&self, load: [f64; 2]) -> [f64; 2] {
-        let rigid = belts(both(|index| load[index] / self.mass[index]));
-        let Some(two) = &self.two_masses else { return rigid };
+        let along_belts = |force: [f64; 2]| belts(both(|index| force[index] / self.mass[index]));
+        let Some(two) = &self.two_masses else { return along_belts(load) };
         let pulls = two.pulls();
-        both(|index| pulls[index].map_or(rigid[index], |pull| -pull / self.belt_mass[index]))
+        let moved = along_belts(total(pulls.map(Option::unwrap_or_default), load));
+        both(|index| match pulls[index] {
+            Some(pull) => -pull / self.belt_mass[index],
+            // A rotor that is tied to the load moves with it.
+            None => moved[index] * rigid_belt_mass(self.mass) / self.belt_mass[index],
+        })
     }
 
     /// Motion of one rail under the motors' `force`.

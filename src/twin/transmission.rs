@@ -73,6 +73,36 @@ struct Link {
     drag: f64,
 }
 
+/// What the load resists a change of its velocity over a step (kg/s): on each rail, and on one of the velocity along
+/// the other, where one motor is tied to it more firmly.
+struct Resistance {
+    own: [f64; 2],
+    across: f64,
+}
+
+impl Resistance {
+    /// Velocity along the rails (m/s) under a `push` over the step (N).
+    fn yields(&self, push: [f64; 2]) -> [f64; 2] {
+        let Self { own, across } = *self;
+        let determinant = own[0] * own[1] - across * across;
+        [
+            (own[1] * push[0] - across * push[1]) / determinant,
+            (own[0] * push[1] - across * push[0]) / determinant,
+        ]
+    }
+
+    /// What a push along `direction` meets (kg/s).
+    fn along(&self, direction: [f64; 2]) -> f64 {
+        let moved = self.yields(direction);
+        1.0 / (direction[0] * moved[0] + direction[1] * moved[1])
+    }
+}
+
+/// One along the axis `index`.
+fn unit(index: usize) -> [f64; 2] {
+    both(|axis| if axis == index { 1.0 } else { 0.0 })
+}
+
 impl TwoMasses {
     /// Force of each spring against its motor now (N of belt).
     pub(super) fn pulls(&self) -> [Option<f64>; 2] {
@@ -109,25 +139,21 @@ impl TwoMasses {
         [link(0), link(1)]
     }
 
-    /// Mass that the forces on each rail move in this step, over its length (kg/s).
-    fn own(&self, links: &[Link; 2]) -> [f64; 2] {
+    /// What the load, with what the ties add to it, resists a change of its velocity.
+    fn resistance(&self, links: &[Link; 2]) -> Resistance {
         let along = links[0].drag + links[1].drag;
-        self.load_mass.map(|mass| mass / self.dt + along)
+        Resistance {
+            own: self.load_mass.map(|mass| mass / self.dt + along),
+            across: links[0].drag - links[1].drag,
+        }
     }
 
     /// Velocity of the load after the step without friction, under `pull` on the rails (N).
     fn free(&self, links: &[Link; 2], pull: [f64; 2]) -> [f64; 2] {
-        let own = self.own(links);
-        let across = links[0].drag - links[1].drag;
         let given = belts([links[0].given, links[1].given]);
-        let right = both(|rail| {
+        self.resistance(links).yields(both(|rail| {
             self.load_mass[rail] / self.dt * self.load[rail] + given[rail] + pull[rail]
-        });
-        let determinant = own[0] * own[1] - across * across;
-        [
-            (own[1] * right[0] - across * right[1]) / determinant,
-            (own[0] * right[1] - across * right[0]) / determinant,
-        ]
+        }))
     }
 
     /// Velocity of motor `m` after the step, of a load that then moves with `load` (m/s of belt) there.
@@ -149,7 +175,7 @@ impl TwoMasses {
     ) -> Moved {
         let dt = self.dt;
         let mut links = self.links(force);
-        let own = self.own(&links);
+        let resistance = self.resistance(&links);
         let mut free = self.free(&links, pull);
         if rubs.motors.iter().any(|contact| 0.0 < contact.level) {
             let along = belts(free);
@@ -157,19 +183,21 @@ impl TwoMasses {
                 let motor = self.motor(m, &links[m], force[m], along[m]);
                 let held = match self.ties[m].spring {
                     Some(_) => links[m].inertia + links[m].follow,
-                    None => 1.0 / (1.0 / own[0] + 1.0 / own[1]),
+                    None => resistance.along(belts(unit(m))),
                 };
                 force[m] += contact.force(memory, held * dt, [self.motor[m], motor], dt);
             }
             links = self.links(force);
             free = self.free(&links, pull);
         }
-        let mut friction = [0.0; 2];
+        let (mut load, mut friction) = (free, [0.0; 2]);
         for (rail, contact) in rubs.rails.iter().enumerate() {
-            let velocity = [self.load[rail], free[rail]];
-            friction[rail] = contact.force(memory, own[rail] * dt, velocity, dt);
+            let mass = resistance.along(unit(rail)) * dt;
+            let force = contact.force(memory, mass, [self.load[rail], load[rail]], dt);
+            let slowed = resistance.yields(unit(rail).map(|own| own * force));
+            load = both(|other| load[other] + slowed[other]);
+            friction[rail] = force;
         }
-        let load = both(|rail| free[rail] + friction[rail] / own[rail]);
         let along = belts(load);
         let motor = both(|m| self.motor(m, &links[m], force[m], along[m]));
         Moved { motor, load, friction }
