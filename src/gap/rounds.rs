@@ -8,7 +8,7 @@ use super::{
     problem::{Point, Problem},
     round::{Problems, Round, Stand},
     scatter,
-    screen::Candidate,
+    screen::{self, Candidate},
     unknown::{self, Unknown},
     whiten::{self, Filters},
 };
@@ -407,13 +407,20 @@ impl Search<'_> {
                     continue;
                 }
                 let may_part = !has_parted && excess.is_some() && !is_nothing_new(excess);
-                if may_part && self.part_a_known(excess) {
+                if may_part && self.part_a_known(excess, None) {
                     has_parted = true;
                     excess = self.excess(judged.insert(self.judged()));
                     continue;
                 }
                 break;
             };
+            // What one motor seems to miss may be what it does not share with the other any more.
+            let is_of_one = !screen::is_shared(step.axis);
+            if first && is_of_one && excess.is_some() && self.part_a_known(excess, Some(&fit)) {
+                (has_parted, starts_again) = (true, false);
+                excess = self.excess(judged.insert(self.judged()));
+                continue;
+            }
             log::info!("{:?}: {} on {} is added", self.kind, step.effect.name, step.axis);
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
@@ -423,7 +430,7 @@ impl Search<'_> {
             excess = self.excess(judged.insert(self.judged()));
         }
         let least = Worth::new(&given.twin, self.kind, excess, 0.0).least();
-        let is_less = self.take_back_what_is_not_missed(least);
+        let is_less = self.take_back_what_is_not_missed(least, usize::from(!has_parted));
         if self.take_back_what_is_none() || is_less {
             excess = self.excess(judged.insert(self.judged()));
         }

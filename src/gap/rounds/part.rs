@@ -11,10 +11,14 @@ use crate::{
     twin::Slot,
 };
 
+/// Share of what a rival leaves that a parted effect may leave at most: it has more numbers, and needs no name.
+const CLEARLY_LESS: f64 = 0.9;
+
 impl Search<'_> {
     /// Parts the known effect of which the data want it most, where they do beyond chance and by what makes an
-    /// effect worth a name: what wears, wears on one motor alone. Gives whether one was parted.
-    pub(super) fn part_a_known(&mut self, excess: Option<f64>) -> bool {
+    /// effect worth a name, and clearly better than what would be added instead, the `rival`: what wears, wears on one
+    /// motor alone. Gives whether one was parted.
+    pub(super) fn part_a_known(&mut self, excess: Option<f64>, rival: Option<&Fit>) -> bool {
         let train = self.train.whitened(&self.best.point, &self.filters);
         let held = self.held_out.whitened(&self.judged(), &self.filters);
         let shared: Vec<usize> = (0..self.best.point.twin.instances.len())
@@ -31,7 +35,11 @@ impl Search<'_> {
             is_wanted.then(|| (fit::squared(&train_parted), fit, filters))
         });
         let best = trials.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, fit, filters)) = best else { return false };
+        let Some((loss, fit, filters)) = best else { return false };
+        let left = |rival: &Fit| fit::squared(&self.train.whitened(&rival.point, &self.filters));
+        if rival.is_some_and(|rival| CLEARLY_LESS * left(rival) < loss) {
+            return false;
+        }
         log::info!("{:?}: a known effect is parted", self.kind);
         (self.best, self.filters) = (fit, filters);
         true

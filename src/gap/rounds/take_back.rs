@@ -20,10 +20,11 @@ impl Search<'_> {
     /// Takes back, one after the other, the effect that the data miss least when everything else is fitted without
     /// it, where that is not beyond chance or less than the share `least` of the held-out squared error: what was
     /// added early may have stood for what came later, and a fit may have found its way only beside another
-    /// (backward elimination). Gives whether any was.
-    pub(super) fn take_back_what_is_not_missed(&mut self, least: f64) -> bool {
+    /// (backward elimination). At least `kept` stay: the only one was put to the data when it was added, but not since
+    /// a known effect was parted. Gives whether any was.
+    pub(super) fn take_back_what_is_not_missed(&mut self, least: f64, kept: usize) -> bool {
         let before = self.added.len();
-        while 1 < self.added.len()
+        while kept < self.added.len()
             && let Some((step, fit, filters)) = self.least_missed(least)
         {
             log::info!("{:?}: {} on {} is not missed", self.kind, step.effect.name, step.axis);
