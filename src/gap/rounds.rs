@@ -399,28 +399,26 @@ impl Search<'_> {
                 Problems { train: &self.train, held_out: &self.held_out, witness: &self.witness };
             let round = Round::run(problems, &stand);
             self.rejected = round.rejected;
-            let Some((fit, step)) = round.winner else {
-                // A refit that led astray hides what the given twin shows.
-                if self.added.is_empty() && std::mem::take(&mut starts_again) {
-                    let slots = std::mem::take(&mut self.best.slots);
-                    (self.best, self.filters) = as_it_is(&self.train, given, &slots);
-                    continue;
-                }
-                let may_part = !has_parted && excess.is_some() && !is_nothing_new(excess);
-                if may_part && self.part_a_known(excess, None) {
-                    has_parted = true;
-                    excess = self.excess(judged.insert(self.judged()));
-                    continue;
-                }
-                break;
-            };
+            // A refit that led astray hides what the given twin shows.
+            if round.winner.is_none() && self.added.is_empty() && std::mem::take(&mut starts_again)
+            {
+                let slots = std::mem::take(&mut self.best.slots);
+                (self.best, self.filters) = as_it_is(&self.train, given, &slots);
+                continue;
+            }
             // What one motor seems to miss may be what it does not share with the other any more.
-            let is_of_one = !screen::is_shared(step.axis);
-            if first && is_of_one && excess.is_some() && self.part_a_known(excess, Some(&fit)) {
+            let is_open = round
+                .winner
+                .as_ref()
+                .is_none_or(|(_, step)| self.added.is_empty() && !screen::is_shared(step.axis));
+            let may_part = !has_parted && excess.is_some() && !is_nothing_new(excess) && is_open;
+            let rival = round.winner.as_ref().map(|(fit, _)| fit);
+            if may_part && self.part_a_known(excess, rival) {
                 (has_parted, starts_again) = (true, false);
                 excess = self.excess(judged.insert(self.judged()));
                 continue;
             }
+            let Some((fit, step)) = round.winner else { break };
             log::info!("{:?}: {} on {} is added", self.kind, step.effect.name, step.axis);
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);

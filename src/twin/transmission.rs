@@ -149,9 +149,9 @@ impl TwoMasses {
     }
 
     /// Velocity of the load after the step without friction, under `pull` on the rails (N).
-    fn free(&self, links: &[Link; 2], pull: [f64; 2]) -> [f64; 2] {
+    fn free(&self, resistance: &Resistance, links: &[Link; 2], pull: [f64; 2]) -> [f64; 2] {
         let given = belts([links[0].given, links[1].given]);
-        self.resistance(links).yields(both(|rail| {
+        resistance.yields(both(|rail| {
             self.load_mass[rail] / self.dt * self.load[rail] + given[rail] + pull[rail]
         }))
     }
@@ -175,8 +175,9 @@ impl TwoMasses {
     ) -> Moved {
         let dt = self.dt;
         let mut links = self.links(force);
+        // Whatever the forces are.
         let resistance = self.resistance(&links);
-        let mut free = self.free(&links, pull);
+        let mut free = self.free(&resistance, &links, pull);
         if rubs.motors.iter().any(|contact| 0.0 < contact.level) {
             let along = belts(free);
             for (m, contact) in rubs.motors.iter().enumerate() {
@@ -188,7 +189,7 @@ impl TwoMasses {
                 force[m] += contact.force(memory, held * dt, [self.motor[m], motor], dt);
             }
             links = self.links(force);
-            free = self.free(&links, pull);
+            free = self.free(&resistance, &links, pull);
         }
         let (mut load, mut friction) = (free, [0.0; 2]);
         for (rail, contact) in rubs.rails.iter().enumerate() {
