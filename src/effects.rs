@@ -284,6 +284,12 @@ impl Effect {
         let shape = self.null.get(1..).unwrap_or_default();
         self.null[0] == 0.0 && !shape.is_empty() && shape.iter().all(|null| *null != 0.0)
     }
+
+    /// Whether it sits in one place that has to be found: its probes are of one size at many places.
+    #[must_use]
+    pub fn sits_somewhere(&self) -> bool {
+        self.probes.iter().all(|probe| probe[0] == self.probes[0][0])
+    }
 }
 
 /// Every effect, by domain.

@@ -56,6 +56,7 @@ mod round;
 mod rounds;
 mod scatter;
 mod screen;
+mod steady;
 mod tape;
 mod unknown;
 mod verdict;

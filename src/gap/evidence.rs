@@ -19,6 +19,16 @@ pub(super) struct Blocks {
 }
 
 impl Blocks {
+    /// Those of one problem, and of another behind it.
+    #[must_use]
+    pub(super) fn joined([one, other]: &[Self; 2]) -> Self {
+        let later = other.of_row.iter().map(|block| one.count + block);
+        Self {
+            of_row: one.of_row.iter().copied().chain(later).collect(),
+            count: one.count + other.count,
+        }
+    }
+
     /// Sums of `columns[k] * residual` over each block: `[block][column]`.
     #[must_use]
     pub(super) fn sums(&self, columns: &[Vec<f64>], residual: &[f64]) -> Vec<Vec<f64>> {

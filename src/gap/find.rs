@@ -75,6 +75,9 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
                 StageKind::Ball => of(StageKind::WholeRolls, Split::Validation),
                 _ => Vec::new(),
             },
+            // What the parameters are off grows along a whole roll: its pieces say whether more is there.
+            may_be_disturbed: !is_second_look
+                || outcomes.last().is_some_and(|pieces: &Outcome<'_>| pieces.unexplained.is_some()),
         };
         if link.train.is_empty() || is_second_look && link.held_out.is_empty() {
             continue;
@@ -402,6 +405,9 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
             format!("{parameter} stopped on its bound: wrong sign, or no such effect")
         }
         Reason::HeldOut => "the held-out session does not prefer it".to_owned(),
+        Reason::SpeedsDisagree => {
+            "low and high speeds do not agree on its size: something else is there".to_owned()
+        }
         Reason::SessionsDisagree => "the sessions do not agree on its sign or size".to_owned(),
         Reason::TooSmall => "explains less than the simulation's own fidelity".to_owned(),
         Reason::NotTestable => {

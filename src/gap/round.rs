@@ -8,11 +8,12 @@ use super::{
     problem::{Point, Problem, dot},
     rounds::{Added, Contestant, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
     screen::{self, Candidate},
+    steady::{self, Seen},
     whiten::{self, Filters},
 };
 use crate::{
     parallel::in_parallel,
-    twin::{Slot, Twin},
+    twin::{Slot, StageKind, Twin},
 };
 use std::mem;
 
@@ -65,6 +66,9 @@ const VISIBLE: f64 = 5.0;
 
 /// So many probes of an effect say that its size has no slope.
 const MANY_PROBES: usize = 6;
+
+/// Places at which an effect that sits in one is fitted beside the place to which the screen leads.
+const OTHER_PLACES: usize = 3;
 
 /// Factors of a size without slope that are tried beside it, and how often.
 const AWAY: [f64; 8] = [0.7, 0.82, 0.9, 0.96, 1.04, 1.1, 1.2, 1.4];
@@ -251,10 +255,37 @@ fn fitted(
     slots.extend(slots_of_last(&point.twin));
     let how = fit::How { filters, iterations: 10, known };
     let found = fit::fit_with(train, point, &slots, &how);
-    match MANY_PROBES <= candidate.effect.probes.len() {
-        true => across_steps(train, found, &how),
-        false => found,
+    if candidate.effect.probes.len() < MANY_PROBES {
+        return found;
     }
+    // Whole rolls have valleys everywhere: what happens early in one is amplified.
+    let is_whole = train.parts.iter().any(|part| part.stage.kind() == StageKind::WholeRolls);
+    let found = match candidate.effect.sits_somewhere() && !is_whole {
+        true => from_other_places(train, found, candidate, &how),
+        false => found,
+    };
+    across_steps(train, found, &how)
+}
+
+/// The fit, or a better one from another place of an effect that sits in one: from afar nothing leads there.
+fn from_other_places(
+    train: &Problem<'_>,
+    found: Fit,
+    candidate: &Candidate,
+    how: &fit::How<'_>,
+) -> Fit {
+    let last = slots_of_last(&found.point.twin);
+    let tries = candidate.effect.probes.iter().map(|probe| {
+        let mut point = found.point.clone();
+        last.iter().zip(*probe).for_each(|(slot, value)| point.twin.set(*slot, *value));
+        (fit::squared(&train.whitened(&point, how.filters)), point)
+    });
+    let mut tries: Vec<_> = tries.collect();
+    tries.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let starts = tries.into_iter().take(OTHER_PLACES).map(|(_, point)| point);
+    let fits = starts.map(|point| fit::fit_with(train, point, &found.slots, how));
+    let best = fits.min_by(|a, b| a.loss.total_cmp(&b.loss));
+    best.filter(|best| best.loss < found.loss).unwrap_or(found)
 }
 
 /// The fit, or a better one found by trying the size of the last effect at several distances: a threshold has no
@@ -284,7 +315,7 @@ pub(super) fn slots_of_last(twin: &Twin) -> Vec<Slot> {
 }
 
 /// The numbers of the instance that was added last.
-fn numbers_of_last(twin: &Twin) -> Vec<f64> {
+pub(super) fn numbers_of_last(twin: &Twin) -> Vec<f64> {
     slots_of_last(twin).into_iter().map(|slot| twin.get(slot)).collect()
 }
 
@@ -507,6 +538,25 @@ impl<'a, 'b> Bench<'a, 'b> {
         !(on_held_out && needs(self.train, &self.base_train_rows, &trial.train_rows))
     }
 
+    /// Whether what the effect does is rather in proportion to the speed, beside what its physics says.
+    fn grows_with_speed(&self, trial: &Trial) -> bool {
+        if !steady::are_speeds_known(self.train) {
+            return false;
+        }
+        let mut twin = trial.fit.point.twin.clone();
+        for slot in slots_of_last(&trial.fit.point.twin) {
+            twin.set(slot, trial.candidate.effect.null[slot.parameter]);
+        }
+        let without = |problem: &Problem<'_>| {
+            problem.whitened(&fit::on(problem, &twin, self.filters), self.filters)
+        };
+        let [train, held] = [without(self.train), without(self.held_out)];
+        steady::grows_with_speed([
+            Seen { problem: self.train, without: &train, with: &trial.train_rows },
+            Seen { problem: self.held_out, without: &held, with: &trial.held_rows },
+        ])
+    }
+
     /// Why the trial may not be named; `None` when it may.
     fn objection(&self, trial: &Trial) -> Option<Reason> {
         if let Some((slot, name)) = on_bound(&trial.fit)
@@ -533,6 +583,9 @@ impl<'a, 'b> Bench<'a, 'b> {
         }
         if !is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
+        }
+        if self.grows_with_speed(trial) {
+            return Some(Reason::SpeedsDisagree);
         }
         let is_old = size_of_last(&trial.fit.point.twin)
             .is_some_and(|size| self.worth.was_there_before(trial.candidate.effect, size));
@@ -640,12 +693,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !self.is_same(own, other) {
             return false;
         }
-        let (train, held) = (self.train.blocks(), self.held_out.blocks());
-        let later = held.of_row.iter().map(|block| train.count + block);
-        let blocks = Blocks {
-            of_row: train.of_row.iter().copied().chain(later).collect(),
-            count: train.count + held.count,
-        };
+        let blocks = Blocks::joined(&[self.train.blocks(), self.held_out.blocks()]);
         let all = |trial: &Trial| [trial.train_rows.as_slice(), &trial.held_rows].concat();
         let (own, other) = (all(own), all(other));
         let base = [self.base_train_rows.as_slice(), &self.base_held_rows].concat();

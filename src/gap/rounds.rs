@@ -6,7 +6,7 @@ use super::{
     known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
     numbers::{Number, numbers},
     problem::{Point, Problem},
-    round::{Problems, Round, Stand},
+    round::{Problems, Round, Stand, numbers_of_last},
     scatter,
     screen::{self, Candidate},
     unknown::{self, Unknown},
@@ -50,6 +50,8 @@ pub struct Link<'a> {
     pub witnesses: Vec<&'a dyn Stage>,
     /// Parameters that a link before it has determined from these recordings: they stay as they are.
     pub held: Vec<Slot>,
+    /// Whether more than is known to be left may be a disturbance, and not what grows along a whole roll.
+    pub may_be_disturbed: bool,
 }
 
 /// Why a candidate was not added.
@@ -65,6 +67,8 @@ pub enum Reason {
     HeldOut,
     /// The sessions do not agree on its size.
     SessionsDisagree,
+    /// What it does is of another size at low speeds than at high ones.
+    SpeedsDisagree,
     /// It explains less than the simulator's own fidelity.
     TooSmall,
     /// The motion does not show it beyond what known parameters imitate.
@@ -318,6 +322,7 @@ pub(super) fn is_in(before: &[f64], after: &[f64], blocks: &Blocks) -> bool {
 /// A search under way.
 struct Search<'a> {
     kind: StageKind,
+    may_be_disturbed: bool,
     train: Problem<'a>,
     held_out: Problem<'a>,
     witness: Problem<'a>,
@@ -367,6 +372,7 @@ impl<'a> Search<'a> {
         );
         let search = Self {
             kind: link.kind,
+            may_be_disturbed: link.may_be_disturbed,
             train,
             held_out,
             witness: Problem::new(&link.witnesses, start),
@@ -419,7 +425,8 @@ impl Search<'_> {
                 continue;
             }
             let Some((fit, step)) = round.winner else { break };
-            log::info!("{:?}: {} on {} is added", self.kind, step.effect.name, step.axis);
+            let at = numbers_of_last(&fit.point.twin);
+            log::info!("{:?}: {} on {} is added at {at:?}", self.kind, step.effect.name, step.axis);
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
             (self.best, self.filters) = from_deepest(&self.train, settled, given);
@@ -449,12 +456,27 @@ impl Search<'_> {
     fn unexplained(&mut self, judged: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
         let (train, held_out) = (&self.train, &self.held_out);
         let unknown = unknown::strongest(train, held_out, &self.best, judged, &self.filters)
-            .or(disturbance)?;
+            .or(disturbance)
+            .or_else(|| self.imitated())?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
         }
         Some(unknown)
+    }
+
+    /// What an effect of the catalogue imitates that is larger at high speeds.
+    fn imitated(&self) -> Option<Unknown> {
+        let other = self.rejected.iter().find(|own| own.reason == Reason::SpeedsDisagree)?;
+        let Candidate { effect, axis, statistic, p_value, .. } = &other.candidate;
+        let channels = self.train.parts.first()?.stage.channels();
+        Some(Unknown {
+            name: format!("unknown.speed[as {} on {axis} but in proportion to it]", effect.name),
+            signal: channels.first()?.signal.clone(),
+            share: other.held_out_gain?,
+            statistic: *statistic,
+            p_value: (p_value * self.rejected.len() as f64).min(1.0),
+        })
     }
 
     /// Whether the judging sessions are not worse off with the refit than with the given twin.
@@ -497,6 +519,9 @@ impl Search<'_> {
     /// More than is known to be left, in both kinds of sessions, which depends on nothing measured and is more
     /// than what any fit leaves of the gap that it closed.
     fn disturbance(&self, given: &Point, judged: &Point) -> Option<Unknown> {
+        if !self.may_be_disturbed {
+            return None;
+        }
         let twin = &self.best.point.twin;
         let before = excess(twin, [(&self.train, given)])?;
         let trained = excess(twin, [(&self.train, &self.best.point)])?;

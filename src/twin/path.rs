@@ -46,6 +46,23 @@ impl MeasuredPath {
         &self.velocity
     }
 
+    /// How long the measured velocities are behind the slope of the positions (s), by least squares: drives tell
+    /// the velocity of the sampling period that has passed, or of a filter. 0 where the motion does not show it.
+    #[must_use]
+    pub fn velocity_lag(&self) -> f64 {
+        let (mut along, mut whole) = (0.0, 0.0);
+        for k in 1..self.times.len() {
+            let span = self.times[k] - self.times[k - 1];
+            for axis in 0..2 {
+                let [before, after] = [self.velocity[k - 1][axis], self.velocity[k][axis]];
+                let way = self.position[k][axis] - self.position[k - 1][axis];
+                along += (way - 0.5 * span * (before + after)) * (after - before);
+                whole += (after - before).powi(2);
+            }
+        }
+        if 0.0 < whole && along.is_finite() { along / whole } else { 0.0 }
+    }
+
     /// Position, velocity and acceleration at `time`: the cubic through the samples beside it
     /// (Hermite), held still beyond the ends. `cursor` remembers the place between calls.
     pub fn at(&self, time: f64, cursor: &mut usize) -> ([f64; 2], [f64; 2], [f64; 2]) {
@@ -86,5 +103,31 @@ impl MeasuredPath {
             both(|axis| mix(&self.velocity, axis)),
             both(|axis| mix(&self.acceleration, axis)),
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn velocities_that_are_late_are_told() {
+        let times: Vec<f64> = (0..1000).map(|k| 0.01 * f64::from(k)).collect();
+        for lag in [0.0, 1e-4, 3e-3] {
+            let path = MeasuredPath::new(
+                times.clone(),
+                times.iter().map(|t| [0.1 * (5.0 * t).sin(), 0.05 * (9.0 * t).cos()]).collect(),
+                times
+                    .iter()
+                    .map(|t| {
+                        let t = t - lag;
+                        [0.5 * (5.0 * t).cos(), -0.45 * (9.0 * t).sin()]
+                    })
+                    .collect(),
+            );
+            assert!((path.velocity_lag() - lag).abs() < 2e-6, "{lag} {}", path.velocity_lag());
+        }
+        let still = MeasuredPath::new(times, vec![[0.1; 2]; 1000], vec![[0.0; 2]; 1000]);
+        assert_eq!(still.velocity_lag(), 0.0);
     }
 }

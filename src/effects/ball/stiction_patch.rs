@@ -2,9 +2,9 @@
 
 use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Site};
 
-/// `ball.stiction_patch`: additional deceleration `c g / (1 + (d/r)^8)` at the distance `d` from
-/// the middle of the patch: nearly all of it inside the radius `r`, none outside, and smooth
-/// between.
+/// `ball.stiction_patch`: additional deceleration `c g exp(-(d/r)^n)` at the distance `d` from the
+/// middle of the patch: dirt that is thickest in the middle has n of about 2, a worn disc with an
+/// edge at the radius `r` a large one (super-Gaussian).
 pub(crate) static STICTION_PATCH: Effect = Effect {
     name: "ball.stiction_patch",
     says: "the ball slows down more in one place of the board, as over dirt or wear",
@@ -43,21 +43,47 @@ pub(crate) static STICTION_PATCH: Effect = Effect {
             plausible: (0.005, 0.04),
             per_session: false,
         },
+        Parameter {
+            name: "edge_exponent",
+            unit: "1",
+            scale: 1.0,
+            bounds: (1.0, 8.0),
+            plausible: (1.0, 8.0),
+            per_session: false,
+        },
     ],
-    null: &[0.0, 0.0, 0.0, 0.03],
+    null: &[0.0, 0.0, 0.0, 0.03, 2.0],
     probes: &[
-        &[0.01, -0.09, -0.14, 0.03],
-        &[0.01, -0.09, -0.045, 0.03],
-        &[0.01, -0.09, 0.045, 0.03],
-        &[0.01, -0.09, 0.14, 0.03],
-        &[0.01, 0.0, -0.14, 0.03],
-        &[0.01, 0.0, -0.045, 0.03],
-        &[0.01, 0.0, 0.045, 0.03],
-        &[0.01, 0.0, 0.14, 0.03],
-        &[0.01, 0.09, -0.14, 0.03],
-        &[0.01, 0.09, -0.045, 0.03],
-        &[0.01, 0.09, 0.045, 0.03],
-        &[0.01, 0.09, 0.14, 0.03],
+        &[0.01, -0.12, -0.175, 0.035, 2.0],
+        &[0.01, -0.12, -0.105, 0.035, 2.0],
+        &[0.01, -0.12, -0.035, 0.035, 2.0],
+        &[0.01, -0.12, 0.035, 0.035, 2.0],
+        &[0.01, -0.12, 0.105, 0.035, 2.0],
+        &[0.01, -0.12, 0.175, 0.035, 2.0],
+        &[0.01, -0.06, -0.175, 0.035, 2.0],
+        &[0.01, -0.06, -0.105, 0.035, 2.0],
+        &[0.01, -0.06, -0.035, 0.035, 2.0],
+        &[0.01, -0.06, 0.035, 0.035, 2.0],
+        &[0.01, -0.06, 0.105, 0.035, 2.0],
+        &[0.01, -0.06, 0.175, 0.035, 2.0],
+        &[0.01, 0.0, -0.175, 0.035, 2.0],
+        &[0.01, 0.0, -0.105, 0.035, 2.0],
+        &[0.01, 0.0, -0.035, 0.035, 2.0],
+        &[0.01, 0.0, 0.035, 0.035, 2.0],
+        &[0.01, 0.0, 0.105, 0.035, 2.0],
+        &[0.01, 0.0, 0.175, 0.035, 2.0],
+        &[0.01, 0.06, -0.175, 0.035, 2.0],
+        &[0.01, 0.06, -0.105, 0.035, 2.0],
+        &[0.01, 0.06, -0.035, 0.035, 2.0],
+        &[0.01, 0.06, 0.035, 0.035, 2.0],
+        &[0.01, 0.06, 0.105, 0.035, 2.0],
+        &[0.01, 0.06, 0.175, 0.035, 2.0],
+        &[0.01, 0.12, -0.175, 0.035, 2.0],
+        &[0.01, 0.12, -0.105, 0.035, 2.0],
+        &[0.01, 0.12, -0.035, 0.035, 2.0],
+        &[0.01, 0.12, 0.035, 0.035, 2.0],
+        &[0.01, 0.12, 0.105, 0.035, 2.0],
+        &[0.01, 0.12, 0.175, 0.035, 2.0],
     ],
     memory: 0,
     physics: Physics::Resistance(patch),
@@ -72,7 +98,7 @@ const GRAVITY: f64 = 9.81;
 
 fn patch(p: &[f64], ball: &Ball) -> f64 {
     let square = (ball.position[0] - p[1]).powi(2) + (ball.position[1] - p[2]).powi(2);
-    p[0] * GRAVITY / (1.0 + (square / (p[3] * p[3])).powi(4))
+    p[0] * GRAVITY * (-(square / (p[3] * p[3])).powf(0.5 * p[4])).exp()
 }
 
 #[cfg(test)]
@@ -81,11 +107,15 @@ mod tests {
 
     #[test]
     fn only_the_place_itself_is_worse() {
-        let p = [0.05, 0.1, -0.1, 0.02];
-        let at = |x: f64, y: f64| patch(&p, &Ball { position: [x, y], ..Ball::default() });
-        assert!((at(0.1, -0.1) - 0.4905).abs() < 1e-9);
-        assert!((at(0.12, -0.1) - 0.24525).abs() < 1e-9);
-        assert!(at(0.0, 0.0) < 1e-4);
+        let at = |x: f64, y: f64, exponent: f64| {
+            let ball = Ball { position: [x, y], ..Ball::default() };
+            patch(&[0.05, 0.1, -0.1, 0.02, exponent], &ball)
+        };
+        assert!((at(0.1, -0.1, 2.0) - 0.4905).abs() < 1e-9);
+        assert!((at(0.12, -0.1, 2.0) - 0.4905 * (-1.0_f64).exp()).abs() < 1e-9);
+        // With an edge: all of it inside, nothing outside.
+        assert!((at(0.11, -0.1, 8.0) - 0.4905).abs() < 0.01);
+        assert!(at(0.13, -0.1, 8.0) < 1e-9);
         assert_eq!(patch(STICTION_PATCH.null, &Ball::default()), 0.0);
     }
 }

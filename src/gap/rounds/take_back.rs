@@ -137,6 +137,13 @@ pub(super) fn withdraw(best: &mut Fit, added: &mut Vec<Added>, unknown: &Unknown
         // Both as shares of what was left when the step was done.
         let stays = unknown.share < step.held_out_gain / (1.0 - step.held_out_gain).max(1e-12);
         if !stays {
+            log::info!(
+                "{} removed {:.1} %, {} stays with {:.1} %: withdrawn",
+                step.effect.name,
+                100.0 * step.held_out_gain,
+                unknown.name,
+                100.0 * unknown.share
+            );
             take_out(best, step);
         }
         stays

@@ -19,6 +19,8 @@ pub(super) struct Guide<'p> {
     path: &'p MeasuredPath,
     /// Frames behind the carriage (s).
     delay: f64,
+    /// Velocities of the carriage behind its places (s).
+    velocity_lag: f64,
     /// Place in the camera: `[axis][x, y, 1]`.
     map: [[f64; 3]; 2],
 }
@@ -31,6 +33,7 @@ impl<'p> Guide<'p> {
         times: &[f64],
         places: &[[f64; 2]],
     ) -> Option<Guide<'p>> {
+        let velocity_lag = path.velocity_lag();
         let mut best: Option<(f64, Self)> = None;
         let mut range = DELAYS;
         for step in STEPS {
@@ -39,7 +42,7 @@ impl<'p> Guide<'p> {
                 if let Some((left, map)) = fitted(path, delay, (times, places))
                     && best.as_ref().is_none_or(|(least, _)| left < *least)
                 {
-                    best = Some((left, Self { path, delay, map }));
+                    best = Some((left, Self { path, delay, velocity_lag, map }));
                 }
             }
             let delay = best.as_ref()?.1.delay;
@@ -50,7 +53,10 @@ impl<'p> Guide<'p> {
 
     /// Place (m) and velocity (m/s) at `time` (s).
     pub(super) fn at(&self, time: f64) -> ([f64; 2], [f64; 2]) {
-        let ([x, y], [vx, vy], _) = self.path.at(time - self.delay, &mut self.cursor(time));
+        let then = time - self.delay;
+        let ([x, y], ..) = self.path.at(then, &mut self.cursor(then));
+        let told = then + self.velocity_lag;
+        let (_, [vx, vy], _) = self.path.at(told, &mut self.cursor(told));
         let image = |axis: usize, [x, y, one]: [f64; 3]| {
             let [by_x, by_y, shift] = self.map[axis];
             by_x * x + by_y * y + shift * one
@@ -59,8 +65,8 @@ impl<'p> Guide<'p> {
     }
 
     /// Where in the path to look.
-    fn cursor(&self, time: f64) -> usize {
-        self.path.times().partition_point(|at| *at < time - self.delay).saturating_sub(1)
+    fn cursor(&self, then: f64) -> usize {
+        self.path.times().partition_point(|at| *at < then).saturating_sub(1)
     }
 }
 
