@@ -10,7 +10,7 @@ use super::{
     rounds::Outcome,
 };
 use crate::{
-    effects::{Domain, Effect},
+    effects::{Domain, Effect, Physics},
     twin::{Mimicry, StageKind, Twin},
 };
 
@@ -28,6 +28,9 @@ const WORTH_NAMING_LATER: f64 = 0.03;
 /// The same where nothing is new and nothing is known of the effect, or it is at the edge of what a simulation
 /// follows; further below it the more.
 const WORTH_NAMING_AGAIN: f64 = 0.1;
+
+/// The same of a map of places, which simulates nothing: only noise limits what is seen of it.
+const WORTH_NAMING_EXACT: f64 = 0.005;
 
 /// How often what the twin's own imperfection explains of an effect the effect must explain to be real.
 const BEYOND_MIMICRY: f64 = 3.0;
@@ -89,9 +92,18 @@ impl<'t> Worth<'t> {
         }
     }
 
-    /// Below which no effect is worth a name, whatever is known of it and stands beside it.
-    pub(super) fn least(&self) -> f64 {
-        WORTH_NAMING_LATER.min(self.general)
+    /// Below which `effect` is not worth a name, whatever is known of it and stands beside it.
+    pub(super) fn least(&self, effect: &Effect) -> f64 {
+        match self.is_exact(effect) {
+            true => WORTH_NAMING_EXACT,
+            false => WORTH_NAMING_LATER.min(self.general),
+        }
+    }
+
+    /// Whether `effect` is a map of places behind what was measured.
+    fn is_exact(&self, effect: &Effect) -> bool {
+        let is_map = matches!(effect.physics, Physics::Camera(_) | Physics::Frame(_));
+        is_map && self.link == StageKind::Camera
     }
 
     /// What is known of `effect` where it was not named.
@@ -111,8 +123,10 @@ impl<'t> Worth<'t> {
 
     /// For `effect` with its numbers.
     pub(super) fn of(&self, effect: &Effect, numbers: &[f64]) -> f64 {
-        let own = match self.known(effect).map(|own| own.share) {
-            Some(share) => (BEYOND_MIMICRY * share).max(WORTH_NAMING_LATER),
+        let own = match self.known(effect).map(|own| BEYOND_MIMICRY * own.share) {
+            Some(share) if self.is_exact(effect) => share.max(WORTH_NAMING_EXACT),
+            Some(share) => share.max(WORTH_NAMING_LATER),
+            None if self.is_exact(effect) => WORTH_NAMING_EXACT,
             None => self.general,
         };
         let least = below_fidelity(effect, numbers).map_or(0.0, |below| WORTH_NAMING_AGAIN * below);
@@ -220,6 +234,11 @@ mod tests {
         assert!((beside.of(delay, &[1e-3]) - 0.1).abs() < 1e-12 && !beside.in_any_view);
         let unknown = worth(StageKind::Drive, None, 0.5);
         assert!(unknown.of(delay, &[1e-3]) == WORTH_NAMING && !unknown.in_any_view);
+        // A map of places simulates nothing: behind measured places it may be small.
+        let shear = effect("gantry.squareness");
+        let of_shear = |link| worth(link, Some(0.0), 0.0).of(shear, &[1e-3]);
+        assert_eq!(of_shear(StageKind::Camera), WORTH_NAMING_EXACT);
+        assert_eq!(of_shear(StageKind::Ball), WORTH_NAMING_AGAIN);
         // A lag within a step must be larger too, and contacts that hardly bend.
         let presliding = effect("drive.friction.presliding");
         let bristles = |distance| unknown.of(presliding, &[1.0, distance, 1e-3, 0.0]);

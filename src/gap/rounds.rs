@@ -434,8 +434,8 @@ impl Search<'_> {
             self.added.last_mut().expect("one was added").numbers = numbers(&plain);
             excess = self.excess(judged.insert(self.judged()));
         }
-        let least = Worth::new(&given.twin, self.kind, excess, 0.0).least();
-        let is_less = self.take_back_what_is_not_missed(least, usize::from(!has_parted));
+        let worth = Worth::new(&given.twin, self.kind, excess, 0.0);
+        let is_less = self.take_back_what_is_not_missed(&worth, usize::from(!has_parted));
         if self.take_back_what_is_none() || is_less {
             excess = self.excess(judged.insert(self.judged()));
         }

@@ -4,6 +4,7 @@ use super::{Added, Search, is_in};
 use crate::{
     gap::{
         fit::{self, Fit},
+        known::Worth,
         problem::Point,
         unknown::Unknown,
         whiten::Filters,
@@ -22,10 +23,10 @@ impl Search<'_> {
     /// added early may have stood for what came later, and a fit may have found its way only beside another
     /// (backward elimination). At least `kept` stay: the only one was put to the data when it was added, but not since
     /// a known effect was parted. Gives whether any was.
-    pub(super) fn take_back_what_is_not_missed(&mut self, least: f64, kept: usize) -> bool {
+    pub(super) fn take_back_what_is_not_missed(&mut self, worth: &Worth<'_>, kept: usize) -> bool {
         let before = self.added.len();
         while kept < self.added.len()
-            && let Some((step, fit, filters)) = self.least_missed(least)
+            && let Some((step, fit, filters)) = self.least_missed(worth)
         {
             log::info!("{:?}: {} on {} is not missed", self.kind, step.effect.name, step.axis);
             self.go_back(&step, (fit, filters));
@@ -34,7 +35,7 @@ impl Search<'_> {
     }
 
     /// The step that the data miss least, if they do not miss it, with the fit without it.
-    fn least_missed(&self, least: f64) -> Option<(Added, Fit, Filters)> {
+    fn least_missed(&self, worth: &Worth<'_>) -> Option<(Added, Fit, Filters)> {
         let rows = |point: &Point, judged: &Point| {
             let train = self.train.whitened(point, &self.filters);
             (train, self.held_out.whitened(judged, &self.filters))
@@ -50,7 +51,7 @@ impl Search<'_> {
             let is_missed = is_in(&train_without, &train, &self.train.blocks())
                 && (held.is_empty()
                     || is_in(&held_without, &held, &self.held_out.blocks())
-                        && least <= share(&held_without, &held));
+                        && worth.least(step.effect) <= share(&held_without, &held));
             (share(&train_without, &train), is_missed, fit, filters)
         });
         let found = hardly_missed.iter().zip(trials).filter(|(_, (_, is_missed, ..))| !is_missed);

@@ -9,7 +9,7 @@ use faer::{Mat, linalg::solvers::Solve};
 
 /// Delays of the frames behind the carriage that are tried (s), and the steps in which they are.
 const DELAYS: (f64, f64) = (-0.05, 0.2);
-const STEPS: [f64; 3] = [5e-3, 5e-4, 5e-5];
+const STEPS: [f64; 4] = [5e-3, 5e-4, 5e-5, 5e-6];
 
 /// Share of the striker's variance that its carriage may leave; beyond it they do not belong together.
 const MOST_LEFT: f64 = 0.02;
