@@ -83,7 +83,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
             continue;
         }
         let outcome = rounds::search(&link, &twin, task_of(kind, task, &outcomes));
-        twin = stated(&outcome);
+        twin = stated(&start, &outcome);
         outcomes.push(outcome);
     }
     for session in sessions.iter().filter(|session| session.split == Split::Train) {
@@ -143,10 +143,15 @@ fn refused<'a>(twin: Twin, objection: Objection) -> Found<'a> {
     Found { document, twin, outcomes: Vec::new(), floors: Vec::new() }
 }
 
+/// Standard error of a change, as a share of it, that is the simulation's own: a hundredth is what no simulator of
+/// sampled drives and rolling balls follows (an uncertainty of type B: JCGM 100, Guide to the Expression of
+/// Uncertainty in Measurement, 4.3).
+const FIDELITY: f64 = 0.01;
+
 /// The final twin of a link with sources and intervals. An effect that was added is known no better than by what
-/// the given twin looked like it before; a number that the data do not determine and that moved all the same (a level
+/// the given twin looked like it before, and no change from the `first` one better than by [`FIDELITY`]; a number that the data do not determine and that moved all the same (a level
 /// that is never reached) has no interval any more.
-fn stated(outcome: &Outcome<'_>) -> Twin {
+fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
     let mut twin = outcome.last.point.twin.clone();
     let given = &outcome.start.twin;
     let quantile = t_quantile(0.975, outcome.uncertainty.freedom);
@@ -158,9 +163,16 @@ fn stated(outcome: &Outcome<'_>) -> Twin {
             own.ci95 = own.ci95.filter(|_| stays);
             continue;
         }
-        let mut half = quantile * outcome.uncertainty.standard_errors[index];
+        let effect = twin.instances[slot.instance].effect;
+        let change = match first.instances.get(slot.instance).map(|own| &own.values[slot.parameter])
+        {
+            Some(before) if before.source == Source::Fitted => (value - before.value).abs(),
+            Some(_) => 0.0,
+            None => (value - effect.null[slot.parameter]).abs().min(value.abs()),
+        };
+        let error = outcome.uncertainty.standard_errors[index].hypot(FIDELITY * change);
+        let mut half = quantile * error;
         if given.instances.len() <= slot.instance {
-            let effect = twin.instances[slot.instance].effect;
             let lean = known::lean(given, outcome.kind, effect);
             half += lean.get(slot.parameter).map_or(0.0, |lean| lean.abs());
         }
