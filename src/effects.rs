@@ -376,6 +376,13 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
+    fn patches_and_end_stops_have_to_be_found() {
+        let names = CATALOGUE.iter().filter(|effect| 6 <= effect.probes.len());
+        let found = names.filter(|effect| effect.sits_somewhere()).map(|effect| effect.name);
+        assert_eq!(found.collect::<Vec<_>>(), ["gantry.endstop", "ball.stiction_patch"]);
+    }
+
+    #[test]
     fn every_entry_is_whole() {
         let mut names = BTreeSet::new();
         for effect in CATALOGUE {

@@ -60,8 +60,8 @@ const FAR_STRONGER: f64 = 1.5;
 /// of all signals together, where most of them do not show it.
 const IN_ONE_SIGNAL: f64 = 4.0;
 
-/// Length of an effect's column at its largest plausible size, in whitened standard deviations, below
-/// which this motion cannot show it: what a test at one in 10,000 can just see.
+/// Length of an effect's column at its largest plausible size, or at its usual one where it is not seen, in whitened
+/// standard deviations, below which this motion cannot show it: what a test at one in 10,000 can just see.
 const VISIBLE: f64 = 5.0;
 
 /// So many probes of an effect say that its size has no slope.
@@ -213,9 +213,18 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
         .map(|candidate| candidate.share)
         .fold(0.0, f64::max);
     for candidate in candidates {
-        let reason = if candidate.visibility < VISIBLE {
+        let is_seen = candidate.p_value < threshold;
+        let usually_shown = candidate.visibility * screen::usual_share(candidate.effect);
+        log::debug!(
+            "{} on {}: visibility {:.1}, usual {:.1}",
+            candidate.effect.name,
+            candidate.axis,
+            candidate.visibility,
+            candidate.visibility * screen::usual_share(candidate.effect)
+        );
+        let reason = if candidate.visibility < VISIBLE || !is_seen && usually_shown < VISIBLE {
             Reason::NotTestable
-        } else if threshold <= candidate.p_value {
+        } else if !is_seen {
             Reason::NotSignificant
         } else if short.len() < SHORT_LIST
             && WORTH_SIMULATING * best <= candidate.share

@@ -193,6 +193,17 @@ fn reach(effect: &Effect, probe: &[f64]) -> f64 {
     }
 }
 
+/// What the effect is at its usual size, as a share of its largest plausible one: in the middle of the plausible sizes
+/// by ratio, or a third of the largest where they begin at nothing.
+pub(super) fn usual_share(effect: &Effect) -> f64 {
+    let (low, high) = effect.parameters[0].plausible;
+    let null = effect.null[0];
+    let (one, other) = ((low - null).abs(), (high - null).abs());
+    let (least, most) = (one.min(other), one.max(other));
+    let has_sign = null <= low || high <= null;
+    if has_sign && 0.0 < least { (least / most).sqrt() } else { 1.0 / 3.0 }
+}
+
 /// Where a fit of `candidate` may start: where the line of the screen leads, its probe, and the way from
 /// there to where the effect does nothing, in equal ratios where that is far off (a limit that never
 /// acts), else in equal steps.
@@ -387,4 +398,19 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
         .map(|k| -imitating.iter().zip(&factors).map(|(weights, f)| weights[k] * f).sum::<f64>())
         .collect();
     Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors, shift }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::find;
+
+    #[test]
+    fn usual_sizes_are_in_the_middle_of_the_plausible_ones() {
+        let of = |name| usual_share(find(name).unwrap());
+        // 0.2 to 3 ms; -3 to 3 kg/m; 1 to 100 kN/m.
+        assert!((of("drive.current_loop") - (0.2_f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((of("gantry.mass_position") - 1.0 / 3.0).abs() < 1e-12);
+        assert!((of("gantry.endstop") - 0.1).abs() < 1e-12);
+    }
 }

@@ -27,6 +27,8 @@ struct Axis {
     seconds: u64,
     /// Viscous coefficient forwards and backwards (N s/m).
     viscous: [f64; 2],
+    /// Dry friction and viscous coefficient grow so much along the way (N/m, N s/m^2).
+    by_place: [f64; 2],
     seed: u64,
 }
 
@@ -64,8 +66,8 @@ impl Axis {
             let viscous = if 0.0 < v { self.viscous[0] } else { self.viscous[1] };
             let normal: f32 = (0..12).map(|_| noise.uniform_f32(-0.5, 0.5)).sum();
             let force = Self::MASS_KG * a
-                + Self::COULOMB_N * (v / 1e-4).tanh()
-                + viscous * v
+                + (Self::COULOMB_N + self.by_place[0] * q) * (v / 1e-4).tanh()
+                + (viscous + self.by_place[1] * q) * v
                 + Self::NOISE_N * f64::from(normal);
             let input = AxisInput { value: force, unit: "N".into() };
             let output =
@@ -81,9 +83,14 @@ impl Axis {
 
     /// A pair of sessions with the given friction.
     fn pair(dir: &Path, viscous: [f64; 2]) -> [String; 2] {
+        Self::worn(dir, viscous, [0.0; 2])
+    }
+
+    /// The same with friction that changes with the place.
+    fn worn(dir: &Path, viscous: [f64; 2], by_place: [f64; 2]) -> [String; 2] {
         let text = |path: PathBuf| path.display().to_string();
-        let first = Axis { split: "train", seconds: 20, viscous, seed: 1 };
-        let second = Axis { split: "validation", seconds: 20, viscous, seed: 2 };
+        let first = Axis { split: "train", seconds: 20, viscous, by_place, seed: 1 };
+        let second = Axis { split: "validation", seconds: 20, viscous, by_place, seed: 2 };
         [text(first.write(dir, "one.mcap")), text(second.write(dir, "two.mcap"))]
     }
 }
@@ -145,6 +152,27 @@ fn nothing_is_named_where_nothing_is_missing_and_equal_inputs_give_equal_bytes()
         let bytes = |folder: &str| fs::read(dir.path().join(folder).join(file)).unwrap();
         assert!(bytes("one") == bytes("three"), "{file} differs");
     }
+}
+
+#[test]
+fn friction_that_changes_with_the_place_is_named_and_a_drag_that_does_is_not_called_by_its_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let found = |name: &str, by_place: [f64; 2]| {
+        let folder = dir.path().join(name);
+        fs::create_dir(&folder).unwrap();
+        let base = Axis::pair(&folder, [100.0; 2]);
+        gap(&base, None, &folder.join("base"));
+        let worn = folder.join("worn");
+        fs::create_dir(&worn).unwrap();
+        let recordings = Axis::worn(&worn, [100.0; 2], by_place);
+        let twin = folder.join("base/twin.json").display().to_string();
+        gap(&recordings, Some(&twin), &folder.join("out")).0
+    };
+    let dry = found("dry", [20.0, 0.0]);
+    assert_eq!(names(&dry), ["drive.friction.position"], "{dry:#}");
+    let drag = found("drag", [0.0, 150.0]);
+    assert!(names(&drag).is_empty(), "{drag:#}");
+    assert_eq!(drag["verdict"], "unexplained", "{drag:#}");
 }
 
 #[test]
