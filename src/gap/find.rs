@@ -149,8 +149,8 @@ fn refused<'a>(twin: Twin, objection: Objection) -> Found<'a> {
 const FIDELITY: f64 = 0.01;
 
 /// The final twin of a link with sources and intervals. An effect that was added is known no better than by what
-/// the given twin looked like it before, and no change from the `first` one better than by [`FIDELITY`]; a number that the data do not determine and that moved all the same (a level
-/// that is never reached) has no interval any more.
+/// the given twin looked like it before, and no change from the `first` twin better than to [`FIDELITY`]; a number
+/// that the data do not determine and that moved all the same (a level that is never reached) has no interval any more.
 fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
     let mut twin = outcome.last.point.twin.clone();
     let given = &outcome.start.twin;
@@ -163,16 +163,10 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
             own.ci95 = own.ci95.filter(|_| stays);
             continue;
         }
-        let effect = twin.instances[slot.instance].effect;
-        let change = match first.instances.get(slot.instance).map(|own| &own.values[slot.parameter])
-        {
-            Some(before) if before.source == Source::Fitted => (value - before.value).abs(),
-            Some(_) => 0.0,
-            None => (value - effect.null[slot.parameter]).abs().min(value.abs()),
-        };
-        let error = outcome.uncertainty.standard_errors[index].hypot(FIDELITY * change);
-        let mut half = quantile * error;
+        let own_error = FIDELITY * changed(first, &twin, *slot);
+        let mut half = quantile * outcome.uncertainty.standard_errors[index].hypot(own_error);
         if given.instances.len() <= slot.instance {
+            let effect = twin.instances[slot.instance].effect;
             let lean = known::lean(given, outcome.kind, effect);
             half += lean.get(slot.parameter).map_or(0.0, |lean| lean.abs());
         }
@@ -180,6 +174,20 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
             Value { value, ci95: Some([value - half, value + half]), source: Source::Fitted };
     }
     twin
+}
+
+/// How far a number of `twin` is from that of the `first` one, where a fit had determined it (also where what two
+/// motors had in common was parted); of an effect that was added, from where it does nothing, or from zero where that
+/// is nearer.
+fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
+    let value = twin.get(slot);
+    let effect = twin.instances[slot.instance].effect;
+    let same = || first.instances.iter().find(|own| own.effect == effect);
+    match first.instances.get(slot.instance).or_else(same).map(|own| &own.values[slot.parameter]) {
+        Some(before) if before.source == Source::Fitted => (value - before.value).abs(),
+        Some(_) => 0.0,
+        None => (value - effect.null[slot.parameter]).abs().min(value.abs()),
+    }
 }
 
 fn floors_of(outcome: &Outcome<'_>) -> Vec<Floor> {

@@ -215,13 +215,6 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
     for candidate in candidates {
         let is_seen = candidate.p_value < threshold;
         let usually_shown = candidate.visibility * screen::usual_share(candidate.effect);
-        log::debug!(
-            "{} on {}: visibility {:.1}, usual {:.1}",
-            candidate.effect.name,
-            candidate.axis,
-            candidate.visibility,
-            candidate.visibility * screen::usual_share(candidate.effect)
-        );
         let reason = if candidate.visibility < VISIBLE || !is_seen && usually_shown < VISIBLE {
             Reason::NotTestable
         } else if !is_seen {
