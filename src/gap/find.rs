@@ -68,7 +68,6 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
         let is_second_look = kind == StageKind::WholeRolls;
         let link = Link {
             kind,
-            held: if is_second_look { Vec::new() } else { determined(&outcomes) },
             train: of(kind, Split::Train),
             held_out: of(kind, Split::Validation),
             witnesses: match kind {
@@ -115,14 +114,6 @@ fn task_of(kind: StageKind, task: Task, before: &[Outcome<'_>]) -> Task {
     let mut added = before.iter().flat_map(|outcome| &outcome.added);
     let scatters = added.any(|step| scatter::is_scatter(step.effect));
     if kind == StageKind::Estimator && scatters { Task::Calibrate } else { task }
-}
-
-/// Parameters that the links before have determined from these recordings.
-fn determined(before: &[Outcome<'_>]) -> Vec<Slot> {
-    let fitted = before
-        .iter()
-        .flat_map(|outcome| outcome.last.slots.iter().zip(&outcome.uncertainty.undetermined));
-    fitted.filter(|(_, is_unknown)| !**is_unknown).map(|(slot, _)| *slot).collect()
 }
 
 /// Nothing may be said.

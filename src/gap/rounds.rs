@@ -48,9 +48,6 @@ pub struct Link<'a> {
     pub held_out: Vec<&'a dyn Stage>,
     /// Stages of another link on which the same effects act for longer, and judge how much of a gap they are.
     pub witnesses: Vec<&'a dyn Stage>,
-    /// Parameters that a link before it has determined from these recordings: they stay as they are, unless they
-    /// leave no more than an effect that would be named instead.
-    pub held: Vec<Slot>,
     /// Whether more than is known to be left may be a disturbance, and not what grows along a whole roll.
     pub may_be_disturbed: bool,
 }
@@ -329,8 +326,6 @@ struct Search<'a> {
     witness: Problem<'a>,
     best: Fit,
     filters: Filters,
-    /// Parameters of this link that are held where another has determined them.
-    held: Vec<Slot>,
     added: Vec<Added>,
     rejected: Vec<Rejected>,
 }
@@ -359,8 +354,7 @@ impl<'a> Search<'a> {
         train.drop_outliers(&given);
         held_out.drop_outliers(&held_given);
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
-        let all = start.free(link.train[0]);
-        let (held, slots): (Vec<_>, Vec<_>) = all.iter().partition(|slot| link.held.contains(slot));
+        let slots = start.free(link.train[0]);
         let (best, filters) = if is_nothing_new(excess) {
             fit::settle(&train, given.clone(), &slots, 10)
         } else {
@@ -381,7 +375,6 @@ impl<'a> Search<'a> {
             witness: Problem::new(&link.witnesses, start),
             best,
             filters,
-            held,
             added: vec![],
             rejected: vec![],
         };
@@ -429,10 +422,6 @@ impl Search<'_> {
                 continue;
             }
             let Some((fit, step)) = round.winner else { break };
-            if self.let_go(&fit) {
-                excess = self.excess(judged.insert(self.judged()));
-                continue;
-            }
             let at = numbers_of_last(&fit.point.twin);
             log::info!("{:?}: {} on {} is added at {at:?}", self.kind, step.effect.name, step.axis);
             self.added.push(step);

@@ -1,6 +1,6 @@
 //! The belt stretches.
 
-use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site, Spring};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site, Spring};
 
 /// `drive.compliance.belt`: motor and load are two masses with a spring between them, whose compliance is 1/k: the
 /// motor swings against the load, which lags by F/k with the force F that passes between them (below the resonance
@@ -48,7 +48,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
     ],
     memory: 0,
     physics: Physics::Both(&[
-        Physics::Play(|p, _, motion| motion.position - p[0] * passed_on(p, motion)),
+        Physics::Play(|p, _, motion| motion.position - p[0] * motion.force),
         Physics::Transmission(spring),
     ]),
     regressors: &[Regressor::Acceleration],
@@ -65,11 +65,6 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
 /// Below this compliance (m/N) belts are rigid: the load would swing faster than a step can follow.
 const RIGID: f64 = 2e-6;
 
-/// What of the force reaches the load (N): the rotor takes its own.
-fn passed_on(p: &[f64], motion: &Motion) -> f64 {
-    motion.force - p[1] * motion.acceleration
-}
-
 fn spring(p: &[f64]) -> Option<Spring> {
     let soft = |stiffness| Spring { stiffness, damping_ratio: p[2], motor_mass: p[1] };
     (RIGID <= p[0]).then(|| soft(1.0 / p[0]))
@@ -78,6 +73,7 @@ fn spring(p: &[f64]) -> Option<Spring> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Motion;
 
     #[test]
     fn the_load_lags_in_an_acceleration() {
@@ -86,9 +82,6 @@ mod tests {
         };
         let motion = Motion { position: 0.2, force: 5.0, ..Motion::default() };
         assert!((stretch(&[1e-4, 0.98, 0.05], &mut [], &motion) - 0.1995).abs() < 1e-12);
-        // Of 5 N the rotor takes 2 N.
-        let motion = Motion { acceleration: 2.0, ..motion };
-        assert!((stretch(&[1e-4, 1.0, 0.05], &mut [], &motion) - 0.1997).abs() < 1e-12);
         assert_eq!(stretch(COMPLIANCE_BELT.null, &mut [], &motion), 0.2);
     }
 

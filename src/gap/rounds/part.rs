@@ -1,5 +1,4 @@
-//! Known effects before new ones: what two motors, or two rails, had in common and do not have in common any more, and
-//! what another link has determined and this one sees otherwise.
+//! Known effects that two motors, or two rails, had in common and do not have in common any more.
 
 use super::{Search, is_in};
 use crate::{
@@ -15,31 +14,7 @@ use crate::{
 /// Share of what a rival leaves that a parted effect may leave at most: it has more numbers, and needs no name.
 const CLEARLY_LESS: f64 = 0.9;
 
-/// Share of what a rival leaves up to which known parameters that are let go may leave it.
-const NEARLY_AS_LITTLE: f64 = 1.02;
-
 impl Search<'_> {
-    /// Lets go of the sizes that another link has determined where that leaves as little as the `rival` that would be
-    /// named instead: one model of a belt does not follow all that a belt does. What shapes them (the inertia that
-    /// swings on the belt) stays as it is: only the other link sees it. Gives whether it did.
-    pub(super) fn let_go(&mut self, rival: &Fit) -> bool {
-        if self.held.is_empty() {
-            return false;
-        }
-        let held = std::mem::take(&mut self.held);
-        let sizes = held.iter().filter(|slot| slot.parameter == 0);
-        let slots: Vec<Slot> = self.best.slots.iter().chain(sizes).copied().collect();
-        let (fit, filters) = fit::settle(&self.train, self.best.point.clone(), &slots, 8);
-        let left = |fit: &Fit| fit::squared(&self.train.whitened(&fit.point, &self.filters));
-        if NEARLY_AS_LITTLE * left(rival) < left(&fit) {
-            self.held = held;
-            return false;
-        }
-        log::info!("{:?}: what another link has determined is let go", self.kind);
-        (self.best, self.filters) = (fit, filters);
-        true
-    }
-
     /// Parts the known effect of which the data want it most, where they do beyond chance and by what makes an
     /// effect worth a name, and clearly better than what would be added instead, the `rival`: what wears, wears on one
     /// motor alone. Gives whether one was parted.
