@@ -1,10 +1,10 @@
 //! The check of the data, before any physics: is the command connected to the motion, is there
 //! enough of it, in both directions?
 
-use super::findings::Verdict;
+use super::{findings::Verdict, problem};
 use crate::{
     gantry::belts,
-    twin::{DriveStage, Output, Session},
+    twin::{DriveStage, Output, Session, Stage, Twin},
 };
 
 /// Shortest time of runs in all sessions together on which anything is said (s).
@@ -74,6 +74,33 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
         }
     }
     None
+}
+
+/// Why nothing may be said with `twin`, if its numbers make a link of `sessions` diverge: what it does not predict would
+/// be left out, and nothing would seem to be missing.
+#[must_use]
+pub(super) fn check_twin(twin: &Twin, sessions: &[Session]) -> Option<Objection> {
+    sessions.iter().flat_map(Session::stages).find_map(|stage| {
+        let signals = silent(twin, stage)?;
+        let says = format!(
+            "the twin predicts no finite {signals}: with its numbers the simulation diverges; calibrate it anew \
+             with `klasktron calibrate`, or start without --twin"
+        );
+        objection(Verdict::NotTestable, says)
+    })
+}
+
+/// The signals of `stage`, where something of it was measured and the twin predicts none of that.
+fn silent(twin: &Twin, stage: &dyn Stage) -> Option<String> {
+    let predicted = problem::predict(stage, twin, &problem::starts(stage));
+    let (mut measured, mut compared) = (0, 0);
+    for (channel, values) in stage.channels().iter().zip(&predicted) {
+        let finite = channel.measured.iter().zip(values).filter(|(own, _)| own.is_finite());
+        let told = finite.clone().filter(|(_, value)| value.is_finite());
+        (measured, compared) = (measured + finite.count(), compared + told.count());
+    }
+    let names: Vec<&str> = stage.channels().iter().map(|channel| channel.signal.as_str()).collect();
+    (0 < measured && compared == 0).then(|| names.join(", "))
 }
 
 fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
@@ -199,5 +226,55 @@ impl<'a> Pairs<'a> {
             }
         }
         best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Domain, Effect},
+        twin::{Channel, Machine, StageKind},
+    };
+
+    /// A link whose prediction is what it is told.
+    struct Told(Vec<Channel>, f64);
+
+    impl Stage for Told {
+        fn kind(&self) -> StageKind {
+            StageKind::Drive
+        }
+
+        fn channels(&self) -> &[Channel] {
+            &self.0
+        }
+
+        fn calls(&self, _effect: &Effect) -> bool {
+            false
+        }
+
+        fn predict(&self, _twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+            predicted.iter_mut().flatten().for_each(|value| *value = self.1);
+        }
+    }
+
+    #[test]
+    fn a_simulation_that_diverges_is_told_from_one_that_is_right() {
+        let channel = |measured: f64| Channel {
+            signal: "motor_a.velocity".into(),
+            unit: "m/s",
+            domain: Domain::Drive,
+            axis: "a",
+            rate_hz: 100.0,
+            times: vec![0.0, 0.01],
+            measured: vec![measured; 2],
+            runs: vec![0..2],
+        };
+        let twin = Twin::nominal(Machine::Table);
+        let of = |measured, predicted| silent(&twin, &Told(vec![channel(measured)], predicted));
+        assert_eq!(of(0.1, f64::NAN), Some("motor_a.velocity".to_owned()));
+        assert_eq!(of(0.1, 0.1), None);
+        // What was not measured need not be predicted.
+        assert_eq!(of(f64::NAN, f64::NAN), None);
     }
 }

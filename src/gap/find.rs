@@ -51,7 +51,8 @@ const LEAST_MOVE: f64 = 0.002;
 #[must_use]
 pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Found<'a> {
     let start = given.cloned().unwrap_or_else(|| Twin::nominal(machine_of(sessions)));
-    if let Some(objection) = checks::check(sessions) {
+    let refusal = checks::check(sessions).or_else(|| checks::check_twin(&start, sessions));
+    if let Some(objection) = refusal {
         return refused(start, objection);
     }
     let mut twin = start.clone();
@@ -74,9 +75,11 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
                 StageKind::Ball => of(StageKind::WholeRolls, Split::Validation),
                 _ => Vec::new(),
             },
-            // What the parameters are off grows along a whole roll: its pieces say whether more is there.
+            // What an effect of the pieces is off grows along a whole roll; they say whether more is there.
             may_be_disturbed: !is_second_look
-                || outcomes.last().is_some_and(|pieces: &Outcome<'_>| pieces.unexplained.is_some()),
+                || outcomes.last().is_none_or(|pieces: &Outcome<'_>| {
+                    pieces.added.is_empty() || pieces.unexplained.is_some()
+                }),
         };
         if link.train.is_empty() || is_second_look && link.held_out.is_empty() {
             continue;
