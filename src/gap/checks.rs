@@ -268,7 +268,7 @@ mod tests {
             rate_hz: 100.0,
             times: vec![0.0, 0.01],
             measured: vec![measured; 2],
-            runs: vec![0..2],
+            runs: std::iter::once(0..2).collect(),
         };
         let twin = Twin::nominal(Machine::Table);
         let of = |measured, predicted| silent(&twin, &Told(vec![channel(measured)], predicted));

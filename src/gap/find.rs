@@ -172,15 +172,17 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
 
 /// How far a number of `twin` is from that of the `first` one, where a fit had determined it (also where what two
 /// motors had in common was parted); of an effect that was added, from where it does nothing, or from zero where that
-/// is nearer.
+/// is nearer. What only shapes an effect, such as a period, is none.
 fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
     let value = twin.get(slot);
     let effect = twin.instances[slot.instance].effect;
     let same = || first.instances.iter().find(|own| own.effect == effect);
+    let null = effect.null[slot.parameter];
     match first.instances.get(slot.instance).or_else(same).map(|own| &own.values[slot.parameter]) {
         Some(before) if before.source == Source::Fitted => (value - before.value).abs(),
         Some(_) => 0.0,
-        None => (value - effect.null[slot.parameter]).abs().min(value.abs()),
+        None if 0 < slot.parameter && null != 0.0 => 0.0,
+        None => (value - null).abs().min(value.abs()),
     }
 }
 
