@@ -178,13 +178,15 @@ impl Play<'_> {
             left -= time;
             self.meet(event, ball, movers, &mut happened);
             if happened.taken {
-                return happened;
+                break;
             }
         }
         for mover in movers.iter_mut() {
             mover.advance(left);
         }
-        self.give_way(ball, movers);
+        if !happened.taken {
+            self.give_way(ball, movers);
+        }
         happened
     }
 

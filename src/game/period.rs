@@ -38,7 +38,8 @@ pub(super) struct Period<'a> {
 }
 
 impl Period<'_> {
-    /// Plays it; `start` is the time since the episode began (s).
+    /// Plays it; `start` is the time since the episode began (s). When the episode ends, everything is left
+    /// where it is at the end of that piece.
     pub(super) fn play(&mut self, start: f64) -> (Happened, Option<Ending>) {
         if self.stays_quiet(start) {
             return (Happened::NOTHING, None);
@@ -57,6 +58,11 @@ impl Period<'_> {
                 self.play_piece::<2>(ends, &mut places, &mut all)
             };
             if ended.is_some() {
+                // The ball stops here, so the strikers do: not at the end of the period, where their drives
+                // have led them.
+                for (striker, end) in self.strikers.iter_mut().zip(ends) {
+                    striker.led = end;
+                }
                 return (all, ended);
             }
         }

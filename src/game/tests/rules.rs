@@ -5,7 +5,7 @@ use crate::{
     board::CUP_RADIUS,
     game::{
         BiscuitSettings, CupRule, CupSettings, Ending, GameError, GameSettings, Games,
-        LimiterPlace, Outcomes, Randomization, sure_fall_speed,
+        LimiterPlace, Outcomes, Randomization, settings::CONTROL_PERIOD, sure_fall_speed,
     },
     recording::topic::Player,
 };
@@ -101,6 +101,23 @@ fn a_striker_over_its_own_cup_loses() {
         assert_eq!(ending.winner(), Some([Player::Right, Player::Left][player as usize]));
         // 11 mm at up to 0.4 m/s, slowed by the limiter.
         assert!((2..20).contains(&steps), "{steps}");
+    }
+}
+
+#[test]
+fn everything_stops_with_the_piece_in_which_an_episode_ends() {
+    let settings = GameSettings { pieces: 4, ..GameSettings::default() };
+    let cup = settings.cup;
+    for offset in 0..10 {
+        let mut games = one(&settings, [0.0; 2], [0.0; 2]);
+        // The striker goes past the cup's rim at another moment of a period each time.
+        let start = -0.14 - 2e-4 * f64::from(offset);
+        games.place(0, [0.1, 0.0], [0.0; 2], [[0.0, start], [0.0, 0.14]]);
+        until_end(&mut games, [[0.0, -0.4], [0.0; 2]]);
+        let rim = cup.radius - cup.distance;
+        let place = games.snapshot(0).striker_positions[0][1];
+        let piece_way = 0.4 * CONTROL_PERIOD / 4.0;
+        assert!(place < rim && rim - place <= piece_way, "{place} {rim}");
     }
 }
 
