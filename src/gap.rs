@@ -6,7 +6,8 @@
 //! 1. [`checks`](check): is there enough motion, both ways, and does it follow the command? Only then
 //!    physics.
 //! 2. Link by link ([`crate::twin::StageKind`]), [`search`] fits what the twin already has, so that bad
-//!    tuning is not blamed on structure.
+//!    tuning is not blamed on structure. Single samples that stand off are left out, and a moment of one session
+//!    that holds most of the squared residual of all ([`Incident`]).
 //! 3. The screen switches every effect of the catalogue on, on every axis, and regresses what is left on
 //!    the change of the simulation, prewhitened, block by block. Where the given twin is a calibrated one,
 //!    effects are also simulated on it as it was, before a refit could absorb them.
@@ -45,6 +46,7 @@ mod find;
 mod findings;
 mod fit;
 mod floor;
+mod incident;
 mod known;
 mod locate;
 mod nuisance;
@@ -69,6 +71,7 @@ pub use findings::{
 };
 pub use fit::{Fit, Uncertainty};
 pub use floor::{Floor, FloorSource};
+pub use incident::Incident;
 pub use numbers::Number;
 pub use page::page;
 pub use problem::{Part, Point, Problem};

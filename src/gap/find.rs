@@ -8,6 +8,7 @@ use super::{
         SignalGap, Verdict,
     },
     floor::{self, Floor, FloorSource},
+    incident::Incident,
     known, locate,
     rounds::{self, Added, Contestant, Link, Outcome, Reason, Task, Unstated},
     scatter,
@@ -59,12 +60,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     let mut outcomes = Vec::new();
     for kind in ORDER {
         let of = |kind: StageKind, split: Split| -> Vec<&'a dyn Stage> {
-            sessions
-                .iter()
-                .filter(|session| session.split == split)
-                .flat_map(Session::stages)
-                .filter(|stage| stage.kind() == kind)
-                .collect()
+            stages(sessions, kind, split).map(|(_, stage)| stage).collect()
         };
         let is_second_look = kind == StageKind::WholeRolls;
         let link = Link {
@@ -77,9 +73,7 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
             },
             // What an effect of the pieces is off grows along a whole roll; they say whether more is there.
             may_be_disturbed: !is_second_look
-                || outcomes.last().is_none_or(|pieces: &Outcome<'_>| {
-                    pieces.added.is_empty() || pieces.unexplained.is_some()
-                }),
+                || outcomes.last().is_none_or(|pieces: &Outcome<'_>| pieces.added.is_empty()),
         };
         if link.train.is_empty() || is_second_look && link.held_out.is_empty() {
             continue;
@@ -106,17 +100,38 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
         &start,
         given,
         &twin,
-        &Findable { outcomes: &outcomes, floors: &floors, unseen: &unseen },
+        &Findable { sessions, outcomes: &outcomes, floors: &floors, unseen: &unseen },
     );
     Found { document, twin, outcomes, floors }
 }
 
+/// The links of one kind in the sessions of one purpose, in their order.
+fn stages(
+    sessions: &[Session],
+    kind: StageKind,
+    split: Split,
+) -> impl Iterator<Item = (&Session, &dyn Stage)> {
+    sessions
+        .iter()
+        .filter(move |session| session.split == split)
+        .flat_map(|session| session.stages().into_iter().map(move |stage| (session, stage)))
+        .filter(move |(_, stage)| stage.kind() == kind)
+}
+
 /// What is asked of one link. The estimator's true velocities are made of the camera's places: where these
-/// scatter otherwise than before, it cannot be told whether the estimator does.
+/// scatter otherwise than before, it cannot be told whether the estimator does. What pieces of rolls cannot explain
+/// grows along whole rolls into the likeness of something else.
 fn task_of(kind: StageKind, task: Task, before: &[Outcome<'_>]) -> Task {
     let mut added = before.iter().flat_map(|outcome| &outcome.added);
     let scatters = added.any(|step| scatter::is_scatter(step.effect));
-    if kind == StageKind::Estimator && scatters { Task::Calibrate } else { task }
+    let in_pieces = before.iter().find(|outcome| outcome.kind == StageKind::Ball);
+    match kind {
+        StageKind::Estimator if scatters => Task::Calibrate,
+        StageKind::WholeRolls if in_pieces.is_some_and(|own| own.unexplained.is_some()) => {
+            Task::Follow
+        }
+        _ => task,
+    }
 }
 
 /// Nothing may be said.
@@ -212,6 +227,7 @@ fn leave(twin: &mut Twin, outcome: &Outcome<'_>, task: Task) {
 
 /// What the recordings show, link by link, and what they do not show.
 struct Findable<'f, 'a> {
+    sessions: &'a [Session],
     outcomes: &'f [Outcome<'a>],
     floors: &'f [Vec<Floor>],
     unseen: &'f [&'static Effect],
@@ -231,7 +247,7 @@ fn unseen(sessions: &[Session], start: &Twin) -> Vec<&'static Effect> {
 }
 
 fn document(start: &Twin, given: Option<&Twin>, twin: &Twin, found: &Findable<'_, '_>) -> Document {
-    let Findable { outcomes, floors, unseen } = *found;
+    let Findable { sessions, outcomes, floors, unseen } = *found;
     let effects: Vec<NamedEffect> = outcomes
         .iter()
         .flat_map(|outcome| outcome.added.iter().map(move |step| named(outcome, step, twin)))
@@ -277,7 +293,7 @@ fn document(start: &Twin, given: Option<&Twin>, twin: &Twin, found: &Findable<'_
         gap,
         refit,
         next_experiment,
-        doubts: doubts(outcomes),
+        doubts: doubts(sessions, outcomes),
     }
 }
 
@@ -584,9 +600,17 @@ fn next_experiment(
     (!patterns.is_empty()).then(|| collect_command(&patterns) + camera)
 }
 
-fn doubts(outcomes: &[Outcome<'_>]) -> Vec<String> {
+fn doubts(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
     let mut doubts = Vec::new();
     for outcome in outcomes {
+        for (problem, split) in
+            [(&outcome.train, Split::Train), (&outcome.held_out, Split::Validation)]
+        {
+            let named = stages(sessions, outcome.kind, split).map(|(session, _)| &session.name);
+            for (part, session) in problem.parts.iter().zip(named) {
+                doubts.extend(part.incidents.iter().map(|own| left_out(session, own)));
+            }
+        }
         for (index, slot) in outcome.last.slots.iter().enumerate() {
             if outcome.uncertainty.undetermined[index] {
                 let instance = &outcome.last.point.twin.instances[slot.instance];
@@ -611,4 +635,14 @@ fn doubts(outcomes: &[Outcome<'_>]) -> Vec<String> {
         }
     }
     doubts
+}
+
+/// Tells of an incident of the session of that name.
+fn left_out(session: &str, incident: &Incident) -> String {
+    let Incident { signal, unit, farthest, span } = incident;
+    format!(
+        "{session}: {signal} is off by up to {farthest:.3} {unit} from {:.1} to {:.1} s and by nothing like it \
+         anywhere else; this was left out (something that was touched, or the end of a rail?)",
+        span.start, span.end
+    )
 }

@@ -3,6 +3,7 @@
 
 use super::{
     evidence::Blocks,
+    incident::Incident,
     nuisance::{Elimination, eliminate},
     outliers::without_spikes,
     whiten::{self, Filter, Filters, Layout, Residual},
@@ -18,6 +19,8 @@ pub struct Part<'a> {
     pub stage: &'a dyn Stage,
     /// Which samples count.
     pub layout: Layout,
+    /// What happened once, and is left out.
+    pub incidents: Vec<Incident>,
     /// Rows of each nuisance group.
     groups: Vec<std::ops::Range<usize>>,
 }
@@ -41,14 +44,28 @@ impl<'a> Part<'a> {
                     .collect()
             })
             .collect();
-        Self::with_usable(stage, &usable)
+        let mut part =
+            Self { stage, layout: Layout::default(), incidents: Vec::new(), groups: Vec::new() };
+        part.count(&usable);
+        part
     }
 
-    /// A part in which `usable[channel][sample]` says what counts.
-    #[must_use]
-    pub fn with_usable(stage: &'a dyn Stage, usable: &[Vec<bool>]) -> Self {
-        let layout = Layout::new(stage, usable);
-        let groups = stage
+    /// Counts from now on what `usable[channel][sample]` says, but for incidents.
+    fn count(&mut self, usable: &[Vec<bool>]) {
+        let is_apart = |time: &f64| self.incidents.iter().all(|own| !own.span.contains(time));
+        let usable: Vec<Vec<bool>> = self
+            .stage
+            .channels()
+            .iter()
+            .zip(usable)
+            .map(|(channel, usable)| {
+                let each = channel.times.iter().zip(usable);
+                each.map(|(time, usable)| *usable && is_apart(time)).collect()
+            })
+            .collect();
+        let layout = Layout::new(self.stage, &usable);
+        self.groups = self
+            .stage
             .nuisance_groups()
             .into_iter()
             .map(|runs| {
@@ -59,7 +76,7 @@ impl<'a> Part<'a> {
                 }
             })
             .collect();
-        Self { stage, layout, groups }
+        self.layout = layout;
     }
 
     /// What was measured less what is predicted: `[channel][sample]`.
@@ -371,7 +388,7 @@ impl Problem<'_> {
             let residual = part.residual(&predict(part.stage, &point.twin, &nuisance));
             let usable: Vec<Vec<bool>> =
                 residual.iter().map(|values| without_spikes(values)).collect();
-            *part = Part::with_usable(part.stage, &usable);
+            part.count(&usable);
         }
     }
 

@@ -3,6 +3,7 @@
 use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
+    incident,
     known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
     numbers::{Number, numbers},
     problem::{Point, Problem},
@@ -210,6 +211,8 @@ pub struct Outcome<'a> {
 pub enum Task {
     /// Fit what the twin has (`klasktron calibrate`).
     Calibrate,
+    /// The same, kept where the judging sessions are better off with it.
+    Follow,
     /// Fit, find what is missing, add it (`klasktron gap`).
     CloseGap,
 }
@@ -221,13 +224,13 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     let Opening { given, scales, excess, slots } = opening;
     let refitted = search.best.clone();
     let unexplained = match task {
-        Task::Calibrate => None,
+        Task::Calibrate | Task::Follow => None,
         Task::CloseGap => search.close(&given, excess),
     };
     let Search { train, held_out, mut best, mut filters, added, rejected, .. } = search;
     let twins = (start, &best.point.twin);
     let is_better = is_better(&held_out, twins, &filters, least_worth(excess));
-    if task == Task::CloseGap && added.is_empty() && !is_better {
+    if task != Task::Calibrate && added.is_empty() && !is_better {
         (best, filters) = as_it_is(&train, &given, &slots);
     }
     let refitted_numbers = match added.is_empty() {
@@ -267,16 +270,28 @@ fn shifts(rejected: &[Rejected]) -> Vec<&[f64]> {
     candidates.filter(is_there).map(|own| own.shift.as_slice()).collect()
 }
 
-/// Everything that the twin has, fitted; single samples off the rest are left out from then on.
-fn refit(
-    train: &mut Problem<'_>,
-    held_out: &mut Problem<'_>,
+/// Leaves out single samples off the rest, and what happened once, of the fitted and of the judging sessions with
+/// their points.
+fn leave_out<'a>(
+    kind: StageKind,
+    train: (&mut Problem<'a>, &Point),
+    held_out: (&mut Problem<'a>, &Point),
+) {
+    train.0.drop_outliers(train.1);
+    held_out.0.drop_outliers(held_out.1);
+    incident::leave_out_of(kind, train, held_out);
+}
+
+/// Everything that the twin has, fitted; what is off the rest is left out from then on.
+fn refit<'a>(
+    kind: StageKind,
+    train: &mut Problem<'a>,
+    held_out: &mut Problem<'a>,
     (given, slots): (&Point, &[Slot]),
 ) -> (Fit, Filters) {
     let (rough, filters) = fit::fit_from_afar(train, given.clone(), slots, 15);
-    train.drop_outliers(&rough.point);
     let judged = fit::on(held_out, &rough.point.twin, &filters);
-    held_out.drop_outliers(&judged);
+    leave_out(kind, (train, &rough.point), (held_out, &judged));
     let (best, filters) = fit::settle(train, rough.point, slots, 10);
     from_deepest(train, (best, filters), given)
 }
@@ -343,7 +358,7 @@ struct Opening {
 }
 
 impl<'a> Search<'a> {
-    /// The given twin on `link`, and its refit, single samples off the rest left out.
+    /// The given twin on `link`, and its refit, what is off the rest left out.
     fn opened(link: &Link<'a>, start: &Twin) -> (Self, Opening) {
         let mut train = Problem::new(&link.train, start);
         let mut held_out = Problem::new(&link.held_out, start);
@@ -351,14 +366,13 @@ impl<'a> Search<'a> {
         let scales = train.filters(&given, whiten::scale_filters);
         let given = fit::adapt(&train, given, &scales);
         let held_given = fit::on(&held_out, start, &scales);
-        train.drop_outliers(&given);
-        held_out.drop_outliers(&held_given);
+        leave_out(link.kind, (&mut train, &given), (&mut held_out, &held_given));
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
         let slots = start.free(link.train[0]);
         let (best, filters) = if is_nothing_new(excess) {
             fit::settle(&train, given.clone(), &slots, 10)
         } else {
-            refit(&mut train, &mut held_out, (&given, &slots))
+            refit(link.kind, &mut train, &mut held_out, (&given, &slots))
         };
         log::info!(
             "{:?}: {} parameters refitted on {} stages, {} judge",

@@ -13,7 +13,7 @@ use crate::{
     record::{Label, write_axis, write_ball, write_gantry},
     step::{Commands, Phases, simulate},
     truth::{Answers, Case, Class, Parameter, PlantedEffect, Rig, SCHEMA_VERSION},
-    visibility::{Floors, floors, visibility},
+    visibility::{Floors, Visibility, floors, visibility},
 };
 use anyhow::{Context as _, Result};
 use klasktron::recording::Split;
@@ -34,6 +34,8 @@ const GANTRY_SECONDS: f64 = 30.0;
 const AXIS_SECONDS: f64 = 20.0;
 /// Halvings of a planted effect's size, in the logarithm of its range.
 const HALVINGS: usize = 8;
+/// Share of its size that an effect must keep in what is recorded.
+const LEAST_SHOWN: f64 = 0.5;
 /// Speeds of the two sessions.
 const PACES: [f64; 2] = [1.0, 0.82];
 
@@ -198,10 +200,16 @@ impl Job<'_> {
         let seconds = if self.planned.twist == Twist::TooShort { 1.6 } else { GANTRY_SECONDS };
         twist_gantry(&mut rig, self.planned.twist, self.seed, &mut self.draw("twist"));
         let sizing = plan(Excitation::Full, GANTRY_SECONDS, 1.0, &mut self.draw("sizing"));
+        // Where the recorded motion is not to show an effect, it is sized on another alone.
+        let recorded: Vec<Plan> = match self.planned.class {
+            Class::CannotShow | Class::BadInput => Vec::new(),
+            _ => (0..2).map(|session| self.plan(session, seconds).0).collect(),
+        };
         let mut effects = Vec::new();
         for plant in &self.planned.plants {
             let before = rig.clone();
-            let (magnitude, reached) = size_gantry(&rig, plant, &sizing, &mut self.draw("size"));
+            let (magnitude, reached) =
+                size_gantry(&rig, plant, (&sizing, &recorded), &mut self.draw("size"));
             let spec = catalogue::spec(plant.name);
             (spec.apply)(&mut rig, plant.on, plant.sign * magnitude);
             effects.push(gantry_truth(plant, &before, &rig, reached));
@@ -211,8 +219,7 @@ impl Job<'_> {
         }
         let mut sessions = Vec::new();
         for session in 0..2 {
-            let mut draw = self.draw(&format!("session {session}"));
-            let plan = plan(self.planned.shows.gantry, seconds, PACES[session], &mut draw);
+            let (plan, mut draw) = self.plan(session, seconds);
             let phases = Phases {
                 tooth: [draw.uniform(0.0, TAU), draw.uniform(0.0, TAU)],
                 hum: draw.uniform(0.0, TAU),
@@ -230,6 +237,12 @@ impl Job<'_> {
         let floors = gantry_floors(&rig);
         let said = baseline::gantry(&sessions, self.known);
         Ok((self.case(effects, floors), said))
+    }
+
+    /// The motion of one session of a gantry, and the draw with which the session goes on.
+    fn plan(&self, session: usize, seconds: f64) -> (Plan, Draw) {
+        let mut draw = self.draw(&format!("session {session}"));
+        (plan(self.planned.shows.gantry, seconds, PACES[session], &mut draw), draw)
     }
 
     fn ball(&self, index: usize) -> Result<(Case, baseline::Said)> {
@@ -359,34 +372,71 @@ struct Reached {
     capped: bool,
 }
 
-fn size_gantry(rig: &Gantry, plant: &Plant, sizing: &Plan, draw: &mut Draw) -> (f64, Reached) {
+fn size_gantry(
+    rig: &Gantry,
+    plant: &Plant,
+    (sizing, recorded): (&Plan, &[Plan]),
+    draw: &mut Draw,
+) -> (f64, Reached) {
     let spec = catalogue::spec(plant.name);
     if spec.sizing == Sizing::Free {
         let magnitude = draw.uniform(spec.range[0], spec.range[1]);
         return (magnitude, Reached { multiple: None, signal: "noise", capped: false });
     }
-    // Without a camera the effect is sized as if there were one: it would show.
-    let mut rig = rig.clone();
-    rig.camera = true;
-    let noise = |rig: &Gantry, draw: &mut Draw, commands: Commands<'_>| -> Observation {
-        let silent = rig.silent();
-        let phases = Phases { tooth: [0.3, 1.1], hum: 0.7 };
-        observe(&silent, &simulate(&silent, commands, phases, draw), draw)
-    };
-    let plain = noise(&rig, &mut draw.clone(), Commands::Follow(sizing));
-    let floors = noise_floors(&rig, &plain, draw);
-    let moved = |other: Gantry| noise(&other, &mut draw.clone(), Commands::Replay(&plain.commands));
-    let known: Vec<Observation> =
-        if spec.known { Vec::new() } else { rig.neighbours().into_iter().map(moved).collect() };
-    let look = |m: f64| {
-        let mut with = rig.clone();
-        (spec.apply)(&mut with, plant.on, plant.sign * m);
-        let with = noise(&with, &mut draw.clone(), Commands::Replay(&plain.commands));
-        visibility(&floors, &plain, &with, &known, spec.sizing)
-    };
-    let (magnitude, multiple, capped) = bisect(spec.range, plant.multiple, |m| look(m).multiple);
-    let signal = look(magnitude).signal;
+    let sight = Sight::new(rig, plant, sizing, draw);
+    let (mut magnitude, mut multiple, mut capped) =
+        bisect(spec.range, plant.multiple, |m| sight.of(m).multiple);
+    // A limit that the motion used for sizing reaches may be out of reach in what is recorded.
+    let sights: Vec<Sight<'_>> =
+        recorded.iter().map(|plan| Sight::new(rig, plant, plan, &mut draw.clone())).collect();
+    let least = |m: f64| sights.iter().map(|own| own.of(m).multiple).fold(f64::INFINITY, f64::min);
+    if !capped && least(magnitude) < LEAST_SHOWN * multiple {
+        (magnitude, multiple, capped) = bisect(spec.range, plant.multiple, least);
+    }
+    let signal = sight.of(magnitude).signal;
     (magnitude, Reached { multiple: Some(multiple), signal, capped })
+}
+
+/// A planned motion of a rig, on which an effect is looked for.
+struct Sight<'a> {
+    plant: &'a Plant,
+    rig: Gantry,
+    draw: Draw,
+    plain: Observation,
+    floors: Floors,
+    known: Vec<Observation>,
+}
+
+impl<'a> Sight<'a> {
+    fn new(rig: &Gantry, plant: &'a Plant, plan: &Plan, draw: &mut Draw) -> Self {
+        // Without a camera the effect is sized as if there were one: it would show.
+        let rig = Gantry { camera: true, ..rig.clone() };
+        let plain = silently(&rig, &mut draw.clone(), Commands::Follow(plan));
+        let floors = noise_floors(&rig, &plain, draw);
+        let moved =
+            |other: Gantry| silently(&other, &mut draw.clone(), Commands::Replay(&plain.commands));
+        let known = match catalogue::spec(plant.name).known {
+            true => Vec::new(),
+            false => rig.neighbours().into_iter().map(moved).collect(),
+        };
+        Self { plant, rig, draw: draw.clone(), plain, floors, known }
+    }
+
+    /// How well the effect shows at a magnitude.
+    fn of(&self, magnitude: f64) -> Visibility {
+        let spec = catalogue::spec(self.plant.name);
+        let mut with = self.rig.clone();
+        (spec.apply)(&mut with, self.plant.on, self.plant.sign * magnitude);
+        let with = silently(&with, &mut self.draw.clone(), Commands::Replay(&self.plain.commands));
+        visibility(&self.floors, &self.plain, &with, &self.known, spec.sizing)
+    }
+}
+
+/// What `rig` does and shows without anything random.
+fn silently(rig: &Gantry, draw: &mut Draw, commands: Commands<'_>) -> Observation {
+    let silent = rig.silent();
+    let phases = Phases { tooth: [0.3, 1.1], hum: 0.7 };
+    observe(&silent, &simulate(&silent, commands, phases, draw), draw)
 }
 
 /// Noise of every signal of `rig`: what changes when the same commands are driven again.

@@ -2,6 +2,7 @@
 
 use super::{Added, Search, is_in};
 use crate::{
+    effects::Effect,
     gap::{
         fit::{self, Fit},
         known::Worth,
@@ -87,8 +88,8 @@ impl Search<'_> {
         fit::fit_with(&self.train, rest.point, &rest.slots, &how)
     }
 
-    /// Takes back effects of one number whose interval, now that everything is fitted together, holds the
-    /// value at which there is no effect: what was added later explains what they did. Gives whether any was.
+    /// Takes back effects whose every interval, now that everything is fitted together, holds the value at which
+    /// there is no effect: what was added later explains what they did. Gives whether any was.
     pub(super) fn take_back_what_is_none(&mut self) -> bool {
         let before = self.added.len();
         while let Some(step) = self.nothing() {
@@ -100,18 +101,21 @@ impl Search<'_> {
 
     /// The first step whose effect may as well be none.
     fn nothing(&self) -> Option<Added> {
-        self.added.iter().find(|step| step.effect.null.len() == 1)?;
+        self.added.iter().find(|step| has_sizes_only(step.effect))?;
         let judged = self.judged();
         let found = (&self.best, &judged);
         let uncertainty = fit::uncertainty(&self.train, &self.held_out, found, &self.filters);
         let quantile = t_quantile(0.975, uncertainty.freedom);
+        let twin = &self.best.point.twin;
         let is_none = |step: &&Added| {
-            let [null] = step.effect.null else { return false };
-            let own = |slot: &Slot| Some(slot.instance) == instance_of(&self.best.point.twin, step);
             let errors = self.best.slots.iter().zip(&uncertainty.standard_errors);
-            errors.filter(|(slot, _)| own(slot)).any(|(slot, error)| {
-                (self.best.point.twin.get(*slot) - null).abs() < quantile * error
-            })
+            let mut own = errors
+                .filter(|(slot, _)| Some(slot.instance) == instance_of(twin, step))
+                .map(|(slot, error)| (twin.get(*slot) - step.effect.null[slot.parameter], error))
+                .peekable();
+            has_sizes_only(step.effect)
+                && own.peek().is_some()
+                && own.all(|(size, error)| size.abs() < quantile * error)
         };
         self.added.iter().find(is_none).cloned()
     }
@@ -164,4 +168,9 @@ fn take_out(best: &mut Fit, step: &Added) {
     best.slots.retain(|slot| slot.instance != index);
     let later = best.slots.iter_mut().filter(|slot| index < slot.instance);
     later.for_each(|slot| slot.instance -= 1);
+}
+
+/// Whether each number of `effect` says how large it is, and none only what it looks like.
+fn has_sizes_only(effect: &Effect) -> bool {
+    effect.null.len() == 1 || effect.null.iter().all(|null| *null == 0.0)
 }
