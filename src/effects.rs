@@ -161,6 +161,8 @@ pub enum Site {
     MotorsAndRails,
     /// Belt coordinates, one motor at a time: what both share has another name.
     OneMotor,
+    /// Belt coordinates, one motor at a time: each stands at a phase of its own, so both have it twice.
+    EachMotor,
     /// Board coordinates, one rail at a time: it has numbers that are no other rail's.
     OneRail,
     /// One place only.
@@ -177,7 +179,7 @@ impl Site {
             Self::MotorsAndRails => {
                 &[Axis::Rails, Axis::X, Axis::Y, Axis::Motors, Axis::A, Axis::B]
             }
-            Self::OneMotor => &[Axis::A, Axis::B],
+            Self::OneMotor | Self::EachMotor => &[Axis::A, Axis::B],
             Self::OneRail => &[Axis::X, Axis::Y],
             Self::Whole => &[Axis::Whole],
         }

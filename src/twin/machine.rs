@@ -40,7 +40,7 @@ impl Machine {
             Self::Table => site.axes().to_vec(),
             // One motor is one rail: the place is written one way.
             Self::Axis => match site {
-                Site::Motors => vec![Axis::Motors],
+                Site::Motors | Site::EachMotor => vec![Axis::Motors],
                 Site::OneMotor => Vec::new(),
                 Site::Rails | Site::OneRail | Site::MotorsAndRails => vec![Axis::Rails],
                 Site::Whole => vec![Axis::Whole],

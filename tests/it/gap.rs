@@ -29,6 +29,8 @@ struct Axis {
     viscous: [f64; 2],
     /// Dry friction and viscous coefficient grow so much along the way (N/m, N s/m^2).
     by_place: [f64; 2],
+    /// Somebody leans on the carriage from 6.0 to 6.2 s (N).
+    knock: f64,
     seed: u64,
 }
 
@@ -68,6 +70,7 @@ impl Axis {
             let force = Self::MASS_KG * a
                 + (Self::COULOMB_N + self.by_place[0] * q) * (v / 1e-4).tanh()
                 + (viscous + self.by_place[1] * q) * v
+                + if (6.0..6.2).contains(&(k as f64 / AXIS_HZ as f64)) { self.knock } else { 0.0 }
                 + Self::NOISE_N * f64::from(normal);
             let input = AxisInput { value: force, unit: "N".into() };
             let output =
@@ -81,17 +84,27 @@ impl Axis {
         path
     }
 
+    /// A session to fit, of 20 s.
+    fn session(viscous: [f64; 2]) -> Self {
+        Axis { split: "train", seconds: 20, viscous, by_place: [0.0; 2], knock: 0.0, seed: 1 }
+    }
+
     /// A pair of sessions with the given friction.
     fn pair(dir: &Path, viscous: [f64; 2]) -> [String; 2] {
-        Self::worn(dir, viscous, [0.0; 2])
+        Self::session(viscous).written_twice(dir)
     }
 
     /// The same with friction that changes with the place.
     fn worn(dir: &Path, viscous: [f64; 2], by_place: [f64; 2]) -> [String; 2] {
+        Axis { by_place, ..Self::session(viscous) }.written_twice(dir)
+    }
+
+    /// This session, and one that judges, in which nobody leans on anything.
+    fn written_twice(self, dir: &Path) -> [String; 2] {
         let text = |path: PathBuf| path.display().to_string();
-        let first = Axis { split: "train", seconds: 20, viscous, by_place, seed: 1 };
-        let second = Axis { split: "validation", seconds: 20, viscous, by_place, seed: 2 };
-        [text(first.write(dir, "one.mcap")), text(second.write(dir, "two.mcap"))]
+        let first = text(self.write(dir, "one.mcap"));
+        let second = Axis { split: "validation", knock: 0.0, seed: 2, ..self };
+        [first, text(second.write(dir, "two.mcap"))]
     }
 }
 
@@ -136,6 +149,26 @@ fn direction_dependent_friction_is_named_and_measured() {
     for file in ["gap.json", "twin.json", "index.html", "gap.mcap"] {
         assert!(dir.path().join("out").join(file).exists(), "{file}");
     }
+}
+
+#[test]
+fn what_happens_once_is_told_and_hides_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let leant_on = Axis { knock: 400.0, ..Axis::session([80.0, 140.0]) };
+    let recordings = leant_on.written_twice(dir.path());
+    let (document, status) = gap(&recordings, None, &dir.path().join("out"));
+    assert_eq!(status, 0);
+    assert_eq!(names(&document), ["drive.friction.asymmetric"], "{document:#}");
+    let value = document["effects"][0]["parameters"][0]["value"].as_f64().unwrap();
+    assert!((value + 60.0).abs() < 0.05 * 60.0, "{document:#}");
+    let doubts = document["doubts"].as_array().unwrap();
+    let told = doubts.iter().map(|own| own.as_str().unwrap()).find(|own| own.contains("left out"));
+    let told = told.unwrap_or_else(|| panic!("{doubts:?}"));
+    assert!(told.starts_with("s1: axis.screw.force is off by up to 4"), "{told}");
+    assert!(told.contains("from 5.9 to 6.3 s"), "{told}");
+    let untouched = Axis::pair(dir.path(), [80.0, 140.0]);
+    let (document, _) = gap(&untouched, None, &dir.path().join("out"));
+    assert!(!document["doubts"].to_string().contains("left out"), "{document:#}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     name: "drive.ripple.belt_tooth",
     says: "a small force repeats with every tooth of the belt",
     domain: Domain::Drive,
-    site: Site::Motors,
+    site: Site::EachMotor,
     parameters: &[
         Parameter {
             name: "sine_n",

@@ -9,7 +9,7 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     name: "drive.ripple.motor",
     says: "a small force repeats with the turns of the motor",
     domain: Domain::Drive,
-    site: Site::Motors,
+    site: Site::EachMotor,
     parameters: &[
         Parameter {
             name: "sine_n",

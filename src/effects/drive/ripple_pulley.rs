@@ -9,7 +9,7 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     name: "drive.ripple.pulley",
     says: "a small force repeats with every turn of the pulley",
     domain: Domain::Drive,
-    site: Site::Motors,
+    site: Site::EachMotor,
     parameters: &[
         Parameter {
             name: "sine_n",

@@ -12,7 +12,7 @@ pub(crate) static ENCODER_ECCENTRICITY: Effect = Effect {
     name: "sensor.encoder_eccentricity",
     says: "the encoder's error repeats with every turn of the motor, while the striker moves evenly",
     domain: Domain::Sensor,
-    site: Site::Motors,
+    site: Site::EachMotor,
     parameters: &[PART, Parameter { name: "cosine_m", ..PART }],
     null: &[0.0, 0.0],
     probes: &[&[3e-5, 3e-5]],
