@@ -166,8 +166,9 @@ fn what_happens_once_is_told_and_hides_nothing() {
     let told = told.unwrap_or_else(|| panic!("{doubts:?}"));
     assert!(told.starts_with("s1: axis.screw.force is off by up to 4"), "{told}");
     assert!(told.contains("from 5.9 to 6.3 s"), "{told}");
-    let untouched = Axis::pair(dir.path(), [80.0, 140.0]);
-    let (document, _) = gap(&untouched, None, &dir.path().join("out"));
+    let beside = tempfile::tempdir().unwrap();
+    let untouched = Axis::pair(beside.path(), [80.0, 140.0]);
+    let (document, _) = gap(&untouched, None, &beside.path().join("out"));
     assert!(!document["doubts"].to_string().contains("left out"), "{document:#}");
 }
 
