@@ -242,6 +242,8 @@ pub enum Physics {
     VelocityLoop(fn(p: &[f64]) -> LoopGains),
     /// Demanded force (`motion.force`, N of belt) to the force that the motor gives.
     Effort(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Demanded force from which the velocity loop, which knows it, stops adding to its integral (N of belt).
+    Windup(fn(p: &[f64]) -> f64),
     /// Force on the coordinate (N), positive along it.
     Force(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
     /// Largest friction force at this motion (N, not negative); it opposes the motion and holds at

@@ -22,7 +22,7 @@ const LEAST_EXPLAINED: f64 = 0.1;
 /// Longest delay that is tried (s).
 const LONGEST_DELAY: f64 = 0.3;
 
-/// Share of the moving time that each direction needs.
+/// Share of the moving time, or of the way of an axis, that each direction needs.
 const LEAST_DIRECTION: f64 = 0.05;
 
 /// Change of the delay between first and last part of a session that only a clock explains (s): patterns
@@ -69,11 +69,28 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
             ),
             None => None,
         };
+        let found = found.or_else(|| {
+            session.axes.iter().find_map(|axis| check_axis(&session.name, axis.ways()))
+        });
         if found.is_some() {
             return found;
         }
     }
     None
+}
+
+/// Why nothing may be said of the axis of the session `name`, which went so far in each direction (m).
+fn check_axis(name: &str, [up, down]: [f64; 2]) -> Option<Objection> {
+    if LEAST_DIRECTION * (up + down) <= up.min(down) {
+        return None;
+    }
+    objection(
+        Verdict::NotTestable,
+        format!(
+            "{name}: the axis went {up:.3} m up and {down:.3} m down: from one direction no friction, offset or \
+             play can be told from another; record moves both ways"
+        ),
+    )
 }
 
 /// Why nothing may be said with `twin`, if its numbers make a link of `sessions` diverge: what it does not predict would

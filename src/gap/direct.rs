@@ -9,6 +9,7 @@ use super::{
     fit::{self, Fit},
     problem::{Point, Problem, dot},
     round::slots_of_last,
+    rounds::is_in,
     screen::{self, Candidate},
     whiten::Filters,
 };
@@ -36,9 +37,14 @@ struct Try {
     loss: f64,
 }
 
-/// The effects that alone bring the `given` twin nearest to the data, the nearest first.
+/// The effects that alone bring the `given` twin nearest to the data, the nearest first; each is compared with the
+/// `refit` of all known parameters.
 #[must_use]
-pub(super) fn nearest(problem: &Problem<'_>, given: &Fit, filters: &Filters) -> Vec<Candidate> {
+pub(super) fn nearest(
+    problem: &Problem<'_>,
+    (given, filters): (&Fit, &Filters),
+    refit: &Point,
+) -> Vec<Candidate> {
     let pairs = screen::pairs(problem, &given.point.twin);
     let (shared, single): (Vec<_>, Vec<_>) =
         pairs.into_iter().partition(|(_, axis)| screen::is_shared(*axis));
@@ -48,6 +54,7 @@ pub(super) fn nearest(problem: &Problem<'_>, given: &Fit, filters: &Filters) -> 
     let alone: Vec<_> = single.into_iter().filter(|(effect, _)| leading.contains(effect)).collect();
     tries.extend(simulated(problem, &given.point, filters, &alone));
     let before = problem.whitened(&given.point, filters);
+    let refitted = problem.whitened(refit, filters);
     let count = tries.len();
     let mut found: Vec<Candidate> = in_parallel(&tries, |own| {
         let slots = slots_of_last(&own.point.twin);
@@ -64,6 +71,7 @@ pub(super) fn nearest(problem: &Problem<'_>, given: &Fit, filters: &Filters) -> 
             statistic,
             p_value: f_tail(statistic, 1.0, amplitude.freedom),
             visibility: f64::INFINITY,
+            is_as_good_as_refit: !is_in(&after, &refitted, &problem.blocks()),
             tries: count,
             lean: Vec::new(),
             shift: Vec::new(),

@@ -70,6 +70,9 @@ const MANY_PROBES: usize = 6;
 /// Places at which an effect that sits in one is fitted beside the place to which the screen leads.
 const OTHER_PLACES: usize = 3;
 
+/// Share of the squared error by which a start must change it to do anything at all.
+const IDLE: f64 = 1e-9;
+
 /// Factors of a size without slope that are tried beside it, and how often.
 const AWAY: [f64; 8] = [0.7, 0.82, 0.9, 0.96, 1.04, 1.1, 1.2, 1.4];
 const ACROSS_STEPS: usize = 3;
@@ -153,11 +156,13 @@ impl Round {
         let threshold = FAMILY_ERROR / tries.max(1) as f64;
         let (mut rejected, mut short) = short_list(candidates, threshold);
         if let Some((given, filters)) = given {
-            for candidate in direct::nearest(train, given, filters).into_iter().take(FROM_GIVEN) {
+            let nearest = direct::nearest(train, (given, filters), &base.point);
+            for candidate in nearest.into_iter().take(FROM_GIVEN) {
                 let same =
                     |own: &Candidate| own.effect == candidate.effect && own.axis == candidate.axis;
                 if let Some(own) = short.iter_mut().find(|own| same(own)) {
                     own.start = candidate.start;
+                    own.is_as_good_as_refit = candidate.is_as_good_as_refit;
                 } else {
                     rejected.retain(|other| !same(&other.candidate));
                     short.push(candidate);
@@ -172,7 +177,7 @@ impl Round {
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
         let known = train.columns(&at_lead, &base.slots, &sharp);
-        let bench = Bench::new(problems, base, (&sharp, &worth));
+        let bench = Bench::new(problems, base, (&sharp, &worth), tries);
         let items: Vec<(Candidate, Fit)> =
             short.into_iter().zip(rough).filter(|(_, fit)| fit.loss.is_finite()).collect();
         let mut trials =
@@ -189,7 +194,7 @@ impl Round {
                 rejected.push(bench.rejected(trial, reason.clone()));
             }
         }
-        let winner = bench.winner(&worth_naming, &trials, tries, &mut rejected);
+        let winner = bench.winner(&worth_naming, &trials, &mut rejected);
         Self { winner, rejected }
     }
 }
@@ -244,15 +249,18 @@ fn fitted(
     // The line of the screen may lead too far for what bends: what is nearer to nothing is a start too.
     let sizes = screen::towards_null(candidate);
     let starts = bases.iter().flat_map(|(base, known)| {
+        let nothing = fit::squared(&train.whitened(&base.point, filters));
         sizes.iter().map(move |values| {
             let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, values);
             let point = Point { twin, nuisance: base.point.nuisance.clone() };
             let loss = fit::squared(&train.whitened(&point, filters));
-            (loss, point, known)
+            // From a limit that is never reached no slope leads anywhere.
+            let is_idle = (loss - nothing).abs() <= IDLE * nothing;
+            (is_idle, loss, point, known)
         })
     });
-    let nearest = starts.min_by(|a, b| a.0.total_cmp(&b.0));
-    let (_, point, known) = nearest.expect("there is a base, and sizes to start from");
+    let nearest = starts.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let (.., point, known) = nearest.expect("there is a base, and sizes to start from");
     let mut slots = bases[0].0.slots.clone();
     slots.extend(slots_of_last(&point.twin));
     let how = fit::How { filters, iterations: 10, known };
@@ -337,6 +345,8 @@ struct Bench<'a, 'b> {
     /// One over the RMS of each signal's residual: in which a gap is told.
     scales: Filters,
     worth: &'b Worth<'b>,
+    /// How many tries each p-value is corrected for.
+    tries: usize,
     base_train_rows: Vec<f64>,
     base_held: Point,
     base_held_rows: Vec<f64>,
@@ -369,6 +379,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         problems: Problems<'a, 'b>,
         base: &Fit,
         (filters, worth): (&'b Filters, &'b Worth<'b>),
+        tries: usize,
     ) -> Self {
         let Problems { train, held_out, witness } = problems;
         let seen = [held_out, witness].into_iter();
@@ -381,6 +392,7 @@ impl<'a, 'b> Bench<'a, 'b> {
             filters,
             scales: train.filters(&base.point, whiten::scale_filters),
             worth,
+            tries,
             base_train_rows: train.whitened(&base.point, filters),
             base_held_rows: held_out.whitened(&base_held, filters),
             base_held,
@@ -444,13 +456,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         Rejected { candidate: trial.candidate.clone(), reason, held_out_gain }
     }
 
-    fn added(
-        &self,
-        own: &Trial,
-        class: Vec<&'static str>,
-        trials: &[Trial],
-        tries: usize,
-    ) -> Added {
+    fn added(&self, own: &Trial, class: Vec<&'static str>, trials: &[Trial]) -> Added {
         let contestant = |trial: &Trial| Contestant {
             effect: trial.candidate.effect,
             axis: trial.candidate.axis,
@@ -460,7 +466,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         Added {
             effect: own.candidate.effect,
             axis: own.candidate.axis,
-            p_value: (own.candidate.p_value * tries as f64).min(1.0),
+            p_value: self.p_value(own),
             statistic: own.candidate.statistic,
             held_out_gain: self.held_out_gain(own),
             class,
@@ -472,6 +478,11 @@ impl<'a, 'b> Bench<'a, 'b> {
             contest: trials.iter().map(contestant).collect(),
             numbers: Vec::new(),
         }
+    }
+
+    /// Probability of what its effect explains by chance, corrected for all tries (Bonferroni).
+    fn p_value(&self, trial: &Trial) -> f64 {
+        (trial.candidate.p_value * self.tries as f64).min(1.0)
     }
 
     /// Share of the held-out squared error that the trial removes.
@@ -569,8 +580,15 @@ impl<'a, 'b> Bench<'a, 'b> {
         if let Some(name) = wrong_sign(&trial.fit) {
             return Some(Reason::OnBound(name));
         }
-        if !is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
+        if FAMILY_ERROR < self.p_value(trial) {
             return Some(Reason::NotSignificant);
+        }
+        if !is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
+            // What known parameters imitate, one way or the other, is not shown.
+            return Some(match trial.candidate.is_as_good_as_refit {
+                true => Reason::NotTestable,
+                false => Reason::NotSignificant,
+            });
         }
         if self.is_as_good_without_size(trial) {
             return Some(Reason::NotSignificant);
@@ -599,7 +617,6 @@ impl<'a, 'b> Bench<'a, 'b> {
         &self,
         passed: &[&Trial],
         trials: &[Trial],
-        tries: usize,
         rejected: &mut Vec<Rejected>,
     ) -> Option<(Fit, Added)> {
         let free = in_parallel(passed, |trial| self.free_numbers(trial));
@@ -619,7 +636,7 @@ impl<'a, 'b> Bench<'a, 'b> {
                 rejected.push(self.rejected(other, Reason::Outdone(winner)));
             }
         }
-        Some((own.fit.clone(), self.added(own, class, trials, tries)))
+        Some((own.fit.clone(), self.added(own, class, trials)))
     }
 
     /// What passed, the clearest first, and what explains the data as well as the clearest and was only not worth a

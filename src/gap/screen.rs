@@ -38,6 +38,8 @@ pub struct Candidate {
     /// Length of its columns at its largest plausible size, beyond what known parameters imitate, in
     /// whitened standard deviations: what the excitation shows of it.
     pub visibility: f64,
+    /// Whether the given twin with it alone explains all that a refit of the known parameters explains.
+    pub is_as_good_as_refit: bool,
     /// How many starts were tried for it.
     pub tries: usize,
     /// How far from doing nothing the line of the screen leads each number, bounds or not; empty where the
@@ -154,6 +156,7 @@ impl Screen<'_, '_> {
                 axis,
                 start: tested.start(effect, &probe),
                 visibility: tested.visibility * reach(effect, &probe),
+                is_as_good_as_refit: false,
                 lean: tested.lean(effect, &probe),
                 shift: tested.shift,
                 probe,
@@ -212,10 +215,11 @@ pub(super) fn towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
     let effect = candidate.effect;
     let far = |k: usize| is_far(candidate.probe[k], effect.null[k]);
     let mut starts = vec![candidate.start.clone(), candidate.probe.clone()];
-    for share in [0.5, 0.25, 0.1] {
+    let shares: &[f64] = if far(0) { &[0.9, 0.8, 0.5, 0.25, 0.1] } else { &[0.5, 0.25, 0.1] };
+    for share in shares {
         let values = candidate.probe.iter().enumerate().map(|(k, probe)| {
             let null = effect.null[k];
-            if far(k) { null * (probe / null).powf(share) } else { null + share * (probe - null) }
+            if far(k) { null * (probe / null).powf(*share) } else { null + share * (probe - null) }
         });
         // Only the size goes towards nothing; a shape (a speed, a period) stays.
         let values = values.enumerate();

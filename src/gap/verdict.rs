@@ -69,7 +69,7 @@ fn far_off<'f>(findings: &Findings<'f, '_>) -> Option<(&'f SignalGap, f64)> {
         .max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Whether at least half of the fitted parameters jumped, and several.
+/// Whether at least half of the fitted parameters moved, and several jumped.
 fn is_other_machine(start: &Twin, refit: &[Refit]) -> bool {
     let fitted = start
         .instances
@@ -81,7 +81,7 @@ fn is_other_machine(start: &Twin, refit: &[Refit]) -> bool {
         .iter()
         .filter(|refit| JUMP * refit.before.abs() < (refit.after - refit.before).abs())
         .count();
-    LEAST_JUMPS <= jumped && fitted <= 2 * jumped
+    LEAST_JUMPS <= jumped && fitted <= 2 * refit.len()
 }
 
 fn says(verdict: Verdict, findings: &Findings<'_, '_>) -> String {

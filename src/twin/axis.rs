@@ -150,6 +150,14 @@ impl AxisStage {
         1.0 / (self.dt * self.factor as f64)
     }
 
+    /// How far it went towards positive and towards negative positions (m), rests aside.
+    #[must_use]
+    pub fn ways(&self) -> [f64; 2] {
+        let moving = self.velocity.iter().zip(&self.resting).filter(|(_, rests)| !**rests);
+        let steps = moving.map(|(velocity, _)| velocity * self.dt);
+        steps.fold([0.0; 2], |[up, down], step| [up + step.max(0.0), down + (-step).max(0.0)])
+    }
+
     /// The measured motion at one sample; `force` is the input as it was measured.
     fn motion(&self, index: usize) -> Motion {
         Motion {

@@ -287,7 +287,7 @@ mod tests {
             commands: vec![[0.0, 0.0], [1.0, 0.0]],
             starts: vec![RunStart {
                 time: 0.0,
-                end: 0.05,
+                end: times.last().expect("a time") + 0.01,
                 position: [0.0; 2],
                 velocity: [0.0; 2],
                 fresh: true,
@@ -349,6 +349,43 @@ mod tests {
         // Half of what a sensor scatters, and far less than the age makes.
         assert!(worst(&seen) < 2.5e-4, "{} m/s", worst(&seen));
         assert!(8.0 * worst(&seen) < worst(&fresh), "{} m/s", worst(&fresh));
+    }
+
+    /// A motor that runs out of force at speed, by small steps of the definition: the loop stops integrating where it
+    /// demands more than the limit that it knows, and comes back without what it would have gathered.
+    #[test]
+    fn a_loop_at_its_limit_stops_integrating() {
+        let (omega, slope, most, top) = (60.0, 17.0, 22.0, 1.6);
+        let mut twin = table(omega, 0.0, slope);
+        let limit = crate::effects::find("drive.saturation.torque_speed").unwrap();
+        twin.instances.push(Instance::new(limit, Axis::Motors, &[most, top], Source::Nominal));
+        let times: Vec<f64> = (1..300).map(|k| 0.0103 + 0.0007 * f64::from(k)).collect();
+        let [seen, _] = answers(&twin, &times);
+        let simulated = |stops: bool| -> Vec<f64> {
+            let (dt, mass) = (1e-6, 0.5 * MASS);
+            let (mut velocity, mut setpoint, mut integral) = (0.0_f64, 0.0_f64, 0.0);
+            let mut at = Vec::new();
+            for step in 10_000..230_000 {
+                let time = f64::from(step) * dt;
+                setpoint = (setpoint + slope * dt).min(1.0);
+                let error = setpoint - velocity;
+                let demand = mass * 2.0 * omega * error + integral;
+                if !stops || demand.abs() <= most || demand * error < 0.0 {
+                    integral += mass * omega * omega * error * dt;
+                }
+                let left = if 0.0 < demand * velocity { 1.0 - velocity.abs() / top } else { 1.0 };
+                velocity += dt * demand.clamp(-most * left, most * left) / mass;
+                if times.get(at.len()).is_some_and(|next| *next <= time) {
+                    at.push(velocity);
+                }
+            }
+            at
+        };
+        let worst =
+            |own: &[f64]| seen.iter().zip(own).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+        let (right, wrong) = (worst(&simulated(true)), worst(&simulated(false)));
+        // The switch falls anywhere within a step; what the integral would gather is far more.
+        assert!(right < 4e-3 && 50.0 * right < wrong, "{right} and {wrong} m/s");
     }
 
     /// Beside a belt that is soft, one that hardly stretches and one that is rigid swing alike, whatever rubs.

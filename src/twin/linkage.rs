@@ -71,8 +71,9 @@ impl Linkage {
             }
             Physics::Frame(call) => self.frames.push(Part::new(call, instance, memory)),
             Physics::Coupling(call) => self.couplings.push(Part::new(call, instance, memory)),
-            Physics::Inertia(_) => {
-                covered.for_each(|k| self.mass[k] += instance.values[0].value);
+            Physics::Inertia(call) => {
+                let mass = call(&instance.numbers(), &Motion::default());
+                covered.for_each(|k| self.mass[k] += mass);
             }
             _ => {}
         }

@@ -75,6 +75,8 @@ struct MotorParts {
     ramps: Vec<CommandPart>,
     gains: LoopGains,
     efforts: Vec<MotionPart>,
+    /// Demands (N of belt) from each of which the loop stops integrating.
+    windups: Vec<f64>,
     forces: Vec<MotionPart>,
     rubs: Rubs,
     encoders: Vec<EncoderPart>,
@@ -217,6 +219,7 @@ impl Plant {
             Physics::Ramp(call) => motor.ramps.push(Part::new(call, instance, memory)),
             Physics::VelocityLoop(call) => motor.gains = call(&instance.numbers()),
             Physics::Effort(call) => motor.efforts.push(Part::new(call, instance, memory)),
+            Physics::Windup(call) => motor.windups.push(call(&instance.numbers())),
             Physics::Force(call) if at_motor => {
                 motor.forces.push(Part::new(call, instance, memory));
             }
@@ -314,9 +317,9 @@ impl Plant {
         let seen_after = self.reported(state);
         for (index, motor) in self.motors.iter().enumerate() {
             let middle = middle[index] - 0.5 * (seen[index] + seen_after[index]);
-            let gained = motor.travelled(middle, seen_after[index] - seen[index], dt);
-            state.integral[index] +=
-                step.loop_mass(index).gains * motor.gains.integral_per_s2 * gained;
+            let travelled = motor.travelled(middle, seen_after[index] - seen[index], dt);
+            let gained = step.loop_mass(index).gains * motor.gains.integral_per_s2 * travelled;
+            state.integral[index] += motor.taken(gained, demand[index]);
         }
         state.friction = friction;
         state.force = force;
@@ -425,7 +428,8 @@ impl Plant {
         let now = state.setpoint[0] - state.velocity[0];
         let error = middle - state.velocity[0] - motor.ahead(dt) * drag;
         let loop_mass = LoopMass { gains: mass, moved: mass };
-        motion.force = motor.demand([now, error], state.integral[0], loop_mass, dt);
+        let demand = motor.demand([now, error], state.integral[0], loop_mass, dt);
+        motion.force = demand;
         for part in &motor.efforts {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
         }
@@ -438,8 +442,8 @@ impl Plant {
         };
         let (velocity, friction) = slide(&motion, motion.force + load, contact, memory);
         let error = middle - 0.5 * (state.velocity[0] + velocity);
-        let gained = motor.travelled(error, velocity - state.velocity[0], dt);
-        state.integral[0] += mass * motor.gains.integral_per_s2 * gained;
+        let travelled = motor.travelled(error, velocity - state.velocity[0], dt);
+        state.integral[0] += motor.taken(mass * motor.gains.integral_per_s2 * travelled, demand);
         state.acceleration[0] = (velocity - state.velocity[0]) / dt;
         state.position[0] += 0.5 * dt * (velocity + state.velocity[0]);
         state.velocity[0] = velocity;
@@ -632,6 +636,12 @@ impl MotorParts {
         error * dt + self.gains.feedback_age_s * changed
     }
 
+    /// What the loop adds to its integral of the `gained` force while it makes this `demand` (N of belt).
+    fn taken(&self, gained: f64, demand: f64) -> f64 {
+        let is_full = |most: &f64| *most < demand.abs() && 0.0 < demand * gained;
+        if self.windups.iter().any(is_full) { 0.0 } else { gained }
+    }
+
     /// Force at the middle of the step: of the velocity errors at its start, and then without the loop's own
     /// force.
     fn demand(&self, error: [f64; 2], integral: f64, mass: LoopMass, dt: f64) -> f64 {
@@ -651,6 +661,7 @@ pub(super) fn calls(physics: &Physics) -> bool {
                 | Physics::Ramp(_)
                 | Physics::VelocityLoop(_)
                 | Physics::Effort(_)
+                | Physics::Windup(_)
                 | Physics::Force(_)
                 | Physics::Friction(_)
                 | Physics::Bristles(_)

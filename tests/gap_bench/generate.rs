@@ -390,7 +390,7 @@ fn size_gantry(
     let sights: Vec<Sight<'_>> =
         recorded.iter().map(|plan| Sight::new(rig, plant, plan, &mut draw.clone())).collect();
     let least = |m: f64| sights.iter().map(|own| own.of(m).multiple).fold(f64::INFINITY, f64::min);
-    if !capped && least(magnitude) < LEAST_SHOWN * multiple {
+    if magnitude < spec.range[1] && least(magnitude) < LEAST_SHOWN * multiple {
         (magnitude, multiple, capped) = bisect(spec.range, plant.multiple, least);
     }
     let signal = sight.of(magnitude).signal;

@@ -31,6 +31,8 @@ struct Axis {
     by_place: [f64; 2],
     /// Somebody leans on the carriage from 6.0 to 6.2 s (N).
     knock: f64,
+    /// It moves on besides (m/s).
+    speed: f64,
     seed: u64,
 }
 
@@ -40,7 +42,7 @@ impl Axis {
     const NOISE_N: f64 = 1.0;
 
     fn motion(&self, t: f64) -> [f64; 3] {
-        let mut sum = [0.0; 3];
+        let mut sum = [self.speed * t, self.speed, 0.0];
         let lines = [(0.06, 1.3, 0.2), (0.03, 2.9, 1.1), (0.01, 7.3, self.seed as f64)];
         for (size, w, phase) in lines {
             let (sin, cos) = (w * t + phase).sin_cos();
@@ -86,7 +88,15 @@ impl Axis {
 
     /// A session to fit, of 20 s.
     fn session(viscous: [f64; 2]) -> Self {
-        Axis { split: "train", seconds: 20, viscous, by_place: [0.0; 2], knock: 0.0, seed: 1 }
+        Axis {
+            split: "train",
+            seconds: 20,
+            viscous,
+            by_place: [0.0; 2],
+            knock: 0.0,
+            speed: 0.0,
+            seed: 1,
+        }
     }
 
     /// A pair of sessions with the given friction.
@@ -474,6 +484,16 @@ fn what_cannot_be_judged_has_its_verdict_and_no_name() {
         assert!(!document["next_experiment"].is_null(), "{name}");
         assert_eq!(status, 3, "{name}");
     }
+}
+
+#[test]
+fn of_an_axis_that_went_one_way_only_nothing_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let one_way = Axis { speed: 0.3, ..Axis::session([80.0, 140.0]) };
+    let (document, status) = gap(&one_way.written_twice(dir.path()), None, &dir.path().join("out"));
+    assert_eq!((document["verdict"].as_str(), status), (Some("not_testable"), 3), "{document:#}");
+    assert!(names(&document).is_empty());
+    assert!(document["doubts"][0].as_str().unwrap().contains("m down"), "{document:#}");
 }
 
 #[test]

@@ -3,7 +3,9 @@
 use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
 
 /// `drive.saturation.torque_speed`: |F| <= Fmax (1 - |v|/v0) while the motor drives, |F| <= Fmax
-/// while it brakes: the line of a direct-current motor on a fixed supply.
+/// while it brakes: the line of a direct-current motor on a fixed supply. The loop knows Fmax, its own limit, and stops
+/// integrating where it demands more (conditional integration: Åström and Hägglund, PID Controllers, 3.5); it does not
+/// know what the supply leaves of that at speed.
 pub(crate) static TORQUE_SPEED: Effect = Effect {
     name: "drive.saturation.torque_speed",
     says: "the motor runs out of force at high speed",
@@ -30,7 +32,10 @@ pub(crate) static TORQUE_SPEED: Effect = Effect {
     null: &[10000.0, 1000.0],
     probes: &[&[40.0, 2.0], &[20.0, 2.0], &[10.0, 2.0], &[20.0, 1.0], &[10.0, 1.0], &[150.0, 2.0]],
     memory: 0,
-    physics: Physics::Effort(|p, _, motion| limited(p, motion)),
+    physics: Physics::Both(&[
+        Physics::Effort(|p, _, motion| limited(p, motion)),
+        Physics::Windup(|p| p[0]),
+    ]),
     regressors: &[Regressor::Load, Regressor::Speed],
     excitation: "starts and stops at full command to high speed",
     experiment: "step_ladder",

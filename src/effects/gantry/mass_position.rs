@@ -5,8 +5,9 @@ use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site
 /// At least this share of the moving mass stays.
 const LEAST_SHARE: f64 = 0.2;
 
-/// `gantry.mass_position`: M + m1 q + m2 q^2 at the place q of the rail in the board frame, such as
-/// a cable that is laid down, or a beam that is carried off its middle.
+/// `gantry.mass_position`: M(q) = M + m1 q + m2 q^2 at the place q of the rail in the board frame, such as a cable that
+/// is carried along or a beam that is carried off its middle. Of the kinetic energy M(q) v^2 / 2, Lagrange's equation
+/// makes M(q) a + M'(q) v^2 / 2 = F.
 pub(crate) static MASS_POSITION: Effect = Effect {
     name: "gantry.mass_position",
     says: "the moving mass changes along the rail",
@@ -33,7 +34,10 @@ pub(crate) static MASS_POSITION: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.5, 0.0], &[0.0, 5.0]],
     memory: 0,
-    physics: Physics::Inertia(extra_mass),
+    physics: Physics::Both(&[
+        Physics::Inertia(extra_mass),
+        Physics::Force(|p, _, at| carried(p, at)),
+    ]),
     regressors: &[Regressor::Acceleration, Regressor::Position],
     excitation: "accelerations at many places along the rail, with the torque recorded",
     experiment: "random_walk",
@@ -45,9 +49,33 @@ fn extra_mass(p: &[f64], motion: &Motion) -> f64 {
     if 0.0 < motion.mass { extra.max((LEAST_SHARE - 1.0) * motion.mass) } else { extra }
 }
 
+/// Force by which a mass that grows along the way holds back, and one that shrinks pushes on (N).
+fn carried(p: &[f64], motion: &Motion) -> f64 {
+    let growth = p[0] + 2.0 * p[1] * motion.position;
+    -0.5 * growth * motion.velocity * motion.velocity
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Without any other force M(q) v^2 / 2 stays what it is.
+    #[test]
+    fn a_mass_that_grows_slows_down_at_constant_energy() {
+        let p = [0.8, -1.5];
+        let (dt, mut q, mut v) = (1e-5, -0.2, 1.5_f64);
+        let at = |q: f64, v: f64| Motion { position: q, velocity: v, ..Motion::default() };
+        let mass = |q: f64| 2.0 + extra_mass(&p, &at(q, 0.0));
+        let energy = |q: f64, v: f64| 0.5 * mass(q) * v * v;
+        let before = energy(q, v);
+        for _ in 0..20_000 {
+            let middle = v + 0.5 * dt * carried(&p, &at(q, v)) / mass(q);
+            let place = q + 0.5 * dt * v;
+            v += dt * carried(&p, &at(place, middle)) / mass(place);
+            q += dt * middle;
+        }
+        assert!(0.05 < q && (energy(q, v) / before - 1.0).abs() < 1e-6, "{q} {v}");
+    }
 
     #[test]
     fn mass_grows_along_the_rail_and_never_vanishes() {

@@ -61,29 +61,34 @@ impl Chain {
     pub(super) fn new(twin: &Twin) -> Self {
         let mut chain = Self::default();
         for instance in twin.instances.iter().filter(|instance| instance.axis.covers(0)) {
-            chain.add(instance);
+            for equation in instance.effect.physics.equations() {
+                chain.add(instance, *equation);
+            }
         }
         chain
     }
 
-    /// Whether physics of this kind is called.
+    /// Whether physics of this kind is called, all of it.
     pub(super) fn calls(physics: &Physics) -> bool {
-        matches!(
-            physics,
-            Physics::CommandDelay(_)
-                | Physics::Command(_)
-                | Physics::Effort(_)
-                | Physics::Force(_)
-                | Physics::Friction(_)
-                | Physics::Bristles(_)
-                | Physics::Inertia(_)
-        )
+        let is_called = |equation: &Physics| {
+            matches!(
+                equation,
+                Physics::CommandDelay(_)
+                    | Physics::Command(_)
+                    | Physics::Effort(_)
+                    | Physics::Force(_)
+                    | Physics::Friction(_)
+                    | Physics::Bristles(_)
+                    | Physics::Inertia(_)
+            )
+        };
+        physics.equations().iter().all(is_called)
     }
 
-    fn add(&mut self, instance: &Instance) {
+    fn add(&mut self, instance: &Instance, equation: Physics) {
         let (p, length) = (instance.numbers(), instance.effect.memory);
         let (way, load) = (self.way, self.load);
-        match instance.effect.physics {
+        match equation {
             Physics::CommandDelay(call) => self.delay += call(&p),
             Physics::Command(call) if way + length <= MOST_MEMORY => {
                 self.commands.push(Part { call, p, memory: way, length });
