@@ -264,6 +264,8 @@ pub enum Physics {
     Frame(fn(p: &[f64], carriage: &Carriage) -> [f64; 2]),
     /// Magnet to striker: place of the striker (m).
     Coupling(fn(p: &[f64], m: &mut [f64], carriage: &Carriage) -> [f64; 2]),
+    /// Carriage to the force of the striker on it (N), less that of its mass, which counts as the carriage's.
+    Reaction(fn(p: &[f64], m: &mut [f64], carriage: &Carriage) -> [f64; 2]),
     /// Age of what the camera reports (s), at `elapsed` seconds of the session.
     CameraDelay(fn(p: &[f64], elapsed: f64) -> f64),
     /// True place (m) of something `height` metres above the board to the reported one.

@@ -59,26 +59,18 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     let mut twin = start.clone();
     let mut outcomes = Vec::new();
     for kind in ORDER {
-        let of = |kind: StageKind, split: Split| -> Vec<&'a dyn Stage> {
-            stages(sessions, kind, split).map(|(_, stage)| stage).collect()
-        };
-        let is_second_look = kind == StageKind::WholeRolls;
-        let link = Link {
-            kind,
-            train: of(kind, Split::Train),
-            held_out: of(kind, Split::Validation),
-            witnesses: match kind {
-                StageKind::Ball => of(StageKind::WholeRolls, Split::Validation),
-                _ => Vec::new(),
-            },
-            // What an effect of the pieces is off grows along a whole roll; they say whether more is there.
-            may_be_disturbed: !is_second_look
-                || outcomes.last().is_none_or(|pieces: &Outcome<'_>| pieces.added.is_empty()),
-        };
-        if link.train.is_empty() || is_second_look && link.held_out.is_empty() {
+        let link = link_of(sessions, kind, &outcomes);
+        if link.train.is_empty() || kind == StageKind::WholeRolls && link.held_out.is_empty() {
             continue;
         }
-        let outcome = rounds::search(&link, &twin, task_of(kind, task, &outcomes));
+        let task = task_of(kind, task, &outcomes);
+        let mut outcome = rounds::search(&link, &twin, task);
+        if let Some((place, drive)) = with_reaction(sessions, &start, &outcome, &outcomes) {
+            twin = stated(&start, &drive);
+            twin.instances.retain(|own| !is_felt(own.effect));
+            outcome = rounds::search(&link, &twin, task);
+            outcomes[place] = drive;
+        }
         twin = stated(&start, &outcome);
         outcomes.push(outcome);
     }
@@ -103,6 +95,48 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
         &Findable { sessions, outcomes: &outcomes, floors: &floors, unseen: &unseen },
     );
     Found { document, twin, outcomes, floors }
+}
+
+/// One link in all sessions, after those `before` it.
+fn link_of<'a>(sessions: &'a [Session], kind: StageKind, before: &[Outcome<'_>]) -> Link<'a> {
+    let of = |kind: StageKind, split: Split| -> Vec<&'a dyn Stage> {
+        stages(sessions, kind, split).map(|(_, stage)| stage).collect()
+    };
+    Link {
+        kind,
+        train: of(kind, Split::Train),
+        held_out: of(kind, Split::Validation),
+        witnesses: match kind {
+            StageKind::Ball => of(StageKind::WholeRolls, Split::Validation),
+            _ => Vec::new(),
+        },
+        // What an effect of the pieces is off grows along a whole roll; they say whether more is there.
+        may_be_disturbed: kind != StageKind::WholeRolls
+            || before.last().is_none_or(|pieces| pieces.added.is_empty()),
+    }
+}
+
+/// Whether an effect behind the carriage is felt by what drives it.
+fn is_felt(effect: &Effect) -> bool {
+    effect.physics.equations().iter().any(|equation| matches!(equation, Physics::Reaction(_)))
+}
+
+/// The drives searched again, and their place in `before`, where something that `camera` has added pulls at them and
+/// may be what was added there.
+fn with_reaction<'a>(
+    sessions: &'a [Session],
+    start: &Twin,
+    camera: &Outcome<'_>,
+    before: &[Outcome<'_>],
+) -> Option<(usize, Outcome<'a>)> {
+    let felt = camera.added.iter().find(|step| is_felt(step.effect))?;
+    let drives = |own: &Outcome<'_>| own.kind == StageKind::Drive && !own.added.is_empty();
+    let place = before.iter().position(drives)?;
+    let mut twin = start.clone();
+    twin.instances.extend(camera.last.point.twin.instance(felt.effect.name, felt.axis).cloned());
+    log::info!("{} pulls at the drives: they are searched again", felt.effect.name);
+    let link = link_of(sessions, StageKind::Drive, &before[..place]);
+    Some((place, rounds::search(&link, &twin, Task::CloseGap)))
 }
 
 /// The links of one kind in the sessions of one purpose, in their order.

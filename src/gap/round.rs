@@ -683,7 +683,9 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// alike and removes nearly as much.
     fn is_nearly_as_good(&self, own: &Trial, other: &Trial) -> bool {
         let removes = |trial: &Trial| fit::squared(&self.base_train_rows) - trial.fit.loss;
-        let joint = |trial: &Trial| mem::discriminant(&trial.candidate.effect.physics);
+        let joint = |trial: &Trial| {
+            trial.candidate.effect.physics.equations().first().map(mem::discriminant)
+        };
         joint(own) == joint(other)
             && is_alike(own, other)
             && self.is_same(own, other)

@@ -16,7 +16,7 @@ use super::{
     transmission::{self, Moved, Rubbing, Tie, TwoMasses},
 };
 use crate::{
-    effects::{Bristles, CrossMotion, LoopGains, Motion, Physics, Spring, both},
+    effects::{Bristles, Carriage, CrossMotion, LoopGains, Motion, Physics, Spring, both},
     gantry::{belts, rails},
 };
 
@@ -61,6 +61,7 @@ impl<F> Part<F> {
 type CommandPart = Part<fn(&[f64], &mut [f64], f64, f64) -> f64>;
 type MotionPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
+type ReactionPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
 type BristlesPart = Part<fn(&[f64]) -> Bristles>;
 type EncoderPart = Part<fn(&[f64], f64) -> f64>;
 
@@ -121,6 +122,9 @@ pub struct Plant {
     rails: Vec<RailParts>,
     /// What lies between motors and load, where it is soft.
     ties: Option<[Tie; 2]>,
+    /// What the striker does to the carriage.
+    reactions: Vec<ReactionPart>,
+    striker_mass: f64,
     memory: usize,
 }
 
@@ -193,6 +197,8 @@ impl Plant {
             motors: vec![MotorParts::default(); count],
             rails: vec![RailParts::default(); count],
             ties: None,
+            reactions: Vec::new(),
+            striker_mass: twin.striker_mass,
             memory: 0,
         };
         for instance in &twin.instances {
@@ -235,6 +241,10 @@ impl Plant {
             Physics::Transmission(call) => motor.spring = call(&instance.numbers()),
             Physics::Encoder(call) => motor.encoders.push(Part::new(call, instance, memory)),
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
+            // On both rails at once.
+            Physics::Reaction(call) if index == 0 => {
+                self.reactions.push(Part::new(call, instance, memory));
+            }
             _ => {}
         }
     }
@@ -346,9 +356,14 @@ impl Plant {
 
     /// Force on each rail that is no motor's and no friction.
     fn loads(&self, step: &GantryStep, force: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
-        both(|index| {
+        let load = both(|index| {
             let motion = step.rail(index, force);
             sum(&self.rails[index].forces, memory, &motion)
+        });
+        self.reactions.iter().fold(load, |load, part| {
+            let held =
+                (part.call)(part.p(), part.memory(memory), &step.carriage(self.striker_mass));
+            both(|index| load[index] + held[index])
         })
     }
 
@@ -557,6 +572,12 @@ impl GantryStep {
     /// Motion of one rail under the motors' `force`.
     fn rail(&self, index: usize, force: [f64; 2]) -> Motion {
         self.rails.motion(index, belts(force), self.mass[index])
+    }
+
+    /// The carriage with a striker of `striker_mass` (kg).
+    fn carriage(&self, striker_mass: f64) -> Carriage {
+        let Frame { dt, position, velocity, acceleration, .. } = self.rails;
+        Carriage { dt, position, velocity, acceleration, striker_mass }
     }
 
     /// Motion of one belt under the motors' `force`.

@@ -7,7 +7,7 @@ use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Si
 /// `coupling.striker_friction`: m s' = -k d / (1 + (d/d0)^2) - 2 z sqrt(k m) d' - F s/|s|, with the striker's velocity
 /// s and its displacement d from the magnet, which holds it like the spring of `coupling.magnet_spring`: dry friction
 /// of the striker on the board, on which its magnet presses it. At a constant velocity it hangs back by about F/k; at
-/// rest it may stay anywhere within that.
+/// rest it may stay anywhere within that. The carriage is held back by what holds the striker.
 pub(crate) static STRIKER_FRICTION: Effect = Effect {
     name: "coupling.striker_friction",
     says: "the striker rubs on the board and hangs back by the same distance at any speed, also at rest",
@@ -35,7 +35,7 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
         &[0.1, 100.0, 0.2, 0.02],
     ],
     memory: 4,
-    physics: Physics::Coupling(rub),
+    physics: Physics::Both(&[Physics::Coupling(rub), Physics::Reaction(hold_back)]),
     regressors: &[Regressor::Direction, Regressor::SinceReversal],
     excitation: "slow reversals along rails and diagonals, with camera and encoders",
     experiment: "creep",
@@ -98,6 +98,18 @@ fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
         }
     }
     both(|axis| carriage.position[axis] + memory[axis])
+}
+
+/// Force on the carriage (N) beside that of the striker's mass: k d + 2 z sqrt(k m) d' + m a.
+fn hold_back(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
+    rub(p, memory, carriage);
+    let mass = carriage.striker_mass;
+    let stiffness = p[1] * softened([memory[0], memory[1]], p[3]);
+    let damping = 2.0 * p[2] * (p[1] * mass).sqrt();
+    both(|axis| {
+        let rate = memory[2 + axis] - carriage.velocity[axis];
+        stiffness * memory[axis] + damping * rate + mass * carriage.acceleration[axis]
+    })
 }
 
 #[cfg(test)]
@@ -169,6 +181,29 @@ mod tests {
         }
         // A hundredth of the swing.
         assert!(worst < 1e-5, "{worst}");
+    }
+
+    #[test]
+    fn the_carriage_is_held_back_by_the_friction_and_its_mass_counts_already() {
+        let held = |p: &[f64], motion: &dyn Fn(f64) -> [[f64; 2]; 2]| {
+            let mut memory = [0.0; 4];
+            (1..=2000).fold([0.0; 2], |_, k| {
+                let [velocity, acceleration] = motion(1e-3 * f64::from(k));
+                let striker_mass = MASS;
+                let now = Carriage {
+                    dt: 1e-3,
+                    velocity,
+                    acceleration,
+                    striker_mass,
+                    ..Carriage::default()
+                };
+                hold_back(p, &mut memory, &now)
+            })
+        };
+        let [x, y] = held(&[0.4, 800.0, 0.3, 1.0], &|_| [[0.03, -0.04], [0.0; 2]]);
+        assert!((x + 0.24).abs() < 1e-4 && (y - 0.32).abs() < 1e-4, "{x} {y}");
+        let [x, _] = held(&[0.0, 800.0, 0.5, 1.0], &|t| [[3.0 * t, 0.0], [3.0, 0.0]]);
+        assert!(x.abs() < 1e-6, "{x}");
     }
 
     #[test]
