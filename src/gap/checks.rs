@@ -4,8 +4,9 @@
 use super::{findings::Verdict, problem};
 use crate::{
     gantry::belts,
-    twin::{DriveStage, Output, Session, Stage, Twin},
+    twin::{CameraStage, DriveStage, Output, Session, Stage, Twin},
 };
+use std::ops::Range;
 
 /// Shortest time of runs in all sessions together on which anything is said (s).
 const LEAST_TIME: f64 = 4.0;
@@ -28,6 +29,21 @@ const LEAST_DIRECTION: f64 = 0.05;
 /// Change of the delay between first and last part of a session that only a clock explains (s): patterns
 /// of other speed alone change the lag of a ramp by some hundredths.
 const DRIFT: f64 = 0.1;
+
+/// Rate of that from which it is no clock any more: four times what the worst of crystals are apart, which has a name
+/// (`sensor.clock_skew`).
+const NO_CLOCK: f64 = 2e-3;
+
+/// Parts of a session that are compared, as shares of its length.
+const FIRST_PART: Range<f64> = 0.0..0.25;
+const LAST_PART: Range<f64> = 0.75..1.0;
+
+/// Longest age of a picture that is tried, either way (s), and its step (s).
+const OLDEST: f64 = 1.0;
+const AGE_STEP: f64 = 0.01;
+
+/// Spread of a striker below which it does not tell how old its pictures are (m).
+const LEAST_SPREAD: f64 = 0.005;
 
 /// Why nothing can be said, with what to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -69,7 +85,8 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
             ),
             None => None,
         };
-        let found = found.or_else(|| {
+        let camera = || session.camera.as_ref().and_then(|own| check_camera(&session.name, own));
+        let found = found.or_else(camera).or_else(|| {
             session.axes.iter().find_map(|axis| check_axis(&session.name, axis.ways()))
         });
         if found.is_some() {
@@ -77,6 +94,65 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
         }
     }
     None
+}
+
+/// Why nothing may be said of the session `name` where camera and encoders do not keep time together.
+fn check_camera(name: &str, camera: &CameraStage) -> Option<Objection> {
+    let [(early, first), (late, last)] = [age_in(camera, FIRST_PART)?, age_in(camera, LAST_PART)?];
+    if (late - early).abs() <= DRIFT.max(NO_CLOCK * (last - first)) {
+        return None;
+    }
+    objection(
+        Verdict::NotTestable,
+        format!(
+            "{name}: the camera shows where the carriage was {:.0} ms before at first and {:.0} ms before at the \
+             end: the clocks drift; record camera and drives with one clock",
+            1e3 * early,
+            1e3 * late
+        ),
+    )
+}
+
+/// The age at which the camera's pictures in a `part` of the session show the carriage best (s), and the middle of that
+/// part (s); `None` where it hardly moves or is seen elsewhere at any age.
+fn age_in(camera: &CameraStage, part: Range<f64>) -> Option<(f64, f64)> {
+    let [x, y] = [camera.channels.first()?, camera.channels.get(1)?];
+    let length = x.times.last()?;
+    let seen: Vec<(f64, [f64; 2])> = x
+        .times
+        .iter()
+        .zip(x.measured.iter().zip(&y.measured))
+        .filter(|(time, (x, y))| {
+            (part.start * length..part.end * length).contains(*time) && (*x + *y).is_finite()
+        })
+        .map(|(time, (x, y))| (*time, [*x, *y]))
+        .collect();
+    let whole = spread(seen.iter().map(|(_, place)| *place));
+    let left = |age: f64| {
+        let mut cursor = 0;
+        spread(seen.iter().map(|(time, place)| {
+            let (carriage, ..) = camera.carriage.at(time - age, &mut cursor);
+            [place[0] - carriage[0], place[1] - carriage[1]]
+        }))
+    };
+    let steps = (OLDEST / AGE_STEP).round() as i32;
+    let ages = (-steps..=steps).map(|step| AGE_STEP * f64::from(step));
+    let (age, off) =
+        ages.map(|age| (age, left(age))).min_by(|own, other| own.1.total_cmp(&other.1))?;
+    let middle = 0.5 * (part.start + part.end) * length;
+    (LEAST_SPREAD < whole && off < 0.5 * whole).then_some((age, middle))
+}
+
+/// Standard deviation of places about their mean (m).
+fn spread(places: impl Iterator<Item = [f64; 2]>) -> f64 {
+    let (mut count, mut sum, mut square) = (0.0, [0.0; 2], 0.0);
+    for [x, y] in places {
+        count += 1.0;
+        sum = [sum[0] + x, sum[1] + y];
+        square += x * x + y * y;
+    }
+    let mean = sum.map(|own| own / f64::max(count, 1.0));
+    (square / f64::max(count, 1.0) - mean[0] * mean[0] - mean[1] * mean[1]).max(0.0).sqrt()
 }
 
 /// Why nothing may be said of the axis of the session `name`, which went so far in each direction (m).
@@ -163,7 +239,7 @@ fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
             ),
         );
     }
-    let (early, late) = (pairs.best_delay(0.0..0.25), pairs.best_delay(0.75..1.0));
+    let (early, late) = (pairs.best_delay(FIRST_PART), pairs.best_delay(LAST_PART));
     if 0.5 < early.1.min(late.1) && DRIFT < (late.0 - early.0).abs() {
         return objection(
             Verdict::NotTestable,
@@ -220,7 +296,7 @@ impl<'a> Pairs<'a> {
 
     /// The delay at which the command explains most of the motion in a part of the session, with the
     /// share that it explains.
-    fn best_delay(&self, part: std::ops::Range<f64>) -> (f64, f64) {
+    fn best_delay(&self, part: Range<f64>) -> (f64, f64) {
         let length = self.samples.iter().map(|sample| sample.1).fold(0.0, f64::max);
         let own: Vec<&(usize, f64, f64)> = self
             .samples

@@ -290,6 +290,8 @@ struct Camera {
     place_m: f64,
     stamp_s: f64,
     lost: f64,
+    /// Its pictures grow so much older per second.
+    skew: f64,
 }
 
 /// A standard normal number, nearly: the sum of twelve uniform ones.
@@ -335,7 +337,7 @@ fn followed(dir: &Path, name: &str, motors: Follows, camera: Option<Camera>) -> 
             if let Some(camera) = camera
                 && step % 100 == 30
             {
-                let late_ns = 5e6 + 1e9 * camera.stamp_s * normal(&mut scatter);
+                let late_ns = 5e6 + 1e9 * (camera.stamp_s * normal(&mut scatter) + camera.skew * t);
                 let mut seen = |place: f64| place + camera.place_m * normal(&mut scatter);
                 let [x, y] = place.map(&mut seen);
                 let mut left = Some(Point { x, y });
@@ -408,7 +410,7 @@ fn a_ramp_that_became_slower_on_one_motor_is_refitted_there_and_nothing_is_named
 #[test]
 fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
     let dir = tempfile::tempdir().unwrap();
-    let camera = |place_m, stamp_s| Some(Camera { place_m, stamp_s, lost: 0.0 });
+    let camera = |place_m, stamp_s| Some(Camera { place_m, stamp_s, lost: 0.0, skew: 0.0 });
     let base = followed(dir.path(), "base", ALIKE, camera(2.5e-4, 0.0));
     gap(&base, None, &dir.path().join("base"));
     let twin = dir.path().join("base/twin.json").display().to_string();
@@ -432,7 +434,7 @@ fn a_camera_that_scatters_otherwise_is_named_by_what_scatters() {
 #[test]
 fn a_camera_that_loses_frames_is_named_by_the_share_it_loses() {
     let dir = tempfile::tempdir().unwrap();
-    let camera = |lost| Some(Camera { place_m: 2.5e-4, stamp_s: 0.0, lost });
+    let camera = |lost| Some(Camera { place_m: 2.5e-4, stamp_s: 0.0, lost, skew: 0.0 });
     gap(&followed(dir.path(), "base", ALIKE, camera(0.0)), None, &dir.path().join("base"));
     let twin = dir.path().join("base/twin.json").display().to_string();
     let (same, _) = gap(
@@ -484,6 +486,22 @@ fn what_cannot_be_judged_has_its_verdict_and_no_name() {
         assert!(!document["next_experiment"].is_null(), "{name}");
         assert_eq!(status, 3, "{name}");
     }
+}
+
+#[test]
+fn nothing_is_said_where_the_cameras_clock_runs_away() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = |name: &str, skew| {
+        let camera = Some(Camera { place_m: 2.5e-4, stamp_s: 0.0, lost: 0.0, skew });
+        gap(&followed(dir.path(), name, ALIKE, camera), None, &dir.path().join(name))
+    };
+    let (document, status) = said("away", 0.02);
+    assert_eq!((document["verdict"].as_str(), status), (Some("not_testable"), 3), "{document:#}");
+    assert!(names(&document).is_empty());
+    assert!(document["doubts"][0].as_str().unwrap().contains("clocks drift"), "{document:#}");
+    // What crystals are apart is an effect like any other.
+    let (document, _) = said("skewed", 1e-3);
+    assert!(names(&document).contains(&"sensor.clock_skew"), "{document:#}");
 }
 
 #[test]
