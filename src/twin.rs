@@ -238,7 +238,7 @@ impl Twin {
     pub fn free(&self, stage: &dyn Stage) -> Vec<Slot> {
         let mut slots = Vec::new();
         for (index, instance) in self.instances.iter().enumerate() {
-            if !stage.calls(instance.effect) {
+            if !stage.feels(instance.effect, instance.axis) {
                 continue;
             }
             for (parameter, value) in instance.values.iter().enumerate() {

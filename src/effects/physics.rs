@@ -99,9 +99,18 @@ pub struct Spring {
     pub damping_ratio: f64,
     /// Mass that stays with the motor (kg of belt), positive: its rotor.
     pub motor_mass: f64,
+    /// Width within which it passes no force at all (m).
+    pub play: f64,
 }
 
 impl Spring {
+    /// This one and `other` one behind the other: the softer gives way, and the plays add up.
+    #[must_use]
+    pub fn in_series(self, other: Self) -> Self {
+        let softer = if other.stiffness < self.stiffness { other } else { self };
+        Self { play: self.play + other.play, ..softer }
+    }
+
     /// Damping (N s/m).
     #[must_use]
     pub fn damping(&self) -> f64 {

@@ -247,11 +247,12 @@ pub(super) fn is_shared(axis: Axis) -> bool {
 pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
     let mut pairs = Vec::new();
     for effect in CATALOGUE {
-        if effect.is_noise() || !problem.parts.iter().any(|part| part.stage.calls(effect)) {
+        if effect.is_noise() {
             continue;
         }
         for axis in twin.machine.axes(effect.site) {
-            if !twin.has(effect.name, axis) {
+            let is_felt = problem.parts.iter().any(|part| part.stage.feels(effect, axis));
+            if is_felt && !twin.has(effect.name, axis) {
                 pairs.push((*effect, axis));
             }
         }

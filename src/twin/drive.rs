@@ -5,7 +5,7 @@ use super::{
     plant::{self, LONGEST_STEP},
 };
 use crate::{
-    effects::{Effect, both},
+    effects::{Axis, Effect, both},
     gantry::belts,
 };
 use std::f64::consts::TAU;
@@ -67,6 +67,10 @@ impl Stage for DriveStage {
 
     fn calls(&self, effect: &Effect) -> bool {
         plant::calls(&effect.physics)
+    }
+
+    fn feels(&self, effect: &Effect, axis: Axis) -> bool {
+        plant::feels(&effect.physics, axis)
     }
 
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {

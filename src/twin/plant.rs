@@ -16,7 +16,7 @@ use super::{
     transmission::{self, Moved, Rubbing, Tie, TwoMasses},
 };
 use crate::{
-    effects::{Bristles, Carriage, CrossMotion, LoopGains, Motion, Physics, Spring, both},
+    effects::{Axis, Bristles, Carriage, CrossMotion, LoopGains, Motion, Physics, Spring, both},
     gantry::{belts, rails},
 };
 
@@ -238,7 +238,14 @@ impl Plant {
                 let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
                 rubs.bristles = Some(Part::new(call, instance, memory));
             }
-            Physics::Transmission(call) => motor.spring = call(&instance.numbers()),
+            // What lies between a rail and its load is behind all that the motors feel.
+            Physics::Transmission(call) if at_motor => {
+                let added = call(&instance.numbers());
+                motor.spring = match (motor.spring, added) {
+                    (Some(own), Some(added)) => Some(own.in_series(added)),
+                    (own, added) => own.or(added),
+                };
+            }
             Physics::Encoder(call) => motor.encoders.push(Part::new(call, instance, memory)),
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
             // On both rails at once.
@@ -672,7 +679,7 @@ impl MotorParts {
     }
 }
 
-/// Whether a plant calls the physics of an effect.
+/// Whether a plant calls the physics of an effect, whatever it is on.
 pub(super) fn calls(physics: &Physics) -> bool {
     let is_called = |equation: &Physics| {
         matches!(
@@ -692,4 +699,10 @@ pub(super) fn calls(physics: &Physics) -> bool {
         )
     };
     physics.equations().iter().any(is_called)
+}
+
+/// Whether a plant feels physics of this kind on `axis`: what a rail's load has for itself it does not.
+pub(super) fn feels(physics: &Physics, axis: Axis) -> bool {
+    let is_between = |equation: &Physics| matches!(equation, Physics::Transmission(_));
+    calls(physics) && (axis.is_motor() || !physics.equations().iter().any(is_between))
 }

@@ -1,7 +1,7 @@
 //! One link of the chain: measured input, measured output, prediction between them.
 
 use super::{Twin, noise::FrameLosses};
-use crate::effects::{Domain, Effect, Regressor};
+use crate::effects::{Axis, Domain, Effect, Regressor};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -54,6 +54,12 @@ pub trait Stage: Sync {
 
     /// Whether this link calls the physics of `effect`, so that it can be fitted here.
     fn calls(&self, effect: &Effect) -> bool;
+
+    /// Whether `effect` changes anything here when it acts on `axis`.
+    fn feels(&self, effect: &Effect, axis: Axis) -> bool {
+        let _ = axis;
+        self.calls(effect)
+    }
 
     /// Runs that share one set of nuisance numbers (starts of rolls, offsets); empty without any.
     fn nuisance_groups(&self) -> Vec<Range<usize>> {

@@ -1,4 +1,4 @@
-//! Two masses with a spring between them, per motor: one step of a gantry whose belts are soft.
+//! Two masses with a spring between them, per motor: one step of a gantry whose belts are soft or have play.
 
 use super::contact::Contact;
 use crate::{
@@ -8,6 +8,9 @@ use crate::{
 
 /// Largest share of a rail's mass that is rotors.
 const MOST_ROTOR: f64 = 0.95;
+
+/// How often the sides are sought on which springs with play touch over a step.
+const MOST_SEARCHES: usize = 4;
 
 /// A motor and what ties it to the load; without a spring the belt is rigid.
 #[derive(Debug, Clone, Copy)]
@@ -53,6 +56,27 @@ pub(super) struct Rubbing {
     pub(super) rails: [Contact; 2],
 }
 
+impl Rubbing {
+    /// Where the bends of all contacts are remembered.
+    fn places(&self) -> [Option<usize>; 4] {
+        let [a, b] = self.motors;
+        let [x, y] = self.rails;
+        [a, b, x, y].map(|contact| contact.bristles.map(|(_, place)| place))
+    }
+
+    fn bends(&self, memory: &[f64]) -> [f64; 4] {
+        self.places().map(|place| place.map_or(0.0, |place| memory[place]))
+    }
+
+    fn put_back(&self, memory: &mut [f64], bends: [f64; 4]) {
+        for (place, bend) in self.places().into_iter().zip(bends) {
+            if let Some(place) = place {
+                memory[place] = bend;
+            }
+        }
+    }
+}
+
 /// Motors and load at the end of a step.
 pub(super) struct Moved {
     /// Velocity of the motors (m/s of belt).
@@ -62,6 +86,9 @@ pub(super) struct Moved {
     /// Friction on each rail (N).
     pub(super) friction: [f64; 2],
 }
+
+/// Where the play of each tie ends that it touches (m from its middle, where the motor is ahead); `None` inside it.
+type Ends = [Option<f64>; 2];
 
 /// What one tie makes of a step: against its motor acts `still + follow (motor - load)`, with the velocities at the
 /// end of the step, and with the motor eliminated the load gets `given - drag load` (N of belt).
@@ -106,12 +133,30 @@ fn unit(index: usize) -> [f64; 2] {
 impl TwoMasses {
     /// Force of each spring against its motor now (N of belt).
     pub(super) fn pulls(&self) -> [Option<f64>; 2] {
-        let (ahead, rate) = (belts(self.ahead), self.rates());
+        let (ahead, rate, ends) = (belts(self.ahead), self.rates(), self.ends([0.0; 2]));
         let pull = |m: usize| {
             let spring = self.ties[m].spring?;
-            Some(spring.damping() * rate[m] - spring.stiffness * ahead[m])
+            let stretched =
+                |end: f64| spring.damping() * rate[m] - spring.stiffness * (ahead[m] + end);
+            Some(ends[m].map_or(0.0, stretched))
         };
         [pull(0), pull(1)]
+    }
+
+    /// The ends that the ties touch when each motor has `gained` so much on the load (m of belt).
+    fn ends(&self, gained: [f64; 2]) -> Ends {
+        let ahead = belts(self.ahead);
+        both(|m| {
+            let half = 0.5 * self.ties[m].spring.map_or(0.0, |spring| spring.play);
+            let stretch = gained[m] - ahead[m];
+            (half == 0.0 || half < stretch.abs()).then(|| half.copysign(stretch))
+        })
+    }
+
+    /// How far each motor gets ahead of the load over a step at whose end they move as `moved` says (m of belt).
+    fn gained(&self, moved: &Moved) -> [f64; 2] {
+        let (before, load) = (self.rates(), belts(moved.load));
+        both(|m| 0.5 * self.dt * (before[m] + moved.motor[m] - load[m]))
     }
 
     /// How fast each motor runs ahead of the load (m/s of belt).
@@ -120,18 +165,30 @@ impl TwoMasses {
         both(|m| self.motor[m] - load[m])
     }
 
-    /// What the ties make of the step under `force` of the motors (N of belt). Springs follow the motion through the
-    /// step (the implicit midpoint rule), which neither damps nor feeds the swinging.
-    fn links(&self, force: [f64; 2]) -> [Link; 2] {
-        let (ahead, rate) = (belts(self.ahead), self.rates());
+    /// What the ties, which touch at `ends`, make of the step under `force` of the motors (N of belt). Springs follow
+    /// the motion through the step (the implicit midpoint rule), which neither damps nor feeds the swinging; those
+    /// with play have the force of the end of the step (the implicit Euler rule), so that no impact at the end of the
+    /// play is passed over or thrown back.
+    fn links(&self, force: [f64; 2], ends: Ends) -> [Link; 2] {
+        let (ahead, rate, dt) = (belts(self.ahead), self.rates(), self.dt);
         let link = |m: usize| {
-            let inertia = self.ties[m].motor_mass / self.dt;
+            let inertia = self.ties[m].motor_mass / dt;
             let driven = inertia * self.motor[m] + force[m];
             let Some(spring) = self.ties[m].spring else {
                 return Link { inertia, follow: 0.0, still: 0.0, given: driven, drag: inertia };
             };
-            let follow = 0.25 * spring.stiffness * self.dt + 0.5 * spring.damping();
-            let still = follow * rate[m] - spring.stiffness * ahead[m];
+            let (follow, still) = match ends[m] {
+                None => (0.0, 0.0),
+                Some(0.0) => {
+                    let follow = 0.25 * spring.stiffness * dt + 0.5 * spring.damping();
+                    (follow, follow * rate[m] - spring.stiffness * ahead[m])
+                }
+                Some(end) => {
+                    let stretch = 0.5 * dt * rate[m] - ahead[m] - end;
+                    let follow = 0.5 * spring.stiffness * dt + spring.damping();
+                    (follow, spring.stiffness * stretch)
+                }
+            };
             let share = follow / (inertia + follow);
             let given = still + share * (driven - still);
             Link { inertia, follow, still, given, drag: share * inertia }
@@ -167,14 +224,32 @@ impl TwoMasses {
 
     /// The step under `force` of the motors (N of belt) and `pull` on the rails (N), with what `rubs` on motors and
     /// rails, whose bends are in `memory`.
-    pub(super) fn step(
+    pub(super) fn step(&self, forces: [[f64; 2]; 2], rubs: &Rubbing, memory: &mut [f64]) -> Moved {
+        let mut ends = self.ends(self.rates().map(|rate| self.dt * rate));
+        let bends = rubs.bends(memory);
+        let mut moved = self.stepped(forces, ends, rubs, memory);
+        for _ in 0..MOST_SEARCHES {
+            let touched = self.ends(self.gained(&moved));
+            if touched == ends {
+                break;
+            }
+            ends = touched;
+            rubs.put_back(memory, bends);
+            moved = self.stepped(forces, ends, rubs, memory);
+        }
+        moved
+    }
+
+    /// The same with ties that touch at `ends` when it is over.
+    fn stepped(
         &self,
         [mut force, pull]: [[f64; 2]; 2],
+        ends: Ends,
         rubs: &Rubbing,
         memory: &mut [f64],
     ) -> Moved {
         let dt = self.dt;
-        let mut links = self.links(force);
+        let mut links = self.links(force, ends);
         // Whatever the forces are.
         let resistance = self.resistance(&links);
         let mut free = self.free(&resistance, &links, pull);
@@ -188,7 +263,7 @@ impl TwoMasses {
                 };
                 force[m] += contact.force(memory, held * dt, [self.motor[m], motor], dt);
             }
-            links = self.links(force);
+            links = self.links(force, ends);
             free = self.free(&resistance, &links, pull);
         }
         let (mut load, mut friction) = (free, [0.0; 2]);
@@ -222,7 +297,7 @@ mod tests {
     }
 
     fn soft(stiffness: f64) -> Spring {
-        Spring { stiffness, damping_ratio: 0.0, motor_mass: 1.0 }
+        Spring { stiffness, damping_ratio: 0.0, motor_mass: 1.0, play: 0.0 }
     }
 
     /// Velocity of motor a and of the load along x after `steps`, from motors that run at 0.1 m/s and a load at rest.
@@ -253,6 +328,31 @@ mod tests {
         let half = std::f64::consts::PI / (4e4 * (1.0 / 2.0 + 1.0 / 0.5_f64)).sqrt();
         let (_, load) = swung(100, half / 100.0);
         assert!((load - 2.0 * 0.1 * 2.0 / 2.5).abs() < 1e-4, "{load}");
+    }
+
+    #[test]
+    fn inside_its_play_a_motor_moves_alone_and_then_takes_the_load_along() {
+        let spring = Spring { stiffness: 5e5, damping_ratio: 0.5, motor_mass: 1.0, play: 2e-3 };
+        let ties = ties([Some(spring); 2]).unwrap();
+        let (ahead, motor, load) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        let mut two = TwoMasses { ties, load_mass: [0.5; 2], ahead, motor, load, dt: DT };
+        let mut ways = [0.0; 2];
+        for step in 0..200 {
+            // 1 N on each motor of 1 kg: it has crossed 1 mm after sqrt(2 mm / (1 m/s^2)), 45 ms.
+            let (moved, ahead) = stepped(&two, [1.0; 2]);
+            if step < 44 {
+                assert_eq!(moved.load, [0.0; 2], "{step}");
+            }
+            ways[0] += 0.5 * DT * (rails(two.motor)[0] + rails(moved.motor)[0]);
+            ways[1] += 0.5 * DT * (two.load[0] + moved.load[0]);
+            two = TwoMasses { ahead, motor: moved.motor, load: moved.load, ..two };
+        }
+        // All forces are inside: 2 N for 0.2 s on 2.5 kg, and the load is behind by half the play and a little more.
+        let momentum = 0.5 * two.load[0] + two.motor[0] + two.motor[1];
+        assert!((momentum - 0.4).abs() < 1e-9, "{momentum}");
+        assert!((two.load[0] - 0.16).abs() < 1e-3, "{:?}", two.load);
+        let behind = ways[0] - ways[1];
+        assert!((1e-3..1.01e-3).contains(&behind), "{behind}");
     }
 
     #[test]

@@ -66,7 +66,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
 const RIGID: f64 = 2e-6;
 
 fn spring(p: &[f64]) -> Option<Spring> {
-    let soft = |stiffness| Spring { stiffness, damping_ratio: p[2], motor_mass: p[1] };
+    let soft = |stiffness| Spring { stiffness, damping_ratio: p[2], motor_mass: p[1], play: 0.0 };
     (RIGID <= p[0]).then(|| soft(1.0 / p[0]))
 }
 
