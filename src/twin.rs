@@ -50,7 +50,7 @@ pub use plant::{Plant, PlantState};
 pub use session::{Run, Session, SessionError, divide, runs_of, sessions_of};
 pub use stage::{Channel, Stage, StageKind};
 
-use crate::effects::{Axis, Effect};
+use crate::effects::{Axis, Effect, Physics};
 use serde::{Deserialize, Serialize};
 
 /// Where a value comes from.
@@ -106,6 +106,18 @@ impl Instance {
     #[must_use]
     pub fn numbers(&self) -> Vec<f64> {
         self.values.iter().map(|value| value.value).collect()
+    }
+
+    /// Whether it leaves a motor room to move without its load.
+    #[must_use]
+    pub fn rattles(&self) -> bool {
+        let has_play = |equation: &Physics| match equation {
+            Physics::Transmission(call) => {
+                call(&self.numbers()).is_some_and(|spring| 0.0 < spring.play)
+            }
+            _ => false,
+        };
+        self.axis.is_motor() && self.effect.physics.equations().iter().any(has_play)
     }
 }
 

@@ -16,7 +16,7 @@ use super::{
 use crate::{
     effects::{Axis, Effect},
     parallel::in_parallel,
-    twin::{Slot, Stage, StageKind, Twin},
+    twin::{Instance, Slot, Stage, StageKind, Twin},
 };
 use take_back::withdraw;
 
@@ -528,12 +528,14 @@ impl Search<'_> {
     }
 
     /// More than is known to be left, in both kinds of sessions, which depends on nothing measured and is more
-    /// than what any fit leaves of the gap that it closed.
+    /// than what any fit leaves of the gap that it closed. Where there is play, noise decides when motor and load meet:
+    /// that is more than any twin follows.
     fn disturbance(&self, given: &Point, judged: &Point) -> Option<Unknown> {
-        if !self.may_be_disturbed {
+        let twin = &self.best.point.twin;
+        let rattles = self.kind == StageKind::Drive && twin.instances.iter().any(Instance::rattles);
+        if !self.may_be_disturbed || rattles {
             return None;
         }
-        let twin = &self.best.point.twin;
         let before = excess(twin, [(&self.train, given)])?;
         let trained = excess(twin, [(&self.train, &self.best.point)])?;
         let held = excess(twin, [(&self.held_out, judged)])?;

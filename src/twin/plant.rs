@@ -320,8 +320,7 @@ impl Plant {
                 let moved = self.swing(&step, two, (force, load), memory);
                 let velocity = rails(moved.motor);
                 let gaining = both(|index| moved.load[index] - velocity[index]);
-                let gained = both(|index| 0.5 * dt * (state.gaining[index] + gaining[index]));
-                state.ahead = both(|index| state.ahead[index] + gained[index]);
+                state.ahead = moved.ahead;
                 state.gaining = gaining;
                 (velocity, moved.friction)
             }

@@ -3,11 +3,14 @@
 use super::contact::Contact;
 use crate::{
     effects::{Spring, both},
-    gantry::belts,
+    gantry::{belts, rails},
 };
 
 /// Largest share of a rail's mass that is rotors.
 const MOST_ROTOR: f64 = 0.95;
+
+/// Longest part of a step that motor and load may cross a play in (s).
+const LONGEST_WITH_PLAY: f64 = 2.5e-4;
 
 /// How often the sides are sought on which springs with play touch over a step.
 const MOST_SEARCHES: usize = 4;
@@ -35,6 +38,7 @@ pub(super) fn parted(ties: &[Tie; 2], mass: [f64; 2]) -> ([Tie; 2], [f64; 2]) {
 }
 
 /// Motors and load at the start of a step.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct TwoMasses {
     pub(super) ties: [Tie; 2],
     /// Mass of the load on each rail (kg).
@@ -83,7 +87,9 @@ pub(super) struct Moved {
     pub(super) motor: [f64; 2],
     /// Velocity of the load (m/s).
     pub(super) load: [f64; 2],
-    /// Friction on each rail (N).
+    /// How far the load is ahead of the motors, in board coordinates (m).
+    pub(super) ahead: [f64; 2],
+    /// Friction on each rail, its mean over the step (N).
     pub(super) friction: [f64; 2],
 }
 
@@ -153,10 +159,11 @@ impl TwoMasses {
         })
     }
 
-    /// How far each motor gets ahead of the load over a step at whose end they move as `moved` says (m of belt).
-    fn gained(&self, moved: &Moved) -> [f64; 2] {
-        let (before, load) = (self.rates(), belts(moved.load));
-        both(|m| 0.5 * self.dt * (before[m] + moved.motor[m] - load[m]))
+    /// How far each motor gets ahead of the load over a step at whose end they move with `motor` and `load`
+    /// (m of belt).
+    fn gained(&self, motor: [f64; 2], load: [f64; 2]) -> [f64; 2] {
+        let (before, load) = (self.rates(), belts(load));
+        both(|m| 0.5 * self.dt * (before[m] + motor[m] - load[m]))
     }
 
     /// How fast each motor runs ahead of the load (m/s of belt).
@@ -166,9 +173,7 @@ impl TwoMasses {
     }
 
     /// What the ties, which touch at `ends`, make of the step under `force` of the motors (N of belt). Springs follow
-    /// the motion through the step (the implicit midpoint rule), which neither damps nor feeds the swinging; those
-    /// with play have the force of the end of the step (the implicit Euler rule), so that no impact at the end of the
-    /// play is passed over or thrown back.
+    /// the motion through the step (the implicit midpoint rule), which neither damps nor feeds the swinging.
     fn links(&self, force: [f64; 2], ends: Ends) -> [Link; 2] {
         let (ahead, rate, dt) = (belts(self.ahead), self.rates(), self.dt);
         let link = |m: usize| {
@@ -177,18 +182,10 @@ impl TwoMasses {
             let Some(spring) = self.ties[m].spring else {
                 return Link { inertia, follow: 0.0, still: 0.0, given: driven, drag: inertia };
             };
-            let (follow, still) = match ends[m] {
-                None => (0.0, 0.0),
-                Some(0.0) => {
-                    let follow = 0.25 * spring.stiffness * dt + 0.5 * spring.damping();
-                    (follow, follow * rate[m] - spring.stiffness * ahead[m])
-                }
-                Some(end) => {
-                    let stretch = 0.5 * dt * rate[m] - ahead[m] - end;
-                    let follow = 0.5 * spring.stiffness * dt + spring.damping();
-                    (follow, spring.stiffness * stretch)
-                }
-            };
+            let (follow, still) = ends[m].map_or((0.0, 0.0), |end| {
+                let follow = 0.25 * spring.stiffness * dt + 0.5 * spring.damping();
+                (follow, follow * rate[m] - spring.stiffness * (ahead[m] + end))
+            });
             let share = follow / (inertia + follow);
             let given = still + share * (driven - still);
             Link { inertia, follow, still, given, drag: share * inertia }
@@ -225,23 +222,38 @@ impl TwoMasses {
     /// The step under `force` of the motors (N of belt) and `pull` on the rails (N), with what `rubs` on motors and
     /// rails, whose bends are in `memory`.
     pub(super) fn step(&self, forces: [[f64; 2]; 2], rubs: &Rubbing, memory: &mut [f64]) -> Moved {
-        let mut ends = self.ends(self.rates().map(|rate| self.dt * rate));
+        let plays = self.ties.iter().flat_map(|tie| tie.spring).any(|spring| 0.0 < spring.play);
+        let parts = if plays { (self.dt / LONGEST_WITH_PLAY).ceil().max(1.0) } else { 1.0 };
+        let mut now = Self { dt: self.dt / parts, ..*self };
+        let mut friction = [0.0; 2];
+        for _ in 0..parts as usize {
+            let moved = now.part(forces, rubs, memory);
+            now = Self { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..now };
+            friction = both(|rail| friction[rail] + moved.friction[rail] / parts);
+        }
+        Moved { motor: now.motor, load: now.load, ahead: now.ahead, friction }
+    }
+
+    /// A part of the step in which every play touches one end or none.
+    fn part(&self, forces: [[f64; 2]; 2], rubs: &Rubbing, memory: &mut [f64]) -> Moved {
+        let mut ends = self.ends(self.rates().map(|rate| 0.5 * self.dt * rate));
         let bends = rubs.bends(memory);
-        let mut moved = self.stepped(forces, ends, rubs, memory);
+        let mut moved = self.touching(forces, ends, rubs, memory);
         for _ in 0..MOST_SEARCHES {
-            let touched = self.ends(self.gained(&moved));
+            let touched =
+                self.ends(self.gained(moved.motor, moved.load).map(|gained| 0.5 * gained));
             if touched == ends {
                 break;
             }
             ends = touched;
             rubs.put_back(memory, bends);
-            moved = self.stepped(forces, ends, rubs, memory);
+            moved = self.touching(forces, ends, rubs, memory);
         }
         moved
     }
 
-    /// The same with ties that touch at `ends` when it is over.
-    fn stepped(
+    /// The same with ties that touch at `ends`.
+    fn touching(
         &self,
         [mut force, pull]: [[f64; 2]; 2],
         ends: Ends,
@@ -276,24 +288,20 @@ impl TwoMasses {
         }
         let along = belts(load);
         let motor = both(|m| self.motor(m, &links[m], force[m], along[m]));
-        Moved { motor, load, friction }
+        let gained = rails(self.gained(motor, load));
+        Moved { motor, load, ahead: both(|rail| self.ahead[rail] - gained[rail]), friction }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gantry::rails;
 
     const DT: f64 = 1e-3;
 
-    /// A step of 1 ms, and how far the load is ahead after it.
-    fn stepped(two: &TwoMasses, force: [f64; 2]) -> (Moved, [f64; 2]) {
-        let moved = two.step([force, [0.0; 2]], &Rubbing::default(), &mut []);
-        let (before, after) = (rails(two.motor), rails(moved.motor));
-        let gained = |x: usize| two.load[x] + moved.load[x] - before[x] - after[x];
-        let ahead = both(|x| two.ahead[x] + 0.5 * two.dt * gained(x));
-        (moved, ahead)
+    /// A step of 1 ms.
+    fn stepped(two: &TwoMasses, force: [f64; 2]) -> Moved {
+        two.step([force, [0.0; 2]], &Rubbing::default(), &mut [])
     }
 
     fn soft(stiffness: f64) -> Spring {
@@ -306,8 +314,8 @@ mod tests {
         let (ahead, motor, load) = ([0.0; 2], [0.1; 2], [0.0; 2]);
         let mut two = TwoMasses { ties, load_mass: [0.5; 2], ahead, motor, load, dt };
         for _ in 0..steps {
-            let (moved, ahead) = stepped(&two, [0.0; 2]);
-            two = TwoMasses { ahead, motor: moved.motor, load: moved.load, ..two };
+            let moved = stepped(&two, [0.0; 2]);
+            two = TwoMasses { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..two };
         }
         assert!((two.motor[0] - two.motor[1]).abs() < 1e-12);
         (two.motor[0], two.load[0])
@@ -339,13 +347,13 @@ mod tests {
         let mut ways = [0.0; 2];
         for step in 0..200 {
             // 1 N on each motor of 1 kg: it has crossed 1 mm after sqrt(2 mm / (1 m/s^2)), 45 ms.
-            let (moved, ahead) = stepped(&two, [1.0; 2]);
+            let moved = stepped(&two, [1.0; 2]);
             if step < 44 {
                 assert_eq!(moved.load, [0.0; 2], "{step}");
             }
             ways[0] += 0.5 * DT * (rails(two.motor)[0] + rails(moved.motor)[0]);
             ways[1] += 0.5 * DT * (two.load[0] + moved.load[0]);
-            two = TwoMasses { ahead, motor: moved.motor, load: moved.load, ..two };
+            two = TwoMasses { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..two };
         }
         // All forces are inside: 2 N for 0.2 s on 2.5 kg, and the load is behind by half the play and a little more.
         let momentum = 0.5 * two.load[0] + two.motor[0] + two.motor[1];
@@ -371,8 +379,8 @@ mod tests {
         let (ahead, motor, load) = ([0.0; 2], [0.0; 2], [0.0; 2]);
         let mut two = TwoMasses { ties, load_mass: [0.5, 0.7], ahead, motor, load, dt: DT };
         for _ in 0..100 {
-            let (moved, ahead) = stepped(&two, [1.0; 2]);
-            two = TwoMasses { ahead, motor: moved.motor, load: moved.load, ..two };
+            let moved = stepped(&two, [1.0; 2]);
+            two = TwoMasses { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..two };
             assert!((two.motor[0] - belts(two.load)[0]).abs() < 1e-12);
             assert!(belts(two.ahead)[0].abs() < 1e-12);
         }

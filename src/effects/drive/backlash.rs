@@ -32,7 +32,15 @@ pub(crate) static BACKLASH: Effect = Effect {
         },
     ],
     null: &[0.0, 50.0],
-    probes: &[&[0.0001, 50.0], &[0.0005, 50.0], &[0.0005, 3.0], &[0.0015, 50.0], &[0.0015, 3.0]],
+    probes: &[
+        &[0.00005, 50.0],
+        &[0.0001, 50.0],
+        &[0.0002, 50.0],
+        &[0.0005, 50.0],
+        &[0.0005, 3.0],
+        &[0.0015, 50.0],
+        &[0.0015, 3.0],
+    ],
     memory: 3,
     physics: Physics::Both(&[Physics::Play(follow), Physics::Transmission(slack)]),
     regressors: &[Regressor::Direction, Regressor::SinceReversal],
@@ -50,8 +58,9 @@ pub(crate) static BACKLASH: Effect = Effect {
 /// Width below which there is none (m).
 const NO_PLAY: f64 = 2e-6;
 
-/// Where the play ends, motor and load meet as hard as a step of the simulation can follow (N/m), and do not bounce.
-const MEETING: Spring = Spring { stiffness: 5e5, damping_ratio: 0.5, motor_mass: 0.98, play: 0.0 };
+/// Where the play ends, motor and load meet as hard as a step of the simulation can follow (N/m), and bounce on this
+/// table with half of their speed.
+const MEETING: Spring = Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, play: 0.0 };
 
 fn slack(p: &[f64]) -> Option<Spring> {
     (NO_PLAY <= p[0]).then(|| Spring { play: p[0], ..MEETING })
