@@ -654,7 +654,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     }
 
     /// Of the best that passed and what is nearly as good, the one with the fewest numbers that are needed; of equals
-    /// the best.
+    /// the one whose law has no others, and so says that they are none; of these the best.
     fn simplest<'t>(&self, passed: &[Counted<'t>]) -> Option<Counted<'t>> {
         let (best, free) = *passed.first()?;
         let stands = |(other, numbers): &Counted<'_>| {
@@ -662,7 +662,9 @@ impl<'a, 'b> Bench<'a, 'b> {
                 || self.is_rival(best, other)
                 || *numbers < free && self.is_nearly_as_good(best, other)
         };
-        passed.iter().copied().filter(stands).min_by_key(|(_, numbers)| *numbers)
+        let complexity =
+            |(own, needed): &Counted<'_>| (*needed, own.candidate.effect.parameters.len());
+        passed.iter().copied().filter(stands).min_by_key(complexity)
     }
 
     /// How many numbers of the effect do something that is beyond chance: a spring that does not soften has no length

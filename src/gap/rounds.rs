@@ -462,13 +462,14 @@ impl Search<'_> {
         self.unexplained(&judged, disturbance)
     }
 
-    /// What the rest still depends on, or is, if on nothing, a `disturbance`; what was added and removed less than
-    /// that is withdrawn.
+    /// What the rest still depends on, or is, where that is more, a `disturbance`; what was added and removed less
+    /// than that is withdrawn.
     fn unexplained(&mut self, judged: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
         let (train, held_out) = (&self.train, &self.held_out);
-        let unknown = unknown::strongest(train, held_out, &self.best, judged, &self.filters)
-            .or(disturbance)
-            .or_else(|| self.imitated())?;
+        let strongest = unknown::strongest(train, held_out, &self.best, judged, &self.filters);
+        let larger = strongest.into_iter().chain(disturbance);
+        let unknown =
+            larger.max_by(|a, b| a.share.total_cmp(&b.share)).or_else(|| self.imitated())?;
         if withdraw(&mut self.best, &mut self.added, &unknown) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);

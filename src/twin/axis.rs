@@ -46,7 +46,7 @@ pub(super) struct Measured {
     pub start: f64,
     /// Step (s).
     pub dt: f64,
-    /// Input as it acts around the time of each sample, in its unit.
+    /// Input, in its unit.
     pub input: Vec<f64>,
     /// Position (m or rad).
     pub position: Vec<f64>,

@@ -113,7 +113,9 @@ fn measured(recording: &Recording, name: String) -> Result<Measured, AxisError> 
     if found < LEAST_SAMPLES {
         return Err(AxisError::TooShort { name, found });
     }
-    let dt = step_of(&position);
+    let steps: Vec<f64> = position.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    // Stamps are whole nanoseconds.
+    let dt = (median(&steps).unwrap_or(0.0) * 1e9).round() * 1e-9;
     let start = position[0].0.max(input[0].0);
     let end = position[position.len() - 1].0.min(input[input.len() - 1].0);
     let count = if dt > 0.0 && start < end { ((end - start) / dt + 1e-6) as usize + 1 } else { 0 };
@@ -121,20 +123,13 @@ fn measured(recording: &Recording, name: String) -> Result<Measured, AxisError> 
         return Err(AxisError::TooShort { name, found: count });
     }
     Ok(Measured {
-        // An input holds until the next: around its own time half of it is still the one before.
-        input: resampled(&input, start - 0.5 * step_of(&input), dt, count),
+        input: resampled(&input, start, dt, count),
         position: resampled(&position, start, dt, count),
         name,
         unit,
         start,
         dt,
     })
-}
-
-/// Usual step between samples (s); stamps are whole nanoseconds.
-fn step_of(samples: &[(f64, f64)]) -> f64 {
-    let steps: Vec<f64> = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-    (median(&steps).unwrap_or(0.0) * 1e9).round() * 1e-9
 }
 
 /// The unit of a force-like input.
