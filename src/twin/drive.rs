@@ -392,6 +392,46 @@ mod tests {
         assert!(right < 4e-3 && 50.0 * right < wrong, "{right} and {wrong} m/s");
     }
 
+    /// A motor first crosses half of its play with its rotor alone, and then takes the load along: by small steps of
+    /// the definition.
+    #[test]
+    fn a_motor_feels_its_own_play_and_not_that_of_a_rail() {
+        let (omega, slope, width, rotor) = (60.0, 17.0, 2e-3, 0.98_f64);
+        let with_play = |axis| {
+            let mut twin = table(omega, 0.0, slope);
+            let play = crate::effects::find("drive.backlash").unwrap();
+            twin.instances.push(Instance::new(play, axis, &[width, 50.0], Source::Nominal));
+            twin
+        };
+        let times: Vec<f64> = (1..300).map(|k| 0.0103 + 0.0007 * f64::from(k)).collect();
+        let [seen, _] = answers(&with_play(Axis::Motors), &times);
+        let [rigid, _] = answers(&table(omega, 0.0, slope), &times);
+        assert_eq!(answers(&with_play(Axis::Rails), &times)[0], rigid);
+        let (dt, mass) = (1e-6, 0.5 * MASS);
+        let (mut motor, mut load, mut ahead) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut setpoint, mut integral) = (0.0_f64, 0.0_f64);
+        let mut worst = [0.0_f64; 2];
+        let mut next = 0;
+        for step in 10_000..230_000 {
+            setpoint = (setpoint + slope * dt).min(1.0);
+            let error = setpoint - motor;
+            integral += mass * omega * omega * error * dt;
+            let beyond = ahead - ahead.clamp(-0.5 * width, 0.5 * width);
+            let damping = 0.2 * (5e5 * rotor).sqrt() * (motor - load);
+            let pull = if beyond == 0.0 { 0.0 } else { 5e5 * beyond + damping };
+            motor += dt * (mass * 2.0 * omega * error + integral - pull) / rotor;
+            load += dt * pull / (mass - rotor);
+            ahead += dt * (motor - load);
+            if times.get(next).is_some_and(|time| *time <= f64::from(step) * dt) {
+                worst[0] = worst[0].max((seen[next] - motor).abs());
+                worst[1] = worst[1].max((rigid[next] - motor).abs());
+                next += 1;
+            }
+        }
+        // What an impact leaves is felt through a step of the loop.
+        assert!(worst[0] < 0.01 && 3.0 * worst[0] < worst[1], "{worst:?} m/s");
+    }
+
     /// Beside a belt that is soft, one that hardly stretches and one that is rigid swing alike, whatever rubs.
     #[test]
     fn beside_a_soft_belt_a_rigid_one_is_the_limit_of_a_stiff_one() {

@@ -89,6 +89,12 @@ mod tests {
     }
 
     #[test]
+    fn hardly_any_width_is_no_play() {
+        assert_eq!(slack(BACKLASH.null), None);
+        assert_eq!(slack(&[3e-4, 50.0]).map(|spring| spring.play), Some(3e-4));
+    }
+
+    #[test]
     fn a_load_with_friction_follows_behind_the_play() {
         let p = [0.002, 1000.0];
         let mut memory = [0.0; 3];
