@@ -15,7 +15,7 @@ use super::{
     verdict::{Findings, Told},
 };
 use crate::{
-    effects::{CATALOGUE, Domain, Effect, Physics},
+    effects::{CATALOGUE, Domain, Effect, Parameter, Physics},
     recording::Split,
     stats::t_quantile,
     twin::{
@@ -635,7 +635,7 @@ fn next_experiment(
 }
 
 fn doubts(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
-    let mut doubts = Vec::new();
+    let mut doubts = undetermined(outcomes);
     for outcome in outcomes {
         for (problem, split) in
             [(&outcome.train, Split::Train), (&outcome.held_out, Split::Validation)]
@@ -643,17 +643,6 @@ fn doubts(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
             let named = stages(sessions, outcome.kind, split).map(|(session, _)| &session.name);
             for (part, session) in problem.parts.iter().zip(named) {
                 doubts.extend(part.incidents.iter().map(|own| left_out(session, own)));
-            }
-        }
-        for (index, slot) in outcome.last.slots.iter().enumerate() {
-            if outcome.uncertainty.undetermined[index] {
-                let instance = &outcome.last.point.twin.instances[slot.instance];
-                doubts.push(format!(
-                    "the data do not determine {}.{} on {}",
-                    instance.effect.name,
-                    instance.effect.parameters[slot.parameter].name,
-                    instance.axis
-                ));
             }
         }
         if let Some(unknown) = &outcome.unexplained {
@@ -669,6 +658,25 @@ fn doubts(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
         }
     }
     doubts
+}
+
+/// Numbers that no link determines, of those to which they mean anything.
+fn undetermined(outcomes: &[Outcome<'_>]) -> Vec<String> {
+    let mut numbers: Vec<(String, bool)> = Vec::new();
+    for outcome in outcomes {
+        for (index, slot) in outcome.last.slots.iter().enumerate() {
+            let instance = &outcome.last.point.twin.instances[slot.instance];
+            let Parameter { name, .. } = instance.effect.parameters[slot.parameter];
+            let number = format!("{}.{name} on {}", instance.effect.name, instance.axis);
+            let is_known = !outcome.uncertainty.undetermined[index];
+            match numbers.iter_mut().find(|(other, _)| *other == number) {
+                Some((_, known)) => *known |= is_known,
+                None => numbers.push((number, is_known)),
+            }
+        }
+    }
+    let unknown = numbers.into_iter().filter(|(_, is_known)| !is_known);
+    unknown.map(|(number, _)| format!("the data do not determine {number}")).collect()
 }
 
 /// Tells of an incident of the session of that name.
