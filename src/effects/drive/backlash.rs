@@ -18,7 +18,8 @@ pub(crate) static BACKLASH: Effect = Effect {
             name: "width_m",
             unit: "m",
             scale: 0.0002,
-            bounds: (0.0, 0.02),
+            // The least that is not the give of the ends.
+            bounds: (NO_PLAY, 0.02),
             plausible: (2e-05, 0.002),
             per_session: false,
         },
@@ -55,8 +56,8 @@ pub(crate) static BACKLASH: Effect = Effect {
     ],
 };
 
-/// Width below which there is none (m).
-const NO_PLAY: f64 = 2e-6;
+/// Width up to which there is none (m): the ends give way by as much under a few newtons.
+const NO_PLAY: f64 = 5e-6;
 
 /// Where the play ends, motor and load meet as hard as a step of the simulation can follow (N/m), and bounce on this
 /// table with half of their speed.
