@@ -127,6 +127,8 @@ pub struct LoopGains {
     pub integral_per_s2: f64,
     /// Age of the velocity that the loop compares with its setpoint (s).
     pub feedback_age_s: f64,
+    /// Age of the torque that the drive reports (s).
+    pub torque_age_s: f64,
 }
 
 /// The magnet under the board at one time.

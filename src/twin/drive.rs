@@ -151,6 +151,8 @@ struct Outputs {
     velocity: [f64; 2],
     /// Middle of the step (s).
     middle: f64,
+    /// When each drive reports the force that it had then (s).
+    told: [f64; 2],
     /// Acceleration of each motor then (m/s^2 of belt).
     acceleration: [f64; 2],
     /// Force of each motor then (N of belt).
@@ -160,10 +162,12 @@ struct Outputs {
 impl Outputs {
     /// Of `state` after a step of `dt` seconds.
     fn of(plant: &Plant, state: &PlantState, dt: f64) -> Self {
+        let middle = state.time - 0.5 * dt;
         Self {
             time: state.time,
             velocity: plant.reported(state),
-            middle: state.time - 0.5 * dt,
+            middle,
+            told: plant.torque_ages().map(|age| middle + age),
             acceleration: belts(state.acceleration),
             force: state.force,
         }
@@ -173,7 +177,7 @@ impl Outputs {
     fn get(&self, output: Output, radius: f64) -> (f64, f64) {
         match output {
             Output::Velocity(motor) => (self.time, self.velocity[motor]),
-            Output::Torque(motor) => (self.middle, self.force[motor] * radius),
+            Output::Torque(motor) => (self.told[motor], self.force[motor] * radius),
         }
     }
 
@@ -254,7 +258,7 @@ mod tests {
             let effect = crate::effects::find(name).unwrap();
             twin.instances.push(Instance::new(effect, Axis::Motors, values, Source::Nominal));
         };
-        set("drive.velocity_loop", &[omega / TAU, 1.0, 0.0]);
+        set("drive.velocity_loop", &[omega / TAU, 1.0, 0.0, 0.0]);
         set("drive.saturation.slew", &[slope]);
         set("drive.delay", &[delay]);
         for instance in &mut twin.instances {
@@ -262,6 +266,15 @@ mod tests {
                 instance.values[0].value = MASS;
             }
         }
+        twin
+    }
+
+    /// The same with an `age` (s) of what is `parameter` of its loops.
+    fn aged(mut twin: Twin, parameter: &str, age: f64) -> Twin {
+        let gains = twin.instances.iter_mut().find(|own| own.effect.name == "drive.velocity_loop");
+        let gains = gains.unwrap();
+        let of = gains.effect.parameters.iter().position(|own| own.name == parameter);
+        gains.values[of.unwrap()].value = age;
         twin
     }
 
@@ -309,16 +322,17 @@ mod tests {
     #[test]
     fn velocity_and_torque_are_those_of_the_closed_form_at_every_sample() {
         let (omega, delay, slope) = (120.0, 0.0079, 17.0);
-        let twin = table(omega, delay, slope);
+        let age = 4e-4;
+        let twin = aged(table(omega, delay, slope), "torque_age_s", age);
         let times = sampled();
         let [velocities, torques] = answers(&twin, &times);
         // Along x both motors pull: each moves half of the mass, in metres of belt that are those of the rail.
         let force = 0.5 * MASS * slope * twin.belt_per_turn / TAU;
         for (k, time) in times.iter().enumerate() {
             let t = (time - 0.01 - delay).max(0.0);
-            let fading = (-omega * t).exp();
-            let velocity = slope * t * (1.0 - fading);
-            let torque = force * (1.0 - (1.0 - omega * t) * fading);
+            let velocity = slope * t * (1.0 - (-omega * t).exp());
+            let then = omega * (t - age).max(0.0);
+            let torque = force * (1.0 - (1.0 - then) * (-then).exp());
             let (seen, felt) = (velocities[k], torques[k]);
             // Half of what a sensor scatters.
             assert!((seen - velocity).abs() < 2.5e-4, "{t} s: {seen} not {velocity} m/s");
@@ -330,9 +344,7 @@ mod tests {
     #[test]
     fn a_loop_that_sees_old_velocities_swings_as_its_definition_does() {
         let (omega, slope, age) = (120.0, 17.0, 3e-4);
-        let mut twin = table(omega, 0.0, slope);
-        let gains = twin.instances.iter_mut().find(|own| own.effect.name == "drive.velocity_loop");
-        gains.unwrap().values[2].value = age;
+        let twin = aged(table(omega, 0.0, slope), "feedback_age_s", age);
         let times = sampled();
         let [seen, _] = answers(&twin, &times);
         let [fresh, _] = answers(&table(omega, 0.0, slope), &times);

@@ -259,7 +259,13 @@ impl Plant {
     /// Dead time of each motor's command (s).
     #[must_use]
     pub fn delays(&self) -> [f64; 2] {
-        [self.motors[0].delay, self.motors.get(1).map_or(0.0, |motor| motor.delay)]
+        both(|index| self.motors.get(index).map_or(0.0, |motor| motor.delay))
+    }
+
+    /// Age of the torque that each drive reports (s).
+    #[must_use]
+    pub fn torque_ages(&self) -> [f64; 2] {
+        both(|index| self.motors.get(index).map_or(0.0, |motor| motor.gains.torque_age_s))
     }
 
     /// A state at rest in the origin.
