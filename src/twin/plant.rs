@@ -313,7 +313,8 @@ impl Plant {
         let setpoint = both(|index| self.motors[index].setpoint(command[index], memory, dt));
         let middle =
             both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
-        let drag = step.drag(both(|index| load[index] + state.friction[index]));
+        let resisted = both(|index| load[index] + state.friction[index]);
+        let drag = step.drag(resisted);
         let demand = both(|index| {
             let now = state.setpoint[index] - seen[index];
             let motor = &self.motors[index];
@@ -331,7 +332,7 @@ impl Plant {
                 (velocity, moved.friction)
             }
             None => {
-                let pull = self.pulls(&step, force, load, memory);
+                let pull = self.pulls(&step, force, resisted, memory);
                 self.slides(&step, force, total(pull, load), memory)
             }
         };
@@ -390,7 +391,8 @@ impl Plant {
         })
     }
 
-    /// What arrives on each belt of the motors' `force`: with the forces and the friction at the motor.
+    /// What arrives on each belt of the motors' `force`: with the forces and the friction at the motor, which does not
+    /// hold what the rails' `load` holds (N).
     fn pulls(
         &self,
         step: &GantryStep,

@@ -16,8 +16,9 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
             name: "compliance_m_per_n",
             unit: "m/N",
             scale: 1e-5,
-            bounds: (0.0, 0.01),
-            plausible: (2e-6, 2e-4),
+            // The least that is not rigid.
+            bounds: (RIGID, 0.01),
+            plausible: (RIGID, 2e-4),
             per_session: false,
         },
         Parameter {
