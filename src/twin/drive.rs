@@ -404,6 +404,36 @@ mod tests {
         assert!(right < 4e-3 && 50.0 * right < wrong, "{right} and {wrong} m/s");
     }
 
+    /// Along one rail both motors pull on one mass, by small steps of the definition; the mass on the other is none of
+    /// it, but in the gains.
+    #[test]
+    fn each_rail_answers_with_its_own_mass() {
+        let (omega, slope, masses) = (60.0, 17.0, [2.0, 3.0]);
+        let mut twin = table(omega, 0.0, slope);
+        let inertias = twin.instances.iter_mut().filter(|own| own.effect.name == "gantry.inertia");
+        for (instance, mass) in inertias.zip(masses) {
+            instance.values[0].value = mass;
+        }
+        let times = sampled();
+        let [seen, _] = answers(&twin, &times);
+        let (dt, gains) = (1e-6, 0.25 * (masses[0] + masses[1]));
+        let (mut velocity, mut travelled, mut setpoint) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let mut worst = 0.0_f64;
+        let mut next = 0;
+        for step in 10_000..60_000 {
+            setpoint = (setpoint + slope * dt).min(1.0);
+            let error = setpoint - velocity;
+            travelled += error * dt;
+            let force = gains * (2.0 * omega * error + omega * omega * travelled);
+            velocity += 2.0 * force / masses[0] * dt;
+            if times.get(next).is_some_and(|time| *time <= f64::from(step) * dt) {
+                worst = worst.max((seen[next] - velocity).abs());
+                next += 1;
+            }
+        }
+        assert!(next == times.len() && worst < 2.5e-4, "{worst} m/s");
+    }
+
     /// A motor first crosses half of its play with its rotor alone, and then takes the load along: by small steps of
     /// the definition.
     #[test]

@@ -315,12 +315,13 @@ impl Plant {
             both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
         let resisted = both(|index| load[index] + state.friction[index]);
         let drag = step.drag(resisted);
-        let demand = both(|index| {
+        let asked = both(|index| {
             let now = state.setpoint[index] - seen[index];
             let motor = &self.motors[index];
             let error = middle[index] - seen[index] - motor.ahead(dt) * drag[index];
-            motor.demand([now, error], state.integral[index], step.loop_mass(index), dt)
+            motor.asked([now, error], state.integral[index], step.gain_mass, dt)
         });
+        let demand = step.demand(asked, both(|index| &self.motors[index]));
         let force = self.efforts(&step, demand, memory);
         let (velocity, friction) = match &step.two_masses {
             Some(two) => {
@@ -341,7 +342,7 @@ impl Plant {
         for (index, motor) in self.motors.iter().enumerate() {
             let middle = middle[index] - 0.5 * (seen[index] + seen_after[index]);
             let travelled = motor.travelled(middle, seen_after[index] - seen[index], dt);
-            let gained = step.loop_mass(index).gains * motor.gains.integral_per_s2 * travelled;
+            let gained = step.gain_mass * motor.gains.integral_per_s2 * travelled;
             state.integral[index] += motor.taken(gained, demand[index]);
         }
         state.friction = friction;
@@ -456,8 +457,8 @@ impl Plant {
         let drag = (load + state.friction[0]) / mass;
         let now = state.setpoint[0] - state.velocity[0];
         let error = middle - state.velocity[0] - motor.ahead(dt) * drag;
-        let loop_mass = LoopMass { gains: mass, moved: mass };
-        let demand = motor.demand([now, error], state.integral[0], loop_mass, dt);
+        let asked = motor.asked([now, error], state.integral[0], mass, dt);
+        let demand = asked / (1.0 + motor.given_way(mass, dt) / mass);
         motion.force = demand;
         for part in &motor.efforts {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
@@ -513,15 +514,6 @@ impl Frame {
     }
 }
 
-/// The masses that a velocity loop works on (kg).
-#[derive(Clone, Copy)]
-struct LoopMass {
-    /// Scales the gains.
-    gains: f64,
-    /// What the loop's force moves.
-    moved: f64,
-}
-
 /// What a gantry is and does at the start of a step.
 struct GantryStep {
     rails: Frame,
@@ -530,6 +522,8 @@ struct GantryStep {
     mass: [f64; 2],
     /// Mass that the force of each belt moves (kg).
     belt_mass: [f64; 2],
+    /// How the force of one belt accelerates the other (1/kg).
+    across: f64,
     /// Scales the gains of the loops (kg).
     gain_mass: f64,
     /// Motors and load, where belts are soft.
@@ -551,7 +545,8 @@ impl GantryStep {
         let gain_mass = 0.5 * (0.5 * (mass[0] + mass[1]));
         let Some(ties) = &plant.ties else {
             let belt_mass = [rigid_belt_mass(mass); 2];
-            return Self { rails, belts, mass, belt_mass, gain_mass, two_masses: None };
+            let across = 1.0 / mass[0] - 1.0 / mass[1];
+            return Self { rails, belts, mass, belt_mass, across, gain_mass, two_masses: None };
         };
         rails.position = both(|index| position[index] + ahead[index]);
         rails.velocity = both(|index| velocity[index] + gaining[index]);
@@ -562,12 +557,21 @@ impl GantryStep {
             Some(_) => tie.motor_mass,
             None => tie.motor_mass + rigid_belt_mass(load_mass),
         });
-        Self { rails, belts, mass: load_mass, belt_mass, gain_mass, two_masses: Some(two) }
+        // A rotor on a spring feels the other only through it.
+        let two_masses = Some(two);
+        Self { rails, belts, mass: load_mass, belt_mass, across: 0.0, gain_mass, two_masses }
     }
 
-    /// The masses that the loop of one motor works on.
-    fn loop_mass(&self, index: usize) -> LoopMass {
-        LoopMass { gains: self.gain_mass, moved: self.belt_mass[index] }
+    /// Force at the middle of the step that the loops of the `motors` demand, of what they `asked` without it: both
+    /// forces move both belts.
+    fn demand(&self, asked: [f64; 2], motors: [&MotorParts; 2]) -> [f64; 2] {
+        let given = motors.map(|motor| motor.given_way(self.gain_mass, self.rails.dt));
+        let own = both(|index| 1.0 + given[index] / self.belt_mass[index]);
+        let other = given.map(|given| given * self.across);
+        let determinant = own[0] * own[1] - other[0] * other[1];
+        both(|index| {
+            (own[1 - index] * asked[index] - other[index] * asked[1 - index]) / determinant
+        })
     }
 
     /// Acceleration of each motor (m/s^2 of belt) without its own force, with `load` on the rails (N).
@@ -677,12 +681,16 @@ impl MotorParts {
         if self.windups.iter().any(is_full) { 0.0 } else { gained }
     }
 
-    /// Force at the middle of the step: of the velocity errors at its start, and then without the loop's own
-    /// force.
-    fn demand(&self, error: [f64; 2], integral: f64, mass: LoopMass, dt: f64) -> f64 {
-        let gain = mass.gains * self.gains.proportional_per_s;
-        let halfway = integral + 0.5 * dt * mass.gains * self.gains.integral_per_s2 * error[0];
-        (gain * error[1] + halfway) / (1.0 + self.ahead(dt) * gain / mass.moved)
+    /// Force at the middle of the step (N of belt), as if the loops' own forces moved nothing until then: of the
+    /// velocity errors at its start, and then. Its gains are for `mass` (kg).
+    fn asked(&self, error: [f64; 2], integral: f64, mass: f64, dt: f64) -> f64 {
+        let halfway = integral + 0.5 * dt * mass * self.gains.integral_per_s2 * error[0];
+        mass * self.gains.proportional_per_s * error[1] + halfway
+    }
+
+    /// What that force falls by where the belt accelerates (N s^2/m).
+    fn given_way(&self, mass: f64, dt: f64) -> f64 {
+        self.ahead(dt) * mass * self.gains.proportional_per_s
     }
 }
 
