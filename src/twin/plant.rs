@@ -240,11 +240,8 @@ impl Plant {
             }
             // What lies between a rail and its load is behind all that the motors feel.
             Physics::Transmission(call) if at_motor => {
-                let added = call(&instance.numbers());
-                motor.spring = match (motor.spring, added) {
-                    (Some(own), Some(added)) => Some(own.in_series(added)),
-                    (own, added) => own.or(added),
-                };
+                let springs = [motor.spring, call(&instance.numbers())];
+                motor.spring = springs.into_iter().flatten().reduce(Spring::in_series);
             }
             Physics::Encoder(call) => motor.encoders.push(Part::new(call, instance, memory)),
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),

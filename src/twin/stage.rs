@@ -56,8 +56,7 @@ pub trait Stage: Sync {
     fn calls(&self, effect: &Effect) -> bool;
 
     /// Whether `effect` changes anything here when it acts on `axis`.
-    fn feels(&self, effect: &Effect, axis: Axis) -> bool {
-        let _ = axis;
+    fn feels(&self, effect: &Effect, _axis: Axis) -> bool {
         self.calls(effect)
     }
 

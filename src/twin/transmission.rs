@@ -219,8 +219,13 @@ impl TwoMasses {
         driven / (link.inertia + link.follow)
     }
 
-    /// The step under `force` of the motors (N of belt) and `pull` on the rails (N), with what `rubs` on motors and
-    /// rails, whose bends are in `memory`.
+    /// Motors and load after a step in which they `moved`.
+    fn after(&self, moved: &Moved) -> Self {
+        Self { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..*self }
+    }
+
+    /// The step under `forces` of the motors (N of belt) and on the rails (N), with what `rubs` on motors and rails,
+    /// whose bends are in `memory`.
     pub(super) fn step(&self, forces: [[f64; 2]; 2], rubs: &Rubbing, memory: &mut [f64]) -> Moved {
         let has_play = |tie: &Tie| tie.spring.is_some_and(|spring| 0.0 < spring.play);
         if !self.ties.iter().any(has_play) {
@@ -231,7 +236,7 @@ impl TwoMasses {
         let mut friction = [0.0; 2];
         for _ in 0..parts as usize {
             let moved = now.part(forces, rubs, memory);
-            now = Self { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..now };
+            now = now.after(&moved);
             friction = both(|rail| friction[rail] + moved.friction[rail] / parts);
         }
         Moved { motor: now.motor, load: now.load, ahead: now.ahead, friction }
@@ -301,6 +306,7 @@ mod tests {
     use super::*;
 
     const DT: f64 = 1e-3;
+    /// As `drive.backlash` says of a millimetre.
     const BACKLASH_OF_A_MM: Spring =
         Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, play: 1e-3 };
 
@@ -320,7 +326,7 @@ mod tests {
         let mut two = TwoMasses { ties, load_mass: [0.5; 2], ahead, motor, load, dt };
         for _ in 0..steps {
             let moved = stepped(&two, [0.0; 2]);
-            two = TwoMasses { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..two };
+            two = two.after(&moved);
         }
         assert!((two.motor[0] - two.motor[1]).abs() < 1e-12);
         (two.motor[0], two.load[0])
@@ -355,7 +361,7 @@ mod tests {
             if step < 44 {
                 assert_eq!(moved.load, [0.0; 2], "{step}");
             }
-            two = TwoMasses { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..two };
+            two = two.after(&moved);
         }
         // All forces are inside: 2 N for 0.2 s on 2.5 kg, and the load is behind by half the play and a little more.
         let momentum = 0.5 * two.load[0] + two.motor[0] + two.motor[1];
@@ -373,7 +379,7 @@ mod tests {
         let mut two = TwoMasses { ties, load_mass: [0.48; 2], ahead, motor, load, dt: DT };
         for _ in 0..30 {
             let moved = stepped(&two, [0.0; 2]);
-            two = TwoMasses { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..two };
+            two = two.after(&moved);
         }
         let apart = rails(two.motor)[0] - two.load[0];
         assert!((-0.04..-0.02).contains(&apart), "{apart}");
@@ -398,7 +404,7 @@ mod tests {
         let mut two = TwoMasses { ties, load_mass: [0.5, 0.7], ahead, motor, load, dt: DT };
         for _ in 0..100 {
             let moved = stepped(&two, [1.0; 2]);
-            two = TwoMasses { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..two };
+            two = two.after(&moved);
             assert!((two.motor[0] - belts(two.load)[0]).abs() < 1e-12);
             assert!(belts(two.ahead)[0].abs() < 1e-12);
         }
