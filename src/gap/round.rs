@@ -189,6 +189,13 @@ impl Round {
         in_order(&mut trials);
         let worth_naming = bench.worth_naming(&trials);
         for trial in &trials {
+            let (own, loss) = (&trial.candidate, trial.fit.loss);
+            let (numbers, objection) = (numbers_of_last(&trial.fit.point.twin), &trial.objection);
+            log::debug!(
+                "{} on {}: {numbers:?} leave {loss}, {objection:?}",
+                own.effect.name,
+                own.axis
+            );
             let is_in = worth_naming.iter().any(|own| std::ptr::eq(*own, trial));
             if let Some(reason) = trial.objection.as_ref().filter(|_| !is_in) {
                 rejected.push(bench.rejected(trial, reason.clone()));
@@ -219,6 +226,7 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
         .fold(0.0, f64::max);
     for candidate in candidates {
         let is_seen = candidate.p_value < threshold;
+        let places = short.iter().filter(|other| other.effect == candidate.effect).count();
         let usually_shown = candidate.visibility * screen::usual_share(candidate.effect);
         let reason = if candidate.visibility < VISIBLE || !is_seen && usually_shown < VISIBLE {
             Reason::NotTestable
@@ -226,7 +234,7 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
             Reason::NotSignificant
         } else if short.len() < SHORT_LIST
             && WORTH_SIMULATING * best <= candidate.share
-            && short.iter().filter(|other| other.effect == candidate.effect).count() < PLACES_OF_ONE
+            && (screen::is_shared(candidate.axis) || places < PLACES_OF_ONE)
         {
             short.push(candidate);
             continue;

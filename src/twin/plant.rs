@@ -13,7 +13,7 @@
 use super::{
     Instance, Twin,
     contact::Contact,
-    transmission::{self, Moved, Rubbing, Tie, TwoMasses},
+    transmission::{self, Answer, Moved, Rubbing, Tie, TwoMasses},
 };
 use crate::{
     effects::{Axis, Bristles, Carriage, CrossMotion, LoopGains, Motion, Physics, Spring, both},
@@ -311,14 +311,15 @@ impl Plant {
         let middle =
             both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
         let resisted = both(|index| load[index] + state.friction[index]);
-        let drag = step.drag(resisted);
+        let answer = step.answer(resisted);
         let asked = both(|index| {
             let now = state.setpoint[index] - seen[index];
             let motor = &self.motors[index];
-            let error = middle[index] - seen[index] - motor.ahead(dt) * drag[index];
+            let error = middle[index] - seen[index] - motor.ahead(dt) * answer.drag[index];
             motor.asked([now, error], state.integral[index], step.gain_mass, dt)
         });
-        let demand = step.demand(asked, both(|index| &self.motors[index]));
+        let gives_way = both(|index| self.motors[index].gives_way(step.gain_mass, dt));
+        let demand = answer.demand(asked, gives_way);
         let force = self.efforts(&step, demand, memory);
         let (velocity, friction) = match &step.two_masses {
             Some(two) => {
@@ -455,7 +456,7 @@ impl Plant {
         let now = state.setpoint[0] - state.velocity[0];
         let error = middle - state.velocity[0] - motor.ahead(dt) * drag;
         let asked = motor.asked([now, error], state.integral[0], mass, dt);
-        let demand = asked / (1.0 + motor.given_way(mass, dt) / mass);
+        let demand = asked / (1.0 + motor.gives_way(mass, dt) / mass);
         motion.force = demand;
         for part in &motor.efforts {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
@@ -519,8 +520,6 @@ struct GantryStep {
     mass: [f64; 2],
     /// Mass that the force of each belt moves (kg).
     belt_mass: [f64; 2],
-    /// How the force of one belt accelerates the other (1/kg).
-    across: f64,
     /// Scales the gains of the loops (kg).
     gain_mass: f64,
     /// Motors and load, where belts are soft.
@@ -542,8 +541,7 @@ impl GantryStep {
         let gain_mass = 0.5 * (0.5 * (mass[0] + mass[1]));
         let Some(ties) = &plant.ties else {
             let belt_mass = [rigid_belt_mass(mass); 2];
-            let across = 1.0 / mass[0] - 1.0 / mass[1];
-            return Self { rails, belts, mass, belt_mass, across, gain_mass, two_masses: None };
+            return Self { rails, belts, mass, belt_mass, gain_mass, two_masses: None };
         };
         rails.position = both(|index| position[index] + ahead[index]);
         rails.velocity = both(|index| velocity[index] + gaining[index]);
@@ -554,34 +552,18 @@ impl GantryStep {
             Some(_) => tie.motor_mass,
             None => tie.motor_mass + rigid_belt_mass(load_mass),
         });
-        // A rotor on a spring feels the other only through it.
-        let two_masses = Some(two);
-        Self { rails, belts, mass: load_mass, belt_mass, across: 0.0, gain_mass, two_masses }
+        Self { rails, belts, mass: load_mass, belt_mass, gain_mass, two_masses: Some(two) }
     }
 
-    /// Force at the middle of the step that the loops of the `motors` demand, of what they `asked` without it: both
-    /// forces move both belts.
-    fn demand(&self, asked: [f64; 2], motors: [&MotorParts; 2]) -> [f64; 2] {
-        let given = motors.map(|motor| motor.given_way(self.gain_mass, self.rails.dt));
-        let own = both(|index| 1.0 + given[index] / self.belt_mass[index]);
-        let other = given.map(|given| given * self.across);
-        let determinant = own[0] * own[1] - other[0] * other[1];
-        both(|index| {
-            (own[1 - index] * asked[index] - other[index] * asked[1 - index]) / determinant
-        })
-    }
-
-    /// Acceleration of each motor (m/s^2 of belt) without its own force, with `load` on the rails (N).
-    fn drag(&self, load: [f64; 2]) -> [f64; 2] {
-        let along_belts = |force: [f64; 2]| belts(both(|index| force[index] / self.mass[index]));
-        let Some(two) = &self.two_masses else { return along_belts(load) };
-        let pulls = two.pulls();
-        let moved = along_belts(total(pulls.map(Option::unwrap_or_default), load));
-        both(|index| match pulls[index] {
-            Some(pull) => -pull / self.belt_mass[index],
-            // A rotor that is tied to the load moves with it.
-            None => moved[index] * rigid_belt_mass(self.mass) / self.belt_mass[index],
-        })
+    /// How the motors answer to forces over the step, with `load` on the rails (N).
+    fn answer(&self, load: [f64; 2]) -> Answer {
+        if let Some(two) = &self.two_masses {
+            return two.answer(load);
+        }
+        let [along_x, along_y] = self.mass.map(|mass| 1.0 / mass);
+        let (own, other) = (along_x + along_y, along_x - along_y);
+        let drag = belts(both(|index| load[index] / self.mass[index]));
+        Answer { drag, gives: [[own, other], [other, own]] }
     }
 
     /// Motion of one rail under the motors' `force`.
@@ -686,7 +668,7 @@ impl MotorParts {
     }
 
     /// What that force falls by where the belt accelerates (N s^2/m).
-    fn given_way(&self, mass: f64, dt: f64) -> f64 {
+    fn gives_way(&self, mass: f64, dt: f64) -> f64 {
         self.ahead(dt) * mass * self.gains.proportional_per_s
     }
 }

@@ -93,14 +93,37 @@ pub(super) struct Moved {
     pub(super) friction: [f64; 2],
 }
 
+/// How the motors answer to forces over a step.
+pub(super) struct Answer {
+    /// Acceleration of each motor without forces of the motors (m/s^2 of belt).
+    pub(super) drag: [f64; 2],
+    /// What a force of each motor (columns) adds to that of each (rows; 1/kg).
+    pub(super) gives: [[f64; 2]; 2],
+}
+
+impl Answer {
+    /// Forces of two loops (N of belt): what they `asked` for, less what each `gives_way` to the acceleration of its
+    /// motor (N s^2/m), to which both forces add.
+    pub(super) fn demand(&self, asked: [f64; 2], gives_way: [f64; 2]) -> [f64; 2] {
+        let falls = |m: usize, of: usize| gives_way[m] * self.gives[m][of];
+        let own = both(|m| 1.0 + falls(m, m));
+        let other = both(|m| falls(m, 1 - m));
+        let determinant = own[0] * own[1] - other[0] * other[1];
+        both(|m| (own[1 - m] * asked[m] - other[m] * asked[1 - m]) / determinant)
+    }
+}
+
 /// Where the play of each tie ends that it touches (m from its middle, where the motor is ahead); `None` inside it.
 type Ends = [Option<f64>; 2];
 
-/// What one tie makes of a step: against its motor acts `still + follow (motor - load)`, with the velocities at the
-/// end of the step, and with the motor eliminated the load gets `given - drag load` (N of belt).
+/// What one tie makes of a step. With the velocities at its end, the motor's is that of the load for a `share`, and for
+/// the rest what it would be alone; with the motor eliminated the load gets `given - drag load` (N of belt).
 struct Link {
+    /// Of the rotor (kg/s).
     inertia: f64,
-    follow: f64,
+    /// 1 of a rigid tie, less of a soft one, 0 inside a play.
+    share: f64,
+    /// What the tie pulls at its motor, were motor and load as fast (N of belt).
     still: f64,
     given: f64,
     drag: f64,
@@ -137,16 +160,21 @@ fn unit(index: usize) -> [f64; 2] {
 }
 
 impl TwoMasses {
-    /// Force of each spring against its motor now (N of belt).
-    pub(super) fn pulls(&self) -> [Option<f64>; 2] {
-        let (ahead, rate, ends) = (belts(self.ahead), self.rates(), self.ends([0.0; 2]));
-        let pull = |m: usize| {
-            let spring = self.ties[m].spring?;
-            let stretched =
-                |end: f64| spring.damping() * rate[m] - spring.stiffness * (ahead[m] + end);
-            Some(ends[m].map_or(0.0, stretched))
+    /// How the motors answer over the step with `pull` on the rails (N), while every play touches what it touches now.
+    pub(super) fn answer(&self, pull: [f64; 2]) -> Answer {
+        let links = self.links([0.0; 2], self.ends([0.0; 2]));
+        let resistance = self.resistance(&links);
+        let free = belts(self.free(&resistance, &links, pull));
+        let drag = both(|m| (self.motor(m, &links[m], 0.0, free[m]) - self.motor[m]) / self.dt);
+        let moved = both(|of| {
+            let arrives = belts(unit(of)).map(|own| links[of].share * own);
+            belts(resistance.yields(arrives))
+        });
+        let gives = |m: usize, of: usize| {
+            let alone = if m == of { 1.0 / links[m].inertia } else { 0.0 };
+            (alone + links[m].share * (moved[of][m] - alone)) / self.dt
         };
-        [pull(0), pull(1)]
+        Answer { drag, gives: both(|m| both(|of| gives(m, of))) }
     }
 
     /// The ends that the ties touch when each motor has `gained` so much on the load (m of belt).
@@ -180,7 +208,7 @@ impl TwoMasses {
             let inertia = self.ties[m].motor_mass / dt;
             let driven = inertia * self.motor[m] + force[m];
             let Some(spring) = self.ties[m].spring else {
-                return Link { inertia, follow: 0.0, still: 0.0, given: driven, drag: inertia };
+                return Link { inertia, share: 1.0, still: 0.0, given: driven, drag: inertia };
             };
             let (follow, still) = ends[m].map_or((0.0, 0.0), |end| {
                 let follow = 0.25 * spring.stiffness * dt + 0.5 * spring.damping();
@@ -188,7 +216,7 @@ impl TwoMasses {
             });
             let share = follow / (inertia + follow);
             let given = still + share * (driven - still);
-            Link { inertia, follow, still, given, drag: share * inertia }
+            Link { inertia, share, still, given, drag: share * inertia }
         };
         [link(0), link(1)]
     }
@@ -212,11 +240,8 @@ impl TwoMasses {
 
     /// Velocity of motor `m` after the step, of a load that then moves with `load` (m/s of belt) there.
     fn motor(&self, m: usize, link: &Link, force: f64, load: f64) -> f64 {
-        if self.ties[m].spring.is_none() {
-            return load;
-        }
-        let driven = link.inertia * self.motor[m] + force - link.still + link.follow * load;
-        driven / (link.inertia + link.follow)
+        let alone = self.motor[m] + (force - link.still) / link.inertia;
+        alone + link.share * (load - alone)
     }
 
     /// Motors and load after a step in which they `moved`.
@@ -278,7 +303,7 @@ impl TwoMasses {
             for (m, contact) in rubs.motors.iter().enumerate() {
                 let motor = self.motor(m, &links[m], force[m], along[m]);
                 let held = match self.ties[m].spring {
-                    Some(_) => links[m].inertia + links[m].follow,
+                    Some(_) => links[m].inertia / (1.0 - links[m].share),
                     None => resistance.along(belts(unit(m))),
                 };
                 force[m] += contact.force(memory, held * dt, [self.motor[m], motor], dt);
@@ -347,6 +372,42 @@ mod tests {
         let half = std::f64::consts::PI / (4e4 * (1.0 / 2.0 + 1.0 / 0.5_f64)).sqrt();
         let (_, load) = swung(100, half / 100.0);
         assert!((load - 2.0 * 0.1 * 2.0 / 2.5).abs() < 1e-4, "{load}");
+    }
+
+    #[test]
+    fn stiff_belts_answer_as_rigid_ones_and_inside_their_play_each_motor_for_itself() {
+        let answer = |spring: Spring| {
+            let ties = ties([Some(spring); 2]).unwrap();
+            let (ahead, motor, load) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+            TwoMasses { ties, load_mass: [0.5, 1.0], ahead, motor, load, dt: DT }.answer([1.0, 2.0])
+        };
+        // Two rotors of 1 kg on each rail: 2.5 kg move along x and 3 kg along y.
+        let [along_x, along_y] = [1.0 / 2.5, 1.0 / 3.0];
+        let Answer { drag, gives } = answer(soft(1e12));
+        let near = |own: [f64; 2], wanted: [f64; 2]| {
+            assert!(
+                own.iter().zip(wanted).all(|(own, wanted)| (own - wanted).abs() < 1e-6),
+                "{own:?}"
+            )
+        };
+        near(drag, [along_x + 2.0 * along_y, along_x - 2.0 * along_y]);
+        near(gives[0], [along_x + along_y, along_x - along_y]);
+        near(gives[1], [along_x - along_y, along_x + along_y]);
+        let Answer { drag, gives } = answer(Spring { play: 1e-3, ..soft(1e12) });
+        near(drag, [0.0; 2]);
+        near(gives[0], [1.0, 0.0]);
+        near(gives[1], [0.0, 1.0]);
+    }
+
+    #[test]
+    fn loops_that_give_way_demand_what_is_left_of_what_they_asked() {
+        let answer = Answer { drag: [0.0; 2], gives: [[0.7, 0.1], [0.1, 0.7]] };
+        let (asked, gives_way) = ([3.0, -1.0], [0.5, 0.2]);
+        let demand = answer.demand(asked, gives_way);
+        for m in 0..2 {
+            let along: f64 = (0..2).map(|of| answer.gives[m][of] * demand[of]).sum();
+            assert!((demand[m] - (asked[m] - gives_way[m] * along)).abs() < 1e-12, "{demand:?}");
+        }
     }
 
     #[test]
