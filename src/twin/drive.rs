@@ -299,9 +299,14 @@ mod tests {
 
     /// What the first motor does when 1 m/s along x is asked for at 0.01 s: velocities and torques.
     fn answers(twin: &Twin, times: &[f64]) -> [Vec<f64>; 2] {
+        answers_to(twin, [1.0, 0.0], 0, times)
+    }
+
+    /// What `motor` does when `velocity` (m/s) is asked for at 0.01 s: velocities and torques.
+    fn answers_to(twin: &Twin, velocity: [f64; 2], motor: usize, times: &[f64]) -> [Vec<f64>; 2] {
         let stage = DriveStage {
             command_times: vec![0.0, 0.01],
-            commands: vec![[0.0, 0.0], [1.0, 0.0]],
+            commands: vec![[0.0, 0.0], velocity],
             starts: vec![RunStart {
                 time: 0.0,
                 end: times.last().expect("a time") + 0.01,
@@ -310,7 +315,7 @@ mod tests {
                 fresh: true,
             }],
             channels: vec![channel("velocity", times), channel("torque", times)],
-            outputs: vec![Output::Velocity(0), Output::Torque(0)],
+            outputs: vec![Output::Velocity(motor), Output::Torque(motor)],
         };
         let mut predicted = vec![vec![0.0; times.len()]; 2];
         stage.predict(twin, &[], &mut predicted);
@@ -432,6 +437,44 @@ mod tests {
             }
         }
         assert!(next == times.len() && worst < 2.5e-4, "{worst} m/s");
+    }
+
+    /// On a diagonal one motor turns and the other is held, by its own friction for a part and by the rails for
+    /// another: by small steps of the definition, in which friction is a very steep line.
+    #[test]
+    fn friction_at_a_motor_that_is_held_leaves_the_rails_theirs() {
+        let (omega, slope, speed, on_rails, at_motors) = (60.0, 17.0, 0.2, [2.0, 3.0], 0.5);
+        let mut twin = table(omega, 0.0, slope);
+        let friction = crate::effects::find("drive.friction.coulomb").unwrap();
+        let mut rub = |axis, level| {
+            twin.instances.push(Instance::new(friction, axis, &[level], Source::Nominal));
+        };
+        rub(Axis::X, on_rails[0]);
+        rub(Axis::Y, on_rails[1]);
+        rub(Axis::Motors, at_motors);
+        let times: Vec<f64> = (0..40).map(|k| 0.1003 + 0.005 * f64::from(k)).collect();
+        let felt = both(|motor| answers_to(&twin, [speed; 2], motor, &times)[1].clone());
+        let (dt, gains, creep) = (1e-6, 0.5 * MASS, 1e-5);
+        let line = |level: f64, velocity: f64| -level * (velocity / creep).clamp(-1.0, 1.0);
+        let (mut velocity, mut travelled, mut setpoint) = ([0.0_f64; 2], [0.0_f64; 2], 0.0_f64);
+        let (mut off, mut next) = ([0.0_f64; 2], 0);
+        for step in 10_000..310_000 {
+            setpoint = (setpoint + slope * dt).min(2.0 * speed);
+            let along = belts(velocity);
+            let error = [setpoint - along[0], -along[1]];
+            travelled = both(|m| travelled[m] + error[m] * dt);
+            let force = both(|m| gains * (2.0 * omega * error[m] + omega * omega * travelled[m]));
+            if times.get(next).is_some_and(|time| *time <= f64::from(step) * dt) {
+                let told = both(|m| felt[m][next] / (twin.belt_per_turn / TAU));
+                off = both(|m| off[m] + (told[m] - force[m]) / times.len() as f64);
+                next += 1;
+            }
+            let pull = belts(both(|m| force[m] + line(at_motors, along[m])));
+            velocity = both(|rail| {
+                velocity[rail] + dt * (pull[rail] + line(on_rails[rail], velocity[rail])) / MASS
+            });
+        }
+        assert!(off.iter().all(|off| off.abs() < 0.02 * at_motors), "{off:?} N");
     }
 
     /// A motor first crosses half of its play with its rotor alone, and then takes the load along: by small steps of

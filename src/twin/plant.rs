@@ -13,7 +13,7 @@
 use super::{
     Instance, Twin,
     contact::Contact,
-    transmission::{self, Answer, Moved, Rubbing, Tie, TwoMasses},
+    transmission::{self, Answer, Rubbing, Tie, TwoMasses},
 };
 use crate::{
     effects::{Axis, Bristles, Carriage, CrossMotion, LoopGains, Motion, Physics, Spring, both},
@@ -101,10 +101,6 @@ struct Rubs {
 }
 
 impl Rubs {
-    fn is_none(&self) -> bool {
-        self.levels.is_empty()
-    }
-
     /// What rubs at `motion`.
     fn contact(&self, memory: &mut [f64], motion: &Motion) -> Contact {
         let bent = |part: &BristlesPart| ((part.call)(part.p()), part.memory);
@@ -143,7 +139,9 @@ pub struct PlantState {
     pub force: [f64; 2],
     setpoint: [f64; 2],
     integral: [f64; 2],
+    /// Friction over the last step: on each rail (N), and at each motor (N of belt).
     friction: [f64; 2],
+    rubbed: [f64; 2],
     /// Where belts are soft: how far the load is ahead of the motors (m), and its velocity less theirs (m/s).
     ahead: [f64; 2],
     gaining: [f64; 2],
@@ -164,7 +162,7 @@ impl PlantState {
         let Self { position, velocity, acceleration, force, setpoint, integral, friction, .. } =
             self;
         let pairs = [position, velocity, acceleration, force, setpoint, integral, friction];
-        let pairs = pairs.into_iter().chain([&mut self.ahead, &mut self.gaining]);
+        let pairs = pairs.into_iter().chain([&mut self.rubbed, &mut self.ahead, &mut self.gaining]);
         pairs.flatten().chain(&mut self.memory).chain([&mut self.time])
     }
 
@@ -311,7 +309,7 @@ impl Plant {
         let middle =
             both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
         let resisted = both(|index| load[index] + state.friction[index]);
-        let answer = step.answer(resisted);
+        let answer = step.answer(resisted).rubbed(state.rubbed);
         let asked = both(|index| {
             let now = state.setpoint[index] - seen[index];
             let motor = &self.motors[index];
@@ -321,21 +319,19 @@ impl Plant {
         let gives_way = both(|index| self.motors[index].gives_way(step.gain_mass, dt));
         let demand = answer.demand(asked, gives_way);
         let force = self.efforts(&step, demand, memory);
-        let (velocity, friction) = match &step.two_masses {
+        let forces = [self.driven(&step, force, memory), load];
+        let rubs = self.rubs(&step, force, memory);
+        let slid = match &step.two_masses {
             Some(two) => {
-                let moved = self.swing(&step, two, (force, load), memory);
+                let moved = two.step(forces, &rubs, memory);
                 let velocity = rails(moved.motor);
-                let gaining = both(|index| moved.load[index] - velocity[index]);
+                state.gaining = both(|index| moved.load[index] - velocity[index]);
                 state.ahead = moved.ahead;
-                state.gaining = gaining;
-                (velocity, moved.friction)
+                Slid { velocity, friction: moved.friction, rubbed: moved.rubbed }
             }
-            None => {
-                let pull = self.pulls(&step, force, resisted, memory);
-                self.slides(&step, force, total(pull, load), memory)
-            }
+            None => step.slide(forces, &rubs, state.friction, memory),
         };
-        state.arrive(velocity, dt);
+        state.arrive(slid.velocity, dt);
         let seen_after = self.reported(state);
         for (index, motor) in self.motors.iter().enumerate() {
             let middle = middle[index] - 0.5 * (seen[index] + seen_after[index]);
@@ -343,27 +339,23 @@ impl Plant {
             let gained = step.gain_mass * motor.gains.integral_per_s2 * travelled;
             state.integral[index] += motor.taken(gained, demand[index]);
         }
-        state.friction = friction;
-        state.force = force;
-        state.setpoint = setpoint;
+        (state.friction, state.rubbed) = (slid.friction, slid.rubbed);
+        (state.force, state.setpoint) = (force, setpoint);
     }
 
-    /// Motors and load after a step in which the belts between them stretch.
-    fn swing(
-        &self,
-        step: &GantryStep,
-        two: &TwoMasses,
-        (force, load): ([f64; 2], [f64; 2]),
-        memory: &mut [f64],
-    ) -> Moved {
-        let driven = both(|index| {
+    /// The motors' `force` with what else pulls at them (N of belt).
+    fn driven(&self, step: &GantryStep, force: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
+        both(|index| {
             force[index] + sum(&self.motors[index].forces, memory, &step.belt(index, force))
-        });
-        let rubs = Rubbing {
+        })
+    }
+
+    /// What rubs on motors and rails under the motors' `force`.
+    fn rubs(&self, step: &GantryStep, force: [f64; 2], memory: &mut [f64]) -> Rubbing {
+        Rubbing {
             motors: both(|index| self.motors[index].rubs.contact(memory, &step.belt(index, force))),
             rails: both(|index| self.rails[index].rubs.contact(memory, &step.rail(index, force))),
-        };
-        two.step([driven, load], &rubs, memory)
+        }
     }
 
     /// Force on each rail that is no motor's and no friction.
@@ -388,49 +380,6 @@ impl Plant {
             }
             motion.force
         })
-    }
-
-    /// What arrives on each belt of the motors' `force`: with the forces and the friction at the motor, which does not
-    /// hold what the rails' `load` holds (N).
-    fn pulls(
-        &self,
-        step: &GantryStep,
-        force: [f64; 2],
-        load: [f64; 2],
-        memory: &mut [f64],
-    ) -> [f64; 2] {
-        let mut pull = both(|index| {
-            let motion = step.belt(index, force);
-            force[index] + sum(&self.motors[index].forces, memory, &motion)
-        });
-        for (index, motor) in self.motors.iter().enumerate() {
-            if motor.rubs.is_none() {
-                continue;
-            }
-            let motion = step.belt(index, force);
-            let free = belts(step.free(total(pull, load)))[index];
-            let contact = motor.rubs.contact(memory, &motion);
-            let velocity = [motion.velocity, free];
-            pull[index] += contact.force(memory, motion.mass, velocity, motion.dt);
-        }
-        pull
-    }
-
-    /// Velocity of each rail after the step under the `total` force on it, and its friction; `force`
-    /// is the motors'.
-    fn slides(
-        &self,
-        step: &GantryStep,
-        force: [f64; 2],
-        total: [f64; 2],
-        memory: &mut [f64],
-    ) -> ([f64; 2], [f64; 2]) {
-        let slid = both(|index| {
-            let motion = step.rail(index, force);
-            let contact = self.rails[index].rubs.contact(memory, &motion);
-            slide(&motion, total[index], contact, memory)
-        });
-        (slid.map(|(velocity, _)| velocity), slid.map(|(_, friction)| friction))
     }
 
     fn step_single(&self, state: &mut PlantState, command: f64, dt: f64) {
@@ -479,6 +428,19 @@ impl Plant {
         state.force[0] = motion.force;
         state.setpoint[0] = setpoint;
     }
+}
+
+/// How often friction on motors and rails is sought in turn, and the change of it from which on it is found (N).
+const MOST_SWEEPS: usize = 6;
+const FOUND: f64 = 1e-6;
+
+/// The carriage after a step.
+struct Slid {
+    /// Velocity of the rails (m/s).
+    velocity: [f64; 2],
+    /// Friction over the step: on each rail (N), and at each motor (N of belt).
+    friction: [f64; 2],
+    rubbed: [f64; 2],
 }
 
 /// How two coordinates, both rails or both belts, move at the start of a step.
@@ -586,6 +548,42 @@ impl GantryStep {
     fn free(&self, total: [f64; 2]) -> [f64; 2] {
         let Frame { velocity, dt, .. } = self.rails;
         both(|index| velocity[index] + dt * total[index] / self.mass[index])
+    }
+
+    /// The step of rigid belts under `forces` of the motors (N of belt) and on the rails (N), with what `rubs`, whose
+    /// bends are in `memory`. What is held on one coordinate need not be held on another: the frictions are sought in
+    /// turn (projected Gauss-Seidel), from the `friction` of the rails a step ago.
+    fn slide(
+        &self,
+        [driven, load]: [[f64; 2]; 2],
+        rubs: &Rubbing,
+        mut friction: [f64; 2],
+        memory: &mut [f64],
+    ) -> Slid {
+        let (dt, bends) = (self.rails.dt, rubs.bends(memory));
+        let mut rubbed = [0.0; 2];
+        for sweep in 1.. {
+            for (m, contact) in rubs.motors.iter().enumerate().filter(|(_, own)| 0.0 < own.level) {
+                let pull =
+                    both(|other| driven[other] + if other == m { 0.0 } else { rubbed[other] });
+                let free = self.free(total(pull, both(|rail| load[rail] + friction[rail])));
+                let velocity = [self.belts.velocity[m], belts(free)[m]];
+                rubbed[m] = contact.force(memory, self.belt_mass[m], velocity, dt);
+            }
+            let free = self.free(total(both(|m| driven[m] + rubbed[m]), load));
+            let before = friction;
+            friction = both(|rail| {
+                let velocity = [self.rails.velocity[rail], free[rail]];
+                rubs.rails[rail].force(memory, self.mass[rail], velocity, dt)
+            });
+            let is_found = (0..2).all(|rail| (friction[rail] - before[rail]).abs() < FOUND);
+            if is_found || sweep == MOST_SWEEPS || rubbed == [0.0; 2] {
+                let velocity = both(|rail| free[rail] + dt * friction[rail] / self.mass[rail]);
+                return Slid { velocity, friction, rubbed };
+            }
+            rubs.put_back(memory, bends);
+        }
+        unreachable!("the last sweep returns")
     }
 }
 

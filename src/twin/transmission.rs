@@ -68,11 +68,11 @@ impl Rubbing {
         [a, b, x, y].map(|contact| contact.bristles.map(|(_, place)| place))
     }
 
-    fn bends(&self, memory: &[f64]) -> [f64; 4] {
+    pub(super) fn bends(&self, memory: &[f64]) -> [f64; 4] {
         self.places().map(|place| place.map_or(0.0, |place| memory[place]))
     }
 
-    fn put_back(&self, memory: &mut [f64], bends: [f64; 4]) {
+    pub(super) fn put_back(&self, memory: &mut [f64], bends: [f64; 4]) {
         for (place, bend) in self.places().into_iter().zip(bends) {
             if let Some(place) = place {
                 memory[place] = bend;
@@ -89,8 +89,9 @@ pub(super) struct Moved {
     pub(super) load: [f64; 2],
     /// How far the load is ahead of the motors, in board coordinates (m).
     pub(super) ahead: [f64; 2],
-    /// Friction on each rail, its mean over the step (N).
+    /// Friction, its mean over the step: on each rail (N), and at each motor (N of belt).
     pub(super) friction: [f64; 2],
+    pub(super) rubbed: [f64; 2],
 }
 
 /// How the motors answer to forces over a step.
@@ -102,6 +103,12 @@ pub(super) struct Answer {
 }
 
 impl Answer {
+    /// The same where the motors are `rubbed` as well (N of belt).
+    pub(super) fn rubbed(self, rubbed: [f64; 2]) -> Self {
+        let slowed = |m: usize| self.gives[m][0] * rubbed[0] + self.gives[m][1] * rubbed[1];
+        Self { drag: both(|m| self.drag[m] + slowed(m)), ..self }
+    }
+
     /// Forces of two loops (N of belt): what they `asked` for, less what each `gives_way` to the acceleration of its
     /// motor (N s^2/m), to which both forces add.
     pub(super) fn demand(&self, asked: [f64; 2], gives_way: [f64; 2]) -> [f64; 2] {
@@ -258,13 +265,14 @@ impl TwoMasses {
         }
         let parts = (self.dt / LONGEST_WITH_PLAY).ceil().max(1.0);
         let mut now = Self { dt: self.dt / parts, ..*self };
-        let mut friction = [0.0; 2];
+        let (mut friction, mut rubbed) = ([0.0; 2], [0.0; 2]);
         for _ in 0..parts as usize {
             let moved = now.part(forces, rubs, memory);
             now = now.after(&moved);
             friction = both(|rail| friction[rail] + moved.friction[rail] / parts);
+            rubbed = both(|m| rubbed[m] + moved.rubbed[m] / parts);
         }
-        Moved { motor: now.motor, load: now.load, ahead: now.ahead, friction }
+        Moved { motor: now.motor, load: now.load, ahead: now.ahead, friction, rubbed }
     }
 
     /// A part of the step, over which every play touches one end or none.
@@ -298,6 +306,7 @@ impl TwoMasses {
         // Whatever the forces are.
         let resistance = self.resistance(&links);
         let mut free = self.free(&resistance, &links, pull);
+        let mut rubbed = [0.0; 2];
         if rubs.motors.iter().any(|contact| 0.0 < contact.level) {
             let along = belts(free);
             for (m, contact) in rubs.motors.iter().enumerate() {
@@ -306,7 +315,8 @@ impl TwoMasses {
                     Some(_) => links[m].inertia / (1.0 - links[m].share),
                     None => resistance.along(belts(unit(m))),
                 };
-                force[m] += contact.force(memory, held * dt, [self.motor[m], motor], dt);
+                rubbed[m] = contact.force(memory, held * dt, [self.motor[m], motor], dt);
+                force[m] += rubbed[m];
             }
             links = self.links(force, ends);
             free = self.free(&resistance, &links, pull);
@@ -322,7 +332,8 @@ impl TwoMasses {
         let along = belts(load);
         let motor = both(|m| self.motor(m, &links[m], force[m], along[m]));
         let gained = rails(self.gained(motor, load));
-        Moved { motor, load, ahead: both(|rail| self.ahead[rail] - gained[rail]), friction }
+        let ahead = both(|rail| self.ahead[rail] - gained[rail]);
+        Moved { motor, load, ahead, friction, rubbed }
     }
 }
 
