@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// How much of everything.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Size {
-    /// At most five minutes on two cores: to see that everything works and what comes of it.
+    /// Some eight minutes on two cores: to see that everything works and what comes of it.
     Quick,
     /// Twenty million transitions for each policy, matches long enough for narrow intervals.
     Full,
