@@ -23,6 +23,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod arrival;
 mod beside;
 mod error;
 mod folder;
@@ -38,6 +39,7 @@ pub mod table;
 pub mod topic;
 mod writer;
 
+pub use arrival::arrival_key;
 pub use beside::{ExistingFile, partial_name, write_beside, write_bytes};
 pub use error::RecordingError;
 pub use folder::files_in;

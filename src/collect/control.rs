@@ -6,8 +6,10 @@
 use super::{reason::StopReason, recorder::Entry, station::Station, watch::Armed};
 use crate::{
     can::Message,
+    gantry::BusConfig,
     link::LinkError,
     recording::{
+        arrival_key,
         message::{ControlTick, VelocityCommand},
         topic::{Motor, Player},
     },
@@ -35,6 +37,18 @@ pub struct Lateness {
     pub p99_us: f64,
     /// Largest (us).
     pub max_us: f64,
+}
+
+/// When each motor hears a command of a period (s after it was recorded), as entries of the metadata:
+/// the setpoints leave one after another in the order of [`ControlLoop::command_unlimited`], each a
+/// frame's time after the one before if nobody else is on the bus.
+pub(super) fn arrivals(players: &[Player], can: &BusConfig) -> Vec<(String, String)> {
+    let seats = players.iter().flat_map(|player| Motor::BOTH.map(|motor| (*player, motor)));
+    let entry = |(place, (player, motor)): (usize, _)| {
+        let seconds = (place + 1) as f64 * can.frame_seconds();
+        (arrival_key(player, motor), seconds.to_string())
+    };
+    seats.enumerate().map(entry).collect()
 }
 
 /// One period.

@@ -20,9 +20,8 @@ pub(super) const LISTEN_SECONDS: f64 = 1.2;
 /// for a drive that has no answer or a computer that is busy; no longer than the answers take otherwise.
 const VERSION_ATTEMPTS: usize = 10;
 const VERSION_SECONDS: f64 = 0.1;
-/// Bits of a standard frame with eight data bytes and the gap after it, without stuffing.
-const FRAME_BITS: f64 = 111.0;
-/// The same with the most stuff bits that there can be.
+/// Bits of a standard frame with eight data bytes and the gap after it, with the most stuff bits that
+/// there can be.
 const WORST_FRAME_BITS: f64 = 135.0;
 /// Largest load of the bus at which motors are driven.
 pub const MOST_BUS_LOAD: f64 = 0.75;
@@ -173,7 +172,7 @@ impl fmt::Display for Problem {
 #[must_use]
 pub fn bus_load(can: &BusConfig, drive_frames_per_s: f64, setpoints_per_s: f64) -> [f64; 2] {
     let frames = drive_frames_per_s + setpoints_per_s;
-    [FRAME_BITS, WORST_FRAME_BITS].map(|bits| frames * bits / f64::from(can.bitrate))
+    [frames * can.frame_seconds(), frames * WORST_FRAME_BITS / f64::from(can.bitrate)]
 }
 
 /// Looks at the bus; gives what there is and what speaks against arming.

@@ -4,7 +4,7 @@ mod free;
 
 use super::{
     arming::{self, WatchdogPolicy},
-    control::{ControlLoop, Tick},
+    control::{self, ControlLoop, Tick},
     guard::{CameraDuty, Guard, MOST_LAG_SECONDS},
     homing::{self, HomingPolicy},
     leg::{Leg, RunLabel},
@@ -117,7 +117,9 @@ pub fn run_session(
         return Err(error.into());
     }
     log::info!("positions are referenced; recording begins");
-    station.record_to(Recorder::start(writer, config.metadata.clone())?);
+    let mut metadata = config.metadata.clone();
+    metadata.extend(control::arrivals(&config.players, &robot.can));
+    station.record_to(Recorder::start(writer, metadata)?);
     let mut session = Session::new(station, config, &work, show);
     let reason = session.drive(work).err().unwrap_or(StopReason::Completed);
     log::info!("{reason}");

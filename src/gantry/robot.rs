@@ -118,6 +118,15 @@ impl Default for BusConfig {
     }
 }
 
+impl BusConfig {
+    /// Time that a frame takes on the bus (s): a standard one with eight data bytes and the gap after it,
+    /// 111 bits without stuffing.
+    #[must_use]
+    pub fn frame_seconds(&self) -> f64 {
+        111.0 / f64::from(self.bitrate)
+    }
+}
+
 /// Periods (ms) of the cyclic messages, with ODrive's defaults; 0 is off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -282,7 +282,8 @@ impl<'a> Pairs<'a> {
     }
 
     fn command(&self, motor: usize, time: f64) -> f64 {
-        let after = self.drive.command_times.partition_point(|sent| *sent <= time + 1e-9);
+        let sent_by = time - self.drive.arrivals[motor] + 1e-9;
+        let after = self.drive.command_times.partition_point(|sent| *sent <= sent_by);
         after.checked_sub(1).map_or(0.0, |index| belts(self.drive.commands[index])[motor])
     }
 

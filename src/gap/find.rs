@@ -23,10 +23,11 @@ use crate::{
     },
 };
 
-/// The links in the order of the chain.
+/// The links in the order of the search. The camera's link begins at the carriage as it was measured and needs
+/// nothing of the drives, but what it shows of the striker pulls at them: it comes first.
 const ORDER: [StageKind; 6] = [
-    StageKind::Drive,
     StageKind::Camera,
+    StageKind::Drive,
     StageKind::Estimator,
     StageKind::Ball,
     StageKind::WholeRolls,
@@ -64,16 +65,12 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
             continue;
         }
         let task = task_of(kind, task, &outcomes);
-        let mut outcome = rounds::search(&link, &twin, task);
-        if let Some((place, drive)) = with_reaction(sessions, &start, &outcome, &outcomes) {
-            twin = stated(&start, &drive);
-            twin.instances.retain(|own| !is_felt(own.effect));
-            outcome = rounds::search(&link, &twin, task);
-            outcomes[place] = drive;
-        }
+        let outcome = rounds::search(&link, &twin, task);
         twin = stated(&start, &outcome);
         outcomes.push(outcome);
     }
+    // They are told in the order of the chain.
+    outcomes.sort_by_key(|outcome| outcome.kind != StageKind::Drive);
     for session in sessions.iter().filter(|session| session.split == Split::Train) {
         if !twin.fitted_to.contains(&session.sha256) {
             twin.fitted_to.push(session.sha256.clone());
@@ -114,29 +111,6 @@ fn link_of<'a>(sessions: &'a [Session], kind: StageKind, before: &[Outcome<'_>])
         may_be_disturbed: kind != StageKind::WholeRolls
             || before.last().is_none_or(|pieces| pieces.added.is_empty()),
     }
-}
-
-/// Whether an effect behind the carriage is felt by what drives it.
-fn is_felt(effect: &Effect) -> bool {
-    effect.physics.equations().iter().any(|equation| matches!(equation, Physics::Reaction(_)))
-}
-
-/// The drives searched again, and their place in `before`, where something that `camera` has added pulls at them and
-/// may be what was added there.
-fn with_reaction<'a>(
-    sessions: &'a [Session],
-    start: &Twin,
-    camera: &Outcome<'_>,
-    before: &[Outcome<'_>],
-) -> Option<(usize, Outcome<'a>)> {
-    let felt = camera.added.iter().find(|step| is_felt(step.effect))?;
-    let drives = |own: &Outcome<'_>| own.kind == StageKind::Drive && !own.added.is_empty();
-    let place = before.iter().position(drives)?;
-    let mut twin = start.clone();
-    twin.instances.extend(camera.last.point.twin.instance(felt.effect.name, felt.axis).cloned());
-    log::info!("{} pulls at the drives: they are searched again", felt.effect.name);
-    let link = link_of(sessions, StageKind::Drive, &before[..place]);
-    Some((place, rounds::search(&link, &twin, Task::CloseGap)))
 }
 
 /// The links of one kind in the sessions of one purpose, in their order.

@@ -71,6 +71,18 @@ pub enum RecordingError {
         /// The decoder's reason.
         reason: String,
     },
+    /// A value of the metadata record `klasktron.recording` is not what its key stands for.
+    #[error("{}: the metadata say {key} = '{value}', which must be {expected}", path.display())]
+    BadMetadata {
+        /// The file.
+        path: PathBuf,
+        /// Its key.
+        key: String,
+        /// The value.
+        value: String,
+        /// What it may be.
+        expected: String,
+    },
     /// The output exists already.
     #[error("{}: exists already; give another name or pass --overwrite", path.display())]
     Exists {

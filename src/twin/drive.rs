@@ -22,6 +22,8 @@ const FIRST_STEPS: [f64; 4] = [2e-5, 1e-4, 2e-4, 4e-4];
 pub struct DriveStage {
     /// Time of each command (s).
     pub command_times: Vec<f64>,
+    /// Time from then until each motor has heard it (s), as far as it is known.
+    pub arrivals: [f64; 2],
     /// Commanded velocity in board coordinates (m/s).
     pub commands: Vec<[f64; 2]>,
     /// Start of each run: time (s), measured position (m) and velocity (m/s).
@@ -81,7 +83,8 @@ impl Stage for DriveStage {
         for values in predicted.iter_mut() {
             values.fill(f64::NAN);
         }
-        let delays = plant.delays();
+        let dead = plant.delays();
+        let delays = both(|motor| self.arrivals[motor] + dead[motor]);
         let mut cursors = [0_usize; 2];
         for (index, run) in self.starts.iter().enumerate() {
             if run.fresh || index == 0 {
@@ -304,8 +307,20 @@ mod tests {
 
     /// What `motor` does when `velocity` (m/s) is asked for at 0.01 s: velocities and torques.
     fn answers_to(twin: &Twin, velocity: [f64; 2], motor: usize, times: &[f64]) -> [Vec<f64>; 2] {
+        answers_after([0.0; 2], twin, velocity, motor, times)
+    }
+
+    /// The same where each motor hears its command `arrivals` (s) after it was recorded.
+    fn answers_after(
+        arrivals: [f64; 2],
+        twin: &Twin,
+        velocity: [f64; 2],
+        motor: usize,
+        times: &[f64],
+    ) -> [Vec<f64>; 2] {
         let stage = DriveStage {
             command_times: vec![0.0, 0.01],
+            arrivals,
             commands: vec![[0.0, 0.0], velocity],
             starts: vec![RunStart {
                 time: 0.0,
@@ -342,6 +357,21 @@ mod tests {
             // Half of what a sensor scatters.
             assert!((seen - velocity).abs() < 2.5e-4, "{t} s: {seen} not {velocity} m/s");
             assert!((felt - torque).abs() < 0.01 * force, "{t} s: {felt} not {torque} N m");
+        }
+    }
+
+    /// With one mass on both rails the motors do not feel each other, so that a later frame is a dead time of its
+    /// motor alone.
+    #[test]
+    fn a_motor_that_hears_its_command_later_moves_later() {
+        let [sooner, later] = [table(120.0, 0.002, 17.0), table(120.0, 0.005, 17.0)];
+        let times = sampled();
+        for (motor, twin) in [(0, &sooner), (1, &later)] {
+            let with_frames = answers_after([0.0, 0.003], &sooner, [1.0, 0.0], motor, &times);
+            let dead = answers_to(twin, [1.0, 0.0], motor, &times);
+            let apart = |k: usize| (with_frames[0][k] - dead[0][k]).abs();
+            let worst = (0..times.len()).map(apart).fold(0.0, f64::max);
+            assert!(worst < 2.5e-4, "motor {motor}: {worst} m/s");
         }
     }
 

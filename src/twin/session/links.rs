@@ -65,6 +65,7 @@ pub(super) fn drive_stage(
         }
     }
     Ok(Some(DriveStage {
+        arrivals: recording.command_arrivals(gantry.player)?,
         command_times: commands.times.iter().map(|time| time.seconds_since(origin)).collect(),
         commands: commands.values.iter().map(|command| [command.vx, command.vy]).collect(),
         starts,

@@ -3,12 +3,12 @@
 use super::*;
 use crate::{
     recording::{
-        ExistingFile, FlushPolicy, RecordingWriter,
+        ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingWriter, arrival_key,
         message::{
             BoardState, CameraDetections, CarriageState, ObjectState, Point, RunMarker,
             VelocityCommand, run_marker::Phase,
         },
-        topic::Player,
+        topic::{Motor, Player},
     },
     twin::Stage,
     units::Nanos,
@@ -43,10 +43,17 @@ fn velocity(t: f64) -> f64 {
 /// 12 s in which the left carriage and its striker are at `place(t)`, with commands, carriage and
 /// states at 50 Hz and pictures at 120 Hz that carry `stamp(exposure)`.
 fn recording(stamp: impl Fn(f64) -> Nanos) -> Recording {
+    recording_with(stamp, &[])
+}
+
+/// The same with this in its metadata.
+fn recording_with(stamp: impl Fn(f64) -> Nanos, metadata: &[(String, &str)]) -> Recording {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("sine.mcap");
     let mut writer =
         RecordingWriter::create(&path, ExistingFile::Refuse, FlushPolicy::WhenFull).unwrap();
+    let metadata = metadata.iter().map(|(key, value)| (key.clone(), (*value).to_owned()));
+    writer.metadata(RECORDING_METADATA, metadata.collect()).unwrap();
     let left = Player::Left;
     for k in 0..=600 {
         let t = f64::from(k) / 50.0;
@@ -113,6 +120,24 @@ fn every_link_covers_the_runs_of_its_own_session_only() {
                 assert!(inside && whole, "{:?} {found:?} of {start}..{end}", stage.kind());
             }
         }
+    }
+}
+
+#[test]
+fn each_motor_hears_commands_when_the_metadata_say_and_at_once_without() {
+    let arrivals = |metadata: &[(String, &str)]| {
+        let sessions = sessions_of(&[recording_with(at, metadata)]);
+        sessions.map(|own| own[0].drive.as_ref().expect("commands and carriage").arrivals)
+    };
+    let [a, b] = Motor::BOTH.map(|motor| arrival_key(Player::Left, motor));
+    let other = arrival_key(Player::Right, Motor::A);
+    assert_eq!(arrivals(&[]).unwrap(), [0.0, 0.0]);
+    assert_eq!(arrivals(&[(a, "0.000444"), (b.clone(), "0.000888")]).unwrap(), [444e-6, 888e-6]);
+    assert_eq!(arrivals(&[(b.clone(), "0.002"), (other, "0.003")]).unwrap(), [0.0, 0.002]);
+    for wrong in ["late", "-0.001", "0.2", "NaN"] {
+        let said = arrivals(&[(b.clone(), wrong)]).unwrap_err().to_string();
+        let expected = format!("command_arrival_left_b_s = '{wrong}', which must be a time from 0");
+        assert!(said.contains(&expected), "{said}");
     }
 }
 

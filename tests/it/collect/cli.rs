@@ -27,6 +27,9 @@ fn a_typed_pattern_is_driven_and_can_be_fitted_to() {
     assert_eq!(recording.info("split"), Some("by_run"));
     assert_eq!(recording.info("source"), Some("virtual"));
     assert!(recording.info("rig_json").is_some() && recording.info("plan_json").is_some());
+    // A frame of 111 bits after the other at 250 kbit/s, and nothing about a player that was not driven.
+    assert_eq!(recording.command_arrivals(Player::Left).unwrap(), [444e-6, 888e-6]);
+    assert_eq!(recording.command_arrivals(Player::Right).unwrap(), [0.0; 2]);
     let (stdout, stderr, status) = said(&klasktron(&["info", &out]));
     assert_eq!(status, 0, "{stderr}");
     assert!(stdout.contains("nothing doubtful"), "{stdout}");
