@@ -27,7 +27,7 @@ const DONE: [i32; 2] = [0, 3];
   klasktron demo --quick
   klasktron demo --out story")]
 pub(crate) struct Args {
-    /// Less of everything: some eight minutes on two cores
+    /// Less of everything: some four minutes on two cores
     #[arg(long)]
     quick: bool,
     /// Every command once, with results that mean nothing: for tests

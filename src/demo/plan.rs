@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// How much of everything.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Size {
-    /// Some eight minutes on two cores: to see that everything works and what comes of it.
+    /// Some four minutes on two cores: to see that everything works and what comes of it.
     Quick,
     /// Twenty million transitions for each policy, matches long enough for narrow intervals.
     Full,
@@ -207,7 +207,7 @@ impl Size {
     #[must_use]
     pub fn expected_minutes(self) -> f64 {
         match self {
-            Self::Quick => 5.0,
+            Self::Quick => 4.0,
             Self::Full => 25.0,
             Self::Smallest => 1.0,
         }

@@ -23,16 +23,13 @@ use crate::{
     },
 };
 
-/// The links in the order of the search. The camera's link begins at the carriage as it was measured and needs
-/// nothing of the drives, but what it shows of the striker pulls at them: it comes first.
-const ORDER: [StageKind; 6] = [
-    StageKind::Camera,
-    StageKind::Drive,
-    StageKind::Estimator,
-    StageKind::Ball,
-    StageKind::WholeRolls,
-    StageKind::Axis,
-];
+/// The links after those of the gantry, in the order of the chain.
+const BEHIND_GANTRY: [StageKind; 4] =
+    [StageKind::Estimator, StageKind::Ball, StageKind::WholeRolls, StageKind::Axis];
+
+/// Most searches of the drives: with what the camera's link alone shows to pull at them, without, and with what it
+/// shows behind the drives as they were found.
+const MOST_DRIVE_SEARCHES: usize = 3;
 
 /// Everything that was found.
 pub struct Found<'a> {
@@ -57,20 +54,13 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
     if let Some(objection) = refusal {
         return refused(start, objection);
     }
-    let mut twin = start.clone();
-    let mut outcomes = Vec::new();
-    for kind in ORDER {
-        let link = link_of(sessions, kind, &outcomes);
-        if link.train.is_empty() || kind == StageKind::WholeRolls && link.held_out.is_empty() {
-            continue;
+    let (mut outcomes, mut twin) = gantry_links(sessions, &start, task);
+    for kind in BEHIND_GANTRY {
+        if let Some(outcome) = search_link(sessions, kind, &twin, task, &outcomes) {
+            twin = stated(&start, &outcome);
+            outcomes.push(outcome);
         }
-        let task = task_of(kind, task, &outcomes);
-        let outcome = rounds::search(&link, &twin, task);
-        twin = stated(&start, &outcome);
-        outcomes.push(outcome);
     }
-    // They are told in the order of the chain.
-    outcomes.sort_by_key(|outcome| outcome.kind != StageKind::Drive);
     for session in sessions.iter().filter(|session| session.split == Split::Train) {
         if !twin.fitted_to.contains(&session.sha256) {
             twin.fitted_to.push(session.sha256.clone());
@@ -92,6 +82,65 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
         &Findable { sessions, outcomes: &outcomes, floors: &floors, unseen: &unseen },
     );
     Found { document, twin, outcomes, floors }
+}
+
+/// Searches one link from `twin`, after those `before` it; `None` where the sessions do not have it.
+fn search_link<'a>(
+    sessions: &'a [Session],
+    kind: StageKind,
+    twin: &Twin,
+    task: Task,
+    before: &[Outcome<'_>],
+) -> Option<Outcome<'a>> {
+    let link = link_of(sessions, kind, before);
+    let judges = kind != StageKind::WholeRolls || !link.held_out.is_empty();
+    (!link.train.is_empty() && judges)
+        .then(|| rounds::search(&link, twin, task_of(kind, task, before)))
+}
+
+/// What the camera's link has added that is behind the carriage and felt by what drives it.
+fn pull_of(camera: &Outcome<'_>) -> Option<Instance> {
+    let is_felt = |effect: &Effect| {
+        effect.physics.equations().iter().any(|own| matches!(own, Physics::Reaction(_)))
+    };
+    let step = camera.added.iter().find(|step| is_felt(step.effect))?;
+    camera.last.point.twin.instance(step.effect.name, step.axis).cloned()
+}
+
+/// Drives and camera, and the twin after them. What the camera shows of the striker may pull at the drives, and the
+/// camera's link itself begins behind what the drives have: what is assumed to pull is what is found in the end.
+fn gantry_links<'a>(sessions: &'a [Session], start: &Twin, task: Task) -> (Vec<Outcome<'a>>, Twin) {
+    let of =
+        |kind, twin: &Twin, before: &[Outcome<'_>]| search_link(sessions, kind, twin, task, before);
+    let has_drives = stages(sessions, StageKind::Drive, Split::Train).next().is_some();
+    let scout = (task == Task::CloseGap && has_drives).then(|| of(StageKind::Camera, start, &[]));
+    let mut pull = scout.flatten().as_ref().and_then(pull_of);
+    let mut searches = 0;
+    loop {
+        searches += 1;
+        let mut outcomes = Vec::new();
+        let mut twin = start.clone();
+        twin.instances.extend(pull.clone());
+        if let Some(drive) = of(StageKind::Drive, &twin, &outcomes) {
+            twin = stated(start, &drive);
+            outcomes.push(drive);
+        }
+        let is_pull = |own: &Instance| pull.as_ref().is_some_and(|pull| own.effect == pull.effect);
+        twin.instances.retain(|own| !is_pull(own));
+        let Some(camera) = of(StageKind::Camera, &twin, &outcomes) else {
+            return (outcomes, twin);
+        };
+        let shown = pull_of(&camera);
+        let effect = |pull: &Option<Instance>| pull.as_ref().map(|own| own.effect);
+        let is_unheeded = pull.is_none() && outcomes.iter().all(|drive| drive.added.is_empty());
+        twin = stated(start, &camera);
+        outcomes.push(camera);
+        if effect(&shown) == effect(&pull) || is_unheeded || searches == MOST_DRIVE_SEARCHES {
+            return (outcomes, twin);
+        }
+        pull = shown;
+        log::info!("what pulls at the drives is another than was assumed: they are searched again");
+    }
 }
 
 /// One link in all sessions, after those `before` it.
@@ -387,6 +436,18 @@ fn why(
         })
         .collect();
     let mut text = format!("On {}: {}; {}.", step.axis, effect.says, numbers.join(", "));
+    let by_direction: Vec<String> = step
+        .numbers
+        .iter()
+        .filter_map(|own| {
+            let name = own.name.strip_prefix(effect.name)?.strip_prefix('.')?;
+            let is_derived = effect.parameters.iter().all(|parameter| parameter.name != name);
+            is_derived.then(|| format!("{name} {}", significant(own.value)))
+        })
+        .collect();
+    if !by_direction.is_empty() {
+        text += &format!(" When it was added: {}.", by_direction.join(", "));
+    }
     if let (Some(signal), Some((before, after))) = (signal, gap) {
         let (what, unit) = match step.unstated {
             Some(Unstated::FramesLost(..)) => (signal.to_owned(), ""),
@@ -494,9 +555,11 @@ fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
     };
     let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
     let beyond_chance = 1.0 - 0.5 * rounds::FAMILY_ERROR / tries.max(1) as f64;
+    let plain = Twin::nominal(start.machine);
     let mut refits = Vec::new();
     for (index, after) in twin.instances.iter().enumerate() {
-        let Some(before) = known_as(start, index, after) else { continue };
+        let Some(known) = known_as(start, index, after) else { continue };
+        let before = &start.instances[known];
         let Some(outcome) = better(index) else { continue };
         let freedom = outcome.uncertainty.freedom;
         let in_half_intervals = t_quantile(beyond_chance, freedom) / t_quantile(0.975, freedom);
@@ -507,6 +570,10 @@ fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
                 continue;
             }
             let old_half = old.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low));
+            // The simulation's own error is in both values, and not in their difference.
+            let slot = Slot { instance: known, parameter: k };
+            let common = t_quantile(0.975, freedom) * FIDELITY * changed(&plain, start, slot);
+            let old_half = (old_half.powi(2) - common.powi(2)).max(0.0).sqrt();
             let limit = in_half_intervals * (0.5 * (high - low)).hypot(old_half);
             let change = (new.value - old.value).abs();
             if limit < change && LEAST_MOVE * parameter.scale.max(old.value.abs()) < change {
@@ -524,11 +591,12 @@ fn refits(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<Refit> {
     refits
 }
 
-/// As what the twin had the instance `index` at the `start`, perhaps on both motors or rails alike.
-fn known_as<'t>(start: &'t Twin, index: usize, instance: &Instance) -> Option<&'t Instance> {
+/// As which of its instances the twin had the instance `index` at the `start`, perhaps on both motors or rails alike.
+fn known_as(start: &Twin, index: usize, instance: &Instance) -> Option<usize> {
     let is_same =
-        |own: &&Instance| own.effect == instance.effect && own.axis.overlaps(instance.axis);
-    start.instances.get(index).or_else(|| start.instances.iter().find(is_same))
+        |own: &Instance| own.effect == instance.effect && own.axis.overlaps(instance.axis);
+    let at_index = (index < start.instances.len()).then_some(index);
+    at_index.or_else(|| start.instances.iter().position(is_same))
 }
 
 fn signal_gaps(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalGap> {

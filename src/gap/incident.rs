@@ -18,7 +18,10 @@ const BIN: f64 = 0.1;
 const LONGEST: usize = 15;
 
 /// Share of the squared residual of all sessions that the incidents of one session must hold.
-const SHARE: f64 = 0.8;
+const SHARE: f64 = 0.5;
+
+/// How many times what is largest elsewhere, in any session, each of them must hold at its worst.
+const STANDS_OUT: f64 = 10.0;
 
 /// Most incidents of a session.
 const MOST: usize = 3;
@@ -44,20 +47,21 @@ type Seen<'p, 'a> = (&'p Part<'a>, Vec<Vec<f64>>);
 
 /// Finds the incidents of one link and leaves them out of `train` or of `held_out`, whichever session they are of;
 /// each comes with its point. Without a session to judge, what happens once cannot be told from what would again.
+/// Gives whether there were any.
 pub(super) fn leave_out_of<'a>(
     kind: StageKind,
     train: (&mut Problem<'a>, &Point),
     held_out: (&mut Problem<'a>, &Point),
-) {
+) -> bool {
     let is_in_pieces = matches!(kind, StageKind::Ball | StageKind::WholeRolls);
     if is_in_pieces || train.0.parts.is_empty() || held_out.0.parts.is_empty() {
-        return;
+        return false;
     }
     let seen: Vec<Seen<'_, '_>> = [(&*train.0, train.1), (&*held_out.0, held_out.1)]
         .into_iter()
         .flat_map(|(problem, point)| problem.parts.iter().zip(problem.residuals(point)))
         .collect();
-    let Some((session, incidents)) = incidents(&seen) else { return };
+    let Some((session, incidents)) = incidents(&seen) else { return false };
     log::info!("{kind:?}: left out of session {session}: {incidents:?}");
     let fitted = train.0.parts.len();
     let ((problem, point), index) = match session.checked_sub(fitted) {
@@ -66,26 +70,31 @@ pub(super) fn leave_out_of<'a>(
     };
     problem.parts[index].incidents.extend(incidents);
     problem.drop_outliers(point);
+    true
 }
 
-/// The session whose few incidents hold [`SHARE`] of the squared residual of all, and these.
+/// The session whose few incidents hold [`SHARE`] of the squared residual of all and stand out, and these.
 fn incidents(seen: &[Seen<'_, '_>]) -> Option<(usize, Vec<Incident>)> {
     let usual = usual(seen);
     let energies: Vec<Vec<f64>> = seen.iter().map(|own| energies(own, &usual)).collect();
     let all = energies.concat();
     let (in_a_bin, most_left) = (median(&all)?, (1.0 - SHARE) * all.iter().sum::<f64>());
-    let (session, spans) = energies.iter().enumerate().find_map(|(session, own)| {
-        let others = all.iter().sum::<f64>() - own.iter().sum::<f64>();
-        let mut own = own.clone();
+    let (session, spans) = (0..energies.len()).find_map(|session| {
+        let mut left = energies.clone();
         let mut spans = Vec::new();
-        while spans.len() < MOST && most_left < others + own.iter().sum::<f64>() {
-            let span = around_largest(&own, BESIDE * in_a_bin);
-            own[span.clone()].fill(0.0);
+        let mut least_peak = f64::INFINITY;
+        while spans.len() < MOST {
+            let (span, peak) = around_largest(&left[session], BESIDE * in_a_bin);
+            left[session].get_mut(span.clone())?.fill(0.0);
+            least_peak = least_peak.min(peak);
             spans.push(span);
+            let rest = left.concat();
+            let largest = rest.iter().copied().fold(0.0, f64::max);
+            if STANDS_OUT * largest <= least_peak && rest.iter().sum::<f64>() <= most_left {
+                return spans.iter().all(|span| span.len() <= LONGEST).then_some((session, spans));
+            }
         }
-        let are_short = spans.iter().all(|span| span.len() <= LONGEST);
-        let are_most = others + own.iter().sum::<f64>() <= most_left;
-        (are_most && are_short).then_some((session, spans))
+        None
     })?;
     let span = |bins: Range<usize>| bins.start as f64 * BIN..bins.end as f64 * BIN;
     let spans = spans.into_iter().map(span);
@@ -125,12 +134,14 @@ fn energies((part, residual): &Seen<'_, '_>, usual: &[f64]) -> Vec<f64> {
     bins
 }
 
-/// The bin that holds most, those beside it that hold more than `usual`, and one more on both sides.
-fn around_largest(bins: &[f64], usual: f64) -> Range<usize> {
+/// The bin that holds most, those beside it that hold more than `usual`, and one more on both sides; and what it
+/// holds.
+fn around_largest(bins: &[f64], usual: f64) -> (Range<usize>, f64) {
     let largest = (0..bins.len()).max_by(|a, b| bins[*a].total_cmp(&bins[*b])).unwrap_or(0);
     let before = bins[..largest].iter().rev().take_while(|own| usual < **own).count();
     let after = bins[largest..].iter().take_while(|own| usual < **own).count().max(1);
-    (largest - before).saturating_sub(1)..(largest + after + 1).min(bins.len())
+    let span = (largest - before).saturating_sub(1)..(largest + after + 1).min(bins.len());
+    (span, bins.get(largest).copied().unwrap_or(0.0))
 }
 
 /// What stands out most in `span` (s) of a session.
@@ -181,15 +192,15 @@ mod tests {
         }
     }
 
-    /// Half a minute at 100 Hz that scatters by 1 mm/s, and is 0.2 m/s off during each of `bursts` (s).
-    fn session(seed: u64, bursts: &[Range<f64>]) -> Scatter {
+    /// Half a minute at 100 Hz that scatters by 1 mm/s, and is `off` (m/s) too slow during each of `bursts` (s).
+    fn session(seed: u64, bursts: &[Range<f64>], off: f64) -> Scatter {
         let mut random = Stream::new(seed, "scatter");
         let times: Vec<f64> = (0..3000).map(|k| 0.01 * f64::from(k)).collect();
-        let off = |time: &f64| bursts.iter().any(|burst| burst.contains(time));
+        let is_off = |time: &f64| bursts.iter().any(|burst| burst.contains(time));
         let scatter = times.iter().map(|_| f64::from(random.uniform_f32(-1.7e-3, 1.7e-3)));
         let scatter: Vec<f64> = scatter.collect();
         let each = times.iter().zip(scatter);
-        let measured = each.map(|(time, own)| if off(time) { own - 0.2 } else { own }).collect();
+        let measured = each.map(|(time, own)| if is_off(time) { own - off } else { own }).collect();
         Scatter(vec![Channel {
             signal: "motor_a.velocity".into(),
             unit: "m/s",
@@ -202,10 +213,10 @@ mod tests {
         }])
     }
 
-    /// What is left out of two sessions with bursts, and how many samples count then.
-    fn left_out(first: &[Range<f64>], second: &[Range<f64>]) -> [(Vec<Incident>, usize); 2] {
+    /// What is left out of two sessions with bursts that are `off` (m/s), and how many samples count then.
+    fn left_out(off: f64, [first, second]: [&[Range<f64>]; 2]) -> [(Vec<Incident>, usize); 2] {
         let twin = Twin::nominal(Machine::Table);
-        let stages = [session(1, first), session(2, second)];
+        let stages = [session(1, first, off), session(2, second, off)];
         let mut problems =
             stages.each_ref().map(|stage| Problem::new(&[stage as &dyn Stage], &twin));
         let points = problems.each_ref().map(|problem| problem.start(twin.clone()));
@@ -216,15 +227,18 @@ mod tests {
 
     #[test]
     fn what_happened_once_is_left_out_of_its_session_alone() {
-        let [(first, kept), (second, whole)] = left_out(&[12.34..12.61], &[]);
+        let [(first, kept), (second, whole)] = left_out(0.2, [&[12.34..12.61], &[]]);
         let [incident] = first.as_slice() else { panic!("{first:?}") };
         assert!(incident.span.start <= 12.34 && 12.61 <= incident.span.end, "{incident:?}");
         assert!(incident.span.end - incident.span.start < 0.7, "{incident:?}");
         assert!((incident.farthest + 0.2).abs() < 2e-3, "{incident:?}");
         assert!(second.is_empty() && kept < whole && whole - 120 < kept, "{kept} of {whole}");
         // As well in the session that judges, and more than once.
-        let [(first, _), (second, _)] = left_out(&[], &[3.0..3.2, 20.0..20.4]);
+        let [(first, _), (second, _)] = left_out(0.2, [&[], &[3.0..3.2, 20.0..20.4]]);
         assert_eq!((first.len(), second.len()), (0, 2));
+        // Two thirds of all, and nothing like it elsewhere.
+        let [(first, _), (second, _)] = left_out(0.02, [&[12.3..12.6], &[]]);
+        assert_eq!((first.len(), second.len()), (1, 0));
     }
 
     #[test]
@@ -235,7 +249,7 @@ mod tests {
             (vec![12.0..15.0], vec![]),
             ((0..8).map(|k| 3.0 * f64::from(k)..3.0 * f64::from(k) + 0.2).collect(), vec![]),
         ] {
-            let found = left_out(&first, &second);
+            let found = left_out(0.2, [&first, &second]);
             assert!(found.iter().all(|(incidents, _)| incidents.is_empty()), "{first:?} {found:?}");
         }
     }

@@ -40,23 +40,54 @@ const BEYOND_MIMICRY: f64 = 3.0;
 /// something as well.
 pub(super) const BESIDE_NAMED: f64 = 0.1;
 
-/// The largest share of the squared residual of a signal, over all `points`, above what `twin` left when
-/// its own search ended; `None` where that is not known of some signal.
+/// How far a signal may stay below what is known to be left (share of the squared residual) on the course that
+/// it is known of.
+const SAME_COURSE: f64 = 0.05;
+
+/// Share of the squared residual that another course moves from one signal to another at most; what is less by more
+/// than that has less noise.
+const MOST_MOVED: f64 = 0.15;
+
+/// What recordings hold beyond what is known to be left, as shares of the squared residual.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Excess {
+    /// Of the signal that holds most.
+    pub(super) most: f64,
+    /// Of the signal that holds least; below zero where it holds less than was left.
+    least: f64,
+}
+
+impl Excess {
+    /// What is new. What a simulation cannot follow moves from one signal to another with the course (from velocity
+    /// to torque where motions are slow): what one has less than was left, another may have more.
+    fn new_share(self) -> f64 {
+        (self.most + self.least.clamp(-MOST_MOVED, 0.0)).max(self.most.min(0.0))
+    }
+
+    /// Whether the course is another than that of which it is known what is left.
+    fn is_on_another_course(self) -> bool {
+        self.least < -SAME_COURSE
+    }
+}
+
+/// What `points` hold beyond what `twin` left when its own search ended; `None` where that is not known of some
+/// signal.
 pub(super) fn excess<const N: usize>(
     twin: &Twin,
     points: [(&Problem<'_>, &Point); N],
-) -> Option<f64> {
+) -> Option<Excess> {
     let squares = points.map(|(problem, point)| problem.squares(&fit::told(problem, point)));
     let channels = points.first()?.0.parts.first()?.stage.channels();
-    let mut most = f64::NEG_INFINITY;
+    let mut excess = Excess { most: f64::NEG_INFINITY, least: f64::INFINITY };
     for (k, channel) in channels.iter().enumerate() {
         let own = squares.iter().filter_map(|problem| problem.get(k));
         let (sum, count) = own.fold((0.0, 0), |all, own| (all.0 + own.0, all.1 + own.1));
         let left = twin.left.iter().find(|left| left.signal == channel.signal && left.searched)?;
         let known = left.residual_rms.powi(2) * count as f64;
-        most = most.max(sum / known.max(f64::MIN_POSITIVE) - 1.0);
+        let own = sum / known.max(f64::MIN_POSITIVE) - 1.0;
+        excess = Excess { most: excess.most.max(own), least: excess.least.min(own) };
     }
-    Some(most)
+    Some(excess)
 }
 
 /// What share of the held-out squared error makes an effect worth a name.
@@ -64,6 +95,8 @@ pub(super) fn excess<const N: usize>(
 pub(super) struct Worth<'t> {
     /// Where nothing is known of the effect.
     general: f64,
+    /// Where it is.
+    known: f64,
     /// Because of what stands beside it already.
     beside: f64,
     /// What each effect explained where nothing was named, on this link.
@@ -77,14 +110,23 @@ pub(super) struct Worth<'t> {
 
 impl<'t> Worth<'t> {
     /// From what the given twin is known to leave, the [`excess`] of the recordings over it, and the share of
-    /// the squared error that named effects `removed` of what it was.
-    pub(super) fn new(given: &'t Twin, link: StageKind, excess: Option<f64>, removed: f64) -> Self {
+    /// the squared error that named effects `removed` of what it was. What an effect explained where it was not named
+    /// says little of another course.
+    pub(super) fn new(
+        given: &'t Twin,
+        link: StageKind,
+        excess: Option<Excess>,
+        removed: f64,
+    ) -> Self {
         let beside = match excess {
             Some(_) => BESIDE_NAMED * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
             None => 0.0,
         };
+        let general = least_worth(excess);
+        let is_elsewhere = excess.is_some_and(Excess::is_on_another_course);
         Self {
-            general: least_worth(excess),
+            general,
+            known: if is_elsewhere { WORTH_NAMING_LATER.max(general) } else { WORTH_NAMING_LATER },
             beside,
             mimicry: &given.mimicry,
             link,
@@ -96,7 +138,7 @@ impl<'t> Worth<'t> {
     pub(super) fn least(&self, effect: &Effect) -> f64 {
         match self.is_exact(effect) {
             true => WORTH_NAMING_EXACT,
-            false => WORTH_NAMING_LATER.min(self.general),
+            false => self.known.min(self.general),
         }
     }
 
@@ -125,7 +167,7 @@ impl<'t> Worth<'t> {
     pub(super) fn of(&self, effect: &Effect, numbers: &[f64]) -> f64 {
         let own = match self.known(effect).map(|own| BEYOND_MIMICRY * own.share) {
             Some(share) if self.is_exact(effect) => share.max(WORTH_NAMING_EXACT),
-            Some(share) => share.max(WORTH_NAMING_LATER),
+            Some(share) => share.max(self.known),
             None if self.is_exact(effect) => WORTH_NAMING_EXACT,
             None => self.general,
         };
@@ -187,12 +229,12 @@ fn below_fidelity(effect: &Effect, numbers: &[f64]) -> Option<f64> {
 }
 
 /// Whether an [`excess`] is none.
-pub(super) fn is_nothing_new(excess: Option<f64>) -> bool {
-    excess.is_some_and(|excess| excess < NOTHING_NEW)
+pub(super) fn is_nothing_new(excess: Option<Excess>) -> bool {
+    excess.is_some_and(|excess| excess.new_share() < NOTHING_NEW)
 }
 
 /// Share of the held-out squared error that an effect must explain to be worth a name.
-pub(super) fn least_worth(excess: Option<f64>) -> f64 {
+pub(super) fn least_worth(excess: Option<Excess>) -> f64 {
     if is_nothing_new(excess) { WORTH_NAMING_AGAIN } else { WORTH_NAMING }
 }
 
@@ -201,14 +243,27 @@ mod tests {
     use super::*;
     use crate::twin::Machine;
 
+    /// The same in every signal.
+    fn even(share: f64) -> Option<Excess> {
+        Some(Excess { most: share, least: share })
+    }
+
     #[test]
     fn what_is_known_to_be_left_is_nothing_new_and_worth_a_name_only_where_it_is_large() {
-        assert!(is_nothing_new(Some(-0.3)) && is_nothing_new(Some(0.04)));
-        assert!(!is_nothing_new(Some(0.06)));
+        assert!(is_nothing_new(even(-0.3)) && is_nothing_new(even(0.04)));
+        assert!(!is_nothing_new(even(0.06)));
         // A twin that no search ended with leaves nothing that is known.
         assert!(!is_nothing_new(None));
-        assert!(least_worth(None) < least_worth(Some(0.0)));
-        assert_eq!(least_worth(Some(0.5)), least_worth(None));
+        assert!(least_worth(None) < least_worth(even(0.0)));
+        assert_eq!(least_worth(even(0.5)), least_worth(None));
+    }
+
+    #[test]
+    fn what_one_signal_has_less_of_another_may_have_more_of() {
+        let uneven = |most, least| Some(Excess { most, least });
+        assert!(is_nothing_new(uneven(0.12, -0.1)) && !is_nothing_new(uneven(0.12, -0.04)));
+        // Far less is less noise, and moves nothing.
+        assert!(!is_nothing_new(uneven(0.25, -0.6)));
     }
 
     #[test]
@@ -223,20 +278,22 @@ mod tests {
             lean: vec![2e-5],
         }];
         let worth = |link, excess, removed| Worth::new(&twin, link, excess, removed);
-        let known = worth(StageKind::Drive, Some(0.0), 0.0);
+        let known = worth(StageKind::Drive, even(0.0), 0.0);
         assert!((known.of(lag, &[1e-3]) - 0.09).abs() < 1e-12 && known.in_any_view);
         assert_eq!(known.of(delay, &[1e-3]), WORTH_NAMING_AGAIN);
-        assert_eq!(worth(StageKind::Camera, Some(0.0), 0.0).of(lag, &[1e-3]), WORTH_NAMING_AGAIN);
+        assert_eq!(worth(StageKind::Camera, even(0.0), 0.0).of(lag, &[1e-3]), WORTH_NAMING_AGAIN);
         assert!(known.was_there_before(lag, 5e-5) && !known.was_there_before(lag, 7e-5));
         assert!(!known.was_there_before(lag, -5e-5) && !known.was_there_before(delay, 1e-5));
+        let elsewhere = worth(StageKind::Drive, Some(Excess { most: 0.0, least: -0.1 }), 0.0);
+        assert_eq!(elsewhere.of(lag, &[1e-3]), WORTH_NAMING_AGAIN);
         // What stands beside a large effect must be large too, unless nothing was known of the machine.
-        let beside = worth(StageKind::Drive, Some(1.0), 0.5);
+        let beside = worth(StageKind::Drive, even(1.0), 0.5);
         assert!((beside.of(delay, &[1e-3]) - 0.1).abs() < 1e-12 && !beside.in_any_view);
         let unknown = worth(StageKind::Drive, None, 0.5);
         assert!(unknown.of(delay, &[1e-3]) == WORTH_NAMING && !unknown.in_any_view);
         // A map of places simulates nothing: behind measured places it may be small.
         let shear = effect("gantry.squareness");
-        let of_shear = |link| worth(link, Some(0.0), 0.0).of(shear, &[1e-3]);
+        let of_shear = |link| worth(link, even(0.0), 0.0).of(shear, &[1e-3]);
         assert_eq!(of_shear(StageKind::Camera), WORTH_NAMING_EXACT);
         assert_eq!(of_shear(StageKind::Ball), WORTH_NAMING_AGAIN);
         // A lag within a step must be larger too, and contacts that hardly bend.

@@ -4,7 +4,7 @@ use super::{
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
     incident,
-    known::{BESIDE_NAMED, Worth, excess, is_nothing_new, least_worth},
+    known::{BESIDE_NAMED, Excess, Worth, excess, is_nothing_new, least_worth},
     numbers::{Number, numbers},
     problem::{Point, Problem},
     round::{Problems, Round, Stand, numbers_of_last},
@@ -18,7 +18,6 @@ use crate::{
     parallel::in_parallel,
     twin::{Instance, Slot, Stage, StageKind, Twin},
 };
-use take_back::withdraw;
 
 mod part;
 mod take_back;
@@ -262,12 +261,15 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
 }
 
 /// How far each known parameter would move with each effect that was screened last, is in the data beyond chance and
-/// was not added all the same (scaled).
+/// was not added all the same (scaled). What was fitted and is not in them, with the wrong sign, or not on judging
+/// sessions, moves none.
 fn shifts(rejected: &[Rejected]) -> Vec<&[f64]> {
-    let candidates = rejected.iter().map(|own| &own.candidate);
-    let tries: usize = candidates.clone().map(|own| own.tries).sum();
-    let is_there = |own: &&Candidate| own.p_value * (tries as f64) < FAMILY_ERROR;
-    candidates.filter(is_there).map(|own| own.shift.as_slice()).collect()
+    let tries: usize = rejected.iter().map(|own| own.candidate.tries).sum();
+    let is_there = |own: &&Rejected| {
+        own.candidate.p_value * (tries as f64) < FAMILY_ERROR
+            && !matches!(own.reason, Reason::NotSignificant | Reason::OnBound(_) | Reason::HeldOut)
+    };
+    rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
 }
 
 /// Leaves out single samples off the rest, and what happened once, of the fitted and of the judging sessions with
@@ -352,7 +354,7 @@ struct Opening {
     /// One over the RMS of each signal's residual there.
     scales: Filters,
     /// What the recordings hold beyond what the given twin is known to leave.
-    excess: Option<f64>,
+    excess: Option<Excess>,
     /// The parameters that may be fitted.
     slots: Vec<Slot>,
 }
@@ -398,7 +400,7 @@ impl<'a> Search<'a> {
 
 impl Search<'_> {
     /// Adds effects until nothing passes; gives what is then still unexplained.
-    fn close(&mut self, given: &Point, mut excess: Option<f64>) -> Option<Unknown> {
+    fn close(&mut self, given: &Point, mut excess: Option<Excess>) -> Option<Unknown> {
         let mut judged = None;
         let mut starts_again = !is_nothing_new(excess) && !self.is_followed(given);
         let mut has_parted = false;
@@ -441,6 +443,7 @@ impl Search<'_> {
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
             (self.best, self.filters) = from_deepest(&self.train, settled, given);
+            self.leave_out_incidents();
             let plain = fit::plainly(&self.train, &self.best);
             self.added.last_mut().expect("one was added").numbers = numbers(&plain);
             excess = self.excess(judged.insert(self.judged()));
@@ -462,7 +465,17 @@ impl Search<'_> {
         self.unexplained(&judged, disturbance)
     }
 
-    /// What the rest still depends on, or is, where that is more, a `disturbance`; what was added and removed less
+    /// Leaves out what happened once and was hidden by what has been added.
+    fn leave_out_incidents(&mut self) {
+        let judged = self.judged();
+        let train = (&mut self.train, &self.best.point);
+        if incident::leave_out_of(self.kind, train, (&mut self.held_out, &judged)) {
+            let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
+            (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
+        }
+    }
+
+    /// What the rest still depends on, or is, where that is more, a `disturbance`; what was added and removes less
     /// than that is withdrawn.
     fn unexplained(&mut self, judged: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
         let (train, held_out) = (&self.train, &self.held_out);
@@ -470,10 +483,7 @@ impl Search<'_> {
         let larger = strongest.into_iter().chain(disturbance);
         let unknown =
             larger.max_by(|a, b| a.share.total_cmp(&b.share)).or_else(|| self.imitated())?;
-        if withdraw(&mut self.best, &mut self.added, &unknown) {
-            let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
-            (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
-        }
+        self.withdraw_what_is_less_than(&unknown);
         Some(unknown)
     }
 
@@ -500,7 +510,7 @@ impl Search<'_> {
 
     /// Adds what the scatter of the camera and its lost frames say beyond what the given twin states; gives whether it
     /// scatters otherwise.
-    fn name_scatter(&mut self, given: &Twin, judged: &Point, excess: Option<f64>) -> bool {
+    fn name_scatter(&mut self, given: &Twin, judged: &Point, excess: Option<Excess>) -> bool {
         let problems = [&self.train, &self.held_out];
         let found = scatter::find(problems, [&self.best.point, judged], given, excess);
         let scatters = found.iter().any(scatter::Named::scatters);
@@ -524,7 +534,7 @@ impl Search<'_> {
     }
 
     /// What is left beyond what is known to be left.
-    fn excess(&self, judged: &Point) -> Option<f64> {
+    fn excess(&self, judged: &Point) -> Option<Excess> {
         excess(&self.best.point.twin, [(&self.train, &self.best.point), (&self.held_out, judged)])
     }
 
@@ -537,9 +547,9 @@ impl Search<'_> {
         if !self.may_be_disturbed || rattles {
             return None;
         }
-        let before = excess(twin, [(&self.train, given)])?;
-        let trained = excess(twin, [(&self.train, &self.best.point)])?;
-        let held = excess(twin, [(&self.held_out, judged)])?;
+        let before = excess(twin, [(&self.train, given)])?.most;
+        let trained = excess(twin, [(&self.train, &self.best.point)])?.most;
+        let held = excess(twin, [(&self.held_out, judged)])?.most;
         (FAR_MORE < trained.min(held) && BESIDE_NAMED * (before - trained) < trained)
             .then(|| unknown::disturbance(&self.train, &self.best.point))
             .flatten()
@@ -575,7 +585,7 @@ const RESTART_ITERATIONS: usize = 12;
 /// again from its given values, and each of its effects from its probes; the best of them are fitted; the best
 /// fit, when it is better.
 fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
-    if excess(&given.twin, [(train, &best.point)]).is_some_and(|excess| excess < STUCK) {
+    if excess(&given.twin, [(train, &best.point)]).is_some_and(|excess| excess.most < STUCK) {
         return None;
     }
     let scales = train.filters(&best.point, whiten::scale_filters);

@@ -7,6 +7,7 @@
 //! is not named: it has the same size.
 
 use super::{
+    known::Excess,
     problem::{Point, Problem},
     rounds::{Added, FAMILY_ERROR, LEVEL, Unstated},
 };
@@ -259,7 +260,7 @@ pub(super) fn find(
     problems: [&Problem<'_>; 2],
     points: [&Point; 2],
     given: &Twin,
-    excess: Option<f64>,
+    excess: Option<Excess>,
 ) -> Vec<Named> {
     let [Some(fitted), Some(judged)] =
         [measure(problems[0], points[0]), measure(problems[1], points[1])]
@@ -274,7 +275,7 @@ pub(super) fn find(
     let scatter = [jitter(given, &known, found), size(&known, found)];
     let mut changes: Vec<Change> = scatter.into_iter().flatten().filter(Change::is_in).collect();
     let accounted: f64 = changes.iter().map(|own| own.unstated.variance()).sum();
-    if excess.is_some_and(|own| accounted < ACCOUNTS_FOR * own * known.whole_variance_m2.0) {
+    if excess.is_some_and(|own| accounted < ACCOUNTS_FOR * own.most * known.whole_variance_m2.0) {
         changes.clear();
     }
     changes.extend(losses(given, &known, problems).filter(Change::is_in));

@@ -4,7 +4,7 @@ use super::{Search, is_in};
 use crate::{
     gap::{
         fit::{self, Fit},
-        known::least_worth,
+        known::{Excess, least_worth},
         whiten::Filters,
     },
     parallel::in_parallel,
@@ -18,7 +18,7 @@ impl Search<'_> {
     /// Parts the known effect of which the data want it most, where they do beyond chance and by what makes an
     /// effect worth a name, and clearly better than what would be added instead, the `rival`: what wears, wears on one
     /// motor alone. Gives whether one was parted.
-    pub(super) fn part_a_known(&mut self, excess: Option<f64>, rival: Option<&Fit>) -> bool {
+    pub(super) fn part_a_known(&mut self, excess: Option<Excess>, rival: Option<&Fit>) -> bool {
         let train = self.train.whitened(&self.best.point, &self.filters);
         let held = self.held_out.whitened(&self.judged(), &self.filters);
         let shared: Vec<usize> = (0..self.best.point.twin.instances.len())

@@ -6,7 +6,6 @@ use crate::{
     gap::{
         fit::{self, Fit},
         known::Worth,
-        problem::Point,
         unknown::Unknown,
         whiten::Filters,
     },
@@ -37,28 +36,64 @@ impl Search<'_> {
 
     /// The step that the data miss least, if they do not miss it, with the fit without it.
     fn least_missed(&self, worth: &Worth<'_>) -> Option<(Added, Fit, Filters)> {
-        let rows = |point: &Point, judged: &Point| {
-            let train = self.train.whitened(point, &self.filters);
-            (train, self.held_out.whitened(judged, &self.filters))
+        let with = self.rows(&self.best);
+        let trials = self.absences(&self.hardly_missed());
+        let is_missed = |own: &Absence| {
+            is_in(&own.rows[0], &with[0], &self.train.blocks())
+                && (with[1].is_empty()
+                    || is_in(&own.rows[1], &with[1], &self.held_out.blocks())
+                        && worth.least(own.step.effect) <= own.share(1, &with))
         };
-        let (train, held) = rows(&self.best.point, &self.judged());
-        let hardly_missed = self.hardly_missed();
-        let trials = in_parallel(&hardly_missed, |step| {
-            let (fit, filters) = self.without(step);
-            let (train_without, held_without) = rows(&fit.point, &self.judged_of(&fit));
-            let share = |without: &[f64], with: &[f64]| {
-                1.0 - fit::squared(with) / fit::squared(without).max(f64::MIN_POSITIVE)
+        trials
+            .into_iter()
+            .filter(|own| !is_missed(own))
+            .min_by(|a, b| a.share(0, &with).total_cmp(&b.share(0, &with)))
+            .map(|own| (own.step, own.fit, own.filters))
+    }
+
+    /// Takes back, the least first, what removes less than what stays unexplained: an effect outside the catalogue is
+    /// imitated in part by several inside it.
+    pub(super) fn withdraw_what_is_less_than(&mut self, unknown: &Unknown) {
+        loop {
+            let with = self.rows(&self.best);
+            let kind = usize::from(!with[1].is_empty());
+            let steps: Vec<&Added> =
+                self.added.iter().filter(|step| step.unstated.is_none()).collect();
+            let absences = self.absences(&steps);
+            // As a share of what is left, as that of the unknown is.
+            let removed = |own: &Absence| {
+                let share = own.share(kind, &with);
+                share / (1.0 - share).max(1e-12)
             };
-            let is_missed = is_in(&train_without, &train, &self.train.blocks())
-                && (held.is_empty()
-                    || is_in(&held_without, &held, &self.held_out.blocks())
-                        && worth.least(step.effect) <= share(&held_without, &held));
-            (share(&train_without, &train), is_missed, fit, filters)
-        });
-        let found = hardly_missed.iter().zip(trials).filter(|(_, (_, is_missed, ..))| !is_missed);
-        found
-            .min_by(|a, b| a.1.0.total_cmp(&b.1.0))
-            .map(|(step, (_, _, fit, filters))| ((*step).clone(), fit, filters))
+            let least = absences.into_iter().min_by(|a, b| removed(a).total_cmp(&removed(b)));
+            let Some(own) = least.filter(|own| removed(own) < unknown.share) else { return };
+            log::info!(
+                "{:?}: {} on {} removes {:.1} % of what is left, {} stays with {:.1} %: withdrawn",
+                self.kind,
+                own.step.effect.name,
+                own.step.axis,
+                100.0 * removed(&own),
+                unknown.name,
+                100.0 * unknown.share
+            );
+            self.go_back(&own.step, (own.fit, own.filters));
+        }
+    }
+
+    /// Whitened residuals of the fitted and of the judging sessions, in the metric of the best fit.
+    fn rows(&self, fit: &Fit) -> [Vec<f64>; 2] {
+        [
+            self.train.whitened(&fit.point, &self.filters),
+            self.held_out.whitened(&self.judged_of(fit), &self.filters),
+        ]
+    }
+
+    /// Everything fitted without each of `steps`.
+    fn absences(&self, steps: &[&Added]) -> Vec<Absence> {
+        in_parallel(steps, |step| {
+            let (fit, filters) = self.without(step);
+            Absence { step: (*step).clone(), rows: self.rows(&fit), fit, filters }
+        })
     }
 
     /// The [`NEXT_TO_GO`] steps that the data miss least when the columns of the rest, as they are now, lead
@@ -93,6 +128,12 @@ impl Search<'_> {
     pub(super) fn take_back_what_is_none(&mut self) -> bool {
         let before = self.added.len();
         while let Some(step) = self.nothing() {
+            log::info!(
+                "{:?}: {} on {} may as well be none",
+                self.kind,
+                step.effect.name,
+                step.axis
+            );
             let rest = self.without(&step);
             self.go_back(&step, rest);
         }
@@ -107,17 +148,32 @@ impl Search<'_> {
         let uncertainty = fit::uncertainty(&self.train, &self.held_out, found, &self.filters);
         let quantile = t_quantile(0.975, uncertainty.freedom);
         let twin = &self.best.point.twin;
+        // A number without slope, such as a threshold between two commands, has no interval.
+        let is_near_none = |(index, slot): (usize, &Slot), step: &Added| {
+            let size = twin.get(*slot) - step.effect.null[slot.parameter];
+            !uncertainty.undetermined[index]
+                && size.abs() < quantile * uncertainty.standard_errors[index]
+        };
         let is_none = |step: &&Added| {
-            let errors = self.best.slots.iter().zip(&uncertainty.standard_errors);
-            let mut own = errors
-                .filter(|(slot, _)| Some(slot.instance) == instance_of(twin, step))
-                .map(|(slot, error)| (twin.get(*slot) - step.effect.null[slot.parameter], error))
-                .peekable();
+            let of_step = |slot: &Slot| Some(slot.instance) == instance_of(twin, step);
+            let all = self.best.slots.iter().enumerate();
+            let mut own = all.filter(|(_, slot)| of_step(slot)).peekable();
             has_sizes_only(step.effect)
                 && own.peek().is_some()
-                && own.all(|(size, error)| size.abs() < quantile * error)
+                && own.all(|number| is_near_none(number, step))
         };
-        self.added.iter().find(is_none).cloned()
+        self.added.iter().filter(is_none).find(|step| !self.is_missed_as_a_whole(step)).cloned()
+    }
+
+    /// Whether the data say beyond chance that `step` is not none, whatever the intervals of its several numbers: each
+    /// may be anything where another makes up for it, and a threshold has no slope to tell it by.
+    fn is_missed_as_a_whole(&self, step: &Added) -> bool {
+        let with = self.rows(&self.best);
+        let is_in_both = |own: &Absence| {
+            is_in(&own.rows[0], &with[0], &self.train.blocks())
+                && is_in(&own.rows[1], &with[1], &self.held_out.blocks())
+        };
+        1 < step.effect.null.len() && self.absences(&[step]).iter().all(is_in_both)
     }
 
     /// Everything fitted without the effect of `step`.
@@ -134,26 +190,20 @@ impl Search<'_> {
     }
 }
 
-/// Takes back what removed less than what stays unexplained: an effect outside the catalogue is imitated in
-/// part by several inside it. Gives whether anything was taken back.
-pub(super) fn withdraw(best: &mut Fit, added: &mut Vec<Added>, unknown: &Unknown) -> bool {
-    let before = added.len();
-    added.retain(|step| {
-        // Both as shares of what was left when the step was done.
-        let stays = unknown.share < step.held_out_gain / (1.0 - step.held_out_gain).max(1e-12);
-        if !stays {
-            log::info!(
-                "{} removed {:.1} %, {} stays with {:.1} %: withdrawn",
-                step.effect.name,
-                100.0 * step.held_out_gain,
-                unknown.name,
-                100.0 * unknown.share
-            );
-            take_out(best, step);
-        }
-        stays
-    });
-    added.len() < before
+/// Everything fitted without the effect of a step.
+struct Absence {
+    step: Added,
+    fit: Fit,
+    filters: Filters,
+    /// Whitened residuals of the fitted and of the judging sessions.
+    rows: [Vec<f64>; 2],
+}
+
+impl Absence {
+    /// Share of the squared error without the effect that it removes, in sessions of one `kind`, fitted or judging.
+    fn share(&self, kind: usize, with: &[Vec<f64>; 2]) -> f64 {
+        1.0 - fit::squared(&with[kind]) / fit::squared(&self.rows[kind]).max(f64::MIN_POSITIVE)
+    }
 }
 
 /// Where in the twin the effect of a step is.
