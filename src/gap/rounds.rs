@@ -620,3 +620,42 @@ fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
         .filter(|found| found.loss < ANOTHER_VALLEY * loss(&best.point))
         .map(|found| found.point)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::find;
+
+    /// A candidate that would move the one known parameter by `shift`, with this tail probability.
+    fn rejected(p_value: f64, reason: Reason, shift: f64) -> Rejected {
+        let effect = find("drive.lag1").expect("it is in the catalogue");
+        let candidate = Candidate {
+            effect,
+            axis: Axis::Motors,
+            start: vec![1e-3],
+            probe: vec![1e-3],
+            share: 0.1,
+            statistic: 30.0,
+            p_value,
+            visibility: 10.0,
+            is_as_good_as_refit: false,
+            tries: 1,
+            lean: vec![1e-4],
+            shift: vec![shift],
+        };
+        Rejected { candidate, reason, held_out_gain: None }
+    }
+
+    #[test]
+    fn what_is_not_there_moves_no_known_parameter() {
+        let all = [
+            rejected(1e-6, Reason::TooSmall, 1.0),
+            rejected(1e-6, Reason::NotTestable, 2.0),
+            rejected(1e-6, Reason::NotSignificant, 3.0),
+            rejected(1e-6, Reason::OnBound("time_constant_s".into()), 4.0),
+            rejected(1e-6, Reason::HeldOut, 5.0),
+            rejected(0.5, Reason::TooSmall, 6.0),
+        ];
+        assert_eq!(shifts(&all), [[1.0], [2.0]]);
+    }
+}
