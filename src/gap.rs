@@ -75,7 +75,7 @@ pub use incident::Incident;
 pub use numbers::Number;
 pub use page::page;
 pub use problem::{Part, Point, Problem};
-pub use rounds::{Added, Link, Outcome, Reason, Rejected, Task, search};
+pub use rounds::{Added, Held, Link, Outcome, Reason, Rejected, Task, search};
 pub use screen::Candidate;
 pub use tape::write_tape;
 pub use unknown::Unknown;

@@ -10,7 +10,7 @@ use super::{
     floor::{self, Floor, FloorSource},
     incident::Incident,
     known, locate,
-    rounds::{self, Added, Contestant, Link, Outcome, Reason, Task, Unstated},
+    rounds::{self, Added, Contestant, Held, Link, Outcome, Reason, Task, Unstated},
     scatter,
     verdict::{Findings, Told},
 };
@@ -156,10 +156,27 @@ fn link_of<'a>(sessions: &'a [Session], kind: StageKind, before: &[Outcome<'_>])
             StageKind::Ball => of(StageKind::WholeRolls, Split::Validation),
             _ => Vec::new(),
         },
+        held: match kind {
+            StageKind::Camera => before.iter().flat_map(widths).collect(),
+            _ => Vec::new(),
+        },
         // What an effect of the pieces is off grows along a whole roll; they say whether more is there.
         may_be_disturbed: kind != StageKind::WholeRolls
             || before.last().is_none_or(|pieces| pieces.added.is_empty()),
     }
+}
+
+/// Numbers of plays at motors that a link has determined: motors feel when they meet their load, and the camera only
+/// sees how far it lags, which other things change as well.
+fn widths(outcome: &Outcome<'_>) -> Vec<Held> {
+    let twin = &outcome.last.point.twin;
+    let fitted = outcome.last.slots.iter().zip(&outcome.uncertainty.undetermined);
+    fitted
+        .filter(|(slot, is_undetermined)| {
+            twin.instances[slot.instance].rattles() && !**is_undetermined
+        })
+        .map(|(slot, _)| Held::of(twin, *slot))
+        .collect()
 }
 
 /// The links of one kind in the sessions of one purpose, in their order.
@@ -214,6 +231,9 @@ fn refused<'a>(twin: Twin, objection: Objection) -> Found<'a> {
 /// 234 blind cases, of another simulator, were off beyond their scatter (`reports/2026-11-23-gap-unseen`).
 const FIDELITY: f64 = 0.025;
 
+/// What the two ends of a play give way by under a few newtons (m), which is not fitted: its width is not known better.
+const GIVE_OF_ENDS: f64 = 1e-5;
+
 /// The final twin of a link with sources and intervals. An effect that was added is known no better than by what
 /// the given twin looked like it before, and no change from the `first` twin better than to [`FIDELITY`]; a number
 /// that the data do not determine and that moved all the same (a level that is never reached) has no interval any more.
@@ -231,6 +251,9 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
         }
         let own_error = FIDELITY * changed(first, &twin, *slot);
         let mut half = quantile * outcome.uncertainty.standard_errors[index].hypot(own_error);
+        if slot.parameter == 0 && twin.instances[slot.instance].rattles() {
+            half = half.hypot(GIVE_OF_ENDS);
+        }
         if given.instances.len() <= slot.instance {
             let effect = twin.instances[slot.instance].effect;
             let lean = known::lean(given, outcome.kind, effect);

@@ -48,8 +48,27 @@ pub struct Link<'a> {
     pub held_out: Vec<&'a dyn Stage>,
     /// Stages of another link on which the same effects act for longer, and judge how much of a gap they are.
     pub witnesses: Vec<&'a dyn Stage>,
+    /// Numbers that a link before it has determined from these recordings: they stay as they are.
+    pub held: Vec<Held>,
     /// Whether more than is known to be left may be a disturbance, and not what grows along a whole roll.
     pub may_be_disturbed: bool,
+}
+
+/// A number of a twin, at whichever place of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Held {
+    effect: &'static Effect,
+    axis: Axis,
+    parameter: usize,
+}
+
+impl Held {
+    /// That of `slot`.
+    #[must_use]
+    pub fn of(twin: &Twin, slot: Slot) -> Self {
+        let Instance { effect, axis, .. } = twin.instances[slot.instance];
+        Self { effect, axis, parameter: slot.parameter }
+    }
 }
 
 /// Why a candidate was not added.
@@ -370,7 +389,8 @@ impl<'a> Search<'a> {
         let held_given = fit::on(&held_out, start, &scales);
         leave_out(link.kind, (&mut train, &given), (&mut held_out, &held_given));
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
-        let slots = start.free(link.train[0]);
+        let mut slots = start.free(link.train[0]);
+        slots.retain(|slot| !link.held.contains(&Held::of(start, *slot)));
         let (best, filters) = if is_nothing_new(excess) {
             fit::settle(&train, given.clone(), &slots, 10)
         } else {
