@@ -459,18 +459,7 @@ fn why(
         })
         .collect();
     let mut text = format!("On {}: {}; {}.", step.axis, effect.says, numbers.join(", "));
-    let by_direction: Vec<String> = step
-        .numbers
-        .iter()
-        .filter_map(|own| {
-            let name = own.name.strip_prefix(effect.name)?.strip_prefix('.')?;
-            let is_derived = effect.parameters.iter().all(|parameter| parameter.name != name);
-            is_derived.then(|| format!("{name} {}", significant(own.value)))
-        })
-        .collect();
-    if !by_direction.is_empty() {
-        text += &format!(" When it was added: {}.", by_direction.join(", "));
-    }
+    text += &when_added(step);
     if let (Some(signal), Some((before, after))) = (signal, gap) {
         let (what, unit) = match step.unstated {
             Some(Unstated::FramesLost(..)) => (signal.to_owned(), ""),
@@ -499,6 +488,19 @@ fn why(
         text += &format!(" It could as well be {}.", step.class.join(" or "));
     }
     text
+}
+
+/// Numbers that people know an effect by and that its parameters give together, as they were when it was added.
+fn when_added(step: &Added) -> String {
+    let derived = step.numbers.iter().filter_map(|own| {
+        let name = own.name.strip_prefix(step.effect.name)?.strip_prefix('.')?;
+        let is_derived = step.effect.parameters.iter().all(|parameter| parameter.name != name);
+        is_derived.then(|| format!("{name} {}", significant(own.value)))
+    });
+    match derived.collect::<Vec<_>>().join(", ") {
+        none if none.is_empty() => none,
+        numbers => format!(" When it was added: {numbers}."),
+    }
 }
 
 /// Four significant digits, without an exponent where it is not needed.

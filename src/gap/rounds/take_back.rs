@@ -39,10 +39,8 @@ impl Search<'_> {
         let with = self.rows(&self.best);
         let trials = self.absences(&self.hardly_missed());
         let is_missed = |own: &Absence| {
-            is_in(&own.rows[0], &with[0], &self.train.blocks())
-                && (with[1].is_empty()
-                    || is_in(&own.rows[1], &with[1], &self.held_out.blocks())
-                        && worth.least(own.step.effect) <= own.share(1, &with))
+            self.is_beyond_chance(own, &with)
+                && (with[1].is_empty() || worth.least(own.step.effect) <= own.share(1, &with))
         };
         trials
             .into_iter()
@@ -168,12 +166,17 @@ impl Search<'_> {
     /// Whether the data say beyond chance that `step` is not none, whatever the intervals of its several numbers: each
     /// may be anything where another makes up for it, and a threshold has no slope to tell it by.
     fn is_missed_as_a_whole(&self, step: &Added) -> bool {
+        if step.effect.null.len() < 2 {
+            return false;
+        }
         let with = self.rows(&self.best);
-        let is_in_both = |own: &Absence| {
-            is_in(&own.rows[0], &with[0], &self.train.blocks())
-                && is_in(&own.rows[1], &with[1], &self.held_out.blocks())
-        };
-        1 < step.effect.null.len() && self.absences(&[step]).iter().all(is_in_both)
+        self.absences(&[step]).iter().all(|own| self.is_beyond_chance(own, &with))
+    }
+
+    /// Whether fitted sessions, and judging ones where there are any, are worse off without the effect beyond chance.
+    fn is_beyond_chance(&self, own: &Absence, with: &[Vec<f64>; 2]) -> bool {
+        is_in(&own.rows[0], &with[0], &self.train.blocks())
+            && (with[1].is_empty() || is_in(&own.rows[1], &with[1], &self.held_out.blocks()))
     }
 
     /// Everything fitted without the effect of `step`.
