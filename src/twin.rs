@@ -130,6 +130,9 @@ pub struct Twin {
     pub striker_mass: f64,
     /// Belt per turn of a motor (m).
     pub belt_per_turn: f64,
+    /// Mean moving mass of the rails for which the gains of the velocity loops are stated (kg): a drive keeps its gains
+    /// when the mass changes. Where it is not known, the gains follow the mass.
+    pub tuned_mass: Option<f64>,
     /// The effects in it, in the order in which they were added.
     pub instances: Vec<Instance>,
     /// What it left unexplained when it was fitted, by signal.

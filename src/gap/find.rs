@@ -19,7 +19,7 @@ use crate::{
     recording::Split,
     stats::t_quantile,
     twin::{
-        Instance, Left, Machine, Session, Slot, Source, Stage, StageKind, Twin, Value, machine_of,
+        Instance, Left, Machine, Plant, Session, Slot, Source, Stage, StageKind, Twin, Value, machine_of,
     },
 };
 
@@ -65,6 +65,10 @@ pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Fo
         if !twin.fitted_to.contains(&session.sha256) {
             twin.fitted_to.push(session.sha256.clone());
         }
+    }
+    outcomes.iter_mut().for_each(|outcome| outcome.begin_at(&start));
+    if twin.tuned_mass.is_none() && outcomes.iter().any(|own| own.kind == StageKind::Drive) {
+        twin.tuned_mass = Some(Plant::new(&twin).mean_mass());
     }
     let floors: Vec<Vec<Floor>> = outcomes.iter().map(floors_of).collect();
     for outcome in &outcomes {
@@ -493,6 +497,7 @@ fn why(
 /// Numbers that people know an effect by and that its parameters give together, as they were when it was added.
 fn when_added(step: &Added) -> String {
     let derived = step.numbers.iter().filter_map(|own| {
+        let own = (own.axis == step.axis).then_some(own)?;
         let name = own.name.strip_prefix(step.effect.name)?.strip_prefix('.')?;
         let is_derived = step.effect.parameters.iter().all(|parameter| parameter.name != name);
         is_derived.then(|| format!("{name} {}", significant(own.value)))

@@ -457,6 +457,8 @@ fn moved_numbers(page: &mut Page, outcome: &Outcome<'_>) {
     // The last word of a name is enough here, and keeps the table within the page.
     let short = |name: &str| format!("+ {}", name.rsplit('.').next().unwrap_or(name));
     stages.extend(steps.iter().map(|step| (short(step.effect.name), step.numbers.clone())));
+    // An effect that was parted is one column.
+    stages.dedup_by(|later, earlier| later.1 == earlier.1);
     let mut rows: Vec<&Number> = Vec::new();
     for number in stages.iter().flat_map(|(_, numbers)| numbers) {
         if !rows.iter().any(|row| row.name == number.name && row.axis == number.axis) {

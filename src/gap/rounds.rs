@@ -224,6 +224,16 @@ pub struct Outcome<'a> {
     pub unexplained: Option<Unknown>,
 }
 
+impl Outcome<'_> {
+    /// Tells the gap from `given` on, where links before this one have changed the twin with which its search began.
+    pub(super) fn begin_at(&mut self, given: &Twin) {
+        if self.start.twin != *given {
+            let on = |problem: &Problem<'_>| fit::told(problem, &problem.start(given.clone()));
+            (self.start, self.start_held_out) = (on(&self.train), on(&self.held_out));
+        }
+    }
+}
+
 /// What the workflow is asked to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Task {
@@ -460,13 +470,18 @@ impl Search<'_> {
             let Some((fit, step)) = round.winner else { break };
             let at = numbers_of_last(&fit.point.twin);
             log::info!("{:?}: {} on {} is added at {at:?}", self.kind, step.effect.name, step.axis);
+            let before = self.added.len();
             self.added.push(step);
             let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
             (self.best, self.filters) = from_deepest(&self.train, settled, given);
             self.leave_out_incidents();
-            let plain = fit::plainly(&self.train, &self.best);
-            self.added.last_mut().expect("one was added").numbers = numbers(&plain);
             excess = self.excess(judged.insert(self.judged()));
+            if !is_nothing_new(excess) {
+                self.part_the_added(excess);
+                excess = self.excess(judged.insert(self.judged()));
+            }
+            let plain = numbers(&fit::plainly(&self.train, &self.best));
+            self.added[before..].iter_mut().for_each(|step| step.numbers.clone_from(&plain));
         }
         let worth = Worth::new(&given.twin, self.kind, excess, 0.0);
         let is_less = self.take_back_what_is_not_missed(&worth, usize::from(!has_parted));

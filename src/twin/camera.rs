@@ -8,7 +8,7 @@ use crate::effects::{Carriage, Effect, Physics, both};
 /// Step of the march along the measured path (s).
 const STEP: f64 = 1e-3;
 
-/// How long before a run the march begins, so that memories have settled (s).
+/// How long before the first run the march begins, so that memories have settled (s).
 const RUN_IN: f64 = 0.3;
 
 /// One gantry of one session: the carriage of the encoders in, the camera's striker out.
@@ -118,13 +118,11 @@ impl Stage for CameraStage {
         for values in predicted.iter_mut() {
             values.fill(f64::NAN);
         }
-        let dynamic = chain.linkage.is_dynamic();
-        for run in &self.channels[0].runs {
-            if dynamic {
-                self.march(&mut chain, run.clone(), offset, predicted);
-            } else {
-                self.look_up(&mut chain, run.clone(), offset, predicted);
-            }
+        let samples = self.channels[0].runs.iter().cloned().flatten();
+        if chain.linkage.is_dynamic() {
+            self.march(&mut chain, samples, offset, predicted);
+        } else {
+            self.look_up(&mut chain, samples, offset, predicted);
         }
     }
 }
@@ -134,12 +132,12 @@ impl CameraStage {
     fn look_up(
         &self,
         chain: &mut Chain,
-        run: std::ops::Range<usize>,
+        samples: impl Iterator<Item = usize>,
         offset: [f64; 2],
         predicted: &mut [Vec<f64>],
     ) {
         let mut cursor = 0;
-        for sample in run {
+        for sample in samples {
             let time = self.channels[0].times[sample];
             let carriage = self.carriage_at(time - chain.delay(time), STEP, &mut cursor, chain);
             let place = chain.striker(carriage);
@@ -149,17 +147,18 @@ impl CameraStage {
         }
     }
 
-    /// With memory, the path is marched in small steps and read between them.
+    /// With memory, the path is marched in small steps and read between them, from the first run to the last: what
+    /// slipped in one stays away in the next.
     fn march(
         &self,
         chain: &mut Chain,
-        run: std::ops::Range<usize>,
+        samples: impl Iterator<Item = usize>,
         offset: [f64; 2],
         predicted: &mut [Vec<f64>],
     ) {
         let times = &self.channels[0].times;
-        let Some(&first) = times.get(run.start) else { return };
-        chain.memory.fill(0.0);
+        let mut samples = samples.peekable();
+        let Some(first) = samples.peek().and_then(|first| times.get(*first).copied()) else { return };
         let mut cursor = 0;
         let mut time = first - chain.delay(first) - RUN_IN;
         let mut at = |time: f64, chain: &mut Chain| {
@@ -168,7 +167,7 @@ impl CameraStage {
         };
         let mut before = at(time, chain);
         let mut after = before;
-        for sample in run {
+        for sample in samples {
             let wanted = times[sample] - chain.delay(times[sample]);
             while time < wanted {
                 time += STEP;

@@ -66,6 +66,8 @@ struct Document {
     machine: Machine,
     striker_mass_kg: f64,
     belt_per_turn_m: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    tuned_mass_kg: Option<f64>,
     effects: Vec<EffectEntry>,
     #[serde(default)]
     left: Vec<Left>,
@@ -126,6 +128,7 @@ impl Document {
             machine: twin.machine,
             striker_mass_kg: twin.striker_mass,
             belt_per_turn_m: twin.belt_per_turn,
+            tuned_mass_kg: twin.tuned_mass,
             effects,
             left: twin.left.clone(),
             mimicry: twin.mimicry.clone(),
@@ -147,6 +150,7 @@ impl Document {
             machine: self.machine,
             striker_mass: self.striker_mass_kg,
             belt_per_turn: self.belt_per_turn_m,
+            tuned_mass: self.tuned_mass_kg,
             instances,
             left: self.left,
             mimicry: self.mimicry,

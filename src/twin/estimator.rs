@@ -2,10 +2,11 @@
 //!
 //! The true velocity is the slope of a parabola through the camera's places around each instant,
 //! which looks ahead as far as it looks back and so does not lag. Of a striker whose carriage is
-//! measured, it is the carriage's velocity and the slope of the difference between both ([`guide`]).
-//! The twin's estimator effects make of it what `/board/state` should say.
+//! measured, it is the carriage's velocity and the slope of the difference between both ([`guide`]), with what that
+//! slope misses of the twin's own striker ([`swing`]). The twin's estimator effects make of it what `/board/state` should say.
 
 mod guide;
+mod swing;
 
 use super::{
     Instance, MeasuredPath, Twin,
@@ -20,6 +21,7 @@ use crate::recording::{
 use crate::stats::{median, quantile};
 use guide::Guide;
 use std::ops::Range;
+use swing::{Swing, Window};
 
 /// Frames on each side of an instant, of which the velocity is made.
 const FRAMES_BESIDE: usize = 4;
@@ -42,6 +44,8 @@ const POOR_FIT: f64 = 5.0;
 pub struct EstimatorStage {
     channels: Vec<Channel>,
     inputs: Vec<Vec<Step>>,
+    /// The striker whose carriage is measured, with the first of its two channels.
+    swing: Option<(usize, Swing)>,
 }
 
 /// One instant at which the true velocity is known: a frame or a state.
@@ -51,10 +55,19 @@ struct Step {
     dt: f64,
     /// True velocity (m/s).
     velocity: f64,
-    /// That of the other coordinate, where both are reported as zero together; else 0 (m/s).
-    across: f64,
+    /// That of the other coordinate, where both are reported as zero together (m/s).
+    across: Option<f64>,
     /// Sample of the channel that is reported now.
     reports: Option<usize>,
+}
+
+impl Step {
+    /// With what was missed of its velocity, and of the other coordinate's where that counts.
+    fn with(mut self, [own, other]: [f64; 2]) -> Self {
+        self.velocity += own;
+        self.across = self.across.map(|across| across + other);
+        self
+    }
 }
 
 /// Times (s) and places (m) of one object.
@@ -67,10 +80,11 @@ struct Track<'p> {
 }
 
 /// Velocity by a parabola, and how far the parabola misses the places.
-#[derive(Clone, Copy)]
 struct Slope {
     velocity: [f64; 2],
     misses: f64,
+    /// Over which frames, where a carriage guides.
+    window: Option<Window>,
 }
 
 /// A frame or a state at which the velocity is known.
@@ -107,7 +121,7 @@ impl EstimatorStage {
         // An estimator cannot know a frame before it arrives: its lag counts from then.
         let frames: Vec<f64> =
             FrameTimes::of(&detections).arrived.iter().map(|t| t.seconds_since(began)).collect();
-        let mut stage = Self { channels: Vec::new(), inputs: Vec::new() };
+        let mut stage = Self { channels: Vec::new(), inputs: Vec::new(), swing: None };
         for object in &OBJECTS {
             let seen = detections.values.iter().map(|found| (object.seen)(found));
             let path = carriage.filter(|(player, _)| object.player == Some(*player));
@@ -132,7 +146,11 @@ impl EstimatorStage {
         if track.guide.is_none() && !track.moves() || told < FEWEST {
             return;
         }
-        let instants = track.instants(times);
+        let mut instants = track.instants(times);
+        let windows = instants.iter_mut().filter_map(|instant| instant.slope.window.take());
+        if let Some(swing) = Swing::of(track, windows.collect()) {
+            self.swing = Some((self.channels.len(), swing));
+        }
         let misses: Vec<f64> = instants.iter().map(|instant| instant.slope.misses).collect();
         let usual = median(&misses);
         let poor = POOR_FIT * usual.unwrap_or(f64::INFINITY);
@@ -149,7 +167,7 @@ impl EstimatorStage {
                 let dt = time - before;
                 let dt = if LONGEST_GAP_S < dt { f64::NAN } else { dt };
                 let velocity = slope.velocity[axis];
-                let across = if together { slope.velocity[1 - axis] } else { 0.0 };
+                let across = together.then_some(slope.velocity[1 - axis]);
                 steps.push(Step { dt, velocity, across, reports: *reports });
                 before = *time;
             }
@@ -167,9 +185,16 @@ impl EstimatorStage {
         }
     }
 
-    /// What estimators with `instances` report.
-    fn report(&self, instances: &[Instance], predicted: &mut [Vec<f64>]) {
-        for ((channel, steps), out) in self.channels.iter().zip(&self.inputs).zip(predicted) {
+    /// What estimators with `instances` report, of velocities with what windows have `missed` of them: of channel and
+    /// step.
+    fn report(
+        &self,
+        instances: &[Instance],
+        missed: impl Fn(usize, usize) -> [f64; 2],
+        predicted: &mut [Vec<f64>],
+    ) {
+        let inputs = self.channels.iter().zip(&self.inputs).enumerate();
+        for ((index, (channel, steps)), out) in inputs.zip(predicted) {
             out.clear();
             out.resize(channel.times.len(), f64::NAN);
             let mut chain: Vec<_> = instances
@@ -181,12 +206,14 @@ impl EstimatorStage {
                     _ => None,
                 })
                 .collect();
-            let mut pass = |Step { velocity, across, .. }: &Step, dt: f64| {
-                chain.iter_mut().fold(*velocity, |velocity, (physics, numbers, memory)| {
-                    physics(numbers, memory, &Sample { dt, velocity, across: *across })
+            let mut pass = |Step { velocity, across, .. }: Step, dt: f64| {
+                let across = across.unwrap_or(0.0);
+                chain.iter_mut().fold(velocity, |velocity, (physics, numbers, memory)| {
+                    physics(numbers, memory, &Sample { dt, velocity, across })
                 })
             };
-            for step in steps {
+            for (k, step) in steps.iter().enumerate() {
+                let step = step.with(missed(index, k));
                 let reported = if step.dt.is_finite() {
                     pass(step, step.dt)
                 } else {
@@ -214,7 +241,16 @@ impl Stage for EstimatorStage {
     }
 
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-        self.report(&twin.instances, predicted);
+        let swing = self.swing.as_ref().and_then(|(first, own)| Some((*first, own.missed(twin)?)));
+        let missed = |channel: usize, step: usize| match &swing {
+            Some((first, missed)) if channel == *first => missed[step],
+            Some((first, missed)) if channel == first + 1 => {
+                let [x, y] = missed[step];
+                [y, x]
+            }
+            _ => [0.0; 2],
+        };
+        self.report(&twin.instances, missed, predicted);
     }
 }
 
@@ -347,7 +383,15 @@ impl<'p> Track<'p> {
         });
         let misses = (misses.sum::<f64>() / times.len() as f64).sqrt();
         let led = self.guide.as_ref().map_or([0.0; 2], |guide| guide.at(time).1);
-        Some(Slope { velocity: [led[0] + a[1] / half, led[1] + b[1] / half], misses })
+        // The slope's share of each moment.
+        let by = |k: usize| Some(parabola(&powers, &std::array::from_fn(|own| f64::from(u8::from(own == k))))?[1] / half);
+        let row = [by(0)?, by(1)?, by(2)?];
+        let window = Window { time, first: low, count: times.len(), row, half };
+        Some(Slope {
+            velocity: [led[0] + a[1] / half, led[1] + b[1] / half],
+            misses,
+            window: self.guide.is_some().then_some(window),
+        })
     }
 }
 

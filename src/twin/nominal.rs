@@ -59,6 +59,7 @@ impl Twin {
             machine,
             striker_mass: STRIKER_MASS_KG,
             belt_per_turn: BELT_METRES_PER_TURN,
+            tuned_mass: None,
             instances,
             left: Vec::new(),
             mimicry: Vec::new(),

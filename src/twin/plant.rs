@@ -121,6 +121,8 @@ pub struct Plant {
     /// What the striker does to the carriage.
     reactions: Vec<ReactionPart>,
     striker_mass: f64,
+    /// Scales the gains of the loops: mass on one belt for which they are stated (kg).
+    gain_mass: f64,
     memory: usize,
 }
 
@@ -197,6 +199,7 @@ impl Plant {
             ties: None,
             reactions: Vec::new(),
             striker_mass: twin.striker_mass,
+            gain_mass: 0.0,
             memory: 0,
         };
         for instance in &twin.instances {
@@ -209,7 +212,16 @@ impl Plant {
         if let [a, b] = &plant.motors[..] {
             plant.ties = transmission::ties([a.spring, b.spring]);
         }
+        let on_one_belt = if count == 1 { 1.0 } else { 0.5 };
+        plant.gain_mass = on_one_belt * twin.tuned_mass.unwrap_or_else(|| plant.mean_mass());
         plant
+    }
+
+    /// Mean moving mass of the rails in the origin (kg).
+    #[must_use]
+    pub fn mean_mass(&self) -> f64 {
+        let masses = self.rails.iter().map(|rail| rail.mass(&Motion::default()));
+        masses.sum::<f64>() / self.rails.len().max(1) as f64
     }
 
     fn add(&mut self, instance: &Instance, equation: Physics, index: usize) {
@@ -314,9 +326,9 @@ impl Plant {
             let now = state.setpoint[index] - seen[index];
             let motor = &self.motors[index];
             let error = middle[index] - seen[index] - motor.ahead(dt) * answer.drag[index];
-            motor.asked([now, error], state.integral[index], step.gain_mass, dt)
+            motor.asked([now, error], state.integral[index], self.gain_mass, dt)
         });
-        let gives_way = both(|index| self.motors[index].gives_way(step.gain_mass, dt));
+        let gives_way = both(|index| self.motors[index].gives_way(self.gain_mass, dt));
         let demand = answer.demand(asked, gives_way);
         let force = self.efforts(&step, demand, memory);
         let forces = [self.driven(&step, force, memory), load];
@@ -336,7 +348,7 @@ impl Plant {
         for (index, motor) in self.motors.iter().enumerate() {
             let middle = middle[index] - 0.5 * (seen[index] + seen_after[index]);
             let travelled = motor.travelled(middle, seen_after[index] - seen[index], dt);
-            let gained = step.gain_mass * motor.gains.integral_per_s2 * travelled;
+            let gained = self.gain_mass * motor.gains.integral_per_s2 * travelled;
             state.integral[index] += motor.taken(gained, demand[index]);
         }
         (state.friction, state.rubbed) = (slid.friction, slid.rubbed);
@@ -404,8 +416,8 @@ impl Plant {
         let drag = (load + state.friction[0]) / mass;
         let now = state.setpoint[0] - state.velocity[0];
         let error = middle - state.velocity[0] - motor.ahead(dt) * drag;
-        let asked = motor.asked([now, error], state.integral[0], mass, dt);
-        let demand = asked / (1.0 + motor.gives_way(mass, dt) / mass);
+        let asked = motor.asked([now, error], state.integral[0], self.gain_mass, dt);
+        let demand = asked / (1.0 + motor.gives_way(self.gain_mass, dt) / mass);
         motion.force = demand;
         for part in &motor.efforts {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
@@ -420,7 +432,8 @@ impl Plant {
         let (velocity, friction) = slide(&motion, motion.force + load, contact, memory);
         let error = middle - 0.5 * (state.velocity[0] + velocity);
         let travelled = motor.travelled(error, velocity - state.velocity[0], dt);
-        state.integral[0] += motor.taken(mass * motor.gains.integral_per_s2 * travelled, demand);
+        let gained = self.gain_mass * motor.gains.integral_per_s2 * travelled;
+        state.integral[0] += motor.taken(gained, demand);
         state.acceleration[0] = (velocity - state.velocity[0]) / dt;
         state.position[0] += 0.5 * dt * (velocity + state.velocity[0]);
         state.velocity[0] = velocity;
@@ -482,8 +495,6 @@ struct GantryStep {
     mass: [f64; 2],
     /// Mass that the force of each belt moves (kg).
     belt_mass: [f64; 2],
-    /// Scales the gains of the loops (kg).
-    gain_mass: f64,
     /// Motors and load, where belts are soft.
     two_masses: Option<TwoMasses>,
 }
@@ -500,10 +511,9 @@ impl GantryStep {
             acceleration: belts(acceleration),
         };
         let mass = both(|index| plant.rails[index].mass(&rails.motion(index, [0.0; 2], 0.0)));
-        let gain_mass = 0.5 * (0.5 * (mass[0] + mass[1]));
         let Some(ties) = &plant.ties else {
             let belt_mass = [rigid_belt_mass(mass); 2];
-            return Self { rails, belts, mass, belt_mass, gain_mass, two_masses: None };
+            return Self { rails, belts, mass, belt_mass, two_masses: None };
         };
         rails.position = both(|index| position[index] + ahead[index]);
         rails.velocity = both(|index| velocity[index] + gaining[index]);
@@ -514,7 +524,7 @@ impl GantryStep {
             Some(_) => tie.motor_mass,
             None => tie.motor_mass + rigid_belt_mass(load_mass),
         });
-        Self { rails, belts, mass: load_mass, belt_mass, gain_mass, two_masses: Some(two) }
+        Self { rails, belts, mass: load_mass, belt_mass, two_masses: Some(two) }
     }
 
     /// How the motors answer to forces over the step, with `load` on the rails (N).

@@ -1,6 +1,7 @@
-//! Known effects that two motors, or two rails, had in common and do not have in common any more.
+//! Effects that two motors, or two rails, have of different sizes: known ones that they had in common, and such as were
+//! found on both.
 
-use super::{Search, is_in};
+use super::{Added, Search, is_in};
 use crate::{
     gap::{
         fit::{self, Fit},
@@ -14,28 +15,27 @@ use crate::{
 /// Share of what a rival leaves that a parted effect may leave at most: it has more numbers, and needs no name.
 const CLEARLY_LESS: f64 = 0.9;
 
+/// Everything fitted with one effect in two.
+struct Parting {
+    /// Squared error of the fitted sessions.
+    loss: f64,
+    /// Share of the squared error of the judging sessions that it removes.
+    share: f64,
+    fit: Fit,
+    filters: Filters,
+}
+
 impl Search<'_> {
     /// Parts the known effect of which the data want it most, where they do beyond chance and by what makes an
     /// effect worth a name, and clearly better than what would be added instead, the `rival`: what wears, wears on one
     /// motor alone. Gives whether one was parted.
     pub(super) fn part_a_known(&mut self, excess: Option<Excess>, rival: Option<&Fit>) -> bool {
-        let train = self.train.whitened(&self.best.point, &self.filters);
-        let held = self.held_out.whitened(&self.judged(), &self.filters);
         let shared: Vec<usize> = (0..self.best.point.twin.instances.len())
             .filter(|index| self.is_shared_and_known(*index))
             .collect();
-        let trials = in_parallel(&shared, |index| {
-            let (fit, filters) = self.parted(*index)?;
-            let train_parted = self.train.whitened(&fit.point, &self.filters);
-            let held_parted = self.held_out.whitened(&self.judged_of(&fit), &self.filters);
-            let share = 1.0 - fit::squared(&held_parted) / fit::squared(&held);
-            let is_wanted = is_in(&train, &train_parted, &self.train.blocks())
-                && is_in(&held, &held_parted, &self.held_out.blocks())
-                && least_worth(excess) <= share;
-            is_wanted.then(|| (fit::squared(&train_parted), fit, filters))
-        });
-        let best = trials.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((loss, fit, filters)) = best else { return false };
+        let trials = in_parallel(&shared, |index| self.wanted_parting(*index, excess));
+        let best = trials.into_iter().flatten().min_by(|a, b| a.loss.total_cmp(&b.loss));
+        let Some(Parting { loss, fit, filters, .. }) = best else { return false };
         let left = |rival: &Fit| fit::squared(&self.train.whitened(&rival.point, &self.filters));
         if rival.is_some_and(|rival| CLEARLY_LESS * left(rival) < loss) {
             return false;
@@ -43,6 +43,52 @@ impl Search<'_> {
         log::info!("{:?}: a known effect is parted", self.kind);
         (self.best, self.filters) = (fit, filters);
         true
+    }
+
+    /// Parts the effect that was added last, where the data want it so as they want a known one: two motors, or two
+    /// rails, seldom have quite as much of it. It is then two steps, each with its part of the gap.
+    pub(super) fn part_the_added(&mut self, excess: Option<Excess>) {
+        let Some((step, [one, other])) = self.added.last().and_then(|step| {
+            step.axis.parts().map(|parts| (step.clone(), parts))
+        }) else {
+            return;
+        };
+        let instances = &self.best.point.twin.instances;
+        let is_own = |index: &usize| {
+            instances[*index].effect == step.effect && instances[*index].axis == step.axis
+        };
+        let Some(index) = (0..instances.len()).rev().find(is_own) else { return };
+        let Some(Parting { share, fit, filters, .. }) = self.wanted_parting(index, excess) else {
+            return;
+        };
+        log::info!("{:?}: {} is not alike on {one} and {other}", self.kind, step.effect.name);
+        (self.best, self.filters) = (fit, filters);
+        let between = step.held_out_steps.1.clone();
+        let second = Added {
+            axis: other,
+            held_out_gain: share,
+            class: Vec::new(),
+            held_out_steps: (between, self.held_out.rms(&self.judged())),
+            contest: Vec::new(),
+            ..step.clone()
+        };
+        let mut first = Added { axis: one, ..step.clone() };
+        first.contest.iter_mut().filter(|own| step.is(own)).for_each(|own| own.axis = one);
+        self.added.pop();
+        self.added.extend([first, second]);
+    }
+
+    /// The fit with the instance parted, where the data want that beyond chance and by what makes an effect worth a
+    /// name.
+    fn wanted_parting(&self, index: usize, excess: Option<Excess>) -> Option<Parting> {
+        let before = self.rows(&self.best);
+        let (fit, filters) = self.parted(index)?;
+        let after = self.rows(&fit);
+        let share = 1.0 - fit::squared(&after[1]) / fit::squared(&before[1]);
+        let is_wanted = is_in(&before[0], &after[0], &self.train.blocks())
+            && is_in(&before[1], &after[1], &self.held_out.blocks())
+            && least_worth(excess) <= share;
+        is_wanted.then(|| Parting { loss: fit::squared(&after[0]), share, fit, filters })
     }
 
     /// Whether the instance was given on both motors, or both rails, and is fitted.

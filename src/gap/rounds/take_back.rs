@@ -79,7 +79,7 @@ impl Search<'_> {
     }
 
     /// Whitened residuals of the fitted and of the judging sessions, in the metric of the best fit.
-    fn rows(&self, fit: &Fit) -> [Vec<f64>; 2] {
+    pub(super) fn rows(&self, fit: &Fit) -> [Vec<f64>; 2] {
         [
             self.train.whitened(&fit.point, &self.filters),
             self.held_out.whitened(&self.judged_of(fit), &self.filters),

@@ -18,6 +18,7 @@ fn twin(effects: &[(&str, &[f64])]) -> Twin {
         machine: Machine::Axis,
         striker_mass: 0.0,
         belt_per_turn: 0.04,
+        tuned_mass: None,
         instances,
         left: Vec::new(),
         mimicry: Vec::new(),

@@ -16,13 +16,13 @@ const MOST_LEFT: f64 = 0.02;
 
 /// A carriage as the camera would see it, were the striker rigid on it.
 pub(super) struct Guide<'p> {
-    path: &'p MeasuredPath,
+    pub(super) path: &'p MeasuredPath,
     /// Frames behind the carriage (s).
-    delay: f64,
+    pub(super) delay: f64,
     /// Velocities of the carriage behind its places (s).
     velocity_lag: f64,
     /// Place in the camera: `[axis][x, y, 1]`.
-    map: [[f64; 3]; 2],
+    pub(super) map: [[f64; 3]; 2],
 }
 
 impl<'p> Guide<'p> {

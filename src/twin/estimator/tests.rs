@@ -58,7 +58,7 @@ fn shifted(gain: f64, phase: f64) -> impl Fn(f64) -> f64 {
 /// RMS (m/s) of what `instances` leave of `state.left_vx`, away from the ends.
 fn left_over(stage: &EstimatorStage, instances: &[Instance]) -> f64 {
     let mut predicted = vec![Vec::new(); stage.channels.len()];
-    stage.report(instances, &mut predicted);
+    stage.report(instances, |_, _| [0.0; 2], &mut predicted);
     let squares: Vec<f64> =
         (50..950).map(|k| (stage.channels[0].measured[k] - predicted[0][k]).powi(2)).collect();
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
@@ -171,7 +171,7 @@ fn encoders_tell_a_reversal_that_frames_smear() {
     let (guided, alone) = (track().guided(Some(&path)), track().guided(None));
     assert!(guided.guide.is_some() && alone.guide.is_none());
     assert!(5.0 * worst(&guided) < worst(&alone), "{} {}", worst(&guided), worst(&alone));
-    let mut stage = EstimatorStage { channels: Vec::new(), inputs: Vec::new() };
+    let mut stage = EstimatorStage { channels: Vec::new(), inputs: Vec::new(), swing: None };
     let states: Vec<f64> = (0..400).map(|k| 0.1 + f64::from(k) / 50.0).collect();
     let reported: Vec<_> = states.iter().map(|t| Some([1.02 * velocity(t - 0.024), 0.1])).collect();
     stage.add("left", &guided, &reported, (&states, &[0..200, 200..400]));
