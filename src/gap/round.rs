@@ -762,7 +762,15 @@ fn wrong_sign(fit: &Fit) -> Option<String> {
 /// shape the effect up to a bound that is plausible itself (contacts that do not creep).
 fn on_bound(fit: &Fit) -> Option<(Slot, String)> {
     let twin = &fit.point.twin;
-    slots_of_last(twin).into_iter().find_map(|slot| {
+    on_bound_of(twin, slots_of_last(twin))
+}
+
+/// The same of an effect with these slots.
+pub(super) fn on_bound_of(
+    twin: &Twin,
+    slots: impl IntoIterator<Item = Slot>,
+) -> Option<(Slot, String)> {
+    slots.into_iter().find_map(|slot| {
         let effect = twin.instances[slot.instance].effect;
         let parameter = &effect.parameters[slot.parameter];
         let (value, (low, high)) = (twin.get(slot), parameter.bounds);

@@ -92,6 +92,22 @@ impl Linkage {
         plays || !self.couplings.is_empty() || !self.frames.is_empty()
     }
 
+    /// Whether the striker may move beside its magnet.
+    #[must_use]
+    pub fn couples(&self) -> bool {
+        !self.couplings.is_empty()
+    }
+
+    /// How far the striker is from its magnet (m), which is where the `carriage` is.
+    #[must_use]
+    pub fn away(&self, memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
+        let magnet = carriage.position;
+        self.couplings.iter().fold([0.0; 2], |away, part| {
+            let moved = (part.call)(part.p(), part.memory(memory), carriage);
+            both(|k| away[k] + moved[k] - magnet[k])
+        })
+    }
+
     /// Striker (m) of a carriage at one time; `memory` is that of this carriage, [`memory`](Self::memory) numbers,
     /// all zero after a long rest.
     #[must_use]
@@ -138,12 +154,7 @@ impl Linkage {
         for part in &self.frames {
             carriage.position = (part.call)(part.p(), &carriage);
         }
-        let magnet = carriage.position;
-        let mut striker = magnet;
-        for part in &self.couplings {
-            let moved = (part.call)(part.p(), part.memory(memory), &carriage);
-            striker = both(|k| striker[k] + moved[k] - magnet[k]);
-        }
-        striker
+        let away = self.away(memory, &carriage);
+        both(|k| carriage.position[k] + away[k])
     }
 }

@@ -173,6 +173,7 @@ fn acceleration(rig: &BallRig, ball: &Ball, session_time: f64) -> [f64; 2] {
 
 fn advance(rig: &BallRig, ball: &mut Ball, step: f64, session_time: f64) {
     let mut a = acceleration(rig, ball, session_time);
+    let mut gripped = [0.0; 2];
     if rig.sliding > 0.0 {
         let slip = [ball.v[0] - ball.surface[0], ball.v[1] - ball.surface[1]];
         let size = slip[0].hypot(slip[1]);
@@ -181,7 +182,7 @@ fn advance(rig: &BallRig, ball: &mut Ball, step: f64, session_time: f64) {
         for axis in 0..2 {
             let share = if size > 0.0 { slip[axis] / size } else { 0.0 };
             a[axis] -= grip * share;
-            ball.surface[axis] += 2.5 * grip * share * step;
+            gripped[axis] = step * grip * share;
         }
     }
     let mut next = [ball.v[0] + step * a[0], ball.v[1] + step * a[1]];
@@ -191,12 +192,11 @@ fn advance(rig: &BallRig, ball: &mut Ball, step: f64, session_time: f64) {
         next = [0.0; 2];
     }
     for axis in 0..2 {
-        let rolled = next[axis] - ball.v[axis];
         if rig.sliding <= 0.0 {
             ball.surface[axis] = next[axis];
         } else {
             // What does not come from the grip changes roll and travel alike.
-            ball.surface[axis] += rolled - step * a[axis];
+            ball.surface[axis] += next[axis] - ball.v[axis] + gripped[axis] + 2.5 * gripped[axis];
         }
         ball.at[axis] += 0.5 * step * (ball.v[axis] + next[axis]);
     }

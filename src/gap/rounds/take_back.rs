@@ -2,16 +2,17 @@
 
 use super::{Added, Search, is_in};
 use crate::{
-    effects::Effect,
+    effects::{Effect, Physics},
     gap::{
         fit::{self, Fit},
         known::Worth,
+        round::on_bound_of,
         unknown::Unknown,
         whiten::Filters,
     },
     parallel::in_parallel,
     stats::t_quantile,
-    twin::{Slot, Twin},
+    twin::{Instance, Slot, Twin},
 };
 
 /// Effects that the data miss least, of which each is fitted away in earnest.
@@ -138,14 +139,23 @@ impl Search<'_> {
         self.added.len() < before
     }
 
-    /// The first step whose effect may as well be none.
+    /// The first step whose effect may as well be none, whose size has run to its bound since it was added, or which is
+    /// the end of a play.
     fn nothing(&self) -> Option<Added> {
+        let twin = &self.best.point.twin;
+        let is_gone = |step: &&Added| {
+            let size = instance_of(twin, step).map(|instance| Slot { instance, parameter: 0 });
+            on_bound_of(twin, size.filter(|size| self.best.slots.contains(size))).is_some()
+                || instance_of(twin, step).is_some_and(|own| is_end_of_a_play(twin, own))
+        };
+        if let Some(step) = self.added.iter().find(is_gone) {
+            return Some(step.clone());
+        }
         self.added.iter().find(|step| has_sizes_only(step.effect))?;
         let judged = self.judged();
         let found = (&self.best, &judged);
         let uncertainty = fit::uncertainty(&self.train, &self.held_out, found, &self.filters);
         let quantile = t_quantile(0.975, uncertainty.freedom);
-        let twin = &self.best.point.twin;
         // A number without slope, such as a threshold between two commands, has no interval.
         let is_near_none = |(index, slot): (usize, &Slot), step: &Added| {
             let size = twin.get(*slot) - step.effect.null[slot.parameter];
@@ -212,6 +222,26 @@ impl Absence {
 /// Where in the twin the effect of a step is.
 fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
     twin.instances.iter().position(|own| own.effect == step.effect && own.axis == step.axis)
+}
+
+/// How many times what the ends of a play are taken to give way by a spring beside it must give way to be one: how hard
+/// motor and load meet is not fitted.
+const BEYOND_ENDS: f64 = 2.0;
+
+/// Whether the instance `index` is a spring that gives way hardly more than the ends of a play beside it.
+fn is_end_of_a_play(twin: &Twin, index: usize) -> bool {
+    let spring = |own: &Instance| {
+        own.effect.physics.equations().iter().find_map(|equation| match equation {
+            Physics::Transmission(call) => call(&own.numbers()),
+            _ => None,
+        })
+    };
+    let own = &twin.instances[index];
+    let Some(belt) = spring(own).filter(|belt| belt.play == 0.0) else { return false };
+    let plays = twin.instances.iter().filter(|other| other.axis.overlaps(own.axis));
+    plays
+        .filter_map(spring)
+        .any(|play| 0.0 < play.play && play.stiffness < BEYOND_ENDS * belt.stiffness)
 }
 
 /// Takes the effect of a step out of the twin; the rest stays as it is.

@@ -1,8 +1,8 @@
-//! How the striker moves beside its carriage, by the twin: faster than a window over many frames follows.
+//! How the striker moves beside its magnet, by the twin: faster than a window over many frames follows.
 //!
 //! Of a striker whose carriage is measured the true velocity is that of the carriage and the slope of the difference
-//! between both over a window. A striker that swings on its magnet, or is let go by play, does so within that window:
-//! what the window misses of the twin's own striker is added.
+//! between both over a window. A striker that swings on its magnet does so within that window: what the window misses of
+//! the twin's own striker is added.
 
 use super::Track;
 use crate::{
@@ -71,7 +71,7 @@ impl Swing {
     /// carriage.
     pub(super) fn missed(&self, twin: &Twin) -> Option<Vec<[f64; 2]>> {
         let linkage = Linkage::new(twin, Places::Reported);
-        if !linkage.is_dynamic() {
+        if !linkage.couples() {
             return None;
         }
         let beside = self.marched(&linkage, twin.striker_mass);
@@ -83,7 +83,7 @@ impl Swing {
         Some(missed.collect())
     }
 
-    /// Where the striker is beside its carriage, in the camera, from the first frame to the last.
+    /// Where the striker is beside its magnet, in the camera, from the first frame to the last.
     fn marched(&self, linkage: &Linkage, striker_mass: f64) -> Beside {
         let (first, last) = (self.frames[0], self.frames[self.frames.len() - 1]);
         let mut memory = vec![0.0; linkage.memory()];
@@ -93,8 +93,7 @@ impl Swing {
             let time = first + STEP * k as f64 - self.delay;
             let (position, velocity, acceleration) = self.path.at(time, &mut cursor);
             let carriage = Carriage { dt: STEP, position, velocity, acceleration, striker_mass };
-            let striker = linkage.striker(&mut memory, carriage);
-            let away = both(|axis| striker[axis] - position[axis]);
+            let away = linkage.away(&mut memory, &carriage);
             self.turn.map(|[by_x, by_y]| by_x * away[0] + by_y * away[1])
         });
         Beside { first, places: places.collect() }
