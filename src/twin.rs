@@ -50,7 +50,7 @@ pub use plant::{Plant, PlantState};
 pub use session::{Run, Session, SessionError, divide, runs_of, sessions_of};
 pub use stage::{Channel, Stage, StageKind};
 
-use crate::effects::{Axis, Effect, Physics};
+use crate::effects::{Axis, Effect, Physics, Spring};
 use serde::{Deserialize, Serialize};
 
 /// Where a value comes from.
@@ -108,16 +108,21 @@ impl Instance {
         self.values.iter().map(|value| value.value).collect()
     }
 
+    /// What is soft between a motor and its load.
+    #[must_use]
+    pub fn spring(&self) -> Option<Spring> {
+        let equations = self.effect.physics.equations();
+        let call = equations.iter().find_map(|equation| match equation {
+            Physics::Transmission(call) => Some(call),
+            _ => None,
+        })?;
+        call(&self.numbers()).filter(|_| self.axis.is_motor())
+    }
+
     /// Whether it leaves a motor room to move without its load.
     #[must_use]
     pub fn rattles(&self) -> bool {
-        let has_play = |equation: &Physics| match equation {
-            Physics::Transmission(call) => {
-                call(&self.numbers()).is_some_and(|spring| 0.0 < spring.play)
-            }
-            _ => false,
-        };
-        self.axis.is_motor() && self.effect.physics.equations().iter().any(has_play)
+        self.spring().is_some_and(|spring| 0.0 < spring.play)
     }
 }
 

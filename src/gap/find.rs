@@ -19,7 +19,8 @@ use crate::{
     recording::Split,
     stats::t_quantile,
     twin::{
-        Instance, Left, Machine, Plant, Session, Slot, Source, Stage, StageKind, Twin, Value, machine_of,
+        Instance, Left, Machine, Plant, Session, Slot, Source, Stage, StageKind, Twin, Value,
+        machine_of,
     },
 };
 

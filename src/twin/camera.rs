@@ -158,7 +158,9 @@ impl CameraStage {
     ) {
         let times = &self.channels[0].times;
         let mut samples = samples.peekable();
-        let Some(first) = samples.peek().and_then(|first| times.get(*first).copied()) else { return };
+        let Some(first) = samples.peek().and_then(|first| times.get(*first).copied()) else {
+            return;
+        };
         let mut cursor = 0;
         let mut time = first - chain.delay(first) - RUN_IN;
         let mut at = |time: f64, chain: &mut Chain| {

@@ -384,7 +384,12 @@ impl<'p> Track<'p> {
         let misses = (misses.sum::<f64>() / times.len() as f64).sqrt();
         let led = self.guide.as_ref().map_or([0.0; 2], |guide| guide.at(time).1);
         // The slope's share of each moment.
-        let by = |k: usize| Some(parabola(&powers, &std::array::from_fn(|own| f64::from(u8::from(own == k))))?[1] / half);
+        let by = |k: usize| {
+            Some(
+                parabola(&powers, &std::array::from_fn(|own| f64::from(u8::from(own == k))))?[1]
+                    / half,
+            )
+        };
         let row = [by(0)?, by(1)?, by(2)?];
         let window = Window { time, first: low, count: times.len(), row, half };
         Some(Slope {

@@ -86,7 +86,8 @@ mod tests {
             }
         }
         // A bowl pulls alike everywhere along one line.
-        let beside = |y: f64| slope(&[0.001, 1.0], &Ball { position: [0.05, y], ..Ball::default() });
+        let beside =
+            |y: f64| slope(&[0.001, 1.0], &Ball { position: [0.05, y], ..Ball::default() });
         assert!((beside(0.0)[0] - beside(0.2)[0]).abs() < 1e-15);
     }
 }

@@ -48,9 +48,9 @@ impl Search<'_> {
     /// Parts the effect that was added last, where the data want it so as they want a known one: two motors, or two
     /// rails, seldom have quite as much of it. It is then two steps, each with its part of the gap.
     pub(super) fn part_the_added(&mut self, excess: Option<Excess>) {
-        let Some((step, [one, other])) = self.added.last().and_then(|step| {
-            step.axis.parts().map(|parts| (step.clone(), parts))
-        }) else {
+        let Some((step, [one, other])) =
+            self.added.last().and_then(|step| step.axis.parts().map(|parts| (step.clone(), parts)))
+        else {
             return;
         };
         let instances = &self.best.point.twin.instances;

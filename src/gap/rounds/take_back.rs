@@ -2,7 +2,7 @@
 
 use super::{Added, Search, is_in};
 use crate::{
-    effects::{Effect, Physics},
+    effects::Effect,
     gap::{
         fit::{self, Fit},
         known::Worth,
@@ -230,17 +230,11 @@ const BEYOND_ENDS: f64 = 2.0;
 
 /// Whether the instance `index` is a spring that gives way hardly more than the ends of a play beside it.
 fn is_end_of_a_play(twin: &Twin, index: usize) -> bool {
-    let spring = |own: &Instance| {
-        own.effect.physics.equations().iter().find_map(|equation| match equation {
-            Physics::Transmission(call) => call(&own.numbers()),
-            _ => None,
-        })
-    };
     let own = &twin.instances[index];
-    let Some(belt) = spring(own).filter(|belt| belt.play == 0.0) else { return false };
+    let Some(belt) = own.spring().filter(|belt| belt.play == 0.0) else { return false };
     let plays = twin.instances.iter().filter(|other| other.axis.overlaps(own.axis));
     plays
-        .filter_map(spring)
+        .filter_map(Instance::spring)
         .any(|play| 0.0 < play.play && play.stiffness < BEYOND_ENDS * belt.stiffness)
 }
 
