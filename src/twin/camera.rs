@@ -189,3 +189,52 @@ impl CameraStage {
         Carriage { dt, position, velocity, acceleration, striker_mass: chain.striker_mass }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, Domain, find},
+        twin::{Instance, Machine, Source},
+    };
+
+    /// Two runs with a pause between them: a hard stop in the first, rest in the second.
+    #[test]
+    fn what_slipped_in_one_run_stays_away_in_the_next() {
+        let velocity = |t: f64| (1.0 - 20.0 * (t - 0.5).max(0.0)).max(0.0);
+        let place = |t: f64| {
+            let braked = (t - 0.5).clamp(0.0, 0.05);
+            t.min(0.5) + braked - 10.0 * braked * braked
+        };
+        let times: Vec<f64> = (0..6000).map(|k| 1e-3 * f64::from(k)).collect();
+        let carriage = MeasuredPath::new(
+            times.clone(),
+            times.iter().map(|t| [place(*t), 0.0]).collect(),
+            times.iter().map(|t| [velocity(*t), 0.0]).collect(),
+        );
+        let frames: Vec<f64> = (0..600).map(|k| 0.01 * f64::from(k)).collect();
+        let channel = |axis: &'static str| Channel {
+            signal: format!("camera.striker_{axis}"),
+            unit: "m",
+            domain: Domain::Sensor,
+            axis,
+            rate_hz: 100.0,
+            times: frames.clone(),
+            measured: vec![0.0; frames.len()],
+            runs: vec![10..200, 400..600],
+        };
+        let channels = vec![channel("x"), channel("y")];
+        let stage = CameraStage { carriage, channels, height: 0.0, losses: None };
+        let mut twin = Twin::nominal(Machine::Table);
+        twin.striker_mass = 0.012;
+        let slip = find("coupling.magnet_slip").unwrap();
+        twin.instances = vec![Instance::new(slip, Axis::Whole, &[0.12, 0.0], Source::Known)];
+        let mut predicted = vec![vec![0.0; frames.len()]; 2];
+        stage.predict(&twin, &[vec![0.0; 2]], &mut predicted);
+        // Against 10 m/s^2 the striker slides 25 mm further than the magnet, which stops with 20 m/s^2.
+        let away = |sample: usize| predicted[0][sample] - place(frames[sample]);
+        assert!(away(40).abs() < 1e-9 && (away(199) - 0.025).abs() < 1e-3, "{}", away(199));
+        assert!((away(400) - away(199)).abs() < 1e-9, "{} {}", away(199), away(400));
+        assert!(predicted[0][300].is_nan());
+    }
+}

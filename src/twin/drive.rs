@@ -337,6 +337,36 @@ mod tests {
         predicted.try_into().expect("two channels")
     }
 
+    /// A drive keeps its gains when it has to move more: with twice the mass the loop is slower by the root of two, and
+    /// damped by as much less.
+    #[test]
+    fn the_gains_of_a_loop_do_not_follow_the_mass() {
+        let omega = 120.0;
+        let loaded = |omega: f64, damping: f64, tuned: Option<f64>| {
+            let mut twin = table(omega, 0.0, 5.0);
+            twin.tuned_mass = tuned;
+            for instance in &mut twin.instances {
+                match instance.effect.name {
+                    "gantry.inertia" => instance.values[0].value = 2.0 * MASS,
+                    "drive.velocity_loop" => instance.values[1].value = damping,
+                    _ => {}
+                }
+            }
+            answers(&twin, &sampled())
+        };
+        let root = 2.0_f64.sqrt();
+        let [kept, equal, other] = [
+            loaded(omega, 1.0, Some(MASS)),
+            loaded(omega / root, 1.0 / root, None),
+            loaded(omega, 1.0, None),
+        ];
+        let apart = |one: &[Vec<f64>; 2], two: &[Vec<f64>; 2]| {
+            one[0].iter().zip(&two[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        };
+        assert!(apart(&kept, &equal) < 1e-12, "{}", apart(&kept, &equal));
+        assert!(1e-3 < apart(&kept, &other), "{}", apart(&kept, &other));
+    }
+
     /// The closed form of a PI loop that follows a ramp from rest: the error is r t exp(-w t), so the velocity is
     /// r t (1 - exp(-w t)) and the force m r (1 - (1 - w t) exp(-w t)).
     #[test]

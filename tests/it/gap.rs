@@ -299,15 +299,15 @@ fn normal(stream: &mut Stream) -> f64 {
     f64::from((0..12).map(|_| stream.uniform_f32(-0.5, 0.5)).sum::<f32>())
 }
 
-/// How the motors of a table follow their commands: so late (s), with ramps so steep (m/s^2).
+/// How each motor of a table follows its command: so late (s), with ramps so steep (m/s^2).
 #[derive(Clone, Copy)]
 struct Follows {
-    late_s: f64,
+    late_s: [f64; 2],
     ramps: [f64; 2],
 }
 
 /// At once, and alike.
-const ALIKE: Follows = Follows { late_s: 0.0, ramps: [8.0; 2] };
+const ALIKE: Follows = Follows { late_s: [0.0; 2], ramps: [8.0; 2] };
 
 /// Two sessions of a table whose motors ramp to their commands and follow the ramp with a time constant of 4 ms, by
 /// small explicit steps; velocities are read with 0.5 mm/s of noise. A camera sees the striker on the carriage.
@@ -352,10 +352,10 @@ fn followed(dir: &Path, name: &str, motors: Follows, camera: Option<Camera>) -> 
                     writer.write(topic::CAMERA_DETECTIONS, at, &frame).unwrap();
                 }
             }
-            let wanted = turned(jumps((t - motors.late_s).max(0.0), session));
             for index in 0..2 {
                 let most = 1e-4 * motors.ramps[index];
-                ramp[index] += (wanted[index] - ramp[index]).clamp(-most, most);
+                let wanted = turned(jumps((t - motors.late_s[index]).max(0.0), session))[index];
+                ramp[index] += (wanted - ramp[index]).clamp(-most, most);
                 motor[index] += 1e-4 * (ramp[index] - motor[index]) / 0.004;
                 place[index] += 1e-4 * turned(motor)[index];
             }
@@ -378,11 +378,27 @@ fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
     let magnet = rejected.iter().find(|own| own["name"] == "coupling.magnet_spring").unwrap();
     assert!(magnet["reason"].as_str().unwrap().contains("not testable without"), "{magnet}");
     assert!(same["next_experiment"].as_str().unwrap().contains("--camera"), "{same:#}");
-    let late = followed(dir.path(), "late", Follows { late_s: 0.018, ..ALIKE }, None);
+    let late = followed(dir.path(), "late", Follows { late_s: [0.018; 2], ..ALIKE }, None);
     let (document, _) = gap(&late, Some(&twin), &dir.path().join("late"));
     let delay = document["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drive.delay");
     let parameter = &delay.unwrap_or_else(|| panic!("{document:#}"))["parameters"][0];
     assert!((parameter["value"].as_f64().unwrap() - 0.018).abs() < 0.001, "{parameter}");
+}
+
+#[test]
+fn two_motors_that_are_late_by_different_times_have_each_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    gap(&followed(dir.path(), "base", ALIKE, None), None, &dir.path().join("base"));
+    let twin = dir.path().join("base/twin.json").display().to_string();
+    let truth = [("a", 0.018), ("b", 0.014)];
+    let late =
+        followed(dir.path(), "late", Follows { late_s: truth.map(|own| own.1), ..ALIKE }, None);
+    let (document, _) = gap(&late, Some(&twin), &dir.path().join("late"));
+    assert_eq!(names(&document), ["drive.delay"; 2], "{document:#}");
+    for (own, (axis, late_s)) in document["effects"].as_array().unwrap().iter().zip(truth) {
+        let value = own["parameters"][0]["value"].as_f64().unwrap();
+        assert!(own["axis"] == axis && (value - late_s).abs() < 0.001, "{own}");
+    }
 }
 
 #[test]

@@ -251,3 +251,34 @@ fn take_out(best: &mut Fit, step: &Added) {
 fn has_sizes_only(effect: &Effect) -> bool {
     effect.null.len() == 1 || effect.null.iter().all(|null| *null == 0.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, find},
+        twin::{Machine, Source},
+    };
+
+    #[test]
+    fn a_belt_beside_a_play_is_more_than_its_ends() {
+        let mut twin = Twin::nominal(Machine::Table);
+        let mut add = |name: &str, axis: Axis, values: &[f64]| {
+            twin.instances.push(Instance::new(find(name).unwrap(), axis, values, Source::Fitted));
+            twin.instances.len() - 1
+        };
+        let hard = add("drive.compliance.belt", Axis::Motors, &[2.7e-6, 0.98, 0.05]);
+        let soft = add("drive.compliance.belt", Axis::Motors, &[1.7e-5, 0.98, 0.05]);
+        assert!(!is_end_of_a_play(&twin, hard));
+        twin.instances.push(Instance::new(
+            find("drive.backlash").unwrap(),
+            Axis::B,
+            &[3e-4, 50.0],
+            Source::Fitted,
+        ));
+        assert!(is_end_of_a_play(&twin, hard) && !is_end_of_a_play(&twin, soft));
+        assert!(!is_end_of_a_play(&twin, soft + 1));
+        twin.instances[hard].axis = Axis::A;
+        assert!(!is_end_of_a_play(&twin, hard));
+    }
+}

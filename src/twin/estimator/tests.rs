@@ -3,7 +3,7 @@
 use super::*;
 use crate::effects::{Axis, find};
 use crate::recording::{ExistingFile, FlushPolicy, RecordingWriter};
-use crate::twin::Source;
+use crate::twin::{Machine, Source};
 use crate::units::Nanos;
 use std::f64::consts::TAU;
 
@@ -183,4 +183,56 @@ fn encoders_tell_a_reversal_that_frames_smear() {
         times.iter().map(|t| [0.365 * (7.3 * t).cos(), -0.255 * (5.1 * t).sin()]).collect(),
     );
     assert!(track().guided(Some(&other)).guide.is_none());
+}
+
+#[test]
+fn a_striker_that_swings_on_its_magnet_is_told_from_a_slow_estimator() {
+    // A carriage that jumps to and fro with 12 m/s^2 drags 12 g on a spring of 60 N/m, by small explicit steps.
+    let (mass, stiffness, damping) = (0.012, 60.0, 0.1);
+    let velocity = |t: f64| (3.0 * (OMEGA * t).sin()).clamp(-0.3, 0.3);
+    let step = 1e-5;
+    let critical = 2.0 * f64::sqrt(stiffness * mass);
+    let (mut carriage, mut striker, mut speed) = (0.0, 0.0, 0.0);
+    let (mut carriages, mut strikers, mut speeds) = (vec![], vec![], vec![]);
+    for k in 0..1_010_000_u32 {
+        let t = step * f64::from(k);
+        if k % 100 == 0 {
+            carriages.push(carriage);
+            strikers.push(striker);
+            speeds.push(speed);
+        }
+        let pull = stiffness * (carriage - striker) + damping * critical * (velocity(t) - speed);
+        speed += step * pull / mass;
+        striker += step * speed;
+        carriage += step * velocity(t + 0.5 * step);
+    }
+    let at = |values: &[f64], t: f64| values[(1e3 * t).round() as usize];
+    let times: Vec<f64> = (0..2000).map(|k| 0.005 * f64::from(k)).collect();
+    let path = MeasuredPath::new(
+        times.clone(),
+        times.iter().map(|t| [at(&carriages, *t), 0.02 * (9.0 * t).sin()]).collect(),
+        times.iter().map(|t| [velocity(*t), 0.18 * (9.0 * t).cos()]).collect(),
+    );
+    let frames: Vec<f64> = (0..1000).map(|k| 0.01 * f64::from(k)).collect();
+    let points: Vec<Point> =
+        frames.iter().map(|t| Point { x: at(&strikers, *t), y: 0.02 * (9.0 * t).sin() }).collect();
+    let track = Track::new(&frames, points.iter().map(Some)).guided(Some(&path));
+    let states: Vec<f64> = (0..380).map(|k| 1.0 + 0.02 * f64::from(k)).collect();
+    let reported: Vec<_> = states.iter().map(|t| Some([at(&speeds, *t), 0.1])).collect();
+    let mut stage = EstimatorStage { channels: Vec::new(), inputs: Vec::new(), swing: None };
+    let run = 0..states.len();
+    stage.add("left", &track, &reported, (&states, std::slice::from_ref(&run)));
+    let left = |instances: Vec<Instance>| {
+        let mut twin = Twin::nominal(Machine::Table);
+        (twin.striker_mass, twin.instances) = (mass, instances);
+        let mut predicted = vec![Vec::new(); 2];
+        stage.predict(&twin, &[], &mut predicted);
+        let errors = predicted[0].iter().zip(&stage.channels[0].measured).map(|(p, m)| p - m);
+        let finite: Vec<f64> = errors.filter(|error| error.is_finite()).collect();
+        assert!(300 < finite.len());
+        (finite.iter().map(|error| error * error).sum::<f64>() / finite.len() as f64).sqrt()
+    };
+    let spring = instance("coupling.magnet_spring", &[stiffness, damping, 1.0]);
+    let (rigid, swinging) = (left(Vec::new()), left(vec![spring]));
+    assert!(0.03 < rigid && 5.0 * swinging < rigid, "{rigid} {swinging}");
 }
