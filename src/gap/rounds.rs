@@ -467,21 +467,8 @@ impl Search<'_> {
                 excess = self.excess(judged.insert(self.judged()));
                 continue;
             }
-            let Some((fit, step)) = round.winner else { break };
-            let at = numbers_of_last(&fit.point.twin);
-            log::info!("{:?}: {} on {} is added at {at:?}", self.kind, step.effect.name, step.axis);
-            let before = self.added.len();
-            self.added.push(step);
-            let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
-            (self.best, self.filters) = from_deepest(&self.train, settled, given);
-            self.leave_out_incidents();
-            excess = self.excess(judged.insert(self.judged()));
-            if !is_nothing_new(excess) {
-                self.part_the_added(excess);
-                excess = self.excess(judged.insert(self.judged()));
-            }
-            let plain = numbers(&fit::plainly(&self.train, &self.best));
-            self.added[before..].iter_mut().for_each(|step| step.numbers.clone_from(&plain));
+            let Some(winner) = round.winner else { break };
+            excess = self.add(winner, given, &mut judged);
         }
         let worth = Worth::new(&given.twin, self.kind, excess, 0.0);
         let is_less = self.take_back_what_is_not_missed(&worth, usize::from(!has_parted));
@@ -498,6 +485,30 @@ impl Search<'_> {
             false => self.disturbance(given, &judged),
         };
         self.unexplained(&judged, disturbance)
+    }
+
+    /// Adds what won a round, on each motor or rail by itself where they differ, and fits everything; gives what is
+    /// then left, and puts the twin on the judging sessions into `judged`.
+    fn add(
+        &mut self,
+        (fit, step): (Fit, Added),
+        given: &Point,
+        judged: &mut Option<Point>,
+    ) -> Option<Excess> {
+        let at = numbers_of_last(&fit.point.twin);
+        log::info!("{:?}: {} on {} is added at {at:?}", self.kind, step.effect.name, step.axis);
+        let before = self.added.len();
+        self.added.push(step);
+        let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
+        (self.best, self.filters) = from_deepest(&self.train, settled, given);
+        self.leave_out_incidents();
+        let mut excess = self.excess(judged.insert(self.judged()));
+        if !is_nothing_new(excess) && self.part_the_added(excess) {
+            excess = self.excess(judged.insert(self.judged()));
+        }
+        let plain = numbers(&fit::plainly(&self.train, &self.best));
+        self.added[before..].iter_mut().for_each(|step| step.numbers.clone_from(&plain));
+        excess
     }
 
     /// Leaves out what happened once and was hidden by what has been added.

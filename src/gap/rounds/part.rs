@@ -1,7 +1,7 @@
 //! Effects that two motors, or two rails, have of different sizes: known ones that they had in common, and such as were
 //! found on both.
 
-use super::{Added, Search, is_in};
+use super::{Added, Search, is_in, take_back::instance_of};
 use crate::{
     gap::{
         fit::{self, Fit},
@@ -46,20 +46,13 @@ impl Search<'_> {
     }
 
     /// Parts the effect that was added last, where the data want it so as they want a known one: two motors, or two
-    /// rails, seldom have quite as much of it. It is then two steps, each with its part of the gap.
-    pub(super) fn part_the_added(&mut self, excess: Option<Excess>) {
-        let Some((step, [one, other])) =
-            self.added.last().and_then(|step| step.axis.parts().map(|parts| (step.clone(), parts)))
-        else {
-            return;
-        };
-        let instances = &self.best.point.twin.instances;
-        let is_own = |index: &usize| {
-            instances[*index].effect == step.effect && instances[*index].axis == step.axis
-        };
-        let Some(index) = (0..instances.len()).rev().find(is_own) else { return };
+    /// rails, seldom have quite as much of it. It is then two steps, each with its part of the gap. Gives whether it was.
+    pub(super) fn part_the_added(&mut self, excess: Option<Excess>) -> bool {
+        let Some(step) = self.added.last().cloned() else { return false };
+        let index = instance_of(&self.best.point.twin, &step);
+        let (Some([one, other]), Some(index)) = (step.axis.parts(), index) else { return false };
         let Some(Parting { share, fit, filters, .. }) = self.wanted_parting(index, excess) else {
-            return;
+            return false;
         };
         log::info!("{:?}: {} is not alike on {one} and {other}", self.kind, step.effect.name);
         (self.best, self.filters) = (fit, filters);
@@ -76,6 +69,7 @@ impl Search<'_> {
         first.contest.iter_mut().filter(|own| step.is(own)).for_each(|own| own.axis = one);
         self.added.pop();
         self.added.extend([first, second]);
+        true
     }
 
     /// The fit with the instance parted, where the data want that beyond chance and by what makes an effect worth a

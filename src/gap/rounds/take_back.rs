@@ -220,7 +220,7 @@ impl Absence {
 }
 
 /// Where in the twin the effect of a step is.
-fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
+pub(super) fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
     twin.instances.iter().position(|own| own.effect == step.effect && own.axis == step.axis)
 }
 
