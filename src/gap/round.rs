@@ -246,8 +246,9 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
     (rejected, short)
 }
 
-/// The candidate's effect added to the nearest of several bases and sizes, everything fitted together;
-/// with each base come the columns of its known parameters.
+/// The candidate's effect added to each of several bases at the nearest of its sizes, everything fitted together, and
+/// the best of that: what known parameters have made up for may lead astray. With each base come the columns of its
+/// known parameters.
 fn fitted(
     train: &Problem<'_>,
     bases: &[(&Fit, Vec<Vec<f64>>)],
@@ -256,23 +257,24 @@ fn fitted(
 ) -> Fit {
     // The line of the screen may lead too far for what bends: what is nearer to nothing is a start too.
     let sizes = screen::towards_null(candidate);
-    let starts = bases.iter().flat_map(|(base, known)| {
+    let fits = bases.iter().filter_map(|(base, known)| {
         let nothing = fit::squared(&train.whitened(&base.point, filters));
-        sizes.iter().map(move |values| {
+        let starts = sizes.iter().map(|values| {
             let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, values);
             let point = Point { twin, nuisance: base.point.nuisance.clone() };
             let loss = fit::squared(&train.whitened(&point, filters));
             // From a limit that is never reached no slope leads anywhere.
             let is_idle = (loss - nothing).abs() <= IDLE * nothing;
-            (is_idle, loss, point, known)
-        })
+            (is_idle, loss, point)
+        });
+        let (.., point) = starts.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))?;
+        let mut slots = bases[0].0.slots.clone();
+        slots.extend(slots_of_last(&point.twin));
+        let how = fit::How { filters, iterations: 10, known };
+        Some((fit::fit_with(train, point, &slots, &how), how))
     });
-    let nearest = starts.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let (.., point, known) = nearest.expect("there is a base, and sizes to start from");
-    let mut slots = bases[0].0.slots.clone();
-    slots.extend(slots_of_last(&point.twin));
-    let how = fit::How { filters, iterations: 10, known };
-    let found = fit::fit_with(train, point, &slots, &how);
+    let best = fits.min_by(|a, b| a.0.loss.total_cmp(&b.0.loss));
+    let (found, how) = best.expect("there is a base, and sizes to start from");
     if candidate.effect.probes.len() < MANY_PROBES {
         return found;
     }

@@ -4,7 +4,10 @@ use super::{
     findings::{Class, NamedEffect, Refit, SignalGap, Verdict},
     rounds::Outcome,
 };
-use crate::twin::{Source, Twin};
+use crate::{
+    effects::Axis,
+    twin::{Source, Twin},
+};
 
 /// Share by which a fitted parameter must move to speak for another machine.
 const JUMP: f64 = 0.25;
@@ -84,20 +87,36 @@ fn is_other_machine(start: &Twin, refit: &[Refit]) -> bool {
     LEAST_JUMPS <= jumped && fitted <= 2 * refit.len()
 }
 
+/// Each name once, with its places where it has several.
+fn each_once<'n>(names: impl Iterator<Item = (&'n str, Axis)>) -> String {
+    let mut places: Vec<(&str, Vec<String>)> = Vec::new();
+    for (name, axis) in names {
+        match places.iter_mut().find(|own| own.0 == name) {
+            Some((_, axes)) => axes.push(axis.to_string()),
+            None => places.push((name, vec![axis.to_string()])),
+        }
+    }
+    let told = places.into_iter().map(|(name, axes)| match &axes[..] {
+        [_] => name.to_owned(),
+        _ => format!("{name} on {}", axes.join(" and ")),
+    });
+    told.collect::<Vec<_>>().join(", ")
+}
+
 fn says(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
     let Findings { effects, class, refit, outcomes, .. } = *findings;
     match verdict {
         Verdict::Named | Verdict::Ambiguous => {
-            let names: Vec<&str> = effects.iter().map(|effect| effect.name.as_str()).collect();
-            let mut text = format!("The simulation was missing {}.", names.join(", "));
+            let names = each_once(effects.iter().map(|own| (own.name.as_str(), own.axis)));
+            let mut text = format!("The simulation was missing {names}.");
             for class in class {
                 text += &format!(" The data cannot tell {} apart.", class.names.join(" from "));
             }
             text
         }
         Verdict::RefitOnly => {
-            let names: Vec<&str> = refit.iter().map(|refit| refit.name.as_str()).collect();
-            format!("Nothing is missing; known parameters moved: {}.", names.join(", "))
+            let names = each_once(refit.iter().map(|own| (own.name.as_str(), own.axis)));
+            format!("Nothing is missing; known parameters moved: {names}.")
         }
         Verdict::Unexplained => {
             let unknown = outcomes.iter().find_map(|outcome| outcome.unexplained.as_ref());
@@ -128,5 +147,17 @@ fn says(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
             )
         }
         _ => "Nothing is missing above the noise.".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_at_several_places_is_told_once() {
+        let names =
+            [("drive.delay", Axis::A), ("drive.gain", Axis::Motors), ("drive.delay", Axis::B)];
+        assert_eq!(each_once(names.into_iter()), "drive.delay on a and b, drive.gain");
     }
 }
