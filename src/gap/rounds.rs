@@ -503,8 +503,10 @@ impl Search<'_> {
         (self.best, self.filters) = from_deepest(&self.train, settled, given);
         self.leave_out_incidents();
         let mut excess = self.excess(judged.insert(self.judged()));
-        if !is_nothing_new(excess) && self.part_the_added(excess) {
-            excess = self.excess(judged.insert(self.judged()));
+        if !is_nothing_new(excess)
+            && let Some(parted) = self.part_the_added(excess)
+        {
+            excess = self.excess(judged.insert(parted));
         }
         let plain = numbers(&fit::plainly(&self.train, &self.best));
         self.added[before..].iter_mut().for_each(|step| step.numbers.clone_from(&plain));

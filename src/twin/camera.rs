@@ -5,8 +5,8 @@ use super::{
 };
 use crate::effects::{Carriage, Effect, Physics, both};
 
-/// Step of the march along the measured path (s).
-const STEP: f64 = 1e-3;
+/// Step of a march along the measured path (s).
+pub(super) const STEP: f64 = 1e-3;
 
 /// How long before the first run the march begins, so that memories have settled (s).
 const RUN_IN: f64 = 0.3;
@@ -54,6 +54,11 @@ impl Chain {
             }
         }
         chain
+    }
+
+    /// The carriage on `path` at `time`, for one step of the march.
+    fn carriage(&self, path: &MeasuredPath, time: f64, cursor: &mut usize) -> Carriage {
+        path.carriage(time, STEP, self.striker_mass, cursor)
     }
 
     /// Striker of a carriage at one time.
@@ -139,7 +144,7 @@ impl CameraStage {
         let mut cursor = 0;
         for sample in samples {
             let time = self.channels[0].times[sample];
-            let carriage = self.carriage_at(time - chain.delay(time), STEP, &mut cursor, chain);
+            let carriage = chain.carriage(&self.carriage, time - chain.delay(time), &mut cursor);
             let place = chain.striker(carriage);
             let seen = chain.seen(place, self.height);
             predicted[0][sample] = seen[0] + offset[0];
@@ -164,7 +169,7 @@ impl CameraStage {
         let mut cursor = 0;
         let mut time = first - chain.delay(first) - RUN_IN;
         let mut at = |time: f64, chain: &mut Chain| {
-            let carriage = self.carriage_at(time, STEP, &mut cursor, chain);
+            let carriage = chain.carriage(&self.carriage, time, &mut cursor);
             chain.striker(carriage)
         };
         let mut before = at(time, chain);
@@ -182,11 +187,6 @@ impl CameraStage {
             predicted[0][sample] = seen[0] + offset[0];
             predicted[1][sample] = seen[1] + offset[1];
         }
-    }
-
-    fn carriage_at(&self, time: f64, dt: f64, cursor: &mut usize, chain: &Chain) -> Carriage {
-        let (position, velocity, acceleration) = self.carriage.at(time, cursor);
-        Carriage { dt, position, velocity, acceleration, striker_mass: chain.striker_mass }
     }
 }
 

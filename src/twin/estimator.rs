@@ -3,7 +3,8 @@
 //! The true velocity is the slope of a parabola through the camera's places around each instant,
 //! which looks ahead as far as it looks back and so does not lag. Of a striker whose carriage is
 //! measured, it is the carriage's velocity and the slope of the difference between both ([`guide`]), with what that
-//! slope misses of the twin's own striker ([`swing`]). The twin's estimator effects make of it what `/board/state` should say.
+//! slope misses of the twin's own striker ([`swing`]). The twin's estimator effects make of it what `/board/state` should
+//! say.
 
 mod guide;
 mod swing;
@@ -383,21 +384,21 @@ impl<'p> Track<'p> {
         });
         let misses = (misses.sum::<f64>() / times.len() as f64).sqrt();
         let led = self.guide.as_ref().map_or([0.0; 2], |guide| guide.at(time).1);
-        // The slope's share of each moment.
-        let by = |k: usize| {
-            Some(
-                parabola(&powers, &std::array::from_fn(|own| f64::from(u8::from(own == k))))?[1]
-                    / half,
-            )
+        let window = match &self.guide {
+            Some(_) => {
+                let row = slope_by_moment(&powers)?.map(|share| share / half);
+                Some(Window { time, first: low, count: times.len(), row, half })
+            }
+            None => None,
         };
-        let row = [by(0)?, by(1)?, by(2)?];
-        let window = Window { time, first: low, count: times.len(), row, half };
-        Some(Slope {
-            velocity: [led[0] + a[1] / half, led[1] + b[1] / half],
-            misses,
-            window: self.guide.is_some().then_some(window),
-        })
+        Some(Slope { velocity: [led[0] + a[1] / half, led[1] + b[1] / half], misses, window })
     }
+}
+
+/// What each moment adds to the slope of the parabola with these sums of powers.
+fn slope_by_moment(powers: &[f64; 5]) -> Option<[f64; 3]> {
+    let [a, b, c] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    Some([parabola(powers, &a)?[1], parabola(powers, &b)?[1], parabola(powers, &c)?[1]])
 }
 
 /// Coefficients of the parabola with these sums of powers and moments (Cramer's rule).

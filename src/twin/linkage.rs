@@ -89,7 +89,7 @@ impl Linkage {
     #[must_use]
     pub fn is_dynamic(&self) -> bool {
         let plays = self.belt_plays.iter().chain(&self.rail_plays).any(|parts| !parts.is_empty());
-        plays || !self.couplings.is_empty() || !self.frames.is_empty()
+        plays || self.couples() || !self.frames.is_empty()
     }
 
     /// Whether the striker may move beside its magnet.

@@ -1,6 +1,6 @@
 //! A measured motion between its samples.
 
-use crate::effects::both;
+use crate::effects::{Carriage, both};
 
 /// Positions and velocities at known times, read anywhere between them.
 #[derive(Debug, Clone, Default)]
@@ -61,6 +61,12 @@ impl MeasuredPath {
             }
         }
         if 0.0 < whole && along.is_finite() { along / whole } else { 0.0 }
+    }
+
+    /// The carriage at `time`, for a step of `dt` (s) with a striker of `striker_mass` (kg); see [`at`](Self::at).
+    pub fn carriage(&self, time: f64, dt: f64, striker_mass: f64, cursor: &mut usize) -> Carriage {
+        let (position, velocity, acceleration) = self.at(time, cursor);
+        Carriage { dt, position, velocity, acceleration, striker_mass }
     }
 
     /// Position, velocity and acceleration at `time`: the cubic through the samples beside it

@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 
 /// `drive.velocity_loop`: force M (2 z w e + w^2 integral of e), so that the closed loop with the mass M is
 /// (2 z w s + w^2) / (s^2 + 2 z w s + w^2). M is the mass for which the loop was fitted first: its gains stay when the
-/// mass changes. The loop runs on a computer: the velocity in its error e is a
-/// little old, by the sampling, the encoder's filter and the time that it takes to act. So is the torque that the
-/// drive reports, by its last pass and by what filters it.
+/// mass changes. The loop runs on a computer: the velocity in its error e is a little old, by the sampling, the
+/// encoder's filter and the time that it takes to act. So is the torque that the drive reports, by its last pass and by
+/// what filters it.
 pub(crate) static VELOCITY_LOOP: Effect = Effect {
     name: "drive.velocity_loop",
     says: "the velocity loop answers with another bandwidth or damping",

@@ -6,6 +6,7 @@ use crate::{
     gap::{
         fit::{self, Fit},
         known::{Excess, least_worth},
+        problem::Point,
         whiten::Filters,
     },
     parallel::in_parallel,
@@ -33,7 +34,8 @@ impl Search<'_> {
         let shared: Vec<usize> = (0..self.best.point.twin.instances.len())
             .filter(|index| self.is_shared_and_known(*index))
             .collect();
-        let trials = in_parallel(&shared, |index| self.wanted_parting(*index, excess));
+        let before = self.rows(&self.best);
+        let trials = in_parallel(&shared, |index| self.wanted_parting(*index, &before, excess));
         let best = trials.into_iter().flatten().min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(Parting { loss, fit, filters, .. }) = best else { return false };
         let left = |rival: &Fit| fit::squared(&self.train.whitened(&rival.point, &self.filters));
@@ -46,22 +48,23 @@ impl Search<'_> {
     }
 
     /// Parts the effect that was added last, where the data want it so as they want a known one: two motors, or two
-    /// rails, seldom have quite as much of it. It is then two steps, each with its part of the gap. Gives whether it was.
-    pub(super) fn part_the_added(&mut self, excess: Option<Excess>) -> bool {
-        let Some(step) = self.added.last().cloned() else { return false };
-        let index = instance_of(&self.best.point.twin, &step);
-        let (Some([one, other]), Some(index)) = (step.axis.parts(), index) else { return false };
-        let Some(Parting { share, fit, filters, .. }) = self.wanted_parting(index, excess) else {
-            return false;
-        };
+    /// rails, seldom have quite as much of it. It is then two steps, each with its part of the gap. Gives the twin on the
+    /// judging sessions, if it was parted.
+    pub(super) fn part_the_added(&mut self, excess: Option<Excess>) -> Option<Point> {
+        let step = self.added.last()?.clone();
+        let [one, other] = step.axis.parts()?;
+        let index = instance_of(&self.best.point.twin, &step)?;
+        let before = self.rows(&self.best);
+        let Parting { share, fit, filters, .. } = self.wanted_parting(index, &before, excess)?;
         log::info!("{:?}: {} is not alike on {one} and {other}", self.kind, step.effect.name);
         (self.best, self.filters) = (fit, filters);
+        let judged = self.judged();
         let between = step.held_out_steps.1.clone();
         let second = Added {
             axis: other,
             held_out_gain: share,
             class: Vec::new(),
-            held_out_steps: (between, self.held_out.rms(&self.judged())),
+            held_out_steps: (between, self.held_out.rms(&judged)),
             contest: Vec::new(),
             ..step.clone()
         };
@@ -69,13 +72,17 @@ impl Search<'_> {
         first.contest.iter_mut().filter(|own| step.is(own)).for_each(|own| own.axis = one);
         self.added.pop();
         self.added.extend([first, second]);
-        true
+        Some(judged)
     }
 
     /// The fit with the instance parted, where the data want that beyond chance and by what makes an effect worth a
-    /// name.
-    fn wanted_parting(&self, index: usize, excess: Option<Excess>) -> Option<Parting> {
-        let before = self.rows(&self.best);
+    /// name; `before` are the residuals of the best fit.
+    fn wanted_parting(
+        &self,
+        index: usize,
+        before: &[Vec<f64>; 2],
+        excess: Option<Excess>,
+    ) -> Option<Parting> {
         let (fit, filters) = self.parted(index)?;
         let after = self.rows(&fit);
         let share = 1.0 - fit::squared(&after[1]) / fit::squared(&before[1]);

@@ -144,9 +144,11 @@ impl Search<'_> {
     fn nothing(&self) -> Option<Added> {
         let twin = &self.best.point.twin;
         let is_gone = |step: &&Added| {
-            let size = instance_of(twin, step).map(|instance| Slot { instance, parameter: 0 });
-            on_bound_of(twin, size.filter(|size| self.best.slots.contains(size))).is_some()
-                || instance_of(twin, step).is_some_and(|own| is_end_of_a_play(twin, own))
+            instance_of(twin, step).is_some_and(|instance| {
+                let size = Slot { instance, parameter: 0 };
+                is_end_of_a_play(twin, instance)
+                    || self.best.slots.contains(&size) && on_bound_of(twin, [size]).is_some()
+            })
         };
         if let Some(step) = self.added.iter().find(is_gone) {
             return Some(step.clone());

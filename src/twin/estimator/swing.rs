@@ -6,12 +6,9 @@
 
 use super::Track;
 use crate::{
-    effects::{Carriage, both},
-    twin::{Linkage, MeasuredPath, Places, Twin},
+    effects::both,
+    twin::{Linkage, MeasuredPath, Places, Twin, camera::STEP},
 };
-
-/// Step of the march along the measured path (s).
-const STEP: f64 = 1e-3;
 
 /// The striker of one player, its frames, and the windows over which its velocity is told.
 #[derive(Debug, Clone)]
@@ -91,8 +88,7 @@ impl Swing {
         let steps = ((last - first) / STEP).ceil() as usize + 2;
         let places = (0..steps).map(|k| {
             let time = first + STEP * k as f64 - self.delay;
-            let (position, velocity, acceleration) = self.path.at(time, &mut cursor);
-            let carriage = Carriage { dt: STEP, position, velocity, acceleration, striker_mass };
+            let carriage = self.path.carriage(time, STEP, striker_mass, &mut cursor);
             let away = linkage.away(&mut memory, &carriage);
             self.turn.map(|[by_x, by_y]| by_x * away[0] + by_y * away[1])
         });
