@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Strength and learning curves of several policies: report_training.py OUT POLICY.mcap...
+"""Evaluation and learning curves of several policies: report_training.py OUT POLICY.mcap...
 
-Writes OUT/strength.json (games against each scripted player, out of the summaries in the files) and
+Writes OUT/evaluation.json (games against each scripted player, out of the summaries in the files) and
 OUT/curves.png. Needs mcap, mcap-protobuf-support and matplotlib from PyPI."""
 
 import json
@@ -32,15 +32,15 @@ def read(path):
         return json.loads(found["summary.json"]), [message for *_, message in messages]
 
 
-def strength(summary):
+def evaluation(summary):
     row = {"seed": summary["settings"]["seed"], "transitions": summary["transitions"]}
     row["entropy_coef"] = summary["settings"]["ppo"]["entropy_coef"]
     row["actuator"] = summary["actuator"]["kind"]
     row["commit"] = summary["provenance"]["git_hash"]
-    for judged in summary["verdict"]["opponents"]:
+    for judged in summary["evaluation"]["opponents"]:
         sides = [judged["score"]["left"], judged["score"]["right"]]
         count = {key: sum(side[key] for side in sides) for key in ("won", "drawn", "lost")}
-        keys = ("won_share", "won_share_ci95", "scored_per_min", "conceded_per_min")
+        keys = ("win_rate", "win_rate_ci95", "goals_per_min", "conceded_goals_per_min")
         row[judged["opponent"]] = count | {key: judged[key] for key in keys}
     return row
 
@@ -49,8 +49,8 @@ def main():
     out, *policies = map(pathlib.Path, sys.argv[1:])
     out.mkdir(parents=True, exist_ok=True)
     runs = [read(path) for path in policies]
-    rows = [strength(summary) for summary, _ in runs]
-    (out / "strength.json").write_text(json.dumps(rows, indent=1) + "\n")
+    rows = [evaluation(summary) for summary, _ in runs]
+    (out / "evaluation.json").write_text(json.dumps(rows, indent=1) + "\n")
     figure, axes = plt.subplots(2, 2, figsize=(10, 6), constrained_layout=True)
     for axis, (title, value) in zip(axes.flat, CURVES):
         for summary, updates in runs:
@@ -62,7 +62,7 @@ def main():
     axes.flat[0].legend()
     figure.savefig(out / "curves.png", dpi=90)
     for row in rows:
-        shares = (f"{name} {100 * row[name]['won_share']:.1f} %" for name in OPPONENTS)
+        shares = (f"{name} {100 * row[name]['win_rate']:.1f} %" for name in OPPONENTS)
         print(f"seed {row['seed']}:", ", ".join(shares))
 
 

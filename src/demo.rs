@@ -25,7 +25,7 @@ mod pictures;
 mod plan;
 mod record;
 
-pub use experiment::{Contest, Difference, Experiment, Figure};
+pub use experiment::{Contest, Difference, Estimate, Experiment};
 pub use page::{Pictures, Story, page};
 pub use pictures::pictures;
 pub use plan::{

@@ -1,10 +1,11 @@
-//! KLASK in two dimensions, thousands of boards at once: the game in which policies learn.
+//! Vectorized simulation of the game KLASK in two dimensions, in which policies are trained.
 //!
-//! [`Games`] holds the boards as arrays, one per kind of thing (balls, strikers, physics, clocks), and plays
-//! all of them one control period (20 ms, 50 Hz) per [`Games::step`]. Nothing is allocated in a step. A board
-//! depends on the seed, its number and its episode only, so the same seed gives the same bytes however boards
-//! are divided over threads: each thread plays a [`Games::range`] of its own. [`Games::save`] and
-//! [`Games::restore`] let an interrupted training go on as if it had not been.
+//! [`Games`] holds the state of all environments as arrays, one per component (balls, strikers,
+//! physics, clocks), and advances all of them by one control period (20 ms, 50 Hz) per
+//! [`Games::step`]. A step allocates nothing. An environment depends only on the seed, its number
+//! and its episode. Equal seeds therefore give equal bytes for any division over threads: each
+//! thread steps a [`Games::range`] of its own. [`Games::save`] and [`Games::restore`] let an
+//! interrupted training continue with identical results.
 //!
 //! ```
 //! use klasktron::{
@@ -28,44 +29,47 @@
 //!
 //! # Frames, units, shapes
 //!
-//! SI units and radians; the board frame of [`crate::board`] inside, and at the players' side each player's
-//! own frame: the board frame for the left player (y < 0), the board turned by 180 degrees for the right one.
+//! SI units and radians. The board frame of [`crate::board`] is used inside; players use their own
+//! frame: the board frame for the left player (y < 0), the board frame turned by 180 degrees for
+//! the right player.
 //!
-//! | what | shape | unit |
+//! | quantity | shape | unit |
 //! |---|---|---|
-//! | commands | `[boards][left, right][x, y]`, `f32` | m/s, each in its player's frame |
-//! | [`Games::observe`] | `[boards][12 or 20]`, `f32` | m, m/s, rad ([`Sight`]) |
-//! | [`Outcomes`] | one entry per board, players left, right | m/s |
+//! | commands | `[environments][left, right][x, y]`, `f32` | m/s, each in its player's frame |
+//! | [`Games::observe`] | `[environments][12 or 20]`, `f32` | m, m/s, rad ([`Observation`]) |
+//! | [`Outcomes`] | one entry per environment, players left, right | m/s |
 //!
-//! # What happens in a control period
+//! # Order of computation in a control period
 //!
-//! 1. A command is clamped to 0.4 m/s, slew-limited, and held back before walls ([`CommandLimits`]).
-//! 2. The actuator ([`Actuation`]) leads each striker's magnet through the period: at once; by a fitted
-//!    network, all carriages of 64 boards in one product per layer; or by the drives, gantry and coupling of
-//!    a [`crate::twin::Twin`].
-//! 3. The period is cut into [`GameSettings::pieces`]. In each, the forces of the catalogue
-//!    ([`crate::effects`]) push the ball, and all contacts on its straight way are solved for in their order:
-//!    walls, moving strikers, biscuits, rims of cups. Nothing is tunnelled through at any speed.
-//! 4. The episode ends with a goal, a striker over its own cup, two biscuits on a striker, or the time limit;
-//!    the next one begins at once.
+//! 1. Commands are clamped to 0.4 m/s, slew-limited, and reduced near walls ([`CommandLimits`]).
+//! 2. The actuator ([`Actuation`]) moves each striker's magnet through the period: instantaneously;
+//!    by a fitted network, with one matrix product per layer for all carriages of 64 environments;
+//!    or by the drives, gantry and coupling of a [`crate::twin::Twin`].
+//! 3. The period is divided into [`GameSettings::pieces`]. In each, the forces of the catalogue
+//!    ([`crate::effects`]) accelerate the ball, and all contacts on its straight path are solved in
+//!    order of time: walls, moving strikers, biscuits, rims of cups. No contact is missed
+//!    (tunnelling) at any speed.
+//! 4. The episode ends with a goal, an own goal (a striker over its own cup or two biscuits on a
+//!    striker), or the time limit. The next episode begins at once.
 //!
-//! # What is modelled
+//! # Modelled effects
 //!
-//! - Rolling resistance, tilt, curvature, drag, attraction by magnets, sliding after impacts: the laws of the
+//! - Rolling resistance, tilt, curvature, drag, attraction by magnets, sliding after impacts: the
 //!   effects in [`BallSettings`], which [`GameSettings::with_twin`] takes from a twin.
-//! - Impacts with restitution (also one that falls with speed), Coulomb friction at rest and while sliding,
-//!   and spin about the vertical; walls that stand elsewhere or crooked.
-//! - Strikers of finite mass: a hit pushes them from their magnet, on which they swing back
-//!   ([`StrikerSettings`]).
-//! - Cups into which a ball falls or over whose rim it comes out again ([`CupSettings`], [`sure_fall_speed`]).
+//! - Impacts with restitution (constant or decreasing with speed), static and kinetic Coulomb
+//!   friction, and spin about the vertical; displaced or tilted walls.
+//! - Strikers of finite mass: an impact displaces them from their magnet, to which they return as a
+//!   damped oscillator ([`StrikerSettings`]).
+//! - Cups that capture a ball or release it over the rim ([`CupSettings`], [`sure_fall_speed`]).
 //! - Biscuits ([`BiscuitSettings`]), off by default as in the paper.
-//! - Physics that differ from episode to episode ([`Randomization::paper`]), off by default.
+//! - Domain randomization: physics drawn per episode ([`Randomization::paper`]), off by default.
 //!
-//! # What is not
+//! # Not modelled
 //!
-//! The third dimension (jumping balls, heights of strikers); the shape of the cup below its rim; rotation of
-//! strikers; effects of a hit on the carriage; biscuits that touch each other or fall into cups; wear.
-//! Observations are exact and of this instant: the place for a model of the camera is in [`Sight`].
+//! The third dimension (jumping balls, heights of strikers); the shape of the cup below its rim;
+//! rotation of strikers; reaction of an impact on the carriage; contacts between biscuits, and
+//! biscuits in cups; wear. Observations are exact and current: a camera model would be applied to
+//! [`Observation`].
 
 mod actuation;
 mod biscuit;
@@ -87,8 +91,8 @@ mod state;
 pub use actuation::Actuation;
 pub use cup::sure_fall_speed;
 pub use error::GameError;
-pub use games::{Asked, Clockwork, Games, Snapshot, Spent};
-pub use observation::{ObservationKind, Sight, turned};
+pub use games::{ActuatorQueries, ClockFn, Games, Snapshot, StepTimes};
+pub use observation::{Observation, ObservationKind, turned};
 pub use outcome::{Ending, Outcomes};
 pub use randomization::{BoardPhysics, Randomization, Surface};
 pub use settings::{

@@ -1,15 +1,15 @@
-//! Scripted players, against which policies are measured and can be trained.
+//! Scripted players, as opponents in training and evaluation.
 //!
-//! A [`Scripted`] player sees what a policy sees, the standard values of
-//! [`ObservationKind`](crate::game::ObservationKind) in its own frame, and answers with a velocity. It
-//! has no memory, so it can take over any board at any time, in a simulation and on a table.
+//! A [`Scripted`] player gets the observation of a policy, the standard values of
+//! [`ObservationKind`](crate::game::ObservationKind) in its own frame, and returns a velocity. It
+//! has no memory, so it can take over any environment at any time, in simulation and on a table.
 //!
-//! | player | what it does |
+//! | player | behaviour |
 //! |---|---|
-//! | `stationary` | stands |
-//! | `random` | drives in a random direction at a random speed, a new one every 0.2 s |
-//! | `goalkeeper` | stays close to its own cup, on the line from there to the ball |
-//! | `chaser` | drives behind a ball in its half and hits it towards the other cup, else waits between ball and own cup |
+//! | `stationary` | does not move |
+//! | `random` | moves in a random direction at a random speed, drawn every 0.2 s |
+//! | `goalkeeper` | stays close to its own cup, on the line from the cup to the ball |
+//! | `chaser` | moves behind a ball in its half and hits it towards the other cup; otherwise waits between ball and own cup |
 //!
 //! ```
 //! use klasktron::opponent::{Moment, Scripted};
@@ -21,7 +21,7 @@
 //! assert_eq!(Scripted::Stationary.velocity(&seen, moment, 0.4), [0.0, 0.0]);
 //! ```
 //!
-//! None of this is from the paper or upstream, which name such players without a definition.
+//! These definitions are our own; the paper and upstream name such players without a definition.
 
 use crate::{
     board::{BALL_RADIUS, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
@@ -30,58 +30,61 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Control periods for which the random player keeps a velocity: 0.2 s, half a crossing of its half.
+/// Number of control periods for which the random player keeps a velocity: 0.2 s, half a crossing
+/// of its half.
 const RANDOM_STEPS: u64 = 10;
-/// Velocity towards a place over the distance to it (1/s): within two control periods of a slew-limited
-/// carriage, so that it arrives without swinging.
+/// Proportional gain from distance to velocity (1/s): two control periods of a slew-limited
+/// carriage, so that it arrives without overshoot.
 const GAIN: f32 = 10.0;
-/// Distance of the goalkeeper from the middle of its own cup (m): rim, striker and ball side by side.
+/// Distance of the goalkeeper from the middle of its own cup (m): rim, striker and ball next to
+/// each other.
 const KEEPER_DISTANCE: f32 = (CUP_RADIUS + STRIKER_RADIUS + 2.0 * BALL_RADIUS) as f32;
-/// Nearer than this to the middle of its own cup no player is led (m), or it would fall in.
+/// Minimum distance of a commanded position from the middle of the own cup (m); nearer, the striker
+/// would fall in.
 const CUP_CLEARANCE: f32 = (CUP_RADIUS + 2.0 * STRIKER_RADIUS) as f32;
-/// Distance behind the ball from which the chaser hits it (m): it touches at 0.0145 m.
+/// Distance behind the ball from which the chaser hits it (m); contact is at 0.0145 m.
 const RUN_UP: f32 = 0.03;
-/// Off the line of the hit by less than this (m), the chaser goes through the ball: it then leaves at most 0.1
+/// Maximum lateral error at which the chaser hits the ball (m). The ball then leaves at most 0.1
 /// rad off, which is half a cup at the other end.
 const ON_LINE: f32 = 0.0015;
-/// Ahead of this place along y (m) no striker gets at the ball: the wall limiter stops it.
+/// Largest y that a striker reaches because of the wall limiter, seen from the ball (m).
 const OUT_OF_REACH: f32 = -0.025;
-/// Where the wall limiter stops a striker on its way to the middle (m).
+/// Largest y of a striker that moves towards the middle, set by the wall limiter (m).
 const FAR_EDGE: f32 = -0.0335;
-/// Over this distance before it the limiter slows it (m).
+/// Distance over which the limiter slows a striker before that position (m).
 const BRAKING: f32 = 0.09;
-/// Longest time over which the chaser foresees the ball (s): a bounce is likely later.
+/// Longest prediction of the ball by the chaser (s); a bounce is likely later.
 const LONGEST_LEAD: f32 = 0.2;
-/// Where the chaser waits: its distance from its own cup towards the ball (m).
+/// Waiting position of the chaser: distance from its own cup towards the ball (m).
 const WAIT_DISTANCE: f32 = 0.08;
 
-/// A player that follows a rule.
+/// A player that follows a fixed rule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scripted {
-    /// Stands.
+    /// Does not move.
     Stationary,
-    /// Drives about.
+    /// Moves at random.
     Random,
     /// Guards its cup.
     Goalkeeper,
-    /// Goes after the ball.
+    /// Chases the ball.
     Chaser,
 }
 
-/// When and where a decision is taken; only the random player's depends on it.
+/// Time and environment of a decision; only the random player depends on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Moment {
     /// The user's seed.
     pub seed: u64,
-    /// Number of the board.
+    /// Number of the environment.
     pub board: u64,
     /// Number of the control period.
     pub step: u64,
 }
 
 impl Scripted {
-    /// All of them, weakest first.
+    /// All players, weakest first.
     pub const ALL: [Self; 4] = [Self::Stationary, Self::Random, Self::Goalkeeper, Self::Chaser];
 
     /// `stationary`, `random`, `goalkeeper` or `chaser`.
@@ -95,11 +98,11 @@ impl Scripted {
         }
     }
 
-    /// Velocity (m/s, own frame), at most `speed` along each axis, for what is `seen`: at least the 12
-    /// standard values (m, m/s, own frame).
+    /// Velocity (m/s, own frame), at most `speed` along each axis, for the observation `seen`: at
+    /// least the 12 standard values (m, m/s, own frame).
     ///
     /// # Panics
-    /// When fewer values are seen.
+    /// When `seen` has fewer values.
     #[must_use]
     pub fn velocity(self, seen: &[f32], moment: Moment, speed: f32) -> [f32; 2] {
         let (own, ball) = ([seen[0], seen[1]], [seen[8], seen[9]]);
@@ -134,7 +137,7 @@ fn chase(own: [f32; 2], ball: [f32; 2], ball_velocity: [f32; 2], speed: f32) -> 
     if OUT_OF_REACH < ball[1] {
         return towards(along(OWN_CUP, ball, WAIT_DISTANCE), own, speed);
     }
-    // Where the ball will be when the striker can be there.
+    // Position of the ball at the time at which the striker can reach it.
     let time = (length(minus(ball, own)) / speed).min(LONGEST_LEAD);
     let ball = [ball[0] + time * ball_velocity[0], ball[1] + time * ball_velocity[1]];
     let hit = unit(minus(OTHER_CUP, ball));
@@ -146,7 +149,7 @@ fn chase(own: [f32; 2], ball: [f32; 2], ball_velocity: [f32; 2], speed: f32) -> 
     }
     let mut place = [ball[0] - RUN_UP * hit[0], ball[1] - RUN_UP * hit[1]];
     if behind < 0.0 {
-        // Around the ball, on the side where it is.
+        // Around the ball, on the side on which it is.
         let side = if beside < 0.0 { -RUN_UP } else { RUN_UP };
         place = [place[0] + side * across[0], place[1] + side * across[1]];
     }
@@ -156,15 +159,15 @@ fn chase(own: [f32; 2], ball: [f32; 2], ball_velocity: [f32; 2], speed: f32) -> 
     towards(place, own, speed)
 }
 
-/// Through the ball along `hit`, back onto the line when it is `beside` it; no faster forwards than the wall
-/// limiter lets it, which would bend the way.
+/// Velocity through the ball along `hit`, with a correction of the lateral error `beside`. It is no
+/// faster forwards than the wall limiter permits, which would bend the path.
 fn strike(own: [f32; 2], [hit, across]: [[f32; 2]; 2], beside: f32, speed: f32) -> [f32; 2] {
     let room = (FAR_EDGE - own[1]).clamp(0.0, BRAKING) / BRAKING;
     let forwards = (room / hit[1].max(1e-3)).min(1.0) * speed;
     [0, 1].map(|k| (forwards * hit[k] - GAIN * beside * across[k]).clamp(-speed, speed))
 }
 
-/// Velocity from `own` to `place`, that leads away from the own cup when it is too close.
+/// Velocity from `own` to `place`, directed away from the own cup when too close to it.
 fn towards(place: [f32; 2], own: [f32; 2], speed: f32) -> [f32; 2] {
     let to_cup = minus(own, OWN_CUP);
     let place = if length(to_cup) < CUP_CLEARANCE {
@@ -175,7 +178,7 @@ fn towards(place: [f32; 2], own: [f32; 2], speed: f32) -> [f32; 2] {
     minus(place, own).map(|distance| (GAIN * distance).clamp(-speed, speed))
 }
 
-/// The place `distance` from `start` on the way to `end`.
+/// Point at `distance` from `start` on the way to `end`.
 fn along(start: [f32; 2], end: [f32; 2], distance: f32) -> [f32; 2] {
     let [x, y] = unit(minus(end, start));
     [start[0] + distance * x, start[1] + distance * y]
@@ -193,7 +196,7 @@ fn length(a: [f32; 2]) -> f32 {
     dot(a, a).sqrt()
 }
 
-/// Of length 1; straight ahead for no length.
+/// Unit vector of `a`; straight ahead for a zero vector.
 fn unit(a: [f32; 2]) -> [f32; 2] {
     let length = length(a);
     if length < 1e-6 { [0.0, 1.0] } else { a.map(|v| v / length) }
@@ -209,7 +212,8 @@ mod tests {
 
     const SPEED: f32 = 0.4;
 
-    /// Endings of `left` against `right`, one episode on each of `boards`, and hits of each.
+    /// Play one episode in each of `boards` environments; returns its ends and the number of hits
+    /// of each player.
     fn play([left, right]: [Scripted; 2], boards: usize) -> (Vec<Ending>, [u32; 2]) {
         let mut games = Games::new(boards, &GameSettings::default(), 5).unwrap();
         let mut outcomes = Outcomes::new(boards);

@@ -1,31 +1,33 @@
-//! Playing: policies and scripted players on a table, real or virtual.
+//! Matches: policies and scripted players on a table, real or virtual.
 //!
-//! [`Match`] is the [`Pilot`](crate::collect::Pilot) of a session of [`collect`](crate::collect), which homes,
-//! arms, guards and records as ever. In every control period (50 Hz):
+//! [`Match`] is the [`Pilot`](crate::collect::Pilot) of a session of [`collect`](crate::collect),
+//! which homes, arms, guards and records as in a collection. In every control period (50 Hz):
 //!
-//! 1. Pictures since the last period go into one [`BoardFilter`](crate::ekf::BoardFilter); its estimates of ball
-//!    and strikers are moved ahead to now.
-//! 2. Each player sees them in its own frame ([`Sight`](crate::game::Sight)): the board turned by 180 degrees for
-//!    the right one.
-//! 3. It answers with a velocity: the mean action of a policy times its scale, or what the rule of a scripted
-//!    player says.
-//! 4. That passes the wall limiter of the game at the carriage's place by its encoders, once within the field of
-//!    training and once within that of the robot file, so a policy meets on the table what it met in training
-//!    and goes nowhere it never was.
-//! 5. The session adds its own limits: slew, and never faster towards an edge than the carriage can stop.
+//! 1. Camera frames since the last period update one [`BoardFilter`](crate::ekf::BoardFilter); its
+//!    estimates of ball and strikers are predicted to the current time.
+//! 2. Each player gets an observation in its own frame ([`Observation`](crate::game::Observation)):
+//!    the board turned by 180 degrees for the right player.
+//! 3. The player returns a velocity: the mean action of a policy times its scale, or the rule of a
+//!    scripted player.
+//! 4. The wall limiter of the game is applied to it at the encoder position of the carriage, with
+//!    the workspace of training and with that of the robot file. A policy therefore meets the
+//!    limits of its training and never leaves its training workspace.
+//! 5. The session applies its own limits: slew, and a speed towards an edge from which the carriage
+//!    can stop.
 //!
-//! # What is not seen
+//! # Missing detections
 //!
-//! | what | what the players see |
+//! | object | observation of the players |
 //! |---|---|
-//! | the ball, for longer than the filter believes in it | nothing: both stand until it is seen again |
-//! | the ball in a cup for [`IN_CUP_SECONDS`] | nothing, as when an episode of training has ended |
-//! | a striker | its carriage by the encoders; where that is not driven, the last place at which it was seen, at rest; before the first sight its home point |
+//! | ball, for longer than the filter keeps its track | none: both players stop until it is detected again |
+//! | ball in a cup for [`IN_CUP_SECONDS`] | none, as after the end of an episode in training |
+//! | striker | its carriage by the encoders; if it is not driven, the last detected position, at rest; before the first detection its home position |
 //!
-//! # Left out on purpose
+//! # Limits
 //!
-//! A decision is for now, not for the moment when a command takes effect: in training there is no such delay
-//! either, except that of the actuator. Biscuits, and who serves, are for people.
+//! A decision uses the current state, not the state at the time when the command takes effect:
+//! training has no such delay either, except that of the actuator. Biscuits and serving are left to
+//! people.
 //!
 //! ```
 //! use klasktron::{

@@ -5,7 +5,7 @@
 //! nothing of any game.
 //!
 //! ```
-//! use klasktron::ppo::{End, Learner, Place, PpoSettings, Rollout, RolloutShape, Scratch, Spaces};
+//! use klasktron::ppo::{End, Learner, StepIndex, PpoSettings, Rollout, RolloutShape, Scratch, Spaces};
 //! use std::num::NonZeroUsize;
 //!
 //! # fn main() -> Result<(), klasktron::ppo::PpoError> {
@@ -16,7 +16,7 @@
 //! let mut scratch = Scratch::default();
 //! for (number, mut step) in rollout.whole().steps.into_iter().enumerate() {
 //!     step.observations.fill(0.5); // what the environments show
-//!     learner.act(Place { step: number as u64, first_environment: 0 }, &mut step, &mut scratch);
+//!     learner.act(StepIndex { step: number as u64, first_environment: 0 }, &mut step, &mut scratch);
 //!     for (reward, action) in step.rewards.iter_mut().zip(step.actions.iter()) {
 //!         *reward = -action.powi(2); // what the environments make of it
 //!     }
@@ -96,7 +96,7 @@ mod workers;
 pub use advantage::Advantages;
 pub use error::PpoError;
 pub use gaussian::Gaussian;
-pub use learner::{Learner, Place, UpdateReport};
+pub use learner::{Learner, StepIndex, UpdateReport};
 pub use model::{Deviations, Scratch};
 pub use moments::Moments;
 pub use policy::Policy;

@@ -4,11 +4,11 @@
 //! `/board/state` where there is nothing better (imported bags). A contact lasts less than a frame, and
 //! between two frames a ball of 1 m/s moves 8 mm, so contacts are found from the motion between frames:
 //! the ball's track is divided into free rolls where that makes it most likely, and each change of
-//! velocity is given the cause (wall, striker at its place between the frames, cup) that explains its
-//! place, time and direction best.
+//! velocity is given the cause (wall, striker at its position between the frames, cup) that explains its
+//! position, time and direction best.
 //!
 //! ```
-//! use klasktron::referee::{EventKind, Frame, Rules, judge};
+//! use klasktron::referee::{EventKind, Frame, Rules, analyze};
 //! // A ball that rolls to the right wall and back, 1 m/s in and 0.8 m/s out.
 //! let frames: Vec<Frame> = (0..60)
 //!     .map(|k| {
@@ -17,7 +17,7 @@
 //!         Frame { time, ball: Some([x, 0.05]), strikers: [None; 2] }
 //!     })
 //!     .collect();
-//! let events = judge(&frames, &Rules::default()).events;
+//! let events = analyze(&frames, &Rules::default()).events;
 //! assert_eq!(events.len(), 1);
 //! assert_eq!(events[0].kind, EventKind::WallBounce);
 //! assert!((events[0].time - 0.253).abs() < 0.001);
@@ -66,13 +66,14 @@
 //! Biscuits are not detected by the camera, so they are not judged. Two bounces at one wall, or two
 //! impulses of striker and wall, within one frame are one. Spin is not estimated.
 
+mod analysis;
 mod compare;
 mod document;
 mod episodes;
 mod event;
 mod events_file;
+mod frames;
 mod impacts;
-mod judge;
 mod matches;
 mod metric;
 mod page;
@@ -80,22 +81,21 @@ mod rolls;
 mod rules;
 mod sight;
 mod table;
-mod tape;
 mod touches;
 mod vector;
 
+pub use analysis::{Episode, MatchAnalysis, analyze};
 pub use compare::{Comparison, Difference, Group, compare};
 pub use document::{EVENTS_FILE, EpisodeScore, MatchScore, SCHEMA_VERSION, Score};
 pub use episodes::{Outcome, Span};
 pub use event::{Event, EventKind};
 pub use events_file::write_events;
-pub use judge::{Episode, Judgement, judge};
-pub use matches::{ScoredMatch, judge_matches};
+pub use frames::{Frame, MatchFrames, Source};
+pub use matches::{ScoredMatch, analyze_matches};
 pub use metric::{Figure, Metric, summarise};
 pub use page::page;
 pub use rules::Rules;
 pub use table::write_episodes;
-pub use tape::{Frame, Source, Tape};
 
 use crate::recording::RecordingError;
 use std::path::PathBuf;

@@ -1,7 +1,8 @@
-//! Self-play: policies learn KLASK against earlier versions of themselves.
+//! Self-play training: policies learn KLASK against earlier versions of themselves.
 //!
-//! [`Run`] is the loop: many boards of the [`game`](crate::game) fill a rollout, the [`ppo`](crate::ppo)
-//! learner learns from it, and now and then the policy joins the pool of its opponents.
+//! [`Run`] is the training loop: many environments of the [`game`](crate::game) fill a rollout, the
+//! [`ppo`](crate::ppo) learner updates the policy, and from time to time the policy joins the pool
+//! of its opponents.
 //!
 //! ```
 //! use klasktron::{game::GameSettings, train::{Machine, Preset, Run, TrainSettings}};
@@ -20,37 +21,39 @@
 //! # }
 //! ```
 //!
-//! # The details
+//! # Implementation details
 //!
-//! Paper: KlaskTron, appendix A and B. Upstream: the KlaskTron repositories. The learner's own details are on
-//! the front page of [`ppo`](crate::ppo).
+//! Paper: KlaskTron, appendix A and B. Upstream: the KlaskTron repositories. The details of the
+//! learner are listed in [`ppo`](crate::ppo).
 //!
-//! | detail | here | done by |
+//! | detail | choice | code |
 //! |---|---|---|
 //! | observations | 12 standard values, or 8 more (paper A.3) | [`ObservationKind`](crate::game::ObservationKind) |
 //! | actions | two, -1 to 1, clamped; times 0.4 m/s; slew and wall limiter are the game's (upstream) | `pool::velocity_of` |
-//! | seats | the learner sits left on even boards, right on odd ones; all see their own frame | `table::seat` |
+//! | seats | the learner plays left in even environments, right in odd ones; both use their own frame | `table::seat` |
 //! | reward | result plus shaping that decays with transitions (paper, equation 2) | [`RewardSettings`] |
 //! | curricula | dense ball-to-goal, collision only, sparse (paper A.1) | [`Curriculum`] |
-//! | ends | a time limit cuts an episode off, which then counts on with its last value; all else ends it | `block::Block::pay` |
-//! | opponents | drawn for every episode, weight 0.9 to the power of the age (paper A.2) | `pool::weights` |
-//! | first opponent | untrained, draws its actions; later ones play means (upstream) | `pool::Pool::new` |
-//! | pool update | mean score difference of the last finished games above 0.7 (paper A.2); a full window, nothing added | `pool::Pool::wants_update` |
+//! | episode ends | a time limit truncates an episode (bootstrapped from its last value); all other ends are terminal | `block::Block::pay` |
+//! | opponents | drawn per episode, weight 0.9 to the power of the age (paper A.2) | `pool::weights` |
+//! | first opponent | untrained, stochastic; later ones play their mean actions (upstream) | `pool::Pool::new` |
+//! | pool update | mean score difference of the last finished games above 0.7 (paper A.2), over a full window | `pool::Pool::wants_update` |
 //! | Elo | K 10, base 1200 (upstream); both seats, equal numbers of games, intervals | [`elo_table`] |
-//! | judgement | means of actions, one episode on each board, no first finishers | [`Arena::play`] |
-//! | randomisation | the paper's table III, off by default | [`RandomizationKind`] |
-//! | first look | moments of observations from random play, before the first update | `run::look_around` |
+//! | evaluation | mean actions, one episode per environment, so that short games are not over-represented | [`Arena::play`] |
+//! | domain randomization | the paper's table III, off by default | [`RandomizationKind`] |
+//! | initial normalization | moments of observations from random play, before the first update | `run::look_around` |
 //!
-//! # Bytes
+//! # Determinism
 //!
-//! Boards are played in blocks that do not depend on threads, random numbers are named after seed, board and
-//! step, and sums run in the order of blocks: equal settings give equal bytes on any number of threads. A
-//! checkpoint holds the boards in the middle of their episodes too, so a resumed run equals an uninterrupted one.
+//! Environments are stepped in blocks that do not depend on threads, random streams are keyed by
+//! seed, environment and step, and sums run in the order of blocks. Equal settings therefore give
+//! equal bytes on any number of threads. A checkpoint includes environments in the middle of their
+//! episodes, so a resumed run equals an uninterrupted one.
 //!
-//! # Left out on purpose
+//! # Not implemented
 //!
 //! Upstream's other learners (FastSAC, Dreamer), its pretraining in another action space, noise on
-//! observations, init-velocity assistance. Networks of learner and opponents have the same layout.
+//! observations, and assistance by initial velocities. Networks of learner and opponents have the
+//! same layout.
 
 mod actuator;
 mod arena;
@@ -59,8 +62,8 @@ mod checkpoint;
 mod curve;
 mod elo;
 mod error;
+mod evaluate;
 mod file;
-mod judge;
 mod message;
 mod page;
 mod pool;
@@ -80,8 +83,8 @@ pub use elo::{
     BASE as ELO_BASE, EloRow, K as ELO_K, Played, expected_score, ratings, table as elo_table,
 };
 pub use error::{Mismatch, TrainError};
+pub use evaluate::{Estimate, Evaluation, LEARNER_NAME, OpponentEvaluation, evaluate};
 pub use file::{POLICY_METADATA, Summary, UPDATE_TOPIC, write_policy};
-pub use judge::{Estimate, Judged, LEARNER_NAME, Verdict, judge};
 pub use page::page;
 pub use pool::{Choice, Member, Opponent};
 pub use reward::{Curriculum, RewardSettings, Step};

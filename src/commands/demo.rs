@@ -254,18 +254,18 @@ fn table(experiment: Option<&Experiment>) -> String {
         "policy", "against", "points per min, sim", "on the rig", "kept"
     )];
     for one in &experiment.contests {
-        let kept = one.kept_share.map(|kept| format!("{:.0} %", 1e2 * kept.value));
+        let kept = one.transfer_ratio.map(|kept| format!("{:.0} %", 1e2 * kept.value));
         lines.push(format!(
             "{:<12}{:<12}{:>22.2}{:>14.2}{:>8}",
             one.policy,
             one.opponent,
-            one.simulated_scored_per_min.value,
-            one.scored_per_min.value,
+            one.simulated_goals_per_min.value,
+            one.goals_per_min.value,
             kept.unwrap_or_else(|| "-".to_owned())
         ));
     }
     for one in &experiment.differences {
-        lines.push(format!("{} against {}: {}", one.better, one.worse, one.says()));
+        lines.push(format!("{} against {}: {}", one.better, one.worse, one.summary()));
     }
     lines.join("\n")
 }

@@ -7,7 +7,7 @@ use klasktron::{
     provenance::Provenance,
     recording::{ExistingFile, files_in, table::ColumnFormat, write_bytes},
     referee::{
-        EVENTS_FILE, Figure, Group, Metric, Rules, Score, ScoredMatch, compare, judge_matches,
+        EVENTS_FILE, Figure, Group, Metric, Rules, Score, ScoredMatch, analyze_matches, compare,
         page, write_episodes, write_events,
     },
 };
@@ -125,7 +125,7 @@ fn judge(args: &Args, listed: Vec<Listed>) -> anyhow::Result<Judged> {
     let template = "{wide_bar} {pos}/{len} matches, {eta} left";
     let bar = terminal::bar(Some(files.len() as u64), template);
     let threads = args.threads.map_or_else(parallel::cores, NonZeroUsize::get);
-    let results = judge_matches(&files, &Rules::default(), threads, &|| bar.inc(1));
+    let results = analyze_matches(&files, &Rules::default(), threads, &|| bar.inc(1));
     bar.finish_and_clear();
     let mut results = results.into_iter();
     let mut judged = Judged { matches: Vec::new(), groups: Vec::new(), errors: Vec::new() };
@@ -181,7 +181,7 @@ fn table(score: &Score, out: &Path) -> String {
         lines.push(format!("{:<34}{mean}{interval}{n:>10}{paper:>8}", metric.title()));
     }
     if let Some(comparison) = &score.comparison {
-        lines.push(comparison.sentence.clone());
+        lines.push(comparison.summary.clone());
     }
     lines.push(format!(
         "wrote score.json, {EVENTS_FILE}, episodes.csv, episodes.parquet and index.html in {}",

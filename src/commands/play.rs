@@ -95,8 +95,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         bail!("whoever plays must see the board: give --camera");
     }
     let mut game = Match::new(seats, &files.robot, &filter.unwrap_or_default(), args.seed)?;
-    for doubt in game.doubts(&files.robot) {
-        tell(&format!("warning: {doubt}"));
+    for warning in game.warnings(&files.robot) {
+        tell(&format!("warning: {warning}"));
     }
     let motion = Motion {
         players: game.players(),

@@ -44,7 +44,7 @@ pub(crate) struct Args {
     /// Points at a time on this machine; results do not depend on it [default: one per core]
     #[arg(long, value_name = "COUNT")]
     workers: Option<NonZeroUsize>,
-    /// Figure to compare, a path into the result such as verdict.opponents.*.won_share [default: by command]
+    /// Figure to compare, a path into the result such as evaluation.opponents.*.win_rate [default: by command]
     #[arg(long, value_name = "FIELD")]
     metric: Option<String>,
     /// Whether a smaller or a larger figure is better [default: by command; smaller of a --metric]

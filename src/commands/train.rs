@@ -17,8 +17,8 @@ use klasktron::{
     train::{
         ActuatorSource, Choice, Curriculum, CurvePoint, EventFile, Machine, Opponent, OpponentMode,
         Preset, RandomizationKind, RewardSettings, Run, SeedRun, Summary, TimeShares, TrainError,
-        TrainSettings, game_with_actuator, judge, page, play_samples, read_checkpoint, read_curve,
-        seeds_page, write_policy,
+        TrainSettings, evaluate, game_with_actuator, page, play_samples, read_checkpoint,
+        read_curve, seeds_page, write_policy,
     },
 };
 use serde::Serialize;
@@ -291,7 +291,7 @@ fn seed_runs(sweep: &Sweep<'_>, finished: &Finished) -> anyhow::Result<Vec<SeedR
         let policy = store.folder(point).join("policy.mcap");
         runs.push(SeedRun {
             seed: point.seed.unwrap_or_default(),
-            verdict: serde_json::from_value(result["verdict"].clone()).ok(),
+            evaluation: serde_json::from_value(result["evaluation"].clone()).ok(),
             curve: read_curve(&Recording::open(&policy)?)?,
         });
     }
@@ -422,8 +422,8 @@ impl Task {
             .context(format!("the newest checkpoint is kept in {kept}; try a lower learning_rate")))
     }
 
-    fn summary(&self, run: &Run, verdict: Option<klasktron::train::Verdict>) -> Summary {
-        Summary::new(run, self.actuator.clone(), verdict, self.provenance.clone())
+    fn summary(&self, run: &Run, evaluation: Option<klasktron::train::Evaluation>) -> Summary {
+        Summary::new(run, self.actuator.clone(), evaluation, self.provenance.clone())
     }
 
     fn write(
@@ -441,17 +441,17 @@ impl Task {
     /// Judges the policy when training is done, and writes everything.
     fn finish(&self, run: &Run) -> anyhow::Result<Summary> {
         log::info!("trained after {:.1} s; judging", clock());
-        let verdict = if run.is_done() { Some(judge(run, self.threads)?) } else { None };
+        let evaluation = if run.is_done() { Some(evaluate(run, self.threads)?) } else { None };
         let players = [
             Opponent::Policy(Box::new(run.policy()), Choice::Mean),
             Opponent::Scripted(Scripted::Chaser),
         ];
         let samples = play_samples(
-            (&run.judging_game(), self.settings.observations),
+            (&run.evaluation_game(), self.settings.observations),
             &players,
             (self.settings.evaluation.sample_games, self.settings.seed),
         )?;
-        let summary = self.summary(run, verdict);
+        let summary = self.summary(run, evaluation);
         self.write(run, &summary, &samples)?;
         Ok(summary)
     }
@@ -498,15 +498,15 @@ fn json(summary: &Summary, times: TimeShares) -> anyhow::Result<String> {
 /// The result for people.
 fn table(summary: &Summary, run: &Run, task: &Task) -> String {
     let mut lines = Vec::new();
-    if let Some(verdict) = &summary.verdict {
+    if let Some(evaluation) = &summary.evaluation {
         lines.push(format!(
             "{:<14}{:>7}{:>7}{:>7}{:>18}{:>17}{:>16}",
             "against", "won", "drawn", "lost", "won of decided", "95 %", "points per min"
         ));
-        for judged in &verdict.opponents {
+        for judged in &evaluation.opponents {
             let both = judged.score.both();
             let share = |share: f64| format!("{:.1}", 100.0 * share);
-            let interval = judged.won_share_ci95.map_or_else(
+            let interval = judged.win_rate_ci95.map_or_else(
                 || "-".to_owned(),
                 |ci| format!("{} to {}", share(ci.low), share(ci.high)),
             );
@@ -516,19 +516,19 @@ fn table(summary: &Summary, run: &Run, task: &Task) -> String {
                 both.won,
                 both.drawn,
                 both.lost,
-                judged.won_share.map_or_else(|| "-".to_owned(), share),
+                judged.win_rate.map_or_else(|| "-".to_owned(), share),
                 interval,
-                judged.scored_per_min.mean,
-                judged.conceded_per_min.mean
+                judged.goals_per_min.mean,
+                judged.conceded_goals_per_min.mean
             ));
         }
-        let best = verdict.elo.iter().find(|row| row.player == klasktron::train::LEARNER_NAME);
+        let best = evaluation.elo.iter().find(|row| row.player == klasktron::train::LEARNER_NAME);
         if let Some(row) = best {
-            let place = verdict.elo.iter().position(|other| other == row).unwrap_or(0) + 1;
+            let place = evaluation.elo.iter().position(|other| other == row).unwrap_or(0) + 1;
             lines.push(format!(
                 "Elo {:.0}, place {place} of {} in the round robin",
                 row.rating,
-                verdict.elo.len()
+                evaluation.elo.len()
             ));
         }
     }

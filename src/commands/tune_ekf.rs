@@ -68,7 +68,7 @@ impl Args {
 
 fn write_outcome(tuned: &Tuned, out: &Path) -> anyhow::Result<()> {
     fs::create_dir_all(out)?;
-    ekf::write_tape(tuned, &out.join("ekf.mcap"))?;
+    ekf::write_recording(tuned, &out.join("ekf.mcap"))?;
     let page = ekf::page(tuned);
     write_bytes(&out.join("index.html"), ExistingFile::Replace, page.as_bytes())?;
     let document = tuned.document.to_json();
@@ -83,7 +83,7 @@ fn table(document: &Document) -> String {
         "held out", "detections", "NIS", "NEES", "velocity mm/s", "upstream mm/s"
     )];
     let figure = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
-    for own in &document.judgement {
+    for own in &document.evaluation {
         for region in &own.regions {
             lines.push(format!(
                 "{:<24}{:>12}{:>8}{:>8}{:>16}{:>16}",

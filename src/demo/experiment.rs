@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 /// A number with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Figure {
+pub struct Estimate {
     /// The number.
     pub value: f64,
     /// Its interval; absent where nothing can be said.
@@ -32,21 +32,21 @@ pub struct Contest {
     /// The opponent.
     pub opponent: &'static str,
     /// Points of the policy per minute in its own simulation.
-    pub simulated_scored_per_min: Figure,
+    pub simulated_goals_per_min: Estimate,
     /// Share of the decided games that it won there.
-    pub simulated_won_share: Option<f64>,
+    pub simulated_win_rate: Option<f64>,
     /// Points of the policy per minute of play on the rig.
-    pub scored_per_min: Figure,
+    pub goals_per_min: Estimate,
     /// Points of the opponent per minute of play on the rig.
-    pub conceded_per_min: Figure,
+    pub conceded_goals_per_min: Estimate,
     /// Share of the points on the rig that the policy won (Wilson's interval).
-    pub won_share: Option<Figure>,
+    pub win_rate: Option<Estimate>,
     /// Length of an episode on the rig (s).
-    pub episode_length_s: Figure,
+    pub episode_length_s: Estimate,
     /// Contacts of both strikers with the ball in an episode on the rig.
-    pub contacts_per_episode: Figure,
+    pub contacts_per_episode: Estimate,
     /// Scoring rate on the rig over that in simulation; the interval is as wide as both together allow.
-    pub kept_share: Option<Figure>,
+    pub transfer_ratio: Option<Estimate>,
     /// Episodes on the rig.
     pub episodes: usize,
 }
@@ -59,14 +59,14 @@ pub struct Difference {
     /// The other one.
     pub worse: &'static str,
     /// Net points per minute of the first minus those of the second.
-    pub net_points_per_min: Figure,
+    pub net_goals_per_min: Estimate,
 }
 
 impl Difference {
-    /// What the interval says.
+    /// What the interval summary.
     #[must_use]
-    pub fn says(&self) -> &'static str {
-        match self.net_points_per_min.ci95 {
+    pub fn summary(&self) -> &'static str {
+        match self.net_goals_per_min.ci95 {
             Some(Interval { low, .. }) if 0.0 < low => "better, as expected",
             Some(Interval { high, .. }) if high < 0.0 => "worse, against the expectation",
             _ => "cannot be told apart",
@@ -80,7 +80,7 @@ pub struct Experiment {
     /// Every policy against every opponent.
     pub contests: Vec<Contest>,
     /// Net points per minute of each policy on the rig, against all opponents together.
-    pub net_points_per_min: Vec<(&'static str, Figure)>,
+    pub net_goals_per_min: Vec<(&'static str, Estimate)>,
     /// The paper's expectation, pair by pair.
     pub differences: Vec<Difference>,
 }
@@ -110,17 +110,17 @@ impl Experiment {
                 of_policy.entry(policy).or_default().extend(episodes);
             }
         }
-        let net = |policy: &'static str| (policy, rate(&of_policy[policy], net_points, minutes));
+        let net = |policy: &'static str| (policy, rate(&of_policy[policy], net_goals, minutes));
         let difference = |(better, worse): (&'static str, &'static str)| {
             let [a, b] = [&of_policy[worse], &of_policy[better]];
             let ci95 = bootstrap_difference_ci95(a, b, SEED, net_rate);
             let [value_a, value_b] = [a, b].map(|all| net_rate(&all.iter().collect::<Vec<_>>()));
             let value = value_b - value_a;
-            Difference { better, worse, net_points_per_min: Figure { value, ci95 } }
+            Difference { better, worse, net_goals_per_min: Estimate { value, ci95 } }
         };
         Some(Self {
             contests,
-            net_points_per_min: POLICIES.map(|kind| net(kind.name)).into(),
+            net_goals_per_min: POLICIES.map(|kind| net(kind.name)).into(),
             differences: CLAIMS.map(difference).into(),
         })
     }
@@ -130,19 +130,19 @@ fn minutes(episode: &Episode) -> f64 {
     episode.minutes
 }
 
-fn net_points(episode: &Episode) -> f64 {
+fn net_goals(episode: &Episode) -> f64 {
     episode.scored - episode.conceded
 }
 
 fn net_rate(drawn: &[&Episode]) -> f64 {
     let sum = |part: fn(&Episode) -> f64| drawn.iter().map(|episode| part(episode)).sum::<f64>();
-    sum(net_points) / sum(minutes)
+    sum(net_goals) / sum(minutes)
 }
 
 /// Sum of `above` over sum of `below`, with an interval from whole episodes.
-fn rate(episodes: &[Episode], above: fn(&Episode) -> f64, below: fn(&Episode) -> f64) -> Figure {
+fn rate(episodes: &[Episode], above: fn(&Episode) -> f64, below: fn(&Episode) -> f64) -> Estimate {
     let (value, ci95) = ratio_ci95(episodes, SEED, above, below);
-    Figure { value, ci95 }
+    Estimate { value, ci95 }
 }
 
 /// The episodes of the match called `name`, seen from `seat`.
@@ -167,9 +167,9 @@ fn episodes(score: &Value, name: &str, seat: &str) -> Vec<Episode> {
 }
 
 /// A figure as `train` writes it.
-fn figure(value: &Value) -> Option<Figure> {
+fn figure(value: &Value) -> Option<Estimate> {
     let ci95 = value.get("ci95").and_then(|ci| serde_json::from_value(ci.clone()).ok());
-    Some(Figure { value: value["mean"].as_f64()?, ci95 })
+    Some(Estimate { value: value["mean"].as_f64()?, ci95 })
 }
 
 fn contest(
@@ -177,39 +177,39 @@ fn contest(
     trained: &Value,
     episodes: &[Episode],
 ) -> Option<Contest> {
-    let judged = trained.pointer("/verdict/opponents")?.as_array()?;
+    let judged = trained.pointer("/evaluation/opponents")?.as_array()?;
     let judged = judged.iter().find(|one| one["opponent"] == opponent)?;
-    let simulated = figure(&judged["scored_per_min"])?;
+    let simulated = figure(&judged["goals_per_min"])?;
     let one = |_: &Episode| 1.0;
     let scored = rate(episodes, |episode| episode.scored, minutes);
     let sum = |part: fn(&Episode) -> f64| episodes.iter().map(part).sum::<f64>() as u64;
     let (won, lost) = (sum(|episode| episode.scored), sum(|episode| episode.conceded));
-    let won_share = (0 < won + lost).then(|| Figure {
+    let win_rate = (0 < won + lost).then(|| Estimate {
         value: won as f64 / (won + lost) as f64,
         ci95: wilson_ci95(won, won + lost),
     });
     Some(Contest {
         policy,
         opponent,
-        simulated_scored_per_min: simulated,
-        simulated_won_share: judged["won_share"].as_f64(),
-        scored_per_min: scored,
-        conceded_per_min: rate(episodes, |episode| episode.conceded, minutes),
-        won_share,
+        simulated_goals_per_min: simulated,
+        simulated_win_rate: judged["win_rate"].as_f64(),
+        goals_per_min: scored,
+        conceded_goals_per_min: rate(episodes, |episode| episode.conceded, minutes),
+        win_rate,
         episode_length_s: rate(episodes, |episode| 60.0 * episode.minutes, one),
         contacts_per_episode: rate(episodes, |episode| episode.contacts, one),
-        kept_share: kept(scored, simulated),
+        transfer_ratio: transfer_ratio(scored, simulated),
         episodes: episodes.len(),
     })
 }
 
 /// What of a rate is kept; nothing can be said of a rate of zero.
-fn kept(measured: Figure, simulated: Figure) -> Option<Figure> {
+fn transfer_ratio(measured: Estimate, simulated: Estimate) -> Option<Estimate> {
     let both = measured.ci95.zip(simulated.ci95);
     let ci95 = both.filter(|(_, simulated)| 0.0 < simulated.low).map(|(measured, simulated)| {
         Interval { low: measured.low / simulated.high, high: measured.high / simulated.low }
     });
-    (0.0 < simulated.value).then(|| Figure { value: measured.value / simulated.value, ci95 })
+    (0.0 < simulated.value).then(|| Estimate { value: measured.value / simulated.value, ci95 })
 }
 
 #[cfg(test)]
@@ -238,10 +238,12 @@ mod tests {
         for kind in POLICIES {
             let judged = OPPONENTS.map(|opponent| {
                 let rate = json!({"mean": 1.0, "ci95": {"low": 0.8, "high": 1.25}});
-                json!({"opponent": opponent, "won_share": 0.9, "scored_per_min": rate})
+                json!({"opponent": opponent, "win_rate": 0.9, "goals_per_min": rate})
             });
-            results
-                .insert(format!("train-{}", kind.name), json!({"verdict": {"opponents": judged}}));
+            results.insert(
+                format!("train-{}", kind.name),
+                json!({"evaluation": {"opponents": judged}}),
+            );
             for opponent in OPPONENTS {
                 for seat in SEATS {
                     let name = match_name(kind.name, opponent, seat);
@@ -259,28 +261,28 @@ mod tests {
         assert_eq!(experiment.contests.len(), 8);
         for contest in &experiment.contests {
             // 8 points and 2 of the other one in 20 episodes, 10 minutes.
-            assert!((contest.scored_per_min.value - 0.8).abs() < 1e-12, "{contest:?}");
-            assert!((contest.conceded_per_min.value - 0.2).abs() < 1e-12);
-            assert!((contest.won_share.unwrap().value - 0.8).abs() < 1e-12);
+            assert!((contest.goals_per_min.value - 0.8).abs() < 1e-12, "{contest:?}");
+            assert!((contest.conceded_goals_per_min.value - 0.2).abs() < 1e-12);
+            assert!((contest.win_rate.unwrap().value - 0.8).abs() < 1e-12);
             assert!((contest.episode_length_s.value - 30.0).abs() < 1e-9);
-            let kept = contest.kept_share.unwrap();
+            let kept = contest.transfer_ratio.unwrap();
             assert!((kept.value - 0.8).abs() < 1e-12);
-            let (kept, own) = (kept.ci95.unwrap(), contest.scored_per_min.ci95.unwrap());
+            let (kept, own) = (kept.ci95.unwrap(), contest.goals_per_min.ci95.unwrap());
             assert!((kept.low - own.low / 1.25).abs() < 1e-12);
         }
-        assert!(experiment.differences.iter().all(|one| one.says() == "cannot be told apart"));
+        assert!(experiment.differences.iter().all(|one| one.summary() == "cannot be told apart"));
     }
 
     #[test]
     fn an_order_is_only_claimed_where_the_interval_shows_it() {
         let points = |name: &str| if name == "ideal" { (1, 7) } else { (8, 1) };
         let experiment = Experiment::new(&results(points)).unwrap();
-        let said: Vec<&str> = experiment.differences.iter().map(Difference::says).collect();
+        let said: Vec<&str> = experiment.differences.iter().map(Difference::summary).collect();
         let [better, same] = ["better, as expected", "cannot be told apart"];
         assert_eq!(said, [better, better, same, same]);
         let points = |name: &str| if name == "twin" { (0, 9) } else { (8, 1) };
         let experiment = Experiment::new(&results(points)).unwrap();
-        assert_eq!(experiment.differences[0].says(), "worse, against the expectation");
+        assert_eq!(experiment.differences[0].summary(), "worse, against the expectation");
     }
 
     #[test]

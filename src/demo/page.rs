@@ -1,7 +1,7 @@
 //! `index.html` of the demo: the story with its numbers and pictures.
 
 use super::{
-    experiment::{Experiment, Figure},
+    experiment::{Estimate, Experiment},
     plan::{Chapter, HIDDEN, OPPONENTS, POLICIES, Plan, Stage},
     record::Record,
 };
@@ -59,7 +59,7 @@ pub fn page(story: &Story<'_>) -> String {
     hidden(&mut page);
     for stage in &story.plan.stages {
         page.section(stage.chapter.title());
-        page.paragraph(stage.chapter.why());
+        page.paragraph(stage.chapter.purpose());
         match stage.chapter {
             Chapter::Collect => collected(&mut page, story),
             Chapter::FitActuator => fitted(&mut page, story),
@@ -95,7 +95,7 @@ fn lead(story: &Story<'_>) -> String {
     let said: Vec<String> = experiment
         .differences
         .iter()
-        .map(|one| format!("{} against {}: {}", one.better, one.worse, one.says()))
+        .map(|one| format!("{} against {}: {}", one.better, one.worse, one.summary()))
         .collect();
     format!("{start} Does knowing the actuator help on the rig? {}.", said.join("; "))
 }
@@ -254,10 +254,10 @@ fn closed(page: &mut Page, story: &Story<'_>) {
 fn trained(page: &mut Page, story: &Story<'_>) {
     let rows = POLICIES.iter().filter_map(|kind| {
         let document = result(story, &format!("train-{}", kind.name))?;
-        let opponents = document.pointer("/verdict/opponents")?.as_array()?;
+        let opponents = document.pointer("/evaluation/opponents")?.as_array()?;
         let share = |name: &str| {
             let found = opponents.iter().find(|one| one["opponent"] == name);
-            let share = found.and_then(|one| one["won_share"].as_f64());
+            let share = found.and_then(|one| one["win_rate"].as_f64());
             share.map_or_else(|| "-".to_owned(), |share| format!("{:.0}", 1e2 * share))
         };
         Some(vec![
@@ -267,7 +267,7 @@ fn trained(page: &mut Page, story: &Story<'_>) {
             share("random"),
             share("goalkeeper"),
             share("chaser"),
-            kind.says.to_owned(),
+            kind.summary.to_owned(),
         ])
     });
     page.table_of_words(&Table {
@@ -316,7 +316,7 @@ fn played(page: &mut Page, story: &Story<'_>) {
 }
 
 /// `2.31 (1.90 to 2.75)`
-fn shown(figure: Figure) -> String {
+fn shown(figure: Estimate) -> String {
     let range = figure.ci95.map(|ci| format!(" ({:.2} to {:.2})", ci.low, ci.high));
     format!("{:.2}{}", figure.value, range.unwrap_or_default())
 }
@@ -328,10 +328,10 @@ fn scored(page: &mut Page, story: &Story<'_>) {
         vec![
             one.policy.to_owned(),
             one.opponent.to_owned(),
-            shown(one.simulated_scored_per_min),
-            shown(one.scored_per_min),
-            one.kept_share.map_or_else(dash, shown),
-            shown(one.conceded_per_min),
+            shown(one.simulated_goals_per_min),
+            shown(one.goals_per_min),
+            one.transfer_ratio.map_or_else(dash, shown),
+            shown(one.conceded_goals_per_min),
         ]
     });
     page.table(&Table {
@@ -349,7 +349,7 @@ fn scored(page: &mut Page, story: &Story<'_>) {
         vec![
             one.policy.to_owned(),
             one.opponent.to_owned(),
-            one.won_share.map_or_else(dash, shown),
+            one.win_rate.map_or_else(dash, shown),
             shown(one.episode_length_s),
             shown(one.contacts_per_episode),
             one.episodes.to_string(),
@@ -372,7 +372,7 @@ fn scored(page: &mut Page, story: &Story<'_>) {
     page.subsection("Does the order hold?");
     let rows = experiment.differences.iter().map(|one| {
         let pair = format!("{} minus {}", one.better, one.worse);
-        vec![pair, shown(one.net_points_per_min), one.says().to_owned()]
+        vec![pair, shown(one.net_goals_per_min), one.summary().to_owned()]
     });
     page.table_of_words(&Table {
         head: texts(&["on the rig, both opponents", "net points per min", "the first one is"]),
@@ -387,10 +387,9 @@ fn rates(experiment: &Experiment, opponent: &str) -> String {
     let contests = experiment.contests.iter().filter(|one| one.opponent == opponent);
     for (number, one) in (1..).zip(contests) {
         let at = f64::from(number);
-        for (x, colour, figure) in [
-            (at - 0.08, BLUE, one.simulated_scored_per_min),
-            (at + 0.08, ORANGE, one.scored_per_min),
-        ] {
+        for (x, colour, figure) in
+            [(at - 0.08, BLUE, one.simulated_goals_per_min), (at + 0.08, ORANGE, one.goals_per_min)]
+        {
             let (low, high) =
                 figure.ci95.map_or((figure.value, figure.value), |ci| (ci.low, ci.high));
             curves.push(curve(colour, &[(x, low), (x, high)]));

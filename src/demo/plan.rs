@@ -61,7 +61,7 @@ impl Chapter {
 
     /// What it is for, as a sentence.
     #[must_use]
-    pub fn why(self) -> &'static str {
+    pub fn purpose(self) -> &'static str {
         match self {
             Self::Collect => {
                 "Scripted motions on two days, and carriages at work beside a rolling ball."
@@ -114,7 +114,7 @@ pub struct PolicyKind {
     /// Name in files and tables.
     pub name: &'static str,
     /// What its simulation knew.
-    pub says: &'static str,
+    pub summary: &'static str,
     actuator: &'static str,
     randomized: bool,
 }
@@ -123,25 +123,25 @@ pub struct PolicyKind {
 pub const POLICIES: [PolicyKind; 4] = [
     PolicyKind {
         name: "ideal",
-        says: "ideal actuators: the carriage does as it is told",
+        summary: "ideal actuators: the carriage does as it is told",
         actuator: "ideal",
         randomized: false,
     },
     PolicyKind {
         name: "randomized",
-        says: "ideal actuators, physics drawn anew for every episode",
+        summary: "ideal actuators, physics drawn anew for every episode",
         actuator: "ideal",
         randomized: true,
     },
     PolicyKind {
         name: "twin",
-        says: "the twin in which the gap was closed",
+        summary: "the twin in which the gap was closed",
         actuator: "gap/twin.json",
         randomized: false,
     },
     PolicyKind {
         name: "learned",
-        says: "the network that was fitted to the recordings",
+        summary: "the network that was fitted to the recordings",
         actuator: "actuator/actuator.mcap",
         randomized: false,
     },

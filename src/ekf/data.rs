@@ -1,6 +1,6 @@
-//! Recordings as runs of frames, in order of capture, with the truth where a simulator wrote it.
+//! Recordings as runs of frames in order of capture, with ground truth where a simulator wrote it.
 
-use super::{error::EkfError, settings::Object, track::Seen};
+use super::{error::EkfError, settings::Object, track::Detections};
 use crate::{
     recording::{
         Recording, RecordingError, Series, Split,
@@ -12,43 +12,43 @@ use crate::{
     units::Nanos,
 };
 
-/// Fewest frames with something in them, on either side of the split: 2.5 s at 120 Hz.
+/// Minimum number of frames with a detection on either side of the split: 2.5 s at 120 Hz.
 const LEAST_FRAMES: usize = 300;
-/// Something moves when a coordinate ranges over more (m).
+/// Minimum range of a coordinate that counts as motion (m).
 const LEAST_MOTION_M: f64 = 0.01;
-/// Stamps of the camera this close together are no clock (s).
+/// Minimum difference of two camera timestamps that counts as a running clock (s).
 const STANDING_CLOCK_S: f64 = 1e-6;
-/// A camera whose stamps lie further from the arrivals has another clock (s).
+/// Maximum difference of capture stamp and arrival for a camera that shares the host's clock (s).
 const LARGEST_LATENCY_S: f64 = 1.0;
-/// Topic of the truth.
+/// Topic of the ground truth.
 pub const TRUTH_TOPIC: &str = topic::TRUE_BOARD_STATE;
-/// Truth is interpolated between samples that are at most this far apart (s),
+/// Maximum distance of truth samples that are interpolated (s).
 const TRUTH_GAP_S: f64 = 0.01;
-/// and whose velocities differ by less than this (m/s): between them lies no impact.
+/// Maximum change of velocity between interpolated truth samples (m/s); a larger one is an impact.
 const TRUTH_JUMP_M_PER_S: f64 = 0.2;
 
-/// One picture: what was seen, and what is true.
+/// One camera frame: detections and ground truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// What the filters get.
-    pub seen: Seen,
-    /// (x, y, vx, vy) by object (m, m/s), where a simulator tells.
+    /// Input of the filters.
+    pub seen: Detections,
+    /// True state (x, y, vx, vy) by object (m, m/s), where a simulator wrote it.
     pub truth: [Option<[f64; 4]>; 3],
 }
 
-/// Frames of one run, in order of time; filters start anew with each.
+/// Frames of one run in order of time; filters start anew with each run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameRun {
-    /// Whether it may be fitted.
+    /// Use of the run: training or validation.
     pub split: Split,
-    /// Recording that it comes from, and its place in there.
+    /// Name of the recording and number of the run in it.
     pub name: String,
     /// The frames.
     pub frames: Vec<Frame>,
 }
 
 impl FrameRun {
-    /// From first to last frame (s).
+    /// Duration from the first to the last frame (s).
     #[must_use]
     pub fn duration(&self) -> f64 {
         let [first, last] =
@@ -62,16 +62,17 @@ impl FrameRun {
 pub struct Data {
     /// The runs.
     pub runs: Vec<FrameRun>,
-    /// Median time from capture to arrival (s); `None` where the camera's clock is another one.
+    /// Median time from capture to arrival (s); `None` where camera and host do not share a clock.
     pub latency_s: Option<f64>,
 }
 
 impl Data {
-    /// The runs of `recordings`, divided into train and validation by markers, metadata or, where
-    /// nothing says so, [`divide`].
+    /// Read the runs of `recordings`, divided into training and validation by markers, metadata or
+    /// otherwise by [`divide`].
     ///
     /// # Errors
-    /// When a message does not decode, nothing was seen, too little, or nothing moves.
+    /// When a message does not decode, nothing was detected, there are too few frames, or nothing
+    /// moves.
     pub fn from_recordings(recordings: &[Recording]) -> Result<Self, EkfError> {
         let mut spans =
             recordings.iter().map(runs_of).collect::<Result<Vec<_>, RecordingError>>()?;
@@ -100,7 +101,7 @@ impl Data {
         Ok(data)
     }
 
-    /// Runs of one purpose.
+    /// Runs of one side of the split.
     pub fn runs_for(&self, split: Split) -> impl Iterator<Item = &FrameRun> {
         self.runs.iter().filter(move |run| run.split == split)
     }
@@ -127,34 +128,34 @@ impl Data {
         Ok(())
     }
 
-    /// Whether `object` moves in the train runs by more than noise.
+    /// Return whether `object` moves in the training runs by more than noise.
     #[must_use]
     pub fn moves(&self, object: Object) -> bool {
         LEAST_MOTION_M < self.range(object)
     }
 
-    /// Why an object that does not move is not tuned.
+    /// Reason why a stationary object is not tuned.
     pub(super) fn still(&self, object: Object) -> String {
-        let seen = |frame: &Frame| frame.seen.places[object.index()].is_some();
+        let seen = |frame: &Frame| frame.seen.positions[object.index()].is_some();
         if self.runs_for(Split::Train).any(|run| run.frames.iter().any(seen)) {
-            "it does not move in the train runs".to_owned()
+            "it does not move in the training runs".to_owned()
         } else {
-            "it is not seen in the train runs".to_owned()
+            "it is not detected in the training runs".to_owned()
         }
     }
 
-    /// Larger range of both coordinates of `object` within a train run (m).
+    /// Larger range of the two coordinates of `object` within a training run (m).
     fn range(&self, object: Object) -> f64 {
         let mut largest: f64 = 0.0;
         for run in self.runs_for(Split::Train) {
             for axis in 0..2 {
-                let places: Vec<f64> = run
+                let positions: Vec<f64> = run
                     .frames
                     .iter()
-                    .filter_map(|frame| frame.seen.places[object.index()])
-                    .map(|place| place[axis])
+                    .filter_map(|frame| frame.seen.positions[object.index()])
+                    .map(|position| position[axis])
                     .collect();
-                let ends = [0.02, 0.98].map(|share| crate::stats::quantile(&places, share));
+                let ends = [0.02, 0.98].map(|share| crate::stats::quantile(&positions, share));
                 largest = largest.max(ends[1].zip(ends[0]).map_or(0.0, |(high, low)| high - low));
             }
         }
@@ -164,15 +165,15 @@ impl Data {
 
 impl Frame {
     fn shows_something(&self) -> bool {
-        self.seen.places.iter().any(Option::is_some)
+        self.seen.positions.iter().any(Option::is_some)
     }
 }
 
-/// Frames with their arrivals, and the age of the pictures (s).
+/// Frames with their arrival times, and the capture-to-arrival latency (s).
 type Arrivals = (Vec<(Nanos, Frame)>, Option<f64>);
 
-/// Frames with their arrivals, in order of capture, and the age of the pictures (s) where the camera
-/// shares the host's clock. Where it has none, arrivals count.
+/// Frames with their arrival times in order of capture, and the capture-to-arrival latency (s)
+/// where the camera shares the host's clock. Otherwise arrival times are used.
 fn frames_of(recording: &Recording) -> Result<Arrivals, EkfError> {
     let detections = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
     let truth = Truth(recording.series(TRUTH_TOPIC)?);
@@ -183,7 +184,7 @@ fn frames_of(recording: &Recording) -> Result<Arrivals, EkfError> {
         .map(|(arrival, found)| {
             let time = if has_clock { Nanos(found.capture_time_ns) } else { arrival };
             let truth = if age.is_some() { truth.at(time) } else { [None; 3] };
-            (arrival, Frame { seen: Seen::of(time, found), truth })
+            (arrival, Frame { seen: Detections::of(time, found), truth })
         })
         .collect();
     frames.sort_by_key(|(_, frame)| frame.seen.time);
@@ -191,7 +192,7 @@ fn frames_of(recording: &Recording) -> Result<Arrivals, EkfError> {
     Ok((frames, age))
 }
 
-/// Whether the camera has a clock that runs.
+/// Return whether the camera has a running clock.
 fn runs_on(detections: &Series<CameraDetections>) -> bool {
     let stamps = || detections.values.iter().map(|found| Nanos(found.capture_time_ns));
     let ends = stamps().min().zip(stamps().max());
@@ -199,7 +200,7 @@ fn runs_on(detections: &Series<CameraDetections>) -> bool {
     ends.is_some_and(|(first, last)| STANDING_CLOCK_S * count as f64 <= last.seconds_since(first))
 }
 
-/// Median age of a picture at its arrival (s).
+/// Median capture-to-arrival latency (s).
 fn age(detections: &Series<CameraDetections>) -> Option<f64> {
     if !runs_on(detections) {
         return None;
@@ -211,7 +212,7 @@ fn age(detections: &Series<CameraDetections>) -> Option<f64> {
     median(&ages).filter(|age| (0.0..LARGEST_LATENCY_S).contains(age))
 }
 
-/// What a simulator says, by the host's clock.
+/// Ground truth on the host's clock.
 struct Truth(Series<BoardState>);
 
 impl Truth {

@@ -1,22 +1,24 @@
-//! `ekf.json`: the tuned settings, how they were found, and how good they are.
+//! `ekf.json`: tuned settings, tuning record and evaluation.
 //!
-//! | field | what |
+//! | field | content |
 //! |---|---|
-//! | `schema_version` | `"1"` |
+//! | `schema_version` | 2 |
 //! | `provenance` | command line, crate version, commit |
 //! | `inputs[]` | `name`, `sha256` of every recording |
-//! | `train`, `held_out` | `runs`, `frames`, `duration_s` |
-//! | `filter` | [`FilterSettings`], all that a filter needs; [`read_settings`] reads it back |
+//! | `train`, `validation` | `runs`, `frames`, `duration_s` |
+//! | `filter` | [`FilterSettings`], all settings of a filter; [`read_settings`] reads them back |
 //! | `tuning[]` | [`Tuning`] by object: likelihood before and after, regions with their samples |
-//! | `judgement[]` | [`ObjectJudgement`] by object, on held-out runs |
-//! | `bounces[]` | [`RiseJudgement`] by what the ball hit |
+//! | `evaluation[]` | [`ObjectEvaluation`] by object, on validation runs |
+//! | `bounces[]` | [`RiseTimes`] by the object that the ball hit |
 //! | `warnings[]` | sentences |
+//!
+//! The JSON Schema is `datasets_schema/ekf.schema.json`.
 
 use super::{
     data::{Data, FrameRun},
     error::EkfError,
-    judge::{Consistency, JudgedRun, ObjectJudgement, follow, judge},
-    rise::{RiseJudgement, responses, rises},
+    evaluate::{Consistency, ConsistencyVerdict, EvaluatedRun, ObjectEvaluation, evaluate, follow},
+    rise::{RiseTimes, responses, rises},
     settings::{FilterSettings, Object},
     tune::{Tuning, tune},
 };
@@ -27,31 +29,31 @@ use crate::{
 use serde::Serialize;
 use std::{fs, path::Path};
 
-/// Of documents that this crate writes and reads.
-pub const SCHEMA_VERSION: &str = "1";
+/// Version of the documents that this crate writes and reads.
+pub const SCHEMA_VERSION: u32 = 2;
 
-/// Everything in `ekf.json`.
+/// Content of `ekf.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Document {
     /// [`SCHEMA_VERSION`].
-    pub schema_version: &'static str,
-    /// How it was made.
+    pub schema_version: u32,
+    /// Command line, crate version and commit.
     pub provenance: Provenance,
     /// The recordings.
     pub inputs: Vec<Input>,
-    /// What was fitted.
+    /// Extent of the training runs.
     pub train: Amount,
-    /// What judges.
-    pub held_out: Amount,
+    /// Extent of the validation runs.
+    pub validation: Amount,
     /// The tuned settings.
     pub filter: FilterSettings,
-    /// How they were found, by object.
+    /// Tuning record by object.
     pub tuning: Vec<Tuning>,
-    /// How good they are on held-out runs, by object.
-    pub judgement: Vec<ObjectJudgement>,
-    /// How fast the filter follows impacts of the ball there.
-    pub bounces: Vec<RiseJudgement>,
-    /// What a reader must know.
+    /// Evaluation on validation runs by object.
+    pub evaluation: Vec<ObjectEvaluation>,
+    /// Rise times of the velocity estimate after bounces of the ball, on validation runs.
+    pub bounces: Vec<RiseTimes>,
+    /// Data-quality issues and inconsistent regions, as sentences.
     pub warnings: Vec<String>,
 }
 
@@ -64,30 +66,31 @@ pub struct Input {
     pub sha256: String,
 }
 
-/// How much of something.
+/// Number of runs and frames.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Amount {
     /// Runs.
     pub runs: usize,
-    /// Pictures.
+    /// Camera frames.
     pub frames: usize,
-    /// Sum of the lengths of the runs (s).
+    /// Total duration of the runs (s).
     pub duration_s: f64,
 }
 
-/// A tuned filter with all that the page and the tape show.
+/// A tuned filter with the data of the page and of `ekf.mcap`.
 #[derive(Debug, Clone)]
 pub struct Tuned {
     /// The result.
     pub document: Document,
-    /// Both filters on the held-out runs.
-    pub runs: Vec<JudgedRun>,
+    /// Both filters on the validation runs.
+    pub runs: Vec<EvaluatedRun>,
 }
 
-/// Tunes a filter on the train runs of `recordings` and judges it on the others.
+/// Tune a filter on the training runs of `recordings` and evaluate it on the validation runs.
 ///
 /// # Errors
-/// When nothing was seen, too little, or nothing moves; when a message does not decode.
+/// When nothing was detected, there are too few frames, nothing moves, or a message does not
+/// decode.
 pub fn tune_recordings(
     recordings: &[Recording],
     provenance: Provenance,
@@ -96,9 +99,9 @@ pub fn tune_recordings(
     let (mut settings, tuning) = tune(&FilterSettings::default(), &data);
     settings.latency_s = data.latency_s.unwrap_or(0.0);
     let runs = follow(&settings, data.runs_for(Split::Validation));
-    let judgement: Vec<ObjectJudgement> = Object::ALL
+    let evaluation: Vec<ObjectEvaluation> = Object::ALL
         .into_iter()
-        .map(|object| judge(&runs, object, &settings))
+        .map(|object| evaluate(&runs, object, &settings))
         .filter(|own| 0 < own.detections)
         .collect();
     let document = Document {
@@ -106,12 +109,12 @@ pub fn tune_recordings(
         provenance,
         inputs: recordings.iter().map(Input::of).collect(),
         train: Amount::of(data.runs_for(Split::Train)),
-        held_out: Amount::of(data.runs_for(Split::Validation)),
+        validation: Amount::of(data.runs_for(Split::Validation)),
         filter: settings,
         bounces: rises(&responses(&runs, &settings)),
-        warnings: warnings(&data, &tuning, &judgement),
+        warnings: warnings(&data, &tuning, &evaluation),
         tuning,
-        judgement,
+        evaluation,
     };
     Ok(Tuned { document, runs })
 }
@@ -144,16 +147,16 @@ impl Document {
     }
 }
 
-fn warnings(data: &Data, tuning: &[Tuning], judgement: &[ObjectJudgement]) -> Vec<String> {
+fn warnings(data: &Data, tuning: &[Tuning], evaluation: &[ObjectEvaluation]) -> Vec<String> {
     let mut warnings = Vec::new();
     match data.latency_s {
         None => warnings.push(
-            "the camera's clock is not the host's, so the latency is not known and nothing is \
-             predicted ahead"
+            "the camera clock is not the host clock: the latency is unknown, and positions are not \
+             predicted over it"
                 .to_owned(),
         ),
         Some(0.0) => warnings.push(
-            "pictures are stamped on arrival, so the latency of camera and detection is not known"
+            "frames are stamped on arrival: the latency of camera and detection is unknown"
                 .to_owned(),
         ),
         Some(_) => {}
@@ -170,21 +173,24 @@ fn warnings(data: &Data, tuning: &[Tuning], judgement: &[ObjectJudgement]) -> Ve
         }
     }
     let of = |object: Object| tuning.iter().any(|own| own.object == object && is_tuned(own));
-    for own in judgement.iter().filter(|own| of(own.object)) {
+    for own in evaluation.iter().filter(|own| of(own.object)) {
         for region in &own.regions {
             let checks = [("NIS", 2, &region.nis), ("NEES", 4, &region.nees)];
             for (name, expected, consistency) in checks {
-                let Some(Consistency { mean, band95: [low, high], within: Some(false), .. }) =
+                let Some(Consistency { mean, band95: [low, high], verdict: Some(verdict), .. }) =
                     consistency
                 else {
                     continue;
                 };
+                if *verdict == ConsistencyVerdict::Consistent {
+                    continue;
+                }
                 warnings.push(format!(
-                    "{}, {}: mean {name} {mean:.2} lies outside {low:.2} to {high:.2} (consistent: \
-                     {expected}): the filter is too {}",
+                    "{}, {}: mean {name} {mean:.2} is outside the 95 % band {low:.2} to {high:.2} \
+                     (expected {expected}): the filter is {}",
                     own.object.name(),
                     region.region.title(),
-                    if *high < *mean { "sure of itself" } else { "careful" }
+                    verdict.name()
                 ));
             }
         }
@@ -192,19 +198,20 @@ fn warnings(data: &Data, tuning: &[Tuning], judgement: &[ObjectJudgement]) -> Ve
     warnings
 }
 
-/// The settings in an `ekf.json`.
+/// Read the settings in an `ekf.json`.
 ///
 /// # Errors
-/// When the file cannot be read, is no such document, or holds numbers with which no filter works.
+/// When the file cannot be read, is not such a document, or holds a value outside its range.
 pub fn read_settings(path: &Path) -> Result<FilterSettings, EkfError> {
     let text = fs::read_to_string(path)
         .map_err(|source| EkfError::Read { path: path.to_owned(), source })?;
     let not = |reason: String| EkfError::NotADocument { path: path.to_owned(), reason };
     let document: serde_json::Value =
         serde_json::from_str(&text).map_err(|error| not(error.to_string()))?;
-    let version = document.get("schema_version").and_then(serde_json::Value::as_str);
-    if version != Some(SCHEMA_VERSION) {
-        return Err(not(format!("schema_version is {}", version.unwrap_or("missing"))));
+    let version = document.get("schema_version");
+    if version.and_then(serde_json::Value::as_u64) != Some(u64::from(SCHEMA_VERSION)) {
+        let found = version.map_or_else(|| "missing".to_owned(), serde_json::Value::to_string);
+        return Err(not(format!("schema_version is {found}")));
     }
     let filter = document.get("filter").cloned().unwrap_or_default();
     let settings: FilterSettings =
@@ -227,10 +234,11 @@ mod tests {
     #[test]
     fn what_is_no_document_is_refused_with_the_reason() {
         assert!(refused("{}").contains("schema_version is missing"));
-        assert!(refused("{\"schema_version\": \"2\"}").contains("schema_version is 2"));
-        assert!(refused("{\"schema_version\": \"1\"}").contains("filter:"));
+        assert!(refused("{\"schema_version\": 3}").contains("schema_version is 3"));
+        assert!(refused("{\"schema_version\": \"1\"}").contains("schema_version is \"1\""));
+        assert!(refused("{\"schema_version\": 2}").contains("filter:"));
         let settings = FilterSettings { gate_probability: 0.9, ..FilterSettings::default() };
-        let document = serde_json::json!({ "schema_version": "1", "filter": settings });
+        let document = serde_json::json!({ "schema_version": 2, "filter": settings });
         assert!(refused(&document.to_string()).contains("gate_probability is 0.9"));
     }
 }

@@ -1,4 +1,4 @@
-//! Why there is no filter.
+//! Errors of reading settings and of tuning.
 
 use crate::recording::RecordingError;
 use std::{io, path::PathBuf};
@@ -9,7 +9,7 @@ pub enum EkfError {
     /// A recording could not be read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// The camera saw nothing.
+    /// No detections.
     #[error(
         "{files}: no detections on /camera/detections; record with a camera, or bring a bag in with \
          `klasktron import`"
@@ -18,63 +18,63 @@ pub enum EkfError {
         /// The files.
         files: String,
     },
-    /// Too little to tune anything.
+    /// Too few frames to tune on.
     #[error(
-        "{files}: {split} runs hold {frames} frames in which something was seen, at least {least} \
-         are needed (2.5 s at 120 Hz); record longer, or mark other runs as {split}"
+        "{files}: the {split} runs hold {frames} frames with a detection, at least {least} are needed \
+         (2.5 s at 120 Hz); record longer, or mark other runs as {split}"
     )]
     TooShort {
         /// The files.
         files: String,
         /// `train` or `validation`.
         split: &'static str,
-        /// Frames there are.
+        /// Number of frames found.
         frames: usize,
-        /// Frames there must be.
+        /// Number of frames required.
         least: usize,
     },
-    /// Nothing moves.
+    /// No object moves.
     #[error(
-        "{files}: nothing moves further than {largest_m:.4} m in the train runs, at least {least_m} \
-         m are needed; record while ball or strikers move"
+        "{files}: no object moves further than {largest_m:.4} m in the training runs, at least \
+         {least_m} m are needed; record while ball or strikers move"
     )]
     NoMotion {
         /// The files.
         files: String,
         /// Largest range of a coordinate of any object (m).
         largest_m: f64,
-        /// What is needed (m).
+        /// Required range (m).
         least_m: f64,
     },
-    /// The file of settings could not be read.
+    /// The settings file cannot be read.
     #[error("{}: cannot read: {source}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's reason.
+        /// Reason of the operating system.
         source: io::Error,
     },
-    /// The file of settings is none.
+    /// The file is not a settings document.
     #[error(
-        "{}: not the ekf.json of `klasktron tune-ekf`, schema_version \"1\": {reason}",
+        "{}: not the ekf.json of `klasktron tune-ekf`, schema_version 2: {reason}",
         path.display()
     )]
     NotADocument {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Description of the fault.
         reason: String,
     },
-    /// A number with which no filter works.
+    /// A value outside its range.
     #[error("filter setting {field} is {value}; it must lie from {low} to {high}")]
     Setting {
-        /// Its path in the document.
+        /// Path of the field in the document.
         field: String,
         /// Its value.
         value: f64,
-        /// Least allowed.
+        /// Lower limit.
         low: f64,
-        /// Largest allowed.
+        /// Upper limit.
         high: f64,
     },
 }

@@ -7,32 +7,33 @@ use super::{
     settings::{FilterSettings, Object},
 };
 
-/// Longest step of the transition (s); longer waits are divided.
+/// Longest step of the transition (s); longer intervals are divided.
 const LONGEST_STEP: f64 = 0.02;
 
-/// Whether a detection was taken for the object.
+/// Decision of the gate on a detection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Gate {
-    /// It was, and the estimate has moved.
+    /// The detection updated the estimate.
     Accepted,
-    /// It lies too far away; the estimate is the prediction.
-    Refused,
+    /// The normalized innovation squared exceeds the gate; the estimate remains the prediction.
+    Rejected,
 }
 
-/// A detection less its prediction.
+/// Innovation: a detection minus its prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innovation {
-    /// Detected less predicted place (m).
+    /// Detected minus predicted position (m).
     pub residual: [f64; 2],
-    /// Its covariance S = H P H' + R (m2).
+    /// Covariance S = H P H' + R (m2).
     pub covariance: [[f64; 2]; 2],
-    /// residual' S^-1 residual: chi-square with two degrees of freedom when the filter is consistent.
+    /// Normalised innovation squared residual' S^-1 residual: chi-square with two degrees of
+    /// freedom for a consistent filter.
     pub nis: f64,
-    /// What the gate said.
+    /// Decision of the gate.
     pub gate: Gate,
 }
 
-/// The filter of one object: numbers only, no state. Nothing in it allocates.
+/// The filter of one object: parameters only, no state. Nothing in it allocates.
 ///
 /// ```
 /// use klasktron::ekf::{FilterSettings, Object, ObjectFilter};
@@ -60,11 +61,11 @@ struct Ball {
     regions: Regions,
     restitution: f64,
     restitution_sigma: f64,
-    scatter_sigma: f64,
+    tangential_sigma: f64,
 }
 
 impl ObjectFilter {
-    /// The filter of `object`.
+    /// Build the filter of `object`.
     #[must_use]
     pub fn new(settings: &FilterSettings, object: Object) -> Self {
         let own = settings.object(object);
@@ -82,7 +83,7 @@ impl ObjectFilter {
                 regions: Regions::new(&settings.board, own.open_psd_m2_per_s3, &ball),
                 restitution: ball.wall_restitution,
                 restitution_sigma: ball.wall_restitution_sigma,
-                scatter_sigma: ball.wall_scatter_sigma,
+                tangential_sigma: ball.wall_tangential_sigma,
             }),
         }
     }
@@ -93,30 +94,30 @@ impl ObjectFilter {
         self.measurement_variance
     }
 
-    /// Standard deviation of a velocity of which nothing is known (m/s).
+    /// Standard deviation of an unknown initial velocity (m/s).
     pub(super) fn start_speed_sigma(&self) -> f64 {
         self.start_speed_variance.sqrt()
     }
 
-    /// The belief after a first detection at `place` (m).
+    /// Estimate after a first detection at `position` (m).
     #[must_use]
-    pub fn start(&self, place: [f64; 2]) -> Estimate {
+    pub fn start(&self, position: [f64; 2]) -> Estimate {
         let (r, s) = (self.measurement_variance, self.start_speed_variance);
         let diagonal = [r, r, s, s];
         Estimate {
-            mean: [place[0], place[1], 0.0, 0.0],
+            mean: [position[0], position[1], 0.0, 0.0],
             covariance: std::array::from_fn(|i| {
                 std::array::from_fn(|j| if i == j { diagonal[i] } else { 0.0 })
             }),
         }
     }
 
-    /// The belief after two detections of which nothing else is known: (m) and `dt` (s) apart.
-    pub(super) fn start_between(&self, before: [f64; 2], place: [f64; 2], dt: f64) -> Estimate {
-        let mut estimate = self.start(place);
+    /// Estimate after two detections, at `before` and `position` (m), `dt` (s) apart.
+    pub(super) fn start_between(&self, before: [f64; 2], position: [f64; 2], dt: f64) -> Estimate {
+        let mut estimate = self.start(position);
         let r = self.measurement_variance;
         for axis in 0..2 {
-            estimate.mean[axis + 2] = (place[axis] - before[axis]) / dt;
+            estimate.mean[axis + 2] = (position[axis] - before[axis]) / dt;
             estimate.covariance[axis][axis + 2] = r / dt;
             estimate.covariance[axis + 2][axis] = r / dt;
             estimate.covariance[axis + 2][axis + 2] = 2.0 * r / (dt * dt);
@@ -126,7 +127,7 @@ impl ObjectFilter {
         estimate
     }
 
-    /// Moves the belief `dt` (s) ahead; strikers stand at `strikers`. Gives the region of the path.
+    /// Predict `dt` (s) ahead with the strikers at `strikers` (m). Returns the region of the path.
     #[inline]
     pub fn predict(&self, estimate: &mut Estimate, dt: f64, strikers: &Strikers) -> Region {
         let steps = if dt <= LONGEST_STEP { 1 } else { (dt / LONGEST_STEP).ceil() as usize };
@@ -145,24 +146,25 @@ impl ObjectFilter {
         region
     }
 
-    /// A detection at `place` (m) less the prediction, and whether it is taken.
+    /// Innovation of a detection at `position` (m), with the decision of the gate.
     #[must_use]
     #[inline]
-    pub fn innovation(&self, estimate: &Estimate, place: [f64; 2]) -> Innovation {
+    pub fn innovation(&self, estimate: &Estimate, position: [f64; 2]) -> Innovation {
         let (p, r) = (&estimate.covariance, self.measurement_variance);
         let covariance = [[p[0][0] + r, p[0][1]], [p[0][1], p[1][1] + r]];
-        let residual = [place[0] - estimate.mean[0], place[1] - estimate.mean[1]];
+        let residual = [position[0] - estimate.mean[0], position[1] - estimate.mean[1]];
         let [a, b] = residual;
         let [[xx, xy], [_, yy]] = covariance;
         let nis = (yy * a * a - 2.0 * xy * a * b + xx * b * b) / (xx * yy - xy * xy);
-        let gate = if nis <= self.largest_nis { Gate::Accepted } else { Gate::Refused };
+        let gate = if nis <= self.largest_nis { Gate::Accepted } else { Gate::Rejected };
         Innovation { residual, covariance, nis, gate }
     }
 
-    /// Takes a detection at `place` (m), unless the gate refuses it. The covariance is updated in
-    /// Joseph's form, (I - K H) P (I - K H)' + K R K', which keeps it symmetric and positive definite.
-    pub fn update(&self, estimate: &mut Estimate, place: [f64; 2]) -> Innovation {
-        let innovation = self.innovation(estimate, place);
+    /// Update with a detection at `position` (m), unless the gate rejects it. The covariance is
+    /// updated in Joseph form, (I - K H) P (I - K H)' + K R K', which keeps it symmetric and
+    /// positive definite.
+    pub fn update(&self, estimate: &mut Estimate, position: [f64; 2]) -> Innovation {
+        let innovation = self.innovation(estimate, position);
         if innovation.gate == Gate::Accepted {
             self.correct(estimate, &innovation);
         }
@@ -185,8 +187,8 @@ impl ObjectFilter {
     }
 }
 
-/// (I - K H) P (I - K H)' + r K K' for H = [I 0]: A = (I - K H) P by rows, then A less its first two
-/// columns times K', plus the noise.
+/// Joseph form (I - K H) P (I - K H)' + r K K' for H = [I 0]: A = (I - K H) P by rows, then A minus
+/// its first two columns times K', plus the noise.
 #[inline]
 fn joseph(p: &Matrix4, gain: &[[f64; 2]; 4], r: f64) -> Matrix4 {
     let a: Matrix4 = std::array::from_fn(|i| {
@@ -221,17 +223,17 @@ impl Ball {
         }
         region
     }
-    /// The wall across `axis` on the side of `place`.
-    fn wall(&self, axis: usize, place: f64) -> Obstacle {
+    /// The wall across `axis` on the side of `position`.
+    fn wall(&self, axis: usize, position: f64) -> Obstacle {
         let mut normal = [0.0; 2];
-        normal[axis] = 1.0_f64.copysign(place);
+        normal[axis] = 1.0_f64.copysign(position);
         Obstacle {
             normal,
             reach: self.regions.reach[axis],
             speed: 0.0,
             restitution: self.restitution,
             restitution_sigma: self.restitution_sigma,
-            scatter_sigma: self.scatter_sigma,
+            tangential_sigma: self.tangential_sigma,
         }
     }
 }

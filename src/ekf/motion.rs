@@ -1,9 +1,9 @@
-//! How an object moves between two instants: rolling, noise, and impacts.
+//! Motion of an object between two instants: rolling, process noise, and impacts.
 
 use super::matrix::{Matrix4, add_outer, congruence};
 use crate::stats::{normal_cdf, normal_density};
 
-/// A belief about one object: (x, y, vx, vy) in the board frame, m and m/s.
+/// State estimate of one object: (x, y, vx, vy) in the board frame, m and m/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// Mean.
@@ -12,19 +12,20 @@ pub struct Estimate {
     pub covariance: Matrix4,
 }
 
-/// Below this speed rolling resistance fades (m/s): no sign flips at rest, and the Jacobian exists.
+/// Speed below which rolling resistance fades (m/s): no sign change at rest, and the Jacobian
+/// exists.
 const FADING_SPEED: f64 = 0.02;
 
-/// Resistance of rolling: a = -(c / (|v| + 0.02 m/s) + b) v.
+/// Rolling resistance: a = -(c / (|v| + 0.02 m/s) + b) v.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rolling {
-    /// c (m/s2).
+    /// Coefficient c (m/s2).
     pub(super) deceleration: f64,
-    /// b (1/s).
+    /// Coefficient b (1/s).
     pub(super) drag: f64,
 }
 
-/// Something to bounce off: the line `normal . p = reach`, which moves along its normal.
+/// A wall: the line `normal . p = reach`, which moves along its normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Obstacle {
     /// Unit vector into the obstacle.
@@ -33,19 +34,19 @@ pub(super) struct Obstacle {
     pub(super) reach: f64,
     /// Speed of the obstacle along its normal (m/s).
     pub(super) speed: f64,
-    /// Relative speed after per relative speed before.
+    /// Restitution: relative normal speed after over before the impact.
     pub(super) restitution: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the restitution.
     pub(super) restitution_sigma: f64,
-    /// Standard deviation of the change across the normal, per relative speed.
-    pub(super) scatter_sigma: f64,
+    /// Standard deviation of the tangential velocity change, per relative normal speed.
+    pub(super) tangential_sigma: f64,
 }
 
 impl Rolling {
     /// Constant velocity.
     pub(super) const NONE: Self = Self { deceleration: 0.0, drag: 0.0 };
 
-    /// Moves a belief `dt` (s) ahead, without noise.
+    /// Propagate an estimate by `dt` (s), without noise.
     #[inline]
     pub(super) fn advance(self, estimate: &mut Estimate, dt: f64) {
         let (mean, velocities) = self.step(&estimate.mean, dt);
@@ -53,9 +54,9 @@ impl Rolling {
         transform(&mut estimate.covariance, velocities, dt);
     }
 
-    /// State after `dt` (s), and the derivative of the velocities by those before: xx, xy, yy of a
-    /// symmetric matrix. Velocity by one explicit step, place by the mean of both velocities, so it is
-    /// exact for constant deceleration and for constant velocity.
+    /// State after `dt` (s), and the derivative of the new velocities with respect to the old ones:
+    /// xx, xy, yy of a symmetric matrix. Explicit Euler for the velocity, trapezoidal rule for the
+    /// position; exact for constant deceleration and for constant velocity.
     #[inline]
     fn step(self, state: &[f64; 4], dt: f64) -> ([f64; 4], [f64; 3]) {
         let [x, y, vx, vy] = *state;
@@ -70,9 +71,9 @@ impl Rolling {
     }
 }
 
-/// F P F' for F = [[I, B], [0, D]] with B = dt/2 (I + D), the Jacobian of [`Rolling::step`], block by
-/// block: with V and W the blocks of place and velocity, and T = V + B W, the new ones are
-/// P + T B + B V', T D and D W D.
+/// F P F' for F = [[I, B], [0, D]] with B = dt/2 (I + D), the Jacobian of [`Rolling::step`], by
+/// blocks. With V and W the position-velocity and velocity blocks and T = V + B W, the new blocks
+/// are P + T B + B V', T D and D W D.
 #[inline]
 fn transform(p: &mut Matrix4, velocities: [f64; 3], dt: f64) {
     let [d0, d1, d2] = velocities;
@@ -99,8 +100,8 @@ fn transform(p: &mut Matrix4, velocities: [f64; 3], dt: f64) {
     }
 }
 
-/// Adds the noise of a white acceleration with density `psd` (m2/s3) in each axis over `dt` (s):
-/// q [[dt^3/3, dt^2/2], [dt^2/2, dt]] (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications
+/// Add the noise of a white acceleration with density `psd` (m2/s3) in each axis over `dt` (s): q
+/// [[dt^3/3, dt^2/2], [dt^2/2, dt]] (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications
 /// to Tracking and Navigation", 2001, section 6.2.2).
 #[inline]
 pub(super) fn add_acceleration_noise(p: &mut Matrix4, psd: [f64; 2], dt: f64) {
@@ -114,14 +115,14 @@ pub(super) fn add_acceleration_noise(p: &mut Matrix4, psd: [f64; 2], dt: f64) {
 }
 
 impl Obstacle {
-    /// Beyond this many standard deviations an impact has happened, or has not.
+    /// Number of standard deviations beyond which an impact has certainly occurred or not occurred.
     pub(super) const CERTAIN: f64 = 5.0;
 
-    /// Bounces what lies beyond the obstacle. The belief is split at the obstacle into a part that has
-    /// reached it and one that has not, each with the moments of a truncated normal; the reached part
-    /// is reflected with the scatter of the impact; both are put together with the mean and the
-    /// covariance of the mixture. Away from the obstacle nothing changes; well beyond it this is the
-    /// plain Jacobian of the reflection.
+    /// Reflect the part of the estimate beyond the wall. The estimate is split at the wall into a
+    /// part that has reached it and a part that has not, each with the moments of a truncated
+    /// normal distribution. The first part is reflected with the noise of the impact; both are
+    /// merged into the mean and covariance of the mixture. Away from the wall nothing changes; well
+    /// beyond it the result is the plain Jacobian of the reflection.
     pub(super) fn bounce(&self, estimate: &mut Estimate) {
         let [n0, n1] = self.normal;
         let p = &estimate.covariance;
@@ -148,7 +149,7 @@ impl Obstacle {
         mix(estimate, reached, &inside);
     }
 
-    /// The reflection of all of it, where it moves into the obstacle.
+    /// Reflect the whole estimate, if it moves into the wall.
     fn reflect(&self, estimate: &mut Estimate) {
         let [n0, n1] = self.normal;
         let [x, y, vx, vy] = estimate.mean;
@@ -171,11 +172,11 @@ impl Obstacle {
         let along = [n0 * beyond, n1 * beyond, n0 * closing, n1 * closing];
         let across = [-n1 * beyond, n0 * beyond, -n1 * closing, n0 * closing];
         add_outer(p, &along, self.restitution_sigma.powi(2));
-        add_outer(p, &across, self.scatter_sigma.powi(2));
+        add_outer(p, &across, self.tangential_sigma.powi(2));
     }
 }
 
-/// Gives the coordinate across an obstacle another mean and variance; the rest follows it by the
+/// Set mean and variance of the coordinate across a wall; the other coordinates follow by the
 /// regression `slope`.
 fn shift(estimate: &mut Estimate, slope: &[f64; 4], mean: f64, variance: f64) {
     for (value, slope) in estimate.mean.iter_mut().zip(slope) {
@@ -184,7 +185,7 @@ fn shift(estimate: &mut Estimate, slope: &[f64; 4], mean: f64, variance: f64) {
     add_outer(&mut estimate.covariance, slope, variance);
 }
 
-/// Mean and covariance of `share` of one belief and the rest of another.
+/// Merge two estimates: mean and covariance of the mixture with weight `share` of the first.
 fn mix(estimate: &mut Estimate, share: f64, other: &Estimate) {
     let apart: [f64; 4] = std::array::from_fn(|k| other.mean[k] - estimate.mean[k]);
     for (row, other) in estimate.covariance.iter_mut().zip(&other.covariance) {

@@ -2,7 +2,7 @@
 
 use super::{
     document::{Document, Tuned},
-    judge::{Consistency, JudgedRun, LONGEST_LAG, ObjectJudgement},
+    evaluate::{Consistency, ConsistencyVerdict, EvaluatedRun, LONGEST_LAG, ObjectEvaluation},
     region::{Region, Regions, region_at},
     rise::{Hit, Response, responses},
     settings::{FilterSettings, Object},
@@ -65,7 +65,7 @@ fn milli(value: Option<f64>) -> String {
 }
 
 fn lead(document: &Document) -> String {
-    let ball = document.judgement.first();
+    let ball = document.evaluation.first();
     let velocity = ball.map_or_else(String::new, |own| {
         format!(
             " The velocity of the {} is {} mm/s off (upstream's settings: {} mm/s).",
@@ -78,8 +78,8 @@ fn lead(document: &Document) -> String {
         "Tuned on {} runs ({:.0} s), judged on {} others ({:.0} s).{velocity}",
         document.train.runs,
         document.train.duration_s,
-        document.held_out.runs,
-        document.held_out.duration_s
+        document.validation.runs,
+        document.validation.duration_s
     )
 }
 
@@ -156,15 +156,15 @@ fn noise(own: &super::ObjectSettings, region: Region) -> f64 {
 }
 
 /// The run in which the ball (or, without one, any object) is seen longest.
-fn longest(runs: &[JudgedRun], object: Object) -> Option<&JudgedRun> {
-    let known = |run: &JudgedRun| {
+fn longest(runs: &[EvaluatedRun], object: Object) -> Option<&EvaluatedRun> {
+    let known = |run: &EvaluatedRun| {
         run.frames.iter().filter(|frame| frame.estimates[object.index()].is_some()).count()
     };
     runs.iter().max_by_key(|run| known(run)).filter(|run| 0 < known(run))
 }
 
 fn shown(document: &Document) -> Object {
-    document.judgement.first().map_or(Object::Ball, |own| own.object)
+    document.evaluation.first().map_or(Object::Ball, |own| own.object)
 }
 
 fn ellipses(page: &mut Page, tuned: &Tuned) {
@@ -180,7 +180,7 @@ fn ellipses(page: &mut Page, tuned: &Tuned) {
     page.legend(&[("estimate", BLUE), ("detections", GREY), ("95 %, ten times", ORANGE)]);
     let frames = &run.frames[..run.frames.len().min(ELLIPSE_FRAMES)];
     let estimates: Vec<_> = frames.iter().filter_map(|f| f.estimates[object.index()]).collect();
-    let seen = frames.iter().filter_map(|f| f.frame.seen.places[object.index()]);
+    let seen = frames.iter().filter_map(|f| f.frame.seen.positions[object.index()]);
     let curve = |colour, points| Curve { colour, stroke: Stroke::Solid, points };
     let mut curves = vec![curve(INK, outline(&tuned.document.filter))];
     curves.extend(estimates.iter().skip(1).step_by(3).map(|own| curve(ORANGE, ellipse(own))));
@@ -227,11 +227,11 @@ fn consistency(page: &mut Page, document: &Document) {
     let head =
         ["object, region", "detections", "NIS", "NEES", "velocity RMSE (mm/s)", "upstream (mm/s)"];
     let mut rows = Vec::new();
-    for own in &document.judgement {
+    for own in &document.evaluation {
         rows.push(vec![
             format!("{}, all", own.object.name()),
             own.detections.to_string(),
-            format!("{:.2} % refused", 100.0 * own.refused_share),
+            format!("{:.2} % refused", 100.0 * own.gated_fraction),
             String::new(),
             milli(own.velocity_rmse_m_per_s),
             milli(own.upstream_velocity_rmse_m_per_s),
@@ -248,9 +248,9 @@ fn consistency(page: &mut Page, document: &Document) {
         }
     }
     page.table(&Table { head: head.map(str::to_owned).to_vec(), rows });
-    for own in &document.judgement {
+    for own in &document.evaluation {
         if let (Some(predicted), Some(stale)) =
-            (own.predicted_place_rmse_m, own.unpredicted_place_rmse_m)
+            (own.predicted_position_rmse_m, own.unpredicted_position_rmse_m)
         {
             page.paragraph(&format!(
                 "{}: moved ahead by the latency of {:.1} ms the place is {:.2} mm off; left as it was, \
@@ -266,9 +266,9 @@ fn consistency(page: &mut Page, document: &Document) {
 
 fn checked(consistency: Option<&Consistency>) -> String {
     let Some(own) = consistency else { return "-".to_owned() };
-    let word = match own.within {
-        Some(true) => "",
-        Some(false) => " outside",
+    let word = match own.verdict {
+        Some(ConsistencyVerdict::Consistent) => "",
+        Some(verdict) => &format!(" {}", verdict.name()),
         None => " too few",
     };
     format!("{:.2} ({:.2} – {:.2}){word}", own.mean, own.band95[0], own.band95[1])
@@ -280,12 +280,12 @@ fn whiteness(page: &mut Page, document: &Document) {
         "Autocorrelation of normalised innovations; those of a filter that takes everything out of the \
          detections are white, with 95 % of the values in the band.",
     );
-    let pictures: Vec<String> = document.judgement.iter().map(autocorrelation).collect();
+    let pictures: Vec<String> = document.evaluation.iter().map(autocorrelation).collect();
     page.legend(&[("x", BLUE), ("y", ORANGE)]);
     page.pictures_in_row(&pictures);
 }
 
-fn autocorrelation(own: &ObjectJudgement) -> String {
+fn autocorrelation(own: &ObjectEvaluation) -> String {
     let white = &own.whiteness;
     let curve = |colour, values: &[f64]| Curve {
         colour,
@@ -294,7 +294,7 @@ fn autocorrelation(own: &ObjectJudgement) -> String {
     };
     let limit = white.limit95;
     line_plot(&LinePlot {
-        title: format!("{}: {:.0} % within", own.object.name(), 100.0 * white.share_within),
+        title: format!("{}: {:.0} % within", own.object.name(), 100.0 * white.fraction_within),
         x: "lag (detections)".to_owned(),
         y: Axis { label: "autocorrelation".to_owned(), scale: Scale::Linear },
         bands: vec![Band {
@@ -397,12 +397,12 @@ fn trace(page: &mut Page, tuned: &Tuned) {
     }
 }
 
-fn velocity_plot(run: &JudgedRun, object: Object, axis: usize) -> String {
+fn velocity_plot(run: &EvaluatedRun, object: Object, axis: usize) -> String {
     let index = object.index();
     let Some(began) = run.frames.first().map(|frame| frame.frame.seen.time) else {
         return String::new();
     };
-    let points = |of: &dyn Fn(&super::judge::JudgedFrame) -> Option<f64>| -> Vec<(f64, f64)> {
+    let points = |of: &dyn Fn(&super::evaluate::EvaluatedFrame) -> Option<f64>| -> Vec<(f64, f64)> {
         run.frames
             .iter()
             .filter_map(|frame| Some((frame.frame.seen.time.seconds_since(began), of(frame)?)))

@@ -1,14 +1,14 @@
-//! Regions of process noise (figure 4 of the KlaskTron paper), by the predicted path.
+//! Regions of process noise along the predicted path (figure 4 of the KlaskTron paper).
 
 use super::settings::{BallSettings, BoardSettings, FilterSettings};
 use serde::{Deserialize, Serialize};
 
-/// Where the ball is predicted to be. Where regions overlap, the noise of each is added, and the
-/// name is the first that holds of: goal rim, striker, the nearer wall.
+/// Region of the predicted path of the ball. Noise of overlapping regions is added, and the
+/// name is the first that applies of: goal rim, striker, nearer wall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Region {
-    /// None of the others.
+    /// Away from walls, strikers and goals.
     Open,
     /// Near a wall x = const: noise across it.
     NearWallX,
@@ -21,11 +21,11 @@ pub enum Region {
 }
 
 impl Region {
-    /// All of them; their place here is their index in tables.
+    /// All regions; the position in this list is the index in tables.
     pub const ALL: [Self; 5] =
         [Self::Open, Self::NearWallX, Self::NearWallY, Self::NearStriker, Self::GoalRim];
 
-    /// As fields spell it.
+    /// Name in documents.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -37,7 +37,7 @@ impl Region {
         }
     }
 
-    /// As a person reads it.
+    /// Name for people.
     #[must_use]
     pub fn title(self) -> &'static str {
         match self {
@@ -50,10 +50,10 @@ impl Region {
     }
 }
 
-/// Where the strikers are (m): the left one, the right one.
+/// Positions of the left and the right striker (m).
 pub type Strikers = [Option<[f64; 2]>; 2];
 
-/// The regions of one ball, ready to be asked.
+/// Precomputed regions of one ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Regions {
     /// Largest coordinates of the ball's centre (m).
@@ -83,7 +83,7 @@ impl Regions {
         }
     }
 
-    /// Name of the region of a straight path and density of the acceleration in each axis (m2/s3).
+    /// Region of a straight path and spectral density of the acceleration in each axis (m2/s3).
     #[inline]
     pub(super) fn along(
         &self,
@@ -119,11 +119,11 @@ impl Regions {
     }
 }
 
-/// The region of a ball that rests at `place`; the open board for settings without a ball.
+/// Region of a ball at rest at `position` (m); the open board for settings without a ball.
 #[must_use]
-pub fn region_at(settings: &FilterSettings, place: [f64; 2], strikers: &Strikers) -> Region {
+pub fn region_at(settings: &FilterSettings, position: [f64; 2], strikers: &Strikers) -> Region {
     settings.ball.ball.map_or(Region::Open, |ball| {
-        Regions::new(&settings.board, 0.0, &ball).along(place, place, strikers).0
+        Regions::new(&settings.board, 0.0, &ball).along(position, position, strikers).0
     })
 }
 
@@ -147,8 +147,8 @@ fn distance_squared(from: [f64; 2], to: [f64; 2], point: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
-    fn region(place: [f64; 2], strikers: &Strikers) -> Region {
-        region_at(&FilterSettings::default(), place, strikers)
+    fn region(position: [f64; 2], strikers: &Strikers) -> Region {
+        region_at(&FilterSettings::default(), position, strikers)
     }
 
     #[test]

@@ -1,71 +1,72 @@
-//! How long a filter takes to believe an impact: the time until 63 % of the change of the velocity.
+//! Rise time of the velocity estimate after an impact: time until 63 % of the velocity change.
 
 use super::{
-    judge::{JudgedFrame, JudgedRun},
+    evaluate::{EvaluatedFrame, EvaluatedRun},
     settings::{FilterSettings, Object},
     slope::{Impact, impacts},
-    track::Seen,
+    track::Detections,
 };
 use crate::stats::{median, quantile};
 use serde::Serialize;
 
-/// Share of the change that counts as believed: 1 - 1/e.
+/// Fraction of the velocity change that defines the rise time: 1 - 1/e.
 const SHARE: f64 = 0.632_120_558_828_557_7;
-/// Longest time that is looked at after an impact (frames).
+/// Longest evaluated time after an impact (frames).
 pub const LONGEST_FRAMES: usize = 60;
-/// A striker this near (m) is what was hit: touching distance and the way of one frame.
+/// Maximum distance of a striker that counts as hit (m): contact distance plus the travel of one
+/// frame.
 const STRIKER_DISTANCE: f64 = 0.03;
 
-/// What was hit.
+/// Object that the ball hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hit {
-    /// A wall, or anything else that is no striker.
+    /// A wall, or anything else other than a striker.
     Wall,
     /// A striker.
     Striker,
 }
 
-/// Share of the change of velocity that each filter believes, frame by frame after an impact.
+/// Step response of each filter to an impact: fraction of the velocity change by frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Response {
-    /// What was hit.
+    /// Object that the ball hit.
     pub hit: Hit,
-    /// From the impact to each frame (s), from the last frame before it.
+    /// Time from the impact to each frame (s), from the last frame before it.
     pub times_s: Vec<f64>,
-    /// Believed by the tuned filter.
+    /// Response of the tuned filter.
     pub own: Vec<f64>,
-    /// Believed by upstream's.
+    /// Response of the upstream filter.
     pub upstream: Vec<f64>,
 }
 
 /// Rise times of one filter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rise {
-    /// Median of the frames until 63 % are believed, the first frame after the impact being 1.
+    /// Median number of frames until 63 % of the change; the first frame after the impact is 1.
     pub median_frames: f64,
-    /// 95 % of the impacts need no more.
+    /// 95th percentile of that number.
     pub p95_frames: f64,
-    /// Median of the time from the impact to that frame (s).
+    /// Median time from the impact to that frame (s).
     pub median_s: f64,
 }
 
 /// Rise times after impacts of one kind.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RiseJudgement {
-    /// What was hit.
+pub struct RiseTimes {
+    /// Object that the ball hit.
     pub hit: Hit,
-    /// How often.
+    /// Number of impacts.
     pub impacts: usize,
-    /// With the tuned filter.
+    /// Rise time of the tuned filter.
     pub own: Rise,
-    /// With upstream's settings.
+    /// Rise time of the upstream filter.
     pub upstream: Rise,
 }
 
-/// Every impact of the ball in `runs`.
+/// Step responses to all impacts of the ball in `runs`.
 #[must_use]
-pub fn responses(runs: &[JudgedRun], settings: &FilterSettings) -> Vec<Response> {
+pub fn responses(runs: &[EvaluatedRun], settings: &FilterSettings) -> Vec<Response> {
     let mut all = Vec::new();
     for run in runs {
         let frames: Vec<_> = run.frames.iter().map(|judged| judged.frame).collect();
@@ -79,7 +80,7 @@ pub fn responses(runs: &[JudgedRun], settings: &FilterSettings) -> Vec<Response>
     all
 }
 
-fn response(frames: &[JudgedFrame], impact: &Impact) -> Option<Response> {
+fn response(frames: &[EvaluatedFrame], impact: &Impact) -> Option<Response> {
     let ball = Object::Ball.index();
     let first = frames.get(1)?.frame.seen;
     let change = [0, 1].map(|axis| impact.after[axis] - impact.before[axis]);
@@ -88,7 +89,7 @@ fn response(frames: &[JudgedFrame], impact: &Impact) -> Option<Response> {
         ((vx - impact.before[0]) * change[0] + (vy - impact.before[1]) * change[1]) / (size * size)
     };
     let mut response = Response {
-        hit: hit(&first, impact.place),
+        hit: hit(&first, impact.position),
         times_s: Vec::new(),
         own: Vec::new(),
         upstream: Vec::new(),
@@ -103,22 +104,21 @@ fn response(frames: &[JudgedFrame], impact: &Impact) -> Option<Response> {
     Some(response)
 }
 
-fn hit(seen: &Seen, place: [f64; 2]) -> Hit {
-    let near = seen.places[1..]
-        .iter()
-        .flatten()
-        .any(|striker| (striker[0] - place[0]).hypot(striker[1] - place[1]) < STRIKER_DISTANCE);
+fn hit(seen: &Detections, position: [f64; 2]) -> Hit {
+    let near = seen.positions[1..].iter().flatten().any(|striker| {
+        (striker[0] - position[0]).hypot(striker[1] - position[1]) < STRIKER_DISTANCE
+    });
     if near { Hit::Striker } else { Hit::Wall }
 }
 
-/// Rise times by what was hit; kinds that never occur are left out.
+/// Rise times by the object that was hit; kinds without an impact are left out.
 #[must_use]
-pub fn rises(responses: &[Response]) -> Vec<RiseJudgement> {
+pub fn rises(responses: &[Response]) -> Vec<RiseTimes> {
     [Hit::Wall, Hit::Striker]
         .into_iter()
         .filter_map(|hit| {
             let of_kind: Vec<&Response> = responses.iter().filter(|own| own.hit == hit).collect();
-            Some(RiseJudgement {
+            Some(RiseTimes {
                 hit,
                 impacts: of_kind.len(),
                 own: rise(&of_kind, |response| &response.own)?,
@@ -128,7 +128,8 @@ pub fn rises(responses: &[Response]) -> Vec<RiseJudgement> {
         .collect()
 }
 
-/// Where a response does not get there before it ends, its last frame counts: the least it takes.
+/// Rise times of `responses`. A response that ends before 63 % counts with its last frame, a lower
+/// bound.
 fn rise(responses: &[&Response], of: fn(&Response) -> &[f64]) -> Option<Rise> {
     let reached: Vec<(f64, f64)> = responses
         .iter()
@@ -164,7 +165,7 @@ mod tests {
         assert_eq!(rises.len(), 1);
         assert_eq!((rises[0].impacts, rises[0].own.median_frames), (2, 2.0));
         assert!((rises[0].own.median_s - 0.016).abs() < 1e-12);
-        // Never: the last frame of each, 2 and 3.
+        // Never reached: the last frame of each, 2 and 3.
         assert_eq!(rises[0].upstream.median_frames, 2.5);
     }
 }

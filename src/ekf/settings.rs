@@ -1,10 +1,10 @@
-//! Every number of the filter, with its unit in its name: what `ekf.json` holds under `filter`.
+//! Parameters of the filter, with units in their names: the object `filter` in `ekf.json`.
 
 use super::error::EkfError;
 use crate::board::{BALL_RADIUS, BoardSize};
 use serde::{Deserialize, Serialize};
 
-/// One of the three things that the camera follows.
+/// An object that the camera detects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Object {
@@ -17,10 +17,10 @@ pub enum Object {
 }
 
 impl Object {
-    /// All of them; their place here is their index in every array of three.
+    /// All objects; the position in this list is the index in every array of three.
     pub const ALL: [Self; 3] = [Self::Ball, Self::Left, Self::Right];
 
-    /// As fields and pages spell it.
+    /// Name in documents and on pages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -30,22 +30,22 @@ impl Object {
         }
     }
 
-    /// Its index in every array of three.
+    /// Index in every array of three.
     #[must_use]
     pub fn index(self) -> usize {
         self as usize
     }
 }
 
-/// The filter of a whole board.
+/// Settings of the filters of one board.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FilterSettings {
-    /// Where walls and goals are.
+    /// Geometry of walls and goals.
     pub board: BoardSettings,
-    /// From the capture of a picture to its arrival (s); 0 where it was not measured.
+    /// Latency from capture of a frame to its arrival (s); 0 if it was not measured.
     pub latency_s: f64,
-    /// Share of good detections that the gate refuses.
+    /// False-rejection probability of the gate for a correct detection.
     pub gate_probability: f64,
     /// The ball.
     pub ball: ObjectSettings,
@@ -59,68 +59,68 @@ pub struct FilterSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoardSettings {
-    /// Across (m).
+    /// Length across (m).
     pub short_side_m: f64,
-    /// From goal to goal (m).
+    /// Length from goal to goal (m).
     pub long_side_m: f64,
-    /// From the middle of the board to the centre of each goal (m).
+    /// Distance from the middle of the board to the centre of each goal (m).
     pub goal_distance_m: f64,
     /// Radius of a goal (m).
     pub goal_radius_m: f64,
 }
 
-/// How one object moves and how well it is seen.
+/// Motion and measurement model of one object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectSettings {
-    /// Standard deviation of a detection in each axis (m): R is its square.
+    /// Standard deviation of a detection in each axis (m); R is its square.
     pub measurement_sigma_m: f64,
-    /// Standard deviation of the unknown velocity at the start, in each axis (m/s).
+    /// Standard deviation of the unknown initial velocity in each axis (m/s).
     pub start_speed_sigma_m_per_s: f64,
     /// Power spectral density of the acceleration on the open board, in each axis (m2/s3).
     pub open_psd_m2_per_s3: f64,
-    /// What only a ball has; a striker moves at constant velocity in one region.
+    /// Ball model; a striker moves at constant velocity in one region and has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ball: Option<BallSettings>,
 }
 
-/// Rolling, walls and regions of a ball.
+/// Rolling, walls and regions of the ball.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BallSettings {
     /// Radius of the ball (m).
     pub radius_m: f64,
-    /// Deceleration of rolling that does not depend on speed (m/s2).
+    /// Coulomb rolling resistance: deceleration that does not depend on speed (m/s2).
     pub rolling_deceleration_m_per_s2: f64,
-    /// Deceleration per speed (1/s).
+    /// Viscous rolling resistance: deceleration per speed (1/s).
     pub rolling_drag_per_s: f64,
-    /// Speed away from a wall per speed towards it.
+    /// Restitution at walls: normal speed after over before the impact.
     pub wall_restitution: f64,
-    /// Standard deviation of that from impact to impact.
+    /// Standard deviation of the restitution between impacts.
     pub wall_restitution_sigma: f64,
-    /// Standard deviation of the change along the wall, per speed towards it.
-    pub wall_scatter_sigma: f64,
-    /// Acceleration added across a wall x = const while near it (m2/s3).
+    /// Standard deviation of the tangential velocity change, per normal speed before the impact.
+    pub wall_tangential_sigma: f64,
+    /// Added spectral density of the acceleration near a wall x = const, across it (m2/s3).
     pub near_wall_x_psd_m2_per_s3: f64,
-    /// Acceleration added across a wall y = const while near it (m2/s3).
+    /// Added spectral density of the acceleration near a wall y = const, across it (m2/s3).
     pub near_wall_y_psd_m2_per_s3: f64,
-    /// Acceleration added in each axis near a striker (m2/s3).
+    /// Added spectral density of the acceleration near a striker, in each axis (m2/s3).
     pub near_striker_psd_m2_per_s3: f64,
-    /// Acceleration added in each axis over a goal and its rim (m2/s3).
+    /// Added spectral density of the acceleration over a goal and its rim, in each axis (m2/s3).
     pub goal_rim_psd_m2_per_s3: f64,
-    /// From the surface of the ball to the wall: nearer is near (m).
+    /// Width of the region near a wall, from the surface of the ball (m).
     pub near_wall_distance_m: f64,
-    /// From the centre of the ball to the centre of the striker: nearer is near (m).
+    /// Radius of the region near a striker, between centres of ball and striker (m).
     pub near_striker_distance_m: f64,
-    /// How far beyond its radius a goal reaches (m).
+    /// Width of the goal's region beyond its radius (m).
     pub goal_rim_width_m: f64,
 }
 
 impl Default for FilterSettings {
-    /// Where tuning starts, and what remains where the data do not say: a camera good to half a
-    /// millimetre; strikers that reach 6 m/s2 for 50 ms (their density is about a^2 t); a ball that
-    /// rolls nearly straight and changes by metres per second within the 50 ms near a striker.
-    /// Geometry as in the platform's simulator (klask_rl, `klask_params.py`).
+    /// Start values of the tuning, kept where the data do not determine a parameter: a detection
+    /// error of half a millimetre; strikers that accelerate at 6 m/s2 for 50 ms (density about a^2
+    /// t); a ball that rolls nearly straight and changes by metres per second within 50 ms near a
+    /// striker. Geometry as in the platform's simulator (klask_rl, `klask_params.py`).
     fn default() -> Self {
         let size = BoardSize::default();
         let striker = ObjectSettings {
@@ -158,7 +158,7 @@ impl Default for BallSettings {
             rolling_drag_per_s: 0.1,
             wall_restitution: 0.8,
             wall_restitution_sigma: 0.05,
-            wall_scatter_sigma: 0.05,
+            wall_tangential_sigma: 0.05,
             near_wall_x_psd_m2_per_s3: 0.1,
             near_wall_y_psd_m2_per_s3: 0.1,
             near_striker_psd_m2_per_s3: 20.0,
@@ -171,7 +171,7 @@ impl Default for BallSettings {
 }
 
 impl FilterSettings {
-    /// The settings of `object`.
+    /// Settings of `object`.
     #[must_use]
     pub fn object(&self, object: Object) -> &ObjectSettings {
         match object {
@@ -181,7 +181,7 @@ impl FilterSettings {
         }
     }
 
-    /// The settings of `object`, to be changed.
+    /// Mutable settings of `object`.
     pub fn object_mut(&mut self, object: Object) -> &mut ObjectSettings {
         match object {
             Object::Ball => &mut self.ball,
@@ -190,7 +190,7 @@ impl FilterSettings {
         }
     }
 
-    /// Refuses numbers with which no filter works.
+    /// Check that every value is in its range.
     ///
     /// # Errors
     /// The first field outside its range.
@@ -223,7 +223,7 @@ impl ObjectSettings {
         is("ball.rolling_drag_per_s", ball.rolling_drag_per_s, 0.0, 10.0)?;
         is("ball.wall_restitution", ball.wall_restitution, 0.0, 1.0)?;
         is("ball.wall_restitution_sigma", ball.wall_restitution_sigma, 0.0, 1.0)?;
-        is("ball.wall_scatter_sigma", ball.wall_scatter_sigma, 0.0, 1.0)?;
+        is("ball.wall_tangential_sigma", ball.wall_tangential_sigma, 0.0, 1.0)?;
         is("ball.near_wall_x_psd_m2_per_s3", ball.near_wall_x_psd_m2_per_s3, 0.0, 1e6)?;
         is("ball.near_wall_y_psd_m2_per_s3", ball.near_wall_y_psd_m2_per_s3, 0.0, 1e6)?;
         is("ball.near_striker_psd_m2_per_s3", ball.near_striker_psd_m2_per_s3, 0.0, 1e6)?;

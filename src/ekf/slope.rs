@@ -1,28 +1,28 @@
-//! Velocities and impacts out of detections alone, by lines through a few frames.
+//! Velocities and impacts from detections alone, by line fits through a few frames.
 //!
-//! A line through frames on both sides of an instant has its velocity without lag. Lines before and
-//! after an instant that meet at an angle are an impact.
+//! A line fit through frames on both sides of an instant gives the velocity without lag. Two line
+//! fits, before and after an instant, that meet at an angle indicate an impact.
 
 use super::{
     data::Frame,
     settings::{FilterSettings, Object},
 };
 
-/// Frames on each side.
+/// Number of frames on each side.
 const BESIDE: usize = 5;
-/// Fewest of them in which the object was seen.
+/// Minimum number of these in which the object was detected.
 const LEAST_SEEN: usize = 4;
-/// Places that a line misses by this many standard deviations lie on no line.
+/// Maximum RMS residual of a line fit, in standard deviations of a detection.
 const MISSES: f64 = 3.0;
-/// An impact changes the velocity by more (m/s).
+/// Minimum velocity change of an impact (m/s).
 const LEAST_CHANGE: f64 = 0.3;
 
-/// A line in time: place at the origin of time and velocity.
+/// A line fit in time: position at the time origin and velocity.
 #[derive(Debug, Clone, Copy)]
 struct Line {
-    place: [f64; 2],
+    position: [f64; 2],
     velocity: [f64; 2],
-    /// Root mean square distance of the detections in each axis (m).
+    /// RMS residual in each axis (m).
     misses: f64,
 }
 
@@ -31,10 +31,10 @@ struct Line {
 pub struct Impact {
     /// Index of the first frame after it.
     pub frame: usize,
-    /// From that frame back to the impact (s).
+    /// Time from the impact to that frame (s).
     pub since_s: f64,
-    /// Where (m).
-    pub place: [f64; 2],
+    /// Position of the impact (m).
+    pub position: [f64; 2],
     /// Velocity before (m/s).
     pub before: [f64; 2],
     /// Velocity after (m/s).
@@ -42,18 +42,18 @@ pub struct Impact {
 }
 
 impl Impact {
-    /// Change of the velocity (m/s).
+    /// Magnitude of the velocity change (m/s).
     #[must_use]
     pub fn change(&self) -> f64 {
         (self.after[0] - self.before[0]).hypot(self.after[1] - self.before[1])
     }
 }
 
-/// The line through detections of `frames`, with time counted from `origin`.
+/// Fit a line to the detections in `frames`, with time counted from `origin`.
 fn line(frames: &[Frame], origin: &Frame, index: usize) -> Option<Line> {
     let seen = || {
         frames.iter().filter_map(move |frame| {
-            Some((frame.seen.time.seconds_since(origin.seen.time), frame.seen.places[index]?))
+            Some((frame.seen.time.seconds_since(origin.seen.time), frame.seen.positions[index]?))
         })
     };
     let count = seen().count();
@@ -63,20 +63,20 @@ fn line(frames: &[Frame], origin: &Frame, index: usize) -> Option<Line> {
     let n = count as f64;
     let time = seen().map(|(t, _)| t).sum::<f64>() / n;
     let spread: f64 = seen().map(|(t, _)| (t - time).powi(2)).sum();
-    let mut line = Line { place: [0.0; 2], velocity: [0.0; 2], misses: 0.0 };
+    let mut line = Line { position: [0.0; 2], velocity: [0.0; 2], misses: 0.0 };
     for axis in 0..2 {
-        let place = seen().map(|(_, p)| p[axis]).sum::<f64>() / n;
-        let slope = seen().map(|(t, p)| (t - time) * (p[axis] - place)).sum::<f64>() / spread;
+        let position = seen().map(|(_, p)| p[axis]).sum::<f64>() / n;
+        let slope = seen().map(|(t, p)| (t - time) * (p[axis] - position)).sum::<f64>() / spread;
         line.velocity[axis] = slope;
-        line.place[axis] = place - slope * time;
+        line.position[axis] = position - slope * time;
         line.misses +=
-            seen().map(|(t, p)| (p[axis] - line.place[axis] - slope * t).powi(2)).sum::<f64>();
+            seen().map(|(t, p)| (p[axis] - line.position[axis] - slope * t).powi(2)).sum::<f64>();
     }
     line.misses = (line.misses / (2.0 * n - 4.0)).sqrt();
     Some(line)
 }
 
-/// Velocity of `object` at each frame (m/s), where the frames beside it lie on a line.
+/// Velocity of `object` at each frame (m/s), where the neighbouring frames lie on a line.
 #[must_use]
 pub fn velocities(
     frames: &[Frame],
@@ -100,7 +100,7 @@ pub fn impacts(frames: &[Frame], object: Object, settings: &FilterSettings) -> V
     let found: Vec<Impact> = (BESIDE..frames.len().saturating_sub(BESIDE))
         .filter_map(|k| impact(frames, k, object.index(), MISSES * sigma))
         .collect();
-    // Lines on either side of a neighbour of the frame find the same impact again.
+    // Lines on either side of a neighbouring frame find the same impact again.
     let mut kept: Vec<Impact> = Vec::new();
     for impact in found {
         match kept.last_mut() {
@@ -115,7 +115,7 @@ pub fn impacts(frames: &[Frame], object: Object, settings: &FilterSettings) -> V
     kept
 }
 
-/// The impact between frames `k - 1` and `k`, if there is one.
+/// The impact between frames `k - 1` and `k`, if any.
 fn impact(frames: &[Frame], k: usize, index: usize, most: f64) -> Option<Impact> {
     let before = line(&frames[k - BESIDE..k], &frames[k], index)?;
     let after = line(&frames[k..k + BESIDE], &frames[k], index)?;
@@ -124,14 +124,15 @@ fn impact(frames: &[Frame], k: usize, index: usize, most: f64) -> Option<Impact>
     if size < LEAST_CHANGE || most < before.misses || most < after.misses {
         return None;
     }
-    // Where the lines meet, along the change of the velocity.
-    let gap: f64 = (0..2).map(|axis| (after.place[axis] - before.place[axis]) * change[axis]).sum();
+    // Intersection of the lines along the velocity change.
+    let gap: f64 =
+        (0..2).map(|axis| (after.position[axis] - before.position[axis]) * change[axis]).sum();
     let since_s = gap / (size * size);
     let period = frames[k].seen.time.seconds_since(frames[k - 1].seen.time);
     (0.0..=period).contains(&since_s).then(|| Impact {
         frame: k,
         since_s,
-        place: [0, 1].map(|axis| after.place[axis] - since_s * after.velocity[axis]),
+        position: [0, 1].map(|axis| after.position[axis] - since_s * after.velocity[axis]),
         before: before.velocity,
         after: after.velocity,
     })

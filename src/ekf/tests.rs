@@ -1,5 +1,5 @@
-//! The filter against filterpy, finite differences, conservation of probability, and itself in another
-//! order.
+//! Tests of the filter against filterpy, finite differences, moments of sampled points, and itself
+//! in another order of frames.
 
 use super::{
     matrix::cholesky,
@@ -16,18 +16,18 @@ fn at(k: u64) -> Nanos {
     Nanos(1_700_000_000_000_000_000 + k * 1_000_000_000 / 120)
 }
 
-/// About normal, variance 1: twelve uniform numbers.
+/// Approximately normal number of variance 1: twelve uniform numbers.
 fn normal(stream: &mut Stream) -> f64 {
     (0..12).map(|_| f64::from(stream.uniform_f32(-0.5, 0.5))).sum()
 }
 
-/// A gate that refuses nothing that a test shows.
+/// A gate that rejects nothing in these tests.
 fn open_gate() -> FilterSettings {
     FilterSettings { gate_probability: 1e-12, ..FilterSettings::default() }
 }
 
-/// A ball on a long way: fast, over walls, past a striker, with a frame missing now and then.
-fn ball_frames(count: u64) -> Vec<Seen> {
+/// A ball on a long path: fast, over walls, past a striker, with a frame missing now and then.
+fn ball_frames(count: u64) -> Vec<Detections> {
     let mut stream = Stream::new(5, "frames");
     let fold = |s: f64, reach: f64| {
         let t = (s + reach).rem_euclid(4.0 * reach);
@@ -36,16 +36,19 @@ fn ball_frames(count: u64) -> Vec<Seen> {
     (0..count)
         .map(|k| {
             let t = k as f64 * PERIOD;
-            let place = [fold(0.9 * t, 0.153), fold(0.05 + 0.7 * t, 0.203)];
-            let seen = place.map(|p| p + 4e-4 * normal(&mut stream));
+            let position = [fold(0.9 * t, 0.153), fold(0.05 + 0.7 * t, 0.203)];
+            let seen = position.map(|p| p + 4e-4 * normal(&mut stream));
             let left = [0.05 * (3.0 * t).sin(), -0.12];
             let ball = (k % 13 != 7).then_some(seen);
-            Seen { time: at(k), places: [ball, Some(left), (k % 5 != 0).then_some([0.02, 0.1])] }
+            Detections {
+                time: at(k),
+                positions: [ball, Some(left), (k % 5 != 0).then_some([0.02, 0.1])],
+            }
         })
         .collect()
 }
 
-fn run(settings: &FilterSettings, frames: &[Seen]) -> BoardFilter {
+fn run(settings: &FilterSettings, frames: &[Detections]) -> BoardFilter {
     let mut filter = BoardFilter::new(settings);
     for seen in frames {
         assert!(matches!(filter.observe(seen), Observed::Taken(_)));
@@ -83,7 +86,7 @@ fn the_linear_case_is_that_of_filterpy() {
     let mut filter = BoardFilter::new(&settings);
     for step in &reference.steps {
         let time = Nanos(step.time_ns);
-        filter.observe(&Seen { time, places: [None, step.place_m, None] });
+        filter.observe(&Detections { time, positions: [None, step.place_m, None] });
         let own = filter.estimate_at(Object::Left, time).unwrap();
         for i in 0..4 {
             assert!((own.mean[i] - step.mean[i]).abs() < 1e-9, "{own:?}");
@@ -145,8 +148,9 @@ fn two_half_steps_are_one_step() {
     }
 }
 
-/// Variance of the velocity grows by q every second, of the place by q/3, whatever the steps: if Q
-/// took milliseconds for seconds, or did not know them, this would be off by powers of a thousand.
+/// The velocity variance grows by q per second and the position variance by q/3, for any step
+/// length. A time step in milliseconds instead of seconds would change both by powers of a
+/// thousand.
 #[test]
 fn noise_is_counted_in_seconds() {
     let mut settings = open_gate();
@@ -186,7 +190,7 @@ fn covariances_stay_symmetric_and_positive_definite() {
 fn a_wild_detection_is_refused_and_two_that_fit_are_a_new_start() {
     let settings = FilterSettings::default();
     let mut filter = BoardFilter::new(&settings);
-    let seen = |k: u64, x: f64| Seen { time: at(k), places: [Some([x, 0.0]), None, None] };
+    let seen = |k: u64, x: f64| Detections { time: at(k), positions: [Some([x, 0.0]), None, None] };
     for k in 0..60 {
         filter.observe(&seen(k, 0.0));
     }
@@ -194,12 +198,12 @@ fn a_wild_detection_is_refused_and_two_that_fit_are_a_new_start() {
         Observed::Taken([step, ..]) => (step.innovation.unwrap().gate, step.started),
         other => panic!("{other:?}"),
     };
-    assert_eq!(gate(filter.observe(&seen(60, 0.1))), (Gate::Refused, false));
+    assert_eq!(gate(filter.observe(&seen(60, 0.1))), (Gate::Rejected, false));
     assert!(filter.estimate_at(Object::Ball, at(60)).unwrap().mean[0].abs() < 1e-3);
     assert_eq!(gate(filter.observe(&seen(61, 0.0))), (Gate::Accepted, false));
-    // Somebody moves the ball away at 1 m/s.
-    assert_eq!(gate(filter.observe(&seen(62, 0.02))), (Gate::Refused, false));
-    assert_eq!(gate(filter.observe(&seen(63, 0.02 + PERIOD))), (Gate::Refused, true));
+    // A hand moves the ball away at 1 m/s.
+    assert_eq!(gate(filter.observe(&seen(62, 0.02))), (Gate::Rejected, false));
+    assert_eq!(gate(filter.observe(&seen(63, 0.02 + PERIOD))), (Gate::Rejected, true));
     let ball = filter.estimate_at(Object::Ball, at(63)).unwrap();
     assert!((ball.mean[2] - 1.0).abs() < 1e-6, "{ball:?}");
     // The gate's threshold is the chi-square quantile: -2 ln p with two degrees of freedom.
@@ -208,7 +212,7 @@ fn a_wild_detection_is_refused_and_two_that_fit_are_a_new_start() {
     let sigma = (2.0 * own.measurement_variance()).sqrt();
     let edge = (-2.0 * settings.gate_probability.ln()).sqrt();
     assert_eq!(own.innovation(&estimate, [0.999 * edge * sigma, 0.0]).gate, Gate::Accepted);
-    assert_eq!(own.innovation(&estimate, [1.001 * edge * sigma, 0.0]).gate, Gate::Refused);
+    assert_eq!(own.innovation(&estimate, [1.001 * edge * sigma, 0.0]).gate, Gate::Rejected);
 }
 
 #[test]
@@ -242,15 +246,15 @@ fn repeated_and_very_late_frames_change_nothing() {
     let newest = filter.newest().unwrap();
     let before = filter.estimate_at(Object::Ball, newest);
     assert_eq!(filter.observe(&frames[199]), Observed::Repeated);
-    let old = Seen { time: Nanos(at(100).0 + 1), ..frames[100] };
+    let old = Detections { time: Nanos(at(100).0 + 1), ..frames[100] };
     assert_eq!(filter.observe(&old), Observed::TooLate);
     assert_eq!(filter.estimate_at(Object::Ball, newest), before);
 }
 
 #[test]
 fn a_missing_detection_widens_the_belief_and_a_long_gap_ends_it() {
-    let frames: Vec<Seen> = (0..60)
-        .map(|k| Seen { time: at(k), places: [Some([0.001 * k as f64, 0.0]), None, None] })
+    let frames: Vec<Detections> = (0..60)
+        .map(|k| Detections { time: at(k), positions: [Some([0.001 * k as f64, 0.0]), None, None] })
         .collect();
     let mut filter = run(&FilterSettings::default(), &frames);
     let sigma = |filter: &BoardFilter, k| {
@@ -258,15 +262,15 @@ fn a_missing_detection_widens_the_belief_and_a_long_gap_ends_it() {
     };
     let known = sigma(&filter, 59).unwrap();
     for k in 60..66 {
-        filter.observe(&Seen { time: at(k), places: [None; 3] });
+        filter.observe(&Detections { time: at(k), positions: [None; 3] });
     }
     assert!(known < sigma(&filter, 65).unwrap());
     assert!(sigma(&filter, 59 + 29).is_some() && sigma(&filter, 59 + 31).is_none());
-    let back = Seen { time: at(120), places: [Some([0.0, 0.1]), None, None] };
+    let back = Detections { time: at(120), positions: [Some([0.0, 0.1]), None, None] };
     assert!(matches!(filter.observe(&back), Observed::Taken([Step { started: true, .. }, ..])));
 }
 
-/// The split belief against its definition: many points of the belief, each reflected or not.
+/// The split estimate against its definition: many sampled points, each reflected or not.
 #[test]
 fn a_belief_at_a_wall_has_the_moments_of_its_points() {
     let wall = Obstacle {
@@ -275,7 +279,7 @@ fn a_belief_at_a_wall_has_the_moments_of_its_points() {
         speed: 0.0,
         restitution: 0.8,
         restitution_sigma: 0.05,
-        scatter_sigma: 0.1,
+        tangential_sigma: 0.1,
     };
     let l = [
         [2e-3, 0.0, 0.0, 0.0],
@@ -313,8 +317,8 @@ fn a_belief_at_a_wall_has_the_moments_of_its_points() {
             std::array::from_fn(|i| points.iter().map(|p| p[i]).sum::<f64>() / n);
         for i in 0..4 {
             let spread = points.iter().map(|p| (p[i] - centre[i]).powi(2)).sum::<f64>() / n;
-            // Five standard errors of the mean; 4 % of a variance, whose standard error is 0.7 %, and
-            // the scatter counts the speed of the mean only.
+            // Five standard errors of the mean. 4 % of a variance, whose standard error is 0.7 %;
+            // the tangential noise of the filter uses the mean speed only.
             let error = (found.mean[i] - centre[i]).abs();
             assert!(
                 error < 5.0 * (spread / n).sqrt(),

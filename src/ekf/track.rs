@@ -1,4 +1,4 @@
-//! What detections make of objects: start, follow, lose, find again; late and repeated frames.
+//! Tracks of objects from detections: start, update, loss, restart; late and repeated frames.
 
 use super::{
     filter::{Gate, Innovation, ObjectFilter},
@@ -11,55 +11,57 @@ use crate::{
     units::Nanos,
 };
 
-/// Without an accepted detection for longer, the belief is given up (s).
+/// Time without an accepted detection after which a track is lost (s).
 pub const LOST_AFTER_S: f64 = 0.25;
-/// Frames that are remembered, so that a late one can be put where it belongs: 0.27 s at 120 Hz.
+/// Number of stored frames, so that a late one can be inserted: 0.27 s at 120 Hz.
 pub const REMEMBERED_FRAMES: usize = 32;
-/// Two refused detections start anew where they would be this many standard deviations of the start
-/// speed apart at most.
+/// Maximum velocity between two rejected detections that reinitialize a track, in standard
+/// deviations of the initial speed.
 const FASTEST: f64 = 4.0;
 
-/// What the camera saw at one instant: places (m) of ball, left and right striker.
+/// Detections of one frame: positions (m) of ball, left and right striker.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
-    /// When the picture was taken.
+pub struct Detections {
+    /// Capture time.
     pub time: Nanos,
-    /// Places by [`Object::index`]; `None` for what was not seen.
-    pub places: [Option<[f64; 2]>; 3],
+    /// Positions by [`Object::index`]; `None` for an object that was not detected.
+    pub positions: [Option<[f64; 2]>; 3],
 }
 
-/// One object as it is followed.
+/// Track of one object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Track {
-    /// When `estimate` holds.
+    /// Time of `estimate`.
     pub time: Nanos,
-    /// The belief.
+    /// State estimate.
     pub estimate: Estimate,
-    /// Last accepted detection.
+    /// Time of the last accepted detection.
     accepted: Nanos,
-    /// The last detection, where it was refused.
+    /// The last detection, if it was rejected.
     refused: Option<(Nanos, [f64; 2])>,
 }
 
-/// What happened to one object in one frame.
+/// Result of one frame for one object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
-    /// Where the ball was predicted.
+    /// Region of the predicted position of the ball.
     pub region: Region,
-    /// The detection less its prediction; `None` where nothing was seen or nothing was predicted.
+    /// Innovation; `None` without a detection or without a prediction.
     pub innovation: Option<Innovation>,
-    /// Whether the belief was started or started anew with this frame.
+    /// The track was started or reinitialized with this frame.
     pub started: bool,
 }
 
-impl Seen {
-    /// A picture that was taken at `time`.
+impl Detections {
+    /// Detections of a camera message with capture time `time`.
     #[must_use]
     pub fn of(time: Nanos, picture: &CameraDetections) -> Self {
-        let places = [picture.ball, picture.left, picture.right].map(|point| {
-            point.map(|Point { x, y }| [x, y]).filter(|place| place.iter().all(|x| x.is_finite()))
+        let positions = [picture.ball, picture.left, picture.right].map(|point| {
+            point
+                .map(|Point { x, y }| [x, y])
+                .filter(|position| position.iter().all(|x| x.is_finite()))
         });
-        Self { time, places }
+        Self { time, positions }
     }
 }
 
@@ -68,105 +70,106 @@ impl Track {
         Self { time, estimate, accepted: time, refused: None }
     }
 
-    /// Takes a frame at `time`, not before the track's own. A gap longer than [`LOST_AFTER_S`] ends
-    /// the belief; two refused detections in a row that one motion explains start it anew.
+    /// Process a frame at `time`, which is not before the track's own time. A gap longer than
+    /// [`LOST_AFTER_S`] ends the track. Two consecutive rejected detections that one motion
+    /// explains reinitialize it.
     pub fn observe(
         track: &mut Option<Self>,
         filter: &ObjectFilter,
-        (time, place): (Nanos, Option<[f64; 2]>),
+        (time, position): (Nanos, Option<[f64; 2]>),
         strikers: &Strikers,
     ) -> Step {
         if track.is_some_and(|own| LOST_AFTER_S < time.seconds_since(own.accepted)) {
             *track = None;
         }
         let Some(own) = track else {
-            *track = place.map(|place| Self::begin(time, filter.start(place)));
+            *track = position.map(|position| Self::begin(time, filter.start(position)));
             return Step { region: Region::Open, innovation: None, started: track.is_some() };
         };
         let dt = time.seconds_since(own.time);
         let region = filter.predict(&mut own.estimate, dt, strikers);
         own.time = time;
         let mut step = Step { region, innovation: None, started: false };
-        let Some(place) = place else { return step };
-        let innovation = filter.update(&mut own.estimate, place);
+        let Some(position) = position else { return step };
+        let innovation = filter.update(&mut own.estimate, position);
         step.innovation = Some(innovation);
         match innovation.gate {
             Gate::Accepted => (own.accepted, own.refused) = (time, None),
-            Gate::Refused => step.started = own.refuse(filter, time, place),
+            Gate::Rejected => step.started = own.refuse(filter, time, position),
         }
         step
     }
 
-    /// Remembers a refused detection; starts anew where the one before it was refused as well and one
-    /// motion leads from there to here.
-    fn refuse(&mut self, filter: &ObjectFilter, time: Nanos, place: [f64; 2]) -> bool {
+    /// Store a rejected detection. Reinitializes the track if the previous detection was rejected
+    /// too and one motion leads from there to here.
+    fn refuse(&mut self, filter: &ObjectFilter, time: Nanos, position: [f64; 2]) -> bool {
         if let Some((before, from)) = self.refused {
             let dt = time.seconds_since(before);
-            let way = (place[0] - from[0]).hypot(place[1] - from[1]);
+            let way = (position[0] - from[0]).hypot(position[1] - from[1]);
             if way < FASTEST * filter.start_speed_sigma() * dt {
-                *self = Self::begin(time, filter.start_between(from, place, dt));
+                *self = Self::begin(time, filter.start_between(from, position, dt));
                 return true;
             }
         }
-        self.refused = Some((time, place));
+        self.refused = Some((time, position));
         false
     }
 }
 
-/// The filters of all three objects, and the frames of the last moments.
+/// Filters of all three objects, and the most recent frames.
 ///
-/// Frames may come late and out of order: a late one is put where it belongs among the remembered
-/// ones, and those after it are done again, so the result is that of the right order to the last bit.
+/// Frames may arrive late and out of order. A late frame is inserted in time order and all later
+/// frames are processed again, so the result equals that of the right order to the last bit.
 #[derive(Debug, Clone)]
 pub struct BoardFilter {
     filters: [ObjectFilter; 3],
-    /// A ring: `count` frames in order of time from `oldest` on, and before them the last one that was
-    /// dropped, from which the oldest can be done again.
+    /// Ring buffer: `count` frames in order of time from `oldest` on, preceded by the last dropped
+    /// frame, from which the oldest one can be processed again.
     ring: [Remembered; SLOTS],
     oldest: usize,
     count: usize,
     dropped: Dropped,
 }
 
-/// Places of the ring.
+/// Slots of the ring buffer.
 const SLOTS: usize = REMEMBERED_FRAMES + 1;
 
-/// Whether a frame was dropped before the oldest one.
+/// Presence of a dropped frame before the oldest one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Dropped {
     None,
     Some,
 }
 
-/// A frame and what is believed after it.
+/// A frame and the tracks after it.
 #[derive(Debug, Clone, Copy)]
 struct Remembered {
-    seen: Seen,
+    seen: Detections,
     tracks: [Option<Track>; 3],
-    /// Last seen places, this frame included.
+    /// Last detected positions, this frame included.
     strikers: Strikers,
 }
 
-/// What became of a frame.
+/// Result of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "looked at and dropped; a box would allocate")]
 pub enum Observed {
-    /// It is in the estimate; steps by [`Object::index`].
+    /// The frame updated the estimate; steps by [`Object::index`].
     Taken([Step; 3]),
-    /// A frame of this time is in the estimate already.
+    /// A frame of this time was processed already.
     Repeated,
-    /// It is older than everything that is remembered.
+    /// The frame is older than all stored frames.
     TooLate,
 }
 
 const NOTHING: Remembered = Remembered {
-    seen: Seen { time: Nanos(0), places: [None; 3] },
+    seen: Detections { time: Nanos(0), positions: [None; 3] },
     tracks: [None; 3],
     strikers: [None; 2],
 };
 
 impl BoardFilter {
-    /// Filters that know nothing yet.
+    /// Filters without any track.
     #[must_use]
     pub fn new(settings: &FilterSettings) -> Self {
         Self {
@@ -178,8 +181,8 @@ impl BoardFilter {
         }
     }
 
-    /// Takes a frame, late or not.
-    pub fn observe(&mut self, seen: &Seen) -> Observed {
+    /// Process a frame, late or not.
+    pub fn observe(&mut self, seen: &Detections) -> Observed {
         let after = self.frames_until(seen.time);
         if 0 < after && self.frame(after - 1).seen.time == seen.time {
             return Observed::Repeated;
@@ -199,8 +202,8 @@ impl BoardFilter {
         Observed::Taken(steps)
     }
 
-    /// The belief about `object` at `time`: that of the last frame before it, moved ahead. `None` where
-    /// nothing is known, or the object is lost at `time`.
+    /// Estimate of `object` at `time`: that of the last frame before it, predicted to `time`.
+    /// `None` without a track, or if the track is lost at `time`.
     #[must_use]
     pub fn estimate_at(&self, object: Object, time: Nanos) -> Option<Estimate> {
         let known = self.frame(self.frames_until(time).checked_sub(1)?);
@@ -223,13 +226,13 @@ impl BoardFilter {
         Some(self.frame(self.count.checked_sub(1)?).seen.time)
     }
 
-    /// How many remembered frames are not after `time`; most frames are the newest, so it looks from
-    /// the end.
+    /// Number of stored frames at or before `time`. Searches from the end, because most frames are
+    /// the newest.
     fn frames_until(&self, time: Nanos) -> usize {
         (0..self.count).rev().find(|at| self.frame(*at).seen.time <= time).map_or(0, |at| at + 1)
     }
 
-    /// Place in the ring of the frame `at`, counted from the oldest.
+    /// Index in the ring buffer of frame `at`, counted from the oldest.
     fn slot(&self, at: usize) -> usize {
         (self.oldest + at) % SLOTS
     }
@@ -238,7 +241,7 @@ impl BoardFilter {
         &self.ring[self.slot(at)]
     }
 
-    /// Moves later frames up so that `at` is free; where all places are taken the oldest frame goes.
+    /// Shift later frames so that `at` is free; a full buffer drops its oldest frame.
     fn make_room(&mut self, at: usize) {
         if self.count == REMEMBERED_FRAMES {
             self.dropped = Dropped::Some;
@@ -251,7 +254,7 @@ impl BoardFilter {
         }
     }
 
-    /// Does frame `at` again from the one before it.
+    /// Process frame `at` again from the one before it.
     fn redo(&mut self, at: usize) -> [Step; 3] {
         let first = at == 0 && self.dropped == Dropped::None;
         let before = if first { &NOTHING } else { self.frame(at + SLOTS - 1) };
@@ -259,16 +262,16 @@ impl BoardFilter {
         let slot = self.slot(at);
         let own = &mut self.ring[slot];
         own.tracks = tracks;
-        own.strikers = held(strikers, &own.seen.places);
+        own.strikers = held(strikers, &own.seen.positions);
         Object::ALL.map(|object| {
             let index = object.index();
-            let seen = (own.seen.time, own.seen.places[index]);
+            let seen = (own.seen.time, own.seen.positions[index]);
             Track::observe(&mut own.tracks[index], &self.filters[index], seen, &own.strikers)
         })
     }
 }
 
-/// Where the strikers were last seen.
-pub(super) fn held(before: Strikers, places: &[Option<[f64; 2]>; 3]) -> Strikers {
-    [places[1].or(before[0]), places[2].or(before[1])]
+/// Last detected positions of the strikers.
+pub(super) fn held(before: Strikers, positions: &[Option<[f64; 2]>; 3]) -> Strikers {
+    [positions[1].or(before[0]), positions[2].or(before[1])]
 }

@@ -1,16 +1,16 @@
-//! Numbers of the filter that make the innovations of the train runs most likely.
+//! Maximum-likelihood tuning of the filter on the innovations of the training runs.
 //!
 //! The innovation log-likelihood of a filter is the sum of ln N(residual; 0, S) over all detections
 //! (Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE Transactions on
-//! Information Theory 11, 1965). Here every detection is clutter with a probability of 0.1 %, spread
-//! evenly over the board, so that a wild one costs 18 nats and no more.
+//! Information Theory 11, 1965). The density is a mixture: with a probability of 0.1 % a detection
+//! is clutter, uniform over the board. An outlier therefore costs at most 18 nats.
 //!
-//! It is maximised with argmin's Nelder-Mead in stages, each a few numbers that act together, twice over:
-//! what acts on the open board, impacts on walls, the wall's region, the striker's region, the goal's.
-//! In one piece the thirteen numbers of a ball are too many for a simplex. The objective is
-//! deterministic (no random number is drawn), but a region's size moves samples in and out of it, so it
-//! has steps and no gradient; Nelder-Mead needs none. Scales are logarithms, so that noise stays
-//! positive.
+//! argmin's Nelder-Mead maximizes it by block coordinate search: in stages of a few parameters that
+//! act together, repeated twice. The stages are the open board, impacts on walls, the region of the
+//! wall, of the striker, and of the goal. All thirteen parameters of a ball at once are too many
+//! for a simplex. The objective is deterministic. The size of a region moves samples in and out of
+//! it, so the objective has steps and no gradient, which Nelder-Mead does not need. Parameters are
+//! optimized as logarithms, so that densities stay positive.
 
 use super::{
     data::{Data, Frame, FrameRun},
@@ -29,51 +29,51 @@ use std::f64::consts::TAU;
 
 /// Probability that a detection is clutter.
 const CLUTTER: f64 = 1e-3;
-/// A region is tuned from this many samples in the train runs (1 s at 120 Hz),
+/// Minimum number of detections in the training runs for tuning a region (1 s at 120 Hz).
 pub const LEAST_SAMPLES: usize = 120;
-/// and from this many visits.
+/// Minimum number of visits for tuning a region.
 pub const LEAST_VISITS: usize = 10;
-/// Times that all stages are gone through.
+/// Number of passes over all stages.
 const ROUNDS: usize = 2;
-/// Iterations of Nelder-Mead for each number of a stage.
+/// Nelder-Mead iterations per parameter of a stage.
 const ITERATIONS_PER_NUMBER: u64 = 22;
-/// The simplex has shrunk when its costs (nats per detection) differ by less.
+/// Convergence tolerance of the simplex (nats per detection).
 const TOLERANCE: f64 = 1e-6;
 
-/// What tuning did to one object.
+/// Tuning record of one object.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tuning {
-    /// Which one.
+    /// The object.
     pub object: Object,
-    /// Detections in the train runs.
+    /// Number of detections in the training runs.
     pub detections: usize,
-    /// Mean innovation log-likelihood of a detection with the settings at the start (nats).
+    /// Mean innovation log-likelihood of a detection with the initial settings (nats).
     pub log_likelihood_before_nats: f64,
     /// The same with the tuned settings.
     pub log_likelihood_after_nats: f64,
-    /// Passes over the train runs.
+    /// Number of evaluations of the likelihood.
     pub evaluations: usize,
-    /// Each region and whether it was tuned.
+    /// Tuning record by region.
     pub regions: Vec<RegionTuning>,
 }
 
-/// Whether a region was tuned.
+/// Tuning record of one region.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RegionTuning {
-    /// Which one.
+    /// The region.
     pub region: Region,
-    /// Detections in it in the train runs.
+    /// Number of detections in it in the training runs.
     pub samples: usize,
-    /// Times that the object came into it.
+    /// Number of times that the object entered it.
     pub visits: usize,
-    /// Whether its numbers were fitted.
+    /// True if its parameters were fitted.
     pub tuned: bool,
-    /// Why they were not; empty where they were.
+    /// Reason why they were not fitted; empty otherwise.
     pub reason: String,
 }
 
-/// Tunes all objects that move in the train runs of `data`, each in a thread of its own; the result does not depend on
-/// how many run at a time.
+/// Tune all objects that move in the training runs of `data`, each in its own thread. The result
+/// does not depend on the number of threads.
 #[must_use]
 pub fn tune(start: &FilterSettings, data: &Data) -> (FilterSettings, Vec<Tuning>) {
     let tuned = std::thread::scope(|scope| {
@@ -90,7 +90,7 @@ pub fn tune(start: &FilterSettings, data: &Data) -> (FilterSettings, Vec<Tuning>
     (settings, tunings)
 }
 
-/// Settings and account of one object.
+/// Tuned settings and tuning record of one object.
 fn tune_object(start: &FilterSettings, object: Object, data: &Data) -> (ObjectSettings, Tuning) {
     let problem = Problem::new(start, object, data);
     let before = problem.score(start.object(object));
@@ -124,9 +124,9 @@ fn tune_object(start: &FilterSettings, object: Object, data: &Data) -> (ObjectSe
     (own, tuning)
 }
 
-/// A number that is tuned.
+/// A tuned parameter.
 struct Knob {
-    /// Whether every object has it.
+    /// The parameter exists for strikers too.
     everywhere: bool,
     low: f64,
     high: f64,
@@ -143,7 +143,7 @@ impl Knob {
     }
 }
 
-/// Numbers that are tuned together, where their region was visited.
+/// Parameters that are tuned together if their region was visited.
 struct Stage {
     region: Region,
     knobs: &'static [Knob],
@@ -155,7 +155,8 @@ macro_rules! ball {
     };
 }
 
-/// The stages. The first is for all objects, and goes without a ball's numbers where there is none.
+/// Stages of the tuning. The first applies to all objects; for strikers it omits the parameters of
+/// the ball.
 const STAGES: &[Stage] = &[
     Stage {
         region: Region::Open,
@@ -186,7 +187,7 @@ const STAGES: &[Stage] = &[
         knobs: &[
             Knob::ball(0.05, 1.0, ball!(wall_restitution)),
             Knob::ball(1e-3, 0.5, ball!(wall_restitution_sigma)),
-            Knob::ball(1e-3, 0.5, ball!(wall_scatter_sigma)),
+            Knob::ball(1e-3, 0.5, ball!(wall_tangential_sigma)),
         ],
     },
     Stage {
@@ -214,15 +215,15 @@ const STAGES: &[Stage] = &[
     },
 ];
 
-/// One detection, or none, at an instant.
+/// A detection, or its absence, at an instant.
 #[derive(Clone, Copy)]
 struct Sample {
     time: Nanos,
-    place: Option<[f64; 2]>,
+    position: Option<[f64; 2]>,
     strikers: Strikers,
 }
 
-/// The train runs of one object.
+/// Training runs of one object.
 struct Problem {
     start: FilterSettings,
     object: Object,
@@ -230,7 +231,7 @@ struct Problem {
     clutter_density: f64,
 }
 
-/// What a filter makes of the train runs.
+/// Likelihood of the training runs under a filter, and statistics by region.
 #[derive(Default)]
 struct Score {
     sum: f64,
@@ -244,7 +245,7 @@ impl Score {
         self.sum / self.detections.max(1) as f64
     }
 
-    /// Regions of a ball, or the one of a striker.
+    /// Tuning record of the regions: all for a ball, one for a striker.
     fn regions(&self, own: &ObjectSettings) -> Vec<RegionTuning> {
         let all = if own.ball.is_some() { &Region::ALL[..] } else { &Region::ALL[..1] };
         let account = |region: &Region| {
@@ -269,9 +270,9 @@ impl Problem {
         let samples = |run: &FrameRun| {
             let mut strikers: Strikers = [None; 2];
             let sample = |frame: &Frame| {
-                strikers = held(strikers, &frame.seen.places);
-                let place = frame.seen.places[object.index()];
-                Sample { time: frame.seen.time, place, strikers }
+                strikers = held(strikers, &frame.seen.positions);
+                let position = frame.seen.positions[object.index()];
+                Sample { time: frame.seen.time, position, strikers }
             };
             run.frames.iter().map(sample).collect()
         };
@@ -293,7 +294,7 @@ impl Problem {
             let mut track = None;
             let mut last = None;
             for sample in run {
-                let seen = (sample.time, sample.place);
+                let seen = (sample.time, sample.position);
                 let step = Track::observe(&mut track, &filter, seen, &sample.strikers);
                 let Some(innovation) = step.innovation else { continue };
                 score.sum += self.log_density(&innovation);
@@ -306,34 +307,34 @@ impl Problem {
         score
     }
 
-    /// ln of the density of a detection (nats, of 1/m2).
+    /// Logarithm of the density of a detection (nats, density in 1/m2).
     fn log_density(&self, innovation: &Innovation) -> f64 {
         let [[xx, xy], [_, yy]] = innovation.covariance;
         let density = match innovation.gate {
             Gate::Accepted => (-0.5 * innovation.nis).exp() / (TAU * (xx * yy - xy * xy).sqrt()),
-            Gate::Refused => 0.0,
+            Gate::Rejected => 0.0,
         };
         ((1.0 - CLUTTER) * density + self.clutter_density).ln()
     }
 
-    /// Improves the numbers of one stage and counts the passes.
+    /// Optimize the parameters of one stage; returns the number of evaluations.
     fn improve(&self, stage: &Stage, own: &mut ObjectSettings) -> usize {
         let mut start = *own;
-        let place: Vec<f64> = stage
+        let position: Vec<f64> = stage
             .knobs
             .iter()
             .filter_map(|knob| Some((knob.number)(&mut start)?.clamp(knob.low, knob.high).ln()))
             .collect();
-        // Steps of a third: noise is known to a factor, and restitution moves far enough.
+        // Initial steps of a third: noise is known to a factor, and restitution moves far enough.
         let vertex = |index: usize| {
-            let mut vertex = place.clone();
+            let mut vertex = position.clone();
             if let Some(number) = index.checked_sub(1) {
                 vertex[number] += if vertex[number] < 0.0 { 0.3 } else { -0.3 };
             }
             vertex
         };
-        let simplex: Vec<Vec<f64>> = (0..=place.len()).map(vertex).collect();
-        let iterations = ITERATIONS_PER_NUMBER * place.len() as u64;
+        let simplex: Vec<Vec<f64>> = (0..=position.len()).map(vertex).collect();
+        let iterations = ITERATIONS_PER_NUMBER * position.len() as u64;
         let cost = StageCost { problem: self, stage, own: start };
         let solved = NelderMead::new(simplex).with_sd_tolerance(TOLERANCE).and_then(|solver| {
             Executor::new(cost, solver).configure(|state| state.max_iters(iterations)).run()
@@ -350,7 +351,7 @@ impl Problem {
     }
 }
 
-/// Minus the mean log-likelihood as a function of the logarithms of a stage's numbers.
+/// Negative mean log-likelihood as a function of the logarithms of a stage's parameters.
 struct StageCost<'a> {
     problem: &'a Problem,
     stage: &'a Stage,

@@ -1,71 +1,73 @@
-//! The filter of the KlaskTron stack as it is, for comparison: constant velocity, pixels, noise that
-//! does not know the time step, fixed boosts, no gate, a dead zone.
+//! Reference filter: the unmodified filter of the KlaskTron stack. It assumes constant velocity in
+//! pixels, uses noise that does not depend on the time step, fixed boosts, no gate, and a dead
+//! zone.
 //!
 //! Source: `klask_state_estimator_pkg/kalman_filter.py` and `state_estimator_node.py` of
 //! klask_software (commits 0928556 and 8e37c99). In image coordinates, where x runs along the board's
 //! y, with 530 x 370 pixels for 0.42 x 0.32 m:
 //!
-//! | | Q place (px2) | Q velocity ((px/s)2) | R (px2) | |
+//! | | Q position (px2) | Q velocity ((px/s)2) | R (px2) | |
 //! |---|---|---|---|---|
 //! | ball | 2 | 30 | 1 | boosted axes: 6 and 10030 |
 //! | peg | 2 | 800 | 12 | moved less than 0.3 px since the last frame: velocity 0 |
 //!
-//! The ball is boosted across the long sides when nearer than 35 px, in both axes when nearer than
-//! that to a short side or to a peg. What is not seen is neither predicted nor updated, and the next
-//! step covers one frame only. Velocities below 1 px/s are reported as 0. Left out: rounding of
-//! detections to whole pixels (recordings hold what was detected) and the 50 Hz timer of its output.
+//! The ball's noise is boosted across a long side when nearer than 35 px to it, and in both axes
+//! when nearer than 35 px to a short side or to a peg. An undetected object is neither predicted
+//! nor updated, and the next step covers one frame only. Velocities below 1 px/s are reported as 0.
+//! Not modelled: rounding of detections to whole pixels (recordings hold the detections before
+//! rounding) and the 50 Hz timer of its output.
 
-use super::{settings::BoardSettings, track::Seen};
+use super::{settings::BoardSettings, track::Detections};
 
-/// Pixels along and across the picture.
+/// Pixels along and across the image.
 const PIXELS: [f64; 2] = [530.0, 370.0];
-/// Nearer than this is near (px).
+/// Distance that counts as near (px).
 const NEAR: f64 = 35.0;
-/// Q of places (px2), added in every step.
+/// Process noise Q of positions (px2), added in every step.
 const Q_PLACE: f64 = 2.0;
-/// What a boost adds to Q of places (px2) and velocities ((px/s)2).
+/// Boost of Q for positions (px2) and velocities ((px/s)2).
 const BOOST: [f64; 2] = [4.0, 10_000.0];
-/// Reported as 0 below (px/s).
+/// Speed below which 0 is reported (px/s).
 const DEAD_ZONE: f64 = 1.0;
-/// A peg that moves less from frame to frame stands (px).
+/// Displacement between frames below which a peg counts as stationary (px).
 const STANDING: f64 = 0.3;
 
-/// The three filters, and what they believe.
+/// Filters of the three objects with their states.
 #[derive(Debug, Clone)]
 pub struct UpstreamFilter {
     board: BoardSettings,
-    /// By object and axis (along the picture, across it).
+    /// By object and axis (along the image, across it).
     axes: [[AxisFilter; 2]; 3],
     last_places: [Option<[f64; 2]>; 3],
     last_time: Option<crate::units::Nanos>,
 }
 
-/// Place and velocity in one axis (px, px/s).
+/// Position and velocity in one axis (px, px/s).
 #[derive(Debug, Clone, Copy)]
 struct AxisFilter {
-    place: f64,
+    position: f64,
     velocity: f64,
-    /// Covariance: place, both, velocity.
+    /// Covariance: position, cross term, velocity.
     covariance: [f64; 3],
 }
 
 impl AxisFilter {
-    const START: Self = Self { place: 0.0, velocity: 0.0, covariance: [1.0, 0.0, 1.0] };
+    const START: Self = Self { position: 0.0, velocity: 0.0, covariance: [1.0, 0.0, 1.0] };
 
     fn step(&mut self, seen: f64, dt: f64, noise: [f64; 2], r: f64) {
         let [pp, pv, vv] = self.covariance;
-        let place = self.place + dt * self.velocity;
+        let position = self.position + dt * self.velocity;
         let (pp, pv, vv) =
             (pp + 2.0 * dt * pv + dt * dt * vv + noise[0], pv + dt * vv, vv + noise[1]);
         let gain = [pp / (pp + r), pv / (pp + r)];
-        self.place = place + gain[0] * (seen - place);
-        self.velocity += gain[1] * (seen - place);
+        self.position = position + gain[0] * (seen - position);
+        self.velocity += gain[1] * (seen - position);
         self.covariance = [(1.0 - gain[0]) * pp, (1.0 - gain[0]) * pv, vv - gain[1] * pv];
     }
 }
 
 impl UpstreamFilter {
-    /// As the node starts it: everything at the corner of the picture, P = 1.
+    /// Initial state of the upstream node: all objects at the corner of the image, P = 1.
     #[must_use]
     pub fn new(board: &BoardSettings) -> Self {
         Self {
@@ -81,40 +83,40 @@ impl UpstreamFilter {
         [self.board.long_side_m / PIXELS[0], self.board.short_side_m / PIXELS[1]]
     }
 
-    /// Takes a frame and gives what it reports: (x, y, vx, vy) in the board frame (m, m/s), by object;
-    /// `None` for what was never seen.
-    pub fn observe(&mut self, seen: &Seen) -> [Option<[f64; 4]>; 3] {
+    /// Process a frame. Returns the reported state (x, y, vx, vy) in the board frame (m, m/s) by
+    /// object; `None` for an object that was never detected.
+    pub fn observe(&mut self, seen: &Detections) -> [Option<[f64; 4]>; 3] {
         let [along, across] = self.scale();
-        let pixels = seen.places.map(|place| {
-            place.map(|[x, y]| {
+        let pixels = seen.positions.map(|position| {
+            position.map(|[x, y]| {
                 [
                     (y + self.board.long_side_m / 2.0) / along,
                     (x + self.board.short_side_m / 2.0) / across,
                 ]
             })
         });
-        // The first step is that of an assumed rate of 100 Hz.
+        // The first step assumes a rate of 100 Hz.
         let dt = self.last_time.map_or(0.01, |last| seen.time.seconds_since(last));
         self.last_time = Some(seen.time);
         for object in 0..3 {
-            let Some(place) = pixels[object] else { continue };
+            let Some(position) = pixels[object] else { continue };
             let boosted =
-                if object == 0 { boosted(place, [pixels[1], pixels[2]]) } else { [false; 2] };
-            self.step(object, place, dt, boosted);
+                if object == 0 { boosted(position, [pixels[1], pixels[2]]) } else { [false; 2] };
+            self.step(object, position, dt, boosted);
         }
         std::array::from_fn(|object| self.last_places[object].map(|_seen| self.report(object)))
     }
 
-    fn step(&mut self, object: usize, place: [f64; 2], dt: f64, boosted: [bool; 2]) {
+    fn step(&mut self, object: usize, position: [f64; 2], dt: f64, boosted: [bool; 2]) {
         let (q_velocity, r) = if object == 0 { (30.0, 1.0) } else { (800.0, 12.0) };
-        let before = self.last_places[object].replace(place);
+        let before = self.last_places[object].replace(position);
         for axis in 0..2 {
             let [more_place, more_velocity] = if boosted[axis] { BOOST } else { [0.0; 2] };
             let noise = [Q_PLACE + more_place, q_velocity + more_velocity];
-            self.axes[object][axis].step(place[axis], dt, noise, r);
+            self.axes[object][axis].step(position[axis], dt, noise, r);
         }
-        let stands =
-            before.is_some_and(|from| (place[0] - from[0]).hypot(place[1] - from[1]) < STANDING);
+        let stands = before
+            .is_some_and(|from| (position[0] - from[0]).hypot(position[1] - from[1]) < STANDING);
         if object != 0 && stands {
             self.axes[object].iter_mut().for_each(|axis| axis.velocity = 0.0);
         }
@@ -127,19 +129,19 @@ impl UpstreamFilter {
             if axis.velocity.abs() < DEAD_ZONE { 0.0 } else { axis.velocity * scale }
         };
         [
-            across.place * scale[1] - self.board.short_side_m / 2.0,
-            along.place * scale[0] - self.board.long_side_m / 2.0,
+            across.position * scale[1] - self.board.short_side_m / 2.0,
+            along.position * scale[0] - self.board.long_side_m / 2.0,
             velocity(across, scale[1]),
             velocity(along, scale[0]),
         ]
     }
 }
 
-/// Which axes of the ball are boosted, at `place` (px).
-fn boosted(place: [f64; 2], pegs: [Option<[f64; 2]>; 2]) -> [bool; 2] {
-    let near_edge = |axis: usize| place[axis] < NEAR || PIXELS[axis] - NEAR < place[axis];
+/// Axes in which the ball at `position` (px) is boosted.
+fn boosted(position: [f64; 2], pegs: [Option<[f64; 2]>; 2]) -> [bool; 2] {
+    let near_edge = |axis: usize| position[axis] < NEAR || PIXELS[axis] - NEAR < position[axis];
     let near_peg =
-        pegs.iter().flatten().any(|peg| (place[0] - peg[0]).hypot(place[1] - peg[1]) < NEAR);
+        pegs.iter().flatten().any(|peg| (position[0] - peg[0]).hypot(position[1] - peg[1]) < NEAR);
     let both = near_peg || near_edge(0);
     [both, both || near_edge(1)]
 }
@@ -149,19 +151,19 @@ mod tests {
     use super::*;
     use crate::{ekf::FilterSettings, units::Nanos};
 
-    /// Rise to 63 % of a velocity step at 120 Hz, in seconds, in the middle of the board's x axis.
-    fn rise(object: usize, place: f64) -> f64 {
+    /// Rise time to 63 % of a velocity step at 120 Hz (s), in the middle of the board's x axis.
+    fn rise(object: usize, position: f64) -> f64 {
         let mut filter = UpstreamFilter::new(&FilterSettings::default().board);
         let speed = 0.2;
-        let mut x = place;
+        let mut x = position;
         for frame in 0..600_u64 {
             if 300 <= frame {
                 x += speed / 120.0;
             }
-            let mut places = [None; 3];
-            places[object] = Some([x, 0.0]);
+            let mut positions = [None; 3];
+            positions[object] = Some([x, 0.0]);
             let time = Nanos(frame * 1_000_000_000 / 120);
-            let reported = filter.observe(&Seen { time, places })[object].unwrap();
+            let reported = filter.observe(&Detections { time, positions })[object].unwrap();
             if 300 <= frame && 0.63 * speed < reported[2] {
                 return (frame - 299) as f64 / 120.0;
             }
@@ -169,8 +171,8 @@ mod tests {
         f64::INFINITY
     }
 
-    /// The table of the platform's facts, from the Riccati recursion: 267 ms for the free ball, 75 ms
-    /// for a peg, 33 ms for the boosted ball.
+    /// Expected rise times from the Riccati recursion: 267 ms for the free ball, 75 ms for a peg,
+    /// 33 ms for the boosted ball.
     #[test]
     fn velocities_lag_as_the_platform_says() {
         assert!((rise(0, 0.0) - 0.267).abs() < 0.017, "{}", rise(0, 0.0));
@@ -185,9 +187,9 @@ mod tests {
         for frame in 0..240_u64 {
             // 20 mm/s: less than 0.3 px in a frame.
             let x = 0.02 * frame as f64 / 120.0;
-            let seen = Seen {
+            let seen = Detections {
                 time: Nanos(frame * 1_000_000_000 / 120),
-                places: [None, Some([x, -0.1]), None],
+                positions: [None, Some([x, -0.1]), None],
             };
             last = filter.observe(&seen);
         }

@@ -1,8 +1,8 @@
-//! How commands become motion: ideal, learned, or by the twin's equations.
+//! Actuator models: from commands to motion, ideal, learned, or by the equations of a twin.
 //!
-//! Every actuator answers the way of each striker's magnet over one control period, as places at the ends
-//! of its pieces. It works in the player's own frame, so that one model serves both seats: the right
-//! gantry is taken as a turned copy of the left.
+//! Every actuator returns the path of each striker's magnet over one control period, as positions
+//! at the ends of its pieces. It works in the player's own frame, so that one model serves both
+//! seats: the right gantry is taken as a copy of the left one turned by 180 degrees.
 
 mod learned;
 mod twin;
@@ -10,7 +10,7 @@ mod twin;
 use super::{
     body::{StrikerState, add, along, scale, subtract},
     error::{GameError, within},
-    games::Asked,
+    games::ActuatorQueries,
     settings::{CONTROL_PERIOD, CommandLimits, GameSettings, LimiterPlace},
 };
 use crate::{
@@ -22,37 +22,37 @@ use twin::TwinDrives;
 /// Longest step of a twin's drives by default (s).
 const TWIN_STEP: f64 = 2e-3;
 
-/// How commands become motion.
+/// Actuator model.
 #[derive(Debug, Clone)]
 pub enum Actuation {
-    /// The command is the velocity, at once.
+    /// The velocity equals the command without delay.
     Ideal,
-    /// A network fitted to recordings answers the next velocity from the history of commands and
-    /// velocities; between two samples the velocity is a straight line.
+    /// A network fitted to recordings predicts the next velocity from the history of commands and
+    /// velocities; the velocity is interpolated linearly between two samples.
     Learned(Box<ActuatorNetwork>),
     /// Drives, gantry and coupling of a twin, the same for both players.
     Twin {
-        /// Its effects.
+        /// The twin with its effects.
         twin: Box<Twin>,
-        /// Longest step of its equations (s); 0.002 by [`Actuation::twin`], at most 0.005.
+        /// Longest integration step (s); 0.002 by [`Actuation::twin`], at most 0.005.
         step: f64,
     },
 }
 
 impl Actuation {
-    /// The drives of `twin` with the default step.
+    /// Actuator of the drives of `twin` with the default step.
     #[must_use]
     pub fn twin(twin: Twin) -> Self {
         Self::Twin { twin: Box::new(twin), step: TWIN_STEP }
     }
 
-    /// A fitted network.
+    /// Actuator of a fitted network.
     #[must_use]
     pub fn learned(model: ActuatorNetwork) -> Self {
         Self::Learned(Box::new(model))
     }
 
-    /// `ideal`, `learned` or `twin`.
+    /// Name: `ideal`, `learned` or `twin`.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -74,7 +74,7 @@ impl Actuation {
     }
 }
 
-/// The actuators of all boards with their memories.
+/// Actuators of all environments with their state.
 #[derive(Debug, Clone)]
 pub(super) enum Actuators {
     Ideal,
@@ -82,31 +82,31 @@ pub(super) enum Actuators {
     Twin(Box<TwinDrives>),
 }
 
-/// Where the strikers of one chunk of boards are to be led.
+/// Input and output of the actuators for one chunk of environments.
 pub(super) struct Leading<'a> {
-    /// First board of the chunk.
+    /// First environment of the chunk.
     pub(super) first: usize,
-    /// Commands in force, board frame (m/s).
+    /// Commands after all limits, board frame (m/s).
     pub(super) commands: &'a [[[f64; 2]; 2]],
     /// Strikers of the chunk.
     pub(super) strikers: &'a mut [[StrikerState; 2]],
-    /// Places of the magnets (m), `[board][player][piece + 1]`; the first is where they are.
+    /// Positions of the magnets (m), `[board][player][piece + 1]`; the first is the current one.
     pub(super) ways: &'a mut [[f64; 2]],
-    pub(super) rails: &'a Rails,
+    pub(super) travel: &'a Travel,
 }
 
-/// What all actuators share.
+/// Parameters common to all actuators.
 #[derive(Debug, Clone)]
-pub(super) struct Rails {
+pub(super) struct Travel {
     pub(super) limits: CommandLimits,
-    /// Least and largest coordinates of each player's carriage (m).
+    /// Lower and upper limit of each player's carriage (m).
     pub(super) reach: [[[f64; 2]; 2]; 2],
     pub(super) pieces: usize,
 }
 
-impl Rails {
-    /// Carriages go where the field and the board let a striker of `radius` (m) stand; `half` are half of
-    /// the board's sides (m).
+impl Travel {
+    /// Travel limits from the workspace and from the board, for strikers of `radius` (m); `half`
+    /// are half of the board's sides (m).
     pub(super) fn new(limits: CommandLimits, half: [f64; 2], radius: f64, pieces: usize) -> Self {
         let PerPlayer { left, right } = limits.field;
         let reach = [left, right].map(|field: Rectangle| {
@@ -127,14 +127,14 @@ impl Rails {
         CONTROL_PERIOD / self.pieces as f64
     }
 
-    /// `place` within the reach of `player`.
+    /// Clamp `place` (m) to the travel of `player`.
     pub(super) fn clamp(&self, player: usize, place: [f64; 2]) -> [f64; 2] {
         let [[x_low, x_high], [y_low, y_high]] = self.reach[player];
         [place[0].clamp(x_low, x_high), place[1].clamp(y_low, y_high)]
     }
 
-    /// Fills the way of a magnet whose velocity goes from `start` to `end` (m/s) on a straight line, up to
-    /// the end of its rails.
+    /// Fill the path of a magnet whose velocity changes linearly from `start` to `end` (m/s), up to
+    /// the end of its travel.
     fn roll(
         &self,
         player: usize,
@@ -152,7 +152,7 @@ impl Rails {
         let last = way[self.pieces];
         let free = along(striker.led, add(start, end), 0.5 * CONTROL_PERIOD);
         striker.led_velocity = [0, 1].map(|k| {
-            // An axis at the end of its rail stands.
+            // An axis at the end of its travel is at rest.
             if (last[k] - free[k]).abs() < 1e-12 { end[k] } else { 0.0 }
         });
         striker.led = last;
@@ -161,20 +161,20 @@ impl Rails {
 }
 
 impl Actuators {
-    /// The actuators of `count` boards.
-    pub(super) fn new(settings: &GameSettings, rails: &Rails, count: usize) -> Self {
+    /// Actuators of `count` environments.
+    pub(super) fn new(settings: &GameSettings, travel: &Travel, count: usize) -> Self {
         match &settings.actuation {
             Actuation::Ideal => Self::Ideal,
             Actuation::Learned(model) => {
                 Self::Learned(Box::new(Learned::new(model, settings.coverage.as_ref(), count)))
             }
             Actuation::Twin { twin, step } => {
-                Self::Twin(Box::new(TwinDrives::new(twin, *step, rails, count)))
+                Self::Twin(Box::new(TwinDrives::new(twin, *step, travel, count)))
             }
         }
     }
 
-    /// Both carriages of `board` stand at rest where its strikers are.
+    /// Put both carriages of `board` at rest at the positions of its strikers.
     pub(super) fn restart(&mut self, board: usize, strikers: &mut [StrikerState; 2]) {
         match self {
             Self::Ideal => {}
@@ -183,14 +183,14 @@ impl Actuators {
         }
     }
 
-    pub(super) fn asked(&self) -> Asked {
+    pub(super) fn queries(&self) -> ActuatorQueries {
         match self {
-            Self::Ideal | Self::Twin(_) => Asked::default(),
-            Self::Learned(learned) => learned.asked(),
+            Self::Ideal | Self::Twin(_) => ActuatorQueries::default(),
+            Self::Learned(learned) => learned.queries(),
         }
     }
 
-    /// Leads the strikers of one chunk through one control period.
+    /// Move the strikers of one chunk through one control period.
     pub(super) fn lead(&mut self, leading: &mut Leading<'_>) {
         match self {
             Self::Ideal => lead_ideally(leading),
@@ -201,18 +201,18 @@ impl Actuators {
 }
 
 fn lead_ideally(leading: &mut Leading<'_>) {
-    let stride = leading.rails.pieces + 1;
+    let stride = leading.travel.pieces + 1;
     let ways = leading.ways.chunks_exact_mut(2 * stride);
     for ((strikers, commands), ways) in leading.strikers.iter_mut().zip(leading.commands).zip(ways)
     {
         let each = strikers.iter_mut().zip(commands).zip(ways.chunks_exact_mut(stride));
         for (player, ((striker, command), way)) in each.enumerate() {
-            leading.rails.roll(player, striker, [*command; 2], way);
+            leading.travel.roll(player, striker, [*command; 2], way);
         }
     }
 }
 
-/// A vector of the board frame in the frame of `player`, or the other way round.
+/// Transform a vector between the board frame and the frame of `player`, in either direction.
 pub(super) fn turned(player: usize, [x, y]: [f64; 2]) -> [f64; 2] {
     if player == 0 { [x, y] } else { [-x, -y] }
 }

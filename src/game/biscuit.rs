@@ -1,9 +1,9 @@
-//! The three magnets of the full game.
+//! The three magnets ("biscuits") of the full game.
 //!
-//! A free biscuit slides with Coulomb friction, is hit by the ball and bounces off walls with the walls'
-//! restitution. A striker whose centre comes within the capture distance takes hold of it for the rest of
-//! the episode, and from then on the ball meets both. Two on one striker lose the point. Biscuits do not
-//! touch each other and do not fall into cups.
+//! A free biscuit slides with Coulomb friction, is hit by the ball and bounces off walls with the
+//! walls' restitution. A striker whose centre comes within the capture distance holds it for the
+//! rest of the episode; from then on the ball collides with both. Two biscuits on one striker lose
+//! the point. Biscuits neither touch each other nor fall into cups.
 
 use super::{
     body::{Mover, length, scale, subtract},
@@ -12,32 +12,32 @@ use super::{
 };
 use crate::board::BALL_RADIUS;
 
-/// One of the three.
+/// State of one biscuit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct BiscuitState {
-    /// Place (m), or the place against its holder.
+    /// Position (m), absolute or relative to its holder.
     pub(super) position: [f64; 2],
-    /// Velocity (m/s); unused while it is held.
+    /// Velocity (m/s); unused while held.
     pub(super) velocity: [f64; 2],
-    /// The striker that holds it.
+    /// Index of the striker that holds it.
     pub(super) holder: Option<u8>,
 }
 
 impl BiscuitState {
-    /// The three at the start of an episode.
+    /// The three biscuits at the start of an episode.
     pub(super) fn start(settings: &BiscuitSettings) -> [Self; 3] {
         [-1.0, 0.0, 1.0]
             .map(|side| Self { position: [side * settings.spacing, 0.0], ..Self::default() })
     }
 
-    /// Place (m), with the strikers at `strikers`.
+    /// Position (m), with the strikers at `strikers`.
     pub(super) fn place(&self, strikers: [[f64; 2]; 2]) -> [f64; 2] {
         self.holder.map_or(self.position, |holder| {
             super::body::add(self.position, strikers[usize::from(holder)])
         })
     }
 
-    /// How it moves through the next piece; `strikers` are the movers of both.
+    /// Motion through the next piece; `strikers` are the movers of both.
     pub(super) fn mover(&self, settings: &BiscuitSettings, strikers: &[Mover]) -> Mover {
         let touch = BALL_RADIUS + settings.radius;
         let (position, velocity, mass) = match self.holder {
@@ -51,7 +51,7 @@ impl BiscuitState {
         Mover { position, velocity, kicked: [0.0; 2], moved: [0.0; 2], mass, touch }
     }
 
-    /// A free biscuit after a piece of `dt` seconds in which it moved as `mover`.
+    /// Advance a free biscuit over a piece of `dt` seconds in which it moved as `mover`.
     pub(super) fn slide(
         &mut self,
         settings: &BiscuitSettings,
@@ -76,7 +76,7 @@ impl BiscuitState {
         self.velocity = if 0.0 < left { scale(self.velocity, left / speed) } else { [0.0; 2] };
     }
 
-    /// `holder` at `striker` takes hold of it.
+    /// Attach the biscuit to `holder` at `striker`.
     pub(super) fn stick(&mut self, holder: u8, striker: [f64; 2]) {
         self.position = subtract(self.position, striker);
         self.velocity = [0.0; 2];

@@ -1,4 +1,4 @@
-//! What moves on a board.
+//! State of the ball, the strikers and other moving bodies.
 
 use crate::board::{BALL_RADIUS, STRIKER_RADIUS};
 
@@ -8,22 +8,22 @@ pub(super) const ON_THE_BOARD: f64 = -1.0;
 /// The ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct BallState {
-    /// Place (m).
+    /// Position (m).
     pub(super) position: [f64; 2],
     /// Velocity (m/s).
     pub(super) velocity: [f64; 2],
-    /// Velocity of the contact point on the board; zero while it rolls (m/s).
+    /// Slip velocity of the contact point on the board (m/s); zero while rolling.
     pub(super) slip: [f64; 2],
-    /// Spin about the vertical, as velocity of the rim (m/s).
+    /// Spin about the vertical, as velocity of the ball's surface (m/s).
     pub(super) spin: f64,
     /// Time since the last impact or the start (s).
     pub(super) since_impact: f64,
-    /// How long its centre has been over a cup (s); [`ON_THE_BOARD`] when it is not.
+    /// Time for which its centre has been over a cup (s); [`ON_THE_BOARD`] otherwise.
     pub(super) over_cup: f64,
 }
 
 impl BallState {
-    /// At rest at `position` (m).
+    /// Ball at rest at `position` (m).
     pub(super) fn at(position: [f64; 2]) -> Self {
         Self {
             position,
@@ -40,7 +40,7 @@ impl BallState {
         length(self.velocity)
     }
 
-    /// Moves on a straight line for `time` seconds.
+    /// Move on a straight line for `time` seconds.
     pub(super) fn advance(&mut self, time: f64) {
         self.position = along(self.position, self.velocity, time);
         self.since_impact += time;
@@ -50,30 +50,30 @@ impl BallState {
     }
 }
 
-/// One striker: where its drive leads it, and how far hits have pushed it from there.
+/// State of one striker: position of its drive, and displacement from it by impacts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct StrikerState {
     /// Command after clamp and slew limit, in the board frame (m/s).
     pub(super) command: [f64; 2],
-    /// Place of the carriage as the wall limiter knows it (m).
+    /// Position of the carriage that the wall limiter uses (m).
     pub(super) carriage: [f64; 2],
-    /// Where the magnet leads the striker (m).
+    /// Position of the magnet (m).
     pub(super) led: [f64; 2],
-    /// Velocity of that place (m/s).
+    /// Velocity of the magnet (m/s).
     pub(super) led_velocity: [f64; 2],
-    /// Displacement by hits (m).
+    /// Displacement of the striker from the magnet by impacts (m).
     pub(super) recoil: [f64; 2],
-    /// Its velocity (m/s).
+    /// Velocity of the displacement (m/s).
     pub(super) recoil_velocity: [f64; 2],
 }
 
 impl StrikerState {
-    /// At rest at `position` (m).
+    /// Striker at rest at `position` (m).
     pub(super) fn at(position: [f64; 2]) -> Self {
         Self { carriage: position, led: position, ..Self::default() }
     }
 
-    /// Place (m).
+    /// Position (m).
     pub(super) fn position(&self) -> [f64; 2] {
         add(self.led, self.recoil)
     }
@@ -84,44 +84,44 @@ impl StrikerState {
     }
 }
 
-/// A striker or a biscuit during one piece of a period: it moves on a straight line but for hits.
+/// A striker or a biscuit during one piece of a period: straight motion between impacts.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Mover {
-    /// Place (m).
+    /// Position (m).
     pub(super) position: [f64; 2],
     /// Velocity (m/s).
     pub(super) velocity: [f64; 2],
-    /// Change of the velocity by hits so far (m/s).
+    /// Velocity change by impacts so far (m/s).
     pub(super) kicked: [f64; 2],
-    /// Displacement by them (m).
+    /// Displacement by these (m).
     pub(super) moved: [f64; 2],
     /// Mass (kg).
     pub(super) mass: f64,
-    /// Distance of centres at which it touches the ball (m).
+    /// Distance of centres at contact with the ball (m).
     pub(super) touch: f64,
 }
 
 impl Mover {
-    /// A striker.
+    /// Mover of a striker.
     pub(super) fn striker(position: [f64; 2], velocity: [f64; 2], mass: f64) -> Self {
         let touch = BALL_RADIUS + STRIKER_RADIUS;
         Self { position, velocity, kicked: [0.0; 2], moved: [0.0; 2], mass, touch }
     }
 
-    /// Moves on for `time` seconds.
+    /// Advance for `time` seconds.
     pub(super) fn advance(&mut self, time: f64) {
         self.position = along(self.position, self.velocity, time);
         self.moved = along(self.moved, self.kicked, time);
     }
 
-    /// Changes the velocity by `change` (m/s).
+    /// Change the velocity by `change` (m/s).
     pub(super) fn kick(&mut self, change: [f64; 2]) {
         self.velocity = add(self.velocity, change);
         self.kicked = add(self.kicked, change);
     }
 }
 
-/// `position + velocity time`.
+/// Position after straight motion, `position + velocity time`.
 #[inline(always)]
 pub(super) fn along(position: [f64; 2], velocity: [f64; 2], time: f64) -> [f64; 2] {
     [position[0] + velocity[0] * time, position[1] + velocity[1] * time]
@@ -147,7 +147,7 @@ pub(super) fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[0] + a[1] * b[1]
 }
 
-/// Length; `hypot` takes several times as long, and nothing here over- or underflows.
+/// Length of a vector. `hypot` takes several times as long, and nothing here over- or underflows.
 #[inline(always)]
 pub(super) fn length(a: [f64; 2]) -> f64 {
     dot(a, a).sqrt()

@@ -1,8 +1,8 @@
-//! From a player's command to what the drive is told: clamp, slew limit, wall limiter.
+//! Command limits: clamp, slew limit, wall limiter.
 //!
-//! Sources: the upstream commander and simulator. Along each axis, with the distance `D` from the carriage
-//! to the edge towards which it is told to move, `r` the radius of the striker, `c` the clearance and `b`
-//! the deceleration distance:
+//! Sources: the upstream commander and simulator. For each axis, `D` is the distance from the
+//! carriage to the edge in the direction of motion, `r` the radius of the striker, `c` the
+//! clearance and `b` the deceleration distance:
 //!
 //! ```text
 //! r + b < D           free
@@ -10,14 +10,14 @@
 //! D <= c              blocked
 //! ```
 //!
-//! At the entry of the zone the cap is below `v_max` (0.93 of it with upstream's numbers), as upstream has
-//! it. The slew limit compares a command with the one before it, before the wall limiter.
+//! At the entry of the zone the limit is below `v_max` (0.93 of it with upstream's parameters), as
+//! in upstream. The slew limit compares consecutive commands before the wall limiter.
 
 use super::settings::{CONTROL_PERIOD, CommandLimits};
 use crate::{board::STRIKER_RADIUS, gantry::Rectangle};
 
 impl CommandLimits {
-    /// The command (m/s) that follows `previous` on the way to `wanted`, both axes on their own.
+    /// Slew-limited command (m/s) from `previous` towards `wanted`, each axis separately.
     pub(super) fn slewed(&self, previous: [f64; 2], wanted: [f64; 2]) -> [f64; 2] {
         let step = self.slew * CONTROL_PERIOD;
         let axis = |k: usize| {
@@ -27,7 +27,7 @@ impl CommandLimits {
         [axis(0), axis(1)]
     }
 
-    /// `velocity` (m/s) as far as the wall limiter lets a carriage at `position` (m) have it in `field`.
+    /// Limit `velocity` (m/s) of a carriage at `position` (m) near the edges of `field`.
     ///
     /// ```
     /// use klasktron::game::CommandLimits;
@@ -53,7 +53,7 @@ impl CommandLimits {
         [axis(0), axis(1)]
     }
 
-    /// Largest speed (m/s) towards an edge that is `distance` (m) away.
+    /// Maximum speed (m/s) towards an edge that is `distance` (m) away.
     fn cap(&self, distance: f64) -> f64 {
         if STRIKER_RADIUS + self.deceleration_distance < distance {
             f64::INFINITY
@@ -81,7 +81,7 @@ mod tests {
         assert_eq!(limits.before_walls(&field, [0.0624, 0.1], [0.4, 0.0])[0], 0.4);
         let [x, _] = limits.before_walls(&field, [0.0626, 0.1], [0.4, 0.0]);
         assert!((x / 0.4 - 0.933).abs() < 2e-3, "{x}");
-        // Blocked from 0.0135 m on, also outside, and never held on the way back.
+        // Blocked from 0.0135 m on, also outside, and never limited on the way back.
         for x in [0.1465, 0.15, 0.17] {
             let [towards, _] = limits.before_walls(&field, [x, 0.1], [0.3, 0.0]);
             assert!(towards.abs() < 1e-12, "{x}: {towards}");

@@ -1,14 +1,15 @@
-//! When things meet, and what the meeting does.
+//! Collision detection and impact response.
 //!
-//! Between two events everything moves on straight lines, so the time of a contact is the root of a linear
-//! equation (walls) or of `|d + w t| = R` (round things, `d` from one to the other and `w` their relative
-//! velocity), and nothing can pass through anything, at any speed.
+//! Between two events all bodies move on straight lines. The time of a contact is therefore the
+//! root of a linear equation (walls) or of `|d + w t| = R` (round bodies, with distance `d` and
+//! relative velocity `w`). No body can pass through another at any speed.
 //!
-//! An impact changes the normal velocity `u` into `-e u` and the tangential one by Coulomb's law with the
-//! ball's spin about the vertical, by the functions of the catalogue (`impact.wall_restitution`,
-//! `impact.wall_restitution_speed`, `impact.wall_friction_spin`), here for the velocity of the ball against
-//! what it meets. A striker or a biscuit of the mass `M` takes the share `m / (M + m)` of that change,
-//! against it, so that the momentum of both is kept; a wall takes all.
+//! An impact changes the normal velocity `u` into `-e u` and the tangential one by Coulomb's law
+//! with the ball's spin about the vertical, by the functions of the catalogue
+//! (`impact.wall_restitution`, `impact.wall_restitution_speed`, `impact.wall_friction_spin`), here
+//! for the velocity of the ball relative to the other body. A striker or a biscuit of mass `M`
+//! takes the fraction `m / (M + m)` of that change in the opposite direction, so that momentum is
+//! conserved; a wall takes all of it.
 
 use super::{
     body::{BallState, Mover, add, along, dot, length, scale, subtract},
@@ -20,14 +21,13 @@ use crate::{
     effects::{Change, Impact, Wall},
 };
 
-/// Distance over which the direction of a shifted wall is measured (m).
+/// Baseline for the slope of a shifted wall (m).
 const ALONG: f64 = 1e-3;
 
-/// Farthest that a shifted wall may stand inside the board's edge (m); more than the bounds of
-/// `impact.wall_location` at a corner.
+/// Maximum inward shift of a wall (m); more than the bounds of `impact.wall_location` at a corner.
 const FARTHEST_SHIFT: f64 = 0.04;
 
-/// The four walls as the ball meets them.
+/// The four walls, for the ball's centre.
 pub(super) struct Walls<'a> {
     pub(super) laws: &'a BallLaws,
     /// Half of the board's sides (m).
@@ -35,14 +35,14 @@ pub(super) struct Walls<'a> {
 }
 
 impl Walls<'_> {
-    /// How far the ball may still go towards `wall` from `place` (m).
+    /// Remaining distance of the ball at `place` to `wall` (m).
     pub(super) fn gap(&self, wall: Wall, place: [f64; 2]) -> f64 {
         let (axis, sign) = wall.outward();
         let gap = self.half[axis] - BALL_RADIUS - sign * place[axis];
         if self.laws.moves_walls() { gap + self.laws.shift(wall, place[1 - axis]) } else { gap }
     }
 
-    /// Outward normal of `wall` at `place`; a shifted wall is turned by the slope of its shift.
+    /// Outward normal of `wall` at `place`; the slope of a shifted wall turns it.
     pub(super) fn normal(&self, wall: Wall, place: [f64; 2]) -> [f64; 2] {
         let (axis, sign) = wall.outward();
         let mut normal = [0.0; 2];
@@ -58,7 +58,7 @@ impl Walls<'_> {
         normal
     }
 
-    /// Whether a ball at `place` is clear of every wall, wherever it may stand.
+    /// Return whether a ball at `place` is clear of every wall for any shift.
     pub(super) fn all_far(&self, place: [f64; 2]) -> bool {
         let reserve = if self.laws.moves_walls() { FARTHEST_SHIFT } else { 0.0 };
         let inside = |axis: usize| place[axis].abs() <= self.half[axis] - BALL_RADIUS - reserve;
@@ -89,7 +89,7 @@ impl Walls<'_> {
         first
     }
 
-    /// The ball bounces off `wall`.
+    /// Bounce the ball off `wall`.
     pub(super) fn bounce(&self, wall: Wall, surface: &Surface, ball: &mut BallState) {
         let normal = self.normal(wall, ball.position);
         let meeting = Meeting::new(ball.velocity, normal);
@@ -102,7 +102,7 @@ impl Walls<'_> {
     }
 }
 
-/// Two things that meet: their relative velocity along and across the line of centres.
+/// Relative velocity of two colliding bodies along and across the line of centres.
 struct Meeting {
     normal: [f64; 2],
     tangent: [f64; 2],
@@ -111,7 +111,8 @@ struct Meeting {
 }
 
 impl Meeting {
-    /// The relative `velocity` (m/s) of the ball, with `normal` pointing from it to the other.
+    /// From the relative `velocity` (m/s) of the ball, with `normal` pointing from it to the other
+    /// body.
     fn new(velocity: [f64; 2], normal: [f64; 2]) -> Self {
         let tangent = [normal[1], -normal[0]];
         Self {
@@ -135,7 +136,7 @@ impl Meeting {
     }
 }
 
-/// The ball's velocity changes by `difference` (m/s).
+/// Change the ball's velocity by `difference` (m/s) and its spin.
 fn hit(laws: &BallLaws, ball: &mut BallState, difference: [f64; 2], spin: f64) {
     ball.velocity = add(ball.velocity, difference);
     ball.spin = spin;
@@ -145,8 +146,8 @@ fn hit(laws: &BallLaws, ball: &mut BallState, difference: [f64; 2], spin: f64) {
     }
 }
 
-/// First `t` (s) at which two points that are `d` apart (m) and move with `w` (m/s) against each other are
-/// `distance` (m) apart and coming nearer; now, when they already are nearer.
+/// First time `t` (s) at which two points that are `d` apart (m) and move with relative velocity
+/// `w` (m/s) are `distance` (m) apart and approaching; 0 if they are already closer.
 pub(super) fn time_to_meet(d: [f64; 2], w: [f64; 2], distance: f64) -> Option<f64> {
     let closing = dot(d, w);
     if 0.0 <= closing {
@@ -157,7 +158,7 @@ pub(super) fn time_to_meet(d: [f64; 2], w: [f64; 2], distance: f64) -> Option<f6
         return Some(0.0);
     }
     let root = closing * closing - dot(w, w) * gap;
-    // The smaller root in the form that does not cancel.
+    // The smaller root in the form without cancellation.
     (0.0 <= root).then(|| gap / (root.sqrt() - closing))
 }
 
@@ -173,8 +174,8 @@ pub(super) fn time_to_leave(d: [f64; 2], velocity: [f64; 2], radius: f64) -> f64
     ((outwards * outwards + square * inside).sqrt() - outwards) / square
 }
 
-/// The ball of the mass `ball_mass` (kg) strikes `mover`. Returns the closing speed (m/s); nothing happens
-/// when the two are not closing in.
+/// Collide the ball of mass `ball_mass` (kg) with `mover`. Returns the closing speed (m/s); has no
+/// effect if the two are not approaching.
 pub(super) fn strike(
     laws: &BallLaws,
     surface: &Surface,

@@ -1,29 +1,31 @@
-//! The ball over a goal cup: falling in, or leaving over the far rim.
+//! The ball over a goal cup: capture, or exit over the far rim.
 //!
-//! While its centre is over the cup the ball is in free flight (a sphere that leaves an edge; Holmes,
-//! "Putting: How a golf ball and hole interact", Am. J. Phys. 59, 1991): after the time `t` it has sunk by
-//! `h = g t^2 / 2` and sinks with `w = g t`. Sunk by its radius `r` it cannot come out again. Before that,
-//! when its centre reaches the far rim with the radial velocity `v_r`, it meets the rim at the height
-//! `r - h` below its centre, with `sin a = 1 - h/r`. The rim takes the motion along the line of centres,
-//! and what is left around the rim must lift the ball by `h`:
+//! While its centre is over the cup the ball is in free flight (a sphere that leaves an edge;
+//! Holmes, "Putting: How a golf ball and hole interact", Am. J. Phys. 59, 1991). After the time `t`
+//! it has fallen by `h = g t^2 / 2` and falls with `w = g t`. After falling by its radius `r` it is
+//! captured. If its centre reaches the far rim before that with the radial velocity `v_r`, it hits
+//! the rim at the height `r - h` below its centre, with `sin a = 1 - h/r`. The rim absorbs the
+//! velocity along the line of centres; the remaining velocity around the rim must lift the ball by
+//! `h`:
 //!
 //! ```text
 //! along the pivot   q = v_r sin a - w cos a
 //! leaves when       0 < q and 2 g h <= q^2,   with   v_r' = sqrt(q^2 - 2 g h),  v_t' = v_t
 //! ```
 //!
-//! Since `2 g h = w^2` the ball leaves only if `v_r >= w (1 + cos a) / sin a >= w`; on a chord of the
-//! half-length `a` in a cup of the radius `R` that is `v a / R >= g 2 a / v`, so a ball slower than
-//! `sqrt(2 g R)` (0.61 m/s) always falls ([`sure_fall_speed`]), wherever it crosses. A faster one falls
-//! when its way over the cup is long enough. Friction at the rim and the rotation of the rolling ball are
-//! left out.
+//! Since `2 g h = w^2` the ball leaves only if `v_r >= w (1 + cos a) / sin a >= w`. On a chord of
+//! half-length `a` in a cup of radius `R` that is `v a / R >= g 2 a / v`. A ball slower than
+//! `sqrt(2 g R)` (0.61 m/s) is therefore always captured ([`sure_fall_speed`]). A faster one is
+//! captured if its path over the cup is long enough. Friction at the rim and the rotation of the
+//! rolling ball are neglected.
 
 use crate::board::BALL_RADIUS;
 
 /// Standard gravity (m/s^2), the value of the effects' catalogue.
 pub(super) const GRAVITY: f64 = 9.81;
 
-/// Speed (m/s) below which a ball whose centre crosses the rim of a cup with `radius` (m) always falls.
+/// Speed (m/s) below which a ball whose centre crosses the rim of a cup of `radius` (m) is always
+/// captured.
 ///
 /// ```
 /// use klasktron::{board::CUP_RADIUS, game::sure_fall_speed};
@@ -34,13 +36,13 @@ pub fn sure_fall_speed(radius: f64) -> f64 {
     (2.0 * GRAVITY * radius).sqrt()
 }
 
-/// Time over the cup after which the ball has sunk by its radius (s).
+/// Time over the cup after which the ball has fallen by its radius (s).
 pub(super) fn fall_time() -> f64 {
     (2.0 * BALL_RADIUS / GRAVITY).sqrt()
 }
 
-/// Radial velocity (m/s) with which a ball leaves a cup whose rim its centre reaches with `radial` (m/s)
-/// after `over_cup` seconds of flight; `None` when it falls.
+/// Radial velocity (m/s) of a ball that leaves a cup, for the radial velocity `radial` (m/s) at the
+/// rim and `over_cup` seconds of flight; `None` if the ball is captured.
 pub(super) fn leaves_with(radial: f64, over_cup: f64) -> Option<f64> {
     let sunk = 0.5 * GRAVITY * over_cup * over_cup;
     if BALL_RADIUS <= sunk {

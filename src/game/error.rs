@@ -1,74 +1,76 @@
-//! What can be wrong with a game: its settings, what it is given, what it computes.
+//! Errors of a game: settings, arguments, non-finite states.
 
 use crate::recording::topic::Player;
 
-/// Why there is no game, or no next step.
+/// Error of building or stepping a game.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GameError {
     /// A setting out of its range.
     #[error("{name} is {value}; it must lie in [{low}, {high}]")]
     Setting {
-        /// Which; its unit is in the name.
+        /// Name of the setting, with its unit.
         name: &'static str,
-        /// What was given.
+        /// Value of the setting.
         value: f64,
-        /// Least allowed.
+        /// Lower limit.
         low: f64,
-        /// Most allowed.
+        /// Upper limit.
         high: f64,
     },
-    /// A range whose ends are the wrong way round.
+    /// A range with reversed ends.
     #[error("{name} reaches from {low} to {high}; the first must not exceed the second")]
     Range {
-        /// Which; its unit is in the name.
+        /// Name of the setting, with its unit.
         name: &'static str,
-        /// First end.
+        /// First end of the range.
         low: f64,
-        /// Second end.
+        /// Second end of the range.
         high: f64,
     },
-    /// A twin that has no two rails.
-    #[error("this twin describes a {machine}; a game needs one of the whole table")]
+    /// A twin without a two-axis gantry.
+    #[error("this twin describes a {machine}; a game needs a twin of the whole table")]
     NotATable {
-        /// What it describes.
+        /// Machine that the twin describes.
         machine: String,
     },
-    /// The twin drives the carriage by forces, so a limit on what comes out of it has no meaning.
+    /// A wall limiter on the motion, behind a twin whose carriage has inertia.
     #[error(
         "the wall limiter cannot act behind a twin, whose carriage has inertia; \
          let it act on the command (LimiterPlace::Command)"
     )]
     LimiterBehindTwin,
-    /// Arrays of the wrong length.
+    /// An array of the wrong length.
     #[error("{what} has {found} entries, but these games need {expected}")]
     Shape {
-        /// Which array.
+        /// Name of the array.
         what: &'static str,
-        /// Entries that were given.
+        /// Number of entries given.
         found: usize,
-        /// Entries that are needed.
+        /// Number of entries required.
         expected: usize,
     },
-    /// A command that is no number.
+    /// A command that is not finite.
     #[error(
-        "the command of the {player} player on board {board} is ({x}, {y}) m/s; it must be finite"
+        "the command of the {player} player in environment {environment} is ({x}, {y}) m/s; it must be finite"
     )]
     Command {
-        /// Board, counted over all ranges.
-        board: usize,
-        /// Whose.
+        /// Number of the environment, counted over all ranges.
+        environment: usize,
+        /// Player of the command.
         player: Player,
-        /// Across, in the player's own frame (m/s).
+        /// Velocity across, in the player's own frame (m/s).
         x: f32,
-        /// Towards the other player (m/s).
+        /// Velocity towards the other player (m/s).
         y: f32,
     },
-    /// A board on which something is no longer a number.
-    #[error("board {board} is no longer finite in step {step} of episode {episode}, seed {seed}")]
+    /// An environment with a state that is not finite.
+    #[error(
+        "environment {environment}: the state is not finite in step {step} of episode {episode}, seed {seed}"
+    )]
     NotFinite {
-        /// Board, counted over all ranges.
-        board: usize,
-        /// Its episode, from 0.
+        /// Number of the environment, counted over all ranges.
+        environment: usize,
+        /// Episode of the environment, from 0.
         episode: u64,
         /// Control period within the episode, from 0.
         step: u32,
@@ -77,7 +79,7 @@ pub enum GameError {
     },
 }
 
-/// Checks that `value` lies in `[low, high]`.
+/// Check that `value` is in `[low, high]`.
 pub(super) fn within(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), GameError> {
     if (low..=high).contains(&value) {
         Ok(())

@@ -1,12 +1,12 @@
-//! The boards: their state in arrays, and the step.
+//! The environments: their state in arrays, and the step.
 
 use super::{
-    actuation::{Actuators, Leading, Rails, turned},
+    actuation::{Actuators, Leading, Travel, turned},
     biscuit::BiscuitState,
     body::{BallState, StrikerState, length, subtract},
     error::GameError,
     motion::Table,
-    observation::{ObservationKind, Sight},
+    observation::{Observation, ObservationKind},
     outcome::{Ending, Outcomes},
     period::Period,
     randomization::BoardPhysics,
@@ -21,52 +21,53 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Boards that go through a step together: their state stays in the processor's caches meanwhile.
+/// Number of environments that are stepped together, so that their state stays in the processor's
+/// caches.
 pub(super) const CHUNK: usize = 64;
 
-/// Draws of the ball's start until it is clear of the strikers.
+/// Maximum number of draws of the ball's start position until it is clear of the strikers.
 const MOST_DRAWS: usize = 32;
 
-/// Which episode a board plays, and how far it is.
+/// Episode of an environment and progress in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Clock {
     pub(super) episode: u64,
     pub(super) step: u32,
-    /// Control periods for which the ball has lain still.
+    /// Number of control periods for which the ball has been at rest.
     pub(super) still: u32,
 }
 
-/// A slower ball lies still (m/s).
+/// Speed below which the ball counts as at rest (m/s).
 const STILL_SPEED: f64 = 0.005;
 
-/// What stands where on one board (m, m/s; board frame; players are left, right).
+/// State of one environment (m, m/s; board frame; players are left, right).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Snapshot {
-    /// Episode of this board, from 0.
+    /// Episode of this environment, from 0.
     pub episode: u64,
-    /// Control periods played in it.
+    /// Number of control periods played in it.
     pub step: u32,
-    /// Place of the ball.
+    /// Position of the ball.
     pub ball_position: [f64; 2],
-    /// Its velocity.
+    /// Velocity of the ball.
     pub ball_velocity: [f64; 2],
-    /// Places of the strikers.
+    /// Positions of the strikers.
     pub striker_positions: [[f64; 2]; 2],
-    /// Their velocities.
+    /// Velocities of the strikers.
     pub striker_velocities: [[f64; 2]; 2],
-    /// Places of the biscuits, in a game with them.
+    /// Positions of the biscuits, in a game with biscuits.
     pub biscuits: Option<[[f64; 2]; 3]>,
-    /// How many of them stick to each striker.
+    /// Number of biscuits on each striker.
     pub biscuits_held: [u8; 2],
     /// Physics of this episode.
     pub physics: BoardPhysics,
 }
 
-/// Many boards that are played at once.
+/// Environments that are stepped together.
 #[derive(Debug, Clone)]
 pub struct Games {
     table: Table,
-    rails: Rails,
+    travel: Travel,
     nominal: BoardPhysics,
     most_steps: u32,
     most_still_steps: u32,
@@ -77,50 +78,50 @@ pub struct Games {
     pub(super) strikers: Vec<[StrikerState; 2]>,
     physics: Vec<BoardPhysics>,
     pub(super) clocks: Vec<Clock>,
-    /// Empty in a game without.
+    /// Empty in a game without biscuits.
     pub(super) biscuits: Vec<[BiscuitState; 3]>,
     pub(super) actuators: Actuators,
     commands: Vec<[[f64; 2]; 2]>,
     ways: Vec<[f64; 2]>,
-    clock: Option<Clockwork>,
-    spent: Spent,
+    clock: Option<ClockFn>,
+    spent: StepTimes,
 }
 
-/// A clock that the caller lends: seconds since any instant.
-pub type Clockwork = fn() -> f64;
+/// A clock provided by the caller: seconds since any instant.
+pub type ClockFn = fn() -> f64;
 
-/// Time that steps took, by a lent clock (s).
+/// Time spent in steps, by that clock (s).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Spent {
+pub struct StepTimes {
     /// Commands and actuators.
     pub actuators: f64,
     /// Ball, contacts and rules.
     pub physics: f64,
 }
 
-/// What a learned actuator was asked, when the games know its coverage.
+/// Number of queries of a learned actuator model, if its coverage is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Asked {
-    /// Velocities that it was asked for.
-    pub all: u64,
-    /// Of these, those far from everything in its training data.
-    pub outside: u64,
+pub struct ActuatorQueries {
+    /// Number of velocities that it predicted.
+    pub total: u64,
+    /// Number of these with inputs far from all training data (extrapolation).
+    pub extrapolated: u64,
 }
 
 impl Games {
-    /// `count` boards at the start of their first episode.
+    /// Build `count` environments at the start of their first episode.
     ///
     /// # Errors
-    /// When a setting cannot be.
+    /// When a setting is outside its range.
     pub fn new(count: usize, settings: &GameSettings, seed: u64) -> Result<Self, GameError> {
         Self::range(0..count, settings, seed)
     }
 
-    /// The boards `range` out of a larger number: they play exactly as they would among all the others, so
-    /// work is divided over threads by giving each a range of its own.
+    /// Build the environments `range` of a larger set. They behave exactly as they would among all
+    /// the others, so each thread can step a range of its own.
     ///
     /// # Errors
-    /// When a setting cannot be.
+    /// When a setting is outside its range.
     pub fn range(
         range: Range<usize>,
         settings: &GameSettings,
@@ -129,7 +130,7 @@ impl Games {
         settings.check()?;
         let count = range.len();
         let table = Table::new(settings);
-        let rails = Rails::new(settings.limits, table.half, STRIKER_RADIUS, settings.pieces);
+        let travel = Travel::new(settings.limits, table.half, STRIKER_RADIUS, settings.pieces);
         let ratio = settings.ball.static_friction_ratio;
         let nominal = BoardPhysics {
             ball_mass: settings.ball.mass,
@@ -149,44 +150,45 @@ impl Games {
             physics: vec![nominal; count],
             clocks: vec![Clock::default(); count],
             biscuits: vec![[BiscuitState::default(); 3]; with_biscuits],
-            actuators: Actuators::new(settings, &rails, count),
+            actuators: Actuators::new(settings, &travel, count),
             commands: vec![[[0.0; 2]; 2]; CHUNK.min(count)],
             ways: vec![[0.0; 2]; CHUNK.min(count) * 2 * (settings.pieces + 1)],
             clock: None,
-            spent: Spent::default(),
+            spent: StepTimes::default(),
             table,
-            rails,
+            travel,
         };
         (0..count).for_each(|board| games.begin(board));
         Ok(games)
     }
 
-    /// Number of boards.
+    /// Number of environments.
     #[must_use]
     pub fn len(&self) -> usize {
         self.balls.len()
     }
 
-    /// Whether there are none.
+    /// Return whether there are no environments.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.balls.is_empty()
     }
 
-    /// The settings that are played.
+    /// Settings of the game.
     #[must_use]
     pub fn settings(&self) -> &GameSettings {
         &self.settings
     }
 
-    /// One control period, after which boards whose episode has ended begin the next one.
+    /// Step all environments by one control period; environments whose episode has ended begin the
+    /// next one.
     ///
-    /// `commands` are velocities (m/s), one entry per board: left and right player, each in the player's own
-    /// frame. Nothing is allocated.
+    /// `commands` are velocities (m/s), one entry per environment: left and right player, each in
+    /// the player's own frame. Allocates nothing.
     ///
     /// # Errors
-    /// When an array has the wrong length, a command is no number, or a board comes out of the step with a
-    /// number that is none; then the boards are no longer of use.
+    /// When an array has the wrong length, or a command or the resulting state is not finite. After
+    /// a non-finite state the environments are unusable.
     pub fn step(
         &mut self,
         commands: &[[[f32; 2]; 2]],
@@ -196,8 +198,8 @@ impl Games {
         self.restart_ended(outcomes)
     }
 
-    /// [`step`](Self::step) without the restart: boards whose episode has ended can still be looked at as
-    /// they ended, and [`restart_ended`](Self::restart_ended) must follow.
+    /// [`step`](Self::step) without the restart: environments whose episode has ended keep their
+    /// final state, and [`restart_ended`](Self::restart_ended) must follow.
     ///
     /// # Errors
     /// As [`step`](Self::step).
@@ -217,8 +219,8 @@ impl Games {
                 first,
                 commands: &self.commands[..chunk.len()],
                 strikers: &mut self.strikers[chunk.clone()],
-                ways: &mut self.ways[..chunk.len() * 2 * (self.rails.pieces + 1)],
-                rails: &self.rails,
+                ways: &mut self.ways[..chunk.len() * 2 * (self.travel.pieces + 1)],
+                travel: &self.travel,
             };
             self.actuators.lead(&mut leading);
             let led = self.now();
@@ -231,14 +233,14 @@ impl Games {
         Ok(())
     }
 
-    /// Measures with `clock` from now on what steps take; without a clock they take nothing.
-    pub fn lend_clock(&mut self, clock: Clockwork) {
+    /// Measure the time of steps with `clock` from now on; without a clock all times are 0.
+    pub fn set_clock(&mut self, clock: ClockFn) {
         self.clock = Some(clock);
     }
 
-    /// Time that steps took since a clock was lent.
+    /// Time spent in steps since a clock was set.
     #[must_use]
-    pub fn spent(&self) -> Spent {
+    pub fn spent(&self) -> StepTimes {
         self.spent
     }
 
@@ -246,14 +248,14 @@ impl Games {
         self.clock.map_or(0.0, |clock| clock())
     }
 
-    /// What the learned actuator was asked since the games began; nothing without
+    /// Queries of the learned actuator since the games began; zero without
     /// [`GameSettings::coverage`].
     #[must_use]
-    pub fn asked(&self) -> Asked {
-        self.actuators.asked()
+    pub fn queries(&self) -> ActuatorQueries {
+        self.actuators.queries()
     }
 
-    /// Begins the next episode on every board whose episode has ended according to `outcomes`.
+    /// Begin the next episode in every environment whose episode has ended according to `outcomes`.
     ///
     /// # Errors
     /// When `outcomes` has the wrong length.
@@ -269,7 +271,7 @@ impl Games {
         Ok(())
     }
 
-    /// Writes what `player` sees of every board, `[count][kind.len()]`.
+    /// Write the observations of `player` in all environments, `[count][kind.len()]`.
     ///
     /// # Errors
     /// When `rows` has the wrong length.
@@ -286,15 +288,15 @@ impl Games {
         let cup_distance = self.table.cup.distance as f32;
         let boards = self.strikers.iter().zip(&self.balls);
         for ((strikers, ball), row) in boards.zip(rows.chunks_exact_mut(kind.len())) {
-            Sight::of(player, strikers, ball).write(kind, cup_distance, row);
+            Observation::of(player, strikers, ball).write(kind, cup_distance, row);
         }
         Ok(())
     }
 
-    /// Writes what `player` sees of one board, `[kind.len()]`.
+    /// Write the observation of `player` in one environment, `[kind.len()]`.
     ///
     /// # Panics
-    /// When there is no such board, or `row` has the wrong length.
+    /// When there is no such environment, or `row` has the wrong length.
     pub fn observe_board(
         &self,
         board: usize,
@@ -302,14 +304,14 @@ impl Games {
         kind: ObservationKind,
         row: &mut [f32],
     ) {
-        let sight = Sight::of(player, &self.strikers[board], &self.balls[board]);
+        let sight = Observation::of(player, &self.strikers[board], &self.balls[board]);
         sight.write(kind, self.table.cup.distance as f32, row);
     }
 
-    /// What stands where on `board`.
+    /// State of the environment `board`.
     ///
     /// # Panics
-    /// When there is no such board.
+    /// When there is no such environment.
     #[must_use]
     pub fn snapshot(&self, board: usize) -> Snapshot {
         let strikers = &self.strikers[board];
@@ -334,12 +336,12 @@ impl Games {
         }
     }
 
-    /// Puts ball and strikers of `board` where one wants them, all at rest but for the ball, which rolls with
-    /// `ball_velocity` (m/s); for exercises and tests. The episode goes on.
+    /// Set the positions (m) of ball and strikers of `board`. All are at rest except the ball,
+    /// which has `ball_velocity` (m/s). For exercises and tests; the episode continues.
     ///
     /// # Panics
-    /// When there is no such board.
-    pub fn place(
+    /// When there is no such environment.
+    pub fn set_positions(
         &mut self,
         board: usize,
         ball_position: [f64; 2],
@@ -371,12 +373,12 @@ impl Games {
         };
         let player = Player::BOTH.into_iter().find(bad).unwrap_or(Player::Left);
         let [x, y] = commands[board][player as usize];
-        Err(GameError::Command { board: self.first + board, player, x, y })
+        Err(GameError::Command { environment: self.first + board, player, x, y })
     }
 
-    /// Clamp, slew limit and wall limiter for the boards of one chunk.
+    /// Apply clamp, slew limit and wall limiter to the commands of one chunk.
     fn take_in(&mut self, chunk: Range<usize>, commands: &[[[f32; 2]; 2]]) {
-        let limits = &self.rails.limits;
+        let limits = &self.travel.limits;
         let PerPlayer { left, right } = &limits.field;
         let on_command = limits.limiter == LimiterPlace::Command;
         let boards = self.strikers[chunk.clone()].iter_mut().zip(&commands[chunk]);
@@ -394,9 +396,9 @@ impl Games {
         }
     }
 
-    /// One control period of one board, the `row`-th of its chunk.
+    /// Step one environment, the `row`-th of its chunk, by one control period.
     fn play(&mut self, board: usize, row: usize, outcomes: &mut Outcomes) -> Result<(), GameError> {
-        let stride = self.rails.pieces + 1;
+        let stride = self.travel.pieces + 1;
         let (left, right) = self.ways[2 * row * stride..][..2 * stride].split_at(stride);
         let mut period = Period {
             table: &self.table,
@@ -433,10 +435,10 @@ impl Games {
         }
         let Clock { episode, step, .. } = self.clocks[board];
         let (board, step) = (self.first + board, step - 1);
-        Err(GameError::NotFinite { board, episode, step, seed: self.seed })
+        Err(GameError::NotFinite { environment: board, episode, step, seed: self.seed })
     }
 
-    /// The start of an episode, drawn from seed, board and episode alone.
+    /// Begin an episode, drawn from seed, environment and episode alone.
     fn begin(&mut self, board: usize) {
         let mut stream = self.stream("game.start", board);
         let (strikers, ball) = draw_start(&self.settings.episode, &mut stream);
@@ -445,7 +447,7 @@ impl Games {
         self.stand(board, strikers);
     }
 
-    /// The physics of the episode that `board` plays.
+    /// Draw the physics of the current episode of `board`.
     pub(super) fn draw_physics(&mut self, board: usize) {
         self.physics[board] = match &self.settings.randomization {
             Some(ranges) => ranges.draw(&mut self.stream("game.physics", board)),
@@ -453,17 +455,17 @@ impl Games {
         };
     }
 
-    /// The stream called `name` of the episode that `board` plays.
+    /// Random stream called `name` of the current episode of `board`.
     fn stream(&self, name: &str, board: usize) -> Stream {
         let numbers = [(self.first + board) as u64, self.clocks[board].episode];
         Stream::numbered(self.seed, name, &numbers)
     }
 
-    /// Both strikers stand at rest at `positions`, and the biscuits where they belong.
+    /// Put both strikers at rest at `positions`, and the biscuits at their start positions.
     fn stand(&mut self, board: usize, positions: [[f64; 2]; 2]) {
         let strikers = &mut self.strikers[board];
         *strikers =
-            [0, 1].map(|player| StrikerState::at(self.rails.clamp(player, positions[player])));
+            [0, 1].map(|player| StrikerState::at(self.travel.clamp(player, positions[player])));
         self.actuators.restart(board, strikers);
         if let (Some(settings), Some(all)) = (&self.settings.biscuits, self.biscuits.get_mut(board))
         {
@@ -472,7 +474,7 @@ impl Games {
     }
 }
 
-/// Places of the strikers and of the ball at the start of an episode.
+/// Start positions of the strikers and of the ball.
 fn draw_start(settings: &EpisodeSettings, stream: &mut Stream) -> ([[f64; 2]; 2], [f64; 2]) {
     let mut draw =
         |low: f64, high: f64| low + (high - low) * f64::from(stream.uniform_f32(0.0, 1.0));

@@ -1,4 +1,4 @@
-//! The catalogue's functions that act on the ball, ready to be called for any board.
+//! The catalogue's functions that act on the ball, prepared for calls in any environment.
 
 use super::randomization::Surface;
 use crate::{
@@ -6,14 +6,14 @@ use crate::{
     twin::Instance,
 };
 
-/// Most parameters that one effect has.
+/// Maximum number of parameters of one effect.
 const MOST_PARAMETERS: usize = 8;
 
-/// Slower impacts do not bounce (m/s): far below what a camera sees, and it ends a row of ever smaller
-/// bounces.
+/// Normal speed below which an impact does not bounce (m/s): far below the resolution of a camera;
+/// it ends a sequence of ever smaller bounces.
 const LEAST_BOUNCE: f64 = 2e-3;
 
-/// Share of the sliding that ends when a solid sphere leaves an impact rolling along the wall.
+/// Fraction of the slip that ends when a solid sphere leaves an impact rolling along the wall.
 const GRIP: f64 = 2.0 / 7.0;
 
 type RollLaw = fn(&[f64], &Ball) -> [f64; 2];
@@ -21,7 +21,7 @@ type BallLaw = fn(&[f64], &Ball) -> f64;
 type ImpactLaw = fn(&[f64], &Impact, Change) -> Change;
 type WallLaw = fn(&[f64], Wall, f64) -> f64;
 
-/// One function with its numbers.
+/// One function with its parameters.
 #[derive(Debug, Clone, Copy)]
 struct Law<F> {
     call: F,
@@ -44,7 +44,7 @@ impl<F> Law<F> {
     }
 }
 
-/// Everything that acts on the ball, each place in the order of the catalogue.
+/// Everything that acts on the ball, in the order of the catalogue.
 #[derive(Debug, Clone, Default)]
 pub(super) struct BallLaws {
     roll: Vec<Law<RollLaw>>,
@@ -57,7 +57,7 @@ pub(super) struct BallLaws {
     pub(super) strikers: Bounces,
 }
 
-/// `instances` in the order of the catalogue, so that the order in which effects were found is no matter.
+/// Sort `instances` in the order of the catalogue, so that the order of discovery does not matter.
 fn sorted(instances: &[Instance]) -> Vec<&Instance> {
     let place = |instance: &&Instance| {
         CATALOGUE.iter().position(|effect| effect.name == instance.effect.name)
@@ -88,7 +88,7 @@ impl BallLaws {
         laws
     }
 
-    /// Whether nothing can set a resting ball in motion.
+    /// Return whether no effect can set a resting ball in motion.
     pub(super) fn rests(&self) -> bool {
         self.roll.is_empty()
     }
@@ -106,7 +106,7 @@ impl BallLaws {
         self.resistance.iter().map(|law| (law.call)(law.p(), ball)).sum()
     }
 
-    /// Whether the ball slides after an impact.
+    /// Return whether the ball slides after an impact.
     pub(super) fn slides(&self) -> bool {
         !self.slide.is_empty()
     }
@@ -116,7 +116,7 @@ impl BallLaws {
         self.slide.iter().map(|law| (law.call)(law.p(), ball)).sum()
     }
 
-    /// Whether walls stand elsewhere than at the board's edges.
+    /// Return whether walls are displaced from the board's edges.
     pub(super) fn moves_walls(&self) -> bool {
         !self.places.is_empty()
     }
@@ -127,7 +127,7 @@ impl BallLaws {
     }
 }
 
-/// Which number of a board an impact law takes in place of its own.
+/// Parameter of an environment that replaces the law's own one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
     Fixed,
@@ -135,7 +135,7 @@ enum Role {
     Friction,
 }
 
-/// What happens at a surface.
+/// Impact response at a surface.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Bounces {
     laws: Vec<(Role, Law<ImpactLaw>)>,
@@ -155,7 +155,7 @@ impl Bounces {
         Self { laws: sorted(instances).iter().filter_map(law).collect() }
     }
 
-    /// The numbers of the laws themselves, with `ratio` of friction at rest to friction while sliding.
+    /// Parameters of the laws themselves, with `ratio` of static to kinetic friction.
     pub(super) fn surface(&self, ratio: f64) -> Surface {
         let of = |role: Role, absent: f64| {
             let found = self.laws.iter().find(|(own, _)| *own == role);
@@ -169,7 +169,7 @@ impl Bounces {
         }
     }
 
-    /// What the impact does, with the numbers of `surface` for restitution and friction.
+    /// Impact response, with the restitution and friction of `surface`.
     pub(super) fn act(&self, surface: &Surface, impact: &Impact) -> Change {
         let start = Change {
             restitution: 1.0,
@@ -189,7 +189,7 @@ impl Bounces {
 }
 
 impl Surface {
-    /// Coulomb's coefficient in force: that at rest where it can end the sliding, else that of sliding.
+    /// Coulomb coefficient in force: static if it can end the sliding, otherwise kinetic.
     fn friction(&self, impact: &Impact, change: &Change) -> f64 {
         let needed = GRIP * (change.tangential_velocity - change.spin).abs();
         let most = self.static_friction * (1.0 + change.restitution) * impact.normal_speed;

@@ -1,8 +1,9 @@
-//! One piece of a control period on one board: forces on the ball, and its way through all contacts.
+//! One piece of a control period in one environment: forces on the ball, and its path through all
+//! contacts.
 //!
-//! A piece of the length `h` is split after Strang: half of the forces' push, a straight way with every
-//! contact solved for, the other half. For a constant deceleration place and velocity are exact; an impact
-//! inside a piece sees the velocity of its middle.
+//! A piece of length `h` uses Strang splitting: half a step of the forces, a straight path on which
+//! every contact is solved, and another half step of the forces. Position and velocity are exact
+//! for a constant deceleration; an impact inside a piece uses the velocity at its middle.
 
 use super::{
     body::{BallState, Mover, ON_THE_BOARD, add, dot, length, scale, subtract},
@@ -17,30 +18,31 @@ use crate::{
     twin::Instance,
 };
 
-/// Events within one piece; then the ball is wedged between two things, and both give way.
+/// Maximum number of events in one piece; beyond it the ball is wedged between two bodies, and both
+/// yield.
 const MOST_EVENTS: usize = 24;
 
-/// Share of the slip that sliding takes from the velocity of a solid sphere.
+/// Fraction of the slip that sliding removes from the velocity of a solid sphere.
 const GRIP: f64 = 2.0 / 7.0;
 
-/// A slower ball rests (m/s): it would take a minute for the width of a hair, and slower still its numbers
-/// would become denormal.
+/// Speed below which a ball is at rest (m/s): it would take a minute for the width of a hair, and
+/// still smaller numbers would become denormal.
 const STANDSTILL: f64 = 1e-6;
 
-/// What the ball meets first.
+/// Next event on the path of the ball.
 #[derive(Clone, Copy)]
 enum Event {
     Wall(Wall),
     Mover(usize),
-    /// Its centre comes over a cup.
+    /// The centre of the ball comes over a cup.
     Edge,
-    /// Its centre reaches the rim from inside.
+    /// The centre of the ball reaches the rim from inside.
     Rim,
-    /// It has sunk by its radius.
+    /// The ball has fallen by its radius.
     Fallen,
 }
 
-/// What happened to the ball in one piece.
+/// Events of the ball in one piece.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Happened {
     /// Largest closing speed of an impact on each striker (m/s); 0 without one.
@@ -49,7 +51,7 @@ pub(super) struct Happened {
     pub(super) hits: [u8; 2],
     /// Impacts on walls.
     pub(super) wall_hits: u8,
-    /// Whether a cup has taken the ball.
+    /// True if a cup has captured the ball.
     pub(super) taken: bool,
 }
 
@@ -57,7 +59,7 @@ impl Happened {
     pub(super) const NOTHING: Self =
         Self { struck: [0.0; 2], hits: [0; 2], wall_hits: 0, taken: false };
 
-    /// And what happened in the next piece.
+    /// Add the events of the next piece.
     pub(super) fn add(&mut self, next: &Self) {
         for player in 0..2 {
             self.struck[player] = self.struck[player].max(next.struck[player]);
@@ -68,19 +70,19 @@ impl Happened {
     }
 }
 
-/// What all boards have in common for the ball.
+/// Parameters of the ball that all environments share.
 #[derive(Debug, Clone)]
 pub(super) struct Table {
     pub(super) laws: BallLaws,
     pub(super) cup: CupSettings,
     /// Half of the board's sides (m).
     pub(super) half: [f64; 2],
-    /// What one piece does to a striker that was hit.
+    /// Motion of a displaced striker over one piece.
     pub(super) magnet: Oscillator,
     /// Mass of a striker (kg).
     pub(super) striker_mass: f64,
     pub(super) biscuits: Option<BiscuitSettings>,
-    /// Pieces of a control period.
+    /// Number of pieces of a control period.
     pub(super) pieces: usize,
 }
 
@@ -88,7 +90,7 @@ impl Table {
     pub(super) fn new(settings: &GameSettings) -> Self {
         let GameSettings { board, ball, striker, pieces, .. } = settings;
         let complete = |effects: &[Instance]| match settings.randomization {
-            // What is drawn needs a law to act through.
+            // Randomized physics need a law to act through.
             Some(_) => with_laws_of_impact(effects),
             None => effects.to_vec(),
         };
@@ -110,7 +112,7 @@ impl Table {
     }
 }
 
-/// `effects` with restitution and friction, where they are missing as laws that do nothing.
+/// Add neutral laws of restitution and friction to `effects` where they are missing.
 fn with_laws_of_impact(effects: &[Instance]) -> Vec<Instance> {
     let neutral: [(&str, &[f64]); 2] =
         [("impact.wall_restitution", &[1.0]), ("impact.wall_friction_spin", &[0.0])];
@@ -119,7 +121,7 @@ fn with_laws_of_impact(effects: &[Instance]) -> Vec<Instance> {
     effects.iter().cloned().chain(added).collect()
 }
 
-/// The ball of one board with the numbers of its episode.
+/// The ball of one environment with the physics of its episode.
 pub(super) struct Play<'a> {
     pub(super) table: &'a Table,
     pub(super) physics: &'a BoardPhysics,
@@ -130,8 +132,8 @@ impl Play<'_> {
         Walls { laws: &self.table.laws, half: self.table.half }
     }
 
-    /// Forces act on the ball for `dt` seconds. `time` is that since the episode began, `strikers` stand
-    /// where the magnets draw from.
+    /// Apply the forces on the ball for `dt` seconds. `time` is the time since the episode began;
+    /// `strikers` are the positions of the attracting magnets.
     pub(super) fn push(&self, ball: &mut BallState, strikers: [[f64; 2]; 2], time: f64, dt: f64) {
         let laws = &self.table.laws;
         if ball.over_cup != ON_THE_BOARD || (laws.rests() && ball.velocity == [0.0; 2]) {
@@ -156,15 +158,15 @@ impl Play<'_> {
         }
         let speed = length(velocity);
         seen.velocity = velocity;
-        // The resistance at the middle of the push makes a linear one exact to second order.
+        // The resistance at the midpoint makes a linear one exact to second order.
         let half = 0.5 * dt * laws.resistance(&seen);
         seen.velocity = if half < speed { scale(velocity, 1.0 - half / speed) } else { [0.0; 2] };
         let left = speed - dt * laws.resistance(&seen);
-        // Written so that what is no number stays none.
+        // Written so that a non-finite number stays non-finite.
         ball.velocity = if left <= STANDSTILL { [0.0; 2] } else { scale(velocity, left / speed) };
     }
 
-    /// The ball and `movers` go on for `dt` seconds; the first two movers are the strikers.
+    /// Advance the ball and `movers` by `dt` seconds; the first two movers are the strikers.
     pub(super) fn drift(&self, ball: &mut BallState, movers: &mut [Mover], dt: f64) -> Happened {
         let mut happened = Happened::NOTHING;
         let mut left = dt;
@@ -228,7 +230,7 @@ impl Play<'_> {
         }
     }
 
-    /// From the centre of the cup on the ball's half to the ball (m).
+    /// Vector from the centre of the cup on the ball's half to the ball (m).
     fn cup_to_ball(&self, ball: &BallState) -> [f64; 2] {
         let [x, y] = ball.position;
         [x, y - self.table.cup.distance.copysign(y)]
@@ -261,7 +263,7 @@ impl Play<'_> {
         }
     }
 
-    /// The ball meets the far rim of a cup; whether it comes out.
+    /// Collide the ball with the far rim of a cup; returns whether it leaves the cup.
     fn cross_rim(&self, ball: &mut BallState) -> bool {
         let d = self.cup_to_ball(ball);
         let outwards = scale(d, 1.0 / length(d));
@@ -272,13 +274,13 @@ impl Play<'_> {
         true
     }
 
-    /// Upstream's rule, where it is in force.
+    /// Return whether upstream's capture rule applies and captures the ball.
     fn rolls_into_a_cup(&self, ball: &BallState) -> bool {
         let CupRule::SlowerThan(limit) = self.table.cup.rule else { return false };
         length(self.cup_to_ball(ball)) < self.table.cup.radius && ball.speed() <= limit
     }
 
-    /// Frees a ball that is wedged: it leaves the movers as far as the walls let it, and where they do not,
+    /// Free a wedged ball: it is moved away from the movers as far as the walls permit; otherwise
     /// the movers yield.
     fn give_way(&self, ball: &mut BallState, movers: &mut [Mover]) {
         for mover in movers.iter() {

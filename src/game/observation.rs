@@ -1,8 +1,8 @@
-//! What a player sees: 12 standard values and 8 more that are computed from them.
+//! Observations of a player: 12 standard values and 8 features computed from them.
 //!
-//! Source: the upstream observation configuration; the order is part of every policy file. All values are
-//! in the player's own frame (that of the left player; the right one sees the board turned by 180 degrees),
-//! in m, m/s and rad.
+//! Source: the upstream observation configuration; the order is part of every policy file. All
+//! values are in the player's own frame (that of the left player; the board turned by 180 degrees
+//! for the right one), in m, m/s and rad.
 //!
 //! | index | value | index | value |
 //! |---|---|---|---|
@@ -13,24 +13,24 @@
 //! | 8, 9 | ball | 16, 17 | distance from the ball to the own, the other cup |
 //! | 10, 11 | its velocity | 18, 19 | distance from the ball to the own, the other striker |
 //!
-//! Angles are `acos(a b / (|a| |b| + 1e-8))`, from 0 to pi. One version of upstream's table software
-//! computed value 16 to the own striker; here it is the cup.
+//! Angles are `acos(a b / (|a| |b| + 1e-8))`, from 0 to pi. One version of upstream's table
+//! software computed value 16 relative to the own striker; here it is the cup.
 //!
-//! The state is exact and of this instant. A model of the camera (noise, age of the picture, what a filter
-//! makes of it) belongs between [`Sight::of`] and [`Sight::write`]: it changes a [`Sight`], and the eight
-//! features are computed from what was seen.
+//! The state is exact and current. A camera model (noise, latency, state estimation) belongs
+//! between [`Observation::of`] and [`Observation::write`]: it changes an [`Observation`], and the
+//! eight features are computed from the changed values.
 
 use super::body::{BallState, StrikerState};
 use crate::recording::topic::Player;
 use serde::{Deserialize, Serialize};
 
-/// Which values a player sees.
+/// Set of observed values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ObservationKind {
-    /// Places and velocities: 12 values.
+    /// Positions and velocities: 12 values.
     #[serde(rename = "standard12")]
     Standard12,
-    /// With angles and distances: 20 values.
+    /// Positions and velocities with angles and distances: 20 values.
     #[serde(rename = "augmented20")]
     Augmented20,
 }
@@ -45,36 +45,36 @@ impl ObservationKind {
         }
     }
 
-    /// Never: there is always something to see.
+    /// Always false: no set is empty.
     #[must_use]
     pub fn is_empty(self) -> bool {
         false
     }
 }
 
-/// Guard of the angles against a division by zero, as upstream.
+/// Guard of the angles against division by zero, as in upstream.
 const GUARD: f32 = 1e-8;
 
-/// What one player sees of one board, in its own frame: place and velocity of own striker, other striker
-/// and ball (m, m/s).
+/// Observation of one player in one environment, in its own frame: position and velocity of own
+/// striker, other striker and ball (m, m/s).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight(pub [f32; 12]);
+pub struct Observation(pub [f32; 12]);
 
-impl Sight {
-    /// The exact state.
+impl Observation {
+    /// Observation of the exact state.
     pub(super) fn of(player: Player, strikers: &[StrikerState; 2], ball: &BallState) -> Self {
         let motion = |[x, y]: [f64; 2], [vx, vy]: [f64; 2]| [x, y, vx, vy];
         let strikers = [0, 1].map(|k| motion(strikers[k].position(), strikers[k].velocity()));
         Self::of_board(player, &strikers, motion(ball.position, ball.velocity))
     }
 
-    /// What `player` sees of strikers (left first) and ball, each told as (x, y, vx, vy) in the board frame
-    /// (m, m/s).
+    /// Observation of `player`, from strikers (left first) and ball, each as (x, y, vx, vy) in the
+    /// board frame (m, m/s).
     ///
     /// ```
-    /// use klasktron::{game::Sight, recording::topic::Player};
+    /// use klasktron::{game::Observation, recording::topic::Player};
     /// let strikers = [[0.02, -0.1, 0.0, 0.0], [0.05, 0.12, 0.0, 0.3]];
-    /// let seen = Sight::of_board(Player::Right, &strikers, [0.0, 0.1, 0.2, 0.0]).0;
+    /// let seen = Observation::of_board(Player::Right, &strikers, [0.0, 0.1, 0.2, 0.0]).0;
     /// assert_eq!(seen[..4], [-0.05, -0.12, 0.0, -0.3]);
     /// assert_eq!(seen[4..6], [-0.02, 0.1]);
     /// assert_eq!(seen[8..11], [0.0, -0.1, -0.2]);
@@ -93,7 +93,7 @@ impl Sight {
         Self(seen)
     }
 
-    /// Writes the values of `kind` into `row`; the cups are `cup_distance` (m) from the middle.
+    /// Write the values of `kind` into `row`; the cups are `cup_distance` (m) from the middle.
     pub fn write(&self, kind: ObservationKind, cup_distance: f32, row: &mut [f32]) {
         let (standard, augmented) = row.split_at_mut(12);
         standard.copy_from_slice(&self.0);
@@ -119,8 +119,8 @@ impl Sight {
     }
 }
 
-/// A place (m) or velocity (m/s) of the board frame in the frame of `player`, and the other way round: the
-/// same for the left player, turned by 180 degrees for the right one.
+/// Transform a position (m) or velocity (m/s) between the board frame and the frame of `player`, in
+/// either direction: identity for the left player, a turn by 180 degrees for the right one.
 #[must_use]
 pub fn turned(player: Player, vector: [f64; 2]) -> [f64; 2] {
     match player {
@@ -153,7 +153,7 @@ mod tests {
         let mut seen = [0.0; 12];
         (seen[1], seen[5], seen[8], seen[9]) = (-0.1, 0.1, 0.1, -0.1);
         let mut row = [0.0; 20];
-        Sight(seen).write(ObservationKind::Augmented20, 0.17, &mut row);
+        Observation(seen).write(ObservationKind::Augmented20, 0.17, &mut row);
         let wanted = [
             FRAC_PI_2,
             (0.1_f32).atan2(0.2), // between (0.1, -0.2) and straight down

@@ -1,31 +1,31 @@
-//! What a step brought about.
+//! Results of a step.
 
 use crate::recording::topic::Player;
 
-/// How an episode ended.
+/// End of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
     /// The ball fell into the other player's cup.
     Goal {
-        /// Who scored.
+        /// Player who scored.
         scorer: Player,
     },
-    /// A striker stood over its own cup.
+    /// A striker is over its own cup.
     OwnGoal {
-        /// Whose it is.
+        /// Owner of the striker.
         loser: Player,
     },
-    /// Two biscuits stick to one striker.
+    /// Two biscuits are on one striker.
     Biscuits {
-        /// Whose it is.
+        /// Owner of the striker.
         loser: Player,
     },
-    /// Nobody won in time, or the ball lay still for too long.
+    /// Time limit without a winner, or the ball was at rest for too long.
     TimeLimit,
 }
 
 impl Ending {
-    /// Who wins the point; `None` at the time limit.
+    /// Player who wins the point; `None` at the time limit.
     #[must_use]
     pub fn winner(self) -> Option<Player> {
         match self {
@@ -44,10 +44,10 @@ fn other(player: Player) -> Player {
     }
 }
 
-/// What the last step brought about, one entry per board; players are left, right.
+/// Results of the last step, one entry per environment; players are left, right.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Outcomes {
-    /// How the episode ended in this step, if it did.
+    /// End of the episode in this step, if any.
     pub ended: Vec<Option<Ending>>,
     /// Impacts of the ball on each striker.
     pub hits: Vec<[u8; 2]>,
@@ -58,7 +58,7 @@ pub struct Outcomes {
 }
 
 impl Outcomes {
-    /// Room for `count` boards.
+    /// Buffers for `count` environments.
     #[must_use]
     pub fn new(count: usize) -> Self {
         Self {
@@ -69,13 +69,13 @@ impl Outcomes {
         }
     }
 
-    /// Number of boards.
+    /// Number of environments.
     #[must_use]
     pub fn len(&self) -> usize {
         self.ended.len()
     }
 
-    /// Whether there are none.
+    /// Return whether there are no environments.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.ended.is_empty()

@@ -1,8 +1,8 @@
-//! One control period on one board.
+//! One control period in one environment.
 //!
-//! The period is cut into pieces ([`Table::pieces`]), and a piece into push, way and push
-//! ([`super::motion`]). When nothing can touch anything within the whole period it is one piece: the way of
-//! the ball is as straight, and most periods of most games are so.
+//! The period is divided into pieces ([`Table::pieces`]), and each piece into force, path and force
+//! ([`super::motion`]). A period without any possible contact is one piece: the path of the ball is
+//! just as straight, and most periods of most games are of this kind.
 
 use super::{
     actuation::turned,
@@ -22,24 +22,24 @@ use crate::{
     recording::topic::Player,
 };
 
-/// A striker displaced by less than this (m, and m/s) is back on its magnet.
+/// Displacement (m) and velocity (m/s) below which a striker is back on its magnet.
 const BACK_HOME: f64 = 1e-9;
 
-/// One board for one control period.
+/// One environment for one control period.
 pub(super) struct Period<'a> {
     pub(super) table: &'a Table,
     pub(super) physics: &'a BoardPhysics,
     pub(super) ball: &'a mut BallState,
     pub(super) strikers: &'a mut [StrikerState; 2],
-    /// In a game with biscuits.
+    /// The biscuits, in a game with biscuits.
     pub(super) biscuits: Option<&'a mut [BiscuitState; 3]>,
-    /// The way of each magnet: places (m) at the ends of the pieces, the first where it was.
+    /// Path of each magnet: positions (m) at the ends of the pieces, the first at the start.
     pub(super) ways: [&'a [[f64; 2]]; 2],
 }
 
 impl Period<'_> {
-    /// Plays it; `start` is the time since the episode began (s). When the episode ends, everything is left
-    /// where it is at the end of that piece.
+    /// Play the period; `start` is the time since the episode began (s). When the episode ends, the
+    /// state at the end of that piece is kept.
     pub(super) fn play(&mut self, start: f64) -> (Happened, Option<Ending>) {
         if self.stays_quiet(start) {
             return (Happened::NOTHING, None);
@@ -58,8 +58,8 @@ impl Period<'_> {
                 self.play_piece::<2>(ends, &mut places, &mut all)
             };
             if ended.is_some() {
-                // The ball stops here, so the strikers do: not at the end of the period, where their drives
-                // have led them.
+                // The ball stops here, and so do the strikers: not at the end of the period, to
+                // which their drives have moved.
                 for (striker, end) in self.strikers.iter_mut().zip(ends) {
                     striker.led = end;
                 }
@@ -75,7 +75,8 @@ impl Period<'_> {
         play.push(self.ball, strikers, time, dt);
     }
 
-    /// Plays the period in one piece, when nothing can touch anything in it; else leaves all as it is.
+    /// Play the period in one piece if no contact is possible in it; otherwise leave the state
+    /// unchanged.
     fn stays_quiet(&mut self, start: f64) -> bool {
         let resting = |striker: &StrikerState| {
             striker.recoil == [0.0; 2] && striker.recoil_velocity == [0.0; 2]
@@ -100,8 +101,8 @@ impl Period<'_> {
         true
     }
 
-    /// Whether a ball that goes straight for the whole period stays clear of walls, strikers and cups, and
-    /// the strikers of their cups.
+    /// Return whether a ball on a straight path stays clear of walls, strikers and cups for the
+    /// whole period, and the strikers of their cups.
     fn clear(&self, ball: &BallState) -> bool {
         let Table { laws, cup, half, .. } = self.table;
         let end = along(ball.position, ball.velocity, CONTROL_PERIOD);
@@ -126,9 +127,9 @@ impl Period<'_> {
         apart([x, y.abs()], [0.0, cup.distance], reach)
     }
 
-    /// One piece: each magnet goes straight to its place in `ends`. `places` are those of the strikers,
-    /// before and then after. `N` is the number of things that the ball can hit: two strikers and three
-    /// biscuits.
+    /// Play one piece: each magnet moves straight to its position in `ends`. `places` are the
+    /// positions of the strikers, before and then after. `N` is the number of bodies that the ball
+    /// can hit: two strikers and three biscuits.
     fn play_piece<const N: usize>(
         &mut self,
         ends: [[f64; 2]; 2],
@@ -168,8 +169,8 @@ impl Period<'_> {
         self.ending(&happened, [before, *places])
     }
 
-    /// Biscuits after a piece in which they moved as `others`: they slide, stick to strikers, and those that
-    /// stick hand on what hit them.
+    /// Advance the biscuits after a piece in which they moved as `others`: they slide or attach to
+    /// strikers, and attached ones transfer impacts to their striker.
     fn move_biscuits(
         &mut self,
         settings: &BiscuitSettings,
@@ -197,8 +198,8 @@ impl Period<'_> {
         }
     }
 
-    /// How the episode ended in a piece through which the strikers went from `ways[0]` to `ways[1]`, if it
-    /// did. When several things happen in one piece, the first of them in upstream's order counts.
+    /// End of the episode in a piece through which the strikers moved from `ways[0]` to `ways[1]`,
+    /// if any. Of several ends in one piece, the first in upstream's order counts.
     fn ending(&self, happened: &Happened, ways: [[[f64; 2]; 2]; 2]) -> Option<Ending> {
         if happened.taken {
             let scorer = if self.ball.position[1] < 0.0 { Player::Right } else { Player::Left };
@@ -221,7 +222,7 @@ impl Period<'_> {
     }
 }
 
-/// A striker that was hit swings on its magnet for one piece.
+/// Oscillation of a displaced striker on its magnet over one piece.
 fn swing(magnet: &Oscillator, striker: &mut StrikerState) {
     let StrikerState { recoil, recoil_velocity, .. } = striker;
     if *recoil == [0.0; 2] && *recoil_velocity == [0.0; 2] {
@@ -238,13 +239,13 @@ fn swing(magnet: &Oscillator, striker: &mut StrikerState) {
     }
 }
 
-/// Whether two points are more than `distance` (m) apart.
+/// Return whether two points are more than `distance` (m) apart.
 fn apart(a: [f64; 2], b: [f64; 2], distance: f64) -> bool {
     let way = subtract(a, b);
     distance * distance < dot(way, way)
 }
 
-/// Least distance from the origin of a point that goes straight from `from` to `to`.
+/// Minimum distance from the origin of a point that moves straight from `from` to `to`.
 fn nearest(from: [f64; 2], to: [f64; 2]) -> f64 {
     let way = subtract(to, from);
     let square = dot(way, way);

@@ -1,37 +1,37 @@
-//! Physics that differ from episode to episode.
+//! Domain randomization: physics drawn per episode.
 
 use super::error::{GameError, within};
 use crate::seed::Stream;
 
-/// What a surface does to the ball.
+/// Contact parameters of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
-    /// Normal speed after over normal speed before an impact, in `[0, 1]`.
+    /// Restitution: normal speed after over before an impact, in `[0, 1]`.
     pub restitution: f64,
-    /// Coulomb's coefficient at rest.
+    /// Static Coulomb friction coefficient.
     pub static_friction: f64,
-    /// Coulomb's coefficient while sliding.
+    /// Kinetic Coulomb friction coefficient.
     pub dynamic_friction: f64,
 }
 
-/// The physics of one board for one episode.
+/// Physics of one environment for one episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardPhysics {
     /// Mass of the ball (kg).
     pub ball_mass: f64,
-    /// Walls.
+    /// Surface of the walls.
     pub walls: Surface,
-    /// Strikers and biscuits.
+    /// Surface of strikers and biscuits.
     pub strikers: Surface,
 }
 
-/// Ranges from which every episode draws its own physics, evenly. One draw of friction and restitution is
-/// made for the walls and one for the strikers.
+/// Ranges of the uniform distributions from which each episode draws its physics. Friction and
+/// restitution are drawn once for the walls and once for the strikers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Randomization {
-    /// Friction at rest; a draw below the one of sliding is raised to it.
+    /// Static friction; a draw below the kinetic one is raised to it.
     pub static_friction: [f64; 2],
-    /// Friction while sliding.
+    /// Kinetic friction.
     pub dynamic_friction: [f64; 2],
     /// Restitution.
     pub restitution: [f64; 2],
@@ -40,8 +40,8 @@ pub struct Randomization {
 }
 
 impl Randomization {
-    /// The paper's table III. It gives the ball "1.8 to 2.2 mg"; grams are meant, the nominal ball having
-    /// 1.7 g.
+    /// Table III of the paper. It gives the ball "1.8 to 2.2 mg"; grams are meant, since the
+    /// nominal ball has 1.7 g.
     #[must_use]
     pub fn paper() -> Self {
         Self {
@@ -68,7 +68,7 @@ impl Randomization {
         Ok(())
     }
 
-    /// The next draw.
+    /// Draw the physics of an episode.
     pub(super) fn draw(&self, stream: &mut Stream) -> BoardPhysics {
         let mut within =
             |[low, high]: [f64; 2]| low + (high - low) * f64::from(stream.uniform_f32(0.0, 1.0));

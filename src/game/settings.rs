@@ -1,4 +1,4 @@
-//! Every number of a game, with its source.
+//! Settings of a game with their sources.
 
 use super::{
     actuation::Actuation,
@@ -14,10 +14,10 @@ use crate::{
     twin::{Instance, Source, Twin},
 };
 
-/// Length of a control period (s): 50 Hz, as the table's controller and upstream's simulator.
+/// Control period (s): 50 Hz, as in the table's controller and upstream's simulator.
 pub const CONTROL_PERIOD: f64 = 0.02;
 
-/// A game: what stands on the board, how it moves, and by which rules.
+/// Settings of a game: objects on the board, actuators, and rules.
 #[derive(Debug, Clone)]
 pub struct GameSettings {
     /// Size of the playing field.
@@ -28,22 +28,22 @@ pub struct GameSettings {
     pub striker: StrikerSettings,
     /// The two cups.
     pub cup: CupSettings,
-    /// What becomes of a command before it reaches a drive.
+    /// Limits on commands before they reach a drive.
     pub limits: CommandLimits,
-    /// How a command becomes motion.
+    /// Actuator model.
     pub actuation: Actuation,
-    /// Where the data of a learned actuator lies; with it, questions beyond are counted
-    /// ([`super::Games::asked`]). `None` by default.
+    /// Coverage of a learned actuator's training data; with it, extrapolating queries are counted
+    /// ([`super::Games::queries`]). `None` by default.
     pub coverage: Option<Coverage>,
-    /// Where an episode begins, and when it ends without a winner.
+    /// Start of an episode, and its end without a winner.
     pub episode: EpisodeSettings,
-    /// The three magnets of the full game; `None`, as in the paper's experiments, without them.
+    /// The three biscuits; `None` by default, as in the paper's experiments.
     pub biscuits: Option<BiscuitSettings>,
-    /// Physics drawn anew for every episode; `None` by default.
+    /// Domain randomization; `None` by default.
     pub randomization: Option<Randomization>,
-    /// Pieces into which a control period is cut, 1 to 40; 4 by default. Within a piece everything moves
-    /// on straight lines and every contact is solved for; more pieces follow curved ways more closely. A
-    /// period in which nothing can touch anything is always one piece.
+    /// Number of pieces of a control period, 1 to 40; 4 by default. Within a piece all bodies move
+    /// on straight lines and every contact is solved; more pieces follow curved paths more closely.
+    /// A period without a possible contact is always one piece.
     pub pieces: usize,
 }
 
@@ -68,18 +68,18 @@ impl Default for GameSettings {
 /// The ball: its mass and the effects of the catalogue that act on it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BallSettings {
-    /// Mass (kg); 0.0017, upstream's nominal one.
+    /// Mass (kg); 0.0017, upstream's nominal value.
     pub mass: f64,
-    /// Effects between impacts and at the walls: rolling, sliding, restitution, friction, places of the
-    /// walls. By default `ball.rolling_resistance` of the plain twin, `impact.wall_restitution` 0.85 and
-    /// `impact.wall_friction_spin` 0.09: upstream's simulator, with the mean of ball (0.8; 0.12) and board
-    /// (0.9; 0.06).
+    /// Effects between impacts and at the walls: rolling, sliding, restitution, friction, positions
+    /// of the walls. Default: `ball.rolling_resistance` of the plain twin,
+    /// `impact.wall_restitution` 0.85 and `impact.wall_friction_spin` 0.09. These are the means of
+    /// ball (0.8; 0.12) and board (0.9; 0.06) in upstream's simulator.
     pub effects: Vec<Instance>,
-    /// Effects of an impact on a striker. By default 0.75 and 0.09: the same mean with the striker's 0.7
-    /// and 0.06.
+    /// Effects of an impact on a striker. Default: 0.75 and 0.09, the means of ball and striker
+    /// (0.7; 0.06).
     pub striker_effects: Vec<Instance>,
-    /// Friction at rest over friction while sliding, at least 1; 1.5, as all pairs of upstream's simulator
-    /// have it. An impact that this can keep from sliding ends it.
+    /// Ratio of static to kinetic friction, at least 1; 1.5, as for all pairs of upstream's
+    /// simulator. An impact whose sliding static friction can end does not slide on.
     pub static_friction_ratio: f64,
 }
 
@@ -110,15 +110,15 @@ pub(super) fn instances(entries: &[(&str, &[f64])]) -> Vec<Instance> {
     entries.iter().filter_map(of).collect()
 }
 
-/// A striker and the magnet's hold on it.
+/// A striker and its magnetic coupling.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StrikerSettings {
-    /// Mass above the board (kg); 0.012, from the table's drawings.
+    /// Mass above the board (kg); 0.012, from the table's CAD model.
     pub mass: f64,
-    /// Angular frequency of the striker on its magnet (rad/s), by which it comes back after a hit. 39.5:
-    /// the paper's lag of 4 mm in reversals at its mean acceleration of 6.25 m/s^2, sqrt(6.25 / 0.004).
+    /// Natural angular frequency of the striker on its magnet (rad/s). 39.5: the paper's lag of 4
+    /// mm in reversals at its mean acceleration of 6.25 m/s^2, sqrt(6.25 / 0.004).
     pub magnet_frequency: f64,
-    /// Share of critical damping of that motion; 0.7, an estimate (grease under the striker).
+    /// Damping ratio of that motion; 0.7, an estimate (grease under the striker).
     pub magnet_damping: f64,
 }
 
@@ -128,14 +128,14 @@ impl Default for StrikerSettings {
     }
 }
 
-/// How a cup takes the ball.
+/// Capture rule of a cup.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CupRule {
-    /// The ball falls while its centre is over the cup, and leaves it again when it meets the far rim high
-    /// and fast enough.
+    /// The ball falls while its centre is over the cup. It leaves the cup if it hits the far rim
+    /// high and fast enough.
     Fall,
-    /// As upstream's simulator: every ball at most this fast (m/s) whose centre is over the cup; faster
-    /// ones pass unhindered. Upstream: 5 m/s.
+    /// Rule of upstream's simulator: every ball at most this fast (m/s) whose centre is over the
+    /// cup is captured; faster ones pass. Upstream: 5 m/s.
     SlowerThan(f64),
 }
 
@@ -144,9 +144,9 @@ pub enum CupRule {
 pub struct CupSettings {
     /// Radius (m).
     pub radius: f64,
-    /// Distance of the centres from the middle of the board, along y (m).
+    /// Distance of the centre from the middle of the board, along y (m).
     pub distance: f64,
-    /// How it takes the ball.
+    /// Capture rule.
     pub rule: CupRule,
 }
 
@@ -156,30 +156,30 @@ impl Default for CupSettings {
     }
 }
 
-/// Where the wall limiter acts.
+/// Point of action of the wall limiter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LimiterPlace {
-    /// On the command, before the drive: the table.
+    /// The command, before the drive: as on the table.
     Command,
-    /// On the velocity behind an ideal or learned actuator: upstream's newer simulator.
+    /// The velocity behind an ideal or learned actuator: as in upstream's newer simulator.
     Motion,
 }
 
-/// What becomes of a command before it reaches a drive.
+/// Limits on commands before they reach a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CommandLimits {
-    /// Largest speed along each axis (m/s); 0.4.
+    /// Maximum speed along each axis (m/s); 0.4.
     pub speed: f64,
-    /// Largest change of a command along each axis (m/s^2); 10, upstream's simulator.
+    /// Slew limit along each axis (m/s^2); 10, upstream's simulator.
     pub slew: f64,
-    /// Distance over which the wall limiter brakes (m); 0.09.
+    /// Deceleration distance of the wall limiter (m); 0.09.
     pub deceleration_distance: f64,
-    /// Distance from an edge at which it blocks (m); 0.0135, 1.8 radii of the striker.
+    /// Clearance at which the wall limiter blocks (m); 0.0135, 1.8 radii of the striker.
     pub clearance: f64,
-    /// Where the carriages may be; upstream's simulator by default, whose halves are turned copies of each
-    /// other: x within 0.16 m, y from 0.02 to 0.21 m.
+    /// Workspaces of the carriages; by default those of upstream's simulator, one the copy of the
+    /// other turned by 180 degrees: x within 0.16 m, y from 0.02 to 0.21 m.
     pub field: PerPlayer<Rectangle>,
-    /// Where the wall limiter acts.
+    /// Point of action of the wall limiter.
     pub limiter: LimiterPlace,
 }
 
@@ -198,22 +198,22 @@ impl Default for CommandLimits {
     }
 }
 
-/// Where an episode begins, and when it ends without a winner. Sources: events of upstream's simulator.
+/// Start of an episode, and its end without a winner. Source: events of upstream's simulator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EpisodeSettings {
     /// Time limit (s); 10.
     pub time_limit: f64,
-    /// An episode ends without a winner when the ball has lain still for so long (s); 2. Upstream waits for
-    /// the time limit, though on half of its boards nobody can reach the ball any more.
+    /// Rest time of the ball after which an episode ends without a winner (s); 2. Upstream waits
+    /// for the time limit, although on half of its board no player can reach the ball any more.
     pub still_limit: f64,
-    /// Strikers: largest |x| (m); 0.1.
+    /// Maximum |x| of strikers (m); 0.1.
     pub striker_x: f64,
-    /// Strikers: least and largest distance from the middle along y (m); 0.03 to 0.14.
+    /// Range of the distance of strikers from the middle along y (m); 0.03 to 0.14.
     pub striker_y: [f64; 2],
-    /// Ball: largest |x| (m); 0.15.
+    /// Maximum |x| of the ball (m); 0.15.
     pub ball_x: f64,
-    /// Ball: least and largest |y| (m); 0.03 to 0.1. Upstream draws from 0 on, but behind the wall limiter no
-    /// striker reaches a ball that lies nearer to the middle.
+    /// Range of |y| of the ball (m); 0.03 to 0.1. Upstream draws from 0 on, but behind the wall
+    /// limiter no striker reaches a ball that is nearer to the middle.
     pub ball_y: [f64; 2],
 }
 
@@ -230,15 +230,15 @@ impl Default for EpisodeSettings {
     }
 }
 
-/// The three magnets on the centre line. No source states their numbers: all are estimates from the size
-/// of the commercial game's pieces.
+/// The three biscuits on the centre line. No source gives their parameters: all are estimates from
+/// the size of the commercial game's pieces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BiscuitSettings {
     /// Radius (m); 0.006.
     pub radius: f64,
     /// Mass (kg); 0.001.
     pub mass: f64,
-    /// Distance of centres at which a striker's magnet takes hold of one (m); 0.02.
+    /// Distance of centres at which a striker's magnet captures a biscuit (m); 0.02.
     pub capture_distance: f64,
     /// Friction coefficient on the board; 0.2.
     pub friction: f64,
@@ -253,8 +253,9 @@ impl Default for BiscuitSettings {
 }
 
 impl GameSettings {
-    /// The same game with the ball, the walls and the actuators of `twin`. What the twin does not have,
-    /// the walls do not do; impacts on strikers stay as they are, since a twin knows none.
+    /// The same game with the ball, the walls and the actuators of `twin`. Wall effects that the
+    /// twin lacks are removed; impacts on strikers stay as they are, since a twin does not describe
+    /// them.
     #[must_use]
     pub fn with_twin(mut self, twin: &Twin) -> Self {
         self.ball.effects = twin
@@ -268,7 +269,7 @@ impl GameSettings {
         self
     }
 
-    /// The same game within the fields and the clearance of `robot`, whose halves need not be alike.
+    /// The same game within the workspaces and the clearance of `robot`, whose halves may differ.
     #[must_use]
     pub fn within_robot(mut self, robot: &Robot) -> Self {
         self.limits.field = robot.field;
@@ -276,22 +277,22 @@ impl GameSettings {
         self
     }
 
-    /// Control periods in an episode.
+    /// Maximum number of control periods in an episode.
     #[must_use]
     pub fn most_steps(&self) -> u32 {
         periods(self.episode.time_limit)
     }
 
-    /// Control periods for which the ball may lie still.
+    /// Number of control periods for which the ball may be at rest.
     #[must_use]
     pub fn most_still_steps(&self) -> u32 {
         periods(self.episode.still_limit)
     }
 
-    /// Checks every number.
+    /// Check that every value is in its range.
     ///
     /// # Errors
-    /// At the first that cannot be.
+    /// The first value outside its range.
     pub fn check(&self) -> Result<(), GameError> {
         let Self { board, ball, striker, cup, limits, episode, .. } = self;
         within("board.short_side_m", board.short_side, 0.1, 10.0)?;
@@ -324,12 +325,12 @@ impl GameSettings {
         self.actuation.check(limits.limiter)
     }
 
-    /// Both carriages need room on the board.
+    /// Check that both carriages have room on the board.
     fn check_fields(&self) -> Result<(), GameError> {
         let half = [self.board.short_side / 2.0, self.board.long_side / 2.0];
         let room = |low: f64, high: f64, half: f64| {
             let edge = half - STRIKER_RADIUS;
-            // Not max and min, which would hide what is no number.
+            // Not max and min, which would hide a NaN.
             high.clamp(-edge, edge) - low.clamp(-edge, edge)
         };
         for player in Player::BOTH {
@@ -362,7 +363,7 @@ impl GameSettings {
     }
 }
 
-/// Control periods in `seconds`, at least one.
+/// Number of control periods in `seconds`, at least one.
 fn periods(seconds: f64) -> u32 {
     (seconds / CONTROL_PERIOD).round().max(1.0) as u32
 }

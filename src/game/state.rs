@@ -1,7 +1,9 @@
-//! The state of all boards as bytes, so that an interrupted training goes on with the same bytes.
+//! The state of all environments as bytes, so that an interrupted training resumes with identical
+//! results.
 //!
-//! One function names every number of the state ([`each_number`]); saving reads them in its order, and
-//! restoring writes them. Physics of an episode are not among them: they are drawn anew from its number.
+//! One function visits every number of the state ([`each_number`]); saving reads them in its order,
+//! and restoring writes them. The physics of an episode are not saved: they are drawn again from
+//! its number.
 
 use super::{
     actuation::Actuators,
@@ -11,10 +13,10 @@ use super::{
     games::{Clock, Games},
 };
 
-/// Bytes of one number.
+/// Size of one number (bytes).
 const BYTES: usize = 8;
 
-/// Calls `visit` with every number of the state, always in the same order.
+/// Call `visit` with every number of the state, always in the same order.
 fn each_number(games: &mut Games, visit: &mut dyn FnMut(&mut f64)) {
     for clock in &mut games.clocks {
         // Exact below 2^53 episodes.
@@ -50,7 +52,7 @@ fn each_number(games: &mut Games, visit: &mut dyn FnMut(&mut f64)) {
 }
 
 impl Games {
-    /// The state of all boards, for [`restore`](Self::restore).
+    /// Save the state of all environments, for [`restore`](Self::restore).
     #[must_use]
     pub fn save(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -58,11 +60,12 @@ impl Games {
         bytes
     }
 
-    /// Puts back the state that games of the same settings, seed and boards have saved; they go on as those
-    /// would have.
+    /// Restore a state that games of the same settings, seed and environments have saved; they
+    /// continue with identical results.
     ///
     /// # Errors
-    /// When `saved` belongs to other settings or another number of boards; then nothing has changed.
+    /// When `saved` belongs to other settings or another number of environments; the state is then
+    /// unchanged.
     pub fn restore(&mut self, saved: &[u8]) -> Result<(), GameError> {
         let expected = self.save().len();
         if saved.len() != expected {
@@ -83,7 +86,7 @@ impl Games {
 mod tests {
     use super::super::{GameSettings, Games, Outcomes};
 
-    /// Plays `steps` control periods in which nobody moves.
+    /// Play `steps` control periods with zero commands.
     fn wait(games: &mut Games, steps: usize) {
         let commands = vec![[[0.0; 2]; 2]; games.len()];
         let mut outcomes = Outcomes::new(games.len());
@@ -96,7 +99,8 @@ mod tests {
     fn restored_boards_go_on_as_the_saved_ones_also_where_the_ball_has_lain_still_for_a_while() {
         let settings = GameSettings::default();
         let mut games = Games::new(8, &settings, 3).unwrap();
-        // A ball at rest ends the episode after 2 s: after 2.6 s some boards are in their second.
+        // A ball at rest ends the episode after 2 s: after 2.6 s some environments are in their
+        // second episode.
         wait(&mut games, 130);
         let saved = games.save();
         wait(&mut games, 150);

@@ -1,4 +1,4 @@
-//! The games against closed formulas, conservation laws and symmetries.
+//! Tests of the games against closed formulas, conservation laws and symmetries.
 
 mod actuation;
 mod determinism;
@@ -10,27 +10,27 @@ use super::{
     BallSettings, Ending, EpisodeSettings, GameSettings, Games, Outcomes, settings::instances,
 };
 
-/// Where strikers are out of the ball's way.
+/// Striker positions out of the ball's way.
 const ASIDE: [[f64; 2]; 2] = [[-0.14, -0.19], [0.14, 0.19]];
 
-/// Nobody moves.
+/// Zero commands.
 const STILL: [[f32; 2]; 2] = [[0.0; 2]; 2];
 
-/// A ball that meets no resistance, with the restitution `e` and the friction `mu` of walls and strikers.
+/// A ball without resistance, with restitution `e` and friction `mu` of walls and strikers.
 fn ball(e: f64, mu: f64) -> BallSettings {
     let effects =
         instances(&[("impact.wall_restitution", &[e]), ("impact.wall_friction_spin", &[mu])]);
     BallSettings { striker_effects: effects.clone(), effects, ..BallSettings::default() }
 }
 
-/// One board with `settings`, the ball rolling from `position` (m) with `velocity` (m/s).
+/// One environment with `settings`, the ball at `position` (m) with `velocity` (m/s).
 fn one(settings: &GameSettings, position: [f64; 2], velocity: [f64; 2]) -> Games {
     let mut games = Games::new(1, settings, 0).unwrap();
-    games.place(0, position, velocity, ASIDE);
+    games.set_positions(0, position, velocity, ASIDE);
     games
 }
 
-/// Plays the only board until the episode ends; how it ended, and after how many steps.
+/// Play the only environment until the episode ends; returns its end and the number of steps.
 fn until_end(games: &mut Games, command: [[f32; 2]; 2]) -> (Ending, u32) {
     let mut outcomes = Outcomes::new(1);
     for step in 1..100_000 {
@@ -42,7 +42,7 @@ fn until_end(games: &mut Games, command: [[f32; 2]; 2]) -> (Ending, u32) {
     panic!("the episode does not end");
 }
 
-/// Episodes that last.
+/// Settings with long episodes.
 fn long(settings: GameSettings) -> GameSettings {
     let episode = EpisodeSettings { time_limit: 3600.0, still_limit: 3600.0, ..settings.episode };
     GameSettings { episode, ..settings }

@@ -1,11 +1,11 @@
-//! From pictures to velocities.
+//! Pilot of a match: from camera frames to velocities.
 
 use super::{PlayError, Seat};
 use crate::{
     board::{CUP_DISTANCE, CUP_RADIUS},
     collect::{Decision, Moment, Pilot, RunLabel},
-    ekf::{BoardFilter, FilterSettings, Object, Seen, board_state},
-    game::{CONTROL_PERIOD, CommandLimits, GameSettings, Sight, turned},
+    ekf::{BoardFilter, Detections, FilterSettings, Object, board_state},
+    game::{CONTROL_PERIOD, CommandLimits, GameSettings, Observation, turned},
     gantry::Robot,
     opponent,
     ppo::Scratch,
@@ -15,18 +15,18 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-/// A ball that has been over a cup for so long is out of play (s); upstream ends a game after 30 pictures.
+/// Time over a cup after which the ball is out of play (s); upstream ends a game after 30 frames.
 pub const IN_CUP_SECONDS: f64 = 0.25;
-/// The word in the markers of a match.
+/// Pattern name in the markers of a match.
 const PATTERN: &str = "match";
 
-/// What the markers of a match say: nothing on its split, so whoever fits to it divides it.
+/// Label of a match: it has no split, so a fit divides it by itself.
 #[must_use]
 pub fn label() -> RunLabel {
     RunLabel { number: 1, pattern: PATTERN.to_owned(), split: String::new() }
 }
 
-/// Two seats at a table, and what is known about it.
+/// Two seats at a table, with the state of the table.
 pub struct Match {
     seats: [Option<Seat>; 2],
     seed: u64,
@@ -34,20 +34,20 @@ pub struct Match {
     speed: f32,
     filter: BoardFilter,
     filter_settings: FilterSettings,
-    /// Wall limiters with their fields: that of training, that of the robot.
+    /// Wall limiters with the workspace of training and that of the robot.
     limits: [CommandLimits; 2],
-    /// Where each striker was taken to be last (m, m/s).
+    /// Last known state of each striker (m, m/s).
     strikers: [[f64; 4]; 2],
     in_cup_since: Option<Nanos>,
     scratch: Scratch,
 }
 
 impl Match {
-    /// A match of `seats`, left first, on the table of `robot`; `seed` is that of the random player.
+    /// Match of `seats`, left first, on the table of `robot`; `seed` is that of the random player.
     ///
     /// # Errors
-    /// When nobody plays, or somebody on a side without drives, or a policy wants to be faster than the
-    /// robot may.
+    /// When both seats are empty, a player is on a side without drives, or a policy is faster than
+    /// the robot permits.
     pub fn new(
         seats: [Option<Seat>; 2],
         robot: &Robot,
@@ -83,13 +83,14 @@ impl Match {
         })
     }
 
-    /// What may make a player worse on `robot` than it was in training, as sentences.
+    /// Differences between `robot` and the training of a policy that can degrade its play, as
+    /// sentences.
     #[must_use]
-    pub fn doubts(&self, robot: &Robot) -> Vec<String> {
-        self.seats.iter().flatten().filter_map(|seat| seat.doubt(robot)).collect()
+    pub fn warnings(&self, robot: &Robot) -> Vec<String> {
+        self.seats.iter().flatten().filter_map(|seat| seat.warning(robot)).collect()
     }
 
-    /// Whose gantries are driven.
+    /// Players whose gantries are driven.
     #[must_use]
     pub fn players(&self) -> Vec<Player> {
         let seated = |player: &Player| self.seats[*player as usize].is_some();
@@ -102,7 +103,7 @@ impl Match {
         CONTROL_PERIOD.recip()
     }
 
-    /// Who plays and with what, for the recording.
+    /// Players and settings, for the metadata of the recording.
     #[must_use]
     pub fn metadata(&self) -> BTreeMap<String, String> {
         let filter = serde_json::to_string(&self.filter_settings)
@@ -123,7 +124,7 @@ impl Match {
         entries
     }
 
-    /// Places and velocities of the strikers now; see the room's front page for those that are not seen.
+    /// Update the states of the strikers; see [`crate::play`] for undetected ones.
     fn find_strikers(&mut self, estimates: &[Option<[f64; 4]>; 3], moment: &Moment) {
         for player in Player::BOTH {
             let index = player as usize;
@@ -138,7 +139,7 @@ impl Match {
         }
     }
 
-    /// The ball, unless it has been in a cup for a while.
+    /// The ball, unless it has been in a cup for [`IN_CUP_SECONDS`].
     fn in_play(&mut self, ball: Option<[f64; 4]>, now: Nanos) -> Option<[f64; 4]> {
         let [x, y, ..] = ball?;
         if x.hypot(y.abs() - CUP_DISTANCE) < CUP_RADIUS {
@@ -149,10 +150,10 @@ impl Match {
         ball
     }
 
-    /// What `player` wants, before walls (m/s, board frame).
+    /// Velocity that `player` commands, before wall limits (m/s, board frame).
     fn wanted(&mut self, player: Player, ball: [f64; 4], step: u64) -> [f64; 2] {
         let Some(seat) = &self.seats[player as usize] else { return [0.0; 2] };
-        let seen = Sight::of_board(player, &self.strikers, ball);
+        let seen = Observation::of_board(player, &self.strikers, ball);
         let velocity = match seat {
             Seat::Scripted(script) => {
                 let moment = opponent::Moment { seed: self.seed, board: player as u64, step };
@@ -164,7 +165,8 @@ impl Match {
     }
 }
 
-/// Refuses a policy whose full action the robot would cut off without a word.
+/// Check that the full action of a policy is within the robot's speed limit, which would clamp it
+/// silently.
 fn check_speed(seat: &Seat, robot: &Robot) -> Result<(), PlayError> {
     let Seat::Policy { file, policy, .. } = seat else { return Ok(()) };
     let (scale, top) = (policy.action_scale_m_per_s, robot.limits.speed_m_per_s);
@@ -184,7 +186,7 @@ fn check_speed(seat: &Seat, robot: &Robot) -> Result<(), PlayError> {
 
 impl Pilot for Match {
     fn see(&mut self, shown: Nanos, picture: &CameraDetections) {
-        self.filter.observe(&Seen::of(shown, picture));
+        self.filter.observe(&Detections::of(shown, picture));
     }
 
     fn decide(&mut self, moment: &Moment) -> Decision {

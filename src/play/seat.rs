@@ -1,4 +1,4 @@
-//! Who plays on one side.
+//! Players of a match.
 
 use super::PlayError;
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
 };
 use std::{fmt, path::PathBuf, str::FromStr};
 
-/// Who is to play on one side, as it is typed.
+/// Player of one side, as typed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Who {
     /// `none`: this gantry is not driven.
@@ -20,7 +20,7 @@ pub enum Who {
     Policy(PathBuf),
 }
 
-/// A word that names nobody.
+/// A word that is not a player.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` is no player; the players are {names}, none, or a policy.mcap of `klasktron train`",
@@ -48,24 +48,25 @@ impl FromStr for Who {
 /// A player that can decide.
 #[derive(Debug, Clone)]
 pub enum Seat {
-    /// One that follows a rule.
+    /// A scripted player.
     Scripted(Scripted),
-    /// One that has learned.
+    /// A trained policy.
     Policy {
-        /// Name of its file.
+        /// Name of the policy file.
         file: String,
         /// SHA-256 of the file, in hexadecimal.
         sha256: String,
-        /// What was in it.
+        /// Content of the file.
         policy: Box<StoredPolicy>,
     },
 }
 
 impl Seat {
-    /// The player that `who` names; `None` for nobody.
+    /// Load the player `who`; `None` for an empty seat.
     ///
     /// # Errors
-    /// When the file cannot be read, or holds no policy for this game: with the values that differ.
+    /// When the file cannot be read, or holds no policy for this game; the error has the values
+    /// that differ.
     pub fn read(who: &Who) -> Result<Option<Self>, PlayError> {
         let path = match who {
             Who::Nobody => return Ok(None),
@@ -78,14 +79,14 @@ impl Seat {
         Ok(Some(Self::Policy { file, sha256: recording.sha256, policy }))
     }
 
-    /// What a policy learned otherwise than `robot` will do it, though both can play together.
-    pub(super) fn doubt(&self, robot: &Robot) -> Option<String> {
+    /// Difference between the training of a policy and `robot` that can degrade its play.
+    pub(super) fn warning(&self, robot: &Robot) -> Option<String> {
         let Self::Policy { file, policy, .. } = self else { return None };
         let (learned, has) = (policy.command_slew_m_per_s2?, robot.limits.slew_m_per_s2);
         (has < learned).then(|| {
             format!(
-                "{file} learned with commands that change by up to {learned} m/s^2, but \
-                 limits.slew_m_per_s2 of the robot file is {has}: it will answer later than in training"
+                "{file} was trained with a slew limit of {learned} m/s^2, but limits.slew_m_per_s2 of \
+                 the robot file is {has}: the strikers will react later than in training"
             )
         })
     }

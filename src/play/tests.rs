@@ -1,4 +1,4 @@
-//! Decisions on pictures that are made here: no rig, no session.
+//! Tests of decisions on synthetic frames, without a rig or a session.
 
 use super::{IN_CUP_SECONDS, Match, PlayError, Seat, Who};
 use crate::{
@@ -20,10 +20,10 @@ use crate::{
 
 const PICTURE_NS: u64 = NANOS_PER_SECOND / 120;
 
-/// Places of ball, left and right striker.
+/// Positions of ball, left and right striker.
 type Places = [Option<[f64; 2]>; 3];
 
-/// A robot whose halves are turned copies of each other, as the board of training.
+/// A robot whose halves are copies turned by 180 degrees, like the board of training.
 fn symmetric() -> Robot {
     let field = |y_min_m, y_max_m| Rectangle { x_min_m: -0.15, x_max_m: 0.15, y_min_m, y_max_m };
     Robot {
@@ -40,7 +40,7 @@ fn scripted(script: Scripted) -> Option<Seat> {
     Some(Seat::Scripted(script))
 }
 
-/// A policy that nobody has trained, whose weights are `change`d.
+/// An untrained policy whose weights are `change`d.
 fn policy(seed: u64, change: impl Fn(&mut Network)) -> Option<Seat> {
     let spaces = Spaces { observations: 20, actions: 2 };
     let settings = PpoSettings { hidden: vec![8], ..PpoSettings::paper() };
@@ -59,7 +59,7 @@ fn policy(seed: u64, change: impl Fn(&mut Network)) -> Option<Seat> {
     Some(Seat::Policy { file: "tiny.mcap".to_owned(), sha256: "0".to_owned(), policy })
 }
 
-/// So large that the action is no zero: an untrained policy hardly moves.
+/// Increase the weights so that actions are not zero: an untrained policy hardly moves.
 fn strong(network: &mut Network) {
     network.layers.iter_mut().flat_map(|layer| &mut layer.weight).for_each(|w| *w *= 30.0);
 }
@@ -69,7 +69,7 @@ fn picture(time: Nanos, [ball, left, right]: Places) -> CameraDetections {
     CameraDetections { capture_time_ns: time.0, ball, left, right }
 }
 
-/// Shows `places` from `from` for `seconds`, 120 times a second.
+/// Show `places` from `from` for `seconds`, at 120 Hz.
 fn show(game: &mut Match, from: Nanos, seconds: f64, places: impl Fn(f64) -> Places) -> Nanos {
     let pictures = (seconds * 120.0) as u64;
     for k in 0..pictures {
@@ -116,8 +116,8 @@ fn a_turned_table_gives_turned_commands() {
 
 #[test]
 fn estimates_are_moved_ahead_to_now() {
-    // A ball that rolls to the right at 0.5 m/s: 50 ms after the last picture the goalkeeper is led as by a
-    // ball that has gone 25 mm on.
+    // A ball that rolls to the right at 0.5 m/s: 50 ms after the last frame the goalkeeper reacts
+    // as to a ball 25 mm further on.
     let lead = |late: f64, shift: f64| {
         let mut game = play([scripted(Scripted::Goalkeeper), None]);
         let places = |t| [Some([shift + 0.5 * t, 0.0]), Some([0.0, -0.12]), Some([0.0, 0.1])];
@@ -171,8 +171,9 @@ fn a_striker_that_is_not_seen_is_where_its_carriage_is() {
 
 #[test]
 fn the_wall_limiter_holds_at_the_nearer_of_both_fields() {
-    // It always wants 0.4 m/s to the right and forwards. 30 mm beside its wall the robot's field ends first and
-    // leaves (30 - 13.5)/90 of that; ahead it is training's field: at 0.02 m, not at 0.01 m from the middle.
+    // The policy always commands 0.4 m/s to the right and forwards. 30 mm from its wall the robot's
+    // workspace ends first and leaves (30 - 13.5)/90 of that. Ahead the workspace of training
+    // limits: at 0.02 m, not at 0.01 m from the middle.
     let forwards = policy(1, |network| {
         let last = network.layers.last_mut().unwrap();
         last.weight.fill(0.0);
@@ -211,7 +212,7 @@ fn who_cannot_play_is_told_why() {
         "{said}"
     );
     assert!(said.contains("has 0.2;"), "{said}");
-    // A scripted player keeps to the robot's limit instead.
+    // A scripted player obeys the robot's limit instead.
     assert_eq!(refused([scripted(Scripted::Chaser), None], &slow), "");
     assert!(refused([None, None], &slow).contains("nobody plays"));
     let mut alone = Robot::default();
@@ -222,16 +223,19 @@ fn who_cannot_play_is_told_why() {
 
 #[test]
 fn a_robot_that_changes_speed_more_slowly_than_in_training_is_a_doubt() {
-    let doubts = |seats: [Option<Seat>; 2], slew| {
+    let warnings = |seats: [Option<Seat>; 2], slew| {
         let mut robot = symmetric();
         robot.limits.slew_m_per_s2 = slew;
-        Match::new(seats, &robot, &FilterSettings::default(), 3).unwrap().doubts(&robot)
+        Match::new(seats, &robot, &FilterSettings::default(), 3).unwrap().warnings(&robot)
     };
-    let said = doubts([policy(1, strong), scripted(Scripted::Chaser)], 6.0);
+    let said = warnings([policy(1, strong), scripted(Scripted::Chaser)], 6.0);
     assert_eq!(said.len(), 1);
-    assert!(said[0].contains("up to 10 m/s^2") && said[0].contains("robot file is 6"), "{said:?}");
-    assert!(doubts([policy(1, strong), None], 10.0).is_empty());
-    assert!(doubts([scripted(Scripted::Chaser), None], 6.0).is_empty());
+    assert!(
+        said[0].contains("slew limit of 10 m/s^2") && said[0].contains("robot file is 6"),
+        "{said:?}"
+    );
+    assert!(warnings([policy(1, strong), None], 10.0).is_empty());
+    assert!(warnings([scripted(Scripted::Chaser), None], 6.0).is_empty());
 }
 
 #[test]

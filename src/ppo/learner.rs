@@ -41,7 +41,7 @@ pub struct Learner {
 
 /// Where a batch of decisions belongs; its noise depends on nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct StepIndex {
     /// Number of the control step since training began; each is used once.
     pub step: u64,
     /// Number of the first environment of the batch.
@@ -195,7 +195,7 @@ impl Learner {
     /// Decides for one step of a range of environments: reads `step.observations`, fills actions,
     /// means, log-probabilities and values. Depends on nothing but the learner, the observations and
     /// the place, so that ranges can be given to threads in any way.
-    pub fn act(&self, place: Place, step: &mut RolloutStep<'_>, scratch: &mut Scratch) {
+    pub fn act(&self, place: StepIndex, step: &mut RolloutStep<'_>, scratch: &mut Scratch) {
         let Spaces { observations: width, actions } = self.spaces;
         let noise = self.noise.at(place.step);
         let gaussian = self.model.gaussian();

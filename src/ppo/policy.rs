@@ -1,6 +1,6 @@
 //! A policy on its own: frozen, for opponents, evaluation and other software.
 
-use super::{Gaussian, Place, Scratch, noise::Noise};
+use super::{Gaussian, Scratch, StepIndex, noise::Noise};
 use crate::nn::{Network, Stack, Standardizer};
 
 /// Most rows that go through the network at once.
@@ -62,7 +62,7 @@ impl Policy {
     /// Draws actions, with the noise called `name` of `seed` at `place`.
     pub fn act_random(
         &self,
-        (seed, name, place): (u64, &str, Place),
+        (seed, name, place): (u64, &str, StepIndex),
         observations: &[f32],
         actions: &mut [f32],
         scratch: &mut Scratch,

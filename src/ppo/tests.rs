@@ -5,7 +5,7 @@ mod gradient;
 mod promises;
 mod tasks;
 
-use super::{Learner, Place, PpoSettings, Rollout, RolloutShape, Scratch, Spaces};
+use super::{Learner, PpoSettings, Rollout, RolloutShape, Scratch, Spaces, StepIndex};
 use crate::seed::Stream;
 use std::num::NonZeroUsize;
 
@@ -29,7 +29,7 @@ fn made_up_rollout(learner: &Learner, environments: usize, seed: u64) -> (Rollou
     let mut scratch = Scratch::default();
     for (step, mut row) in rollout.whole().steps.into_iter().enumerate() {
         row.observations.iter_mut().for_each(|x| *x = stream.uniform_f32(-3.0, 5.0));
-        let place = Place { step: 1000 * seed + step as u64, first_environment: 0 };
+        let place = StepIndex { step: 1000 * seed + step as u64, first_environment: 0 };
         learner.act(place, &mut row, &mut scratch);
         for environment in 0..environments {
             let [a, x] = [row.actions[2 * environment], row.observations[3 * environment]];

@@ -1,7 +1,7 @@
 //! Whether two groups of matches differ: simulated and real ones, or those of two policies.
 
 use super::{
-    judge::Episode,
+    analysis::Episode,
     matches::ScoredMatch,
     metric::{Figure, Metric, summarise},
 };
@@ -25,7 +25,7 @@ impl<'a> Group<'a> {
     /// The group of `matches`, called `name`.
     #[must_use]
     pub fn new(name: &str, matches: &'a [ScoredMatch]) -> Self {
-        let episodes = matches.iter().flat_map(|scored| &scored.judgement.episodes).collect();
+        let episodes = matches.iter().flat_map(|scored| &scored.analysis.episodes).collect();
         Self { name: name.to_owned(), matches: matches.len(), episodes }
     }
 }
@@ -42,7 +42,7 @@ pub struct Comparison {
     /// One per metric.
     pub metrics: Vec<Difference>,
     /// Whether they differ, for people.
-    pub sentence: String,
+    pub summary: String,
 }
 
 /// How one metric differs.
@@ -95,13 +95,13 @@ pub fn compare(a: &Group<'_>, b: &Group<'_>, seed: u64) -> Comparison {
     for metric in metrics.iter_mut().filter(|metric| metric.p_value.is_some()) {
         metric.p_value_corrected = corrected.next();
     }
-    let sentence = sentence([a, b].map(|group| group.name.as_str()), &metrics);
+    let summary = summary([a, b].map(|group| group.name.as_str()), &metrics);
     Comparison {
         groups: [a.name.clone(), b.name.clone()],
         matches: [a.matches, b.matches],
         episodes: [a.episodes.len(), b.episodes.len()],
         metrics,
-        sentence,
+        summary,
     }
 }
 
@@ -109,7 +109,7 @@ fn title(name: &str) -> &'static str {
     Metric::ALL.into_iter().find(|metric| metric.name() == name).map_or("", Metric::title)
 }
 
-fn sentence([a, b]: [&str; 2], metrics: &[Difference]) -> String {
+fn summary([a, b]: [&str; 2], metrics: &[Difference]) -> String {
     let tested = metrics.iter().filter(|metric| metric.p_value_corrected.is_some()).count();
     if tested == 0 {
         return format!(

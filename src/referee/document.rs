@@ -1,9 +1,9 @@
 //! `score.json`.
 
 use super::{
+    analysis::Episode,
     compare::Comparison,
     episodes::Outcome,
-    judge::Episode,
     matches::ScoredMatch,
     metric::{Figure, summarise},
 };
@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Version of the document; raised when a field changes its meaning.
-pub const SCHEMA_VERSION: u32 = 1;
+pub const SCHEMA_VERSION: u32 = 2;
 /// Name of the file that holds the events, beside the document.
 pub const EVENTS_FILE: &str = "events.mcap";
 
@@ -78,7 +78,7 @@ impl Score {
     /// The document of `matches`.
     #[must_use]
     pub fn new(matches: &[ScoredMatch], seed: u64) -> Self {
-        let episodes = matches.iter().flat_map(|scored| &scored.judgement.episodes);
+        let episodes = matches.iter().flat_map(|scored| &scored.analysis.episodes);
         Self {
             schema_version: SCHEMA_VERSION,
             summary: summarise(episodes, seed),
@@ -93,9 +93,9 @@ impl MatchScore {
     fn new(scored: &ScoredMatch) -> Self {
         Self {
             file: scored.path.display().to_string(),
-            winner: scored.judgement.winner(),
-            duration_s: scored.judgement.duration(),
-            episodes: scored.judgement.episodes.iter().map(EpisodeScore::new).collect(),
+            winner: scored.analysis.winner(),
+            duration_s: scored.analysis.duration(),
+            episodes: scored.analysis.episodes.iter().map(EpisodeScore::new).collect(),
         }
     }
 }

@@ -25,7 +25,7 @@ const FEWEST: usize = 4;
 const AWAY: f64 = 0.25;
 /// Over this distance (m) a ball that lay still has been moved again.
 const MOVED: f64 = 0.02;
-/// Share by which the place of a ball at rest follows each sighting.
+/// Share by which the position of a ball at rest follows each sighting.
 const FOLLOWING: f64 = 0.03;
 /// Share of a pause in which the detector must have said nothing for the ball to be lost.
 const SILENT: f64 = 0.5;
@@ -118,7 +118,8 @@ fn moments(sights: &[Sight], stretches: &[Stretch]) -> impl Iterator<Item = Mome
         .peekable();
     sights.iter().map(move |sight| {
         while believed.next_if(|sample| sample.time < sight.time).is_some() {}
-        let ball = believed.next_if(|sample| sample.time <= sight.time).map(|sample| sample.place);
+        let ball =
+            believed.next_if(|sample| sample.time <= sight.time).map(|sample| sample.position);
         Moment { time: sight.time, ball, strikers: sight.strikers, said: sight.said }
     })
 }
@@ -224,7 +225,7 @@ impl<'a> Umpire<'a> {
             kind,
             player,
             episode: self.spans.len(),
-            place: self.last().map_or([0.0; 2], |(_, place)| place),
+            position: self.last().map_or([0.0; 2], |(_, position)| position),
             velocity_in: self.velocity(),
             velocity_out: if kind == EventKind::RimOut { self.velocity() } else { [0.0; 2] },
             goal_directed: false,
@@ -238,13 +239,13 @@ impl<'a> Umpire<'a> {
         let Play::On { start } = self.play else { return };
         self.spans.push(Span { start, end: time.max(start), outcome, scorer });
         let in_cup = self.inside.is_some() || outcome == Outcome::BallLost;
-        self.play = Play::Off { away: in_cup, ball: self.last().map(|(_, place)| place) };
+        self.play = Play::Off { away: in_cup, ball: self.last().map(|(_, position)| position) };
         self.still = None;
     }
 
     /// The ball has not been seen for a while, up to `time`.
     fn watch_pause(&mut self, time: f64) {
-        let Some((seen, place)) = self.last() else { return };
+        let Some((seen, position)) = self.last() else { return };
         let pause = time - seen;
         if let Play::Off { away, .. } = &mut self.play {
             *away |= AWAY <= pause;
@@ -259,7 +260,7 @@ impl<'a> Umpire<'a> {
             && SILENT * pause <= self.silent
             && self.was_on_at(seen)
         {
-            if let Some((owner, after)) = self.would_enter(place) {
+            if let Some((owner, after)) = self.would_enter(position) {
                 self.inside = Some((owner, seen + after));
                 self.goal(owner, seen + after, 0.8);
                 return;
@@ -293,11 +294,11 @@ impl<'a> Umpire<'a> {
         }
     }
 
-    /// Over whose cup the ball would have been soon after it was last seen at `place`, and when (s).
-    fn would_enter(&self, place: Vector) -> Option<(Player, f64)> {
+    /// Over whose cup the ball would have been soon after it was last seen at `position`, and when (s).
+    fn would_enter(&self, position: Vector) -> Option<(Player, f64)> {
         let velocity = self.velocity();
         Player::BOTH.into_iter().find_map(|owner| {
-            let way = minus(self.rules.cup(owner), place);
+            let way = minus(self.rules.cup(owner), position);
             if length(way) < CUP_RADIUS + VANISHED_NEAR {
                 return Some((owner, 0.0));
             }
@@ -327,8 +328,8 @@ impl<'a> Umpire<'a> {
 
     fn watch_strikers(&mut self, moment: &Moment) {
         for player in Player::BOTH {
-            let Some(place) = moment.strikers[player as usize] else { continue };
-            let inside = distance(place, self.rules.cup(player)) < CUP_RADIUS;
+            let Some(position) = moment.strikers[player as usize] else { continue };
+            let inside = distance(position, self.rules.cup(player)) < CUP_RADIUS;
             let since = &mut self.striker_inside[player as usize];
             if !inside {
                 *since = None;
@@ -338,7 +339,7 @@ impl<'a> Umpire<'a> {
             if self.rules.striker_stay <= moment.time - since && self.is_on() {
                 self.event(since, EventKind::StrikerInGoal, Some(player), 1.0);
                 if let Some(event) = self.events.last_mut() {
-                    event.place = place;
+                    event.position = position;
                 }
                 self.end(since, Outcome::StrikerInGoal, Some(opponent(player)));
             }
@@ -346,13 +347,13 @@ impl<'a> Umpire<'a> {
     }
 
     fn watch_rest(&mut self, time: f64, ball: Vector) {
-        let (place, since) = self.still.unwrap_or((ball, time));
-        if self.rules.still_within < distance(ball, place) {
+        let (position, since) = self.still.unwrap_or((ball, time));
+        if self.rules.still_within < distance(ball, position) {
             self.still = Some((ball, time));
             return;
         }
-        // Follows slowly, so that noise about a place at the edge of what counts does not matter.
-        self.still = Some((plus(place, times(minus(ball, place), FOLLOWING)), since));
+        // Follows slowly, so that noise about a position at the edge of what counts does not matter.
+        self.still = Some((plus(position, times(minus(ball, position), FOLLOWING)), since));
         if self.rules.timeout_after <= time - since && self.is_on() && self.inside.is_none() {
             let end = since + self.rules.timeout_after;
             self.event(end, EventKind::Timeout, None, 1.0);

@@ -78,7 +78,7 @@ pub struct Event {
     /// Index of the episode to which it belongs.
     pub episode: usize,
     /// Where (m).
-    pub place: [f64; 2],
+    pub position: [f64; 2],
     /// Velocity of the ball before and after (m/s).
     pub velocity_in: [f64; 2],
     /// Velocity of the ball after (m/s).

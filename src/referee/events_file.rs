@@ -23,7 +23,7 @@ pub fn write_events(
     let mut writer = RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
     writer.metadata(RECORDING_METADATA, metadata(matches, provenance, seed))?;
     for (idx, scored) in matches.iter().enumerate() {
-        for event in &scored.judgement.events {
+        for event in &scored.analysis.events {
             let time = scored.origin.after_seconds(event.time);
             writer.write(MATCH_EVENT, time, &message(event, idx))?;
         }
@@ -55,8 +55,8 @@ fn message(event: &Event, idx: usize) -> MatchEvent {
         kind: event.kind.name().to_owned(),
         player: event.player.map_or_else(String::new, |player| player.name().to_owned()),
         episode: event.episode as u32,
-        x: event.place[0],
-        y: event.place[1],
+        x: event.position[0],
+        y: event.position[1],
         speed_in_m_per_s: event.speed_in(),
         speed_out_m_per_s: event.speed_out(),
         confidence: event.confidence,

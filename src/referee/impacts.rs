@@ -1,9 +1,9 @@
 //! When and where the ball was struck, and by what.
 //!
-//! Around a change of velocity the ball's track is two straight lines that meet: place and both
+//! Around a change of velocity the ball's track is two straight lines that meet: position and both
 //! velocities follow from least squares for every time of the impact, and each possible cause says
 //! how far off it would be: a wall stands where it stands and takes speed away from it; a striker, at
-//! its place between the frames, is one touching distance away and pushes outwards. The time and
+//! its position between the frames, is one touching distance away and pushes outwards. The time and
 //! the cause with the least misfit win; the confidence is the winner's share of all likelihoods, that
 //! of no impact at all among them.
 
@@ -75,7 +75,7 @@ impl Cause {
 pub(super) struct Impact {
     /// Since the recording began (s).
     pub(super) time: f64,
-    pub(super) place: Vector,
+    pub(super) position: Vector,
     /// Velocity before and after (m/s).
     pub(super) before: Vector,
     pub(super) after: Vector,
@@ -139,10 +139,10 @@ struct Neighbourhood<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Meeting {
     time: f64,
-    place: Vector,
+    position: Vector,
     before: Vector,
     after: Vector,
-    /// Variance of each coordinate of the place and of the velocities.
+    /// Variance of each coordinate of the position and of the velocities.
     place_variance: f64,
     before_variance: f64,
     after_variance: f64,
@@ -190,11 +190,11 @@ fn times_around(samples: &[Sample], at: usize) -> impl Iterator<Item = f64> {
 /// Least squares of two lines that meet at `time`, with velocities that are not beyond reason.
 fn meet(samples: &[Sample], time: f64, noise: f64) -> Meeting {
     let ridge = (noise / SPREAD).powi(2);
-    let origin = samples[0].place;
+    let origin = samples[0].position;
     let mut sums = [[0.0; 2]; 2]; // of times and of their squares, before and after
     sums[0][1] = ridge;
     sums[1][1] = ridge;
-    let mut places = [0.0; 2];
+    let mut positions = [0.0; 2];
     let mut products = [[0.0; 2]; 2];
     let mut squares = [0.0; 2];
     for sample in samples {
@@ -202,24 +202,24 @@ fn meet(samples: &[Sample], time: f64, noise: f64) -> Meeting {
         let side = usize::from(0.0 < tau);
         sums[side][0] += tau;
         sums[side][1] += tau * tau;
-        let place = minus(sample.place, origin);
+        let position = minus(sample.position, origin);
         for axis in 0..2 {
-            places[axis] += place[axis];
-            products[side][axis] += tau * place[axis];
+            positions[axis] += position[axis];
+            products[side][axis] += tau * position[axis];
         }
-        squares = [0, 1].map(|axis| squares[axis] + place[axis] * place[axis]);
+        squares = [0, 1].map(|axis| squares[axis] + position[axis] * position[axis]);
     }
     let share = |side: usize| sums[side][0] / sums[side][1];
     let weight = samples.len() as f64 - share(0) * sums[0][0] - share(1) * sums[1][0];
-    let place = [0, 1].map(|axis| {
-        (places[axis] - share(0) * products[0][axis] - share(1) * products[1][axis]) / weight
+    let position = [0, 1].map(|axis| {
+        (positions[axis] - share(0) * products[0][axis] - share(1) * products[1][axis]) / weight
     });
     let velocity = |side: usize| {
-        [0, 1].map(|axis| (products[side][axis] - sums[side][0] * place[axis]) / sums[side][1])
+        [0, 1].map(|axis| (products[side][axis] - sums[side][0] * position[axis]) / sums[side][1])
     };
     let (before, after) = (velocity(0), velocity(1));
     let explained = |axis: usize| {
-        places[axis] * place[axis]
+        positions[axis] * position[axis]
             + products[0][axis] * before[axis]
             + products[1][axis] * after[axis]
     };
@@ -228,7 +228,7 @@ fn meet(samples: &[Sample], time: f64, noise: f64) -> Meeting {
         |side: usize| variance * (1.0 / sums[side][1] + share(side) * share(side) / weight);
     Meeting {
         time,
-        place: plus(origin, place),
+        position: plus(origin, position),
         before,
         after,
         place_variance: variance / weight,
@@ -246,12 +246,12 @@ fn straight_misfit(samples: &[Sample], noise: f64) -> f64 {
     let (mut p, mut tp, mut pp) = ([0.0; 2], [0.0; 2], 0.0);
     for sample in samples {
         let tau = sample.time - origin.time;
-        let place = minus(sample.place, origin.place);
+        let position = minus(sample.position, origin.position);
         t += tau;
         tt += tau * tau;
-        p = plus(p, place);
-        tp = plus(tp, times(place, tau));
-        pp += dot(place, place);
+        p = plus(p, position);
+        tp = plus(tp, times(position, tau));
+        pp += dot(position, position);
     }
     let spread = tt - t * t / count;
     let about = pp - dot(p, p) / count;
@@ -288,8 +288,8 @@ fn costs(
     let mut found = vec![(Cause::Unknown, COST_NOTHING)];
     let mut walls = Vec::new();
     for axis in 0..2 {
-        let sign = meeting.place[axis].signum();
-        let off = sign * meeting.place[axis] - rules.reach()[axis];
+        let sign = meeting.position[axis].signum();
+        let off = sign * meeting.position[axis] - rules.reach()[axis];
         let distance_cost = 0.5 * (off / place_sigma).powi(2);
         if distance_cost < COST_NOTHING {
             walls.push((axis, sign, distance_cost));
@@ -299,7 +299,7 @@ fn costs(
     }
     for player in Player::BOTH {
         let Some((striker, velocity)) = strikers[player as usize] else { continue };
-        let off = minus(meeting.place, striker);
+        let off = minus(meeting.position, striker);
         let apart = length(off);
         let sigma = (place_sigma * place_sigma + 0.5 * noise * noise).sqrt();
         let distance_cost = 0.5 * ((apart - rules.touching()) / sigma).powi(2);
@@ -316,7 +316,7 @@ fn costs(
     }
     let rim = Player::BOTH
         .into_iter()
-        .any(|player| distance(meeting.place, rules.cup(player)) < CUP_RADIUS + RIM);
+        .any(|player| distance(meeting.position, rules.cup(player)) < CUP_RADIUS + RIM);
     if rim {
         found.push((Cause::Rim, COST_RIM));
     }
@@ -351,15 +351,15 @@ struct Corner {
 impl Corner {
     fn offer(&mut self, meeting: &Meeting, rules: &Rules) {
         for axis in 0..2 {
-            let sign = meeting.place[axis].signum();
-            let off = sign * meeting.place[axis] - rules.reach()[axis];
-            let place = meeting.place_variance + rules.place_tolerance * rules.place_tolerance;
+            let sign = meeting.position[axis].signum();
+            let off = sign * meeting.position[axis] - rules.reach()[axis];
+            let position = meeting.place_variance + rules.place_tolerance * rules.place_tolerance;
             let (came, left) = (sign * meeting.before[axis], -sign * meeting.after[axis]);
             let sigma = velocity_sigma(meeting.before_variance + meeting.after_variance);
             let motion = beyond(RESTITUTION.start * came - left, sigma)
                 + beyond(left - RESTITUTION.end * came.max(0.0), sigma)
                 + beyond(rules.least_impulse - came - left, 0.1 * rules.least_impulse);
-            let cost = meeting.misfit[axis] + 0.5 * off * off / place + motion;
+            let cost = meeting.misfit[axis] + 0.5 * off * off / position + motion;
             if self.best[axis].is_none_or(|(least, ..)| cost < least) {
                 self.best[axis] = Some((cost, sign, *meeting));
             }
@@ -379,7 +379,7 @@ impl Corner {
                 let (_, sign, meeting) = self.best[axis]?;
                 Some(Impact {
                     time: meeting.time,
-                    place: meeting.place,
+                    position: meeting.position,
                     before: meeting.before,
                     after: meeting.after,
                     cause: Cause::Wall(axis, sign),
@@ -469,7 +469,7 @@ impl Tally {
         let total: f64 = causes.chain([straight]).map(|cost| (best.least - cost).exp()).sum();
         let impact = Impact {
             time: best.time / best.weight,
-            place: best.best.place,
+            position: best.best.position,
             before: best.best.before,
             after: best.best.after,
             cause: best.cause,

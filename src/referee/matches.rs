@@ -2,9 +2,9 @@
 
 use super::{
     RefereeError,
-    judge::{Judgement, judge},
+    analysis::{MatchAnalysis, analyze},
+    frames::{MatchFrames, Source},
     rules::Rules,
-    tape::{Source, Tape},
 };
 use crate::{parallel::in_parallel_on, recording::Loss, units::Nanos};
 use std::path::PathBuf;
@@ -25,29 +25,29 @@ pub struct ScoredMatch {
     /// The rules by which it was judged, with its own board.
     pub rules: Rules,
     /// What happened.
-    pub judgement: Judgement,
+    pub analysis: MatchAnalysis,
 }
 
 /// Reads and judges `paths` on `threads` threads; `done` is called after each. The results are in
 /// the order of `paths`, and one that fails leaves the others alone.
-pub fn judge_matches(
+pub fn analyze_matches(
     paths: &[PathBuf],
     rules: &Rules,
     threads: usize,
     done: &(dyn Fn() + Sync),
 ) -> Vec<Result<ScoredMatch, RefereeError>> {
     in_parallel_on(threads, paths, |path| {
-        let result = Tape::open(path).map(|tape| score(tape, rules));
+        let result = MatchFrames::open(path).map(|recorded| score(recorded, rules));
         done();
         result
     })
 }
 
-fn score(tape: Tape, rules: &Rules) -> ScoredMatch {
-    let rules = tape.rules(rules);
-    let judgement = judge(&tape.frames, &rules);
-    let events = judgement.events.len();
-    log::info!("judged {}: {events} events", tape.path.display());
-    let Tape { path, sha256, origin, loss, source, .. } = tape;
-    ScoredMatch { path, sha256, origin, loss, source, rules, judgement }
+fn score(recorded: MatchFrames, rules: &Rules) -> ScoredMatch {
+    let rules = recorded.rules(rules);
+    let analysis = analyze(&recorded.frames, &rules);
+    let events = analysis.events.len();
+    log::info!("judged {}: {events} events", recorded.path.display());
+    let MatchFrames { path, sha256, origin, loss, source, .. } = recorded;
+    ScoredMatch { path, sha256, origin, loss, source, rules, analysis }
 }

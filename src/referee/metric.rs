@@ -1,6 +1,6 @@
 //! The figures by which matches are scored, each with its interval, and the paper's beside them.
 
-use super::{episodes::Outcome, judge::Episode};
+use super::{analysis::Episode, episodes::Outcome};
 use crate::{
     recording::topic::Player,
     stats::{Interval, bootstrap_ci95},

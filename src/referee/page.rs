@@ -7,9 +7,9 @@ use super::{
     DEFINITIONS,
     compare::{Comparison, Difference},
     document::Score,
+    frames::Source,
     matches::ScoredMatch,
     metric::{Figure, Metric},
-    tape::Source,
 };
 use crate::{
     provenance::Provenance,
@@ -66,10 +66,10 @@ fn count(number: usize, noun: &str) -> String {
 }
 
 fn lead(matches: &[ScoredMatch]) -> String {
-    let play: f64 = matches.iter().map(|scored| scored.judgement.play()).sum();
-    let points = matches.iter().map(|scored| scored.judgement.points());
+    let play: f64 = matches.iter().map(|scored| scored.analysis.play()).sum();
+    let points = matches.iter().map(|scored| scored.analysis.points());
     let [left, right] = points.fold([0, 0], |sum, [l, r]| [sum[0] + l, sum[1] + r]);
-    let episodes = matches.iter().map(|scored| scored.judgement.episodes.len()).sum();
+    let episodes = matches.iter().map(|scored| scored.analysis.episodes.len()).sum();
     format!(
         "{}, {}, {:.1} min of play: {left} points for the left player, {right} for the right.",
         matches_of(matches.len()),
@@ -131,7 +131,7 @@ fn summary(page: &mut Page, score: &Score) {
 fn compared(page: &mut Page, comparison: &Comparison) {
     let [a, b] = &comparison.groups;
     page.section(&format!("{b} against {a}"));
-    let mut sentence = comparison.sentence.clone();
+    let mut sentence = comparison.summary.clone();
     sentence.push('.');
     page.lead(&sentence);
     page.paragraph(&format!(
@@ -196,7 +196,7 @@ fn maps_and_speeds(page: &mut Page, matches: &[ScoredMatch]) {
 fn speed_histogram(matches: &[ScoredMatch]) -> String {
     let bins = (FASTEST / SPEED_BIN) as usize;
     let mut counts = vec![0_usize; bins];
-    let speeds = matches.iter().flat_map(|scored| &scored.judgement.speeds);
+    let speeds = matches.iter().flat_map(|scored| &scored.analysis.speeds);
     let mut total = 0_usize;
     for speed in speeds {
         counts[((speed / SPEED_BIN) as usize).min(bins - 1)] += 1;
@@ -220,7 +220,7 @@ fn speed_histogram(matches: &[ScoredMatch]) -> String {
 fn per_match(page: &mut Page, matches: &[ScoredMatch], score: &Score) {
     page.section("Matches");
     let rows = matches.iter().zip(&score.matches).map(|(scored, own)| {
-        let [left, right] = scored.judgement.points();
+        let [left, right] = scored.analysis.points();
         let sum = |of: &dyn Fn(&super::document::EpisodeScore) -> usize| {
             own.episodes.iter().map(of).sum::<usize>().to_string()
         };
@@ -233,7 +233,7 @@ fn per_match(page: &mut Page, matches: &[ScoredMatch], score: &Score) {
             sum(&|episode| episode.blocks_left + episode.blocks_right),
             sum(&|episode| episode.strikes_left + episode.strikes_right),
             sum(&|episode| episode.goal_directed_left + episode.goal_directed_right),
-            format!("{:.2}", 1e3 * scored.judgement.noise),
+            format!("{:.2}", 1e3 * scored.analysis.noise),
         ]
     });
     page.table(&Table {

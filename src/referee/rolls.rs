@@ -1,11 +1,11 @@
 //! Where the ball's velocity changes suddenly: the most likely division of its track into free rolls.
 //!
 //! Between impacts the ball rolls, x' = v, v' = -a v/|v| + w, with w white noise for what the model
-//! leaves out. An impact between two frames gives it any velocity and leaves its place. Every
+//! leaves out. An impact between two frames gives it any velocity and leaves its position. Every
 //! division of the track into rolls then has a likelihood, by one Kalman filter per time of the last
 //! impact; the most likely is found by dynamic programming (Fearnhead and Liu, "On-line inference for
 //! multiple changepoint problems", J. R. Stat. Soc. B 69, 2007), with few divisions kept per frame.
-//! A frame that fits nothing costs what a place anywhere on the board would.
+//! A frame that fits nothing costs what a position anywhere on the board would.
 //!
 //! Both axes have the same noise, so one covariance serves both.
 
@@ -46,12 +46,12 @@ const COST_ASTRAY: f64 = 7.0;
 const KEPT: usize = 8;
 const WORST: f64 = 18.0;
 
-/// One believed place of the ball.
+/// One believed position of the ball.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
     /// Since the recording began (s).
     pub(super) time: f64,
-    pub(super) place: Vector,
+    pub(super) position: Vector,
     /// Left and right striker at that time.
     pub(super) strikers: [Option<Vector>; 2],
 }
@@ -91,9 +91,9 @@ fn stretches(samples: &[Sample], longest_gap: f64) -> Vec<Range<usize>> {
 /// Place and velocity with their common covariance, and how the division came to be.
 #[derive(Debug, Clone, Copy)]
 struct Belief {
-    place: Vector,
+    position: Vector,
     velocity: Vector,
-    /// Variances of place and velocity, and their covariance, of each axis.
+    /// Variances of position and velocity, and their covariance, of each axis.
     covariance: [f64; 3],
     /// Negative log-likelihood so far.
     cost: f64,
@@ -122,7 +122,7 @@ const NO_HISTORY: u32 = u32::MAX;
 struct Division<'a> {
     variance: f64,
     rules: &'a Rules,
-    /// Negative logarithm of the density of a place anywhere on the board.
+    /// Negative logarithm of the density of a position anywhere on the board.
     anywhere: f64,
     beliefs: Vec<Belief>,
     next: Vec<Belief>,
@@ -146,7 +146,7 @@ impl<'a> Division<'a> {
             return Stretch { samples: vec![], changes: vec![] };
         };
         self.beliefs.push(Belief {
-            place: first.place,
+            position: first.position,
             velocity: [0.0; 2],
             covariance: [self.variance, SPREAD_AFTER * SPREAD_AFTER, 0.0],
             cost: 0.0,
@@ -168,7 +168,7 @@ impl<'a> Division<'a> {
         for idx in 0..self.beliefs.len() {
             let belief = self.beliefs[idx];
             let rolled = roll(&belief, now.time, dt);
-            let kept = self.measured(&rolled, now.place);
+            let kept = self.measured(&rolled, now.position);
             // Straight on through a frame of something else, where nothing else explains it.
             if belief.cost + self.anywhere + COST_ASTRAY < kept.cost {
                 let history = self.remember(at, StepKind::Astray, belief.history);
@@ -199,74 +199,74 @@ impl<'a> Division<'a> {
     /// The belief after an impact somewhere between the frames, with `now` taken in.
     fn struck(&self, belief: &Belief, now: &Sample, dt: f64) -> Belief {
         let spread = SPREAD_AFTER * SPREAD_AFTER;
-        let [place, velocity, both] = belief.covariance;
+        let [position, velocity, both] = belief.covariance;
         let half = 0.5 * dt;
-        let moved = place + half * (2.0 * both + half * velocity);
+        let moved = position + half * (2.0 * both + half * velocity);
         // Of the mean square of a time that is anywhere in the frame: a twelfth for the way before it,
         // a third for the way after it.
         let speed = length(belief.velocity);
         let unknown = dt * dt * (speed * speed / 24.0 + spread / 3.0);
         let prior = Belief {
-            place: [0, 1].map(|k| belief.place[k] + half * belief.velocity[k]),
+            position: [0, 1].map(|k| belief.position[k] + half * belief.velocity[k]),
             velocity: [0.0; 2],
             covariance: [moved + unknown, spread, spread * half],
-            cost: belief.cost + self.cost_of_impact(belief.place, now),
+            cost: belief.cost + self.cost_of_impact(belief.position, now),
             since: now.time,
             ..*belief
         };
-        self.measured(&prior, now.place)
+        self.measured(&prior, now.position)
     }
 
     /// The belief after a bounce at the wall beyond which it `rolled`, with `now` taken in; `None` where
     /// there is none.
     fn bounced(&self, rolled: &Belief, now: &Sample) -> Option<Belief> {
         let reach = self.rules.reach();
-        let beyond = |axis: usize| rolled.place[axis].abs() - reach[axis];
+        let beyond = |axis: usize| rolled.position[axis].abs() - reach[axis];
         let axis = usize::from(beyond(0) < beyond(1));
-        let sign = rolled.place[axis].signum();
+        let sign = rolled.position[axis].signum();
         let came = sign * rolled.velocity[axis];
         if beyond(axis) < -AT_WALL || came <= 0.0 {
             return None;
         }
         let mut bounced = *rolled;
         let over = beyond(axis).max(0.0);
-        bounced.place[axis] -= sign * over * (1.0 + USUAL_BOUNCE);
+        bounced.position[axis] -= sign * over * (1.0 + USUAL_BOUNCE);
         bounced.velocity[axis] = -sign * USUAL_BOUNCE * came;
         let unsure = BOUNCE_SPREAD[0] + BOUNCE_SPREAD[1] * came;
         bounced.covariance[1] += unsure * unsure;
         bounced.cost += COST_BOUNCE;
         bounced.since = now.time;
-        Some(self.measured(&bounced, now.place))
+        Some(self.measured(&bounced, now.position))
     }
 
     /// Impacts are likely near walls, strikers and cups.
     fn cost_of_impact(&self, before: Vector, now: &Sample) -> f64 {
-        let clearance = self.clearance(before, now).min(self.clearance(now.place, now));
+        let clearance = self.clearance(before, now).min(self.clearance(now.position, now));
         let open = ((clearance - NEAR) / COST_OVER).clamp(0.0, 1.0);
         COST_NEAR + open * (COST_OPEN - COST_NEAR)
     }
 
-    fn clearance(&self, place: Vector, now: &Sample) -> f64 {
+    fn clearance(&self, position: Vector, now: &Sample) -> f64 {
         let reach = self.rules.reach();
-        let wall = (reach[0] - place[0].abs()).min(reach[1] - place[1].abs());
+        let wall = (reach[0] - position[0].abs()).min(reach[1] - position[1].abs());
         let striker = now
             .strikers
             .iter()
             .flatten()
-            .map(|striker| distance(place, *striker) - self.rules.touching())
+            .map(|striker| distance(position, *striker) - self.rules.touching())
             .fold(f64::INFINITY, f64::min);
         wall.min(striker)
     }
 
-    /// The belief with a measured place taken in.
-    fn measured(&self, belief: &Belief, place: Vector) -> Belief {
+    /// The belief with a measured position taken in.
+    fn measured(&self, belief: &Belief, position: Vector) -> Belief {
         let [pp, vv, pv] = belief.covariance;
         let total = pp + self.variance;
         let (gain_place, gain_velocity) = (pp / total, pv / total);
-        let off = [place[0] - belief.place[0], place[1] - belief.place[1]];
+        let off = [position[0] - belief.position[0], position[1] - belief.position[1]];
         let square = off[0] * off[0] + off[1] * off[1];
         Belief {
-            place: [0, 1].map(|k| belief.place[k] + gain_place * off[k]),
+            position: [0, 1].map(|k| belief.position[k] + gain_place * off[k]),
             velocity: [0, 1].map(|k| belief.velocity[k] + gain_velocity * off[k]),
             covariance: [pp * (1.0 - gain_place), vv - gain_velocity * pv, pv * (1.0 - gain_place)],
             cost: belief.cost + 0.5 * square / total + (std::f64::consts::TAU * total).ln(),
@@ -322,7 +322,7 @@ fn roll(belief: &Belief, now: f64, dt: f64) -> Belief {
     let velocity = belief.velocity.map(|v| v * slower);
     let mean = [0, 1].map(|k| 0.5 * (belief.velocity[k] + velocity[k]));
     Belief {
-        place: [0, 1].map(|k| belief.place[k] + dt * mean[k]),
+        position: [0, 1].map(|k| belief.position[k] + dt * mean[k]),
         velocity,
         covariance: [
             pp + dt * (2.0 * pv + dt * vv) + q * dt * dt * dt / 3.0,

@@ -29,7 +29,7 @@ pub struct Rules {
     pub lost_after: f64,
     /// Lying still for so long ends the episode (s).
     pub timeout_after: f64,
-    /// A ball that stays within this of one place lies still (m).
+    /// A ball that stays within this of one position lies still (m).
     pub still_within: f64,
     /// Longest pause of the ball's track over which events are told (s).
     pub longest_gap: f64,
@@ -98,12 +98,12 @@ impl Rules {
         CUP_RADIUS
     }
 
-    /// Whose cup `place` lies over, if any.
+    /// Whose cup `position` lies over, if any.
     #[must_use]
-    pub fn cup_at(&self, place: [f64; 2]) -> Option<Player> {
+    pub fn cup_at(&self, position: [f64; 2]) -> Option<Player> {
         Player::BOTH.into_iter().find(|player| {
             let [x, y] = self.cup(*player);
-            (place[0] - x).hypot(place[1] - y) < CUP_RADIUS
+            (position[0] - x).hypot(position[1] - y) < CUP_RADIUS
         })
     }
 }

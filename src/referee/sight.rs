@@ -2,12 +2,12 @@
 //!
 //! The detector can miss the ball, name a striker the ball, repeat an old picture, or deliver one twice.
 //! Each is recognised by what cannot be: a ball inside a striker, a striker faster than any drive, a
-//! moving ball at exactly the same place. What cannot be is left out here, so that nothing later has
+//! moving ball at exactly the same position. What cannot be is left out here, so that nothing later has
 //! to explain it.
 
 use super::{
+    frames::Frame,
     rules::Rules,
-    tape::Frame,
     vector::{Vector, distance, length, minus, times},
 };
 
@@ -19,7 +19,7 @@ const STRIKER_FORGOTTEN: f64 = 0.25;
 const DEEPEST_OVERLAP: f64 = 0.006;
 /// Outside the field by more than this (m) is not the ball.
 const OUTSIDE: f64 = 0.02;
-/// A ball that should have moved by this (m) and has exactly the same place is an old picture.
+/// A ball that should have moved by this (m) and has exactly the same position is an old picture.
 const FROZEN: f64 = 0.003;
 /// Frames from which the speed before a standstill is told.
 const BEFORE: usize = 4;
@@ -60,9 +60,9 @@ pub(super) fn believe(frames: &[Frame], rules: &Rules) -> Vec<Sight> {
 fn in_order(frames: &[Frame], rules: &Rules) -> Vec<Sight> {
     let mut sorted: Vec<&Frame> = frames.iter().filter(|frame| frame.time.is_finite()).collect();
     sorted.sort_by(|a, b| a.time.total_cmp(&b.time));
-    let on_board = |place: &Vector| {
+    let on_board = |position: &Vector| {
         let reach = rules.reach();
-        (0..2).all(|axis| place[axis].abs() <= reach[axis] + OUTSIDE)
+        (0..2).all(|axis| position[axis].abs() <= reach[axis] + OUTSIDE)
     };
     let period = usual_period(&sorted);
     let mut sights: Vec<Sight> = Vec::with_capacity(sorted.len());
@@ -97,16 +97,16 @@ fn usual_period(frames: &[&Frame]) -> f64 {
 fn drop_wild_strikers(sights: &mut [Sight], player: usize) {
     let mut last: Option<(f64, Vector)> = None;
     for sight in sights {
-        let Some(place) = sight.strikers[player] else { continue };
+        let Some(position) = sight.strikers[player] else { continue };
         if let Some((time, before)) = last {
             let apart = sight.time - time;
             let most = FASTEST_STRIKER * apart + DEEPEST_OVERLAP;
-            if apart < STRIKER_FORGOTTEN && most < distance(place, before) {
+            if apart < STRIKER_FORGOTTEN && most < distance(position, before) {
                 sight.strikers[player] = None;
                 continue;
             }
         }
-        last = Some((sight.time, place));
+        last = Some((sight.time, position));
     }
 }
 
@@ -115,25 +115,25 @@ fn drop_swapped_balls(sights: &mut [Sight], rules: &Rules) {
     let mut known: [Option<(f64, Vector)>; 2] = [None; 2];
     for sight in sights {
         for (known, striker) in known.iter_mut().zip(sight.strikers) {
-            *known = striker.map(|place| (sight.time, place)).or(*known);
+            *known = striker.map(|position| (sight.time, position)).or(*known);
         }
         let inside = |ball: Vector| {
-            known.iter().flatten().any(|(time, place)| {
+            known.iter().flatten().any(|(time, position)| {
                 sight.time - time < STRIKER_FORGOTTEN
-                    && distance(ball, *place) < rules.touching() - DEEPEST_OVERLAP
+                    && distance(ball, *position) < rules.touching() - DEEPEST_OVERLAP
             })
         };
         sight.ball = sight.ball.filter(|ball| !inside(*ball));
     }
 }
 
-/// Leaves out exact repetitions of a moving ball's place that end with a jump.
+/// Leaves out exact repetitions of a moving ball's position that end with a jump.
 fn drop_frozen_balls(sights: &mut [Sight]) {
     let seen: Vec<usize> = (0..sights.len()).filter(|at| sights[*at].ball.is_some()).collect();
     let mut first = 0;
     while first < seen.len() {
-        let place = sights[seen[first]].ball;
-        let same = seen[first..].iter().take_while(|at| sights[**at].ball == place).count();
+        let position = sights[seen[first]].ball;
+        let same = seen[first..].iter().take_while(|at| sights[**at].ball == position).count();
         let end = first + same;
         if 1 < same && is_frozen(sights, &seen, first, end) {
             for at in &seen[first + 1..end] {
@@ -144,7 +144,7 @@ fn drop_frozen_balls(sights: &mut [Sight]) {
     }
 }
 
-/// Whether the ball at `seen[first..end]`, all at one place, was moving before and is elsewhere after.
+/// Whether the ball at `seen[first..end]`, all at one position, was moving before and is elsewhere after.
 fn is_frozen(sights: &[Sight], seen: &[usize], first: usize, end: usize) -> bool {
     let ball = |at: usize| sights[seen[at]].ball.unwrap_or_default();
     let time = |at: usize| sights[seen[at]].time;
@@ -171,8 +171,8 @@ fn smoothed(sights: &[Sight], at: usize, player: usize) -> Option<Vector> {
     for (k, (sight, weight)) in around.iter().zip(SMOOTHING).enumerate() {
         let due = around[0].time + k as f64 * step;
         let even = (sight.time - due).abs() < 0.25 * step;
-        let Some(place) = sight.strikers[player].filter(|_| even) else { return Some(seen) };
-        sum = [sum[0] + weight * place[0], sum[1] + weight * place[1]];
+        let Some(position) = sight.strikers[player].filter(|_| even) else { return Some(seen) };
+        sum = [sum[0] + weight * position[0], sum[1] + weight * position[1]];
     }
     Some(times(sum, 1.0 / SMOOTHING.iter().sum::<f64>()))
 }

@@ -38,7 +38,7 @@ pub(super) fn touches_and_bounces(
     }
     events.extend(open.into_iter().flatten().map(|(touch, _)| touch));
     for touch in events.iter_mut().filter(|event| event.kind == EventKind::Touch) {
-        judge(touch, rules);
+        analyze(touch, rules);
     }
     events.sort_by(|a, b| a.time.total_cmp(&b.time));
     events
@@ -50,7 +50,7 @@ fn event(impact: &Impact, kind: EventKind, player: Option<Player>) -> Event {
         kind,
         player,
         episode: 0,
-        place: impact.place,
+        position: impact.position,
         velocity_in: impact.before,
         velocity_out: impact.after,
         goal_directed: false,
@@ -72,7 +72,7 @@ fn is_same_touch(last: f64, now: f64, player: Player, sights: &[Sight], rules: &
 }
 
 /// Decides what a touch was: at most one of strike and block.
-fn judge(touch: &mut Event, rules: &Rules) {
+fn analyze(touch: &mut Event, rules: &Rules) {
     let Some(player) = touch.player else { return };
     let forward = [0.0, -side(player)];
     let came = dot(touch.velocity_in, forward);
@@ -80,15 +80,15 @@ fn judge(touch: &mut Event, rules: &Rules) {
     if rules.least_approach <= left && touch.speed_in() < touch.speed_out() {
         touch.kind = EventKind::Strike;
         touch.goal_directed =
-            leads_over(touch.place, touch.velocity_out, rules.cup(opponent(player)));
+            leads_over(touch.position, touch.velocity_out, rules.cup(opponent(player)));
     } else if came <= -rules.least_approach && came < left {
         touch.kind = EventKind::Block;
     }
 }
 
-/// Whether the straight way from `place` along `velocity` leads over the cup at `cup`.
-fn leads_over(place: Vector, velocity: Vector, cup: Vector) -> bool {
-    let way = minus(cup, place);
+/// Whether the straight way from `position` along `velocity` leads over the cup at `cup`.
+fn leads_over(position: Vector, velocity: Vector, cup: Vector) -> bool {
+    let way = minus(cup, position);
     let speed = length(velocity);
     let miss = (way[0] * velocity[1] - way[1] * velocity[0]).abs() / speed.max(f64::MIN_POSITIVE);
     0.0 < dot(way, velocity) && miss < CUP_RADIUS

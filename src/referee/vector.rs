@@ -1,6 +1,6 @@
-//! Arithmetic of places and velocities on the board.
+//! Arithmetic of positions and velocities on the board.
 
-/// A place (m) or a velocity (m/s) on the board.
+/// A position (m) or a velocity (m/s) on the board.
 pub(super) type Vector = [f64; 2];
 
 pub(super) fn plus(a: Vector, b: Vector) -> Vector {

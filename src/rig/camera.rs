@@ -60,7 +60,7 @@ impl Camera {
         self.next_capture_ns = (self.pictures as f64 / self.config.rate_hz * NANOS).round() as u64;
         let jitter = self.uniform() * self.config.latency_jitter_s;
         let latency = self.config.latency_s + jitter;
-        let lost = f64::from(self.loss.uniform_f32(0.0, 1.0)) < self.config.drop_share;
+        let lost = f64::from(self.loss.uniform_f32(0.0, 1.0)) < self.config.drop_fraction;
         if lost || self.stopped {
             return;
         }
@@ -74,7 +74,7 @@ impl Camera {
         ];
         let stamp = self.stamp(capture_ns, arrival_ns);
         let datagram = write_datagram(stamp, seen);
-        let twice = f64::from(self.loss.uniform_f32(0.0, 1.0)) < self.config.repeat_share;
+        let twice = f64::from(self.loss.uniform_f32(0.0, 1.0)) < self.config.repeat_fraction;
         let at = self.waiting.partition_point(|(arrival, _)| *arrival <= arrival_ns);
         if twice {
             self.waiting.insert(at, (arrival_ns, datagram.clone()));
@@ -107,7 +107,7 @@ impl Camera {
         let (position, velocity) = sight?;
         let config = &self.config;
         let mut draw = || f64::from(self.loss.uniform_f32(0.0, 1.0));
-        let (missed, outlier) = (draw() < config.miss_share, draw() < config.outlier_share);
+        let (missed, outlier) = (draw() < config.miss_fraction, draw() < config.outlier_fraction);
         let stray = [0, 1].map(|_| (2.0 * draw() - 1.0) * config.outlier_m);
         let noise = [0, 1].map(|_| normal(&mut self.noise) * config.noise_m);
         if missed {

@@ -17,7 +17,7 @@ pub use ball::{BallConfig, CupConfig, Launch, PatchConfig, WallShift};
 pub use camera::{CameraConfig, StampMode};
 pub use drive::{CyclicMs, DriveConfig, Guards, MotorFriction, Ripple, Seat, ThermalConfig};
 pub use fault::{FaultKind, FaultPlan, FaultStart};
-pub use gantry::{GantryConfig, MagnetConfig, PegConfig, RailFriction};
+pub use gantry::{GantryConfig, GuideFriction, MagnetConfig, PegConfig};
 
 use crate::{
     board::{BoardSize, BoardSizeError},
@@ -86,7 +86,7 @@ ranged! {
         /// Belt per motor turn (m); 20 teeth of 2 mm.
         belt_metres_per_turn: 0.04 in [1e-3, 1.0];
         /// Friction lost once everything is warm (share of every motor's and rail's friction).
-        friction_drift_share: 0.0 in [0.0, 0.9];
+        friction_drift_fraction: 0.0 in [0.0, 0.9];
         /// Time constant of that warming (s).
         friction_drift_time_s: 300.0 in [1.0, 1e5];
     }

@@ -7,7 +7,7 @@
 //! the dry part is a spring that slips when it pulls with `F(v)`: the Jenkins element of Iwan's models
 //! (1966), which gives hysteresis within `2 F/k`. A load adds its share of a force to the dry part.
 
-use super::config::{MotorFriction, RailFriction};
+use super::config::{GuideFriction, MotorFriction};
 
 /// Coefficients, all in units of one degree of freedom.
 #[derive(Debug, Clone, Copy)]
@@ -20,7 +20,7 @@ pub(super) struct Friction {
     quadratic: f64,
     backward_ratio: f64,
     /// Friction per load.
-    load_share: f64,
+    load_fraction: f64,
     /// Stiffness before it slips; 0 is rigid.
     presliding: f64,
     /// How far that spring is bent.
@@ -38,14 +38,14 @@ impl Friction {
             viscous: config.viscous_nm_s_per_turn / radius / per_turn,
             quadratic: config.quadratic_nm_s2_per_turn2 / radius / per_turn.powi(2),
             backward_ratio: config.backward_ratio,
-            load_share: config.load_share,
+            load_fraction: config.load_fraction,
             presliding: 0.0,
             bent: 0.0,
         }
     }
 
     /// Of a rail.
-    pub(super) fn of_rail(config: &RailFriction) -> Self {
+    pub(super) fn of_guide(config: &GuideFriction) -> Self {
         Self {
             coulomb: config.coulomb_n,
             bump: (config.breakaway_n - config.coulomb_n).max(0.0),
@@ -53,7 +53,7 @@ impl Friction {
             viscous: config.viscous_n_s_per_m,
             quadratic: config.quadratic_n_s2_per_m2,
             backward_ratio: config.backward_ratio,
-            load_share: 0.0,
+            load_fraction: 0.0,
             presliding: config.presliding_stiffness_n_per_m,
             bent: 0.0,
         }
@@ -67,7 +67,7 @@ impl Friction {
             dry += self.bump * (-(speed / self.stribeck_speed).powi(2)).exp();
         }
         let side = if velocity < 0.0 { self.backward_ratio } else { 1.0 };
-        (dry * factor + self.load_share * load.abs()) * side
+        (dry * factor + self.load_fraction * load.abs()) * side
     }
 
     /// `velocity` after `dt` seconds of friction on `mass` under `load`; the dry part is multiplied
@@ -109,12 +109,12 @@ mod tests {
     const UNDER: Under = Under { load: 0.0, factor: 1.0, mass: 1.0, dt: 1e-4 };
 
     fn rail(breakaway_n: f64, presliding_stiffness_n_per_m: f64) -> Friction {
-        Friction::of_rail(&RailFriction {
+        Friction::of_guide(&GuideFriction {
             coulomb_n: 1.0,
             breakaway_n,
             presliding_stiffness_n_per_m,
             viscous_n_s_per_m: 0.0,
-            ..RailFriction::default()
+            ..GuideFriction::default()
         })
     }
 

@@ -88,8 +88,8 @@ impl Gantry {
             stiffness: [config.belt_a_stiffness_n_per_m, config.belt_b_stiffness_n_per_m],
             mass: [config.carriage_mass_kg, config.carriage_mass_kg + config.bridge_mass_kg],
             friction: [
-                Friction::of_rail(&config.x_friction),
-                Friction::of_rail(&config.y_friction),
+                Friction::of_guide(&config.x_friction),
+                Friction::of_guide(&config.y_friction),
             ],
             low: [-config.x_travel_m, ends[0].min(ends[1])],
             high: [config.x_travel_m, ends[0].max(ends[1])],
@@ -170,10 +170,10 @@ impl Gantry {
 
     fn rail_factor(&self, axis: usize) -> f64 {
         let config = if axis == 0 { &self.config.x_friction } else { &self.config.y_friction };
-        if config.position_share == 0.0 {
+        if config.position_fraction == 0.0 {
             return 1.0;
         }
         let phase = TAU * self.travel[axis] / config.position_wavelength_m;
-        1.0 + config.position_share * phase.sin()
+        1.0 + config.position_fraction * phase.sin()
     }
 }

@@ -155,7 +155,7 @@ impl World {
         self.drive_motors();
         if self.steps.is_multiple_of(STEPS_PER_WARMTH) {
             let done = 1.0 - (-now_s / self.config.friction_drift_time_s).exp();
-            self.warmth = 1.0 - self.config.friction_drift_share * done;
+            self.warmth = 1.0 - self.config.friction_drift_fraction * done;
         }
         for (gantry, peg) in self.gantries.iter_mut().zip(&mut self.pegs) {
             let load = peg.step(gantry.position(), gantry.velocity(), dt);

@@ -171,7 +171,7 @@ impl SweptCommand {
     /// Whether `result`, the printed document, is of a run that came to its end: Ctrl-C leaves status 3
     /// as well.
     #[must_use]
-    pub fn is_whole(self, result: &Value) -> bool {
+    pub fn is_complete(self, result: &Value) -> bool {
         match self {
             Self::FitActuator => result["fits_asked"] == result["fits_finished"],
             Self::Train => result["finished"] == true,
@@ -189,7 +189,7 @@ impl SweptCommand {
                 Better::Smaller,
             ),
             Self::TuneEkf => (
-                "judgement.0.velocity_rmse_m_per_s",
+                "evaluation.0.velocity_rmse_m_per_s",
                 "error of the ball's velocity on held-out runs (m/s)",
                 Better::Smaller,
             ),
@@ -199,7 +199,7 @@ impl SweptCommand {
                 Better::Smaller,
             ),
             Self::Train => (
-                "verdict.opponents.*.won_share",
+                "evaluation.opponents.*.win_rate",
                 "share of decided games won, mean over opponents",
                 Better::Larger,
             ),
@@ -233,8 +233,8 @@ mod tests {
     #[test]
     fn an_interrupted_run_is_not_whole() {
         let fit = serde_json::json!({"fits_asked": 2, "fits_finished": 1});
-        assert!(!SweptCommand::FitActuator.is_whole(&fit));
-        assert!(!SweptCommand::Train.is_whole(&serde_json::json!({"finished": false})));
-        assert!(SweptCommand::Eval.is_whole(&serde_json::json!({})));
+        assert!(!SweptCommand::FitActuator.is_complete(&fit));
+        assert!(!SweptCommand::Train.is_complete(&serde_json::json!({"finished": false})));
+        assert!(SweptCommand::Eval.is_complete(&serde_json::json!({})));
     }
 }

@@ -171,7 +171,7 @@ fn judge(
         let bytes = fs::read(partial.join(RESULT_FILE)).unwrap_or_default();
         let result: Option<Value> = serde_json::from_slice(&bytes).ok();
         let whole =
-            |result: &Value| point.command().is_some_and(|command| command.is_whole(result));
+            |result: &Value| point.command().is_some_and(|command| command.is_complete(result));
         if result.as_ref().is_some_and(whole) {
             let remark = last.filter(|_| code == Some(STATUS_LOSSY));
             let record = PointRecord::new(point, code.unwrap_or_default(), remark.clone());

@@ -1,4 +1,4 @@
-//! How commands become motion in training: chosen by name or by file.
+//! Actuator model in training, chosen by name or by file.
 
 use super::{Mismatch, TrainError};
 use crate::{
@@ -13,21 +13,21 @@ use std::path::Path;
 /// The name of the ideal actuator.
 pub const IDEAL: &str = "ideal";
 
-/// What the actuator of a run was.
+/// Provenance of the actuator model of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ActuatorSource {
     /// `ideal`, `twin` or `learned`.
     pub kind: String,
-    /// Name of its file.
+    /// Name of its file, if any.
     pub file: Option<String>,
     /// SHA-256 of that file.
     pub sha256: Option<String>,
 }
 
-/// The game with the actuator called `choice`: `ideal`, a `twin.json`, or an `actuator.mcap`.
+/// Build the game with the actuator `choice`: `ideal`, a `twin.json`, or an `actuator.mcap`.
 ///
 /// # Errors
-/// When a file cannot be read, is none of these, or belongs to another control rate.
+/// When a file cannot be read, is of another kind, or has another control rate.
 pub fn game_with_actuator(choice: &Path) -> Result<(GameSettings, ActuatorSource), TrainError> {
     let game = GameSettings::default();
     if choice.as_os_str() == IDEAL {

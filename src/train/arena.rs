@@ -1,7 +1,8 @@
-//! Games between two players: a fixed number from each seat, one episode on each board.
+//! Evaluation games between two players: a fixed number from each seat, one episode per
+//! environment.
 //!
-//! Every board plays exactly one episode, so long games count as much as short ones; upstream took the games
-//! that finished first.
+//! Each environment plays exactly one episode, so long games have the same weight as short ones;
+//! upstream counted the games that finished first.
 
 use super::{
     TrainError,
@@ -9,7 +10,7 @@ use super::{
     table::{Tables, across, seat},
 };
 use crate::{
-    game::{Asked, Ending, GameError, GameSettings, ObservationKind},
+    game::{ActuatorQueries, Ending, GameError, GameSettings, ObservationKind},
     ppo::for_each,
     recording::topic::Player,
     stats::{Interval, wilson_ci95},
@@ -17,64 +18,64 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 
-/// Boards that are played at once by one thread.
+/// Number of environments that one thread steps together.
 const BLOCK: usize = 64;
 
-/// What games have in common.
+/// Settings shared by all games.
 #[derive(Debug, Clone, Copy)]
 pub struct Arena<'a> {
-    /// The game; its time limit is that of the games.
+    /// The game, with the time limit of the evaluation.
     pub game: &'a GameSettings,
-    /// What policies see.
+    /// Observations of policies.
     pub observations: ObservationKind,
-    /// Starts of episodes come from it.
+    /// Seed of the episode starts.
     pub seed: u64,
-    /// Threads; results do not depend on them.
+    /// Number of threads; results do not depend on it.
     pub threads: NonZeroUsize,
 }
 
-/// Outcomes of games from one seat.
+/// Outcomes of games from one seat, for the first player.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Count {
-    /// Won by the first player.
+    /// Games won.
     pub won: u64,
-    /// Drawn: nobody won in time.
+    /// Games drawn: no winner within the time limit.
     pub drawn: u64,
-    /// Lost.
+    /// Games lost.
     pub lost: u64,
 }
 
-/// Outcomes of the games of two players.
+/// Outcomes of the games of two players, for the first one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MatchScore {
-    /// Of the first player on the left.
+    /// Games in which the first player is left.
     pub left: Count,
-    /// Of the first player on the right.
+    /// Games in which the first player is right.
     pub right: Count,
 }
 
 impl Count {
-    /// Games with a winner.
+    /// Number of decided games (with a winner).
     #[must_use]
     pub fn decided(&self) -> u64 {
         self.won + self.lost
     }
 
-    /// Share of the decided games that were won; `None` when none was decided.
+    /// Win rate of decided games, 0 to 1; `None` without a decided game.
     #[must_use]
-    pub fn won_share(&self) -> Option<f64> {
+    pub fn win_rate(&self) -> Option<f64> {
         (0 < self.decided()).then(|| self.won as f64 / self.decided() as f64)
     }
 
-    /// 95 % interval of that share.
+    /// 95 % Wilson interval of the win rate.
     #[must_use]
-    pub fn won_share_ci95(&self) -> Option<Interval> {
+    pub fn win_rate_ci95(&self) -> Option<Interval> {
         wilson_ci95(self.won, self.decided())
     }
 }
 
 impl MatchScore {
-    /// Both seats together.
+    /// Sum over both seats.
     #[must_use]
     pub fn both(&self) -> Count {
         Count {
@@ -85,28 +86,28 @@ impl MatchScore {
     }
 }
 
-/// One game, as the first player sees it.
+/// Result of one game for the first player.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct GameResult {
-    /// Won 1, drawn 0, lost -1.
+    /// Score: 1 won, 0 drawn, -1 lost.
     pub score: i8,
-    /// Its length in control periods.
+    /// Length (control periods).
     pub periods: u32,
-    /// Times that the first player's striker hit the ball.
+    /// Number of hits of the ball by the first player's striker.
     pub hits: u32,
 }
 
-/// The games, one of each board, and what the actuators were asked.
+/// Results of all games, and the queries of the actuator models.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Games {
-    /// Even boards: first player on the left; odd ones: on the right.
+    /// Results by environment; the first player is left in even ones, right in odd ones.
     pub results: Vec<GameResult>,
-    /// All asked, those outside of the training data.
-    pub asked: Asked,
+    /// Queries of the actuator models.
+    pub queries: ActuatorQueries,
 }
 
 impl Games {
-    /// The outcomes by seat.
+    /// Outcomes by seat.
     #[must_use]
     pub fn score(&self) -> MatchScore {
         let mut score = MatchScore { left: Count::default(), right: Count::default() };
@@ -125,21 +126,21 @@ impl Games {
     }
 }
 
-/// A range of boards for one thread.
+/// A range of environments for one thread.
 struct Part<'a> {
     first: usize,
     results: &'a mut [GameResult],
-    outcome: &'a mut Result<Asked, GameError>,
+    outcome: &'a mut Result<ActuatorQueries, GameError>,
 }
 
 impl Arena<'_> {
-    /// Plays `count` games between `players`.
+    /// Play `count` games between `players`.
     ///
     /// # Errors
-    /// When the game refuses its settings or a number.
+    /// When the game rejects its settings or a value.
     pub fn play(&self, players: &[Opponent; 2], count: usize) -> Result<Games, TrainError> {
         let mut results = vec![GameResult::default(); count];
-        let mut outcomes = vec![Ok(Asked::default()); count.div_ceil(BLOCK)];
+        let mut outcomes = vec![Ok(ActuatorQueries::default()); count.div_ceil(BLOCK)];
         let parts = results.chunks_mut(BLOCK).zip(&mut outcomes).enumerate();
         let parts = parts
             .map(|(index, (results, outcome))| Part { first: index * BLOCK, results, outcome })
@@ -147,12 +148,15 @@ impl Arena<'_> {
         for_each(self.threads, parts, |part: Part<'_>| {
             *part.outcome = self.play_part(players, part.first, part.results);
         });
-        let mut asked = Asked::default();
+        let mut queries = ActuatorQueries::default();
         for outcome in outcomes {
-            let Asked { all, outside } = outcome?;
-            asked = Asked { all: asked.all + all, outside: asked.outside + outside };
+            let part = outcome?;
+            queries = ActuatorQueries {
+                total: queries.total + part.total,
+                extrapolated: queries.extrapolated + part.extrapolated,
+            };
         }
-        Ok(Games { results, asked })
+        Ok(Games { results, queries })
     }
 
     fn play_part(
@@ -160,7 +164,7 @@ impl Arena<'_> {
         players: &[Opponent; 2],
         first: usize,
         results: &mut [GameResult],
-    ) -> Result<Asked, GameError> {
+    ) -> Result<ActuatorQueries, GameError> {
         let range = first..first + results.len();
         let mut tables = Tables::new(range, self.game, (self.observations, self.seed, || 0.0))?;
         let mut open = vec![true; results.len()];
@@ -187,7 +191,7 @@ impl Arena<'_> {
             }
             tables.begin_ended()?;
         }
-        Ok(tables.asked())
+        Ok(tables.queries())
     }
 }
 
@@ -215,10 +219,10 @@ mod tests {
         let score = games.score();
         for count in [score.left, score.right] {
             assert_eq!(count.won + count.drawn + count.lost, 80);
-            assert!(0.8 < count.won_share().unwrap(), "{score:?}");
+            assert!(0.8 < count.win_rate().unwrap(), "{score:?}");
         }
         let [chaser, stationary] = players;
         let turned = arena(2).play(&[stationary, chaser], 160).unwrap().score().both();
-        assert!(turned.won_share().unwrap() < 0.2, "{turned:?}");
+        assert!(turned.win_rate().unwrap() < 0.2, "{turned:?}");
     }
 }

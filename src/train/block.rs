@@ -1,7 +1,7 @@
-//! The rollout of a block of boards: learner and opponents decide, the games advance, steps are paid.
+//! Rollout of a block of environments: decisions of learner and opponents, game steps, rewards.
 //!
-//! Blocks are the unit of work of the threads. They do not depend on the number of threads, and each holds
-//! all that changes with it, so neither do results.
+//! Blocks are the unit of work of the threads. They do not depend on the number of threads, and
+//! each owns all state that it changes, so results do not depend on threads either.
 
 use super::{
     curve::Tally,
@@ -10,70 +10,71 @@ use super::{
     table::{Tables, across},
 };
 use crate::{
-    game::{Clockwork, Ending, GameError},
-    ppo::{End, Learner, Place, RolloutPart, RolloutStep},
+    game::{ClockFn, Ending, GameError},
+    ppo::{End, Learner, RolloutPart, RolloutStep, StepIndex},
 };
 use std::ops::Range;
 
-/// Largest number of boards in a block: their state and one network stay in the processor's caches.
+/// Maximum number of environments in a block: their state and one network stay in the processor's
+/// caches.
 const MOST: usize = 256;
-/// Blocks that there are at least, as long as they keep 16 boards: work for that many threads.
+/// Minimum number of blocks, as long as each has 16 environments: work for that many threads.
 const BLOCKS: usize = 16;
-/// Least number of boards in a block: as many rows as the kernels take at once.
+/// Minimum number of environments in a block: the row count of the matrix kernels.
 const LEAST: usize = 16;
 
-/// The blocks of `environments` boards.
+/// Ranges of the blocks of `environments` environments.
 pub(super) fn ranges(environments: usize) -> Vec<Range<usize>> {
     let size = (environments / BLOCKS).clamp(LEAST, MOST);
     (0..environments).step_by(size).map(|first| first..(first + size).min(environments)).collect()
 }
 
-/// What all blocks share in one update.
+/// Data that all blocks share in one update.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub(super) learner: &'a Learner,
     pub(super) pool: &'a Pool,
     pub(super) reward: &'a RewardSettings,
     pub(super) seed: u64,
-    /// Number of the first control period of the rollout, since training began.
+    /// Index of the first control period of the rollout, since training began.
     pub(super) first_step: u64,
-    /// Boards of all blocks together.
+    /// Total number of environments.
     pub(super) environments: usize,
-    pub(super) clock: Clockwork,
+    pub(super) clock: ClockFn,
 }
 
-/// A block of boards.
+/// A block of environments.
 #[derive(Debug)]
 pub(super) struct Block {
     pub(super) tables: Tables,
-    /// Opponent on each board.
+    /// Opponent in each environment.
     drawn: Vec<u32>,
-    /// Earned so far in the episode on each board.
+    /// Return of the current episode in each environment.
     returns: Vec<f32>,
-    /// Control periods of that episode.
+    /// Length of the current episode (control periods).
     lengths: Vec<u32>,
     pub(super) tally: Tally,
     finals: Finals,
 }
 
-/// A block's boards in the middle of their episodes.
+/// State of a block's environments in the middle of their episodes.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct BlockState {
-    /// As [`Games::save`](crate::game::Games::save) gives it.
+    /// As saved by [`Games::save`](crate::game::Games::save).
     #[prost(bytes = "vec", tag = "1")]
     pub(super) games: Vec<u8>,
-    /// Opponent on each board.
+    /// Opponent in each environment.
     #[prost(uint32, repeated, tag = "2")]
     pub(super) drawn: Vec<u32>,
-    /// Earned so far in the episode on each board.
+    /// Return of the current episode in each environment.
     #[prost(float, repeated, tag = "3")]
     pub(super) returns: Vec<f32>,
-    /// Control periods of that episode.
+    /// Length of the current episode (control periods).
     #[prost(uint32, repeated, tag = "4")]
     pub(super) lengths: Vec<u32>,
 }
 
-/// Last observations of episodes that were cut off.
+/// Last observations of truncated episodes.
 #[derive(Debug, Default)]
 struct Finals {
     boards: Vec<usize>,
@@ -82,7 +83,7 @@ struct Finals {
 }
 
 impl Block {
-    /// Fresh boards; the opponents of their first episodes are those of control period `step`.
+    /// New environments; the opponents of their first episodes are those of control period `step`.
     pub(super) fn new(tables: Tables, pool: &Pool, seed: u64, step: u64) -> Self {
         let count = tables.len();
         let drawn =
@@ -97,11 +98,11 @@ impl Block {
         }
     }
 
-    /// The boards of `tables` as they were kept.
+    /// Restore the environments of `tables` from a checkpoint.
     pub(super) fn restore(mut tables: Tables, state: &BlockState) -> Result<Self, GameError> {
         tables.restore(&state.games)?;
         for found in [state.drawn.len(), state.returns.len(), state.lengths.len()] {
-            let (what, expected) = ("the boards of a checkpoint", tables.len());
+            let (what, expected) = ("the environments of a checkpoint", tables.len());
             if found != expected {
                 return Err(GameError::Shape { what, found, expected });
             }
@@ -111,7 +112,7 @@ impl Block {
         Ok(Self { drawn, returns, lengths, tally, finals, tables })
     }
 
-    /// The boards, to be kept.
+    /// State of the environments for a checkpoint.
     pub(super) fn state(&self) -> BlockState {
         BlockState {
             games: self.tables.games.save(),
@@ -121,13 +122,14 @@ impl Block {
         }
     }
 
-    /// The oldest `count` opponents have gone: the oldest that is left takes over where they play.
+    /// Remove the oldest `count` opponents; the oldest remaining one replaces them in running
+    /// episodes.
     pub(super) fn forget_opponents(&mut self, count: usize) {
         self.drawn.iter_mut().for_each(|own| *own = own.saturating_sub(count as u32));
     }
 
-    /// Plays the part of the rollout that is this block's. `last_values` are the learner's values of what it
-    /// sees afterwards.
+    /// Play this block's part of the rollout. `last_values` receives the learner's values of the
+    /// observations after the last step.
     pub(super) fn play(
         &mut self,
         scene: &Scene<'_>,
@@ -148,12 +150,12 @@ impl Block {
         Ok(())
     }
 
-    /// Learner and opponents choose their commands.
+    /// Choose the commands of learner and opponents.
     fn decide(&mut self, scene: &Scene<'_>, number: u64, step: &mut RolloutStep<'_>) {
         let begun = (scene.clock)();
         let tables = &mut self.tables;
         tables.copy_first_seats(step.observations);
-        let place = Place { step: number, first_environment: tables.first };
+        let place = StepIndex { step: number, first_environment: tables.first };
         scene.learner.act(place, step, &mut tables.scratch);
         for (row, action) in step.actions.chunks_exact(2).enumerate() {
             let seat = tables.seat(row);
@@ -165,7 +167,7 @@ impl Block {
         self.tally.spent.policy += (scene.clock)() - begun;
     }
 
-    /// Rewards and ends of the step that was just played.
+    /// Compute the rewards and ends of the last step.
     fn pay(&mut self, scene: &Scene<'_>, number: u64, step: &mut RolloutStep<'_>) {
         let transitions = number * scene.environments as u64;
         let left = scene.reward.shaping_left(transitions);
@@ -207,7 +209,7 @@ impl Block {
         self.tally.results.push(GameResult { opponent: self.drawn[row], score });
         self.tally.returns += f64::from(std::mem::take(&mut self.returns[row]));
         self.tally.episode_steps += u64::from(std::mem::take(&mut self.lengths[row]));
-        self.tally.own_mistakes += u64::from(score < 0 && !matches!(ending, Ending::Goal { .. }));
+        self.tally.own_goals += u64::from(score < 0 && !matches!(ending, Ending::Goal { .. }));
         let board = (self.tables.first + row) as u64;
         self.drawn[row] = scene.pool.draw(scene.seed, board, number + 1);
     }

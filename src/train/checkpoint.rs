@@ -1,5 +1,6 @@
-//! A checkpoint as bytes: the learner as safetensors, counters and boards as Protocol Buffers (numbers come back
-//! bit for bit, which JSON does not promise), the boards compressed, each policy of the pool as safetensors.
+//! A checkpoint as attachments. The learner and each policy of the pool are safetensors files;
+//! counters and environments are Protocol Buffers, which preserve floating-point numbers bit for
+//! bit, unlike JSON. The environments are compressed.
 
 use super::{
     block::BlockState,
@@ -8,7 +9,7 @@ use super::{
     settings::{OpponentMode, TrainSettings},
 };
 use crate::{
-    game::Asked,
+    game::ActuatorQueries,
     nn::safetensors::SafetensorsError,
     ppo::{LearnerState, Policy},
 };
@@ -20,14 +21,14 @@ pub(super) const LEARNER: &str = "checkpoint/learner.safetensors";
 /// Attachment with the counters.
 pub(super) const COUNTERS: &str = "checkpoint/counters.binpb";
 
-/// Attachment with the boards, compressed by Zstandard.
+/// Attachment with the environments, compressed by Zstandard.
 pub(super) const BOARDS: &str = "checkpoint/boards.binpb.zst";
 /// Level of that compression.
 const LEVEL: i32 = 3;
-/// Largest boards that are read (bytes): 100,000 boards of 1000 numbers.
+/// Maximum size of decompressed environments (bytes): 100,000 environments of 1000 numbers.
 const MOST_BYTES: u64 = 800_000_000;
 
-/// Attachment with the weights of a member of the pool.
+/// Attachment with the weights of a pool member.
 pub(super) fn member_attachment(name: &str) -> String {
     format!("pool/{name}.safetensors")
 }
@@ -36,15 +37,15 @@ pub(super) fn member_attachment(name: &str) -> String {
 struct Counters {
     #[prost(message, repeated, tag = "1")]
     members: Vec<MemberCounters>,
-    /// Results plus one, oldest first.
+    /// Scores of the window plus one, oldest first.
     #[prost(bytes = "vec", tag = "2")]
     window: Vec<u8>,
     #[prost(double, tag = "3")]
     rating: f64,
     #[prost(uint64, tag = "4")]
-    asked: u64,
+    queries: u64,
     #[prost(uint64, tag = "5")]
-    asked_outside: u64,
+    extrapolated_queries: u64,
     #[prost(uint64, tag = "6")]
     updates: u64,
 }
@@ -82,7 +83,7 @@ impl Boards {
     }
 }
 
-/// Why bytes are no checkpoint: the attachment and the reason.
+/// Reason of a rejected checkpoint: the attachment and the fault.
 pub(super) type Refusal = (String, String);
 
 impl Checkpoint {
@@ -93,8 +94,8 @@ impl Checkpoint {
             members: self.pool.members.iter().map(MemberCounters::of).collect(),
             window: self.pool.window.iter().map(|score| (score + 1) as u8).collect(),
             rating: self.pool.rating,
-            asked: self.asked.all,
-            asked_outside: self.asked.outside,
+            queries: self.queries.total,
+            extrapolated_queries: self.queries.extrapolated,
             updates: self.curve.len() as u64,
         };
         let mut attachments = vec![
@@ -110,7 +111,7 @@ impl Checkpoint {
         attachments
     }
 
-    /// Undoes [`to_attachments`](Self::to_attachments); the curve is that of the whole run.
+    /// Inverse of [`to_attachments`](Self::to_attachments); `curve` is that of the whole run.
     pub(super) fn from_attachments(
         settings: &TrainSettings,
         curve: &[super::CurvePoint],
@@ -141,11 +142,12 @@ impl Checkpoint {
             .blocks;
         let members = counters.members.len() as u32;
         if boards.iter().any(|own| own.drawn.iter().any(|opponent| members <= *opponent)) {
-            let reason = format!("a board plays against a member that the pool of {members} lacks");
+            let reason =
+                format!("an environment has an opponent outside the pool of {members} members");
             return Err((BOARDS.to_owned(), reason));
         }
         if boards.is_empty() != (updates == 0) {
-            let reason = format!("{} blocks of boards after {updates} updates", boards.len());
+            let reason = format!("{} blocks of environments after {updates} updates", boards.len());
             return Err((BOARDS.to_owned(), reason));
         }
         let mut opponents = Vec::new();
@@ -168,7 +170,10 @@ impl Checkpoint {
                 rating: counters.rating,
             },
             opponents,
-            asked: Asked { all: counters.asked, outside: counters.asked_outside },
+            queries: ActuatorQueries {
+                total: counters.queries,
+                extrapolated: counters.extrapolated_queries,
+            },
             curve: curve[..updates].to_vec(),
             boards,
         })

@@ -1,60 +1,60 @@
-//! What is told of each update, and where the time went.
+//! Metrics of each update, and the time profile of training.
 
 use super::pool::GameResult;
 use crate::ppo::UpdateReport;
 use serde::{Deserialize, Serialize};
 
-/// What a block counts in one update.
+/// Sums of one block over one update.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tally {
     /// Finished games, in their order.
     pub(super) results: Vec<GameResult>,
-    /// Sum of what the finished episodes earned.
+    /// Sum of the returns of finished episodes.
     pub(super) returns: f64,
     /// Control periods of the finished episodes.
     pub(super) episode_steps: u64,
-    /// Hits of the ball by the learner.
+    /// Number of hits of the ball by the learner.
     pub(super) hits: u64,
-    /// Games lost by a striker over its own cup or biscuits.
-    pub(super) own_mistakes: u64,
+    /// Number of own goals: games lost by a striker over its own cup or by two biscuits.
+    pub(super) own_goals: u64,
     pub(super) spent: Thinking,
 }
 
-/// Time for decisions (s).
+/// Time of decisions (s).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Thinking {
     pub(super) policy: f64,
 }
 
-/// One update.
+/// Metrics of one update.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurvePoint {
-    /// Its number, from 1.
+    /// Index of the update, from 1.
     pub update: u64,
-    /// Transitions of all environments, this update included.
+    /// Transitions of all environments, up to and including this update.
     pub transitions: u64,
-    /// Games that ended in it.
+    /// Number of finished games.
     pub games: u64,
-    /// Of these, won by the learner.
+    /// Games won by the learner.
     pub won: u64,
-    /// Lost by it.
+    /// Games lost by the learner.
     pub lost: u64,
-    /// Of the lost ones, by its own mistake.
-    pub own_mistakes: u64,
-    /// Mean of what these episodes earned, shaping included; 0 without games.
+    /// Games lost by an own goal.
+    pub own_goals: u64,
+    /// Mean episode return, shaping included; 0 without games.
     pub mean_return: f64,
-    /// Mean length of these episodes (s); 0 without games.
+    /// Mean episode length (s); 0 without games.
     pub mean_episode_s: f64,
-    /// Hits of the ball by the learner per minute of play.
+    /// Hits of the ball by the learner per minute.
     pub hits_per_minute: f64,
-    /// Mean running rating of the learner.
+    /// Mean running Elo rating of the learner.
     pub elo: f64,
-    /// Opponents in the pool.
+    /// Number of opponents in the pool.
     pub pool: u64,
-    /// Share of shaping that is left, 0 to 1.
+    /// Factor of the reward shaping, 1 decaying to 0.
     pub shaping_left: f64,
-    /// What the learner did.
+    /// Losses and other metrics of the learner.
     pub learning: UpdateReport,
 }
 
@@ -65,7 +65,7 @@ impl CurvePoint {
         (0 < self.games).then(|| (self.won as f64 - self.lost as f64) / self.games as f64)
     }
 
-    /// Every figure that is drawn, by name; the part before the slash is its group.
+    /// All plotted metrics by name; the part before the slash is the group.
     #[must_use]
     pub fn figures(&self) -> [(&'static str, f64); 17] {
         let games = self.games.max(1) as f64;
@@ -73,8 +73,8 @@ impl CurvePoint {
         [
             ("play/return", self.mean_return),
             ("play/score", self.score().unwrap_or(0.0)),
-            ("play/won_share", self.won as f64 / games),
-            ("play/own_mistake_share", self.own_mistakes as f64 / games),
+            ("play/win_rate", self.won as f64 / games),
+            ("play/own_goal_fraction", self.own_goals as f64 / games),
             ("play/episode_s", self.mean_episode_s),
             ("play/hits_per_minute", self.hits_per_minute),
             ("play/elo", self.elo),
@@ -92,10 +92,10 @@ impl CurvePoint {
     }
 }
 
-/// Where the time went: seconds of threads, but for `wall`.
+/// Time profile of training: thread seconds, except for `wall_s`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct TimeShares {
-    /// Seconds on the clock.
+    /// Wall-clock time (s).
     pub wall_s: f64,
     /// Ball, contacts, rules.
     pub physics_s: f64,
@@ -103,22 +103,22 @@ pub struct TimeShares {
     pub actuator_s: f64,
     /// Decisions of learner and opponents.
     pub policy_s: f64,
-    /// Updates of the networks, all threads.
+    /// Updates of the networks.
     pub learning_s: f64,
     /// Observations, rewards, bookkeeping and waiting.
     pub other_s: f64,
-    /// Transitions in that time.
+    /// Number of transitions in that time.
     pub transitions: u64,
 }
 
 impl TimeShares {
-    /// Transitions per second on the clock; 0 before any time has passed.
+    /// Transitions per second of wall-clock time; 0 before any time has passed.
     #[must_use]
     pub fn transitions_per_s(&self) -> f64 {
         if 0.0 < self.wall_s { self.transitions as f64 / self.wall_s } else { 0.0 }
     }
 
-    /// Names and shares of all threads' time, 0 to 1.
+    /// Names and fractions of all thread time, 0 to 1.
     #[must_use]
     pub fn shares(&self) -> [(&'static str, f64); 5] {
         let parts = [

@@ -1,37 +1,38 @@
 //! Elo ratings: base 1200, K = 10, scale 400, half a point for a draw.
 //!
-//! Source: the KlaskTron repository (`evaluate_agents.py`) and the paper; the formula is Elo's: expected score
-//! of A against B is `1 / (1 + 10^((R_B - R_A) / 400))`, and after a game `R_A += K (score - expected)`.
+//! Source: the KlaskTron repository (`evaluate_agents.py`) and the paper; the formula is Elo's. The
+//! expected score of A against B is `1 / (1 + 10^((R_B - R_A) / 400))`, and after a game `R_A += K
+//! (score - expected)`.
 //!
-//! Unlike upstream, every pair plays the same number of games from both seats, and ratings have intervals:
-//! games are drawn with replacement and in a new order ([`bootstrap_ci95`]).
+//! Unlike upstream, every pair plays the same number of games from both seats, and ratings have
+//! intervals: games are resampled with replacement and in a new order ([`bootstrap_ci95`]).
 
 use crate::stats::{Interval, bootstrap_ci95};
 use serde::{Deserialize, Serialize};
 
-/// Rating of a player about whom nothing is known.
+/// Initial rating.
 pub const BASE: f64 = 1200.0;
-/// Largest change of a rating by one game.
+/// Maximum change of a rating by one game.
 pub const K: f64 = 10.0;
-/// Difference of ratings at which ten points are won for each that is lost.
+/// Rating difference at which the odds are ten to one.
 const SCALE: f64 = 400.0;
 
-/// Score that a player of rating `own` is expected to get against `other`, 0 to 1.
+/// Expected score of a player of rating `own` against `other`, 0 to 1.
 #[must_use]
 pub fn expected_score(own: f64, other: f64) -> f64 {
     1.0 / (1.0 + 10f64.powf((other - own) / SCALE))
 }
 
-/// A game between two players, by their numbers.
+/// A game between two players, given by their indices.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Played {
-    /// Who played.
+    /// The two players.
     pub players: [usize; 2],
-    /// Of the first: 1 won, 0.5 drawn, 0 lost.
+    /// Score of the first player: 1 won, 0.5 drawn, 0 lost.
     pub score: f64,
 }
 
-/// Ratings of `count` players after `games`, one after the other.
+/// Ratings of `count` players after `games`, applied in order.
 #[must_use]
 pub fn ratings<'a>(count: usize, games: impl IntoIterator<Item = &'a Played>) -> Vec<f64> {
     let mut ratings = vec![BASE; count];
@@ -43,20 +44,20 @@ pub fn ratings<'a>(count: usize, games: impl IntoIterator<Item = &'a Played>) ->
     ratings
 }
 
-/// One line of the table.
+/// One row of the Elo table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EloRow {
-    /// Who.
+    /// Name of the player.
     pub player: String,
     /// Rating after all games in the order in which they were played.
     pub rating: f64,
     /// 95 % interval by bootstrap over games.
     pub ci95: Option<Interval>,
-    /// Games of this player.
+    /// Number of games of this player.
     pub games: u64,
 }
 
-/// The table, best first; equal ratings by name.
+/// Elo table, best first; equal ratings by name.
 #[must_use]
 pub fn table(names: &[String], games: &[Played], seed: u64) -> Vec<EloRow> {
     let found = ratings(names.len(), games);

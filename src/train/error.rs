@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors of training.
 
 use crate::{
     actuator::ActuatorError, game::GameError, nn::safetensors::SafetensorsError, ppo::PpoError,
@@ -6,7 +6,7 @@ use crate::{
 };
 use std::path::PathBuf;
 
-/// Why there is no run, or why it ended.
+/// Error of starting or continuing a run.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     /// A setting is outside its range.
@@ -14,86 +14,86 @@ pub enum TrainError {
     Setting {
         /// Its name in the settings.
         name: &'static str,
-        /// What it is.
+        /// Value of the setting.
         value: f64,
-        /// What it may be.
+        /// Allowed range.
         range: &'static str,
     },
-    /// The settings cannot be read.
+    /// The settings file cannot be read.
     #[error(
-        "{path} holds no settings of `train`: {source}; `klasktron train --print-settings` prints some"
+        "{path}: not a settings file of `klasktron train`: {source}; print an example with --print-settings"
     )]
     Settings {
         /// The file.
         path: PathBuf,
-        /// Where it departs from them.
+        /// Reason and position in the file.
         source: serde_json::Error,
     },
-    /// The learner refuses its settings or numbers.
+    /// The learner rejects its settings or inputs.
     #[error(transparent)]
     Ppo(#[from] PpoError),
-    /// The game refuses its settings.
+    /// The game rejects its settings.
     #[error(transparent)]
     Game(#[from] GameError),
-    /// The actuator's file cannot be used.
+    /// The actuator file cannot be used.
     #[error(transparent)]
     Actuator(#[from] ActuatorError),
-    /// The twin cannot be used.
+    /// The twin file cannot be used.
     #[error(transparent)]
     Twin(#[from] TwinError),
     /// A file cannot be read or written.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// A number left the range in training.
+    /// A value became non-finite in training.
     #[error(
         "training stopped after {transitions} transitions (update {update}, seed {seed}): {reason}"
     )]
     NotFinite {
         /// Transitions of all environments before this update.
         transitions: u64,
-        /// The update in which it happened, from 1.
+        /// Update in which it happened, from 1.
         update: u64,
-        /// The user's seed.
+        /// Seed of the run.
         seed: u64,
-        /// What left the range, and where.
+        /// Name and location of the value.
         reason: String,
     },
-    /// Two things that do not belong together.
+    /// Two files or settings that do not match.
     #[error(transparent)]
     Mismatch(#[from] Box<Mismatch>),
-    /// A file that is no policy, or half of one.
+    /// A file that is not a complete policy.
     #[error("{path}: {reason}")]
     BadPolicy {
         /// The file.
         path: PathBuf,
-        /// What is missing or wrong.
+        /// Missing or faulty part.
         reason: String,
     },
-    /// Weights in a file that are none.
+    /// Faulty weights in a file.
     #[error("{path}: {attachment}: {source}")]
     BadWeights {
         /// The file.
         path: PathBuf,
-        /// Which part of it.
+        /// Attachment with the fault.
         attachment: String,
-        /// What is wrong.
+        /// Description of the fault.
         source: SafetensorsError,
     },
 }
 
-/// Two things that do not belong together.
+/// Two files or settings that do not match.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{path}: {what} is {found}, but {other} has {expected}; {remedy}")]
 pub struct Mismatch {
     /// The file that does not fit.
     pub path: PathBuf,
-    /// What differs.
+    /// Name of the difference.
     pub what: String,
-    /// In the file.
+    /// Value in the file.
     pub found: String,
-    /// What it is compared with.
+    /// Name of the other side of the comparison.
     pub other: &'static str,
-    /// There.
+    /// Value there.
     pub expected: String,
     /// The way out.
     pub remedy: &'static str,

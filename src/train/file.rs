@@ -1,23 +1,25 @@
-//! `policy.mcap`: curves, ratings and sample games as messages, weights as attachments, settings as metadata.
+//! `policy.mcap`: curves, ratings and sample games as messages, weights as attachments, settings as
+//! metadata.
 //!
-//! | topic | message | what |
+//! | topic | message | content |
 //! |---|---|---|
-//! | `/train/update` | `TrainingUpdate` | the learning curve, an update every millisecond |
+//! | `/train/update` | `TrainingUpdate` | learning curve, one update per millisecond |
 //! | `/train/evaluation` | `MatchScore` | games against scripted players, by seat |
-//! | `/train/elo` | `EloRating` | the round robin |
+//! | `/train/elo` | `EloRating` | round robin |
 //! | `/board/state` | `BoardState` | sample games, 50 Hz, which `klasktron eval` scores |
 //! | `/striker/{left,right}/command` | `VelocityCommand` | their commands |
 //!
-//! Attachments: `policy.safetensors` and `policy.onnx` (standardisation, network; observation in, mean action
-//! out), `settings.json`, `summary.json`, `pool/*.safetensors`, and `checkpoint/*`, from which `--resume` goes on.
-//! Metadata: `klasktron.recording` and `klasktron.policy`. Nothing in it depends on clocks, threads or places.
+//! Attachments: `policy.safetensors` and `policy.onnx` (normalization and network; observation in,
+//! mean action out), `settings.json`, `summary.json`, `pool/*.safetensors`, and `checkpoint/*`,
+//! from which `--resume` continues. Metadata: `klasktron.recording` and `klasktron.policy`. No
+//! content depends on clocks, threads or file paths.
 
 use super::{
-    actuator::ActuatorSource, judge::Verdict, message::message_of, run::Run, sample::SampleGame,
-    settings::TrainSettings,
+    actuator::ActuatorSource, evaluate::Evaluation, message::message_of, run::Run,
+    sample::SampleGame, settings::TrainSettings,
 };
 use crate::{
-    game::{Asked, CONTROL_PERIOD, CommandLimits, Snapshot},
+    game::{ActuatorQueries, CONTROL_PERIOD, CommandLimits, Snapshot},
     provenance::Provenance,
     recording::{
         ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingError, RecordingWriter,
@@ -29,9 +31,9 @@ use crate::{
 use serde::Serialize;
 use std::{collections::BTreeMap, path::Path};
 
-/// Name of the metadata record with what everyone who uses the policy must know.
+/// Name of the metadata record for users of the policy.
 pub const POLICY_METADATA: &str = "klasktron.policy";
-/// Its entry with the largest change of a command in training (m/s^2).
+/// Entry of that record: slew limit of commands in training (m/s^2).
 pub(super) const COMMAND_SLEW_ENTRY: &str = "command_slew_m_per_s2";
 /// Version of that record and of the observations.
 pub(super) const FORMAT_VERSION: &str = "1";
@@ -44,61 +46,64 @@ const ONNX_ATTACHMENT: &str = "policy.onnx";
 pub(super) const SETTINGS_ATTACHMENT: &str = "settings.json";
 const SUMMARY_ATTACHMENT: &str = "summary.json";
 const NANOS_PER_UPDATE: u64 = 1_000_000;
-/// A sample game stands as it ended for so long (s): a referee wants to see that the ball stays in the cup.
+/// Time for which the final state of a sample game is repeated (s), so that the referee sees the
+/// ball stay in the cup.
 const STAND: f64 = 1.5;
 
-/// The result document.
+/// Result document of a training run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
-    /// Updates that were done.
+    /// Number of updates done.
     pub updates: u64,
     /// Transitions of all environments.
     pub transitions: u64,
-    /// Whether all steps that were asked for are done.
+    /// True if all requested steps are done.
     pub finished: bool,
-    /// Games against scripted players and earlier policies; absent before the end of training.
-    pub verdict: Option<Verdict>,
-    /// What a learned actuator was asked in training; zeros for other actuators.
-    pub actuator_asked: Asked,
-    /// Share of these questions outside of its training data; absent when it was not asked.
-    pub actuator_outside_share: Option<f64>,
-    /// How commands became motion.
+    /// Evaluation against scripted players and earlier policies; null before the end of training.
+    pub evaluation: Option<Evaluation>,
+    /// Queries of a learned actuator in training; zeros for other actuators.
+    pub actuator_queries: ActuatorQueries,
+    /// Fraction of these queries outside of its training data (extrapolation); null without
+    /// queries.
+    pub actuator_extrapolation_fraction: Option<f64>,
+    /// Actuator model.
     pub actuator: ActuatorSource,
-    /// Doubts.
+    /// Data-quality issues, as sentences.
     pub warnings: Vec<String>,
     /// The settings.
     pub settings: TrainSettings,
-    /// How it was made.
+    /// Command line, crate version and commit.
     pub provenance: Provenance,
 }
 
-/// Share of questions outside of the data from which on it is a warning.
-const OUTSIDE_WARNING: f64 = 0.01;
+/// Extrapolation fraction above which a warning is given.
+const EXTRAPOLATION_WARNING: f64 = 0.01;
 
 impl Summary {
-    /// Of `run` as it stands.
+    /// Summary of the current state of `run`.
     #[must_use]
     pub fn new(
         run: &Run,
         actuator: ActuatorSource,
-        verdict: Option<Verdict>,
+        evaluation: Option<Evaluation>,
         provenance: Provenance,
     ) -> Self {
-        let asked = run.asked();
-        let outside_share = (0 < asked.all).then(|| asked.outside as f64 / asked.all as f64);
+        let queries = run.queries();
+        let extrapolation_fraction =
+            (0 < queries.total).then(|| queries.extrapolated as f64 / queries.total as f64);
         let mut warnings = Vec::new();
-        if let Some(share) = outside_share.filter(|share| OUTSIDE_WARNING < *share) {
+        if let Some(share) = extrapolation_fraction.filter(|share| EXTRAPOLATION_WARNING < *share) {
             warnings.push(format!(
-                "the actuator model was asked {} times, {} of them ({:.1} %) far from its training data; what \
-                 it answered there is a guess: collect wider motions and fit it again, or lower the speed",
-                asked.all,
-                asked.outside,
+                "the actuator model extrapolated: {} of {} queries ({:.1} %) are far from its training data; collect \
+                 wider motions and fit it again, or lower the speed",
+                queries.extrapolated,
+                queries.total,
                 100.0 * share
             ));
         }
         if !run.is_done() {
             warnings.push(format!(
-                "training ended after update {} of {}; the same command with --resume goes on",
+                "training stopped after update {} of {}; the same command with --resume continues",
                 run.curve().len(),
                 run.settings().updates()
             ));
@@ -107,9 +112,9 @@ impl Summary {
             updates: run.curve().len() as u64,
             transitions: run.curve().last().map_or(0, |point| point.transitions),
             finished: run.is_done(),
-            verdict,
-            actuator_asked: asked,
-            actuator_outside_share: outside_share,
+            evaluation,
+            actuator_queries: queries,
+            actuator_extrapolation_fraction: extrapolation_fraction,
             actuator,
             warnings,
             settings: run.settings().clone(),
@@ -118,10 +123,10 @@ impl Summary {
     }
 }
 
-/// Writes the file; beside its name, and renamed when it is complete.
+/// Write the policy file: under a temporary name, and renamed when complete.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When the file cannot be written.
 pub fn write_policy(
     run: &Run,
     summary: &Summary,
@@ -137,8 +142,8 @@ pub fn write_policy(
         writer.write(UPDATE_TOPIC, time, &message_of(point))?;
     }
     let end = Nanos((run.curve().len() as u64 + 1) * NANOS_PER_UPDATE);
-    if let Some(verdict) = &summary.verdict {
-        write_verdict(verdict, end, &mut writer)?;
+    if let Some(evaluation) = &summary.evaluation {
+        write_evaluation(evaluation, end, &mut writer)?;
     }
     write_samples(samples, end, &mut writer)?;
     let policy = run.policy();
@@ -199,12 +204,12 @@ fn policy_metadata(summary: &Summary, limits: &CommandLimits) -> BTreeMap<String
     ])
 }
 
-fn write_verdict(
-    verdict: &Verdict,
+fn write_evaluation(
+    evaluation: &Evaluation,
     time: Nanos,
     writer: &mut RecordingWriter,
 ) -> Result<(), RecordingError> {
-    for judged in &verdict.opponents {
+    for judged in &evaluation.opponents {
         for (seat, count) in
             [(Player::Left, judged.score.left), (Player::Right, judged.score.right)]
         {
@@ -218,7 +223,7 @@ fn write_verdict(
             writer.write(EVALUATION_TOPIC, time, &message)?;
         }
     }
-    for row in &verdict.elo {
+    for row in &evaluation.elo {
         let message = EloRating {
             player: row.player.clone(),
             rating: row.rating,

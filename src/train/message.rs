@@ -1,4 +1,4 @@
-//! A point of the learning curve as a message, and back.
+//! Conversion between points of the learning curve and their messages.
 
 use super::CurvePoint;
 use crate::{ppo::UpdateReport, recording::message::TrainingUpdate};
@@ -12,7 +12,7 @@ pub(super) fn message_of(point: &CurvePoint) -> TrainingUpdate {
         games: point.games,
         won: point.won,
         lost: point.lost,
-        own_mistakes: point.own_mistakes,
+        own_mistakes: point.own_goals,
         mean_return: point.mean_return,
         mean_episode_s: point.mean_episode_s,
         hits_per_minute: point.hits_per_minute,
@@ -43,7 +43,7 @@ pub(super) fn point_of(message: &TrainingUpdate) -> CurvePoint {
         games: message.games,
         won: message.won,
         lost: message.lost,
-        own_mistakes: message.own_mistakes,
+        own_goals: message.own_mistakes,
         mean_return: message.mean_return,
         mean_episode_s: message.mean_episode_s,
         hits_per_minute: message.hits_per_minute,

@@ -2,8 +2,8 @@
 
 use super::{
     CurvePoint,
+    evaluate::{Estimate, Evaluation, OpponentEvaluation},
     file::Summary,
-    judge::{Estimate, Judged, Verdict},
 };
 use crate::{
     report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, line_plot},
@@ -20,7 +20,7 @@ pub(super) const PICTURES: [(&str, &str, &str); 10] = [
     ("Return of an episode", "play/return", "reward"),
     ("Hits of the ball", "play/hits_per_minute", "per minute"),
     ("Length of an episode", "play/episode_s", "s"),
-    ("Lost by own mistake", "play/own_mistake_share", "share of games"),
+    ("Lost by own mistake", "play/own_goal_fraction", "share of games"),
     ("Entropy of the policy", "losses/entropy", "nat"),
     ("Divergence by an update", "losses/kl", "nat"),
     ("Value loss", "losses/value", "reward squared"),
@@ -35,7 +35,7 @@ pub fn page(summary: &Summary, curve: &[CurvePoint]) -> String {
     for warning in &summary.warnings {
         page.warning(warning);
     }
-    if let Some(verdict) = &summary.verdict {
+    if let Some(verdict) = &summary.evaluation {
         strength(&mut page, verdict);
     }
     page.section("Learning");
@@ -49,10 +49,10 @@ pub fn page(summary: &Summary, curve: &[CurvePoint]) -> String {
 }
 
 fn lead(summary: &Summary) -> String {
-    let against = |judged: &Judged| {
-        judged.won_share.map(|share| format!("{:.1} % against {}", 100.0 * share, judged.opponent))
+    let against = |judged: &OpponentEvaluation| {
+        judged.win_rate.map(|share| format!("{:.1} % against {}", 100.0 * share, judged.opponent))
     };
-    let verdict = summary.verdict.as_ref();
+    let verdict = summary.evaluation.as_ref();
     let shares: Vec<String> =
         verdict.iter().flat_map(|verdict| &verdict.opponents).filter_map(against).collect();
     let shares = if shares.is_empty() {
@@ -81,7 +81,7 @@ fn estimate(estimate: &Estimate) -> String {
     format!("{:.1}{}", estimate.mean, range.unwrap_or_default())
 }
 
-fn strength(page: &mut Page, verdict: &Verdict) {
+fn strength(page: &mut Page, verdict: &Evaluation) {
     let texts = |cells: &[&str]| cells.iter().map(|cell| (*cell).to_owned()).collect();
     page.section("Strength");
     page.paragraph(
@@ -98,12 +98,12 @@ fn strength(page: &mut Page, verdict: &Verdict) {
             both.won.to_string(),
             both.drawn.to_string(),
             both.lost.to_string(),
-            share(judged.won_share),
-            interval(judged.won_share_ci95, 100.0),
-            share(judged.score.left.won_share()),
-            share(judged.score.right.won_share()),
-            estimate(&judged.scored_per_min),
-            estimate(&judged.conceded_per_min),
+            share(judged.win_rate),
+            interval(judged.win_rate_ci95, 100.0),
+            share(judged.score.left.win_rate()),
+            share(judged.score.right.win_rate()),
+            estimate(&judged.goals_per_min),
+            estimate(&judged.conceded_goals_per_min),
             estimate(&judged.episode_length_s),
             estimate(&judged.hits_per_episode),
         ]
@@ -161,9 +161,9 @@ fn how(page: &mut Page, summary: &Summary) {
     page.section("How it was made");
     page.code(&summary.provenance.command_line);
     let sha256 = summary.actuator.sha256.clone().unwrap_or_else(|| "-".to_owned());
-    let asked = summary.actuator_outside_share.map_or_else(
+    let asked = summary.actuator_extrapolation_fraction.map_or_else(
         || "-".to_owned(),
-        |share| format!("{:.2} % of {}", 100.0 * share, summary.actuator_asked.all),
+        |share| format!("{:.2} % of {}", 100.0 * share, summary.actuator_queries.total),
     );
     let [version, commit] = summary.provenance.facts();
     page.facts([

@@ -1,9 +1,9 @@
-//! Opponents: earlier policies or a script, and who of them plays next.
+//! Opponent pool: earlier policies or a script, and the sampling of opponents.
 //!
-//! Sources: weights `0.9^(N-i-1)` and the update above a mean score difference of 0.7 are the paper's (appendix
-//! A.2). That the first opponent is untrained and draws its actions while later ones play their means is
-//! upstream's. Unlike upstream, the window holds finished games alone: it is empty at first, not full of
-//! draws, and nothing is added for outcomes that did not occur.
+//! Sources: the weights `0.9^(N-i-1)` and the update above a mean score difference of 0.7 are the
+//! paper's (appendix A.2). The first opponent is untrained and stochastic while later ones play
+//! mean actions, as in upstream. Unlike upstream, the window holds finished games only: it is empty
+//! at first, not full of draws, and nothing is added without an outcome.
 
 use super::{
     elo::{self, expected_score},
@@ -11,48 +11,49 @@ use super::{
 };
 use crate::{
     opponent::{Moment, Scripted},
-    ppo::{Place, Policy, Scratch},
+    ppo::{Policy, Scratch, StepIndex},
     seed::Stream,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// How a policy chooses.
+/// Action selection of a policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Choice {
-    /// The mean.
+    /// Mean action.
     Mean,
-    /// Drawn around it.
+    /// Action sampled around the mean.
     Random,
 }
 
-/// Someone to play against.
+/// An opponent.
 #[derive(Debug, Clone)]
 pub enum Opponent {
     /// A frozen policy.
     Policy(Box<Policy>, Choice),
-    /// A script.
+    /// A scripted player.
     Scripted(Scripted),
 }
 
-/// Rows of observations for which decisions are wanted.
+/// Rows of observations for which decisions are requested.
 #[derive(Debug)]
 pub(super) struct Question<'a> {
-    /// The user's seed.
+    /// Seed of the run.
     pub(super) seed: u64,
-    /// Number of the control period.
+    /// Index of the control period.
     pub(super) step: u64,
-    /// Numbers of the boards, one for each row.
+    /// Environment of each row.
     pub(super) boards: &'a [u32],
-    /// `[rows][width]`
+    /// Observations, `[rows][width]`.
     pub(super) rows: &'a [f32],
     /// Speed of a full action (m/s).
     pub(super) speed: f32,
 }
 
 impl Opponent {
-    /// Velocities (m/s) for each row of `question` into `velocities`; `actions` is reused.
+    /// Write velocities (m/s) for each row of `question` into `velocities`; `actions` is a reused
+    /// buffer.
     pub(super) fn decide(
         &self,
         question: &Question<'_>,
@@ -66,7 +67,7 @@ impl Opponent {
                 match choice {
                     Choice::Mean => policy.act_mean(rows, actions, scratch),
                     Choice::Random => {
-                        let place = Place { step, first_environment: boards[0] as usize };
+                        let place = StepIndex { step, first_environment: boards[0] as usize };
                         policy.act_random((seed, "opponents", place), rows, actions, scratch);
                     }
                 }
@@ -86,31 +87,31 @@ impl Opponent {
     }
 }
 
-/// The velocity (m/s) that an action stands for: -1 to 1, and beyond as at these ends, times `speed`.
+/// Velocity (m/s) of an action: clamped to -1 to 1, times `speed`.
 pub(super) fn velocity_of(action: &[f32], speed: f32) -> [f32; 2] {
     [action[0], action[1]].map(|action| speed * action.clamp(-1.0, 1.0))
 }
 
-/// What is told of a member of the pool.
+/// Description of a pool member.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Member {
-    /// Its name in tables: `update_8`, or that of a script.
+    /// Name in tables: `update_8`, or that of a script.
     pub name: String,
-    /// Updates that it had learned from.
+    /// Number of updates of its training.
     pub update: u64,
     /// Its rating when it joined.
     pub rating: f64,
-    /// How it chooses.
+    /// Action selection.
     pub choice: Choice,
 }
 
-/// What of the pool is stored beside the policies.
+/// State of the pool without the policies.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PoolState {
     pub(super) members: Vec<Member>,
-    /// Results of the last finished games: 1, 0, -1.
+    /// Scores of the last finished games: 1, 0, -1.
     pub(super) window: VecDeque<i8>,
     /// Running rating of the learner.
     pub(super) rating: f64,
@@ -121,22 +122,22 @@ pub(super) struct PoolState {
 pub(super) struct GameResult {
     /// Index of the opponent.
     pub(super) opponent: u32,
-    /// 1 won, 0 drawn, -1 lost.
+    /// Score: 1 won, 0 drawn, -1 lost.
     pub(super) score: i8,
 }
 
-/// Opponents with their weights.
+/// Opponents with their sampling weights.
 #[derive(Debug, Clone)]
 pub(super) struct Pool {
     settings: OpponentSettings,
     pub(super) opponents: Vec<Opponent>,
     pub(super) state: PoolState,
-    /// Sums of weights up to each member, the last is 1.
+    /// Cumulative weights of the members; the last is 1.
     cumulative: Vec<f64>,
 }
 
 impl Pool {
-    /// The pool at the start of training, with the untrained `policy`.
+    /// Pool at the start of training, with the untrained `policy`.
     pub(super) fn new(settings: OpponentSettings, policy: Policy) -> Self {
         let (opponent, name) = match settings.mode {
             OpponentMode::Scripted(script) => {
@@ -149,7 +150,7 @@ impl Pool {
         Self::from_parts(settings, vec![opponent], state)
     }
 
-    /// A pool that is taken up again; one opponent for each member.
+    /// Restore a pool; one opponent for each member.
     pub(super) fn from_parts(
         settings: OpponentSettings,
         opponents: Vec<Opponent>,
@@ -173,7 +174,8 @@ impl Pool {
             .collect();
     }
 
-    /// The opponent of the episode that begins on `board` at control period `step`.
+    /// Sample the opponent of the episode that begins in environment `board` at control period
+    /// `step`.
     pub(super) fn draw(&self, seed: u64, board: u64, step: u64) -> u32 {
         if self.opponents.len() < 2 {
             return 0;
@@ -184,7 +186,7 @@ impl Pool {
         self.cumulative.iter().position(|sum| draw < *sum).unwrap_or(last) as u32
     }
 
-    /// Takes in finished games; the mean of the learner's rating over them.
+    /// Add finished games; returns the mean of the learner's rating over them.
     pub(super) fn take_in(&mut self, results: impl Iterator<Item = GameResult>) -> f64 {
         let (mut sum, mut count) = (0.0, 0u32);
         for GameResult { opponent, score } in results {
@@ -202,7 +204,7 @@ impl Pool {
         if count == 0 { self.state.rating } else { sum / f64::from(count) }
     }
 
-    /// Mean score difference over the window, when it is full.
+    /// Mean score difference over the window, if it is full.
     pub(super) fn score(&self) -> Option<f64> {
         let window = &self.state.window;
         let full = window.len() == self.settings.window_games;
@@ -211,13 +213,13 @@ impl Pool {
         })
     }
 
-    /// Whether the learner has outgrown its opponents.
+    /// Return whether the score difference exceeds the threshold.
     pub(super) fn wants_update(&self) -> bool {
         let scripted = matches!(self.settings.mode, OpponentMode::Scripted(_));
         !scripted && self.score().is_some_and(|score| self.settings.update_score < score)
     }
 
-    /// Takes in a copy of the learner, after `update` updates, and forgets the window.
+    /// Add a copy of the learner after `update` updates, and clear the window.
     pub(super) fn push(&mut self, policy: Policy, update: u64) {
         let name = format!("update_{update}");
         let rating = self.state.rating;
@@ -227,7 +229,7 @@ impl Pool {
         self.weigh();
     }
 
-    /// Lets go the oldest above the limit; gives how many.
+    /// Remove the oldest members above the limit; returns their number.
     pub(super) fn forget_oldest(&mut self) -> usize {
         let excess = self.opponents.len().saturating_sub(self.settings.most);
         self.opponents.drain(..excess);
@@ -237,7 +239,7 @@ impl Pool {
     }
 }
 
-/// Weight of each of `count` members, oldest first.
+/// Sampling weight of each of `count` members, oldest first.
 fn weights(mode: OpponentMode, decay: f64, count: usize) -> Vec<f64> {
     let of = |index: usize| match mode {
         OpponentMode::Enhanced => decay.powi((count - index - 1) as i32),
@@ -287,7 +289,8 @@ mod tests {
             (0..30_000).for_each(|board| counts[pool.draw(5, board, 7) as usize] += 1);
             counts.map(|count| f64::from(count) / 30_000.0)
         };
-        // 0.81 + 0.9 + 1 = 2.71; a share of 30,000 draws has a deviation of at most 0.0029.
+        // 0.81 + 0.9 + 1 = 2.71; a fraction of 30,000 draws has a standard deviation of at most
+        // 0.0029.
         let expected = [0.81, 0.9, 1.0].map(|weight| weight / 2.71);
         for (found, expected) in shares(OpponentMode::Enhanced).iter().zip(expected) {
             assert!((found - expected).abs() < 0.012, "{found} {expected}");

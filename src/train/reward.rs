@@ -1,4 +1,4 @@
-//! What a step earns: the result, and shaping that fades away.
+//! Reward of a step: the result, and reward shaping that decays.
 //!
 //! Source: the paper, appendix A, equation 2, with `t` the transitions of all environments:
 //!
@@ -8,82 +8,83 @@
 //!                             + R_collision exp(-v_0 / v_hit) for each step with a hit)
 //! ```
 //!
-//! Results are the paper's: +1, -1, and -1 for the own striker over the own cup; the opponent's mistake
-//! earns nothing, as upstream. The paper states no other number. `D` (0.2 m), `v_0` (0.1 m/s) and `N` (1e7)
-//! are upstream's. The weights are smaller than upstream's, and for a reason: with upstream's, a ball held
-//! before the other cup earns more than a goal (0.04 a step, so 2.8 goals at gamma 0.99). Here everything
-//! that shaping can earn for ever, at most `R / (1 - gamma)`, stays below the one goal that ends it.
+//! Results are the paper's: +1, -1, and -1 for an own goal; an own goal of the opponent earns
+//! nothing, as in upstream. The paper gives no other parameter. `D` (0.2 m), `v_0` (0.1 m/s) and
+//! `N` (1e7) are upstream's. The weights are smaller than upstream's. With upstream's, a ball held
+//! before the other cup earns more than a goal (0.04 per step, so 2.8 goals at gamma 0.99). Here
+//! the maximum discounted shaping, `R / (1 - gamma)`, stays below the one goal that ends it.
 
 use crate::{board::CUP_DISTANCE, game::Ending, recording::topic::Player};
 use serde::{Deserialize, Serialize};
 
-/// The paper's three variants.
+/// The paper's three curricula.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Curriculum {
-    /// The way of the ball from the own cup to the other one, closeness to the ball, its speed: the paper's
-    /// best.
+    /// Reward shaping by the path of the ball from the own cup to the other one, by closeness to
+    /// the ball, and by its speed: the paper's best.
     DenseBallToGoal,
-    /// Hits of the ball.
+    /// Reward shaping by hits of the ball.
     CollisionOnly,
     /// Results alone.
     Sparse,
 }
 
-/// Weights and lengths of the reward.
+/// Weights and scales of the reward.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RewardSettings {
-    /// For the ball in the other cup; 1.
+    /// Reward of a goal; 1.
     pub goal_scored: f32,
-    /// For the ball in the own cup; -1.
+    /// Reward of a conceded goal; -1.
     pub goal_conceded: f32,
-    /// For the own striker over the own cup, or two biscuits on it; -1.
-    pub own_mistake: f32,
-    /// For the same of the opponent; 0.
-    pub opponent_mistake: f32,
-    /// Weight of the ball's closeness to the other cup, each step; 0.006.
+    /// Reward of an own goal: own striker over the own cup, or two biscuits on it; -1.
+    pub own_goal: f32,
+    /// Reward of an own goal of the opponent; 0.
+    pub opponent_own_goal: f32,
+    /// Weight of the ball's closeness to the other cup, per step; 0.006.
     pub progress: f32,
-    /// Weight of its closeness to the own cup, which is subtracted; 0.006.
+    /// Weight of the ball's closeness to the own cup, subtracted per step; 0.006.
     pub defence: f32,
-    /// Distance over which closeness to a cup falls by e (m), above 0; 0.2.
+    /// Decay length of the closeness to a cup (m), above 0; 0.2.
     pub cup_scale_m: f32,
-    /// Weight of the striker's closeness to the ball, each step; 0.002.
+    /// Weight of the striker's closeness to the ball, per step; 0.002.
     pub proximity: f32,
-    /// Distance over which that falls by e (m), above 0; 0.1.
+    /// Decay length of that closeness (m), above 0; 0.1.
     pub ball_scale_m: f32,
-    /// Weight of the ball's speed (s/m), each step; 0.004.
+    /// Weight of the ball's speed (s/m), per step; 0.004.
     pub ball_speed_s_per_m: f32,
-    /// Weight of a step in which the own striker hits the ball; 0.02 in the collision curriculum.
+    /// Weight of a hit of the ball by the own striker, per step with a hit; 0.02 in the collision
+    /// curriculum.
     pub collision: f32,
-    /// Closing speed at which a hit counts 1/e (m/s); 0.1.
+    /// Closing speed of a hit that counts 1/e (m/s); 0.1.
     pub collision_scale_m_per_s: f32,
-    /// Transitions, of all environments together, over which shaping falls by e, above 0; 1e7.
+    /// Decay constant of the shaping (transitions of all environments), above 0; 1e7.
     pub decay_transitions: f64,
 }
 
-/// A step as the reward sees it.
+/// A step as input of the reward.
 #[derive(Debug, Clone, Copy)]
 pub struct Step<'a> {
-    /// The standard values after the step, in the player's own frame (m, m/s).
+    /// Standard values after the step, in the player's own frame (m, m/s).
     pub seen: &'a [f32],
-    /// How the episode ended in it, if it did.
+    /// End of the episode in this step, if any.
     pub ended: Option<Ending>,
-    /// Whose reward it is.
+    /// Player that receives the reward.
     pub player: Player,
     /// Largest closing speed of the player's hits of the ball (m/s); 0 without one.
     pub hit_speed: f32,
 }
 
 impl RewardSettings {
-    /// The reward of a curriculum.
+    /// Reward of a curriculum.
     #[must_use]
     pub fn of(curriculum: Curriculum) -> Self {
         let sparse = Self {
             goal_scored: 1.0,
             goal_conceded: -1.0,
-            own_mistake: -1.0,
-            opponent_mistake: 0.0,
+            own_goal: -1.0,
+            opponent_own_goal: 0.0,
             progress: 0.0,
             defence: 0.0,
             cup_scale_m: 0.2,
@@ -107,13 +108,13 @@ impl RewardSettings {
         }
     }
 
-    /// Share of the shaping that is left after `transitions`, from 1 to 0.
+    /// Factor of the shaping after `transitions`, 1 decaying to 0.
     #[must_use]
     pub fn shaping_left(&self, transitions: u64) -> f32 {
         (-(transitions as f64) / self.decay_transitions).exp() as f32
     }
 
-    /// What `step` earns when `left` of the shaping is left.
+    /// Reward of `step`, with the factor `left` on the shaping.
     #[must_use]
     pub fn of_step(&self, step: &Step<'_>, left: f32) -> f32 {
         self.result(step) + left * self.shaping(step)
@@ -127,9 +128,9 @@ impl RewardSettings {
             Some(Ending::OwnGoal { loser } | Ending::Biscuits { loser })
                 if loser == step.player =>
             {
-                self.own_mistake
+                self.own_goal
             }
-            Some(Ending::OwnGoal { .. } | Ending::Biscuits { .. }) => self.opponent_mistake,
+            Some(Ending::OwnGoal { .. } | Ending::Biscuits { .. }) => self.opponent_own_goal,
         }
     }
 
@@ -154,7 +155,7 @@ impl RewardSettings {
         sum
     }
 
-    /// The first value that cannot be: its name, itself, and the range.
+    /// The first invalid value: its name, value, and allowed range.
     pub(super) fn wrong(&self) -> Option<(&'static str, f64, &'static str)> {
         let Self { cup_scale_m, ball_scale_m, collision_scale_m_per_s, decay_transitions, .. } =
             *self;
@@ -167,8 +168,8 @@ impl RewardSettings {
         let finite = [
             ("reward.goal_scored", self.goal_scored),
             ("reward.goal_conceded", self.goal_conceded),
-            ("reward.own_mistake", self.own_mistake),
-            ("reward.opponent_mistake", self.opponent_mistake),
+            ("reward.own_goal", self.own_goal),
+            ("reward.opponent_own_goal", self.opponent_own_goal),
             ("reward.progress", self.progress),
             ("reward.defence", self.defence),
             ("reward.proximity", self.proximity),
@@ -187,7 +188,7 @@ impl RewardSettings {
 mod tests {
     use super::*;
 
-    /// The own striker at (0.03, -0.1), the ball at (0.03, -0.05) with 0.5 m/s.
+    /// Own striker at (0.03, -0.1), ball at (0.03, -0.05) with 0.5 m/s.
     fn seen() -> [f32; 12] {
         let mut seen = [0.0; 12];
         (seen[0], seen[1], seen[8], seen[9]) = (0.03, -0.1, 0.03, -0.05);
@@ -258,11 +259,11 @@ mod tests {
 
     #[test]
     fn no_shaping_for_ever_is_worth_a_goal() {
-        // The best of every term at once, though a fast ball cannot be held at a place.
+        // Upper bound of every term at once, although a fast ball cannot stay in one position.
         for curriculum in [Curriculum::DenseBallToGoal, Curriculum::CollisionOnly] {
             let s = RewardSettings::of(curriculum);
             let farthest = (-2.0 * CUP_DISTANCE as f32 / s.cup_scale_m).exp();
-            // A hit at most every fifth step: to and fro at 0.4 m/s over a ball's diameter.
+            // A hit at most every fifth step: back and forth at 0.4 m/s over a ball's diameter.
             let each = s.progress - s.defence * farthest + s.proximity + s.collision / 5.0;
             let speed = 0.5 * s.ball_speed_s_per_m;
             assert!((each + speed) / (1.0 - 0.99) < s.goal_scored, "{curriculum:?} {each}");

@@ -1,7 +1,8 @@
-//! The loop: boards and learner, update by update.
+//! Training loop: environments and learner, update by update.
 //!
-//! Every so many updates ([`TrainSettings::checkpoint_updates`]) the learner, the pool, all boards and some
-//! counters are kept, and a run that is taken up again goes on with the bytes of one that was never interrupted.
+//! At every checkpoint ([`TrainSettings::checkpoint_updates`]) the state of the learner, the pool,
+//! all environments and some counters is stored. A resumed run continues with the bytes of an
+//! uninterrupted one.
 
 use super::{
     TrainError,
@@ -12,7 +13,10 @@ use super::{
     table::Tables,
 };
 use crate::{
-    game::{Asked, BiscuitSettings, Clockwork, EpisodeSettings, GameError, GameSettings, Outcomes},
+    game::{
+        ActuatorQueries, BiscuitSettings, ClockFn, EpisodeSettings, GameError, GameSettings,
+        Outcomes,
+    },
     opponent::{Moment, Scripted},
     ppo::{Learner, LearnerState, Policy, PpoError, Rollout, RolloutPart, RolloutShape, for_each},
     recording::topic::Player,
@@ -20,40 +24,40 @@ use crate::{
 };
 use std::num::NonZeroUsize;
 
-/// Boards on which the learner looks around before the first update.
+/// Number of environments of the random play before the first update.
 const LOOK_BOARDS: usize = 256;
-/// Control periods of random play in which it does.
+/// Number of control periods of that random play.
 const LOOK_STEPS: u64 = 100;
-/// Every so many of them are taken in.
+/// Interval of observations taken from it (control periods).
 const LOOK_EVERY: u64 = 10;
 
-/// What a run needs of the machine.
+/// Resources of a run.
 #[derive(Debug, Clone, Copy)]
 pub struct Machine {
-    /// Threads; results do not depend on them.
+    /// Number of threads; results do not depend on it.
     pub threads: NonZeroUsize,
-    /// Seconds since any instant; nothing but [`TimeShares`] depends on it.
-    pub clock: Clockwork,
+    /// Clock in seconds since any instant; only [`TimeShares`] depends on it.
+    pub clock: ClockFn,
 }
 
-/// Everything that a run is taken up from.
+/// Complete state for resuming a run.
 #[derive(Debug, Clone)]
 pub struct Checkpoint {
-    /// The learner.
+    /// State of the learner.
     pub(super) learner: LearnerState,
     /// Counters of the pool; its policies are in [`opponents`](Self::opponents).
     pub(super) pool: PoolState,
-    /// One for each member.
+    /// Opponents, one per member.
     pub(super) opponents: Vec<Opponent>,
-    /// What the actuators were asked so far.
-    pub(super) asked: Asked,
-    /// Updates so far.
+    /// Queries of the actuator models so far.
+    pub(super) queries: ActuatorQueries,
+    /// Learning curve so far.
     pub(super) curve: Vec<CurvePoint>,
-    /// The boards, block by block; none before the first update.
+    /// Environments by block; empty before the first update.
     pub(super) boards: Vec<BlockState>,
 }
 
-/// A run.
+/// A training run.
 #[derive(Debug)]
 pub struct Run {
     settings: TrainSettings,
@@ -65,13 +69,13 @@ pub struct Run {
     rollout: Rollout,
     last_values: Vec<f32>,
     curve: Vec<CurvePoint>,
-    /// Before this run was taken up.
-    asked: Asked,
+    /// Queries before the run was resumed.
+    queries: ActuatorQueries,
     checkpoint: Checkpoint,
     times: TimeShares,
 }
 
-/// The work of one block in one update.
+/// Work of one block in one update.
 struct Work<'a> {
     block: &'a mut Block,
     part: RolloutPart<'a>,
@@ -79,11 +83,10 @@ struct Work<'a> {
 }
 
 impl Run {
-    /// Before the first update. `game` says how commands become motion; its randomisation is that of the
-    /// settings.
+    /// Start a run. `game` defines the actuator model; its randomization is that of the settings.
     ///
     /// # Errors
-    /// When a setting cannot be.
+    /// When a setting is outside its range.
     pub fn new(
         settings: &TrainSettings,
         game: &GameSettings,
@@ -98,17 +101,17 @@ impl Run {
             learner: learner.state(),
             pool: pool.state.clone(),
             opponents: pool.opponents.clone(),
-            asked: Asked::default(),
+            queries: ActuatorQueries::default(),
             curve: Vec::new(),
             boards: Vec::new(),
         };
         Self::assemble(settings, game, machine, checkpoint)
     }
 
-    /// Goes on from a checkpoint of the same settings, but for [`TrainSettings::steps`].
+    /// Resume from a checkpoint of the same settings, except for [`TrainSettings::steps`].
     ///
     /// # Errors
-    /// When a setting cannot be, or the checkpoint has networks of other sizes.
+    /// When a setting is outside its range, or the checkpoint has networks of other sizes.
     pub fn resume(
         settings: &TrainSettings,
         game: &GameSettings,
@@ -128,14 +131,16 @@ impl Run {
         game.check()?;
         let TrainSettings { seed, environments, .. } = settings;
         let (updates, threads) = (settings.updates(), machine.threads);
-        log::info!("seed {seed}, {environments} boards, {updates} updates, {threads} threads");
+        log::info!(
+            "seed {seed}, {environments} environments, {updates} updates, {threads} threads"
+        );
         let spaces = settings.spaces();
         let shape = RolloutShape {
             horizon: settings.ppo.horizon,
             environments: settings.environments,
             spaces,
         };
-        let Checkpoint { opponents, pool, asked, curve, .. } = checkpoint.clone();
+        let Checkpoint { opponents, pool, queries, curve, .. } = checkpoint.clone();
         Ok(Self {
             learner: Learner::resume(&settings.ppo, spaces, &checkpoint.learner)?,
             pool: Pool::from_parts(settings.opponents, opponents, pool),
@@ -143,7 +148,7 @@ impl Run {
             rollout: Rollout::new(shape),
             last_values: vec![0.0; settings.environments],
             curve,
-            asked,
+            queries,
             checkpoint,
             times: TimeShares::default(),
             settings: settings.clone(),
@@ -152,39 +157,39 @@ impl Run {
         })
     }
 
-    /// The settings.
+    /// Settings of the run.
     #[must_use]
     pub fn settings(&self) -> &TrainSettings {
         &self.settings
     }
 
-    /// The game that is played.
+    /// The game.
     #[must_use]
     pub fn game(&self) -> &GameSettings {
         &self.game
     }
 
-    /// The game in which the policy is judged: with the time limit of the evaluation.
+    /// The game of the evaluation, with its time limit.
     #[must_use]
-    pub fn judging_game(&self) -> GameSettings {
+    pub fn evaluation_game(&self) -> GameSettings {
         let time_limit = self.settings.evaluation.time_limit_s;
         let episode = EpisodeSettings { time_limit, ..self.game.episode };
         GameSettings { episode, ..self.game.clone() }
     }
 
-    /// Updates so far, oldest first.
+    /// Learning curve so far, oldest first.
     #[must_use]
     pub fn curve(&self) -> &[CurvePoint] {
         &self.curve
     }
 
-    /// The policy as it stands.
+    /// The current policy.
     #[must_use]
     pub fn policy(&self) -> Policy {
         self.learner.policy()
     }
 
-    /// Where the time went.
+    /// Time profile so far.
     #[must_use]
     pub fn times(&self) -> TimeShares {
         self.times
@@ -201,29 +206,29 @@ impl Run {
         &self.checkpoint
     }
 
-    /// What the actuators were asked so far.
+    /// Queries of the actuator models so far.
     #[must_use]
-    pub fn asked(&self) -> Asked {
-        self.blocks.iter().map(|block| block.tables.asked()).fold(self.asked, plus)
+    pub fn queries(&self) -> ActuatorQueries {
+        self.blocks.iter().map(|block| block.tables.queries()).fold(self.queries, plus)
     }
 
-    /// Whether all updates are done.
+    /// Return whether all updates are done.
     #[must_use]
     pub fn is_done(&self) -> bool {
         self.settings.updates() <= self.learner.updates()
     }
 
-    /// Whether the coming update begins with a checkpoint.
+    /// Return whether the next update begins with a checkpoint.
     #[must_use]
     pub fn is_at_checkpoint(&self) -> bool {
         self.learner.updates().is_multiple_of(self.settings.checkpoint_updates)
     }
 
-    /// One update: a rollout, and what is learned from it.
+    /// Run one update: a rollout, and learning from it.
     ///
     /// # Errors
-    /// [`TrainError::NotFinite`] when a number leaves its range; the learner and the newest checkpoint are
-    /// then as they were before.
+    /// [`TrainError::NotFinite`] when a value becomes non-finite; the learner and the newest
+    /// checkpoint are then unchanged.
     pub fn update(&mut self) -> Result<&CurvePoint, TrainError> {
         let begun = (self.machine.clock)();
         if self.blocks.is_empty() {
@@ -250,11 +255,11 @@ impl Run {
         self.count_time([begun, played, learned], before, policy_s);
         let (updates, played_s, learned_s) =
             (self.learner.updates(), played - begun, learned - played);
-        log::debug!("update {updates}: played {played_s:.3} s, learned {learned_s:.3} s");
+        log::debug!("update {updates}: rollout {played_s:.3} s, learning {learned_s:.3} s");
         Ok(&self.curve[self.curve.len() - 1])
     }
 
-    /// Time of all blocks' games so far (s): physics and actuators.
+    /// Time of all blocks in game steps so far (s): physics and actuators.
     fn times_of_blocks(&self) -> [f64; 2] {
         self.blocks
             .iter()
@@ -279,7 +284,7 @@ impl Run {
         times.transitions += self.settings.transitions_per_update();
     }
 
-    /// The boards as the checkpoint has them, or fresh ones.
+    /// Create the environments from the checkpoint, or new ones.
     fn set_up(&mut self) -> Result<(), TrainError> {
         let Self { settings, game, machine, pool, checkpoint, .. } = self;
         let starts = Stream::new(settings.seed, "train.boards").below(1 << 62) as u64;
@@ -304,7 +309,7 @@ impl Run {
             learner: self.learner.state(),
             pool: self.pool.state.clone(),
             opponents: self.pool.opponents.clone(),
-            asked: self.asked(),
+            queries: self.queries(),
             curve: self.curve.clone(),
             boards: match self.learner.updates() {
                 0 => Vec::new(),
@@ -341,7 +346,7 @@ impl Run {
         failed.map_or(Ok(()), |error| Err(self.stopped_game(&error)))
     }
 
-    /// Counts of all blocks together, which then count anew.
+    /// Sum of the tallies of all blocks; resets them.
     fn tally(&mut self) -> Tally {
         let mut all = Tally::default();
         for block in &mut self.blocks {
@@ -350,7 +355,7 @@ impl Run {
             all.returns += tally.returns;
             all.episode_steps += tally.episode_steps;
             all.hits += tally.hits;
-            all.own_mistakes += tally.own_mistakes;
+            all.own_goals += tally.own_goals;
             all.spent.policy += tally.spent.policy;
         }
         all
@@ -375,7 +380,7 @@ impl Run {
     }
 }
 
-/// The game with the physics of the settings.
+/// The game with the randomization of the settings.
 fn game_of(settings: &TrainSettings, game: &GameSettings) -> GameSettings {
     GameSettings {
         randomization: settings.randomization_ranges(),
@@ -384,8 +389,8 @@ fn game_of(settings: &TrainSettings, game: &GameSettings) -> GameSettings {
     }
 }
 
-fn plus(a: Asked, b: Asked) -> Asked {
-    Asked { all: a.all + b.all, outside: a.outside + b.outside }
+fn plus(a: ActuatorQueries, b: ActuatorQueries) -> ActuatorQueries {
+    ActuatorQueries { total: a.total + b.total, extrapolated: a.extrapolated + b.extrapolated }
 }
 
 fn point(
@@ -406,7 +411,7 @@ fn point(
         games,
         won: of(1),
         lost: of(-1),
-        own_mistakes: tally.own_mistakes,
+        own_goals: tally.own_goals,
         mean_return: mean(tally.returns),
         mean_episode_s: mean(tally.episode_steps as f64 * CONTROL_PERIOD),
         hits_per_minute: tally.hits as f64 / minutes,
@@ -417,7 +422,8 @@ fn point(
     }
 }
 
-/// Lets the learner see what random play looks like, so that its first update does not begin with raw numbers.
+/// Initialize the observation moments from random play, so that the first update does not use
+/// unnormalized observations.
 fn look_around(
     learner: &mut Learner,
     settings: &TrainSettings,

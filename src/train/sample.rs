@@ -1,4 +1,4 @@
-//! Games that are stored move by move.
+//! Sample games, stored step by step.
 
 use super::{
     TrainError,
@@ -10,30 +10,30 @@ use crate::{
     recording::topic::Player,
 };
 
-/// A moment of a game.
+/// One step of a game.
 #[derive(Debug, Clone)]
 pub struct Moment {
-    /// What stands where, before the commands act.
+    /// State before the commands take effect.
     pub board: Snapshot,
     /// Commands of left and right (m/s, board frame).
     pub commands: [[f64; 2]; 2],
 }
 
-/// A game from its start to its end.
+/// A complete game.
 #[derive(Debug, Clone)]
 pub struct SampleGame {
     /// Seat of the first player.
     pub seat: Player,
-    /// Control period by control period, the last without commands.
+    /// Steps of the game; the last one has no commands.
     pub moments: Vec<Moment>,
-    /// How it ended.
+    /// End of the game.
     pub ending: Ending,
 }
 
-/// Plays the games numbered 0 to `count` between `players`; the seats change from game to game.
+/// Play the games 0 to `count` between `players`; the seats alternate.
 ///
 /// # Errors
-/// When a game leaves the range of numbers.
+/// When a game reaches a non-finite state.
 pub fn play_samples(
     (game, observations): (&GameSettings, ObservationKind),
     players: &[Opponent; 2],

@@ -1,7 +1,7 @@
 //! `index.html` of several seeds: their learning curves together, and how good each is.
 
 use super::{
-    CurvePoint, LEARNER_NAME, Verdict,
+    CurvePoint, Evaluation, LEARNER_NAME,
     page::{BLUE, PICTURES, SIZE},
 };
 use crate::{
@@ -19,7 +19,7 @@ pub struct SeedRun {
     /// The seed.
     pub seed: u64,
     /// How good its policy is; `None` where it was not judged.
-    pub verdict: Option<Verdict>,
+    pub evaluation: Option<Evaluation>,
     /// How it learned.
     pub curve: Vec<CurvePoint>,
 }
@@ -27,12 +27,12 @@ pub struct SeedRun {
 impl SeedRun {
     /// Share of decided games won against `opponent`, 0 to 1.
     fn won_share(&self, opponent: &str) -> Option<f64> {
-        let judged = &self.verdict.as_ref()?.opponents;
-        judged.iter().find(|judged| judged.opponent == opponent)?.won_share
+        let judged = &self.evaluation.as_ref()?.opponents;
+        judged.iter().find(|judged| judged.opponent == opponent)?.win_rate
     }
 
     fn elo(&self) -> Option<f64> {
-        let table = &self.verdict.as_ref()?.elo;
+        let table = &self.evaluation.as_ref()?.elo;
         table.iter().find(|row| row.player == LEARNER_NAME).map(|row| row.rating)
     }
 }
@@ -59,7 +59,7 @@ pub fn seeds_page(runs: &[SeedRun], provenance: &Provenance) -> String {
 }
 
 fn opponents(runs: &[SeedRun]) -> Vec<String> {
-    let all = runs.iter().filter_map(|run| run.verdict.as_ref()).flat_map(|one| &one.opponents);
+    let all = runs.iter().filter_map(|run| run.evaluation.as_ref()).flat_map(|one| &one.opponents);
     let mut known = BTreeSet::new();
     all.filter(|judged| known.insert(judged.opponent.clone()))
         .map(|judged| judged.opponent.clone())

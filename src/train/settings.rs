@@ -1,4 +1,5 @@
-//! Every choice of a run, in one document. Names are those of the JSON form; unknown keys are errors.
+//! Settings of a training run, in one document. Names are those of the JSON form; unknown keys are
+//! errors.
 
 use super::{
     TrainError,
@@ -12,97 +13,98 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::{fs, path::Path};
 
-/// Values of an action: the velocity along x and y.
+/// Number of action values: velocity along x and y.
 pub const ACTIONS: usize = 2;
 
-/// A run.
+/// Settings of a training run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainSettings {
-    /// Everything random comes from it.
+    /// Seed of all random streams.
     pub seed: u64,
-    /// Transitions of all environments together, at least 1; whole updates are done until they are reached.
+    /// Transitions of all environments, at least 1; training continues to the end of an update.
     pub steps: u64,
-    /// Boards that are played at once, 2 to 1,000,000.
+    /// Number of environments, 2 to 1,000,000.
     pub environments: usize,
-    /// What players see.
+    /// Observations of the players.
     pub observations: ObservationKind,
-    /// The learner.
+    /// Settings of the learner.
     pub ppo: PpoSettings,
-    /// What it is paid for.
+    /// Reward and reward shaping.
     pub reward: RewardSettings,
-    /// Against whom it plays.
+    /// Opponents.
     pub opponents: OpponentSettings,
-    /// Physics drawn for every episode.
+    /// Domain randomization.
     pub randomization: RandomizationKind,
-    /// Whether three magnets lie on the board, which stick to strikers: two lose the point. Players do not see
-    /// them.
+    /// Play with three biscuits on the board that attach to strikers; two on one striker lose the
+    /// point. Players do not observe them.
     #[serde(default)]
     pub biscuits: bool,
     /// Updates between two checkpoints, at least 1.
     pub checkpoint_updates: u64,
-    /// How policies are judged at the end.
+    /// Evaluation at the end.
     pub evaluation: EvaluationSettings,
 }
 
-/// Physics of the episodes.
+/// Domain randomization.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RandomizationKind {
-    /// The same in all.
+    /// Equal physics in all episodes.
     Off,
     /// The paper's table III ([`Randomization::paper`]).
     Paper,
 }
 
-/// From where opponents come.
+/// Source of opponents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OpponentMode {
-    /// Enhanced Self-Play: earlier policies, weighted by [`OpponentSettings::decay`] to the power of their age.
+    /// Enhanced self-play: earlier policies, weighted by [`OpponentSettings::decay`] to the power
+    /// of their age.
     Enhanced,
-    /// Earlier policies, all alike.
+    /// Earlier policies with equal weights.
     Uniform,
-    /// The newest of them.
+    /// The newest policy of the pool.
     Best,
     /// A scripted player.
     Scripted(Scripted),
 }
 
-/// The pool of opponents.
+/// Settings of the opponent pool.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OpponentSettings {
-    /// From where they come.
+    /// Source of opponents.
     pub mode: OpponentMode,
-    /// The policy joins the pool when the mean score difference of the last [`window_games`](Self::window_games)
-    /// is above this, -1 to 1; 0.7 as in the paper.
+    /// Threshold of the mean score difference over the last [`window_games`](Self::window_games),
+    /// above which the policy joins the pool; -1 to 1; 0.7 as in the paper.
     pub update_score: f64,
-    /// Finished games over which that is taken, at least 1; 1024.
+    /// Number of finished games in that window, at least 1; 1024.
     pub window_games: usize,
-    /// Weight of a policy over that of the next younger one, above 0 to 1; 0.9 as in the paper.
+    /// Weight of a policy relative to the next newer one, above 0 to 1; 0.9 as in the paper.
     pub decay: f64,
-    /// Policies that are kept, at least 1; 32, of which the oldest weighs 0.04.
+    /// Maximum number of policies in the pool, at least 1; 32, of which the oldest weighs 0.04.
     pub most: usize,
 }
 
-/// Games after training.
+/// Settings of the evaluation after training.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationSettings {
-    /// Time limit of these games (s); longer than that of training, so that most games are decided.
+    /// Time limit of evaluation games (s); longer than in training, so that most games are decided.
     pub time_limit_s: f64,
     /// Games against each scripted player, half of them from each seat; even.
     pub games_per_opponent: usize,
     /// Games of each pair of the Elo table, half of them from each seat; even; 0 for no table.
     pub games_per_pair: usize,
-    /// Earlier policies in the Elo table, spread over the pool.
+    /// Number of earlier policies in the Elo table, evenly spaced over the pool.
     pub pool_players: usize,
-    /// Games that are stored move by move, against the chaser.
+    /// Number of sample games against the chaser.
     pub sample_games: usize,
 }
 
-/// A published recipe.
+/// A published set of hyperparameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Preset {
     /// The paper's table II: 64-64, 4 epochs.
@@ -112,7 +114,7 @@ pub enum Preset {
 }
 
 impl TrainSettings {
-    /// The settings of a recipe, 20 million transitions.
+    /// Settings of a preset, with 20 million transitions.
     #[must_use]
     pub fn preset(preset: Preset) -> Self {
         Self {
@@ -121,7 +123,8 @@ impl TrainSettings {
             environments: 4096,
             observations: ObservationKind::Augmented20,
             ppo: match preset {
-                // The paper leaves the horizon open; short rollouts give four times as many updates.
+                // The paper does not state the horizon; short rollouts give four times as many
+                // updates.
                 Preset::Paper => PpoSettings { horizon: 16, ..PpoSettings::paper() },
                 Preset::Upstream => PpoSettings::upstream(),
             },
@@ -146,17 +149,17 @@ impl TrainSettings {
         }
     }
 
-    /// Reads settings.
+    /// Read settings.
     ///
     /// # Errors
-    /// When the file cannot be read, a key is unknown or missing, or a value cannot be.
+    /// When the file cannot be read, a key is unknown or missing, or a value is outside its range.
     pub fn read(path: &Path) -> Result<Self, TrainError> {
         let error = |source| TrainError::Settings { path: path.to_owned(), source };
         let text = fs::read_to_string(path).map_err(|io| error(serde_json::Error::io(io)))?;
         serde_json::from_str(&text).map_err(error)
     }
 
-    /// The document.
+    /// JSON document of the settings.
     #[must_use]
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).unwrap_or_else(|_plain| unreachable!("plain data"))
@@ -168,7 +171,7 @@ impl TrainSettings {
         Spaces { observations: self.observations.len(), actions: ACTIONS }
     }
 
-    /// Transitions of an update.
+    /// Number of transitions per update.
     #[must_use]
     pub fn transitions_per_update(&self) -> u64 {
         (self.environments * self.ppo.horizon) as u64
@@ -180,7 +183,7 @@ impl TrainSettings {
         self.steps.div_ceil(self.transitions_per_update())
     }
 
-    /// Ranges from which the physics are drawn.
+    /// Ranges of the domain randomization.
     #[must_use]
     pub fn randomization_ranges(&self) -> Option<Randomization> {
         match self.randomization {
@@ -189,10 +192,10 @@ impl TrainSettings {
         }
     }
 
-    /// Refuses values that cannot be.
+    /// Check that every value is in its range.
     ///
     /// # Errors
-    /// With the first one.
+    /// The first value outside its range.
     pub fn check(&self) -> Result<(), TrainError> {
         self.ppo.check(self.spaces())?;
         let Self { opponents, evaluation, .. } = self;
@@ -254,7 +257,7 @@ mod tests {
                 let error = serde_json::from_str::<TrainSettings>(&json.replace(key, typo));
                 assert!(error.unwrap_err().to_string().contains("unknown field"), "{typo}");
             }
-            // A number as text, which YAML 1.1 makes of an unquoted 1e-7, is no number.
+            // A number as text, which YAML 1.1 makes of an unquoted 1e-7, is rejected.
             let text = json.replace("\"update_score\": 0.7", "\"update_score\": \"0.7\"");
             assert_ne!(text, json);
             assert!(serde_json::from_str::<TrainSettings>(&text).is_err());

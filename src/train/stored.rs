@@ -1,4 +1,4 @@
-//! Reading a `policy.mcap`: the policy for others, the checkpoint for `--resume`.
+//! Reading a `policy.mcap`: the policy for use, the checkpoint for `--resume`.
 
 use super::{
     CurvePoint, Mismatch, TrainError,
@@ -14,22 +14,22 @@ use super::{
 };
 use crate::{
     board::CUP_DISTANCE,
-    game::{CONTROL_PERIOD, ObservationKind, Sight},
+    game::{CONTROL_PERIOD, Observation, ObservationKind},
     ppo::{Policy, Scratch},
     recording::{Recording, message::TrainingUpdate},
 };
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A policy read back from a `policy.mcap`.
+/// A policy read from a `policy.mcap`.
 #[derive(Debug, Clone)]
 pub struct StoredPolicy {
     /// Observation to mean action.
     pub policy: Policy,
-    /// What it must be shown.
+    /// Observations that it requires.
     pub observations: ObservationKind,
     /// Speed of a full action (m/s).
     pub action_scale_m_per_s: f64,
-    /// Largest change of a command in its training (m/s^2); files of earlier versions do not say.
+    /// Slew limit of commands in its training (m/s^2); absent in files of earlier versions.
     pub command_slew_m_per_s2: Option<f64>,
     /// Settings of its training.
     pub settings: TrainSettings,
@@ -38,9 +38,9 @@ pub struct StoredPolicy {
 }
 
 impl StoredPolicy {
-    /// What it decides on for what is `seen`: its mean action as a velocity (m/s, own frame).
+    /// Velocity (m/s, own frame) of its mean action for the observation `seen`.
     #[must_use]
-    pub fn velocity(&self, seen: &Sight, scratch: &mut Scratch) -> [f32; 2] {
+    pub fn velocity(&self, seen: &Observation, scratch: &mut Scratch) -> [f32; 2] {
         let mut row = [0.0; ObservationKind::Augmented20.len()];
         let row = &mut row[..self.observations.len()];
         seen.write(self.observations, CUP_DISTANCE as f32, row);
@@ -50,7 +50,7 @@ impl StoredPolicy {
     }
 }
 
-/// The parts of a file, each found or named as missing.
+/// Parts of a file; a missing part is an error with its name.
 struct Parts<'a> {
     recording: &'a Recording,
     metadata: &'a BTreeMap<String, String>,
@@ -76,7 +76,7 @@ impl<'a> Parts<'a> {
         self.metadata.get(key).map(String::as_str).ok_or_else(missing)
     }
 
-    /// Refuses an entry that is not `expected`.
+    /// Check that an entry equals `expected`.
     fn expect(&self, key: &str, expected: &str) -> Result<(), TrainError> {
         let found = self.entry(key)?;
         if found == expected {
@@ -108,10 +108,10 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// Reads the policy out of a `policy.mcap`.
+/// Read the policy of a `policy.mcap`.
 ///
 /// # Errors
-/// When a part is missing or does not fit the others.
+/// When a part is missing or does not match the others.
 pub fn read_policy(recording: &Recording) -> Result<StoredPolicy, TrainError> {
     let parts = Parts::of(recording)?;
     parts.expect("format_version", FORMAT_VERSION)?;
@@ -159,11 +159,11 @@ pub fn read_policy(recording: &Recording) -> Result<StoredPolicy, TrainError> {
     })
 }
 
-/// Reads the checkpoint out of a `policy.mcap`, for a run with `settings` and `actuator`; settings other than
-/// [`TrainSettings::steps`] must be those of the file.
+/// Read the checkpoint of a `policy.mcap` for a run with `settings` and `actuator`. Settings except
+/// [`TrainSettings::steps`] must equal those of the file.
 ///
 /// # Errors
-/// When something is missing, or differs: with both values.
+/// When a part is missing or a setting differs; the error has both values.
 pub fn read_checkpoint(
     recording: &Recording,
     settings: &TrainSettings,
@@ -171,7 +171,7 @@ pub fn read_checkpoint(
 ) -> Result<Checkpoint, TrainError> {
     let stored = read_policy(recording)?;
     let parts = Parts::of(recording)?;
-    let remedy = "give the same settings, or another --out for a new run";
+    let remedy = "give the same settings, or another --output for a new run";
     let mismatch = |what: &str, found: &str, expected: &str| {
         parts.mismatch((what, found), ("this command", expected), remedy)
     };
@@ -194,7 +194,7 @@ pub fn read_checkpoint(
         .map_err(|(attachment, reason)| parts.bad(format!("{attachment}: {reason}")))
 }
 
-/// The learning curve in `recording`, an update each.
+/// Read the learning curve in `recording`, one point per update.
 ///
 /// # Errors
 /// When an update does not decode.
@@ -203,7 +203,7 @@ pub fn read_curve(recording: &Recording) -> Result<Vec<CurvePoint>, TrainError> 
     Ok(updates.values.iter().map(point_of).collect())
 }
 
-/// The first place where two documents differ, and what stands there.
+/// First key at which two documents differ, with both values.
 fn first_difference(key: &str, [a, b]: [&serde_json::Value; 2]) -> Option<(String, [String; 2])> {
     if let (Some(of_a), Some(of_b)) = (a.as_object(), b.as_object()) {
         let keys: BTreeSet<&String> = of_a.keys().chain(of_b.keys()).collect();

@@ -1,16 +1,16 @@
-//! Boards in play: what both players see, and what they are told to do.
+//! Environments in play: observations and commands of both players.
 //!
-//! Shared by training and by evaluation, so that a policy meets the same game in both.
+//! Shared by training and evaluation, so that a policy plays the same game in both.
 
 use super::pool::{Opponent, Question};
 use crate::{
-    game::{Asked, Clockwork, GameError, GameSettings, Games, ObservationKind, Outcomes},
+    game::{ActuatorQueries, ClockFn, GameError, GameSettings, Games, ObservationKind, Outcomes},
     ppo::Scratch,
     recording::topic::Player,
 };
 use std::ops::Range;
 
-/// The player across the board.
+/// The opposite player.
 pub(super) fn across(player: Player) -> Player {
     match player {
         Player::Left => Player::Right,
@@ -18,22 +18,23 @@ pub(super) fn across(player: Player) -> Player {
     }
 }
 
-/// Where the learner, or the first of two players, sits: left on boards of even number, right on the others.
+/// Seat of the learner, or of the first of two players: left in environments of even number, right
+/// in the others.
 pub(super) fn seat(board: usize) -> Player {
     if board.is_multiple_of(2) { Player::Left } else { Player::Right }
 }
 
-/// A range of boards with its buffers.
+/// A range of environments with its buffers.
 #[derive(Debug)]
 pub(super) struct Tables {
-    /// Number of the first board.
+    /// Number of the first environment.
     pub(super) first: usize,
     pub(super) games: Games,
     pub(super) outcomes: Outcomes,
     kind: ObservationKind,
-    /// What left and right see, `[boards][width]`.
+    /// Observations of left and right player, `[boards][width]`.
     seen: [Vec<f32>; 2],
-    /// `[boards][left, right]` (m/s, each player's frame)
+    /// Commands by `[boards][left, right]` (m/s, each player's frame).
     pub(super) commands: Vec<[[f32; 2]; 2]>,
     /// Speed of a full action (m/s).
     pub(super) speed: f32,
@@ -41,10 +42,10 @@ pub(super) struct Tables {
     pub(super) scratch: Scratch,
 }
 
-/// Buffers for the questions to one opponent.
+/// Buffers for the queries of one opponent.
 #[derive(Debug, Default)]
 struct Hand {
-    /// Boards by opponent, then by number.
+    /// Environments by opponent, then by number.
     order: Vec<u32>,
     boards: Vec<u32>,
     rows: Vec<f32>,
@@ -53,15 +54,15 @@ struct Hand {
 }
 
 impl Tables {
-    /// The boards `range`, at the start of their first episode.
+    /// The environments `range`, at the start of their first episode.
     pub(super) fn new(
         range: Range<usize>,
         settings: &GameSettings,
-        (kind, seed, clock): (ObservationKind, u64, Clockwork),
+        (kind, seed, clock): (ObservationKind, u64, ClockFn),
     ) -> Result<Self, GameError> {
         let count = range.len();
         let mut games = Games::range(range.clone(), settings, seed)?;
-        games.lend_clock(clock);
+        games.set_clock(clock);
         let mut tables = Self {
             first: range.start,
             games,
@@ -77,7 +78,7 @@ impl Tables {
         Ok(tables)
     }
 
-    /// Puts back boards that were kept.
+    /// Restore saved environments.
     pub(super) fn restore(&mut self, games: &[u8]) -> Result<(), GameError> {
         self.games.restore(games)?;
         self.look()
@@ -87,26 +88,26 @@ impl Tables {
         self.commands.len()
     }
 
-    /// Where the first player sits on the `row`-th board.
+    /// Seat of the first player in the `row`-th environment.
     pub(super) fn seat(&self, row: usize) -> Player {
         seat(self.first + row)
     }
 
-    /// What `player` sees of the `row`-th board.
+    /// Observation of `player` in the `row`-th environment.
     pub(super) fn seen(&self, row: usize, player: Player) -> &[f32] {
         let width = self.kind.len();
         &self.seen[player as usize][row * width..(row + 1) * width]
     }
 
-    /// What the first players see, `[boards][width]`.
+    /// Observations of the first players, `[boards][width]`.
     pub(super) fn copy_first_seats(&self, rows: &mut [f32]) {
         for (row, out) in rows.chunks_exact_mut(self.kind.len()).enumerate() {
             out.copy_from_slice(self.seen(row, self.seat(row)));
         }
     }
 
-    /// Lets `opponents` decide for the players that `seat_of` names on every board; `drawn` says which of
-    /// them plays there.
+    /// Let `opponents` decide for the players given by `seat_of` in every environment; `drawn` is
+    /// the index of the opponent in each environment.
     pub(super) fn ask(
         &mut self,
         opponents: &[Opponent],
@@ -137,13 +138,14 @@ impl Tables {
         self.hand = hand;
     }
 
-    /// Plays one control period; boards whose episode has ended stand as it ended.
+    /// Step all environments by one control period; environments whose episode has ended keep their
+    /// final state.
     pub(super) fn advance(&mut self) -> Result<(), GameError> {
         self.games.advance(&self.commands, &mut self.outcomes)?;
         self.look()
     }
 
-    /// Begins the next episode where one has ended.
+    /// Begin the next episode in environments whose episode has ended.
     pub(super) fn begin_ended(&mut self) -> Result<(), GameError> {
         self.games.restart_ended(&self.outcomes)?;
         let width = self.kind.len();
@@ -156,9 +158,9 @@ impl Tables {
         Ok(())
     }
 
-    /// What the actuators were asked on these boards.
-    pub(super) fn asked(&self) -> Asked {
-        self.games.asked()
+    /// Queries of the actuator models in these environments.
+    pub(super) fn queries(&self) -> ActuatorQueries {
+        self.games.queries()
     }
 
     fn look(&mut self) -> Result<(), GameError> {

@@ -39,7 +39,7 @@ struct Value {
     simple_value: Option<f32>,
 }
 
-/// An event file that grows.
+/// A TensorBoard event file, open for appending.
 #[derive(Debug)]
 pub struct EventFile {
     file: File,
@@ -47,11 +47,11 @@ pub struct EventFile {
 }
 
 impl EventFile {
-    /// Starts a file in `folder`, which is made where it is missing. `first_update` is part of its name: a run
-    /// that is taken up again adds a file. `wall_time` is seconds since the Unix epoch.
+    /// Create a file in `folder`, which is created if missing. `first_update` is part of the file
+    /// name: a resumed run adds a file. `wall_time` is seconds since the Unix epoch.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When the file cannot be written.
     pub fn create(folder: &Path, first_update: u64, wall_time: f64) -> io::Result<Self> {
         std::fs::create_dir_all(folder)?;
         let path = folder.join(format!("events.out.tfevents.{first_update:010}.klasktron"));
@@ -61,16 +61,16 @@ impl EventFile {
         Ok(events)
     }
 
-    /// Where it is.
+    /// Path of the file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Adds the figures of an update, at its number of transitions.
+    /// Add the metrics of an update, at its number of transitions.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When the file cannot be written.
     pub fn add(&mut self, point: &CurvePoint, wall_time: f64) -> io::Result<()> {
         let values = point
             .figures()
@@ -85,7 +85,7 @@ impl EventFile {
     }
 }
 
-/// `data` as a TFRecord.
+/// Encode `data` as a TFRecord.
 fn record(data: &[u8]) -> Vec<u8> {
     let length = (data.len() as u64).to_le_bytes();
     let mut bytes = length.to_vec();
@@ -99,7 +99,7 @@ fn masked(crc: u32) -> u32 {
     crc.rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
-/// CRC-32C, bit by bit: a few kilobytes an update need no table.
+/// CRC-32C, bit by bit: a few kilobytes per update need no table.
 fn crc32c(data: &[u8]) -> u32 {
     const POLYNOMIAL: u32 = 0x82f6_3b78;
     let byte = |crc: u32, byte: &u8| {
@@ -123,7 +123,8 @@ mod tests {
         assert_eq!(crc32c(b"123456789"), 0xe306_9283);
     }
 
-    /// As `tensorboard.summary.writer.record_writer.RecordWriter` of tensorboard 2.21 writes `b"klasktron"`.
+    /// Bytes of `tensorboard.summary.writer.record_writer.RecordWriter` (tensorboard 2.21) for
+    /// `b"klasktron"`.
     #[test]
     fn a_record_is_framed_as_tensorboard_frames_it() {
         let bytes = record(b"klasktron");

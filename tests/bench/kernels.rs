@@ -9,10 +9,10 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use klasktron::{
     actuator::{ActuatorNetwork, Layout, LayoutKind},
-    ekf::{BoardFilter, FilterSettings, Object, ObjectFilter, Observed, Seen},
+    ekf::{BoardFilter, Detections, FilterSettings, Object, ObjectFilter, Observed},
     game::{Actuation, GameSettings, Games, ObservationKind, Outcomes},
     nn::{Activation, Adam, Dense, InputGradient, Network, Stack, Tape, Trainer},
-    ppo::{Learner, Place, PpoSettings, Rollout, RolloutShape, Scratch, Spaces},
+    ppo::{Learner, PpoSettings, Rollout, RolloutShape, Scratch, Spaces, StepIndex},
     recording::topic::Player,
     seed::Stream,
     twin::{Machine, Twin},
@@ -208,10 +208,10 @@ fn state_estimate(criterion: &mut Criterion) {
     };
     let end = (FRAMES - 1) as f64 / 120.0;
     check_close("ball", follow().mean[2] as f32, (0.06 * (1.2 * end).cos()) as f32, 5e-3);
-    let seen: Vec<Seen> = (0..FRAMES)
-        .map(|frame| Seen {
+    let seen: Vec<Detections> = (0..FRAMES)
+        .map(|frame| Detections {
             time: Nanos(frame * 1_000_000_000 / 120),
-            places: [Some(swing(frame)), strikers[0], strikers[1]],
+            positions: [Some(swing(frame)), strikers[0], strikers[1]],
         })
         .collect();
     let board = || {
@@ -249,7 +249,7 @@ fn ppo_update(criterion: &mut Criterion) {
         let mut step = rollout.whole().steps.remove(0);
         step.observations.copy_from_slice(&values("observations", 20 * shape.samples()));
         step.rewards.copy_from_slice(&values("rewards", shape.samples()));
-        let place = Place { step: 0, first_environment: 0 };
+        let place = StepIndex { step: 0, first_environment: 0 };
         learner.act(place, &mut step, &mut Scratch::default());
         let learned = |threads: usize| {
             let (mut learner, threads) = (learner.clone(), NonZeroUsize::new(threads));
@@ -296,7 +296,7 @@ fn check_boards(settings: &GameSettings) {
     quiet.ball.effects.clear();
     quiet.ball.striker_effects.clear();
     let mut games = Games::new(1, &quiet, 0).expect("settings that can be");
-    games.place(0, [0.0, 0.0], [1.0, 0.5], [[-0.15, -0.2], [-0.15, 0.2]]);
+    games.set_positions(0, [0.0, 0.0], [1.0, 0.5], [[-0.15, -0.2], [-0.15, 0.2]]);
     let mut outcomes = Outcomes::new(1);
     for _ in 0..10 {
         games.step(&[[[0.0; 2]; 2]], &mut outcomes).expect("a step");

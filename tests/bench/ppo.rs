@@ -11,8 +11,8 @@ use faer::{Accum, Mat, Par, linalg::matmul::matmul};
 use klasktron::{
     nn::Network,
     ppo::{
-        End, Learner, LearnerState, NetworkLayout, Place, PpoSettings, Rollout, RolloutPart,
-        RolloutShape, Schedule, Scratch, Spaces,
+        End, Learner, LearnerState, NetworkLayout, PpoSettings, Rollout, RolloutPart, RolloutShape,
+        Schedule, Scratch, Spaces, StepIndex,
     },
     seed::Stream,
 };
@@ -69,7 +69,7 @@ fn sample(settings: &PpoSettings) -> Value {
     let (mut rollout, mut stream) = (Rollout::new(shape), Stream::new(1, "sample"));
     let mut step = rollout.whole().steps.remove(0);
     step.observations.iter_mut().for_each(|x| *x = stream.uniform_f32(-1.0, 1.0));
-    let place = Place { step: 0, first_environment: 0 };
+    let place = StepIndex { step: 0, first_environment: 0 };
     learner.act(place, &mut step, &mut Scratch::default());
     step.rewards.iter_mut().for_each(|r| *r = stream.uniform_f32(-1.0, 1.0));
     step.ends.fill(End::Terminal);
@@ -125,7 +125,7 @@ fn play(learner: &Learner, part: RolloutPart<'_>, state: &mut [f32], first_step:
     for (number, mut step) in part.steps.into_iter().enumerate() {
         step.observations.copy_from_slice(state);
         let first_environment = part.first_environment;
-        let place = Place { step: first_step + number as u64, first_environment };
+        let place = StepIndex { step: first_step + number as u64, first_environment };
         learner.act(place, &mut step, &mut scratch);
         let rows = state.chunks_exact_mut(20).zip(step.actions.chunks_exact(2));
         for ((x, action), reward) in rows.zip(step.rewards.iter_mut()) {

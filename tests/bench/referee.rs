@@ -15,7 +15,7 @@ use klasktron::{
         message::{CameraDetections, Point},
         topic::CAMERA_DETECTIONS,
     },
-    referee::{EventKind, Judgement, Rules, Tape, judge},
+    referee::{EventKind, MatchAnalysis, MatchFrames, Rules, analyze},
     units::Nanos,
 };
 use std::{hint::black_box, path::Path, time::Duration};
@@ -43,10 +43,10 @@ fn write(game: &Game, path: &Path) {
 }
 
 /// True goals before the last second, which nobody can decide yet.
-fn check(game: &Game, judgement: &Judgement) {
+fn check(game: &Game, analysis: &MatchAnalysis) {
     let goals = game.truths.iter().filter(|truth| matches!(truth.what, What::Goal(_)));
     let wanted = goals.filter(|truth| truth.time < SECONDS - 1.0).count();
-    let found = judgement.events.iter().filter(|event| event.kind == EventKind::Goal);
+    let found = analysis.events.iter().filter(|event| event.kind == EventKind::Goal);
     let found = found.filter(|event| event.time < SECONDS - 1.0).count();
     assert!(wanted.abs_diff(found) <= wanted / 100 + 1, "{found} goals, {wanted} happened");
 }
@@ -57,8 +57,8 @@ fn hour(criterion: &mut Criterion) {
     let path = folder.path().join("hour.mcap");
     write(&game, &path);
     let read_and_judge = || {
-        let tape = Tape::open(&path).expect("a recording just written");
-        judge(&tape.frames, &tape.rules(&Rules::default()))
+        let tape = MatchFrames::open(&path).expect("a recording just written");
+        analyze(&tape.frames, &tape.rules(&Rules::default()))
     };
     check(&game, &read_and_judge());
     let mut group = criterion.benchmark_group("referee");

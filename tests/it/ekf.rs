@@ -41,7 +41,7 @@ fn the_truth_is_recovered() {
         seed: 3,
         ..Game::default()
     };
-    let Document { filter, judgement, bounces, warnings, tuning, .. } = tuned(&game).document;
+    let Document { filter, evaluation, bounces, warnings, tuning, .. } = tuned(&game).document;
     near(filter.ball.measurement_sigma_m, game.sigma, 0.05);
     near(filter.ball.open_psd_m2_per_s3, game.psd, 0.25);
     let ball = filter.ball.ball.unwrap();
@@ -53,18 +53,20 @@ fn the_truth_is_recovered() {
     let striker = tuning[0].regions.iter().find(|own| own.region == Region::NearStriker).unwrap();
     assert!(!striker.tuned && striker.reason.contains("too few"), "{striker:?}");
     assert!(
-        warnings.iter().any(|own| own.contains("left: not tuned: it is not seen")),
+        warnings.iter().any(|own| own.contains("left: not tuned: it is not detected")),
         "{warnings:?}"
     );
 
-    let own = &judgement[0];
+    let own = &evaluation[0];
     let open = &own.regions[0];
     assert_eq!(open.region, Region::Open);
     near(open.nis.unwrap().mean, 2.0, 0.06);
     near(open.nees.unwrap().mean, 4.0, 0.1);
     assert!(own.velocity_rmse_m_per_s.unwrap() < 0.5 * own.upstream_velocity_rmse_m_per_s.unwrap());
-    assert!(own.predicted_place_rmse_m.unwrap() < 0.5 * own.unpredicted_place_rmse_m.unwrap());
-    assert!(0.8 < own.whiteness.share_within, "{:?}", own.whiteness);
+    assert!(
+        own.predicted_position_rmse_m.unwrap() < 0.5 * own.unpredicted_position_rmse_m.unwrap()
+    );
+    assert!(0.8 < own.whiteness.fraction_within, "{:?}", own.whiteness);
     let wall = bounces.iter().find(|own| own.hit == Hit::Wall).unwrap();
     assert!(20 <= wall.impacts && wall.own.median_frames <= 2.0, "{wall:?}");
     assert!(3.0 <= wall.upstream.median_frames, "{wall:?}");
@@ -83,9 +85,12 @@ fn the_command_writes_what_can_be_read_back_and_the_same_every_time() {
     let (text, errors, status) = tune("one");
     assert_eq!(status, 0, "{errors}");
     let document: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(document["schema_version"], "1");
+    assert_eq!(document["schema_version"], 2);
     assert_eq!(document["inputs"][0]["name"], "game.mcap");
-    assert_eq!((&document["train"]["runs"], &document["held_out"]["runs"]), (&8.into(), &4.into()));
+    assert_eq!(
+        (&document["train"]["runs"], &document["validation"]["runs"]),
+        (&8.into(), &4.into())
+    );
 
     let settings = read_settings(&out("one").join("ekf.json")).unwrap();
     let sigma = document["filter"]["ball"]["measurement_sigma_m"].as_f64().unwrap();
@@ -157,7 +162,7 @@ fn what_cannot_be_tuned_is_refused_in_one_sentence_and_nothing_is_written() {
     pictures(&file("short.mcap"), 200, |t| Some(0.1 * (3.0 * t).sin()));
     refused("short.mcap", "at least 300 are needed");
     pictures(&file("still.mcap"), 2400, |t| Some(0.001 * (30.0 * t).sin()));
-    refused("still.mcap", "nothing moves further than");
+    refused("still.mcap", "no object moves further than");
     refused("absent.mcap", "absent.mcap: cannot open");
 }
 

@@ -57,7 +57,7 @@ fn trajectory(scenario: &Scenario) -> Vec<Sample> {
     settings.cup.radius = 1e-3;
     let mut games = Games::new(1, &settings, 0).unwrap();
     let Scenario { ball_position_m, ball_velocity_m_per_s, striker_positions_m, .. } = *scenario;
-    games.place(0, ball_position_m, ball_velocity_m_per_s, striker_positions_m);
+    games.set_positions(0, ball_position_m, ball_velocity_m_per_s, striker_positions_m);
     let mut outcomes = Outcomes::new(1);
     let mut samples = Vec::new();
     for step in 0..=scenario.steps {

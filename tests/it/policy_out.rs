@@ -7,7 +7,7 @@
 
 use klasktron::{
     nn::Activation,
-    ppo::{Learner, Place, PpoSettings, Rollout, RolloutShape, Scratch, Spaces},
+    ppo::{Learner, PpoSettings, Rollout, RolloutShape, Scratch, Spaces, StepIndex},
     seed::Stream,
 };
 use ndarray::Array2;
@@ -25,7 +25,7 @@ fn learned(settings: &PpoSettings) -> Learner {
     for update in 0..3 {
         for (number, mut step) in rollout.whole().steps.into_iter().enumerate() {
             step.observations.iter_mut().for_each(|x| *x = stream.uniform_f32(-0.5, 2.0));
-            let place = Place { step: 4 * update + number as u64, first_environment: 0 };
+            let place = StepIndex { step: 4 * update + number as u64, first_environment: 0 };
             learner.act(place, &mut step, &mut scratch);
             let rows = step.observations.chunks(20).zip(step.actions.chunks(2));
             for (reward, (x, a)) in step.rewards.iter_mut().zip(rows) {

@@ -1,22 +1,22 @@
-//! A fitted network as actuator: the histories of all carriages in arrays, one matrix product per layer
-//! and chunk of boards.
+//! A fitted network as actuator: histories of all carriages as arrays, one matrix product per layer
+//! and chunk of environments.
 //!
-//! `v[k+1] = f(u[k], ...; v[k], ...)` as in the `actuator` room; at a restart all commands and velocities
-//! of the history are zero (upstream: commands 0, the current velocity repeated).
+//! `v[k+1] = f(u[k], ...; v[k], ...)` as in [`crate::actuator`]. At a restart all commands and
+//! velocities of the history are zero (upstream: commands 0, the current velocity repeated).
 
 use super::{Leading, turned};
 use crate::{
     actuator::{ActuatorNetwork, Coverage, CoverageMask, Layout},
     game::{
-        games::{Asked, CHUNK},
+        games::{ActuatorQueries, CHUNK},
         settings::LimiterPlace,
     },
     gantry::PerPlayer,
     nn::{Stack, Tape},
 };
 
-/// Velocities below this count as none (m/s): far below what the network can tell, and far above the
-/// denormal numbers that would slow it.
+/// Speed below which a velocity is set to zero (m/s): far below the resolution of the network, and
+/// far above denormal numbers, which would slow it down.
 const STANDSTILL: f64 = 1e-9;
 
 /// The network and the histories of all carriages.
@@ -24,12 +24,12 @@ const STANDSTILL: f64 = 1e-9;
 pub(in crate::game) struct Learned {
     layout: Layout,
     stack: Stack,
-    /// For each chunk of boards the inputs of the network, `[board][player][inputs]`.
+    /// Inputs of the network for each chunk of environments, `[board][player][inputs]`.
     histories: Vec<Vec<f32>>,
     tape: Tape,
-    /// Where the training data lies, when questions are counted.
+    /// Coverage of the training data, if extrapolating queries are counted.
     covered: Option<CoverageMask>,
-    asked: Asked,
+    queries: ActuatorQueries,
 }
 
 impl Learned {
@@ -42,9 +42,9 @@ impl Learned {
             histories: (0..count).step_by(CHUNK).map(chunk).collect(),
             tape: Tape::default(),
             covered: coverage.map(CoverageMask::new),
-            asked: Asked::default(),
+            queries: ActuatorQueries::default(),
         };
-        // The largest chunk sizes the tape, so that no step has to.
+        // The largest chunk sizes the tape, so that no step allocates.
         learned.tape.x = vec![0.0; 2 * CHUNK.min(count) * inputs];
         learned.stack.forward(&mut learned.tape);
         learned
@@ -56,11 +56,11 @@ impl Learned {
         self.histories[board / CHUNK][row..row + length].fill(0.0);
     }
 
-    pub(super) fn asked(&self) -> Asked {
-        self.asked
+    pub(super) fn queries(&self) -> ActuatorQueries {
+        self.queries
     }
 
-    /// Calls `visit` with every number that is remembered.
+    /// Call `visit` with every number of the state.
     pub(in crate::game) fn each_number(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         for value in self.histories.iter_mut().flatten() {
             let mut number = f64::from(*value);
@@ -70,7 +70,7 @@ impl Learned {
     }
 
     pub(super) fn lead(&mut self, leading: &mut Leading<'_>) {
-        let Leading { first, commands, strikers, ways, rails } = leading;
+        let Leading { first, commands, strikers, ways, travel } = leading;
         let chunk = *first / CHUNK;
         let layout = self.layout;
         std::mem::swap(&mut self.tape.x, &mut self.histories[chunk]);
@@ -83,24 +83,24 @@ impl Learned {
                 let command = single(commands[player]);
                 layout.advance(row, command, velocity);
                 if let Some(covered) = &self.covered {
-                    self.asked.all += 1;
-                    self.asked.outside += u64::from(!covered.contains(command, velocity));
+                    self.queries.total += 1;
+                    self.queries.extrapolated += u64::from(!covered.contains(command, velocity));
                 }
             }
         }
         self.stack.forward(&mut self.tape);
-        let stride = rails.pieces + 1;
-        let PerPlayer { left, right } = rails.limits.field;
+        let stride = travel.pieces + 1;
+        let PerPlayer { left, right } = travel.limits.field;
         let answers = self.tape.y.chunks_exact(2).zip(ways.chunks_exact_mut(stride));
         for (index, (answer, way)) in answers.enumerate() {
             let (board, player) = (index / 2, index % 2);
             let striker = &mut strikers[board][player];
             let awake = |v: f32| if f64::from(v).abs() < STANDSTILL { 0.0 } else { f64::from(v) };
             let mut next = turned(player, [awake(answer[0]), awake(answer[1])]);
-            if rails.limits.limiter == LimiterPlace::Motion {
-                next = rails.limits.before_walls([&left, &right][player], striker.carriage, next);
+            if travel.limits.limiter == LimiterPlace::Motion {
+                next = travel.limits.before_walls([&left, &right][player], striker.carriage, next);
             }
-            rails.roll(player, striker, [striker.led_velocity, next], way);
+            travel.roll(player, striker, [striker.led_velocity, next], way);
         }
         std::mem::swap(&mut self.tape.x, &mut self.histories[chunk]);
     }

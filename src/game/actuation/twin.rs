@@ -1,10 +1,10 @@
-//! The drives, gantry and coupling of a twin as actuator: one plant for all carriages, the state of each in
-//! an array.
+//! Drives, gantry and coupling of a twin as actuator: one plant for all carriages, with the state
+//! of each in an array.
 //!
-//! Command, dead time, ramp, velocity loop, forces and friction are the twin's [`Plant`]; play, geometry
-//! and magnet are its [`Linkage`]. A carriage stops at the ends of its rails.
+//! Command, dead time, slew limit, velocity loop, forces and friction are the twin's [`Plant`];
+//! backlash, geometry and magnet are its [`Linkage`]. A carriage stops at the ends of its travel.
 
-use super::{Leading, Rails, turned};
+use super::{Leading, Travel, turned};
 use crate::{
     effects::Carriage,
     game::{body::StrikerState, settings::CONTROL_PERIOD},
@@ -12,47 +12,47 @@ use crate::{
     twin::{Linkage, Places, Plant, PlantState, Twin},
 };
 
-/// One step of the plant within a control period.
+/// One integration step of the plant within a control period.
 #[derive(Debug, Clone, Copy)]
 struct PlantStep {
-    /// Its length (s).
+    /// Length (s).
     dt: f64,
-    /// How many periods ago the command of each motor was given that is in force.
+    /// Age of the command in force of each motor (control periods).
     ages: [usize; 2],
-    /// Whether a piece ends with it.
+    /// True if a piece ends with this step.
     ends_piece: bool,
 }
 
-/// All drives of all boards.
+/// Drives of all environments.
 #[derive(Debug, Clone)]
 pub(in crate::game) struct TwinDrives {
     plant: Plant,
     linkage: Linkage,
     striker_mass: f64,
-    rails: Rails,
+    travel: Travel,
     schedule: Vec<PlantStep>,
-    /// Commands that each carriage remembers, the newest first.
+    /// Number of stored commands per carriage, the newest first.
     depth: usize,
-    /// `[board][player]`, each in the player's own frame.
+    /// State by `[board][player]`, each in the player's own frame.
     states: Vec<PlantState>,
-    /// `[board][player][depth]`, in belt coordinates (m/s).
+    /// Commands by `[board][player][depth]`, in belt coordinates (m/s).
     commands: Vec<[f64; 2]>,
-    /// `[board][player][memory of the linkage]`
+    /// State of the linkage by `[board][player][memory]`.
     memories: Vec<f64>,
 }
 
 impl TwinDrives {
-    pub(super) fn new(twin: &Twin, step: f64, rails: &Rails, count: usize) -> Self {
+    pub(super) fn new(twin: &Twin, step: f64, travel: &Travel, count: usize) -> Self {
         let plant = Plant::new(twin);
         let linkage = Linkage::new(twin, Places::True);
-        let schedule = schedule(plant.delays(), step, rails.pieces);
+        let schedule = schedule(plant.delays(), step, travel.pieces);
         let depth = schedule.iter().flat_map(|step| step.ages).max().unwrap_or(0) + 1;
         Self {
             states: vec![plant.start(); 2 * count],
             commands: vec![[0.0; 2]; 2 * count * depth],
             memories: vec![0.0; 2 * count * linkage.memory()],
             striker_mass: twin.striker_mass,
-            rails: rails.clone(),
+            travel: travel.clone(),
             schedule,
             depth,
             plant,
@@ -75,7 +75,7 @@ impl TwinDrives {
         }
     }
 
-    /// Calls `visit` with every number that is remembered.
+    /// Call `visit` with every number of the state.
     pub(in crate::game) fn each_number(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.states.iter_mut().flat_map(PlantState::numbers).for_each(&mut *visit);
         self.commands.iter_mut().flatten().for_each(&mut *visit);
@@ -83,15 +83,15 @@ impl TwinDrives {
     }
 
     pub(super) fn lead(&mut self, leading: &mut Leading<'_>) {
-        let Leading { first, commands, strikers, ways, rails } = leading;
-        let ways = ways.chunks_exact_mut(rails.pieces + 1);
+        let Leading { first, commands, strikers, ways, travel } = leading;
+        let ways = ways.chunks_exact_mut(travel.pieces + 1);
         let strikers = strikers.iter_mut().flatten().zip(commands.iter().flatten());
         for (index, ((striker, command), way)) in strikers.zip(ways).enumerate() {
             self.lead_one(2 * *first + index, striker, *command, way);
         }
     }
 
-    /// One carriage through one control period; `index` counts players over all boards.
+    /// Move one carriage through one control period; `index` counts players over all environments.
     fn lead_one(
         &mut self,
         index: usize,
@@ -99,7 +99,7 @@ impl TwinDrives {
         command: [f64; 2],
         way: &mut [[f64; 2]],
     ) {
-        let rails = &self.rails;
+        let travel = &self.travel;
         let player = index % 2;
         let sent = &mut self.commands[index * self.depth..(index + 1) * self.depth];
         sent.copy_within(..self.depth - 1, 1);
@@ -112,13 +112,13 @@ impl TwinDrives {
         for step in &self.schedule {
             let PlantStep { dt, ages: [a, b], ends_piece } = *step;
             self.plant.step(state, [sent[a][0], sent[b][1]], dt);
-            stop_at_ends(state, player, rails);
+            stop_at_ends(state, player, travel);
             if self.linkage.is_dynamic() || ends_piece {
                 let carriage = carriage(state, dt, self.striker_mass);
                 let place = self.linkage.striker(memory, carriage);
                 if ends_piece {
                     piece += 1;
-                    way[piece] = rails.clamp(player, turned(player, place));
+                    way[piece] = travel.clamp(player, turned(player, place));
                 }
             }
         }
@@ -128,8 +128,8 @@ impl TwinDrives {
                 *value = 0.0;
             }
         }
-        let [last, before] = [way[rails.pieces], way[rails.pieces - 1]];
-        let h = rails.piece();
+        let [last, before] = [way[travel.pieces], way[travel.pieces - 1]];
+        let h = travel.piece();
         striker.led_velocity = [(last[0] - before[0]) / h, (last[1] - before[1]) / h];
         striker.led = last;
         striker.carriage = turned(player, state.position);
@@ -141,10 +141,10 @@ fn carriage(state: &PlantState, dt: f64, striker_mass: f64) -> Carriage {
     Carriage { dt, position, velocity, acceleration, striker_mass }
 }
 
-/// A carriage at the end of a rail stands there.
-fn stop_at_ends(state: &mut PlantState, player: usize, rails: &Rails) {
+/// Set the velocity of a carriage at the end of its travel to zero.
+fn stop_at_ends(state: &mut PlantState, player: usize, travel: &Travel) {
     let free = turned(player, state.position);
-    let inside = rails.clamp(player, free);
+    let inside = travel.clamp(player, free);
     if inside == free {
         return;
     }
@@ -156,8 +156,8 @@ fn stop_at_ends(state: &mut PlantState, player: usize, rails: &Rails) {
     state.position = turned(player, inside);
 }
 
-/// The steps of one period: they end at the ends of pieces and where a command takes effect on a motor,
-/// `delays` (s) after it was given.
+/// Integration steps of one period. Steps end at the ends of pieces and at the instants at which a
+/// command takes effect on a motor, `delays` (s) after it was given.
 fn schedule(delays: [f64; 2], longest: f64, pieces: usize) -> Vec<PlantStep> {
     const SAME: f64 = 1e-9;
     let delays = delays.map(|delay| delay.max(0.0));

@@ -15,7 +15,7 @@ fn wave(step: usize) -> [f64; 2] {
     [0.2 * (9.0 * t).sin(), 0.15 * (7.0 * t).cos().signum()]
 }
 
-/// Settings whose limits change nothing about [`wave`].
+/// Settings whose limits do not change [`wave`].
 fn unlimited(actuation: Actuation) -> GameSettings {
     let mut settings = long(GameSettings { actuation, ..GameSettings::default() });
     settings.limits.slew = 1e6;
@@ -36,15 +36,16 @@ fn a_learned_actuator_is_the_plain_network_on_its_own_history() {
         let settings = unlimited(Actuation::learned(model.clone()));
         let mut games = Games::new(70, &settings, 0).unwrap();
         for board in 0..70 {
-            games.place(board, [0.14, 0.0], [0.0; 2], [[0.02, -0.1], [-0.02, 0.1]]);
+            games.set_positions(board, [0.14, 0.0], [0.0; 2], [[0.02, -0.1], [-0.02, 0.1]]);
         }
-        // Plainly: histories of commands and velocities, zero before the start.
+        // Reference: histories of commands and velocities, zero before the start.
         let mut commands = vec![[0.0; 2]; 8];
         let mut velocities = vec![[0.0; 2]; 9];
         let mut place = [0.02, -0.1];
         for step in 0..40 {
             let command = single(wave(step));
-            // Both players are told the same in their own frames, so both see the same network's answer.
+            // Both players have equal commands in their own frames, so both get the same answer of
+            // the network.
             let mut outcomes = Outcomes::new(70);
             games.advance(&vec![[command, command]; 70], &mut outcomes).unwrap();
             commands.push(command.map(f64::from));
@@ -76,7 +77,7 @@ fn a_learned_actuator_is_the_plain_network_on_its_own_history() {
 fn the_limiter_behind_a_learned_actuator_holds_its_answer() {
     let layout = Layout { kind: LayoutKind::Klasktron, history_steps: 2 };
     let mut model = network(layout, 8);
-    // Whatever it is told, it runs to the right.
+    // It moves to the right for any command.
     for layer in &mut model.network.layers {
         layer.weight.fill(0.0);
     }
@@ -89,13 +90,13 @@ fn the_limiter_behind_a_learned_actuator_holds_its_answer() {
     for limiter in [LimiterPlace::Command, LimiterPlace::Motion] {
         settings.limits.limiter = limiter;
         let mut games = Games::new(1, &settings, 0).unwrap();
-        games.place(0, [0.0; 2], [0.0; 2], ASIDE);
+        games.set_positions(0, [0.0; 2], [0.0; 2], ASIDE);
         for _ in 0..300 {
             games.advance(&[STILL], &mut Outcomes::new(1)).unwrap();
         }
         ends.push(games.snapshot(0).striker_positions[0][0]);
     }
-    // On the command it holds nothing, and only the board's edge stops the carriage.
+    // With the limiter on the command only the board's edge stops the carriage.
     assert!((ends[0] - 0.1525).abs() < 1e-9 && (ends[1] - 0.1465).abs() < 1e-3, "{ends:?}");
 }
 
@@ -133,7 +134,7 @@ fn a_twin_in_the_game_is_its_plant_in_fine_steps() {
         let settings = unlimited(Actuation::Twin { twin: Box::new(twin.clone()), step });
         let mut games = Games::new(2, &settings, 0).unwrap();
         for board in 0..2 {
-            games.place(board, [0.14, 0.0], [0.0; 2], [start, start.map(|v| -v)]);
+            games.set_positions(board, [0.14, 0.0], [0.0; 2], [start, start.map(|v| -v)]);
         }
         let mut worst = 0.0_f64;
         for (index, want) in fine.iter().enumerate() {
@@ -156,14 +157,14 @@ fn a_magnet_spring_of_the_twin_makes_the_striker_lag_by_mass_times_acceleration_
     let values = [30.0, 0.7, 1.0];
     twin.instances.push(Instance::new(effect, Axis::Whole, &values, Source::Nominal));
     let mut games = Games::new(1, &unlimited(Actuation::twin(twin)), 0).unwrap();
-    games.place(0, [0.14, 0.0], [0.0; 2], [[-0.1, -0.1], ASIDE[1]]);
+    games.set_positions(0, [0.14, 0.0], [0.0; 2], [[-0.1, -0.1], ASIDE[1]]);
     let mut most = 0.0_f64;
     for _ in 0..30 {
         games.advance(&[[[0.4, 0.0], [0.0; 2]]], &mut Outcomes::new(1)).unwrap();
         let carriage = games.strikers_of(0)[0].carriage[0];
         most = most.max(carriage - games.snapshot(0).striker_positions[0][0]);
     }
-    // The ramp of the nominal drive accelerates with 15 m/s^2 for 27 ms: up to m a / k = 6 mm, less while
+    // The slew limit of the nominal drive is 15 m/s^2 for 27 ms: up to m a / k = 6 mm, less while
     // the spring still stretches.
     assert!((0.5e-3..6.5e-3).contains(&most), "{most}");
 }
@@ -173,7 +174,7 @@ fn a_twin_carriage_stops_at_the_end_of_its_rails() {
     let mut settings = unlimited(Actuation::twin(Twin::nominal(Machine::Table)));
     settings.limits.deceleration_distance = 1e-3;
     let mut games = Games::new(1, &settings, 0).unwrap();
-    games.place(0, [0.0; 2], [0.0; 2], ASIDE);
+    games.set_positions(0, [0.0; 2], [0.0; 2], ASIDE);
     for _ in 0..100 {
         games.advance(&[[[-0.4, 0.0], [0.0; 2]]], &mut Outcomes::new(1)).unwrap();
         assert!(-0.1525 - 1e-12 <= games.snapshot(0).striker_positions[0][0]);
@@ -186,14 +187,15 @@ fn a_twin_carriage_stops_at_the_end_of_its_rails() {
 
 #[test]
 fn nothing_decays_to_denormal_numbers() {
-    // A lag whose output halves every few milliseconds would be denormal after some seconds of rest.
+    // A lag whose output halves every few milliseconds would be denormal after some seconds at
+    // rest.
     let mut twin = Twin::nominal(Machine::Table);
     let effect = effects::find("drive.lag1").unwrap();
     twin.instances.push(Instance::new(effect, Axis::Motors, effect.probes[0], Source::Nominal));
     let effect = effects::find("coupling.magnet_spring").unwrap();
     twin.instances.push(Instance::new(effect, Axis::Whole, effect.probes[0], Source::Nominal));
     let mut games = Games::new(1, &long(GameSettings::default().with_twin(&twin)), 0).unwrap();
-    games.place(0, [0.05, -0.06], [0.3, 0.2], [[0.05, -0.1], ASIDE[1]]);
+    games.set_positions(0, [0.05, -0.06], [0.3, 0.2], [[0.05, -0.1], ASIDE[1]]);
     let mut outcomes = Outcomes::new(1);
     for _ in 0..50 {
         games.advance(&[[[0.1, 0.4], [0.3, 0.3]]], &mut outcomes).unwrap();
@@ -202,7 +204,7 @@ fn nothing_decays_to_denormal_numbers() {
         for _ in 0..50 {
             games.advance(&[STILL], &mut outcomes).unwrap();
         }
-        // All numbers of all parts, private ones too, are in the debugging text.
+        // The debug text contains all numbers of all parts, private ones too.
         let text = format!("{games:?}");
         let numbers = text.split(|c: char| !(c.is_ascii_alphanumeric() || "+-.".contains(c)));
         let denormal = numbers

@@ -1,4 +1,4 @@
-//! The same bytes for the same seed, however the boards are divided.
+//! The same bytes for the same seed, for any division of the environments.
 
 use super::ball;
 use crate::{
@@ -15,12 +15,12 @@ use crate::{
 };
 use std::ops::Range;
 
-/// A network of random weights that follows nothing in particular.
+/// A network of random weights.
 pub(super) fn network(layout: Layout, width: usize) -> ActuatorNetwork {
     let sizes = [layout.inputs(), width, width, 2];
     let layers = sizes.windows(2).enumerate().map(|(index, pair)| {
         let mut stream = Stream::numbered(1, "test.network", &[index as u64]);
-        // Answers of some 0.1 m/s, so that no carriage is soon at the end of its rail.
+        // Outputs of some 0.1 m/s, so that no carriage soon reaches the end of its travel.
         let share = if index == 2 { 0.2 } else { 1.0 };
         let bound = share * (pair[0] as f32).sqrt().recip();
         let mut draw = |count| (0..count).map(|_| stream.uniform_f32(-bound, bound)).collect();
@@ -31,14 +31,14 @@ pub(super) fn network(layout: Layout, width: usize) -> ActuatorNetwork {
     ActuatorNetwork::new(layout, network)
 }
 
-/// Commands that depend on board and step alone.
+/// Commands that depend only on environment and step.
 fn command(board: usize, step: usize) -> [[f32; 2]; 2] {
     let mut stream = Stream::numbered(9, "test.commands", &[board as u64, step as u64 / 5]);
     let mut draw = || stream.uniform_f32(-0.5, 0.5);
     [[draw(), draw()], [draw(), draw()]]
 }
 
-/// What both players see of the boards `range` after every tenth of `steps`.
+/// Observations of both players in the environments `range` after every tenth of `steps`.
 fn play(settings: &GameSettings, range: Range<usize>, steps: usize, seed: u64) -> Vec<Vec<u32>> {
     let kind = ObservationKind::Augmented20;
     let mut games = Games::range(range.clone(), settings, seed).unwrap();
@@ -60,7 +60,7 @@ fn play(settings: &GameSettings, range: Range<usize>, steps: usize, seed: u64) -
     seen
 }
 
-/// Short episodes, so that restarts are among what is compared.
+/// Short episodes, so that the comparison includes restarts.
 fn settings(actuation: Actuation) -> GameSettings {
     GameSettings {
         actuation,

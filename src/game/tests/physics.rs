@@ -50,7 +50,7 @@ fn a_free_roll_follows_the_closed_formula() {
 
 #[test]
 fn a_period_without_contacts_is_as_good_in_one_piece() {
-    // Biscuits, here far away, make the game cut every period.
+    // Biscuits, here far away, force the game to divide every period.
     let ball = BallSettings {
         effects: instances(&[
             ("ball.rolling_resistance", &[0.01, 0.1]),
@@ -70,7 +70,7 @@ fn a_period_without_contacts_is_as_good_in_one_piece() {
         assert_ne!(a.ball_velocity, [0.0; 2]);
         let off = length(subtract(a.ball_position, b.ball_position));
         let change = length(subtract(a.ball_velocity, b.ball_velocity));
-        // The square of the period's share of the 2.5 s in which the ball would stop.
+        // The square of the ratio of the period to the 2.5 s in which the ball would stop.
         assert!(off < 1e-5 && change < 5e-5, "step {step}: {off} m, {change} m/s");
     }
 }
@@ -120,12 +120,13 @@ fn a_square_bounce_returns_the_share_of_restitution_at_the_exact_place() {
 
 #[test]
 fn an_oblique_bounce_loses_tangential_speed_by_coulombs_law_until_it_rolls_off() {
-    // (mu, vt, what is left of vt): sliding loses mu (1 + e) vn, gripping 2/7; at rest friction is 1.5 mu.
+    // (mu, vt, remaining vt): sliding loses mu (1 + e) vn, gripping 2/7; static friction is 1.5 mu.
     for (mu, tangential, left) in [
         (0.05, 1.0, 1.0 - 0.05 * 1.8),
         (0.05, -1.0, -1.0 + 0.05 * 1.8),
         (1.0, 0.7, 0.5),
-        // Needs 2/7 * 0.9 = 0.257: friction at rest gives 0.27, so it grips although sliding gives 0.18.
+        // Needs 2/7 * 0.9 = 0.257: static friction gives 0.27, so it grips although kinetic
+        // friction gives 0.18.
         (0.1, 0.9, 0.9 * 5.0 / 7.0),
     ] {
         let settings = GameSettings { ball: ball(0.8, mu), ..Default::default() };
@@ -216,7 +217,7 @@ proptest! {
         let mut games = Games::new(1, &settings, 0).unwrap();
         let strikers = [[0.0, -0.1], [0.0, 0.1]];
         prop_assume!(strikers.iter().all(|s| TOUCH < length(subtract(start, *s))));
-        games.place(0, start, [speed * angle.cos(), speed * angle.sin()], strikers);
+        games.set_positions(0, start, [speed * angle.cos(), speed * angle.sin()], strikers);
         let mut outcomes = Outcomes::new(1);
         for command in commands {
             games.advance(&[command], &mut outcomes).unwrap();
@@ -226,7 +227,7 @@ proptest! {
             }
             let ended = outcomes.ended[0];
             if matches!(ended, Some(Ending::Goal { .. })) {
-                // A ball that has fallen into a cup lies below the strikers.
+                // A ball in a cup is below the strikers.
                 break;
             }
             for striker in now.striker_positions {
@@ -250,11 +251,17 @@ fn every_shot_at_a_striker_hits_it_from_every_side_with_any_piece() {
             let (sine, cosine) = angle.sin_cos();
             for aim in [-0.999, -0.5, 0.0, 0.7, 0.999] {
                 for speed in [0.5, 5.0] {
-                    // 60 mm away, passing the striker's centre at a share of the touching distance.
+                    // 60 mm away, passing the striker's centre at a fraction of the contact
+                    // distance.
                     let offset = aim * TOUCH;
                     let start = [0.06 * cosine - offset * sine, 0.06 * sine + offset * cosine];
                     let start = [striker[0] - start[0], striker[1] - start[1]];
-                    games.place(0, start, [speed * cosine, speed * sine], [striker, ASIDE[1]]);
+                    games.set_positions(
+                        0,
+                        start,
+                        [speed * cosine, speed * sine],
+                        [striker, ASIDE[1]],
+                    );
                     let mut outcomes = Outcomes::new(1);
                     let mut hits = 0;
                     for _ in 0..8 {
@@ -276,8 +283,8 @@ fn a_striker_runs_into_a_resting_ball() {
     // At 0.4 m/s a striker of mass M gives a ball of mass m (1 + e) M / (M + m) of its speed.
     let settings = GameSettings { ball: ball(0.75, 0.0), ..Default::default() };
     let mut games = Games::new(1, &settings, 0).unwrap();
-    // Where the limiter is free.
-    games.place(0, [0.05, -0.135], [0.0; 2], [[0.05, -0.17], ASIDE[1]]);
+    // Away from the zone of the limiter.
+    games.set_positions(0, [0.05, -0.135], [0.0; 2], [[0.05, -0.17], ASIDE[1]]);
     let mut outcomes = Outcomes::new(1);
     let command = [[0.0, 0.3], [0.0; 2]];
     while outcomes.hits[0][0] == 0 {
@@ -288,7 +295,7 @@ fn a_striker_runs_into_a_resting_ball() {
     assert!((now.ball_velocity[1] - want).abs() < 1e-6, "{now:?} {want}");
     assert!((f64::from(outcomes.hit_speeds[0][0]) - 0.3).abs() < 1e-6);
     assert!(now.striker_velocities[0][1] < 0.3);
-    // The magnet brings the striker back to where it leads it.
+    // The magnet returns the striker to its position.
     for _ in 0..50 {
         games.advance(&[STILL], &mut outcomes).unwrap();
     }
@@ -301,7 +308,7 @@ fn a_wedged_ball_never_ends_inside_anything() {
     let mut settings = long(GameSettings::default());
     settings.limits.clearance = 0.0;
     let mut games = Games::new(1, &settings, 0).unwrap();
-    games.place(0, [0.152, -0.1], [0.0; 2], [[0.1, -0.1], ASIDE[1]]);
+    games.set_positions(0, [0.152, -0.1], [0.0; 2], [[0.1, -0.1], ASIDE[1]]);
     for _ in 0..100 {
         games.advance(&[[[0.4, 0.0], [0.0; 2]]], &mut Outcomes::new(1)).unwrap();
         let now = games.snapshot(0);

@@ -1,4 +1,4 @@
-//! Goals, rim-outs, own goals, biscuits, time limits, limits of commands, settings that cannot be.
+//! Tests of goals, rim-outs, own goals, biscuits, time limits, command limits and invalid settings.
 
 use super::{ASIDE, STILL, ball, long, one, until_end};
 use crate::{
@@ -10,8 +10,8 @@ use crate::{
     recording::topic::Player,
 };
 
-/// A ball shot at the far cup along y, `aside` (m) from its middle: how the episode ends and how fast the
-/// ball is after the first bounce or fall.
+/// Shoot a ball at the far cup along y, `aside` (m) from its middle; returns the end of the episode
+/// and the speed of the ball after the first bounce or fall.
 fn shoot(speed: f64, aside: f64, rule: CupRule) -> (Option<Ending>, f64) {
     let cup = CupSettings { rule, ..CupSettings::default() };
     let settings = long(GameSettings { ball: ball(1.0, 0.0), cup, ..Default::default() });
@@ -49,8 +49,8 @@ fn speed_and_length_of_the_way_over_the_cup_decide() {
     // Across the middle 1 m/s falls and 2 m/s leaves; near the edge 1 m/s leaves as well.
     let fell = |speed, aside| shoot(speed, aside, CupRule::Fall).0.is_some();
     assert!(fell(1.0, 0.0) && !fell(2.0, 0.0) && !fell(1.0, 0.98 * CUP_RADIUS));
-    // The fastest ball that falls across the middle, by bisection, against the formula of the rim solved
-    // by hand: 1.4 m/s.
+    // The fastest ball that is captured across the middle, by bisection, against the formula of the
+    // rim solved by hand: 1.4 m/s.
     let (mut low, mut high) = (1.0, 2.0);
     for _ in 0..30 {
         let middle = 0.5 * (low + high);
@@ -70,7 +70,7 @@ fn a_ball_that_leaves_a_cup_is_slower_and_turned() {
     let (ending, speed) = shoot(2.0, 0.0, CupRule::Fall);
     assert_eq!(ending, None);
     assert!(speed < 1.9, "{speed}");
-    // Off the middle the rim takes radial speed only, so the way bends outwards or inwards.
+    // Off the middle the rim removes radial speed only, so the path bends outwards or inwards.
     let mut games = one(
         &long(GameSettings { ball: ball(1.0, 0.0), ..Default::default() }),
         [0.012, 0.14],
@@ -95,7 +95,7 @@ fn a_striker_over_its_own_cup_loses() {
         [(Player::Left, [[0.0, -0.4], [0.0; 2]]), (Player::Right, [[0.0; 2], [0.0, -0.4]])]
     {
         let mut games = one(&GameSettings::default(), [0.0; 2], [0.0; 2]);
-        games.place(0, [0.1, 0.0], [0.0; 2], [[0.0, -0.14], [0.0, 0.14]]);
+        games.set_positions(0, [0.1, 0.0], [0.0; 2], [[0.0, -0.14], [0.0, 0.14]]);
         let (ending, steps) = until_end(&mut games, command);
         assert_eq!(ending, Ending::OwnGoal { loser: player });
         assert_eq!(ending.winner(), Some([Player::Right, Player::Left][player as usize]));
@@ -110,9 +110,9 @@ fn everything_stops_with_the_piece_in_which_an_episode_ends() {
     let cup = settings.cup;
     for offset in 0..10 {
         let mut games = one(&settings, [0.0; 2], [0.0; 2]);
-        // The striker goes past the cup's rim at another moment of a period each time.
+        // The striker passes the cup's rim at a different moment of a period each time.
         let start = -0.14 - 2e-4 * f64::from(offset);
-        games.place(0, [0.1, 0.0], [0.0; 2], [[0.0, start], [0.0, 0.14]]);
+        games.set_positions(0, [0.1, 0.0], [0.0; 2], [[0.0, start], [0.0, 0.14]]);
         until_end(&mut games, [[0.0, -0.4], [0.0; 2]]);
         let rim = cup.radius - cup.distance;
         let place = games.snapshot(0).striker_positions[0][1];
@@ -135,7 +135,8 @@ fn nobody_wins_at_the_time_limit() {
 fn nobody_wins_when_the_ball_lies_still_for_too_long() {
     let mut games = one(&GameSettings::default(), [0.1, 0.0], [0.0; 2]);
     assert_eq!(until_end(&mut games, STILL), (Ending::TimeLimit, 100));
-    // A ball that rolls is waited for: 0.1 m/s at about 0.1 m/s^2 for one second, then two at rest.
+    // A rolling ball does not end the episode: 0.1 m/s at about 0.1 m/s^2 for one second, then two
+    // at rest.
     let mut games = one(&GameSettings::default(), [0.1, 0.0], [-0.1, 0.0]);
     let (ending, steps) = until_end(&mut games, STILL);
     assert_eq!(ending, Ending::TimeLimit);
@@ -156,18 +157,19 @@ fn two_biscuits_on_one_striker_lose_the_point() {
     let settings =
         long(GameSettings { biscuits: Some(BiscuitSettings::default()), ..Default::default() });
     let mut games = one(&settings, [0.0, 0.08], [0.0; 2]);
-    games.place(0, [0.14, 0.1], [0.0; 2], [[-0.1, -0.05], ASIDE[1]]);
-    // Towards the middle, where the field ends 0.0335 m short of the biscuits: they do not come.
+    games.set_positions(0, [0.14, 0.1], [0.0; 2], [[-0.1, -0.05], ASIDE[1]]);
+    // Towards the middle, where the workspace ends 0.0335 m short of the biscuits: they are not
+    // captured.
     let mut outcomes = Outcomes::new(1);
     for _ in 0..100 {
         games.advance(&[[[0.0, 0.4], [0.0; 2]]], &mut outcomes).unwrap();
     }
     assert_eq!(games.snapshot(0).biscuits_held, [0, 0]);
-    // With a field up to the middle line, first one, then along the line another.
+    // With a workspace up to the middle line, first one, then another along the line.
     let mut settings = settings;
     settings.limits.field.left.y_max_m = 0.0;
     let mut games = one(&settings, [0.0, 0.08], [0.0; 2]);
-    games.place(0, [0.14, 0.1], [0.0; 2], [[-0.08, -0.06], ASIDE[1]]);
+    games.set_positions(0, [0.14, 0.1], [0.0; 2], [[-0.08, -0.06], ASIDE[1]]);
     let mut steps = 0;
     while games.snapshot(0).biscuits_held == [0, 0] {
         games.advance(&[[[0.0, 0.4], [0.0; 2]]], &mut outcomes).unwrap();
@@ -176,7 +178,7 @@ fn two_biscuits_on_one_striker_lose_the_point() {
         assert!(steps < 200);
     }
     let held = games.snapshot(0);
-    // It comes along.
+    // It moves with the striker.
     for _ in 0..10 {
         games.advance(&[[[0.0, -0.4], [0.0; 2]]], &mut outcomes).unwrap();
     }
@@ -185,7 +187,7 @@ fn two_biscuits_on_one_striker_lose_the_point() {
     let moved = places[1][1] - places[0][1];
     let striker = now.striker_positions[0][1] - held.striker_positions[0][1];
     assert!(moved < -0.02 && (moved - striker).abs() < 1e-12, "{moved} {striker}");
-    // Back to the line, where the first one was, and along it to the next.
+    // Back to the line, to the start position of the first one, and along it to the next.
     for _ in 0..100 {
         games.advance(&[[[0.0, 0.4], [0.0; 2]]], &mut outcomes).unwrap();
         assert_eq!(outcomes.ended[0], None);
@@ -204,8 +206,8 @@ fn a_ball_pushes_a_free_biscuit_which_slides_to_rest() {
     for _ in 0..50 {
         games.advance(&[STILL], &mut Outcomes::new(1)).unwrap();
     }
-    // Struck in the middle it gets the speed of a ball of its own mass, and slides v^2 / 2 mu g, but for a
-    // piece more or less.
+    // A central impact gives it the speed of a ball of its own mass, and it slides v^2 / 2 mu g, up
+    // to a piece more or less.
     let end = 1.0 / (2.0 * 0.3 * 9.81);
     let [x, y] = games.snapshot(0).biscuits.unwrap()[1];
     assert!(x == 0.0 && (y - end).abs() < 0.005, "{x} {y} {end}");
@@ -215,13 +217,13 @@ fn a_ball_pushes_a_free_biscuit_which_slides_to_rest() {
 #[test]
 fn commands_are_slewed_then_limited_and_the_ideal_carriage_obeys() {
     let mut games = one(&GameSettings::default(), [0.1, 0.0], [0.0; 2]);
-    games.place(0, [0.1, 0.0], [0.0; 2], [[0.0, -0.1], [0.0, 0.1]]);
+    games.set_positions(0, [0.1, 0.0], [0.0; 2], [[0.0, -0.1], [0.0, 0.1]]);
     let mut outcomes = Outcomes::new(1);
     let speeds: Vec<f64> = (0..3)
         .map(|_| {
             games.advance(&[[[1.0, 0.0], [-1.0, 0.0]]], &mut outcomes).unwrap();
             let now = games.snapshot(0);
-            // In its own frame the right player went the other way: on the board the same.
+            // In its own frame the right player moved the other way: on the board the same.
             assert_eq!(now.striker_velocities[0], now.striker_velocities[1]);
             now.striker_velocities[0][0]
         })
@@ -230,7 +232,8 @@ fn commands_are_slewed_then_limited_and_the_ideal_carriage_obeys() {
         assert!((found - wanted).abs() < 1e-12, "{speeds:?}");
     }
     assert!((games.snapshot(0).striker_positions[0][0] - 0.02).abs() < 1e-12);
-    // For good it stops 13.5 mm before the edge of its field, however long it is told to go on.
+    // In steady state it stops 13.5 mm before the edge of its workspace, for any duration of the
+    // command.
     for _ in 0..400 {
         games.advance(&[[[1.0, 0.0], [-1.0, 0.0]]], &mut outcomes).unwrap();
     }
@@ -258,8 +261,8 @@ fn randomised_physics_stay_within_the_papers_ranges_and_differ_by_board_and_epis
         assert!((0.0018..0.0022).contains(&now.physics.ball_mass));
         assert!(now.physics != first[(board + 1) % 200]);
     }
-    // A bounce obeys the draw.
-    games.place(0, [0.1, 0.0], [1.0, 0.0], ASIDE);
+    // A bounce uses the drawn restitution.
+    games.set_positions(0, [0.1, 0.0], [1.0, 0.0], ASIDE);
     let before = games.snapshot(0);
     for _ in 0..4 {
         games.advance(&vec![STILL; 200], &mut Outcomes::new(200)).unwrap();
@@ -300,11 +303,11 @@ fn what_cannot_be_is_refused_with_its_number() {
     assert_eq!(error.to_string(), "commands has 1 entries, but these games need 2");
     let bad = [STILL, [[0.0; 2], [f32::NAN, 0.0]]];
     let error = games.step(&bad, &mut Outcomes::new(2)).unwrap_err();
-    assert!(matches!(error, GameError::Command { board: 1, player: Player::Right, .. }));
-    // A board that is no longer finite is named with its episode and step.
-    games.place(1, [0.0; 2], [f64::NAN, 0.0], ASIDE);
+    assert!(matches!(error, GameError::Command { environment: 1, player: Player::Right, .. }));
+    // The error names the environment, episode and step of a non-finite state.
+    games.set_positions(1, [0.0; 2], [f64::NAN, 0.0], ASIDE);
     let error = games.step(&[STILL; 2], &mut Outcomes::new(2)).unwrap_err();
-    assert_eq!(error, GameError::NotFinite { board: 1, episode: 0, step: 0, seed: 0 });
+    assert_eq!(error, GameError::NotFinite { environment: 1, episode: 0, step: 0, seed: 0 });
 }
 
 #[test]

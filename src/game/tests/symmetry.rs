@@ -7,7 +7,7 @@ use crate::{
     seed::Stream,
 };
 
-/// Random commands, each held for a few steps.
+/// Random commands, each constant for a few steps.
 struct Commands {
     stream: Stream,
     current: [[f32; 2]; 2],
@@ -25,8 +25,8 @@ impl Commands {
     }
 }
 
-/// Plays a game and its image under `turn`, in which `seats` says whose striker is whose and `command` what they
-/// are told, side by side, and compares them exactly.
+/// Play a game and its image under `turn` and compare them exactly. `seats` maps the strikers and
+/// `command` the commands.
 fn compare(
     settings: &GameSettings,
     turn: impl Fn([f64; 2]) -> [f64; 2],
@@ -56,9 +56,9 @@ fn compare(
         let mut draw = |half: f32| f64::from(stream.uniform_f32(-half, half));
         let (ball, velocity) = ([draw(0.15), draw(0.07)], [draw(1.0), draw(1.0)]);
         let strikers = [[draw(0.1), -0.09], [draw(0.1), 0.11]];
-        one.place(0, ball, velocity, strikers);
+        one.set_positions(0, ball, velocity, strikers);
         let start = image(&one.snapshot(0));
-        other.place(0, start.0, start.1, start.2);
+        other.set_positions(0, start.0, start.1, start.2);
         let stream = Stream::numbered(3, "test.commands", &[game]);
         let mut commands = Commands { stream, current: [[0.0; 2]; 2], step: 0 };
         let (mut a, mut b) = (Outcomes::new(1), Outcomes::new(1));
@@ -97,8 +97,8 @@ fn a_mirrored_board_plays_the_mirrored_game() {
 #[test]
 fn the_right_player_sees_what_the_left_one_sees_on_the_turned_board() {
     let mut games = Games::new(2, &GameSettings::default(), 0).unwrap();
-    games.place(0, [0.03, 0.05], [0.4, -0.7], [[0.01, -0.1], [-0.06, 0.12]]);
-    games.place(1, [-0.03, -0.05], [-0.4, 0.7], [[0.06, -0.12], [-0.01, 0.1]]);
+    games.set_positions(0, [0.03, 0.05], [0.4, -0.7], [[0.01, -0.1], [-0.06, 0.12]]);
+    games.set_positions(1, [-0.03, -0.05], [-0.4, 0.7], [[0.06, -0.12], [-0.01, 0.1]]);
     for kind in [ObservationKind::Standard12, ObservationKind::Augmented20] {
         let (mut left, mut right) = (vec![0.0; 2 * kind.len()], vec![0.0; 2 * kind.len()]);
         games.observe(Player::Left, kind, &mut left).unwrap();
@@ -107,7 +107,7 @@ fn the_right_player_sees_what_the_left_one_sees_on_the_turned_board() {
         assert_eq!(right[..kind.len()], left[kind.len()..]);
         assert_ne!(left[..kind.len()], right[..kind.len()]);
     }
-    games.place(0, [0.0; 2], [0.0; 2], ASIDE);
+    games.set_positions(0, [0.0; 2], [0.0; 2], ASIDE);
     let mut row = vec![0.0; 24];
     games.observe(Player::Left, ObservationKind::Standard12, &mut row).unwrap();
     assert_eq!(row[..6], [-0.14, -0.19, 0.0, 0.0, 0.14, 0.19]);

@@ -2,8 +2,8 @@
 
 use super::{SPACES, made_up_rollout, small_settings, threads};
 use crate::ppo::{
-    End, Learner, LearnerState, NetworkLayout, Normalization, Place, PpoError, PpoSettings,
-    Rollout, Schedule, Scratch, UpdateReport,
+    End, Learner, LearnerState, NetworkLayout, Normalization, PpoError, PpoSettings, Rollout,
+    Schedule, Scratch, StepIndex, UpdateReport,
 };
 
 /// More than one lane and more than one block of parameters.
@@ -103,7 +103,7 @@ fn decisions_do_not_depend_on_how_environments_are_divided() {
     for part in divided.split(&[0..1, 1..130, 130..300]) {
         for (step, mut row) in part.steps.into_iter().enumerate() {
             let first_environment = part.first_environment;
-            let place = Place { step: 1000 + step as u64, first_environment };
+            let place = StepIndex { step: 1000 + step as u64, first_environment };
             learner.act(place, &mut row, &mut scratch);
         }
     }
@@ -133,7 +133,7 @@ fn a_policy_on_its_own_decides_like_the_learner() {
         }
         // Drawn actions scatter around the means with the deviations.
         let mut drawn = vec![0.0; 2 * rows];
-        let place = Place { step: 3, first_environment: 0 };
+        let place = StepIndex { step: 3, first_environment: 0 };
         policy.act_random((1, "opponent", place), &rollout.observations, &mut drawn, &mut scratch);
         for action in 0..2 {
             let errors = drawn.iter().zip(&means).skip(action).step_by(2);

@@ -4,7 +4,7 @@
 use super::threads;
 use crate::{
     ppo::{
-        End, Learner, Normalization, Place, PpoSettings, Rollout, RolloutShape, Scratch, Spaces,
+        End, Learner, Normalization, PpoSettings, Rollout, RolloutShape, Scratch, Spaces, StepIndex,
     },
     seed::Stream,
 };
@@ -50,7 +50,7 @@ impl Reaching {
         let horizon = rollout.shape().horizon as u64;
         for (number, mut row) in rollout.whole().steps.into_iter().enumerate() {
             row.observations.copy_from_slice(&self.distances);
-            let place = Place { step: update * horizon + number as u64, first_environment: 0 };
+            let place = StepIndex { step: update * horizon + number as u64, first_environment: 0 };
             learner.act(place, &mut row, &mut scratch);
             for environment in 0..ENVIRONMENTS {
                 let distance = Self::step(self.distances[environment], row.actions[environment]);
@@ -147,7 +147,7 @@ fn train_bandit(settings: &PpoSettings, sign: f32) -> (f32, f32) {
     for update in 0..40 {
         for (number, mut row) in rollout.whole().steps.into_iter().enumerate() {
             row.observations.iter_mut().for_each(|x| *x = stream.uniform_f32(-1.0, 1.0));
-            let place = Place { step: 8 * update + number as u64, first_environment: 0 };
+            let place = StepIndex { step: 8 * update + number as u64, first_environment: 0 };
             learner.act(place, &mut row, &mut scratch);
             row.ends.fill(End::Terminal);
             for ((reward, x), a) in

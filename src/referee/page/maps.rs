@@ -57,7 +57,7 @@ fn drawn_board(board: BoardSize, title: &str, content: &str) -> String {
 /// Strikes as arrows (thick and dark when goal-directed), blocks as rings, goals as crosses.
 pub(super) fn shot_map(matches: &[ScoredMatch], board: BoardSize) -> String {
     let mut content = String::new();
-    let events = matches.iter().flat_map(|scored| &scored.judgement.events);
+    let events = matches.iter().flat_map(|scored| &scored.analysis.events);
     let shots = events.filter(|event| {
         matches!(event.kind, EventKind::Strike | EventKind::Block | EventKind::Goal)
     });
@@ -70,12 +70,13 @@ pub(super) fn shot_map(matches: &[ScoredMatch], board: BoardSize) -> String {
 
 fn write_shot(svg: &mut String, event: &Event, board: BoardSize) -> std::fmt::Result {
     let Some(player) = event.player else { return Ok(()) };
-    let (x, y) = at(board, event.place);
+    let (x, y) = at(board, event.position);
     let colour = colour(player);
     match event.kind {
         EventKind::Strike => {
             let [vx, vy] = event.velocity_out;
-            let tip = [event.place[0] + ARROW_SECONDS * vx, event.place[1] + ARROW_SECONDS * vy];
+            let tip =
+                [event.position[0] + ARROW_SECONDS * vx, event.position[1] + ARROW_SECONDS * vy];
             let (to_x, to_y) = at(board, tip);
             let (width, opacity) = if event.goal_directed { (2.6, 1.0) } else { (1.2, 0.6) };
             write!(
@@ -108,7 +109,7 @@ pub(super) fn heat(
     let (columns, rows) =
         ((board.long_side / CELL).ceil() as usize, (board.short_side / CELL).ceil() as usize);
     let mut counts = vec![0_u32; columns * rows];
-    let frames = matches.iter().flat_map(|scored| &scored.judgement.track);
+    let frames = matches.iter().flat_map(|scored| &scored.analysis.track);
     for place in frames.filter_map(of) {
         let column = ((place[1] + board.long_side / 2.0) / CELL).clamp(0.0, columns as f64 - 1.0);
         let row = ((place[0] + board.short_side / 2.0) / CELL).clamp(0.0, rows as f64 - 1.0);

@@ -3,7 +3,7 @@
 use crate::{
     board::{BALL_RADIUS, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
     recording::topic::Player,
-    referee::{Event, Frame, Judgement, ScoredMatch},
+    referee::{Event, Frame, MatchAnalysis, ScoredMatch},
     report::escape,
 };
 use serde::Serialize;
@@ -61,7 +61,7 @@ struct EventMark<'a> {
 
 /// The replay of `matches`, markup with script and data; at least one match.
 pub(super) fn replay(matches: &[ScoredMatch]) -> String {
-    let frames: usize = matches.iter().map(|scored| scored.judgement.track.len()).sum();
+    let frames: usize = matches.iter().map(|scored| scored.analysis.track.len()).sum();
     let budget = frames.div_ceil(FRAMES).max(1);
     let board = matches.first().map(|scored| scored.rules.board).unwrap_or_default();
     let data = Data {
@@ -102,7 +102,7 @@ pub(super) fn replay(matches: &[ScoredMatch]) -> String {
 }
 
 fn replayed(scored: &ScoredMatch, budget: usize) -> Match<'_> {
-    let judgement = &scored.judgement;
+    let judgement = &scored.analysis;
     let start = judgement.track.first().map_or(0.0, |frame| frame.time);
     let kept: Vec<&Frame> = judgement.track.iter().step_by(step(judgement).max(budget)).collect();
     let track = |of: &dyn Fn(&Frame) -> Option<[f64; 2]>| {
@@ -131,7 +131,7 @@ fn replayed(scored: &ScoredMatch, budget: usize) -> Match<'_> {
 }
 
 /// Of how many frames one is shown.
-fn step(judgement: &Judgement) -> usize {
+fn step(judgement: &MatchAnalysis) -> usize {
     let rate = judgement.track.len() as f64 / judgement.duration().max(f64::MIN_POSITIVE);
     (rate / RATE).round().max(1.0) as usize
 }
@@ -141,8 +141,8 @@ fn mark(event: &Event, start: f64) -> EventMark<'static> {
         t: rounded(event.time - start),
         kind: event.kind.name(),
         player: event.player,
-        x: rounded(event.place[0]),
-        y: rounded(event.place[1]),
+        x: rounded(event.position[0]),
+        y: rounded(event.position[1]),
         speed_out: rounded(event.speed_out()),
         goal_directed: event.goal_directed,
     }

@@ -20,13 +20,13 @@ ranged! {
         /// Step of each coordinate (m); whole pixels of 0.8 mm upstream. 0 is none.
         quantisation_m: 0.0 in [0.0, 0.1];
         /// Share of pictures that never arrive.
-        drop_share: 0.0 in [0.0, 1.0];
+        drop_fraction: 0.0 in [0.0, 1.0];
         /// Share of pictures that arrive twice.
-        repeat_share: 0.0 in [0.0, 1.0];
+        repeat_fraction: 0.0 in [0.0, 1.0];
         /// Share of objects that are not found in a picture.
-        miss_share: 0.0 in [0.0, 1.0];
+        miss_fraction: 0.0 in [0.0, 1.0];
         /// Share of objects that are found in a wrong place.
-        outlier_share: 0.0 in [0.0, 1.0];
+        outlier_fraction: 0.0 in [0.0, 1.0];
         /// Largest error of these, per coordinate (m).
         outlier_m: 0.05 in [0.0, 1.0];
         /// Seen per true distance in x, beyond 1.

@@ -141,7 +141,7 @@ ranged! {
         /// Friction when it turns backwards, as a multiple of forwards.
         backward_ratio: 1.0 in [0.1, 10.0];
         /// Further friction as a share of the belt's tension.
-        load_share: 0.0 in [0.0, 0.5];
+        load_fraction: 0.0 in [0.0, 0.5];
     }
 }
 

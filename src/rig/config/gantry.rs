@@ -46,15 +46,15 @@ ranged! {
     }
     other {
         /// Friction of the rails in x.
-        x_friction: RailFriction = RailFriction::default();
+        x_friction: GuideFriction = GuideFriction::default();
         /// Friction of the rails in y.
-        y_friction: RailFriction = RailFriction::default();
+        y_friction: GuideFriction = GuideFriction::default();
     }
 }
 
 ranged! {
     /// Friction of a rail; see [`crate::rig`] for the law.
-    RailFriction {
+    GuideFriction {
         /// Coulomb (N).
         coulomb_n: 1.5 in [0.0, 1e3];
         /// At standstill (N); a Stribeck bump when it is above Coulomb, none when it is below.
@@ -70,7 +70,7 @@ ranged! {
         /// Stiffness before the rail slips (N/m); 0 is rigid.
         presliding_stiffness_n_per_m: 0.0 in [0.0, 1e6];
         /// Share by which friction swings along the rail.
-        position_share: 0.0 in [0.0, 0.9];
+        position_fraction: 0.0 in [0.0, 0.9];
         /// Wavelength of that swing (m).
         position_wavelength_m: 0.1 in [1e-3, 10.0];
     }

@@ -18,7 +18,7 @@ const UNDER_VOLTAGE: u32 = 0x200;
 const OVERSPEED: u32 = 0x8000;
 const SPINOUT: u32 = 0x400_0000;
 /// A motor that pushes with more than this share of its limit...
-const SPINOUT_SHARE: f64 = 0.9;
+const SPINOUT_FRACTION: f64 = 0.9;
 /// ... turns slower than this (turn/s) ...
 const SPINOUT_SPEED: f64 = 0.2;
 /// ... for so long (s) has spun out.
@@ -241,7 +241,7 @@ impl Drive {
 
     fn has_spun_out(&mut self) -> bool {
         let limit = self.current_limit * self.config.torque_constant_nm_per_a;
-        let pushing = SPINOUT_SHARE * limit < self.control.target.abs();
+        let pushing = SPINOUT_FRACTION * limit < self.control.target.abs();
         let standing = self.control.velocity.abs() < SPINOUT_SPEED;
         let control = &mut self.control;
         control.pushing_s = if pushing && standing { control.pushing_s + control.dt } else { 0.0 };

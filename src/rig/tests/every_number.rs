@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 /// A rig on which as much as possible happens within a third of a second.
 fn busy(ball: [f64; 4]) -> Value {
     let [x_m, y_m, vx_m_per_s, vy_m_per_s] = ball;
-    let rail = json!({"breakaway_n": 3.0, "position_share": 0.1});
+    let rail = json!({"breakaway_n": 3.0, "position_fraction": 0.1});
     let gantry = |y: f64| {
         json!({"x_friction": rail, "y_friction": rail, "backlash_m": 1e-4, "y_start_m": y,
                "x_travel_m": 0.003, "y_travel_near_m": 0.085, "y_travel_far_m": 0.0995,
@@ -21,9 +21,9 @@ fn busy(ball: [f64; 4]) -> Value {
     let peg = json!({"wobble_hz": 20.0});
     let magnet = json!({"caught_at_m": 0.0029, "lost_at_m": 0.003, "stiffness_n_per_m": 100.0});
     json!({
-        "friction_drift_share": 0.2, "friction_drift_time_s": 1.0,
+        "friction_drift_fraction": 0.2, "friction_drift_time_s": 1.0,
         "bus": {"bitrate": 1_000_000, "receive_jitter_s": 1e-5},
-        "drive": {"friction": {"breakaway_nm": 0.03, "load_share": 0.01}, "offset_turns_per_s": 0.05,
+        "drive": {"friction": {"breakaway_nm": 0.03, "load_fraction": 0.01}, "offset_turns_per_s": 0.05,
                   "deadband_turns_per_s": 4.0, "lag_s": 0.001,
                   "velocity_limit_turns_per_s": 9.0, "current_limit_a": 8.0,
                   "cogging": [{"amplitude_nm": 0.01, "periods_per_turn": 7.0, "phase_turns": 0.1}],
@@ -38,9 +38,9 @@ fn busy(ball: [f64; 4]) -> Value {
                  "peg_attraction_m_per_s2": 0.1, "sliding_friction": 0.1, "crown_m": 0.001,
                  "patch": {"radius_m": 0.1, "extra_resistance": 0.01},
                  "wall_restitution_loss_s_per_m": 0.05, "peg_restitution_loss_s_per_m": 0.05},
-        "camera": {"latency_s": 0.005, "quantisation_m": 1e-6, "drop_share": 0.1,
-                   "miss_share": 0.1, "outlier_share": 0.1, "exposure_s": 0.001,
-                   "stamp_jitter_s": 1e-6, "repeat_share": 0.5}
+        "camera": {"latency_s": 0.005, "quantisation_m": 1e-6, "drop_fraction": 0.1,
+                   "miss_fraction": 0.1, "outlier_fraction": 0.1, "exposure_s": 0.001,
+                   "stamp_jitter_s": 1e-6, "repeat_fraction": 0.5}
     })
 }
 

@@ -84,7 +84,7 @@ fn a_moving_striker_is_seen_where_it_was_at_capture() {
 fn objects_are_missed_pictures_lost_and_stamps_wrong_when_told_to() {
     let mut host = Host::from_json(
         r#"{"ball": {"start": null},
-            "camera": {"drop_share": 0.25, "miss_share": 0.1, "outlier_share": 0.05,
+            "camera": {"drop_fraction": 0.25, "miss_fraction": 0.1, "outlier_fraction": 0.05,
                        "quantisation_m": 0.001, "stamp": "arrival", "stamp_offset_s": 0.5}}"#,
     );
     host.wait(10.0);

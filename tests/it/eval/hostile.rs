@@ -1,6 +1,6 @@
 //! What detectors do wrong must not become an event.
 
-use klasktron::referee::{Event, EventKind, Frame, Outcome, Rules, judge};
+use klasktron::referee::{Event, EventKind, Frame, Outcome, Rules, analyze};
 
 const RATE: f64 = 120.0;
 
@@ -24,15 +24,15 @@ fn crossing() -> Vec<Frame> {
 }
 
 fn told(frames: &[Frame]) -> Vec<Event> {
-    judge(frames, &Rules::default()).events
+    analyze(frames, &Rules::default()).events
 }
 
 #[track_caller]
 fn says_nothing(frames: &[Frame]) {
-    let judgement = judge(frames, &Rules::default());
-    assert_eq!(judgement.events, vec![]);
-    assert_eq!(judgement.episodes.len(), 1);
-    assert_eq!(judgement.episodes[0].span.outcome, Outcome::Unfinished);
+    let analysis = analyze(frames, &Rules::default());
+    assert_eq!(analysis.events, vec![]);
+    assert_eq!(analysis.episodes.len(), 1);
+    assert_eq!(analysis.episodes[0].span.outcome, Outcome::Unfinished);
 }
 
 #[test]
@@ -118,8 +118,8 @@ fn no_frames_and_no_ball_are_no_match() {
     assert_eq!(told(&[]), vec![]);
     let frames: Vec<Frame> =
         crossing().into_iter().map(|frame| Frame { ball: None, ..frame }).collect();
-    let judgement = judge(&frames, &Rules::default());
-    assert_eq!((judgement.events.len(), judgement.episodes.len()), (0, 0));
+    let analysis = analyze(&frames, &Rules::default());
+    assert_eq!((analysis.events.len(), analysis.episodes.len()), (0, 0));
 }
 
 /// A ball that goes over a cup on a chord, 0.25 s inside, and one that stays.

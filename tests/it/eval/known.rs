@@ -4,7 +4,7 @@ use super::{
     game::{CAMERA, Camera, Cups, Game, TABLE, Table, Truth, What, play, play_on},
     recorded::frames,
 };
-use klasktron::referee::{Event, EventKind, Rules, judge};
+use klasktron::referee::{Event, EventKind, Rules, analyze};
 
 /// One frame of the camera (s).
 const FRAME: f64 = 1.0 / 120.0;
@@ -160,7 +160,7 @@ fn judged(
     seeds
         .map(|seed| {
             let game = play_on(table, seed, seconds, camera);
-            let events = judge(&frames(&game), &Rules::default()).events;
+            let events = analyze(&frames(&game), &Rules::default()).events;
             (wanted(&game), events, seconds - UNDECIDED)
         })
         .collect()
@@ -243,21 +243,21 @@ fn another_table_is_judged_as_well() {
 #[test]
 fn contacts_are_blocks_and_strikes() {
     let game = play(3000, 240.0, CAMERA);
-    let judgement = judge(&frames(&game), &Rules::default());
-    let contacts: usize = judgement.episodes.iter().map(|episode| episode.contacts()).sum();
+    let analysis = analyze(&frames(&game), &Rules::default());
+    let contacts: usize = analysis.episodes.iter().map(|episode| episode.contacts()).sum();
     let is_contact = |kind| matches!(kind, EventKind::Block | EventKind::Strike);
-    let told = judgement.events.iter().filter(|event| is_contact(event.kind)).count();
+    let told = analysis.events.iter().filter(|event| is_contact(event.kind)).count();
     assert_eq!(contacts, told);
     assert!(10 < told);
     for player in 0..2 {
-        let own: Vec<&Event> = judgement
+        let own: Vec<&Event> = analysis
             .events
             .iter()
             .filter(|e| e.kind.is_touch() && e.player.map(|p| p as usize) == Some(player))
             .collect();
         assert!(own.windows(2).all(|pair| SAME_TOUCH / 2.0 < pair[1].time - pair[0].time));
     }
-    for event in &judgement.events {
+    for event in &analysis.events {
         assert!(event.kind == EventKind::Strike || !event.goal_directed);
         assert!((0.0..=1.0).contains(&event.confidence), "{event:?}");
     }

@@ -7,7 +7,7 @@ use super::{
 use crate::support::{klasktron, said};
 use klasktron::{
     recording::{Recording, message::MatchEvent, topic::MATCH_EVENT},
-    referee::{EventKind, Tape},
+    referee::{EventKind, MatchFrames},
 };
 use std::{fs, path::Path};
 
@@ -161,11 +161,11 @@ fn two_groups_are_compared_with_interval_and_test() {
         json(&out.join("score.json"))["comparison"].clone()
     };
     let alike = compared(&b);
-    let sentence = alike["sentence"].as_str().unwrap();
+    let sentence = alike["summary"].as_str().unwrap();
     assert!(sentence.starts_with("no difference between"), "{sentence}");
     assert_eq!(alike["matches"], serde_json::json!([3, 3]));
     let other = compared(&c);
-    let sentence = other["sentence"].as_str().unwrap();
+    let sentence = other["summary"].as_str().unwrap();
     let possession = "possession of the left player";
     assert!(sentence.contains("differs from") && sentence.contains(possession), "{sentence}");
     let metric = |name: &str| {
@@ -184,7 +184,7 @@ fn the_filtered_state_is_judged_where_there_are_no_detections() {
     let game = play(51, 90.0, CAMERA);
     let by_camera = write_detections(&game.pictures, dir.path(), "camera.mcap");
     let by_state = write_states(&game.pictures, dir.path(), "state.mcap");
-    assert_eq!(Tape::open(&by_camera).unwrap().frames.len(), game.pictures.len());
+    assert_eq!(MatchFrames::open(&by_camera).unwrap().frames.len(), game.pictures.len());
     let contacts = |path: &Path| {
         let out = dir.path().join("out");
         assert_eq!(said(&klasktron(&["eval", text(path), "--out", text(&out)])).2, 0);

@@ -59,7 +59,7 @@ fn the_file_holds_curve_weights_and_games_that_eval_reads() {
     assert_eq!(status, 0, "{errors}");
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(json["finished"], true);
-    assert_eq!(json["verdict"]["opponents"].as_array().unwrap().len(), 4);
+    assert_eq!(json["evaluation"]["opponents"].as_array().unwrap().len(), 4);
     let shares = json["time_shares"].as_object().unwrap();
     let sum: f64 = shares.values().filter_map(serde_json::Value::as_f64).sum();
     assert!((sum - 1.0).abs() < 1e-6, "{shares:?}");
@@ -233,8 +233,8 @@ fn a_fitted_actuator_must_have_the_rate_of_the_game_and_its_guesses_are_counted(
     // The rig was driven with at most 0.2 m/s, the policy drives with up to 0.4 m/s.
     assert!(errors.contains("far from its training data"), "{errors}");
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(json["actuator_asked"]["all"], 2 * 16 * 32);
-    assert!(0.1 < json["actuator_outside_share"].as_f64().unwrap(), "{text}");
+    assert_eq!(json["actuator_queries"]["total"], 2 * 16 * 32);
+    assert!(0.1 < json["actuator_extrapolation_fraction"].as_f64().unwrap(), "{text}");
     let (_, errors, status) = train(&path, &dir.path().join("p"), &["--resume"]);
     assert_eq!(status, 1);
     assert!(errors.contains("actuator is learned, but this command has ideal"), "{errors}");
@@ -262,7 +262,7 @@ fn ctrl_c_leaves_a_whole_file_and_resume_goes_on() {
     let output = child.wait_with_output().unwrap();
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(3), "{errors}");
-    assert!(errors.contains("the same command with --resume goes on"), "{errors}");
+    assert!(errors.contains("the same command with --resume continues"), "{errors}");
     let done = Recording::open(&file).unwrap().count(UPDATE_TOPIC) as u64;
     let steps = ((done + 1) * tiny().transitions_per_update()).to_string();
     let [resumed, whole] = [out, dir.path().join("whole")];

@@ -1,15 +1,15 @@
-//! `ekf.mcap`: estimate beside measurement, for any viewer.
+//! `ekf.mcap`: estimates and measurements for MCAP viewers.
 //!
-//! | topic | message | what |
+//! | topic | message | content |
 //! |---|---|---|
-//! | `/camera/detections` | `CameraDetections` | what was seen in the held-out runs, at its capture |
-//! | `/board/state` | `BoardState` | the estimate after each frame, at the same time |
-//! | `/ekf/upstream/board_state` | `BoardState` | what upstream's filter makes of it |
-//! | `/truth/board/state` | `BoardState` | the truth, where a simulator told it |
+//! | `/camera/detections` | `CameraDetections` | detections of the validation runs, at capture time |
+//! | `/board/state` | `BoardState` | estimate after each frame, at the same time |
+//! | `/ekf/upstream/board_state` | `BoardState` | estimate of the upstream filter |
+//! | `/truth/board/state` | `BoardState` | ground truth, where a simulator wrote it |
 //!
 //! Attachment: `ekf.json`.
 
-use super::{document::Document, judge::JudgedFrame};
+use super::{document::Document, evaluate::EvaluatedFrame};
 use crate::recording::{
     ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingError, RecordingWriter,
     message::{BoardState, CameraDetections, ObjectState, Point},
@@ -17,21 +17,21 @@ use crate::recording::{
 };
 use std::{collections::BTreeMap, path::Path};
 
-/// Topic of what upstream's filter says.
+/// Topic of the upstream filter's estimates.
 pub const UPSTREAM_TOPIC: &str = "/ekf/upstream/board_state";
 
-/// Writes `ekf.mcap`.
+/// Write `ekf.mcap`.
 ///
 /// # Errors
-/// When the disk refuses.
-pub fn write_tape(tuned: &super::Tuned, path: &Path) -> Result<(), RecordingError> {
+/// When the file cannot be written.
+pub fn write_recording(tuned: &super::Tuned, path: &Path) -> Result<(), RecordingError> {
     let mut writer = RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
     writer.metadata(RECORDING_METADATA, metadata(&tuned.document))?;
-    let mut frames: Vec<&JudgedFrame> = tuned.runs.iter().flat_map(|run| &run.frames).collect();
+    let mut frames: Vec<&EvaluatedFrame> = tuned.runs.iter().flat_map(|run| &run.frames).collect();
     frames.sort_by_key(|judged| judged.frame.seen.time);
     for judged in frames {
         let seen = judged.frame.seen;
-        let [ball, left, right] = seen.places.map(|p| p.map(|[x, y]| Point { x, y }));
+        let [ball, left, right] = seen.positions.map(|p| p.map(|[x, y]| Point { x, y }));
         let detections = CameraDetections { capture_time_ns: seen.time.0, ball, left, right };
         writer.write(topic::CAMERA_DETECTIONS, seen.time, &detections)?;
         let estimate = board_state(judged.estimates.map(|own| own.map(|own| own.mean)));
@@ -45,7 +45,7 @@ pub fn write_tape(tuned: &super::Tuned, path: &Path) -> Result<(), RecordingErro
     writer.finish()
 }
 
-/// A state by [`super::Object::index`], each (x, y, vx, vy) (m, m/s), as a message.
+/// Build a message from states by [`super::Object::index`], each (x, y, vx, vy) (m, m/s).
 #[must_use]
 pub fn board_state(states: [Option<[f64; 4]>; 3]) -> BoardState {
     let [ball, left, right] =

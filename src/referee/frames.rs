@@ -1,4 +1,4 @@
-//! A match as the referee gets it: frames of places, from whatever the recording holds.
+//! A match as the referee gets it: frames of positions, from whatever the recording holds.
 
 use super::{RefereeError, rules::Rules, vector::Vector};
 use crate::{
@@ -34,7 +34,7 @@ pub enum Source {
 
 /// A match before it is judged.
 #[derive(Debug, Clone)]
-pub struct Tape {
+pub struct MatchFrames {
     /// The recording.
     pub path: PathBuf,
     /// Its SHA-256, in hexadecimal.
@@ -51,7 +51,7 @@ pub struct Tape {
     pub frames: Vec<Frame>,
 }
 
-impl Tape {
+impl MatchFrames {
     /// Reads a match. Detections of the camera are preferred to the filtered state of the board.
     ///
     /// # Errors
@@ -113,12 +113,12 @@ fn detections(recording: &Recording, origin: Nanos) -> Result<Vec<Frame>, Refere
 }
 
 fn board_states(recording: &Recording, origin: Nanos) -> Result<Vec<Frame>, RefereeError> {
-    let place = |state: &ObjectState| [state.x, state.y];
+    let position = |state: &ObjectState| [state.x, state.y];
     let series = recording.series::<BoardState>(BOARD_STATE)?;
     let frames = series.iter().map(|(arrival, state)| Frame {
         time: arrival.seconds_since(origin),
-        ball: state.ball.as_ref().map(place),
-        strikers: [state.left.as_ref().map(place), state.right.as_ref().map(place)],
+        ball: state.ball.as_ref().map(position),
+        strikers: [state.left.as_ref().map(position), state.right.as_ref().map(position)],
     });
     Ok(frames.collect())
 }

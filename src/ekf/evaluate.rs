@@ -1,4 +1,4 @@
-//! How honest and how fast a filter is on runs that it was not tuned on, beside the upstream filter.
+//! Consistency and accuracy of a filter on validation runs, compared with the upstream filter.
 
 use super::{
     data::{Frame, FrameRun},
@@ -17,130 +17,165 @@ use crate::{
 };
 use serde::Serialize;
 
-/// Frames at the start of a run that are not judged: the filters find their velocities there.
+/// Number of frames at the start of a run that are excluded: the velocity estimates converge there.
 const SETTLING_FRAMES: usize = 12;
 /// Longest lag of the autocorrelation of innovations (detections).
 pub const LONGEST_LAG: usize = 20;
-/// Longest lag that is looked at for the effective number of samples.
+/// Longest lag of the autocorrelation for the effective sample size.
 const LONGEST_MEMORY: usize = 200;
 /// 97.5 % quantile of the standard normal distribution.
 const Z95: f64 = 1.959_964;
-/// Fewest independent samples in a region of which a mean is judged.
+/// Minimum effective sample size of a region for a consistency verdict.
 const LEAST_INDEPENDENT: f64 = 10.0;
 
-/// What three filters made of one frame.
+/// Results of both filters for one frame.
 #[derive(Debug, Clone, Copy)]
-pub struct JudgedFrame {
-    /// What was seen, and what is true.
+pub struct EvaluatedFrame {
+    /// Detections and ground truth.
     pub frame: Frame,
-    /// What happened, by object.
+    /// Filter step by object.
     pub steps: [Step; 3],
-    /// (mean, variances and covariances) after the frame, by object.
+    /// Mean and covariance after the frame, by object.
     pub estimates: [Option<Estimate>; 3],
-    /// What upstream reports, by object.
+    /// State that the upstream filter reports, by object.
     pub upstream: [Option<[f64; 4]>; 3],
-    /// Velocity that counts as true (m/s), by object: the simulator's, or the slope of the detections.
+    /// Reference velocity (m/s) by object: ground truth, or the slope of the detections.
     pub velocity: [Option<[f64; 2]>; 3],
-    /// By object: what a controller knew when this was captured.
+    /// Latency prediction by object, made at capture time of this frame.
     pub ahead: [Option<Ahead>; 3],
 }
 
-/// What was known of a place when its picture was taken, the newest picture then being
-/// [`FilterSettings::latency_s`] old or a little more.
+/// Position estimate at the capture time of a frame, from the newest frame that had arrived by
+/// then. That frame is at least [`FilterSettings::latency_s`] old.
 #[derive(Debug, Clone, Copy)]
 pub struct Ahead {
-    /// Where the object was believed to be in the newest picture (m).
+    /// Position estimate in the newest frame that had arrived (m).
     pub stale: [f64; 2],
-    /// The same moved ahead (m).
+    /// The same estimate predicted to the capture time (m).
     pub predicted: [f64; 2],
 }
 
-/// A run with both filters beside the detections.
+/// A run with the results of both filters.
 #[derive(Debug, Clone)]
-pub struct JudgedRun {
-    /// Of the recording.
+pub struct EvaluatedRun {
+    /// Name of the recording and number of the run.
     pub name: String,
-    /// Frame by frame.
-    pub frames: Vec<JudgedFrame>,
+    /// Results by frame.
+    pub frames: Vec<EvaluatedFrame>,
 }
 
-/// The mean of a chi-square quantity, and where it lies for a consistent filter.
+/// Mean of a chi-square distributed quantity, and its 95 % band for a consistent filter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Consistency {
-    /// Samples.
+    /// Number of samples.
     pub samples: usize,
-    /// As many independent samples have a mean that scatters as much.
+    /// Effective sample size: number of independent samples whose mean has the same variance.
     pub independent_samples: f64,
-    /// Their mean.
+    /// Mean of the samples.
     pub mean: f64,
-    /// Where 95 % of the means of consistent filters lie: chi-square with `degrees` times the
-    /// independent samples, divided by these.
+    /// 95 % band of the mean for a consistent filter: chi-square quantiles with `degrees` times the
+    /// effective sample size as degrees of freedom, divided by the effective sample size.
     pub band95: [f64; 2],
-    /// Whether the mean lies there; `None` where there are too few independent samples to say.
-    pub within: Option<bool>,
+    /// Position of the mean relative to `band95`; `None` below ten independent samples.
+    pub verdict: Option<ConsistencyVerdict>,
 }
 
-/// One region of one object.
+/// Result of the chi-square consistency test (NIS or NEES).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ConsistencyVerdict {
+    /// The mean is inside the band.
+    Consistent,
+    /// The mean is above the band: errors are larger than the covariance states.
+    Overconfident,
+    /// The mean is below the band: errors are smaller than the covariance states.
+    Conservative,
+}
+
+impl ConsistencyVerdict {
+    fn of(mean: f64, [low, high]: [f64; 2]) -> Self {
+        if high < mean {
+            Self::Overconfident
+        } else if mean < low {
+            Self::Conservative
+        } else {
+            Self::Consistent
+        }
+    }
+
+    /// Name in documents and messages.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Consistent => "consistent",
+            Self::Overconfident => "overconfident",
+            Self::Conservative => "conservative",
+        }
+    }
+}
+
+/// Evaluation of one object in one region.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RegionJudgement {
-    /// Which one.
+pub struct RegionEvaluation {
+    /// The region.
     pub region: Region,
     /// Normalised innovation squared; 2 for a consistent filter.
     pub nis: Option<Consistency>,
-    /// Normalised estimation error squared, where the truth is known; 4 for a consistent filter.
+    /// Normalised estimation error squared, where ground truth is known; 4 for a consistent filter.
     pub nees: Option<Consistency>,
     /// Root mean square error of the velocity vector (m/s).
     pub velocity_rmse_m_per_s: Option<f64>,
-    /// The same with upstream's settings.
+    /// The same with the upstream filter (m/s).
     pub upstream_velocity_rmse_m_per_s: Option<f64>,
 }
 
-/// One object.
+/// Evaluation of one object.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ObjectJudgement {
-    /// Which one.
+pub struct ObjectEvaluation {
+    /// The object.
     pub object: Object,
-    /// Detections with a prediction.
+    /// Number of detections with a prediction.
     pub detections: usize,
-    /// Share of them that the gate refused.
-    pub refused_share: f64,
-    /// What the velocity is compared with: `truth` or `slope_of_detections`.
+    /// Fraction of these that the gate rejected, 0 to 1.
+    pub gated_fraction: f64,
+    /// Source of the reference velocity: `truth` or `slope_of_detections`.
     pub velocity_reference: &'static str,
     /// Root mean square error of the velocity vector over all regions (m/s).
     pub velocity_rmse_m_per_s: Option<f64>,
-    /// The same with upstream's settings.
+    /// The same with the upstream filter (m/s).
     pub upstream_velocity_rmse_m_per_s: Option<f64>,
-    /// Error of the place that was predicted over the measured latency (m), where the truth is known.
-    pub predicted_place_rmse_m: Option<f64>,
-    /// The same without prediction: the newest estimate as it is.
-    pub unpredicted_place_rmse_m: Option<f64>,
-    /// By region.
-    pub regions: Vec<RegionJudgement>,
-    /// Innovations after one another.
+    /// RMS position error after prediction over the measured latency (m), where ground truth is
+    /// known.
+    pub predicted_position_rmse_m: Option<f64>,
+    /// RMS position error without that prediction (m).
+    pub unpredicted_position_rmse_m: Option<f64>,
+    /// Evaluation by region.
+    pub regions: Vec<RegionEvaluation>,
+    /// Whiteness of the innovations.
     pub whiteness: Whiteness,
 }
 
 /// Autocorrelation of normalised innovations.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Whiteness {
-    /// By axis, from lag 1 (detections).
+    /// Autocorrelation by axis, from lag 1 (detections).
     pub autocorrelation: [Vec<f64>; 2],
-    /// 95 % of the values of white innovations lie within plus and minus this.
+    /// Half-width of the 95 % band around 0 for white innovations.
     pub limit95: f64,
-    /// Share of all values within it.
-    pub share_within: f64,
+    /// Fraction of all values within that band.
+    pub fraction_within: f64,
 }
 
-/// Runs both filters over `runs`.
+/// Run both filters over `runs`.
 #[must_use]
 pub fn follow<'a>(
     settings: &FilterSettings,
     runs: impl Iterator<Item = &'a FrameRun>,
-) -> Vec<JudgedRun> {
+) -> Vec<EvaluatedRun> {
     runs.map(|run| follow_run(settings, run)).collect()
 }
 
-fn follow_run(settings: &FilterSettings, run: &FrameRun) -> JudgedRun {
+fn follow_run(settings: &FilterSettings, run: &FrameRun) -> EvaluatedRun {
     let mut filter = BoardFilter::new(settings);
     let mut upstream = UpstreamFilter::new(&settings.board);
     let slopes = Object::ALL.map(|object| velocities(&run.frames, object, settings));
@@ -155,15 +190,16 @@ fn follow_run(settings: &FilterSettings, run: &FrameRun) -> JudgedRun {
             None => slopes[object.index()][k],
         });
         let upstream = upstream.observe(&frame.seen);
-        frames.push(JudgedFrame { frame: *frame, steps, estimates, upstream, velocity, ahead });
+        frames.push(EvaluatedFrame { frame: *frame, steps, estimates, upstream, velocity, ahead });
     }
-    JudgedRun { name: run.name.clone(), frames }
+    EvaluatedRun { name: run.name.clone(), frames }
 }
 
-/// The newest belief that had arrived when `time` was captured, as it was and moved ahead.
+/// Newest estimate that had arrived when `time` was captured, without and with prediction to
+/// `time`.
 fn ahead(
     settings: &FilterSettings,
-    before: &[JudgedFrame],
+    before: &[EvaluatedFrame],
     time: Nanos,
     object: Object,
 ) -> Option<Ahead> {
@@ -171,51 +207,55 @@ fn ahead(
     let newest = before.iter().rev().find(|frame| frame.frame.seen.time <= arrived)?;
     let mut estimate = newest.estimates[object.index()]?;
     let stale = [estimate.mean[0], estimate.mean[1]];
-    let [_, left, right] = newest.frame.seen.places;
+    let [_, left, right] = newest.frame.seen.positions;
     let waited = time.seconds_since(newest.frame.seen.time);
     ObjectFilter::new(settings, object).predict(&mut estimate, waited, &[left, right]);
     Some(Ahead { stale, predicted: [estimate.mean[0], estimate.mean[1]] })
 }
 
-/// Judges `object`, which has one region or all.
+/// Evaluate `object`: the ball in every region, a striker in one.
 #[must_use]
-pub fn judge(runs: &[JudgedRun], object: Object, settings: &FilterSettings) -> ObjectJudgement {
+pub fn evaluate(
+    runs: &[EvaluatedRun],
+    object: Object,
+    settings: &FilterSettings,
+) -> ObjectEvaluation {
     let index = object.index();
-    let judged: Vec<&JudgedFrame> =
+    let judged: Vec<&EvaluatedFrame> =
         runs.iter().flat_map(|run| run.frames.iter().skip(SETTLING_FRAMES)).collect();
     let innovations = || judged.iter().filter_map(|frame| frame.steps[index].innovation);
     let detections = innovations().count();
-    let refused = innovations().filter(|own| own.gate == Gate::Refused).count();
+    let refused = innovations().filter(|own| own.gate == Gate::Rejected).count();
     let has_ball = settings.object(object).ball.is_some();
     let regions = if has_ball { &Region::ALL[..] } else { &Region::ALL[..1] };
     let [own, upstream] = velocity_rmse(&judged, index, None);
     let known = judged.iter().any(|frame| frame.frame.truth[index].is_some());
-    let place_rmse = |place: &dyn Fn(&JudgedFrame) -> Option<[f64; 2]>| {
+    let place_rmse = |position: &dyn Fn(&EvaluatedFrame) -> Option<[f64; 2]>| {
         let squares: Vec<f64> = judged
             .iter()
             .filter_map(|frame| {
-                let (place, truth) = (place(frame)?, frame.frame.truth[index]?);
-                Some((place[0] - truth[0]).powi(2) + (place[1] - truth[1]).powi(2))
+                let (position, truth) = (position(frame)?, frame.frame.truth[index]?);
+                Some((position[0] - truth[0]).powi(2) + (position[1] - truth[1]).powi(2))
             })
             .collect();
         mean(&squares).map(f64::sqrt)
     };
-    ObjectJudgement {
+    ObjectEvaluation {
         object,
         detections,
-        refused_share: refused as f64 / detections.max(1) as f64,
+        gated_fraction: refused as f64 / detections.max(1) as f64,
         velocity_reference: if known { "truth" } else { "slope_of_detections" },
         velocity_rmse_m_per_s: own,
         upstream_velocity_rmse_m_per_s: upstream,
-        predicted_place_rmse_m: place_rmse(&|frame| Some(frame.ahead[index]?.predicted)),
-        unpredicted_place_rmse_m: place_rmse(&|frame| Some(frame.ahead[index]?.stale)),
-        regions: regions.iter().map(|region| judge_region(&judged, index, *region)).collect(),
+        predicted_position_rmse_m: place_rmse(&|frame| Some(frame.ahead[index]?.predicted)),
+        unpredicted_position_rmse_m: place_rmse(&|frame| Some(frame.ahead[index]?.stale)),
+        regions: regions.iter().map(|region| evaluate_region(&judged, index, *region)).collect(),
         whiteness: whiteness(runs, index),
     }
 }
 
-fn judge_region(judged: &[&JudgedFrame], index: usize, region: Region) -> RegionJudgement {
-    let inside: Vec<&JudgedFrame> =
+fn evaluate_region(judged: &[&EvaluatedFrame], index: usize, region: Region) -> RegionEvaluation {
+    let inside: Vec<&EvaluatedFrame> =
         judged.iter().copied().filter(|frame| frame.steps[index].region == region).collect();
     let nis: Vec<f64> = inside
         .iter()
@@ -225,7 +265,7 @@ fn judge_region(judged: &[&JudgedFrame], index: usize, region: Region) -> Region
         .collect();
     let nees: Vec<f64> = inside.iter().filter_map(|frame| frame.nees(index)).collect();
     let [own, upstream] = velocity_rmse(judged, index, Some(region));
-    RegionJudgement {
+    RegionEvaluation {
         region,
         nis: consistency(&nis, 2.0),
         nees: consistency(&nees, 4.0),
@@ -234,8 +274,8 @@ fn judge_region(judged: &[&JudgedFrame], index: usize, region: Region) -> Region
     }
 }
 
-impl JudgedFrame {
-    /// Normalised estimation error squared of an object, where the truth is known.
+impl EvaluatedFrame {
+    /// Normalised estimation error squared of an object, where ground truth is known.
     #[must_use]
     pub fn nees(&self, index: usize) -> Option<f64> {
         let (estimate, truth) = (self.estimates[index]?, self.frame.truth[index]?);
@@ -244,9 +284,9 @@ impl JudgedFrame {
     }
 }
 
-/// Root mean square error of the velocity vector of both filters where both report one (m/s).
+/// RMS error of the velocity vector of both filters, over frames in which both report one (m/s).
 fn velocity_rmse(
-    judged: &[&JudgedFrame],
+    judged: &[&EvaluatedFrame],
     index: usize,
     region: Option<Region>,
 ) -> [Option<f64>; 2] {
@@ -267,25 +307,25 @@ fn velocity_rmse(
     squares.map(|squares| mean(&squares).map(f64::sqrt))
 }
 
-/// Whether the mean of `values` is that of chi-square with `degrees` degrees of freedom.
+/// Test the mean of `values` against chi-square with `degrees` degrees of freedom.
 fn consistency(values: &[f64], degrees: f64) -> Option<Consistency> {
     let centre = mean(values)?;
     let independent = independent_samples(values);
     let edge = |z: f64| chi_square_quantile(z, degrees * independent) / independent;
     let band95 = [edge(-Z95), edge(Z95)];
-    let within =
-        (LEAST_INDEPENDENT <= independent).then_some(band95[0] <= centre && centre <= band95[1]);
+    let verdict =
+        (LEAST_INDEPENDENT <= independent).then(|| ConsistencyVerdict::of(centre, band95));
     Some(Consistency {
         samples: values.len(),
         independent_samples: independent,
         mean: centre,
         band95,
-        within,
+        verdict,
     })
 }
 
-/// n / (1 + 2 sum of autocorrelations), up to the first that is not positive (Geyer, "Practical
-/// Markov chain Monte Carlo", Statistical Science 7, 1992).
+/// Effective sample size n / (1 + 2 sum of autocorrelations), summed up to the first non-positive
+/// one (Geyer, "Practical Markov chain Monte Carlo", Statistical Science 7, 1992).
 fn independent_samples(values: &[f64]) -> f64 {
     let n = values.len();
     let centre = mean(values).unwrap_or(0.0);
@@ -303,7 +343,7 @@ fn independent_samples(values: &[f64]) -> f64 {
     (n as f64 / (1.0 + 2.0 * sum)).max(1.0)
 }
 
-fn whiteness(runs: &[JudgedRun], index: usize) -> Whiteness {
+fn whiteness(runs: &[EvaluatedRun], index: usize) -> Whiteness {
     let mut sums = [[0.0; LONGEST_LAG + 1]; 2];
     let mut pairs = 0_usize;
     for run in runs {
@@ -330,6 +370,6 @@ fn whiteness(runs: &[JudgedRun], index: usize) -> Whiteness {
     });
     let all = || autocorrelation.iter().flatten();
     let within = all().filter(|value| value.abs() <= limit95).count();
-    let share_within = within as f64 / all().count().max(1) as f64;
-    Whiteness { autocorrelation, limit95, share_within }
+    let fraction_within = within as f64 / all().count().max(1) as f64;
+    Whiteness { autocorrelation, limit95, fraction_within }
 }

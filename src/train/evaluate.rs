@@ -1,4 +1,5 @@
-//! How good a policy is: games against the scripted players, and a round robin with earlier policies.
+//! Evaluation of a policy: games against the scripted players, and a round robin with earlier
+//! policies.
 
 use super::{
     Arena, MatchScore, TrainError,
@@ -15,40 +16,40 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 
-/// Name of the judged policy in tables.
+/// Name of the evaluated policy in tables.
 pub const LEARNER_NAME: &str = "learner";
 
-/// Games against one opponent.
+/// Evaluation against one opponent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Judged {
-    /// Who.
+pub struct OpponentEvaluation {
+    /// Name of the opponent.
     pub opponent: String,
     /// The outcomes by the policy's seat.
     pub score: MatchScore,
-    /// Share of the decided games that the policy won.
-    pub won_share: Option<f64>,
-    /// Its 95 % interval (Wilson).
-    pub won_share_ci95: Option<Interval>,
-    /// Points of the policy per minute of play.
-    pub scored_per_min: Estimate,
-    /// Points of the opponent per minute of play.
-    pub conceded_per_min: Estimate,
-    /// Length of a game (s); one that nobody wins counts with its limit.
+    /// Win rate of decided games, 0 to 1; null without a decided game.
+    pub win_rate: Option<f64>,
+    /// 95 % Wilson interval of the win rate.
+    pub win_rate_ci95: Option<Interval>,
+    /// Goals of the policy per minute of play.
+    pub goals_per_min: Estimate,
+    /// Goals of the opponent per minute of play.
+    pub conceded_goals_per_min: Estimate,
+    /// Episode length (s); a game without a winner counts with the time limit.
     pub episode_length_s: Estimate,
-    /// Hits of the ball by the policy in a game.
+    /// Number of hits of the ball by the policy per game.
     pub hits_per_episode: Estimate,
 }
 
-/// A figure over games.
+/// Mean over games with its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// Over all games.
+    /// Mean over all games.
     pub mean: f64,
-    /// Its 95 % interval (bootstrap over games).
+    /// 95 % interval (bootstrap over games).
     pub ci95: Option<Interval>,
 }
 
-impl Judged {
+impl OpponentEvaluation {
     fn new(opponent: String, games: &Games, seed: u64) -> Self {
         let score = games.score();
         let both = score.both();
@@ -63,10 +64,10 @@ impl Judged {
         let one = |_: &GameResult| 1.0;
         Self {
             opponent,
-            won_share: both.won_share(),
-            won_share_ci95: both.won_share_ci95(),
-            scored_per_min: ratio(won, minutes),
-            conceded_per_min: ratio(lost, minutes),
+            win_rate: both.win_rate(),
+            win_rate_ci95: both.win_rate_ci95(),
+            goals_per_min: ratio(won, minutes),
+            conceded_goals_per_min: ratio(lost, minutes),
             episode_length_s: ratio(seconds, one),
             hits_per_episode: ratio(|result| f64::from(result.hits), one),
             score,
@@ -74,26 +75,26 @@ impl Judged {
     }
 }
 
-/// All of it.
+/// Evaluation of a policy.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Verdict {
-    /// Against each scripted player.
-    pub opponents: Vec<Judged>,
-    /// The round robin, best first.
+pub struct Evaluation {
+    /// Evaluation against each scripted player.
+    pub opponents: Vec<OpponentEvaluation>,
+    /// Elo table of the round robin, best first.
     pub elo: Vec<EloRow>,
 }
 
-/// Judges the policy of `run` by its means, as its settings say.
+/// Evaluate the policy of `run` with mean actions, as set in its evaluation settings.
 ///
 /// # Errors
-/// When a game leaves the range of numbers.
-pub fn judge(run: &Run, threads: NonZeroUsize) -> Result<Verdict, TrainError> {
+/// When a game reaches a non-finite state.
+pub fn evaluate(run: &Run, threads: NonZeroUsize) -> Result<Evaluation, TrainError> {
     let settings = run.settings();
-    let game = run.judging_game();
+    let game = run.evaluation_game();
     let arena = Arena {
         game: &game,
         observations: settings.observations,
-        seed: settings.seed ^ JUDGE_SEED,
+        seed: settings.seed ^ EVALUATION_SEED,
         threads,
     };
     let learner = Opponent::Policy(Box::new(run.policy()), Choice::Mean);
@@ -101,19 +102,19 @@ pub fn judge(run: &Run, threads: NonZeroUsize) -> Result<Verdict, TrainError> {
     let mut opponents = Vec::new();
     for script in Scripted::ALL.into_iter().filter(|_| 0 < games) {
         let games = arena.play(&[learner.clone(), Opponent::Scripted(script)], games)?;
-        opponents.push(Judged::new(script.name().to_owned(), &games, arena.seed));
+        opponents.push(OpponentEvaluation::new(script.name().to_owned(), &games, arena.seed));
     }
     let mut players = vec![(LEARNER_NAME.to_owned(), learner)];
     players.extend(spread(run.pool(), settings.evaluation.pool_players));
     players.extend(Scripted::ALL.map(|s| (s.name().to_owned(), Opponent::Scripted(s))));
     let elo = round_robin(&arena, &players, settings.evaluation.games_per_pair)?;
-    Ok(Verdict { opponents, elo })
+    Ok(Evaluation { opponents, elo })
 }
 
-/// So that no game of the judgement begins like one of training.
-const JUDGE_SEED: u64 = 0x6a75_6467_6500_0000;
+/// Offset of the evaluation seed, so that no evaluation game begins like a training game.
+const EVALUATION_SEED: u64 = 0x6a75_6467_6500_0000;
 
-/// At most `count` policies of the pool, evenly spread from the oldest to the newest.
+/// At most `count` policies of the pool, evenly spaced from the oldest to the newest.
 fn spread(pool: &Pool, count: usize) -> Vec<(String, Opponent)> {
     let members = pool.state.members.iter().zip(&pool.opponents);
     let policies: Vec<(String, Opponent)> = members
@@ -127,8 +128,8 @@ fn spread(pool: &Pool, count: usize) -> Vec<(String, Opponent)> {
     (0..count).map(|index| policies[index * last / (count - 1).max(1)].clone()).collect()
 }
 
-/// Every pair plays `games`, half of them from each seat; rated game by game, the first of all pairs, then
-/// the second.
+/// Round robin: every pair plays `games`, half of them from each seat. Ratings are updated game by
+/// game: the first games of all pairs, then the second ones, and so on.
 fn round_robin(
     arena: &Arena<'_>,
     players: &[(String, Opponent)],

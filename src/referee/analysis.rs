@@ -3,11 +3,11 @@
 use super::{
     episodes::{self, Span},
     event::{Event, EventKind},
+    frames::Frame,
     impacts::{self, Impact},
     rolls::{self, Sample},
     rules::Rules,
     sight::{self, Sight},
-    tape::Frame,
     touches,
     vector::distance,
 };
@@ -63,7 +63,7 @@ impl Episode {
 
 /// What the referee says about one match.
 #[derive(Debug, Clone, Default)]
-pub struct Judgement {
+pub struct MatchAnalysis {
     /// Events in order of time.
     pub events: Vec<Event>,
     /// Episodes in order of time.
@@ -79,7 +79,7 @@ pub struct Judgement {
 /// Judges a match.
 ///
 /// ```
-/// use klasktron::referee::{Frame, Outcome, Rules, judge};
+/// use klasktron::referee::{Frame, Outcome, Rules, analyze};
 /// // A ball that rolls into the cup of the right player and stays there.
 /// let frames: Vec<Frame> = (0..240)
 ///     .map(|k| {
@@ -87,11 +87,11 @@ pub struct Judgement {
 ///         Frame { time, ball: Some([0.0, (0.3 * time).min(0.17)]), strikers: [None; 2] }
 ///     })
 ///     .collect();
-/// let judgement = judge(&frames, &Rules::default());
-/// assert_eq!(judgement.episodes[0].span.outcome, Outcome::Goal);
+/// let analysis = analyze(&frames, &Rules::default());
+/// assert_eq!(analysis.episodes[0].span.outcome, Outcome::Goal);
 /// ```
 #[must_use]
-pub fn judge(frames: &[Frame], rules: &Rules) -> Judgement {
+pub fn analyze(frames: &[Frame], rules: &Rules) -> MatchAnalysis {
     let sights = sight::believe(frames, rules);
     let samples: Vec<Sample> = sights.iter().filter_map(sample).collect();
     let noise = noise_of(&samples);
@@ -106,7 +106,7 @@ pub fn judge(frames: &[Frame], rules: &Rules) -> Judgement {
     let episodes = spans.iter().enumerate().map(|(idx, span)| {
         episode(*span, events.iter().filter(|event| event.episode == idx), &speeds)
     });
-    Judgement {
+    MatchAnalysis {
         episodes: episodes.collect(),
         track: track(&sights, &stretches),
         speeds: spans.iter().flat_map(|span| within(&speeds, span)).map(|(_, v)| *v).collect(),
@@ -116,15 +116,15 @@ pub fn judge(frames: &[Frame], rules: &Rules) -> Judgement {
 }
 
 fn sample(sight: &Sight) -> Option<Sample> {
-    let place = sight.ball?;
-    Some(Sample { time: sight.time, place, strikers: sight.strikers })
+    let position = sight.ball?;
+    Some(Sample { time: sight.time, position, strikers: sight.strikers })
 }
 
 /// Of independent noise a second difference has sqrt 6 of the spread.
 fn noise_of(samples: &[Sample]) -> f64 {
     let bends: Vec<f64> = samples
         .windows(3)
-        .flat_map(|w| [0, 1].map(|k| w[2].place[k] - 2.0 * w[1].place[k] + w[0].place[k]))
+        .flat_map(|w| [0, 1].map(|k| w[2].position[k] - 2.0 * w[1].position[k] + w[0].position[k]))
         .map(f64::abs)
         .collect();
     let noise = stats::median(&bends).unwrap_or(0.0) / (MEDIAN_SIZE * SECOND_DIFFERENCE);
@@ -146,7 +146,7 @@ fn speeds_of(samples: &[Sample], rules: &Rules) -> Vec<(f64, f64)> {
             let (first, last) = (w[0], w[4]);
             let span = last.time - first.time;
             (0.0 < span && span < rules.longest_gap)
-                .then(|| (w[2].time, distance(first.place, last.place) / span))
+                .then(|| (w[2].time, distance(first.position, last.position) / span))
         })
         .collect()
 }
@@ -202,13 +202,13 @@ fn track(sights: &[Sight], stretches: &[rolls::Stretch]) -> Vec<Frame> {
         .map(|sight| {
             while believed.next_if(|sample| sample.time < sight.time).is_some() {}
             let ball = believed.next_if(|sample| sample.time <= sight.time);
-            let ball = ball.map(|sample| sample.place);
+            let ball = ball.map(|sample| sample.position);
             Frame { time: sight.time, ball, strikers: sight.strikers }
         })
         .collect()
 }
 
-impl Judgement {
+impl MatchAnalysis {
     /// Points of left and right player.
     #[must_use]
     pub fn points(&self) -> [usize; 2] {
