@@ -1,19 +1,10 @@
-//! Compiles `datasets_schema/klasktron.proto` with protox, so that no protoc is needed, and tells
-//! the program which commit it is built from.
-//!
-//! Writes the Rust messages and the serialised `FileDescriptorSet` that every recording carries.
+//! Tell the program which commit it is built from.
 
-use prost::Message as _;
-use std::{env, error::Error, fs, path::PathBuf, process::Command};
+use std::{fs, process::Command};
 
-fn main() -> Result<(), Box<dyn Error>> {
-    println!("cargo::rerun-if-changed=datasets_schema");
-    let descriptors = protox::compile(["klasktron.proto"], ["datasets_schema"])?;
-    let out = PathBuf::from(env::var("OUT_DIR")?);
-    fs::write(out.join("klasktron.fds"), descriptors.encode_to_vec())?;
-    prost_build::Config::new().enable_type_names().compile_fds(descriptors)?;
+fn main() {
+    println!("cargo::rerun-if-changed=datasets_schema/build.rs");
     println!("cargo::rustc-env=KLASKTRON_GIT_HASH={}", git_hash());
-    Ok(())
 }
 
 /// Digits of a commit's hash.

@@ -8,11 +8,11 @@ use prost_types::{DescriptorProto, FileDescriptorSet};
 #[expect(missing_docs, reason = "generated code repeats the comments of the proto file")]
 #[expect(clippy::doc_markdown, reason = "generated code")]
 pub mod message {
-    include!(concat!(env!("OUT_DIR"), "/klasktron.rs"));
+    include!("../../datasets_schema/klasktron.rs");
 }
 
 /// The serialised `FileDescriptorSet` that every schema record of a recording carries.
-pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/klasktron.fds"));
+pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("../../datasets_schema/klasktron.fds");
 
 /// The `encoding` of schema records and of channels.
 pub const PROTOBUF: &str = "protobuf";
@@ -101,6 +101,31 @@ mod tests {
         let message = set.file[0].message_type.iter_mut().find(|m| m.name() == "VelocityCommand");
         edit(&mut message.unwrap().field[1]);
         set.encode_to_vec()
+    }
+
+    /// The generated descriptor is that of the proto file as it is now: `scripts/generate_schema` renews it.
+    #[test]
+    fn the_descriptor_has_the_fields_of_the_proto_file() {
+        let text = include_str!("../../datasets_schema/klasktron.proto");
+        let (mut message, mut fields) = (String::new(), Vec::new());
+        for line in text.lines().map(str::trim) {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            if let ["message", name, ..] = words[..] {
+                message = name.to_owned();
+            } else if let Some(equals) = words.iter().position(|word| *word == "=")
+                && let Ok(number) = words[equals + 1].trim_end_matches(';').parse::<i32>()
+                && 2 <= equals
+            {
+                fields.push((message.clone(), words[equals - 1].to_owned(), number));
+            }
+        }
+        let set = FileDescriptorSet::decode(FILE_DESCRIPTOR_SET).unwrap();
+        let described = set.file[0].message_type.iter().flat_map(|message| {
+            let name = message.name().to_owned();
+            message.field.iter().map(move |f| (name.clone(), f.name().to_owned(), f.number()))
+        });
+        assert_eq!(described.collect::<Vec<_>>(), fields);
+        assert!(40 < fields.len());
     }
 
     #[test]

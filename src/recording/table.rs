@@ -6,6 +6,8 @@
 //! schema's comments. Absent optional fields are null, enumerations are numbers, bytes are
 //! hexadecimal digits. Rows are in order of log time.
 
+mod csv;
+mod parquet;
 mod plan;
 mod wire;
 mod write;
@@ -16,7 +18,7 @@ use plan::Plan;
 pub(in crate::recording) use plan::Selection;
 use std::collections::BTreeSet;
 use wire::Cell;
-pub use write::{ColumnFormat, TableFormat, data_frame, write_columns, write_table};
+pub use write::{ColumnFormat, TableFormat, write_columns, write_table};
 
 /// The values of one column; `None` is null.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,6 +35,27 @@ pub enum Values {
     Bool(Vec<Option<bool>>),
     /// Text; bytes as hexadecimal digits; repeated fields as a list in brackets.
     Text(Vec<Option<String>>),
+}
+
+impl Values {
+    /// Number of rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        match self {
+            Self::F64(values) => values.len(),
+            Self::F32(values) => values.len(),
+            Self::Int(values) => values.len(),
+            Self::Unsigned(values) => values.len(),
+            Self::Bool(values) => values.len(),
+            Self::Text(values) => values.len(),
+        }
+    }
+
+    /// Whether there are no rows.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 /// One column of a [`Table`].

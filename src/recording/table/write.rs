@@ -1,13 +1,10 @@
 //! Tables as files: written beside the final name and renamed when complete.
 
-use super::{Column, Table, Values};
+use super::{Column, Table, Values, csv::write_csv, parquet::write_parquet};
 use crate::recording::{ExistingFile, RecordingError, write_beside};
 use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
-use polars::prelude::{
-    Column as FrameColumn, CsvWriter, DataFrame, NamedFrom, ParquetWriter, SerWriter, Series,
-};
-use std::{fs::File, path::Path};
+use std::{collections::BTreeSet, fs::File, path::Path};
 
 /// How a table is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,17 +18,17 @@ pub enum TableFormat {
     Npz,
 }
 
-/// The table as a data frame: `log_time_ns`, `publish_time_ns`, then its columns.
-///
-/// # Errors
-/// When two columns have one name.
-pub fn data_frame(table: &Table) -> Result<DataFrame, polars::error::PolarsError> {
-    let mut columns = vec![
-        FrameColumn::from(Series::new("log_time_ns".into(), &table.log_time_ns)),
-        FrameColumn::from(Series::new("publish_time_ns".into(), &table.publish_time_ns)),
-    ];
-    columns.extend(table.columns.iter().map(|column| FrameColumn::from(series(column))));
-    DataFrame::new(table.log_time_ns.len(), columns)
+impl Table {
+    /// `log_time_ns`, `publish_time_ns`, then the fields.
+    fn all_columns(&self) -> Vec<Column> {
+        let times =
+            [("log_time_ns", &self.log_time_ns), ("publish_time_ns", &self.publish_time_ns)];
+        let times = times.map(|(name, times)| Column {
+            name: name.to_owned(),
+            values: Values::Unsigned(times.iter().copied().map(Some).collect()),
+        });
+        times.into_iter().chain(self.columns.iter().cloned()).collect()
+    }
 }
 
 /// How columns that belong to no topic are written.
@@ -56,29 +53,27 @@ pub fn write_columns(
     existing: ExistingFile,
 ) -> Result<(), RecordingError> {
     write_beside(path, existing, |file| {
-        let columns = columns.iter().map(|column| FrameColumn::from(series(column))).collect();
-        DataFrame::new(rows, columns)
-            .and_then(|mut frame| match format {
-                ColumnFormat::Parquet => ParquetWriter::new(file).finish(&mut frame).map(drop),
-                ColumnFormat::Csv => CsvWriter::new(file).finish(&mut frame),
-            })
-            .map_err(|error| RecordingError::Table {
-                path: path.to_owned(),
-                reason: error.to_string(),
-            })
+        let written = check(columns, rows).and_then(|()| match format {
+            ColumnFormat::Parquet => write_parquet(columns, rows, file),
+            ColumnFormat::Csv => write_csv(columns, rows, file),
+        });
+        written.map_err(|reason| RecordingError::Table { path: path.to_owned(), reason })
     })
 }
 
-fn series(column: &Column) -> Series {
-    let name = column.name.as_str().into();
-    match &column.values {
-        Values::F64(values) => Series::new(name, values),
-        Values::F32(values) => Series::new(name, values),
-        Values::Int(values) => Series::new(name, values),
-        Values::Unsigned(values) => Series::new(name, values),
-        Values::Bool(values) => Series::new(name, values),
-        Values::Text(values) => Series::new(name, values),
+/// Check that every column has its own name and `rows` rows.
+fn check(columns: &[Column], rows: usize) -> Result<(), String> {
+    let mut names = BTreeSet::new();
+    for column in columns {
+        let (name, found) = (column.name.as_str(), column.values.len());
+        if found != rows {
+            return Err(format!("column '{name}' has {found} rows, the table has {rows}"));
+        }
+        if !names.insert(name) {
+            return Err(format!("two columns are called '{name}'"));
+        }
     }
+    Ok(())
 }
 
 /// Writes `table` to `path`.
@@ -91,25 +86,17 @@ pub fn write_table(
     format: TableFormat,
     existing: ExistingFile,
 ) -> Result<(), RecordingError> {
-    write_beside(path, existing, |file| {
-        let written = match format {
-            TableFormat::Parquet => write_parquet(table, file),
-            TableFormat::Csv => write_csv(table, file),
-            TableFormat::Npz => write_npz(table, file),
-        };
-        written.map_err(|reason| RecordingError::Table { path: path.to_owned(), reason })
-    })
-}
-
-fn write_parquet(table: &Table, file: File) -> Result<(), String> {
-    let mut frame = data_frame(table).map_err(|error| error.to_string())?;
-    let written = ParquetWriter::new(file).finish(&mut frame);
-    written.map(drop).map_err(|error| error.to_string())
-}
-
-fn write_csv(table: &Table, file: File) -> Result<(), String> {
-    let mut frame = data_frame(table).map_err(|error| error.to_string())?;
-    CsvWriter::new(file).finish(&mut frame).map_err(|error| error.to_string())
+    let format = match format {
+        TableFormat::Parquet => ColumnFormat::Parquet,
+        TableFormat::Csv => ColumnFormat::Csv,
+        TableFormat::Npz => {
+            return write_beside(path, existing, |file| {
+                write_npz(table, file)
+                    .map_err(|reason| RecordingError::Table { path: path.to_owned(), reason })
+            });
+        }
+    };
+    write_columns(&table.all_columns(), table.log_time_ns.len(), path, format, existing)
 }
 
 fn write_npz(table: &Table, file: File) -> Result<(), String> {
