@@ -29,9 +29,8 @@ fn pages() -> Vec<PathBuf> {
 /// Subcommands as `--help` lists them.
 fn subcommands() -> Vec<String> {
     let help = said(&klasktron(&["--help"])).0;
-    let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1);
-    let lines = lines.take_while(|line| !line.is_empty());
-    // A long description goes on below, further to the right.
+    let lines = help.lines().skip_while(|line| *line != "Data:");
+    let lines = lines.take_while(|line| *line != "Options:");
     let named = lines.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
     let names = named.filter_map(|line| line.split_whitespace().next());
     names.filter(|name| *name != "help").map(ToOwned::to_owned).collect()
