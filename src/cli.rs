@@ -1,4 +1,4 @@
-//! Command line: one variant per subcommand, each with its arguments beside its `run`.
+//! Command line: one variant per subcommand; the module of each command holds its arguments and its `run`.
 //!
 //! `global` holds the options of every subcommand, `groups` the order of the help, and `expand` adds the settings
 //! of `klasktron.toml` (`settings_file`).

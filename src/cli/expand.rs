@@ -26,7 +26,7 @@ pub(crate) struct Expanded {
 /// Complete the `typed` words with the settings file.
 ///
 /// # Errors
-/// Where the settings file cannot be read or holds a setting that no command takes.
+/// The settings file cannot be read or holds a setting that no command takes.
 pub(crate) fn expand(command: &Command, typed: Vec<OsString>) -> Result<Expanded, SettingsError> {
     // Leniency reaches every subcommand only before the command line is built.
     let lenient = command.clone().ignore_errors(true);

@@ -88,7 +88,7 @@ impl Setting {
 /// Read every setting of the file at `path` for the built command line `root`.
 ///
 /// # Errors
-/// Where the file cannot be read or holds a setting that no command takes.
+/// The file cannot be read or holds a setting that no command takes.
 pub(crate) fn read(path: &Path, root: &Command) -> Result<Vec<Setting>, SettingsError> {
     let text = fs::read_to_string(path)
         .map_err(|source| SettingsError::Read { path: path.to_owned(), source })?;

@@ -109,7 +109,7 @@ fn the_file_may_hold_the_old_name_of_an_option() {
     assert_eq!(said, "FILE:3: [gap] output: out is another name of it (FILE:2)");
 }
 
-/// What `typed` becomes with `file` as its settings; the words without program and `--config FILE`.
+/// Command line for `typed` with the settings `file`; the words without program and `--config FILE`.
 fn expanded(file: &str, typed: &str) -> Result<(Vec<String>, Expanded), String> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("klasktron.toml");

@@ -187,8 +187,8 @@ fn is_no_table(error: &anyhow::Error) -> bool {
     )
 }
 
-/// File name of each topic: `/striker/left/command` becomes `striker_left_command.csv`. Where two topics have the same
-/// name, the later in alphabetical order gets a number.
+/// File name of each topic: `/striker/left/command` becomes `striker_left_command.csv`. A later topic with
+/// the same name gets a number.
 fn file_names<'a>(topics: &BTreeSet<&'a str>, extension: &str) -> BTreeMap<String, &'a str> {
     let mut names = BTreeMap::new();
     for topic in topics {

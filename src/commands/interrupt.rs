@@ -62,7 +62,7 @@ pub(crate) fn listen() {
 /// Flag that the first Ctrl-C raises; `doing` says what the command then does. The second Ctrl-C aborts.
 ///
 /// # Errors
-/// Where no signal handler can be installed.
+/// No signal handler can be installed.
 pub(crate) fn raised_by_ctrl_c(doing: &'static str) -> anyhow::Result<&'static AtomicBool> {
     set(Mode::Stop(doing))?;
     Ok(&STOP)
@@ -72,7 +72,7 @@ pub(crate) fn raised_by_ctrl_c(doing: &'static str) -> anyhow::Result<&'static A
 /// the third aborts.
 ///
 /// # Errors
-/// Where no signal handler can be installed.
+/// No signal handler can be installed.
 pub(crate) fn counted_ctrl_c(
     first: &'static str,
     second: &'static str,

@@ -44,7 +44,7 @@ impl Results {
     /// Begin results called `names` in `folder`, before any work is done for them.
     ///
     /// # Errors
-    /// Where one of them exists and may not be replaced, or the folder cannot be written.
+    /// One of them exists and may not be replaced, or the folder cannot be written.
     pub(crate) fn begin(
         folder: &Path,
         names: &[&str],
@@ -82,7 +82,7 @@ impl Results {
     /// Move all results to their folder.
     ///
     /// # Errors
-    /// Where one of them was not written or cannot be moved.
+    /// One of them was not written or cannot be moved.
     pub(crate) fn finish(mut self) -> anyhow::Result<()> {
         if let Some(name) = self.names.iter().find(|name| !self.partial.join(name).exists()) {
             bail!("{}: was not written", self.folder.join(name).display());
@@ -146,7 +146,7 @@ pub(crate) fn refuse_existing(
 /// The partial file is removed on Ctrl-C.
 ///
 /// # Errors
-/// Where the file exists and may not be replaced, `path` is a folder, or `write` fails.
+/// The file exists and may not be replaced, `path` is a folder, or `write` fails.
 pub(crate) fn write_file<T>(
     path: &Path,
     overwrite: OverwriteArgs,

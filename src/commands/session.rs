@@ -51,7 +51,7 @@ pub(crate) struct SessionArgs {
 enum HomingArg {
     /// Positions of the strikers that the camera detects
     Camera,
-    /// Carriages stand at the home points of the robot file
+    /// Home points of the robot file: the operator has put the carriages there
     Declared,
 }
 
@@ -75,7 +75,7 @@ pub(crate) struct Motion {
 }
 
 impl SessionArgs {
-    /// Homing policy of `--homing`; by default the camera, or `otherwise` where there is none.
+    /// Homing policy of `--homing`; by default the camera, or `otherwise` without one.
     pub(crate) fn homing(
         &self,
         table: &TableArgs,

@@ -52,7 +52,7 @@ pub(crate) fn note(line: &str) {
 /// Print a result on stdout. A closed reader (`| head`) is no error.
 ///
 /// # Errors
-/// Where stdout cannot be written for another reason.
+/// Stdout cannot be written for another reason.
 pub(crate) fn print(text: &str) -> io::Result<()> {
     match writeln!(io::stdout(), "{text}") {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
