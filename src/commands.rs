@@ -1,4 +1,4 @@
-//! Subcommands, one file each: the arguments, and a `run` that makes one call into the library.
+//! One file per subcommand: its arguments, and a `run` that makes one call into the library.
 
 pub(crate) mod collect;
 pub(crate) mod completions;
@@ -10,12 +10,11 @@ pub(crate) mod fit_actuator;
 pub(crate) mod gap;
 pub(crate) mod import;
 pub(crate) mod info;
-pub(crate) mod interrupt;
+mod interrupt;
 mod live_view;
 pub(crate) mod man;
 pub(crate) mod play;
 pub(crate) mod recover;
-mod results;
 pub(crate) mod rig;
 mod session;
 pub(crate) mod sweep;
@@ -28,53 +27,51 @@ use klasktron::recording::{Loss, Recording};
 use std::{path::Path, process::ExitCode};
 pub(crate) use terminal::{note, print, tell};
 
-/// Exit status of a failure.
+/// Exit status of a command that failed.
 pub(crate) const EXIT_FAILED: u8 = 1;
-/// Exit status of a usage error, on the command line or in the settings file.
+/// Exit status when something was typed or set that no command takes.
 pub(crate) const EXIT_USAGE: u8 = 2;
-/// Exit status of a command that finished, but lost data or failed a check.
+/// Exit status of a command that finished, but lost something or did not meet a gate.
 const EXIT_LOSSY: u8 = 3;
 
-/// End of a command that did not fail.
+/// How a command that did not fail ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// Complete.
+    /// Everything was done.
     Done,
-    /// Finished, but data were lost or a check failed; stderr says which.
+    /// Done, but something was lost or a gate was not met; it was said on stderr.
     Lossy,
-    /// Ended by Ctrl-C; stderr says what was kept and how to continue.
-    Interrupted,
-    /// A Slurm task without a result, with the status that gives the reason.
+    /// A task of Slurm without a result, with the status that tells why.
     Task(u8),
 }
 
 impl Outcome {
-    /// Exit status of the program.
+    /// The exit status of the contract.
     pub(crate) fn exit_code(self) -> ExitCode {
         match self {
             Self::Done => ExitCode::SUCCESS,
             Self::Lossy => ExitCode::from(EXIT_LOSSY),
-            Self::Interrupted => ExitCode::from(interrupt::EXIT_INTERRUPTED),
             Self::Task(status) => ExitCode::from(status),
         }
     }
 }
 
-/// Sentence on the lost part of a damaged recording, and the way to a whole file of the rest.
+/// One sentence on what a damaged recording lost, and how to make a whole file of the rest.
 pub(crate) fn loss_sentence(recording: &Recording) -> String {
     loss_sentence_of(&recording.path, &recording.loss)
 }
 
-/// The same sentence for a file that has been closed.
+/// The same for a file of which only the loss is left.
 pub(crate) fn loss_sentence_of(path: &Path, loss: &Loss) -> String {
     let file = path.display();
     format!(
-        "{file}: {loss}; the rest was read; copy it into a whole file with `klasktron recover {file} \
-         -o OUTPUT`"
+        "{file}: {loss}; the rest was read; make a whole file of it with `klasktron recover {file} -o \
+         OUT`"
     )
 }
 
-/// Chain of reasons on one line, without reasons that the text before them contains already.
+/// The chain of reasons on one line. A reason that the message before it already tells, as library
+/// errors do, is not told again.
 pub(crate) fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for reason in error.chain().map(ToString::to_string) {

@@ -15,8 +15,8 @@
 //! position-unit = "rad"
 //! ```
 //!
-//! The definition of the command line gives the options of a table and their types. Every table is checked, also
-//! the tables of commands that are not run. Old names of options (`out`) are accepted.
+//! The file knows no option: what a table may hold, and of which type, is asked of the command line's own
+//! definition. Every table is checked, also those of commands that are not run.
 
 use clap::{Arg, ArgAction, Command, error::ErrorKind};
 use klasktron::sweep::nearest;
@@ -32,52 +32,51 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-/// Name of the settings file in the working folder.
+/// The file that is read when no other is named.
 pub(crate) const USUAL_NAME: &str = "klasktron.toml";
-/// Table of the options of every subcommand.
+/// The table of options that every command has.
 const GLOBAL: &str = "global";
-/// Options that a file cannot hold: they choose the file or end the program.
+/// Options that say which file is read, so that no file can hold them, and those that end the program.
 const TYPED_ONLY: [&str; 4] = ["config", "no_config", "help", "version"];
-
-/// Reason why the settings file cannot be used.
+/// Why the file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum SettingsError {
-    /// The file cannot be read.
-    #[error("{}: cannot read the settings: {source}; --no-config ignores the file", path.display())]
+    /// It cannot be read.
+    #[error("{}: cannot read the settings: {source}; --no-config goes without", path.display())]
     Read {
-        /// Path of the file.
+        /// The file.
         path: PathBuf,
-        /// Reason.
+        /// Why.
         source: io::Error,
     },
-    /// A line is wrong.
+    /// A line that says something wrong.
     #[error("{place}: {what}")]
     Line {
         /// File and line.
         place: String,
-        /// Description of the error, with the way out.
+        /// What is wrong, and the way out.
         what: String,
     },
 }
 
-/// One setting of the file.
+/// One setting, as it would be typed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Setting {
-    /// Subcommands of its table; empty for `[global]`.
+    /// Subcommands that lead to its table; none for `[global]`.
     pub(crate) table: Vec<String>,
-    /// Identifier of its option in clap.
+    /// Its option, by clap's id.
     pub(crate) id: String,
-    /// Long name of its option.
+    /// Its long name.
     pub(crate) key: String,
     /// File and line.
     pub(crate) place: String,
-    /// Words on the command line; empty for a flag that is `false`.
+    /// What would be typed; nothing for a flag that is `false`.
     pub(crate) arguments: Vec<String>,
 }
 
 impl Setting {
-    /// Setting as it would be typed.
-    pub(crate) fn as_typed(&self) -> String {
+    /// What comes of it on the command line.
+    pub(crate) fn says(&self) -> String {
         if self.arguments.is_empty() {
             return format!("no --{}", self.key);
         }
@@ -85,10 +84,10 @@ impl Setting {
     }
 }
 
-/// Read every setting of the file at `path` for the built command line `root`.
+/// Reads every setting of the file at `path`, for the built command line `root`.
 ///
 /// # Errors
-/// The file cannot be read or holds a setting that no command takes.
+/// When it cannot be read or holds anything that no command takes.
 pub(crate) fn read(path: &Path, root: &Command) -> Result<Vec<Setting>, SettingsError> {
     let text = fs::read_to_string(path)
         .map_err(|source| SettingsError::Read { path: path.to_owned(), source })?;
@@ -101,7 +100,7 @@ pub(crate) fn read(path: &Path, root: &Command) -> Result<Vec<Setting>, Settings
     Ok(reader.settings)
 }
 
-/// State of reading one file.
+/// The file under way.
 struct Reader<'a> {
     path: &'a Path,
     text: &'a str,
@@ -122,7 +121,7 @@ impl Reader<'_> {
         SettingsError::Line { place: self.place(&span), what }
     }
 
-    /// Read a table of a subcommand, or `[global]`.
+    /// A table of a subcommand, or `[global]`.
     fn top(
         &mut self,
         root: &Command,
@@ -139,8 +138,8 @@ impl Reader<'_> {
                 )
             } else {
                 format!(
-                    "`{word}` is in no table; put it into the table of its command, such as \
-                     [fit-actuator], or into [{GLOBAL}]"
+                    "`{word}` stands in no table; put it below the name of its command, such as \
+                     [fit-actuator], or below [{GLOBAL}]"
                 )
             };
             return Err(self.wrong(name.span(), what));
@@ -182,7 +181,7 @@ impl Reader<'_> {
     ) -> Result<(), SettingsError> {
         let word = key.get_ref().as_ref();
         let header = if names.is_empty() { GLOBAL.to_owned() } else { names.join(".") };
-        let Some(arg) = options(command).find(|arg| is_called(arg, word)) else {
+        let Some(arg) = options(command).find(|arg| arg.get_long() == Some(word)) else {
             let known = options(command).filter_map(Arg::get_long);
             let what = format!("[{header}] has no option `{word}`{}", did_you_mean(word, known));
             return Err(self.wrong(key.span(), what));
@@ -190,16 +189,9 @@ impl Reader<'_> {
         let arguments = arguments(arg, value.get_ref())
             .and_then(|arguments| accepted(command, &arguments).map(|()| arguments))
             .map_err(|what| self.wrong(value.span(), format!("[{header}] {word}: {what}")))?;
-        let table: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-        let id = arg.get_id().to_string();
-        if let Some(first) = self.settings.iter().find(|own| own.table == table && own.id == id) {
-            let what =
-                format!("[{header}] {word}: {} is another name of it ({})", first.key, first.place);
-            return Err(self.wrong(key.span(), what));
-        }
         self.settings.push(Setting {
-            table,
-            id,
+            table: names.iter().map(|name| (*name).to_owned()).collect(),
+            id: arg.get_id().to_string(),
             key: word.to_owned(),
             place: self.place(&key.span()),
             arguments,
@@ -208,13 +200,7 @@ impl Reader<'_> {
     }
 }
 
-/// Return whether `name` is the long name of an option, or an old one.
-fn is_called(arg: &Arg, name: &str) -> bool {
-    arg.get_long() == Some(name)
-        || arg.get_all_aliases().is_some_and(|aliases| aliases.contains(&name))
-}
-
-/// Entries in the order of the file.
+/// Entries as they stand in the file.
 fn in_order<'a, 'i>(table: &'a DeTable<'i>) -> Vec<(&'a Key<'i>, &'a Value<'i>)> {
     let mut entries: Vec<_> = table.iter().collect();
     entries.sort_by_key(|(key, _)| key.span().start);
@@ -240,10 +226,7 @@ fn did_you_mean<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> String 
     nearest(word, names).map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
-/// Words on the command line for `value`.
-///
-/// # Errors
-/// The type that the option takes.
+/// What would be typed for `value`, or what it must be.
 fn arguments(arg: &Arg, value: &DeValue<'_>) -> Result<Vec<String>, String> {
     let option = format!("--{}", arg.get_long().unwrap_or_default());
     let counts = arg.get_num_args().unwrap_or(1.into());
@@ -255,7 +238,7 @@ fn arguments(arg: &Arg, value: &DeValue<'_>) -> Result<Vec<String>, String> {
             Err(_) => Err("must be a whole number from 0 to 255".to_owned()),
         },
         (ArgAction::Count, other) => Err(format!("must be a whole number, not {}", kind(other))),
-        // An option whose value is optional.
+        // The option without its value, where that may be left out.
         (_, DeValue::Boolean(on)) if counts.min_values() == 0 => {
             Ok(repeated(&option, usize::from(*on)))
         }
@@ -278,7 +261,7 @@ fn repeated(option: &str, count: usize) -> Vec<String> {
     vec![option.to_owned(); count]
 }
 
-/// One value as typed text.
+/// One value as it would be typed.
 fn text(arg: &Arg, value: &DeValue<'_>) -> Result<String, String> {
     let taken = arg.get_value_parser().type_id();
     let is_any = |types: &[TypeId]| types.iter().any(|one| taken == *one);
@@ -311,7 +294,7 @@ fn kind(value: &DeValue<'_>) -> &'static str {
     }
 }
 
-/// Let the command check the values; missing options are no error here.
+/// Lets the command itself look at the values; what else a command line would lack is no matter here.
 fn accepted(command: &Command, arguments: &[String]) -> Result<(), String> {
     let line = std::iter::once(command.get_name()).chain(arguments.iter().map(String::as_str));
     let Err(error) = command.clone().try_get_matches_from(line) else { return Ok(()) };
@@ -325,7 +308,7 @@ fn accepted(command: &Command, arguments: &[String]) -> Result<(), String> {
     }
 }
 
-/// Message of clap about a value, in one line.
+/// What clap says about a value, in one line.
 fn sentence(error: &clap::Error) -> String {
     let said = error.render().to_string();
     let lines = said.lines().map(str::trim).take_while(|line| {

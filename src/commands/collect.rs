@@ -1,8 +1,7 @@
-//! `klasktron collect`: check a plan, drive it on a table and record the session.
+//! `klasktron collect`: arguments to a plan, a link and a session, and its outcome.
 
 use super::{
     Outcome, note, print,
-    results::Results,
     session::{self, Motion, SessionArgs},
     table::{OpenTable, TableArgs, TableFiles, parse_within},
 };
@@ -24,14 +23,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Largest rate of the control loop (Hz): the bus of the table carries no more.
+/// Largest rate of the control loop (Hz).
 const LARGEST_RATE_HZ: f64 = 500.0;
-/// Control rate of the KlaskTron table (Hz).
+/// Rate at which the KlaskTron table is controlled (Hz).
 const USUAL_RATE_HZ: f64 = 50.0;
-/// Files of a dry run.
-const PLAN_FILES: [&str; 3] = ["index.html", "plan.csv", "plan.json"];
 
-/// Arguments of `klasktron collect`.
+/// What can be typed after `klasktron collect`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   klasktron collect --plan paper --dry-run plan
@@ -40,28 +37,28 @@ const PLAN_FILES: [&str; 3] = ["index.html", "plan.csv", "plan.json"];
       --pattern circle:radius_m=0.05,speed_m_per_s=0.3 --seconds 30 --repeat 4 -o circles.mcap
   klasktron collect --bus replay:bus.log --listen -o bus.mcap")]
 pub(crate) struct Args {
-    /// Recording to write
-    #[arg(short, long, alias = "out", value_name = "FILE", default_value = "collect.mcap")]
+    /// The recording to write
+    #[arg(short, long, value_name = "OUT", default_value = "collect.mcap")]
     output: PathBuf,
     #[command(flatten)]
     table: TableArgs,
-    /// Players whose carriages are driven
+    /// Whose carriages are used
     #[arg(long, value_enum, default_value = "both")]
     player: PlayersArg,
     #[command(flatten)]
     motion: MotionArgs,
     #[command(flatten)]
     session: SessionArgs,
-    /// Gain of the position hold along the path ((m/s)/m)
+    /// How strongly commands pull a carriage back to its path ((m/s)/m)
     #[arg(long, value_name = "GAIN", default_value = "1", value_parser = parse_gain)]
     hold_gain_per_s: f64,
-    /// Write the plan as a page, a table and JSON into a folder, without using a bus
+    /// Write the plan as page, table and JSON into a folder, and touch no bus
     #[arg(long, value_name = "DIR", num_args = 0..=1, default_missing_value = "plan")]
     dry_run: Option<PathBuf>,
-    /// Record the traffic of the bus for this time (s) or until a log ends; send nothing
+    /// Only record what is on the bus, for so many seconds or until a log ends; send nothing
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "inf", value_parser = parse_seconds)]
     listen: Option<f64>,
-    /// Print the robot file with every value as JSON and exit
+    /// Print the robot file with every value as JSON, and end
     #[arg(long)]
     print_robot: bool,
 }
@@ -75,28 +72,28 @@ enum PlayersArg {
 
 #[derive(Debug, clap::Args)]
 struct MotionArgs {
-    /// Plan: `paper` (the data set of the KlaskTron paper) or a JSON file
+    /// `paper` (the data set of the KlaskTron paper), or a plan as JSON
     #[arg(long, value_name = "PLAN", required_unless_present_any = ["pattern", "patterns", "listen", "print_robot"], conflicts_with_all = ["pattern", "seconds", "repeat", "validation_every"])]
     plan: Option<String>,
-    /// Pattern such as circle:radius_m=0.05,speed_m_per_s=0.3 (repeatable); see --patterns
+    /// A pattern such as circle:radius_m=0.05,speed_m_per_s=0.3 (repeatable); see --patterns
     #[arg(long, value_name = "PATTERN")]
     pattern: Vec<Pattern>,
-    /// Duration of each run of a pattern (s)
+    /// Length of each run of a pattern (s)
     #[arg(long, default_value = "30", value_parser = parse_run_seconds)]
     seconds: f64,
-    /// Number of runs of each pattern
+    /// Runs of each pattern
     #[arg(long, value_name = "COUNT", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
-    /// Hold out every so many runs of a pattern for validation; 0: none
+    /// Every so many runs of a pattern, one is held out for validation; 0 for none
     #[arg(long, value_name = "COUNT", default_value = "5", value_parser = clap::value_parser!(u32).range(0..=1000))]
     validation_every: u32,
-    /// List the patterns with their parameters and the effects that they excite, and exit
+    /// List the patterns with their parameters and what they reveal
     #[arg(long)]
     patterns: bool,
-    /// Rate of the control loop (Hz), 10 to 500 [default: the rate of a plan file, or 50]
+    /// Rate of the control loop (Hz), 10 to 500 [default: 50, or what a plan file says]
     #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     rate_hz: Option<f64>,
-    /// Seed of the random patterns
+    /// Seed of what is random in a plan
     #[arg(long, default_value_t = 0)]
     seed: u64,
 }
@@ -117,7 +114,7 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     parse_within(text, 0.1, f64::INFINITY, "s")
 }
 
-/// Run `klasktron collect`.
+/// Runs the command.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.motion.patterns {
         return list_patterns();
@@ -137,7 +134,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return write_plan(folder, &proof, &files, args);
     }
     if matches!(args.table.bus, BusSpec::Replay(_)) {
-        bail!("{} is a log: it can be recorded with --listen, not driven", args.table.bus);
+        bail!("{} can be listened to (--listen), not driven", args.table.bus);
     }
     let homing = args.session.homing(&args.table, None)?;
     let mut config = args.session_config(&files, (players, plan.rate_hz), homing)?;
@@ -150,20 +147,20 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 fn listen_only(args: &Args, files: &TableFiles, seconds: f64) -> anyhow::Result<Outcome> {
     let players = args.player.of_robot(&files.robot)?;
-    // Nothing is driven, so positions need no reference.
+    // Nothing is driven, so nothing needs a reference.
     let homing = args.session.homing(&args.table, Some(HomingPolicy::Declared))?;
     let config = args.session_config(files, (players, args.motion.rate()), homing)?;
     drive(args, files, |table, output| listen(table.link(), &files.robot, &config, seconds, output))
 }
 
-/// Run one session and print its report.
+/// Runs one session and says how it went.
 fn drive(
     args: &Args,
     files: &TableFiles,
     run: impl FnOnce(&mut OpenTable, SessionOutput<'_>) -> Result<SessionReport, SessionError>,
 ) -> anyhow::Result<Outcome> {
     let (report, _table) = args.session.run((&args.table, files), &args.output, run)?;
-    session::tell_warnings(&report);
+    session::tell_doubts(&report);
     if args.session.json {
         print(&serde_json::to_string_pretty(&report)?)?;
     }
@@ -178,20 +175,22 @@ fn write_plan(
     files: &TableFiles,
     args: &Args,
 ) -> anyhow::Result<Outcome> {
-    let results = Results::begin(folder, &PLAN_FILES, args.session.overwrite)?;
+    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
     let page = plan_page(proof, &files.robot)?;
-    let texts = [&page.index_html, &page.plan_csv, &page.plan_json];
-    for (name, text) in PLAN_FILES.iter().zip(texts) {
-        write_bytes(&results.path(name), ExistingFile::Replace, text.as_bytes())?;
+    for (name, text) in [
+        ("index.html", &page.index_html),
+        ("plan.csv", &page.plan_csv),
+        ("plan.json", &page.plan_json),
+    ] {
+        write_bytes(&folder.join(name), ExistingFile::Replace, text.as_bytes())?;
     }
-    results.finish()?;
     if args.session.json {
         print(&page.plan_json)?;
     }
     let (runs, samples) = (proof.runs().len(), proof.plan().samples());
     note(&format!(
-        "safe plan: {runs} runs, {samples} samples, {:.1} min with the moves between runs; smallest \
-         distance to an edge {:.1} mm with the stopping distance; wrote {2}/index.html, {2}/plan.csv and \
+        "proven: {runs} runs, {samples} samples, {:.1} min with the moves between runs; nearest to an \
+         edge {:.1} mm with its stopping distance; wrote {2}/index.html, {2}/plan.csv and \
          {2}/plan.json",
         proof.duration_s() / 60.0,
         1e3 * proof.figures().edge_distance_m,
@@ -213,11 +212,11 @@ impl MotionArgs {
             Some("paper") => Plan::paper(self.rate(), self.seed)?,
             Some(path) => {
                 let text = fs::read_to_string(path).with_context(|| {
-                    format!("{path}: cannot read; --plan takes `paper` or a JSON file")
+                    format!("{path}: cannot read; --plan takes `paper` or a plan as JSON")
                 })?;
                 let plan = Plan::from_json(&text).with_context(|| path.to_owned())?;
                 if self.rate_hz.is_some_and(|rate| rate != plan.rate_hz) {
-                    bail!("{path}: the plan is for {} Hz; omit --rate-hz", plan.rate_hz);
+                    bail!("{path}: the plan is for {} Hz; leave --rate-hz out", plan.rate_hz);
                 }
                 if LARGEST_RATE_HZ < plan.rate_hz {
                     bail!("{path}: rate_hz is {}; it must be at most 500 Hz", plan.rate_hz);
@@ -245,7 +244,7 @@ impl MotionArgs {
 }
 
 impl PlayersArg {
-    /// Selected players; an error where the robot file does not have them.
+    /// Players that were asked for, as far as the robot has them.
     fn of_robot(self, robot: &Robot) -> anyhow::Result<Vec<Player>> {
         let all = robot.players();
         let wanted = match self {
@@ -272,7 +271,7 @@ impl Args {
     }
 }
 
-/// Metadata of the recording about the plan.
+/// What of the plan stands in the recording's metadata.
 fn plan_metadata(plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
     let all = |split| plan.runs.iter().all(|run| run.split == split);
     let split = if all(Split::Train) {

@@ -1,11 +1,6 @@
-//! `klasktron demo`: run every command of the pipeline on the virtual rig, and write the page of the results.
+//! `klasktron demo`: every command of the pipeline, one after the other, and the page that tells it.
 
-use super::{
-    Outcome,
-    interrupt::{self, Interrupted},
-    note, print,
-    table::{BUS_VARIABLE, CAMERA_VARIABLE, ROBOT_VARIABLE},
-};
+use super::{Outcome, interrupt, note, print};
 use anyhow::{Context as _, bail};
 use klasktron::{
     demo::{Experiment, Plan, Record, Size, Stage, Step, Story, begin, page, pictures},
@@ -23,33 +18,33 @@ use std::{
     time::Instant,
 };
 
-/// Exit statuses of a finished step: success, or finished with a loss or a failed check.
+/// Exit statuses of a step that has done its work: done, or something was lost or a gate was not met.
 const DONE: [i32; 2] = [0, 3];
 
-/// Arguments of `klasktron demo`.
+/// What can be typed after `klasktron demo`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   klasktron demo --quick
-  klasktron demo -o story")]
+  klasktron demo --out story")]
 pub(crate) struct Args {
-    /// Fewer data, training steps and matches
+    /// Less of everything: some four minutes on two cores
     #[arg(long)]
     quick: bool,
-    /// Run every command with the least work, for tests; the results mean nothing
+    /// Every command once, with results that mean nothing: for tests
     #[arg(long, hide = true, conflicts_with = "quick")]
     smallest: bool,
-    /// Seed of all random numbers
+    /// Everything random comes from it
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..1_000_000_000))]
     seed: u64,
     /// Folder for recordings, results and index.html
-    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "demo")]
-    output: PathBuf,
-    /// Print only the result document, on stdout
+    #[arg(short, long, value_name = "DIR", default_value = "demo")]
+    out: PathBuf,
+    /// Print the result document alone on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// Running demo.
+/// The demo under way.
 struct Demo<'a> {
     folder: &'a Path,
     program: PathBuf,
@@ -57,25 +52,25 @@ struct Demo<'a> {
     total: usize,
 }
 
-/// Step with its number and the hash of its inputs.
+/// A step with the hash of what it depends on, and its number.
 struct Task<'a> {
     step: &'a Step,
     key: &'a str,
     number: usize,
 }
 
-/// Run `klasktron demo`.
+/// Runs the command.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let size = args.size();
     let plan = Plan::new(size, args.seed);
-    let stop = interrupt::raised_by_ctrl_c("stopping the demo; finished steps are kept")?;
+    let stop = interrupt::raised_by_ctrl_c("ending the demo")?;
     let program = std::env::current_exe().context("cannot find the program itself")?;
     let total = plan.stages.iter().map(|stage| stage.steps.len()).sum();
-    let demo = Demo { folder: &args.output, program, stop, total };
+    let demo = Demo { folder: &args.out, program, stop, total };
     demo.prepare(&plan)?;
     note(&format!(
-        "{total} commands in {}; about {:.0} min on two cores; finished steps are kept",
-        args.output.display(),
+        "{total} commands in {}; about {:.0} min on two cores, and what is finished is kept",
+        args.out.display(),
         size.expected_minutes()
     ));
     let mut records = BTreeMap::new();
@@ -92,18 +87,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         plan: &plan,
         records: &records,
         experiment: experiment.as_ref(),
-        pictures: &pictures(&args.output),
+        pictures: &pictures(&args.out),
         provenance: &provenance,
     });
     let document = document(&records, experiment.as_ref(), &provenance);
     let text = serde_json::to_string_pretty(&document)?;
-    write_bytes(&args.output.join("demo.json"), ExistingFile::Replace, text.as_bytes())?;
-    write_bytes(&args.output.join("index.html"), ExistingFile::Replace, html.as_bytes())?;
+    write_bytes(&args.out.join("demo.json"), ExistingFile::Replace, text.as_bytes())?;
+    write_bytes(&args.out.join("index.html"), ExistingFile::Replace, html.as_bytes())?;
     if args.json {
         print(&text)?;
     } else {
         print(&table(experiment.as_ref()))?;
-        print(&format!("wrote {}", args.output.join("index.html").display()))?;
+        print(&format!("wrote {}", args.out.join("index.html").display()))?;
     }
     Ok(if experiment.is_some() { Outcome::Done } else { Outcome::Lossy })
 }
@@ -117,7 +112,7 @@ impl Args {
         }
     }
 
-    /// Command line without the output folder.
+    /// The command without the place of its results.
     fn command_line(&self) -> String {
         let size = match self.size() {
             Size::Quick => " --quick",
@@ -129,7 +124,7 @@ impl Args {
 }
 
 impl Demo<'_> {
-    /// Create the folders and the input files of the commands.
+    /// Folders, and the files that the commands name.
     fn prepare(&self, plan: &Plan) -> anyhow::Result<()> {
         for folder in ["steps", "rigs", "matches"] {
             let path = self.folder.join(folder);
@@ -142,7 +137,7 @@ impl Demo<'_> {
         Ok(())
     }
 
-    /// Run the steps of a stage that are not finished, and return the records of all.
+    /// The records of a stage: those that are there, and those of what is still to be run.
     fn stage(
         &self,
         stage: &Stage,
@@ -165,7 +160,7 @@ impl Demo<'_> {
     fn record(&self, task: &Task<'_>) -> anyhow::Result<Record> {
         let Task { step, key, number } = task;
         if self.stop.load(Ordering::Relaxed) {
-            return Err(interrupted(*number));
+            bail!("interrupted before step {number}; the same command goes on from there");
         }
         let heading = format!("[{number}/{}] {}", self.total, step.name);
         if let Some(record) = Record::read(self.folder, step, key) {
@@ -181,20 +176,16 @@ impl Demo<'_> {
         self.keep_log(&step.name, &output)?;
         let status = output.status.code().unwrap_or(-1);
         if self.stop.load(Ordering::Relaxed) {
-            return Err(interrupted(*number));
+            bail!("interrupted in step {number}; the same command goes on from there");
         }
         if !DONE.contains(&status) {
             bail!("{}", failure(step, &output));
         }
         let result: Value = serde_json::from_slice(&output.stdout)
             .with_context(|| format!("`{}` printed no JSON", step.line()))?;
-        // A session that has stopped early lacks data that later steps need.
+        // A session that has stopped early is lossy too, but what it lacks is needed.
         if result["stop"].as_str().is_some_and(|stop| stop != SESSION_COMPLETED) {
-            bail!(
-                "`{}` has stopped early: {}",
-                step.line(),
-                result["stop_text"].as_str().unwrap_or("-")
-            );
+            bail!("`{}` has stopped: {}", step.line(), result["stop_text"].as_str().unwrap_or("-"));
         }
         let command_line = step.line();
         let record = Record { key: (*key).to_owned(), command_line, status, elapsed_s, result };
@@ -203,39 +194,30 @@ impl Demo<'_> {
         Ok(record)
     }
 
-    /// Run this program in the folder of the demo.
+    /// Runs this program in the folder of the demo.
     fn output(&self, arguments: &[String]) -> anyhow::Result<Output> {
         Command::new(&self.program)
             .args(arguments)
-            // The page shows the steps as they are: no settings file and no environment may change them.
+            // The steps are what stands on the page, whatever lies in that folder.
             .arg("--no-config")
-            .env_remove(BUS_VARIABLE)
-            .env_remove(CAMERA_VARIABLE)
-            .env_remove(ROBOT_VARIABLE)
             .current_dir(self.folder)
             .output()
             .with_context(|| format!("{}: cannot be started", self.program.display()))
     }
 
-    /// Write the step's stderr to its log.
+    /// What the step said beside its result.
     fn keep_log(&self, name: &str, output: &Output) -> anyhow::Result<()> {
         let path = self.folder.join("steps").join(format!("{name}.log"));
         Ok(write_bytes(&path, ExistingFile::Replace, &output.stderr)?)
     }
 }
 
-/// Error of a failed step, with the path of its log.
+/// The step's own last words, and how to see more.
 fn failure(step: &Step, output: &Output) -> String {
     let said = String::from_utf8_lossy(&output.stderr);
-    let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("no message");
+    let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
     let last = last.trim_start_matches("error: ");
-    format!("`{}` failed: {last}; see steps/{}.log", step.line(), step.name)
-}
-
-/// Report of a demo that Ctrl-C has ended at step `number`.
-fn interrupted(number: usize) -> anyhow::Error {
-    Interrupted(format!("interrupted at step {number}; the same command continues with this step"))
-        .into()
+    format!("`{}` failed: {last}; its log is steps/{}.log", step.line(), step.name)
 }
 
 fn document(
@@ -262,14 +244,14 @@ fn document(
     })
 }
 
-/// Result of the experiment as a table.
+/// The experiment for people.
 fn table(experiment: Option<&Experiment>) -> String {
     let Some(experiment) = experiment else {
-        return "the results do not contain the data of the comparison".to_owned();
+        return "the results do not hold what the comparison needs".to_owned();
     };
     let mut lines = vec![format!(
         "{:<12}{:<12}{:>22}{:>14}{:>8}",
-        "policy", "opponent", "goals per min, sim", "on the rig", "ratio"
+        "policy", "against", "points per min, sim", "on the rig", "kept"
     )];
     for one in &experiment.contests {
         let kept = one.transfer_ratio.map(|kept| format!("{:.0} %", 1e2 * kept.value));

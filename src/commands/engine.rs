@@ -1,4 +1,4 @@
-//! Engines that run the points of a plan, for `sweep` and its presets: options, run and report.
+//! What `sweep` and its presets share: the options of an engine, and running a plan by it.
 
 use super::{Outcome, interrupt, note, print, tell, terminal};
 use anyhow::{Context as _, bail};
@@ -24,23 +24,23 @@ use std::{
     time::Instant,
 };
 
-/// Engine that runs the points.
+/// Where points are run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum EngineKind {
-    /// Processes on this machine
+    /// As processes of this machine
     Local,
-    /// Job arrays of Slurm, over a shared folder
+    /// As job arrays of Slurm, over a shared folder
     Slurm,
 }
 
 /// Options of the engine.
 #[derive(Debug, Clone, Default, clap::Args)]
-#[command(next_help_heading = "Engine")]
+#[command(next_help_heading = "Where points are run")]
 pub(crate) struct EngineArgs {
-    /// Engine of the points [default: local]
+    /// On this machine, or by Slurm [default: local]
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Slurm: partition
+    /// Slurm: the partition
     #[arg(long, value_name = "NAME")]
     partition: Option<String>,
     /// Slurm: time limit of a point, such as 30 (minutes) or 1-12:00:00
@@ -52,28 +52,28 @@ pub(crate) struct EngineArgs {
     /// Slurm: memory of a point, such as 4G
     #[arg(long, value_name = "SIZE")]
     mem: Option<String>,
-    /// Slurm: another option of sbatch, such as --sbatch-line=--gres=gpu:1, or a shell line before the program
+    /// Slurm: a further option of sbatch, such as --sbatch-line=--gres=gpu:1, or a shell line before the program
     #[arg(long, value_name = "LINE", allow_hyphen_values = true)]
     sbatch_line: Vec<String>,
     /// Run failed points again
     #[arg(long)]
     retry: bool,
-    /// Print the command lines or the Slurm script and exit
+    /// Print what would be run, and with Slurm the script, and end
     #[arg(long)]
     dry_run: bool,
 }
 
-/// State of a sweep after an engine.
+/// What an engine has left.
 pub(crate) struct Finished {
-    /// Results and failures of the points.
+    /// Everything that is known of the points.
     pub(crate) merged: Merged,
-    /// Sentence on the points that have not ended.
+    /// Why not all points have ended, in words for the person.
     pub(crate) open: Option<String>,
-    /// `true` where the engine has reported every failure.
+    /// Whether the engine has told every failure.
     told: bool,
 }
 
-/// Plan with its output folder and the number of workers.
+/// A plan with the place of its results and what its points are run with.
 pub(crate) struct Sweep<'a> {
     pub(crate) plan: &'a Plan,
     pub(crate) out: PathBuf,
@@ -81,7 +81,7 @@ pub(crate) struct Sweep<'a> {
 }
 
 impl EngineArgs {
-    /// Return whether an option of the engine was given.
+    /// Whether anything was said of an engine.
     pub(crate) fn is_given(&self) -> bool {
         let Self { engine, partition, time, cores, mem, sbatch_line, retry, dry_run } = self;
         let words = [partition, time, mem];
@@ -114,7 +114,7 @@ impl EngineArgs {
         }
         let request = typed.or(&plan.slurm);
         if let Some(fault) = request_faults(&request) {
-            bail!("sbatch does not take this: {fault}");
+            bail!("sbatch cannot be told that: {fault}");
         }
         Ok(request)
     }
@@ -123,7 +123,7 @@ impl EngineArgs {
         if self.retry { RetryPolicy::Again } else { RetryPolicy::Keep }
     }
 
-    /// Text of a dry run.
+    /// What would be run, as text.
     pub(crate) fn dry_run(&self, sweep: &Sweep<'_>) -> anyhow::Result<String> {
         let request = self.request(sweep.plan)?;
         let points = &sweep.plan.points;
@@ -146,7 +146,7 @@ impl EngineArgs {
     fn runner(&self, sweep: &Sweep<'_>, request: &SlurmRequest) -> anyhow::Result<Runner> {
         let threads = match self.is_slurm() {
             true => request.cores.unwrap_or(1),
-            // A single worker may use the whole machine.
+            // A worker alone has the machine to itself.
             false => (parallel::cores() / sweep.workers.max(1)).max(1),
         };
         Ok(Runner {
@@ -157,7 +157,7 @@ impl EngineArgs {
         })
     }
 
-    /// Run the points of `sweep` that are not finished, and read the results of all.
+    /// Runs what is not finished of `sweep`, and reads what is.
     pub(crate) fn run(&self, sweep: &Sweep<'_>) -> anyhow::Result<Finished> {
         let request = self.request(sweep.plan)?;
         fs::create_dir_all(&sweep.out)
@@ -177,7 +177,7 @@ impl EngineArgs {
         let plan = sweep.plan;
         refuse_while_queued(store, plan)?;
         let stop =
-            interrupt::raised_by_ctrl_c("stopping the running points; finished ones are kept")?;
+            interrupt::raised_by_ctrl_c("ending the points under way; finished ones are kept")?;
         let finished = store.finished(&plan.points)?;
         let mut failed = store.failed()?;
         if self.retry() == RetryPolicy::Again {
@@ -190,7 +190,7 @@ impl EngineArgs {
         let progress = Progress::new(plan.points.len(), plan.points.len() - todo.len());
         if !finished.is_empty() {
             progress.remark(&format!(
-                "{} of {} points are finished already",
+                "{} of {} points are kept",
                 finished.len(),
                 plan.points.len()
             ));
@@ -217,23 +217,23 @@ impl EngineArgs {
         store: &Store,
         with: (&Runner, &SlurmRequest),
     ) -> anyhow::Result<Finished> {
-        let stop = interrupt::raised_by_ctrl_c("leaving the jobs with Slurm")?;
+        let stop = interrupt::raised_by_ctrl_c("leaving; the jobs stay with Slurm")?;
         let progress = Progress::new(plan.points.len(), 0);
         let outcome = run_slurm(plan, store, with, self.retry(), (stop, &progress));
         progress.bar.finish_and_clear();
         let outcome = outcome?;
         let merged = Merged::read(plan, store, &outcome.lost)?;
         let open = (0 < outcome.in_queue + outcome.waiting).then(|| {
-            let mut text = format!("{} tasks remain with Slurm", outcome.in_queue);
+            let mut text = format!("{} tasks stay with Slurm", outcome.in_queue);
             if 0 < outcome.waiting {
                 text.push_str(&format!(
                     " and {} points are still to be submitted",
                     outcome.waiting
                 ));
             }
-            text.push_str("; the same command continues");
+            text.push_str("; come back with the same command");
             if !outcome.jobs.is_empty() {
-                text.push_str(&format!("; cancel them with: scancel {}", outcome.jobs.join(" ")));
+                text.push_str(&format!(", cancel with: scancel {}", outcome.jobs.join(" ")));
             }
             text
         });
@@ -241,10 +241,10 @@ impl EngineArgs {
     }
 }
 
-/// Refuse to run points on this machine while Slurm has tasks of the same sweep.
+/// Refuses to run points here while tasks of the same sweep are with Slurm.
 fn refuse_while_queued(store: &Store, plan: &Plan) -> anyhow::Result<()> {
     match tasks_in_queue(store.root(), plan) {
-        // Without Slurm on this machine the claims of the points keep other engines apart.
+        // Where no Slurm is, nothing of it can be at work on this machine; claims keep others apart.
         Ok(None | Some((0, _))) | Err(SweepError::NoSlurm { .. }) => Ok(()),
         Ok(Some((tasks, jobs))) => {
             let (path, jobs) = (store.root().to_owned(), jobs.join(" "));
@@ -254,29 +254,28 @@ fn refuse_while_queued(store: &Store, plan: &Plan) -> anyhow::Result<()> {
     }
 }
 
-/// Absolute path of `path`, which need not exist.
+/// `path` from the root, whether it is there or not.
 pub(crate) fn absolute(path: &Path) -> anyhow::Result<PathBuf> {
-    std::path::absolute(path)
-        .with_context(|| format!("{}: cannot find the absolute path", path.display()))
+    std::path::absolute(path).with_context(|| format!("{}: cannot be found", path.display()))
 }
 
-/// Form of the result on stdout.
+/// What goes to stdout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum PrintKind {
-    /// Table.
+    /// A table for people.
     Table,
-    /// Result document.
+    /// The result document alone.
     Json,
 }
 
 impl PrintKind {
-    /// Form for the flag `--json`.
+    /// Of the flag `--json`.
     pub(crate) fn of_flag(json: &bool) -> Self {
         if *json { Self::Json } else { Self::Table }
     }
 }
 
-/// Write the files of a sweep, with `page` as `index.html`, and print its result.
+/// Writes the files of a sweep, with `page` as `index.html`, and says how it went.
 pub(crate) fn conclude(
     sweep: &Sweep<'_>,
     finished: &Finished,
@@ -301,7 +300,7 @@ pub(crate) fn conclude(
     if let Some(open) = open {
         tell(open);
     }
-    // Last, because a full disk ends the command here.
+    // Last, because on a full disk it ends the command.
     merged.write((plan, &Store::open(&sweep.out)?), provenance, page)?;
     if print_kind == PrintKind::Json {
         print(merged.to_json(plan, provenance).trim_end())?;
@@ -311,23 +310,19 @@ pub(crate) fn conclude(
         print(&format!("wrote table.csv, table.parquet, sweep.json and index.html in {out}"))?;
     }
     let whole = open.is_none() && merged.rows.len() == plan.points.len();
-    Ok(match (whole, open.is_some() && interrupt::is_raised()) {
-        (true, _) => Outcome::Done,
-        (false, true) => Outcome::Interrupted,
-        (false, false) => Outcome::Lossy,
-    })
+    Ok(if whole { Outcome::Done } else { Outcome::Lossy })
 }
 
-/// Largest number of failures that are reported one by one.
+/// Failures that are told one by one.
 const MOST_TOLD: usize = 20;
 
-/// Print the reason of a failure and the path of its log.
+/// Says what failed, and where more is said.
 fn tell_failure(failed: &FailedPoint) {
     let FailedPoint { title, reason, log, .. } = failed;
-    tell(&format!("failed: {title}: {reason}; see {}", log.display()));
+    tell(&format!("failed: {title}: {reason}; log {}", log.display()));
 }
 
-/// Progress of the points: a bar on a terminal, lines elsewhere.
+/// A bar of points on a terminal, lines elsewhere.
 struct Progress {
     bar: ProgressBar,
     total: usize,

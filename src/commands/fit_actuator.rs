@@ -1,10 +1,9 @@
-//! `klasktron fit-actuator`: fit the actuator network with several seeds and write the result.
+//! `klasktron fit-actuator`: arguments to a set of fits, and their outcome to files.
 
 use super::{
     Outcome,
     engine::{EngineArgs, Sweep},
-    interrupt::{self, Interrupted},
-    print, tell, terminal,
+    interrupt, print, tell, terminal,
 };
 use anyhow::{Context as _, bail};
 use clap::{ValueEnum, builder::PossibleValue};
@@ -24,73 +23,73 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Arguments of `klasktron fit-actuator`.
+/// What can be typed after `klasktron fit-actuator`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
-    after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 -o actuator"
+    after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator"
 )]
 pub(crate) struct Args {
     /// Recordings with /striker/*/command and /striker/*/carriage (or /camera/detections)
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// Folder for actuator.mcap, index.html and the finished fits
-    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "actuator")]
-    output: PathBuf,
-    /// Predicted velocity: carriage (encoders) or striker (camera)
+    #[arg(short, long, value_name = "DIR", default_value = "actuator")]
+    out: PathBuf,
+    /// Velocity to predict: the carriage's from encoders, or the striker's from the camera
     #[arg(long, value_enum, default_value_t = Target::Carriage)]
     target: Target,
     /// Gantry to fit [default: the one with commands and motion; left when both have]
     #[arg(long, value_enum)]
     player: Option<PlayerArg>,
-    /// Input order and activation: 40 inputs with ReLU, or upstream's 38 with softsign
+    /// Order of the inputs and activation: 40 inputs with ReLU, or upstream's 38 with softsign
     #[arg(long, value_enum, default_value_t = LayoutKind::Klasktron)]
     layout: LayoutKind,
-    /// Past samples in the input
+    /// Samples of history that the network sees
     #[arg(long, value_name = "STEPS", default_value = "10", value_parser = parse_count)]
     history: usize,
-    /// Units per hidden layer
+    /// Units of each hidden layer
     #[arg(long, value_name = "UNITS", default_value = "64", value_parser = parse_count)]
     width: usize,
-    /// Number of hidden layers
+    /// Hidden layers
     #[arg(long, value_name = "LAYERS", default_value = "3", value_parser = parse_count)]
     hidden_layers: usize,
-    /// Training epochs
+    /// Passes over the data
     #[arg(long, default_value = "1000", value_parser = parse_count)]
     epochs: usize,
-    /// Batch size (windows per Adam step)
+    /// Windows in each step of Adam
     #[arg(long, value_name = "WINDOWS", default_value = "256", value_parser = parse_count)]
     batch: usize,
-    /// Initial learning rate of Adam
+    /// Step size of Adam at the start
     #[arg(long, default_value = "0.001", value_parser = parse_positive, allow_negative_numbers = true)]
     learning_rate: f64,
-    /// Learning-rate schedule
+    /// How the learning rate goes down
     #[arg(long, value_enum, default_value_t = Schedule::Cosine)]
     schedule: Schedule,
-    /// Prediction horizon of the training loss (1: one step ahead)
+    /// Train on this many samples predicted one from the other (1: one step ahead)
     #[arg(long, value_name = "STEPS", default_value = "1", value_parser = parse_count)]
     horizon: usize,
-    /// Rate to which the recordings are resampled (Hz)
+    /// Samples per second to which the recordings are brought (Hz)
     #[arg(long, value_name = "HZ", default_value = "50", value_parser = parse_positive, allow_negative_numbers = true)]
     rate_hz: f64,
     /// First seed
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Number of seeds, fitted in parallel
+    /// How many seeds, fitted in parallel
     #[arg(long, value_name = "COUNT", default_value = "8", value_parser = parse_count)]
     seeds: usize,
-    /// Fit history {1, 5, 10} x width {32, 64, 128} with --seeds seeds each, and select one
+    /// Fit history {1, 5, 10} x width {32, 64, 128}, --seeds seeds each, and choose
     #[arg(long)]
     ablate: bool,
-    /// Threads; the result does not depend on their number [default: one per core]
+    /// Fits at a time; the result does not depend on it [default: one per core]
     #[arg(long, value_name = "COUNT", value_parser = parse_count)]
     threads: Option<usize>,
-    /// Print only the result document, on stdout
+    /// Print the result document alone on stdout
     #[arg(long)]
     json: bool,
-    /// Write the fits without validation: a point of an ablation
+    /// Keep the fits and judge nothing: a point of an ablation
     #[arg(long, hide = true)]
     fits_only: bool,
-    /// Fewest samples of a run
+    /// Runs of fewer samples are left out
     #[arg(long, value_name = "SAMPLES", hide = true)]
     shortest_run: Option<usize>,
     #[command(flatten)]
@@ -103,7 +102,7 @@ enum PlayerArg {
     Right,
 }
 
-/// Largest count of any option: guards against typing errors that would exhaust memory or time.
+/// Largest whole number that any of the counts may have; beyond it memory or patience runs out.
 const LARGEST_COUNT: usize = 1_000_000;
 
 fn parse_count(text: &str) -> Result<usize, String> {
@@ -120,7 +119,7 @@ fn parse_positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Run `klasktron fit-actuator`.
+/// Runs the command.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let base = args.fit_config()?;
     let kind = if args.ablate { StudyKind::Ablation } else { StudyKind::Seeds };
@@ -130,7 +129,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             (0..args.seeds as u64).map(|k| FitConfig { seed: base.seed + k, ..base }).collect()
         }
     };
-    // In an ablation the longest history decides which runs are long enough for every fit.
+    // Of an ablation, the longest history decides which runs every fit can use.
     let longest_history = configs.iter().map(|config| config.history_steps).max().unwrap_or(0);
     let needed = (longest_history + base.horizon + 1).max(args.shortest_run.unwrap_or(0));
     let config = ResampleConfig { target: args.target, rate_hz: args.rate_hz };
@@ -146,8 +145,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     let (train, held_out) = (dataset.train().len(), dataset.held_out().len());
-    log::info!("{train} training runs, {held_out} validation runs, {} fits", configs.len());
-    let store = Store::open(&args.output.join("fits"), &dataset)?;
+    log::info!("{train} runs to fit, {held_out} to judge by; {} fits", configs.len());
+    let store = Store::open(&args.out.join("fits"), &dataset)?;
     let fits = match kind {
         StudyKind::Seeds => args.fit_here(&configs, &dataset, &store)?,
         StudyKind::Ablation => args.fit_by_engine(&configs, &store, needed)?,
@@ -156,50 +155,38 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         let (asked, finished) = (configs.len(), fits.len());
         let document = serde_json::json!({"fits_asked": asked, "fits_finished": finished});
         print(&document.to_string())?;
-        return Ok(outcome(asked == finished));
+        return Ok(if asked == finished { Outcome::Done } else { Outcome::Lossy });
     }
     let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
-        return Err(Interrupted(
-            "interrupted before the first fit was finished; nothing was written".to_owned(),
-        )
-        .into());
+        bail!("interrupted before the first fit was finished; nothing was written");
     };
-    log::info!("validating the fits");
+    log::info!("judging the fits");
     let summary = study.summary(Provenance::new(args.command_line()));
-    write_outcome(&study, &summary, &args.output)?;
+    write_outcome(&study, &summary, &args.out)?;
     for warning in &summary.warnings {
         tell(&format!("warning: {warning}"));
     }
     if args.json {
         print(&serde_json::to_string_pretty(&summary)?)?;
     } else {
-        print(&table(&summary, &args.output))?;
+        print(&table(&summary, &args.out))?;
     }
     let whole = study.finished == study.asked && !study.dataset.is_damaged();
-    Ok(outcome(whole))
-}
-
-/// Outcome of fits that are `whole` or not; they are not where Ctrl-C has ended the fitting.
-fn outcome(whole: bool) -> Outcome {
-    match (whole, interrupt::is_raised()) {
-        (true, _) => Outcome::Done,
-        (false, true) => Outcome::Interrupted,
-        (false, false) => Outcome::Lossy,
-    }
+    Ok(if whole { Outcome::Done } else { Outcome::Lossy })
 }
 
 /// Folder of the points of an ablation, until their fits are in the store.
 const SWEEP_FOLDER: &str = "sweep";
 
 impl Args {
-    /// Fit `configs` in this process.
+    /// The fits of `configs`, made in this process.
     fn fit_here(
         &self,
         configs: &[FitConfig],
         dataset: &actuator::Dataset,
         store: &Store,
     ) -> anyhow::Result<Vec<Fit>> {
-        let stop = interrupt::raised_by_ctrl_c("the result is made of the finished fits")?;
+        let stop = interrupt::raised_by_ctrl_c("finishing with the fits that are done")?;
         let progress = Progress::new(configs);
         let threads = self.threads.unwrap_or_else(parallel::cores);
         let fits = actuator::fit_all(configs, dataset, store, (threads, stop), &progress)?;
@@ -207,7 +194,7 @@ impl Args {
         Ok(fits)
     }
 
-    /// Fit each of `configs` that is not in the store as a point of a sweep.
+    /// The fits of `configs`, each a point of a sweep, but for those that are in the store.
     fn fit_by_engine(
         &self,
         configs: &[FitConfig],
@@ -226,7 +213,7 @@ impl Args {
             }
             if let Some(failed) = finished.merged.failures.first() {
                 bail!(
-                    "{} of {} fits failed, the first ({}) with: {}; see {}; run them again with --retry",
+                    "{} of {} fits failed, the first ({}) because: {}; log {}; run them again with --retry",
                     finished.merged.failures.len(),
                     configs.len(),
                     failed.title,
@@ -237,15 +224,15 @@ impl Args {
         }
         let fits: Vec<Fit> = configs.iter().filter_map(|config| store.get(config)).collect();
         if fits.len() == configs.len() {
-            // Every fit is in the store now.
-            fs::remove_dir_all(self.output.join(SWEEP_FOLDER)).ok();
+            // Every fit is in the store; the points were the way there.
+            fs::remove_dir_all(self.out.join(SWEEP_FOLDER)).ok();
         }
         Ok(fits)
     }
 
-    /// Move the fits of finished points into the store.
+    /// Moves the fits of finished points to where fits are kept.
     fn gather(&self, plan: &Plan) -> anyhow::Result<()> {
-        let points = PointStore::open(&self.output.join(SWEEP_FOLDER))?;
+        let points = PointStore::open(&self.out.join(SWEEP_FOLDER))?;
         let finished = points.finished(&plan.points)?;
         for point in plan.points.iter().filter(|point| finished.contains(&point.hash)) {
             let folder = points.folder(point).join("fits");
@@ -253,7 +240,7 @@ impl Args {
             for entry in fs::read_dir(&folder).with_context(read)? {
                 let fit = entry.with_context(read)?;
                 let bytes = fs::read(fit.path()).with_context(read)?;
-                let to = self.output.join("fits").join(fit.file_name());
+                let to = self.out.join("fits").join(fit.file_name());
                 write_bytes(&to, ExistingFile::Replace, &bytes)?;
             }
         }
@@ -262,10 +249,11 @@ impl Args {
 
     fn sweep<'a>(&self, plan: &'a Plan) -> Sweep<'a> {
         let workers = self.threads.unwrap_or_else(parallel::cores);
-        Sweep { plan, out: self.output.join(SWEEP_FOLDER), workers }
+        Sweep { plan, out: self.out.join(SWEEP_FOLDER), workers }
     }
 
-    /// Plan with a point for each of `configs`, the largest network first, so that no long fit is left for the end.
+    /// A point for each of `configs`, the largest network first, so that no worker is left with a long fit at
+    /// the end.
     fn plan(&self, configs: &[FitConfig], needed: usize) -> anyhow::Result<Plan> {
         let mut hashes = InputHashes::default();
         let inputs: Vec<String> =
@@ -290,7 +278,7 @@ impl Args {
         })
     }
 
-    /// Command line of one fit.
+    /// What is typed for one fit.
     fn words(&self, config: &FitConfig, needed: usize) -> Vec<String> {
         let mut words = vec!["fit-actuator".to_owned()];
         words.extend(self.recordings.iter().map(|path| path.display().to_string()));
@@ -323,8 +311,8 @@ impl Args {
         })
     }
 
-    /// Command line with every option that decides the result. Output folder and threads are left out, so that equal
-    /// results are equal files.
+    /// The command with every option that decides the result written out. Where it is written and
+    /// how many threads did it are left out, so that equal results are equal files.
     fn command_line(&self) -> String {
         let mut line = "klasktron fit-actuator".to_owned();
         for path in &self.recordings {
@@ -339,7 +327,7 @@ impl Args {
         line
     }
 
-    /// Options that decide the result, with their values.
+    /// Every option that decides the result, with its value.
     fn options(&self) -> Vec<(&'static str, String)> {
         let name = |value: &dyn Fn() -> Option<PossibleValue>| {
             value().map_or_else(String::new, |value| value.get_name().to_owned())
@@ -381,7 +369,7 @@ fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result
     Ok(())
 }
 
-/// Result as a table, with the paths of the files.
+/// The result for people: the figures that decide, and where the rest is.
 fn table(summary: &Summary, out: &Path) -> String {
     let mut lines = vec![format!(
         "{:<22}{:>12}{:>12}{:>12}{:>12}",
@@ -404,7 +392,7 @@ fn table(summary: &Summary, out: &Path) -> String {
     };
     lines.push(format!("{:<22}{median}", format!("network, {seeds}")));
     for (model, title) in
-        [("arx", "linear ARX"), ("lag_delay", "first order + delay"), ("ideal", "ideal")]
+        [("arx", "linear ARX"), ("lag_delay", "lag with delay"), ("ideal", "ideal")]
     {
         let rows = summary.errors.iter().filter(|row| {
             row.model == model && row.pattern == "all" && row.component == actuator::Component::Both
@@ -415,7 +403,7 @@ fn table(summary: &Summary, out: &Path) -> String {
     if let Some(ablation) = &summary.ablation {
         let cell = &ablation.cells[ablation.chosen];
         lines.push(format!(
-            "selected by the one-standard-error rule: {} steps of history, {} units",
+            "chosen by one standard error: {} steps of history, {} units",
             cell.history_steps, cell.width
         ));
     }
@@ -428,7 +416,7 @@ fn table(summary: &Summary, out: &Path) -> String {
     lines.join("\n")
 }
 
-/// Progress bar of epochs.
+/// A bar of epochs.
 struct Progress {
     bar: ProgressBar,
 }

@@ -1,10 +1,6 @@
-//! `klasktron import`: convert bags, npz, CSV and candump logs into recordings.
+//! `klasktron import`: bags, npz, CSV and candump logs become recordings.
 
-use super::{
-    Outcome, note,
-    results::{OverwriteArgs, write_file},
-    tell,
-};
+use super::{Outcome, note, tell};
 use anyhow::Result;
 use clap::{Subcommand, ValueEnum};
 use klasktron::{
@@ -14,19 +10,19 @@ use klasktron::{
         self, AxisColumns, ColumnError, ImportConfig, ImportError, ImportReport, PositionUnit,
         SourceKind, Table,
     },
-    recording::Split,
+    recording::{ExistingFile, Split},
 };
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// Convert bags, npz, CSV and candump logs into recordings
+/// Turn bags, npz, CSV and candump logs into recordings.
 ///
-/// Without a format, `klasktron import FILE -o OUTPUT` takes the format from the name: a folder, .db3 or .mcap
-/// is a bag; .npz and .log (candump) are themselves.
+/// Without a kind, `klasktron import FILE -o OUT` guesses it from the name: a folder, .db3 or .mcap is
+/// a bag, then .npz and .log (candump).
 #[derive(Debug, clap::Args)]
 #[command(
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
-    after_help = "Examples:\n  klasktron import bus.log -o bus.mcap\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
+    after_help = "Examples:\n  klasktron import bus.log --output bus.mcap\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
 )]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -37,23 +33,23 @@ pub(crate) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Kind {
-    /// Convert ROS 2 bags of the KlaskTron table (.db3, .mcap or folders), one run each
+    /// ROS 2 bags of the KlaskTron table (.db3, .mcap or their folder), each as one run
     Bag(BagArgs),
-    /// Convert an npz file of the upstream actuator pipeline
+    /// An npz file of the upstream actuator pipeline
     Npz(NpzArgs),
-    /// Convert a CSV table of any single axis
+    /// A CSV table of any single axis
     Csv(CsvArgs),
-    /// Convert a `candump -L` log of the drives' bus
+    /// A `candump -L` log of the drives' bus
     Candump(CandumpArgs),
 }
 
 #[derive(Debug, clap::Args)]
 struct GuessedArgs {
-    /// File or folder to import
+    /// The file or folder to import
     #[arg(required = true)]
     path: Option<PathBuf>,
-    /// Recording to write
-    #[arg(short, long, alias = "out", value_name = "FILE", required = true)]
+    /// The recording to write
+    #[arg(short, long, value_name = "OUT", required = true)]
     output: Option<PathBuf>,
     #[command(flatten)]
     labels: LabelArgs,
@@ -61,8 +57,8 @@ struct GuessedArgs {
 
 #[derive(Debug, clap::Args)]
 struct OutputArgs {
-    /// Recording to write
-    #[arg(short, long, alias = "out", value_name = "FILE")]
+    /// The recording to write
+    #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     #[command(flatten)]
     labels: LabelArgs,
@@ -70,15 +66,16 @@ struct OutputArgs {
 
 #[derive(Debug, clap::Args)]
 struct LabelArgs {
-    #[command(flatten)]
-    overwrite: OverwriteArgs,
-    /// Session name in the metadata [default: the name of the source]
+    /// Replace the recording if it is there already
+    #[arg(long)]
+    overwrite: bool,
+    /// Session; by default the source's name
     #[arg(long)]
     session: Option<String>,
-    /// Purpose of the recording [default: from the name of the source, or train]
+    /// What the recording is for; by default from the source's name, else train
     #[arg(long)]
     split: Option<SplitArg>,
-    /// Robot name in the metadata [default: unknown]
+    /// Robot; by default "unknown"
     #[arg(long)]
     robot: Option<String>,
 }
@@ -88,14 +85,14 @@ struct BoardArgs {
     /// Short side of the playing field (m)
     #[arg(long, value_name = "METRES", default_value = "0.32", value_parser = parse_side)]
     short_side: f64,
-    /// Long side of the playing field (m); older upstream software has 0.44
+    /// Long side of the playing field (m); older software used 0.44
     #[arg(long, value_name = "METRES", default_value = "0.42", value_parser = parse_side)]
     long_side: f64,
 }
 
 #[derive(Debug, clap::Args)]
 struct BeltArgs {
-    /// Belt travel per motor turn (m)
+    /// Belt per motor turn (m)
     #[arg(long, value_name = "METRES", default_value = "0.04", value_parser = parse_belt)]
     belt_metres_per_turn: CoreXy,
 }
@@ -105,7 +102,7 @@ struct BeltArgs {
     after_help = "Example:\n  klasktron import bag rosbag2_monday rosbag2_tuesday -o bags.mcap"
 )]
 struct BagArgs {
-    /// Bags: folders, .db3 or .mcap files, in the order of the runs
+    /// Bags: folders, .db3 or .mcap files
     #[arg(required = true)]
     paths: Vec<PathBuf>,
     #[command(flatten)]
@@ -119,11 +116,11 @@ struct BagArgs {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  klasktron import npz run.npz --frame sim-mirrored -o run.mcap")]
 struct NpzArgs {
-    /// npz file
+    /// The npz file
     path: PathBuf,
     #[command(flatten)]
     output: OutputArgs,
-    /// Coordinate frame of the values
+    /// Frame of its values
     #[arg(long, default_value = "sim-mirrored")]
     frame: FrameArg,
     #[command(flatten)]
@@ -135,7 +132,7 @@ struct NpzArgs {
     after_help = "Example:\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
 )]
 struct CsvArgs {
-    /// CSV table with the column names in its first row
+    /// The table; its first row holds the column names
     path: PathBuf,
     #[command(flatten)]
     output: OutputArgs,
@@ -151,7 +148,7 @@ struct CsvArgs {
     /// Column of the velocity
     #[arg(long, value_name = "COLUMN")]
     velocity: Option<String>,
-    /// Unit of the position; the velocity has it per second
+    /// Unit of the position, and per second of the velocity
     #[arg(long, default_value = "m")]
     position_unit: PositionUnitArg,
     /// Name of the axis in the topics
@@ -162,11 +159,11 @@ struct CsvArgs {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  klasktron import candump bus.log -o bus.mcap")]
 struct CandumpArgs {
-    /// candump log
+    /// The log
     path: PathBuf,
     #[command(flatten)]
     output: OutputArgs,
-    /// Interface of the drives' bus, where the log holds several
+    /// The drives' bus, when the log holds several interfaces
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
     #[command(flatten)]
@@ -181,11 +178,11 @@ enum SplitArg {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum FrameArg {
-    /// Image frame of the ROS topics: origin top left, x right, y down
+    /// ROS topics: origin top left, x right, y down
     Image,
-    /// Board frame
+    /// The board frame
     Sim,
-    /// Board frame with x mirrored (newer upstream dataset builder)
+    /// The board frame with x mirrored (newer upstream dataset builder)
     SimMirrored,
 }
 
@@ -195,51 +192,28 @@ enum PositionUnitArg {
     Rad,
 }
 
-/// Run `klasktron import`.
+/// Runs the import and says what came of it.
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
-    let (output, overwrite) = args.output();
-    let report = write_file(output, overwrite, |_| args.import())?;
+    let report = match &args.kind {
+        Some(Kind::Bag(bag)) => {
+            let table = Table { board: bag.board.size(), gantry: bag.belt.belt_metres_per_turn };
+            import::import_bags(&bag.paths, &table, &bag.output.config())?
+        }
+        Some(Kind::Npz(npz)) => {
+            let frame = npz.frame.frame();
+            import::import_npz(&npz.path, frame, npz.board.size(), &npz.output.config())?
+        }
+        Some(Kind::Csv(csv)) => {
+            import::import_csv(&csv.path, &csv.columns(), &csv.output.config())?
+        }
+        Some(Kind::Candump(log)) => {
+            let table = Table { gantry: log.belt.belt_metres_per_turn, ..Table::default() };
+            let interface = log.interface.as_deref();
+            import::import_candump(&log.path, interface, &table, &log.output.config())?
+        }
+        None => run_guessed(&args.guessed)?,
+    };
     Ok(tell_report(&report))
-}
-
-impl Args {
-    /// Path of the recording and the treatment of an existing one.
-    fn output(&self) -> (&Path, OverwriteArgs) {
-        let own = match &self.kind {
-            Some(Kind::Bag(bag)) => &bag.output,
-            Some(Kind::Npz(npz)) => &npz.output,
-            Some(Kind::Csv(csv)) => &csv.output,
-            Some(Kind::Candump(log)) => &log.output,
-            None => {
-                let path = self.guessed.output.as_deref().unwrap_or(Path::new(""));
-                return (path, self.guessed.labels.overwrite);
-            }
-        };
-        (&own.output, own.labels.overwrite)
-    }
-
-    fn import(&self) -> Result<ImportReport> {
-        Ok(match &self.kind {
-            Some(Kind::Bag(bag)) => {
-                let gantry = bag.belt.belt_metres_per_turn;
-                let table = Table { board: bag.board.size(), gantry };
-                import::import_bags(&bag.paths, &table, &bag.output.config())?
-            }
-            Some(Kind::Npz(npz)) => {
-                let frame = npz.frame.frame();
-                import::import_npz(&npz.path, frame, npz.board.size(), &npz.output.config())?
-            }
-            Some(Kind::Csv(csv)) => {
-                import::import_csv(&csv.path, &csv.columns(), &csv.output.config())?
-            }
-            Some(Kind::Candump(log)) => {
-                let table = Table { gantry: log.belt.belt_metres_per_turn, ..Table::default() };
-                let interface = log.interface.as_deref();
-                import::import_candump(&log.path, interface, &table, &log.output.config())?
-            }
-            None => run_guessed(&self.guessed)?,
-        })
-    }
 }
 
 fn run_guessed(args: &GuessedArgs) -> Result<ImportReport, ImportError> {
@@ -274,7 +248,7 @@ impl LabelArgs {
     fn config(&self, output: PathBuf) -> ImportConfig {
         ImportConfig {
             output,
-            existing: self.overwrite.existing(),
+            existing: if self.overwrite { ExistingFile::Replace } else { ExistingFile::Refuse },
             session: self.session.clone(),
             split: self.split.map(|split| match split {
                 SplitArg::Train => Split::Train,

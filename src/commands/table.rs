@@ -1,4 +1,4 @@
-//! Arguments of every command that uses a table: bus, camera and robot file, or the virtual rig.
+//! Arguments of every command that works on a table: its bus, camera and robot file, or the virtual rig.
 
 use anyhow::{Context, bail};
 use clap::ValueEnum;
@@ -12,56 +12,50 @@ use klasktron::{
     units::Nanos,
 };
 use std::{
-    env, fs,
+    fs,
     path::{Path, PathBuf},
     time::{SystemTime, UNIX_EPOCH},
 };
 
-/// Start time of recordings of the virtual rig at full speed (2026-01-01, UTC): equal settings give equal bytes.
+/// Recordings of the virtual rig at full speed begin at this time (2026-01-01, UTC), so that equal
+/// settings give equal bytes.
 const VIRTUAL_START: Nanos = Nanos(1_767_225_600_000_000_000);
-
-/// Environment variable for `--bus`.
-pub(crate) const BUS_VARIABLE: &str = "KLASKTRON_BUS";
-/// Environment variable for `--camera`.
-pub(crate) const CAMERA_VARIABLE: &str = "KLASKTRON_CAMERA";
-/// Environment variable for `--robot`.
-pub(crate) const ROBOT_VARIABLE: &str = "KLASKTRON_ROBOT";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct TableArgs {
-    /// CAN bus: socketcan:can0, slcan:/dev/ttyACM0, socketcand:host:port, replay:FILE or virtual
-    #[arg(long, value_name = "BUS", env = BUS_VARIABLE, hide_env_values = true, default_value = "virtual")]
+    /// socketcan:can0, slcan:/dev/ttyACM0, socketcand:host:port, replay:FILE or virtual
+    #[arg(long, value_name = "BUS", default_value = "virtual")]
     pub(crate) bus: BusSpec,
-    /// Address to receive camera detections on: udp:HOST:PORT or unix:PATH; the virtual rig has its own camera
-    #[arg(long, value_name = "CAMERA", env = CAMERA_VARIABLE, hide_env_values = true)]
+    /// Where pictures come in: udp:HOST:PORT or unix:PATH; the virtual rig brings its own
+    #[arg(long, value_name = "CAMERA")]
     camera: Option<CameraSpec>,
-    /// Robot file (JSON): drives, workspace, limits, time-outs [default: the KlaskTron table]
-    #[arg(long, value_name = "FILE", env = ROBOT_VARIABLE, hide_env_values = true)]
+    /// Robot file (JSON): drives, field, limits, time-outs [default: the KlaskTron table]
+    #[arg(long, value_name = "FILE")]
     robot: Option<PathBuf>,
     /// Parameters and hidden effects of the virtual rig (JSON)
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Speed of the virtual rig
+    /// How fast the virtual rig runs
     #[arg(long, value_enum, default_value = "real")]
     speed: SpeedArg,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum SpeedArg {
-    /// Real time
+    /// As a real table
     Real,
-    /// As fast as the computer can simulate
+    /// As fast as it can be computed
     Max,
 }
 
-/// Contents of the robot and the rig file.
+/// The files that the arguments name, read.
 pub(crate) struct TableFiles {
     pub(crate) robot: Robot,
     pub(crate) rig: RigConfig,
 }
 
 impl TableArgs {
-    /// Read the robot and the rig file; without a rig file the rig is `usual_rig`.
+    /// Reads robot and rig file; without a rig file the rig is `usual_rig`.
     pub(crate) fn read_files(&self, usual_rig: RigConfig) -> anyhow::Result<TableFiles> {
         let virtual_only = self.rig.is_some() || self.speed == SpeedArg::Max;
         if virtual_only && self.bus != BusSpec::Virtual {
@@ -76,12 +70,12 @@ impl TableArgs {
         })
     }
 
-    /// Return whether there is a camera.
+    /// Whether pictures come in.
     pub(crate) fn has_camera(&self) -> bool {
         self.camera.is_some() || self.bus == BusSpec::Virtual
     }
 
-    /// Source for the recording's metadata: `virtual`, `import` or `hardware`.
+    /// `virtual` or `hardware`, as recordings say it.
     pub(crate) fn source(&self) -> &'static str {
         match self.bus {
             BusSpec::Virtual => "virtual",
@@ -90,12 +84,12 @@ impl TableArgs {
         }
     }
 
-    /// Connect to the table. The lock of its device is held as long as the link.
+    /// Connects to the table. The lock is held for as long as the link is used.
     pub(crate) fn open(&self, files: &TableFiles) -> anyhow::Result<OpenTable> {
         match &self.bus {
             BusSpec::Virtual => {
-                if self.camera.is_some() && !self.is_camera_of_environment() {
-                    bail!("the virtual rig has its own camera; omit --camera");
+                if self.camera.is_some() {
+                    bail!("the virtual rig has its own camera; leave --camera out");
                 }
                 Ok(OpenTable::Virtual(Box::new(self.virtual_link(files)?)))
             }
@@ -105,12 +99,6 @@ impl TableArgs {
             }
             BusSpec::Live(transport) => self.open_live(transport, &files.robot),
         }
-    }
-
-    /// Return whether the camera is the one of the environment, which is meant for the real table.
-    fn is_camera_of_environment(&self) -> bool {
-        let variable = env::var(CAMERA_VARIABLE).ok().and_then(|text| text.parse().ok());
-        variable.is_some() && self.camera == variable
     }
 
     fn virtual_link(&self, files: &TableFiles) -> anyhow::Result<VirtualLink> {
@@ -130,16 +118,16 @@ impl TableArgs {
     }
 }
 
-/// Connection to a table.
+/// A connection to a table.
 pub(crate) enum OpenTable {
-    /// Rig in this process.
+    /// The rig inside this program.
     Virtual(Box<VirtualLink>),
-    /// Any other link, with the lock of its device.
+    /// Everything else, with the lock of its device.
     Other { link: Box<dyn Link>, _lock: Option<BusLock> },
 }
 
 impl OpenTable {
-    /// Link to drives and camera.
+    /// Its link.
     pub(crate) fn link(&mut self) -> &mut dyn Link {
         match self {
             Self::Virtual(link) => &mut **link,
@@ -147,7 +135,7 @@ impl OpenTable {
         }
     }
 
-    /// Ground truth of the virtual rig; `None` on a real table.
+    /// What is really the case, where that is known.
     pub(crate) fn truth(&self) -> Option<Truth> {
         match self {
             Self::Virtual(link) => Some(link.truth()),
@@ -156,7 +144,7 @@ impl OpenTable {
     }
 }
 
-/// Contents of a JSON file, or the default without a file.
+/// What a JSON file says; the default without a file.
 pub(crate) fn read_or_default<T: Default>(
     path: Option<&Path>,
     parse: impl Fn(&str) -> anyhow::Result<T>,
@@ -170,7 +158,7 @@ fn read_json<T>(path: &Path, parse: impl Fn(&str) -> anyhow::Result<T>) -> anyho
     parse(&text).with_context(|| format!("{file}"))
 }
 
-/// Parse a number within a range, for an option.
+/// A number within a range, for a flag.
 pub(crate) fn parse_within(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if low <= value && value <= high => Ok(value),
@@ -178,7 +166,7 @@ pub(crate) fn parse_within(text: &str, low: f64, high: f64, unit: &str) -> Resul
     }
 }
 
-/// System time since the Unix epoch.
+/// The system's time, since the Unix epoch.
 fn system_time() -> Nanos {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     Nanos(since.as_nanos() as u64)

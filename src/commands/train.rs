@@ -1,11 +1,9 @@
-//! `klasktron train`: train a policy with given settings and a model of the actuator.
+//! `klasktron train`: settings and an actuator to a policy.
 
 use super::{
     Outcome,
     engine::{EngineArgs, Finished, PrintKind, Sweep, conclude},
-    interrupt, note, print,
-    results::OverwriteArgs,
-    tell, terminal,
+    interrupt, note, print, tell, terminal,
 };
 use anyhow::{Context as _, bail};
 use indicatif::ProgressBar;
@@ -35,76 +33,77 @@ use std::{
     time::{Instant, SystemTime, UNIX_EPOCH},
 };
 
-/// Arguments of `klasktron train`.
+/// What can be typed after `klasktron train`.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  klasktron train --steps 20e6 -o policy\n  klasktron train --actuator actuator/actuator.mcap --hidden 256,128,64 -o policy\n  klasktron train --steps 20e6 -o policy --resume\n  klasktron train --steps 20e6 --seeds 5 -o policies"
+    after_help = "Examples:\n  klasktron train --steps 20e6 --out policy\n  klasktron train --actuator actuator/actuator.mcap --hidden 256,128,64 --out policy\n  klasktron train --steps 20e6 --out policy --resume\n  klasktron train --steps 20e6 --seeds 5 --out policies"
 )]
 pub(crate) struct Args {
-    /// Transitions of all environments, such as 20e6 [default: 20e6]
+    /// Transitions of all boards together, such as 20e6 [default: 20e6]
     #[arg(long, value_name = "COUNT", value_parser = parse_steps)]
     steps: Option<u64>,
-    /// Parallel environments [default: 4096]
+    /// Boards that are played at once [default: 4096]
     #[arg(long, value_name = "COUNT")]
     envs: Option<usize>,
-    /// Widths of the hidden layers, such as 256,128,64 [default: from the preset]
+    /// Widths of the hidden layers, such as 256,128,64 [default: that of the preset]
     #[arg(long, value_name = "UNITS", value_delimiter = ',')]
     hidden: Vec<usize>,
-    /// Hyperparameters: table II of the paper, or upstream's rl_games configuration
+    /// Recipe: the paper's table II, or upstream's for rl_games
     #[arg(long, value_enum, default_value_t = Preset::Paper)]
     preset: Preset,
-    /// Settings file (JSON from --print-settings) instead of a preset; options take precedence
+    /// Settings as JSON, as --print-settings prints them, instead of a preset; flags still win
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     settings: Option<PathBuf>,
-    /// Reward shaping [default: dense-ball-to-goal]
+    /// What is paid for besides results [default: dense-ball-to-goal]
     #[arg(long, value_enum)]
     curriculum: Option<Curriculum>,
-    /// Opponents: earlier policies (enhanced self-play, uniform, best) or a script [default: enhanced]
+    /// Earlier policies (enhanced self-play, uniformly, the newest) or a script [default: enhanced]
     #[arg(long, value_enum)]
     opponents: Option<OpponentsArg>,
-    /// Actuator model: ideal, a twin.json or an actuator.mcap
+    /// How commands become motion: ideal, a twin.json or an actuator.mcap
     #[arg(long, value_name = "ideal|FILE", default_value = "ideal")]
     actuator: PathBuf,
-    /// Domain randomization: draw the physics of every episode from table III of the paper
+    /// Draw the physics of every episode from the paper's table III
     #[arg(long)]
     randomize: bool,
-    /// Play with three magnets, which stick to strikers; two of them lose the point
+    /// Lay three magnets on the board that stick to strikers; two lose the point
     #[arg(long)]
     biscuits: bool,
-    /// Observation: 12 standard values, or 20 with angles and distances [default: 20]
+    /// What players see: 12 standard values, or with 8 angles and distances [default: 20]
     #[arg(long, value_enum)]
     observations: Option<ObservationsArg>,
-    /// Evaluation games against each scripted player, an even number; 0: none [default: 1000]
+    /// Games against each scripted player at the end, even; 0 for no judgement [default: 1000]
     #[arg(long, value_name = "COUNT")]
     games: Option<usize>,
-    /// Seed of all random numbers [default: 0]
+    /// Everything random comes from it [default: 0]
     #[arg(long)]
     seed: Option<u64>,
-    /// Train this many seeds from --seed on, each in OUTPUT/seed-N, with one page and table
+    /// Train this many seeds from --seed on, each in OUT/seed-N, with one page and table of all
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..=1000),
         conflicts_with_all = ["resume", "overwrite", "tensorboard", "print_settings"])]
     seeds: Option<u64>,
-    /// Folder for policy.mcap and index.html, or the path of an .mcap file
-    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "policy")]
-    output: PathBuf,
-    /// Continue from the newest checkpoint in OUTPUT, with the bytes of an uninterrupted run
+    /// Folder for policy.mcap and index.html, or the name of an .mcap file
+    #[arg(short, long, value_name = "DIR", default_value = "policy")]
+    out: PathBuf,
+    /// Go on from the newest checkpoint in OUT, with the bytes of a run that was never interrupted
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
-    #[command(flatten)]
-    overwrite: OverwriteArgs,
+    /// Replace a policy that exists already
+    #[arg(long)]
+    overwrite: bool,
     /// Folder for TensorBoard event files
     #[arg(long, value_name = "DIR")]
     tensorboard: Option<PathBuf>,
-    /// Threads; the result does not depend on their number [default: one per core]
+    /// Threads; the result does not depend on it [default: one per core]
     #[arg(long, value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
-    /// Print the settings as JSON and exit
+    /// Print the settings as JSON and end
     #[arg(long)]
     print_settings: bool,
-    /// Print only the result document, on stdout
+    /// Print the result document alone on stdout
     #[arg(long)]
     json: bool,
-    /// Omit times from the document, so that equal results are equal bytes
+    /// Leave times out of the document, so that equal results are equal bytes
     #[arg(long, requires = "json")]
     without_times: bool,
     #[command(flatten)]
@@ -152,13 +151,13 @@ fn parse_steps(text: &str) -> Result<u64, String> {
     }
 }
 
-/// Paths of the results.
+/// Where the results go.
 struct Places {
     policy: PathBuf,
     page: PathBuf,
 }
 
-/// One training run.
+/// What is trained, on what.
 struct Task {
     settings: TrainSettings,
     game: GameSettings,
@@ -168,7 +167,7 @@ struct Task {
     threads: NonZeroUsize,
 }
 
-/// Result document with times, which no file holds.
+/// The result document with what no file may hold: times.
 #[derive(Serialize)]
 struct Document<'a> {
     #[serde(flatten)]
@@ -178,7 +177,7 @@ struct Document<'a> {
     times: TimeShares,
 }
 
-/// Run `klasktron train`.
+/// Runs the command.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let settings = args.settings()?;
     settings.check()?;
@@ -191,7 +190,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return run_seeds(args, &settings, seeds);
     }
     if args.engine.is_given() {
-        bail!("options of an engine need --seeds; a single run is made in this process");
+        bail!("options of an engine need --seeds; a single run is made here");
     }
     let provenance = Provenance::new(args.command_line(&settings));
     let threads = args.threads.or_else(|| NonZeroUsize::new(cores()));
@@ -199,7 +198,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let places = args.places();
     let task = Task { settings, game, actuator, places, provenance, threads };
     let mut run = task.begin(args)?;
-    let stop = interrupt::raised_by_ctrl_c("finishing the current update")?;
+    let stop = interrupt::raised_by_ctrl_c("finishing the update")?;
     let mut events = args
         .tensorboard
         .as_ref()
@@ -220,32 +219,27 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         (false, _) => table(&summary, &run, &task),
     };
     print(&text)?;
-    Ok(match (summary.finished, interrupt::is_raised()) {
-        (true, _) => Outcome::Done,
-        (false, true) => Outcome::Interrupted,
-        (false, false) => Outcome::Lossy,
-    })
+    Ok(if summary.finished { Outcome::Done } else { Outcome::Lossy })
 }
 
-/// Train several seeds as points of a sweep.
+/// Several seeds as points of a sweep.
 fn run_seeds(args: &Args, settings: &TrainSettings, seeds: u64) -> anyhow::Result<Outcome> {
-    if args.output.extension().is_some_and(|extension| extension == "mcap") {
-        bail!("{}: several seeds need a folder as --output, not a file", args.output.display());
+    if args.out.extension().is_some_and(|extension| extension == "mcap") {
+        bail!("{}: several seeds need a folder, not a file", args.out.display());
     }
     let last = settings.seed.checked_add(seeds - 1);
-    let last =
-        last.with_context(|| format!("--seed {} is too large for {seeds} seeds", settings.seed))?;
-    let file = args.output.join("settings.json");
+    let last = last.with_context(|| format!("--seed {} leaves no {seeds} seeds", settings.seed))?;
+    let file = args.out.join("settings.json");
     let plan = seeds_plan(args, settings, (&file, last))?;
     let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
     let workers = plan.points.len().min(threads);
-    let sweep = Sweep { plan: &plan, out: args.output.clone(), workers };
+    let sweep = Sweep { plan: &plan, out: args.out.clone(), workers };
     if args.engine.is_dry_run() {
         print(&args.engine.dry_run(&sweep)?)?;
         return Ok(Outcome::Done);
     }
-    // Refuse a folder with other settings before anything is written into it.
-    Store::open(&args.output)?.finished(&plan.points)?;
+    // Refuses the folder of other settings before anything in it is touched.
+    Store::open(&args.out)?.finished(&plan.points)?;
     write_bytes(&file, ExistingFile::Replace, settings.to_json().as_bytes())?;
     let finished = args.engine.run(&sweep)?;
     let provenance = Provenance::new(format!("{} --seeds {seeds}", args.command_line(settings)));
@@ -253,7 +247,7 @@ fn run_seeds(args: &Args, settings: &TrainSettings, seeds: u64) -> anyhow::Resul
     conclude(&sweep, &finished, (&provenance, &html), PrintKind::of_flag(&args.json))
 }
 
-/// Plan with a point in `seed-N` for every seed up to `last`; `file` holds the settings.
+/// A point in `seed-N` for every seed up to `last`; `file` will hold the settings.
 fn seeds_plan(
     args: &Args,
     settings: &TrainSettings,
@@ -287,7 +281,7 @@ fn seeds_plan(
     })
 }
 
-/// Results of every finished seed for the page.
+/// What the page tells of every finished seed.
 fn seed_runs(sweep: &Sweep<'_>, finished: &Finished) -> anyhow::Result<Vec<SeedRun>> {
     let store = Store::open(&sweep.out)?;
     let mut runs = Vec::new();
@@ -341,7 +335,7 @@ impl Args {
         Ok(settings)
     }
 
-    /// Command line with every option that decides the result; the settings are in their own file.
+    /// The command with what decides the result, but for the settings, which stand beside it.
     fn command_line(&self, settings: &TrainSettings) -> String {
         let hidden: Vec<String> = settings.ppo.hidden.iter().map(ToString::to_string).collect();
         format!(
@@ -355,16 +349,16 @@ impl Args {
     }
 
     fn places(&self) -> Places {
-        if self.output.extension().is_some_and(|extension| extension == "mcap") {
-            let page = self.output.with_extension("html");
-            return Places { policy: self.output.clone(), page };
+        if self.out.extension().is_some_and(|extension| extension == "mcap") {
+            let page = self.out.with_extension("html");
+            return Places { policy: self.out.clone(), page };
         }
-        Places { policy: self.output.join("policy.mcap"), page: self.output.join("index.html") }
+        Places { policy: self.out.join("policy.mcap"), page: self.out.join("index.html") }
     }
 }
 
 impl Task {
-    /// Begin a new run, or continue one.
+    /// A new run, or one that is taken up again.
     fn begin(&self, args: &Args) -> anyhow::Result<Run> {
         let policy = &self.places.policy;
         let machine = Machine { threads: self.threads, clock };
@@ -374,19 +368,13 @@ impl Task {
             return Ok(Run::resume(&self.settings, &self.game, machine, checkpoint)?);
         }
         if args.resume {
-            note(&format!(
-                "{}: no checkpoint to continue from; a new run begins",
+            note(&format!("{}: nothing to resume; starting anew", policy.display()));
+        } else if policy.exists() && !args.overwrite {
+            bail!(
+                "{}: this policy exists; go on with --resume, replace it with --overwrite, or choose another \
+                 --out",
                 policy.display()
-            ));
-        }
-        for existing in [policy, &self.places.page] {
-            if existing.exists() && !args.resume && !args.overwrite.overwrite {
-                bail!(
-                    "{}: exists already; continue with --resume, replace it with --overwrite, or give \
-                     another --output",
-                    existing.display()
-                );
-            }
+            );
         }
         if let Some(folder) = policy.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             fs::create_dir_all(folder)
@@ -395,7 +383,7 @@ impl Task {
         Ok(Run::new(&self.settings, &self.game, machine)?)
     }
 
-    /// Update until training is complete or interrupted; every checkpoint writes the file.
+    /// Updates until all are done or Ctrl-C; the file is written at every checkpoint.
     fn train(
         &self,
         run: &mut Run,
@@ -407,7 +395,7 @@ impl Task {
             let at_checkpoint = run.is_at_checkpoint();
             if let Err(error) = run.update() {
                 bar.finish_and_clear();
-                return self.keep_checkpoint(run, error);
+                return self.keep_what_is_good(run, error);
             }
             if at_checkpoint {
                 self.write(run, &self.summary(run, None), &[])?;
@@ -426,12 +414,12 @@ impl Task {
         Ok(())
     }
 
-    /// Write the run before a number that is not finite, and return the error.
-    fn keep_checkpoint(&self, run: &Run, error: TrainError) -> anyhow::Result<()> {
+    /// After a number that is none: the run as it was before, then the error.
+    fn keep_what_is_good(&self, run: &Run, error: TrainError) -> anyhow::Result<()> {
         self.write(run, &self.summary(run, None), &[])?;
         let kept = self.places.policy.display();
         Err(anyhow::Error::new(error)
-            .context(format!("{kept} keeps the newest checkpoint; try a lower learning_rate")))
+            .context(format!("the newest checkpoint is kept in {kept}; try a lower learning_rate")))
     }
 
     fn summary(&self, run: &Run, evaluation: Option<klasktron::train::Evaluation>) -> Summary {
@@ -450,9 +438,9 @@ impl Task {
         Ok(())
     }
 
-    /// Evaluate the policy where training is complete, and write the results.
+    /// Judges the policy when training is done, and writes everything.
     fn finish(&self, run: &Run) -> anyhow::Result<Summary> {
-        log::info!("trained after {:.1} s; evaluating", clock());
+        log::info!("trained after {:.1} s; judging", clock());
         let evaluation = if run.is_done() { Some(evaluate(run, self.threads)?) } else { None };
         let players = [
             Opponent::Policy(Box::new(run.policy()), Choice::Mean),
@@ -469,18 +457,18 @@ impl Task {
     }
 }
 
-/// Time since the first call (s).
+/// Seconds since the program first asked.
 fn clock() -> f64 {
     static START: OnceLock<Instant> = OnceLock::new();
     START.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
-/// Time since the Unix epoch (s).
+/// Seconds since the Unix epoch.
 fn wall_time() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
 }
 
-/// Progress bar of transitions.
+/// A bar of transitions.
 fn progress(run: &Run) -> ProgressBar {
     let settings = run.settings();
     let transitions = settings.updates() * settings.transitions_per_update();
@@ -507,13 +495,13 @@ fn json(summary: &Summary, times: TimeShares) -> anyhow::Result<String> {
     Ok(serde_json::to_string_pretty(&document)?)
 }
 
-/// Result as a table.
+/// The result for people.
 fn table(summary: &Summary, run: &Run, task: &Task) -> String {
     let mut lines = Vec::new();
     if let Some(evaluation) = &summary.evaluation {
         lines.push(format!(
             "{:<14}{:>7}{:>7}{:>7}{:>18}{:>17}{:>16}",
-            "opponent", "won", "drawn", "lost", "win rate", "95 %", "goals per min"
+            "against", "won", "drawn", "lost", "won of decided", "95 %", "points per min"
         ));
         for judged in &evaluation.opponents {
             let both = judged.score.both();
@@ -538,7 +526,7 @@ fn table(summary: &Summary, run: &Run, task: &Task) -> String {
         if let Some(row) = best {
             let place = evaluation.elo.iter().position(|other| other == row).unwrap_or(0) + 1;
             lines.push(format!(
-                "Elo {:.0}, rank {place} of {} in the round robin",
+                "Elo {:.0}, place {place} of {} in the round robin",
                 row.rating,
                 evaluation.elo.len()
             ));
