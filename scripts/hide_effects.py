@@ -269,7 +269,7 @@ CASES = {
     "scale": ([turned_camera(1.005, 0.0)], [{"effect": "sensor.camera_scale_rotation", "scale": 1.005}]),
     "noise": ([noisy_camera(3e-4)], [{"effect": "sensor.noise_model", "added_rms_m": 3e-4}]),
     "jitter": ([jittering_camera(0.001)], [{"effect": "sensor.frame_jitter", "rms_s": 0.001}]),
-    "losses": ([lossy_camera(0.08)], [{"effect": "sensor.frame_drop", "share": 0.08}]),
+    "losses": ([lossy_camera(0.08)], [{"effect": "sensor.frame_drop", "fraction": 0.08}]),
     "play": ([loose(4e-4)], [{"effect": "drive.backlash", "width_m": 4e-4}]),
     "play-small": ([loose(1.5e-4)], [{"effect": "drive.backlash", "width_m": 1.5e-4}]),
     "spring": ([sprung(60.0, 0.2)], [{"effect": "coupling.magnet_spring", "stiffness_n_per_m": 60.0}]),

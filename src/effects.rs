@@ -1,22 +1,22 @@
-//! The catalogue: every physical effect that a twin can have, and that a gap can be named after.
+//! Catalogue of the physical effects that a twin can contain and that `gap` can identify.
 //!
-//! An effect is one small file with one `static`: its name, its parameters with unit and range, the
-//! plain function that is its physics, what its residual depends on, what excites it, and what it is
-//! confused with. The simulators of the `twin` room call the function at the place in the
-//! measured chain that [`Physics`] names; nothing else in the crate knows an effect by name. To add
-//! one, write its file and add its line to [`CATALOGUE`].
+//! Each effect is one small file with one `static`: name, equation, parameters with unit and range, the
+//! plain function of its physics, observable signals, excitation, confounded effects and reference. The
+//! simulators of the [`twin`](crate::twin) module call the function at the place in the measured chain
+//! that [`Physics`] defines. No other code refers to an effect by name. To add an effect, write its file,
+//! and add its line to [`CATALOGUE`].
 //!
 //! The chain, with the place of each kind of physics:
 //!
 //! ```text
-//! command -> [CommandDelay] -> [Command] -> [Ramp] -> [VelocityLoop] -> [Effort] -> belts and rails
-//!    rails: [Force] [Friction] [Inertia]        motor -> [Encoder]       motor -> [Play] -> magnet
+//! command -> [CommandDelay] -> [Command] -> [Ramp] -> [VelocityLoop] -> [Effort] -> belts and guides
+//!   guides: [Force] [Friction] [Inertia]      motor -> [Encoder]      motor -> [Backlash] -> magnet
 //! magnet -> [Coupling] -> striker -> [Camera] -> [CameraDelay] -> detection -> [Estimator] -> state
-//! ball: [Roll] [Resistance] [Slide] between impacts, [Impact] [Wall] at them, then the same camera
+//! ball: [Roll] [Resistance] [Slide] between impacts, [Impact] [Wall] at impacts, then the same camera
 //! ```
 //!
-//! Motor-side physics acts in belt coordinates (`a` = x + y, `b` = x - y), rails and tilt in board
-//! coordinates; [`Site`] says which, and an effect can be present on one axis alone.
+//! Motor-side physics acts in belt coordinates (`a` = x + y, `b` = x - y), guides and tilt in board
+//! coordinates. [`Site`] defines the coordinates; an effect can also act on one axis alone.
 
 mod ball;
 mod coupling;
@@ -44,19 +44,19 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Domain {
-    /// Command, motor, belt.
+    /// Command, motor and belt.
     Drive,
-    /// Rails, beam, frame.
+    /// Guides, bridge and frame.
     Gantry,
-    /// Carriage to striker through the board.
+    /// Magnetic coupling of carriage and striker through the board.
     Coupling,
     /// The free ball.
     Ball,
-    /// The ball against walls and strikers.
+    /// Impacts of the ball on walls and strikers.
     Impact,
     /// Camera and encoders.
     Sensor,
-    /// What makes velocities from positions.
+    /// State estimator: velocities from positions.
     Estimator,
 }
 
@@ -74,10 +74,10 @@ impl fmt::Display for Domain {
     }
 }
 
-/// Where an instance of an effect acts.
+/// Axis on which an instance of an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Axis {
-    /// Both motors alike; the only motor of a single axis.
+    /// Both motors with the same parameters; the motor of a single axis.
     #[serde(rename = "a+b")]
     Motors,
     /// Motor a.
@@ -86,50 +86,50 @@ pub enum Axis {
     /// Motor b.
     #[serde(rename = "b")]
     B,
-    /// Both rails alike; the only rail of a single axis.
+    /// Both guides with the same parameters; the guide of a single axis.
     #[serde(rename = "x+y")]
-    Rails,
+    Guides,
     /// The carriage along x.
     #[serde(rename = "x")]
     X,
-    /// Carriage and bridge along y.
+    /// The carriage and the bridge along y.
     #[serde(rename = "y")]
     Y,
-    /// The effect has no direction of its own.
+    /// No axis: the effect acts on the whole machine.
     #[serde(rename = "all")]
     Whole,
 }
 
 impl Axis {
-    /// Whether physics at this place acts on coordinate `index` (0: a or x, 1: b or y).
+    /// Return whether physics on this axis acts on coordinate `index` (0: a or x, 1: b or y).
     #[must_use]
     pub fn covers(self, index: usize) -> bool {
         match self {
-            Self::Motors | Self::Rails | Self::Whole => true,
+            Self::Motors | Self::Guides | Self::Whole => true,
             Self::A | Self::X => index == 0,
             Self::B | Self::Y => index == 1,
         }
     }
 
-    /// Whether two instances of one effect at these places would act on the same coordinate. A motor and a
-    /// rail never do: friction can sit in both.
+    /// Return whether two instances of one effect on these axes act on the same coordinate. A motor and a
+    /// guide never do: friction can act on both.
     #[must_use]
     pub fn overlaps(self, other: Self) -> bool {
         self.is_motor() == other.is_motor()
             && (0..2).any(|index| self.covers(index) && other.covers(index))
     }
 
-    /// The two single places that make up this shared one, on a machine with two motors.
+    /// The two single axes of a shared axis, on a machine with two motors; `None` for a single axis.
     #[must_use]
     pub fn parts(self) -> Option<[Self; 2]> {
         match self {
             Self::Motors => Some([Self::A, Self::B]),
-            Self::Rails => Some([Self::X, Self::Y]),
+            Self::Guides => Some([Self::X, Self::Y]),
             Self::A | Self::B | Self::X | Self::Y | Self::Whole => None,
         }
     }
 
-    /// Whether this is a place in belt coordinates.
+    /// Return whether this is an axis in belt coordinates.
     #[must_use]
     pub fn is_motor(self) -> bool {
         matches!(self, Self::Motors | Self::A | Self::B)
@@ -142,7 +142,7 @@ impl fmt::Display for Axis {
             Self::Motors => "a+b",
             Self::A => "a",
             Self::B => "b",
-            Self::Rails => "x+y",
+            Self::Guides => "x+y",
             Self::X => "x",
             Self::Y => "y",
             Self::Whole => "all",
@@ -150,84 +150,86 @@ impl fmt::Display for Axis {
     }
 }
 
-/// The coordinates in which an effect may act, and so the places that are tried.
+/// Coordinates in which an effect may act, and so the axes of its candidates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Site {
     /// Belt coordinates: both motors, then each alone.
     Motors,
-    /// Board coordinates: both rails, then each alone.
-    Rails,
-    /// Motors and rails: friction can sit in either.
-    MotorsAndRails,
-    /// Belt coordinates, one motor at a time: what both share has another name.
+    /// Board coordinates: both guides, then each alone.
+    Guides,
+    /// Motors and guides: friction can act on either.
+    MotorsAndGuides,
+    /// Belt coordinates, one motor at a time: the effect is a difference between the motors.
     OneMotor,
-    /// Belt coordinates, one motor at a time: each stands at a phase of its own, so both have it twice.
+    /// Belt coordinates, one motor at a time: each motor has its own phase.
     EachMotor,
-    /// Board coordinates, one rail at a time: it has numbers that are no other rail's.
-    OneRail,
-    /// One place only.
+    /// Board coordinates, one guide at a time: each guide has its own parameters.
+    OneGuide,
+    /// The whole machine.
     Whole,
 }
 
 impl Site {
-    /// The places to try, the shared ones first.
+    /// Axes of the candidates, the shared ones first.
     #[must_use]
     pub fn axes(self) -> &'static [Axis] {
         match self {
             Self::Motors => &[Axis::Motors, Axis::A, Axis::B],
-            Self::Rails => &[Axis::Rails, Axis::X, Axis::Y],
-            Self::MotorsAndRails => {
-                &[Axis::Rails, Axis::X, Axis::Y, Axis::Motors, Axis::A, Axis::B]
+            Self::Guides => &[Axis::Guides, Axis::X, Axis::Y],
+            Self::MotorsAndGuides => {
+                &[Axis::Guides, Axis::X, Axis::Y, Axis::Motors, Axis::A, Axis::B]
             }
             Self::OneMotor | Self::EachMotor => &[Axis::A, Axis::B],
-            Self::OneRail => &[Axis::X, Axis::Y],
+            Self::OneGuide => &[Axis::X, Axis::Y],
             Self::Whole => &[Axis::Whole],
         }
     }
 }
 
-/// Unit of a number that is added to a command or compared with one: m/s of belt for a velocity
-/// drive, the unit of its input for any other axis.
+/// Unit of a parameter that is added to a command or compared with one. It is m/s of belt for a velocity
+/// drive, and the unit of the input for any other axis.
 pub const COMMAND_UNIT: &str = "command";
 
-/// One number of an effect.
+/// One parameter of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
     /// Name with its unit, such as `force_n`.
     pub name: &'static str,
+    /// Symbol in the equation of the effect.
+    pub symbol: &'static str,
     /// Unit, `1` for a ratio.
     pub unit: &'static str,
-    /// A typical size, by which steps of the fit are scaled.
+    /// Typical magnitude, which scales the steps of the fit.
     pub scale: f64,
-    /// Hard ends; a fit that stops on one has failed.
+    /// Hard bounds; a fit that ends on one has failed.
     pub bounds: (f64, f64),
-    /// Plausible range of the catalogue, an estimate: outside it a name carries a flag.
+    /// Typical range, an estimate; a fitted value outside of it is flagged.
     pub plausible: (f64, f64),
-    /// Belongs to a session (a phase, an offset), and says nothing about the machine.
+    /// Whether the value belongs to a session (a phase, an offset) and not to the machine.
     pub per_session: bool,
 }
 
-/// What a residual can depend on, for locating and for saying why.
+/// Quantity on which a residual can depend, for localization and explanation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Regressor {
-    /// Nothing: a constant.
+    /// A constant.
     Constant,
     /// Position along the axis.
     Position,
-    /// Position within a turn or a pitch.
+    /// Phase within a turn or a pitch.
     Phase,
     /// Velocity.
     Velocity,
     /// Sign of the velocity.
     Direction,
-    /// Speed, whatever its sign.
+    /// Speed: magnitude of the velocity.
     Speed,
     /// Acceleration.
     Acceleration,
     /// Derivative of the acceleration.
     Jerk,
-    /// Size of the drive force.
+    /// Magnitude of the drive force.
     Load,
     /// Command.
     Command,
@@ -241,55 +243,132 @@ pub enum Regressor {
     ImpactSpeed,
 }
 
+/// Recorded signal in which an effect is observable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Signal {
+    /// Position of a motor, by its encoder.
+    MotorPosition,
+    /// Velocity of a motor, by its encoder.
+    MotorVelocity,
+    /// Torque of a motor, as its drive reports it.
+    MotorTorque,
+    /// Input of a single axis, such as its force.
+    AxisInput,
+    /// Position of a striker, by the camera.
+    StrikerPosition,
+    /// Position of the ball, by the camera.
+    BallPosition,
+    /// Time stamps of the camera frames.
+    FrameTime,
+    /// Velocity in the state estimate.
+    StateVelocity,
+}
+
+impl Signal {
+    /// Signals of effects on the drive of a table and of a single axis.
+    pub(crate) const DRIVE: &[Self] = &[Self::MotorVelocity, Self::MotorTorque, Self::AxisInput];
+    /// Signals of effects on the drives of a table.
+    pub(crate) const MOTOR: &[Self] = &[Self::MotorVelocity, Self::MotorTorque];
+    /// Signals of effects that act on the drives and on the striker.
+    pub(crate) const MOTION: &[Self] =
+        &[Self::MotorVelocity, Self::MotorTorque, Self::StrikerPosition];
+    /// Signals of effects between carriage and striker.
+    pub(crate) const STRIKER: &[Self] = &[Self::StrikerPosition];
+    /// Signals of effects on the ball.
+    pub(crate) const BALL: &[Self] = &[Self::BallPosition];
+    /// Signals of effects on all camera positions.
+    pub(crate) const CAMERA: &[Self] = &[Self::StrikerPosition, Self::BallPosition];
+    /// Signals of effects on the frame timing.
+    pub(crate) const FRAMES: &[Self] =
+        &[Self::FrameTime, Self::StrikerPosition, Self::BallPosition];
+    /// Signals of effects on the encoder resolution.
+    pub(crate) const ENCODER: &[Self] = &[Self::MotorPosition];
+    /// Signals of effects of the state estimator.
+    pub(crate) const STATE: &[Self] = &[Self::StateVelocity];
+
+    /// Topic of the data contract that carries the signal.
+    #[must_use]
+    pub fn topic(self) -> &'static str {
+        match self {
+            Self::MotorPosition | Self::MotorVelocity | Self::MotorTorque => "/motor/PLAYER/MOTOR",
+            Self::AxisInput => "/axis/NAME/input",
+            Self::StrikerPosition | Self::BallPosition | Self::FrameTime => "/camera/detections",
+            Self::StateVelocity => "/board/state",
+        }
+    }
+}
+
+impl fmt::Display for Signal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::MotorPosition => "motor position",
+            Self::MotorVelocity => "motor velocity",
+            Self::MotorTorque => "motor torque",
+            Self::AxisInput => "input of a single axis",
+            Self::StrikerPosition => "striker position",
+            Self::BallPosition => "ball position",
+            Self::FrameTime => "frame time stamps",
+            Self::StateVelocity => "estimated velocity",
+        })
+    }
+}
+
 /// One physical effect of the catalogue.
 #[derive(Debug)]
 pub struct Effect {
     /// Canonical dotted name, such as `drive.friction.coulomb`.
     pub name: &'static str,
-    /// What it does, in words that a person at the table understands.
-    pub says: &'static str,
+    /// One-line description, a clause without capital letter and full stop.
+    pub summary: &'static str,
     /// Part of the chain.
     pub domain: Domain,
-    /// Where it may act.
+    /// Coordinates in which it may act.
     pub site: Site,
-    /// Its numbers, in the order in which `physics` takes them.
+    /// Equation in plain text, with the symbols of the parameters.
+    pub equation: &'static str,
+    /// Parameters, in the order in which `physics` takes them.
     pub parameters: &'static [Parameter],
-    /// Values at which it does nothing.
+    /// Parameter values without effect.
     pub null: &'static [f64],
-    /// Values from which a search starts: small but visible sizes and the shapes worth trying.
+    /// Start values of a search: small but observable magnitudes, and alternative shapes.
     pub probes: &'static [&'static [f64]],
-    /// Numbers of memory that `physics` keeps from step to step, all zero at rest.
+    /// Number of internal states of `physics`, all zero at rest.
     pub memory: usize,
-    /// Its equation, at its place in the chain.
+    /// Function at its place in the chain.
     pub physics: Physics,
-    /// What its residual depends on.
+    /// Quantities on which its residual depends.
     pub regressors: &'static [Regressor],
-    /// The least motion or sensor that shows it.
+    /// Recorded signals that show it.
+    pub signals: &'static [Signal],
+    /// Motion and sensors that excite and show it.
     pub excitation: &'static str,
-    /// Patterns of `klasktron collect` that would show it best.
+    /// Pattern of `klasktron collect` that excites it best; empty where none does.
     pub experiment: &'static str,
-    /// Names that look alike when the excitation is poor.
+    /// Effects with a similar residual under poor excitation.
     pub confused_with: &'static [&'static str],
+    /// Publication or textbook, or the principle from which the equation follows.
+    pub reference: &'static str,
 }
 
 impl Effect {
-    /// Whether it changes how a signal scatters rather than its value.
+    /// Return whether it changes the noise of a signal and not its value.
     #[must_use]
     pub fn is_noise(&self) -> bool {
         matches!(self.physics, Physics::Noise(_))
     }
 
-    /// Whether its first number alone is counted from nothing, and the others shape it: they may be there without it,
-    /// as a spring without the friction of what it holds.
+    /// Return whether only the first parameter is zero without the effect, and the others define its shape.
+    /// An example is the spring that holds a striker without friction.
     #[must_use]
-    pub fn has_shape(&self) -> bool {
+    pub fn has_shape_parameters(&self) -> bool {
         let shape = self.null.get(1..).unwrap_or_default();
         self.null[0] == 0.0 && !shape.is_empty() && shape.iter().all(|null| *null != 0.0)
     }
 
-    /// Whether it sits in one place that has to be found: its probes are of one size at many places.
+    /// Return whether it acts at one unknown position: its probes have one magnitude at many positions.
     #[must_use]
-    pub fn sits_somewhere(&self) -> bool {
+    pub fn is_localized(&self) -> bool {
         self.probes.iter().all(|probe| probe[0] == self.probes[0][0])
     }
 }
@@ -357,15 +436,16 @@ pub static CATALOGUE: &[&Effect] = &[
     &estimator::lag::LAG,
 ];
 
-/// `of(0)` and `of(1)`: both axes, both motors. Written out, because the optimiser leaves `array::map`
-/// over a large closure a loop of calls.
+/// Values of `of(0)` and `of(1)`: both axes or both motors.
+///
+/// Unrolled, because the optimizer compiles `array::map` over a large closure to a loop of calls.
 #[inline(always)]
 pub(crate) fn both<T>(mut of: impl FnMut(usize) -> T) -> [T; 2] {
     let first = of(0);
     [first, of(1)]
 }
 
-/// The effect called `name`.
+/// Find the effect called `name`.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static Effect> {
     CATALOGUE.iter().copied().find(|effect| effect.name == name)
@@ -378,21 +458,21 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn patches_and_end_stops_have_to_be_found() {
+    fn patches_and_end_stops_are_localized() {
         let names = CATALOGUE.iter().filter(|effect| 6 <= effect.probes.len());
-        let found = names.filter(|effect| effect.sits_somewhere()).map(|effect| effect.name);
+        let found = names.filter(|effect| effect.is_localized()).map(|effect| effect.name);
         assert_eq!(found.collect::<Vec<_>>(), ["gantry.endstop", "ball.stiction_patch"]);
     }
 
     #[test]
-    fn every_entry_is_whole() {
+    fn every_entry_is_complete() {
         let mut names = BTreeSet::new();
         for effect in CATALOGUE {
             let name = effect.name;
-            assert!(names.insert(name), "{name} is there twice");
+            assert!(names.insert(name), "{name} is a duplicate");
             assert!(name.starts_with(&format!("{}.", effect.domain)), "{name}");
             assert_eq!(effect.null.len(), effect.parameters.len(), "{name}");
-            assert!(!effect.probes.is_empty() && !effect.says.is_empty(), "{name}");
+            assert!(!effect.probes.is_empty() && !effect.summary.is_empty(), "{name}");
             for probe in effect.probes {
                 assert_eq!(probe.len(), effect.parameters.len(), "{name}");
                 for (value, parameter) in probe.iter().zip(effect.parameters) {
@@ -403,6 +483,56 @@ mod tests {
             if !effect.experiment.is_empty() {
                 let pattern: Result<Pattern, _> = effect.experiment.parse();
                 assert!(pattern.is_ok(), "{name}: collect knows no pattern {}", effect.experiment);
+            }
+        }
+    }
+
+    /// Whether `symbol` occurs in `equation` as a word of its own.
+    fn mentions(equation: &str, symbol: &str) -> bool {
+        equation.split(|c: char| !(c.is_alphanumeric() || c == '_')).any(|word| word == symbol)
+    }
+
+    #[test]
+    fn every_entry_has_the_fields_of_a_catalogue_page() {
+        for effect in CATALOGUE {
+            let name = effect.name;
+            let texts = [effect.summary, effect.equation, effect.excitation, effect.reference];
+            assert!(texts.iter().all(|text| !text.is_empty() && !text.ends_with('.')), "{name}");
+            assert!(!effect.signals.is_empty() && !effect.confused_with.is_empty(), "{name}");
+            for other in effect.confused_with {
+                assert!(find(other).is_some_and(|other| other.name != name), "{name}: {other}");
+            }
+            for parameter in effect.parameters {
+                let symbol = parameter.symbol;
+                assert!(mentions(effect.equation, symbol), "{name}: no {symbol} in the equation");
+                assert!(!parameter.unit.is_empty(), "{name}.{}", parameter.name);
+            }
+            let symbols: BTreeSet<&str> = effect.parameters.iter().map(|own| own.symbol).collect();
+            assert_eq!(symbols.len(), effect.parameters.len(), "{name}: two equal symbols");
+        }
+    }
+
+    /// Signal that `equation` changes, where it changes one for certain.
+    fn changed(equation: &Physics) -> Option<Signal> {
+        match equation {
+            Physics::Noise(Noise::EncoderStep) => Some(Signal::MotorPosition),
+            Physics::Windup(_) | Physics::Noise(_) | Physics::Both(_) => None,
+            Physics::Estimator(_) => Some(Signal::StateVelocity),
+            own if own.acts_on_ball() => Some(Signal::BallPosition),
+            Physics::Frame(_)
+            | Physics::Backlash(_)
+            | Physics::Coupling(_)
+            | Physics::Camera(_)
+            | Physics::CameraDelay(_) => Some(Signal::StrikerPosition),
+            _ => Some(Signal::MotorVelocity),
+        }
+    }
+
+    #[test]
+    fn the_signals_are_those_that_the_physics_changes() {
+        for effect in CATALOGUE {
+            for signal in effect.physics.equations().iter().filter_map(changed) {
+                assert!(effect.signals.contains(&signal), "{}: {signal}", effect.name);
             }
         }
     }
@@ -419,9 +549,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_shared_parts_into_what_it_covers() {
+    fn a_shared_axis_consists_of_the_single_axes_that_it_covers() {
         for (shared, parts) in
-            [(Axis::Motors, [Axis::A, Axis::B]), (Axis::Rails, [Axis::X, Axis::Y])]
+            [(Axis::Motors, [Axis::A, Axis::B]), (Axis::Guides, [Axis::X, Axis::Y])]
         {
             assert_eq!(shared.parts(), Some(parts));
             for (index, part) in parts.into_iter().enumerate() {
@@ -432,8 +562,8 @@ mod tests {
     }
 
     #[test]
-    fn a_size_with_shapes_is_told_from_several_sizes() {
-        let has_shape = |name| find(name).unwrap().has_shape();
+    fn shape_parameters_differ_from_several_magnitudes() {
+        let has_shape = |name| find(name).unwrap().has_shape_parameters();
         assert!(has_shape("coupling.striker_friction") && has_shape("drive.friction.stribeck"));
         for several in ["drive.ripple.pulley", "drive.friction.asymmetric", "drive.delay"] {
             assert!(!has_shape(several), "{several}");

@@ -122,7 +122,7 @@ impl Instance {
     /// Whether it leaves a motor room to move without its load.
     #[must_use]
     pub fn rattles(&self) -> bool {
-        self.spring().is_some_and(|spring| 0.0 < spring.play)
+        self.spring().is_some_and(|spring| 0.0 < spring.backlash)
     }
 }
 

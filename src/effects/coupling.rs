@@ -1,4 +1,4 @@
-//! Carriage to striker, through the board.
+//! Magnetic coupling of carriage and striker through the board.
 
 pub(super) mod magnet_slip;
 pub(super) mod magnet_spring;

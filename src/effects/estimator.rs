@@ -1,4 +1,4 @@
-//! What makes velocities from positions.
+//! State estimator: velocities from positions.
 
 pub(super) mod lag;
 pub(super) mod velocity_deadzone;

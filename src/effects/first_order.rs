@@ -1,8 +1,10 @@
-//! A first-order lag, stepped exactly.
+//! Exact step of a first-order lag.
 
-/// One step of `dt` seconds of `tau y' + y = u` to the input `u`, exact for an input that runs straight from step to
-/// step: `tau u'` behind it is the forced solution, and what is off it decays. `memory` holds the input of the step
-/// before and the output. Smooth in `tau`, down to nothing.
+/// One step of `dt` seconds of `tau y' + y = u` to the input `u`, exact for an input that is linear between
+/// steps.
+///
+/// The forced solution lags by `tau u'`, and the deviation from it decays. `memory` holds the previous
+/// input and the output. Smooth in `tau` down to zero.
 pub(super) fn follow(tau: f64, memory: &mut [f64], u: f64, dt: f64) -> f64 {
     let before = std::mem::replace(&mut memory[0], u);
     if dt <= 0.0 {

@@ -1,4 +1,4 @@
-//! Rails, beam and frame.
+//! Guides, bridge and frame.
 
 pub(super) mod belt_asymmetry;
 pub(super) mod cross_coupling;

@@ -1,4 +1,4 @@
-//! The ball against the walls.
+//! Impacts of the ball on the walls.
 
 pub(super) mod wall_friction_spin;
 pub(super) mod wall_location;

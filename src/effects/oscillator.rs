@@ -1,4 +1,4 @@
-//! One damped oscillator, stepped exactly.
+//! Exact step of one damped oscillator.
 
 /// x'' + 2 z w x' + w^2 x = 0 over one step, for any damping.
 #[derive(Debug, Clone, Copy)]
@@ -10,11 +10,10 @@ pub(crate) struct Oscillator {
 }
 
 impl Oscillator {
-    /// The step of `dt` seconds at the angular frequency `natural` (1/s) and the share `ratio` of
-    /// critical damping.
+    /// A step of `dt` seconds at the angular frequency `natural` (1/s) with the damping `ratio`.
     ///
     /// With p = sqrt(|1 - z^2|) w the solution is exp(-z w t) times cosines and sines of p t, or
-    /// hyperbolic ones above critical damping; they are multiplied out so that none overflows.
+    /// hyperbolic ones above critical damping. They are expanded so that none overflows.
     pub(crate) fn new(natural: f64, ratio: f64, dt: f64) -> Self {
         let damping = ratio * natural;
         let turn = (1.0 - ratio * ratio).abs().sqrt() * natural;
@@ -31,7 +30,7 @@ impl Oscillator {
         Self { natural, damping, cosine, sine }
     }
 
-    /// Place and velocity after the step.
+    /// Position and velocity after the step.
     pub(crate) fn step(&self, place: f64, velocity: f64) -> (f64, f64) {
         let Self { natural, damping, cosine, sine } = *self;
         (
@@ -59,7 +58,7 @@ mod tests {
             }
             assert!((x - want_x).abs() < 1e-9 && (v - want_v).abs() < 1e-7, "{ratio} {x} {want_x}");
         }
-        // Far beyond critical damping nothing overflows.
+        // No overflow far above critical damping.
         let (x, v) = Oscillator::new(1e5, 50.0, 1.0).step(1.0, 0.0);
         assert!(x.is_finite() && v.is_finite());
     }

@@ -1,22 +1,22 @@
-//! The places where physics can act, and what a function sees there.
+//! Equations of the effects: where each acts in the measured chain, and the state that it receives.
 
-/// The rest of the gantry, as one coordinate sees it.
+/// State of the perpendicular coordinate.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CrossMotion {
-    /// Position of the perpendicular coordinate (m).
+    /// Position (m).
     pub position: f64,
-    /// Its velocity (m/s).
+    /// Velocity (m/s).
     pub velocity: f64,
-    /// Its acceleration over the last step (m/s^2).
+    /// Acceleration over the last step (m/s^2).
     pub acceleration: f64,
-    /// Its drive force (N).
+    /// Drive force (N).
     pub force: f64,
 }
 
-/// One coordinate during one step: a belt (a, b), a rail (x, y) or a single axis.
+/// State of one coordinate during one step: a belt (a, b), an axis (x, y) or a single axis.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Motion {
-    /// Which coordinate of its pair: 0 for a or x, 1 for b or y.
+    /// Index of the coordinate: 0 for a or x, 1 for b or y.
     pub index: usize,
     /// Time since the session began (s).
     pub time: f64,
@@ -32,36 +32,36 @@ pub struct Motion {
     pub force: f64,
     /// Moving mass along this coordinate (kg).
     pub mass: f64,
-    /// The perpendicular coordinate: b for a, y for x, and the other way round.
+    /// The perpendicular coordinate: b for a, y for x, and vice versa.
     pub other: CrossMotion,
 }
 
-/// The part of dry friction that contacts carry which bend before they slide.
+/// Bristle model of the dry friction that elastic contacts carry (LuGre).
 ///
-/// The force is `-F z - c d z'` with the bend `z' = (v - h(v) z) / d`, `h(v) = |v| / tanh(|v| / v0)`: LuGre's law of
-/// bristles with the stiffness `F / d` and the damping `c`, whose level vanishes towards rest below the speed `v0`,
-/// as that of lubricated contacts does.
+/// The force is `-F z - c d z'` with the deflection `z' = (v - h(v) z) / d` and `h(v) = |v| / tanh(|v| / v0)`.
+/// The stiffness is `F / d`, the damping `c`. Below the speed `v0` the level decreases towards rest, as in
+/// lubricated contacts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bristles {
-    /// Friction when they slide (N).
+    /// Sliding friction (N).
     pub force: f64,
-    /// Way over which they bend (m), positive.
+    /// Presliding distance (m), positive.
     pub distance: f64,
-    /// Speed below which they creep (m/s), positive.
+    /// Speed below which the contacts creep (m/s), positive.
     pub velocity: f64,
-    /// Damping while they bend (N s/m).
+    /// Damping of the deflection (N s/m).
     pub damping: f64,
 }
 
 impl Bristles {
-    /// Speed with which the bend follows: that of the motion, and at rest the speed of creep (m/s).
+    /// Relaxation speed of the deflection (m/s): the speed of the motion, and the creep speed at rest.
     #[must_use]
     pub fn pace(&self, velocity: f64) -> f64 {
-        let share = velocity.abs() / self.velocity;
-        if share < 1e-6 { self.velocity } else { velocity.abs() / share.tanh() }
+        let ratio = velocity.abs() / self.velocity;
+        if ratio < 1e-6 { self.velocity } else { velocity.abs() / ratio.tanh() }
     }
 
-    /// The bend after `dt` seconds at a constant `velocity`, from `bend`.
+    /// Deflection after `dt` seconds at a constant `velocity`, from the deflection `bend`.
     #[must_use]
     pub fn bent(&self, bend: f64, velocity: f64, dt: f64) -> f64 {
         let pace = self.pace(velocity);
@@ -69,14 +69,13 @@ impl Bristles {
         end + (bend - end) * (-pace * dt / self.distance).exp()
     }
 
-    /// Force (N) against the motion when the bend comes to `bend` at `rate` (1/s).
+    /// Force (N) against the motion at the deflection `bend` and its `rate` (1/s).
     #[must_use]
     pub fn pull(&self, bend: f64, rate: f64) -> f64 {
         self.force * bend + self.damping * self.distance * rate
     }
 
-    /// The same contacts where there is less dry friction than they could carry, but some: as stiff, but sliding
-    /// earlier.
+    /// The same contacts with at most `level` of dry friction (N): equal stiffness, shorter presliding distance.
     #[must_use]
     pub fn held_to(self, level: f64) -> Self {
         if self.force <= level {
@@ -90,25 +89,25 @@ impl Bristles {
     }
 }
 
-/// What lies between a motor and the load that it moves, in metres and newtons of belt.
+/// Elastic transmission between a motor and its load, in metres and newtons of belt.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spring {
-    /// Its stiffness (N/m), positive.
+    /// Stiffness (N/m), positive.
     pub stiffness: f64,
-    /// Its damping as a share of the critical one of the motor's mass on it.
+    /// Damping ratio of the motor's mass on the spring.
     pub damping_ratio: f64,
-    /// Mass that stays with the motor (kg of belt), positive: its rotor.
+    /// Mass on the motor side (kg of belt), positive: the rotor.
     pub motor_mass: f64,
-    /// Width within which it passes no force at all (m).
-    pub play: f64,
+    /// Width of the backlash, within which no force passes (m).
+    pub backlash: f64,
 }
 
 impl Spring {
-    /// This one and `other` one behind the other: the softer gives way, and the plays add up.
+    /// Series connection with `other`: the softer spring, and the sum of both backlash widths.
     #[must_use]
     pub fn in_series(self, other: Self) -> Self {
         let softer = if other.stiffness < self.stiffness { other } else { self };
-        Self { play: self.play + other.play, ..softer }
+        Self { backlash: self.backlash + other.backlash, ..softer }
     }
 
     /// Damping (N s/m).
@@ -118,25 +117,25 @@ impl Spring {
     }
 }
 
-/// Gains of the velocity loop, per kilogram of moving mass.
+/// Gains of the velocity loop per kilogram of moving mass, and its delays.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LoopGains {
-    /// Force per velocity error and mass (1/s).
+    /// Proportional gain: force per velocity error and mass (1/s).
     pub proportional_per_s: f64,
-    /// Force per travelled error and mass (1/s^2).
+    /// Integral gain: force per integrated velocity error and mass (1/s^2).
     pub integral_per_s2: f64,
-    /// Age of the velocity that the loop compares with its setpoint (s).
-    pub feedback_age_s: f64,
-    /// Age of the torque that the drive reports (s).
-    pub torque_age_s: f64,
+    /// Delay of the velocity feedback (s).
+    pub feedback_delay_s: f64,
+    /// Delay of the reported torque (s).
+    pub torque_report_delay_s: f64,
 }
 
-/// The magnet under the board at one time.
+/// State of the magnet under the board at one instant.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Carriage {
     /// Length of the step (s).
     pub dt: f64,
-    /// Place of the magnet (m).
+    /// Position of the magnet (m).
     pub position: [f64; 2],
     /// Its velocity (m/s).
     pub velocity: [f64; 2],
@@ -146,22 +145,22 @@ pub struct Carriage {
     pub striker_mass: f64,
 }
 
-/// The rolling ball.
+/// State of the rolling ball.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Ball {
     /// Time since the roll began (s).
     pub time: f64,
-    /// Place (m).
+    /// Position (m).
     pub position: [f64; 2],
     /// Velocity (m/s).
     pub velocity: [f64; 2],
     /// Time since the last impact, or since the roll began (s).
     pub since_impact: f64,
-    /// Places of the two strikers, where they are known (m).
+    /// Positions of the two strikers, where known (m).
     pub strikers: [Option<[f64; 2]>; 2],
 }
 
-/// A wall of the board, by its outward normal.
+/// Wall of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wall {
     /// x = -0.16 m.
@@ -175,10 +174,10 @@ pub enum Wall {
 }
 
 impl Wall {
-    /// All of them, in their order.
+    /// All walls in order.
     pub const ALL: [Self; 4] = [Self::Left, Self::Right, Self::Near, Self::Far];
 
-    /// Index of the coordinate that it bounds, and the sign of its outward normal.
+    /// Index of the coordinate that the wall bounds, and the sign of its outward normal.
     #[must_use]
     pub fn outward(self) -> (usize, f64) {
         match self {
@@ -190,10 +189,10 @@ impl Wall {
     }
 }
 
-/// The ball at a wall, before the impact.
+/// State of the ball at a wall before an impact.
 #[derive(Debug, Clone, Copy)]
 pub struct Impact {
-    /// Which wall.
+    /// The wall.
     pub wall: Wall,
     /// Speed into the wall (m/s), positive.
     pub normal_speed: f64,
@@ -204,10 +203,10 @@ pub struct Impact {
     pub spin: f64,
 }
 
-/// What an impact does; effects change it one after the other.
+/// Result of an impact; the effects modify it in sequence.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Change {
-    /// Normal speed after over normal speed before.
+    /// Ratio of the normal speeds after and before the impact.
     pub restitution: f64,
     /// Velocity along the wall after the impact (m/s).
     pub tangential_velocity: f64,
@@ -215,96 +214,94 @@ pub struct Change {
     pub spin: f64,
 }
 
-/// One measured position and what is made of it.
+/// Input of the state estimator at one sample.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sample {
-    /// Time since the sample before (s).
+    /// Time since the previous sample (s).
     pub dt: f64,
-    /// Velocity that a perfect estimator would report (m/s).
+    /// True velocity (m/s).
     pub velocity: f64,
-    /// The same along the other coordinate, where the estimator looks at both together (m/s); else 0.
+    /// True velocity along the other coordinate (m/s) where the estimator uses the speed of both; otherwise 0.
     pub across: f64,
 }
 
-/// Effects on the scatter of a signal rather than on its value.
+/// Effects on the noise of a signal and not on its value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Noise {
-    /// Standard deviation of the frames' time stamps.
+    /// Standard deviation of the frame time stamps.
     FrameTime,
-    /// Share of frames missing or repeated.
+    /// Fraction of missing or repeated frames.
     FrameLoss,
-    /// Step of the encoder.
+    /// Quantization step of the encoder.
     EncoderStep,
-    /// Ratio of the scatter to the one that the twin states.
-    Scatter,
+    /// Ratio of the noise to the one that the twin states.
+    Level,
 }
 
-/// Where in the chain an effect acts, and its equation there. `p` are the parameters in the order of
-/// the effect, `m` its memory.
+/// Equation of an effect and its place in the chain. `p` holds the parameters in the order of the effect, `m`
+/// its internal states.
 #[derive(Debug, Clone, Copy)]
 pub enum Physics {
     /// Dead time of the command (s).
     CommandDelay(fn(p: &[f64]) -> f64),
-    /// Velocity command of one motor (m/s of belt) to what the drive takes in, over `dt` seconds.
+    /// Velocity command of one motor to the input of the drive (m/s of belt), over `dt` seconds.
     Command(fn(p: &[f64], m: &mut [f64], command: f64, dt: f64) -> f64),
     /// Command to the setpoint of the velocity loop (m/s of belt), over `dt` seconds.
     Ramp(fn(p: &[f64], m: &mut [f64], command: f64, dt: f64) -> f64),
-    /// Gains of the velocity loop.
+    /// Gains and delays of the velocity loop.
     VelocityLoop(fn(p: &[f64]) -> LoopGains),
-    /// Demanded force (`motion.force`, N of belt) to the force that the motor gives.
+    /// Demanded force (`motion.force`) to the motor force (N of belt).
     Effort(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
-    /// Demanded force from which the velocity loop, which knows it, stops adding to its integral (N of belt).
+    /// Force limit known to the velocity loop, at which its integrator stops (N of belt).
     Windup(fn(p: &[f64]) -> f64),
     /// Force on the coordinate (N), positive along it.
     Force(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
-    /// Largest friction force at this motion (N, not negative); it opposes the motion and holds at
-    /// rest.
+    /// Friction level (N, not negative); friction opposes the motion and holds at rest.
     Friction(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
-    /// The part of the dry friction that bends before it slides; its memory is the bend.
+    /// Presliding part of the dry friction; its state is the deflection.
     Bristles(fn(p: &[f64]) -> Bristles),
-    /// Mass beyond the nominal one (kg).
+    /// Additional moving mass (kg).
     Inertia(fn(p: &[f64], motion: &Motion) -> f64),
-    /// True position of a motor (m of belt) to the reported one; the velocity loop sees its slope too.
+    /// True to reported position of a motor (m of belt); the velocity loop sees its derivative.
     Encoder(fn(p: &[f64], position: f64) -> f64),
-    /// What lies between a motor and its load, if it is soft.
+    /// Elastic transmission between a motor and its load; `None` if rigid.
     Transmission(fn(p: &[f64]) -> Option<Spring>),
-    /// Motion of the motor's side to the position of the load's side (m); `motion.force` is the force
-    /// that the load's inertia asks for (N).
-    Play(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
-    /// Carriage position (m) to that of the magnet, by the geometry of the gantry.
+    /// Motion of the motor side to the position of the load side (m); `motion.force` is the force that
+    /// accelerates the load (N).
+    Backlash(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Carriage position to magnet position (m) by the geometry of the gantry.
     Frame(fn(p: &[f64], carriage: &Carriage) -> [f64; 2]),
-    /// Magnet to striker: place of the striker (m).
+    /// Magnet state to the position of the striker (m).
     Coupling(fn(p: &[f64], m: &mut [f64], carriage: &Carriage) -> [f64; 2]),
-    /// Carriage to the force of the striker on it (N), less that of its mass, which counts as the carriage's.
+    /// Force of the striker on the carriage (N), without that of its mass, which counts as part of the carriage.
     Reaction(fn(p: &[f64], m: &mut [f64], carriage: &Carriage) -> [f64; 2]),
-    /// Age of what the camera reports (s), at `elapsed` seconds of the session.
+    /// Latency of the camera (s) at `elapsed` seconds of the session.
     CameraDelay(fn(p: &[f64], elapsed: f64) -> f64),
-    /// True place (m) of something `height` metres above the board to the reported one.
-    Camera(fn(p: &[f64], place: [f64; 2], height: f64) -> [f64; 2]),
+    /// True to reported position (m) of an object `height` metres above the board.
+    Camera(fn(p: &[f64], position: [f64; 2], height: f64) -> [f64; 2]),
     /// Acceleration of the rolling ball (m/s^2).
     Roll(fn(p: &[f64], ball: &Ball) -> [f64; 2]),
-    /// Largest deceleration of the rolling ball (m/s^2, not negative); it opposes the motion and holds
-    /// at rest.
+    /// Resistance level of the rolling ball (m/s^2, not negative); it opposes the motion and holds at rest.
     Resistance(fn(p: &[f64], ball: &Ball) -> f64),
-    /// Deceleration by friction on the board while the ball slides after an impact (m/s^2), until it
-    /// rolls; without it the ball always rolls.
+    /// Deceleration by sliding friction after an impact (m/s^2), until the ball rolls. Without it the ball
+    /// always rolls.
     Slide(fn(p: &[f64], ball: &Ball) -> f64),
-    /// Share of its velocity with which the ball slides where a roll begins; the rest of it is rolling.
+    /// Fraction of its velocity with which the ball slides at the start of a roll.
     Launch(fn(p: &[f64]) -> f64),
-    /// What a wall does to the ball.
+    /// Impact of the ball on a wall.
     Impact(fn(p: &[f64], impact: &Impact, change: Change) -> Change),
-    /// Outward shift of a wall (m) at `along` metres from its middle, along the board's x or y.
+    /// Outward shift of a wall (m) at the distance `along` (m) from its middle, along x or y.
     Wall(fn(p: &[f64], wall: Wall, along: f64) -> f64),
-    /// True velocity to the reported one.
+    /// True to reported velocity (m/s).
     Estimator(fn(p: &[f64], m: &mut [f64], sample: &Sample) -> f64),
-    /// Scatter instead of a value.
+    /// Change of the noise.
     Noise(Noise),
-    /// Two equations at two places of the chain, with the same numbers.
+    /// Two equations at two places of the chain with the same parameters.
     Both(&'static [Self; 2]),
 }
 
 impl Physics {
-    /// Its equations, each at one place of the chain.
+    /// The equations, each at one place of the chain.
     #[must_use]
     pub fn equations(&self) -> &[Self] {
         match self {
@@ -313,7 +310,7 @@ impl Physics {
         }
     }
 
-    /// Whether any of them acts on the ball, its walls among that.
+    /// Return whether an equation acts on the ball or its impacts.
     #[must_use]
     pub fn acts_on_ball(&self) -> bool {
         let acts = |equation: &Self| {

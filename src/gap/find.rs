@@ -463,7 +463,7 @@ fn why(
             )
         })
         .collect();
-    let mut text = format!("On {}: {}; {}.", step.axis, effect.says, numbers.join(", "));
+    let mut text = format!("On {}: {}; {}.", step.axis, effect.summary, numbers.join(", "));
     text += &when_added(step);
     if let (Some(signal), Some((before, after))) = (signal, gap) {
         let (what, unit) = match step.unstated {

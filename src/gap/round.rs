@@ -280,7 +280,7 @@ fn fitted(
     }
     // Whole rolls have valleys everywhere: what happens early in one is amplified.
     let is_whole = train.parts.iter().any(|part| part.stage.kind() == StageKind::WholeRolls);
-    let found = match candidate.effect.sits_somewhere() && !is_whole {
+    let found = match candidate.effect.is_localized() && !is_whole {
         true => from_other_places(train, found, candidate, &how),
         false => found,
     };
@@ -545,7 +545,9 @@ impl<'a, 'b> Bench<'a, 'b> {
     fn is_as_good_without_size(&self, trial: &Trial) -> bool {
         let mut twin = trial.fit.point.twin.clone();
         let size = slots_of_last(&twin).into_iter().next();
-        let Some(size) = size.filter(|_| trial.candidate.effect.has_shape()) else { return false };
+        let Some(size) = size.filter(|_| trial.candidate.effect.has_shape_parameters()) else {
+            return false;
+        };
         twin.set(size, 0.0);
         let needs = |problem: &Problem<'_>, base: &[f64], with: &[f64]| {
             let point = fit::on(problem, &twin, self.filters);

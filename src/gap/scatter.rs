@@ -207,7 +207,7 @@ fn size(known: &Scatter, found: [&Scattering; 2]) -> Option<Change> {
     let ratio = still[0].0.exp();
     let variance = |k: usize| found[k].still_variance_m2.0;
     agree.then(|| Change {
-        effect: noise_effect(Noise::Scatter),
+        effect: noise_effect(Noise::Level),
         changes: still,
         blocks: found.map(|own| own.blocks),
         value: (ratio, ratio * still[0].1),
@@ -241,7 +241,7 @@ fn losses(given: &Twin, known: &Scatter, problems: [&Problem<'_>; 2]) -> Option<
 
 /// Whether `effect` makes the values of the camera scatter.
 pub(super) fn is_scatter(effect: &Effect) -> bool {
-    matches!(effect.physics, Physics::Noise(Noise::FrameTime | Noise::Scatter))
+    matches!(effect.physics, Physics::Noise(Noise::FrameTime | Noise::Level))
 }
 
 /// Whether `twin` has the effect already.
@@ -307,7 +307,7 @@ impl Named {
         }
         match twin.instances.iter_mut().find(|own| own.effect == instance.effect) {
             Some(own) => {
-                if matches!(own.effect.physics, Physics::Noise(Noise::Scatter)) {
+                if matches!(own.effect.physics, Physics::Noise(Noise::Level)) {
                     let before = own.values[0].value;
                     let scaled = &mut instance.values[0];
                     scaled.value *= before;

@@ -240,7 +240,7 @@ pub(super) fn is_far(probe: f64, null: f64) -> bool {
 
 /// Whether a place is all coordinates alike.
 pub(super) fn is_shared(axis: Axis) -> bool {
-    matches!(axis, Axis::Motors | Axis::Rails | Axis::Whole)
+    matches!(axis, Axis::Motors | Axis::Guides | Axis::Whole)
 }
 
 /// Effect and axis of everything to try.

@@ -88,7 +88,7 @@ impl Stage for CameraStage {
         let is_called = |equation: &Physics| {
             matches!(
                 equation,
-                Physics::Play(_)
+                Physics::Backlash(_)
                     | Physics::Encoder(_)
                     | Physics::Frame(_)
                     | Physics::Coupling(_)

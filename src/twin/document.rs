@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn a_twin_of_an_older_version_has_nothing_of_numbers_that_came_later() {
-        let twin = without("drive.velocity_loop", "feedback_age_s").unwrap();
+        let twin = without("drive.velocity_loop", "feedback_delay_s").unwrap();
         let own = twin.instances.iter().find(|own| own.effect.name == "drive.velocity_loop");
         assert_eq!(own.unwrap().values[2].value, 0.0);
         for needed in ["natural_frequency_hz", "damping_ratio"] {

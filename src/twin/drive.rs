@@ -373,7 +373,7 @@ mod tests {
     fn velocity_and_torque_are_those_of_the_closed_form_at_every_sample() {
         let (omega, delay, slope) = (120.0, 0.0079, 17.0);
         let age = 4e-4;
-        let twin = aged(table(omega, delay, slope), "torque_age_s", age);
+        let twin = aged(table(omega, delay, slope), "torque_report_delay_s", age);
         let times = sampled();
         let [velocities, torques] = answers(&twin, &times);
         // Along x both motors pull: each moves half of the mass, in metres of belt that are those of the rail.
@@ -409,7 +409,7 @@ mod tests {
     #[test]
     fn a_loop_that_sees_old_velocities_swings_as_its_definition_does() {
         let (omega, slope, age) = (120.0, 17.0, 3e-4);
-        let twin = aged(table(omega, 0.0, slope), "feedback_age_s", age);
+        let twin = aged(table(omega, 0.0, slope), "feedback_delay_s", age);
         let times = sampled();
         let [seen, _] = answers(&twin, &times);
         let [fresh, _] = answers(&table(omega, 0.0, slope), &times);
@@ -551,7 +551,7 @@ mod tests {
         let times: Vec<f64> = (1..300).map(|k| 0.0103 + 0.0007 * f64::from(k)).collect();
         let [seen, _] = answers(&with_play(Axis::Motors), &times);
         let [rigid, _] = answers(&table(omega, 0.0, slope), &times);
-        assert_eq!(answers(&with_play(Axis::Rails), &times)[0], rigid);
+        assert_eq!(answers(&with_play(Axis::Guides), &times)[0], rigid);
         let (dt, mass) = (1e-6, 0.5 * MASS);
         let (mut motor, mut load, mut ahead) = (0.0_f64, 0.0_f64, 0.0_f64);
         let (mut setpoint, mut integral) = (0.0_f64, 0.0_f64);
@@ -585,7 +585,7 @@ mod tests {
         let add = |twin: &mut Twin, name, axis, values: &[f64]| {
             twin.instances.push(Instance::new(find(name), axis, values, Source::Nominal));
         };
-        add(&mut rigid, "drive.friction.coulomb", Axis::Rails, &[3.0]);
+        add(&mut rigid, "drive.friction.coulomb", Axis::Guides, &[3.0]);
         add(&mut rigid, "drive.compliance.belt", Axis::A, &[3.5e-5, 0.98, 0.03]);
         let mut stiff = rigid.clone();
         add(&mut stiff, "drive.compliance.belt", Axis::B, &[2.1e-6, 0.98, 0.03]);

@@ -64,7 +64,7 @@ impl Linkage {
             Physics::Encoder(call) => {
                 covered.for_each(|k| self.encoders[k].push(Part::new(call, instance, memory)));
             }
-            Physics::Play(call) => {
+            Physics::Backlash(call) => {
                 let plays =
                     if axis.is_motor() { &mut self.belt_plays } else { &mut self.rail_plays };
                 covered.for_each(|k| plays[k].push(Part::new(call, instance, memory)));

@@ -42,7 +42,7 @@ impl Machine {
             Self::Axis => match site {
                 Site::Motors | Site::EachMotor => vec![Axis::Motors],
                 Site::OneMotor => Vec::new(),
-                Site::Rails | Site::OneRail | Site::MotorsAndRails => vec![Axis::Rails],
+                Site::Guides | Site::OneGuide | Site::MotorsAndGuides => vec![Axis::Guides],
                 Site::Whole => vec![Axis::Whole],
             },
         }

@@ -29,10 +29,10 @@ const TABLE: &[(&str, Axis, &[f64])] = &[
 
 /// Effects of a plain axis driven by force.
 const AXIS_FORCE: &[(&str, Axis, &[f64])] = &[
-    ("gantry.inertia", Axis::Rails, &[1.0]),
-    ("drive.friction.coulomb", Axis::Rails, &[0.0]),
-    ("drive.friction.viscous", Axis::Rails, &[0.0]),
-    ("drive.offset", Axis::Rails, &[0.0]),
+    ("gantry.inertia", Axis::Guides, &[1.0]),
+    ("drive.friction.coulomb", Axis::Guides, &[0.0]),
+    ("drive.friction.viscous", Axis::Guides, &[0.0]),
+    ("drive.offset", Axis::Guides, &[0.0]),
 ];
 
 impl Twin {

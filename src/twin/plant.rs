@@ -272,7 +272,7 @@ impl Plant {
     /// Age of the torque that each drive reports (s).
     #[must_use]
     pub fn torque_ages(&self) -> [f64; 2] {
-        both(|index| self.motors.get(index).map_or(0.0, |motor| motor.gains.torque_age_s))
+        both(|index| self.motors.get(index).map_or(0.0, |motor| motor.gains.torque_report_delay_s))
     }
 
     /// A state at rest in the origin.
@@ -654,12 +654,12 @@ impl MotorParts {
 
     /// From the start of a step to when the velocity was measured that the loop acts on in its middle (s).
     fn ahead(&self, dt: f64) -> f64 {
-        0.5 * dt - self.gains.feedback_age_s
+        0.5 * dt - self.gains.feedback_delay_s
     }
 
     /// Travelled error (m) of a step with this `error` in its middle, in which the velocity `changed` (m/s).
     fn travelled(&self, error: f64, changed: f64, dt: f64) -> f64 {
-        error * dt + self.gains.feedback_age_s * changed
+        error * dt + self.gains.feedback_delay_s * changed
     }
 
     /// What the loop adds to its integral of the `gained` force while it makes this `demand` (N of belt).

@@ -188,7 +188,7 @@ impl TwoMasses {
     fn ends(&self, gained: [f64; 2]) -> Ends {
         let ahead = belts(self.ahead);
         both(|m| {
-            let half = 0.5 * self.ties[m].spring.map_or(0.0, |spring| spring.play);
+            let half = 0.5 * self.ties[m].spring.map_or(0.0, |spring| spring.backlash);
             let stretch = gained[m] - ahead[m];
             (half == 0.0 || half < stretch.abs()).then(|| half.copysign(stretch))
         })
@@ -259,8 +259,8 @@ impl TwoMasses {
     /// The step under `forces` of the motors (N of belt) and on the rails (N), with what `rubs` on motors and rails,
     /// whose bends are in `memory`.
     pub(super) fn step(&self, forces: [[f64; 2]; 2], rubs: &Rubbing, memory: &mut [f64]) -> Moved {
-        let has_play = |tie: &Tie| tie.spring.is_some_and(|spring| 0.0 < spring.play);
-        if !self.ties.iter().any(has_play) {
+        let has_backlash = |tie: &Tie| tie.spring.is_some_and(|spring| 0.0 < spring.backlash);
+        if !self.ties.iter().any(has_backlash) {
             return self.touching(forces, [Some(0.0); 2], rubs, memory);
         }
         let parts = (self.dt / LONGEST_WITH_PLAY).ceil().max(1.0);
@@ -344,7 +344,7 @@ mod tests {
     const DT: f64 = 1e-3;
     /// As `drive.backlash` says of a millimetre.
     const BACKLASH_OF_A_MM: Spring =
-        Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, play: 1e-3 };
+        Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, backlash: 1e-3 };
 
     /// A step of 1 ms.
     fn stepped(two: &TwoMasses, force: [f64; 2]) -> Moved {
@@ -352,7 +352,7 @@ mod tests {
     }
 
     fn soft(stiffness: f64) -> Spring {
-        Spring { stiffness, damping_ratio: 0.0, motor_mass: 1.0, play: 0.0 }
+        Spring { stiffness, damping_ratio: 0.0, motor_mass: 1.0, backlash: 0.0 }
     }
 
     /// Velocity of motor a and of the load along x after `steps`, from motors that run at 0.1 m/s and a load at rest.
@@ -404,7 +404,7 @@ mod tests {
         near(drag, [along_x + 2.0 * along_y, along_x - 2.0 * along_y]);
         near(gives[0], [along_x + along_y, along_x - along_y]);
         near(gives[1], [along_x - along_y, along_x + along_y]);
-        let Answer { drag, gives } = answer(Spring { play: 1e-3, ..soft(1e12) });
+        let Answer { drag, gives } = answer(Spring { backlash: 1e-3, ..soft(1e12) });
         near(drag, [0.0; 2]);
         near(gives[0], [1.0, 0.0]);
         near(gives[1], [0.0, 1.0]);
@@ -423,7 +423,7 @@ mod tests {
 
     #[test]
     fn inside_its_play_a_motor_moves_alone_and_then_takes_the_load_along() {
-        let spring = Spring { stiffness: 5e5, damping_ratio: 0.5, motor_mass: 1.0, play: 2e-3 };
+        let spring = Spring { stiffness: 5e5, damping_ratio: 0.5, motor_mass: 1.0, backlash: 2e-3 };
         let ties = ties([Some(spring); 2]).unwrap();
         let (ahead, motor, load) = ([0.0; 2], [0.0; 2], [0.0; 2]);
         let mut two = TwoMasses { ties, load_mass: [0.5; 2], ahead, motor, load, dt: DT };

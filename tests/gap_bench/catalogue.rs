@@ -497,7 +497,7 @@ static SENSING: &[Spec] = &[
     },
     Spec {
         name: "sensor.frame_drop",
-        parameter: "share",
+        parameter: "fraction",
         unit: "1",
         sizing: Sizing::Free,
         range: [0.03, 0.1],

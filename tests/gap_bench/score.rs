@@ -198,11 +198,10 @@ fn unit_key(unit: &str) -> String {
 }
 
 /// Names of the same quantity: effect, here, in the program.
-const SAME_QUANTITY: [(&str, &str, &str); 9] = [
+const SAME_QUANTITY: [(&str, &str, &str); 8] = [
     ("drive.lag1", "tau_s", "time_constant_s"),
     ("drive.offset", "offset_m_per_s", "offset"),
     ("drive.friction.viscous", "slope_n_s_per_m", "coefficient_n_s_per_m"),
-    ("drive.friction.load", "coefficient", "share"),
     ("drive.friction.stribeck", "excess_n", "force_n"),
     ("ball.tilt", "slope_rad", "tilt_x_rad"),
     ("ball.stiction_patch", "additional_resistance", "coefficient"),

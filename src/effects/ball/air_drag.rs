@@ -1,16 +1,19 @@
-//! Drag of the air.
+//! Air drag of the ball.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `ball.air_drag`: deceleration `k v^2`, with `k = Cd rho A / (2 m)` divided by the 7/5 of a
-/// rolling sphere.
+/// `ball.air_drag`: air drag of the ball.
+///
+/// K is Cd rho A / (2 m), divided by the 7/5 of a rolling sphere.
 pub(crate) static AIR_DRAG: Effect = Effect {
     name: "ball.air_drag",
-    says: "the ball is braked in proportion to the square of its speed",
+    summary: "air drag decelerates the ball in proportion to the square of its speed",
     domain: Domain::Ball,
     site: Site::Whole,
+    equation: "a = −k · |v| · v",
     parameters: &[Parameter {
         name: "coefficient_per_m",
+        symbol: "k",
         unit: "1/m",
         scale: 0.05,
         bounds: (0.0, 5.0),
@@ -24,9 +27,11 @@ pub(crate) static AIR_DRAG: Effect = Effect {
         p[0] * (ball.velocity[0].powi(2) + ball.velocity[1].powi(2))
     }),
     regressors: &[Regressor::Speed],
+    signals: Signal::BALL,
     excitation: "fast rolls",
     experiment: "",
     confused_with: &["ball.rolling_resistance", "impact.wall_restitution_speed"],
+    reference: "Clift, Grace and Weber 1978, Bubbles, Drops and Particles",
 };
 
 #[cfg(test)]

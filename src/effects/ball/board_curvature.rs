@@ -1,19 +1,23 @@
-//! The board sags or bulges.
+//! Curvature of the board.
 
-use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `ball.board_curvature`: acceleration `-g grad h` with `h = height ((1 - X^2)(1 - Y^2) - drop X^2 Y^2)`, X = x/a,
-/// Y = y/b (`a`, `b` half its sides). Without `drop` the board is held along its rim (first term of the bent plate,
-/// approximate); at 1 it is a bowl, curved alike everywhere, whose corners are as far below the middles of its sides as
-/// these are below its middle. Like the tilt, without the 5/7 of a rolling sphere.
+/// `ball.board_curvature`: curvature of the board.
+///
+/// A and b are half of the sides of the board. Without `corner_drop` the board is held along its
+/// rim (first term of the bent plate, approximate). At 1 it is a bowl of constant curvature: its
+/// corners are as far below the middles of its sides as these are below its centre. As for the
+/// tilt, the 5/7 of a rolling sphere is not applied.
 pub(crate) static BOARD_CURVATURE: Effect = Effect {
     name: "ball.board_curvature",
-    says: "the ball is drawn to the middle, or to the rim, as on a board that sags or bulges",
+    summary: "the ball accelerates towards the centre or the rim, as on a board that sags or bulges",
     domain: Domain::Ball,
     site: Site::Whole,
+    equation: "a = −g · ∇h, h = H · ((1 − X²)(1 − Y²) − D · X² · Y²), X = x / 0.16 m, Y = y / 0.21 m",
     parameters: &[
         Parameter {
             name: "height_m",
+            symbol: "H",
             unit: "m",
             scale: 0.0003,
             bounds: (-0.02, 0.02),
@@ -22,6 +26,7 @@ pub(crate) static BOARD_CURVATURE: Effect = Effect {
         },
         Parameter {
             name: "corner_drop",
+            symbol: "D",
             unit: "1",
             scale: 0.5,
             bounds: (-2.0, 3.0),
@@ -34,9 +39,11 @@ pub(crate) static BOARD_CURVATURE: Effect = Effect {
     memory: 0,
     physics: Physics::Roll(slope),
     regressors: &[Regressor::Position],
+    signals: Signal::BALL,
     excitation: "rolls everywhere on the board",
     experiment: "",
     confused_with: &["ball.tilt", "ball.stiction_patch", "sensor.camera_distortion"],
+    reference: "Timoshenko and Woinowsky-Krieger 1959, Theory of Plates and Shells",
 };
 
 /// Standard gravity (m/s^2).
@@ -85,9 +92,8 @@ mod tests {
                 assert!((pull[k] + GRAVITY * steep).abs() < 1e-8, "{p:?} {k}");
             }
         }
-        // A bowl pulls alike everywhere along one line.
-        let beside =
-            |y: f64| slope(&[0.001, 1.0], &Ball { position: [0.05, y], ..Ball::default() });
-        assert!((beside(0.0)[0] - beside(0.2)[0]).abs() < 1e-15);
+        // In a bowl the acceleration along x does not depend on y.
+        let at_y = |y: f64| slope(&[0.001, 1.0], &Ball { position: [0.05, y], ..Ball::default() });
+        assert!((at_y(0.0)[0] - at_y(0.2)[0]).abs() < 1e-15);
     }
 }

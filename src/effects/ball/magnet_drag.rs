@@ -1,19 +1,22 @@
-//! The magnets of the strikers draw the ball.
+//! Attraction of the ball by the magnets of the strikers.
 
-use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `ball.magnet_drag`: towards each striker at the distance `d` the acceleration `a (d0/d)^n` with
-/// `d0` = 25 mm; `n` = 7 for a steel ball in the field of a dipole (force as the gradient of
-/// `B^2`), less near an extended magnet. Nearer than half of `d0` it grows no further. Strikers
-/// that no camera sees draw nothing.
+/// `ball.magnet_drag`: attraction of the ball by the magnets of the strikers.
+///
+/// The exponent is 7 for a steel ball in the field of a dipole (force as the gradient of B^2), and
+/// less near an extended magnet. Below half of d0 the attraction stays constant. Strikers that no
+/// camera sees do not attract the ball.
 pub(crate) static MAGNET_DRAG: Effect = Effect {
     name: "ball.magnet_drag",
-    says: "the ball is drawn to a striker that it passes closely",
+    summary: "a striker attracts the ball when it passes closely",
     domain: Domain::Ball,
     site: Site::Whole,
+    equation: "a = A · (d0 / d)^n towards each striker at the distance d, d0 = 25 mm",
     parameters: &[
         Parameter {
             name: "attraction_m_per_s2",
+            symbol: "A",
             unit: "m/s^2",
             scale: 0.1,
             bounds: (0.0, 50.0),
@@ -22,6 +25,7 @@ pub(crate) static MAGNET_DRAG: Effect = Effect {
         },
         Parameter {
             name: "exponent",
+            symbol: "n",
             unit: "1",
             scale: 1.0,
             bounds: (1.0, 10.0),
@@ -34,12 +38,14 @@ pub(crate) static MAGNET_DRAG: Effect = Effect {
     memory: 0,
     physics: Physics::Roll(draw),
     regressors: &[Regressor::Position],
+    signals: Signal::BALL,
     excitation: "slow rolls past a parked striker",
     experiment: "",
     confused_with: &["ball.stiction_patch", "ball.board_curvature"],
+    reference: "Furlani 2001, Permanent Magnet and Electromechanical Devices",
 };
 
-/// Distance of the parameter (m).
+/// Reference distance of the attraction parameter (m).
 const REFERENCE: f64 = 0.025;
 
 fn draw(p: &[f64], ball: &Ball) -> [f64; 2] {

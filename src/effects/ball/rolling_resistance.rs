@@ -1,18 +1,21 @@
-//! Resistance of the board to the rolling ball.
+//! Rolling resistance of the ball.
 
-use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `ball.rolling_resistance`: deceleration `c g + b |v|` against the motion until rest; `c` from
-/// the deformation of board and ball (constant), `b` from grease and air at small Reynolds numbers
-/// (linear).
+/// `ball.rolling_resistance`: rolling resistance of the ball.
+///
+/// The deceleration opposes the motion until rest. c represents the deformation of board and ball
+/// (constant), b for grease and for air at small Reynolds numbers (linear).
 pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
     name: "ball.rolling_resistance",
-    says: "the ball slows down with a constant deceleration while it rolls",
+    summary: "the ball decelerates at a constant rate while it rolls",
     domain: Domain::Ball,
     site: Site::Whole,
+    equation: "a = −(c · g + b · |v|) · v / |v|",
     parameters: &[
         Parameter {
             name: "coefficient",
+            symbol: "c",
             unit: "1",
             scale: 0.005,
             bounds: (0.0, 0.3),
@@ -21,6 +24,7 @@ pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
         },
         Parameter {
             name: "viscous_per_s",
+            symbol: "b",
             unit: "1/s",
             scale: 0.05,
             bounds: (0.0, 5.0),
@@ -33,9 +37,11 @@ pub(crate) static ROLLING_RESISTANCE: Effect = Effect {
     memory: 0,
     physics: Physics::Resistance(|p, ball| (p[0] * GRAVITY + p[1] * speed(ball)).max(0.0)),
     regressors: &[Regressor::Constant, Regressor::Direction],
+    signals: Signal::BALL,
     excitation: "free rolls at many speeds",
     experiment: "",
     confused_with: &["ball.tilt", "ball.air_drag", "impact.wall_restitution"],
+    reference: "Johnson 1985, Contact Mechanics, chapter 9",
 };
 
 fn speed(ball: &Ball) -> f64 {

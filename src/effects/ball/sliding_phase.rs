@@ -1,21 +1,25 @@
-//! The ball slides after an impact, until it rolls again.
+//! Sliding of the ball after an impact, until it rolls.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `ball.sliding_phase`: an impact turns the velocity but not the rolling; the contact point then
-/// slides and friction `mu g` acts on it until the slip is gone, which for a solid sphere takes
-/// 2/7 of the slip from the velocity (the 5/7 rule; Alciatore, Pool and Billiards Physics
-/// Principles, or any text on rolling spheres). Very large values mean an immediate change at each
-/// impact, which is a smaller restitution. A ball that is struck slides at first as well: `slip_at_start` is the
-/// share of its velocity with which it does where a roll begins, 0 where it rolls already, 1 where it does not turn.
+/// `ball.sliding_phase`: sliding of the ball after an impact, until it rolls.
+///
+/// An impact changes the velocity and not the spin of rolling. The contact point then slides, and
+/// friction acts on it until the slip is zero. For a solid sphere this takes 2/7 of the slip from
+/// the velocity (the 5/7 rule). Very large values mean an immediate change at each impact, which is
+/// a smaller restitution. A ball that is struck slides at first as well. `slip_at_start` is the
+/// fraction of its velocity with which it slides where a roll begins: 0 for a rolling ball, 1 for a
+/// ball without spin.
 pub(crate) static SLIDING_PHASE: Effect = Effect {
     name: "ball.sliding_phase",
-    says: "after an impact the ball slides for a moment, and slows down faster until it rolls",
+    summary: "after an impact the ball slides for a moment, and decelerates faster until it rolls",
     domain: Domain::Ball,
     site: Site::Whole,
+    equation: "a = −μ · g · w / |w| while the slip velocity w ≠ 0; w = s · v at the start of a roll",
     parameters: &[
         Parameter {
             name: "coefficient",
+            symbol: "μ",
             unit: "1",
             scale: 0.05,
             bounds: (0.0, 2.0),
@@ -24,6 +28,7 @@ pub(crate) static SLIDING_PHASE: Effect = Effect {
         },
         Parameter {
             name: "slip_at_start",
+            symbol: "s",
             unit: "1",
             scale: 0.5,
             bounds: (0.0, 1.0),
@@ -36,6 +41,7 @@ pub(crate) static SLIDING_PHASE: Effect = Effect {
     memory: 0,
     physics: Physics::Both(&[Physics::Slide(|p, _| p[0] * GRAVITY), Physics::Launch(|p| p[1])]),
     regressors: &[Regressor::ImpactSpeed],
+    signals: Signal::BALL,
     excitation: "hard and off-centre impacts",
     experiment: "",
     confused_with: &[
@@ -43,6 +49,7 @@ pub(crate) static SLIDING_PHASE: Effect = Effect {
         "impact.wall_restitution_speed",
         "ball.rolling_resistance",
     ],
+    reference: "Alciatore 2004, The Illustrated Principles of Pool and Billiards",
 };
 
 /// Standard gravity (m/s^2).

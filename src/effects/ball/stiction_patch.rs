@@ -1,18 +1,21 @@
-//! A place where the ball rolls worse.
+//! Local patch of higher rolling resistance.
 
-use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Ball, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `ball.stiction_patch`: additional deceleration `c g exp(-(d/r)^n)` at the distance `d` from the
-/// middle of the patch: dirt that is thickest in the middle has n of about 2, a worn disc with an
-/// edge at the radius `r` a large one (super-Gaussian).
+/// `ball.stiction_patch`: local patch of higher rolling resistance.
+///
+/// Dirt that is thickest in the middle has an exponent of about 2. A worn disc with an edge at the
+/// radius r has a large one (super-Gaussian).
 pub(crate) static STICTION_PATCH: Effect = Effect {
     name: "ball.stiction_patch",
-    says: "the ball slows down more in one place of the board, as over dirt or wear",
+    summary: "the ball decelerates more in one region of the board, as over dirt or wear",
     domain: Domain::Ball,
     site: Site::Whole,
+    equation: "a = −c · g · exp(−(d / r)^n) · v / |v|, d² = (x − x0)² + (y − y0)²",
     parameters: &[
         Parameter {
             name: "coefficient",
+            symbol: "c",
             unit: "1",
             scale: 0.01,
             bounds: (0.0, 2.0),
@@ -21,6 +24,7 @@ pub(crate) static STICTION_PATCH: Effect = Effect {
         },
         Parameter {
             name: "x_m",
+            symbol: "x0",
             unit: "m",
             scale: 0.02,
             bounds: (-0.16, 0.16),
@@ -29,6 +33,7 @@ pub(crate) static STICTION_PATCH: Effect = Effect {
         },
         Parameter {
             name: "y_m",
+            symbol: "y0",
             unit: "m",
             scale: 0.02,
             bounds: (-0.21, 0.21),
@@ -37,6 +42,7 @@ pub(crate) static STICTION_PATCH: Effect = Effect {
         },
         Parameter {
             name: "radius_m",
+            symbol: "r",
             unit: "m",
             scale: 0.01,
             bounds: (0.002, 0.1),
@@ -45,6 +51,7 @@ pub(crate) static STICTION_PATCH: Effect = Effect {
         },
         Parameter {
             name: "edge_exponent",
+            symbol: "n",
             unit: "1",
             scale: 1.0,
             bounds: (1.0, 8.0),
@@ -88,9 +95,11 @@ pub(crate) static STICTION_PATCH: Effect = Effect {
     memory: 0,
     physics: Physics::Resistance(patch),
     regressors: &[Regressor::Position],
-    excitation: "many slow rolls over one area",
+    signals: Signal::BALL,
+    excitation: "many slow rolls over one region",
     experiment: "",
     confused_with: &["ball.board_curvature", "ball.magnet_drag"],
+    reference: "local rolling resistance: Johnson 1985, Contact Mechanics, chapter 9",
 };
 
 /// Standard gravity (m/s^2).
@@ -113,7 +122,7 @@ mod tests {
         };
         assert!((at(0.1, -0.1, 2.0) - 0.4905).abs() < 1e-9);
         assert!((at(0.12, -0.1, 2.0) - 0.4905 * (-1.0_f64).exp()).abs() < 1e-9);
-        // With an edge: all of it inside, nothing outside.
+        // With a sharp edge: the full value inside, zero outside.
         assert!((at(0.11, -0.1, 8.0) - 0.4905).abs() < 0.01);
         assert!(at(0.13, -0.1, 8.0) < 1e-9);
         assert_eq!(patch(STICTION_PATCH.null, &Ball::default()), 0.0);

@@ -1,18 +1,20 @@
-//! The board is not level.
+//! Tilt of the board.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `ball.tilt`: the constant acceleration `g tilt`, positive towards positive x and y. These are
-/// the angles by which gravity leans; a solid sphere that rolls without slip on a tilted board
-/// feels 5/7 of it, so the board itself then leans by 7/5 of these angles.
+/// `ball.tilt`: constant acceleration, positive towards positive x and y. The parameters are the
+/// angles by which gravity leans. A solid sphere that rolls without slip on a tilted board feels
+/// 5/7 of it, so the board itself leans by 7/5 of these angles.
 pub(crate) static TILT: Effect = Effect {
     name: "ball.tilt",
-    says: "the ball is drawn to one side everywhere and always, as on a board that is not level",
+    summary: "the ball accelerates to one side everywhere, as on a board that is not level",
     domain: Domain::Ball,
     site: Site::Whole,
+    equation: "a_x = g · θ_x, a_y = g · θ_y",
     parameters: &[
         Parameter {
             name: "tilt_x_rad",
+            symbol: "θ_x",
             unit: "rad",
             scale: 0.002,
             bounds: (-0.2, 0.2),
@@ -21,6 +23,7 @@ pub(crate) static TILT: Effect = Effect {
         },
         Parameter {
             name: "tilt_y_rad",
+            symbol: "θ_y",
             unit: "rad",
             scale: 0.002,
             bounds: (-0.2, 0.2),
@@ -33,9 +36,11 @@ pub(crate) static TILT: Effect = Effect {
     memory: 0,
     physics: Physics::Roll(|p, _| [GRAVITY * p[0], GRAVITY * p[1]]),
     regressors: &[Regressor::Constant],
-    excitation: "rolls across the field in both directions",
+    signals: Signal::BALL,
+    excitation: "rolls across the board in both directions",
     experiment: "",
     confused_with: &["ball.rolling_resistance", "ball.board_curvature", "impact.wall_location"],
+    reference: "rolling solid sphere: Goldstein, Poole and Safko 2002, Classical Mechanics",
 };
 
 /// Standard gravity (m/s^2).

@@ -1,18 +1,22 @@
-//! The magnet loses the striker and takes hold of it elsewhere.
+//! Slip between magnet and striker.
 
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Signal, Site, both};
 
-/// `coupling.magnet_slip`: the striker follows exactly as long as that takes less than F_max. Beyond
-/// it the striker slides over the magnet, pulled by F_max + c v against the sliding at v, until it has the
-/// magnet's velocity again, and keeps the offset. c is the eddy currents and the grease under it.
+/// `coupling.magnet_slip`: slip between magnet and striker.
+///
+/// The striker follows exactly while that needs less than F_max. Above it the striker slides over
+/// the magnet, until both have the same velocity again, and keeps the offset. The damping c stands
+/// for eddy currents and grease.
 pub(crate) static MAGNET_SLIP: Effect = Effect {
     name: "coupling.magnet_slip",
-    says: "in a hard acceleration the magnet loses grip, and the striker stays offset afterwards",
+    summary: "under high acceleration the magnet loses the striker, which keeps an offset afterwards",
     domain: Domain::Coupling,
     site: Site::Whole,
+    equation: "sticks while m_s · |a| ≤ F_max; otherwise m_s · dv_s/dt = −(F_max + c · |w|) · w / |w|, w = v_s − v_magnet",
     parameters: &[
         Parameter {
             name: "grip_n",
+            symbol: "F_max",
             unit: "N",
             scale: 0.05,
             bounds: (1e-3, 1e3),
@@ -21,6 +25,7 @@ pub(crate) static MAGNET_SLIP: Effect = Effect {
         },
         Parameter {
             name: "damping_n_s_per_m",
+            symbol: "c",
             unit: "N s/m",
             scale: 0.1,
             bounds: (0.0, 100.0),
@@ -45,13 +50,18 @@ pub(crate) static MAGNET_SLIP: Effect = Effect {
     memory: 4,
     physics: Physics::Coupling(slip),
     regressors: &[Regressor::Acceleration, Regressor::SinceReversal],
-    excitation: "accelerations that grow until the striker is lost, with camera and encoders",
+    signals: Signal::STRIKER,
+    excitation: "accelerations that increase until the striker slips, with camera and encoders",
     experiment: "ramp",
     confused_with: &["coupling.magnet_spring", "coupling.striker_friction"],
+    reference: "Furlani 2001, Permanent Magnet and Electromechanical Devices",
 };
 
-/// Memory: velocity of the striker against the magnet, then its offset. The velocity shrinks by
-/// what the grip can do in a step and never beyond zero, so that it holds without chatter; the damping is implicit.
+/// Position of the striker (m) after one step.
+///
+/// `memory` holds the velocity of the striker relative to the magnet, then its offset. The grip
+/// reduces the velocity within a step and never reverses it, so that sticking does not chatter. The
+/// damping is implicit.
 fn slip(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let dt = carriage.dt;
     let free = both(|axis| memory[axis] - carriage.acceleration[axis] * dt);

@@ -1,11 +1,12 @@
-//! The magnet holds the striker like a spring.
+//! Elastic coupling of striker and magnet.
 
 use crate::effects::oscillator::Oscillator;
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Signal, Site, both};
 
-/// Stiffness of the magnet's hold on the striker.
+/// Stiffness of the magnetic coupling.
 pub(super) const STIFFNESS: Parameter = Parameter {
     name: "stiffness_n_per_m",
+    symbol: "k",
     unit: "N/m",
     scale: 20.0,
     bounds: (1.0, 5000.0),
@@ -13,9 +14,10 @@ pub(super) const STIFFNESS: Parameter = Parameter {
     per_session: false,
 };
 
-/// Share of critical damping of the striker on its spring: grease and magnet together.
+/// Damping ratio of the striker on the coupling: grease and magnet together.
 pub(super) const DAMPING: Parameter = Parameter {
     name: "damping_ratio",
+    symbol: "ζ",
     unit: "1",
     scale: 0.1,
     bounds: (0.0, 3.0),
@@ -23,9 +25,10 @@ pub(super) const DAMPING: Parameter = Parameter {
     per_session: false,
 };
 
-/// Displacement at which the pull is largest.
+/// Displacement of the largest coupling force.
 pub(super) const SOFTENING: Parameter = Parameter {
     name: "softening_m",
+    symbol: "d0",
     unit: "m",
     scale: 0.002,
     bounds: (0.0005, 1.0),
@@ -33,20 +36,23 @@ pub(super) const SOFTENING: Parameter = Parameter {
     per_session: false,
 };
 
-/// `coupling.magnet_spring`: m a = k d / (1 + (d/d0)^2) + 2 z sqrt(k m) d', with the displacement d of the
-/// magnet from the striker: the pull of two magnets grows with the displacement at first, is largest at
-/// d0 and falls beyond it.
+/// `coupling.magnet_spring`: elastic coupling of striker and magnet.
+///
+/// D is the displacement of the magnet from the striker. The force between two magnets grows with
+/// the displacement, is largest at d0 and decreases beyond it.
 pub(crate) static MAGNET_SPRING: Effect = Effect {
     name: "coupling.magnet_spring",
-    says: "the magnet holds the striker like a soft spring: it lags in accelerations and swings after them",
+    summary: "the magnet holds the striker like a soft spring: the striker lags during acceleration and oscillates afterwards",
     domain: Domain::Coupling,
     site: Site::Whole,
+    equation: "m_s · dv_s/dt = k · d / (1 + (d / d0)²) + 2 ζ · √(k · m_s) · dd/dt, d = q_magnet − q_striker",
     parameters: &[STIFFNESS, DAMPING, SOFTENING],
     null: &[5000.0, 1.0, 1.0],
     probes: &[&[100.0, 0.3, 0.02], &[30.0, 0.3, 0.02], &[30.0, 0.05, 0.02], &[300.0, 0.3, 0.02]],
     memory: 4,
     physics: Physics::Coupling(swing),
     regressors: &[Regressor::Acceleration],
+    signals: Signal::STRIKER,
     excitation: "hard starts and stops, with camera and encoders",
     experiment: "step_ladder",
     confused_with: &[
@@ -55,15 +61,19 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
         "drive.backlash",
         "drive.compliance.belt",
     ],
+    reference: "Furlani 2001, Permanent Magnet and Electromechanical Devices",
 };
 
-/// Share of the stiffness that is left at a displacement (m), with the displacement of the largest pull (m).
+/// Ratio of the secant stiffness at the displacement `away` (m) to that at zero; `softening` is the
+/// displacement of the largest force (m).
 pub(super) fn softened(away: [f64; 2], softening: f64) -> f64 {
     1.0 / (1.0 + (away[0] * away[0] + away[1] * away[1]) / (softening * softening))
 }
 
-/// Memory: displacement of the striker from the magnet and its velocity, x then y. Exact for an
-/// acceleration and a secant stiffness that are constant over the step.
+/// Position of the striker (m) after one step.
+///
+/// `memory` holds the displacement of the striker from the magnet and its velocity, x then y. Exact
+/// for an acceleration and a secant stiffness that are constant over the step.
 fn swing(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let softened = softened([memory[0], memory[2]], p[2]);
     let square = softened * p[0] / carriage.striker_mass;
@@ -94,7 +104,7 @@ mod tests {
     fn the_striker_stays_behind_by_mass_times_acceleration_over_stiffness() {
         let [x, y] = after(&[30.0, 0.3, 1e3], [5.0, -10.0], 3.0);
         assert!((x + 0.002).abs() < 1e-9 && (y - 0.004).abs() < 1e-9);
-        // Undamped it swings to twice that after half a period.
+        // Undamped it reaches twice that displacement after half a period.
         let half = std::f64::consts::PI * (0.012_f64 / 30.0).sqrt();
         let [x, _] = after(&[30.0, 0.0, 1e3], [5.0, 0.0], half);
         assert!((x + 0.004).abs() < 1e-5, "{x}");

@@ -1,21 +1,24 @@
-//! The striker rubs on the board.
+//! Friction of the striker on the board.
 
 use super::magnet_spring::{DAMPING, SOFTENING, STIFFNESS, softened};
 use crate::effects::oscillator::Oscillator;
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Signal, Site, both};
 
-/// `coupling.striker_friction`: m s' = -k d / (1 + (d/d0)^2) - 2 z sqrt(k m) d' - F s/|s|, with the striker's velocity
-/// s and its displacement d from the magnet, which holds it like the spring of `coupling.magnet_spring`: dry friction
-/// of the striker on the board, on which its magnet presses it. At a constant velocity it hangs back by about F/k; at
-/// rest it may stay anywhere within that. The carriage is held back by what holds the striker.
+/// `coupling.striker_friction`: friction of the striker on the board.
+///
+/// The magnet presses the striker on the board and holds it like the spring of
+/// `coupling.magnet_spring`. At a constant velocity the striker lags by about F_c/k. At rest it may
+/// stay anywhere within that distance. The carriage feels the coupling force.
 pub(crate) static STRIKER_FRICTION: Effect = Effect {
     name: "coupling.striker_friction",
-    says: "the striker rubs on the board and hangs back by the same distance at any speed, also at rest",
+    summary: "the striker rubs on the board and lags by the same distance at any speed, also at rest",
     domain: Domain::Coupling,
     site: Site::Whole,
+    equation: "m_s · dv_s/dt = k · d / (1 + (d / d0)²) + 2 ζ · √(k · m_s) · dd/dt − F_c · v_s / |v_s|, d = q_magnet − q_striker",
     parameters: &[
         Parameter {
             name: "force_n",
+            symbol: "F_c",
             unit: "N",
             scale: 0.05,
             bounds: (0.0, 20.0),
@@ -37,7 +40,8 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
     memory: 4,
     physics: Physics::Both(&[Physics::Coupling(rub), Physics::Reaction(hold_back)]),
     regressors: &[Regressor::Direction, Regressor::SinceReversal],
-    excitation: "slow reversals along rails and diagonals, with camera and encoders",
+    signals: Signal::MOTION,
+    excitation: "slow reversals along the axes and diagonals, with camera and encoders",
     experiment: "creep",
     confused_with: &[
         "drive.backlash",
@@ -45,15 +49,18 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
         "coupling.magnet_spring",
         "sensor.camera_latency",
     ],
+    reference: "Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), 1083-1138",
 };
 
-/// Part of a radian by which the spring turns in one step of the integration.
+/// Largest phase of the oscillator in one integration step (rad).
 const TURN: f64 = 0.25;
 
-/// Most such steps within one of the carriage.
+/// Largest number of integration steps within one step of the carriage.
 const MOST_STEPS: f64 = 32.0;
 
-/// Memory: displacement of the striker from the magnet, then its velocity on the board.
+/// Position of the striker (m) after one step.
+///
+/// `memory` holds the displacement of the striker from the magnet, then its velocity on the board.
 fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let stiffest = (p[1] / carriage.striker_mass).sqrt();
     let steps = (stiffest * carriage.dt / TURN).ceil().clamp(1.0, MOST_STEPS);
@@ -83,7 +90,8 @@ fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
                 [rest + from_rest, rate + after[axis]]
             })
         };
-        // Against the velocity that there would be without it at the end: at low speeds the direction changes at once.
+        // Friction opposes the velocity that the step would reach without it: at low speeds its direction changes
+        // within a step.
         let [[_, x], [_, y]] = swung([0.0; 2]);
         let free = x.hypot(y).max(f64::MIN_POSITIVE);
         let along = [x / free, y / free];
@@ -92,7 +100,7 @@ fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
         {
             (memory[axis], memory[2 + axis]) = (place, velocity);
         }
-        // It stops the striker and does not turn it back.
+        // Friction stops the striker and does not reverse it.
         if memory[2] * along[0] + memory[3] * along[1] <= 0.0 {
             (memory[2], memory[3]) = (0.0, 0.0);
         }
@@ -100,7 +108,7 @@ fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     both(|axis| carriage.position[axis] + memory[axis])
 }
 
-/// Force on the carriage (N) beside that of the striker's mass: k d + 2 z sqrt(k m) d' + m a.
+/// Force on the carriage (N) in addition to that of the striker's mass: k d + 2 z sqrt(k m) d' + m a.
 fn hold_back(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     rub(p, memory, carriage);
     let mass = carriage.striker_mass;
@@ -118,8 +126,7 @@ mod tests {
 
     const MASS: f64 = 0.012;
 
-    /// The displacement after so many milliseconds of a carriage that moves as `motion`: velocity and acceleration at
-    /// a time (s).
+    /// Displacement after `milliseconds` of a carriage whose velocity and acceleration at a time (s) are `motion`.
     fn moved(
         p: &[f64],
         memory: &mut [f64],
@@ -146,7 +153,7 @@ mod tests {
         let there = |_| [[0.003, 0.004], [0.0; 2]];
         let [x, y] = moved(&p, &mut memory, 0..2000, there);
         assert!((x + 3e-4).abs() < 1e-7 && (y + 4e-4).abs() < 1e-7, "{x} {y}");
-        // At rest it stays, and at another speed it hangs back as far.
+        // The lag remains at rest, and is the same at another speed.
         let rest = moved(&p, &mut memory, 0..2000, |_| [[0.0; 2]; 2]);
         assert_eq!(rest, moved(&p, &mut memory, 0..2000, |_| [[0.0; 2]; 2]));
         assert!((rest[0] + 3e-4).abs() < 2e-5 && (rest[1] + 4e-4).abs() < 2e-5, "{rest:?}");
@@ -155,7 +162,7 @@ mod tests {
         assert_eq!(moved(&p, &mut [0.0; 4], 0..1, |_| [[0.0; 2]; 2]), [0.0; 2]);
     }
 
-    /// The equation itself, by small steps, with friction that is smooth near rest.
+    /// Solution of the equation by small steps, with friction that is smooth near rest.
     #[test]
     fn it_swings_as_its_equation_says() {
         let p = [0.1, 400.0, 0.1, 0.002];
@@ -179,7 +186,7 @@ mod tests {
             let [x, _] = moved(&p, &mut memory, k..k + 1, motion);
             worst = worst.max((x - away).abs());
         }
-        // A hundredth of the swing.
+        // One percent of the amplitude.
         assert!(worst < 1e-5, "{worst}");
     }
 

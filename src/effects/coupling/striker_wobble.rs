@@ -1,20 +1,23 @@
-//! The striker tips on its foot.
+//! Tipping of the striker on its foot.
 
 use crate::effects::oscillator::Oscillator;
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Site, both};
+use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Signal, Site, both};
 use std::f64::consts::TAU;
 
-/// `coupling.striker_wobble`: o'' + 2 z w o' + w^2 o = -w^2 c a for the offset o of the part that the
-/// camera sees. A striker on a spring alone would have c = 1/w^2 (`coupling.magnet_spring`); one
-/// that tips has its own c.
+/// `coupling.striker_wobble`: tipping of the striker on its foot.
+///
+/// O is the offset of the part that the camera sees. A striker on a spring alone would have c =
+/// 1/w^2 (`coupling.magnet_spring`); a striker that tips has its own c.
 pub(crate) static STRIKER_WOBBLE: Effect = Effect {
     name: "coupling.striker_wobble",
-    says: "the striker tips on its foot: what the camera sees leans back in accelerations and swings after stops",
+    summary: "the striker tips on its foot: the part that the camera sees leans back during acceleration and oscillates after stops",
     domain: Domain::Coupling,
     site: Site::Whole,
+    equation: "d²o/dt² + 2 ζ · ω · do/dt + ω² · o = −ω² · c · a, ω = 2π · f",
     parameters: &[
         Parameter {
             name: "lean_s2",
+            symbol: "c",
             unit: "m/(m/s^2)",
             scale: 5e-5,
             bounds: (0.0, 5e-3),
@@ -23,6 +26,7 @@ pub(crate) static STRIKER_WOBBLE: Effect = Effect {
         },
         Parameter {
             name: "frequency_hz",
+            symbol: "f",
             unit: "Hz",
             scale: 5.0,
             bounds: (1.0, 80.0),
@@ -31,6 +35,7 @@ pub(crate) static STRIKER_WOBBLE: Effect = Effect {
         },
         Parameter {
             name: "damping_ratio",
+            symbol: "ζ",
             unit: "1",
             scale: 0.05,
             bounds: (0.002, 1.0),
@@ -43,13 +48,17 @@ pub(crate) static STRIKER_WOBBLE: Effect = Effect {
     memory: 4,
     physics: Physics::Coupling(wobble),
     regressors: &[Regressor::Acceleration, Regressor::SinceReversal],
-    excitation: "hard stops and a rest after each, with camera and encoders",
+    signals: Signal::STRIKER,
+    excitation: "hard stops with a rest after each, with camera and encoders",
     experiment: "step_ladder",
     confused_with: &["coupling.magnet_spring", "sensor.noise_model"],
+    reference: "damped oscillator: Rao 2017, Mechanical Vibrations",
 };
 
-/// Memory: offset and its velocity, x then y. Exact for an acceleration that is constant over the
-/// step.
+/// Position of the striker as the camera sees it (m) after one step.
+///
+/// `memory` holds the offset and its velocity, x then y. Exact for an acceleration that is constant
+/// over the step.
 fn wobble(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let oscillator = Oscillator::new(TAU * p[1], p[2], carriage.dt);
     both(|axis| {
@@ -79,7 +88,7 @@ mod tests {
             wobble(&p, &mut memory, &carriage(8.0));
         }
         assert!((memory[0] + 8e-4).abs() < 1e-9);
-        // Half a period of 0.1 s later the lean has turned, by exp(-pi z / sqrt(1 - z^2)).
+        // After half a period of 0.1 s the offset is -exp(-pi z / sqrt(1 - z^2)) times the first one.
         let half = 0.05 / (1.0_f64 - 0.0025).sqrt();
         let mut place = [0.0; 2];
         let step = Carriage { dt: half / 50.0, ..carriage(0.0) };

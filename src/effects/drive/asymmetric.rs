@@ -1,18 +1,21 @@
 //! Friction that differs by direction.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.friction.asymmetric`: the level of friction changes by (dv |v| + dc)/2 sign v, so that
-/// with the Coulomb and viscous terms of the twin Fc+- = Fc +- dc/2 and Fv+- = Fv +- dv/2
-/// ([`by_direction`]). At rest it changes nothing. Source: Janot, Gautier and Brunot 2019 (EMPS).
+/// `drive.friction.asymmetric`: friction that differs by direction.
+///
+/// With the Coulomb and viscous terms of the twin the friction is Fc+- = Fc +- d_c/2 and Fv+- = Fv
+/// +- d_v/2 ([`by_direction`]). At rest the effect changes nothing.
 pub(crate) static ASYMMETRIC: Effect = Effect {
     name: "drive.friction.asymmetric",
-    says: "friction is not the same in the two directions",
+    summary: "friction differs between the two directions",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "Δ|F_f| = ½ · (d_v · v + d_c · sign(v))",
     parameters: &[
         Parameter {
             name: "viscous_difference_n_s_per_m",
+            symbol: "d_v",
             unit: "N s/m",
             scale: 2.0,
             bounds: (-5000.0, 5000.0),
@@ -21,6 +24,7 @@ pub(crate) static ASYMMETRIC: Effect = Effect {
         },
         Parameter {
             name: "coulomb_difference_n",
+            symbol: "d_c",
             unit: "N",
             scale: 0.5,
             bounds: (-500.0, 500.0),
@@ -33,9 +37,11 @@ pub(crate) static ASYMMETRIC: Effect = Effect {
     memory: 0,
     physics: Physics::Friction(|p, _, motion| level(p, motion.velocity)),
     regressors: &[Regressor::Direction, Regressor::Velocity],
+    signals: Signal::DRIVE,
     excitation: "both directions at equal speeds, three or more of them",
     experiment: "ramp",
     confused_with: &["drive.offset", "gantry.tilt", "drive.friction.position"],
+    reference: "Janot, Gautier and Brunot 2019, Data Set and Reference Models of EMPS",
 };
 
 fn level(p: &[f64], velocity: f64) -> f64 {
@@ -45,18 +51,18 @@ fn level(p: &[f64], velocity: f64) -> f64 {
 /// Friction in one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Directed {
-    /// Dry part (N).
+    /// Coulomb friction (N).
     pub coulomb_n: f64,
-    /// Viscous part (N s/m).
+    /// Viscous coefficient (N s/m).
     pub viscous_n_s_per_m: f64,
 }
 
-/// Friction forwards and backwards, as people print it: Fc+, Fv+ and Fc-, Fv-.
+/// Friction by direction, forwards then backwards, as publications state it: Fc+, Fv+ and Fc-, Fv-.
 ///
-/// `coulomb_n` and `viscous_n_s_per_m` are the twin's symmetric terms on the same axis, `p` the
-/// numbers of `drive.friction.asymmetric`. `constant_n` is the constant force beside them
-/// (`drive.offset`, `gantry.tilt`), which a moving axis cannot tell from dc/2: only the sums
-/// returned here are certain.
+/// `coulomb_n` and `viscous_n_s_per_m` are the symmetric terms of the twin on the same axis, `p` the
+/// parameters of `drive.friction.asymmetric`. `constant_n` is the constant force on the axis
+/// (`drive.offset`, `gantry.tilt`). On a moving axis it is confounded with d_c/2: only the sums that
+/// this function returns are identifiable.
 ///
 /// ```
 /// use klasktron::effects::by_direction;

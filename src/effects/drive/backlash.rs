@@ -1,30 +1,35 @@
-//! Play between motor and load.
+//! Backlash between motor and load.
 
-use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site, Spring};
+use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Signal, Site, Spring};
 
-/// `drive.backlash`: the load moves freely inside a play of width b and is taken along at its ends.
-/// Inside, its own friction slows it by a constant deceleration: a load with much friction stays
-/// where it is until the motor has crossed the play, one with little coasts to the other end when the
-/// motor brakes. At the ends it takes over the motor's velocity. It begins in the middle. A motor feels its own play:
-/// inside it no force passes, so that only its rotor (0.98 kg of belt by the table's drawings) resists it.
-/// Source: Nordin and Gutman 2002, Automatica 38(10), with a load of finite friction.
+/// `drive.backlash`: backlash between motor and load.
+///
+/// The load moves freely within the gap of width b, and the motor drives it at either end. Within
+/// the gap its own friction decelerates it by a_f. A load with much friction stays until the motor
+/// has crossed the gap. A load with little friction coasts to the other end when the motor brakes.
+/// At an end it takes the velocity of the motor. It starts in the middle of the gap. A motor feels
+/// its own backlash: within the gap no force passes, so that only its rotor (0.98 kg of belt by the
+/// drawings of the table) resists it.
 pub(crate) static BACKLASH: Effect = Effect {
     name: "drive.backlash",
-    says: "after a reversal the motor turns a little before the load follows",
+    summary: "after a reversal the motor turns before the load follows",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "|q_motor − q_load| ≤ b / 2; within the gap dv_load/dt = −a_f · sign(v_load)",
     parameters: &[
         Parameter {
             name: "width_m",
+            symbol: "b",
             unit: "m",
             scale: 0.0002,
-            // The least that is not the give of the ends.
-            bounds: (NO_PLAY, 0.02),
+            // Smallest width that differs from the deflection of the ends.
+            bounds: (NO_BACKLASH, 0.02),
             plausible: (2e-05, 0.002),
             per_session: false,
         },
         Parameter {
             name: "load_deceleration_m_per_s2",
+            symbol: "a_f",
             unit: "m/s^2",
             scale: 2.0,
             bounds: (0.0, 1000.0),
@@ -43,9 +48,10 @@ pub(crate) static BACKLASH: Effect = Effect {
         &[0.0015, 3.0],
     ],
     memory: 3,
-    physics: Physics::Both(&[Physics::Play(follow), Physics::Transmission(slack)]),
+    physics: Physics::Both(&[Physics::Backlash(follow), Physics::Transmission(slack)]),
     regressors: &[Regressor::Direction, Regressor::SinceReversal],
-    excitation: "reversals at several speeds, with encoder and camera",
+    signals: Signal::MOTION,
+    excitation: "reversals at several speeds, with encoders and camera",
     experiment: "creep",
     confused_with: &[
         "drive.input_deadband",
@@ -54,20 +60,24 @@ pub(crate) static BACKLASH: Effect = Effect {
         "coupling.striker_friction",
         "coupling.magnet_spring",
     ],
+    reference: "Nordin and Gutman 2002, Automatica 38(10), 1633-1649, with a load of finite friction",
 };
 
-/// Width up to which there is none (m): the ends give way by as much under a few newtons.
-const NO_PLAY: f64 = 5e-6;
+/// Width below which the backlash counts as zero (m): the ends deflect by as much under a few newtons.
+const NO_BACKLASH: f64 = 5e-6;
 
-/// Where the play ends, motor and load meet as hard as a step of the simulation can follow (N/m), and bounce on this
-/// table with half of their speed.
-const MEETING: Spring = Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, play: 0.0 };
+/// Contact of motor and load at the ends of the gap: the largest stiffness (N/m) that a simulation step
+/// resolves. On this table they rebound with half of their speed.
+const END_CONTACT: Spring =
+    Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, backlash: 0.0 };
 
 fn slack(p: &[f64]) -> Option<Spring> {
-    (NO_PLAY <= p[0]).then(|| Spring { play: p[0], ..MEETING })
+    (NO_BACKLASH <= p[0]).then(|| Spring { backlash: p[0], ..END_CONTACT })
 }
 
-/// Memory: place and velocity of the load, and 1 once there is one.
+/// Position of the load (m) after one step.
+///
+/// `memory` holds position and velocity of the load, and 1 once both are initialized.
 fn follow(p: &[f64], memory: &mut [f64], motion: &Motion) -> f64 {
     let half = 0.5 * p[0];
     if memory[2] == 0.0 {
@@ -90,13 +100,13 @@ mod tests {
     }
 
     #[test]
-    fn hardly_any_width_is_no_play() {
+    fn a_tiny_width_is_no_backlash() {
         assert_eq!(slack(BACKLASH.null), None);
-        assert_eq!(slack(&[3e-4, 50.0]).map(|spring| spring.play), Some(3e-4));
+        assert_eq!(slack(&[3e-4, 50.0]).map(|spring| spring.backlash), Some(3e-4));
     }
 
     #[test]
-    fn a_load_with_friction_follows_behind_the_play() {
+    fn a_load_with_friction_follows_across_the_gap() {
         let p = [0.002, 1000.0];
         let mut memory = [0.0; 3];
         assert_eq!(follow(&p, &mut memory, &at(0.1, 0.0)), 0.1);
@@ -110,7 +120,7 @@ mod tests {
     fn a_load_without_friction_coasts_when_the_motor_brakes() {
         let p = [0.002, 0.0];
         let mut memory = [0.099, 0.2, 1.0];
-        // Taken along at 0.2 m/s behind the motor; the motor stops at once.
+        // The motor has driven the load at 0.2 m/s and stops within one step.
         assert!((follow(&p, &mut memory, &at(0.1, 0.0)) - 0.0992).abs() < 1e-12);
         for _ in 0..20 {
             follow(&p, &mut memory, &at(0.1, 0.0));

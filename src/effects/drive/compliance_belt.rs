@@ -1,28 +1,33 @@
-//! The belt stretches.
+//! Belt compliance.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site, Spring};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site, Spring};
 
-/// `drive.compliance.belt`: motor and load are two masses with a spring between them, whose compliance is 1/k: the
-/// motor swings against the load, which lags by F/k with the force F that passes between them (below the resonance
-/// M a/k, which is what camera and encoders together show). The rotor's mass, 0.98 kg of belt by the table's drawings,
-/// is in `gantry.inertia` as well; the damping is a share of the critical one of the rotor on its belt.
+/// `drive.compliance.belt`: belt compliance.
+///
+/// Motor and load are two masses on a spring of the compliance C. The rotor oscillates against the
+/// load. The load lags by C F with the force F that the belt transmits; below the resonance this is
+/// C M a, which camera and encoders together show. `gantry.inertia` includes the rotor, 0.98 kg of
+/// belt by the drawings of the table. The damping ratio is that of the rotor on its belt.
 pub(crate) static COMPLIANCE_BELT: Effect = Effect {
     name: "drive.compliance.belt",
-    says: "the belt stretches, so the load lags in accelerations",
+    summary: "the belt stretches, so the load lags during acceleration",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "F = (q_motor − q_load) / C + 2 ζ · √(m_r / C) · (v_motor − v_load)",
     parameters: &[
         Parameter {
             name: "compliance_m_per_n",
+            symbol: "C",
             unit: "m/N",
             scale: 1e-5,
-            // The least that is not rigid.
+            // Smallest compliance that is not rigid.
             bounds: (RIGID, 0.01),
             plausible: (RIGID, 2e-4),
             per_session: false,
         },
         Parameter {
             name: "rotor_kg",
+            symbol: "m_r",
             unit: "kg",
             scale: 0.1,
             bounds: (0.05, 5.0),
@@ -31,6 +36,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
         },
         Parameter {
             name: "damping_ratio",
+            symbol: "ζ",
             unit: "1",
             scale: 0.05,
             bounds: (0.0, 2.0),
@@ -49,11 +55,12 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
     ],
     memory: 0,
     physics: Physics::Both(&[
-        Physics::Play(|p, _, motion| motion.position - p[0] * motion.force),
+        Physics::Backlash(|p, _, motion| motion.position - p[0] * motion.force),
         Physics::Transmission(spring),
     ]),
     regressors: &[Regressor::Acceleration],
-    excitation: "steps or a chirp beyond twice the resonance, with encoder and camera",
+    signals: Signal::MOTION,
+    excitation: "steps, or a chirp up to twice the resonance, with encoders and camera",
     experiment: "chirp",
     confused_with: &[
         "drive.velocity_loop",
@@ -61,13 +68,15 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
         "drive.delay",
         "drive.current_loop",
     ],
+    reference: "Spong 1987, ASME Journal of Dynamic Systems, Measurement, and Control 109(4), 310-318; belts: Sollmann, Jouaneh and Lavender 2010, IEEE/ASME Transactions on Mechatronics 15(2), 280-290",
 };
 
-/// Below this compliance (m/N) belts are rigid: the load would swing faster than a step can follow.
+/// Compliance (m/N) below which belts are rigid: a simulation step could not resolve the resonance.
 const RIGID: f64 = 2e-6;
 
 fn spring(p: &[f64]) -> Option<Spring> {
-    let soft = |stiffness| Spring { stiffness, damping_ratio: p[2], motor_mass: p[1], play: 0.0 };
+    let soft =
+        |stiffness| Spring { stiffness, damping_ratio: p[2], motor_mass: p[1], backlash: 0.0 };
     (RIGID <= p[0]).then(|| soft(1.0 / p[0]))
 }
 
@@ -77,9 +86,9 @@ mod tests {
     use crate::effects::Motion;
 
     #[test]
-    fn the_load_lags_in_an_acceleration() {
-        let Physics::Both([Physics::Play(stretch), _]) = COMPLIANCE_BELT.physics else {
-            panic!("it lies between")
+    fn the_load_lags_during_acceleration() {
+        let Physics::Both([Physics::Backlash(stretch), _]) = COMPLIANCE_BELT.physics else {
+            panic!("the belt transmits")
         };
         let motion = Motion { position: 0.2, force: 5.0, ..Motion::default() };
         assert!((stretch(&[1e-4, 0.98, 0.05], &mut [], &motion) - 0.1995).abs() < 1e-12);
@@ -87,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn hardly_any_compliance_is_none() {
+    fn a_tiny_compliance_is_rigid() {
         assert_eq!(spring(COMPLIANCE_BELT.null), None);
         let soft = spring(&[1e-5, 0.5, 0.1]).unwrap();
         assert!((soft.stiffness - 1e5).abs() < 1e-6 && soft.motor_mass == 0.5);

@@ -1,15 +1,17 @@
-//! Dead time between the command's time stamp and the drive.
+//! Dead time between the time stamp of a command and its effect.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.delay`: u(t - Td).
+/// `drive.delay`: dead time of the command.
 pub(crate) static DELAY: Effect = Effect {
     name: "drive.delay",
-    says: "commands take effect a constant time after they were sent",
+    summary: "commands take effect a constant time after they were sent",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "u′(t) = u(t − T_d)",
     parameters: &[Parameter {
         name: "delay_s",
+        symbol: "T_d",
         unit: "s",
         scale: 0.002,
         bounds: (-0.02, 0.2),
@@ -21,6 +23,7 @@ pub(crate) static DELAY: Effect = Effect {
     memory: 0,
     physics: Physics::CommandDelay(|p| p[0]),
     regressors: &[Regressor::Acceleration],
+    signals: Signal::DRIVE,
     excitation: "steps of the command, or a chirp over a decade of frequency",
     experiment: "chirp",
     confused_with: &[
@@ -31,4 +34,5 @@ pub(crate) static DELAY: Effect = Effect {
         "estimator.lag",
         "sensor.clock_skew",
     ],
+    reference: "Åström and Murray 2021, Feedback Systems (time delays)",
 };

@@ -1,18 +1,21 @@
-//! Small commands do nothing.
+//! Dead zone of the drive input.
 
-use crate::effects::{COMMAND_UNIT, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{COMMAND_UNIT, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.input_deadband`: r = 0 where |u| < u0, in the unit of the command; beyond it u - s u0
-/// sign u. With s = 0 small commands are ignored and all others pass whole, with s = 1 they lose
-/// the band (the dead zone of the textbooks).
+/// `drive.input_deadband`: dead zone of the drive input.
+///
+/// The unit is that of the command. With s = 0 the drive ignores small commands and passes all
+/// others unchanged. With s = 1 larger commands lose the band, as in the dead zone of textbooks.
 pub(crate) static INPUT_DEADBAND: Effect = Effect {
     name: "drive.input_deadband",
-    says: "the drive ignores small commands, in both directions and everywhere",
+    summary: "the drive ignores small commands in both directions",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "u′ = 0 for |u| < u0, otherwise u − s · u0 · sign(u)",
     parameters: &[
         Parameter {
             name: "threshold",
+            symbol: "u0",
             unit: COMMAND_UNIT,
             scale: 0.01,
             bounds: (0.0, 100.0),
@@ -20,7 +23,8 @@ pub(crate) static INPUT_DEADBAND: Effect = Effect {
             per_session: false,
         },
         Parameter {
-            name: "lost_share",
+            name: "lost_fraction",
+            symbol: "s",
             unit: "1",
             scale: 0.5,
             bounds: (-0.5, 1.5),
@@ -29,7 +33,7 @@ pub(crate) static INPUT_DEADBAND: Effect = Effect {
         },
     ],
     null: &[0.0, 0.0],
-    // Between two commands that were given the threshold has no slope, so its sizes stand close.
+    // The cost is flat between two recorded command levels, so the start values are dense.
     probes: &[
         &[0.002, 0.0],
         &[0.003, 0.0],
@@ -48,6 +52,7 @@ pub(crate) static INPUT_DEADBAND: Effect = Effect {
         if command.abs() < p[0] { 0.0 } else { command - p[1] * p[0].copysign(command) }
     }),
     regressors: &[Regressor::Command, Regressor::Direction],
+    signals: Signal::DRIVE,
     excitation: "a triangle of small commands in both directions",
     experiment: "creep",
     confused_with: &[
@@ -56,6 +61,7 @@ pub(crate) static INPUT_DEADBAND: Effect = Effect {
         "drive.backlash",
         "drive.friction.presliding",
     ],
+    reference: "Tao and Kokotović 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
 };
 
 #[cfg(test)]

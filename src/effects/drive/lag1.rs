@@ -1,15 +1,19 @@
-//! The command reaches the drive through a first-order lag.
+//! First-order lag of the command.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site, first_order::follow};
+use crate::effects::{
+    Domain, Effect, Parameter, Physics, Regressor, Signal, Site, first_order::follow,
+};
 
-/// `drive.lag1`: tau r' + r = u; a ramp is tau late.
+/// `drive.lag1`: first-order low-pass of the command; a ramp is late by its time constant.
 pub(crate) static LAG1: Effect = Effect {
     name: "drive.lag1",
-    says: "commands are smoothed on their way by a first-order lag",
+    summary: "a first-order lag smooths the command",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "τ · dr/dt + r = u",
     parameters: &[Parameter {
         name: "time_constant_s",
+        symbol: "τ",
         unit: "s",
         scale: 0.002,
         bounds: (0.0, 0.3),
@@ -21,7 +25,8 @@ pub(crate) static LAG1: Effect = Effect {
     memory: 2,
     physics: Physics::Command(|p, memory, command, dt| follow(p[0], memory, command, dt)),
     regressors: &[Regressor::Acceleration, Regressor::Jerk],
-    excitation: "a chirp over a decade of frequency: its magnitude falls, that of a delay does not",
+    signals: Signal::DRIVE,
+    excitation: "a chirp over a decade of frequency: a lag attenuates its amplitude, a delay does not",
     experiment: "chirp",
     confused_with: &[
         "drive.delay",
@@ -32,6 +37,7 @@ pub(crate) static LAG1: Effect = Effect {
         "estimator.lag",
         "sensor.clock_skew",
     ],
+    reference: "Åström and Murray 2021, Feedback Systems (first-order systems)",
 };
 
 #[cfg(test)]

@@ -1,17 +1,19 @@
-//! Friction in proportion to the load.
+//! Load-dependent friction.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.friction.load`: the level grows by Kl |F|, with the drive force F. Source: Duclusaud et
-/// al. 2024, "Extended friction models for the physics simulation of servo actuators" (arXiv
-/// 2410.08650).
+/// `drive.friction.load`: load-dependent friction.
+///
+/// F is the drive force.
 pub(crate) static LOAD: Effect = Effect {
     name: "drive.friction.load",
-    says: "friction grows with the force that the drive gives",
+    summary: "friction grows with the drive force",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "Δ|F_f| = K_l · |F|",
     parameters: &[Parameter {
-        name: "share",
+        name: "coefficient",
+        symbol: "K_l",
         unit: "1",
         scale: 0.05,
         bounds: (0.0, 0.9),
@@ -23,9 +25,11 @@ pub(crate) static LOAD: Effect = Effect {
     memory: 0,
     physics: Physics::Friction(|p, _, motion| p[0] * motion.force.abs()),
     regressors: &[Regressor::Load, Regressor::Direction],
+    signals: Signal::DRIVE,
     excitation: "two payloads, or low and high accelerations",
     experiment: "step_ladder",
     confused_with: &["drive.friction.asymmetric", "drive.gain", "drive.saturation.torque_speed"],
+    reference: "Duclusaud et al. 2024, Extended Friction Models for the Physics Simulation of Servo Actuators (arXiv 2410.08650)",
 };
 
 #[cfg(test)]

@@ -1,17 +1,20 @@
-//! The drive adds a constant to what it is told.
+//! Constant offset of the drive input.
 
-use crate::effects::{COMMAND_UNIT, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{COMMAND_UNIT, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.offset`: u -> u + u0, in the unit of the command: m/s of belt for a velocity drive, N for
-/// a force drive, where it is a constant force and the published offset of an inverse model is -u0.
-/// Source: Janot, Gautier and Brunot 2019 (EMPS).
+/// `drive.offset`: constant offset of the drive input.
+///
+/// The unit is that of the command. A velocity drive takes m/s of belt. A force drive takes N:
+/// there the offset is a constant force, and the published offset of an inverse model is -u0.
 pub(crate) static OFFSET: Effect = Effect {
     name: "drive.offset",
-    says: "the drive adds a constant to its command, whatever the direction and the place",
+    summary: "the drive adds a constant to its command, independent of direction and position",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "u′ = u + u0",
     parameters: &[Parameter {
         name: "offset",
+        symbol: "u0",
         unit: COMMAND_UNIT,
         scale: 0.01,
         bounds: (-500.0, 500.0),
@@ -23,9 +26,11 @@ pub(crate) static OFFSET: Effect = Effect {
     memory: 0,
     physics: Physics::Command(|p, _, command, _| command + p[0]),
     regressors: &[Regressor::Constant],
+    signals: Signal::DRIVE,
     excitation: "rest, and slow moves in both directions",
     experiment: "creep",
     confused_with: &["drive.friction.asymmetric", "gantry.tilt"],
+    reference: "Janot, Gautier and Brunot 2019, Data Set and Reference Models of EMPS",
 };
 
 #[cfg(test)]

@@ -1,11 +1,12 @@
-//! Friction that depends on the place.
+//! Position-dependent friction.
 
-use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Signal, Site};
 use std::f64::consts::TAU;
 
-/// One component of the wave.
+/// Amplitude of one periodic component.
 const WAVE: Parameter = Parameter {
     name: "sine_n",
+    symbol: "A",
     unit: "N",
     scale: 0.5,
     bounds: (-500.0, 500.0),
@@ -13,16 +14,20 @@ const WAVE: Parameter = Parameter {
     per_session: false,
 };
 
-/// `drive.friction.position`: the level changes by s q + c q^2 + a sin(2 pi q / L) + b cos(2 pi q / L), q from the
-/// origin of the coordinate: a rail that is not straight or worn in the middle, or one that waves.
+/// `drive.friction.position`: position-dependent friction.
+///
+/// Q counts from the origin of the coordinate. The polynomial describes a guide that is misaligned
+/// or worn in the middle, the sine and cosine a periodic one.
 pub(crate) static POSITION: Effect = Effect {
     name: "drive.friction.position",
-    says: "friction is higher in some places of the travel than in others",
+    summary: "friction depends on the position along the travel",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "Δ|F_f| = s · q + c · q² + A · sin(2π · q / L) + B · cos(2π · q / L)",
     parameters: &[
         Parameter {
             name: "slope_n_per_m",
+            symbol: "s",
             unit: "N/m",
             scale: 5.0,
             bounds: (-10000.0, 10000.0),
@@ -31,6 +36,7 @@ pub(crate) static POSITION: Effect = Effect {
         },
         Parameter {
             name: "curvature_n_per_m2",
+            symbol: "c",
             unit: "N/m^2",
             scale: 50.0,
             bounds: (-1e6, 1e6),
@@ -38,9 +44,10 @@ pub(crate) static POSITION: Effect = Effect {
             per_session: false,
         },
         WAVE,
-        Parameter { name: "cosine_n", ..WAVE },
+        Parameter { name: "cosine_n", symbol: "B", ..WAVE },
         Parameter {
             name: "length_m",
+            symbol: "L",
             unit: "m",
             scale: 0.01,
             bounds: (0.02, 1.0),
@@ -62,6 +69,7 @@ pub(crate) static POSITION: Effect = Effect {
     memory: 0,
     physics: Physics::Friction(level),
     regressors: &[Regressor::Position, Regressor::Direction],
+    signals: Signal::DRIVE,
     excitation: "slow sweeps over the whole travel in both directions",
     experiment: "x_line",
     confused_with: &[
@@ -70,9 +78,10 @@ pub(crate) static POSITION: Effect = Effect {
         "gantry.mass_position",
         "drive.friction.asymmetric",
     ],
+    reference: "Armstrong 1988, Friction: Experimental Determination, Modeling and Compensation (ICRA)",
 };
 
-/// What the place adds to the level (N).
+/// Position-dependent part of the friction level (N).
 fn level(p: &[f64], _: &mut [f64], motion: &Motion) -> f64 {
     let (sin, cos) = (TAU * motion.position / p[4]).sin_cos();
     (p[0] + p[1] * motion.position) * motion.position + p[2] * sin + p[3] * cos

@@ -1,21 +1,24 @@
-//! Friction turns round smoothly instead of at once.
+//! Presliding friction: a smooth reversal of the friction force.
 
-use crate::effects::{Bristles, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Bristles, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.friction.presliding`: of the dry friction, F acts through contacts that bend before they slide
-/// ([`Bristles`]): beside a reversal friction turns round over the way z0, and below the velocity v0 it grows with
-/// the velocity, as lubricated contacts do. Far from a reversal nothing changes. F counts up to the dry friction
-/// that there is; the stiffness of the contacts is F/z0, 1e4 to 1e6 N/m; their damping is about the square root of
-/// stiffness times mass. Sources: Dahl 1968; Canudas de Wit, Olsson, Astrom and Lischinsky 1995; rounding by
-/// velocity: Makkar, Dixon, Sawyer and Hu 2005.
+/// `drive.friction.presliding`: presliding friction: a smooth reversal of the friction force.
+///
+/// Of the dry friction, F_b acts through contacts that deflect before they slide ([`Bristles`]).
+/// After a reversal the friction changes sign over the distance d. Below the velocity v_b it grows
+/// with the velocity, as in lubricated contacts. Far from a reversal nothing changes. F_b counts up
+/// to the dry friction of the twin. The stiffness of the contacts is F_b/d, 1e4 to 1e6 N/m. Their
+/// damping is about the square root of stiffness times mass.
 pub(crate) static PRESLIDING: Effect = Effect {
     name: "drive.friction.presliding",
-    says: "friction turns round smoothly at a reversal: contacts bend before they slide",
+    summary: "the friction force changes sign smoothly at a reversal, because contacts deflect before they slide",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "F_f = −F_b · z − c · d · dz/dt, d · dz/dt = v − h(v) · z, h(v) = |v| / tanh(|v| / v_b)",
     parameters: &[
         Parameter {
             name: "force_n",
+            symbol: "F_b",
             unit: "N",
             scale: 1.0,
             bounds: (0.0, 500.0),
@@ -24,6 +27,7 @@ pub(crate) static PRESLIDING: Effect = Effect {
         },
         Parameter {
             name: "distance_m",
+            symbol: "d",
             unit: "m",
             scale: 0.00002,
             bounds: (1e-7, 0.01),
@@ -32,6 +36,7 @@ pub(crate) static PRESLIDING: Effect = Effect {
         },
         Parameter {
             name: "velocity_m_per_s",
+            symbol: "v_b",
             unit: "m/s",
             scale: 0.002,
             bounds: (1e-5, 0.2),
@@ -40,6 +45,7 @@ pub(crate) static PRESLIDING: Effect = Effect {
         },
         Parameter {
             name: "damping_n_s_per_m",
+            symbol: "c",
             unit: "N s/m",
             scale: 50.0,
             bounds: (0.0, 1e5),
@@ -65,6 +71,7 @@ pub(crate) static PRESLIDING: Effect = Effect {
         damping: p[3],
     }),
     regressors: &[Regressor::SinceReversal, Regressor::Direction, Regressor::Speed],
+    signals: Signal::DRIVE,
     excitation: "many small reversals",
     experiment: "creep",
     confused_with: &[
@@ -76,6 +83,7 @@ pub(crate) static PRESLIDING: Effect = Effect {
         "drive.current_loop",
         "drive.input_deadband",
     ],
+    reference: "Dahl 1968, A Solid Friction Model; Canudas de Wit, Olsson, Åström and Lischinsky 1995, IEEE TAC 40(3), 419-425; Makkar, Dixon, Sawyer and Hu 2005, AIM",
 };
 
 #[cfg(test)]

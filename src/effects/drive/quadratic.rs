@@ -1,15 +1,17 @@
-//! Friction in proportion to the square of velocity.
+//! Quadratic friction.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.friction.quadratic`: -Fq v |v|.
+/// `drive.friction.quadratic`: resistance in proportion to the square of velocity.
 pub(crate) static QUADRATIC: Effect = Effect {
     name: "drive.friction.quadratic",
-    says: "a resistance grows with the square of velocity",
+    summary: "a resistance grows with the square of velocity",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "F_f = −F_q · v · |v|",
     parameters: &[Parameter {
         name: "coefficient_n_s2_per_m2",
+        symbol: "F_q",
         unit: "N s^2/m^2",
         scale: 2.0,
         bounds: (0.0, 5000.0),
@@ -21,9 +23,11 @@ pub(crate) static QUADRATIC: Effect = Effect {
     memory: 0,
     physics: Physics::Force(|p, _, motion| -p[0] * motion.velocity * motion.velocity.abs()),
     regressors: &[Regressor::Speed, Regressor::Velocity],
-    excitation: "top speed and half of it, in both directions",
+    signals: Signal::DRIVE,
+    excitation: "maximum speed and half of it, in both directions",
     experiment: "ramp",
     confused_with: &["drive.friction.viscous", "drive.saturation.torque_speed"],
+    reference: "Olsson, Åström, Canudas de Wit, Gäfvert and Lischinsky 1998, European Journal of Control 4(3), 176-195",
 };
 
 #[cfg(test)]

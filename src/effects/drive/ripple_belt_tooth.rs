@@ -1,18 +1,21 @@
-//! A force that repeats with the teeth of the belt.
+//! Force ripple of the belt teeth.
 
 use super::ripple_motor::wave;
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.ripple.belt_tooth`: A sin(2 pi q/p) + B cos(2 pi q/p), with the pitch p of a GT2 belt.
-/// The place of the teeth belongs to a session.
+/// `drive.ripple.belt_tooth`: force ripple of the belt teeth.
+///
+/// The period is the pitch of a GT2 belt. The phase of the teeth belongs to a session.
 pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     name: "drive.ripple.belt_tooth",
-    says: "a small force repeats with every tooth of the belt",
+    summary: "a small force repeats with every tooth of the belt",
     domain: Domain::Drive,
     site: Site::EachMotor,
+    equation: "F = A · sin(2π · q / p) + B · cos(2π · q / p), p = 2 mm",
     parameters: &[
         Parameter {
             name: "sine_n",
+            symbol: "A",
             unit: "N",
             scale: 0.2,
             bounds: (-200.0, 200.0),
@@ -21,6 +24,7 @@ pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
         },
         Parameter {
             name: "cosine_n",
+            symbol: "B",
             unit: "N",
             scale: 0.2,
             bounds: (-200.0, 200.0),
@@ -33,12 +37,14 @@ pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     memory: 0,
     physics: Physics::Force(|p, _, motion| wave(p, motion.position, PITCH)),
     regressors: &[Regressor::Phase, Regressor::Position],
-    excitation: "slow moves at several places",
+    signals: Signal::DRIVE,
+    excitation: "slow moves at several positions",
     experiment: "creep",
     confused_with: &["drive.ripple.motor", "drive.friction.position"],
+    reference: "harmonic model as for torque ripple: Holtz and Springob 1996, IEEE Transactions on Industrial Electronics 43(2), 309-320",
 };
 
-/// Pitch of the belt (m): GT2.
+/// Pitch of a GT2 belt (m).
 const PITCH: f64 = 0.002;
 
 #[cfg(test)]

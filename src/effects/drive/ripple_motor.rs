@@ -1,18 +1,21 @@
-//! A force that repeats with the turns of the motor.
+//! Torque ripple and cogging of the motor.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.ripple.motor`: A sin(2 pi q/p) + B cos(2 pi q/p), where p is the travel per turn or per
-/// pole, not known beforehand: [`periods`](super::scan::periods) proposes it. The place of the
-/// rotor belongs to a session.
+/// `drive.ripple.motor`: torque ripple and cogging of the motor.
+///
+/// The period p is the travel per turn or per pole pair. It is not known beforehand:
+/// [`periods`](super::scan::periods) proposes it. The phase of the rotor belongs to a session.
 pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     name: "drive.ripple.motor",
-    says: "a small force repeats with the turns of the motor",
+    summary: "a small force repeats with the rotation of the motor",
     domain: Domain::Drive,
     site: Site::EachMotor,
+    equation: "F = A · sin(2π · q / p) + B · cos(2π · q / p)",
     parameters: &[
         Parameter {
             name: "sine_n",
+            symbol: "A",
             unit: "N",
             scale: 0.2,
             bounds: (-200.0, 200.0),
@@ -21,6 +24,7 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
         },
         Parameter {
             name: "cosine_n",
+            symbol: "B",
             unit: "N",
             scale: 0.2,
             bounds: (-200.0, 200.0),
@@ -29,6 +33,7 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
         },
         Parameter {
             name: "period_m",
+            symbol: "p",
             unit: "m",
             scale: 2.5e-5,
             bounds: (1e-4, 0.5),
@@ -41,12 +46,14 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     memory: 0,
     physics: Physics::Force(|p, _, motion| wave(p, motion.position, p[2])),
     regressors: &[Regressor::Phase, Regressor::Position],
+    signals: Signal::DRIVE,
     excitation: "slow constant speed over many turns",
     experiment: "creep",
     confused_with: &["drive.ripple.belt_tooth", "drive.ripple.pulley", "drive.friction.position"],
+    reference: "Holtz and Springob 1996, IEEE Transactions on Industrial Electronics 43(2), 309-320",
 };
 
-/// Wave with the amplitudes `p` of sine and cosine at `position` in a `period`, all lengths in m.
+/// Sinusoid with the sine and cosine amplitudes `p` at `position` (m) with a `period` (m).
 pub(super) fn wave(p: &[f64], position: f64, period: f64) -> f64 {
     let (sine, cosine) = (std::f64::consts::TAU * position / period).sin_cos();
     p[0] * sine + p[1] * cosine

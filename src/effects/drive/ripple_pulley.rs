@@ -1,18 +1,21 @@
-//! A force that repeats with every turn of the pulley.
+//! Force ripple of an eccentric pulley.
 
 use super::ripple_motor::wave;
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.ripple.pulley`: A sin(2 pi q/p) + B cos(2 pi q/p), with p the belt per turn. The place of
-/// the pulley belongs to a session.
+/// `drive.ripple.pulley`: force ripple of an eccentric pulley.
+///
+/// The period is the belt travel per turn. The phase of the pulley belongs to a session.
 pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     name: "drive.ripple.pulley",
-    says: "a small force repeats with every turn of the pulley",
+    summary: "a small force repeats with every turn of the pulley",
     domain: Domain::Drive,
     site: Site::EachMotor,
+    equation: "F = A · sin(2π · q / p) + B · cos(2π · q / p), p = 40 mm",
     parameters: &[
         Parameter {
             name: "sine_n",
+            symbol: "A",
             unit: "N",
             scale: 0.2,
             bounds: (-200.0, 200.0),
@@ -21,6 +24,7 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
         },
         Parameter {
             name: "cosine_n",
+            symbol: "B",
             unit: "N",
             scale: 0.2,
             bounds: (-200.0, 200.0),
@@ -33,6 +37,7 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     memory: 0,
     physics: Physics::Force(|p, _, motion| wave(p, motion.position, TURN)),
     regressors: &[Regressor::Phase, Regressor::Position],
+    signals: Signal::DRIVE,
     excitation: "slow diagonals over many turns",
     experiment: "diagonal",
     confused_with: &[
@@ -40,9 +45,10 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
         "sensor.encoder_eccentricity",
         "drive.friction.position",
     ],
+    reference: "harmonic model as for torque ripple: Holtz and Springob 1996, IEEE Transactions on Industrial Electronics 43(2), 309-320",
 };
 
-/// Belt per turn (m): 20 teeth of 2 mm.
+/// Belt travel per turn (m): 20 teeth of 2 mm.
 const TURN: f64 = 0.04;
 
 #[cfg(test)]

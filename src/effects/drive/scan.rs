@@ -1,4 +1,4 @@
-//! Numbers of an effect that a screen must look for, because no small step leads to them.
+//! Parameters that need a global search, because the cost has many local minima in them.
 
 use super::ripple_motor::RIPPLE_MOTOR;
 use crate::{
@@ -7,38 +7,38 @@ use crate::{
 };
 use std::f64::consts::TAU;
 
-/// How to propose values of one parameter of an effect from what a twin leaves unexplained.
+/// Global search over one parameter of an effect, in the residual of a twin.
 #[derive(Debug, Clone, Copy)]
 pub struct Scan {
-    /// Which parameter.
+    /// Index of the parameter.
     pub parameter: usize,
-    /// What the first argument of `propose` is.
+    /// Quantity in the first argument of `propose`.
     pub regressor: Regressor,
-    /// Regressor and residual at the same samples to values worth a probe, the best first.
+    /// Function from regressor and residual at the same samples to start values, the best first.
     pub propose: fn(regressor: &[f64], residual: &[f64]) -> Vec<f64>,
 }
 
-/// Every effect with a number that must be scanned for; it replaces that number in each probe.
+/// Effects with a scanned parameter; the proposals replace that parameter in each probe.
 pub static SCANS: &[(&Effect, Scan)] =
     &[(&RIPPLE_MOTOR, Scan { parameter: 2, regressor: Regressor::Position, propose: periods })];
 
-/// Frequencies per width of a line, so that no line falls between two of them.
+/// Frequencies per spectral line width, so that no line falls between two of them.
 const PER_LINE: f64 = 4.0;
-/// Most frequencies that are tried.
+/// Largest number of frequencies.
 const MOST_FREQUENCIES: usize = 4000;
-/// Share of the travel that a sample must move to count, and the quantile of such steps that is slow.
+/// Fraction of the travel that a sample must move to count.
 const MOVING: f64 = 1e-4;
+/// Quantile of the steps between samples that counts as slow.
 const SLOW: f64 = 0.1;
-/// How many periods are proposed at most.
+/// Largest number of proposed periods.
 const PROPOSALS: usize = 3;
 
 /// Periods of `residual` along `position`, the strongest first, in the unit of the position.
 ///
-/// Least squares of a sine and a cosine beside a constant at every frequency from two periods in
-/// the travel to the shortest that the samples resolve where the motion is slow (Lomb 1976, Scargle
-/// 1982, with a floating mean); the strongest lines that are no neighbours of each other are refined
-/// by golden sections.
-/// Empty where the position does not move.
+/// Lomb-Scargle periodogram with a floating mean (Lomb 1976, Scargle 1982): least squares of a sine, a
+/// cosine and a constant at every frequency. The range is from two periods in the travel to the
+/// shortest period that the samples resolve where the motion is slow. Golden-section search refines
+/// the strongest lines that are not neighbours. Empty where the position does not change.
 #[must_use]
 pub fn periods(position: &[f64], residual: &[f64]) -> Vec<f64> {
     let (position, residual): (Vec<f64>, Vec<f64>) = position
@@ -67,8 +67,8 @@ pub fn periods(position: &[f64], residual: &[f64]) -> Vec<f64> {
     strongest(&powers).into_iter().map(refine).collect()
 }
 
-/// The highest of `powers`, the best first, a line apart at least: beside a line whose phase is distorted,
-/// its neighbour may be the true one.
+/// Indices of the largest `powers`, the largest first, at least one line width apart: next to a line with a
+/// distorted phase, its neighbour may be the true one.
 fn strongest(powers: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..powers.len()).collect();
     order.sort_by(|a, b| powers[*b].total_cmp(&powers[*a]));
@@ -84,8 +84,7 @@ fn strongest(powers: &[f64]) -> Vec<usize> {
     lines
 }
 
-/// Way between neighbouring samples where the motion is slow: what passes in no time elsewhere is resolved
-/// there.
+/// Distance between neighbouring samples where the motion is slow (m), which limits the resolved period.
 fn slow_step(position: &[f64], travel: f64) -> f64 {
     let steps: Vec<f64> = position
         .windows(2)
@@ -95,7 +94,7 @@ fn slow_step(position: &[f64], travel: f64) -> f64 {
     quantile(&steps, SLOW).unwrap_or(travel)
 }
 
-/// Sum of squares that a wave of `frequency` and a constant explain.
+/// Sum of squares that a sinusoid of `frequency` and a constant explain.
 fn power(position: &[f64], residual: &[f64], frequency: f64) -> f64 {
     let n = position.len() as f64;
     let mean = residual.iter().sum::<f64>() / n;
@@ -118,7 +117,7 @@ fn power(position: &[f64], residual: &[f64], frequency: f64) -> f64 {
     (ys * ys * cc - 2.0 * ys * yc * sc + yc * yc * ss) / determinant
 }
 
-/// Where `height` is highest between `low` and `high`, where it has one top.
+/// Maximum of the unimodal function `height` between `low` and `high`, by golden-section search.
 fn highest(height: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     for _ in 0..40 {
@@ -160,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_move_has_no_period() {
+    fn a_constant_position_has_no_period() {
         assert!(periods(&[0.1; 50], &[1.0; 50]).is_empty());
         assert!(periods(&[], &[]).is_empty());
     }

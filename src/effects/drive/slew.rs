@@ -1,15 +1,17 @@
-//! The drive's ramp: the setpoint of the velocity loop changes no faster than this.
+//! Slew limit of the velocity setpoint.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.saturation.slew`: |dr/dt| <= limit, in metres of belt.
+/// `drive.saturation.slew`: limit in metres of belt.
 pub(crate) static SLEW: Effect = Effect {
     name: "drive.saturation.slew",
-    says: "the drive ramps its setpoint, so velocity changes with a constant slope",
+    summary: "the drive limits the rate of its velocity setpoint",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "|dr/dt| ≤ S",
     parameters: &[Parameter {
         name: "limit_m_per_s2",
+        symbol: "S",
         unit: "m/s^2",
         scale: 1.0,
         bounds: (0.1, 500.0),
@@ -24,7 +26,9 @@ pub(crate) static SLEW: Effect = Effect {
         memory[0]
     }),
     regressors: &[Regressor::Acceleration],
-    excitation: "velocity steps larger than the ramp can follow within a sample",
+    signals: Signal::MOTOR,
+    excitation: "velocity steps larger than the drive can follow within one sample",
     experiment: "step_ladder",
     confused_with: &["drive.lag1", "drive.velocity_loop", "drive.saturation.torque_speed"],
+    reference: "Åström and Murray 2021, Feedback Systems (rate limits)",
 };

@@ -1,19 +1,22 @@
-//! More friction at creeping speed.
+//! Stribeck effect: higher friction at low speed.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.friction.stribeck`: the level grows by (Fs - Fc) exp(-|v/vs|^d), Fs > Fc; d is 2 for Gauss's
-/// curve, 1 for a plain decay. A negative bump is rounding of the sign of velocity (presliding, a lag, a
-/// filter) and no Stribeck effect, so the bound excludes it. Source: Armstrong-Helouvry, Dupont and Canudas
-/// de Wit 1994, Automatica 30(7).
+/// `drive.friction.stribeck`: Stribeck effect: higher friction at low speed.
+///
+/// F_s is the static friction less the Coulomb friction and is positive. The exponent is 2 for a
+/// Gaussian curve and 1 for an exponential decay. A negative bump is a rounded sign of velocity
+/// (presliding, a lag, a filter) and no Stribeck effect, so the bound excludes it.
 pub(crate) static STRIBECK: Effect = Effect {
     name: "drive.friction.stribeck",
-    says: "friction is higher at creeping speed, so it sticks before it slides",
+    summary: "friction is higher at low speed, which causes stick-slip",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "Δ|F_f| = F_s · exp(−|v / v_s|^δ)",
     parameters: &[
         Parameter {
             name: "force_n",
+            symbol: "F_s",
             unit: "N",
             scale: 0.5,
             bounds: (0.0, 500.0),
@@ -22,6 +25,7 @@ pub(crate) static STRIBECK: Effect = Effect {
         },
         Parameter {
             name: "velocity_m_per_s",
+            symbol: "v_s",
             unit: "m/s",
             scale: 0.01,
             bounds: (0.0005, 0.5),
@@ -30,6 +34,7 @@ pub(crate) static STRIBECK: Effect = Effect {
         },
         Parameter {
             name: "exponent",
+            symbol: "δ",
             unit: "1",
             scale: 0.2,
             bounds: (0.3, 4.0),
@@ -44,7 +49,8 @@ pub(crate) static STRIBECK: Effect = Effect {
         p[0] * (-(motion.velocity / p[1]).abs().powf(p[2])).exp()
     }),
     regressors: &[Regressor::Speed, Regressor::Direction],
-    excitation: "creeping, and slow ramps through zero velocity",
+    signals: Signal::DRIVE,
+    excitation: "creeping motion, and slow ramps through zero velocity",
     experiment: "creep",
     confused_with: &[
         "drive.friction.presliding",
@@ -52,6 +58,7 @@ pub(crate) static STRIBECK: Effect = Effect {
         "drive.delay",
         "drive.friction.coulomb",
     ],
+    reference: "Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), 1083-1138",
 };
 
 #[cfg(test)]

@@ -1,21 +1,27 @@
-//! The supply gives way when both motors work hard.
+//! Supply voltage drop under the power of both motors.
 
 use crate::effects::{
-    Domain, Effect, Motion, Parameter, Physics, Regressor, Site, first_order::follow,
+    Domain, Effect, Motion, Parameter, Physics, Regressor, Signal, Site, first_order::follow,
 };
 
-/// `drive.supply_sag`: V = V0 - Rs I with I = P/V0, so that all forces shrink by the share s P, where s = Rs/V0^2 and
-/// P is the power that both motors take from the supply, behind the time constant Rs C of the capacitor on the bus.
-/// A driving motor takes its mechanical power F v. Of what a braking motor absorbs the share b is taken from the supply
-/// (positive: losses, or a bridge that brakes against it), given back (negative) or burnt elsewhere (0).
+/// `drive.supply_sag`: supply voltage drop under the power of both motors.
+///
+/// The voltage V = V0 - Rs I with I = P/V0 reduces all forces by the fraction k P, with k =
+/// Rs/V0^2. P is the power that both motors take from the supply, behind the time constant T = Rs C
+/// of the bus capacitor. A driving motor takes its mechanical power F v. Of the power that a
+/// braking motor absorbs, the supply delivers the fraction b. A positive b means losses, or a
+/// bridge that brakes against the supply; a negative b means regeneration; 0 means a brake
+/// resistor.
 pub(crate) static SUPPLY_SAG: Effect = Effect {
     name: "drive.supply_sag",
-    says: "the supply voltage drops under load, so both motors weaken when the total power is high",
+    summary: "the supply voltage drops under load, so both motors weaken when the total power is high",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "F′ = F · (1 − k · P), T · dP/dt + P = Σ over motors of (max(F v, 0) − b · min(F v, 0))",
     parameters: &[
         Parameter {
-            name: "share_per_w",
+            name: "fraction_per_w",
+            symbol: "k",
             unit: "1/W",
             scale: 0.005,
             bounds: (0.0, 1.0),
@@ -24,6 +30,7 @@ pub(crate) static SUPPLY_SAG: Effect = Effect {
         },
         Parameter {
             name: "time_constant_s",
+            symbol: "T",
             unit: "s",
             scale: 0.005,
             bounds: (0.0, 0.2),
@@ -31,7 +38,8 @@ pub(crate) static SUPPLY_SAG: Effect = Effect {
             per_session: false,
         },
         Parameter {
-            name: "braking_share",
+            name: "braking_fraction",
+            symbol: "b",
             unit: "1",
             scale: 0.5,
             bounds: (-2.0, 3.0),
@@ -44,16 +52,18 @@ pub(crate) static SUPPLY_SAG: Effect = Effect {
     memory: 2,
     physics: Physics::Effort(sagged),
     regressors: &[Regressor::Load, Regressor::OtherAxis, Regressor::Speed],
-    excitation: "both motors hard at once, then each alone",
+    signals: Signal::DRIVE,
+    excitation: "high power of both motors at once, then of each motor alone",
     experiment: "circle",
     confused_with: &[
         "drive.saturation.torque_speed",
         "drive.friction.viscous",
         "gantry.cross_coupling",
     ],
+    reference: "Ohm's law for the source resistance, and the RC circuit of the bus capacitor",
 };
 
-/// What is left of the force at the least.
+/// Smallest remaining fraction of the force.
 const LEAST: f64 = 0.1;
 
 fn sagged(p: &[f64], memory: &mut [f64], motion: &Motion) -> f64 {
@@ -69,7 +79,7 @@ mod tests {
     use super::*;
     use crate::effects::CrossMotion;
 
-    /// The force of a motor under a steady load.
+    /// Force of a motor under a constant load.
     fn steady(p: &[f64], motion: Motion) -> f64 {
         let mut memory = [0.0; 2];
         (0..1000).map(|_| sagged(p, &mut memory, &Motion { dt: 1e-3, ..motion })).last().unwrap()

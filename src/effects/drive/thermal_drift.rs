@@ -1,17 +1,20 @@
 //! Friction that changes while the drive warms up.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.friction.thermal_drift`: the level changes by (dc + dv |v|) (1 - exp(-t/T)), t since the
-/// session began; warm grease makes dc and dv negative.
+/// `drive.friction.thermal_drift`: friction that changes while the drive warms up.
+///
+/// T is the time since the session began. Warm grease makes d_c and d_v negative.
 pub(crate) static THERMAL_DRIFT: Effect = Effect {
     name: "drive.friction.thermal_drift",
-    says: "friction changes slowly while the drive warms up",
+    summary: "friction changes slowly while the drive warms up",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "Δ|F_f| = (d_c + d_v · |v|) · (1 − exp(−t / T))",
     parameters: &[
         Parameter {
             name: "coulomb_change_n",
+            symbol: "d_c",
             unit: "N",
             scale: 0.5,
             bounds: (-500.0, 500.0),
@@ -20,6 +23,7 @@ pub(crate) static THERMAL_DRIFT: Effect = Effect {
         },
         Parameter {
             name: "viscous_change_n_s_per_m",
+            symbol: "d_v",
             unit: "N s/m",
             scale: 2.0,
             bounds: (-5000.0, 5000.0),
@@ -28,6 +32,7 @@ pub(crate) static THERMAL_DRIFT: Effect = Effect {
         },
         Parameter {
             name: "time_constant_s",
+            symbol: "T",
             unit: "s",
             scale: 20.0,
             bounds: (1.0, 10000.0),
@@ -42,9 +47,11 @@ pub(crate) static THERMAL_DRIFT: Effect = Effect {
         (p[0] + p[1] * motion.velocity.abs()) * (1.0 - (-motion.time / p[2]).exp())
     }),
     regressors: &[Regressor::Time, Regressor::Direction],
-    excitation: "a long session of one move, then the same once more",
+    signals: Signal::DRIVE,
+    excitation: "a long session of one repeated move",
     experiment: "x_line",
     confused_with: &["drive.friction.coulomb", "drive.friction.viscous", "sensor.noise_model"],
+    reference: "Bittencourt and Gunnarsson 2012, ASME Journal of Dynamic Systems, Measurement, and Control 134(5), 051013",
 };
 
 #[cfg(test)]

@@ -1,19 +1,20 @@
-//! The force that the motor can give falls with its speed.
+//! Torque-speed limit of the motor.
 
-use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.saturation.torque_speed`: |F| <= Fmax (1 - |v|/v0) while the motor drives, |F| <= Fmax
-/// while it brakes: the line of a direct-current motor on a fixed supply. The loop knows Fmax, its own limit, and stops
-/// integrating where it demands more (conditional integration: Åström and Hägglund, PID Controllers, 3.5); it does not
-/// know what the supply leaves of that at speed.
+/// `drive.saturation.torque_speed`: line of a direct-current motor on a fixed supply. The loop
+/// knows F_max, its own limit. It stops integrating where it demands more (conditional
+/// integration). It does not know the lower limit that the supply sets at speed.
 pub(crate) static TORQUE_SPEED: Effect = Effect {
     name: "drive.saturation.torque_speed",
-    says: "the motor runs out of force at high speed",
+    summary: "the available motor force falls with speed",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "|F| ≤ F_max · (1 − |v| / v0) while driving, |F| ≤ F_max while braking",
     parameters: &[
         Parameter {
             name: "force_n",
+            symbol: "F_max",
             unit: "N",
             scale: 10.0,
             bounds: (0.5, 10000.0),
@@ -22,6 +23,7 @@ pub(crate) static TORQUE_SPEED: Effect = Effect {
         },
         Parameter {
             name: "speed_m_per_s",
+            symbol: "v0",
             unit: "m/s",
             scale: 1.0,
             bounds: (0.05, 1000.0),
@@ -37,9 +39,11 @@ pub(crate) static TORQUE_SPEED: Effect = Effect {
         Physics::Windup(|p| p[0]),
     ]),
     regressors: &[Regressor::Load, Regressor::Speed],
-    excitation: "starts and stops at full command to high speed",
+    signals: Signal::DRIVE,
+    excitation: "starts and stops at full command up to high speed",
     experiment: "step_ladder",
     confused_with: &["drive.supply_sag", "drive.friction.viscous", "drive.saturation.slew"],
+    reference: "Hughes and Drury 2013, Electric Motors and Drives; anti-windup: Åström and Hägglund 1995, PID Controllers, section 3.5",
 };
 
 fn limited(p: &[f64], motion: &Motion) -> f64 {

@@ -1,21 +1,25 @@
-//! The drive's velocity loop: proportional and integral action on the velocity error.
+//! Velocity loop of the drive: proportional and integral action on the velocity error.
 
-use crate::effects::{Domain, Effect, LoopGains, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, LoopGains, Parameter, Physics, Regressor, Signal, Site};
 use std::f64::consts::TAU;
 
-/// `drive.velocity_loop`: force M (2 z w e + w^2 integral of e), so that the closed loop with the mass M is
-/// (2 z w s + w^2) / (s^2 + 2 z w s + w^2). M is the mass for which the loop was fitted first: its gains stay when the
-/// mass changes. The loop runs on a computer: the velocity in its error e is a little old, by the sampling, the
-/// encoder's filter and the time that it takes to act. So is the torque that the drive reports, by its last pass and by
-/// what filters it.
+/// `drive.velocity_loop`: velocity loop of the drive: proportional and integral action on the
+/// velocity error.
+///
+/// The closed loop with the mass M is (2 z w s + w^2) / (s^2 + 2 z w s + w^2). M is the mass for
+/// which the loop was first fitted: the gains stay when the mass changes. The loop is digital:
+/// sampling, encoder filter and actuation delay the velocity in its error. The drive also reports
+/// its torque with a delay, by its last cycle and its filter.
 pub(crate) static VELOCITY_LOOP: Effect = Effect {
     name: "drive.velocity_loop",
-    says: "the velocity loop answers with another bandwidth or damping",
+    summary: "the velocity loop has another bandwidth or damping",
     domain: Domain::Drive,
     site: Site::Motors,
+    equation: "F = M · (2 ζ · ω · e + ω² · ∫ e dt), e = r − v(t − T_v), ω = 2π · f; reported force = F(t − T_t)",
     parameters: &[
         Parameter {
             name: "natural_frequency_hz",
+            symbol: "f",
             unit: "Hz",
             scale: 5.0,
             bounds: (0.5, 300.0),
@@ -24,6 +28,7 @@ pub(crate) static VELOCITY_LOOP: Effect = Effect {
         },
         Parameter {
             name: "damping_ratio",
+            symbol: "ζ",
             unit: "1",
             scale: 0.5,
             bounds: (0.05, 50.0),
@@ -31,7 +36,8 @@ pub(crate) static VELOCITY_LOOP: Effect = Effect {
             per_session: false,
         },
         Parameter {
-            name: "feedback_age_s",
+            name: "feedback_delay_s",
+            symbol: "T_v",
             unit: "s",
             scale: 2e-4,
             bounds: (0.0, 1e-3),
@@ -39,7 +45,8 @@ pub(crate) static VELOCITY_LOOP: Effect = Effect {
             per_session: false,
         },
         Parameter {
-            name: "torque_age_s",
+            name: "torque_report_delay_s",
+            symbol: "T_t",
             unit: "s",
             scale: 2e-4,
             bounds: (0.0, 2e-3),
@@ -55,12 +62,14 @@ pub(crate) static VELOCITY_LOOP: Effect = Effect {
         LoopGains {
             proportional_per_s: 2.0 * p[1] * w,
             integral_per_s2: w * w,
-            feedback_age_s: p[2],
-            torque_age_s: p[3],
+            feedback_delay_s: p[2],
+            torque_report_delay_s: p[3],
         }
     }),
     regressors: &[Regressor::Acceleration, Regressor::Jerk],
+    signals: Signal::MOTOR,
     excitation: "velocity steps and chirps",
     experiment: "step_ladder",
     confused_with: &["drive.compliance.belt", "drive.lag1", "drive.delay"],
+    reference: "Leonhard 2001, Control of Electrical Drives (cascade control)",
 };

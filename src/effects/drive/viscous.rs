@@ -1,15 +1,17 @@
-//! Friction in proportion to velocity.
+//! Viscous friction.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.friction.viscous`: -Fv v.
+/// `drive.friction.viscous`: resistance in proportion to velocity.
 pub(crate) static VISCOUS: Effect = Effect {
     name: "drive.friction.viscous",
-    says: "a resistance grows in proportion to velocity",
+    summary: "a resistance grows in proportion to velocity",
     domain: Domain::Drive,
-    site: Site::MotorsAndRails,
+    site: Site::MotorsAndGuides,
+    equation: "F_f = −F_v · v",
     parameters: &[Parameter {
         name: "coefficient_n_s_per_m",
+        symbol: "F_v",
         unit: "N s/m",
         scale: 2.0,
         bounds: (0.0, 5000.0),
@@ -21,7 +23,9 @@ pub(crate) static VISCOUS: Effect = Effect {
     memory: 0,
     physics: Physics::Force(|p, _, motion| -p[0] * motion.velocity),
     regressors: &[Regressor::Velocity],
+    signals: Signal::DRIVE,
     excitation: "three or more speeds in both directions",
     experiment: "x_line",
     confused_with: &["drive.gain", "drive.lag1", "drive.friction.quadratic"],
+    reference: "Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), 1083-1138",
 };

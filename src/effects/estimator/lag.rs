@@ -1,22 +1,24 @@
-//! The estimator smooths, and so lags.
+//! Lag of the state estimator.
 
 use crate::effects::oscillator::Oscillator;
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Sample, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Sample, Signal, Site};
 
-/// Lags below this are none.
+/// Lag below which the estimator does not smooth (s).
 const SHORTEST_LAG_S: f64 = 1e-6;
 
-/// `estimator.lag`: v^ = w^2 / (s^2 + 2 z w s + w^2) v with the lag T = 2 z / w at low frequency. A
-/// Kalman filter with a model of constant velocity has z = 1/sqrt(2) in its steady state (Kalata,
-/// "The tracking index", 1984, in continuous time); a low-pass of first order is z large.
+/// `estimator.lag`: second-order low-pass with the lag T = 2 z / w at low frequency. A Kalman
+/// filter with a constant-velocity model has z = 1/sqrt(2) in steady state. A first-order low-pass
+/// has a large z.
 pub(crate) static LAG: Effect = Effect {
     name: "estimator.lag",
-    says: "the estimator smooths velocities, so they lag behind the motion",
+    summary: "the estimator smooths velocities, so they lag behind the motion",
     domain: Domain::Estimator,
     site: Site::Whole,
+    equation: "d²v′/dt² + 2 ζ · ω · dv′/dt + ω² · v′ = ω² · v, ω = 2 ζ / T",
     parameters: &[
         Parameter {
             name: "lag_s",
+            symbol: "T",
             unit: "s",
             scale: 0.01,
             bounds: (0.0, 0.5),
@@ -25,6 +27,7 @@ pub(crate) static LAG: Effect = Effect {
         },
         Parameter {
             name: "damping_ratio",
+            symbol: "ζ",
             unit: "1",
             scale: 0.3,
             bounds: (0.3, 20.0),
@@ -37,13 +40,17 @@ pub(crate) static LAG: Effect = Effect {
     memory: 3,
     physics: Physics::Estimator(smooth),
     regressors: &[Regressor::Acceleration],
-    excitation: "velocity steps, with positions and velocities of the state recorded",
+    signals: Signal::STATE,
+    excitation: "velocity steps, with the positions and velocities of the state estimator recorded",
     experiment: "step_ladder",
     confused_with: &["drive.delay", "sensor.camera_latency", "drive.lag1"],
+    reference: "Kalata 1984, The Tracking Index, IEEE TAES 20(2), 174-182, in continuous time",
 };
 
-/// Memory: true velocity of the sample before, reported velocity, its rate. Exact for a velocity
-/// that runs straight from sample to sample: then T (dv/dt) behind it is the forced solution.
+/// Reported velocity (m/s) after one sample.
+///
+/// `memory` holds the previous true velocity, the reported velocity and its rate. Exact for a velocity
+/// that is linear between samples: the forced solution then lags by T dv/dt.
 fn smooth(p: &[f64], memory: &mut [f64], sample: &Sample) -> f64 {
     let (lag, ratio) = (p[0], p[1]);
     let before = std::mem::replace(&mut memory[0], sample.velocity);
@@ -91,7 +98,7 @@ mod tests {
 
     #[test]
     fn large_damping_is_a_first_order_low_pass() {
-        // 1 - exp(-t/T) after a step; the sample's straight rise over 0.1 ms matters little.
+        // 1 - exp(-t/T) after a step; the linear rise over the sample of 0.1 ms matters little.
         let v = run(&[0.03, 20.0], 1e-4, |_| 1.0, 0.03);
         assert!((v - (1.0 - (-1.0_f64).exp())).abs() < 5e-3, "{v}");
     }

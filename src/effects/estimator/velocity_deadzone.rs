@@ -1,16 +1,19 @@
-//! The estimator reports rest below a threshold.
+//! Dead zone of the reported velocity.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `estimator.velocity_deadzone`: 0 where |v| < threshold, else v; v is the speed where both coordinates are
-/// zeroed together.
+/// `estimator.velocity_deadzone`: dead zone of the reported velocity.
+///
+/// V is the speed where the estimator zeroes both coordinates together.
 pub(crate) static VELOCITY_DEADZONE: Effect = Effect {
     name: "estimator.velocity_deadzone",
-    says: "the estimator reports exactly zero below a threshold of velocity",
+    summary: "the estimator reports zero velocity below a threshold",
     domain: Domain::Estimator,
     site: Site::Whole,
+    equation: "v′ = 0 for |v| < v0, otherwise v",
     parameters: &[Parameter {
         name: "threshold_m_per_s",
+        symbol: "v0",
         unit: "m/s",
         scale: 0.05,
         bounds: (0.0, 0.5),
@@ -18,7 +21,7 @@ pub(crate) static VELOCITY_DEADZONE: Effect = Effect {
         per_session: false,
     }],
     null: &[0.0],
-    // What a threshold changes jumps from sample to sample, so that no slope leads from one to the next.
+    // The cost is piecewise constant in the threshold, so no gradient connects the start values.
     probes: &[
         &[0.004],
         &[0.005],
@@ -38,9 +41,11 @@ pub(crate) static VELOCITY_DEADZONE: Effect = Effect {
         if sample.velocity.hypot(sample.across) < p[0] { 0.0 } else { sample.velocity }
     }),
     regressors: &[Regressor::Speed],
-    excitation: "creeping moves, with velocities of the state recorded",
+    signals: Signal::STATE,
+    excitation: "creeping moves, with the velocities of the state estimator recorded",
     experiment: "creep",
     confused_with: &["drive.friction.coulomb", "drive.input_deadband"],
+    reference: "Tao and Kokotović 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
 };
 
 #[cfg(test)]

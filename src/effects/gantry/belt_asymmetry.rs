@@ -1,18 +1,20 @@
-//! One belt is softer than the other.
+//! Friction or compliance of one belt beyond those of the other.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `gantry.belt_asymmetry`: what one belt has beyond the other. The drives see its dry friction, more or less
-/// than what both motors have; the camera sees its stretch under the force that it passes on, load = motor -
-/// c m a (Hooke, no mass of its own).
+/// `gantry.belt_asymmetry`: difference of one belt from the other. The drives see its dry friction,
+/// relative to the friction that both motors share. The camera sees its stretch under the
+/// transmitted force, load = motor - C m a (Hooke's law, no mass of its own).
 pub(crate) static BELT_ASYMMETRY: Effect = Effect {
     name: "gantry.belt_asymmetry",
-    says: "one belt rubs or stretches more than the other, so the two diagonals differ",
+    summary: "one belt has more friction or compliance than the other, so the two diagonals differ",
     domain: Domain::Gantry,
     site: Site::OneMotor,
+    equation: "Δ|F_f| = F_c; q_load = q_motor − C · F",
     parameters: &[
         Parameter {
             name: "friction_n",
+            symbol: "F_c",
             unit: "N",
             scale: 0.3,
             bounds: (-500.0, 500.0),
@@ -21,6 +23,7 @@ pub(crate) static BELT_ASYMMETRY: Effect = Effect {
         },
         Parameter {
             name: "compliance_m_per_n",
+            symbol: "C",
             unit: "m/N",
             scale: 2e-5,
             bounds: (0.0, 5e-3),
@@ -33,9 +36,10 @@ pub(crate) static BELT_ASYMMETRY: Effect = Effect {
     memory: 0,
     physics: Physics::Both(&[
         Physics::Friction(|p, _, _| p[0]),
-        Physics::Play(|p, _, motion| motion.position - p[1] * motion.force),
+        Physics::Backlash(|p, _, motion| motion.position - p[1] * motion.force),
     ]),
     regressors: &[Regressor::Direction, Regressor::Acceleration, Regressor::Load],
+    signals: Signal::MOTION,
     excitation: "slow moves and hard stops on both diagonals, with torque, camera and encoders",
     experiment: "diagonal",
     confused_with: &[
@@ -45,6 +49,7 @@ pub(crate) static BELT_ASYMMETRY: Effect = Effect {
         "drive.friction.coulomb",
         "coupling.magnet_spring",
     ],
+    reference: "Sollmann, Jouaneh and Lavender 2010, IEEE/ASME Transactions on Mechatronics 15(2), 280-290",
 };
 
 #[cfg(test)]
@@ -54,10 +59,10 @@ mod tests {
 
     #[test]
     fn one_belt_rubs_and_its_load_lags_by_the_stretch() {
-        let Physics::Both([Physics::Friction(rub), Physics::Play(stretch)]) =
+        let Physics::Both([Physics::Friction(rub), Physics::Backlash(stretch)]) =
             BELT_ASYMMETRY.physics
         else {
-            panic!("friction and play")
+            panic!("friction and compliance")
         };
         assert_eq!(rub(&[-0.4, 2e-5], &mut [], &Motion::default()), -0.4);
         // 8 N through 50 N/mm: 0.16 mm.

@@ -1,9 +1,10 @@
-//! Contact at the ends of a rail.
+//! Elastic contact at the ends of the travel.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
 const END: Parameter = Parameter {
     name: "low_m",
+    symbol: "q_low",
     unit: "m",
     scale: 0.005,
     bounds: (-10.0, 10.0),
@@ -11,17 +12,21 @@ const END: Parameter = Parameter {
     per_session: false,
 };
 
-/// `gantry.endstop`: k (low - q) below `low`, k (high - q) above `high`, nothing between them. The
-/// places are in the board frame; without a contact on one side its end lies beyond the travel. The probes are
-/// one end, or both, for a carriage that works in the middle of the board or in one half of it.
+/// `gantry.endstop`: elastic contact at the ends of the travel.
+///
+/// There is no force between the two ends. The positions are in the board frame. Without contact on
+/// one side its end lies beyond the travel. The probes are one end, or both, for a carriage that
+/// works in the middle of the board or in one half of it.
 pub(crate) static ENDSTOP: Effect = Effect {
     name: "gantry.endstop",
-    says: "near the end of its travel the carriage runs into something springy",
+    summary: "near the end of its travel the carriage meets an elastic stop",
     domain: Domain::Gantry,
-    site: Site::OneRail,
+    site: Site::OneGuide,
+    equation: "F = k · max(q_low − q, 0) − k · max(q − q_high, 0)",
     parameters: &[
         Parameter {
             name: "stiffness_n_per_m",
+            symbol: "k",
             unit: "N/m",
             scale: 1000.0,
             bounds: (0.0, 2e5),
@@ -29,7 +34,7 @@ pub(crate) static ENDSTOP: Effect = Effect {
             per_session: false,
         },
         END,
-        Parameter { name: "high_m", ..END },
+        Parameter { name: "high_m", symbol: "q_high", ..END },
     ],
     null: &[0.0, -0.15, 0.15],
     probes: &[
@@ -60,9 +65,11 @@ pub(crate) static ENDSTOP: Effect = Effect {
         p[0] * ((p[1] - motion.position).max(0.0) - (motion.position - p[2]).max(0.0))
     }),
     regressors: &[Regressor::Position],
+    signals: Signal::DRIVE,
     excitation: "approaches to the ends of the travel at several speeds",
     experiment: "y_line",
     confused_with: &["drive.friction.position"],
+    reference: "penalty model of a unilateral contact: Brogliato 2016, Nonsmooth Mechanics",
 };
 
 #[cfg(test)]

@@ -1,21 +1,25 @@
-//! The moving mass depends on place.
+//! Position-dependent moving mass.
 
-use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Signal, Site};
 
-/// At least this share of the moving mass stays.
-const LEAST_SHARE: f64 = 0.2;
+/// Smallest remaining fraction of the moving mass.
+const LEAST_FRACTION: f64 = 0.2;
 
-/// `gantry.mass_position`: M(q) = M + m1 q + m2 q^2 at the place q of the rail in the board frame, such as a cable that
-/// is carried along or a beam that is carried off its middle. Of the kinetic energy M(q) v^2 / 2, Lagrange's equation
-/// makes M(q) a + M'(q) v^2 / 2 = F.
+/// `gantry.mass_position`: position-dependent moving mass.
+///
+/// Q is the position on the axis in the board frame. Examples are a cable that is carried along, or
+/// a bridge that is carried off its centre. Lagrange's equation with the kinetic energy M(q) v^2 /
+/// 2 gives the term in v^2.
 pub(crate) static MASS_POSITION: Effect = Effect {
     name: "gantry.mass_position",
-    says: "the moving mass changes along the rail",
+    summary: "the moving mass changes along the axis",
     domain: Domain::Gantry,
-    site: Site::Rails,
+    site: Site::Guides,
+    equation: "M(q) = M + m1 · q + m2 · q², M(q) · a + ½ · dM/dq · v² = F",
     parameters: &[
         Parameter {
             name: "slope_kg_per_m",
+            symbol: "m1",
             unit: "kg/m",
             scale: 0.5,
             bounds: (-50.0, 50.0),
@@ -24,6 +28,7 @@ pub(crate) static MASS_POSITION: Effect = Effect {
         },
         Parameter {
             name: "curvature_kg_per_m2",
+            symbol: "m2",
             unit: "kg/m^2",
             scale: 5.0,
             bounds: (-500.0, 500.0),
@@ -39,17 +44,19 @@ pub(crate) static MASS_POSITION: Effect = Effect {
         Physics::Force(|p, _, at| carried(p, at)),
     ]),
     regressors: &[Regressor::Acceleration, Regressor::Position],
-    excitation: "accelerations at many places along the rail, with the torque recorded",
+    signals: Signal::DRIVE,
+    excitation: "accelerations at many positions along the axis, with the torque recorded",
     experiment: "random_walk",
     confused_with: &["drive.friction.position", "gantry.inertia"],
+    reference: "Lagrange's equations; Khalil and Dombre 2002, Modeling, Identification and Control of Robots",
 };
 
 fn extra_mass(p: &[f64], motion: &Motion) -> f64 {
     let extra = (p[0] + p[1] * motion.position) * motion.position;
-    if 0.0 < motion.mass { extra.max((LEAST_SHARE - 1.0) * motion.mass) } else { extra }
+    if 0.0 < motion.mass { extra.max((LEAST_FRACTION - 1.0) * motion.mass) } else { extra }
 }
 
-/// Force by which a mass that grows along the way holds back, and one that shrinks pushes on (N).
+/// Force of the change of mass along the axis (N): -1/2 dM/dq v^2.
 fn carried(p: &[f64], motion: &Motion) -> f64 {
     let growth = p[0] + 2.0 * p[1] * motion.position;
     -0.5 * growth * motion.velocity * motion.velocity
@@ -59,7 +66,7 @@ fn carried(p: &[f64], motion: &Motion) -> f64 {
 mod tests {
     use super::*;
 
-    /// Without any other force M(q) v^2 / 2 stays what it is.
+    /// Without any other force M(q) v^2 / 2 is constant.
     #[test]
     fn a_mass_that_grows_slows_down_at_constant_energy() {
         let p = [0.8, -1.5];
@@ -78,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn mass_grows_along_the_rail_and_never_vanishes() {
+    fn mass_grows_along_the_axis_and_never_vanishes() {
         let at =
             |p: &[f64]| extra_mass(p, &Motion { position: -0.1, mass: 1.0, ..Motion::default() });
         assert!((at(&[2.0, 5.0]) + 0.15).abs() < 1e-12);

@@ -1,23 +1,28 @@
-//! The beam yaws when the carriage accelerates off its middle.
+//! Racking: the bridge yaws when the carriage accelerates off its centre.
 
 use super::cross_coupling::stable;
-use crate::effects::{Carriage, Domain, Effect, Motion, Parameter, Physics, Regressor, Site};
+use crate::effects::{
+    Carriage, Domain, Effect, Motion, Parameter, Physics, Regressor, Signal, Site,
+};
 
-/// `gantry.racking`: what goes along y depends on how far along the beam the carriage is.
+/// `gantry.racking`: racking: the bridge yaws when the carriage accelerates off its centre.
 ///
-/// The drives see it as an off-diagonal mass m x of the rails at the place x, from the kinetic energy
-/// m x v_x v_y (Lagrange): -m x a_y in x and -m (x a_x + v_x^2) in y. The camera sees the beam turn, where its
-/// guides are soft: with the carriage at x, its inertia in y turns the beam against the stiffness K by the
-/// angle -(M / K) x a_y; the magnet follows by -(M / K) x^2 a_y in y and, h in front of the beam, by
-/// (M h / K) x a_y in x. Without dynamics of its own: the beam is stiff enough to follow at once.
+/// Motion along y depends on the carriage position x on the bridge. The drives see an off-diagonal
+/// mass that is proportional to x, from the kinetic energy term mu x v_x v_y (Lagrange). The camera
+/// sees the bridge yaw on compliant guides. With the carriage at x, its inertia M in y turns the
+/// bridge against the stiffness K by the angle -(M/K) x a_y. The magnet follows by -(M/K) x^2 a_y
+/// in y. At a distance h in front of the bridge it also moves by (M h/K) x a_y in x. The yaw is
+/// quasi-static: the bridge is stiff enough to follow at once.
 pub(crate) static RACKING: Effect = Effect {
     name: "gantry.racking",
-    says: "accelerating in y away from the middle of the beam pushes and turns it",
+    summary: "acceleration in y away from the centre of the bridge makes the bridge yaw",
     domain: Domain::Gantry,
     site: Site::Whole,
+    equation: "F_x = −μ · x · a_y, F_y = −μ · (x · a_x + v_x²); Δy = −κ · x² · a_y, Δx = η · x · a_y",
     parameters: &[
         Parameter {
             name: "mass_kg_per_m",
+            symbol: "μ",
             unit: "kg/m",
             scale: 0.5,
             bounds: (-50.0, 50.0),
@@ -26,6 +31,7 @@ pub(crate) static RACKING: Effect = Effect {
         },
         Parameter {
             name: "yaw_rad_s2_per_m2",
+            symbol: "κ",
             unit: "rad s^2/m^2",
             scale: 2e-3,
             bounds: (0.0, 1.0),
@@ -34,6 +40,7 @@ pub(crate) static RACKING: Effect = Effect {
         },
         Parameter {
             name: "across_s2_per_m",
+            symbol: "η",
             unit: "s^2/m",
             scale: 2e-4,
             bounds: (-0.1, 0.1),
@@ -46,9 +53,11 @@ pub(crate) static RACKING: Effect = Effect {
     memory: 0,
     physics: Physics::Both(&[Physics::Force(push), Physics::Frame(yaw)]),
     regressors: &[Regressor::OtherAxis, Regressor::Acceleration, Regressor::Position],
-    excitation: "hard moves in y at several places in x, with torque, camera and encoders",
+    signals: Signal::MOTION,
+    excitation: "high accelerations in y at several positions in x, with torque, camera and encoders",
     experiment: "random_walk",
     confused_with: &["gantry.cross_coupling", "coupling.magnet_spring", "drive.compliance.belt"],
+    reference: "Lagrange's equations; Sollmann, Jouaneh and Lavender 2010, IEEE/ASME Transactions on Mechatronics 15(2), 280-290",
 };
 
 fn push(p: &[f64], _: &mut [f64], motion: &Motion) -> f64 {
@@ -86,11 +95,11 @@ mod tests {
         assert_eq!(at(0.0), [0.0, 0.0]);
     }
 
-    /// The power of both forces is the rate at which m x v_x v_y falls.
+    /// The power of both forces is the rate of decrease of mu x v_x v_y.
     #[test]
     fn the_push_takes_no_energy() {
         let (m, x, v, a) = (1.5, 0.08, [0.3, -0.5], [4.0, 7.0]);
-        let rail = |index: usize, position: f64| Motion {
+        let axis = |index: usize, position: f64| Motion {
             index,
             position,
             velocity: v[index],
@@ -102,10 +111,10 @@ mod tests {
             },
             ..Motion::default()
         };
-        let force = |index: usize, at: f64| push(&[m, 0.0, 0.0], &mut [], &rail(index, at));
+        let force = |index: usize, at: f64| push(&[m, 0.0, 0.0], &mut [], &axis(index, at));
         let power = force(0, x) * v[0] + force(1, 0.0) * v[1];
         let rate = m * (v[0] * v[0] * v[1] + x * (a[0] * v[1] + v[0] * a[1]));
         assert!((power + rate).abs() < 1e-12, "{power} {rate}");
-        assert_eq!(push(RACKING.null, &mut [], &rail(0, x)), 0.0);
+        assert_eq!(push(RACKING.null, &mut [], &axis(0, x)), 0.0);
     }
 }

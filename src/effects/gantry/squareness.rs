@@ -1,15 +1,19 @@
-//! The rails are not at right angles.
+//! Squareness error of the guides.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `gantry.squareness`: x + y tan(angle): the y rail leans towards x.
+/// `gantry.squareness`: squareness error of the guides.
+///
+/// The y guide leans towards x.
 pub(crate) static SQUARENESS: Effect = Effect {
     name: "gantry.squareness",
-    says: "the rails are not at right angles, so x shifts in proportion to y",
+    summary: "the axes are not at right angles, so x shifts in proportion to y",
     domain: Domain::Gantry,
     site: Site::Whole,
+    equation: "x′ = x + y · tan(α)",
     parameters: &[Parameter {
         name: "angle_rad",
+        symbol: "α",
         unit: "rad",
         scale: 0.01,
         bounds: (-0.5, 0.5),
@@ -24,9 +28,11 @@ pub(crate) static SQUARENESS: Effect = Effect {
         [x + p[0].tan() * y, y]
     }),
     regressors: &[Regressor::OtherAxis, Regressor::Position],
-    excitation: "the corners of the field, with camera and encoders",
+    signals: Signal::STRIKER,
+    excitation: "the corners of the workspace, with camera and encoders",
     experiment: "diagonal",
     confused_with: &["sensor.camera_scale_rotation", "gantry.cross_coupling"],
+    reference: "Slocum 1992, Precision Machine Design (geometric errors)",
 };
 
 #[cfg(test)]

@@ -1,16 +1,18 @@
-//! Gravity along a rail.
+//! Gravity along an axis.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `gantry.tilt`: M g sin(angle) along one rail. The force is what can be measured; rotors carry
-/// inertia but no weight, so the angle would need the carried mass alone.
+/// `gantry.tilt`: force M g sin(angle) along one axis. Only the force is identifiable. Rotors have
+/// inertia and no weight, so the angle would need the carried mass alone.
 pub(crate) static TILT: Effect = Effect {
     name: "gantry.tilt",
-    says: "a constant force along the rail, the same in both directions of motion, as on a slope",
+    summary: "a constant force acts along the axis, the same in both directions of motion, as on a slope",
     domain: Domain::Gantry,
-    site: Site::Rails,
+    site: Site::Guides,
+    equation: "F = F_g",
     parameters: &[Parameter {
         name: "force_n",
+        symbol: "F_g",
         unit: "N",
         scale: 0.2,
         bounds: (-500.0, 500.0),
@@ -22,9 +24,11 @@ pub(crate) static TILT: Effect = Effect {
     memory: 0,
     physics: Physics::Force(|p, _, _| p[0]),
     regressors: &[Regressor::Constant],
-    excitation: "slow moves both ways along each rail, with the torque recorded",
+    signals: Signal::DRIVE,
+    excitation: "slow moves in both directions along each axis, with the torque recorded",
     experiment: "x_line",
     confused_with: &["drive.offset", "drive.friction.asymmetric"],
+    reference: "Khalil and Dombre 2002, Modeling, Identification and Control of Robots (gravity terms)",
 };
 
 #[cfg(test)]

@@ -1,19 +1,22 @@
 //! Friction and spin at the walls.
 
-use crate::effects::{Change, Domain, Effect, Impact, Parameter, Physics, Regressor, Site};
+use crate::effects::{Change, Domain, Effect, Impact, Parameter, Physics, Regressor, Signal, Site};
 
-/// `impact.wall_friction_spin`: the rim of the ball slides along the wall with `u = v_t - s` (`s`
-/// its surface speed by spin about the vertical); the impulse of friction is at most `mu` times
-/// the normal one and at most what ends the sliding of a solid sphere: 2/7 u from the velocity,
-/// 5/7 u to the spin (Garwin, Kinematics of an ultraelastic rough ball, Am. J. Phys. 37, 1969, for
-/// the sphere; Coulomb for the limit).
+/// `impact.wall_friction_spin`: friction and spin at the walls.
+///
+/// The rim of the ball slides along the wall with u = v_t - s, where s is its surface speed by spin
+/// about the vertical. Coulomb friction limits the tangential impulse to mu times the normal one.
+/// Friction also cannot do more than end the sliding of a solid sphere: 2/7 of u from the velocity,
+/// 5/7 of u to the spin.
 pub(crate) static WALL_FRICTION_SPIN: Effect = Effect {
     name: "impact.wall_friction_spin",
-    says: "the walls brake the motion along them and set the ball spinning",
+    summary: "the walls decelerate the tangential motion and set the ball spinning",
     domain: Domain::Impact,
     site: Site::Whole,
+    equation: "Δv_t = −clamp(2/7 · u, ±μ · (1 + e) · v_n), Δs = −5/2 · Δv_t, u = v_t − s",
     parameters: &[Parameter {
         name: "coefficient",
+        symbol: "μ",
         unit: "1",
         scale: 0.05,
         bounds: (0.0, 2.0),
@@ -25,9 +28,11 @@ pub(crate) static WALL_FRICTION_SPIN: Effect = Effect {
     memory: 0,
     physics: Physics::Impact(rub),
     regressors: &[Regressor::ImpactSpeed, Regressor::Velocity],
+    signals: Signal::BALL,
     excitation: "oblique impacts at many angles",
     experiment: "",
     confused_with: &["impact.wall_restitution", "impact.wall_restitution_speed"],
+    reference: "Garwin 1969, Kinematics of an Ultraelastic Rough Ball, American Journal of Physics 37, 88-92",
 };
 
 fn rub(p: &[f64], impact: &Impact, change: Change) -> Change {

@@ -1,17 +1,20 @@
-//! The walls stand elsewhere.
+//! Position and angle errors of the walls.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `impact.wall_location`: each wall stands `shift + turn * along` further out, `along` metres
-/// from its middle along x or y.
+/// `impact.wall_location`: position and angle errors of the walls.
+///
+/// Shifts are outward; l is the distance from the middle of the wall along x or y.
 pub(crate) static WALL_LOCATION: Effect = Effect {
     name: "impact.wall_location",
-    says: "the ball turns back too early or too late at a wall, at every speed",
+    summary: "the ball bounces too early or too late at a wall, at every speed",
     domain: Domain::Impact,
     site: Site::Whole,
+    equation: "outward shift: w_left + φ_left · ℓ, w_right + φ_right · ℓ, w_near + φ_near · ℓ, w_far + φ_far · ℓ",
     parameters: &[
         Parameter {
             name: "left_m",
+            symbol: "w_left",
             unit: "m",
             scale: 0.001,
             bounds: (-0.008, 0.008),
@@ -20,6 +23,7 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
         },
         Parameter {
             name: "right_m",
+            symbol: "w_right",
             unit: "m",
             scale: 0.001,
             bounds: (-0.008, 0.008),
@@ -28,6 +32,7 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
         },
         Parameter {
             name: "near_m",
+            symbol: "w_near",
             unit: "m",
             scale: 0.001,
             bounds: (-0.008, 0.008),
@@ -36,6 +41,7 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
         },
         Parameter {
             name: "far_m",
+            symbol: "w_far",
             unit: "m",
             scale: 0.001,
             bounds: (-0.008, 0.008),
@@ -44,6 +50,7 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
         },
         Parameter {
             name: "left_turn_rad",
+            symbol: "φ_left",
             unit: "rad",
             scale: 0.005,
             bounds: (-0.1, 0.1),
@@ -52,6 +59,7 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
         },
         Parameter {
             name: "right_turn_rad",
+            symbol: "φ_right",
             unit: "rad",
             scale: 0.005,
             bounds: (-0.1, 0.1),
@@ -60,6 +68,7 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
         },
         Parameter {
             name: "near_turn_rad",
+            symbol: "φ_near",
             unit: "rad",
             scale: 0.005,
             bounds: (-0.1, 0.1),
@@ -68,6 +77,7 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
         },
         Parameter {
             name: "far_turn_rad",
+            symbol: "φ_far",
             unit: "rad",
             scale: 0.005,
             bounds: (-0.1, 0.1),
@@ -80,9 +90,11 @@ pub(crate) static WALL_LOCATION: Effect = Effect {
     memory: 0,
     physics: Physics::Wall(|p, wall, along| p[wall as usize] + p[4 + wall as usize] * along),
     regressors: &[Regressor::Position],
+    signals: Signal::BALL,
     excitation: "impacts along each wall",
     experiment: "",
     confused_with: &["sensor.camera_scale_rotation", "sensor.camera_latency"],
+    reference: "plane geometry",
 };
 
 #[cfg(test)]

@@ -1,15 +1,18 @@
-//! How much speed a wall gives back.
+//! Restitution of the walls.
 
-use crate::effects::{Change, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Change, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `impact.wall_restitution`: normal speed after = e times normal speed before (Newton).
+/// `impact.wall_restitution`: Newton's coefficient of restitution: ratio of the normal speeds after
+/// and before an impact.
 pub(crate) static WALL_RESTITUTION: Effect = Effect {
     name: "impact.wall_restitution",
-    says: "the walls give back a constant share of the speed",
+    summary: "the walls return a constant fraction of the normal speed",
     domain: Domain::Impact,
     site: Site::Whole,
+    equation: "v_n′ = −e · v_n",
     parameters: &[Parameter {
         name: "restitution",
+        symbol: "e",
         unit: "1",
         scale: 0.05,
         bounds: (0.0, 1.0),
@@ -24,9 +27,11 @@ pub(crate) static WALL_RESTITUTION: Effect = Effect {
         ..change
     }),
     regressors: &[Regressor::ImpactSpeed],
+    signals: Signal::BALL,
     excitation: "impacts at many speeds",
     experiment: "",
     confused_with: &["sensor.camera_scale_rotation", "sensor.frame_jitter", "ball.sliding_phase"],
+    reference: "Newton's law of restitution: Stronge 2000, Impact Mechanics",
 };
 
 #[cfg(test)]

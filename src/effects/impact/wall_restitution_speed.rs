@@ -1,17 +1,20 @@
-//! Fast impacts lose more.
+//! Speed-dependent restitution of the walls.
 
-use crate::effects::{Change, Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Change, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `impact.wall_restitution_speed`: e = e0 - e1 v with the normal speed v, never below 0; e0 is
-/// that of the effects before (losses by plastic and viscous deformation grow with speed:
-/// Goldsmith, Impact; the straight line is an approximation over the speeds of the game).
+/// `impact.wall_restitution_speed`: speed-dependent restitution of the walls.
+///
+/// E0 is the restitution of the other effects. Losses by plastic and viscous deformation grow with
+/// speed; the straight line is an approximation over the speeds of the game.
 pub(crate) static WALL_RESTITUTION_SPEED: Effect = Effect {
     name: "impact.wall_restitution_speed",
-    says: "the walls give back less of the speed the faster the ball hits them",
+    summary: "the restitution of the walls decreases with impact speed",
     domain: Domain::Impact,
     site: Site::Whole,
+    equation: "e = max(e0 − e1 · v_n, 0)",
     parameters: &[Parameter {
         name: "slope_s_per_m",
+        symbol: "e1",
         unit: "s/m",
         scale: 0.05,
         bounds: (0.0, 1.0),
@@ -26,6 +29,7 @@ pub(crate) static WALL_RESTITUTION_SPEED: Effect = Effect {
         ..change
     }),
     regressors: &[Regressor::ImpactSpeed],
+    signals: Signal::BALL,
     excitation: "impacts over a factor of two or more in speed",
     experiment: "",
     confused_with: &[
@@ -34,6 +38,7 @@ pub(crate) static WALL_RESTITUTION_SPEED: Effect = Effect {
         "ball.air_drag",
         "sensor.frame_jitter",
     ],
+    reference: "Goldsmith 1960, Impact",
 };
 
 #[cfg(test)]

@@ -1,17 +1,19 @@
-//! The lens bends the picture towards its edge.
+//! Radial distortion of the lens.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.camera_distortion`: r (1 + k1 r^2 + k2 r^4) about the board's centre, over which the
-/// camera hangs (the radial part of Brown, "Decentering distortion of lenses", 1966).
+/// `sensor.camera_distortion`: radial distortion about the centre of the board, above which the
+/// camera is mounted.
 pub(crate) static CAMERA_DISTORTION: Effect = Effect {
     name: "sensor.camera_distortion",
-    says: "the lens bends the picture: places far from the middle are shifted outwards or inwards",
+    summary: "the lens distorts the image: positions far from the centre shift outwards or inwards",
     domain: Domain::Sensor,
     site: Site::Whole,
+    equation: "p′ = p · (1 + k1 · r² + k2 · r⁴), r = |p|",
     parameters: &[
         Parameter {
             name: "k1_per_m2",
+            symbol: "k1",
             unit: "1/m^2",
             scale: 0.1,
             bounds: (-10.0, 10.0),
@@ -20,6 +22,7 @@ pub(crate) static CAMERA_DISTORTION: Effect = Effect {
         },
         Parameter {
             name: "k2_per_m4",
+            symbol: "k2",
             unit: "1/m^4",
             scale: 2.0,
             bounds: (-200.0, 200.0),
@@ -36,7 +39,8 @@ pub(crate) static CAMERA_DISTORTION: Effect = Effect {
         [scale * x, scale * y]
     }),
     regressors: &[Regressor::Position],
-    excitation: "moves over the whole field, with camera and encoders",
+    signals: Signal::CAMERA,
+    excitation: "moves over the whole workspace, with camera and encoders",
     experiment: "random_walk",
     confused_with: &[
         "sensor.camera_scale_rotation",
@@ -44,6 +48,7 @@ pub(crate) static CAMERA_DISTORTION: Effect = Effect {
         "drive.gain",
         "ball.board_curvature",
     ],
+    reference: "Brown 1966, Decentering Distortion of Lenses, Photogrammetric Engineering 32(3), 444-462",
 };
 
 #[cfg(test)]

@@ -1,15 +1,17 @@
-//! Age of what the camera reports.
+//! Latency of the camera.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.camera_latency`: y(t - Tc).
+/// `sensor.camera_latency`: dead time from a position to its report.
 pub(crate) static CAMERA_LATENCY: Effect = Effect {
     name: "sensor.camera_latency",
-    says: "the camera reports where things were a constant time ago",
+    summary: "the camera reports positions a constant time late",
     domain: Domain::Sensor,
     site: Site::Whole,
+    equation: "p′(t) = p(t − T_c)",
     parameters: &[Parameter {
         name: "latency_s",
+        symbol: "T_c",
         unit: "s",
         scale: 0.005,
         bounds: (-0.05, 0.3),
@@ -21,7 +23,9 @@ pub(crate) static CAMERA_LATENCY: Effect = Effect {
     memory: 0,
     physics: Physics::CameraDelay(|p, _| p[0]),
     regressors: &[Regressor::Velocity],
+    signals: Signal::CAMERA,
     excitation: "passes at constant speed, with camera and encoders",
     experiment: "circle",
     confused_with: &["drive.delay", "sensor.clock_skew", "estimator.lag"],
+    reference: "Åström and Murray 2021, Feedback Systems (time delays)",
 };

@@ -1,17 +1,20 @@
-//! What stands above the board seems farther from the middle.
+//! Parallax of objects above the board.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.camera_parallax`: (1 + h / (H - h)) (x, y) for something h above the board under a camera
-/// H above it (similar triangles), with u = 1/H. A camera that hangs off the middle adds a constant
-/// that no one can tell from the offset of the picture.
+/// `sensor.camera_parallax`: parallax of objects above the board.
+///
+/// H is the height of the object and H that of the camera above the board (similar triangles). A
+/// camera off the centre adds a constant, which is confounded with the offset of the image.
 pub(crate) static CAMERA_PARALLAX: Effect = Effect {
     name: "sensor.camera_parallax",
-    says: "what stands above the board seems farther from the middle than it is, the higher the farther",
+    summary: "objects above the board appear farther from the centre in proportion to their height",
     domain: Domain::Sensor,
     site: Site::Whole,
+    equation: "p′ = p / (1 − u · h), u = 1 / H",
     parameters: &[Parameter {
         name: "inverse_camera_height_per_m",
+        symbol: "u",
         unit: "1/m",
         scale: 0.5,
         bounds: (0.0, 10.0),
@@ -26,9 +29,11 @@ pub(crate) static CAMERA_PARALLAX: Effect = Effect {
         [scale * x, scale * y]
     }),
     regressors: &[Regressor::Position],
-    excitation: "ball and striker over the whole field, with camera and encoders",
+    signals: Signal::CAMERA,
+    excitation: "ball and striker over the whole workspace, with camera and encoders",
     experiment: "random_walk",
     confused_with: &["sensor.camera_scale_rotation", "sensor.camera_distortion", "drive.gain"],
+    reference: "Hartley and Zisserman 2004, Multiple View Geometry in Computer Vision (pinhole camera)",
 };
 
 #[cfg(test)]

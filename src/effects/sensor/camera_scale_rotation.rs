@@ -1,16 +1,18 @@
-//! The camera's picture is larger or turned.
+//! Scale and rotation of the camera image.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.camera_scale_rotation`: a similarity about the board's centre.
+/// `sensor.camera_scale_rotation`: a similarity about the centre of the board.
 pub(crate) static CAMERA_SCALE_ROTATION: Effect = Effect {
     name: "sensor.camera_scale_rotation",
-    says: "the camera's picture is scaled and turned about the board's centre",
+    summary: "the camera image is scaled and rotated about the centre of the board",
     domain: Domain::Sensor,
     site: Site::Whole,
+    equation: "p′ = s · R(θ) · p",
     parameters: &[
         Parameter {
             name: "scale",
+            symbol: "s",
             unit: "1",
             scale: 0.02,
             bounds: (0.5, 2.0),
@@ -19,6 +21,7 @@ pub(crate) static CAMERA_SCALE_ROTATION: Effect = Effect {
         },
         Parameter {
             name: "rotation_rad",
+            symbol: "θ",
             unit: "rad",
             scale: 0.02,
             bounds: (-0.8, 0.8),
@@ -34,7 +37,9 @@ pub(crate) static CAMERA_SCALE_ROTATION: Effect = Effect {
         [p[0] * (cos * x - sin * y), p[0] * (sin * x + cos * y)]
     }),
     regressors: &[Regressor::Position],
-    excitation: "moves over the whole field, with camera and encoders",
+    signals: Signal::CAMERA,
+    excitation: "moves over the whole workspace, with camera and encoders",
     experiment: "diagonal",
     confused_with: &["drive.gain", "gantry.squareness", "sensor.camera_distortion"],
+    reference: "Hartley and Zisserman 2004, Multiple View Geometry in Computer Vision (similarities)",
 };

@@ -1,16 +1,20 @@
-//! The camera's clock runs fast or slow.
+//! Clock skew of the camera.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.clock_skew`: t' = (1 + e) t, so that what the camera reports ages by e seconds per second
-/// of the session. Its constant part is `sensor.camera_latency`.
+/// `sensor.clock_skew`: clock skew of the camera.
+///
+/// The latency of the camera grows by e seconds per second of the session. Its constant part is
+/// `sensor.camera_latency`.
 pub(crate) static CLOCK_SKEW: Effect = Effect {
     name: "sensor.clock_skew",
-    says: "the camera's clock drifts, so its reports grow older during the session",
+    summary: "the clock of the camera drifts, so its latency changes during the session",
     domain: Domain::Sensor,
     site: Site::Whole,
+    equation: "p′(t) = p(t − ε · t)",
     parameters: &[Parameter {
         name: "skew",
+        symbol: "ε",
         unit: "1",
         scale: 1e-4,
         bounds: (-0.02, 0.02),
@@ -22,9 +26,11 @@ pub(crate) static CLOCK_SKEW: Effect = Effect {
     memory: 0,
     physics: Physics::CameraDelay(|p, elapsed| p[0] * elapsed),
     regressors: &[Regressor::Time, Regressor::Velocity],
+    signals: Signal::CAMERA,
     excitation: "the same fast move at the beginning and at the end of a long session",
     experiment: "circle",
     confused_with: &["sensor.camera_latency", "drive.friction.thermal_drift", "drive.delay"],
+    reference: "Moon, Skelly and Towsley 1999, Estimation and Removal of Clock Skew from Network Delay Measurements (INFOCOM)",
 };
 
 #[cfg(test)]

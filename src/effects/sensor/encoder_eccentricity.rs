@@ -1,19 +1,22 @@
-//! The encoder's magnet or disc sits off the motor's axis.
+//! Eccentricity of the encoder magnet or disc.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 use crate::gantry::BELT_METRES_PER_TURN;
 use std::f64::consts::TAU;
 
-/// `sensor.encoder_eccentricity`: q + s sin(2 pi q / turn) + c cos(2 pi q / turn), in metres of belt.
-/// The drive's velocity loop sees it too: while the encoder reports an even motion, the motor goes unevenly,
-/// the more torque the faster. The phase is that of the recorded position: homing keeps it as long as it finds the same place
-/// to a tenth of a turn.
+/// `sensor.encoder_eccentricity`: eccentricity of the encoder magnet or disc.
+///
+/// The period is one turn of the motor in metres of belt. The velocity loop sees the error too.
+/// While the encoder reports a constant velocity, the true velocity of the motor varies, and so
+/// does the torque, the more the faster it turns. The phase is that of the recorded position.
+/// Homing keeps it while it finds the same position to a tenth of a turn.
 pub(crate) static ENCODER_ECCENTRICITY: Effect = Effect {
     name: "sensor.encoder_eccentricity",
-    says: "the encoder's error repeats with every turn of the motor, while the striker moves evenly",
+    summary: "the encoder error repeats with every turn of the motor, while the striker moves evenly",
     domain: Domain::Sensor,
     site: Site::EachMotor,
-    parameters: &[PART, Parameter { name: "cosine_m", ..PART }],
+    equation: "q′ = q + s · sin(2π · q / p) + c · cos(2π · q / p), p = 40 mm",
+    parameters: &[PART, Parameter { name: "cosine_m", symbol: "c", ..PART }],
     null: &[0.0, 0.0],
     probes: &[&[3e-5, 3e-5]],
     memory: 0,
@@ -22,6 +25,7 @@ pub(crate) static ENCODER_ECCENTRICITY: Effect = Effect {
         position + p[0] * sine + p[1] * cosine
     }),
     regressors: &[Regressor::Phase],
+    signals: Signal::MOTION,
     excitation: "slow moves over many turns of each motor, with camera and encoders",
     experiment: "diagonal",
     confused_with: &[
@@ -30,10 +34,12 @@ pub(crate) static ENCODER_ECCENTRICITY: Effect = Effect {
         "drive.ripple.belt_tooth",
         "drive.friction.position",
     ],
+    reference: "geometry of an eccentric disc, to first order",
 };
 
 const PART: Parameter = Parameter {
     name: "sine_m",
+    symbol: "s",
     unit: "m",
     scale: 3e-5,
     bounds: (-3e-3, 3e-3),

@@ -1,17 +1,20 @@
-//! The encoder rounds to a grid.
+//! Quantization of the encoder.
 
-use crate::effects::{Domain, Effect, Noise, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Noise, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.encoder_quantisation`: q rounded to a multiple of the step; an error within half a step
-/// either way, of standard deviation step / sqrt(12). It has no value to simulate: the step is read
-/// off the recorded positions.
+/// `sensor.encoder_quantisation`: quantization of the encoder.
+///
+/// The error lies within half a step and has the standard deviation step / sqrt(12). It changes no
+/// simulated value: the recorded positions show the step.
 pub(crate) static ENCODER_QUANTISATION: Effect = Effect {
     name: "sensor.encoder_quantisation",
-    says: "the encoder rounds positions to a grid",
+    summary: "the encoder rounds positions to a grid",
     domain: Domain::Sensor,
     site: Site::Motors,
+    equation: "q′ = Δ · round(q / Δ), standard deviation Δ / √12",
     parameters: &[Parameter {
         name: "step_m",
+        symbol: "Δ",
         unit: "m",
         scale: 1e-5,
         bounds: (0.0, 1e-2),
@@ -23,7 +26,9 @@ pub(crate) static ENCODER_QUANTISATION: Effect = Effect {
     memory: 0,
     physics: Physics::Noise(Noise::EncoderStep),
     regressors: &[Regressor::Position],
+    signals: Signal::ENCODER,
     excitation: "slow moves",
     experiment: "creep",
     confused_with: &["drive.friction.presliding", "sensor.noise_model"],
+    reference: "Widrow and Kollár 2008, Quantization Noise",
 };

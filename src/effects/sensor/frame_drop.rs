@@ -1,16 +1,18 @@
-//! Frames of the camera are missing or come twice.
+//! Missing or repeated frames of the camera.
 
-use crate::effects::{Domain, Effect, Noise, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Noise, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.frame_drop`: the share of frames that are missing from the even sequence of capture times
-/// or repeat the place of the frame before although the object moves.
+/// `sensor.frame_drop`: fraction of frames that are missing from the even sequence of capture
+/// times, or that repeat the previous position although the object moves.
 pub(crate) static FRAME_DROP: Effect = Effect {
     name: "sensor.frame_drop",
-    says: "some frames of the camera are missing or repeat the one before",
+    summary: "some frames of the camera are missing or repeat the previous one",
     domain: Domain::Sensor,
     site: Site::Whole,
+    equation: "P(frame missing or repeated) = f",
     parameters: &[Parameter {
-        name: "share",
+        name: "fraction",
+        symbol: "f",
         unit: "1",
         scale: 0.01,
         bounds: (0.0, 1.0),
@@ -22,7 +24,9 @@ pub(crate) static FRAME_DROP: Effect = Effect {
     memory: 0,
     physics: Physics::Noise(Noise::FrameLoss),
     regressors: &[Regressor::Time],
+    signals: Signal::FRAMES,
     excitation: "any motion",
     experiment: "circle",
     confused_with: &["sensor.frame_jitter"],
+    reference: "Sinopoli et al. 2004, Kalman Filtering with Intermittent Observations, IEEE TAC 49(9), 1453-1464",
 };

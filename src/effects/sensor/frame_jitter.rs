@@ -1,16 +1,19 @@
-//! Time stamps of the camera scatter.
+//! Jitter of the frame time stamps.
 
-use crate::effects::{Domain, Effect, Noise, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Noise, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.frame_jitter`: t + n with standard deviation s, so a place that moves with v is off by
-/// v n: the scatter of the residual has the variance s0^2 + s^2 v^2.
+/// `sensor.frame_jitter`: jitter of the frame time stamps.
+///
+/// A position that moves with v has the additional error v n.
 pub(crate) static FRAME_JITTER: Effect = Effect {
     name: "sensor.frame_jitter",
-    says: "the camera's time stamps scatter, so its places scatter more the faster things move",
+    summary: "the time stamps of the camera jitter, so the position noise grows with speed",
     domain: Domain::Sensor,
     site: Site::Whole,
+    equation: "t′ = t + n, n ~ N(0, σ_t²); variance of the position error = σ0² + σ_t² · v²",
     parameters: &[Parameter {
         name: "jitter_s",
+        symbol: "σ_t",
         unit: "s",
         scale: 5e-4,
         bounds: (0.0, 0.05),
@@ -22,6 +25,7 @@ pub(crate) static FRAME_JITTER: Effect = Effect {
     memory: 0,
     physics: Physics::Noise(Noise::FrameTime),
     regressors: &[Regressor::Speed],
+    signals: Signal::FRAMES,
     excitation: "rests and fast moves, with camera and encoders",
     experiment: "circle",
     confused_with: &[
@@ -30,4 +34,5 @@ pub(crate) static FRAME_JITTER: Effect = Effect {
         "impact.wall_restitution_speed",
         "impact.wall_friction_spin",
     ],
+    reference: "Souders, Flach, Hagwood and Yang 1990, The Effects of Timing Jitter in Sampling Systems, IEEE TIM 39(1), 80-85",
 };

@@ -1,15 +1,17 @@
-//! A signal scatters more or less than the twin says.
+//! Measurement noise that differs from the stated one.
 
-use crate::effects::{Domain, Effect, Noise, Parameter, Physics, Regressor, Site};
+use crate::effects::{Domain, Effect, Noise, Parameter, Physics, Regressor, Signal, Site};
 
-/// `sensor.noise_model`: standard deviation of the scatter at rest over the stated one.
+/// `sensor.noise_model`: ratio of the standard deviation at rest to the stated one.
 pub(crate) static NOISE_MODEL: Effect = Effect {
     name: "sensor.noise_model",
-    says: "a signal scatters more or less than was stated",
+    summary: "the measurement noise is larger or smaller than stated",
     domain: Domain::Sensor,
     site: Site::Whole,
+    equation: "σ = ρ · σ_stated",
     parameters: &[Parameter {
-        name: "scatter_ratio",
+        name: "noise_ratio",
+        symbol: "ρ",
         unit: "1",
         scale: 0.2,
         bounds: (0.0, 100.0),
@@ -19,9 +21,11 @@ pub(crate) static NOISE_MODEL: Effect = Effect {
     null: &[1.0],
     probes: &[&[1.2]],
     memory: 0,
-    physics: Physics::Noise(Noise::Scatter),
+    physics: Physics::Noise(Noise::Level),
     regressors: &[Regressor::Constant],
+    signals: Signal::CAMERA,
     excitation: "rest and constant speed",
     experiment: "step_ladder",
     confused_with: &["sensor.frame_jitter", "sensor.encoder_quantisation"],
+    reference: "Ljung 1999, System Identification: Theory for the User (noise models)",
 };

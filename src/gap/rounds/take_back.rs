@@ -233,11 +233,11 @@ const BEYOND_ENDS: f64 = 2.0;
 /// Whether the instance `index` is a spring that gives way hardly more than the ends of a play beside it.
 fn is_end_of_a_play(twin: &Twin, index: usize) -> bool {
     let own = &twin.instances[index];
-    let Some(belt) = own.spring().filter(|belt| belt.play == 0.0) else { return false };
+    let Some(belt) = own.spring().filter(|belt| belt.backlash == 0.0) else { return false };
     let plays = twin.instances.iter().filter(|other| other.axis.overlaps(own.axis));
     plays
         .filter_map(Instance::spring)
-        .any(|play| 0.0 < play.play && play.stiffness < BEYOND_ENDS * belt.stiffness)
+        .any(|gap| 0.0 < gap.backlash && gap.stiffness < BEYOND_ENDS * belt.stiffness)
 }
 
 /// Takes the effect of a step out of the twin; the rest stays as it is.
