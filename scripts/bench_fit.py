@@ -68,14 +68,14 @@ def fit(options, recordings, folder, extra):
     """One `klasktron fit-actuator` into a fresh folder, and what it cost."""
     out = Path(tempfile.mkdtemp(dir=folder))
     return bench_tools.run_measured(
-        [options.binary, "fit-actuator", *recordings, "--out", out, *extra]
+        [options.binary, "fit-actuator", *recordings, "--output", out, *extra]
     )
 
 
 def check_fit(options, recordings, folder):
     """Fit shortly; stop unless the samples are as many and the outputs as right as they should
     be. Returns the held-out one-step error (m/s)."""
-    command = [options.binary, "fit-actuator", *recordings, "--out", folder / "check"]
+    command = [options.binary, "fit-actuator", *recordings, "--output", folder / "check"]
     command += ["--seeds", "1", "--threads", "1", "--epochs", str(EPOCHS[0]), "--json"]
     done = subprocess.run(
         [str(part) for part in command], check=True, stdout=subprocess.PIPE, text=True

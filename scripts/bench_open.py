@@ -119,7 +119,7 @@ def main():
         print(f"{messages} messages, {options.minutes} min, {megabytes:.1f} MB")
         document = {"messages": messages, "megabytes": megabytes}
         document["machine"] = bench_tools.machine()
-        fit = ["fit-actuator", path, "--out", Path(name) / "fit"]
+        fit = ["fit-actuator", path, "--output", Path(name) / "fit"]
         fit += ["--epochs", "1", "--seeds", "1", "--threads", "1"]
         # Status 3 is a finished command that has something to remark.
         for title, command in [("info", ["info", path, "--json"]), ("fit", fit)]:

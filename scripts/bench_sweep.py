@@ -46,12 +46,12 @@ def overhead_by_point(program, folder, points=40, repeats=3):
     differences = []
     for repeat in range(repeats):
         out = folder / f"local-{repeat}"
-        swept, _ = run(program, "sweep", file, "--workers", 1, "--out", out, cwd=folder)
+        swept, _ = run(program, "sweep", file, "--workers", 1, "--output", out, cwd=folder)
         typed = 0.0
         for seed in range(points):
             hand = folder / "hand"
             elapsed, _ = run(
-                program, "eval", "match.mcap", "--seed", seed, "--out", hand, "--json", cwd=folder
+                program, "eval", "match.mcap", "--seed", seed, "--output", hand, "--overwrite", "--json", cwd=folder
             )
             typed += elapsed
         differences.append(1e3 * (swept - typed) / points)
@@ -63,14 +63,14 @@ def overhead_by_point(program, folder, points=40, repeats=3):
 def ten_thousand(program, folder, slurm):
     file = sweep_file(folder, "many.toml", POINTS)
     out = folder / "many"
-    listed, text = run(program, "sweep", file, "--out", out, "--dry-run", cwd=folder)
+    listed, text = run(program, "sweep", file, "--output", out, "--dry-run", cwd=folder)
     assert f"{POINTS} points, of which 0 are finished" in text, text[-200:]
     result = {"points": POINTS, "listed_s": listed}
     if slurm:
         result |= submitted(program, folder, file, out)
     # The very same command, with everything finished: only reading, table and page are left.
     finish_all(folder, out)
-    merged, text = run(program, "sweep", file, "--out", out, cwd=folder)
+    merged, text = run(program, "sweep", file, "--output", out, cwd=folder)
     assert f"{POINTS} of {POINTS} points are kept" in text, text[-500:]
     rows = (out / "table.csv").read_text().count("\n") - 1
     assert rows == POINTS, rows
@@ -83,7 +83,7 @@ def submitted(program, folder, file, out):
     """Held arrays of all points; the submitting process is sent away as soon as it has submitted."""
     start = time.perf_counter()
     child = subprocess.Popen(
-        [str(program), "sweep", str(file), "--engine", "slurm", "--out", str(out), "--sbatch-line=--hold"],
+        [str(program), "sweep", str(file), "--engine", "slurm", "--output", str(out), "--sbatch-line=--hold"],
         cwd=folder, stderr=subprocess.PIPE, text=True,
     )
     arrays, tasks, lines = 0, 0, []
@@ -113,7 +113,7 @@ def submitted(program, folder, file, out):
 def finish_all(folder, out):
     """Gives every point of the plan the result of one: what merging reads is of the usual size."""
     one = folder / "one"
-    run(folder / "program", "sweep", sweep_file(folder, "one.toml", 1), "--out", one, cwd=folder)
+    run(folder / "program", "sweep", sweep_file(folder, "one.toml", 1), "--output", one, cwd=folder)
     made = next(path for path in (one / "points").iterdir() if not path.name.startswith("."))
     record = json.loads((made / "point.json").read_text())
     result = (made / "result.json").read_bytes()
@@ -139,7 +139,7 @@ def plan_of(folder):
         (fake / name).chmod(0o755)
     listed = folder / "listed"
     subprocess.run(
-        [str(folder / "program"), "sweep", "many.toml", "--engine", "slurm", "--out", str(listed)],
+        [str(folder / "program"), "sweep", "many.toml", "--engine", "slurm", "--output", str(listed)],
         cwd=folder, capture_output=True, env={"PATH": f"{fake}:/usr/bin:/bin"}, timeout=300,
     )
     text = (listed / "slurm/points-001.jsonl").read_text()

@@ -237,7 +237,7 @@ def check_mock_drive(klasktron):
         done = status in (0, 3) and "1 of 1 runs" in said and "stopped" not in said
         expect(done, "the run is done", status, said, table.read("mock.log"))
         export = [klasktron, "export", f"{table.path}/run.mcap", "--to", "csv", "--topic",
-                  "/motor/left/a", "--out", f"{table.path}/motor.csv"]
+                  "/motor/left/a", "--output", f"{table.path}/motor.csv"]
         subprocess.run(export, check=True, capture_output=True)
         rows = (table.path / "motor.csv").read_text().splitlines()
         column = rows[0].split(",").index("velocity_turns_per_s")

@@ -19,7 +19,8 @@ from pathlib import Path
 def run(program, practice, out, name, twin):
     """gap.json of one pair, with the wall time."""
     folder = out / name
-    command = [program, "gap", practice / f"{name}-1.mcap", practice / f"{name}-2.mcap", "--out", folder]
+    command = [program, "gap", practice / f"{name}-1.mcap", practice / f"{name}-2.mcap"]
+    command += ["--output", folder, "--overwrite"]
     if twin:
         command += ["--twin", twin]
     began = time.monotonic()

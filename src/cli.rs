@@ -1,15 +1,18 @@
-//! What can be typed: one variant per subcommand, each with its arguments beside its `run`. Options of every
-//! subcommand are in `global`; `expand` adds what `klasktron.toml` says (`settings_file`).
+//! Command line: one variant per subcommand; the module of each command holds its arguments and its `run`.
+//!
+//! `global` holds the options of every subcommand, `groups` the order of the help, and `expand` adds the settings
+//! of `klasktron.toml` (`settings_file`).
 
 mod expand;
 mod global;
+mod groups;
 mod log_output;
 mod settings_file;
 #[cfg(test)]
 mod tests;
 
 use crate::commands::{
-    self, EXIT_USAGE, Outcome,
+    self, EXIT_USAGE, Outcome, interrupt,
     terminal::{self, Talk, tell},
 };
 use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -18,17 +21,16 @@ use global::{GlobalArgs, color_of};
 use klasktron::provenance::VERSION_LINE;
 use std::{env, ffi::OsString, process::ExitCode, time::Instant};
 
-/// System identification and sim-to-real for the KlaskTron table and any driven axis.
-///
-/// Exit status: 0 done; 1 failed; 2 wrong usage; 3 done, but something was lost or a gate was not
-/// met. Data goes to stdout or files, everything else to stderr. Options may also stand in klasktron.toml
-/// in the working folder, in a table for each subcommand.
+/// System identification and sim-to-real for the KlaskTron table and any driven axis
 #[derive(Debug, Parser)]
 #[command(
     name = "klasktron",
     version = VERSION_LINE.as_str(),
     max_term_width = 100,
-    after_help = "Examples:\n  klasktron demo --quick\n  klasktron train --help"
+    help_template = groups::help_template(<Command as Subcommand>::augment_subcommands(
+        clap::Command::new("klasktron")
+    )),
+    after_help = AFTER_HELP
 )]
 pub(crate) struct Cli {
     #[command(flatten)]
@@ -37,85 +39,114 @@ pub(crate) struct Cli {
     command: Command,
 }
 
+/// Exit statuses, environment and examples: the end of the help of the whole program.
+const AFTER_HELP: &str = "\
+Exit status:
+  0    success
+  1    failure: one sentence on stderr says what happened, and no result is half written
+  2    usage error: an option, a value or a line of the settings file is wrong
+  3    finished, but data were lost or a check failed: a damaged input, a refused verdict, a session
+       that ended early
+  130  ended by Ctrl-C (or SIGTERM) before the work was complete; stderr says what was written and
+       how to continue. A session of `collect` or `play` saves its recording and ends with 3
+
+Results go to stdout and to files, everything else to stderr. Existing results are replaced only with
+--overwrite.
+
+Settings, the first one wins:
+  1. options on the command line
+  2. KLASKTRON_BUS, KLASKTRON_CAMERA, KLASKTRON_ROBOT for --bus, --camera, --robot
+  3. klasktron.toml in the working folder, one table for each subcommand
+  4. the defaults that the help shows
+
+Examples:
+  klasktron demo --quick
+  klasktron train --help";
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Drive carriages through scripted trajectories and record everything
+    /// Drive the carriages along scripted trajectories and record everything
     ///
-    /// The plan is proven before anything is armed. The first Ctrl-C ramps to zero and switches off,
-    /// the second is an emergency stop of every drive. Without a table, --bus virtual (the default)
-    /// is one.
+    /// Every plan is checked against the workspace before a drive is armed. The first Ctrl-C ramps down and
+    /// disarms (status 3), the second is an emergency stop of every drive. The default --bus virtual needs no
+    /// hardware.
     Collect(commands::collect::Args),
-    /// Run the virtual rig as a table of its own on a real bus
+    /// Run the virtual rig on a real bus, as a table of its own
     Rig(commands::rig::Args),
-    /// Say what is in recordings, and what is doubtful about them
+    /// Summarize recordings and check data quality
     Info(commands::info::Args),
-    /// Save what a cut-off or damaged recording still holds
+    /// Copy the readable part of a truncated or damaged recording
     Recover(commands::recover::Args),
-    /// Turn bags, npz, CSV and candump logs into recordings
+    /// Convert bags, npz, CSV and candump logs into recordings
     Import(commands::import::Args),
-    /// Fit the actuator network and judge it beside simpler models
+    /// Fit the actuator network and compare it with simpler models
     ///
-    /// Runs whose recording or run marker says split=validation judge and are never fitted; where
-    /// nothing says so, every fifth run of each pattern is held out. Finished fits are kept in
-    /// OUT/fits, so the same command continues where an interrupted one stopped.
+    /// Runs whose recording or run marker says split=validation are held out. Without such a mark, every fifth
+    /// run of each pattern is held out. Finished fits are kept in OUTPUT/fits, so the same command continues
+    /// after an interruption.
     FitActuator(commands::fit_actuator::Args),
-    /// Fit the parameters that the twin already has, with intervals that hold under correlated noise
+    /// Fit the parameters that a twin already has
+    ///
+    /// Confidence intervals account for correlated residuals. No effect is added: `klasktron gap` does that.
+    /// Runs whose recording or run marker says split=validation are held out.
     Calibrate(commands::gap::CalibrateArgs),
-    /// Find where twin and recordings disagree, name what is missing, add it, measure again
+    /// Find the effects that a twin lacks, add and validate them
     ///
-    /// Runs whose recording or run marker says split=validation judge and are never fitted; where
-    /// nothing says so, the last of several recordings is held out, or every third run of one. OUT
-    /// receives gap.json, twin.json (with the effects in it), index.html and gap.mcap.
+    /// Runs whose recording or run marker says split=validation are held out. Without such a mark, the last of
+    /// several recordings is held out, or every third run of a single one. OUTPUT receives gap.json, twin.json
+    /// (with the effects), index.html and gap.mcap.
     Gap(commands::gap::Args),
-    /// Tune the filter of ball and strikers by its innovations, and judge it on other runs
+    /// Tune the Kalman filter by its innovations and validate it
     ///
-    /// Runs whose recording or run marker says split=validation judge and are never fitted; where
-    /// nothing says so, the last of several recordings is held out, or every third run of one. OUT
-    /// receives ekf.json (which `play` loads), index.html and ekf.mcap with estimate beside detection.
+    /// Runs whose recording or run marker says split=validation are held out. Without such a mark, the last of
+    /// several recordings is held out, or every third run of a single one. OUTPUT receives ekf.json (which
+    /// `play` loads), index.html and ekf.mcap with the estimates and the detections.
     TuneEkf(commands::tune_ekf::Args),
-    /// Judge recorded matches: contacts, bounces, goals, and the score with its intervals
+    /// Score recorded matches: contacts, bounces, goals, with intervals
     ///
-    /// OUT receives score.json, events.mcap, episodes.csv, episodes.parquet and index.html with a
-    /// replay. A file that cannot be read is reported and does not stop the others (status 3).
+    /// OUTPUT receives score.json, events.mcap, episodes.csv, episodes.parquet and index.html with a replay. A
+    /// file that cannot be read is reported and does not stop the others (status 3).
     Eval(commands::eval::Args),
-    /// Let a policy learn KLASK against earlier versions of itself
+    /// Train a policy by self-play in the identified simulation
     ///
-    /// OUT receives policy.mcap (learning curve, ratings, sample games, weights as safetensors and ONNX, and a
-    /// checkpoint from which --resume goes on) and index.html. Ctrl-C ends after the update (status 3). The
-    /// same seed gives the same bytes whatever the number of threads.
+    /// OUTPUT receives policy.mcap (learning curve, ratings, sample games, weights as safetensors and ONNX, and
+    /// a checkpoint for --resume) and index.html. Ctrl-C ends training after the current update (status 130).
+    /// The same seed gives the same bytes for any number of threads.
     Train(commands::train::Args),
-    /// Let policies and scripted players play on a table and record the match
+    /// Let policies or scripted players play a match and record it
     ///
-    /// Pictures become estimates, estimates decisions, decisions commands, 50 times a second, with the safety of
-    /// `collect`: the first Ctrl-C ramps to zero and switches off, the second is an emergency stop. Without a
-    /// table, --bus virtual (the default) is one, on which the ball is put back after goals and when it lies
-    /// still. `klasktron eval` scores the recording.
+    /// Detections become estimates, estimates become actions and actions become commands, 50 times a second. The
+    /// safety functions of `collect` apply: the first Ctrl-C ramps down and disarms (status 3), the second is an
+    /// emergency stop. The default --bus virtual needs no hardware; its rig serves the ball after a goal and
+    /// when the ball rests. `klasktron eval` scores the recording.
     Play(commands::play::Args),
-    /// Run a command for every combination of options and seeds, on this machine or on Slurm
+    /// Run a command for every combination of options and seeds
     ///
-    /// OUT receives a folder for every finished point, table.csv, table.parquet, sweep.json and index.html. A
-    /// finished point is never run again: the same command goes on after Ctrl-C, a kill or a power cut, and on
-    /// Slurm it comes back to the jobs that it has submitted.
+    /// Points run on this machine or on Slurm. OUTPUT receives a folder for every finished point, table.csv,
+    /// table.parquet, sweep.json and index.html. A finished point is never run again: the same command continues
+    /// after Ctrl-C, a kill or a power failure, and on Slurm it finds the jobs that it has submitted.
     Sweep(commands::sweep::Args),
-    /// Run one point of a sweep, as a task of Slurm does
+    /// Run one point of a sweep as a Slurm task
     #[command(hide = true)]
     SweepTask(commands::sweep::TaskArgs),
-    /// The whole pipeline on the virtual rig, from a table that nobody has measured to a scored match
+    /// Run the whole pipeline on the virtual rig, from data to a match
     ///
-    /// OUT receives every recording and result and index.html, which tells the story. The commands are those
-    /// that anyone can type; what is finished is kept, so the same command goes on after Ctrl-C.
+    /// OUTPUT receives every recording and result, and index.html with the whole story. All steps are ordinary
+    /// commands. Finished steps are kept, so the same command continues after Ctrl-C.
     Demo(commands::demo::Args),
-    /// Write weights or tables for other software
+    /// Export weights or tables for other software
     Export(commands::export::Args),
-    /// Print the script that completes commands and options in a shell
+    /// Print a completion script for a shell
     Completions(commands::completions::Args),
     /// Print the manual page, or write one for every subcommand
     Man(commands::man::Args),
 }
 
 impl Cli {
-    /// What was typed and what the settings file adds, with voice and log as they say. What cannot be run has
-    /// been answered then, and the exit status is given.
+    /// Parse the command line with the settings file, and set up colours, log and Ctrl-C.
+    ///
+    /// # Errors
+    /// The exit status, where help, version or a usage error has been printed already.
     pub(crate) fn start(begun: Instant) -> Result<Self, ExitCode> {
         let typed: Vec<OsString> = env::args_os().collect();
         let color = typed_color(&typed);
@@ -130,14 +161,15 @@ impl Cli {
             .and_then(|matches| Self::from_arg_matches(&matches))
             .map_err(|error| answer(&error, &expanded))?;
         cli.global.begin(begun);
+        interrupt::listen();
         log::debug!("klasktron {}", VERSION_LINE.as_str());
         for setting in &expanded.settings {
-            log::info!("{}: {}", setting.place, setting.says());
+            log::info!("{}: {}", setting.place, setting.as_typed());
         }
         Ok(cli)
     }
 
-    /// Runs the command.
+    /// Run the command.
     pub(crate) fn run(self) -> anyhow::Result<Outcome> {
         self.command.run()
     }
@@ -156,7 +188,7 @@ impl GlobalArgs {
     }
 }
 
-/// `--color` before anything is parsed, for the help and for mistakes.
+/// Value of `--color` before anything is parsed, for help and usage errors.
 fn typed_color(typed: &[OsString]) -> ColorChoice {
     let words: Vec<&str> = typed.iter().map(|word| word.to_str().unwrap_or_default()).collect();
     let value = words.iter().enumerate().find_map(|(index, word)| match *word {
@@ -166,7 +198,7 @@ fn typed_color(typed: &[OsString]) -> ColorChoice {
     value.and_then(|value| value.parse().ok()).unwrap_or_default()
 }
 
-/// Prints help, version or a mistake, with what the settings file has to do with it.
+/// Print help, version or a usage error, with the settings that the file and the environment added.
 fn answer(error: &clap::Error, expanded: &Expanded) -> ExitCode {
     // Nobody is left to answer when the terminal is closed.
     error.print().ok();
@@ -175,11 +207,17 @@ fn answer(error: &clap::Error, expanded: &Expanded) -> ExitCode {
     }
     let added = expanded.settings.iter().filter(|setting| !setting.arguments.is_empty());
     let added: Vec<String> =
-        added.map(|setting| format!("{} ({})", setting.says(), setting.place)).collect();
+        added.map(|setting| format!("{} ({})", setting.as_typed(), setting.place)).collect();
     if !added.is_empty() {
         tell(&format!(
-            "the settings file has added {}; --no-config goes without",
+            "the settings file has added {}; --no-config ignores the file",
             added.join(", ")
+        ));
+    }
+    if !expanded.environment.is_empty() {
+        tell(&format!(
+            "the environment has set {}; an option on the command line takes precedence",
+            expanded.environment.join(", ")
         ));
     }
     ExitCode::from(EXIT_USAGE)

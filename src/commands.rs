@@ -1,4 +1,4 @@
-//! One file per subcommand: its arguments, and a `run` that makes one call into the library.
+//! Subcommands, one file each: the arguments, and a `run` that makes one call into the library.
 
 pub(crate) mod collect;
 pub(crate) mod completions;
@@ -10,11 +10,12 @@ pub(crate) mod fit_actuator;
 pub(crate) mod gap;
 pub(crate) mod import;
 pub(crate) mod info;
-mod interrupt;
+pub(crate) mod interrupt;
 mod live_view;
 pub(crate) mod man;
 pub(crate) mod play;
 pub(crate) mod recover;
+mod results;
 pub(crate) mod rig;
 mod session;
 pub(crate) mod sweep;
@@ -27,51 +28,53 @@ use klasktron::recording::{Loss, Recording};
 use std::{path::Path, process::ExitCode};
 pub(crate) use terminal::{note, print, tell};
 
-/// Exit status of a command that failed.
+/// Exit status of a failure.
 pub(crate) const EXIT_FAILED: u8 = 1;
-/// Exit status when something was typed or set that no command takes.
+/// Exit status of a usage error, on the command line or in the settings file.
 pub(crate) const EXIT_USAGE: u8 = 2;
-/// Exit status of a command that finished, but lost something or did not meet a gate.
+/// Exit status of a command that finished, but lost data or failed a check.
 const EXIT_LOSSY: u8 = 3;
 
-/// How a command that did not fail ended.
+/// End of a command that did not fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// Everything was done.
+    /// Complete.
     Done,
-    /// Done, but something was lost or a gate was not met; it was said on stderr.
+    /// Finished, but data were lost or a check failed; stderr says which.
     Lossy,
-    /// A task of Slurm without a result, with the status that tells why.
+    /// Ended by Ctrl-C; stderr says what was kept and how to continue.
+    Interrupted,
+    /// A Slurm task without a result, with the status that gives the reason.
     Task(u8),
 }
 
 impl Outcome {
-    /// The exit status of the contract.
+    /// Exit status of the program.
     pub(crate) fn exit_code(self) -> ExitCode {
         match self {
             Self::Done => ExitCode::SUCCESS,
             Self::Lossy => ExitCode::from(EXIT_LOSSY),
+            Self::Interrupted => ExitCode::from(interrupt::EXIT_INTERRUPTED),
             Self::Task(status) => ExitCode::from(status),
         }
     }
 }
 
-/// One sentence on what a damaged recording lost, and how to make a whole file of the rest.
+/// Sentence on the lost part of a damaged recording, and the way to a whole file of the rest.
 pub(crate) fn loss_sentence(recording: &Recording) -> String {
     loss_sentence_of(&recording.path, &recording.loss)
 }
 
-/// The same for a file of which only the loss is left.
+/// The same sentence for a file that has been closed.
 pub(crate) fn loss_sentence_of(path: &Path, loss: &Loss) -> String {
     let file = path.display();
     format!(
-        "{file}: {loss}; the rest was read; make a whole file of it with `klasktron recover {file} -o \
-         OUT`"
+        "{file}: {loss}; the rest was read; copy it into a whole file with `klasktron recover {file} \
+         -o OUTPUT`"
     )
 }
 
-/// The chain of reasons on one line. A reason that the message before it already tells, as library
-/// errors do, is not told again.
+/// Chain of reasons on one line, without reasons that the text before them contains already.
 pub(crate) fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for reason in error.chain().map(ToString::to_string) {

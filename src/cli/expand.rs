@@ -1,8 +1,8 @@
-//! The command line that results from what was typed and from `klasktron.toml`.
+//! Complete command line: typed words and the settings of `klasktron.toml`.
 //!
-//! Settings are put behind what was typed, as if they were typed too, so that whatever a command does with its
-//! arguments, such as recording them in its results, it does with both. An option that was typed, or that
-//! contradicts a typed one, is left out; `--flag=false` is how a flag of the file is taken back.
+//! Settings are appended to the typed words, so that a command treats both alike, for example when it records its
+//! arguments in a result. A setting is dropped where the option was typed, where it conflicts with a typed option,
+//! or where the environment sets it. `--flag=false` cancels a flag of the file.
 
 use super::settings_file::{self, Setting, SettingsError, USUAL_NAME};
 use clap::{ArgAction, ArgMatches, Command, parser::ValueSource};
@@ -12,42 +12,49 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What to run.
+/// Complete command line and the sources of its options.
 #[derive(Debug, Default)]
 pub(crate) struct Expanded {
-    /// The whole command line.
+    /// All words, the program's name first.
     pub(crate) arguments: Vec<OsString>,
-    /// What of it came from the file.
+    /// Settings that the file has added.
     pub(crate) settings: Vec<Setting>,
+    /// Options that environment variables have set, as text.
+    pub(crate) environment: Vec<String>,
 }
 
-/// The command line for `typed`.
+/// Complete the `typed` words with the settings file.
 ///
 /// # Errors
-/// When the settings file cannot be read or holds anything that no command takes.
+/// The settings file cannot be read or holds a setting that no command takes.
 pub(crate) fn expand(command: &Command, typed: Vec<OsString>) -> Result<Expanded, SettingsError> {
     // Leniency reaches every subcommand only before the command line is built.
     let lenient = command.clone().ignore_errors(true);
     let mut command = command.clone();
     command.build();
-    let (arguments, taken_back) = without_denials(&command, typed);
-    let as_typed = |arguments| Ok(Expanded { arguments, settings: Vec::new() });
-    // Whoever asks for help or the version gets it; other mistakes are found by the real parse.
-    let Ok(matches) = lenient.try_get_matches_from(&arguments) else { return as_typed(arguments) };
-    let (Some(path), Some(deepest)) = (file_of(&matches), Deepest::of(&command, &matches)) else {
-        return as_typed(arguments);
+    let (arguments, cancelled) = without_denials(&command, typed);
+    let without_file =
+        |arguments, environment| Ok(Expanded { arguments, environment, settings: Vec::new() });
+    // Help and version are answered by the real parse, which also reports usage errors.
+    let Ok(matches) = lenient.try_get_matches_from(&arguments) else {
+        return without_file(arguments, Vec::new());
     };
+    let Some(deepest) = Deepest::of(&command, &matches) else {
+        return without_file(arguments, Vec::new());
+    };
+    let environment = deepest.environment();
+    let Some(path) = file_of(&matches) else { return without_file(arguments, environment) };
     let settings = settings_file::read(&path, &command)?;
     let settings: Vec<Setting> = deepest
         .own(settings)
         .into_iter()
-        .filter(|one| !taken_back.contains(&one.key) && !deepest.is_decided(&one.id))
+        .filter(|one| !cancelled.contains(&one.key) && !deepest.is_decided(&one.id))
         .collect();
     deepest.check_together(&settings)?;
-    Ok(Expanded { arguments: joined(arguments, &settings), settings })
+    Ok(Expanded { arguments: joined(arguments, &settings), settings, environment })
 }
 
-/// The file whose settings count.
+/// Path of the settings file, if one is used.
 fn file_of(matches: &ArgMatches) -> Option<PathBuf> {
     if matches.get_flag("no_config") {
         return None;
@@ -56,7 +63,7 @@ fn file_of(matches: &ArgMatches) -> Option<PathBuf> {
     named.or_else(|| Path::new(USUAL_NAME).exists().then(|| USUAL_NAME.into()))
 }
 
-/// The subcommand that was typed.
+/// Innermost subcommand that was typed.
 struct Deepest<'a> {
     names: Vec<String>,
     command: &'a Command,
@@ -74,7 +81,7 @@ impl<'a> Deepest<'a> {
         (!found.names.is_empty()).then_some(found)
     }
 
-    /// Settings of this command; those of its own table stand for those of `[global]`.
+    /// Settings of this command; its own table takes precedence over `[global]`.
     fn own(&self, settings: Vec<Setting>) -> Vec<Setting> {
         let (own, rest): (Vec<_>, Vec<_>) =
             settings.into_iter().partition(|one| one.table == self.names);
@@ -88,15 +95,33 @@ impl<'a> Deepest<'a> {
         self.matches.value_source(id) == Some(ValueSource::CommandLine)
     }
 
-    /// Whether this option or one that contradicts it was typed.
+    fn is_from_environment(&self, id: &str) -> bool {
+        self.matches.value_source(id) == Some(ValueSource::EnvVariable)
+    }
+
+    /// Options that environment variables set, with variable and value.
+    fn environment(&self) -> Vec<String> {
+        let arguments = self.command.get_arguments();
+        let set = arguments.filter(|arg| self.is_from_environment(arg.get_id().as_str()));
+        set.filter_map(|arg| {
+            let variable = arg.get_env()?.to_str()?;
+            let value = std::env::var(variable).unwrap_or_default();
+            Some(format!("--{}={value} ({variable})", arg.get_long()?))
+        })
+        .collect()
+    }
+
+    /// Return whether the command line or the environment decides this option, or the command line holds one that
+    /// conflicts with it.
     fn is_decided(&self, id: &str) -> bool {
         let ids = self.command.get_arguments().map(|arg| arg.get_id().as_str());
         self.is_typed(id)
-            || ids.filter(|other| self.is_typed(other)).any(|other| self.contradict(id, other))
+            || self.is_from_environment(id)
+            || ids.filter(|other| self.is_typed(other)).any(|other| self.conflict(id, other))
     }
 
-    /// Whether two options cannot stand together.
-    fn contradict(&self, one: &str, other: &str) -> bool {
+    /// Return whether two options exclude each other.
+    fn conflict(&self, one: &str, other: &str) -> bool {
         let excludes = |one: &str, other: &str| {
             let arg = self.command.get_arguments().find(|arg| arg.get_id() == one);
             arg.is_some_and(|arg| {
@@ -107,14 +132,14 @@ impl<'a> Deepest<'a> {
         excludes(one, other) || excludes(other, one)
     }
 
-    /// Two settings that contradict each other are the file's mistake.
+    /// Report two settings of the file that exclude each other.
     fn check_together(&self, settings: &[Setting]) -> Result<(), SettingsError> {
         let set: Vec<&Setting> = settings.iter().filter(|one| !one.arguments.is_empty()).collect();
         for (index, later) in set.iter().enumerate() {
-            let earlier = set[..index].iter().find(|one| self.contradict(&one.id, &later.id));
+            let earlier = set[..index].iter().find(|one| self.conflict(&one.id, &later.id));
             if let Some(earlier) = earlier {
                 let what = format!(
-                    "{} cannot stand beside {} ({})",
+                    "{} cannot be used with {} ({})",
                     later.key, earlier.key, earlier.place
                 );
                 return Err(SettingsError::Line { place: later.place.clone(), what });
@@ -124,11 +149,10 @@ impl<'a> Deepest<'a> {
     }
 }
 
-/// The arguments without `--flag=false` (and with `--flag` for `--flag=true`), and the flags that were taken
-/// back so.
+/// Remove `--flag=false`, replace `--flag=true` by `--flag`, and return the words with the cancelled flags.
 fn without_denials(command: &Command, typed: Vec<OsString>) -> (Vec<OsString>, BTreeSet<String>) {
     let flags = flags_of_typed(command, &typed);
-    let mut taken_back = BTreeSet::new();
+    let mut cancelled = BTreeSet::new();
     let mut open = true;
     let mut kept = Vec::new();
     for word in typed {
@@ -136,16 +160,16 @@ fn without_denials(command: &Command, typed: Vec<OsString>) -> (Vec<OsString>, B
         let said = word.to_str().and_then(|word| word.strip_prefix("--")?.split_once('='));
         match said.filter(|(flag, _)| open && flags.contains(*flag)) {
             Some((flag, "false")) => {
-                taken_back.insert(flag.to_owned());
+                cancelled.insert(flag.to_owned());
             }
             Some((flag, "true")) => kept.push(format!("--{flag}").into()),
             _ => kept.push(word),
         }
     }
-    (kept, taken_back)
+    (kept, cancelled)
 }
 
-/// Long names of all flags, counted ones included, of the commands that were typed.
+/// Long names of all flags of the typed commands, counted flags included.
 fn flags_of_typed(command: &Command, typed: &[OsString]) -> BTreeSet<String> {
     let is_flag = |action: &ArgAction| matches!(action, ArgAction::SetTrue | ArgAction::Count);
     let mut named = vec![command];
@@ -157,7 +181,7 @@ fn flags_of_typed(command: &Command, typed: &[OsString]) -> BTreeSet<String> {
     flags.filter_map(|arg| arg.get_long().map(ToOwned::to_owned)).collect()
 }
 
-/// The settings behind what was typed, but before what follows a `--`.
+/// Append the settings to the typed words, before a `--`.
 fn joined(mut arguments: Vec<OsString>, settings: &[Setting]) -> Vec<OsString> {
     let end = arguments.iter().position(|word| word == "--").unwrap_or(arguments.len());
     let behind = arguments.split_off(end);

@@ -1,14 +1,13 @@
-//! The log on stderr: chosen by `RUST_LOG`, else by `--verbose`.
+//! Log on stderr, filtered by `RUST_LOG` or else by `--verbose`.
 
 use anstream::ColorChoice;
 use env_logger::{Builder, WriteStyle};
 use std::{env, io::Write, time::Instant};
 
-/// Name of the variable that chooses what is logged.
+/// Environment variable with the filter of the log.
 const VARIABLE: &str = "RUST_LOG";
 
-/// Starts the log. `verbosity` is how often `--verbose` was typed: steps of the work, then details, then
-/// everything; `RUST_LOG` takes its place.
+/// Start the log. `verbosity` counts `--verbose`: 1 logs steps, 2 details, 3 everything. `RUST_LOG` takes precedence.
 pub(crate) fn start(verbosity: u8, color: ColorChoice, begun: Instant) {
     let usual = match verbosity {
         0 => "off",
@@ -32,7 +31,7 @@ pub(crate) fn start(verbosity: u8, color: ColorChoice, begun: Instant) {
     builder.init();
 }
 
-/// Whether a log is written that a bar would tear.
+/// Return whether a log is written, which a progress bar would break up.
 pub(crate) fn is_on() -> bool {
     log::Level::Info <= log::max_level()
 }

@@ -15,8 +15,8 @@
 //! position-unit = "rad"
 //! ```
 //!
-//! The file knows no option: what a table may hold, and of which type, is asked of the command line's own
-//! definition. Every table is checked, also those of commands that are not run.
+//! The definition of the command line gives the options of a table and their types. Every table is checked, also
+//! the tables of commands that are not run. Old names of options (`out`) are accepted.
 
 use clap::{Arg, ArgAction, Command, error::ErrorKind};
 use klasktron::sweep::nearest;
@@ -32,51 +32,52 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-/// The file that is read when no other is named.
+/// Name of the settings file in the working folder.
 pub(crate) const USUAL_NAME: &str = "klasktron.toml";
-/// The table of options that every command has.
+/// Table of the options of every subcommand.
 const GLOBAL: &str = "global";
-/// Options that say which file is read, so that no file can hold them, and those that end the program.
+/// Options that a file cannot hold: they choose the file or end the program.
 const TYPED_ONLY: [&str; 4] = ["config", "no_config", "help", "version"];
-/// Why the file cannot be used.
+
+/// Reason why the settings file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum SettingsError {
-    /// It cannot be read.
-    #[error("{}: cannot read the settings: {source}; --no-config goes without", path.display())]
+    /// The file cannot be read.
+    #[error("{}: cannot read the settings: {source}; --no-config ignores the file", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Reason.
         source: io::Error,
     },
-    /// A line that says something wrong.
+    /// A line is wrong.
     #[error("{place}: {what}")]
     Line {
         /// File and line.
         place: String,
-        /// What is wrong, and the way out.
+        /// Description of the error, with the way out.
         what: String,
     },
 }
 
-/// One setting, as it would be typed.
+/// One setting of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Setting {
-    /// Subcommands that lead to its table; none for `[global]`.
+    /// Subcommands of its table; empty for `[global]`.
     pub(crate) table: Vec<String>,
-    /// Its option, by clap's id.
+    /// Identifier of its option in clap.
     pub(crate) id: String,
-    /// Its long name.
+    /// Long name of its option.
     pub(crate) key: String,
     /// File and line.
     pub(crate) place: String,
-    /// What would be typed; nothing for a flag that is `false`.
+    /// Words on the command line; empty for a flag that is `false`.
     pub(crate) arguments: Vec<String>,
 }
 
 impl Setting {
-    /// What comes of it on the command line.
-    pub(crate) fn says(&self) -> String {
+    /// Setting as it would be typed.
+    pub(crate) fn as_typed(&self) -> String {
         if self.arguments.is_empty() {
             return format!("no --{}", self.key);
         }
@@ -84,10 +85,10 @@ impl Setting {
     }
 }
 
-/// Reads every setting of the file at `path`, for the built command line `root`.
+/// Read every setting of the file at `path` for the built command line `root`.
 ///
 /// # Errors
-/// When it cannot be read or holds anything that no command takes.
+/// The file cannot be read or holds a setting that no command takes.
 pub(crate) fn read(path: &Path, root: &Command) -> Result<Vec<Setting>, SettingsError> {
     let text = fs::read_to_string(path)
         .map_err(|source| SettingsError::Read { path: path.to_owned(), source })?;
@@ -100,7 +101,7 @@ pub(crate) fn read(path: &Path, root: &Command) -> Result<Vec<Setting>, Settings
     Ok(reader.settings)
 }
 
-/// The file under way.
+/// State of reading one file.
 struct Reader<'a> {
     path: &'a Path,
     text: &'a str,
@@ -121,7 +122,7 @@ impl Reader<'_> {
         SettingsError::Line { place: self.place(&span), what }
     }
 
-    /// A table of a subcommand, or `[global]`.
+    /// Read a table of a subcommand, or `[global]`.
     fn top(
         &mut self,
         root: &Command,
@@ -138,8 +139,8 @@ impl Reader<'_> {
                 )
             } else {
                 format!(
-                    "`{word}` stands in no table; put it below the name of its command, such as \
-                     [fit-actuator], or below [{GLOBAL}]"
+                    "`{word}` is in no table; put it into the table of its command, such as \
+                     [fit-actuator], or into [{GLOBAL}]"
                 )
             };
             return Err(self.wrong(name.span(), what));
@@ -181,7 +182,7 @@ impl Reader<'_> {
     ) -> Result<(), SettingsError> {
         let word = key.get_ref().as_ref();
         let header = if names.is_empty() { GLOBAL.to_owned() } else { names.join(".") };
-        let Some(arg) = options(command).find(|arg| arg.get_long() == Some(word)) else {
+        let Some(arg) = options(command).find(|arg| is_called(arg, word)) else {
             let known = options(command).filter_map(Arg::get_long);
             let what = format!("[{header}] has no option `{word}`{}", did_you_mean(word, known));
             return Err(self.wrong(key.span(), what));
@@ -189,9 +190,16 @@ impl Reader<'_> {
         let arguments = arguments(arg, value.get_ref())
             .and_then(|arguments| accepted(command, &arguments).map(|()| arguments))
             .map_err(|what| self.wrong(value.span(), format!("[{header}] {word}: {what}")))?;
+        let table: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        let id = arg.get_id().to_string();
+        if let Some(first) = self.settings.iter().find(|own| own.table == table && own.id == id) {
+            let what =
+                format!("[{header}] {word}: {} is another name of it ({})", first.key, first.place);
+            return Err(self.wrong(key.span(), what));
+        }
         self.settings.push(Setting {
-            table: names.iter().map(|name| (*name).to_owned()).collect(),
-            id: arg.get_id().to_string(),
+            table,
+            id,
             key: word.to_owned(),
             place: self.place(&key.span()),
             arguments,
@@ -200,7 +208,13 @@ impl Reader<'_> {
     }
 }
 
-/// Entries as they stand in the file.
+/// Return whether `name` is the long name of an option, or an old one.
+fn is_called(arg: &Arg, name: &str) -> bool {
+    arg.get_long() == Some(name)
+        || arg.get_all_aliases().is_some_and(|aliases| aliases.contains(&name))
+}
+
+/// Entries in the order of the file.
 fn in_order<'a, 'i>(table: &'a DeTable<'i>) -> Vec<(&'a Key<'i>, &'a Value<'i>)> {
     let mut entries: Vec<_> = table.iter().collect();
     entries.sort_by_key(|(key, _)| key.span().start);
@@ -226,7 +240,10 @@ fn did_you_mean<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> String 
     nearest(word, names).map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
-/// What would be typed for `value`, or what it must be.
+/// Words on the command line for `value`.
+///
+/// # Errors
+/// The type that the option takes.
 fn arguments(arg: &Arg, value: &DeValue<'_>) -> Result<Vec<String>, String> {
     let option = format!("--{}", arg.get_long().unwrap_or_default());
     let counts = arg.get_num_args().unwrap_or(1.into());
@@ -238,7 +255,7 @@ fn arguments(arg: &Arg, value: &DeValue<'_>) -> Result<Vec<String>, String> {
             Err(_) => Err("must be a whole number from 0 to 255".to_owned()),
         },
         (ArgAction::Count, other) => Err(format!("must be a whole number, not {}", kind(other))),
-        // The option without its value, where that may be left out.
+        // An option whose value is optional.
         (_, DeValue::Boolean(on)) if counts.min_values() == 0 => {
             Ok(repeated(&option, usize::from(*on)))
         }
@@ -261,7 +278,7 @@ fn repeated(option: &str, count: usize) -> Vec<String> {
     vec![option.to_owned(); count]
 }
 
-/// One value as it would be typed.
+/// One value as typed text.
 fn text(arg: &Arg, value: &DeValue<'_>) -> Result<String, String> {
     let taken = arg.get_value_parser().type_id();
     let is_any = |types: &[TypeId]| types.iter().any(|one| taken == *one);
@@ -294,7 +311,7 @@ fn kind(value: &DeValue<'_>) -> &'static str {
     }
 }
 
-/// Lets the command itself look at the values; what else a command line would lack is no matter here.
+/// Let the command check the values; missing options are no error here.
 fn accepted(command: &Command, arguments: &[String]) -> Result<(), String> {
     let line = std::iter::once(command.get_name()).chain(arguments.iter().map(String::as_str));
     let Err(error) = command.clone().try_get_matches_from(line) else { return Ok(()) };
@@ -308,7 +325,7 @@ fn accepted(command: &Command, arguments: &[String]) -> Result<(), String> {
     }
 }
 
-/// What clap says about a value, in one line.
+/// Message of clap about a value, in one line.
 fn sentence(error: &clap::Error) -> String {
     let said = error.render().to_string();
     let lines = said.lines().map(str::trim).take_while(|line| {

@@ -1,8 +1,9 @@
-//! The command line as a whole: names that do not collide, examples that parse, settings as arguments.
+//! Command line as a whole: names that do not collide, groups of the help, examples that parse, settings as arguments.
 
 use super::{
     Cli,
     expand::{Expanded, expand},
+    groups::GROUPS,
 };
 use clap::{Arg, Command, CommandFactory, FromArgMatches};
 use std::{collections::BTreeSet, ffi::OsString, fs};
@@ -64,7 +65,51 @@ fn the_help_of_every_command_ends_with_examples_that_parse() {
     }
 }
 
-/// What `typed` becomes with `file` as its settings; the words without program and `--config FILE`.
+#[test]
+fn every_visible_subcommand_is_in_one_group_of_the_help() {
+    let command = built();
+    let own = command.get_subcommands().filter(|own| own.get_name() != "help");
+    let visible: Vec<&str> = own.filter(|own| !own.is_hide_set()).map(Command::get_name).collect();
+    let grouped: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
+    for name in &visible {
+        let times = grouped.iter().filter(|grouped| *grouped == name).count();
+        assert_eq!(times, 1, "{name} is in {times} groups of src/cli/groups.rs");
+    }
+    let help = Cli::command().render_long_help().to_string();
+    for name in visible {
+        let line = help.lines().find(|line| line.starts_with(&format!("  {name} ")));
+        let line = line.unwrap_or_else(|| panic!("{name} is not in the help:\n{help}"));
+        assert!(line.len() <= 80, "{line}");
+        assert!(line[16..].starts_with(char::is_uppercase), "{line}");
+    }
+    assert!(help.lines().all(|line| line.chars().count() <= 100), "{help}");
+}
+
+#[test]
+fn every_command_that_writes_results_has_output_and_the_old_name_is_hidden() {
+    for (words, mut command) in all_below(&built(), "klasktron") {
+        let is_output = |arg: &&Arg| arg.get_long() == Some("output");
+        let Some(output) = command.get_arguments().find(is_output).cloned() else { continue };
+        assert!(output.get_all_aliases().is_some_and(|names| names == ["out"]), "{words}");
+        if !command.is_hide_set() {
+            assert_eq!(output.get_short(), Some('o'), "{words}");
+        }
+        assert!(!command.render_long_help().to_string().contains("--out "), "{words}");
+        for longer in ["OUT ", "OUT/"] {
+            assert!(!command.render_long_help().to_string().contains(longer), "{words}: {longer}");
+        }
+    }
+}
+
+#[test]
+fn the_file_may_hold_the_old_name_of_an_option() {
+    assert_eq!(line("[gap]\nout = \"a\"\n", "gap x.mcap"), "gap x.mcap --output=a");
+    assert_eq!(line("[gap]\nout = \"a\"\n", "gap x.mcap --out b"), "gap x.mcap --out b");
+    let said = expanded("[gap]\nout = \"a\"\noutput = \"b\"\n", "gap x.mcap").unwrap_err();
+    assert_eq!(said, "FILE:3: [gap] output: out is another name of it (FILE:2)");
+}
+
+/// Command line for `typed` with the settings `file`; the words without program and `--config FILE`.
 fn expanded(file: &str, typed: &str) -> Result<(Vec<String>, Expanded), String> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("klasktron.toml");
@@ -172,14 +217,14 @@ fn a_mistake_in_the_file_is_told_with_its_line_and_the_way_out() {
             "\n[fit_actuator]\nepochs = 5",
             "FILE:2: no command is called `fit_actuator`; did you mean `fit-actuator`?",
         ),
-        ("epochs = 5", "FILE:1: `epochs` stands in no table"),
+        ("epochs = 5", "FILE:1: `epochs` is in no table"),
         ("[[train]]\nseed = 1", "FILE:1: `train` must be one table, written [train], not a list"),
         ("[train]\n\nseed = \"7\"", "FILE:3: [train] seed: must be a number, not a text"),
         (
             "[train]\nrandomize = \"yes\"",
             "FILE:2: [train] randomize: must be true or false, not a text",
         ),
-        ("[train]\nout = 5", "FILE:2: [train] out: must be a text in quotes, not a number"),
+        ("[train]\noutput = 5", "FILE:2: [train] output: must be a text in quotes, not a number"),
         (
             "[train]\nsteps = 2.5",
             "FILE:2: [train] steps: invalid value '2.5' for '--steps <COUNT>': must be a whole number",
@@ -205,7 +250,7 @@ fn a_mistake_in_the_file_is_told_with_its_line_and_the_way_out() {
         ("[train]\nseed = 1\nseed = 2", "FILE:3: "),
         (
             "[collect]\nplan = \"paper\"\npattern = [\"ramp\"]",
-            "FILE:3: pattern cannot stand beside plan (FILE:2)",
+            "FILE:3: pattern cannot be used with plan (FILE:2)",
         ),
     ];
     for (file, expected) in cases {

@@ -1,7 +1,8 @@
-//! `klasktron collect`: arguments to a plan, a link and a session, and its outcome.
+//! `klasktron collect`: check a plan, drive it on a table and record the session.
 
 use super::{
     Outcome, note, print,
+    results::Results,
     session::{self, Motion, SessionArgs},
     table::{OpenTable, TableArgs, TableFiles, parse_within},
 };
@@ -23,12 +24,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Largest rate of the control loop (Hz).
+/// Largest rate of the control loop (Hz): the bus of the table carries no more.
 const LARGEST_RATE_HZ: f64 = 500.0;
-/// Rate at which the KlaskTron table is controlled (Hz).
+/// Control rate of the KlaskTron table (Hz).
 const USUAL_RATE_HZ: f64 = 50.0;
+/// Files of a dry run.
+const PLAN_FILES: [&str; 3] = ["index.html", "plan.csv", "plan.json"];
 
-/// What can be typed after `klasktron collect`.
+/// Arguments of `klasktron collect`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   klasktron collect --plan paper --dry-run plan
@@ -37,28 +40,28 @@ const USUAL_RATE_HZ: f64 = 50.0;
       --pattern circle:radius_m=0.05,speed_m_per_s=0.3 --seconds 30 --repeat 4 -o circles.mcap
   klasktron collect --bus replay:bus.log --listen -o bus.mcap")]
 pub(crate) struct Args {
-    /// The recording to write
-    #[arg(short, long, value_name = "OUT", default_value = "collect.mcap")]
+    /// Recording to write
+    #[arg(short, long, alias = "out", value_name = "FILE", default_value = "collect.mcap")]
     output: PathBuf,
     #[command(flatten)]
     table: TableArgs,
-    /// Whose carriages are used
+    /// Players whose carriages are driven
     #[arg(long, value_enum, default_value = "both")]
     player: PlayersArg,
     #[command(flatten)]
     motion: MotionArgs,
     #[command(flatten)]
     session: SessionArgs,
-    /// How strongly commands pull a carriage back to its path ((m/s)/m)
+    /// Gain of the position hold along the path ((m/s)/m)
     #[arg(long, value_name = "GAIN", default_value = "1", value_parser = parse_gain)]
     hold_gain_per_s: f64,
-    /// Write the plan as page, table and JSON into a folder, and touch no bus
+    /// Write the plan as a page, a table and JSON into a folder, without using a bus
     #[arg(long, value_name = "DIR", num_args = 0..=1, default_missing_value = "plan")]
     dry_run: Option<PathBuf>,
-    /// Only record what is on the bus, for so many seconds or until a log ends; send nothing
+    /// Record the traffic of the bus for this time (s) or until a log ends; send nothing
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "inf", value_parser = parse_seconds)]
     listen: Option<f64>,
-    /// Print the robot file with every value as JSON, and end
+    /// Print the robot file with every value as JSON and exit
     #[arg(long)]
     print_robot: bool,
 }
@@ -72,28 +75,28 @@ enum PlayersArg {
 
 #[derive(Debug, clap::Args)]
 struct MotionArgs {
-    /// `paper` (the data set of the KlaskTron paper), or a plan as JSON
+    /// Plan: `paper` (the data set of the KlaskTron paper) or a JSON file
     #[arg(long, value_name = "PLAN", required_unless_present_any = ["pattern", "patterns", "listen", "print_robot"], conflicts_with_all = ["pattern", "seconds", "repeat", "validation_every"])]
     plan: Option<String>,
-    /// A pattern such as circle:radius_m=0.05,speed_m_per_s=0.3 (repeatable); see --patterns
+    /// Pattern such as circle:radius_m=0.05,speed_m_per_s=0.3 (repeatable); see --patterns
     #[arg(long, value_name = "PATTERN")]
     pattern: Vec<Pattern>,
-    /// Length of each run of a pattern (s)
+    /// Duration of each run of a pattern (s)
     #[arg(long, default_value = "30", value_parser = parse_run_seconds)]
     seconds: f64,
-    /// Runs of each pattern
+    /// Number of runs of each pattern
     #[arg(long, value_name = "COUNT", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
-    /// Every so many runs of a pattern, one is held out for validation; 0 for none
+    /// Hold out every so many runs of a pattern for validation; 0: none
     #[arg(long, value_name = "COUNT", default_value = "5", value_parser = clap::value_parser!(u32).range(0..=1000))]
     validation_every: u32,
-    /// List the patterns with their parameters and what they reveal
+    /// List the patterns with their parameters and the effects that they excite, and exit
     #[arg(long)]
     patterns: bool,
-    /// Rate of the control loop (Hz), 10 to 500 [default: 50, or what a plan file says]
+    /// Rate of the control loop (Hz), 10 to 500 [default: the rate of a plan file, or 50]
     #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     rate_hz: Option<f64>,
-    /// Seed of what is random in a plan
+    /// Seed of the random patterns
     #[arg(long, default_value_t = 0)]
     seed: u64,
 }
@@ -114,7 +117,7 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     parse_within(text, 0.1, f64::INFINITY, "s")
 }
 
-/// Runs the command.
+/// Run `klasktron collect`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.motion.patterns {
         return list_patterns();
@@ -134,7 +137,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return write_plan(folder, &proof, &files, args);
     }
     if matches!(args.table.bus, BusSpec::Replay(_)) {
-        bail!("{} can be listened to (--listen), not driven", args.table.bus);
+        bail!("{} is a log: it can be recorded with --listen, not driven", args.table.bus);
     }
     let homing = args.session.homing(&args.table, None)?;
     let mut config = args.session_config(&files, (players, plan.rate_hz), homing)?;
@@ -147,20 +150,20 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 fn listen_only(args: &Args, files: &TableFiles, seconds: f64) -> anyhow::Result<Outcome> {
     let players = args.player.of_robot(&files.robot)?;
-    // Nothing is driven, so nothing needs a reference.
+    // Nothing is driven, so positions need no reference.
     let homing = args.session.homing(&args.table, Some(HomingPolicy::Declared))?;
     let config = args.session_config(files, (players, args.motion.rate()), homing)?;
     drive(args, files, |table, output| listen(table.link(), &files.robot, &config, seconds, output))
 }
 
-/// Runs one session and says how it went.
+/// Run one session and print its report.
 fn drive(
     args: &Args,
     files: &TableFiles,
     run: impl FnOnce(&mut OpenTable, SessionOutput<'_>) -> Result<SessionReport, SessionError>,
 ) -> anyhow::Result<Outcome> {
     let (report, _table) = args.session.run((&args.table, files), &args.output, run)?;
-    session::tell_doubts(&report);
+    session::tell_warnings(&report);
     if args.session.json {
         print(&serde_json::to_string_pretty(&report)?)?;
     }
@@ -175,22 +178,20 @@ fn write_plan(
     files: &TableFiles,
     args: &Args,
 ) -> anyhow::Result<Outcome> {
-    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
+    let results = Results::begin(folder, &PLAN_FILES, args.session.overwrite)?;
     let page = plan_page(proof, &files.robot)?;
-    for (name, text) in [
-        ("index.html", &page.index_html),
-        ("plan.csv", &page.plan_csv),
-        ("plan.json", &page.plan_json),
-    ] {
-        write_bytes(&folder.join(name), ExistingFile::Replace, text.as_bytes())?;
+    let texts = [&page.index_html, &page.plan_csv, &page.plan_json];
+    for (name, text) in PLAN_FILES.iter().zip(texts) {
+        write_bytes(&results.path(name), ExistingFile::Replace, text.as_bytes())?;
     }
+    results.finish()?;
     if args.session.json {
         print(&page.plan_json)?;
     }
     let (runs, samples) = (proof.runs().len(), proof.plan().samples());
     note(&format!(
-        "proven: {runs} runs, {samples} samples, {:.1} min with the moves between runs; nearest to an \
-         edge {:.1} mm with its stopping distance; wrote {2}/index.html, {2}/plan.csv and \
+        "safe plan: {runs} runs, {samples} samples, {:.1} min with the moves between runs; smallest \
+         distance to an edge {:.1} mm with the stopping distance; wrote {2}/index.html, {2}/plan.csv and \
          {2}/plan.json",
         proof.duration_s() / 60.0,
         1e3 * proof.figures().edge_distance_m,
@@ -212,11 +213,11 @@ impl MotionArgs {
             Some("paper") => Plan::paper(self.rate(), self.seed)?,
             Some(path) => {
                 let text = fs::read_to_string(path).with_context(|| {
-                    format!("{path}: cannot read; --plan takes `paper` or a plan as JSON")
+                    format!("{path}: cannot read; --plan takes `paper` or a JSON file")
                 })?;
                 let plan = Plan::from_json(&text).with_context(|| path.to_owned())?;
                 if self.rate_hz.is_some_and(|rate| rate != plan.rate_hz) {
-                    bail!("{path}: the plan is for {} Hz; leave --rate-hz out", plan.rate_hz);
+                    bail!("{path}: the plan is for {} Hz; omit --rate-hz", plan.rate_hz);
                 }
                 if LARGEST_RATE_HZ < plan.rate_hz {
                     bail!("{path}: rate_hz is {}; it must be at most 500 Hz", plan.rate_hz);
@@ -244,7 +245,7 @@ impl MotionArgs {
 }
 
 impl PlayersArg {
-    /// Players that were asked for, as far as the robot has them.
+    /// Selected players; an error where the robot file does not have them.
     fn of_robot(self, robot: &Robot) -> anyhow::Result<Vec<Player>> {
         let all = robot.players();
         let wanted = match self {
@@ -271,7 +272,7 @@ impl Args {
     }
 }
 
-/// What of the plan stands in the recording's metadata.
+/// Metadata of the recording about the plan.
 fn plan_metadata(plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
     let all = |split| plan.runs.iter().all(|run| run.split == split);
     let split = if all(Split::Train) {

@@ -1,6 +1,11 @@
-//! `klasktron demo`: every command of the pipeline, one after the other, and the page that tells it.
+//! `klasktron demo`: run every command of the pipeline on the virtual rig, and write the page of the results.
 
-use super::{Outcome, interrupt, note, print};
+use super::{
+    Outcome,
+    interrupt::{self, Interrupted},
+    note, print,
+    table::{BUS_VARIABLE, CAMERA_VARIABLE, ROBOT_VARIABLE},
+};
 use anyhow::{Context as _, bail};
 use klasktron::{
     demo::{Experiment, Plan, Record, Size, Stage, Step, Story, begin, page, pictures},
@@ -18,33 +23,33 @@ use std::{
     time::Instant,
 };
 
-/// Exit statuses of a step that has done its work: done, or something was lost or a gate was not met.
+/// Exit statuses of a finished step: success, or finished with a loss or a failed check.
 const DONE: [i32; 2] = [0, 3];
 
-/// What can be typed after `klasktron demo`.
+/// Arguments of `klasktron demo`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   klasktron demo --quick
-  klasktron demo --out story")]
+  klasktron demo -o story")]
 pub(crate) struct Args {
-    /// Less of everything: some four minutes on two cores
+    /// Fewer data, training steps and matches
     #[arg(long)]
     quick: bool,
-    /// Every command once, with results that mean nothing: for tests
+    /// Run every command with the least work, for tests; the results mean nothing
     #[arg(long, hide = true, conflicts_with = "quick")]
     smallest: bool,
-    /// Everything random comes from it
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..1_000_000_000))]
     seed: u64,
     /// Folder for recordings, results and index.html
-    #[arg(short, long, value_name = "DIR", default_value = "demo")]
-    out: PathBuf,
-    /// Print the result document alone on stdout
+    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "demo")]
+    output: PathBuf,
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// The demo under way.
+/// Running demo.
 struct Demo<'a> {
     folder: &'a Path,
     program: PathBuf,
@@ -52,25 +57,25 @@ struct Demo<'a> {
     total: usize,
 }
 
-/// A step with the hash of what it depends on, and its number.
+/// Step with its number and the hash of its inputs.
 struct Task<'a> {
     step: &'a Step,
     key: &'a str,
     number: usize,
 }
 
-/// Runs the command.
+/// Run `klasktron demo`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let size = args.size();
     let plan = Plan::new(size, args.seed);
-    let stop = interrupt::raised_by_ctrl_c("ending the demo")?;
+    let stop = interrupt::raised_by_ctrl_c("stopping the demo; finished steps are kept")?;
     let program = std::env::current_exe().context("cannot find the program itself")?;
     let total = plan.stages.iter().map(|stage| stage.steps.len()).sum();
-    let demo = Demo { folder: &args.out, program, stop, total };
+    let demo = Demo { folder: &args.output, program, stop, total };
     demo.prepare(&plan)?;
     note(&format!(
-        "{total} commands in {}; about {:.0} min on two cores, and what is finished is kept",
-        args.out.display(),
+        "{total} commands in {}; about {:.0} min on two cores; finished steps are kept",
+        args.output.display(),
         size.expected_minutes()
     ));
     let mut records = BTreeMap::new();
@@ -87,18 +92,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         plan: &plan,
         records: &records,
         experiment: experiment.as_ref(),
-        pictures: &pictures(&args.out),
+        pictures: &pictures(&args.output),
         provenance: &provenance,
     });
     let document = document(&records, experiment.as_ref(), &provenance);
     let text = serde_json::to_string_pretty(&document)?;
-    write_bytes(&args.out.join("demo.json"), ExistingFile::Replace, text.as_bytes())?;
-    write_bytes(&args.out.join("index.html"), ExistingFile::Replace, html.as_bytes())?;
+    write_bytes(&args.output.join("demo.json"), ExistingFile::Replace, text.as_bytes())?;
+    write_bytes(&args.output.join("index.html"), ExistingFile::Replace, html.as_bytes())?;
     if args.json {
         print(&text)?;
     } else {
         print(&table(experiment.as_ref()))?;
-        print(&format!("wrote {}", args.out.join("index.html").display()))?;
+        print(&format!("wrote {}", args.output.join("index.html").display()))?;
     }
     Ok(if experiment.is_some() { Outcome::Done } else { Outcome::Lossy })
 }
@@ -112,7 +117,7 @@ impl Args {
         }
     }
 
-    /// The command without the place of its results.
+    /// Command line without the output folder.
     fn command_line(&self) -> String {
         let size = match self.size() {
             Size::Quick => " --quick",
@@ -124,7 +129,7 @@ impl Args {
 }
 
 impl Demo<'_> {
-    /// Folders, and the files that the commands name.
+    /// Create the folders and the input files of the commands.
     fn prepare(&self, plan: &Plan) -> anyhow::Result<()> {
         for folder in ["steps", "rigs", "matches"] {
             let path = self.folder.join(folder);
@@ -137,7 +142,7 @@ impl Demo<'_> {
         Ok(())
     }
 
-    /// The records of a stage: those that are there, and those of what is still to be run.
+    /// Run the steps of a stage that are not finished, and return the records of all.
     fn stage(
         &self,
         stage: &Stage,
@@ -160,7 +165,7 @@ impl Demo<'_> {
     fn record(&self, task: &Task<'_>) -> anyhow::Result<Record> {
         let Task { step, key, number } = task;
         if self.stop.load(Ordering::Relaxed) {
-            bail!("interrupted before step {number}; the same command goes on from there");
+            return Err(interrupted(*number));
         }
         let heading = format!("[{number}/{}] {}", self.total, step.name);
         if let Some(record) = Record::read(self.folder, step, key) {
@@ -176,16 +181,20 @@ impl Demo<'_> {
         self.keep_log(&step.name, &output)?;
         let status = output.status.code().unwrap_or(-1);
         if self.stop.load(Ordering::Relaxed) {
-            bail!("interrupted in step {number}; the same command goes on from there");
+            return Err(interrupted(*number));
         }
         if !DONE.contains(&status) {
             bail!("{}", failure(step, &output));
         }
         let result: Value = serde_json::from_slice(&output.stdout)
             .with_context(|| format!("`{}` printed no JSON", step.line()))?;
-        // A session that has stopped early is lossy too, but what it lacks is needed.
+        // A session that has stopped early lacks data that later steps need.
         if result["stop"].as_str().is_some_and(|stop| stop != SESSION_COMPLETED) {
-            bail!("`{}` has stopped: {}", step.line(), result["stop_text"].as_str().unwrap_or("-"));
+            bail!(
+                "`{}` has stopped early: {}",
+                step.line(),
+                result["stop_text"].as_str().unwrap_or("-")
+            );
         }
         let command_line = step.line();
         let record = Record { key: (*key).to_owned(), command_line, status, elapsed_s, result };
@@ -194,30 +203,39 @@ impl Demo<'_> {
         Ok(record)
     }
 
-    /// Runs this program in the folder of the demo.
+    /// Run this program in the folder of the demo.
     fn output(&self, arguments: &[String]) -> anyhow::Result<Output> {
         Command::new(&self.program)
             .args(arguments)
-            // The steps are what stands on the page, whatever lies in that folder.
+            // The page shows the steps as they are: no settings file and no environment may change them.
             .arg("--no-config")
+            .env_remove(BUS_VARIABLE)
+            .env_remove(CAMERA_VARIABLE)
+            .env_remove(ROBOT_VARIABLE)
             .current_dir(self.folder)
             .output()
             .with_context(|| format!("{}: cannot be started", self.program.display()))
     }
 
-    /// What the step said beside its result.
+    /// Write the step's stderr to its log.
     fn keep_log(&self, name: &str, output: &Output) -> anyhow::Result<()> {
         let path = self.folder.join("steps").join(format!("{name}.log"));
         Ok(write_bytes(&path, ExistingFile::Replace, &output.stderr)?)
     }
 }
 
-/// The step's own last words, and how to see more.
+/// Error of a failed step, with the path of its log.
 fn failure(step: &Step, output: &Output) -> String {
     let said = String::from_utf8_lossy(&output.stderr);
-    let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
+    let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("no message");
     let last = last.trim_start_matches("error: ");
-    format!("`{}` failed: {last}; its log is steps/{}.log", step.line(), step.name)
+    format!("`{}` failed: {last}; see steps/{}.log", step.line(), step.name)
+}
+
+/// Report of a demo that Ctrl-C has ended at step `number`.
+fn interrupted(number: usize) -> anyhow::Error {
+    Interrupted(format!("interrupted at step {number}; the same command continues with this step"))
+        .into()
 }
 
 fn document(
@@ -244,14 +262,14 @@ fn document(
     })
 }
 
-/// The experiment for people.
+/// Result of the experiment as a table.
 fn table(experiment: Option<&Experiment>) -> String {
     let Some(experiment) = experiment else {
-        return "the results do not hold what the comparison needs".to_owned();
+        return "the results do not contain the data of the comparison".to_owned();
     };
     let mut lines = vec![format!(
         "{:<12}{:<12}{:>22}{:>14}{:>8}",
-        "policy", "against", "points per min, sim", "on the rig", "kept"
+        "policy", "opponent", "goals per min, sim", "on the rig", "ratio"
     )];
     for one in &experiment.contests {
         let kept = one.transfer_ratio.map(|kept| format!("{:.0} %", 1e2 * kept.value));

@@ -1,4 +1,4 @@
-//! What `sweep` and its presets share: the options of an engine, and running a plan by it.
+//! Engines that run the points of a plan, for `sweep` and its presets: options, run and report.
 
 use super::{Outcome, interrupt, note, print, tell, terminal};
 use anyhow::{Context as _, bail};
@@ -24,23 +24,23 @@ use std::{
     time::Instant,
 };
 
-/// Where points are run.
+/// Engine that runs the points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum EngineKind {
-    /// As processes of this machine
+    /// Processes on this machine
     Local,
-    /// As job arrays of Slurm, over a shared folder
+    /// Job arrays of Slurm, over a shared folder
     Slurm,
 }
 
 /// Options of the engine.
 #[derive(Debug, Clone, Default, clap::Args)]
-#[command(next_help_heading = "Where points are run")]
+#[command(next_help_heading = "Engine")]
 pub(crate) struct EngineArgs {
-    /// On this machine, or by Slurm [default: local]
+    /// Engine of the points [default: local]
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Slurm: the partition
+    /// Slurm: partition
     #[arg(long, value_name = "NAME")]
     partition: Option<String>,
     /// Slurm: time limit of a point, such as 30 (minutes) or 1-12:00:00
@@ -52,28 +52,28 @@ pub(crate) struct EngineArgs {
     /// Slurm: memory of a point, such as 4G
     #[arg(long, value_name = "SIZE")]
     mem: Option<String>,
-    /// Slurm: a further option of sbatch, such as --sbatch-line=--gres=gpu:1, or a shell line before the program
+    /// Slurm: another option of sbatch, such as --sbatch-line=--gres=gpu:1, or a shell line before the program
     #[arg(long, value_name = "LINE", allow_hyphen_values = true)]
     sbatch_line: Vec<String>,
     /// Run failed points again
     #[arg(long)]
     retry: bool,
-    /// Print what would be run, and with Slurm the script, and end
+    /// Print the command lines or the Slurm script and exit
     #[arg(long)]
     dry_run: bool,
 }
 
-/// What an engine has left.
+/// State of a sweep after an engine.
 pub(crate) struct Finished {
-    /// Everything that is known of the points.
+    /// Results and failures of the points.
     pub(crate) merged: Merged,
-    /// Why not all points have ended, in words for the person.
+    /// Sentence on the points that have not ended.
     pub(crate) open: Option<String>,
-    /// Whether the engine has told every failure.
+    /// `true` where the engine has reported every failure.
     told: bool,
 }
 
-/// A plan with the place of its results and what its points are run with.
+/// Plan with its output folder and the number of workers.
 pub(crate) struct Sweep<'a> {
     pub(crate) plan: &'a Plan,
     pub(crate) out: PathBuf,
@@ -81,7 +81,7 @@ pub(crate) struct Sweep<'a> {
 }
 
 impl EngineArgs {
-    /// Whether anything was said of an engine.
+    /// Return whether an option of the engine was given.
     pub(crate) fn is_given(&self) -> bool {
         let Self { engine, partition, time, cores, mem, sbatch_line, retry, dry_run } = self;
         let words = [partition, time, mem];
@@ -114,7 +114,7 @@ impl EngineArgs {
         }
         let request = typed.or(&plan.slurm);
         if let Some(fault) = request_faults(&request) {
-            bail!("sbatch cannot be told that: {fault}");
+            bail!("sbatch does not take this: {fault}");
         }
         Ok(request)
     }
@@ -123,7 +123,7 @@ impl EngineArgs {
         if self.retry { RetryPolicy::Again } else { RetryPolicy::Keep }
     }
 
-    /// What would be run, as text.
+    /// Text of a dry run.
     pub(crate) fn dry_run(&self, sweep: &Sweep<'_>) -> anyhow::Result<String> {
         let request = self.request(sweep.plan)?;
         let points = &sweep.plan.points;
@@ -146,7 +146,7 @@ impl EngineArgs {
     fn runner(&self, sweep: &Sweep<'_>, request: &SlurmRequest) -> anyhow::Result<Runner> {
         let threads = match self.is_slurm() {
             true => request.cores.unwrap_or(1),
-            // A worker alone has the machine to itself.
+            // A single worker may use the whole machine.
             false => (parallel::cores() / sweep.workers.max(1)).max(1),
         };
         Ok(Runner {
@@ -157,7 +157,7 @@ impl EngineArgs {
         })
     }
 
-    /// Runs what is not finished of `sweep`, and reads what is.
+    /// Run the points of `sweep` that are not finished, and read the results of all.
     pub(crate) fn run(&self, sweep: &Sweep<'_>) -> anyhow::Result<Finished> {
         let request = self.request(sweep.plan)?;
         fs::create_dir_all(&sweep.out)
@@ -177,7 +177,7 @@ impl EngineArgs {
         let plan = sweep.plan;
         refuse_while_queued(store, plan)?;
         let stop =
-            interrupt::raised_by_ctrl_c("ending the points under way; finished ones are kept")?;
+            interrupt::raised_by_ctrl_c("stopping the running points; finished ones are kept")?;
         let finished = store.finished(&plan.points)?;
         let mut failed = store.failed()?;
         if self.retry() == RetryPolicy::Again {
@@ -190,7 +190,7 @@ impl EngineArgs {
         let progress = Progress::new(plan.points.len(), plan.points.len() - todo.len());
         if !finished.is_empty() {
             progress.remark(&format!(
-                "{} of {} points are kept",
+                "{} of {} points are finished already",
                 finished.len(),
                 plan.points.len()
             ));
@@ -217,23 +217,23 @@ impl EngineArgs {
         store: &Store,
         with: (&Runner, &SlurmRequest),
     ) -> anyhow::Result<Finished> {
-        let stop = interrupt::raised_by_ctrl_c("leaving; the jobs stay with Slurm")?;
+        let stop = interrupt::raised_by_ctrl_c("leaving the jobs with Slurm")?;
         let progress = Progress::new(plan.points.len(), 0);
         let outcome = run_slurm(plan, store, with, self.retry(), (stop, &progress));
         progress.bar.finish_and_clear();
         let outcome = outcome?;
         let merged = Merged::read(plan, store, &outcome.lost)?;
         let open = (0 < outcome.in_queue + outcome.waiting).then(|| {
-            let mut text = format!("{} tasks stay with Slurm", outcome.in_queue);
+            let mut text = format!("{} tasks remain with Slurm", outcome.in_queue);
             if 0 < outcome.waiting {
                 text.push_str(&format!(
                     " and {} points are still to be submitted",
                     outcome.waiting
                 ));
             }
-            text.push_str("; come back with the same command");
+            text.push_str("; the same command continues");
             if !outcome.jobs.is_empty() {
-                text.push_str(&format!(", cancel with: scancel {}", outcome.jobs.join(" ")));
+                text.push_str(&format!("; cancel them with: scancel {}", outcome.jobs.join(" ")));
             }
             text
         });
@@ -241,10 +241,10 @@ impl EngineArgs {
     }
 }
 
-/// Refuses to run points here while tasks of the same sweep are with Slurm.
+/// Refuse to run points on this machine while Slurm has tasks of the same sweep.
 fn refuse_while_queued(store: &Store, plan: &Plan) -> anyhow::Result<()> {
     match tasks_in_queue(store.root(), plan) {
-        // Where no Slurm is, nothing of it can be at work on this machine; claims keep others apart.
+        // Without Slurm on this machine the claims of the points keep other engines apart.
         Ok(None | Some((0, _))) | Err(SweepError::NoSlurm { .. }) => Ok(()),
         Ok(Some((tasks, jobs))) => {
             let (path, jobs) = (store.root().to_owned(), jobs.join(" "));
@@ -254,28 +254,29 @@ fn refuse_while_queued(store: &Store, plan: &Plan) -> anyhow::Result<()> {
     }
 }
 
-/// `path` from the root, whether it is there or not.
+/// Absolute path of `path`, which need not exist.
 pub(crate) fn absolute(path: &Path) -> anyhow::Result<PathBuf> {
-    std::path::absolute(path).with_context(|| format!("{}: cannot be found", path.display()))
+    std::path::absolute(path)
+        .with_context(|| format!("{}: cannot find the absolute path", path.display()))
 }
 
-/// What goes to stdout.
+/// Form of the result on stdout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum PrintKind {
-    /// A table for people.
+    /// Table.
     Table,
-    /// The result document alone.
+    /// Result document.
     Json,
 }
 
 impl PrintKind {
-    /// Of the flag `--json`.
+    /// Form for the flag `--json`.
     pub(crate) fn of_flag(json: &bool) -> Self {
         if *json { Self::Json } else { Self::Table }
     }
 }
 
-/// Writes the files of a sweep, with `page` as `index.html`, and says how it went.
+/// Write the files of a sweep, with `page` as `index.html`, and print its result.
 pub(crate) fn conclude(
     sweep: &Sweep<'_>,
     finished: &Finished,
@@ -300,7 +301,7 @@ pub(crate) fn conclude(
     if let Some(open) = open {
         tell(open);
     }
-    // Last, because on a full disk it ends the command.
+    // Last, because a full disk ends the command here.
     merged.write((plan, &Store::open(&sweep.out)?), provenance, page)?;
     if print_kind == PrintKind::Json {
         print(merged.to_json(plan, provenance).trim_end())?;
@@ -310,19 +311,23 @@ pub(crate) fn conclude(
         print(&format!("wrote table.csv, table.parquet, sweep.json and index.html in {out}"))?;
     }
     let whole = open.is_none() && merged.rows.len() == plan.points.len();
-    Ok(if whole { Outcome::Done } else { Outcome::Lossy })
+    Ok(match (whole, open.is_some() && interrupt::is_raised()) {
+        (true, _) => Outcome::Done,
+        (false, true) => Outcome::Interrupted,
+        (false, false) => Outcome::Lossy,
+    })
 }
 
-/// Failures that are told one by one.
+/// Largest number of failures that are reported one by one.
 const MOST_TOLD: usize = 20;
 
-/// Says what failed, and where more is said.
+/// Print the reason of a failure and the path of its log.
 fn tell_failure(failed: &FailedPoint) {
     let FailedPoint { title, reason, log, .. } = failed;
-    tell(&format!("failed: {title}: {reason}; log {}", log.display()));
+    tell(&format!("failed: {title}: {reason}; see {}", log.display()));
 }
 
-/// A bar of points on a terminal, lines elsewhere.
+/// Progress of the points: a bar on a terminal, lines elsewhere.
 struct Progress {
     bar: ProgressBar,
     total: usize,

@@ -1,7 +1,11 @@
-//! `klasktron eval`: recordings of matches to their score.
+//! `klasktron eval`: score of recorded matches.
 
-use super::{Outcome, loss_sentence_of, print, tell, terminal};
-use anyhow::{Context, bail};
+use super::{
+    Outcome, loss_sentence_of, print,
+    results::{OverwriteArgs, Results},
+    tell, terminal,
+};
+use anyhow::{Context as _, bail};
 use klasktron::{
     parallel,
     provenance::Provenance,
@@ -12,71 +16,77 @@ use klasktron::{
     },
 };
 use std::{
-    fs,
     num::NonZeroUsize,
     path::{Path, PathBuf},
 };
 
-/// What can be typed after `klasktron eval`.
+/// Files that the command writes.
+const FILES: [&str; 5] =
+    ["score.json", EVENTS_FILE, "episodes.csv", "episodes.parquet", "index.html"];
+
+/// Arguments of `klasktron eval`.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  klasktron eval match.mcap --out eval\n  klasktron eval --compare simulated hardware --out eval"
+    after_help = "Examples:\n  klasktron eval match.mcap -o eval\n  klasktron eval --compare simulated hardware -o eval"
 )]
 pub(crate) struct Args {
-    /// Recordings with /camera/detections or /board/state; of a folder, every .mcap file in it
+    /// Recordings with /camera/detections or /board/state, or folders of .mcap files
     #[arg(value_name = "MATCH", required_unless_present = "compare")]
     matches: Vec<PathBuf>,
     /// Compare two groups of matches, each a recording or a folder of them
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "matches")]
     compare: Vec<PathBuf>,
     /// Folder for score.json, events.mcap, episodes.csv, episodes.parquet and index.html
-    #[arg(short, long, value_name = "DIR", default_value = "eval")]
-    out: PathBuf,
-    /// Seed of the bootstrap and of the permutation test
+    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "eval")]
+    output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+    /// Seed of the bootstrap and the permutation test
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Matches at a time; the result does not depend on it [default: one per core]
+    /// Threads; the result does not depend on their number [default: one per core]
     #[arg(long, value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
-    /// Print score.json alone on stdout
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// What the arguments name: a group of matches.
+/// Group of matches that the arguments name.
 struct Listed {
     name: String,
     files: Vec<PathBuf>,
 }
 
-/// What came of the matches.
-struct Judged {
-    /// In the order in which they were named.
+/// Scored matches.
+struct Scored {
+    /// Matches in the order of the arguments.
     matches: Vec<ScoredMatch>,
-    /// Name of each group, and how many of the matches are its own.
+    /// Name and number of matches of each group.
     groups: Vec<(String, usize)>,
-    /// Why others could not be judged.
+    /// Errors of the matches that could not be scored.
     errors: Vec<String>,
 }
 
-/// Runs the command.
+/// Run `klasktron eval`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let judged = judge(args, args.listed()?)?;
-    let score = scored(&judged, args.seed);
-    let matches = &judged.matches;
+    let listed = args.listed()?;
+    let results = Results::begin(&args.output, &FILES, args.overwrite)?;
+    let scored = score_matches(args, listed)?;
+    let score = score_of(&scored, args.seed);
+    let matches = &scored.matches;
     let provenance = Provenance::new(args.command_line());
-    fs::create_dir_all(&args.out)
-        .with_context(|| format!("{}: cannot create the folder", args.out.display()))?;
     let json = serde_json::to_string_pretty(&score)?;
     let replace = ExistingFile::Replace;
-    write_bytes(&args.out.join("score.json"), replace, json.as_bytes())?;
-    write_events(matches, &provenance, args.seed, &args.out.join(EVENTS_FILE))?;
-    write_episodes(&score, &args.out.join("episodes.csv"), ColumnFormat::Csv)?;
-    write_episodes(&score, &args.out.join("episodes.parquet"), ColumnFormat::Parquet)?;
-    let html = page(matches, &score, &judged.errors, &provenance);
-    write_bytes(&args.out.join("index.html"), replace, html.as_bytes())?;
-    print(&if args.json { json } else { table(&score, &args.out) })?;
-    let whole = judged.errors.is_empty() && matches.iter().all(|scored| scored.loss.is_none());
+    write_bytes(&results.path("score.json"), replace, json.as_bytes())?;
+    write_events(matches, &provenance, args.seed, &results.path(EVENTS_FILE))?;
+    write_episodes(&score, &results.path("episodes.csv"), ColumnFormat::Csv)?;
+    write_episodes(&score, &results.path("episodes.parquet"), ColumnFormat::Parquet)?;
+    let html = page(matches, &score, &scored.errors, &provenance);
+    write_bytes(&results.path("index.html"), replace, html.as_bytes())?;
+    results.finish()?;
+    print(&if args.json { json } else { table(&score, &args.output) })?;
+    let whole = scored.errors.is_empty() && matches.iter().all(|scored| scored.loss.is_none());
     Ok(if whole { Outcome::Done } else { Outcome::Lossy })
 }
 
@@ -93,7 +103,7 @@ impl Args {
         self.compare.iter().map(group).collect()
     }
 
-    /// The command without the place of its results, so that equal results are equal files.
+    /// Command line without the output folder, so that equal results are equal files.
     fn command_line(&self) -> String {
         let mut line = "klasktron eval".to_owned();
         if !self.compare.is_empty() {
@@ -107,7 +117,7 @@ impl Args {
     }
 }
 
-/// The file itself, or every MCAP file in the folder, by name.
+/// Return the file itself, or every MCAP file of a folder in the order of their names.
 fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
@@ -120,7 +130,7 @@ fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-fn judge(args: &Args, listed: Vec<Listed>) -> anyhow::Result<Judged> {
+fn score_matches(args: &Args, listed: Vec<Listed>) -> anyhow::Result<Scored> {
     let files: Vec<PathBuf> = listed.iter().flat_map(|group| group.files.clone()).collect();
     let template = "{wide_bar} {pos}/{len} matches, {eta} left";
     let bar = terminal::bar(Some(files.len() as u64), template);
@@ -128,44 +138,44 @@ fn judge(args: &Args, listed: Vec<Listed>) -> anyhow::Result<Judged> {
     let results = analyze_matches(&files, &Rules::default(), threads, &|| bar.inc(1));
     bar.finish_and_clear();
     let mut results = results.into_iter();
-    let mut judged = Judged { matches: Vec::new(), groups: Vec::new(), errors: Vec::new() };
+    let mut scored = Scored { matches: Vec::new(), groups: Vec::new(), errors: Vec::new() };
     for group in listed {
-        let before = judged.matches.len();
+        let before = scored.matches.len();
         for result in results.by_ref().take(group.files.len()) {
             match result {
-                Ok(scored) => {
-                    if !scored.loss.is_none() {
-                        tell(&format!("warning: {}", loss_sentence_of(&scored.path, &scored.loss)));
+                Ok(own) => {
+                    if !own.loss.is_none() {
+                        tell(&format!("warning: {}", loss_sentence_of(&own.path, &own.loss)));
                     }
-                    judged.matches.push(scored);
+                    scored.matches.push(own);
                 }
-                // Alone, the file's error is that of the command.
+                // The error of a single file is the error of the command.
                 Err(error) if files.len() == 1 => return Err(error.into()),
                 Err(error) => {
                     tell(&format!("error: {error}"));
-                    judged.errors.push(error.to_string());
+                    scored.errors.push(error.to_string());
                 }
             }
         }
-        let count = judged.matches.len() - before;
+        let count = scored.matches.len() - before;
         if count == 0 {
-            bail!("none of the {} matches of {} could be judged", group.files.len(), group.name);
+            bail!("none of the {} matches of {} could be scored", group.files.len(), group.name);
         }
-        judged.groups.push((group.name, count));
+        scored.groups.push((group.name, count));
     }
-    Ok(judged)
+    Ok(scored)
 }
 
-fn scored(judged: &Judged, seed: u64) -> Score {
-    let mut score = Score::new(&judged.matches, seed);
-    if let [(a, count), (b, _)] = &judged.groups[..] {
-        let (of_a, of_b) = judged.matches.split_at(*count);
+fn score_of(scored: &Scored, seed: u64) -> Score {
+    let mut score = Score::new(&scored.matches, seed);
+    if let [(a, count), (b, _)] = &scored.groups[..] {
+        let (of_a, of_b) = scored.matches.split_at(*count);
         score.comparison = Some(compare(&Group::new(a, of_a), &Group::new(b, of_b), seed));
     }
     score
 }
 
-/// The result for people.
+/// Result as a table.
 fn table(score: &Score, out: &Path) -> String {
     let number = |value: f64| format!("{value:>9.3}");
     let mut lines =

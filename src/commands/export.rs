@@ -1,11 +1,15 @@
 //! `klasktron export`: tables of any recording, weights of an `actuator.mcap`.
 
-use super::{Outcome, tell};
+use super::{
+    Outcome,
+    results::{OverwriteArgs, refuse_existing, refuse_existing_file, write_file},
+    tell,
+};
 use anyhow::{Context as _, bail};
 use klasktron::{
     actuator::{self, WeightsFormat},
     recording::{
-        ExistingFile, Recording, RecordingError,
+        Recording, RecordingError,
         table::{self, TableFormat},
         write_bytes,
     },
@@ -19,34 +23,33 @@ use std::{
 /// Attachments with this prefix hold the weights of an `actuator.mcap`.
 const WEIGHTS_PREFIX: &str = "weights/";
 
-/// What can be typed after `klasktron export`.
+/// Arguments of `klasktron export`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  klasktron export train.mcap --to parquet --topic /striker/left/command --out commands.parquet
-  klasktron export train.mcap --to csv --out tables
-  klasktron export actuator/actuator.mcap --to onnx --out model.onnx")]
+  klasktron export train.mcap --to parquet --topic /striker/left/command -o commands.parquet
+  klasktron export train.mcap --to csv -o tables
+  klasktron export actuator/actuator.mcap --to onnx -o model.onnx")]
 pub(crate) struct Args {
-    /// A recording, or an actuator.mcap
+    /// Recording, or an actuator.mcap
     file: PathBuf,
-    /// What to write: onnx, safetensors and torchscript are weights of an actuator.mcap; parquet
-    /// and csv are tables of any recording; npz is weights where there are any, else tables
+    /// Format: onnx, safetensors or torchscript for the weights of an actuator.mcap; parquet or csv
+    /// for tables of any recording; npz for weights where the file has them, else tables
     #[arg(long)]
     to: Format,
-    /// File to write; with several topics and no --topic a folder, one file per topic
-    #[arg(long, value_name = "PATH")]
-    out: PathBuf,
-    /// Write this topic only
+    /// File to write; a folder with one file per topic, where there are several and no --topic
+    #[arg(short, long, alias = "out", value_name = "PATH")]
+    output: PathBuf,
+    /// Export only this topic
     #[arg(long)]
     topic: Option<String>,
-    /// Weights of this seed [default: the chosen one]
+    /// Export the weights of this seed [default: the chosen one]
     #[arg(long)]
     seed: Option<u64>,
-    /// Replace files that exist already
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
 }
 
-/// What `--to` can be.
+/// Value of `--to`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Format {
     Onnx,
@@ -58,7 +61,7 @@ pub(crate) enum Format {
 }
 
 impl Format {
-    /// The format of a table, for those that can hold one.
+    /// Format of a table; `None` for formats that hold weights only.
     fn of_table(self) -> Option<TableFormat> {
         match self {
             Self::Npz => Some(TableFormat::Npz),
@@ -80,14 +83,14 @@ impl Format {
     }
 }
 
+/// Run `klasktron export`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let recording = Recording::open(&args.file)?;
-    let existing = if args.overwrite { ExistingFile::Replace } else { ExistingFile::Refuse };
     let has_weights = recording.attachments.iter().any(|a| a.name.starts_with(WEIGHTS_PREFIX));
     let table_format = match args.to.of_table() {
         Some(format) if !(has_weights && args.to == Format::Npz && args.topic.is_none()) => format,
         _ => {
-            export_weights(&recording, args, existing)?;
+            export_weights(&recording, args)?;
             return Ok(outcome_of(&recording));
         }
     };
@@ -98,19 +101,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         (None, _) => None,
     };
     let Some(topic) = only else {
-        return export_folder(&recording, &topics, args, existing);
+        return export_folder(&recording, &topics, args);
     };
+    refuse_existing_file(&args.output, args.overwrite)?;
     let table = table::read_table(&recording, topic)?;
-    table::write_table(&table, &args.out, table_format, existing)?;
+    write_file(&args.output, args.overwrite, |existing| {
+        Ok(table::write_table(&table, &args.output, table_format, existing)?)
+    })?;
     Ok(outcome_of(&recording))
 }
 
-/// Writes the weights of an `actuator.mcap`.
-fn export_weights(
-    recording: &Recording,
-    args: &Args,
-    existing: ExistingFile,
-) -> anyhow::Result<()> {
+/// Write the weights of an `actuator.mcap`.
+fn export_weights(recording: &Recording, args: &Args) -> anyhow::Result<()> {
     let format = match args.to {
         Format::Onnx => WeightsFormat::Onnx,
         Format::Safetensors => WeightsFormat::Safetensors,
@@ -119,7 +121,9 @@ fn export_weights(
     };
     let stored = actuator::read_actuator(recording)?;
     let bytes = actuator::export_weights(&stored, format, args.seed)?;
-    Ok(write_bytes(&args.out, existing, &bytes)?)
+    write_file(&args.output, args.overwrite, |existing| {
+        Ok(write_bytes(&args.output, existing, &bytes)?)
+    })
 }
 
 fn outcome_of(recording: &Recording) -> Outcome {
@@ -134,51 +138,67 @@ fn export_folder(
     recording: &Recording,
     topics: &BTreeSet<&str>,
     args: &Args,
-    existing: ExistingFile,
 ) -> anyhow::Result<Outcome> {
     let Some(format) = args.to.of_table() else { unreachable!("weights are written elsewhere") };
     if topics.is_empty() {
-        bail!("{}: it has no topic, so there is nothing to write", args.file.display());
+        bail!("{}: the file has no topic, so there is nothing to export", args.file.display());
     }
-    fs::create_dir_all(&args.out)
-        .with_context(|| format!("{}: cannot make the folder", args.out.display()))?;
+    let names = file_names(topics, args.to.extension());
+    let files: Vec<&str> = names.keys().map(String::as_str).collect();
+    refuse_existing(&args.output, &files, args.overwrite)?;
+    fs::create_dir_all(&args.output)
+        .with_context(|| format!("{}: cannot create the folder", args.output.display()))?;
     let mut outcome = outcome_of(recording);
     let mut written = 0_usize;
-    for (name, topic) in file_names(topics) {
-        let path = args.out.join(format!("{name}.{}", args.to.extension()));
-        let exported = table::read_table(recording, topic)
-            .and_then(|table| table::write_table(&table, &path, format, existing));
+    for (name, topic) in &names {
+        let path = args.output.join(name);
+        let exported = write_file(&path, args.overwrite, |existing| {
+            let table = table::read_table(recording, topic)?;
+            Ok(table::write_table(&table, &path, format, existing)?)
+        });
         match exported {
             Ok(()) => written += 1,
-            Err(
-                error @ (RecordingError::NotTabular { .. }
-                | RecordingError::MixedSchemas { .. }
-                | RecordingError::BadMessage { .. }),
-            ) => {
+            Err(error) if is_no_table(&error) => {
                 tell(&format!("left out: {error}"));
                 outcome = Outcome::Lossy;
             }
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(error),
         }
     }
     if written == 0 {
-        bail!("{}: none of its {} topics makes a table", args.file.display(), topics.len());
+        bail!(
+            "{}: none of its {} topics can be exported as a table",
+            args.file.display(),
+            topics.len()
+        );
     }
     Ok(outcome)
 }
 
-/// A file name for each topic: `/striker/left/command` is `striker_left_command`. Where two topics
-/// give one name, the later in alphabetical order gets a number.
-fn file_names<'a>(topics: &BTreeSet<&'a str>) -> BTreeMap<String, &'a str> {
+/// Return whether a topic cannot be exported as a table, which does not stop the others.
+fn is_no_table(error: &anyhow::Error) -> bool {
+    matches!(
+        error.downcast_ref::<RecordingError>(),
+        Some(
+            RecordingError::NotTabular { .. }
+                | RecordingError::MixedSchemas { .. }
+                | RecordingError::BadMessage { .. }
+        )
+    )
+}
+
+/// File name of each topic: `/striker/left/command` becomes `striker_left_command.csv`. A later topic with
+/// the same name gets a number.
+fn file_names<'a>(topics: &BTreeSet<&'a str>, extension: &str) -> BTreeMap<String, &'a str> {
     let mut names = BTreeMap::new();
     for topic in topics {
         let plain = topic.trim_matches('/').replace(['/', '\\', '\0'], "_");
         let plain = if plain.is_empty() { "topic".to_owned() } else { plain };
-        let mut name = plain.clone();
+        let mut name = format!("{plain}.{extension}");
         let mut count = 1;
         while names.contains_key(&name) {
             count += 1;
-            name = format!("{plain}_{count}");
+            name = format!("{plain}_{count}.{extension}");
         }
         names.insert(name, *topic);
     }
@@ -192,7 +212,7 @@ mod tests {
     #[test]
     fn topics_give_distinct_plain_file_names() {
         let topics = BTreeSet::from(["/a/b", "/a_b", "/../x", "/"]);
-        let names: Vec<String> = file_names(&topics).into_keys().collect();
-        assert_eq!(names, [".._x", "a_b", "a_b_2", "topic"]);
+        let names: Vec<String> = file_names(&topics, "csv").into_keys().collect();
+        assert_eq!(names, [".._x.csv", "a_b.csv", "a_b_2.csv", "topic.csv"]);
     }
 }

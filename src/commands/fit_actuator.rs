@@ -1,9 +1,10 @@
-//! `klasktron fit-actuator`: arguments to a set of fits, and their outcome to files.
+//! `klasktron fit-actuator`: fit the actuator network with several seeds and write the result.
 
 use super::{
     Outcome,
     engine::{EngineArgs, Sweep},
-    interrupt, print, tell, terminal,
+    interrupt::{self, Interrupted},
+    print, tell, terminal,
 };
 use anyhow::{Context as _, bail};
 use clap::{ValueEnum, builder::PossibleValue};
@@ -23,73 +24,73 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What can be typed after `klasktron fit-actuator`.
+/// Arguments of `klasktron fit-actuator`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
-    after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 --out actuator"
+    after_help = "Example:\n  klasktron fit-actuator train.mcap validation.mcap --seeds 8 -o actuator"
 )]
 pub(crate) struct Args {
     /// Recordings with /striker/*/command and /striker/*/carriage (or /camera/detections)
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// Folder for actuator.mcap, index.html and the finished fits
-    #[arg(short, long, value_name = "DIR", default_value = "actuator")]
-    out: PathBuf,
-    /// Velocity to predict: the carriage's from encoders, or the striker's from the camera
+    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "actuator")]
+    output: PathBuf,
+    /// Predicted velocity: carriage (encoders) or striker (camera)
     #[arg(long, value_enum, default_value_t = Target::Carriage)]
     target: Target,
     /// Gantry to fit [default: the one with commands and motion; left when both have]
     #[arg(long, value_enum)]
     player: Option<PlayerArg>,
-    /// Order of the inputs and activation: 40 inputs with ReLU, or upstream's 38 with softsign
+    /// Input order and activation: 40 inputs with ReLU, or upstream's 38 with softsign
     #[arg(long, value_enum, default_value_t = LayoutKind::Klasktron)]
     layout: LayoutKind,
-    /// Samples of history that the network sees
+    /// Past samples in the input
     #[arg(long, value_name = "STEPS", default_value = "10", value_parser = parse_count)]
     history: usize,
-    /// Units of each hidden layer
+    /// Units per hidden layer
     #[arg(long, value_name = "UNITS", default_value = "64", value_parser = parse_count)]
     width: usize,
-    /// Hidden layers
+    /// Number of hidden layers
     #[arg(long, value_name = "LAYERS", default_value = "3", value_parser = parse_count)]
     hidden_layers: usize,
-    /// Passes over the data
+    /// Training epochs
     #[arg(long, default_value = "1000", value_parser = parse_count)]
     epochs: usize,
-    /// Windows in each step of Adam
+    /// Batch size (windows per Adam step)
     #[arg(long, value_name = "WINDOWS", default_value = "256", value_parser = parse_count)]
     batch: usize,
-    /// Step size of Adam at the start
+    /// Initial learning rate of Adam
     #[arg(long, default_value = "0.001", value_parser = parse_positive, allow_negative_numbers = true)]
     learning_rate: f64,
-    /// How the learning rate goes down
+    /// Learning-rate schedule
     #[arg(long, value_enum, default_value_t = Schedule::Cosine)]
     schedule: Schedule,
-    /// Train on this many samples predicted one from the other (1: one step ahead)
+    /// Prediction horizon of the training loss (1: one step ahead)
     #[arg(long, value_name = "STEPS", default_value = "1", value_parser = parse_count)]
     horizon: usize,
-    /// Samples per second to which the recordings are brought (Hz)
+    /// Rate to which the recordings are resampled (Hz)
     #[arg(long, value_name = "HZ", default_value = "50", value_parser = parse_positive, allow_negative_numbers = true)]
     rate_hz: f64,
     /// First seed
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// How many seeds, fitted in parallel
+    /// Number of seeds, fitted in parallel
     #[arg(long, value_name = "COUNT", default_value = "8", value_parser = parse_count)]
     seeds: usize,
-    /// Fit history {1, 5, 10} x width {32, 64, 128}, --seeds seeds each, and choose
+    /// Fit history {1, 5, 10} x width {32, 64, 128} with --seeds seeds each, and select one
     #[arg(long)]
     ablate: bool,
-    /// Fits at a time; the result does not depend on it [default: one per core]
+    /// Threads; the result does not depend on their number [default: one per core]
     #[arg(long, value_name = "COUNT", value_parser = parse_count)]
     threads: Option<usize>,
-    /// Print the result document alone on stdout
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
-    /// Keep the fits and judge nothing: a point of an ablation
+    /// Write the fits without validation: a point of an ablation
     #[arg(long, hide = true)]
     fits_only: bool,
-    /// Runs of fewer samples are left out
+    /// Fewest samples of a run
     #[arg(long, value_name = "SAMPLES", hide = true)]
     shortest_run: Option<usize>,
     #[command(flatten)]
@@ -102,7 +103,7 @@ enum PlayerArg {
     Right,
 }
 
-/// Largest whole number that any of the counts may have; beyond it memory or patience runs out.
+/// Largest count of any option: guards against typing errors that would exhaust memory or time.
 const LARGEST_COUNT: usize = 1_000_000;
 
 fn parse_count(text: &str) -> Result<usize, String> {
@@ -119,7 +120,7 @@ fn parse_positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Runs the command.
+/// Run `klasktron fit-actuator`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let base = args.fit_config()?;
     let kind = if args.ablate { StudyKind::Ablation } else { StudyKind::Seeds };
@@ -129,7 +130,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             (0..args.seeds as u64).map(|k| FitConfig { seed: base.seed + k, ..base }).collect()
         }
     };
-    // Of an ablation, the longest history decides which runs every fit can use.
+    // In an ablation the longest history decides which runs are long enough for every fit.
     let longest_history = configs.iter().map(|config| config.history_steps).max().unwrap_or(0);
     let needed = (longest_history + base.horizon + 1).max(args.shortest_run.unwrap_or(0));
     let config = ResampleConfig { target: args.target, rate_hz: args.rate_hz };
@@ -145,8 +146,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     let (train, held_out) = (dataset.train().len(), dataset.held_out().len());
-    log::info!("{train} runs to fit, {held_out} to judge by; {} fits", configs.len());
-    let store = Store::open(&args.out.join("fits"), &dataset)?;
+    log::info!("{train} training runs, {held_out} validation runs, {} fits", configs.len());
+    let store = Store::open(&args.output.join("fits"), &dataset)?;
     let fits = match kind {
         StudyKind::Seeds => args.fit_here(&configs, &dataset, &store)?,
         StudyKind::Ablation => args.fit_by_engine(&configs, &store, needed)?,
@@ -155,38 +156,50 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         let (asked, finished) = (configs.len(), fits.len());
         let document = serde_json::json!({"fits_asked": asked, "fits_finished": finished});
         print(&document.to_string())?;
-        return Ok(if asked == finished { Outcome::Done } else { Outcome::Lossy });
+        return Ok(outcome(asked == finished));
     }
     let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
-        bail!("interrupted before the first fit was finished; nothing was written");
+        return Err(Interrupted(
+            "interrupted before the first fit was finished; nothing was written".to_owned(),
+        )
+        .into());
     };
-    log::info!("judging the fits");
+    log::info!("validating the fits");
     let summary = study.summary(Provenance::new(args.command_line()));
-    write_outcome(&study, &summary, &args.out)?;
+    write_outcome(&study, &summary, &args.output)?;
     for warning in &summary.warnings {
         tell(&format!("warning: {warning}"));
     }
     if args.json {
         print(&serde_json::to_string_pretty(&summary)?)?;
     } else {
-        print(&table(&summary, &args.out))?;
+        print(&table(&summary, &args.output))?;
     }
     let whole = study.finished == study.asked && !study.dataset.is_damaged();
-    Ok(if whole { Outcome::Done } else { Outcome::Lossy })
+    Ok(outcome(whole))
+}
+
+/// Outcome of fits that are `whole` or not; they are not where Ctrl-C has ended the fitting.
+fn outcome(whole: bool) -> Outcome {
+    match (whole, interrupt::is_raised()) {
+        (true, _) => Outcome::Done,
+        (false, true) => Outcome::Interrupted,
+        (false, false) => Outcome::Lossy,
+    }
 }
 
 /// Folder of the points of an ablation, until their fits are in the store.
 const SWEEP_FOLDER: &str = "sweep";
 
 impl Args {
-    /// The fits of `configs`, made in this process.
+    /// Fit `configs` in this process.
     fn fit_here(
         &self,
         configs: &[FitConfig],
         dataset: &actuator::Dataset,
         store: &Store,
     ) -> anyhow::Result<Vec<Fit>> {
-        let stop = interrupt::raised_by_ctrl_c("finishing with the fits that are done")?;
+        let stop = interrupt::raised_by_ctrl_c("the result is made of the finished fits")?;
         let progress = Progress::new(configs);
         let threads = self.threads.unwrap_or_else(parallel::cores);
         let fits = actuator::fit_all(configs, dataset, store, (threads, stop), &progress)?;
@@ -194,7 +207,7 @@ impl Args {
         Ok(fits)
     }
 
-    /// The fits of `configs`, each a point of a sweep, but for those that are in the store.
+    /// Fit each of `configs` that is not in the store as a point of a sweep.
     fn fit_by_engine(
         &self,
         configs: &[FitConfig],
@@ -213,7 +226,7 @@ impl Args {
             }
             if let Some(failed) = finished.merged.failures.first() {
                 bail!(
-                    "{} of {} fits failed, the first ({}) because: {}; log {}; run them again with --retry",
+                    "{} of {} fits failed, the first ({}) with: {}; see {}; run them again with --retry",
                     finished.merged.failures.len(),
                     configs.len(),
                     failed.title,
@@ -224,15 +237,15 @@ impl Args {
         }
         let fits: Vec<Fit> = configs.iter().filter_map(|config| store.get(config)).collect();
         if fits.len() == configs.len() {
-            // Every fit is in the store; the points were the way there.
-            fs::remove_dir_all(self.out.join(SWEEP_FOLDER)).ok();
+            // Every fit is in the store now.
+            fs::remove_dir_all(self.output.join(SWEEP_FOLDER)).ok();
         }
         Ok(fits)
     }
 
-    /// Moves the fits of finished points to where fits are kept.
+    /// Move the fits of finished points into the store.
     fn gather(&self, plan: &Plan) -> anyhow::Result<()> {
-        let points = PointStore::open(&self.out.join(SWEEP_FOLDER))?;
+        let points = PointStore::open(&self.output.join(SWEEP_FOLDER))?;
         let finished = points.finished(&plan.points)?;
         for point in plan.points.iter().filter(|point| finished.contains(&point.hash)) {
             let folder = points.folder(point).join("fits");
@@ -240,7 +253,7 @@ impl Args {
             for entry in fs::read_dir(&folder).with_context(read)? {
                 let fit = entry.with_context(read)?;
                 let bytes = fs::read(fit.path()).with_context(read)?;
-                let to = self.out.join("fits").join(fit.file_name());
+                let to = self.output.join("fits").join(fit.file_name());
                 write_bytes(&to, ExistingFile::Replace, &bytes)?;
             }
         }
@@ -249,11 +262,10 @@ impl Args {
 
     fn sweep<'a>(&self, plan: &'a Plan) -> Sweep<'a> {
         let workers = self.threads.unwrap_or_else(parallel::cores);
-        Sweep { plan, out: self.out.join(SWEEP_FOLDER), workers }
+        Sweep { plan, out: self.output.join(SWEEP_FOLDER), workers }
     }
 
-    /// A point for each of `configs`, the largest network first, so that no worker is left with a long fit at
-    /// the end.
+    /// Plan with a point for each of `configs`, the largest network first, so that no long fit is left for the end.
     fn plan(&self, configs: &[FitConfig], needed: usize) -> anyhow::Result<Plan> {
         let mut hashes = InputHashes::default();
         let inputs: Vec<String> =
@@ -278,7 +290,7 @@ impl Args {
         })
     }
 
-    /// What is typed for one fit.
+    /// Command line of one fit.
     fn words(&self, config: &FitConfig, needed: usize) -> Vec<String> {
         let mut words = vec!["fit-actuator".to_owned()];
         words.extend(self.recordings.iter().map(|path| path.display().to_string()));
@@ -311,8 +323,8 @@ impl Args {
         })
     }
 
-    /// The command with every option that decides the result written out. Where it is written and
-    /// how many threads did it are left out, so that equal results are equal files.
+    /// Command line with every option that decides the result. Output folder and threads are left out, so that equal
+    /// results are equal files.
     fn command_line(&self) -> String {
         let mut line = "klasktron fit-actuator".to_owned();
         for path in &self.recordings {
@@ -327,7 +339,7 @@ impl Args {
         line
     }
 
-    /// Every option that decides the result, with its value.
+    /// Options that decide the result, with their values.
     fn options(&self) -> Vec<(&'static str, String)> {
         let name = |value: &dyn Fn() -> Option<PossibleValue>| {
             value().map_or_else(String::new, |value| value.get_name().to_owned())
@@ -369,7 +381,7 @@ fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result
     Ok(())
 }
 
-/// The result for people: the figures that decide, and where the rest is.
+/// Result as a table, with the paths of the files.
 fn table(summary: &Summary, out: &Path) -> String {
     let mut lines = vec![format!(
         "{:<22}{:>12}{:>12}{:>12}{:>12}",
@@ -392,7 +404,7 @@ fn table(summary: &Summary, out: &Path) -> String {
     };
     lines.push(format!("{:<22}{median}", format!("network, {seeds}")));
     for (model, title) in
-        [("arx", "linear ARX"), ("lag_delay", "lag with delay"), ("ideal", "ideal")]
+        [("arx", "linear ARX"), ("lag_delay", "first order + delay"), ("ideal", "ideal")]
     {
         let rows = summary.errors.iter().filter(|row| {
             row.model == model && row.pattern == "all" && row.component == actuator::Component::Both
@@ -403,7 +415,7 @@ fn table(summary: &Summary, out: &Path) -> String {
     if let Some(ablation) = &summary.ablation {
         let cell = &ablation.cells[ablation.chosen];
         lines.push(format!(
-            "chosen by one standard error: {} steps of history, {} units",
+            "selected by the one-standard-error rule: {} steps of history, {} units",
             cell.history_steps, cell.width
         ));
     }
@@ -416,7 +428,7 @@ fn table(summary: &Summary, out: &Path) -> String {
     lines.join("\n")
 }
 
-/// A bar of epochs.
+/// Progress bar of epochs.
 struct Progress {
     bar: ProgressBar,
 }

@@ -1,7 +1,10 @@
-//! `klasktron gap` and `klasktron calibrate`: recordings and a twin to a better twin, and what was
-//! missing.
+//! `klasktron gap` and `klasktron calibrate`: fit a twin to recordings, and find the effects that it lacks.
 
-use super::{Outcome, loss_sentence, note, print, tell};
+use super::{
+    Outcome, loss_sentence, note, print,
+    results::{OverwriteArgs, Results, refuse_existing_file, write_file},
+    tell,
+};
 use klasktron::{
     gap::{self, Document, Found, Task, Verdict},
     provenance::Provenance,
@@ -13,45 +16,52 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What can be typed after `klasktron gap`.
+/// Files that `klasktron gap` writes.
+const FILES: [&str; 4] = ["gap.mcap", "index.html", "twin.json", "gap.json"];
+
+/// Arguments of `klasktron gap`.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  klasktron gap monday.mcap tuesday.mcap --twin twin.json --out gap"
+    after_help = "Example:\n  klasktron gap monday.mcap tuesday.mcap --twin twin.json -o gap"
 )]
 pub(crate) struct Args {
-    /// Recordings of at least two sessions; those marked split=validation judge and are never fitted
+    /// Recordings of at least two sessions; those marked split=validation are held out
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The twin to start from [default: the plain built-in one]
+    /// Initial twin [default: the built-in nominal twin]
     #[arg(long, value_name = "FILE")]
     twin: Option<PathBuf>,
     /// Folder for gap.json, twin.json, index.html and gap.mcap
-    #[arg(short, long, value_name = "DIR", default_value = "gap")]
-    out: PathBuf,
-    /// Print the result document alone on stdout
+    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "gap")]
+    output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// What can be typed after `klasktron calibrate`.
+/// Arguments of `klasktron calibrate`.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  klasktron calibrate monday.mcap --out twin.json")]
+#[command(after_help = "Example:\n  klasktron calibrate monday.mcap -o twin.json")]
 pub(crate) struct CalibrateArgs {
-    /// Recordings; those marked split=validation judge and are never fitted
+    /// Recordings; those marked split=validation are held out
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The twin to start from [default: the plain built-in one]
+    /// Initial twin [default: the built-in nominal twin]
     #[arg(long, value_name = "FILE")]
     twin: Option<PathBuf>,
-    /// The twin to write
-    #[arg(short, long, value_name = "FILE", default_value = "twin.json")]
-    out: PathBuf,
-    /// Print the result document alone on stdout
+    /// Twin to write
+    #[arg(short, long, alias = "out", value_name = "FILE", default_value = "twin.json")]
+    output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// Recordings and twin, read.
+/// Recordings and initial twin.
 struct Inputs {
     recordings: Vec<Recording>,
     start: Option<Twin>,
@@ -65,7 +75,7 @@ impl Inputs {
         for path in recordings {
             let recording = Recording::open(path)?;
             if opened.iter().any(|other| other.sha256 == recording.sha256) {
-                tell(&format!("warning: {} is given twice and counts once", path.display()));
+                tell(&format!("warning: {} is given twice; it is used once", path.display()));
                 continue;
             }
             if !recording.loss.is_none() {
@@ -89,14 +99,16 @@ impl Inputs {
     }
 }
 
-/// Runs `klasktron gap`.
+/// Run `klasktron gap`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
     let sessions = inputs.sessions()?;
+    let results = Results::begin(&args.output, &FILES, args.overwrite)?;
     note(&format!("comparing {} sessions with the twin", sessions.len()));
     let found = gap::find(&sessions, inputs.start.as_ref(), Task::CloseGap);
     let provenance = Provenance::new(args.command_line());
-    write_outcome(&found, &provenance, &inputs, &sessions, &args.out)?;
+    write_outcome(&found, &provenance, &inputs, &sessions, &results)?;
+    results.finish()?;
     for doubt in &found.document.doubts {
         tell(&format!("warning: {doubt}"));
     }
@@ -106,21 +118,22 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&summary(&found.document))?;
         print(&format!(
             "wrote gap.json, twin.json, index.html and gap.mcap in {}",
-            args.out.display()
+            args.output.display()
         ))?;
     }
     Ok(outcome(&found.document, &inputs))
 }
 
-/// Runs `klasktron calibrate`.
+/// Run `klasktron calibrate`.
 pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
+    refuse_existing_file(&args.output, args.overwrite)?;
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
     let sessions = inputs.sessions()?;
     let found = gap::find(&sessions, inputs.start.as_ref(), Task::Calibrate);
-    if let Some(parent) = args.out.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+    if let Some(parent) = args.output.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent)?;
     }
-    twin::write_twin(&found.twin, &args.out)?;
+    write_file(&args.output, args.overwrite, |_| Ok(twin::write_twin(&found.twin, &args.output)?))?;
     for doubt in &found.document.doubts {
         tell(&format!("warning: {doubt}"));
     }
@@ -129,13 +142,13 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     } else {
         print(&parameters(&found.twin))?;
         print(&gaps(&found.document))?;
-        print(&format!("wrote {}", args.out.display()))?;
+        print(&format!("wrote {}", args.output.display()))?;
     }
     Ok(outcome(&found.document, &inputs))
 }
 
 impl Args {
-    /// The command without the place of its results, so that equal results are equal files.
+    /// Command line without the output folder, so that equal results are equal files.
     fn command_line(&self) -> String {
         let mut line = "klasktron gap".to_owned();
         for path in &self.recordings {
@@ -153,21 +166,20 @@ fn write_outcome(
     provenance: &Provenance,
     inputs: &Inputs,
     sessions: &[twin::Session],
-    out: &Path,
+    results: &Results,
 ) -> anyhow::Result<()> {
-    fs::create_dir_all(out)?;
     let document = serde_json::to_string_pretty(&found.document)? + "\n";
     let names: Vec<String> =
         inputs.recordings.iter().map(|recording| recording.path.display().to_string()).collect();
     let page = gap::page(found, &names.join(", "), provenance, sessions);
-    gap::write_tape(found, provenance, sessions, &out.join("gap.mcap"))?;
-    write_bytes(&out.join("index.html"), ExistingFile::Replace, page.as_bytes())?;
-    twin::write_twin(&found.twin, &out.join("twin.json"))?;
-    write_bytes(&out.join("gap.json"), ExistingFile::Replace, document.as_bytes())?;
+    gap::write_tape(found, provenance, sessions, &results.path("gap.mcap"))?;
+    write_bytes(&results.path("index.html"), ExistingFile::Replace, page.as_bytes())?;
+    twin::write_twin(&found.twin, &results.path("twin.json"))?;
+    write_bytes(&results.path("gap.json"), ExistingFile::Replace, document.as_bytes())?;
     Ok(())
 }
 
-/// A gate was not met where nothing could be said about the machine.
+/// A refused verdict is a failed check: the data say nothing about the machine.
 fn outcome(document: &Document, inputs: &Inputs) -> Outcome {
     let refused = matches!(
         document.verdict,
@@ -176,7 +188,7 @@ fn outcome(document: &Document, inputs: &Inputs) -> Outcome {
     if inputs.lost || refused { Outcome::Lossy } else { Outcome::Done }
 }
 
-/// The answer for people.
+/// Result as text.
 fn summary(document: &Document) -> String {
     let mut lines = vec![document.says.clone()];
     for effect in &document.effects {
@@ -198,7 +210,7 @@ fn summary(document: &Document) -> String {
     lines.join("\n")
 }
 
-/// The gap of each signal.
+/// Residuals of each signal as a table.
 fn gaps(document: &Document) -> String {
     let mut lines = vec![format!(
         "{:<24}{:>6}{:>12}{:>12}{:>12}",
@@ -218,7 +230,7 @@ fn gaps(document: &Document) -> String {
     lines.join("\n")
 }
 
-/// Every number of a twin with its interval.
+/// Every parameter of a twin with its interval.
 fn parameters(twin: &Twin) -> String {
     let mut lines = Vec::new();
     for instance in &twin.instances {

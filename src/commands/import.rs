@@ -1,6 +1,10 @@
-//! `klasktron import`: bags, npz, CSV and candump logs become recordings.
+//! `klasktron import`: convert bags, npz, CSV and candump logs into recordings.
 
-use super::{Outcome, note, tell};
+use super::{
+    Outcome, note,
+    results::{OverwriteArgs, write_file},
+    tell,
+};
 use anyhow::Result;
 use clap::{Subcommand, ValueEnum};
 use klasktron::{
@@ -10,19 +14,19 @@ use klasktron::{
         self, AxisColumns, ColumnError, ImportConfig, ImportError, ImportReport, PositionUnit,
         SourceKind, Table,
     },
-    recording::{ExistingFile, Split},
+    recording::Split,
 };
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Turn bags, npz, CSV and candump logs into recordings.
+/// Convert bags, npz, CSV and candump logs into recordings
 ///
-/// Without a kind, `klasktron import FILE -o OUT` guesses it from the name: a folder, .db3 or .mcap is
-/// a bag, then .npz and .log (candump).
+/// Without a format, `klasktron import FILE -o OUTPUT` takes the format from the name: a folder, .db3 or .mcap
+/// is a bag; .npz and .log (candump) are themselves.
 #[derive(Debug, clap::Args)]
 #[command(
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
-    after_help = "Examples:\n  klasktron import bus.log --output bus.mcap\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
+    after_help = "Examples:\n  klasktron import bus.log -o bus.mcap\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
 )]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -33,23 +37,23 @@ pub(crate) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Kind {
-    /// ROS 2 bags of the KlaskTron table (.db3, .mcap or their folder), each as one run
+    /// Convert ROS 2 bags of the KlaskTron table (.db3, .mcap or folders), one run each
     Bag(BagArgs),
-    /// An npz file of the upstream actuator pipeline
+    /// Convert an npz file of the upstream actuator pipeline
     Npz(NpzArgs),
-    /// A CSV table of any single axis
+    /// Convert a CSV table of any single axis
     Csv(CsvArgs),
-    /// A `candump -L` log of the drives' bus
+    /// Convert a `candump -L` log of the drives' bus
     Candump(CandumpArgs),
 }
 
 #[derive(Debug, clap::Args)]
 struct GuessedArgs {
-    /// The file or folder to import
+    /// File or folder to import
     #[arg(required = true)]
     path: Option<PathBuf>,
-    /// The recording to write
-    #[arg(short, long, value_name = "OUT", required = true)]
+    /// Recording to write
+    #[arg(short, long, alias = "out", value_name = "FILE", required = true)]
     output: Option<PathBuf>,
     #[command(flatten)]
     labels: LabelArgs,
@@ -57,8 +61,8 @@ struct GuessedArgs {
 
 #[derive(Debug, clap::Args)]
 struct OutputArgs {
-    /// The recording to write
-    #[arg(short, long, value_name = "OUT")]
+    /// Recording to write
+    #[arg(short, long, alias = "out", value_name = "FILE")]
     output: PathBuf,
     #[command(flatten)]
     labels: LabelArgs,
@@ -66,16 +70,15 @@ struct OutputArgs {
 
 #[derive(Debug, clap::Args)]
 struct LabelArgs {
-    /// Replace the recording if it is there already
-    #[arg(long)]
-    overwrite: bool,
-    /// Session; by default the source's name
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+    /// Session name in the metadata [default: the name of the source]
     #[arg(long)]
     session: Option<String>,
-    /// What the recording is for; by default from the source's name, else train
+    /// Purpose of the recording [default: from the name of the source, or train]
     #[arg(long)]
     split: Option<SplitArg>,
-    /// Robot; by default "unknown"
+    /// Robot name in the metadata [default: unknown]
     #[arg(long)]
     robot: Option<String>,
 }
@@ -85,14 +88,14 @@ struct BoardArgs {
     /// Short side of the playing field (m)
     #[arg(long, value_name = "METRES", default_value = "0.32", value_parser = parse_side)]
     short_side: f64,
-    /// Long side of the playing field (m); older software used 0.44
+    /// Long side of the playing field (m); older upstream software has 0.44
     #[arg(long, value_name = "METRES", default_value = "0.42", value_parser = parse_side)]
     long_side: f64,
 }
 
 #[derive(Debug, clap::Args)]
 struct BeltArgs {
-    /// Belt per motor turn (m)
+    /// Belt travel per motor turn (m)
     #[arg(long, value_name = "METRES", default_value = "0.04", value_parser = parse_belt)]
     belt_metres_per_turn: CoreXy,
 }
@@ -102,7 +105,7 @@ struct BeltArgs {
     after_help = "Example:\n  klasktron import bag rosbag2_monday rosbag2_tuesday -o bags.mcap"
 )]
 struct BagArgs {
-    /// Bags: folders, .db3 or .mcap files
+    /// Bags: folders, .db3 or .mcap files, in the order of the runs
     #[arg(required = true)]
     paths: Vec<PathBuf>,
     #[command(flatten)]
@@ -116,11 +119,11 @@ struct BagArgs {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  klasktron import npz run.npz --frame sim-mirrored -o run.mcap")]
 struct NpzArgs {
-    /// The npz file
+    /// npz file
     path: PathBuf,
     #[command(flatten)]
     output: OutputArgs,
-    /// Frame of its values
+    /// Coordinate frame of the values
     #[arg(long, default_value = "sim-mirrored")]
     frame: FrameArg,
     #[command(flatten)]
@@ -132,7 +135,7 @@ struct NpzArgs {
     after_help = "Example:\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
 )]
 struct CsvArgs {
-    /// The table; its first row holds the column names
+    /// CSV table with the column names in its first row
     path: PathBuf,
     #[command(flatten)]
     output: OutputArgs,
@@ -148,7 +151,7 @@ struct CsvArgs {
     /// Column of the velocity
     #[arg(long, value_name = "COLUMN")]
     velocity: Option<String>,
-    /// Unit of the position, and per second of the velocity
+    /// Unit of the position; the velocity has it per second
     #[arg(long, default_value = "m")]
     position_unit: PositionUnitArg,
     /// Name of the axis in the topics
@@ -159,11 +162,11 @@ struct CsvArgs {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  klasktron import candump bus.log -o bus.mcap")]
 struct CandumpArgs {
-    /// The log
+    /// candump log
     path: PathBuf,
     #[command(flatten)]
     output: OutputArgs,
-    /// The drives' bus, when the log holds several interfaces
+    /// Interface of the drives' bus, where the log holds several
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
     #[command(flatten)]
@@ -178,11 +181,11 @@ enum SplitArg {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum FrameArg {
-    /// ROS topics: origin top left, x right, y down
+    /// Image frame of the ROS topics: origin top left, x right, y down
     Image,
-    /// The board frame
+    /// Board frame
     Sim,
-    /// The board frame with x mirrored (newer upstream dataset builder)
+    /// Board frame with x mirrored (newer upstream dataset builder)
     SimMirrored,
 }
 
@@ -192,28 +195,51 @@ enum PositionUnitArg {
     Rad,
 }
 
-/// Runs the import and says what came of it.
+/// Run `klasktron import`.
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
-    let report = match &args.kind {
-        Some(Kind::Bag(bag)) => {
-            let table = Table { board: bag.board.size(), gantry: bag.belt.belt_metres_per_turn };
-            import::import_bags(&bag.paths, &table, &bag.output.config())?
-        }
-        Some(Kind::Npz(npz)) => {
-            let frame = npz.frame.frame();
-            import::import_npz(&npz.path, frame, npz.board.size(), &npz.output.config())?
-        }
-        Some(Kind::Csv(csv)) => {
-            import::import_csv(&csv.path, &csv.columns(), &csv.output.config())?
-        }
-        Some(Kind::Candump(log)) => {
-            let table = Table { gantry: log.belt.belt_metres_per_turn, ..Table::default() };
-            let interface = log.interface.as_deref();
-            import::import_candump(&log.path, interface, &table, &log.output.config())?
-        }
-        None => run_guessed(&args.guessed)?,
-    };
+    let (output, overwrite) = args.output();
+    let report = write_file(output, overwrite, |_| args.import())?;
     Ok(tell_report(&report))
+}
+
+impl Args {
+    /// Path of the recording and the treatment of an existing one.
+    fn output(&self) -> (&Path, OverwriteArgs) {
+        let own = match &self.kind {
+            Some(Kind::Bag(bag)) => &bag.output,
+            Some(Kind::Npz(npz)) => &npz.output,
+            Some(Kind::Csv(csv)) => &csv.output,
+            Some(Kind::Candump(log)) => &log.output,
+            None => {
+                let path = self.guessed.output.as_deref().unwrap_or(Path::new(""));
+                return (path, self.guessed.labels.overwrite);
+            }
+        };
+        (&own.output, own.labels.overwrite)
+    }
+
+    fn import(&self) -> Result<ImportReport> {
+        Ok(match &self.kind {
+            Some(Kind::Bag(bag)) => {
+                let gantry = bag.belt.belt_metres_per_turn;
+                let table = Table { board: bag.board.size(), gantry };
+                import::import_bags(&bag.paths, &table, &bag.output.config())?
+            }
+            Some(Kind::Npz(npz)) => {
+                let frame = npz.frame.frame();
+                import::import_npz(&npz.path, frame, npz.board.size(), &npz.output.config())?
+            }
+            Some(Kind::Csv(csv)) => {
+                import::import_csv(&csv.path, &csv.columns(), &csv.output.config())?
+            }
+            Some(Kind::Candump(log)) => {
+                let table = Table { gantry: log.belt.belt_metres_per_turn, ..Table::default() };
+                let interface = log.interface.as_deref();
+                import::import_candump(&log.path, interface, &table, &log.output.config())?
+            }
+            None => run_guessed(&self.guessed)?,
+        })
+    }
 }
 
 fn run_guessed(args: &GuessedArgs) -> Result<ImportReport, ImportError> {
@@ -248,7 +274,7 @@ impl LabelArgs {
     fn config(&self, output: PathBuf) -> ImportConfig {
         ImportConfig {
             output,
-            existing: if self.overwrite { ExistingFile::Replace } else { ExistingFile::Refuse },
+            existing: self.overwrite.existing(),
             session: self.session.clone(),
             split: self.split.map(|split| match split {
                 SplitArg::Train => Split::Train,

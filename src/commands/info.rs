@@ -1,4 +1,4 @@
-//! `klasktron info`: what is in recordings, and what is doubtful about them.
+//! `klasktron info`: summary and data quality of recordings.
 
 mod layout;
 
@@ -11,30 +11,31 @@ use klasktron::recording::{
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// What can be typed after `klasktron info`.
+/// Arguments of `klasktron info`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  klasktron info match.mcap\n  klasktron info --json train.mcap validation.mcap"
 )]
 pub(crate) struct Args {
-    /// Recordings: of the data contract, ROS 2 bags in MCAP, or any other MCAP file
+    /// Recordings of the data contract, ROS 2 bags in MCAP, or any other MCAP file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Print one JSON document instead of tables
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// The document of `--json`.
+/// Document of `--json`.
 #[derive(Debug, Serialize)]
 struct Document {
     schema_version: u32,
-    /// One per file that could be read, in the order given.
+    /// Files that could be read, in the order of the arguments.
     files: Vec<Inspection>,
     /// What is doubtful about the files together.
     doubts: Vec<StatedDoubt>,
 }
 
+/// Run `klasktron info`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut outcome = Outcome::Done;
     let mut files = Vec::new();
@@ -46,7 +47,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
                     outcome = found;
                 }
             }
-            // Alone, the file's error is that of the command.
+            // The error of a single file is the error of the command.
             Err(error) if args.files.len() == 1 => return Err(error),
             Err(error) => {
                 tell(&format!("error: {}", one_line(&error)));

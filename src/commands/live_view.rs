@@ -1,11 +1,11 @@
-//! What a session shows while it runs.
+//! Live view of a running session.
 
 use super::{note, terminal};
 use indicatif::ProgressBar;
 use klasktron::collect::Progress;
 use std::cell::Cell;
 
-/// What the person sees while it runs: a bar on a terminal, a line for each run elsewhere.
+/// Live view: a progress bar on a terminal, a line for each run elsewhere.
 pub(super) struct LiveView {
     bar: ProgressBar,
     said: Cell<u32>,
@@ -25,7 +25,7 @@ impl LiveView {
             |run| format!("run {} of {}: {}", run.number, progress.runs, run.pattern),
         );
         self.bar.set_message(format!(
-            "{run}; {:.1} mm off the path at most, {} errors, {:.0} frames/s, {:.0} pictures/s",
+            "{run}; largest path error {:.1} mm, {} errors, {:.0} CAN frames/s, {:.0} images/s",
             1e3 * progress.worst_tracking,
             progress.errors,
             progress.frames_per_s,
@@ -40,7 +40,7 @@ impl LiveView {
         }
     }
 
-    /// Leaves the terminal to what is said afterwards.
+    /// Remove the bar.
     pub(super) fn close(&self) {
         self.bar.finish_and_clear();
     }

@@ -1,7 +1,9 @@
-//! `klasktron man`: the command line as manual pages.
+//! `klasktron man`: manual pages of the command line.
 
-use super::{Outcome, print};
-use anyhow::Context as _;
+use super::{
+    Outcome, print,
+    results::{OverwriteArgs, Results},
+};
 use clap::{Command, CommandFactory};
 use clap_mangen::Man;
 use klasktron::{
@@ -9,50 +11,57 @@ use klasktron::{
     recording::{ExistingFile, write_bytes},
 };
 use std::{
-    fs,
     io::{self, Write},
-    path::{Path, PathBuf},
+    path::PathBuf,
 };
 
-/// What can be typed after `klasktron man`.
+/// Arguments of `klasktron man`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   klasktron man | man -l -
-  klasktron man --out man/man1")]
+  klasktron man -o man/man1")]
 pub(crate) struct Args {
-    /// Write klasktron.1 and a page per subcommand into this folder
-    #[arg(short, long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    /// Folder for klasktron.1 and a page for every subcommand [default: print klasktron.1]
+    #[arg(short, long, alias = "out", value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
 }
 
-/// Runs the command.
+/// Run `klasktron man`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut command = crate::cli::Cli::command().disable_help_subcommand(true);
     command.build();
-    let Some(folder) = &args.out else {
+    let Some(folder) = &args.output else {
         io::stdout().write_all(&page(&command)?)?;
         return Ok(Outcome::Done);
     };
-    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
-    let pages = write_pages(&command, folder)?;
-    print(&format!("wrote {pages} pages to {}", folder.display()))?;
+    let mut pages = Vec::new();
+    collect_pages(&command, &mut pages)?;
+    let names: Vec<&str> = pages.iter().map(|(name, _)| name.as_str()).collect();
+    let results = Results::begin(folder, &names, args.overwrite)?;
+    for (name, page) in &pages {
+        write_bytes(&results.path(name), ExistingFile::Replace, page)?;
+    }
+    results.finish()?;
+    print(&format!("wrote {} pages to {}", pages.len(), folder.display()))?;
     Ok(Outcome::Done)
 }
 
-/// Writes the pages of `command` and of everything below it; gives their number.
-fn write_pages(command: &Command, folder: &Path) -> anyhow::Result<usize> {
-    let path = folder.join(Man::new(command.clone()).get_filename());
-    write_bytes(&path, ExistingFile::Replace, &page(command)?)?;
-    let shown = command.get_subcommands().filter(|subcommand| !subcommand.is_hide_set());
-    let below = shown.map(|subcommand| write_pages(subcommand, folder));
-    Ok(1 + below.sum::<anyhow::Result<usize>>()?)
+/// Add the pages of `command` and of all commands below it, with their file names.
+fn collect_pages(command: &Command, pages: &mut Vec<(String, Vec<u8>)>) -> io::Result<()> {
+    pages.push((Man::new(command.clone()).get_filename(), page(command)?));
+    let mut shown = command.get_subcommands().filter(|subcommand| !subcommand.is_hide_set());
+    shown.try_for_each(|subcommand| collect_pages(subcommand, pages))
 }
 
 fn page(command: &Command) -> io::Result<Vec<u8>> {
     let mut page = Vec::new();
     let man = Man::new(command.clone()).manual("Klasktron");
     man.source(format!("klasktron {CRATE_VERSION}")).render(&mut page)?;
-    // The generator has no name for what stands at the end of a help text: with us, examples.
-    let page = String::from_utf8_lossy(&page).replace("\n.SH EXTRA\n", "\n.SH EXAMPLES\n");
+    // The generator has no name for the end of a help text: notes of the program, examples of a subcommand.
+    let heading = if command.get_name() == "klasktron" { "NOTES" } else { "EXAMPLES" };
+    let page =
+        String::from_utf8_lossy(&page).replace("\n.SH EXTRA\n", &format!("\n.SH {heading}\n"));
     Ok(page.into_bytes())
 }

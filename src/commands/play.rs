@@ -1,4 +1,4 @@
-//! `klasktron play`: two players, a table, a recording that `eval` scores.
+//! `klasktron play`: let two players play a match on a table and record it for `eval`.
 
 use super::{
     Outcome, note, print,
@@ -17,34 +17,34 @@ use klasktron::{
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Commands of the moves before a match pull a carriage back to its path by so much ((m/s)/m).
+/// Gain of the position hold in the moves before a match ((m/s)/m).
 const HOLD_GAIN_PER_S: f64 = 1.0;
 
-/// What can be typed after `klasktron play`.
+/// Arguments of `klasktron play`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   klasktron play --speed max --left goalkeeper --right chaser --seconds 60 -o match.mcap
   klasktron play --bus socketcan:can0 --camera udp:0.0.0.0:9870 --ekf ekf/ekf.json \\
       --left none --right policy/policy.mcap -o against-me.mcap
-  klasktron eval match.mcap --out eval")]
+  klasktron eval match.mcap -o eval")]
 pub(crate) struct Args {
-    /// Who plays y < 0: stationary, random, goalkeeper, chaser, none, or a policy.mcap
+    /// Player at y < 0: stationary, random, goalkeeper, chaser, none, or a policy.mcap
     #[arg(long, value_name = "WHO")]
     left: Who,
-    /// Who plays y > 0, alike
+    /// Player at y > 0, with the same choice
     #[arg(long, value_name = "WHO")]
     right: Who,
-    /// Length of the match (s)
+    /// Duration of the match (s)
     #[arg(long, default_value = "120", value_parser = parse_seconds)]
     seconds: f64,
-    /// Settings of the filter, from `klasktron tune-ekf` [default: the untuned ones]
+    /// Settings of the Kalman filter from `klasktron tune-ekf` [default: untuned]
     #[arg(long, value_name = "FILE")]
     ekf: Option<PathBuf>,
-    /// Seed of the random player, and of the virtual rig where no --rig says otherwise
+    /// Seed of the random player, and of the virtual rig without --rig
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// The recording to write
-    #[arg(short, long, value_name = "OUT", default_value = "match.mcap")]
+    /// Recording to write
+    #[arg(short, long, alias = "out", value_name = "FILE", default_value = "match.mcap")]
     output: PathBuf,
     #[command(flatten)]
     table: TableArgs,
@@ -52,14 +52,14 @@ pub(crate) struct Args {
     session: SessionArgs,
 }
 
-/// The result document: that of the session, and what only a match has.
+/// Result document: the document of the session, with the match.
 #[derive(Serialize)]
 struct MatchReport<'a> {
     #[serde(flatten)]
     session: &'a SessionReport,
     left: String,
     right: String,
-    /// Goals that the virtual rig knows of, by the player who scored; absent on a real table.
+    /// True goals of the virtual rig by the scorer; absent on a real table.
     #[serde(skip_serializing_if = "Option::is_none")]
     truth_goals: Option<Goals>,
 }
@@ -71,7 +71,7 @@ struct Goals {
 }
 
 impl Goals {
-    /// A ball in the cup of one player is the other one's goal.
+    /// Goals by the scorer: a ball in the cup of one player is a goal of the other.
     fn of(truth: &Truth) -> Self {
         let [in_left_cup, in_right_cup] = truth.goals;
         Self { left: in_right_cup, right: in_left_cup }
@@ -82,17 +82,17 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     parse_within(text, 1.0, 7200.0, "s")
 }
 
-/// Runs the command.
+/// Run `klasktron play`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let seats = [Seat::read(&args.left)?, Seat::read(&args.right)?];
     let names = seats.each_ref().map(|seat| seat.as_ref().map_or_else(none, Seat::to_string));
     let filter = args.ekf.as_deref().map(read_settings).transpose()?;
     let files = args.read_files()?;
     if let BusSpec::Replay(_) = args.table.bus {
-        bail!("{} is a log, on which nobody can play", args.table.bus);
+        bail!("{} is a log; a match needs a live bus or --bus virtual", args.table.bus);
     }
     if !args.table.has_camera() {
-        bail!("whoever plays must see the board: give --camera");
+        bail!("a match needs a camera: give --camera");
     }
     let mut game = Match::new(seats, &files.robot, &filter.unwrap_or_default(), args.seed)?;
     for warning in game.warnings(&files.robot) {
@@ -131,18 +131,18 @@ impl Args {
         [left, right]: [String; 2],
         truth_goals: Option<Goals>,
     ) -> anyhow::Result<Outcome> {
-        session::tell_doubts(report);
-        let mut done = format!("{left} against {right}, {} decisions", report.samples);
+        session::tell_warnings(report);
+        let mut done = format!("{left} against {right}, {} actions", report.samples);
         if self.session.json {
             let document = MatchReport { session: report, left, right, truth_goals };
             print(&serde_json::to_string_pretty(&document)?)?;
         }
         if let Some(Goals { left, right }) = truth_goals {
-            done.push_str(&format!(", goals {left} : {right} by the rig"));
+            done.push_str(&format!(", true goals {left} : {right}"));
         }
         if let Some(wait) = report.picture_to_command {
             note(&format!(
-                "from picture to command {:.1} ms (median), {:.1} ms (99 %)",
+                "image-to-command latency {:.1} ms (median), {:.1} ms (99 %)",
                 wait.median_ms, wait.p99_ms
             ));
         }

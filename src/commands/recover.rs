@@ -1,29 +1,33 @@
-//! `klasktron recover`: what a cut-off or damaged file still holds, as a whole file.
+//! `klasktron recover`: copy the readable part of a truncated or damaged file into a whole file.
 
-use super::{Outcome, note, tell};
+use super::{
+    Outcome, note,
+    results::{OverwriteArgs, write_file},
+    tell,
+};
 use anyhow::bail;
-use klasktron::recording::{ExistingFile, Recording, recover::write_copy};
+use klasktron::recording::{Recording, recover::write_copy};
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
-/// What can be typed after `klasktron recover`.
+/// Arguments of `klasktron recover`.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  klasktron recover cut.mcap --out saved.mcap")]
+#[command(after_help = "Example:\n  klasktron recover cut.mcap -o saved.mcap")]
 pub(crate) struct Args {
-    /// The cut-off or damaged MCAP file
+    /// Truncated or damaged MCAP file
     file: PathBuf,
-    /// Where to write what it still holds, with summary and indexes
-    #[arg(short, long, value_name = "OUT")]
-    out: PathBuf,
-    /// Replace OUT if it exists already
-    #[arg(long)]
-    overwrite: bool,
+    /// Recording to write, with summary and indexes
+    #[arg(short, long, alias = "out", value_name = "FILE")]
+    output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
 }
 
+/// Run `klasktron recover`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
-    if is_same_file(&args.file, &args.out) {
+    if is_same_file(&args.file, &args.output) {
         bail!(
             "{}: input and output are the same file; give -o another name, so that the damaged \
              original is kept",
@@ -31,8 +35,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
     }
     let recording = Recording::open(&args.file)?;
-    let existing = if args.overwrite { ExistingFile::Replace } else { ExistingFile::Refuse };
-    write_copy(&recording, &args.out, existing)?;
+    write_file(&args.output, args.overwrite, |existing| {
+        Ok(write_copy(&recording, &args.output, existing)?)
+    })?;
     let messages: usize = recording.channels.iter().map(|c| c.messages.len()).sum();
     let kept = format!(
         "{}: {messages} messages on {} topics, {} attachments and {} metadata records written to {}",
@@ -40,7 +45,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         recording.channels.len(),
         recording.attachments.len(),
         recording.metadata.len(),
-        args.out.display()
+        args.output.display()
     );
     if recording.loss.is_none() {
         note(&format!("{kept}; the file was whole, nothing was lost"));
@@ -50,7 +55,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Lossy)
 }
 
-/// Whether both names lead to one file, through links as well.
+/// Return whether both paths lead to one file, also through links.
 fn is_same_file(one: &Path, other: &Path) -> bool {
     match (fs::canonicalize(one), fs::canonicalize(other)) {
         (Ok(one), Ok(other)) => one == other,

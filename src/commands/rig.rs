@@ -1,6 +1,9 @@
-//! `klasktron rig`: the virtual rig as a process of its own, on a bus that others open from their side.
+//! `klasktron rig`: the virtual rig in its own process, on a bus that other programs open from their side.
 
-use super::{Outcome, interrupt, note, print, table::read_or_default};
+use super::{
+    Outcome, interrupt, note, print,
+    table::{BUS_VARIABLE, CAMERA_VARIABLE, read_or_default},
+};
 use anyhow::bail;
 use klasktron::{
     link::{BusSpec, CameraSender, CameraSpec, Slcan, Transport, TransportSpec},
@@ -8,28 +11,28 @@ use klasktron::{
 };
 use std::{path::PathBuf, sync::Arc};
 
-/// What can be typed after `klasktron rig`.
+/// Arguments of `klasktron rig`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example: a table on a pair of pseudo-terminals
   socat pty,raw,echo=0,link=/tmp/table pty,raw,echo=0,link=/tmp/host &
   klasktron rig --bus slcan:/tmp/table --camera udp:127.0.0.1:9870 &
   klasktron collect --bus slcan:/tmp/host --camera udp:127.0.0.1:9870 --pattern circle -o circle.mcap")]
 pub(crate) struct Args {
-    /// slcan:DEVICE (the adapter's side), socketcan:INTERFACE or socketcand:HOST:PORT
-    #[arg(long, value_name = "BUS", required_unless_present = "print_config")]
+    /// CAN bus: slcan:DEVICE (the adapter's side), socketcan:INTERFACE or socketcand:HOST:PORT
+    #[arg(long, value_name = "BUS", env = BUS_VARIABLE, hide_env_values = true, required_unless_present = "print_config")]
     bus: Option<BusSpec>,
-    /// Where pictures are sent: udp:HOST:PORT or unix:PATH
-    #[arg(long, value_name = "CAMERA")]
+    /// Address to send camera detections to: udp:HOST:PORT or unix:PATH
+    #[arg(long, value_name = "CAMERA", env = CAMERA_VARIABLE, hide_env_values = true)]
     camera: Option<CameraSpec>,
     /// Parameters and hidden effects (JSON)
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Print every parameter with its value as JSON, and end
+    /// Print every parameter with its value as JSON and exit
     #[arg(long)]
     print_config: bool,
 }
 
-/// Runs the rig until Ctrl-C.
+/// Run `klasktron rig` until Ctrl-C.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let config = read_or_default(args.rig.as_deref(), |text| Ok(RigConfig::from_json(text)?))?;
     if args.print_config {
@@ -38,8 +41,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let bus = open_bus(args.bus.as_ref(), config.bus.bitrate)?;
     let camera = args.camera.as_ref().map(CameraSender::connect).transpose()?;
-    let stop = interrupt::raised_by_ctrl_c("ending the rig")?;
-    note("the rig runs; Ctrl-C ends it");
+    let stop = interrupt::raised_by_ctrl_c("stopping the rig")?;
+    note("the rig is running; press Ctrl-C to stop it");
     let mut send_picture = |datagram: &[u8]| {
         if let Some(camera) = &camera {
             camera.send(datagram);
@@ -47,13 +50,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let report = serve(&*bus, &mut send_picture, config, stop, print_change)?;
     note(&format!(
-        "{} frames received, {} sent, {} given up because the bus was full",
+        "{} frames received, {} sent, {} dropped because the bus was full",
         report.received, report.sent, report.given_up
     ));
     Ok(Outcome::Done)
 }
 
-/// Each change of a drive is a line of JSON on stdout.
+/// Print each change of a drive as a line of JSON on stdout.
 fn print_change(report: DriveReport) {
     let line = serde_json::json!({
         "elapsed_s": report.elapsed,
@@ -62,7 +65,7 @@ fn print_change(report: DriveReport) {
         "errors": report.errors.to_string(),
         "velocity_turns_per_s": report.velocity_turns_per_s,
     });
-    // A reader that has gone away does not stop the rig.
+    // A closed reader does not stop the rig.
     print(&line.to_string()).ok();
 }
 
@@ -70,7 +73,7 @@ fn open_bus(bus: Option<&BusSpec>, bitrate: u32) -> anyhow::Result<Arc<dyn Trans
     match bus {
         Some(BusSpec::Live(TransportSpec::Slcan { port })) => Ok(Arc::new(Slcan::serve(port)?)),
         Some(BusSpec::Live(transport)) => Ok(transport.open(bitrate)?),
-        Some(other) => bail!("the rig needs a bus that others can open too, not {other}"),
+        Some(other) => bail!("the rig needs a bus that another program can open, not {other}"),
         None => bail!("give --bus"),
     }
 }

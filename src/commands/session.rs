@@ -1,10 +1,10 @@
-//! What `collect` and `play` share: the arguments of a session that drives motors, and its way from there to
-//! an outcome.
+//! Sessions that drive motors, for `collect` and `play`: arguments, set-up, run and report.
 
 use super::{
     Outcome, interrupt,
     live_view::LiveView,
     note,
+    results::{OverwriteArgs, refuse_existing_file},
     table::{OpenTable, TableArgs, TableFiles},
     tell,
 };
@@ -18,67 +18,64 @@ use klasktron::{
     gantry::Robot,
     link::BusSpec,
     provenance::{CRATE_VERSION, GIT_HASH},
-    recording::{
-        ExistingFile, FlushPolicy, RecordingWriter, SESSION_COMPLETED, partial_name, topic::Player,
-    },
+    recording::{FlushPolicy, RecordingWriter, SESSION_COMPLETED, partial_name, topic::Player},
 };
 use std::{collections::BTreeMap, path::Path};
 
-/// How a session is run.
+/// Arguments of a session.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SessionArgs {
-    /// Replace the recording if it is there already
-    #[arg(long)]
-    overwrite: bool,
-    /// How positions are referenced [default: camera when there is one]
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
+    /// Reference of the positions [default: camera where there is one]
     #[arg(long, value_enum)]
     homing: Option<HomingArg>,
-    /// How it is made sure that the drives stop by themselves when this program dies
+    /// Check that the drives stop by themselves when this program dies
     #[arg(long, value_enum, default_value = "test")]
     watchdog: WatchdogArg,
-    /// Also drive firmware of this version, as Get_Version reports it (repeatable)
+    /// Accept drives with this firmware version too, as Get_Version reports it (repeatable)
     #[arg(long, value_name = "VERSION")]
     accept_firmware: Vec<String>,
-    /// Record every frame on /can/frames too
+    /// Record every CAN frame on /can/frames
     #[arg(long)]
     raw: bool,
-    /// Session in the recording's metadata [default: the output's name]
+    /// Session name in the recording's metadata [default: the name of the file]
     #[arg(long)]
     session: Option<String>,
-    /// Print the result document alone on stdout
+    /// Print only the result document, on stdout
     #[arg(long)]
     pub(crate) json: bool,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum HomingArg {
-    /// The camera sees where the strikers are
+    /// Positions of the strikers that the camera detects
     Camera,
-    /// The carriages stand at the home points of the robot file
+    /// Home points of the robot file: the operator has put the carriages there
     Declared,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum WatchdogArg {
-    /// Arm at zero velocity, fall silent, and demand that every drive disarms by itself
+    /// Arm at zero velocity, send nothing, and require that every drive disarms
     Test,
-    /// The operator knows that the watchdogs are on
+    /// Assume that the watchdogs are on
     Trust,
-    /// The operator accepts that they are off
+    /// Accept that the watchdogs are off
     None,
 }
 
-/// Who moves in a session, and how.
+/// Motion of a session.
 pub(crate) struct Motion {
     pub(crate) players: Vec<Player>,
     /// Rate of the control loop (Hz).
     pub(crate) rate_hz: f64,
-    /// How strongly commands pull a carriage back to its path ((m/s)/m).
+    /// Gain of the position hold along the path ((m/s)/m).
     pub(crate) hold_gain_per_s: f64,
 }
 
 impl SessionArgs {
-    /// The policy of `--homing`; without it the camera, or `otherwise` where there is none.
+    /// Homing policy of `--homing`; by default the camera, or `otherwise` without one.
     pub(crate) fn homing(
         &self,
         table: &TableArgs,
@@ -92,13 +89,13 @@ impl SessionArgs {
             Some(HomingArg::Camera) => Ok(HomingPolicy::Camera),
             None if table.has_camera() => Ok(HomingPolicy::Camera),
             None => otherwise.ok_or_else(|| anyhow!(
-                "there is no camera to say where the carriages are: give --camera, or put them at \
-                 their home points and say --homing declared"
+                "no camera locates the carriages: give --camera, or put the carriages at their home \
+                 points and give --homing declared"
             )),
         }
     }
 
-    /// The session of `motion`, to be recorded as `output`.
+    /// Configuration of a session with `motion`, recorded as `output`.
     pub(crate) fn config(
         &self,
         (table, files): (&TableArgs, &TableFiles),
@@ -135,19 +132,20 @@ impl SessionArgs {
         Ok(config)
     }
 
-    /// Opens table and file, runs one session, and gives its report with the table as it was left.
+    /// Open table and file, run one session, and return its report with the table.
     pub(crate) fn run(
         &self,
         (table, files): (&TableArgs, &TableFiles),
         output: &Path,
         run: impl FnOnce(&mut OpenTable, SessionOutput<'_>) -> Result<SessionReport, SessionError>,
     ) -> anyhow::Result<(SessionReport, OpenTable)> {
-        let existing = if self.overwrite { ExistingFile::Replace } else { ExistingFile::Refuse };
+        refuse_existing_file(output, self.overwrite)?;
         let mut table = table.open(files)?;
-        let writer = RecordingWriter::create(output, existing, FlushPolicy::EverySecond)?;
+        let writer =
+            RecordingWriter::create(output, self.overwrite.existing(), FlushPolicy::EverySecond)?;
         let presses = interrupt::counted_ctrl_c(
-            "interrupted: ramping down; once more for an emergency stop",
-            "emergency stop; once more to end at once",
+            "interrupted: ramping down and disarming; press Ctrl-C again for an emergency stop",
+            "emergency stop; press Ctrl-C again to abort",
         )?;
         let view = LiveView::new();
         let session_output =
@@ -158,7 +156,7 @@ impl SessionArgs {
     }
 }
 
-/// What every recording of a session carries about robot and program.
+/// Metadata of every recording of a session about robot and program.
 fn metadata(robot: &Robot, homing: HomingPolicy) -> anyhow::Result<BTreeMap<String, String>> {
     let origin = match homing {
         HomingPolicy::Camera => "camera",
@@ -179,8 +177,8 @@ fn metadata(robot: &Robot, homing: HomingPolicy) -> anyhow::Result<BTreeMap<Stri
     Ok(entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect())
 }
 
-/// Says what went wrong in a session, if anything did.
-pub(crate) fn tell_doubts(report: &SessionReport) {
+/// Print the warnings and losses of a session.
+pub(crate) fn tell_warnings(report: &SessionReport) {
     for warning in &report.warnings {
         tell(&format!("warning: {warning}"));
     }
@@ -188,17 +186,17 @@ pub(crate) fn tell_doubts(report: &SessionReport) {
         tell(&format!("lost: {loss}"));
     }
     for node in &report.not_confirmed_off {
-        tell(&format!("warning: node {node} has not confirmed that it is off; cut the power"));
+        tell(&format!("warning: node {node} has not confirmed that it is disarmed; cut the power"));
     }
 }
 
-/// Says how a session went: bus, reason of its end, where the recording is, what is `done`, timing.
+/// Print the report of a session: bus, reason of its end, path of the recording, work `done`, timing.
 pub(crate) fn tell_outcome(report: &SessionReport, output: &Path, done: &str) -> Outcome {
     if let Some((_, firmware)) = report.census.firmware.first() {
         let [load, worst] = [report.census.bus_load, report.census.worst_bus_load].map(|l| 1e2 * l);
         let drives = report.census.firmware.len();
         note(&format!(
-            "{drives} drives, firmware {firmware}; bus {load:.0} % busy, {worst:.0} % at worst"
+            "{drives} drives, firmware {firmware}; bus load {load:.0} %, at most {worst:.0} %"
         ));
     }
     if report.stop != SESSION_COMPLETED {
@@ -210,15 +208,15 @@ pub(crate) fn tell_outcome(report: &SessionReport, output: &Path, done: &str) ->
         let partial = partial_name(output);
         let partial = partial.display();
         format!(
-            "what was written is in {partial}; save it with `klasktron recover {partial} -o OUT`"
+            "the unfinished recording is {partial}; save it with `klasktron recover {partial} -o OUTPUT`"
         )
     };
     let late = &report.lateness;
-    // A session that ended early is a loss, and nobody asked to miss that.
+    // A session that ended early is reported under --quiet too.
     let say = if report.is_complete() { note } else { tell };
     say(&format!(
-        "{kept}: {done}, {:.1} s; periods late by {:.0} us (median), {:.0} us (99 %), {:.0} us (most); \
-         {} left out",
+        "{kept}: {done}, {:.1} s; control-loop jitter {:.0} us (median), {:.0} us (99 %), {:.0} us \
+         (largest); {} missed deadlines",
         report.duration_s, late.p50_us, late.p99_us, late.max_us, late.skipped
     ));
     if report.is_complete() { Outcome::Done } else { Outcome::Lossy }

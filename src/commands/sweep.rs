@@ -1,4 +1,4 @@
-//! `klasktron sweep`: a sweep file to points, and what came of them to a table and a page.
+//! `klasktron sweep`: run the points of a sweep file and merge their results into a table and a page.
 
 use super::{
     Outcome,
@@ -20,54 +20,54 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What can be typed after `klasktron sweep`.
+/// Arguments of `klasktron sweep`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "A sweep file:
   command = \"train\"            # or fit-actuator, tune-ekf, gap, eval
   seeds = 3                    # or [4, 7]
-  [options]                    # the same for every point
+  [options]                    # options of every point
   steps = 1e6
   [grid]                       # every combination, the simplest first
   hidden = [[64, 64], [128, 128]]
   curriculum = [\"dense-ball-to-goal\", \"sparse\"]
 
 Examples:
-  klasktron sweep width.toml --out width
-  klasktron sweep width.toml --out width --engine slurm --partition main --time 30 --mem 2G")]
+  klasktron sweep width.toml -o width
+  klasktron sweep width.toml -o width --engine slurm --partition main --time 30 --mem 2G")]
 pub(crate) struct Args {
-    /// The sweep file, TOML
+    /// Sweep file (TOML)
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Folder for points, table.csv, table.parquet, sweep.json and index.html [default: that of FILE]
-    #[arg(short, long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Points at a time on this machine; results do not depend on it [default: one per core]
+    /// Folder for points, table.csv, table.parquet, sweep.json and index.html [default: FILE without .toml]
+    #[arg(short, long, alias = "out", value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Points at a time on this machine; the result does not depend on their number [default: one per core]
     #[arg(long, value_name = "COUNT")]
     workers: Option<NonZeroUsize>,
-    /// Figure to compare, a path into the result such as evaluation.opponents.*.win_rate [default: by command]
+    /// Metric to compare, a path into the result such as evaluation.opponents.*.win_rate [default: by command]
     #[arg(long, value_name = "FIELD")]
     metric: Option<String>,
-    /// Whether a smaller or a larger figure is better [default: by command; smaller of a --metric]
+    /// Better values of the metric [default: by command; smaller for a --metric]
     #[arg(long, value_name = "smaller|larger")]
     better: Option<Better>,
-    /// Print the result document alone on stdout
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     engine: EngineArgs,
 }
 
-/// Runs the command.
+/// Run `klasktron sweep`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut file = read_file(&args.file)?;
     if args.metric.is_some() {
-        // The direction in the file is that of its own metric.
+        // The direction in the file belongs to the metric of the file.
         (file.metric, file.better) = (args.metric.clone(), None);
     }
     file.better = args.better.or(file.better);
     let options = options_of(file.command.name());
     let plan = Plan::new(&file, &CommandLine { options: &options, check: &refusal })?;
-    let out = args.out.clone().unwrap_or_else(|| args.file.with_extension(""));
+    let out = args.output.clone().unwrap_or_else(|| args.file.with_extension(""));
     let workers = args.workers.map_or_else(parallel::cores, NonZeroUsize::get);
     let sweep = Sweep { plan: &plan, out: out.clone(), workers };
     if args.engine.is_dry_run() {
@@ -81,7 +81,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 impl Args {
-    /// The command without the place of its results and the engine, so that equal results are equal files.
+    /// Command line without output folder and engine, so that equal results are equal files.
     fn command_line(&self) -> String {
         let mut line = format!("klasktron sweep {}", quoted(&self.file.display().to_string()));
         if let Some(metric) = &self.metric {
@@ -94,7 +94,7 @@ impl Args {
     }
 }
 
-/// Every option of a subcommand, as its arguments define it.
+/// Options of a subcommand.
 fn options_of(name: &str) -> Vec<OptionSpec> {
     let mut cli = Cli::command();
     cli.build();
@@ -115,7 +115,10 @@ fn options_of(name: &str) -> Vec<OptionSpec> {
         .collect()
 }
 
-/// Whether the command line takes `words`; the first sentence of its refusal.
+/// Check that the command line takes `words`.
+///
+/// # Errors
+/// First sentence of the usage error.
 fn refusal(words: &[String]) -> Result<(), String> {
     let typed = std::iter::once("klasktron").chain(words.iter().map(String::as_str));
     Cli::try_parse_from(typed).map(drop).map_err(|error| {
@@ -126,16 +129,16 @@ fn refusal(words: &[String]) -> Result<(), String> {
     })
 }
 
-/// What a task of Slurm is started with: `klasktron sweep-task`.
+/// Arguments of `klasktron sweep-task`, which Slurm starts.
 #[derive(Debug, clap::Args)]
 pub(crate) struct TaskArgs {
     /// Folder of the sweep
-    #[arg(long)]
-    out: PathBuf,
+    #[arg(long, alias = "out")]
+    output: PathBuf,
     /// List of points
     #[arg(long)]
     list: PathBuf,
-    /// Its line, from 0
+    /// Line of the list, from 0
     #[arg(long)]
     line: usize,
     /// Array and task
@@ -146,9 +149,9 @@ pub(crate) struct TaskArgs {
     threads: usize,
 }
 
-/// Runs one point of a list, as a task of Slurm does.
+/// Run `klasktron sweep-task`: one point of a list.
 pub(crate) fn run_task(args: &TaskArgs) -> anyhow::Result<Outcome> {
-    let stop = super::interrupt::raised_by_ctrl_c("ending the point")?;
+    let stop = super::interrupt::raised_by_ctrl_c("stopping the point")?;
     let point = read_task(&args.list, args.line)?;
     let runner = Runner {
         program: std::env::current_exe()?,
@@ -157,7 +160,7 @@ pub(crate) fn run_task(args: &TaskArgs) -> anyhow::Result<Outcome> {
         task: Some(args.task.clone()),
     };
     tell(&format!("task {}: {}", args.task, point.command_line));
-    match run_task_point(&args.out, &point, &runner, stop) {
+    match run_task_point(&args.output, &point, &runner, stop) {
         Ok(Ended::Finished(remark)) => {
             tell(
                 &remark.map_or_else(
@@ -172,7 +175,7 @@ pub(crate) fn run_task(args: &TaskArgs) -> anyhow::Result<Outcome> {
             Ok(Outcome::Task(TASK_FAILED))
         }
         Ok(Ended::Interrupted) => {
-            tell("error: told to end before the point was finished");
+            tell("error: interrupted before the point was finished");
             Ok(Outcome::Task(TASK_INTERRUPTED))
         }
         Err(error) if error.is_disk_full() => {

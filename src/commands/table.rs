@@ -1,4 +1,4 @@
-//! Arguments of every command that works on a table: its bus, camera and robot file, or the virtual rig.
+//! Arguments of every command that uses a table: bus, camera and robot file, or the virtual rig.
 
 use anyhow::{Context, bail};
 use clap::ValueEnum;
@@ -12,50 +12,56 @@ use klasktron::{
     units::Nanos,
 };
 use std::{
-    fs,
+    env, fs,
     path::{Path, PathBuf},
     time::{SystemTime, UNIX_EPOCH},
 };
 
-/// Recordings of the virtual rig at full speed begin at this time (2026-01-01, UTC), so that equal
-/// settings give equal bytes.
+/// Start time of recordings of the virtual rig at full speed (2026-01-01, UTC): equal settings give equal bytes.
 const VIRTUAL_START: Nanos = Nanos(1_767_225_600_000_000_000);
+
+/// Environment variable for `--bus`.
+pub(crate) const BUS_VARIABLE: &str = "KLASKTRON_BUS";
+/// Environment variable for `--camera`.
+pub(crate) const CAMERA_VARIABLE: &str = "KLASKTRON_CAMERA";
+/// Environment variable for `--robot`.
+pub(crate) const ROBOT_VARIABLE: &str = "KLASKTRON_ROBOT";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct TableArgs {
-    /// socketcan:can0, slcan:/dev/ttyACM0, socketcand:host:port, replay:FILE or virtual
-    #[arg(long, value_name = "BUS", default_value = "virtual")]
+    /// CAN bus: socketcan:can0, slcan:/dev/ttyACM0, socketcand:host:port, replay:FILE or virtual
+    #[arg(long, value_name = "BUS", env = BUS_VARIABLE, hide_env_values = true, default_value = "virtual")]
     pub(crate) bus: BusSpec,
-    /// Where pictures come in: udp:HOST:PORT or unix:PATH; the virtual rig brings its own
-    #[arg(long, value_name = "CAMERA")]
+    /// Address to receive camera detections on: udp:HOST:PORT or unix:PATH; the virtual rig has its own camera
+    #[arg(long, value_name = "CAMERA", env = CAMERA_VARIABLE, hide_env_values = true)]
     camera: Option<CameraSpec>,
-    /// Robot file (JSON): drives, field, limits, time-outs [default: the KlaskTron table]
-    #[arg(long, value_name = "FILE")]
+    /// Robot file (JSON): drives, workspace, limits, time-outs [default: the KlaskTron table]
+    #[arg(long, value_name = "FILE", env = ROBOT_VARIABLE, hide_env_values = true)]
     robot: Option<PathBuf>,
     /// Parameters and hidden effects of the virtual rig (JSON)
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// How fast the virtual rig runs
+    /// Speed of the virtual rig
     #[arg(long, value_enum, default_value = "real")]
     speed: SpeedArg,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum SpeedArg {
-    /// As a real table
+    /// Real time
     Real,
-    /// As fast as it can be computed
+    /// As fast as the computer can simulate
     Max,
 }
 
-/// The files that the arguments name, read.
+/// Contents of the robot and the rig file.
 pub(crate) struct TableFiles {
     pub(crate) robot: Robot,
     pub(crate) rig: RigConfig,
 }
 
 impl TableArgs {
-    /// Reads robot and rig file; without a rig file the rig is `usual_rig`.
+    /// Read the robot and the rig file; without a rig file the rig is `usual_rig`.
     pub(crate) fn read_files(&self, usual_rig: RigConfig) -> anyhow::Result<TableFiles> {
         let virtual_only = self.rig.is_some() || self.speed == SpeedArg::Max;
         if virtual_only && self.bus != BusSpec::Virtual {
@@ -70,12 +76,12 @@ impl TableArgs {
         })
     }
 
-    /// Whether pictures come in.
+    /// Return whether there is a camera.
     pub(crate) fn has_camera(&self) -> bool {
         self.camera.is_some() || self.bus == BusSpec::Virtual
     }
 
-    /// `virtual` or `hardware`, as recordings say it.
+    /// Source for the recording's metadata: `virtual`, `import` or `hardware`.
     pub(crate) fn source(&self) -> &'static str {
         match self.bus {
             BusSpec::Virtual => "virtual",
@@ -84,12 +90,12 @@ impl TableArgs {
         }
     }
 
-    /// Connects to the table. The lock is held for as long as the link is used.
+    /// Connect to the table. The lock of its device is held as long as the link.
     pub(crate) fn open(&self, files: &TableFiles) -> anyhow::Result<OpenTable> {
         match &self.bus {
             BusSpec::Virtual => {
-                if self.camera.is_some() {
-                    bail!("the virtual rig has its own camera; leave --camera out");
+                if self.camera.is_some() && !self.is_camera_of_environment() {
+                    bail!("the virtual rig has its own camera; omit --camera");
                 }
                 Ok(OpenTable::Virtual(Box::new(self.virtual_link(files)?)))
             }
@@ -99,6 +105,12 @@ impl TableArgs {
             }
             BusSpec::Live(transport) => self.open_live(transport, &files.robot),
         }
+    }
+
+    /// Return whether the camera is the one of the environment, which is meant for the real table.
+    fn is_camera_of_environment(&self) -> bool {
+        let variable = env::var(CAMERA_VARIABLE).ok().and_then(|text| text.parse().ok());
+        variable.is_some() && self.camera == variable
     }
 
     fn virtual_link(&self, files: &TableFiles) -> anyhow::Result<VirtualLink> {
@@ -118,16 +130,16 @@ impl TableArgs {
     }
 }
 
-/// A connection to a table.
+/// Connection to a table.
 pub(crate) enum OpenTable {
-    /// The rig inside this program.
+    /// Rig in this process.
     Virtual(Box<VirtualLink>),
-    /// Everything else, with the lock of its device.
+    /// Any other link, with the lock of its device.
     Other { link: Box<dyn Link>, _lock: Option<BusLock> },
 }
 
 impl OpenTable {
-    /// Its link.
+    /// Link to drives and camera.
     pub(crate) fn link(&mut self) -> &mut dyn Link {
         match self {
             Self::Virtual(link) => &mut **link,
@@ -135,7 +147,7 @@ impl OpenTable {
         }
     }
 
-    /// What is really the case, where that is known.
+    /// Ground truth of the virtual rig; `None` on a real table.
     pub(crate) fn truth(&self) -> Option<Truth> {
         match self {
             Self::Virtual(link) => Some(link.truth()),
@@ -144,7 +156,7 @@ impl OpenTable {
     }
 }
 
-/// What a JSON file says; the default without a file.
+/// Contents of a JSON file, or the default without a file.
 pub(crate) fn read_or_default<T: Default>(
     path: Option<&Path>,
     parse: impl Fn(&str) -> anyhow::Result<T>,
@@ -158,7 +170,7 @@ fn read_json<T>(path: &Path, parse: impl Fn(&str) -> anyhow::Result<T>) -> anyho
     parse(&text).with_context(|| format!("{file}"))
 }
 
-/// A number within a range, for a flag.
+/// Parse a number within a range, for an option.
 pub(crate) fn parse_within(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if low <= value && value <= high => Ok(value),
@@ -166,7 +178,7 @@ pub(crate) fn parse_within(text: &str, low: f64, high: f64, unit: &str) -> Resul
     }
 }
 
-/// The system's time, since the Unix epoch.
+/// System time since the Unix epoch.
 fn system_time() -> Nanos {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     Nanos(since.as_nanos() as u64)

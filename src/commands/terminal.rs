@@ -1,5 +1,5 @@
-//! What a person sees: lines on stderr, results on stdout, bars. `--quiet`, `--verbose` and `--color` are
-//! obeyed here and nowhere else.
+//! Terminal output: lines on stderr, results on stdout, progress bars. Only this module obeys `--quiet`,
+//! `--verbose` and `--color`.
 
 use anstream::ColorChoice;
 use clap::builder::styling::{AnsiColor, Style, Styles};
@@ -9,20 +9,20 @@ use std::{
     sync::atomic::{AtomicU8, Ordering},
 };
 
-/// How much is said on stderr beside warnings and errors, which are always told.
+/// Amount of output on stderr. Warnings and errors are always printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Talk {
-    /// Nothing.
+    /// No notes.
     Quiet,
-    /// Notes, and bars on a terminal.
+    /// Notes, and progress bars on a terminal.
     Usual,
-    /// Notes and a log; a bar would be torn by it.
+    /// Notes and a log, which would break a bar up.
     Log,
 }
 
 static TALK: AtomicU8 = AtomicU8::new(Talk::Usual as u8);
 
-/// Sets how much is said from here on.
+/// Set the amount of output.
 pub(crate) fn set_talk(talk: Talk) {
     TALK.store(talk as u8, Ordering::Relaxed);
 }
@@ -31,25 +31,28 @@ fn talk_is(talk: Talk) -> bool {
     TALK.load(Ordering::Relaxed) == talk as u8
 }
 
-/// Sets where colours are used: `Auto` heeds `NO_COLOR` and whether it is a terminal.
+/// Set the use of colours: `Auto` obeys `NO_COLOR` and uses them on a terminal only.
 pub(crate) fn set_color(color: ColorChoice) {
     color.write_global();
 }
 
-/// Says one line to the person, on stderr, even under `--quiet`: errors, warnings, losses.
+/// Print one line on stderr, also under `--quiet`: errors, warnings, losses.
 pub(crate) fn tell(line: &str) {
-    // Nobody is left to tell when stderr is closed.
+    // Nobody reads a closed stderr.
     writeln!(anstream::stderr(), "{}", colored(line)).ok();
 }
 
-/// Says one line that may be missed, on stderr; nothing under `--quiet`.
+/// Print one line on stderr, unless `--quiet` is given.
 pub(crate) fn note(line: &str) {
     if !talk_is(Talk::Quiet) {
         tell(line);
     }
 }
 
-/// Prints a result on stdout; a reader that has gone away (`| head`) is no failure.
+/// Print a result on stdout. A closed reader (`| head`) is no error.
+///
+/// # Errors
+/// Stdout cannot be written for another reason.
 pub(crate) fn print(text: &str) -> io::Result<()> {
     match writeln!(io::stdout(), "{text}") {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -57,8 +60,7 @@ pub(crate) fn print(text: &str) -> io::Result<()> {
     }
 }
 
-/// A bar of `length` steps; nothing is drawn when stderr is no terminal, under `--quiet`, or between the
-/// lines of a log.
+/// Progress bar of `length` steps; hidden without a terminal, under `--quiet` and with a log.
 pub(crate) fn bar(length: Option<u64>, template: &str) -> ProgressBar {
     if !talk_is(Talk::Usual) {
         return ProgressBar::hidden();
@@ -70,11 +72,11 @@ pub(crate) fn bar(length: Option<u64>, template: &str) -> ProgressBar {
     bar
 }
 
-/// The word before the first colon, coloured where it says how grave the line is.
+/// Colour the label of an error, a loss or a warning.
 fn colored(line: &str) -> String {
-    let grave = *Styles::styled().get_error();
-    let doubtful = Style::new().fg_color(Some(AnsiColor::Yellow.into())).bold();
-    for (label, style) in [("error:", grave), ("lost:", grave), ("warning:", doubtful)] {
+    let error = *Styles::styled().get_error();
+    let warning = Style::new().fg_color(Some(AnsiColor::Yellow.into())).bold();
+    for (label, style) in [("error:", error), ("lost:", error), ("warning:", warning)] {
         if let Some(rest) = line.strip_prefix(label) {
             return format!("{style}{label}{style:#}{rest}");
         }

@@ -1,9 +1,11 @@
-//! `klasktron train`: settings and an actuator to a policy.
+//! `klasktron train`: train a policy with given settings and a model of the actuator.
 
 use super::{
     Outcome,
     engine::{EngineArgs, Finished, PrintKind, Sweep, conclude},
-    interrupt, note, print, tell, terminal,
+    interrupt, note, print,
+    results::OverwriteArgs,
+    tell, terminal,
 };
 use anyhow::{Context as _, bail};
 use indicatif::ProgressBar;
@@ -33,77 +35,76 @@ use std::{
     time::{Instant, SystemTime, UNIX_EPOCH},
 };
 
-/// What can be typed after `klasktron train`.
+/// Arguments of `klasktron train`.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  klasktron train --steps 20e6 --out policy\n  klasktron train --actuator actuator/actuator.mcap --hidden 256,128,64 --out policy\n  klasktron train --steps 20e6 --out policy --resume\n  klasktron train --steps 20e6 --seeds 5 --out policies"
+    after_help = "Examples:\n  klasktron train --steps 20e6 -o policy\n  klasktron train --actuator actuator/actuator.mcap --hidden 256,128,64 -o policy\n  klasktron train --steps 20e6 -o policy --resume\n  klasktron train --steps 20e6 --seeds 5 -o policies"
 )]
 pub(crate) struct Args {
-    /// Transitions of all boards together, such as 20e6 [default: 20e6]
+    /// Transitions of all environments, such as 20e6 [default: 20e6]
     #[arg(long, value_name = "COUNT", value_parser = parse_steps)]
     steps: Option<u64>,
-    /// Boards that are played at once [default: 4096]
+    /// Parallel environments [default: 4096]
     #[arg(long, value_name = "COUNT")]
     envs: Option<usize>,
-    /// Widths of the hidden layers, such as 256,128,64 [default: that of the preset]
+    /// Widths of the hidden layers, such as 256,128,64 [default: from the preset]
     #[arg(long, value_name = "UNITS", value_delimiter = ',')]
     hidden: Vec<usize>,
-    /// Recipe: the paper's table II, or upstream's for rl_games
+    /// Hyperparameters: table II of the paper, or upstream's rl_games configuration
     #[arg(long, value_enum, default_value_t = Preset::Paper)]
     preset: Preset,
-    /// Settings as JSON, as --print-settings prints them, instead of a preset; flags still win
+    /// Settings file (JSON from --print-settings) instead of a preset; options take precedence
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     settings: Option<PathBuf>,
-    /// What is paid for besides results [default: dense-ball-to-goal]
+    /// Reward shaping [default: dense-ball-to-goal]
     #[arg(long, value_enum)]
     curriculum: Option<Curriculum>,
-    /// Earlier policies (enhanced self-play, uniformly, the newest) or a script [default: enhanced]
+    /// Opponents: earlier policies (enhanced self-play, uniform, best) or a script [default: enhanced]
     #[arg(long, value_enum)]
     opponents: Option<OpponentsArg>,
-    /// How commands become motion: ideal, a twin.json or an actuator.mcap
+    /// Actuator model: ideal, a twin.json or an actuator.mcap
     #[arg(long, value_name = "ideal|FILE", default_value = "ideal")]
     actuator: PathBuf,
-    /// Draw the physics of every episode from the paper's table III
+    /// Domain randomization: draw the physics of every episode from table III of the paper
     #[arg(long)]
     randomize: bool,
-    /// Lay three magnets on the board that stick to strikers; two lose the point
+    /// Play with three magnets, which stick to strikers; two of them lose the point
     #[arg(long)]
     biscuits: bool,
-    /// What players see: 12 standard values, or with 8 angles and distances [default: 20]
+    /// Observation: 12 standard values, or 20 with angles and distances [default: 20]
     #[arg(long, value_enum)]
     observations: Option<ObservationsArg>,
-    /// Games against each scripted player at the end, even; 0 for no judgement [default: 1000]
+    /// Evaluation games against each scripted player, an even number; 0: none [default: 1000]
     #[arg(long, value_name = "COUNT")]
     games: Option<usize>,
-    /// Everything random comes from it [default: 0]
+    /// Seed of all random numbers [default: 0]
     #[arg(long)]
     seed: Option<u64>,
-    /// Train this many seeds from --seed on, each in OUT/seed-N, with one page and table of all
+    /// Train this many seeds from --seed on, each in OUTPUT/seed-N, with one page and table
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..=1000),
         conflicts_with_all = ["resume", "overwrite", "tensorboard", "print_settings"])]
     seeds: Option<u64>,
-    /// Folder for policy.mcap and index.html, or the name of an .mcap file
-    #[arg(short, long, value_name = "DIR", default_value = "policy")]
-    out: PathBuf,
-    /// Go on from the newest checkpoint in OUT, with the bytes of a run that was never interrupted
+    /// Folder for policy.mcap and index.html, or the path of an .mcap file
+    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "policy")]
+    output: PathBuf,
+    /// Continue from the newest checkpoint in OUTPUT, with the bytes of an uninterrupted run
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
-    /// Replace a policy that exists already
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
     /// Folder for TensorBoard event files
     #[arg(long, value_name = "DIR")]
     tensorboard: Option<PathBuf>,
-    /// Threads; the result does not depend on it [default: one per core]
+    /// Threads; the result does not depend on their number [default: one per core]
     #[arg(long, value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
-    /// Print the settings as JSON and end
+    /// Print the settings as JSON and exit
     #[arg(long)]
     print_settings: bool,
-    /// Print the result document alone on stdout
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
-    /// Leave times out of the document, so that equal results are equal bytes
+    /// Omit times from the document, so that equal results are equal bytes
     #[arg(long, requires = "json")]
     without_times: bool,
     #[command(flatten)]
@@ -151,13 +152,13 @@ fn parse_steps(text: &str) -> Result<u64, String> {
     }
 }
 
-/// Where the results go.
+/// Paths of the results.
 struct Places {
     policy: PathBuf,
     page: PathBuf,
 }
 
-/// What is trained, on what.
+/// One training run.
 struct Task {
     settings: TrainSettings,
     game: GameSettings,
@@ -167,7 +168,7 @@ struct Task {
     threads: NonZeroUsize,
 }
 
-/// The result document with what no file may hold: times.
+/// Result document with times, which no file holds.
 #[derive(Serialize)]
 struct Document<'a> {
     #[serde(flatten)]
@@ -177,7 +178,7 @@ struct Document<'a> {
     times: TimeShares,
 }
 
-/// Runs the command.
+/// Run `klasktron train`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let settings = args.settings()?;
     settings.check()?;
@@ -190,7 +191,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return run_seeds(args, &settings, seeds);
     }
     if args.engine.is_given() {
-        bail!("options of an engine need --seeds; a single run is made here");
+        bail!("options of an engine need --seeds; a single run is made in this process");
     }
     let provenance = Provenance::new(args.command_line(&settings));
     let threads = args.threads.or_else(|| NonZeroUsize::new(cores()));
@@ -198,7 +199,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let places = args.places();
     let task = Task { settings, game, actuator, places, provenance, threads };
     let mut run = task.begin(args)?;
-    let stop = interrupt::raised_by_ctrl_c("finishing the update")?;
+    let stop = interrupt::raised_by_ctrl_c("finishing the current update")?;
     let mut events = args
         .tensorboard
         .as_ref()
@@ -219,27 +220,32 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         (false, _) => table(&summary, &run, &task),
     };
     print(&text)?;
-    Ok(if summary.finished { Outcome::Done } else { Outcome::Lossy })
+    Ok(match (summary.finished, interrupt::is_raised()) {
+        (true, _) => Outcome::Done,
+        (false, true) => Outcome::Interrupted,
+        (false, false) => Outcome::Lossy,
+    })
 }
 
-/// Several seeds as points of a sweep.
+/// Train several seeds as points of a sweep.
 fn run_seeds(args: &Args, settings: &TrainSettings, seeds: u64) -> anyhow::Result<Outcome> {
-    if args.out.extension().is_some_and(|extension| extension == "mcap") {
-        bail!("{}: several seeds need a folder, not a file", args.out.display());
+    if args.output.extension().is_some_and(|extension| extension == "mcap") {
+        bail!("{}: several seeds need a folder as --output, not a file", args.output.display());
     }
     let last = settings.seed.checked_add(seeds - 1);
-    let last = last.with_context(|| format!("--seed {} leaves no {seeds} seeds", settings.seed))?;
-    let file = args.out.join("settings.json");
+    let last =
+        last.with_context(|| format!("--seed {} is too large for {seeds} seeds", settings.seed))?;
+    let file = args.output.join("settings.json");
     let plan = seeds_plan(args, settings, (&file, last))?;
     let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
     let workers = plan.points.len().min(threads);
-    let sweep = Sweep { plan: &plan, out: args.out.clone(), workers };
+    let sweep = Sweep { plan: &plan, out: args.output.clone(), workers };
     if args.engine.is_dry_run() {
         print(&args.engine.dry_run(&sweep)?)?;
         return Ok(Outcome::Done);
     }
-    // Refuses the folder of other settings before anything in it is touched.
-    Store::open(&args.out)?.finished(&plan.points)?;
+    // Refuse a folder with other settings before anything is written into it.
+    Store::open(&args.output)?.finished(&plan.points)?;
     write_bytes(&file, ExistingFile::Replace, settings.to_json().as_bytes())?;
     let finished = args.engine.run(&sweep)?;
     let provenance = Provenance::new(format!("{} --seeds {seeds}", args.command_line(settings)));
@@ -247,7 +253,7 @@ fn run_seeds(args: &Args, settings: &TrainSettings, seeds: u64) -> anyhow::Resul
     conclude(&sweep, &finished, (&provenance, &html), PrintKind::of_flag(&args.json))
 }
 
-/// A point in `seed-N` for every seed up to `last`; `file` will hold the settings.
+/// Plan with a point in `seed-N` for every seed up to `last`; `file` holds the settings.
 fn seeds_plan(
     args: &Args,
     settings: &TrainSettings,
@@ -281,7 +287,7 @@ fn seeds_plan(
     })
 }
 
-/// What the page tells of every finished seed.
+/// Results of every finished seed for the page.
 fn seed_runs(sweep: &Sweep<'_>, finished: &Finished) -> anyhow::Result<Vec<SeedRun>> {
     let store = Store::open(&sweep.out)?;
     let mut runs = Vec::new();
@@ -335,7 +341,7 @@ impl Args {
         Ok(settings)
     }
 
-    /// The command with what decides the result, but for the settings, which stand beside it.
+    /// Command line with every option that decides the result; the settings are in their own file.
     fn command_line(&self, settings: &TrainSettings) -> String {
         let hidden: Vec<String> = settings.ppo.hidden.iter().map(ToString::to_string).collect();
         format!(
@@ -349,16 +355,16 @@ impl Args {
     }
 
     fn places(&self) -> Places {
-        if self.out.extension().is_some_and(|extension| extension == "mcap") {
-            let page = self.out.with_extension("html");
-            return Places { policy: self.out.clone(), page };
+        if self.output.extension().is_some_and(|extension| extension == "mcap") {
+            let page = self.output.with_extension("html");
+            return Places { policy: self.output.clone(), page };
         }
-        Places { policy: self.out.join("policy.mcap"), page: self.out.join("index.html") }
+        Places { policy: self.output.join("policy.mcap"), page: self.output.join("index.html") }
     }
 }
 
 impl Task {
-    /// A new run, or one that is taken up again.
+    /// Begin a new run, or continue one.
     fn begin(&self, args: &Args) -> anyhow::Result<Run> {
         let policy = &self.places.policy;
         let machine = Machine { threads: self.threads, clock };
@@ -368,13 +374,19 @@ impl Task {
             return Ok(Run::resume(&self.settings, &self.game, machine, checkpoint)?);
         }
         if args.resume {
-            note(&format!("{}: nothing to resume; starting anew", policy.display()));
-        } else if policy.exists() && !args.overwrite {
-            bail!(
-                "{}: this policy exists; go on with --resume, replace it with --overwrite, or choose another \
-                 --out",
+            note(&format!(
+                "{}: no checkpoint to continue from; a new run begins",
                 policy.display()
-            );
+            ));
+        }
+        for existing in [policy, &self.places.page] {
+            if existing.exists() && !args.resume && !args.overwrite.overwrite {
+                bail!(
+                    "{}: exists already; continue with --resume, replace it with --overwrite, or give \
+                     another --output",
+                    existing.display()
+                );
+            }
         }
         if let Some(folder) = policy.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             fs::create_dir_all(folder)
@@ -383,7 +395,7 @@ impl Task {
         Ok(Run::new(&self.settings, &self.game, machine)?)
     }
 
-    /// Updates until all are done or Ctrl-C; the file is written at every checkpoint.
+    /// Update until training is complete or interrupted; every checkpoint writes the file.
     fn train(
         &self,
         run: &mut Run,
@@ -395,7 +407,7 @@ impl Task {
             let at_checkpoint = run.is_at_checkpoint();
             if let Err(error) = run.update() {
                 bar.finish_and_clear();
-                return self.keep_what_is_good(run, error);
+                return self.keep_checkpoint(run, error);
             }
             if at_checkpoint {
                 self.write(run, &self.summary(run, None), &[])?;
@@ -414,12 +426,12 @@ impl Task {
         Ok(())
     }
 
-    /// After a number that is none: the run as it was before, then the error.
-    fn keep_what_is_good(&self, run: &Run, error: TrainError) -> anyhow::Result<()> {
+    /// Write the run before a number that is not finite, and return the error.
+    fn keep_checkpoint(&self, run: &Run, error: TrainError) -> anyhow::Result<()> {
         self.write(run, &self.summary(run, None), &[])?;
         let kept = self.places.policy.display();
         Err(anyhow::Error::new(error)
-            .context(format!("the newest checkpoint is kept in {kept}; try a lower learning_rate")))
+            .context(format!("{kept} keeps the newest checkpoint; try a lower learning_rate")))
     }
 
     fn summary(&self, run: &Run, evaluation: Option<klasktron::train::Evaluation>) -> Summary {
@@ -438,9 +450,9 @@ impl Task {
         Ok(())
     }
 
-    /// Judges the policy when training is done, and writes everything.
+    /// Evaluate the policy where training is complete, and write the results.
     fn finish(&self, run: &Run) -> anyhow::Result<Summary> {
-        log::info!("trained after {:.1} s; judging", clock());
+        log::info!("trained after {:.1} s; evaluating", clock());
         let evaluation = if run.is_done() { Some(evaluate(run, self.threads)?) } else { None };
         let players = [
             Opponent::Policy(Box::new(run.policy()), Choice::Mean),
@@ -457,18 +469,18 @@ impl Task {
     }
 }
 
-/// Seconds since the program first asked.
+/// Time since the first call (s).
 fn clock() -> f64 {
     static START: OnceLock<Instant> = OnceLock::new();
     START.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
-/// Seconds since the Unix epoch.
+/// Time since the Unix epoch (s).
 fn wall_time() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
 }
 
-/// A bar of transitions.
+/// Progress bar of transitions.
 fn progress(run: &Run) -> ProgressBar {
     let settings = run.settings();
     let transitions = settings.updates() * settings.transitions_per_update();
@@ -495,13 +507,13 @@ fn json(summary: &Summary, times: TimeShares) -> anyhow::Result<String> {
     Ok(serde_json::to_string_pretty(&document)?)
 }
 
-/// The result for people.
+/// Result as a table.
 fn table(summary: &Summary, run: &Run, task: &Task) -> String {
     let mut lines = Vec::new();
     if let Some(evaluation) = &summary.evaluation {
         lines.push(format!(
             "{:<14}{:>7}{:>7}{:>7}{:>18}{:>17}{:>16}",
-            "against", "won", "drawn", "lost", "won of decided", "95 %", "points per min"
+            "opponent", "won", "drawn", "lost", "win rate", "95 %", "goals per min"
         ));
         for judged in &evaluation.opponents {
             let both = judged.score.both();
@@ -526,7 +538,7 @@ fn table(summary: &Summary, run: &Run, task: &Task) -> String {
         if let Some(row) = best {
             let place = evaluation.elo.iter().position(|other| other == row).unwrap_or(0) + 1;
             lines.push(format!(
-                "Elo {:.0}, place {place} of {} in the round robin",
+                "Elo {:.0}, rank {place} of {} in the round robin",
                 row.rating,
                 evaluation.elo.len()
             ));

@@ -1,45 +1,53 @@
-//! `klasktron tune-ekf`: recordings to the settings of a filter, and how good it is.
+//! `klasktron tune-ekf`: tune the Kalman filter on recordings and validate it.
 
-use super::{Outcome, loss_sentence, print, tell};
+use super::{
+    Outcome, loss_sentence, print,
+    results::{OverwriteArgs, Results},
+    tell,
+};
 use klasktron::{
     ekf::{self, Document, Tuned},
     provenance::Provenance,
     recording::{ExistingFile, Recording, write_bytes},
 };
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::PathBuf;
 
-/// What can be typed after `klasktron tune-ekf`.
+/// Files that the command writes.
+const FILES: [&str; 3] = ["ekf.mcap", "index.html", "ekf.json"];
+
+/// Arguments of `klasktron tune-ekf`.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  klasktron tune-ekf monday.mcap tuesday.mcap --out ekf")]
+#[command(after_help = "Example:\n  klasktron tune-ekf monday.mcap tuesday.mcap -o ekf")]
 pub(crate) struct Args {
-    /// Recordings with /camera/detections; runs marked split=validation judge and are never fitted
+    /// Recordings with /camera/detections; runs marked split=validation are held out
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// Folder for ekf.json, index.html and ekf.mcap
-    #[arg(short, long, value_name = "DIR", default_value = "ekf")]
-    out: PathBuf,
-    /// Print the result document alone on stdout
+    #[arg(short, long, alias = "out", value_name = "DIR", default_value = "ekf")]
+    output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+    /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Run `klasktron tune-ekf`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut recordings: Vec<Recording> = Vec::new();
     for path in &args.recordings {
         let recording = Recording::open(path)?;
         if recordings.iter().any(|other| other.sha256 == recording.sha256) {
-            tell(&format!("warning: {} is given twice and counts once", path.display()));
+            tell(&format!("warning: {} is given twice; it is used once", path.display()));
         } else {
             recordings.push(recording);
         }
     }
+    let results = Results::begin(&args.output, &FILES, args.overwrite)?;
     let damaged = || recordings.iter().filter(|recording| !recording.loss.is_none());
     let tuned = ekf::tune_recordings(&recordings, Provenance::new(args.command_line()))?;
-    write_outcome(&tuned, &args.out)?;
+    write_outcome(&tuned, &results)?;
+    results.finish()?;
     for recording in damaged() {
         tell(&format!("warning: {}", loss_sentence(recording)));
     }
@@ -50,13 +58,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(tuned.document.to_json().trim_end())?;
     } else {
         print(&table(&tuned.document))?;
-        print(&format!("wrote ekf.json, index.html and ekf.mcap in {}", args.out.display()))?;
+        print(&format!("wrote ekf.json, index.html and ekf.mcap in {}", args.output.display()))?;
     }
     Ok(if damaged().next().is_none() { Outcome::Done } else { Outcome::Lossy })
 }
 
 impl Args {
-    /// The command without the place of its results, so that equal results are equal files.
+    /// Command line without the output folder, so that equal results are equal files.
     fn command_line(&self) -> String {
         let mut line = "klasktron tune-ekf".to_owned();
         for path in &self.recordings {
@@ -66,17 +74,16 @@ impl Args {
     }
 }
 
-fn write_outcome(tuned: &Tuned, out: &Path) -> anyhow::Result<()> {
-    fs::create_dir_all(out)?;
-    ekf::write_recording(tuned, &out.join("ekf.mcap"))?;
+fn write_outcome(tuned: &Tuned, results: &Results) -> anyhow::Result<()> {
+    ekf::write_recording(tuned, &results.path("ekf.mcap"))?;
     let page = ekf::page(tuned);
-    write_bytes(&out.join("index.html"), ExistingFile::Replace, page.as_bytes())?;
+    write_bytes(&results.path("index.html"), ExistingFile::Replace, page.as_bytes())?;
     let document = tuned.document.to_json();
-    write_bytes(&out.join("ekf.json"), ExistingFile::Replace, document.as_bytes())?;
+    write_bytes(&results.path("ekf.json"), ExistingFile::Replace, document.as_bytes())?;
     Ok(())
 }
 
-/// The result for people.
+/// Result as a table.
 fn table(document: &Document) -> String {
     let mut lines = vec![format!(
         "{:<24}{:>12}{:>8}{:>8}{:>16}{:>16}",

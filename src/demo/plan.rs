@@ -304,12 +304,18 @@ impl Plan {
                 "fit-actuator",
                 &format!(
                     "fit-actuator monday.mcap tuesday.mcap --seeds {fit_seeds} --epochs {fit_epochs} \
-                     --out actuator --json"
+                     --output actuator --json"
                 ),
             ),
         );
-        self.stage(Chapter::TuneFilter, step("tune-ekf", "tune-ekf ball.mcap --out ekf --json"));
-        self.stage(Chapter::CloseGap, step("gap", "gap monday.mcap tuesday.mcap --out gap --json"));
+        self.stage(
+            Chapter::TuneFilter,
+            step("tune-ekf", "tune-ekf ball.mcap --output ekf --overwrite --json"),
+        );
+        self.stage(
+            Chapter::CloseGap,
+            step("gap", "gap monday.mcap tuesday.mcap --output gap --overwrite --json"),
+        );
     }
 
     fn train(&mut self, amounts: &Amounts, seed: u64) {
@@ -317,7 +323,7 @@ impl Plan {
         let policy = |kind: &PolicyKind| {
             let randomize = if kind.randomized { "--randomize " } else { "" };
             let line = format!(
-                "train --actuator {} {randomize}--steps {steps} --games {games} --seed {seed} --out {} \
+                "train --actuator {} {randomize}--steps {steps} --games {games} --seed {seed} --output {} \
                  --overwrite --json",
                 kind.actuator, kind.name
             );
@@ -356,7 +362,10 @@ impl Plan {
             }
         }
         self.stages.push(Stage { chapter: Chapter::Play, steps, side_by_side: true });
-        self.stage(Chapter::Score, vec![Step::new("eval", "eval matches --out eval --json")]);
+        self.stage(
+            Chapter::Score,
+            vec![Step::new("eval", "eval matches --output eval --overwrite --json")],
+        );
     }
 }
 

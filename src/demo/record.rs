@@ -77,7 +77,7 @@ impl Step {
     #[must_use]
     pub fn output(&self) -> Option<&str> {
         let mut words = self.arguments.iter();
-        words.find(|word| *word == "--out" || *word == "--output")?;
+        words.find(|word| *word == "-o" || *word == "--output")?;
         words.next().map(String::as_str)
     }
 }

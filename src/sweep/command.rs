@@ -62,8 +62,9 @@ pub struct OptionSpec {
 }
 
 /// Options that belong to the engine, or that make no sense for one point among many.
-const RESERVED: [(&str, &str); 18] = [
-    ("out", "the sweep decides where results go"),
+const RESERVED: [(&str, &str); 19] = [
+    ("output", "the sweep decides the output folder"),
+    ("out", "the sweep decides the output folder"),
     ("json", "the sweep asks for it itself"),
     ("without-times", "the sweep asks for it itself"),
     ("threads", "its result does not depend on them; use --workers, or --cores on Slurm"),

@@ -41,7 +41,7 @@ pub enum SweepError {
     Write(#[from] RecordingError),
     /// Another sweep works in the folder.
     #[error(
-        "{}: another sweep is at work here: {holder}; wait for it, end it, or choose another --out",
+        "{}: another sweep is at work here: {holder}; wait for it, end it, or choose another --output",
         path.display()
     )]
     Held {
@@ -65,7 +65,7 @@ pub enum SweepError {
     },
     /// A folder with the name of a point holds something else.
     #[error(
-        "{}: holds results of other settings or inputs; choose another --out, or remove it", path.display()
+        "{}: holds results of other settings or inputs; choose another --output, or remove it", path.display()
     )]
     OtherPoint {
         /// The folder.

@@ -341,7 +341,7 @@ fn how(page: &mut Page, plan: &Plan, provenance: &Provenance) {
     page.code(&plan.metric.path);
     if let Some(point) = plan.points.first() {
         page.paragraph("The first point, as it can be typed in the folder of the sweep file:");
-        page.code(&format!("{} --out {}", point.command_line, quoted(&point.hash)));
+        page.code(&format!("{} --output {}", point.command_line, quoted(&point.hash)));
     }
     page.facts(provenance.facts());
 }

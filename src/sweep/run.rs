@@ -100,7 +100,7 @@ fn run_claimed(
     let continued = prepare(point, &partial)?;
     let mut words = point.words.clone();
     words.extend(continued);
-    words.extend(["--out".to_owned(), partial.display().to_string()]);
+    words.extend(["--output".to_owned(), partial.display().to_string()]);
     if let Some(command) = point.command() {
         words.extend(command.printing_words().iter().map(|word| (*word).to_owned()));
         if command.has_threads() {

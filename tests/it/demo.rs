@@ -20,7 +20,7 @@ fn the_demo_runs_every_command_keeps_what_is_finished_and_goes_on_after_a_failur
     let demo = dir.path().join("demo");
     let run = || {
         let out = demo.display().to_string();
-        said(&klasktron(&["demo", "--smallest", "--json", "--out", &out]))
+        said(&klasktron(&["demo", "--smallest", "--json", "--output", &out]))
     };
     let (printed, told, status) = run();
     assert_eq!(status, 0, "{told}");

@@ -80,7 +80,7 @@ fn the_command_writes_what_can_be_read_back_and_the_same_every_time() {
     let out = |name: &str| dir.path().join(name);
     let tune = |name: &str| {
         let (path, out) = (path.display().to_string(), out(name).display().to_string());
-        said(&klasktron(&["tune-ekf", &path, "--out", &out, "--json"]))
+        said(&klasktron(&["tune-ekf", &path, "--output", &out, "--json"]))
     };
     let (text, errors, status) = tune("one");
     assert_eq!(status, 0, "{errors}");
@@ -150,7 +150,8 @@ fn what_cannot_be_tuned_is_refused_in_one_sentence_and_nothing_is_written() {
     let refused = |name: &str, expected: &str| {
         let (path, out) = (dir.path().join(name), dir.path().join("out"));
         let args = [path.display().to_string(), out.display().to_string()];
-        let (text, errors, status) = said(&klasktron(&["tune-ekf", &args[0], "--out", &args[1]]));
+        let (text, errors, status) =
+            said(&klasktron(&["tune-ekf", &args[0], "--output", &args[1]]));
         assert_eq!((text.as_str(), status), ("", 1), "{errors}");
         assert!(errors.contains(expected), "{errors}");
         assert_eq!(errors.lines().count(), 1, "{errors}");

@@ -68,7 +68,7 @@ fn fit(files: &[String], out: &Path, more: &[&str]) -> (String, String, i32) {
     let out = out.display().to_string();
     let mut args = vec!["fit-actuator"];
     args.extend(files.iter().map(String::as_str));
-    args.extend(["--out", &out, "--epochs", "20", "--width", "32", "--batch", "64"]);
+    args.extend(["--output", &out, "--epochs", "20", "--width", "32", "--batch", "64"]);
     args.extend(more);
     said(&klasktron(&args))
 }
@@ -144,7 +144,7 @@ fn an_ablation_chooses_a_configuration() {
     let more = ["--seeds", "1", "--epochs", "2", "--ablate", "--json"];
     let files = pair(dir.path());
     let out = dir.path().join("out").display().to_string();
-    let mut args = vec!["fit-actuator", &files[0], &files[1], "--out", &out];
+    let mut args = vec!["fit-actuator", &files[0], &files[1], "--output", &out];
     args.extend(more);
     let (stdout, stderr, status) = said(&klasktron(&args));
     assert_eq!(status, 0, "{stderr}");
@@ -166,7 +166,7 @@ fn ctrl_c_leaves_what_is_finished_and_the_same_command_continues() {
     fit(&files, &out, &["--seeds", "1"]);
     let quick = ["--epochs", "20", "--width", "32", "--batch", "64"];
     let mut child = Command::new(env!("CARGO_BIN_EXE_klasktron"))
-        .args(["fit-actuator", &files[0], &files[1], "--out", &out_text, "--seeds", "400"])
+        .args(["fit-actuator", &files[0], &files[1], "--output", &out_text, "--seeds", "400"])
         .args(["--threads", "1"])
         .args(quick)
         .stdout(Stdio::null())
@@ -181,7 +181,7 @@ fn ctrl_c_leaves_what_is_finished_and_the_same_command_continues() {
     let status = child.wait().unwrap();
     let mut stderr = String::new();
     std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut stderr).unwrap();
-    assert_eq!(status.code(), Some(3), "{stderr}");
+    assert_eq!(status.code(), Some(130), "{stderr}");
     assert!(
         stderr.contains("of 400 fits are finished; the same command again continues"),
         "{stderr}"
@@ -197,14 +197,14 @@ fn upstreams_layout_has_its_shapes_and_names() {
     let (files, out) = (pair(dir.path()), dir.path().join("out"));
     let more = ["--layout", "klask-rl", "--seeds", "1", "--epochs", "2", "--width", "64"];
     let out_text = out.display().to_string();
-    let mut args = vec!["fit-actuator", &files[0], &files[1], "--out", &out_text];
+    let mut args = vec!["fit-actuator", &files[0], &files[1], "--output", &out_text];
     args.extend(more);
     assert_eq!(said(&klasktron(&args)).2, 0);
     let weights = dir.path().join("weights.safetensors");
     let (file, to) = (out.join("actuator.mcap"), weights.display().to_string());
     let file = file.display().to_string();
     let export = |format: &str, to: &str| {
-        said(&klasktron(&["export", &file, "--to", format, "--out", to, "--overwrite"]))
+        said(&klasktron(&["export", &file, "--to", format, "--output", to, "--overwrite"]))
     };
     assert_eq!(export("safetensors", &to).2, 0);
     let bytes = fs::read(&weights).unwrap();
@@ -223,7 +223,7 @@ fn upstreams_layout_has_its_shapes_and_names() {
         assert_eq!(status, 0, "{format}: {stderr}");
     }
     let (_, stderr, status) =
-        said(&klasktron(&["export", &files[0], "--to", "onnx", "--out", &to, "--overwrite"]));
+        said(&klasktron(&["export", &files[0], "--to", "onnx", "--output", &to, "--overwrite"]));
     assert_eq!(status, 1);
     assert!(stderr.contains("no actuator model in this file"), "{stderr}");
 }

@@ -121,7 +121,7 @@ impl Axis {
 /// The document that `gap` prints, and its exit status.
 fn gap(recordings: &[String], twin: Option<&str>, out: &Path) -> (serde_json::Value, i32) {
     let out = out.display().to_string();
-    let mut args = vec!["gap", "--json", "--out", &out];
+    let mut args = vec!["gap", "--json", "--output", &out];
     args.extend(recordings.iter().map(String::as_str));
     if let Some(twin) = twin {
         args.extend(["--twin", twin]);
@@ -225,7 +225,7 @@ fn a_calibrated_twin_states_the_truth_within_its_intervals() {
     let recordings = Axis::pair(dir.path(), [100.0, 100.0]);
     let twin = dir.path().join("twin.json").display().to_string();
     let (text, errors, status) =
-        said(&klasktron(&["calibrate", &recordings[0], &recordings[1], "--out", &twin]));
+        said(&klasktron(&["calibrate", &recordings[0], &recordings[1], "--output", &twin]));
     assert_eq!(status, 0, "{text} {errors}");
     let document: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(&twin).unwrap()).unwrap();
@@ -550,7 +550,7 @@ fn a_broken_twin_is_refused_in_one_sentence() {
     ] {
         fs::write(&twin, text).unwrap();
         let (_, errors, status) =
-            said(&klasktron(&["gap", &recording, "--twin", &twin, "--out", "nowhere"]));
+            said(&klasktron(&["gap", &recording, "--twin", &twin, "--output", "nowhere"]));
         assert_eq!(status, 1);
         assert!(errors.contains(expected), "{errors}");
         assert_eq!(errors.trim().lines().count(), 1, "{errors}");

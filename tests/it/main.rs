@@ -6,6 +6,7 @@ mod bus;
 mod codec;
 mod collect;
 mod contract;
+mod conventions;
 mod damage;
 mod demo;
 mod docs;

@@ -29,10 +29,10 @@ fn settings_give_the_bytes_of_typed_options() {
     let settings = "[fit-actuator]\nepochs = 2\nseeds = 1\nwidth = 8\nlearning-rate = 0.01\n";
     fs::write(dir.path().join("klasktron.toml"), settings).unwrap();
     let fit = "fit-actuator train.mcap validation.mcap";
-    let (_, stderr, status) = run_in(dir.path(), &format!("{fit} --out set -v"));
+    let (_, stderr, status) = run_in(dir.path(), &format!("{fit} --output set -v"));
     assert_eq!(status, 0, "{stderr}");
     assert!(stderr.contains("klasktron.toml:2: --epochs=2"), "{stderr}");
-    let typed = "--epochs 2 --seeds 1 --width 8 --learning-rate 0.01 --no-config --out typed -v";
+    let typed = "--epochs 2 --seeds 1 --width 8 --learning-rate 0.01 --no-config --output typed -v";
     let (_, stderr, status) = run_in(dir.path(), &format!("{fit} {typed}"));
     assert_eq!(status, 0, "{stderr}");
     assert!(!stderr.contains("klasktron.toml"), "{stderr}");

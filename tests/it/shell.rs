@@ -75,16 +75,15 @@ fn every_shell_gets_a_script_with_every_command() {
 fn there_is_a_manual_page_for_every_command_that_groff_sets_without_a_warning() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("man1");
-    let (stdout, stderr, status) = said(&klasktron(&["man", "--out", folder.to_str().unwrap()]));
+    let (stdout, stderr, status) = said(&klasktron(&["man", "--output", folder.to_str().unwrap()]));
     assert_eq!(status, 0, "{stderr}");
     let mut pages: Vec<_> =
         fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     pages.sort();
     assert_eq!(stdout, format!("wrote {} pages to {}\n", pages.len(), folder.display()));
     let help = said(&klasktron(&["--help"])).0;
-    let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1);
-    let commands = commands.take_while(|line| !line.is_empty());
-    // A long description goes on below, further to the right.
+    let commands = help.lines().skip_while(|line| *line != "Data:");
+    let commands = commands.take_while(|line| *line != "Options:");
     let named = commands.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
     for command in named.filter_map(|line| line.split_whitespace().next()) {
         let page = folder.join(format!("klasktron-{command}.1"));

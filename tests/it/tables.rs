@@ -10,7 +10,7 @@ fn several_topics_give_a_folder_and_one_gives_a_file() {
     let name = path.to_str().unwrap();
     for format in ["csv", "parquet", "npz"] {
         let out = dir.path().join(format);
-        let args = ["export", name, "--to", format, "--out", out.to_str().unwrap()];
+        let args = ["export", name, "--to", format, "--output", out.to_str().unwrap()];
         let (_, stderr, status) = said(&klasktron(&args));
         assert_eq!((status, stderr.as_str()), (0, ""));
         let files: BTreeSet<String> = fs::read_dir(&out)
@@ -22,7 +22,8 @@ fn several_topics_give_a_folder_and_one_gives_a_file() {
     }
     let out = dir.path().join("one.csv");
     let file = out.to_str().unwrap();
-    let args = ["export", name, "--to", "csv", "--out", file, "--topic", "/striker/left/command"];
+    let args =
+        ["export", name, "--to", "csv", "--output", file, "--topic", "/striker/left/command"];
     assert_eq!(said(&klasktron(&args)).2, 0);
     let text = fs::read_to_string(&out).unwrap();
     assert!(text.starts_with("log_time_ns,publish_time_ns,vx,vy\n1700000000000000000,"), "{text}");
@@ -37,7 +38,7 @@ fn what_cannot_be_exported_is_one_sentence() {
     let dir = tempfile::tempdir().unwrap();
     let path = Rig { seconds: 1, ..Rig::default() }.write(dir.path(), "good.mcap");
     let out = dir.path().join("out");
-    let base = ["export", path.to_str().unwrap(), "--out", out.to_str().unwrap(), "--to"];
+    let base = ["export", path.to_str().unwrap(), "--output", out.to_str().unwrap(), "--to"];
     let with = |rest: &[&str]| said(&klasktron(&[&base[..], rest].concat()));
     let (_, stderr, status) = with(&["csv", "--topic", "/no"]);
     assert_eq!(status, 1);

@@ -110,7 +110,7 @@ fn the_log_of_a_fit_tells_files_seeds_and_steps() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().to_str().unwrap();
     let files = ["tests/data/example-train.mcap", EXAMPLE];
-    let words = ["--epochs", "2", "--seeds", "2", "--width", "8", "-v", "--out", out];
+    let words = ["--epochs", "2", "--seeds", "2", "--width", "8", "-v", "--output", out];
     let (stdout, stderr, status) = said(&run(&[&["fit-actuator"], &files[..], &words].concat()));
     assert_eq!(status, 0, "{stderr}");
     for expected in ["opened tests/data/example-train.mcap", "fit of seed 1 begins", "wrote "] {

@@ -51,7 +51,7 @@ if [ ! -x "$program" ]; then
     echo "error: $program is not on node $(hostname), or not executable" >&2
     status={PROGRAM_MISSING}
 else
-    "$program" --no-config sweep-task --out {root} --list "$2" --line "$(($1 + SLURM_ARRAY_TASK_ID))" \
+    "$program" --no-config sweep-task --output {root} --list "$2" --line "$(($1 + SLURM_ARRAY_TASK_ID))" \
         --task "$task" --threads {cores} < /dev/null
     status=$?
 fi
@@ -133,7 +133,7 @@ mod tests {
             ]
         );
         assert!(text.contains("program='/opt/it'\\''s here/klasktron'\n"), "{text}");
-        assert!(text.contains("sweep-task --out '/out/50 %' --list \"$2\""), "{text}");
+        assert!(text.contains("sweep-task --output '/out/50 %' --list \"$2\""), "{text}");
     }
 
     #[test]

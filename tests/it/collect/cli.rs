@@ -91,7 +91,7 @@ fn a_log_is_listened_to() {
     let typed = ["collect", "--bus", &bus, "--pattern", "circle", "-o", "never.mcap"];
     let (_, stderr, status) = said(&klasktron(&typed));
     assert_eq!(status, 1);
-    assert!(stderr.contains("can be listened to (--listen), not driven"), "{stderr}");
+    assert!(stderr.contains("it can be recorded with --listen, not driven"), "{stderr}");
 }
 
 #[test]

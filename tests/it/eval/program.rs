@@ -30,7 +30,7 @@ fn a_match_becomes_a_score_with_everything_beside_it() {
     let path = write_detections(&game.pictures, dir.path(), "match.mcap");
     let out = dir.path().join("out");
     let (stdout, stderr, status) =
-        said(&klasktron(&["eval", text(&path), "--out", text(&out), "--json"]));
+        said(&klasktron(&["eval", text(&path), "--output", text(&out), "--json"]));
     assert_eq!((status, stderr.as_str()), (0, ""));
     let score = json(&out.join("score.json"));
     assert_eq!(score, serde_json::from_str::<serde_json::Value>(&stdout).unwrap());
@@ -94,7 +94,7 @@ fn the_same_matches_give_the_same_bytes_whatever_the_number_of_threads() {
     let files = ["score.json", "events.mcap", "episodes.csv", "index.html"];
     let bytes = |threads: &str| -> Vec<Vec<u8>> {
         let out = dir.path().join(threads);
-        let run = klasktron(&["eval", text(&folder), "--out", text(&out), "--threads", threads]);
+        let run = klasktron(&["eval", text(&folder), "--output", text(&out), "--threads", threads]);
         assert_eq!(said(&run).2, 0);
         files.iter().map(|file| fs::read(out.join(file)).unwrap()).collect()
     };
@@ -112,7 +112,7 @@ fn a_broken_file_is_told_and_does_not_stop_the_rest() {
     let bytes = fs::read(&good).unwrap();
     fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
     let out = dir.path().join("out");
-    let run = klasktron(&["eval", text(&broken), text(&good), text(&cut), "--out", text(&out)]);
+    let run = klasktron(&["eval", text(&broken), text(&good), text(&cut), "--output", text(&out)]);
     let (_, stderr, status) = said(&run);
     assert_eq!(status, 3);
     assert!(stderr.contains("broken.mcap: not an MCAP file"), "{stderr}");
@@ -121,11 +121,17 @@ fn a_broken_file_is_told_and_does_not_stop_the_rest() {
     let page = fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("Not judged") && page.contains("is damaged"));
     // Alone, its error is that of the command.
-    let (_, stderr, status) = said(&klasktron(&["eval", text(&broken), "--out", text(&out)]));
+    let (_, stderr, status) =
+        said(&klasktron(&["eval", text(&broken), "--output", text(&out), "--overwrite"]));
     assert_eq!(status, 1);
     assert!(stderr.starts_with("error: ") && stderr.contains("klasktron import"), "{stderr}");
-    let (_, stderr, status) =
-        said(&klasktron(&["eval", "tests/data/example-train.mcap", "--out", text(&out)]));
+    let (_, stderr, status) = said(&klasktron(&[
+        "eval",
+        "tests/data/example-train.mcap",
+        "-o",
+        text(&out),
+        "--overwrite",
+    ]));
     // The example holds detections of strikers, but no ball ever: a match without an episode.
     assert_eq!((status, stderr.as_str()), (0, ""));
     assert_eq!(said(&klasktron(&["eval"])).2, 2);
@@ -156,7 +162,8 @@ fn two_groups_are_compared_with_interval_and_test() {
         (group("a", 40..43, false), group("b", 43..46, false), group("c", 46..49, true));
     let compared = |b: &Path| {
         let out = dir.path().join("out");
-        let run = klasktron(&["eval", "--compare", text(&a), text(b), "--out", text(&out)]);
+        let typed = ["eval", "--compare", text(&a), text(b), "-o", text(&out), "--overwrite"];
+        let run = klasktron(&typed);
         assert_eq!(said(&run).2, 0);
         json(&out.join("score.json"))["comparison"].clone()
     };
@@ -187,7 +194,7 @@ fn the_filtered_state_is_judged_where_there_are_no_detections() {
     assert_eq!(MatchFrames::open(&by_camera).unwrap().frames.len(), game.pictures.len());
     let contacts = |path: &Path| {
         let out = dir.path().join("out");
-        assert_eq!(said(&klasktron(&["eval", text(path), "--out", text(&out)])).2, 0);
+        assert_eq!(said(&klasktron(&["eval", text(path), "-o", text(&out), "--overwrite"])).2, 0);
         let page = fs::read_to_string(out.join("index.html")).unwrap();
         let warned = page.contains("no detections of the camera");
         let score = json(&out.join("score.json"));

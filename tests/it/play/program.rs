@@ -33,7 +33,7 @@ fn play(out: &str, arguments: &[&str]) -> (String, String, i32) {
 /// Goals of left and right player, as `eval` counts them.
 fn goals_by_eval(dir: &Path, recording: &str) -> [usize; 2] {
     let out = file(dir, "eval");
-    let (_, stderr, status) = said(&klasktron(&["eval", recording, "--out", &out]));
+    let (_, stderr, status) = said(&klasktron(&["eval", recording, "-o", &out, "--overwrite"]));
     assert_eq!(status, 0, "{stderr}");
     let score: serde_json::Value =
         serde_json::from_slice(&fs::read(Path::new(&out).join("score.json")).unwrap()).unwrap();
@@ -61,7 +61,7 @@ fn eval_counts_the_goals_that_the_rig_knows_of() {
         let goals = &report["truth_goals"];
         let known = ["left", "right"].map(|player| goals[player].as_u64().unwrap() as usize);
         assert_eq!(goals_by_eval(dir.path(), &out), known, "{left} against {right}");
-        assert!(stderr.contains(&format!("goals {} : {} by the rig", known[0], known[1])));
+        assert!(stderr.contains(&format!("true goals {} : {}", known[0], known[1])));
         all += known[0] + known[1];
     }
     assert!(2 <= all, "{all} goals in two minutes are too few to compare");
@@ -88,7 +88,8 @@ fn trained(dir: &Path) -> PathBuf {
     settings.steps = settings.transitions_per_update();
     let settings = settings_file(dir, &settings).display().to_string();
     let out = dir.join("tiny.mcap");
-    let typed = ["train", "--settings", &settings, "--games", "0", "--out", out.to_str().unwrap()];
+    let typed =
+        ["train", "--settings", &settings, "--games", "0", "--output", out.to_str().unwrap()];
     let (_, stderr, status) = said(&klasktron(&typed));
     assert_eq!(status, 0, "{stderr}");
     out
@@ -102,7 +103,7 @@ fn a_policy_plays_and_the_recording_says_which() {
     let players = ["--left", policy.to_str().unwrap(), "--right", "stationary", "--seconds", "3"];
     let (_, stderr, status) = play(&out, &players);
     assert_eq!(status, 0, "{stderr}");
-    assert!(stderr.contains("tiny.mcap against stationary, 150 decisions"), "{stderr}");
+    assert!(stderr.contains("tiny.mcap against stationary, 150 actions"), "{stderr}");
     let recording = Recording::open(Path::new(&out)).unwrap();
     let said = |key| recording.info(key).unwrap().to_owned();
     assert_eq!(

@@ -24,7 +24,7 @@ fn a_finished_point_is_never_run_again_and_workers_do_not_matter() {
     assert_eq!(before.len(), 4);
     let (_, stderr, status) = bench.run(&one, &[]);
     assert_eq!(status, 0, "{stderr}");
-    assert!(stderr.contains("4 of 4 points are kept"), "{stderr}");
+    assert!(stderr.contains("4 of 4 points are finished already"), "{stderr}");
     assert_eq!(made(&one), before);
     // A point more is one run more.
     let text = fs::read_to_string(bench.file()).unwrap().replace("seeds = 4", "seeds = 5");
@@ -42,7 +42,7 @@ fn a_point_has_the_bytes_of_the_command_typed_by_hand() {
     assert_eq!(bench.run(&out, &[]).2, 0);
     let hand = bench.out("hand");
     let typed = Command::new(env!("CARGO_BIN_EXE_klasktron"))
-        .args(["eval", "match.mcap", "--seed", "0", "--json", "--out"])
+        .args(["eval", "match.mcap", "--seed", "0", "--json", "--output"])
         .arg(&hand)
         .current_dir(bench.folder())
         .output()
@@ -164,7 +164,7 @@ fn ctrl_c_keeps_what_is_finished_and_says_how_to_go_on() {
     assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
     let ended = first.wait_with_output().unwrap();
     let stderr = String::from_utf8(ended.stderr).unwrap();
-    assert_eq!(ended.status.code(), Some(3), "{stderr}");
+    assert_eq!(ended.status.code(), Some(130), "{stderr}");
     let count = finished(&out).len();
     let said =
         format!("interrupted: {count} of 10 points are finished; the same command continues");
@@ -172,7 +172,7 @@ fn ctrl_c_keeps_what_is_finished_and_says_how_to_go_on() {
     assert!(fs::read_to_string(out.join("index.html")).unwrap().contains("still to be run"));
     let (_, stderr, status) = bench.run(&out, &[]);
     assert_eq!(status, 0, "{stderr}");
-    assert!(stderr.contains(&format!("{count} of 10 points are kept")), "{stderr}");
+    assert!(stderr.contains(&format!("{count} of 10 points are finished already")), "{stderr}");
 }
 
 #[test]

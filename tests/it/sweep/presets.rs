@@ -30,7 +30,7 @@ fn an_ablation_on_slurm_has_the_bytes_of_a_local_one_and_keeps_its_fits() {
         let out = dir.path().join(name);
         let out_text = out.display().to_string();
         let mut args = vec!["fit-actuator", &train, &check, "--ablate", "--seeds", "1", "--epochs"];
-        args.extend(["1", "--hidden-layers", "1", "--out", &out_text]);
+        args.extend(["1", "--hidden-layers", "1", "--output", &out_text]);
         args.extend(more);
         (klasktron(&args, path), out)
     };
@@ -76,7 +76,7 @@ fn several_seeds_of_a_training_are_the_single_ones_and_a_page() {
     let train = |out: &str, more: &[&str], path: Option<&str>| {
         let out = dir.path().join(out);
         let out_text = out.display().to_string();
-        let mut args = vec!["train", "--settings", &settings, "--out", &out_text];
+        let mut args = vec!["train", "--settings", &settings, "--output", &out_text];
         args.extend(more);
         (klasktron(&args, path), out)
     };

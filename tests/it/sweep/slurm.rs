@@ -152,8 +152,9 @@ fn the_submitting_process_may_leave_and_come_back() {
     }
     let pid = child.id().to_string();
     assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
-    assert_eq!(child.wait().unwrap().code(), Some(3), "{}", stderr());
-    let said = "2 tasks stay with Slurm; come back with the same command, cancel with: scancel 101";
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{}", stderr());
+    let said =
+        "2 tasks remain with Slurm; the same command continues; cancel them with: scancel 101";
     assert!(stderr().contains(said), "{}", stderr());
     // A local run would do the work twice.
     let mut here = bench.command(&out, &[]);

@@ -45,7 +45,7 @@ impl Bench {
     /// The command, to be added to.
     pub(super) fn command(&self, out: &Path, more: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_klasktron"));
-        command.arg("sweep").arg(self.file()).arg("--out").arg(out).args(more);
+        command.arg("sweep").arg(self.file()).arg("--output").arg(out).args(more);
         command
     }
 

@@ -18,7 +18,7 @@ use std::{
 /// Trains with `settings` into `out`, with further `flags`.
 fn train(settings: &Path, out: &Path, flags: &[&str]) -> (String, String, i32) {
     let (settings, out) = (settings.display().to_string(), out.display().to_string());
-    let mut args = vec!["train", "--settings", &settings, "--out", &out];
+    let mut args = vec!["train", "--settings", &settings, "--output", &out];
     args.extend(flags);
     said(&klasktron(&args))
 }
@@ -72,7 +72,7 @@ fn the_file_holds_curve_weights_and_games_that_eval_reads() {
     assert!(out.with_extension("html").exists());
     check_events(&events, &curve);
     let scores = dir.path().join("eval");
-    let eval = ["eval", &out.display().to_string(), "--out", &scores.display().to_string()];
+    let eval = ["eval", &out.display().to_string(), "--output", &scores.display().to_string()];
     let (_, errors, status) = said(&klasktron(&eval));
     assert_eq!(status, 0, "{errors}");
     let score: serde_json::Value =
@@ -137,7 +137,7 @@ fn what_does_not_belong_together_is_refused_with_both_values() {
     assert_eq!(train(&settings, &out, &["--steps", &one]).2, 0);
     let (_, errors, status) = train(&settings, &out, &["--steps", &one]);
     assert_eq!(status, 1);
-    assert!(errors.contains("this policy exists; go on with --resume"), "{errors}");
+    assert!(errors.contains("exists already; continue with --resume"), "{errors}");
     let (_, errors, status) = train(&settings, &out, &["--resume", "--seed", "9"]);
     assert_eq!(status, 1);
     assert!(errors.contains("seed is 7, but this command has 9"), "{errors}");
@@ -212,7 +212,7 @@ fn a_fitted_actuator_must_have_the_rate_of_the_game_and_its_guesses_are_counted(
     let other = other.write(dir.path(), "b.mcap").display().to_string();
     let fit = |name: &str, rate: &str| {
         let out = dir.path().join(name).display().to_string();
-        let mut args = vec!["fit-actuator", &recording, &other, "--out", &out];
+        let mut args = vec!["fit-actuator", &recording, &other, "--output", &out];
         args.extend(["--epochs", "1", "--seeds", "1", "--width", "4", "--hidden-layers", "1"]);
         args.extend(["--history", "2", "--rate-hz", rate]);
         let output = said(&klasktron(&args));
@@ -247,7 +247,7 @@ fn ctrl_c_leaves_a_whole_file_and_resume_goes_on() {
     let path = settings_file(dir.path(), &tiny()).display().to_string();
     let out = dir.path().join("out");
     let mut child = Command::new(env!("CARGO_BIN_EXE_klasktron"))
-        .args(["train", "--settings", &path, "--steps", "1e12", "--out"])
+        .args(["train", "--settings", &path, "--steps", "1e12", "--output"])
         .arg(&out)
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
@@ -261,7 +261,7 @@ fn ctrl_c_leaves_a_whole_file_and_resume_goes_on() {
     assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
     let output = child.wait_with_output().unwrap();
     let errors = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(3), "{errors}");
+    assert_eq!(output.status.code(), Some(130), "{errors}");
     assert!(errors.contains("the same command with --resume continues"), "{errors}");
     let done = Recording::open(&file).unwrap().count(UPDATE_TOPIC) as u64;
     let steps = ((done + 1) * tiny().transitions_per_update()).to_string();
