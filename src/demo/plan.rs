@@ -214,6 +214,9 @@ impl Size {
     }
 }
 
+/// Distance of a serve from the middle line (m), about a third of a half.
+const SERVE_DISTANCE_M: f64 = 0.065;
+
 /// Patterns of the recordings from which actuator and gap are learned.
 const PATTERNS: [&str; 8] =
     ["circle", "x_line", "y_line", "ramp", "random_walk", "chirp", "step_ladder", "creep"];
@@ -337,10 +340,12 @@ impl Plan {
         let mut steps = Vec::new();
         for (pair, opponent) in (0..).zip(OPPONENTS) {
             for (number, seat) in (0..).zip(SEATS) {
-                // Every policy meets the same table. Somebody puts a ball back that lies still, as the game
-                // of the training does.
+                // Every policy meets the same table, with the ball served into its own half: a stationary
+                // opponent never returns a ball from the other one. A ball at rest is served again, as in the
+                // game of the training.
+                let y_m = if seat == "left" { -SERVE_DISTANCE_M } else { SERVE_DISTANCE_M };
                 let ball = json!({
-                    "start": {"y_m": 0.065},
+                    "start": {"y_m": y_m},
                     "serve_spread_m": 0.035,
                     "put_back_after_s": 1.0,
                     "put_back_still_after_s": 2.0,
@@ -387,5 +392,31 @@ impl Step {
         let anew =
             |word: &String| if word == "--overwrite" { resume.to_owned() } else { word.clone() };
         self.arguments.iter().map(anew).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_match_serves_into_the_half_of_the_policy() {
+        let plan = Plan::new(Size::Quick, 0);
+        let serve = |seat: &str, file: &str| {
+            let rig: Value = serde_json::from_str(file).unwrap();
+            let y_m = rig["ball"]["start"]["y_m"].as_f64().unwrap();
+            assert_eq!(y_m < 0.0, seat == "left", "{seat}");
+            assert!((y_m.abs() - SERVE_DISTANCE_M).abs() < 1e-12);
+        };
+        let mut rigs = 0;
+        for (path, text) in &plan.files {
+            let name = path.file_stem().unwrap().to_str().unwrap();
+            if let Some((_, seat)) = name.strip_prefix("match-").and_then(|it| it.rsplit_once('-'))
+            {
+                serve(seat, text);
+                rigs += 1;
+            }
+        }
+        assert_eq!(rigs, OPPONENTS.len() * SEATS.len());
     }
 }
