@@ -1,5 +1,5 @@
-//! What README and the pages of `docs/` promise: a page per subcommand, links that lead somewhere, pictures that
-//! are small enough to open, and commands that work.
+//! README and the pages of `docs/`: a page per subcommand, links with targets, pictures of moderate size, commands that
+//! work, and plain language.
 
 use crate::support::{klasktron, said};
 use std::{
@@ -147,4 +147,148 @@ fn the_settings_file_of_the_page_is_right() {
     let (_, stderr, _) = said(&klasktron(&["train", "--config", path]));
     let expected = page.lines().find(|line| line.starts_with("error: klasktron.toml")).unwrap();
     assert!(stderr.trim_end().ends_with(&expected["error: ".len()..]), "{stderr}");
+}
+
+/// Every page is in the index, from which the site takes its navigation.
+#[test]
+fn every_page_is_in_the_index() {
+    let index = fs::read_to_string(root().join("docs/README.md")).unwrap();
+    for page in pages() {
+        let name = page.file_name().unwrap().to_string_lossy().into_owned();
+        assert!(name == "README.md" || index.contains(&format!("]({name})")), "{name}");
+    }
+}
+
+/// Largest number of words in a sentence.
+const LONGEST_SENTENCE: usize = 35;
+
+/// First words of a sentence with a noun clause for its subject.
+const HEADLESS: [&str; 6] = ["What", "Whether", "How", "Where", "Which", "Who"];
+
+/// Words of no textbook, and the term that replaces each.
+const DIALECT: [(&str, &str); 29] = [
+    ("parted", "split"),
+    ("is told", "is reported"),
+    ("are told", "are reported"),
+    ("told apart", "distinguished"),
+    ("tell apart", "distinguish"),
+    ("taken back", "removed"),
+    ("beside", "compared with, next to"),
+    ("hangs on", "depends on"),
+    ("is none", "is absent"),
+    ("at once the noise", "at the noise level"),
+    ("judges", "evaluates"),
+    ("judging", "validation"),
+    ("doubts", "warnings"),
+    ("doubtful", "a warning"),
+    ("mimicry", "bias on reference data"),
+    ("scatter", "noise, standard deviation"),
+    ("scatters", "noise, standard deviation"),
+    ("made up for", "compensated, confounded"),
+    ("makes up for", "compensates, is confounded"),
+    ("whatever", "the thing itself"),
+    ("rails", "axes"),
+    ("a play", "backlash"),
+    ("once more", "again"),
+    ("surer", "overconfident"),
+    ("stands for", "is"),
+    ("stands on", "is"),
+    ("comes near", "approaches"),
+    ("missed by the data", "significant"),
+    ("in earnest", "to convergence"),
+];
+
+/// The sentences of a page with the lines in which their paragraphs begin; without code, tables, headings and pictures.
+fn sentences(page: &str) -> Vec<(usize, String)> {
+    let mut blocks: Vec<(usize, String)> = Vec::new();
+    let (mut is_code, mut is_open) = (false, false);
+    for (number, line) in page.lines().enumerate() {
+        let line = line.trim();
+        let is_fence = line.starts_with("```");
+        is_code ^= is_fence;
+        if is_code
+            || is_fence
+            || line.is_empty()
+            || line.starts_with(['|', '#', '<'])
+            || line.starts_with("![")
+        {
+            is_open = false;
+            continue;
+        }
+        let is_item = line.starts_with("- ")
+            || line.split_once(". ").is_some_and(|(digits, _)| digits.parse::<u32>().is_ok());
+        match blocks.last_mut().filter(|_| is_open && !is_item) {
+            Some((_, block)) => *block += &format!(" {line}"),
+            None => blocks.push((number + 1, line.trim_start_matches("- ").to_owned())),
+        }
+        is_open = true;
+    }
+    let of_block = |(number, block): (usize, String)| {
+        // Code counts as one word.
+        let plain: String = block
+            .split('`')
+            .enumerate()
+            .map(|(k, part)| if k % 2 == 0 { part } else { "x" })
+            .collect();
+        let ends = plain.replace(". ", ".\n").replace("? ", "?\n").replace("! ", "!\n");
+        ends.lines().map(|sentence| (number, sentence.to_owned())).collect::<Vec<_>>()
+    };
+    blocks.into_iter().flat_map(of_block).collect()
+}
+
+/// The faults of one sentence.
+fn faults(sentence: &str) -> Vec<String> {
+    let is_part = |letter: char| letter.is_alphanumeric();
+    let words: Vec<&str> = sentence.split_whitespace().collect();
+    let mut faults = Vec::new();
+    if LONGEST_SENTENCE < words.len() {
+        faults.push(format!("has {} words, allowed are {LONGEST_SENTENCE}", words.len()));
+    }
+    let first = words
+        .iter()
+        .map(|word| word.trim_matches(|own| !is_part(own)))
+        .find(|word| !word.is_empty());
+    if first.is_some_and(|word| HEADLESS.contains(&word)) && !sentence.contains('?') {
+        faults.push("begins with a clause: name the thing".to_owned());
+    }
+    let bare: Vec<String> = sentence
+        .split(|letter: char| !is_part(letter) && letter != '-')
+        .filter(|word| !word.is_empty())
+        .map(str::to_lowercase)
+        .collect();
+    let bare = format!(" {} ", bare.join(" "));
+    let used = DIALECT.iter().filter(|(word, _)| bare.contains(&format!(" {word} ")));
+    faults.extend(used.map(|(word, better)| format!("says '{word}': write {better}")));
+    faults
+}
+
+#[test]
+fn the_pages_are_in_plain_words_and_short_sentences() {
+    let mut found = Vec::new();
+    for page in pages() {
+        let text = fs::read_to_string(&page).unwrap();
+        for (line, sentence) in sentences(&text) {
+            let faults = faults(&sentence);
+            found.extend(
+                faults
+                    .iter()
+                    .map(|fault| format!("{}:{line}: {fault}: {sentence}", page.display())),
+            );
+        }
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+#[test]
+fn faults_of_language_are_found() {
+    let page = "# What a heading may say\n\n- It is told in\n  two lines.\n- Why not?\n\nWhere it fails, it ends. What \
+                fails?\n\n```\nWhatever code says\n```\n| Where | tables |\n";
+    let found = sentences(page);
+    let lines: Vec<usize> = found.iter().map(|(line, _)| *line).collect();
+    assert_eq!(lines, [3, 5, 7, 7]);
+    let counts: Vec<usize> = found.iter().map(|(_, sentence)| faults(sentence).len()).collect();
+    assert_eq!(counts, [1, 0, 1, 0], "{found:?}");
+    assert_eq!(faults(&"word ".repeat(LONGEST_SENTENCE + 1)).len(), 1);
+    assert!(faults("Scattered values.").is_empty());
+    assert!(sentences("The `beside` of it.").iter().all(|(_, own)| faults(own).is_empty()));
 }
