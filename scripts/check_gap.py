@@ -34,7 +34,7 @@ def run(program, practice, out, name, twin):
 def verdict(found, truths, base):
     """What was found of the truth, and what else was named."""
     named = [effect["name"] for effect in found["effects"]]
-    moved = {entry["name"].rsplit(".", 1)[0] for entry in found["refit"]}
+    moved = {entry["name"].rsplit(".", 1)[0] for entry in found["parameter_changes"]}
     wanted = [truth["effect"] for truth in truths]
     hit = [name for name in wanted if name in named or (name in base and name in moved)]
     wrong = [name for name in named if name not in wanted]
@@ -70,9 +70,9 @@ def main():
         row = {"case": name, "seconds": round(seconds, 1), "verdict": found["verdict"]}
         row |= verdict(found, truths, bases[base])
         row["effects"] = [
-            {key: effect[key] for key in ("name", "axis", "parameters")} for effect in found["effects"]
+            {key: effect[key] for key in ("name", "location", "parameters")} for effect in found["effects"]
         ]
-        row["refit"] = found["refit"]
+        row["parameter_changes"] = found["parameter_changes"]
         results.append(row)
         print(
             f"{name:<16} {seconds:6.1f} s  {row['verdict']:<12} wanted {row['wanted']} "

@@ -41,12 +41,16 @@
 
 mod checks;
 mod direct;
+mod document;
 mod evidence;
+mod experiment;
+mod explain;
 mod find;
 mod findings;
 mod fit;
 mod floor;
 mod incident;
+mod journal;
 mod known;
 mod locate;
 mod nuisance;
@@ -65,14 +69,18 @@ mod verdict;
 mod whiten;
 
 pub use checks::{Objection, check};
+pub use evidence::LogScoreGain;
 pub use find::{Found, find};
 pub use findings::{
-    Class, Document, NamedEffect, NamedParameter, Refit, RejectedEffect, SignalGap, Verdict, Where,
+    Description, DescriptionTerm, Document, Evidence, IdentifiedEffect, IdentifiedParameter,
+    Indistinguishable, Localization, NextExperiment, ParameterChange, RejectedEffect,
+    SignalResidual, Verdict,
 };
 pub use fit::{Fit, Uncertainty};
 pub use floor::{Floor, FloorSource};
 pub use incident::Incident;
-pub use numbers::Number;
+pub use journal::{JournalEntry, Move, MoveComparison, MoveKind};
+pub use numbers::ParameterEstimate;
 pub use page::page;
 pub use problem::{Part, Point, Problem};
 pub use rounds::{Added, Held, Link, Outcome, Reason, Rejected, Task, search};

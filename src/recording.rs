@@ -24,6 +24,7 @@
 //! ```
 
 mod arrival;
+mod belt;
 mod beside;
 mod error;
 mod folder;
@@ -40,6 +41,7 @@ pub mod topic;
 mod writer;
 
 pub use arrival::arrival_key;
+pub use belt::BELT_KEY;
 pub use beside::{ExistingFile, partial_name, write_beside, write_bytes};
 pub use error::RecordingError;
 pub use folder::files_in;

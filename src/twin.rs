@@ -45,9 +45,10 @@ pub use drive::{DriveStage, Output};
 pub use estimator::EstimatorStage;
 pub use linkage::{Linkage, Places};
 pub use machine::{Machine, machine_of};
+pub use noise::Estimate;
 pub use path::MeasuredPath;
 pub use plant::{Plant, PlantState};
-pub use session::{Run, Session, SessionError, divide, runs_of, sessions_of};
+pub use session::{Run, Session, SessionError, check_machine, divide, runs_of, sessions_of};
 pub use stage::{Channel, Stage, StageKind};
 
 use crate::effects::{Axis, Effect, Physics, Spring};
@@ -134,65 +135,64 @@ pub struct Twin {
     /// Mass of the striker above the board (kg), known from drawings.
     pub striker_mass: f64,
     /// Belt per turn of a motor (m).
-    pub belt_per_turn: f64,
-    /// Mean moving mass of the rails for which the gains of the velocity loops are stated (kg): a drive keeps its gains
-    /// when the mass changes. Where it is not known, the gains follow the mass.
-    pub tuned_mass: Option<f64>,
+    pub belt_metres_per_turn: f64,
+    /// Mean moving mass for which the gains of the velocity loops were tuned (kg): a drive keeps its gains when the
+    /// mass changes. Without it, the gains follow the mass.
+    pub controller_reference_mass: Option<f64>,
     /// The effects in it, in the order in which they were added.
     pub instances: Vec<Instance>,
-    /// What it left unexplained when it was fitted, by signal.
-    pub left: Vec<Left>,
-    /// How far that looks like effects that were not named, by link and effect.
-    pub mimicry: Vec<Mimicry>,
-    /// How the camera scattered when it was fitted, by link.
-    pub scatter: Vec<Scatter>,
+    /// Residual of each signal on the recordings to which the twin was fitted.
+    pub reference_residuals: Vec<ReferenceResidual>,
+    /// Model error on these recordings, expressed as effects that are not there, by stage and effect.
+    pub discrepancy: Vec<Discrepancy>,
+    /// Measurement noise of the camera on these recordings, by stage.
+    pub measurement_noise: Vec<MeasurementNoise>,
     /// SHA-256 of the recordings to which it was fitted.
     pub fitted_to: Vec<String>,
 }
 
-/// What a fitted twin could not explain in one signal of the recordings that it was fitted to and judged by.
+/// Residual of one signal on the recordings to which a twin was fitted, training and validation together.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Left {
+pub struct ReferenceResidual {
     /// The signal, such as `motor_a.velocity`.
     pub signal: String,
     /// RMS of the residual, in the signal's unit.
     pub residual_rms: f64,
-    /// Whether a search for missing effects ended there: what is left then is what is known to be left,
-    /// and recordings that are predicted as well hold nothing new.
+    /// Whether a search for missing effects ended there. If so, recordings with the same residual hold nothing new.
     #[serde(default)]
     pub searched: bool,
 }
 
-/// What an effect that was not named explains of what a fitted twin left: a simulator's imperfection always
-/// looks a little like something.
+/// Model error of a fitted twin, expressed as an effect that is not there: the effect explains a small fraction of the
+/// residual on the reference recordings. In later recordings the effect must explain more.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Mimicry {
-    /// The link on which it was tried.
-    pub link: StageKind,
+pub struct Discrepancy {
+    /// The stage on which the effect was tried.
+    pub stage: StageKind,
     /// Dotted name of the effect.
     pub effect: String,
-    /// Share of the whitened squared error, at the place and size where it explains most.
-    pub share: f64,
-    /// How far from doing nothing each of its numbers would then be, bounds or not, in its unit: below this no
-    /// recording of the machine tells the number. Empty where that is not known.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub lean: Vec<f64>,
+    /// Fraction of the whitened squared residual that the effect explains, at its best place and magnitude.
+    pub explained_fraction: f64,
+    /// Estimated offset of each parameter from its value without the effect, in the parameter's unit, bounds ignored.
+    /// Recordings of this machine cannot determine a smaller offset. Empty where it was not estimated.
+    #[serde(default)]
+    pub parameter_offsets: Vec<f64>,
 }
 
-/// How the camera scattered about a fitted twin.
+/// Measurement noise of the camera about a fitted twin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Scatter {
-    /// The link on which it was measured.
-    pub link: StageKind,
-    /// Variance of the frames' time stamps (s^2), and its standard error.
-    pub stamp_variance_s2: (f64, f64),
-    /// Variance at rest of what changes from frame to frame (m^2), and its standard error.
-    pub still_variance_m2: (f64, f64),
-    /// Variance about the prediction at rest (m^2), and its standard error.
-    pub whole_variance_m2: (f64, f64),
-    /// Share of frames that did not come or came twice, and its standard error.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lost_share: Option<(f64, f64)>,
+pub struct MeasurementNoise {
+    /// The stage on which it was measured.
+    pub stage: StageKind,
+    /// Variance of the frames' time stamps (s^2).
+    pub timestamp_variance_s2: Estimate,
+    /// Variance at rest of the part that changes from frame to frame (m^2).
+    pub frame_to_frame_variance_m2: Estimate,
+    /// Variance about the prediction at rest (m^2).
+    pub total_variance_m2: Estimate,
+    /// Fraction of frames that were missing or repeated; none where it was not measured.
+    #[serde(default)]
+    pub lost_frame_fraction: Option<Estimate>,
 }
 
 /// One fitted number of a twin: which instance, which of its values.

@@ -6,7 +6,7 @@ use super::{
     tell,
 };
 use klasktron::{
-    gap::{self, Document, Found, Task, Verdict},
+    gap::{self, Document, Found, Task},
     provenance::Provenance,
     recording::{ExistingFile, Recording, write_bytes},
     twin::{self, SessionError, Twin},
@@ -89,13 +89,8 @@ impl Inputs {
 
     fn sessions(&self) -> Result<Vec<twin::Session>, SessionError> {
         let sessions = twin::sessions_of(&self.recordings)?;
-        let recorded = twin::machine_of(&sessions);
-        match &self.start {
-            Some(start) if start.machine != recorded => {
-                Err(SessionError::OtherMachine { twin: start.machine, recorded })
-            }
-            _ => Ok(sessions),
-        }
+        twin::check_machine(&sessions, self.start.as_ref())?;
+        Ok(sessions)
     }
 }
 
@@ -109,8 +104,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let provenance = Provenance::new(args.command_line());
     write_outcome(&found, &provenance, &inputs, &sessions, &results)?;
     results.finish()?;
-    for doubt in &found.document.doubts {
-        tell(&format!("warning: {doubt}"));
+    for warning in &found.document.warnings {
+        tell(&format!("warning: {warning}"));
     }
     if args.json {
         print(&serde_json::to_string_pretty(&found.document)?)?;
@@ -134,14 +129,14 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
         fs::create_dir_all(parent)?;
     }
     write_file(&args.output, args.overwrite, |_| Ok(twin::write_twin(&found.twin, &args.output)?))?;
-    for doubt in &found.document.doubts {
-        tell(&format!("warning: {doubt}"));
+    for warning in &found.document.warnings {
+        tell(&format!("warning: {warning}"));
     }
     if args.json {
         print(&serde_json::to_string_pretty(&found.document)?)?;
     } else {
         print(&parameters(&found.twin))?;
-        print(&gaps(&found.document))?;
+        print(&residuals(&found.document))?;
         print(&format!("wrote {}", args.output.display()))?;
     }
     Ok(outcome(&found.document, &inputs))
@@ -181,50 +176,51 @@ fn write_outcome(
 
 /// A refused verdict is a failed check: the data say nothing about the machine.
 fn outcome(document: &Document, inputs: &Inputs) -> Outcome {
-    let refused = matches!(
-        document.verdict,
-        Verdict::NotTestable | Verdict::DifferentMachine | Verdict::InputNotConnected
-    );
-    if inputs.lost || refused { Outcome::Lossy } else { Outcome::Done }
+    if inputs.lost || !document.verdict.is_about_the_machine() {
+        Outcome::Lossy
+    } else {
+        Outcome::Done
+    }
 }
 
 /// Result as text.
 fn summary(document: &Document) -> String {
-    let mut lines = vec![document.says.clone()];
+    let mut lines = vec![document.summary.clone()];
     for effect in &document.effects {
-        lines.push(format!("  {} on {}", effect.name, effect.axis));
-        lines.push(format!("    {}", effect.why));
+        lines.push(format!("  {} on {}", effect.name, effect.location));
+        lines.push(format!("    {}", effect.explanation));
     }
-    for refit in &document.refit {
+    for change in &document.parameter_changes {
         let interval =
-            refit.ci95.map_or_else(String::new, |[low, high]| format!(" ({low:.4} to {high:.4})"));
+            change.ci95.map_or_else(String::new, |[low, high]| format!(" ({low:.4} to {high:.4})"));
         lines.push(format!(
             "  {} on {}: {:.4} -> {:.4}{interval} {}",
-            refit.name, refit.axis, refit.before, refit.after, refit.unit
+            change.name, change.location, change.before, change.after, change.unit
         ));
     }
-    lines.push(gaps(document));
-    if let Some(experiment) = &document.next_experiment {
-        lines.push(format!("next: {experiment}"));
+    lines.push(residuals(document));
+    if let Some(next) = &document.next_experiment {
+        lines.push(format!("next experiment: {}, which decides {}", next.motion, next.decides));
+        lines.extend(next.command.iter().map(|command| format!("  {command}")));
     }
     lines.join("\n")
 }
 
 /// Residuals of each signal as a table.
-fn gaps(document: &Document) -> String {
+fn residuals(document: &Document) -> String {
     let mut lines = vec![format!(
         "{:<24}{:>6}{:>12}{:>12}{:>12}",
-        "gap, RMS, held out", "unit", "floor", "before", "after"
+        "residual (validation)", "unit", "floor", "before", "after"
     )];
     let figure = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3e}"));
-    for gap in &document.gap {
+    for own in &document.residuals {
         lines.push(format!(
             "{:<24}{:>6}{:>12}{:>12}{:>12}",
-            gap.signal,
-            gap.unit,
-            figure(gap.noise_floor),
-            figure(gap.held_out_before),
-            figure(gap.held_out_after)
+            own.signal,
+            own.unit,
+            figure(own.noise_floor),
+            figure(own.validation_before),
+            figure(own.validation_after)
         ));
     }
     lines.join("\n")

@@ -200,7 +200,7 @@ fn tuned(page: &mut Page, story: &Story<'_>) {
 
 fn closed(page: &mut Page, story: &Story<'_>) {
     let Some(document) = result(story, "gap") else { return };
-    page.paragraph(document["says"].as_str().unwrap_or_default());
+    page.paragraph(document["summary"].as_str().unwrap_or_default());
     let list = |key: &str| document[key].as_array().map_or(&[][..], Vec::as_slice);
     let parameter = |one: &Value| {
         let number = one["value"].as_f64().map_or_else(String::new, |value| format!("{value:.4}"));
@@ -215,23 +215,23 @@ fn closed(page: &mut Page, story: &Story<'_>) {
         let parameters = one["parameters"].as_array().map_or(&[][..], Vec::as_slice);
         let parameters: Vec<String> = parameters.iter().map(parameter).collect();
         let text = |key: &str| one[key].as_str().unwrap_or_default().to_owned();
-        vec![text("name"), text("axis"), parameters.join("; ")]
+        vec![text("name"), text("location"), parameters.join("; ")]
     };
     page.table_of_words(&Table {
-        head: texts(&["added", "where", "with (95 %)"]),
+        head: texts(&["added", "location", "parameters (95 %)"]),
         rows: list("effects").iter().map(effect).collect(),
     });
-    let gap = |one: &Value| {
+    let residual = |one: &Value| {
         let number = |key: &str| one[key].as_f64();
-        let share = number("held_out_before").zip(number("held_out_after"));
+        let share = number("validation_before").zip(number("validation_after"));
         let text = |value: Option<f64>| {
             value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2e}"))
         };
         vec![
             format!("{} ({})", one["signal"].as_str()?, one["unit"].as_str()?),
             text(number("noise_floor")),
-            text(number("held_out_before")),
-            text(number("held_out_after")),
+            text(number("validation_before")),
+            text(number("validation_after")),
             share.map_or_else(String::new, |(before, after)| {
                 format!("{:.0} %", 1e2 * (1.0 - after / before))
             }),
@@ -240,13 +240,13 @@ fn closed(page: &mut Page, story: &Story<'_>) {
     };
     page.table(&Table {
         head: texts(&[
-            "gap on data that was not fitted, RMS",
+            "residual on the validation sessions, RMS",
             "noise",
             "before",
             "after",
             "closed",
         ]),
-        rows: list("gap").iter().filter_map(gap).collect(),
+        rows: list("residuals").iter().filter_map(residual).collect(),
     });
     page.link("gap/index.html", "All of it");
 }

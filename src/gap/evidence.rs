@@ -135,6 +135,42 @@ impl Amplitude {
     }
 }
 
+/// Gain of the Gaussian log score from one prediction to another, in natural logarithms, summed over all samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LogScoreGain {
+    /// The gain.
+    pub value: f64,
+    /// Its standard error, clustered by blocks of time.
+    pub standard_error: f64,
+}
+
+impl LogScoreGain {
+    /// Gain from the whitened residual `before` to `after` under the residual `variance`: half of the difference of
+    /// the squares over the variance. The standard error treats the sums over blocks as independent (Vuong,
+    /// Econometrica 57, 1989; Diebold and Mariano, Journal of Business and Economic Statistics 13, 1995). `None` for
+    /// fewer than two blocks.
+    #[must_use]
+    pub(super) fn of(
+        before: &[f64],
+        after: &[f64],
+        variance: f64,
+        blocks: &Blocks,
+    ) -> Option<Self> {
+        let mut sums = vec![0.0; blocks.count];
+        for (row, block) in blocks.of_row.iter().enumerate() {
+            sums[*block] +=
+                (before[row] * before[row] - after[row] * after[row]) / (2.0 * variance);
+        }
+        let count = sums.len() as f64;
+        let value: f64 = sums.iter().sum();
+        let mean = value / count;
+        let squares: f64 = sums.iter().map(|sum| (sum - mean).powi(2)).sum();
+        let standard_error = (count / (count - 1.0) * squares).sqrt();
+        let is_finite = value.is_finite() && standard_error.is_finite();
+        (2 <= blocks.count && is_finite).then_some(Self { value, standard_error })
+    }
+}
+
 /// Joint test that `columns` explain nothing of `residual`: F and its tail probability, of the better of
 /// two tests at twice its probability. The first ([`by_explained`]) is the stronger where the columns are
 /// right, the second ([`by_agreement`]) where they are only right in sign: an effect that bends, seen from
@@ -284,6 +320,19 @@ mod tests {
         assert!(found.is_above(0.5, 1e-3));
         let (f, p) = joint(&[change], &before, &blocks());
         assert!(100.0 < f && p < 1e-4, "{f} {p}");
+    }
+
+    #[test]
+    fn a_log_score_gain_is_half_of_the_squares_and_has_the_error_of_its_blocks() {
+        let after = noise(5, 0.0);
+        let before: Vec<f64> = noise(6, 0.0).iter().zip(&after).map(|(b, a)| a + 0.3 * b).collect();
+        let found = LogScoreGain::of(&before, &after, 2.0, &blocks()).unwrap();
+        let squares = |rows: &[f64]| dot(rows, rows);
+        assert!((found.value - (squares(&before) - squares(&after)) / 4.0).abs() < 1e-9);
+        // One sample gains (2 a b c + c^2 b^2) / 4 with c = 0.3: variance (4 c^2 + 2 c^4) / 16.
+        let error = (ROWS as f64 * (4.0 * 0.09 + 2.0 * 0.0081) / 16.0).sqrt();
+        assert!((found.standard_error / error - 1.0).abs() < 0.2, "{found:?} {error}");
+        assert!(LogScoreGain::of(&[], &[], 1.0, &Blocks::default()).is_none());
     }
 
     #[test]

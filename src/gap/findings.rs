@@ -1,148 +1,178 @@
-//! `gap.json`: the contract's document of what was found.
+//! `gap.json`, version 2: the document that `klasktron gap` writes.
+//!
+//! `datasets_schema/gap.schema.json` is its JSON Schema. Numbers are finite; a value that does not exist is null.
 
-use super::numbers::Number;
+use super::{journal::JournalEntry, numbers::ParameterEstimate};
 use crate::effects::{Axis, Domain};
 use serde::{Deserialize, Serialize};
 
 /// Version of the document.
-pub(super) const SCHEMA_VERSION: u32 = 1;
+pub(super) const SCHEMA_VERSION: u32 = 2;
 
-/// The answer in one word.
+/// Answer in one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// At least one effect passed every check.
     Named,
-    /// Nothing is missing above the noise floor.
+    /// No effect is missing: every residual is at its floor.
     None,
-    /// Only values of known parameters are off.
+    /// No effect is missing, and known parameters changed.
     RefitOnly,
-    /// Several names fit equally well.
+    /// Several effects fit equally well.
     Ambiguous,
-    /// Something is missing and is not in the catalogue.
+    /// The residual is above its floor, and no effect of the catalogue explains it.
     Unexplained,
-    /// This excitation cannot show it.
+    /// These recordings cannot show it.
     NotTestable,
-    /// Another machine, or a changed one.
+    /// The recordings are of another machine, or of a rebuilt one.
     DifferentMachine,
     /// Command and motion are unrelated.
     InputNotConnected,
 }
 
-/// Where a gap sits.
+impl Verdict {
+    /// Return whether this is a verdict about the machine: status 0, and a twin is written.
+    #[must_use]
+    pub fn is_about_the_machine(self) -> bool {
+        !matches!(self, Self::NotTestable | Self::DifferentMachine | Self::InputNotConnected)
+    }
+}
+
+/// Signal and state of the machine that hold a part of the squared residual.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Where {
-    /// Part of the chain.
-    pub domain: Domain,
+pub struct Localization {
+    /// Stage of the measured chain.
+    pub stage: Domain,
     /// Axis, such as `a`, `x` or `all`.
-    pub axis: String,
+    pub location: String,
     /// Signal in which it shows most.
     pub signal: String,
-    /// When, as text.
+    /// State of motion, such as "at reversals".
     pub condition: String,
-    /// Share of the whole gap, 0 to 1.
-    pub share_of_gap: f64,
+    /// Fraction of the squared residual above the floor, over all signals, 0 to 1.
+    pub fraction: f64,
 }
 
-/// One number of a named effect.
+/// One parameter of an identified effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct NamedParameter {
-    /// Its name with the unit in it.
+pub struct IdentifiedParameter {
+    /// Name, with the unit in it.
     pub name: String,
-    /// Its value.
+    /// Value in the final twin.
     pub value: f64,
-    /// Its unit.
+    /// Unit.
     pub unit: String,
-    /// 95 % interval.
+    /// 95 % interval; null where the data do not determine the parameter.
     pub ci95: Option<[f64; 2]>,
-    /// Outside the catalogue's range, which is an estimate.
-    pub implausible: bool,
+    /// Whether the value is outside the catalogue's plausible range, which is an estimate.
+    pub outside_plausible_range: bool,
 }
 
-/// An effect that was named and added.
+/// Evidence for an identified effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct NamedEffect {
-    /// Canonical name.
+pub struct Evidence {
+    /// Gain of the Gaussian log score (natural logarithm) on the validation sessions, summed over their samples, under
+    /// the whitened residual variance of the training sessions.
+    pub log_score_gain: Option<f64>,
+    /// Standard error of `log_score_gain`, clustered by blocks of time.
+    pub standard_error: Option<f64>,
+    /// Tail probability of the screening test, Bonferroni-corrected for `comparisons`.
+    pub p_value: f64,
+    /// Data to which `p_value` refers.
+    pub data: String,
+    /// Number of comparisons for which `p_value` is corrected.
+    pub comparisons: usize,
+}
+
+/// An effect that was identified and added to the twin.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct IdentifiedEffect {
+    /// Dotted name from the catalogue.
     pub name: String,
     /// Where it acts.
-    pub axis: Axis,
-    /// Its numbers.
-    pub parameters: Vec<NamedParameter>,
-    /// Probability by chance, corrected for all tries.
-    pub p_value: f64,
-    /// RMS of the signal that it changes most, on held-out data, before it was added.
-    pub gap_before: Option<f64>,
-    /// The same after.
-    pub gap_after: Option<f64>,
-    /// The signal of both, with its unit.
-    pub gap_signal: Option<String>,
-    /// Share of the held-out squared error (whitened) that it removes, 0 to 1.
-    pub held_out_gain: f64,
-    /// All fitted numbers of its link when it had been added, by plain least squares (each signal in units of
-    /// its RMS): later effects move them.
-    pub numbers_when_added: Vec<Number>,
-    /// One sentence.
-    pub why: String,
+    pub location: Axis,
+    /// Its parameters.
+    pub parameters: Vec<IdentifiedParameter>,
+    /// Evidence for it.
+    pub evidence: Evidence,
+    /// RMS of the residual of `signal` on the validation sessions before the effect was added.
+    pub rmse_before: Option<f64>,
+    /// The same afterwards.
+    pub rmse_after: Option<f64>,
+    /// Signal that the effect changes most.
+    pub signal: Option<String>,
+    /// Unit of `rmse_before` and `rmse_after`.
+    pub unit: Option<String>,
+    /// Fraction of the squared whitened residual on the validation sessions that it removes, at most 1; below zero
+    /// where it adds to it, null without validation sessions.
+    pub validation_gain: Option<f64>,
+    /// Explanation in a few sentences.
+    pub explanation: String,
+    /// All fitted parameters of the stage after this step, by ordinary least squares with each signal in units of its
+    /// RMS. Later steps change them.
+    pub estimates_after_step: Vec<ParameterEstimate>,
 }
 
-/// Names that the data cannot tell apart.
+/// Effects that the data cannot distinguish.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Class {
-    /// The names, the best first.
+pub struct Indistinguishable {
+    /// Names of the effects, the best fit first.
     pub names: Vec<String>,
-    /// What would tell them apart.
+    /// Motion that would distinguish them.
     pub experiment: String,
 }
 
 /// A candidate that was not added.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RejectedEffect {
-    /// Canonical name.
+    /// Dotted name from the catalogue.
     pub name: String,
     /// Where it was tried.
-    pub axis: Axis,
-    /// Why not.
+    pub location: Axis,
+    /// Reason of the rejection.
     pub reason: String,
-    /// F of the block test.
-    pub statistic: f64,
-    /// Its tail probability, not corrected.
-    pub p_value: f64,
-    /// Share of the held-out squared error that it would remove; null where it was not simulated.
-    pub held_out_gain: Option<f64>,
+    /// F statistic of the screening test on the training sessions; null where the effect was not tested.
+    pub statistic: Option<f64>,
+    /// Its tail probability, not corrected; null where the effect was not tested.
+    pub p_value: Option<f64>,
+    /// Fraction of the squared whitened residual on the validation sessions that it would remove; null where it was
+    /// not simulated.
+    pub validation_gain: Option<f64>,
 }
 
-/// The gap of one signal in one band.
+/// Residual RMS of one signal in one band.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SignalGap {
-    /// Part of the chain.
-    pub domain: Domain,
+pub struct SignalResidual {
+    /// Stage of the measured chain.
+    pub stage: Domain,
     /// Signal.
     pub signal: String,
-    /// Unit of all numbers.
+    /// Unit of all values.
     pub unit: String,
-    /// Band, as text.
+    /// Frequency band.
     pub band: String,
-    /// Noise floor; null where none could be measured.
+    /// Noise floor; null where it could not be measured.
     pub noise_floor: Option<f64>,
-    /// How the floor was measured.
+    /// Method of the noise floor.
     pub noise_floor_source: String,
-    /// RMS on fitted sessions with the given twin.
+    /// RMS on the training sessions with the given twin.
     pub train_before: Option<f64>,
-    /// RMS on fitted sessions with the final twin.
+    /// RMS on the training sessions with the final twin.
     pub train_after: Option<f64>,
-    /// RMS on held-out sessions with the given twin.
-    pub held_out_before: Option<f64>,
-    /// RMS on held-out sessions with the final twin.
-    pub held_out_after: Option<f64>,
+    /// RMS on the validation sessions with the given twin.
+    pub validation_before: Option<f64>,
+    /// RMS on the validation sessions with the final twin.
+    pub validation_after: Option<f64>,
 }
 
-/// A known parameter that moved.
+/// A parameter of the given twin that changed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Refit {
+pub struct ParameterChange {
     /// Dotted name of the effect, then the parameter.
     pub name: String,
-    /// Where it acts.
-    pub axis: Axis,
+    /// Where the effect acts.
+    pub location: Axis,
     /// Value in the given twin.
     pub before: f64,
     /// Value in the final twin.
@@ -153,30 +183,66 @@ pub struct Refit {
     pub unit: String,
 }
 
+/// Sparse equation of the residual where no effect of the catalogue explains it. It is a description, not a cause.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Description {
+    /// The equation as text.
+    pub equation: String,
+    /// Its terms.
+    pub terms: Vec<DescriptionTerm>,
+}
+
+/// One term of a [`Description`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DescriptionTerm {
+    /// Feature, such as `|v| v`.
+    pub feature: String,
+    /// Its coefficient.
+    pub coefficient: f64,
+    /// 95 % interval of the coefficient.
+    pub ci95: [f64; 2],
+    /// Unit of the coefficient.
+    pub unit: String,
+}
+
+/// The recording that would answer an open question.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NextExperiment {
+    /// Command line that records it; null for a machine that klasktron does not drive.
+    pub command: Option<String>,
+    /// Motion in words.
+    pub motion: String,
+    /// Question that it decides.
+    pub decides: String,
+}
+
 /// `gap.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Document {
-    /// Always 1.
+    /// Always 2.
     pub schema_version: u32,
-    /// The answer.
+    /// Answer in one word.
     pub verdict: Verdict,
-    /// The answer in a sentence, with what to do.
-    pub says: String,
-    /// Where the gap sits.
-    #[serde(rename = "where")]
-    pub places: Vec<Where>,
-    /// What was added, the first found first.
-    pub effects: Vec<NamedEffect>,
-    /// Names that cannot be told apart.
-    pub class: Vec<Class>,
-    /// Everything else that was tried.
+    /// Answer in one or two sentences.
+    pub summary: String,
+    /// Signals and states that hold the residual of the given twin, the largest fraction first.
+    pub localization: Vec<Localization>,
+    /// Effects that were added, in the order of the search.
+    pub effects: Vec<IdentifiedEffect>,
+    /// Sets of effects that the data cannot distinguish.
+    pub indistinguishable: Vec<Indistinguishable>,
+    /// Every other candidate.
     pub rejected: Vec<RejectedEffect>,
-    /// The gap by signal and band.
-    pub gap: Vec<SignalGap>,
-    /// Known parameters that moved.
-    pub refit: Vec<Refit>,
-    /// A `collect` command that would decide what is left.
-    pub next_experiment: Option<String>,
-    /// What is doubtful about the data or the fit.
-    pub doubts: Vec<String>,
+    /// Residual RMS of each signal, before and after.
+    pub residuals: Vec<SignalResidual>,
+    /// Parameters of the given twin that changed.
+    pub parameter_changes: Vec<ParameterChange>,
+    /// Sparse equation of an unexplained residual.
+    pub description: Option<Description>,
+    /// The recording that would answer what is open.
+    pub next_experiment: Option<NextExperiment>,
+    /// Warnings about data and fit, as sentences.
+    pub warnings: Vec<String>,
+    /// Decisions of the search, in order.
+    pub journal: Vec<JournalEntry>,
 }

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     effects::{Domain, Effect, Physics},
-    twin::{Mimicry, StageKind, Twin},
+    twin::{Discrepancy, ReferenceResidual, StageKind, Twin},
 };
 
 /// Share of the squared residual by which recordings may exceed what is known to be left and still hold
@@ -32,8 +32,8 @@ const WORTH_NAMING_AGAIN: f64 = 0.1;
 /// The same of a map of places, which simulates nothing: only noise limits what is seen of it.
 const WORTH_NAMING_EXACT: f64 = 0.005;
 
-/// How often what the twin's own imperfection explains of an effect the effect must explain to be real.
-const BEYOND_MIMICRY: f64 = 3.0;
+/// Multiple of the discrepancy's explained fraction that an effect must explain to be identified.
+const BEYOND_DISCREPANCY: f64 = 3.0;
 
 /// Share of the squared error that the effects named before it removed which an effect must remove: the model
 /// of what is new in a known machine is right to a third of its amplitude, and what it leaves looks like
@@ -82,8 +82,9 @@ pub(super) fn excess<const N: usize>(
     for (k, channel) in channels.iter().enumerate() {
         let own = squares.iter().filter_map(|problem| problem.get(k));
         let (sum, count) = own.fold((0.0, 0), |all, own| (all.0 + own.0, all.1 + own.1));
-        let left = twin.left.iter().find(|left| left.signal == channel.signal && left.searched)?;
-        let known = left.residual_rms.powi(2) * count as f64;
+        let is_known = |own: &&ReferenceResidual| own.signal == channel.signal && own.searched;
+        let reference = twin.reference_residuals.iter().find(is_known)?;
+        let known = reference.residual_rms.powi(2) * count as f64;
         let own = sum / known.max(f64::MIN_POSITIVE) - 1.0;
         excess = Excess { most: excess.most.max(own), least: excess.least.min(own) };
     }
@@ -99,9 +100,9 @@ pub(super) struct Worth<'t> {
     known: f64,
     /// Because of what stands beside it already.
     beside: f64,
-    /// What each effect explained where nothing was named, on this link.
-    mimicry: &'t [Mimicry],
-    link: StageKind,
+    /// Discrepancy of the given twin.
+    discrepancy: &'t [Discrepancy],
+    stage: StageKind,
     /// Whether one signal alone may show the effect, or the residual as it is where the whitened one does not: not
     /// beside a named one, and not where it is not known what the twin leaves; a model's own error may be
     /// concentrated in one signal, and is mostly slow.
@@ -114,7 +115,7 @@ impl<'t> Worth<'t> {
     /// says little of another course.
     pub(super) fn new(
         given: &'t Twin,
-        link: StageKind,
+        stage: StageKind,
         excess: Option<Excess>,
         removed: f64,
     ) -> Self {
@@ -128,8 +129,8 @@ impl<'t> Worth<'t> {
             general,
             known: if is_elsewhere { WORTH_NAMING_LATER.max(general) } else { WORTH_NAMING_LATER },
             beside,
-            mimicry: &given.mimicry,
-            link,
+            discrepancy: &given.discrepancy,
+            stage,
             in_any_view: removed == 0.0 && excess.is_some(),
         }
     }
@@ -145,27 +146,28 @@ impl<'t> Worth<'t> {
     /// Whether `effect` is a map of places behind what was measured.
     fn is_exact(&self, effect: &Effect) -> bool {
         let is_map = matches!(effect.physics, Physics::Camera(_) | Physics::Frame(_));
-        is_map && self.link == StageKind::Camera
+        is_map && self.stage == StageKind::Camera
     }
 
     /// What is known of `effect` where it was not named.
-    fn known(&self, effect: &Effect) -> Option<&'t Mimicry> {
-        mimicry(self.mimicry, self.link, effect)
+    fn known(&self, effect: &Effect) -> Option<&'t Discrepancy> {
+        discrepancy(self.discrepancy, self.stage, effect)
     }
 
     /// Whether an effect of one number at `value` is not clearly more than what the twin looked like where it was not
     /// named: what was there before is not what has changed.
     pub(super) fn was_there_before(&self, effect: &Effect, value: f64) -> bool {
         let ([null], Some(known)) = (effect.null, self.known(effect)) else { return false };
-        let more = |lean: &f64| {
-            0.0 < lean * (value - null) && (value - null).abs() < BEYOND_MIMICRY * lean.abs()
+        let is_within = |offset: &f64| {
+            0.0 < offset * (value - null)
+                && (value - null).abs() < BEYOND_DISCREPANCY * offset.abs()
         };
-        known.lean.first().is_some_and(more)
+        known.parameter_offsets.first().is_some_and(is_within)
     }
 
     /// For `effect` with its numbers.
     pub(super) fn of(&self, effect: &Effect, numbers: &[f64]) -> f64 {
-        let own = match self.known(effect).map(|own| BEYOND_MIMICRY * own.share) {
+        let own = match self.known(effect).map(|own| BEYOND_DISCREPANCY * own.explained_fraction) {
             Some(share) if self.is_exact(effect) => share.max(WORTH_NAMING_EXACT),
             Some(share) => share.max(self.known),
             None if self.is_exact(effect) => WORTH_NAMING_EXACT,
@@ -176,39 +178,47 @@ impl<'t> Worth<'t> {
     }
 }
 
-/// Notes what the effects that were not named explain of what is left at the end of a search.
-pub(super) fn note_mimicry(twin: &mut Twin, outcome: &Outcome<'_>) {
-    twin.mimicry.retain(|own| own.link != outcome.kind);
-    let mut own: Vec<Mimicry> = Vec::new();
+/// Note the discrepancy of the stage of `outcome`: the fraction of the final residual that each rejected effect explains.
+pub(super) fn note_discrepancy(twin: &mut Twin, outcome: &Outcome<'_>) {
+    twin.discrepancy.retain(|own| own.stage != outcome.kind);
+    let mut noted: Vec<Discrepancy> = Vec::new();
     for rejected in &outcome.rejected {
         let effect = rejected.candidate.effect.name;
-        // What was simulated may have been screened at the given twin, which left much more.
-        let share = rejected.held_out_gain.map_or(rejected.candidate.share, |gain| gain.max(0.0));
-        let lean = rejected.candidate.lean.clone();
-        match own.iter_mut().find(|other| other.effect == effect) {
+        // A simulated candidate may have been screened at the given twin, which left a larger residual.
+        let screened = rejected.candidate.share;
+        let fraction = rejected.validation_gain.map_or(screened, |gain| gain.max(0.0));
+        let offsets = rejected.candidate.lean.clone();
+        match noted.iter_mut().find(|other| other.effect == effect) {
             Some(other) => {
-                if other.share < share || other.lean.is_empty() {
-                    other.lean = lean;
+                if other.explained_fraction < fraction || other.parameter_offsets.is_empty() {
+                    other.parameter_offsets = offsets;
                 }
-                other.share = other.share.max(share);
+                other.explained_fraction = other.explained_fraction.max(fraction);
             }
-            None => {
-                own.push(Mimicry { link: outcome.kind, effect: effect.to_owned(), share, lean })
-            }
+            None => noted.push(Discrepancy {
+                stage: outcome.kind,
+                effect: effect.to_owned(),
+                explained_fraction: fraction,
+                parameter_offsets: offsets,
+            }),
         }
     }
-    twin.mimicry.extend(own);
+    twin.discrepancy.extend(noted);
 }
 
-/// What is known of `effect` on `link` where it was not named.
-fn mimicry<'t>(all: &'t [Mimicry], link: StageKind, effect: &Effect) -> Option<&'t Mimicry> {
-    all.iter().find(|own| own.link == link && own.effect == effect.name)
+/// Discrepancy of `stage` along `effect`.
+fn discrepancy<'t>(
+    all: &'t [Discrepancy],
+    stage: StageKind,
+    effect: &Effect,
+) -> Option<&'t Discrepancy> {
+    all.iter().find(|own| own.stage == stage && own.effect == effect.name)
 }
 
-/// What `effect` on `link` would be in recordings in which it is not, by number: below this its numbers are
-/// not known.
-pub(super) fn lean(given: &Twin, link: StageKind, effect: &Effect) -> Vec<f64> {
-    mimicry(&given.mimicry, link, effect).map_or_else(Vec::new, |own| own.lean.clone())
+/// Offset of each parameter of `effect` that the discrepancy of `stage` imitates: smaller offsets cannot be determined.
+pub(super) fn offsets(given: &Twin, stage: StageKind, effect: &Effect) -> Vec<f64> {
+    let known = discrepancy(&given.discrepancy, stage, effect);
+    known.map_or_else(Vec::new, |own| own.parameter_offsets.clone())
 }
 
 /// How far below what a simulation follows an effect with these numbers is, 1 at its edge: its size is a time shorter
@@ -271,11 +281,11 @@ mod tests {
         let effect = |name| crate::effects::find(name).unwrap();
         let (lag, delay) = (effect("drive.lag1"), effect("drive.delay"));
         let mut twin = Twin::nominal(Machine::Table);
-        twin.mimicry = vec![Mimicry {
-            link: StageKind::Drive,
+        twin.discrepancy = vec![Discrepancy {
+            stage: StageKind::Drive,
             effect: lag.name.to_owned(),
-            share: 0.03,
-            lean: vec![2e-5],
+            explained_fraction: 0.03,
+            parameter_offsets: vec![2e-5],
         }];
         let worth = |link, excess, removed| Worth::new(&twin, link, excess, removed);
         let known = worth(StageKind::Drive, even(0.0), 0.0);

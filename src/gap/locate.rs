@@ -1,37 +1,41 @@
-//! Where a gap sits: which signal, in which state of the machine.
+//! Localization of the residual: signal and state of motion.
 
 use super::{
-    findings::{NamedEffect, Where},
+    findings::{IdentifiedEffect, Localization},
     problem,
     rounds::Outcome,
 };
 use crate::{effects::find, twin::Channel};
 
-/// Places of the gap with the given twin over all links, the largest first: per signal its share and the state in
-/// which it is concentrated. A gap is what the squared residual is above what the twin is known to leave of the
-/// signal, or above what is left in the end, in units of that.
+/// Signals that hold the residual of the given twin over all stages, the largest fraction first, each with the state of
+/// motion in which it is concentrated. A signal counts with its squared residual above the reference residual of the
+/// twin, or above the final residual, in units of that.
 #[must_use]
-pub(super) fn places(outcomes: &[Outcome<'_>], effects: &[NamedEffect]) -> Vec<Where> {
-    let mut places: Vec<(f64, Where)> =
+pub(super) fn localization(
+    outcomes: &[Outcome<'_>],
+    effects: &[IdentifiedEffect],
+) -> Vec<Localization> {
+    let mut places: Vec<(f64, Localization)> =
         outcomes.iter().flat_map(|outcome| places_of(outcome, effects)).collect();
     let total: f64 = places.iter().map(|(excess, _)| excess).sum();
     places.sort_by(|a, b| b.0.total_cmp(&a.0));
     places
         .into_iter()
-        .map(|(excess, place)| Where { share_of_gap: excess / total, ..place })
+        .map(|(excess, place)| Localization { fraction: excess / total, ..place })
         .collect()
 }
 
-/// Places of one link, each with its excess; their shares are not known yet.
-fn places_of(outcome: &Outcome<'_>, effects: &[NamedEffect]) -> Vec<(f64, Where)> {
+/// Signals of one stage, each with its excess; the fractions are not known yet.
+fn places_of(outcome: &Outcome<'_>, effects: &[IdentifiedEffect]) -> Vec<(f64, Localization)> {
     let Some(part) = outcome.train.parts.first() else { return Vec::new() };
     let before = outcome.train.rms(&outcome.start);
     let after = outcome.train.rms(&outcome.last.point);
     let given = &outcome.start.twin;
     let channels = part.stage.channels();
     let excess = |k: usize| {
-        let known = given.left.iter().find(|left| left.signal == channels[k].signal);
-        let least = known.map_or(after[k], |left| left.residual_rms.min(after[k]));
+        let mut references = given.reference_residuals.iter();
+        let known = references.find(|own| own.signal == channels[k].signal);
+        let least = known.map_or(after[k], |own| own.residual_rms.min(after[k]));
         ((before[k] / least.max(f64::MIN_POSITIVE)).powi(2) - 1.0).max(0.0)
     };
     let residual = problem::predict(part.stage, given, &outcome.start.nuisance[0]);
@@ -40,19 +44,20 @@ fn places_of(outcome: &Outcome<'_>, effects: &[NamedEffect]) -> Vec<(f64, Where)
         .iter()
         .find(|effect| outcome.added.iter().any(|step| step.effect.name == effect.name));
     let domain = named.and_then(|named| find(&named.name)).map(|effect| effect.domain);
-    let place = |k: usize, channel: &Channel| Where {
-        domain: domain.unwrap_or(channel.domain),
-        axis: named.map_or_else(|| channel.axis.to_owned(), |effect| effect.axis.to_string()),
+    let place = |k: usize, channel: &Channel| Localization {
+        stage: domain.unwrap_or(channel.domain),
+        location: named
+            .map_or_else(|| channel.axis.to_owned(), |effect| effect.location.to_string()),
         signal: channel.signal.clone(),
         condition: condition(&channel.times, &channel.measured, &residual[k], &channel.runs),
-        share_of_gap: 0.0,
+        fraction: 0.0,
     };
     let of_all = channels.iter().enumerate().map(|(k, channel)| (excess(k), k, channel));
     let with_gap = of_all.filter(|(excess, ..)| 0.0 < *excess);
     with_gap.map(|(excess, k, channel)| (excess, place(k, channel))).collect()
 }
 
-/// The state of motion that holds most of the squared residual for its share of time.
+/// The state of motion with the largest mean squared residual.
 fn condition(
     times: &[f64],
     measured: &[f64],
@@ -107,7 +112,7 @@ fn condition(
             || "everywhere".to_owned(),
             |bin| {
                 format!(
-                    "{} ({:.0} % of the squared gap)",
+                    "{} ({:.0} % of the squared residual)",
                     bin.0,
                     100.0 * bin.1 / bins[0].1.max(f64::MIN_POSITIVE)
                 )

@@ -1,5 +1,5 @@
-//! The numbers of a twin as people print them, at any step of the search: an effect that comes later moves those
-//! that are there, and a physical constant that moves tells of what was missing.
+//! Parameter estimates of a stage at any step of the search. An effect that is added later changes the estimates
+//! before it: a physical constant that changes had compensated for the missing effect.
 
 use super::fit::Fit;
 use crate::{
@@ -8,34 +8,34 @@ use crate::{
 };
 use serde::{Deserialize, Serialize};
 
-/// One number of a twin.
+/// Estimate of one parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Number {
+pub struct ParameterEstimate {
     /// Dotted name of the effect, then that of the parameter.
     pub name: String,
     /// Where it acts.
-    pub axis: Axis,
-    /// Its value.
+    pub location: Axis,
+    /// Estimate.
     pub value: f64,
-    /// Its unit.
+    /// Unit.
     pub unit: String,
 }
 
-/// What a fit found, and friction forwards and backwards where it differs.
+/// Estimates of all parameters that `fit` has fitted; friction per direction where it is asymmetric.
 #[must_use]
-pub(super) fn numbers(fit: &Fit) -> Vec<Number> {
+pub(super) fn numbers(fit: &Fit) -> Vec<ParameterEstimate> {
     let twin = &fit.point.twin;
     let of_slot = |slot: &Slot| {
         let instance = &twin.instances[slot.instance];
         let parameter = &instance.effect.parameters[slot.parameter];
-        Number {
+        ParameterEstimate {
             name: format!("{}.{}", instance.effect.name, parameter.name),
-            axis: instance.axis,
+            location: instance.axis,
             value: twin.get(*slot),
             unit: parameter.unit.to_owned(),
         }
     };
-    let mut numbers: Vec<Number> = fit.slots.iter().map(of_slot).collect();
+    let mut numbers: Vec<ParameterEstimate> = fit.slots.iter().map(of_slot).collect();
     for (index, instance) in twin.instances.iter().enumerate() {
         let is_fitted = fit.slots.iter().any(|slot| slot.instance == index);
         if is_fitted && instance.effect.name == ASYMMETRIC {
@@ -45,11 +45,11 @@ pub(super) fn numbers(fit: &Fit) -> Vec<Number> {
     numbers
 }
 
-/// The effect that makes friction differ by direction.
+/// Effect that makes friction depend on the direction.
 const ASYMMETRIC: &str = "drive.friction.asymmetric";
 
-/// Dry and viscous friction in both directions where `asymmetry` acts.
-fn directed(twin: &Twin, asymmetry: &Instance) -> [Number; 4] {
+/// Coulomb and viscous friction per direction at the location of `asymmetry`.
+fn directed(twin: &Twin, asymmetry: &Instance) -> [ParameterEstimate; 4] {
     let axis = asymmetry.axis;
     let value = |name: &str| twin.instance(name, axis).map_or(0.0, |own| own.values[0].value);
     let [forwards, backwards] = by_direction(
@@ -58,16 +58,16 @@ fn directed(twin: &Twin, asymmetry: &Instance) -> [Number; 4] {
         value("drive.offset"),
         &asymmetry.numbers(),
     );
-    let number = |what: &str, value: f64, unit: &str| Number {
+    let estimate = |what: &str, value: f64, unit: &str| ParameterEstimate {
         name: format!("{ASYMMETRIC}.{what}"),
-        axis,
+        location: axis,
         value,
         unit: unit.to_owned(),
     };
     [
-        number("coulomb_forwards_n", forwards.coulomb_n, "N"),
-        number("coulomb_backwards_n", backwards.coulomb_n, "N"),
-        number("viscous_forwards_n_s_per_m", forwards.viscous_n_s_per_m, "N s/m"),
-        number("viscous_backwards_n_s_per_m", backwards.viscous_n_s_per_m, "N s/m"),
+        estimate("coulomb_forwards_n", forwards.coulomb_n, "N"),
+        estimate("coulomb_backwards_n", backwards.coulomb_n, "N"),
+        estimate("viscous_forwards_n_s_per_m", forwards.viscous_n_s_per_m, "N s/m"),
+        estimate("viscous_backwards_n_s_per_m", backwards.viscous_n_s_per_m, "N s/m"),
     ]
 }

@@ -13,9 +13,12 @@ use self::{
 };
 use super::{
     find::Found,
-    findings::{Document, NamedEffect, Refit, RejectedEffect, SignalGap, Verdict},
+    findings::{
+        Document, IdentifiedEffect, NextExperiment, ParameterChange, RejectedEffect,
+        SignalResidual, Verdict,
+    },
     floor::{Floor, FloorSource},
-    numbers::Number,
+    numbers::ParameterEstimate,
     rounds::{Added, Outcome},
 };
 use crate::{
@@ -58,30 +61,31 @@ pub fn page(
     gaps(&mut page, found);
     places(&mut page, found, sessions);
     evidence(&mut page, found);
-    refits(&mut page, &document.refit);
+    refits(&mut page, &document.parameter_changes);
     making(&mut page, provenance, sessions);
     page.finish()
 }
 
 fn verdict(page: &mut Page, document: &Document) {
-    page.lead(&document.says);
+    page.lead(&document.summary);
     page.paragraph(&format!("Verdict: {}.", verdict_words(document.verdict)));
     if let Some(text) = closed(document) {
         page.paragraph(&text);
     }
-    for class in &document.class {
+    for class in &document.indistinguishable {
         page.paragraph(&format!(
             "These names explain the data equally well: {}. What would decide: {}.",
             class.names.join(", "),
             class.experiment
         ));
     }
-    if let Some(command) = &document.next_experiment {
-        page.paragraph("The next experiment, which would show most of what is still open:");
-        page.code(command);
+    if let Some(next) = &document.next_experiment {
+        let NextExperiment { command, motion, decides } = next;
+        page.paragraph(&format!("Next experiment: {motion}. It decides {decides}."));
+        command.iter().for_each(|command| page.code(command));
     }
-    for doubt in document.doubts.iter().filter(|doubt| **doubt != document.says) {
-        page.warning(&sentence(doubt));
+    for warning in document.warnings.iter().filter(|warning| **warning != document.summary) {
+        page.warning(&sentence(warning));
     }
 }
 
@@ -104,9 +108,9 @@ fn verdict_words(verdict: Verdict) -> &'static str {
 
 /// By how much the gap of the signal with the largest share fell.
 fn closed(document: &Document) -> Option<String> {
-    let signal = &document.places.first()?.signal;
-    let gap = document.gap.iter().find(|gap| gap.signal == *signal)?;
-    let (before, after, data) = match (gap.held_out_before, gap.held_out_after) {
+    let signal = &document.localization.first()?.signal;
+    let gap = document.residuals.iter().find(|gap| gap.signal == *signal)?;
+    let (before, after, data) = match (gap.validation_before, gap.validation_after) {
         (Some(before), Some(after)) => (before, after, "data that was not fitted"),
         _ => (gap.train_before?, gap.train_after?, "the fitted data"),
     };
@@ -127,27 +131,34 @@ fn effects(page: &mut Page, document: &Document) {
     }
     page.section("What is missing");
     for (index, effect) in document.effects.iter().enumerate() {
-        page.subsection(&format!("{}. {} on {}", index + 1, effect.name, effect.axis));
-        page.paragraph(&effect.why);
+        page.subsection(&format!("{}. {} on {}", index + 1, effect.name, effect.location));
+        page.paragraph(&effect.explanation);
         let is_noise = effects::find(&effect.name).is_some_and(Effect::is_noise);
-        let share = percent(effect.held_out_gain);
-        let gain = match is_noise {
-            true => format!("It accounts for {share} of that on held-out data"),
-            false => format!("It removes {share} of the squared error on held-out data (whitened)"),
-        };
+        if let Some(gain) = effect.validation_gain {
+            let share = percent(gain);
+            page.paragraph(&match is_noise {
+                true => format!("It accounts for {share} of that on the validation sessions."),
+                false => format!(
+                    "It removes {share} of the squared whitened residual on the validation sessions."
+                ),
+            });
+        }
+        let evidence = &effect.evidence;
         page.paragraph(&format!(
-            "{gain}; by chance such a gain has the probability {}, corrected for everything that was tried.",
-            probability(effect.p_value)
+            "p = {} on the {}, Bonferroni-corrected for {} comparisons.",
+            probability(evidence.p_value),
+            evidence.data,
+            evidence.comparisons
         ));
         page.table_of_words(&parameters(effect));
     }
 }
 
-fn parameters(effect: &NamedEffect) -> Table {
+fn parameters(effect: &IdentifiedEffect) -> Table {
     let rows = effect.parameters.iter().map(|parameter| {
         let [value, interval] = with_interval(parameter.value, parameter.ci95);
-        let remark = match (parameter.implausible, parameter.ci95) {
-            (true, _) => "implausible: outside the catalogue's range, which is an estimate",
+        let remark = match (parameter.outside_plausible_range, parameter.ci95) {
+            (true, _) => "outside the catalogue's plausible range, which is an estimate",
             (false, None) => "not determined by these data",
             _ => "",
         };
@@ -163,7 +174,7 @@ fn unit(unit: &str) -> String {
 }
 
 fn gaps(page: &mut Page, found: &Found<'_>) {
-    if found.document.gap.is_empty() {
+    if found.document.residuals.is_empty() {
         return;
     }
     page.section("The gap, signal by signal");
@@ -172,8 +183,9 @@ fn gaps(page: &mut Page, found: &Found<'_>) {
          the final one (after), on sessions that judge (held out) and on those that were fitted \
          (train). The floor is the scatter of the measurement itself, from measurements alone.",
     );
-    page.table_of_words(&gap_table(&found.document.gap));
-    let low: Vec<&str> = found.document.gap.iter().filter(ends_below).map(signal_of).collect();
+    page.table_of_words(&gap_table(&found.document.residuals));
+    let low: Vec<&str> =
+        found.document.residuals.iter().filter(ends_below).map(signal_of).collect();
     if !low.is_empty() {
         page.paragraph(&format!(
             "Of {} the gap ends below the floor: there the floor is too high, since it takes quick \
@@ -195,17 +207,17 @@ fn gaps(page: &mut Page, found: &Found<'_>) {
     }
 }
 
-fn signal_of(gap: &SignalGap) -> &str {
+fn signal_of(gap: &SignalResidual) -> &str {
     &gap.signal
 }
 
 /// Whether what is left of a gap is clearly smaller than its floor.
-fn ends_below(gap: &&SignalGap) -> bool {
-    let after = gap.held_out_after.or(gap.train_after);
+fn ends_below(gap: &&SignalResidual) -> bool {
+    let after = gap.validation_after.or(gap.train_after);
     after.zip(gap.noise_floor).is_some_and(|(after, floor)| after < BELOW_FLOOR * floor)
 }
 
-fn gap_table(gaps: &[SignalGap]) -> Table {
+fn gap_table(gaps: &[SignalResidual]) -> Table {
     let rows = gaps.iter().map(|gap| {
         let (factor, unit) = shown_unit(&gap.unit);
         let cell = |value: Option<f64>| {
@@ -215,8 +227,8 @@ fn gap_table(gaps: &[SignalGap]) -> Table {
             gap.signal.clone(),
             unit,
             cell(gap.noise_floor),
-            cell(gap.held_out_before),
-            cell(gap.held_out_after),
+            cell(gap.validation_before),
+            cell(gap.validation_after),
             cell(gap.train_before),
             cell(gap.train_after),
             format!("{}, band: {}", gap.noise_floor_source, gap.band),
@@ -251,7 +263,7 @@ fn places(page: &mut Page, found: &Found<'_>, sessions: &[Session]) {
         return;
     }
     page.section("Where it sits");
-    if !found.document.places.is_empty() {
+    if !found.document.localization.is_empty() {
         page.table_of_words(&place_table(&found.document));
     }
     for (outcome, floors) in found.outcomes.iter().zip(&found.floors) {
@@ -266,12 +278,12 @@ fn places(page: &mut Page, found: &Found<'_>, sessions: &[Session]) {
 }
 
 fn place_table(document: &Document) -> Table {
-    let rows = document.places.iter().map(|place| {
+    let rows = document.localization.iter().map(|place| {
         vec![
             place.signal.clone(),
-            place.domain.to_string(),
-            place.axis.clone(),
-            percent(place.share_of_gap),
+            place.stage.to_string(),
+            place.location.clone(),
+            percent(place.fraction),
             place.condition.clone(),
         ]
     });
@@ -326,7 +338,7 @@ fn main_signal(
 ) -> Option<(String, Option<f64>)> {
     let channels = outcome.train.parts.first()?.stage.channels();
     let at = |signal: &str| channels.iter().position(|channel| channel.signal == signal);
-    let placed = document.places.iter().find_map(|place| at(&place.signal));
+    let placed = document.localization.iter().find_map(|place| at(&place.signal));
     let known = |floor: &&Floor| floor.source != FloorSource::Unknown && 0.0 < floor.rms;
     let before = outcome.train.rms(&outcome.start);
     let above = |index: usize| {
@@ -459,18 +471,19 @@ fn moved_numbers(page: &mut Page, outcome: &Outcome<'_>) {
     stages.extend(steps.iter().map(|step| (short(step.effect.name), step.numbers.clone())));
     // An effect that was parted is one column.
     stages.dedup_by(|later, earlier| later.1 == earlier.1);
-    let mut rows: Vec<&Number> = Vec::new();
+    let mut rows: Vec<&ParameterEstimate> = Vec::new();
     for number in stages.iter().flat_map(|(_, numbers)| numbers) {
-        if !rows.iter().any(|row| row.name == number.name && row.axis == number.axis) {
+        if !rows.iter().any(|row| row.name == number.name && row.location == number.location) {
             rows.push(number);
         }
     }
     let rows = rows.into_iter().map(|row| {
-        let at = |numbers: &[Number]| {
-            let own = numbers.iter().find(|own| own.name == row.name && own.axis == row.axis);
+        let at = |numbers: &[ParameterEstimate]| {
+            let own =
+                numbers.iter().find(|own| own.name == row.name && own.location == row.location);
             own.map_or_else(|| "–".to_owned(), |own| number(own.value))
         };
-        let mut cells = vec![row.name.clone(), row.axis.to_string(), unit(&row.unit)];
+        let mut cells = vec![row.name.clone(), row.location.to_string(), unit(&row.unit)];
         cells.extend(stages.iter().map(|(_, numbers)| at(numbers)));
         cells
     });
@@ -507,7 +520,7 @@ fn rejected(page: &mut Page, rejected: &[RejectedEffect]) {
         return;
     }
     let (simulated, screened): (Vec<RejectedEffect>, Vec<RejectedEffect>) =
-        rejected.iter().cloned().partition(|candidate| candidate.held_out_gain.is_some());
+        rejected.iter().cloned().partition(|candidate| candidate.validation_gain.is_some());
     if !simulated.is_empty() {
         page.table_of_words(&table(&simulated));
     }
@@ -520,15 +533,15 @@ fn rejected(page: &mut Page, rejected: &[RejectedEffect]) {
 fn rejected_row(candidate: &RejectedEffect) -> Vec<String> {
     vec![
         candidate.name.clone(),
-        candidate.axis.to_string(),
-        number(candidate.statistic),
-        probability(candidate.p_value),
-        candidate.held_out_gain.map_or_else(|| "–".to_owned(), percent),
+        candidate.location.to_string(),
+        candidate.statistic.map_or_else(|| "–".to_owned(), number),
+        candidate.p_value.map_or_else(|| "–".to_owned(), probability),
+        candidate.validation_gain.map_or_else(|| "–".to_owned(), percent),
         candidate.reason.clone(),
     ]
 }
 
-fn refits(page: &mut Page, refits: &[Refit]) {
+fn refits(page: &mut Page, refits: &[ParameterChange]) {
     if refits.is_empty() {
         return;
     }
@@ -538,7 +551,7 @@ fn refits(page: &mut Page, refits: &[Refit]) {
         let [after, interval] = with_interval(refit.after, refit.ci95);
         vec![
             refit.name.clone(),
-            refit.axis.to_string(),
+            refit.location.to_string(),
             number(refit.before),
             after,
             interval,

@@ -2,7 +2,7 @@
 
 use super::{
     direct,
-    evidence::{Amplitude, Blocks},
+    evidence::{Amplitude, Blocks, LogScoreGain},
     fit::{self, Fit},
     known::{BESIDE_NAMED, Worth},
     problem::{Point, Problem, dot},
@@ -241,7 +241,7 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
         } else {
             Reason::Outdone(short.first().map_or("", |first| first.effect.name).to_owned())
         };
-        rejected.push(Rejected { candidate, reason, held_out_gain: None });
+        rejected.push(Rejected { candidate, reason, validation_gain: None });
     }
     (rejected, short)
 }
@@ -462,8 +462,8 @@ impl<'a, 'b> Bench<'a, 'b> {
     }
 
     fn rejected(&self, trial: &Trial, reason: Reason) -> Rejected {
-        let held_out_gain = Some(self.held_out_gain(trial));
-        Rejected { candidate: trial.candidate.clone(), reason, held_out_gain }
+        let gain = (!self.held_out.parts.is_empty()).then(|| self.validation_gain(trial));
+        Rejected { candidate: trial.candidate.clone(), reason, validation_gain: gain }
     }
 
     fn added(&self, own: &Trial, class: Vec<&'static str>, trials: &[Trial]) -> Added {
@@ -478,7 +478,10 @@ impl<'a, 'b> Bench<'a, 'b> {
             axis: own.candidate.axis,
             p_value: self.p_value(own),
             statistic: own.candidate.statistic,
-            held_out_gain: self.held_out_gain(own),
+            data: training_blocks(self.train),
+            comparisons: self.tries,
+            log_score: self.log_score_gain(own),
+            validation_gain: self.validation_gain(own),
             class,
             held_out_steps: (
                 self.held_out.rms(&self.base_held),
@@ -495,8 +498,16 @@ impl<'a, 'b> Bench<'a, 'b> {
         (trial.candidate.p_value * self.tries as f64).min(1.0)
     }
 
-    /// Share of the held-out squared error that the trial removes.
-    fn held_out_gain(&self, trial: &Trial) -> f64 {
+    /// Gain of the log score on the validation sessions under the residual variance that the trial leaves on the
+    /// training sessions.
+    fn log_score_gain(&self, trial: &Trial) -> Option<LogScoreGain> {
+        let variance = fit::squared(&trial.train_rows) / trial.train_rows.len().max(1) as f64;
+        let (before, after) = (&self.base_held_rows, &trial.held_rows);
+        LogScoreGain::of(before, after, variance, &self.held_out.blocks())
+    }
+
+    /// Fraction of the squared residual on the validation sessions that the trial removes.
+    fn validation_gain(&self, trial: &Trial) -> f64 {
         let before = fit::squared(&self.base_held_rows);
         (before - fit::squared(&trial.held_rows)) / before.max(f64::MIN_POSITIVE)
     }
@@ -751,6 +762,12 @@ impl<'a, 'b> Bench<'a, 'b> {
         let shared = dot(&own, &other).max(0.0).powi(2);
         SHARED * fit::squared(&own) * fit::squared(&other) <= shared
     }
+}
+
+/// Data of a test on the training sessions of `train`, in words.
+fn training_blocks(train: &Problem<'_>) -> String {
+    let blocks = train.parts.iter().map(|part| part.layout.blocks).sum::<usize>();
+    format!("training sessions, {blocks} blocks of {} s", whiten::BLOCK_SECONDS)
 }
 
 /// The size of the added effect where it is below nothing though the effect has one sign only: commands do not

@@ -1,11 +1,13 @@
 //! The rounds of the search on one link: refit, screen, re-simulate the best, decide, add, repeat.
 
 use super::{
+    evidence::LogScoreGain,
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
     incident,
+    journal::{JournalEntry, MoveKind},
     known::{BESIDE_NAMED, Excess, Worth, excess, is_nothing_new, least_worth},
-    numbers::{Number, numbers},
+    numbers::{ParameterEstimate, numbers},
     problem::{Point, Problem},
     round::{Problems, Round, Stand, numbers_of_last},
     scatter,
@@ -19,6 +21,7 @@ use crate::{
     twin::{Instance, Slot, Stage, StageKind, Twin},
 };
 
+mod note;
 mod part;
 mod take_back;
 
@@ -80,15 +83,15 @@ pub enum Reason {
     Outdone(String),
     /// A parameter stopped on its bound, which for most effects is the wrong sign.
     OnBound(String),
-    /// The held-out session does not prefer it.
+    /// The validation sessions do not confirm it.
     HeldOut,
-    /// The sessions do not agree on its size.
+    /// The sessions disagree on its sign or magnitude.
     SessionsDisagree,
-    /// What it does is of another size at low speeds than at high ones.
+    /// Its magnitude differs between low and high speeds.
     SpeedsDisagree,
-    /// It explains less than the simulator's own fidelity.
+    /// It explains less than the model error of the simulation.
     TooSmall,
-    /// The motion does not show it beyond what known parameters imitate.
+    /// The motion does not show it beyond a change of known parameters.
     NotTestable,
 }
 
@@ -99,8 +102,8 @@ pub struct Rejected {
     pub candidate: Candidate,
     /// Why it was not added.
     pub reason: Reason,
-    /// Share of the held-out squared error (whitened) that it removes, where it was simulated.
-    pub held_out_gain: Option<f64>,
+    /// Fraction of the squared whitened residual on the validation sessions that it removes, where it was simulated.
+    pub validation_gain: Option<f64>,
 }
 
 /// One of the candidates that were simulated again in a round.
@@ -127,8 +130,14 @@ pub struct Added {
     pub p_value: f64,
     /// The block statistic behind it.
     pub statistic: f64,
-    /// Share of the held-out squared error (whitened) that it removes.
-    pub held_out_gain: f64,
+    /// Data of the test behind `p_value`.
+    pub data: String,
+    /// Number of comparisons for which `p_value` is corrected.
+    pub comparisons: usize,
+    /// Gain of the log score on the validation sessions; `None` without any, and for an effect that changes no residual.
+    pub log_score: Option<LogScoreGain>,
+    /// Fraction of the squared whitened residual on the validation sessions that it removes.
+    pub validation_gain: f64,
     /// Other effects that explain the data as well.
     pub class: Vec<&'static str>,
     /// Residual RMS per held-out signal before and after this step, in the order of the channels.
@@ -138,7 +147,7 @@ pub struct Added {
     /// The strongest candidates of the round, the clearest first.
     pub contest: Vec<Contestant>,
     /// All numbers with it, before anything else was added, by plain least squares.
-    pub numbers: Vec<Number>,
+    pub numbers: Vec<ParameterEstimate>,
 }
 
 /// What of the held-out sessions a twin did not state before a step, and does not state after it.
@@ -205,7 +214,7 @@ pub struct Outcome<'a> {
     /// All parameters fitted, nothing added.
     pub refitted: Point,
     /// All numbers then, by plain least squares; empty where nothing was added later.
-    pub refitted_numbers: Vec<Number>,
+    pub refitted_numbers: Vec<ParameterEstimate>,
     /// The final twin.
     pub last: Fit,
     /// Its nuisances on the judging sessions.
@@ -222,6 +231,8 @@ pub struct Outcome<'a> {
     pub rejected: Vec<Rejected>,
     /// What the rest still depends on, where no effect explains it.
     pub unexplained: Option<Unknown>,
+    /// Decisions of the search, in order.
+    pub journal: Vec<JournalEntry>,
 }
 
 impl Outcome<'_> {
@@ -255,11 +266,17 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         Task::Calibrate | Task::Follow => None,
         Task::CloseGap => search.close(&given, excess),
     };
-    let Search { train, held_out, mut best, mut filters, added, rejected, .. } = search;
+    let Search { train, held_out, mut best, mut filters, added, rejected, mut journal, .. } =
+        search;
     let twins = (start, &best.point.twin);
     let is_better = is_better(&held_out, twins, &filters, least_worth(excess));
     if task != Task::Calibrate && added.is_empty() && !is_better {
         (best, filters) = as_it_is(&train, &given, &slots);
+        journal.push(JournalEntry::new(
+            MoveKind::Keep,
+            Some(link.kind),
+            "The validation sessions do not confirm the refit: the given parameters stay",
+        ));
     }
     let refitted_numbers = match added.is_empty() {
         true => Vec::new(),
@@ -286,6 +303,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         added,
         rejected,
         unexplained,
+        journal,
     }
 }
 
@@ -374,6 +392,9 @@ struct Search<'a> {
     filters: Filters,
     added: Vec<Added>,
     rejected: Vec<Rejected>,
+    journal: Vec<JournalEntry>,
+    /// One-off disturbances that are in the journal.
+    masked: Vec<incident::Incident>,
 }
 
 /// Where a search begins.
@@ -401,19 +422,19 @@ impl<'a> Search<'a> {
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
         let mut slots = start.free(link.train[0]);
         slots.retain(|slot| !link.held.contains(&Held::of(start, *slot)));
-        let (best, filters) = if is_nothing_new(excess) {
-            fit::settle(&train, given.clone(), &slots, 10)
-        } else {
-            refit(link.kind, &mut train, &mut held_out, (&given, &slots))
+        let is_new = !is_nothing_new(excess);
+        let (best, filters) = match is_new {
+            true => refit(link.kind, &mut train, &mut held_out, (&given, &slots)),
+            false => fit::settle(&train, given.clone(), &slots, 10),
         };
         log::info!(
-            "{:?}: {} parameters refitted on {} stages, {} judge",
+            "{:?}: {} parameters refitted on {} training sessions, {} validation sessions",
             link.kind,
             slots.len(),
             link.train.len(),
             link.held_out.len()
         );
-        let search = Self {
+        let mut search = Self {
             kind: link.kind,
             may_be_disturbed: link.may_be_disturbed,
             train,
@@ -423,7 +444,11 @@ impl<'a> Search<'a> {
             filters,
             added: vec![],
             rejected: vec![],
+            journal: vec![],
+            masked: vec![],
         };
+        search.note_refit(&given, slots.len(), is_new);
+        search.note_masked();
         (search, Opening { given, scales, excess, slots })
     }
 }
@@ -453,6 +478,11 @@ impl Search<'_> {
             {
                 let slots = std::mem::take(&mut self.best.slots);
                 (self.best, self.filters) = as_it_is(&self.train, given, &slots);
+                self.note(
+                    MoveKind::Keep,
+                    "No candidate passed after the refit, and the refit predicts the validation sessions worse than the \
+                     given twin: the search starts again from the given parameters",
+                );
                 continue;
             }
             // What one motor seems to miss may be what it does not share with the other any more.
@@ -468,8 +498,10 @@ impl Search<'_> {
                 continue;
             }
             let Some(winner) = round.winner else { break };
+            self.note_added(&winner.1);
             excess = self.add(winner, given, &mut judged);
         }
+        self.note_end_of_rounds(most);
         let worth = Worth::new(&given.twin, self.kind, excess, 0.0);
         let is_less = self.take_back_what_is_not_missed(&worth, usize::from(!has_parted));
         if self.take_back_what_is_none() || is_less {
@@ -520,6 +552,7 @@ impl Search<'_> {
         if incident::leave_out_of(self.kind, train, (&mut self.held_out, &judged)) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
             (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
+            self.note_masked();
         }
     }
 
@@ -543,9 +576,10 @@ impl Search<'_> {
         Some(Unknown {
             name: format!("unknown.speed[as {} on {axis} but in proportion to it]", effect.name),
             signal: channels.first()?.signal.clone(),
-            share: other.held_out_gain?,
+            share: other.validation_gain?,
             statistic: *statistic,
             p_value: (p_value * self.rejected.len() as f64).min(1.0),
+            comparisons: self.rejected.len(),
         })
     }
 
@@ -563,14 +597,16 @@ impl Search<'_> {
         let found = scatter::find(problems, [&self.best.point, judged], given, excess);
         let scatters = found.iter().any(scatter::Named::scatters);
         for named in found {
-            self.added.extend(named.put_into(&mut self.best.point.twin));
+            let step = named.put_into(&mut self.best.point.twin);
+            step.iter().for_each(|step| self.note_added(step));
+            self.added.extend(step);
         }
         scatters
     }
 
     /// Share of the held-out squared error that the effects added so far removed, step after step.
     fn removed(&self) -> f64 {
-        1.0 - self.added.iter().map(|step| 1.0 - step.held_out_gain).product::<f64>()
+        1.0 - self.added.iter().map(|step| 1.0 - step.validation_gain).product::<f64>()
     }
 
     /// The given twin as it is, every signal scaled by its own residual.
@@ -691,7 +727,7 @@ mod tests {
             lean: vec![1e-4],
             shift: vec![shift],
         };
-        Rejected { candidate, reason, held_out_gain: None }
+        Rejected { candidate, reason, validation_gain: None }
     }
 
     #[test]

@@ -15,13 +15,13 @@ use crate::{
     effects::{self, Axis, Effect, Noise, Physics},
     stats::{f_tail, t_quantile},
     twin::{
-        Instance, Scatter, Source, StageKind, Twin, Value,
-        noise::{FRAMES_OF_A_BLOCK, FrameLosses, LostShare, Scattering, scattering},
+        Estimate, Instance, MeasurementNoise, Source, StageKind, Twin, Value,
+        noise::{FRAMES_OF_A_BLOCK, FrameLosses, LostFraction, Scattering, scattering},
     },
 };
 
 /// Tests of one recording: two effects on two links, and one on one.
-const TRIES: f64 = 5.0;
+const TRIES: usize = 5;
 
 /// Least change of the scatter's size that is worth a name.
 const LEAST_RATIO: f64 = 1.15;
@@ -67,9 +67,9 @@ pub(super) fn measure(problem: &Problem<'_>, point: &Point) -> Option<Scattering
 }
 
 /// How many frames all sessions of `problem` lost; `None` where no camera measures them.
-fn measure_losses(problem: &Problem<'_>) -> Option<LostShare> {
+fn measure_losses(problem: &Problem<'_>) -> Option<LostFraction> {
     let losses = problem.parts.iter().map(|part| part.stage.frame_losses());
-    FrameLosses::share(&losses.collect::<Option<Vec<_>>>()?)
+    FrameLosses::fraction(&losses.collect::<Option<Vec<_>>>()?)
 }
 
 /// Central differences; not finite at the ends.
@@ -84,27 +84,24 @@ fn slopes(times: &[f64], values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// What is stated of the scatter of `link`.
-fn stated(twin: &Twin, link: StageKind) -> Option<Scatter> {
-    twin.scatter.iter().find(|own| own.link == link).copied()
+/// Measurement noise of `stage` that `twin` states.
+fn stated(twin: &Twin, stage: StageKind) -> Option<MeasurementNoise> {
+    twin.measurement_noise.iter().find(|own| own.stage == stage).copied()
 }
 
-/// States the scatter of `problem` at `point`, and its lost frames, as they are.
+/// State the measurement noise of `problem` at `point`, and its lost frames.
 pub(super) fn state(twin: &mut Twin, problem: &Problem<'_>, point: &Point) {
     let Some(found) = measure(problem, point) else { return };
-    let link = problem.parts[0].stage.kind();
-    twin.scatter.retain(|own| own.link != link);
-    twin.scatter.push(Scatter {
-        link,
-        stamp_variance_s2: found.stamp_variance_s2,
-        still_variance_m2: found.still_variance_m2,
-        whole_variance_m2: found.whole_variance_m2,
-        lost_share: measure_losses(problem).map(|lost| lost.share),
+    let stage = problem.parts[0].stage.kind();
+    twin.measurement_noise.retain(|own| own.stage != stage);
+    twin.measurement_noise.push(MeasurementNoise {
+        stage,
+        timestamp_variance_s2: found.timestamp_variance_s2,
+        frame_to_frame_variance_m2: found.frame_to_frame_variance_m2,
+        total_variance_m2: found.total_variance_m2,
+        lost_frame_fraction: measure_losses(problem).map(|lost| lost.fraction),
     });
 }
-
-/// A value and its standard error.
-type Estimate = (f64, f64);
 
 /// One kind of change, on the fitted and on the judging sessions.
 struct Change {
@@ -120,7 +117,7 @@ struct Change {
 impl Change {
     /// Student's t and freedom of the fitted (0) or judging (1) sessions.
     fn t(&self, index: usize) -> (f64, f64) {
-        let (change, error) = self.changes[index];
+        let Estimate { value: change, standard_error: error } = self.changes[index];
         let freedom = self.blocks[index].saturating_sub(1).max(1) as f64;
         (if 0.0 < error { change / error } else { 0.0 }, freedom)
     }
@@ -128,7 +125,7 @@ impl Change {
     /// Two-sided probability of the fitted sessions' change by chance, corrected for all tries.
     fn p_value(&self) -> f64 {
         let (t, freedom) = self.t(0);
-        (TRIES * f_tail(t * t, 1.0, freedom)).min(1.0)
+        (TRIES as f64 * f_tail(t * t, 1.0, freedom)).min(1.0)
     }
 
     /// Whether both kinds of sessions show it, with one sign.
@@ -139,7 +136,7 @@ impl Change {
     }
 
     fn named(self, given: &Twin, rms: Vec<f64>) -> Named {
-        let (value, error) = self.value;
+        let Estimate { value, standard_error: error } = self.value;
         let half = t_quantile(0.975, self.t(0).1) * error;
         let (before, after) = self.unstated.ends();
         let number =
@@ -149,7 +146,13 @@ impl Change {
             axis: Axis::Whole,
             p_value: self.p_value(),
             statistic: self.t(0).0.powi(2),
-            held_out_gain: 1.0 - after / before.max(f64::MIN_POSITIVE),
+            data: format!(
+                "training sessions, {} blocks of {FRAMES_OF_A_BLOCK} frames",
+                self.blocks[0]
+            ),
+            comparisons: TRIES,
+            log_score: None,
+            validation_gain: 1.0 - after / before.max(f64::MIN_POSITIVE),
             class: Vec::new(),
             held_out_steps: (rms.clone(), rms),
             unstated: Some(self.unstated),
@@ -164,55 +167,61 @@ impl Change {
 }
 
 fn difference(a: Estimate, b: Estimate) -> Estimate {
-    (a.0 - b.0, a.1.hypot(b.1))
+    Estimate { value: a.value - b.value, standard_error: a.standard_error.hypot(b.standard_error) }
 }
 
 /// Logarithm of the ratio of two standard deviations, from their variances.
 fn log_ratio(a: Estimate, b: Estimate) -> Estimate {
-    (0.5 * (a.0 / b.0).ln(), 0.5 * (a.1 / a.0).hypot(b.1 / b.0))
+    let relative = |own: Estimate| own.standard_error / own.value;
+    Estimate {
+        value: 0.5 * (a.value / b.value).ln(),
+        standard_error: 0.5 * relative(a).hypot(relative(b)),
+    }
 }
 
 /// The change of the time stamps' scatter, where it is large enough; `None` for a jitter that fell in a twin
 /// without one.
-fn jitter(given: &Twin, known: &Scatter, found: [&Scattering; 2]) -> Option<Change> {
+fn jitter(given: &Twin, known: &MeasurementNoise, found: [&Scattering; 2]) -> Option<Change> {
     let effect = noise_effect(Noise::FrameTime);
-    let changes = found.map(|own| difference(own.stamp_variance_s2, known.stamp_variance_s2));
-    let (variance, error) = found[0].stamp_variance_s2;
+    let changes =
+        found.map(|own| difference(own.timestamp_variance_s2, known.timestamp_variance_s2));
+    let Estimate { value: variance, standard_error: error } = found[0].timestamp_variance_s2;
     let value = variance.max(0.0).sqrt();
-    let worth =
-        LEAST_JITTER_S.powi(2) < changes[0].0.abs() && (has(given, effect) || 0.0 < changes[0].0);
+    let worth = LEAST_JITTER_S.powi(2) < changes[0].value.abs()
+        && (has(given, effect) || 0.0 < changes[0].value);
     let speed = found[1].mean_square_speed;
     worth.then(|| Change {
         effect,
         changes,
         blocks: found.map(|own| own.blocks),
-        value: (value, error / (2.0 * value.max(LEAST_JITTER_S))),
+        value: Estimate { value, standard_error: error / (2.0 * value.max(LEAST_JITTER_S)) },
         unstated: Unstated::Variance(
-            changes[1].0.abs() * speed,
-            difference(found[1].stamp_variance_s2, found[0].stamp_variance_s2).0.abs() * speed,
+            changes[1].value.abs() * speed,
+            difference(found[1].timestamp_variance_s2, found[0].timestamp_variance_s2).value.abs()
+                * speed,
         ),
     })
 }
 
 /// The change of the scatter at rest, where its size changed and not only its colour.
-fn size(known: &Scatter, found: [&Scattering; 2]) -> Option<Change> {
-    let still = found.map(|own| log_ratio(own.still_variance_m2, known.still_variance_m2));
-    let whole = found.map(|own| log_ratio(own.whole_variance_m2, known.whole_variance_m2));
+fn size(known: &MeasurementNoise, found: [&Scattering; 2]) -> Option<Change> {
+    let still = found
+        .map(|own| log_ratio(own.frame_to_frame_variance_m2, known.frame_to_frame_variance_m2));
+    let whole = found.map(|own| log_ratio(own.total_variance_m2, known.total_variance_m2));
     let least = LEAST_RATIO.ln();
     let agree = (0..2).all(|k| {
-        least < still[k].0.abs()
-            && still[k].0 * whole[k].0 > 0.0
-            && 0.5 * still[k].0.abs() < whole[k].0.abs()
+        let (still, whole) = (still[k].value, whole[k].value);
+        least < still.abs() && still * whole > 0.0 && 0.5 * still.abs() < whole.abs()
     });
-    let ratio = still[0].0.exp();
-    let variance = |k: usize| found[k].still_variance_m2.0;
+    let ratio = still[0].value.exp();
+    let variance = |k: usize| found[k].frame_to_frame_variance_m2.value;
     agree.then(|| Change {
         effect: noise_effect(Noise::Level),
         changes: still,
         blocks: found.map(|own| own.blocks),
-        value: (ratio, ratio * still[0].1),
+        value: Estimate { value: ratio, standard_error: ratio * still[0].standard_error },
         unstated: Unstated::Variance(
-            (variance(1) - known.still_variance_m2.0).abs(),
+            (variance(1) - known.frame_to_frame_variance_m2.value).abs(),
             (variance(1) - variance(0)).abs(),
         ),
     })
@@ -220,21 +229,21 @@ fn size(known: &Scatter, found: [&Scattering; 2]) -> Option<Change> {
 
 /// The change of the share of frames lost, where it is large enough; `None` for a share that fell in a twin without
 /// lost frames.
-fn losses(given: &Twin, known: &Scatter, problems: [&Problem<'_>; 2]) -> Option<Change> {
+fn losses(given: &Twin, known: &MeasurementNoise, problems: [&Problem<'_>; 2]) -> Option<Change> {
     let effect = noise_effect(Noise::FrameLoss);
-    let known = known.lost_share?;
+    let known = known.lost_frame_fraction?;
     let found = [measure_losses(problems[0])?, measure_losses(problems[1])?];
-    let changes = found.map(|own| difference(own.share, known));
-    let change = changes[0].0;
+    let changes = found.map(|own| difference(own.fraction, known));
+    let change = changes[0].value;
     let worth = LEAST_LOST < change.abs() && (has(given, effect) || 0.0 < change);
     worth.then(|| Change {
         effect,
         changes,
         blocks: found.map(|own| own.blocks),
-        value: found[0].share,
+        value: found[0].fraction,
         unstated: Unstated::FramesLost(
-            changes[1].0.abs(),
-            (found[1].share.0 - found[0].share.0).abs(),
+            changes[1].value.abs(),
+            difference(found[1].fraction, found[0].fraction).value.abs(),
         ),
     })
 }
@@ -275,7 +284,8 @@ pub(super) fn find(
     let scatter = [jitter(given, &known, found), size(&known, found)];
     let mut changes: Vec<Change> = scatter.into_iter().flatten().filter(Change::is_in).collect();
     let accounted: f64 = changes.iter().map(|own| own.unstated.variance()).sum();
-    if excess.is_some_and(|own| accounted < ACCOUNTS_FOR * own.most * known.whole_variance_m2.0) {
+    if excess.is_some_and(|own| accounted < ACCOUNTS_FOR * own.most * known.total_variance_m2.value)
+    {
         changes.clear();
     }
     changes.extend(losses(given, &known, problems).filter(Change::is_in));
@@ -293,15 +303,18 @@ impl Named {
     pub(super) fn put_into(self, twin: &mut Twin) -> Option<Added> {
         let Self { step, mut instance } = self;
         let value = instance.values[0].value;
-        for known in &mut twin.scatter {
+        for known in &mut twin.measurement_noise {
             match instance.effect.physics {
-                Physics::Noise(Noise::FrameTime) => known.stamp_variance_s2.0 = value * value,
+                Physics::Noise(Noise::FrameTime) => {
+                    known.timestamp_variance_s2.value = value * value;
+                }
                 Physics::Noise(Noise::FrameLoss) => {
-                    known.lost_share = known.lost_share.map(|(_, error)| (value, error));
+                    known.lost_frame_fraction =
+                        known.lost_frame_fraction.map(|known| Estimate { value, ..known });
                 }
                 _ => {
-                    known.still_variance_m2.0 *= value * value;
-                    known.whole_variance_m2.0 *= value * value;
+                    known.frame_to_frame_variance_m2.value *= value * value;
+                    known.total_variance_m2.value *= value * value;
                 }
             }
         }

@@ -40,8 +40,10 @@ pub struct Unknown {
     pub share: f64,
     /// F statistic of the block test.
     pub statistic: f64,
-    /// Tail probability, corrected for all tries.
+    /// Tail probability, corrected for `comparisons`.
     pub p_value: f64,
+    /// Number of comparisons.
+    pub comparisons: usize,
 }
 
 /// One series per sample of one channel.
@@ -88,7 +90,7 @@ pub(super) fn strongest(
         if p_value < FAMILY_ERROR && WORTH_SAYING < share && CARRIES_OVER * share < carried {
             let name = format!("unknown.{}[{}]", own.name, band(&edges));
             let signal = train.parts[0].stage.channels()[own.channel].signal.clone();
-            consider(Unknown { name, signal, share, statistic, p_value });
+            consider(Unknown { name, signal, share, statistic, p_value, comparisons: tries });
         }
     }
     for (frequency, signal) in loud_lines(train, &linear, &lines) {
@@ -106,7 +108,7 @@ pub(super) fn strongest(
         if p_value < FAMILY_ERROR && CARRIES_OVER * share < carried {
             let name = format!("unknown.time[{frequency:.2} Hz]");
             let signal = train.parts[0].stage.channels()[signal].signal.clone();
-            consider(Unknown { name, signal, share, statistic, p_value });
+            consider(Unknown { name, signal, share, statistic, p_value, comparisons: tries });
         }
     }
     best
@@ -240,8 +242,8 @@ pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknow
     let twin = &point.twin;
     let channels = problem.parts.first()?.stage.channels();
     let ratio = |k: usize, (sum, count): (f64, usize)| {
-        let left = twin.left.iter().find(|left| left.signal == channels[k].signal)?;
-        Some((sum / (left.residual_rms.powi(2) * count as f64), k))
+        let known = twin.reference_residuals.iter().find(|own| own.signal == channels[k].signal)?;
+        Some((sum / (known.residual_rms.powi(2) * count as f64), k))
     };
     let ratios = problem.squares(point).into_iter().enumerate();
     let (most, signal) =
@@ -267,6 +269,7 @@ pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknow
         share: 1.0 - 1.0 / most,
         statistic: most,
         p_value,
+        comparisons: 1,
     })
 }
 

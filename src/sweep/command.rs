@@ -195,8 +195,8 @@ impl SweptCommand {
                 Better::Smaller,
             ),
             Self::Gap => (
-                "gap.*.held_out_after/noise_floor",
-                "remaining gap on held-out runs over the noise floor, mean over signals",
+                "residuals.*.validation_after/noise_floor",
+                "final residual on the validation sessions over the noise floor, mean over signals",
                 Better::Smaller,
             ),
             Self::Train => (

@@ -1,6 +1,8 @@
 //! `twin.json`: the effects that are switched on, each number with unit, bounds, source and interval.
 
-use super::{Instance, Left, Machine, Mimicry, Scatter, Source, Twin, Value};
+use super::{
+    Discrepancy, Instance, Machine, MeasurementNoise, ReferenceResidual, Source, Twin, Value,
+};
 use crate::{
     effects::{self, Axis},
     recording::{ExistingFile, RecordingError, write_bytes},
@@ -9,7 +11,10 @@ use serde::{Deserialize, Serialize};
 use std::{fs, io, path::Path};
 
 /// Version of the document.
-const SCHEMA_VERSION: u32 = 1;
+const SCHEMA_VERSION: u32 = 2;
+
+/// Longest belt per motor turn (m), as for recordings and robot files.
+const LONGEST_BELT: f64 = 1.0;
 
 /// Why a twin could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -30,13 +35,28 @@ pub enum TwinError {
         /// Where it departs from one.
         source: serde_json::Error,
     },
-    /// Another version.
-    #[error("{path} has schema_version {found}; this program reads {SCHEMA_VERSION}")]
+    /// Another version, or none.
+    #[error(
+        "{path} has schema_version {found}; this program reads {SCHEMA_VERSION}: write a new twin from the recordings \
+         with `klasktron calibrate`, or with `klasktron gap`"
+    )]
     Version {
         /// The file.
         path: String,
-        /// Its version.
-        found: u32,
+        /// Its version as it stands in the file.
+        found: String,
+    },
+    /// A constant of the machine is out of range.
+    #[error("{path}: {key} is {found}; allowed are numbers above 0{limit}")]
+    Constant {
+        /// The file.
+        path: String,
+        /// The key.
+        key: &'static str,
+        /// Its value.
+        found: f64,
+        /// Upper end of the range, and the unit.
+        limit: String,
     },
     /// An effect that is not in the catalogue.
     #[error("{path} switches on '{name}', which is not in the catalogue of effects")]
@@ -65,16 +85,16 @@ struct Document {
     schema_version: u32,
     machine: Machine,
     striker_mass_kg: f64,
-    belt_per_turn_m: f64,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    tuned_mass_kg: Option<f64>,
+    belt_metres_per_turn: f64,
+    #[serde(default)]
+    controller_reference_mass_kg: Option<f64>,
     effects: Vec<EffectEntry>,
     #[serde(default)]
-    left: Vec<Left>,
+    reference_residuals: Vec<ReferenceResidual>,
     #[serde(default)]
-    mimicry: Vec<Mimicry>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    scatter: Vec<Scatter>,
+    discrepancy: Vec<Discrepancy>,
+    #[serde(default)]
+    measurement_noise: Vec<MeasurementNoise>,
     #[serde(default)]
     fitted_to_sha256: Vec<String>,
 }
@@ -82,7 +102,7 @@ struct Document {
 #[derive(Serialize, Deserialize)]
 struct EffectEntry {
     name: String,
-    axis: Axis,
+    location: Axis,
     parameters: Vec<ParameterEntry>,
 }
 
@@ -106,7 +126,7 @@ impl Document {
             .iter()
             .map(|instance| EffectEntry {
                 name: instance.effect.name.to_owned(),
-                axis: instance.axis,
+                location: instance.axis,
                 parameters: instance
                     .effect
                     .parameters
@@ -127,20 +147,33 @@ impl Document {
             schema_version: SCHEMA_VERSION,
             machine: twin.machine,
             striker_mass_kg: twin.striker_mass,
-            belt_per_turn_m: twin.belt_per_turn,
-            tuned_mass_kg: twin.tuned_mass,
+            belt_metres_per_turn: twin.belt_metres_per_turn,
+            controller_reference_mass_kg: twin.controller_reference_mass,
             effects,
-            left: twin.left.clone(),
-            mimicry: twin.mimicry.clone(),
-            scatter: twin.scatter.clone(),
+            reference_residuals: twin.reference_residuals.clone(),
+            discrepancy: twin.discrepancy.clone(),
+            measurement_noise: twin.measurement_noise.clone(),
             fitted_to_sha256: twin.fitted_to.clone(),
         }
     }
 
+    /// Check the constants of the machine.
+    fn check(&self, path: &str) -> Result<(), TwinError> {
+        let in_kg = || " kg".to_owned();
+        let belt_limit = format!(" and up to {LONGEST_BELT} m");
+        let reference = self.controller_reference_mass_kg.unwrap_or(f64::INFINITY);
+        let constants = [
+            ("striker_mass_kg", self.striker_mass_kg, f64::INFINITY, in_kg()),
+            ("controller_reference_mass_kg", reference, f64::INFINITY, in_kg()),
+            ("belt_metres_per_turn", self.belt_metres_per_turn, LONGEST_BELT, belt_limit),
+        ];
+        let wrong = constants.into_iter().find(|(_, value, most, _)| *value <= 0.0 || most < value);
+        let Some((key, found, _, limit)) = wrong else { return Ok(()) };
+        Err(TwinError::Constant { path: path.to_owned(), key, found, limit })
+    }
+
     fn into_twin(self, path: &str) -> Result<Twin, TwinError> {
-        if self.schema_version != SCHEMA_VERSION {
-            return Err(TwinError::Version { path: path.to_owned(), found: self.schema_version });
-        }
+        self.check(path)?;
         let instances = self
             .effects
             .into_iter()
@@ -149,12 +182,12 @@ impl Document {
         Ok(Twin {
             machine: self.machine,
             striker_mass: self.striker_mass_kg,
-            belt_per_turn: self.belt_per_turn_m,
-            tuned_mass: self.tuned_mass_kg,
+            belt_metres_per_turn: self.belt_metres_per_turn,
+            controller_reference_mass: self.controller_reference_mass_kg,
             instances,
-            left: self.left,
-            mimicry: self.mimicry,
-            scatter: self.scatter,
+            reference_residuals: self.reference_residuals,
+            discrepancy: self.discrepancy,
+            measurement_noise: self.measurement_noise,
             fitted_to: self.fitted_to_sha256,
         })
     }
@@ -205,7 +238,7 @@ impl EffectEntry {
                 Ok(Value { value: given.value, ci95: given.ci95, source: given.source })
             })
             .collect::<Result<_, _>>()?;
-        Ok(Instance { effect, axis: self.axis, values })
+        Ok(Instance { effect, axis: self.location, values })
     }
 }
 
@@ -222,14 +255,28 @@ impl Twin {
 /// Reads `twin.json`.
 ///
 /// # Errors
-/// When it cannot be read, is no twin, names an unknown effect, or has a number out of its bounds.
+/// When it cannot be read, is no twin of this version, names an unknown effect, or has a number out of its bounds.
 pub fn read_twin(path: &Path) -> Result<Twin, TwinError> {
     let shown = path.display().to_string();
     let text =
         fs::read_to_string(path).map_err(|source| TwinError::Io { path: shown.clone(), source })?;
-    let document: Document = serde_json::from_str(&text)
-        .map_err(|source| TwinError::Syntax { path: shown.clone(), source })?;
-    document.into_twin(&shown)
+    from_text(&text, &shown)
+}
+
+/// The twin in the text of the file `path`.
+fn from_text(text: &str, path: &str) -> Result<Twin, TwinError> {
+    let syntax = |source| TwinError::Syntax { path: path.to_owned(), source };
+    // The version first: the keys of another version are no errors of syntax.
+    let value: serde_json::Value = serde_json::from_str(text).map_err(syntax)?;
+    let version = value.get("schema_version");
+    if value.is_object()
+        && version.and_then(serde_json::Value::as_u64) != Some(SCHEMA_VERSION.into())
+    {
+        let found = version.map_or_else(|| "missing".to_owned(), ToString::to_string);
+        return Err(TwinError::Version { path: path.to_owned(), found });
+    }
+    let document: Document = serde_json::from_str(text).map_err(syntax)?;
+    document.into_twin(path)
 }
 
 /// Writes `twin.json` beside and renames it.
@@ -244,6 +291,7 @@ pub fn write_twin(twin: &Twin, path: &Path) -> Result<(), RecordingError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::twin::{Estimate, StageKind};
 
     /// The built-in twin of a table as its file, without the number `parameter` of the effect `name`.
     fn without(name: &str, parameter: &str) -> Result<Twin, TwinError> {
@@ -264,5 +312,71 @@ mod tests {
             let error = without("drive.velocity_loop", needed).unwrap_err().to_string();
             assert!(error.contains(needed) && error.contains("is missing"), "{error}");
         }
+    }
+
+    /// The built-in twin of a table as its file, with `value` under `key`.
+    fn with(key: &str, value: serde_json::Value) -> Result<Twin, TwinError> {
+        let text = Twin::nominal(Machine::Table).to_json().unwrap();
+        let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
+        document[key] = value;
+        from_text(&document.to_string(), "twin.json")
+    }
+
+    #[test]
+    fn constants_at_or_below_zero_are_refused_with_their_range() {
+        assert!(with("striker_mass_kg", 0.02.into()).is_ok());
+        for (key, value, range) in [
+            ("striker_mass_kg", 0.0, "above 0 kg"),
+            ("controller_reference_mass_kg", -2.0, "above 0 kg"),
+            ("belt_metres_per_turn", 0.0, "above 0 and up to 1 m"),
+            ("belt_metres_per_turn", 1.5, "above 0 and up to 1 m"),
+        ] {
+            let error = with(key, value.into()).unwrap_err().to_string();
+            let said = format!("twin.json: {key} is {value}; allowed are numbers {range}");
+            assert_eq!(error, said);
+        }
+    }
+
+    #[test]
+    fn another_version_is_refused_with_the_way_out() {
+        for (version, shown) in [
+            (serde_json::json!(1), "1"),
+            (serde_json::json!(3), "3"),
+            (serde_json::json!("2"), "\"2\""),
+            (serde_json::Value::Null, "null"),
+        ] {
+            let error = with("schema_version", version).unwrap_err().to_string();
+            let said = format!("twin.json has schema_version {shown}; this program reads 2");
+            assert!(error.starts_with(&said) && error.contains("klasktron calibrate"), "{error}");
+        }
+        let error = from_text("{}", "twin.json").unwrap_err().to_string();
+        assert!(error.contains("schema_version missing"), "{error}");
+    }
+
+    #[test]
+    fn a_twin_survives_its_file() {
+        let mut twin = Twin::nominal(Machine::Table);
+        twin.belt_metres_per_turn = 0.05;
+        twin.controller_reference_mass = Some(2.5);
+        twin.reference_residuals.push(ReferenceResidual {
+            signal: "motor_a.velocity".to_owned(),
+            residual_rms: 2e-3,
+            searched: true,
+        });
+        twin.discrepancy.push(Discrepancy {
+            stage: StageKind::Drive,
+            effect: "drive.lag1".to_owned(),
+            explained_fraction: 0.03,
+            parameter_offsets: vec![2e-5],
+        });
+        let estimate = |value| Estimate { value, standard_error: 0.1 * value };
+        twin.measurement_noise.push(MeasurementNoise {
+            stage: StageKind::Camera,
+            timestamp_variance_s2: estimate(1e-6),
+            frame_to_frame_variance_m2: estimate(6e-8),
+            total_variance_m2: estimate(7e-8),
+            lost_frame_fraction: None,
+        });
+        assert_eq!(from_text(&twin.to_json().unwrap(), "twin.json").unwrap(), twin);
     }
 }

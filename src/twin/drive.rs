@@ -78,7 +78,7 @@ impl Stage for DriveStage {
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
         let plant = Plant::new(twin);
         let mut state = plant.start();
-        let radius = twin.belt_per_turn / TAU;
+        let radius = twin.belt_metres_per_turn / TAU;
         let mut reader = Reader { stage: self, radius, next: vec![0; self.channels.len()] };
         for values in predicted.iter_mut() {
             values.fill(f64::NAN);
@@ -344,7 +344,7 @@ mod tests {
         let omega = 120.0;
         let loaded = |omega: f64, damping: f64, tuned: Option<f64>| {
             let mut twin = table(omega, 0.0, 5.0);
-            twin.tuned_mass = tuned;
+            twin.controller_reference_mass = tuned;
             for instance in &mut twin.instances {
                 match instance.effect.name {
                     "gantry.inertia" => instance.values[0].value = 2.0 * MASS,
@@ -377,7 +377,7 @@ mod tests {
         let times = sampled();
         let [velocities, torques] = answers(&twin, &times);
         // Along x both motors pull: each moves half of the mass, in metres of belt that are those of the rail.
-        let force = 0.5 * MASS * slope * twin.belt_per_turn / TAU;
+        let force = 0.5 * MASS * slope * twin.belt_metres_per_turn / TAU;
         for (k, time) in times.iter().enumerate() {
             let t = (time - 0.01 - delay).max(0.0);
             let velocity = slope * t * (1.0 - (-omega * t).exp());
@@ -525,7 +525,7 @@ mod tests {
             travelled = both(|m| travelled[m] + error[m] * dt);
             let force = both(|m| gains * (2.0 * omega * error[m] + omega * omega * travelled[m]));
             if times.get(next).is_some_and(|time| *time <= f64::from(step) * dt) {
-                let told = both(|m| felt[m][next] / (twin.belt_per_turn / TAU));
+                let told = both(|m| felt[m][next] / (twin.belt_metres_per_turn / TAU));
                 off = both(|m| off[m] + (told[m] - force[m]) / times.len() as f64);
                 next += 1;
             }

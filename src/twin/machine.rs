@@ -49,7 +49,7 @@ impl Machine {
     }
 }
 
-/// What kind of machine `sessions` were recorded on: a single axis when nothing else is there.
+/// Kind of machine on which `sessions` were recorded: a single axis when nothing else is there.
 #[must_use]
 pub fn machine_of(sessions: &[Session]) -> Machine {
     let only_axes =

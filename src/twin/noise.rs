@@ -7,6 +7,7 @@
 
 use crate::seed::Stream;
 use crate::stats::{half_central_spread, median};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// Frames of the camera that make a block.
@@ -17,6 +18,15 @@ const FEWEST_BLOCKS: usize = 5;
 
 /// An interval of this many periods is a pause, and no loss of frames.
 const PAUSE_PERIODS: f64 = 30.0;
+
+/// An estimate and its standard error, in one unit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+}
 
 /// A measured property of the scatter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,7 +47,7 @@ pub struct NoiseFinding {
 fn jackknife<const N: usize>(
     blocks: &[[f64; N]],
     statistic: impl Fn(&[f64; N]) -> f64,
-) -> Option<(f64, f64)> {
+) -> Option<Estimate> {
     if blocks.len() < FEWEST_BLOCKS {
         return None;
     }
@@ -60,19 +70,19 @@ fn jackknife<const N: usize>(
     let n = without.len() as f64;
     let mean = without.iter().sum::<f64>() / n;
     let squares: f64 = without.iter().map(|value| (value - mean).powi(2)).sum();
-    let (value, error) = (statistic(&all), ((n - 1.0) / n * squares).sqrt());
-    (value.is_finite() && error.is_finite()).then_some((value, error))
+    let (value, standard_error) = (statistic(&all), ((n - 1.0) / n * squares).sqrt());
+    (value.is_finite() && standard_error.is_finite()).then_some(Estimate { value, standard_error })
 }
 
 /// How a coordinate of the camera scatters, each with its standard error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scattering {
     /// Variance of the time stamps (s^2); below zero by chance where they have none.
-    pub stamp_variance_s2: (f64, f64),
+    pub timestamp_variance_s2: Estimate,
     /// Variance at rest of what changes from frame to frame (m^2), scaled to that of white noise.
-    pub still_variance_m2: (f64, f64),
+    pub frame_to_frame_variance_m2: Estimate,
     /// Variance about the prediction at rest (m^2): the same for white noise, larger for what is smooth.
-    pub whole_variance_m2: (f64, f64),
+    pub total_variance_m2: Estimate,
     /// Mean square of the speed (m^2/s^2).
     pub mean_square_speed: f64,
     /// Blocks on which it stands.
@@ -114,9 +124,9 @@ pub fn scattering(residual: &[f64], speed: &[f64], block: usize) -> Option<Scatt
     let (count, squares) =
         blocks.iter().fold((0.0, 0.0), |all, own| (all.0 + own[0], all.1 + own[1]));
     Some(Scattering {
-        stamp_variance_s2: jackknife(&blocks, slope)?,
-        still_variance_m2: jackknife(&blocks, still)?,
-        whole_variance_m2: jackknife(&blocks, whole)?,
+        timestamp_variance_s2: jackknife(&blocks, slope)?,
+        frame_to_frame_variance_m2: jackknife(&blocks, still)?,
+        total_variance_m2: jackknife(&blocks, whole)?,
         mean_square_speed: squares / count,
         blocks: blocks.len(),
     })
@@ -127,16 +137,16 @@ pub fn scattering(residual: &[f64], speed: &[f64], block: usize) -> Option<Scatt
 pub struct FrameLosses {
     /// Frames lost, and frames that there should be.
     blocks: Vec<[f64; 2]>,
-    /// Share of frames that jitter alone makes look missing, and its standard error.
-    by_chance: (f64, f64),
+    /// Fraction of frames that jitter alone makes look missing.
+    by_chance: Estimate,
 }
 
-/// Share of frames lost.
+/// Fraction of the frames that were lost.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LostShare {
-    /// The share and its standard error; below zero by chance where none is lost.
-    pub share: (f64, f64),
-    /// Blocks on which it stands.
+pub struct LostFraction {
+    /// The fraction; below zero by chance where no frame is lost.
+    pub fraction: Estimate,
+    /// Number of blocks behind the estimate.
     pub blocks: usize,
 }
 
@@ -168,19 +178,21 @@ impl FrameLosses {
             frames.iter().fold([0.0; 2], |sum, own| [sum[0] + own[0], sum[1] + own[1]])
         };
         let blocks = lost.chunks(block.max(1)).map(sum).collect();
-        Some(Self { blocks, by_chance: (by_chance, doubt.hypot(drawn)) })
+        let by_chance = Estimate { value: by_chance, standard_error: doubt.hypot(drawn) };
+        Some(Self { blocks, by_chance })
     }
 
-    /// Share of frames lost of all of `parts`, beyond what their jitter alone would make look missing;
-    /// `None` of too few.
+    /// Fraction of frames lost in all of `parts`, beyond the fraction that their jitter alone makes look missing;
+    /// `None` for too few frames.
     #[must_use]
-    pub fn share(parts: &[&Self]) -> Option<LostShare> {
+    pub fn fraction(parts: &[&Self]) -> Option<LostFraction> {
         let blocks: Vec<[f64; 2]> = parts.iter().flat_map(|part| part.blocks.clone()).collect();
         let count = parts.len().max(1) as f64;
-        let by_chance = parts.iter().map(|part| part.by_chance.0).sum::<f64>() / count;
-        let doubt = parts.iter().map(|part| part.by_chance.1).sum::<f64>() / count;
-        let (share, error) = jackknife(&blocks, |[lost, all]| lost / all - by_chance)?;
-        Some(LostShare { share: (share, error.hypot(doubt)), blocks: blocks.len() })
+        let by_chance = parts.iter().map(|part| part.by_chance.value).sum::<f64>() / count;
+        let doubt = parts.iter().map(|part| part.by_chance.standard_error).sum::<f64>() / count;
+        let found = jackknife(&blocks, |[lost, all]| lost / all - by_chance)?;
+        let standard_error = found.standard_error.hypot(doubt);
+        Some(LostFraction { fraction: Estimate { standard_error, ..found }, blocks: blocks.len() })
     }
 }
 

@@ -1,6 +1,6 @@
 //! The built-in start: deliberately plain, so that everything beyond it is found and not assumed.
 
-use super::{Instance, Machine, Source, Twin};
+use super::{Instance, Machine, Session, Source, Twin, machine_of};
 use crate::{
     effects::{self, Axis},
     gantry::BELT_METRES_PER_TURN,
@@ -36,6 +36,18 @@ const AXIS_FORCE: &[(&str, Axis, &[f64])] = &[
 ];
 
 impl Twin {
+    /// The plain twin of the machine on which `sessions` were recorded, with its belt.
+    #[must_use]
+    pub fn nominal_of(sessions: &[Session]) -> Self {
+        let mut twin = Self::nominal(machine_of(sessions));
+        if let Some(session) =
+            sessions.iter().find(|own| own.drive.is_some() || own.camera.is_some())
+        {
+            twin.belt_metres_per_turn = session.belt_metres_per_turn;
+        }
+        twin
+    }
+
     /// The plain twin of `machine`, before anything was measured.
     #[must_use]
     pub fn nominal(machine: Machine) -> Self {
@@ -58,12 +70,12 @@ impl Twin {
         Self {
             machine,
             striker_mass: STRIKER_MASS_KG,
-            belt_per_turn: BELT_METRES_PER_TURN,
-            tuned_mass: None,
+            belt_metres_per_turn: BELT_METRES_PER_TURN,
+            controller_reference_mass: None,
             instances,
-            left: Vec::new(),
-            mimicry: Vec::new(),
-            scatter: Vec::new(),
+            reference_residuals: Vec::new(),
+            discrepancy: Vec::new(),
+            measurement_noise: Vec::new(),
             fitted_to: Vec::new(),
         }
     }

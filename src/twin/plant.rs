@@ -213,7 +213,8 @@ impl Plant {
             plant.ties = transmission::ties([a.spring, b.spring]);
         }
         let on_one_belt = if count == 1 { 1.0 } else { 0.5 };
-        plant.gain_mass = on_one_belt * twin.tuned_mass.unwrap_or_else(|| plant.mean_mass());
+        plant.gain_mass =
+            on_one_belt * twin.controller_reference_mass.unwrap_or_else(|| plant.mean_mass());
         plant
     }
 

@@ -7,9 +7,13 @@ mod readings;
 mod tests;
 
 use super::{
-    AxisError, AxisStage, BallStage, CameraStage, DriveStage, EstimatorStage, Machine, Stage,
+    AxisError, AxisStage, BallStage, CameraStage, DriveStage, EstimatorStage, Machine, Stage, Twin,
+    machine_of,
 };
-use crate::recording::{MarkedRun, Recording, RecordingError, Split, topic};
+use crate::{
+    gantry::BELT_METRES_PER_TURN,
+    recording::{MarkedRun, Recording, RecordingError, Split, topic},
+};
 use gantry::Gantry;
 use readings::Readings;
 use std::ops::Range;
@@ -35,6 +39,21 @@ pub enum SessionError {
         twin: Machine,
         /// Of the recordings.
         recorded: Machine,
+    },
+    /// Recordings, or recordings and twin, are of machines with different belts.
+    #[error(
+        "{path} was recorded with {found} m of belt per motor turn, {other} has {expected} m: these are different \
+         machines; correct belt_metres_per_turn in the recording's metadata, or give the twin of that machine"
+    )]
+    OtherBelt {
+        /// The recording.
+        path: String,
+        /// Its belt per motor turn (m).
+        found: f64,
+        /// The other recording, or the twin.
+        other: String,
+        /// Its belt per motor turn (m).
+        expected: f64,
     },
     /// None of the links has both input and output.
     #[error(
@@ -73,6 +92,8 @@ pub struct Session {
     pub length: f64,
     /// How many commands were recorded.
     pub commands: usize,
+    /// Belt per motor turn (m): from the metadata, or that of the KlaskTron gantry.
+    pub belt_metres_per_turn: f64,
     /// Commands to motors.
     pub drive: Option<DriveStage>,
     /// Carriage to camera.
@@ -147,14 +168,15 @@ pub fn sessions_of(recordings: &[Recording]) -> Result<Vec<Session>, SessionErro
     let mut sessions = Vec::new();
     for (recording, runs) in recordings.iter().zip(&runs) {
         let before = sessions.len();
-        let gantry = Gantry::moving(recording)?;
+        let belt = recording.belt_metres_per_turn()?.unwrap_or(BELT_METRES_PER_TURN);
+        let gantry = Gantry::moving(recording, belt)?;
         for split in [Split::Train, Split::Validation] {
             let own: Vec<Run> =
                 runs.iter().filter(|run| run.split == Some(split)).cloned().collect();
             if own.is_empty() {
                 continue;
             }
-            let session = session_of(recording, gantry.as_ref(), own, split)?;
+            let session = session_of(recording, (gantry.as_ref(), belt), own, split)?;
             if !session.stages().is_empty() {
                 sessions.push(session);
             }
@@ -165,6 +187,34 @@ pub fn sessions_of(recordings: &[Recording]) -> Result<Vec<Session>, SessionErro
     }
     Ok(sessions)
 }
+
+/// Check that `sessions` are of one machine, that of the `given` twin if there is one.
+///
+/// # Errors
+/// When the kind of machine or its belt differs.
+pub fn check_machine(sessions: &[Session], given: Option<&Twin>) -> Result<(), SessionError> {
+    let recorded = machine_of(sessions);
+    if let Some(twin) = given.filter(|twin| twin.machine != recorded) {
+        return Err(SessionError::OtherMachine { twin: twin.machine, recorded });
+    }
+    let mut driven = sessions.iter().filter(|own| own.drive.is_some() || own.camera.is_some());
+    let first = given.map(|twin| ("the twin", twin.belt_metres_per_turn));
+    let own = |session: &'_ Session| session.belt_metres_per_turn;
+    let known = first.or_else(|| driven.next().map(|one| (one.name.as_str(), own(one))));
+    let Some((other, expected)) = known else { return Ok(()) };
+    match driven.find(|session| SAME_BELT * expected < (own(session) - expected).abs()) {
+        None => Ok(()),
+        Some(session) => Err(SessionError::OtherBelt {
+            path: session.name.clone(),
+            found: own(session),
+            other: other.to_owned(),
+            expected,
+        }),
+    }
+}
+
+/// Relative difference of two belts per turn that is rounding.
+const SAME_BELT: f64 = 1e-6;
 
 fn session_name(recording: &Recording) -> String {
     recording.info("session").map_or_else(
@@ -197,10 +247,10 @@ pub fn divide(recordings: &mut [Vec<Run>]) {
     }
 }
 
-/// The links of one recording with this gantry, in `runs`.
+/// The links of one recording with this gantry and belt per motor turn (m), in `runs`.
 fn session_of(
     recording: &Recording,
-    gantry: Option<&Gantry>,
+    (gantry, belt): (Option<&Gantry>, f64),
     runs: Vec<Run>,
     split: Split,
 ) -> Result<Session, SessionError> {
@@ -219,6 +269,7 @@ fn session_of(
         split,
         length: recording.time_range().map_or(0.0, |(start, end)| end.seconds_since(start)),
         commands,
+        belt_metres_per_turn: belt,
         runs,
         drive,
         camera,

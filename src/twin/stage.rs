@@ -23,6 +23,19 @@ pub enum StageKind {
     Estimator,
 }
 
+impl std::fmt::Display for StageKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Drive => "drive",
+            Self::Camera => "camera",
+            Self::Ball => "ball",
+            Self::WholeRolls => "whole_rolls",
+            Self::Axis => "axis",
+            Self::Estimator => "estimator",
+        })
+    }
+}
+
 /// One measured signal at the stage's output, in order of time.
 #[derive(Debug, Clone)]
 pub struct Channel {

@@ -92,7 +92,7 @@ fn names(value: &Value, out: &mut BTreeSet<String>) {
 pub(crate) fn read(path: &Path) -> Option<Said> {
     let document: Value = serde_json::from_slice(&fs::read(path).ok()?).ok()?;
     let mut class = BTreeSet::new();
-    list(&document, "class").iter().for_each(|set| names(set, &mut class));
+    list(&document, "indistinguishable").iter().for_each(|set| names(set, &mut class));
     Some(Said {
         verdict: text(&document, "verdict"),
         effects: list(&document, "effects").iter().map(effect).collect(),
@@ -101,11 +101,11 @@ pub(crate) fn read(path: &Path) -> Option<Said> {
             .iter()
             .map(|entry| (text(entry, "name"), text(entry, "reason")))
             .collect(),
-        gap: list(&document, "gap").iter().filter_map(gap_row).collect(),
-        moved: list(&document, "refit").iter().map(moved).collect(),
-        places: list(&document, "where")
+        gap: list(&document, "residuals").iter().filter_map(gap_row).collect(),
+        moved: list(&document, "parameter_changes").iter().map(moved).collect(),
+        places: list(&document, "localization")
             .iter()
-            .map(|place| (text(place, "domain"), text(place, "axis")))
+            .map(|place| (text(place, "stage"), text(place, "location")))
             .collect(),
         next_experiment: document.get("next_experiment").is_some_and(|next| !next.is_null()),
     })
@@ -121,7 +121,7 @@ fn effect(value: &Value) -> StatedEffect {
     };
     StatedEffect {
         name: text(value, "name"),
-        axis: text(value, "axis"),
+        axis: text(value, "location"),
         parameters: list(value, "parameters").iter().filter_map(parameter).collect(),
     }
 }
@@ -140,7 +140,7 @@ fn gap_row(value: &Value) -> Option<GapRow> {
         signal: format!("{} {}", text(value, "signal"), text(value, "band")),
         unit: text(value, "unit"),
         floor: number(value, "noise_floor"),
-        before: number(value, "held_out_before")?,
-        after: number(value, "held_out_after")?,
+        before: number(value, "validation_before")?,
+        after: number(value, "validation_after")?,
     })
 }

@@ -146,7 +146,7 @@ fn direction_dependent_friction_is_named_and_measured() {
     let difference = &document["effects"][0]["parameters"][0];
     let value = difference["value"].as_f64().unwrap();
     assert!((value + 60.0).abs() < 0.05 * 60.0, "{difference}");
-    let numbers = document["effects"][0]["numbers_when_added"].as_array().unwrap();
+    let numbers = document["effects"][0]["estimates_after_step"].as_array().unwrap();
     for (name, truth) in
         [("viscous_forwards_n_s_per_m", 80.0), ("viscous_backwards_n_s_per_m", 140.0)]
     {
@@ -154,8 +154,8 @@ fn direction_dependent_friction_is_named_and_measured() {
         let own = numbers.iter().find(|own| own["name"] == name.as_str()).unwrap();
         assert!((own["value"].as_f64().unwrap() - truth).abs() < 0.03 * truth, "{own}");
     }
-    let gap = &document["gap"][0];
-    assert!(gap["held_out_after"].as_f64() < gap["held_out_before"].as_f64());
+    let residual = &document["residuals"][0];
+    assert!(residual["validation_after"].as_f64() < residual["validation_before"].as_f64());
     for file in ["gap.json", "twin.json", "index.html", "gap.mcap"] {
         assert!(dir.path().join("out").join(file).exists(), "{file}");
     }
@@ -171,15 +171,16 @@ fn what_happens_once_is_told_and_hides_nothing() {
     assert_eq!(names(&document), ["drive.friction.asymmetric"], "{document:#}");
     let value = document["effects"][0]["parameters"][0]["value"].as_f64().unwrap();
     assert!((value + 60.0).abs() < 0.05 * 60.0, "{document:#}");
-    let doubts = document["doubts"].as_array().unwrap();
-    let told = doubts.iter().map(|own| own.as_str().unwrap()).find(|own| own.contains("left out"));
-    let told = told.unwrap_or_else(|| panic!("{doubts:?}"));
-    assert!(told.starts_with("s1: axis.screw.force is off by up to 4"), "{told}");
+    let warnings = document["warnings"].as_array().unwrap();
+    let told =
+        warnings.iter().map(|own| own.as_str().unwrap()).find(|own| own.contains("left out"));
+    let told = told.unwrap_or_else(|| panic!("{warnings:?}"));
+    assert!(told.starts_with("s1: a one-off disturbance of axis.screw.force by up to 4"), "{told}");
     assert!(told.contains("from 5.9 to 6.3 s"), "{told}");
     let beside = tempfile::tempdir().unwrap();
     let untouched = Axis::pair(beside.path(), [80.0, 140.0]);
     let (document, _) = gap(&untouched, None, &beside.path().join("out"));
-    assert!(!document["doubts"].to_string().contains("left out"), "{document:#}");
+    assert!(!document["warnings"].to_string().contains("left out"), "{document:#}");
 }
 
 #[test]
@@ -377,7 +378,7 @@ fn a_long_delay_is_named_from_the_twin_that_was_calibrated_without_it() {
     let rejected = same["rejected"].as_array().unwrap();
     let magnet = rejected.iter().find(|own| own["name"] == "coupling.magnet_spring").unwrap();
     assert!(magnet["reason"].as_str().unwrap().contains("not testable without"), "{magnet}");
-    assert!(same["next_experiment"].as_str().unwrap().contains("--camera"), "{same:#}");
+    assert!(same["next_experiment"]["command"].as_str().unwrap().contains("--camera"), "{same:#}");
     let late = followed(dir.path(), "late", Follows { late_s: [0.018; 2], ..ALIKE }, None);
     let (document, _) = gap(&late, Some(&twin), &dir.path().join("late"));
     let delay = document["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drive.delay");
@@ -397,7 +398,7 @@ fn two_motors_that_are_late_by_different_times_have_each_its_own() {
     assert_eq!(names(&document), ["drive.delay"; 2], "{document:#}");
     for (own, (axis, late_s)) in document["effects"].as_array().unwrap().iter().zip(truth) {
         let value = own["parameters"][0]["value"].as_f64().unwrap();
-        assert!(own["axis"] == axis && (value - late_s).abs() < 0.001, "{own}");
+        assert!(own["location"] == axis && (value - late_s).abs() < 0.001, "{own}");
     }
 }
 
@@ -410,10 +411,10 @@ fn a_ramp_that_became_slower_on_one_motor_is_refitted_there_and_nothing_is_named
     let worn = followed(dir.path(), "worn", slower, None);
     let (document, _) = gap(&worn, Some(&twin), &dir.path().join("worn"));
     assert!(names(&document).is_empty(), "{document:#}");
-    let refits = document["refit"].as_array().unwrap();
+    let refits = document["parameter_changes"].as_array().unwrap();
     let ramp = |axis: &str| {
         refits.iter().find(|own| {
-            own["name"] == "drive.saturation.slew.limit_m_per_s2" && own["axis"] == axis
+            own["name"] == "drive.saturation.slew.limit_m_per_s2" && own["location"] == axis
         })
     };
     let own = ramp("a").unwrap_or_else(|| panic!("{document:#}"));
@@ -514,7 +515,7 @@ fn nothing_is_said_where_the_cameras_clock_runs_away() {
     let (document, status) = said("away", 0.02);
     assert_eq!((document["verdict"].as_str(), status), (Some("not_testable"), 3), "{document:#}");
     assert!(names(&document).is_empty());
-    assert!(document["doubts"][0].as_str().unwrap().contains("clocks drift"), "{document:#}");
+    assert!(document["warnings"][0].as_str().unwrap().contains("clocks drift"), "{document:#}");
     // What crystals are apart is an effect like any other.
     let (document, _) = said("skewed", 1e-3);
     assert!(names(&document).contains(&"sensor.clock_skew"), "{document:#}");
@@ -527,7 +528,7 @@ fn of_an_axis_that_went_one_way_only_nothing_is_said() {
     let (document, status) = gap(&one_way.written_twice(dir.path()), None, &dir.path().join("out"));
     assert_eq!((document["verdict"].as_str(), status), (Some("not_testable"), 3), "{document:#}");
     assert!(names(&document).is_empty());
-    assert!(document["doubts"][0].as_str().unwrap().contains("m down"), "{document:#}");
+    assert!(document["warnings"][0].as_str().unwrap().contains("m down"), "{document:#}");
 }
 
 #[test]
@@ -536,15 +537,23 @@ fn a_broken_twin_is_refused_in_one_sentence() {
     let recording =
         table(dir.path(), "run.mcap", 10, Machine { command: both_ways, respond: |v, _| v });
     let twin = dir.path().join("twin.json").display().to_string();
-    let head =
-        r#"{"schema_version":1,"machine":"table","striker_mass_kg":0.012,"belt_per_turn_m":0.04,"#;
+    let head = r#"{"schema_version":2,"machine":"table","striker_mass_kg":0.012,"belt_metres_per_turn":0.04,"#;
     let effect = |name: &str, value: f64| {
         format!(
-            r#"{head}"effects":[{{"name":"{name}","axis":"a+b","parameters":[{{"name":"delay_s","value":{value},"source":"fitted"}}]}}]}}"#
+            r#"{head}"effects":[{{"name":"{name}","location":"a+b","parameters":[{{"name":"delay_s","value":{value},"source":"fitted"}}]}}]}}"#
         )
     };
     for (text, expected) in [
         ("{".to_owned(), "is no twin.json"),
+        (effect("drive.delay", 0.01).replace(":2,", ":1,"), "has schema_version 1; this program"),
+        (
+            effect("drive.delay", 0.01).replace("0.012", "0"),
+            "striker_mass_kg is 0; allowed are numbers above 0 kg",
+        ),
+        (
+            effect("drive.delay", 0.01).replace(":0.04", ":0.05"),
+            "has 0.05 m: these are different machines",
+        ),
         (effect("drive.dealy", 0.01), "'drive.dealy', which is not in the catalogue"),
         (effect("drive.delay", 7.0), "drive.delay.delay_s is 7; allowed are -0.02 to 0.2 s"),
     ] {

@@ -1,36 +1,49 @@
 use super::*;
 use crate::{
-    gap::findings::{Class, SCHEMA_VERSION},
+    gap::findings::{Evidence, Indistinguishable, NextExperiment, SCHEMA_VERSION},
     twin::{Machine, Twin},
 };
 
-pub(in crate::gap) fn found(says: &str) -> Found<'static> {
+pub(in crate::gap) fn found(summary: &str) -> Found<'static> {
     let document = Document {
         schema_version: SCHEMA_VERSION,
         verdict: Verdict::Ambiguous,
-        says: says.to_owned(),
-        places: Vec::new(),
-        effects: vec![NamedEffect {
-            numbers_when_added: Vec::new(),
+        summary: summary.to_owned(),
+        localization: Vec::new(),
+        effects: vec![IdentifiedEffect {
+            estimates_after_step: Vec::new(),
             name: "drive.delay".to_owned(),
-            axis: crate::effects::Axis::Motors,
+            location: crate::effects::Axis::Motors,
             parameters: Vec::new(),
-            p_value: 1e-9,
-            gap_before: None,
-            gap_after: None,
-            gap_signal: None,
-            held_out_gain: 0.5,
-            why: "v < 1 & \"late\"".to_owned(),
+            evidence: Evidence {
+                log_score_gain: None,
+                standard_error: None,
+                p_value: 1e-9,
+                data: "training sessions, 80 blocks of 0.5 s".to_owned(),
+                comparisons: 7,
+            },
+            rmse_before: None,
+            rmse_after: None,
+            signal: None,
+            unit: None,
+            validation_gain: Some(0.5),
+            explanation: "v < 1 & \"late\"".to_owned(),
         }],
-        class: vec![Class {
+        indistinguishable: vec![Indistinguishable {
             names: vec!["a".to_owned(), "b".to_owned()],
             experiment: "x".to_owned(),
         }],
         rejected: Vec::new(),
-        gap: Vec::new(),
-        refit: Vec::new(),
-        next_experiment: Some("klasktron collect <next>".to_owned()),
-        doubts: vec!["<doubt>".to_owned(), says.to_owned()],
+        residuals: Vec::new(),
+        parameter_changes: Vec::new(),
+        description: None,
+        next_experiment: Some(NextExperiment {
+            command: Some("klasktron collect <next>".to_owned()),
+            motion: "steps".to_owned(),
+            decides: "which of a and b".to_owned(),
+        }),
+        warnings: vec!["<doubt>".to_owned(), summary.to_owned()],
+        journal: Vec::new(),
     };
     let twin = Twin::nominal(Machine::Table);
     Found { document, twin, outcomes: Vec::new(), floors: Vec::new() }

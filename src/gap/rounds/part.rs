@@ -4,6 +4,7 @@
 use super::{Added, Search, is_in, take_back::instance_of};
 use crate::{
     gap::{
+        evidence::LogScoreGain,
         fit::{self, Fit},
         known::{Excess, least_worth},
         problem::Point,
@@ -18,10 +19,13 @@ const CLEARLY_LESS: f64 = 0.9;
 
 /// Everything fitted with one effect in two.
 struct Parting {
+    /// The instance.
+    index: usize,
     /// Squared error of the fitted sessions.
     loss: f64,
-    /// Share of the squared error of the judging sessions that it removes.
-    share: f64,
+    /// Share of the squared error of the training and of the validation sessions that it removes.
+    shares: [f64; 2],
+    log_score: Option<LogScoreGain>,
     fit: Fit,
     filters: Filters,
 }
@@ -37,12 +41,15 @@ impl Search<'_> {
         let before = self.rows(&self.best);
         let trials = in_parallel(&shared, |index| self.wanted_parting(*index, &before, excess));
         let best = trials.into_iter().flatten().min_by(|a, b| a.loss.total_cmp(&b.loss));
-        let Some(Parting { loss, fit, filters, .. }) = best else { return false };
+        let Some(Parting { index, loss, shares, fit, filters, .. }) = best else { return false };
         let left = |rival: &Fit| fit::squared(&self.train.whitened(&rival.point, &self.filters));
         if rival.is_some_and(|rival| CLEARLY_LESS * left(rival) < loss) {
             return false;
         }
-        log::info!("{:?}: a known effect is parted", self.kind);
+        let instance = &self.best.point.twin.instances[index];
+        let (effect, axis) = (instance.effect, instance.axis);
+        log::info!("{:?}: {} on {axis} is split", self.kind, effect.name);
+        self.note_split((effect, axis), shares);
         (self.best, self.filters) = (fit, filters);
         true
     }
@@ -55,14 +62,18 @@ impl Search<'_> {
         let [one, other] = step.axis.parts()?;
         let index = instance_of(&self.best.point.twin, &step)?;
         let before = self.rows(&self.best);
-        let Parting { share, fit, filters, .. } = self.wanted_parting(index, &before, excess)?;
-        log::info!("{:?}: {} is not alike on {one} and {other}", self.kind, step.effect.name);
+        let parting = self.wanted_parting(index, &before, excess)?;
+        let Parting { shares, log_score, fit, filters, .. } = parting;
+        log::info!("{:?}: {} is split into {one} and {other}", self.kind, step.effect.name);
+        self.note_split((step.effect, step.axis), shares);
         (self.best, self.filters) = (fit, filters);
         let judged = self.judged();
         let between = step.held_out_steps.1.clone();
         let second = Added {
             axis: other,
-            held_out_gain: share,
+            data: format!("{}; test of the effect on {}", step.data, step.axis),
+            log_score,
+            validation_gain: shares[1],
             class: Vec::new(),
             held_out_steps: (between, self.held_out.rms(&judged)),
             contest: Vec::new(),
@@ -85,11 +96,16 @@ impl Search<'_> {
     ) -> Option<Parting> {
         let (fit, filters) = self.parted(index)?;
         let after = self.rows(&fit);
-        let share = 1.0 - fit::squared(&after[1]) / fit::squared(&before[1]);
+        let shares = [0, 1].map(|k| 1.0 - fit::squared(&after[k]) / fit::squared(&before[k]));
         let is_wanted = is_in(&before[0], &after[0], &self.train.blocks())
             && is_in(&before[1], &after[1], &self.held_out.blocks())
-            && least_worth(excess) <= share;
-        is_wanted.then(|| Parting { loss: fit::squared(&after[0]), share, fit, filters })
+            && least_worth(excess) <= shares[1];
+        is_wanted.then(|| {
+            let variance = fit::squared(&after[0]) / after[0].len().max(1) as f64;
+            let blocks = self.held_out.blocks();
+            let log_score = LogScoreGain::of(&before[1], &after[1], variance, &blocks);
+            Parting { index, loss: fit::squared(&after[0]), shares, log_score, fit, filters }
+        })
     }
 
     /// Whether the instance was given on both motors, or both rails, and is fitted.

@@ -29,8 +29,10 @@ impl Search<'_> {
         while kept < self.added.len()
             && let Some((step, fit, filters)) = self.least_missed(worth)
         {
-            log::info!("{:?}: {} on {} is not missed", self.kind, step.effect.name, step.axis);
-            self.go_back(&step, (fit, filters));
+            log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);
+            let reason = "Backward elimination: without it, all other parameters refitted, the residual does not grow \
+                          beyond chance, or by less than the model error";
+            self.go_back(&step, (fit, filters), reason);
         }
         self.added.len() < before
     }
@@ -75,7 +77,13 @@ impl Search<'_> {
                 unknown.name,
                 100.0 * unknown.share
             );
-            self.go_back(&own.step, (own.fit, own.filters));
+            let reason = format!(
+                "It removes {:.1} % of the residual, less than the unexplained part ({}, {:.1} %)",
+                100.0 * removed(&own),
+                unknown.name,
+                100.0 * unknown.share
+            );
+            self.go_back(&own.step, (own.fit, own.filters), &reason);
         }
     }
 
@@ -134,7 +142,8 @@ impl Search<'_> {
                 step.axis
             );
             let rest = self.without(&step);
-            self.go_back(&step, rest);
+            let reason = "After the joint refit, its confidence intervals contain zero or its magnitude is on a bound";
+            self.go_back(&step, rest, reason);
         }
         self.added.len() < before
     }
@@ -198,8 +207,9 @@ impl Search<'_> {
         fit::settle(&self.train, rest.point, &rest.slots, 5)
     }
 
-    /// Takes `step` back; what is left has been fitted.
-    fn go_back(&mut self, step: &Added, rest: (Fit, Filters)) {
+    /// Remove `step` for `reason`; `rest` is the fit of everything else.
+    fn go_back(&mut self, step: &Added, rest: (Fit, Filters), reason: &str) {
+        self.note_removed(step, reason);
         self.added.retain(|own| own.effect != step.effect || own.axis != step.axis);
         (self.best, self.filters) = rest;
     }

@@ -17,12 +17,12 @@ fn twin(effects: &[(&str, &[f64])]) -> Twin {
     Twin {
         machine: Machine::Axis,
         striker_mass: 0.0,
-        belt_per_turn: 0.04,
-        tuned_mass: None,
+        belt_metres_per_turn: 0.04,
+        controller_reference_mass: None,
         instances,
-        left: Vec::new(),
-        mimicry: Vec::new(),
-        scatter: Vec::new(),
+        reference_residuals: Vec::new(),
+        discrepancy: Vec::new(),
+        measurement_noise: Vec::new(),
         fitted_to: Vec::new(),
     }
 }

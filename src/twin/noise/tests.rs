@@ -24,21 +24,21 @@ fn camera(seed: u64, scatter: f64, jitter: f64, latency: f64) -> (Vec<f64>, Vec<
 }
 
 /// Distance of a variance from zero, in standard errors.
-fn in_its_errors((value, error): (f64, f64)) -> f64 {
-    value / error
+fn in_its_errors(own: Estimate) -> f64 {
+    own.value / own.standard_error
 }
 
 #[test]
 fn jitter_is_measured_and_a_wrong_latency_is_none() {
     let (residual, speed) = camera(1, 2.5e-4, 1e-3, 0.0);
     let found = scattering(&residual, &speed, 60).unwrap();
-    let (variance, error) = found.stamp_variance_s2;
+    let Estimate { value: variance, standard_error: error } = found.timestamp_variance_s2;
     assert!((variance - 1e-6).abs() < 3.0 * error && error < 1e-7, "{found:?}");
     let alarms = (0..300)
         .filter(|seed| {
             let (residual, speed) = camera(*seed, 2.5e-4, 0.0, 0.02);
             let found = scattering(&residual, &speed, 60).unwrap();
-            3.0 < in_its_errors(found.stamp_variance_s2).abs()
+            3.0 < in_its_errors(found.timestamp_variance_s2).abs()
         })
         .count();
     assert!(alarms <= 4, "{alarms}");
@@ -54,14 +54,15 @@ fn gaps_are_not_differenced() {
         }
     }
     let found = scattering(&residual, &speed, 60).unwrap();
-    assert!(in_its_errors(found.stamp_variance_s2).abs() < 3.0);
+    assert!(in_its_errors(found.timestamp_variance_s2).abs() < 3.0);
 }
 
 #[test]
 fn the_scatter_at_rest_is_that_of_the_places_and_not_of_the_stamps() {
     let (residual, speed) = camera(5, 4e-4, 1e-3, 0.0);
     let found = scattering(&residual, &speed, 60).unwrap();
-    for (variance, error) in [found.still_variance_m2, found.whole_variance_m2] {
+    for own in [found.frame_to_frame_variance_m2, found.total_variance_m2] {
+        let (variance, error) = (own.value, own.standard_error);
         assert!((variance - 1.6e-7).abs() < 3.0 * error && error < 1.6e-8, "{found:?}");
     }
 }
@@ -73,8 +74,8 @@ fn what_is_smooth_scatters_about_the_prediction_but_not_from_frame_to_frame() {
         residual[k] = 0.9 * residual[k - 1] + (1.0_f64 - 0.81).sqrt() * residual[k];
     }
     let found = scattering(&residual, &speed, 60).unwrap();
-    assert!((found.whole_variance_m2.0 / 6.25e-8 - 1.0).abs() < 0.2, "{found:?}");
-    assert!(found.still_variance_m2.0 < 0.2 * 6.25e-8, "{found:?}");
+    assert!((found.total_variance_m2.value / 6.25e-8 - 1.0).abs() < 0.2, "{found:?}");
+    assert!(found.frame_to_frame_variance_m2.value < 0.2 * 6.25e-8, "{found:?}");
 }
 
 /// Times of frames with jitter (s), a share of them lost.
@@ -88,21 +89,22 @@ fn frame_times(seed: u64, jitter: f64, lost: f64) -> Vec<f64> {
 }
 
 /// Share of these frames lost, none of which repeats another.
-fn lost(times: &[f64]) -> LostShare {
+fn lost(times: &[f64]) -> LostFraction {
     let losses = FrameLosses::new(times, &vec![false; times.len()], 120).unwrap();
-    FrameLosses::share(&[&losses]).unwrap()
+    FrameLosses::fraction(&[&losses]).unwrap()
 }
 
 #[test]
 fn lost_frames_are_counted_whatever_the_jitter() {
     for jitter in [0.0, 3e-4, 1e-3] {
         let found = lost(&frame_times(3, jitter, 0.03));
-        let (share, error) = found.share;
+        let Estimate { value: share, standard_error: error } = found.fraction;
         assert!((share - 0.03).abs() < 0.006 && 5.0 * error < share, "{jitter} {found:?}");
     }
     for jitter in [3e-4, 1e-3, 2e-3, 3e-3] {
         let is_alarm = |seed: &u64| {
-            let (share, error) = lost(&frame_times(*seed, jitter, 0.0)).share;
+            let own = lost(&frame_times(*seed, jitter, 0.0)).fraction;
+            let (share, error) = (own.value, own.standard_error);
             3.0 * error < share.abs()
         };
         let alarms = (0..40).filter(is_alarm).count();
@@ -117,7 +119,7 @@ fn pauses_of_the_recording_are_no_lost_frames() {
         .enumerate()
         .map(|(k, t)| t + 1.5 * (k / 300) as f64)
         .collect();
-    assert_eq!(lost(&paused).share.0, 0.0);
+    assert_eq!(lost(&paused).fraction.value, 0.0);
 }
 
 #[test]
@@ -127,8 +129,8 @@ fn frames_that_repeat_another_are_lost_as_well() {
     let half = times.len() / 2;
     let parts = [0..half, half..times.len()]
         .map(|own| FrameLosses::new(&times[own.clone()], &repeated[own], 120).unwrap());
-    let found = FrameLosses::share(&parts.each_ref()).unwrap();
-    assert!((found.share.0 - 0.06).abs() < 0.006, "{found:?}");
+    let found = FrameLosses::fraction(&parts.each_ref()).unwrap();
+    assert!((found.fraction.value - 0.06).abs() < 0.006, "{found:?}");
 }
 
 #[test]

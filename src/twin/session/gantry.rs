@@ -2,7 +2,7 @@
 
 use super::Readings;
 use crate::{
-    gantry::{BELT_METRES_PER_TURN, belts, rails},
+    gantry::{belts, rails},
     recording::{
         Recording, RecordingError,
         message::{CarriageState, MotorState},
@@ -25,14 +25,15 @@ pub(super) struct Gantry {
 }
 
 impl Gantry {
-    /// The gantry with the longest way, the left one of equals; `None` where none was measured.
+    /// The gantry with the longest way, the left one of equals; `None` where none was measured. `belt` is the belt per
+    /// motor turn (m).
     ///
     /// # Errors
     /// When a message does not decode.
-    pub(super) fn moving(recording: &Recording) -> Result<Option<Self>, RecordingError> {
+    pub(super) fn moving(recording: &Recording, belt: f64) -> Result<Option<Self>, RecordingError> {
         let mut best: Option<(f64, Self)> = None;
         for player in Player::BOTH {
-            if let Some(gantry) = Self::of(recording, player)? {
+            if let Some(gantry) = Self::of(recording, player, belt)? {
                 let travel = gantry.travel();
                 if best.as_ref().is_none_or(|(longest, _)| *longest < travel) {
                     best = Some((travel, gantry));
@@ -42,11 +43,15 @@ impl Gantry {
         Ok(best.map(|(_, gantry)| gantry))
     }
 
-    fn of(recording: &Recording, player: Player) -> Result<Option<Self>, RecordingError> {
+    fn of(
+        recording: &Recording,
+        player: Player,
+        belt: f64,
+    ) -> Result<Option<Self>, RecordingError> {
         let Some((origin, _)) = recording.time_range() else { return Ok(None) };
         let carriage = carriage_readings(recording, player, origin)?;
         let carriage = (FEWEST <= carriage.times.len()).then_some(carriage);
-        let motors = motor_readings(recording, player, origin)?;
+        let motors = motor_readings(recording, (player, belt), origin)?;
         Ok(match (motors, carriage) {
             (None, None) => None,
             (Some(motors), None) => {
@@ -66,10 +71,11 @@ impl Gantry {
     }
 }
 
-/// Motors of one gantry: position and velocity in metres of belt, torque in N m (NaN without).
+/// Motors of one gantry with so much `belt` per turn (m): position and velocity in metres of belt, torque in N m (NaN
+/// without).
 fn motor_readings(
     recording: &Recording,
-    player: Player,
+    (player, belt): (Player, f64),
     origin: Nanos,
 ) -> Result<Option<[Readings<3>; 2]>, RecordingError> {
     let mut both = [Readings::default(), Readings::default()];
@@ -77,8 +83,8 @@ fn motor_readings(
         let series = recording.series::<MotorState>(&topic::motor(player, motor))?;
         *readings = Readings::collect(series.iter().map(|(time, state)| {
             let torque = state.torque_estimate_nm.or(state.torque_target_nm).unwrap_or(f64::NAN);
-            let position = state.position_turns * BELT_METRES_PER_TURN;
-            let velocity = state.velocity_turns_per_s * BELT_METRES_PER_TURN;
+            let position = state.position_turns * belt;
+            let velocity = state.velocity_turns_per_s * belt;
             (time.seconds_since(origin), [position, velocity, torque])
         }));
     }

@@ -1,0 +1,327 @@
+//! From the outcomes of all stages to the document `gap.json`.
+
+use super::{
+    checks::Objection,
+    experiment,
+    explain::identified,
+    find::{FIDELITY, changed, stages},
+    findings::{
+        Document, IdentifiedEffect, Indistinguishable, ParameterChange, RejectedEffect,
+        SCHEMA_VERSION, SignalResidual, Verdict,
+    },
+    floor::{Floor, FloorSource},
+    incident::Incident,
+    journal::{JournalEntry, MoveKind},
+    locate,
+    rounds::{self, Added, Outcome, Reason},
+    verdict::{Answer, Findings},
+};
+use crate::{
+    effects::{Effect, Parameter},
+    recording::Split,
+    stats::t_quantile,
+    twin::{Instance, Session, Slot, Source, StageKind, Twin},
+};
+
+/// Smallest relative change of a known parameter that is reported.
+const LEAST_CHANGE: f64 = 0.002;
+
+/// Everything from which the document is made.
+pub(super) struct Material<'f, 'a> {
+    /// The recordings.
+    pub(super) sessions: &'a [Session],
+    /// The twin at the start.
+    pub(super) start: &'f Twin,
+    /// Whether the user gave it.
+    pub(super) is_given: bool,
+    /// The final twin.
+    pub(super) twin: &'f Twin,
+    /// Stage by stage.
+    pub(super) outcomes: &'f [Outcome<'a>],
+    /// Noise floor of each signal: `[outcome][channel]`.
+    pub(super) floors: &'f [Vec<Floor>],
+    /// Effects that no signal of these recordings shows.
+    pub(super) unseen: &'f [&'static Effect],
+}
+
+/// The document of recordings that were refused before any fit.
+pub(super) fn refused(twin: &Twin, objection: &Objection) -> Document {
+    Document {
+        schema_version: SCHEMA_VERSION,
+        verdict: objection.verdict,
+        summary: objection.says.clone(),
+        localization: Vec::new(),
+        effects: Vec::new(),
+        indistinguishable: Vec::new(),
+        rejected: Vec::new(),
+        residuals: Vec::new(),
+        parameter_changes: Vec::new(),
+        description: None,
+        next_experiment: Some(experiment::after_refusal(twin.machine)),
+        warnings: vec![objection.says.clone()],
+        journal: vec![JournalEntry::new(MoveKind::Refuse, None, objection.says.clone())],
+    }
+}
+
+/// The document of `material`; `journal` holds the decisions before those of the outcomes.
+pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntry>) -> Document {
+    let Material { sessions, start, twin, outcomes, unseen, .. } = *material;
+    let effects: Vec<IdentifiedEffect> = outcomes
+        .iter()
+        .flat_map(|outcome| outcome.added.iter().map(move |step| identified(outcome, step, twin)))
+        .collect();
+    let steps = outcomes.iter().flat_map(|outcome| &outcome.added);
+    let indistinguishable: Vec<Indistinguishable> =
+        steps.filter(|step| !step.class.is_empty()).map(indistinguishable).collect();
+    let rejected = outcomes.iter().flat_map(|outcome| &outcome.rejected).map(rejected_effect);
+    let rejected = rejected.chain(unseen.iter().copied().map(unseen_effect)).collect();
+    let stages = outcomes.iter().zip(material.floors);
+    let residuals: Vec<SignalResidual> =
+        stages.flat_map(|(outcome, floors)| signal_residuals(outcome, floors)).collect();
+    let parameter_changes = match material.is_given {
+        true => parameter_changes(start, twin, outcomes),
+        false => Vec::new(),
+    };
+    let localization = locate::localization(outcomes, &effects);
+    let answer = Answer::of(&Findings {
+        start,
+        is_given: material.is_given,
+        effects: &effects,
+        indistinguishable: &indistinguishable,
+        parameter_changes: &parameter_changes,
+        residuals: &residuals,
+        outcomes,
+    });
+    let effects = if answer.verdict == Verdict::DifferentMachine { Vec::new() } else { effects };
+    let next_experiment =
+        experiment::next_experiment(start.machine, &indistinguishable, outcomes, unseen);
+    journal.extend(outcomes.iter().flat_map(|outcome| outcome.journal.clone()));
+    Document {
+        schema_version: SCHEMA_VERSION,
+        verdict: answer.verdict,
+        summary: answer.summary,
+        localization,
+        effects,
+        indistinguishable,
+        rejected,
+        residuals,
+        parameter_changes,
+        description: None,
+        next_experiment,
+        warnings: warnings(sessions, outcomes),
+        journal,
+    }
+}
+
+fn indistinguishable(step: &Added) -> Indistinguishable {
+    let names = std::iter::once(step.effect.name).chain(step.class.iter().copied());
+    Indistinguishable {
+        names: names.map(str::to_owned).collect(),
+        experiment: step.effect.excitation.to_owned(),
+    }
+}
+
+fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
+    let reason = match &rejected.reason {
+        Reason::NotSignificant => {
+            "not significant after the Bonferroni correction for all comparisons".to_owned()
+        }
+        Reason::Outdone(name) if name.is_empty() => "explains less than other effects".to_owned(),
+        Reason::Outdone(name) => format!("explains nothing beyond {name}"),
+        Reason::OnBound(parameter) => {
+            format!("{parameter} is on its bound: wrong sign, or the effect is not there")
+        }
+        Reason::HeldOut => "the validation sessions do not confirm it".to_owned(),
+        Reason::SpeedsDisagree => {
+            "low and high speeds disagree on its magnitude: the cause is another effect".to_owned()
+        }
+        Reason::SessionsDisagree => "the sessions disagree on its sign or magnitude".to_owned(),
+        Reason::TooSmall => "explains less than the model error of the simulation".to_owned(),
+        Reason::NotTestable => {
+            let needed = rejected.candidate.effect.excitation;
+            format!("not testable with this motion: it needs {needed}")
+        }
+    };
+    let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+    RejectedEffect {
+        name: rejected.candidate.effect.name.to_owned(),
+        location: rejected.candidate.axis,
+        reason,
+        statistic: finite(rejected.candidate.statistic),
+        p_value: finite(rejected.candidate.p_value),
+        validation_gain: rejected.validation_gain.and_then(finite),
+    }
+}
+
+/// An effect that nothing in the recordings shows.
+fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
+    RejectedEffect {
+        name: effect.name.to_owned(),
+        location: effect.site.axes()[0],
+        reason: format!(
+            "not testable without the signals that show it: it needs {}",
+            effect.excitation
+        ),
+        statistic: None,
+        p_value: None,
+        validation_gain: None,
+    }
+}
+
+/// Known parameters outside the interval of what was known of them, on stages on which the validation sessions prefer
+/// the final twin. The limit is corrected for the number of parameters that could have changed (Bonferroni).
+fn parameter_changes(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<ParameterChange> {
+    let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
+    let beyond_chance = 1.0 - 0.5 * rounds::FAMILY_ERROR / tries.max(1) as f64;
+    let plain = Twin::nominal(start.machine);
+    let mut changes = Vec::new();
+    for (index, after) in twin.instances.iter().enumerate() {
+        let Some(known) = known_as(start, index, after) else { continue };
+        let before = &start.instances[known];
+        let Some(outcome) = confirmed_by(outcomes, twin, index) else { continue };
+        let freedom = outcome.uncertainty.freedom;
+        let in_half_intervals = t_quantile(beyond_chance, freedom) / t_quantile(0.975, freedom);
+        for (k, parameter) in before.effect.parameters.iter().enumerate() {
+            let (old, new) = (&before.values[k], &after.values[k]);
+            let Some([low, high]) = new.ci95 else { continue };
+            if new.source != Source::Fitted || parameter.per_session {
+                continue;
+            }
+            let old_half = old.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low));
+            // The model error is part of both values, and not of their difference.
+            let slot = Slot { instance: known, parameter: k };
+            let common = t_quantile(0.975, freedom) * FIDELITY * changed(&plain, start, slot);
+            let old_half = (old_half.powi(2) - common.powi(2)).max(0.0).sqrt();
+            let limit = in_half_intervals * (0.5 * (high - low)).hypot(old_half);
+            let change = (new.value - old.value).abs();
+            if limit < change && LEAST_CHANGE * parameter.scale.max(old.value.abs()) < change {
+                changes.push(ParameterChange {
+                    name: format!("{}.{}", before.effect.name, parameter.name),
+                    location: after.axis,
+                    before: old.value,
+                    after: new.value,
+                    ci95: new.ci95,
+                    unit: parameter.unit.to_owned(),
+                });
+            }
+        }
+    }
+    changes
+}
+
+/// The outcome that has fitted the instance `index` of `twin` and whose validation sessions prefer the final twin.
+fn confirmed_by<'o, 'a>(
+    outcomes: &'o [Outcome<'a>],
+    twin: &Twin,
+    index: usize,
+) -> Option<&'o Outcome<'a>> {
+    // Measurement noise is estimated on the camera, without a slot that is fitted.
+    let is_noise = twin.instances[index].effect.is_noise();
+    outcomes.iter().find(|own| {
+        own.is_better && own.last.slots.iter().any(|slot| slot.instance == index)
+            || is_noise && own.kind == StageKind::Camera
+    })
+}
+
+/// Index in `start` of the instance `index` of the final twin, perhaps shared there by both motors or axes.
+fn known_as(start: &Twin, index: usize, instance: &Instance) -> Option<usize> {
+    let is_same =
+        |own: &Instance| own.effect == instance.effect && own.axis.overlaps(instance.axis);
+    let at_index = (index < start.instances.len()).then_some(index);
+    at_index.or_else(|| start.instances.iter().position(is_same))
+}
+
+fn signal_residuals(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalResidual> {
+    let Some(part) = outcome.train.parts.first() else { return Vec::new() };
+    let columns = [
+        outcome.train.rms(&outcome.start),
+        outcome.train.rms(&outcome.last.point),
+        outcome.held_out.rms(&outcome.start_held_out),
+        outcome.held_out.rms(&outcome.last_held_out),
+    ];
+    let at =
+        |column: usize, k: usize| columns[column].get(k).copied().filter(|rms| rms.is_finite());
+    part.stage
+        .channels()
+        .iter()
+        .zip(floors)
+        .enumerate()
+        .map(|(k, (channel, floor))| SignalResidual {
+            stage: channel.domain,
+            signal: channel.signal.clone(),
+            unit: channel.unit.to_owned(),
+            band: "all".to_owned(),
+            noise_floor: (floor.source != FloorSource::Unknown).then_some(floor.rms),
+            noise_floor_source: match floor.source {
+                FloorSource::Rest => {
+                    format!("standard deviation at rest, {} samples", floor.samples)
+                }
+                FloorSource::Smoothness => {
+                    format!("third differences of the measured signal, {} samples", floor.samples)
+                }
+                FloorSource::Unknown => "too few samples".to_owned(),
+            },
+            train_before: at(0, k),
+            train_after: at(1, k),
+            validation_before: at(2, k),
+            validation_after: at(3, k),
+        })
+        .collect()
+}
+
+fn warnings(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
+    let mut warnings = undetermined(outcomes);
+    for outcome in outcomes {
+        for (problem, split) in
+            [(&outcome.train, Split::Train), (&outcome.held_out, Split::Validation)]
+        {
+            let names = stages(sessions, outcome.kind, split).map(|(session, _)| &session.name);
+            for (part, session) in problem.parts.iter().zip(names) {
+                warnings.extend(part.incidents.iter().map(|own| masked(session, own)));
+            }
+        }
+        if let Some(unknown) = &outcome.unexplained {
+            warnings.push(format!(
+                "the residual of {} still depends on {} ({:.0} % of its square)",
+                unknown.signal,
+                unknown.name,
+                100.0 * unknown.share
+            ));
+        }
+        if outcome.held_out.parts.is_empty() {
+            let stage = outcome.kind;
+            warnings
+                .push(format!("stage {stage}: no validation session, so no effect is validated"));
+        }
+    }
+    warnings
+}
+
+/// Parameters that no stage determines.
+fn undetermined(outcomes: &[Outcome<'_>]) -> Vec<String> {
+    let mut parameters: Vec<(String, bool)> = Vec::new();
+    for outcome in outcomes {
+        for (index, slot) in outcome.last.slots.iter().enumerate() {
+            let instance = &outcome.last.point.twin.instances[slot.instance];
+            let Parameter { name, .. } = instance.effect.parameters[slot.parameter];
+            let shown = format!("{}.{name} on {}", instance.effect.name, instance.axis);
+            let is_determined = !outcome.uncertainty.undetermined[index];
+            match parameters.iter_mut().find(|(other, _)| *other == shown) {
+                Some((_, determined)) => *determined |= is_determined,
+                None => parameters.push((shown, is_determined)),
+            }
+        }
+    }
+    let open = parameters.into_iter().filter(|(_, is_determined)| !is_determined);
+    open.map(|(shown, _)| format!("the data do not determine {shown}")).collect()
+}
+
+/// Warning about a one-off disturbance in the session called `session`.
+fn masked(session: &str, incident: &Incident) -> String {
+    let Incident { signal, unit, farthest, span } = incident;
+    format!(
+        "{session}: a one-off disturbance of {signal} by up to {farthest:.3} {unit} from {:.1} to {:.1} s is left out, since \
+         nothing like it recurs (a hand on the machine, or an end stop?)",
+        span.start, span.end
+    )
+}
