@@ -93,7 +93,7 @@ def live(klasktron, folder):
     said = pathlib.Path(folder, "rig.log").read_text()
     heard, sent, dropped = map(int, re.search(
         r"(\d+) frames received, (\d+) sent, (\d+) given up", said).groups())
-    return {"lateness": report["lateness"], "timer": timer, "setpoints_dropped": report["setpoints_dropped"],
+    return {"lateness": report["control_loop"], "timer": timer, "setpoints_dropped": report["setpoints_dropped"],
             "frames_sent_by_collect": report["frames_sent"], "frames_received_by_rig": heard,
             "frames_sent_by_rig": sent, "frames_received_by_collect": report["frames_received"],
             "frames_given_up_by_rig": dropped, "positions_lost": positions_lost(klasktron, out)}

@@ -173,7 +173,7 @@ def check_disk_full(klasktron):
                                capture_output=True, text=True)
         said = ended.stderr.strip()
         expect(ended.returncode == 3, "status 3", ended.returncode, said)
-        expect("the recording cannot go on" in said, "the reason", said)
+        expect("the recording failed" in said, "the reason", said)
         partial = re.search(r"what was written is in (\S+);", said)
         expect(partial and os.path.getsize(partial[1]) > 100_000, "what was written is kept", said)
         saved = subprocess.run([klasktron, "recover", partial[1], "-o", f"{folder}/saved.mcap"],

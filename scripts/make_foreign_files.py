@@ -311,7 +311,7 @@ def bags(folder):
         if name.startswith("humble"):
             drop_definitions(folder / name)
         cases.append({"name": name, "args": ["bag", name], "exit": 0, "metadata": metadata,
-                      "says": ["left out: /rosout_text"], "topics": topics_of(range(STEPS))})
+                      "says": ["skipped: /rosout_text"], "topics": topics_of(range(STEPS))})
     split_bag(folder / "split", {})
     cases.append({"name": "split", "args": ["bag", "split"], "exit": 0, "metadata": metadata,
                   "says": [], "topics": topics_of(range(STEPS))})
@@ -483,7 +483,7 @@ def npz(folder):
     first, last = 10**9, count * 10**9 + 11 * 20_000_000
     cases.append({
         "name": "windows", "args": ["npz", "windows_train.npz"], "exit": 0,
-        "says": ["left out: array Y_prev", "each window is a run of its own"],
+        "says": ["skipped: array Y_prev", "each window is a run of its own"],
         "metadata": {"split": "train", "carriage_origin": "unknown"}, "pattern": "window",
         "topics": {
             "/striker/left/command": {"count": 12 * count, "first": end(-0.18, 1, first - 1),

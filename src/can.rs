@@ -1,6 +1,7 @@
-//! The bus of the drives: frames, the ODrive CANSimple codec and its words, and logs of `candump`.
+//! CAN bus of the drives: frames, the ODrive CANSimple codec and its enumerations, and logs of
+//! `candump`.
 //!
-//! Everything here is pure: bytes or text in, values out. Transports are not part of it.
+//! Everything here is pure: bytes or text in, values out. Transports are in [`crate::link`].
 //!
 //! ```
 //! use klasktron::can::{Message, candump};

@@ -1,8 +1,8 @@
-//! The gantry under the board: two motors, one belt, one carriage for each player.
+//! Gantry under the board: two motors, one belt and one carriage for each player.
 //!
-//! [`CoreXy`] is the pair of forward and inverse kinematics; [`MotorSeat`] says which motor of
-//! which player a drive turns, and with which sign; [`Robot`] is the robot file with its limits;
-//! [`Pattern`] is an excitation and [`Reference`] the commanded motion of one run.
+//! [`CoreXy`] implements the forward and inverse kinematics. [`MotorSeat`] assigns a drive to a
+//! motor of a player, with its sign. [`Robot`] is the robot file with its limits. [`Pattern`] is an
+//! excitation and [`Reference`] the commanded motion of one run.
 //!
 //! ```
 //! use klasktron::gantry::CoreXy;

@@ -1,11 +1,11 @@
-//! From other software's files to recordings: ROS 2 bags, npz archives, CSV tables, candump logs.
+//! Import of other software's files into recordings: ROS 2 bags, npz archives, CSV tables, candump
+//! logs.
 //!
-//! Every import ends in one MCAP file of the data contract, in the board frame, with the
-//! original's name and SHA-256 in its metadata, and an [`ImportReport`] of what was written, left out
-//! and lost. A source without runs of its own gets one run around it. Nothing is written when an
-//! import fails.
+//! Every import writes one MCAP file of the data contract, in the board frame, with the original's
+//! name and SHA-256 in its metadata. An [`ImportReport`] lists what was written, skipped and lost.
+//! A source without runs gets one run around all of its data. A failed import writes nothing.
 //!
-//! | source | function | becomes |
+//! | source | function | topics |
 //! |---|---|---|
 //! | bag (`.db3`, `.mcap`, a folder of parts) | [`import_bags`] | commands, motors, carriages, drives, board |
 //! | npz of the upstream actuator pipeline | [`import_npz`] | commands, carriage, board |
@@ -51,5 +51,5 @@ pub use candump::import_candump;
 pub use csv::{AxisColumns, ColumnError, PositionUnit, import_csv};
 pub use error::ImportError;
 pub use npz::{GRID_SECONDS, import_npz};
-pub use report::{ImportReport, LeftOutReason, Notice, TopicCount};
+pub use report::{ImportReport, Notice, SkipReason, TopicCount};
 pub use run::{ImportConfig, SourceKind, Table, import_bags};

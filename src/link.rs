@@ -1,12 +1,12 @@
-//! The connection to a table, real or virtual: its clock, its bus, its camera.
+//! Connection to a table, real or virtual: its clock, its bus and its camera.
 //!
-//! `collect` and everything else that drives hardware sees only [`Link`]. `LiveLink` joins a
-//! [`Transport`] (SocketCAN, a serial adapter, a network gateway, a log) with the system's clock and
-//! a camera socket; the virtual rig is a link of its own, with its own clock, so that procedures run
-//! on it unchanged and as fast as it can be computed.
+//! `collect` and every other part that drives hardware uses only [`Link`]. `LiveLink` combines a
+//! [`Transport`] (SocketCAN, a serial adapter, a network gateway, a log) with the system's clock
+//! and a camera socket. The virtual rig is a separate link with its own clock, so that procedures
+//! run on it unchanged and as fast as it can be computed.
 //!
-//! Time belongs to the link: a procedure asks for the [`next_event`](Link::next_event) until its next
-//! deadline, and gets events in the order of their time, or nothing once the deadline has come.
+//! The link owns the time. A procedure requests the [`next_event`](Link::next_event) until its next
+//! deadline. It receives events in the order of their time, or `None` once the deadline has come.
 //!
 //! ```
 //! use klasktron::link::{BusSpec, Event, Link, Replay, ReplayLink};
@@ -49,14 +49,14 @@ use crate::{
 };
 use std::time::Duration;
 
-/// Something that the table said.
+/// Event from the table.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// A frame on the bus that this program did not send.
     Frame {
-        /// When the host saw it.
+        /// Time of reception on the host.
         received_at: Nanos,
-        /// The kernel's or gateway's own time of it, where there is one.
+        /// Time stamp of the kernel or the gateway, if available.
         stamped_at: Option<Nanos>,
         /// The frame.
         frame: Frame,
@@ -65,172 +65,172 @@ pub enum Event {
     },
     /// One datagram of the camera (one JSON object, not yet parsed).
     Camera {
-        /// When it arrived.
+        /// Time of arrival.
         received_at: Nanos,
-        /// Its bytes.
+        /// Bytes of the datagram.
         datagram: Vec<u8>,
     },
-    /// Trouble on the bus.
+    /// Fault on the bus.
     Fault {
-        /// When it was noticed.
+        /// Time of detection.
         at: Nanos,
-        /// What it is.
+        /// Kind of fault.
         fault: BusFault,
     },
-    /// The log has been replayed to its end; nothing will follow.
+    /// End of the log; no event follows.
     End,
 }
 
-/// Trouble on the bus itself, as the controller or the kernel reports it.
+/// Fault of the bus, as reported by the controller or the kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BusFault {
-    /// An error counter has passed 96.
+    /// An error counter exceeded 96.
     ErrorWarning,
-    /// An error counter has passed 127: the controller no longer signals errors actively.
+    /// An error counter exceeded 127: the controller no longer signals errors actively.
     ErrorPassive,
-    /// Both counters have come back below 96.
+    /// Both counters fell below 96.
     ErrorActive,
     /// The controller has left the bus.
     BusOff,
     /// The controller was restarted after leaving the bus.
     Restarted,
-    /// Nobody acknowledged a frame.
+    /// No node acknowledged a frame.
     NoAcknowledge,
     /// A bit, form, stuff or CRC error, or lost arbitration.
     Protocol,
-    /// Frames were lost between bus and program, so many when that is known.
+    /// Frames were lost between bus and program.
     Overrun {
-        /// Number lost; 0 when unknown.
+        /// Number of lost frames; 0 when unknown.
         frames: u32,
     },
-    /// The interface was taken down, or the adapter or gateway has gone.
+    /// The interface was taken down, or the adapter or gateway was disconnected.
     LinkDown,
 }
 
 impl BusFault {
-    /// Whether driving motors over this bus must end: nothing sent can be relied on any more.
+    /// Return whether driving motors over this bus must stop, because no sent frame is reliable.
     #[must_use]
     pub fn is_fatal(self) -> bool {
         matches!(self, Self::BusOff | Self::Restarted | Self::LinkDown)
     }
 }
 
-/// What a bus can do.
+/// Capabilities of a bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "three independent abilities, not states")]
 pub struct Capabilities {
-    /// Whether remote frames reach the drives; else requests go out as empty data frames.
+    /// Remote frames reach the drives; otherwise requests are sent as empty data frames.
     pub remote_frames: bool,
-    /// Whether trouble on the bus is reported.
+    /// Faults on the bus are reported.
     pub error_frames: bool,
-    /// Whether anything can be sent.
+    /// Frames can be sent.
     pub sending: bool,
 }
 
-/// A connection to a table.
+/// Connection to a table.
 pub trait Link {
-    /// The link's time.
+    /// Return the time of the link.
     fn now(&self) -> Nanos;
 
-    /// Sends one frame.
+    /// Send one frame.
     ///
     /// # Errors
-    /// When the bus does not take it; [`LinkError::Full`] is worth another attempt.
+    /// When the bus does not take it; after [`LinkError::Full`] a retry can succeed.
     fn send(&mut self, frame: &Frame) -> Result<(), LinkError>;
 
-    /// The next event before `until`, in order of time; `None` as soon as `until` has come.
+    /// Return the next event before `until`, in order of time; `None` as soon as `until` has come.
     ///
     /// # Errors
-    /// When the connection is broken for good.
+    /// When the connection is broken permanently.
     fn next_event(&mut self, until: Nanos) -> Result<Option<Event>, LinkError>;
 
-    /// What the bus can do.
+    /// Return the capabilities of the bus.
     fn capabilities(&self) -> Capabilities;
 
-    /// What is really the case now, from a simulator that tells; only ever for the recording.
+    /// Return the true state, if the link is a simulator that provides it; only for the recording.
     fn true_state(&self) -> Option<BoardState> {
         None
     }
 
-    /// What of the source could not be delivered, each as a sentence.
+    /// Return the losses of the source, each as a sentence.
     fn losses(&self) -> Vec<String> {
         Vec::new()
     }
 }
 
-/// What a transport received.
+/// Result of receiving from a transport.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Received {
-    /// A frame, with the source's own time of it (Unix epoch) and direction when it has them.
+    /// Frame, with the source's time stamp (Unix epoch) and direction if available.
     Frame {
         /// The frame.
         frame: Frame,
-        /// Time of kernel, gateway or log.
+        /// Time stamp of kernel, gateway or log.
         stamped_at: Option<Nanos>,
         /// Received, except in a log.
         direction: Direction,
     },
-    /// Trouble on the bus.
+    /// Fault on the bus.
     Fault(BusFault),
-    /// Nothing within the time-out.
+    /// Time-out without a frame.
     Nothing,
-    /// The log is at its end.
+    /// End of the log.
     End,
 }
 
-/// A bus on which frames are sent and received, shared between a receiving and a sending thread.
+/// Bus for sending and receiving frames, shared between a receiving and a sending thread.
 pub trait Transport: Send + Sync {
-    /// Sends one frame now or not at all: frames are never queued here.
+    /// Send one frame now or not at all: frames are never queued.
     ///
     /// # Errors
     /// As [`Link::send`].
     fn send(&self, frame: &Frame) -> Result<(), LinkError>;
 
-    /// Waits at most `timeout` for the next frame or fault.
+    /// Wait at most `timeout` for the next frame or fault.
     ///
     /// # Errors
-    /// When the connection is broken for good.
+    /// When the connection is broken permanently.
     fn receive(&self, timeout: Duration) -> Result<Received, LinkError>;
 
-    /// What the bus can do.
+    /// Return the capabilities of the bus.
     fn capabilities(&self) -> Capabilities;
 }
 
-/// Why a link cannot be opened or used. Each message is one sentence that says what to do.
+/// Error of opening or using a link. Each message is one sentence with the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// The transmit queue is full at this moment (ENOBUFS): try again, or drop the old setpoint.
+    /// Transmit queue full (ENOBUFS): retry, or drop the old setpoint.
     #[error(
-        "the transmit queue of {bus} is full; the bus may be overloaded or nobody acknowledges"
+        "the transmit queue of {bus} is full; the bus may be overloaded, or no node acknowledges"
     )]
     Full {
-        /// The bus.
+        /// Name of the bus.
         bus: String,
     },
-    /// The interface is down.
+    /// Interface down.
     #[error(
         "{bus} is down; bring it up with: sudo ip link set {interface} up type can bitrate 250000"
     )]
     Down {
-        /// The bus.
+        /// Name of the bus.
         bus: String,
         /// Name of the interface.
         interface: String,
     },
-    /// Nothing can be sent into a log.
+    /// Attempt to send into a log.
     #[error("{bus} is a log: it can be listened to (--listen), not driven")]
     ReadOnly {
-        /// The bus.
+        /// Name of the bus.
         bus: String,
     },
-    /// It cannot be opened, or has broken.
+    /// Bus that cannot be opened, or failed.
     #[error("{bus}: {what}; {remedy}")]
     Unusable {
-        /// The bus.
+        /// Name of the bus.
         bus: String,
-        /// What happened.
+        /// Description of the failure.
         what: String,
-        /// What to do.
+        /// Remedy.
         remedy: &'static str,
     },
 }

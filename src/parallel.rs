@@ -1,23 +1,23 @@
-//! Independent work on several cores, with results that do not depend on their number.
+//! Parallel work on independent items, with results independent of the number of threads.
 
 use std::{
     sync::atomic::{AtomicUsize, Ordering},
     thread,
 };
 
-/// How many threads can run at once; one where that cannot be told.
+/// Return the number of threads that run at once; 1 where it is unknown.
 #[must_use]
 pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// `work` on every item on all cores; the results are in the order of the items, whatever the number of
-/// cores. A panic in `work` goes on in the caller.
+/// Apply `work` to every item on all cores. The results are in the order of the items for any
+/// number of cores. A panic in `work` propagates to the caller.
 pub fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     in_parallel_on(cores(), items, work)
 }
 
-/// The same on `threads` threads, at least one; items are begun in their order.
+/// Apply `work` to every item on `threads` threads, at least one; items start in their order.
 pub fn in_parallel_on<T: Sync, R: Send>(
     threads: usize,
     items: &[T],

@@ -1,8 +1,8 @@
-//! One user seed, many named independent streams.
+//! Independent named random streams from one user seed.
 //!
-//! A stream is ChaCha with 8 rounds, keyed by SHA-256 of the seed and the stream's name, so that a
-//! draw added to one part of a program never moves the numbers of another, and the same seed
-//! gives the same numbers on every machine.
+//! A stream is ChaCha with 8 rounds, keyed by SHA-256 of the seed and the stream's name. A draw
+//! added in one part of a program never changes the numbers of another part. The same seed gives
+//! the same numbers on every machine.
 
 use rand_chacha::{
     ChaCha8Rng,
@@ -10,23 +10,23 @@ use rand_chacha::{
 };
 use sha2::{Digest, Sha256};
 
-/// A named stream of random numbers.
+/// Named stream of random numbers.
 #[derive(Debug, Clone)]
 pub struct Stream(ChaCha8Rng);
 
 impl Stream {
-    /// The stream called `name` of the user's `seed`.
+    /// Create the stream called `name` of the user's `seed`.
     #[must_use]
     pub fn new(seed: u64, name: &str) -> Self {
         let key = Sha256::new().chain_update(seed.to_le_bytes()).chain_update(name).finalize();
         Self(ChaCha8Rng::from_seed(key.into()))
     }
 
-    /// The stream called `name` of the user's `seed` for one thing among many, such as an episode of a board,
-    /// told by its `numbers`. Nothing is allocated.
+    /// Create the stream called `name` of the user's `seed` for one of many items, identified by
+    /// `numbers` (for example an episode of a board). Nothing is allocated.
     #[must_use]
     pub fn numbered(seed: u64, name: &str, numbers: &[u64]) -> Self {
-        // 0xff is no part of any name, so that no name ends where another's numbers begin.
+        // No name contains 0xff, so that no name ends where another's numbers start.
         let start = Sha256::new().chain_update(seed.to_le_bytes()).chain_update(name);
         let hash = numbers.iter().fold(start.chain_update([0xff]), |hash, number| {
             hash.chain_update(number.to_le_bytes())
@@ -34,18 +34,18 @@ impl Stream {
         Self(ChaCha8Rng::from_seed(hash.finalize().into()))
     }
 
-    /// A number from `low` (included) to `high` (excluded), from 24 random bits.
+    /// Draw a number from `low` (included) to `high` (excluded), from 24 random bits.
     pub fn uniform_f32(&mut self, low: f32, high: f32) -> f32 {
         let unit = (self.0.next_u32() >> 8) as f32 / (1u32 << 24) as f32;
         low + (high - low) * unit
     }
 
-    /// A whole number below `end`, which is at least 1; the bias is below 2^-32 * `end`.
+    /// Draw an integer below `end`, which is at least 1; the bias is below 2^-32 * `end`.
     pub fn below(&mut self, end: usize) -> usize {
         ((u128::from(self.0.next_u64()) * end as u128) >> 64) as usize
     }
 
-    /// Puts `items` into random order (Fisher and Yates).
+    /// Shuffle `items` (Fisher and Yates).
     pub fn shuffle<T>(&mut self, items: &mut [T]) {
         for last in (1..items.len()).rev() {
             items.swap(last, self.below(last + 1));

@@ -1,5 +1,5 @@
-//! Plain statistics: summaries of slices, bootstrap intervals over whole runs, permutation tests.
-//! Pure functions, no input or output.
+//! Statistics: summaries of samples, bootstrap intervals over whole runs, permutation tests. All
+//! functions are pure.
 //!
 //! ```
 //! use klasktron::stats::{median, quantile};

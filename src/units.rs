@@ -1,19 +1,19 @@
-//! Words for time: one integer time stamp, and the few conversions to seconds.
+//! Time stamps: one integer type, and its conversions to seconds.
 //!
-//! Inside the library every quantity is SI (metres, m/s, radians, newtons, seconds as `f64`), and
-//! recorded time is an integer count of nanoseconds, so that equal stamps compare equal.
+//! Inside the library every quantity is SI (metres, m/s, radians, newtons, seconds as `f64`).
+//! Recorded time is an integer count of nanoseconds, so that equal stamps compare equal.
 
 use std::fmt;
 
-/// Nanoseconds in a second.
+/// Nanoseconds per second.
 pub const NANOS_PER_SECOND: u64 = 1_000_000_000;
 
-/// A recorded instant: nanoseconds since the Unix epoch, or since any other fixed start.
+/// Recorded time: nanoseconds since the Unix epoch, or since any other fixed start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Nanos(pub u64);
 
 impl Nanos {
-    /// Seconds from `earlier` to `self`; negative when `self` is before it.
+    /// Return the seconds from `earlier` to `self`; negative when `self` is before it.
     ///
     /// ```
     /// use klasktron::units::Nanos;
@@ -26,8 +26,8 @@ impl Nanos {
         if earlier <= self { seconds } else { -seconds }
     }
 
-    /// The instant `seconds` later (earlier when negative), rounded to the nearest nanosecond and
-    /// held within the range of the type.
+    /// Return the time `seconds` later (earlier when negative), rounded to the nearest nanosecond
+    /// and saturated at the limits of the type.
     #[must_use]
     pub fn after_seconds(self, seconds: f64) -> Self {
         let step = (seconds.abs() * NANOS_PER_SECOND as f64).round() as u64;

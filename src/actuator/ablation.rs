@@ -1,22 +1,23 @@
-//! The paper's ablation: history and width, several seeds each, judged by free-running error.
+//! Ablation of the paper: history length and width, several seeds each, compared by free-running
+//! error.
 
 use super::{
+    evaluation::{Component, Evaluation, LONGEST_HORIZON_S},
     fit::{Fit, FitConfig},
-    judge::{Component, Judgement, LONGEST_HORIZON_S},
     layout::LayoutKind,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// History lengths of the ablation.
+/// History lengths of the ablation, in steps.
 pub const HISTORIES: [usize; 3] = [1, 5, 10];
-/// Widths of the ablation.
+/// Widths of the ablation: units of each hidden layer.
 pub const WIDTHS: [usize; 3] = [32, 64, 128];
 
-/// Every combination, each with `seeds` seeds from `base.seed`.
+/// Return every combination, each with `seeds` seeds counted from `base.seed`.
 #[must_use]
 pub fn configs(base: &FitConfig, seeds: u64) -> Vec<FitConfig> {
-    // Upstream's layout has one velocity less than commands, so it starts at two steps.
+    // The upstream layout has one velocity less than commands, so it starts at two steps.
     let shortest = match base.layout {
         LayoutKind::Klasktron => 1,
         LayoutKind::KlaskRl => 2,
@@ -32,64 +33,66 @@ pub fn configs(base: &FitConfig, seeds: u64) -> Vec<FitConfig> {
     configs
 }
 
-/// One combination, judged on the held-out runs.
+/// One combination, evaluated on the held-out runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cell {
-    /// Commands that the network sees.
+    /// Number of commands in the input history.
     pub history_steps: usize,
     /// Units of each hidden layer.
     pub width: usize,
-    /// Finished seeds.
+    /// Number of finished seeds.
     pub seeds: usize,
     /// Free-running error over the longest horizon, mean over seeds (m/s).
     pub mean_rmse_m_per_s: f64,
     /// Standard error of that mean, over held-out runs (m/s).
     pub standard_error_m_per_s: f64,
-    /// One step ahead, mean over seeds (m/s).
+    /// One-step-ahead error, mean over seeds (m/s).
     pub one_step_rmse_m_per_s: f64,
-    /// Parameters of the network.
+    /// Number of network parameters.
     pub parameters: usize,
 }
 
-/// The whole ablation.
+/// Outcome of the whole ablation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ablation {
     /// Every combination.
     pub cells: Vec<Cell>,
-    /// Position in `cells` of the smallest mean error.
+    /// Index in `cells` of the smallest mean error.
     pub best: usize,
-    /// Position in `cells` of the choice: the fewest parameters within one standard error of the
-    /// best (Breiman et al., "Classification and Regression Trees", 1984, section 3.4.3).
+    /// Index in `cells` of the selected combination: the fewest parameters within one standard
+    /// error of the best (Breiman et al., "Classification and Regression Trees", 1984, section
+    /// 3.4.3).
     pub chosen: usize,
-    /// Error of the choice when half of the held-out runs choose and the other half judges, both
-    /// ways, averaged: free of the optimism of choosing and judging on the same runs (m/s).
+    /// Two-fold cross-fitted error of the selection (m/s). One half of the held-out runs selects,
+    /// the other half evaluates, in both directions, and the two errors are averaged. This removes
+    /// the optimism of selecting and evaluating on the same runs.
     pub cross_fitted_rmse_m_per_s: Option<f64>,
 }
 
-/// One fit of an ablation, as the file keeps it.
+/// One fit of an ablation, as stored in the file.
 #[derive(Debug, Clone, Copy)]
 pub struct AblationFit {
-    /// Its settings.
+    /// Settings of the fit.
     pub config: FitConfig,
-    /// One step ahead on held-out runs (m/s).
+    /// One-step-ahead error on held-out runs (m/s).
     pub one_step_rmse_m_per_s: f64,
-    /// Free-running over the longest horizon (m/s).
+    /// Free-running error over the longest horizon (m/s).
     pub free_running_rmse_m_per_s: f64,
 }
 
 impl AblationFit {
-    pub(super) fn of(fit: &Fit, judgement: &Judgement) -> Self {
+    pub(super) fn of(fit: &Fit, evaluation: &Evaluation) -> Self {
         Self {
             config: fit.config,
-            one_step_rmse_m_per_s: judgement.one_step(Component::Both),
-            free_running_rmse_m_per_s: judgement.free_running(LONGEST_HORIZON_S, Component::Both),
+            one_step_rmse_m_per_s: evaluation.one_step(Component::Both),
+            free_running_rmse_m_per_s: evaluation.free_running(LONGEST_HORIZON_S, Component::Both),
         }
     }
 }
 
-/// Judges every combination of `fits`; `judgements` are in the same order.
+/// Evaluate every combination of `fits`; `evaluations` are in the same order.
 #[must_use]
-pub(super) fn select(fits: &[Fit], judgements: &[Judgement]) -> Option<Ablation> {
+pub(super) fn select(fits: &[Fit], evaluations: &[Evaluation]) -> Option<Ablation> {
     let mut groups: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
     for (index, fit) in fits.iter().enumerate() {
         let key = (fit.config.history_steps, fit.config.width);
@@ -98,7 +101,7 @@ pub(super) fn select(fits: &[Fit], judgements: &[Judgement]) -> Option<Ablation>
     let groups: Vec<((usize, usize), Vec<usize>)> = groups.into_iter().collect();
     let by_run: Vec<Vec<f64>> = groups
         .iter()
-        .map(|(_, members)| mean_by_run(members.iter().map(|index| &judgements[*index])))
+        .map(|(_, members)| mean_by_run(members.iter().map(|index| &evaluations[*index])))
         .collect();
     let parameters: Vec<usize> =
         groups.iter().map(|(_, members)| parameter_count(&fits[members[0]])).collect();
@@ -109,8 +112,8 @@ pub(super) fn select(fits: &[Fit], judgements: &[Judgement]) -> Option<Ablation>
         .zip(&by_run)
         .zip(&parameters)
         .map(|(((key, members), errors), parameters)| {
-            let mean_over = |figure: &dyn Fn(&Judgement) -> f64| {
-                members.iter().map(|i| figure(&judgements[*i])).sum::<f64>() / members.len() as f64
+            let mean_over = |figure: &dyn Fn(&Evaluation) -> f64| {
+                members.iter().map(|i| figure(&evaluations[*i])).sum::<f64>() / members.len() as f64
             };
             Cell {
                 history_steps: key.0,
@@ -133,9 +136,9 @@ fn parameter_count(fit: &Fit) -> usize {
     fit.model.network.layers.iter().map(|l| l.weight.len() + l.bias.len()).sum()
 }
 
-/// Mean over seeds of each held-out run's free-running error.
-fn mean_by_run<'a>(judgements: impl Iterator<Item = &'a Judgement>) -> Vec<f64> {
-    let by_seed: Vec<Vec<f64>> = judgements.map(Judgement::free_running_by_run).collect();
+/// Return the free-running error of each held-out run, averaged over seeds.
+fn mean_by_run<'a>(evaluations: impl Iterator<Item = &'a Evaluation>) -> Vec<f64> {
+    let by_seed: Vec<Vec<f64>> = evaluations.map(Evaluation::free_running_by_run).collect();
     let runs = by_seed.iter().map(Vec::len).min().unwrap_or(0);
     (0..runs)
         .map(|run| by_seed.iter().map(|errors| errors[run]).sum::<f64>() / by_seed.len() as f64)
@@ -155,8 +158,9 @@ fn standard_error(values: &[f64], at: &[usize]) -> f64 {
     (squares / (at.len() - 1) as f64 / at.len() as f64).sqrt()
 }
 
-/// Best and chosen combination by the errors of the runs `at`. The standard error is that of the
-/// difference from the best, run by run, because all combinations are judged on the same runs.
+/// Return the best and the selected combination by the errors of the runs `at`. The standard error
+/// is that of the paired difference from the best, because all combinations are evaluated on the
+/// same runs.
 fn one_standard_error(
     by_run: &[Vec<f64>],
     parameters: &[usize],
@@ -174,7 +178,7 @@ fn one_standard_error(
     Some((best, chosen))
 }
 
-/// Chooses on even runs and judges on odd ones, and the other way round.
+/// Select on even runs and evaluate on odd ones, and the other way round.
 fn cross_fitted(by_run: &[Vec<f64>], parameters: &[usize]) -> Option<f64> {
     let runs = by_run.first()?.len();
     let half = |parity: usize| (0..runs).filter(|run| run % 2 == parity).collect::<Vec<_>>();
@@ -182,11 +186,11 @@ fn cross_fitted(by_run: &[Vec<f64>], parameters: &[usize]) -> Option<f64> {
     if odd.is_empty() {
         return None;
     }
-    let judged = |choose: &[usize], judge: &[usize]| {
+    let fit = |choose: &[usize], judge: &[usize]| {
         let (_, chosen) = one_standard_error(by_run, parameters, choose)?;
         Some(mean(&by_run[chosen], judge))
     };
-    Some(0.5 * (judged(&even, &odd)? + judged(&odd, &even)?))
+    Some(0.5 * (fit(&even, &odd)? + fit(&odd, &even)?))
 }
 
 #[cfg(test)]
@@ -195,8 +199,7 @@ mod tests {
 
     #[test]
     fn the_smallest_model_within_one_standard_error_is_chosen() {
-        // Three combinations of 100, 10 and 1 parameters over four runs. The second is worse by
-        // 0.01 +- 0.02 on average, which its standard error covers; the third by 0.5.
+        // Three combinations of 100, 10 and 1 parameters over four runs. The second is worse by 0.01 +- 0.02 on average, which its standard error covers; the third by 0.5.
         let best = vec![1.0, 1.1, 0.9, 1.0];
         let close = vec![1.05, 1.07, 0.93, 0.99];
         let poor = vec![1.5, 1.6, 1.4, 1.5];
@@ -205,9 +208,8 @@ mod tests {
     }
 
     #[test]
-    fn cross_fitting_judges_on_the_other_half() {
-        // The first combination is right on even runs, the second on odd ones: choosing on one
-        // half then looks at its best, and is judged at 2 on the other half, both ways.
+    fn cross_fitting_evaluates_on_the_other_half() {
+        // The first combination is right on even runs, the second on odd ones. Each half selects its own best combination, which has an error of 2 on the other half.
         let errors = [vec![1.0, 2.0, 1.0, 2.0], vec![2.0, 1.0, 2.0, 1.0]];
         assert_eq!(cross_fitted(&errors, &[1, 1]), Some(2.0));
     }

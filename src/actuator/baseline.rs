@@ -1,4 +1,4 @@
-//! What a person would try first: the ideal actuator, a lag with delay, and linear ARX.
+//! Baseline models: the ideal actuator, a first-order-plus-dead-time model, and linear ARX.
 
 use super::{
     layout::{AXES, Layout, LayoutKind},
@@ -12,7 +12,7 @@ use argmin::{
 use faer::Mat;
 use serde::Serialize;
 
-/// `v_k+1 = u_k`: the carriage does what it is told, one sample later.
+/// Ideal actuator, `v_k+1 = u_k`: the carriage follows the command one sample later.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ideal;
 
@@ -26,10 +26,10 @@ impl VelocityModel for Ideal {
     }
 }
 
-/// First-order lag of one axis: `tau dv/dt = gain u(t - delay) - v`.
+/// First-order-plus-dead-time (FOPDT) model of one axis: `tau dv/dt = gain u(t - delay) - v`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Lag {
-    /// Steady velocity over command.
+    /// Ratio of steady velocity to command.
     pub gain: f64,
     /// Time constant (s).
     pub tau_s: f64,
@@ -38,8 +38,8 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// The velocity one sample of `dt` later: exact for a command that is constant over the
-    /// sample, delayed between samples by linear interpolation of neighbouring commands.
+    /// Return the velocity one sample of `dt` later. Exact for a command that is constant over the
+    /// sample; a delayed command is interpolated linearly between neighbouring samples.
     fn step(&self, velocity: f64, command: f64, dt: f64) -> f64 {
         let kept = (-dt / self.tau_s).exp();
         kept * velocity + (1.0 - kept) * self.gain * command
@@ -48,28 +48,28 @@ impl Lag {
     fn delayed(&self, commands: &[[f64; AXES]], axis: usize, at: usize, dt: f64) -> f64 {
         let late = self.delay_s / dt;
         let whole = late.floor();
-        let share = late - whole;
+        let fraction = late - whole;
         let back = |samples: usize| commands[at.saturating_sub(samples)][axis];
-        (1.0 - share) * back(whole as usize) + share * back(whole as usize + 1)
+        (1.0 - fraction) * back(whole as usize) + fraction * back(whole as usize + 1)
     }
 }
 
-/// A lag with delay in each axis on its own.
+/// First-order-plus-dead-time model with independent axes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct LagDelay {
-    /// x and y.
+pub struct Fopdt {
+    /// Parameters of x and y.
     pub axes: [Lag; AXES],
     #[serde(skip)]
     dt: f64,
 }
 
-/// Delays up to this many samples are searched.
+/// Longest delay of the search, in samples.
 const MOST_DELAY_SAMPLES: usize = 8;
 const LAG_ITERATIONS: u64 = 120;
 
-impl LagDelay {
-    /// Least squares over free-running simulation of `runs`: Nelder and Mead in gain and log time
-    /// constant, from a start at each whole delay, with the delay free to move.
+impl Fopdt {
+    /// Fit by least squares on the free-running simulation of `runs`. Nelder and Mead search gain
+    /// and logarithmic time constant from a start at each whole delay; the delay is free.
     #[must_use]
     pub fn fit(runs: &[&Run], dt: f64) -> Self {
         let axes = std::array::from_fn(|axis| {
@@ -84,9 +84,9 @@ impl LagDelay {
     }
 }
 
-impl VelocityModel for LagDelay {
+impl VelocityModel for Fopdt {
     fn name(&self) -> &'static str {
-        "lag_delay"
+        "fopdt"
     }
 
     fn simulate(&self, run: &Run, starts: &[usize], steps: usize) -> Vec<[f64; AXES]> {
@@ -172,8 +172,8 @@ impl CostFunction for LagCost<'_> {
     }
 }
 
-/// Linear regression of the next velocity on the same history as the network's, both axes
-/// together, with a constant.
+/// Linear regression of the next velocity on the same history as the network's, both axes together,
+/// with a constant.
 #[derive(Debug, Clone)]
 pub struct Arx {
     layout: Layout,
@@ -182,8 +182,8 @@ pub struct Arx {
 }
 
 impl Arx {
-    /// Least squares over one step, by singular values, so that inputs which never differ get the
-    /// smallest coefficients instead of arbitrary ones.
+    /// Fit by least squares over one step. A truncated eigenvalue decomposition gives inputs that
+    /// never differ the smallest coefficients instead of arbitrary ones.
     #[must_use]
     pub fn fit(runs: &[&Run], history_steps: usize) -> Self {
         let layout = Layout { kind: LayoutKind::Klasktron, history_steps };
@@ -213,10 +213,10 @@ impl Arx {
     }
 }
 
-/// Eigenvalues below this share of the largest count as zero.
+/// Eigenvalues below this fraction of the largest count as zero.
 const RANK_TOLERANCE: f64 = 1e-12;
 
-/// Minimum-norm solution of `gram x = right`, from the lower triangle of `gram`.
+/// Return the minimum-norm solution of `gram x = right`, from the lower triangle of `gram`.
 fn solve_symmetric(gram: &Mat<f64>, right: &Mat<f64>) -> Mat<f64> {
     let zero = Mat::zeros(right.nrows(), right.ncols());
     let Ok(eigen) = gram.self_adjoint_eigen(faer::Side::Lower) else { return zero };

@@ -1,20 +1,19 @@
-//! Where the training data lies in (command, velocity), so that a model can say when it is asked
-//! about something that it has not seen.
+//! Coverage of the training data over (command, velocity), to detect extrapolation of a model.
 
 use super::{layout::AXES, run::Run};
 use serde::{Deserialize, Serialize};
 
-/// Cells along each side of the map of one axis.
+/// Number of cells along each side of the map of one axis.
 pub const CELLS: usize = 24;
 
-/// Counts of training samples over (command, velocity) of one axis.
+/// Histogram of training samples over (command, velocity) of one axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AxisCoverage {
     /// Largest absolute command of the training data (m/s); the map spans plus and minus this.
     pub command_span_m_per_s: f64,
     /// Largest absolute velocity of the training data (m/s).
     pub velocity_span_m_per_s: f64,
-    /// `[command cell][velocity cell]`, both from the most negative.
+    /// Counts `[command cell][velocity cell]`, both from the most negative.
     pub counts: Vec<Vec<u32>>,
 }
 
@@ -41,8 +40,10 @@ impl AxisCoverage {
 
     fn cell(&self, command: f64, velocity: f64) -> Option<[usize; 2]> {
         let place = |value: f64, span: f64| {
-            let share = 0.5 * (value / span + 1.0);
-            (0.0..=1.0).contains(&share).then(|| ((share * CELLS as f64) as usize).min(CELLS - 1))
+            let fraction = 0.5 * (value / span + 1.0);
+            (0.0..=1.0)
+                .contains(&fraction)
+                .then(|| ((fraction * CELLS as f64) as usize).min(CELLS - 1))
         };
         Some([
             place(command, self.command_span_m_per_s)?,
@@ -50,7 +51,7 @@ impl AxisCoverage {
         ])
     }
 
-    /// Whether a training sample lay in the same cell or one that touches it.
+    /// Return whether a training sample lies in the same cell or in an adjacent one.
     #[must_use]
     pub fn contains(&self, command: f64, velocity: f64) -> bool {
         let Some([row, column]) = self.cell(command, velocity) else { return false };
@@ -59,17 +60,17 @@ impl AxisCoverage {
     }
 }
 
-/// [`Coverage`] in a form that answers fast, for the middle of each cell.
+/// Lookup table of [`Coverage`], evaluated at the centre of each cell.
 #[derive(Debug, Clone)]
 pub struct CoverageMask {
-    /// For each axis one over the spans of command and velocity.
+    /// Reciprocals of the spans of command and velocity, per axis.
     scales: [[f32; 2]; AXES],
-    /// `[axis][command cell][velocity cell]`
+    /// Flags `[axis][command cell][velocity cell]`.
     cells: Vec<bool>,
 }
 
 impl CoverageMask {
-    /// The mask of `coverage`.
+    /// Build the mask of `coverage`.
     #[must_use]
     pub fn new(coverage: &Coverage) -> Self {
         let middle = |cell: usize| 2.0 * (cell as f64 + 0.5) / CELLS as f64 - 1.0;
@@ -88,15 +89,15 @@ impl CoverageMask {
         Self { scales, cells }
     }
 
-    /// As [`Coverage::contains`], in m/s.
+    /// Return whether the point is covered, as [`Coverage::contains`]; in m/s.
     #[must_use]
     pub fn contains(&self, command: [f32; AXES], velocity: [f32; AXES]) -> bool {
         (0..AXES).all(|axis| {
             let place = |value: f32, scale: f32| {
-                let share = 0.5 * (value * scale + 1.0);
+                let fraction = 0.5 * (value * scale + 1.0);
                 (0.0..=1.0)
-                    .contains(&share)
-                    .then(|| ((share * CELLS as f32) as usize).min(CELLS - 1))
+                    .contains(&fraction)
+                    .then(|| ((fraction * CELLS as f32) as usize).min(CELLS - 1))
             };
             let [of_command, of_velocity] = self.scales[axis];
             place(command[axis], of_command)
@@ -106,31 +107,31 @@ impl CoverageMask {
     }
 }
 
-/// The coverage of both axes.
+/// Coverage of both axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Coverage {
-    /// x and y.
+    /// Maps of x and y.
     pub axes: [AxisCoverage; AXES],
 }
 
 impl Coverage {
-    /// The coverage of the samples of `runs`.
+    /// Map the coverage of the samples of `runs`.
     #[must_use]
     pub fn of(runs: &[&Run]) -> Self {
         Self { axes: std::array::from_fn(|axis| AxisCoverage::of(runs, axis)) }
     }
 
-    /// Whether the training data holds something close, in both axes.
+    /// Return whether the training data holds a nearby sample in both axes.
     ///
-    /// A model that is asked where this is `false` extrapolates.
+    /// Where this is `false`, a model extrapolates.
     #[must_use]
     pub fn contains(&self, command: [f64; AXES], velocity: [f64; AXES]) -> bool {
         (0..AXES).all(|axis| self.axes[axis].contains(command[axis], velocity[axis]))
     }
 
-    /// Share of the samples of `run` that lie outside, 0 to 1.
+    /// Return the fraction of the samples of `run` outside the coverage, 0 to 1.
     #[must_use]
-    pub fn share_outside(&self, run: &Run) -> f64 {
+    pub fn fraction_outside(&self, run: &Run) -> f64 {
         let pairs = run.commands.iter().zip(&run.velocities);
         let outside = pairs.filter(|(u, v)| !self.contains(**u, **v)).count();
         outside as f64 / run.len().max(1) as f64

@@ -1,4 +1,4 @@
-//! The runs of several recordings, divided into those that are fitted and those that judge.
+//! Runs of several recordings, split into training and held-out data.
 
 use super::{
     ActuatorError,
@@ -10,45 +10,46 @@ use crate::recording::{Recording, Split, topic::Player};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// One input file, as results name it.
+/// One input file, as identified in results.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct InputFile {
     /// Name without folder.
     pub name: String,
     /// SHA-256 in hexadecimal.
     pub sha256: String,
-    /// `session` of its metadata.
+    /// Metadata `session` of the file.
     pub session: Option<String>,
 }
 
-/// What had to be said about the inputs while they were read.
+/// Warning from reading the inputs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum DataWarning {
-    /// A file is damaged; what it still held was used.
+    /// A file is damaged; its readable part was used.
     Damaged {
         /// The file.
         file: String,
-        /// What is gone.
+        /// Description of the lost part.
         loss: String,
     },
-    /// The same recording was given twice; fitted and judged on, it would prove nothing.
+    /// The same recording was given twice. It was skipped, because a model fitted to data cannot be
+    /// validated on the same data.
     GivenTwice {
-        /// The file that was left out.
+        /// The file that was skipped.
         file: String,
         /// The file with the same bytes.
         same_as: String,
     },
     /// No run is marked for validation; some were held out.
     HeldOutByRule {
-        /// How many.
+        /// Number of runs held out.
         runs: usize,
-        /// Of how many.
+        /// Number of runs in total.
         of: usize,
     },
-    /// Runs that are too short for one window were left out.
+    /// Runs shorter than one window were skipped.
     ShortRuns {
-        /// How many.
+        /// Number of runs skipped.
         runs: usize,
     },
 }
@@ -57,10 +58,10 @@ impl std::fmt::Display for DataWarning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Damaged { file, loss } => {
-                write!(f, "{file}: {loss}; what it still held was used")
+                write!(f, "{file}: {loss}; the readable part was used")
             }
             Self::GivenTwice { file, same_as } => {
-                write!(f, "{file} has the same bytes as {same_as} and was left out")
+                write!(f, "{file} has the same bytes as {same_as} and was skipped")
             }
             Self::HeldOutByRule { runs, of } => write!(
                 f,
@@ -68,79 +69,80 @@ impl std::fmt::Display for DataWarning {
                  ({runs} of {of})"
             ),
             Self::ShortRuns { runs } => {
-                write!(f, "{runs} pieces of runs are too short for one window and were left out")
+                write!(f, "{runs} pieces of runs are shorter than one window and were skipped")
             }
         }
     }
 }
 
-/// Runs on the grid, divided by run or by session, never inside a run.
+/// Resampled runs, split by run or by session, never inside a run.
 #[derive(Debug, Clone)]
 pub struct Dataset {
-    /// Runs that are fitted.
+    /// Training runs.
     pub train: Vec<Run>,
-    /// Runs that judge.
+    /// Held-out runs.
     pub held_out: Vec<Run>,
-    /// How they were made.
+    /// Settings of the resampling.
     pub config: ResampleConfig,
-    /// Which player.
+    /// Player whose gantry is modelled.
     pub player: Player,
     /// Metadata `robot` of the recordings.
     pub robot: String,
-    /// The files.
+    /// Input files.
     pub inputs: Vec<InputFile>,
-    /// What had to be said.
+    /// Warnings from reading the inputs.
     pub warnings: Vec<DataWarning>,
 }
 
 impl Dataset {
-    /// Seconds between samples.
+    /// Return the sampling interval (s).
     #[must_use]
     pub fn dt(&self) -> f64 {
         1.0 / self.config.rate_hz
     }
 
-    /// The runs that are fitted.
+    /// Return the training runs.
     #[must_use]
     pub fn train(&self) -> Vec<&Run> {
         self.train.iter().collect()
     }
 
-    /// The runs that judge.
+    /// Return the held-out runs.
     #[must_use]
     pub fn held_out(&self) -> Vec<&Run> {
         self.held_out.iter().collect()
     }
 
-    /// Whether a file had lost something.
+    /// Return whether any input file is damaged.
     #[must_use]
     pub fn is_damaged(&self) -> bool {
         self.warnings.iter().any(|warning| matches!(warning, DataWarning::Damaged { .. }))
     }
 
-    /// Where the fitted runs lie.
+    /// Return the coverage of the training runs.
     #[must_use]
     pub fn coverage(&self) -> Coverage {
         Coverage::of(&self.train())
     }
 }
 
-/// Which gantry of a recording is meant.
+/// Selection of the gantry in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PlayerChoice {
-    /// The one that has commands and motion; the left one when both have.
+    /// The gantry that has commands and motion; the left one when both have.
     Only,
-    /// This one.
+    /// The gantry of this player.
     Given(Player),
 }
 
-/// Metadata keys in which recordings of one robot agree.
+/// Metadata keys that must agree between recordings of one robot.
 const ROBOT_KEYS: [&str; 2] = ["robot", "belt_metres_per_turn"];
 
-/// Reads `paths` and divides their runs. Runs shorter than `needed` samples are left out.
+/// Read `paths` and split their runs. Runs shorter than `needed` samples are skipped.
 ///
 /// # Errors
-/// When a file cannot be used, files are of different robots, or nothing can be fitted or judged.
+/// When a file cannot be used, files are of different robots, or no run is left to fit or to
+/// evaluate.
 pub fn load(
     paths: &[PathBuf],
     choice: PlayerChoice,
@@ -228,18 +230,18 @@ fn check_robot(
     Ok(())
 }
 
-/// Largest ratio between recordings of the steady velocity over the command. A doubled scale is 2;
-/// friction and load change a velocity loop's gain by a few percent.
+/// Largest allowed ratio between recordings of their steady velocity over command. A doubled scale
+/// gives 2; friction and load change a velocity loop's gain by a few percent.
 const LARGEST_SPEED_RATIO: f64 = 1.5;
 
-/// A command that has not changed for this many samples has settled (0.16 s at 50 Hz).
+/// Constant samples after which a command counts as steady (0.16 s at 50 Hz).
 const STEADY_SAMPLES: usize = 8;
-/// Changes below this share of the largest command do not count.
-const STEADY_SHARE: f64 = 0.01;
-/// Fewer steady samples than this say nothing.
+/// Changes below this fraction of the largest command do not count.
+const STEADY_FRACTION: f64 = 0.01;
+/// Least number of steady samples for a comparison.
 const FEWEST_STEADY: usize = 20;
 
-/// Steady velocity over command; `None` where the commands never hold still.
+/// Return the steady velocity over command; `None` when no command is held long enough.
 fn speed_over_command(runs: &[Run]) -> Option<f64> {
     let largest = runs
         .iter()
@@ -253,8 +255,8 @@ fn speed_over_command(runs: &[Run]) -> Option<f64> {
             for axis in 0..AXES {
                 let u = held[0][axis];
                 let steady =
-                    held.iter().all(|pair| (pair[axis] - u).abs() < STEADY_SHARE * largest);
-                if steady && STEADY_SHARE * largest < u.abs() {
+                    held.iter().all(|pair| (pair[axis] - u).abs() < STEADY_FRACTION * largest);
+                if steady && STEADY_FRACTION * largest < u.abs() {
                     products += run.velocities[end - 1][axis] * u;
                     squares += u * u;
                     count += 1;
@@ -302,7 +304,7 @@ fn long_enough(
     Ok(kept)
 }
 
-/// Of the runs of each pattern, this many are fitted for each one held out.
+/// Number of runs of each pattern that are fitted for each one held out.
 const TRAIN_PER_HELD_OUT: usize = 4;
 
 fn divide(dataset: &mut Dataset, runs: Vec<Run>) -> Result<(), ActuatorError> {
@@ -319,7 +321,7 @@ fn divide(dataset: &mut Dataset, runs: Vec<Run>) -> Result<(), ActuatorError> {
     Ok(())
 }
 
-/// Holds out every fifth run of each pattern, and at least one. Pieces of one run stay together.
+/// Hold out every fifth run of each pattern, and at least one. Pieces of one run stay together.
 fn hold_out_by_rule(dataset: &mut Dataset) -> Result<(), ActuatorError> {
     let key = |run: &Run| (run.pattern.clone(), run.file, run.number);
     let mut groups: Vec<_> = dataset.train.iter().map(key).collect();

@@ -1,4 +1,4 @@
-//! Why recordings cannot be turned into an actuator model, each with the way out.
+//! Errors of the actuator model, each with its remedy.
 
 use crate::recording::RecordingError;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ pub enum ActuatorError {
     /// A recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// A topic that the fit needs is not there.
+    /// A topic required by the fit is missing.
     #[error("{}: no messages on {topic}; the topics that it has are: {available}", path.display())]
     NoTopic {
         /// The file.
@@ -47,12 +47,12 @@ pub enum ActuatorError {
         path: PathBuf,
         /// The topic.
         topic: String,
-        /// First message whose time lies before its predecessor's.
+        /// Index of the first message that is earlier than its predecessor.
         index: usize,
-        /// By how much (s).
+        /// Step back in time (s).
         seconds: f64,
     },
-    /// Command or motion never changes.
+    /// The command or the motion never changes.
     #[error(
         "{}: {topic} never changes over {runs} runs ({what}); a model needs commands that move the \
          carriage: check that the motors were armed and the right player was chosen", path.display()
@@ -62,9 +62,9 @@ pub enum ActuatorError {
         path: PathBuf,
         /// The topic.
         topic: String,
-        /// How many runs were looked at.
+        /// Number of runs examined.
         runs: usize,
-        /// Which signal.
+        /// Name of the constant signal.
         what: &'static str,
     },
     /// No run is long enough for one window.
@@ -75,28 +75,28 @@ pub enum ActuatorError {
     TooShort {
         /// The file.
         path: PathBuf,
-        /// How many runs there are.
+        /// Number of runs.
         runs: usize,
-        /// Samples of the longest.
+        /// Length of the longest run in samples.
         longest: usize,
-        /// Samples that one window needs.
+        /// Length of one window in samples.
         needed: usize,
-        /// Rate of the samples.
+        /// Sampling rate (Hz).
         rate_hz: f64,
     },
-    /// There is nothing to hold out.
+    /// No run is left to hold out.
     #[error(
         "all the data is one run, and whole runs are held out for validation, never samples; give a \
          second recording, or one with several run markers (`klasktron info` lists the runs)"
     )]
     OneRun,
-    /// Everything is marked for validation.
+    /// Every run is marked for validation.
     #[error(
         "all {runs} runs are marked split=validation, and those are never fitted; give at least one \
          recording that is not"
     )]
     NothingToTrain {
-        /// How many.
+        /// Number of runs.
         runs: usize,
     },
     /// Two recordings come from different robots.
@@ -116,7 +116,7 @@ pub enum ActuatorError {
         /// Its value.
         second: String,
     },
-    /// Two recordings move at different speeds for the same command.
+    /// Two recordings differ in steady velocity for the same command.
     #[error(
         "{} moves at {first:.2} times its command and {} at {second:.2} times: one of them is from \
          before a change of the drive's scale (a known fault doubled the speed); fit each on its own",
@@ -132,7 +132,7 @@ pub enum ActuatorError {
         /// Velocity over command.
         second: f64,
     },
-    /// A fit ran into numbers that are not finite.
+    /// The loss of a fit became non-finite.
     #[error(
         "seed {seed}: the loss is not finite after epoch {epoch}; lower --learning-rate (now \
          {learning_rate})"
@@ -145,12 +145,12 @@ pub enum ActuatorError {
         /// Learning rate.
         learning_rate: f64,
     },
-    /// A file of weights or settings cannot be understood.
+    /// A file of weights or settings is invalid.
     #[error("{}: {reason}", path.display())]
     BadModel {
         /// The file.
         path: PathBuf,
-        /// What is wrong and what was expected.
+        /// Description of the defect and of the expected content.
         reason: String,
     },
 }

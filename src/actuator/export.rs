@@ -1,22 +1,22 @@
-//! Weights of an `actuator.mcap` for other software.
+//! Export of the weights of an `actuator.mcap` for other software.
 
 use super::{ActuatorError, file::StoredActuator, study::weights_name};
 use crate::nn::{npz, onnx, safetensors, torchscript};
 
-/// Formats in which weights leave.
+/// Export formats of the weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WeightsFormat {
-    /// For onnxruntime and others; input `history`, output `velocity`, raw m/s.
+    /// ONNX, for onnxruntime and others; input `history`, output `velocity`, both in m/s.
     Onnx,
-    /// Tensors `fc1.weight` to `fc_out.bias`, layout and units in the metadata.
+    /// Safetensors `fc1.weight` to `fc_out.bias`; layout and units in the metadata.
     Safetensors,
-    /// For `torch.jit.load`, as Isaac Lab's actuator network does.
+    /// TorchScript module for `torch.jit.load`; input and output in m/s.
     Torchscript,
-    /// Arrays `fc1.weight` to `fc_out.bias` for numpy.
+    /// NumPy arrays `fc1.weight` to `fc_out.bias`.
     Npz,
 }
 
-/// The weights of `seed`, or of the chosen seed.
+/// Export the weights of `seed`, or of the selected seed.
 ///
 /// # Errors
 /// When the file has no such seed, or its weights cannot be read.

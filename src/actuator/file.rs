@@ -1,16 +1,16 @@
-//! `actuator.mcap`: traces, curves and figures as messages, weights as attachments, settings as
-//! metadata.
+//! File format of `actuator.mcap`: traces, curves and metrics are messages, weights are
+//! attachments, settings are metadata.
 //!
-//! | topic | message | what |
+//! | topic | message | content |
 //! |---|---|---|
 //! | `/run/marker` | `RunMarker` | the held-out runs |
 //! | `/actuator/command`, `/actuator/measured` | `VelocitySample` | the held-out runs on the grid |
-//! | `/actuator/predicted/seed_N`, `/arx`, `/lag_delay`, `/ideal` | `VelocitySample` | free-running over each whole run |
+//! | `/actuator/predicted/seed_N`, `/arx`, `/fopdt`, `/ideal` | `VelocitySample` | free-running over each whole run |
 //! | `/actuator/training/seed_N` | `TrainingPoint` | learning curves, an epoch every millisecond |
-//! | `/actuator/error` | `ModelError` | every figure with its interval |
+//! | `/actuator/error` | `ModelError` | every metric with its interval |
 //! | `/actuator/ablation` | `AblationPoint` | each finished fit of an ablation |
 //!
-//! Attachments: `weights/seed_N.safetensors`, `model.onnx` (the chosen seed), `coverage.json`,
+//! Attachments: `weights/seed_N.safetensors`, `model.onnx` (the selected seed), `coverage.json`,
 //! `summary.json`. Metadata: `klasktron.recording` and `klasktron.actuator`.
 
 use super::{
@@ -40,16 +40,16 @@ use std::{
 
 /// Name of the metadata record with the settings of the model.
 pub const ACTUATOR_METADATA: &str = "klasktron.actuator";
-/// Attachment with the chosen model.
+/// Attachment with the selected model.
 pub const ONNX_ATTACHMENT: &str = "model.onnx";
 const COVERAGE_ATTACHMENT: &str = "coverage.json";
 const SUMMARY_ATTACHMENT: &str = "summary.json";
 const NANOS_PER_EPOCH: u64 = 1_000_000;
 
-/// Writes the outcome of a study.
+/// Write the outcome of a study.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When writing to disk fails.
 pub fn write(study: &Study, summary: &Summary, path: &Path) -> Result<(), RecordingError> {
     let mut writer = RecordingWriter::create(path, ExistingFile::Replace, FlushPolicy::WhenFull)?;
     writer.metadata(RECORDING_METADATA, recording_metadata(summary))?;
@@ -60,12 +60,10 @@ pub fn write(study: &Study, summary: &Summary, path: &Path) -> Result<(), Record
     for (index, run) in study.dataset.held_out.iter().enumerate() {
         write_run(study, index as u32, run, &mut writer)?;
     }
-    for judged in &study.seeds {
-        let bytes = safetensors::to_safetensors(
-            &judged.fit.model.network,
-            &fit_metadata(study, &judged.fit),
-        );
-        let name = weights_name(judged.fit.config.seed);
+    for fit in &study.seeds {
+        let bytes =
+            safetensors::to_safetensors(&fit.fit.model.network, &fit_metadata(study, &fit.fit));
+        let name = weights_name(fit.fit.config.seed);
         writer.attach(&name, "application/octet-stream", &bytes)?;
     }
     let chosen = &study.chosen().fit;
@@ -102,7 +100,7 @@ fn recording_metadata(summary: &Summary) -> BTreeMap<String, String> {
     metadata
 }
 
-/// What everyone who uses the model must know.
+/// Return the metadata that every user of the model needs.
 fn model_metadata(study: &Study) -> BTreeMap<String, String> {
     fit_metadata(study, &study.chosen().fit)
 }
@@ -141,10 +139,10 @@ fn write_curves(
     start: Nanos,
     writer: &mut RecordingWriter,
 ) -> Result<(), RecordingError> {
-    for judged in &study.seeds {
-        let seed = judged.fit.config.seed;
+    for fit in &study.seeds {
+        let seed = fit.fit.config.seed;
         let topic = format!("/actuator/training/seed_{seed}");
-        for point in &judged.fit.curve {
+        for point in &fit.fit.curve {
             let time = Nanos(start.0.saturating_add(point.epoch as u64 * NANOS_PER_EPOCH));
             let message = TrainingPoint {
                 seed,
@@ -222,27 +220,27 @@ fn write_run(
     writer.write(topic::RUN_MARKER, time(run.len()), &marker)
 }
 
-/// A model read back from an `actuator.mcap`.
+/// Model read back from an `actuator.mcap`.
 #[derive(Debug, Clone)]
 pub struct StoredActuator {
-    /// Where it was read from.
+    /// Path of the file.
     pub path: PathBuf,
-    /// The chosen seed's network.
+    /// Network of the selected seed.
     pub model: ActuatorNetwork,
-    /// Where its training data lies.
+    /// Coverage of the training data.
     pub coverage: Coverage,
-    /// Settings, as the file's metadata has them.
+    /// Settings from the metadata of the file.
     pub metadata: BTreeMap<String, String>,
     /// Weights of every seed by attachment name.
     pub weights: BTreeMap<String, Vec<u8>>,
-    /// The chosen model as ONNX.
+    /// Selected model as ONNX.
     pub onnx: Vec<u8>,
 }
 
-/// Reads the model out of an `actuator.mcap`.
+/// Read the model from an `actuator.mcap`.
 ///
 /// # Errors
-/// When a part is missing or does not fit the others.
+/// When a part is missing or inconsistent with the others.
 pub fn read(recording: &Recording) -> Result<StoredActuator, ActuatorError> {
     let bad = |reason: String| ActuatorError::BadModel { path: recording.path.clone(), reason };
     let metadata = recording.metadata.get(ACTUATOR_METADATA).ok_or_else(|| {
@@ -294,7 +292,7 @@ impl StoredActuator {
         ActuatorError::BadModel { path: self.path.clone(), reason }
     }
 
-    /// The network in the attachment `name`, with its metadata.
+    /// Return the network in the attachment `name`, with its metadata.
     pub(super) fn weights_of(&self, name: &str) -> Result<WeightsAndMetadata, ActuatorError> {
         let bytes = self.weights.get(name).ok_or_else(|| {
             let names: Vec<&str> = self.weights.keys().map(String::as_str).collect();

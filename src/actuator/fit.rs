@@ -1,4 +1,4 @@
-//! Training one network: mean squared error, Adam, one step or several steps free-running.
+//! Training of one network: mean squared error, Adam, one step or several free-running steps.
 
 use super::{
     ActuatorError,
@@ -14,53 +14,53 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How the learning rate changes over the epochs.
+/// Learning-rate schedule over the epochs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Schedule {
     /// Half a cosine from the learning rate down to zero (Loshchilov and Hutter, SGDR, 2017,
-    /// without restarts): the last epochs settle instead of jumping about.
+    /// without restarts). The weights converge in the last epochs instead of fluctuating.
     Cosine,
-    /// The same rate throughout.
+    /// Constant learning rate.
     Constant,
 }
 
-/// Everything that decides a fit, besides its data.
+/// Settings of a fit: everything that decides it except its data.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FitConfig {
     /// Order of the inputs.
     pub layout: LayoutKind,
-    /// Commands that the network sees; 10 in the paper.
+    /// Number of commands in the input history; 10 in the paper.
     pub history_steps: usize,
     /// Units of each hidden layer; 64 in the paper.
     pub width: usize,
-    /// Hidden layers; 3 in the paper.
+    /// Number of hidden layers; 3 in the paper.
     pub hidden_layers: usize,
-    /// Passes over the data.
+    /// Number of passes over the data.
     pub epochs: usize,
-    /// Windows per step of Adam.
+    /// Windows per Adam step.
     pub batch: usize,
-    /// Step size of Adam at the start.
+    /// Initial step size of Adam.
     pub learning_rate: f64,
-    /// How it changes.
+    /// Schedule of the learning rate.
     pub schedule: Schedule,
-    /// Samples predicted from each window, fed back; 1 trains on one step.
+    /// Samples predicted from each window, each fed back as input; 1 trains one-step prediction.
     pub horizon: usize,
-    /// Starts weights and order.
+    /// Seed of the initial weights and of the order of windows.
     pub seed: u64,
 }
 
 impl FitConfig {
-    /// The layout with its history.
+    /// Return the layout of the inputs.
     #[must_use]
     pub fn input_layout(&self) -> Layout {
         Layout { kind: self.layout, history_steps: self.history_steps }
     }
 
     fn learning_rate_at(&self, step: usize, steps: usize) -> f32 {
-        let share = step as f64 / steps as f64;
+        let fraction = step as f64 / steps as f64;
         let factor = match self.schedule {
-            Schedule::Cosine => 0.5 * (1.0 + (std::f64::consts::PI * share).cos()),
+            Schedule::Cosine => 0.5 * (1.0 + (std::f64::consts::PI * fraction).cos()),
             Schedule::Constant => 1.0,
         };
         (self.learning_rate * factor) as f32
@@ -70,39 +70,39 @@ impl FitConfig {
 /// One point of a learning curve.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Epoch {
-    /// From 1.
+    /// Number of the epoch, from 1.
     pub epoch: usize,
-    /// Root mean square over the epoch's training windows, while the weights moved (m/s).
+    /// Root mean square over the epoch's training windows, while the weights change (m/s).
     pub train_rmse_m_per_s: f64,
-    /// One step ahead on held-out runs, where it was measured (m/s).
+    /// One-step-ahead error on held-out runs, where it was measured (m/s).
     pub held_out_rmse_m_per_s: Option<f64>,
 }
 
 /// A finished fit.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// How it was made.
+    /// Settings of the fit.
     pub config: FitConfig,
-    /// What came out, in m/s.
+    /// Fitted network, in m/s.
     pub model: ActuatorNetwork,
-    /// Its learning curve.
+    /// Learning curve.
     pub curve: Vec<Epoch>,
 }
 
-/// What a fit reports while it runs.
+/// Receiver of the progress of a fit.
 pub trait FitObserver: Sync {
-    /// An epoch has ended.
+    /// Report the end of an epoch.
     fn epoch_done(&self);
 }
 
-/// Points of the learning curve at which held-out runs are measured.
+/// Number of points of the learning curve at which the held-out error is measured.
 const CURVE_POINTS: usize = 100;
 
-/// Fits one network to `train`; `held_out` only draws its second learning curve. Returns `None`
-/// when `stop` was raised before it was finished.
+/// Fit one network to `train`; `held_out` is used only for its learning curve. Return `None` when
+/// `stop` was raised before the end.
 ///
 /// # Errors
-/// When the loss is no longer finite.
+/// When the loss becomes non-finite.
 pub fn fit(
     config: &FitConfig,
     train: &[&Run],
@@ -154,7 +154,8 @@ pub fn fit(
     Ok(Some(Fit { config: *config, model: ActuatorNetwork::new(layout, network), curve }))
 }
 
-/// Weights and biases uniform within `1 / sqrt(inputs)`, PyTorch's start of `nn.Linear`.
+/// Return a network with weights and biases uniform within `1 / sqrt(inputs)`, PyTorch's
+/// initialization of `nn.Linear`.
 fn initial_network(config: &FitConfig) -> Network {
     let mut stream = Stream::new(config.seed, "weights");
     let mut sizes = vec![config.input_layout().inputs()];
@@ -172,7 +173,7 @@ fn initial_network(config: &FitConfig) -> Network {
     Network { activation: config.layout.activation(), layers }
 }
 
-/// Folds the scale into the first and the last layer.
+/// Fold the scale into the first and the last layer.
 fn in_metres_per_second(mut network: Network, layout: Layout, scale: &Scale) -> Network {
     let first = &mut network.layers[0];
     for row in first.weight.chunks_exact_mut(first.inputs) {
@@ -190,8 +191,8 @@ fn in_metres_per_second(mut network: Network, layout: Layout, scale: &Scale) -> 
     network
 }
 
-/// Windows that go through the network together; a larger batch is gathered from parts of this
-/// size, whose activations stay in a second-level cache of 1 MiB.
+/// Number of windows in one pass through the network. A larger batch is split into parts of this
+/// size, so that the activations stay in a second-level cache of 1 MiB.
 const PART: usize = 256;
 
 /// Buffers of one fit.
@@ -199,7 +200,7 @@ struct Session<'a> {
     trainer: Trainer,
     windows: &'a Windows,
     scale: &'a Scale,
-    /// One for each predicted sample.
+    /// One tape for each predicted sample.
     tapes: Vec<Tape>,
     /// Derivative of the loss with respect to each sample's output, `[batch][AXES]`.
     output_gradient: Vec<Vec<f32>>,
@@ -207,20 +208,20 @@ struct Session<'a> {
 }
 
 impl Session<'_> {
-    /// Accumulates the gradient of the mean squared scaled error of the windows `chosen`; returns
-    /// the sum of squared errors ((m/s)^2).
+    /// Accumulate the gradient of the mean squared scaled error of the windows `chosen`. Return the
+    /// sum of squared errors ((m/s)^2).
     fn learn(&mut self, chosen: &[u32]) -> f64 {
-        let share = 2.0 / (chosen.len() * self.windows.horizon() * AXES) as f32;
+        let weight = 2.0 / (chosen.len() * self.windows.horizon() * AXES) as f32;
         let mut squares = 0.0;
         for part in chosen.chunks(PART) {
             self.roll_out(part);
-            squares += self.compare(part, share);
+            squares += self.compare(part, weight);
             self.propagate_back(part.len());
         }
         squares
     }
 
-    /// Predicts the samples one after the other, each prediction fed back as a measurement.
+    /// Predict the samples one after the other; each prediction is fed back as a measurement.
     fn roll_out(&mut self, chosen: &[u32]) {
         let layout = self.windows.layout;
         self.windows.inputs(chosen, &mut self.tapes[0].x);
@@ -237,9 +238,9 @@ impl Session<'_> {
         }
     }
 
-    /// Turns predictions into output gradients, `share` times the error; returns the sum of squared
-    /// errors ((m/s)^2).
-    fn compare(&mut self, chosen: &[u32], share: f32) -> f64 {
+    /// Convert predictions into output gradients, `weight` times the error. Return the sum of
+    /// squared errors ((m/s)^2).
+    fn compare(&mut self, chosen: &[u32], weight: f32) -> f64 {
         let mut squares = [0.0f64; AXES];
         for (step, gradient) in self.output_gradient.iter_mut().enumerate() {
             gradient.clear();
@@ -249,14 +250,14 @@ impl Session<'_> {
                 for axis in 0..AXES {
                     let error = y[axis] - target[axis];
                     squares[axis] += f64::from(error * error);
-                    gradient.push(share * error);
+                    gradient.push(weight * error);
                 }
             }
         }
         (0..AXES).map(|axis| squares[axis] * f64::from(self.scale.velocity[axis]).powi(2)).sum()
     }
 
-    /// Back through time: a prediction also acts as a velocity input of the samples after it.
+    /// Backpropagate through time: a prediction is also a velocity input of the samples after it.
     fn propagate_back(&mut self, batch: usize) {
         let layout = self.windows.layout;
         let stride = padded(layout.inputs());
@@ -279,7 +280,7 @@ impl Session<'_> {
     }
 }
 
-/// Windows that are predicted together.
+/// Number of windows predicted in one batch.
 const MEASURE_BATCH: usize = 1024;
 
 fn one_step_rmse(trainer: &Trainer, windows: &Windows, scale: &Scale) -> f64 {

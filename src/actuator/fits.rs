@@ -1,7 +1,7 @@
-//! Many fits: in parallel, each kept as soon as it is finished, none ever made twice.
+//! Many fits in parallel. Each finished fit is stored at once, and no fit is repeated.
 //!
-//! A finished fit lies in the store under the hash of everything that decides it: its settings,
-//! the data and this crate's version. Whoever starts the same work again finds it there.
+//! A finished fit is stored under the hash of everything that decides it: its settings, the data
+//! and this crate's version. A later run of the same work reuses it.
 
 use super::{
     ActuatorError,
@@ -22,11 +22,11 @@ use std::{
     sync::atomic::AtomicBool,
 };
 
-/// Metadata keys of a stored fit.
+/// Metadata key of the settings of a stored fit.
 const CONFIG_KEY: &str = "fit_config";
 const CURVE_KEY: &str = "learning_curve";
 
-/// Finished fits in a folder.
+/// Store of finished fits in a folder.
 #[derive(Debug, Clone)]
 pub struct Store {
     folder: PathBuf,
@@ -34,16 +34,15 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the store in `folder`, which is made when it is not there, for fits to `dataset`.
+    /// Open the store in `folder` for fits to `dataset`; a missing folder is created.
     ///
     /// # Errors
-    /// When the folder cannot be made.
+    /// When the folder cannot be created.
     pub fn open(folder: &Path, dataset: &Dataset) -> Result<Self, ActuatorError> {
         fs::create_dir_all(folder).map_err(RecordingError::io(folder, "create the folder"))?;
         let mut hash = Sha256::new();
         hash.update(env!("CARGO_PKG_VERSION"));
-        // The runs themselves, so that the same file under another name is the same data, and a
-        // run that moved from one side of the split to the other is not.
+        // The hash covers the runs themselves. The same file under another name is the same data; a run that moved to the other side of the split is not.
         for (side, runs) in [("train", &dataset.train), ("held out", &dataset.held_out)] {
             hash.update(side);
             for run in runs {
@@ -63,7 +62,7 @@ impl Store {
         self.folder.join(format!("{}.safetensors", &hexadecimal(&hash)[..24]))
     }
 
-    /// The finished fit of `config`; `None` when there is none, or none that can be read.
+    /// Return the finished fit of `config`; `None` when the store has no readable fit.
     #[must_use]
     pub fn get(&self, config: &FitConfig) -> Option<Fit> {
         let bytes = fs::read(self.path(config)).ok()?;
@@ -91,19 +90,19 @@ fn to_json(value: &impl serde::Serialize) -> String {
     serde_json::to_string(value).unwrap_or_else(|_plain| unreachable!("plain data"))
 }
 
-/// What a set of fits reports while it runs.
+/// Receiver of the progress of a set of fits.
 pub trait FitsObserver: FitObserver {
-    /// A fit was found in the store.
+    /// Report a fit that was found in the store.
     fn fit_reused(&self, config: &FitConfig);
-    /// A fit has ended.
+    /// Report the end of a fit.
     fn fit_done(&self, config: &FitConfig);
 }
 
-/// Makes every fit of `configs` that is not in the store, on `threads` threads, and returns those
-/// that are finished, in the order of `configs`: fewer than asked for when `stop` was raised.
+/// Make every fit of `configs` that is missing in the store, on `threads` threads. Return the
+/// finished fits in the order of `configs`: fewer than requested when `stop` was raised.
 ///
 /// # Errors
-/// When a fit diverges or the store cannot be written.
+/// When a fit diverges or writing to the store fails.
 pub fn fit_all(
     configs: &[FitConfig],
     dataset: &Dataset,
@@ -114,23 +113,23 @@ pub fn fit_all(
     let (train, held_out) = (dataset.train(), dataset.held_out());
     let one = |config: &FitConfig| -> Result<Option<Fit>, ActuatorError> {
         if let Some(fit) = store.get(config) {
-            log::info!("fit of seed {} is there already", config.seed);
+            log::info!("fit of seed {} found in the store", config.seed);
             observer.fit_reused(config);
             return Ok(Some(fit));
         }
         let FitConfig { seed, history_steps, width, epochs, .. } = config;
         log::info!(
-            "fit of seed {seed} begins: history {history_steps}, width {width}, {epochs} epochs"
+            "fit of seed {seed} starts: history {history_steps}, width {width}, {epochs} epochs"
         );
         let made = fit::fit(config, &train, &held_out, stop, &AsFitObserver(observer))?;
         if let Some(fit) = &made {
             store.put(fit)?;
-            log::info!("fit of seed {seed}, history {history_steps}, width {width} is done");
+            log::info!("fit of seed {seed}, history {history_steps}, width {width} finished");
             observer.fit_done(config);
         }
         Ok(made)
     };
-    // The largest first, so that no thread is left with a long fit at the end.
+    // The largest first, so that no thread ends with a long fit alone.
     let mut queue: Vec<usize> = (0..configs.len()).collect();
     queue.sort_by_key(|index| std::cmp::Reverse(work(&configs[*index])));
     let made = in_parallel_on(threads, &queue, |index| (*index, one(&configs[*index])));
@@ -143,7 +142,7 @@ pub fn fit_all(
     Ok(by_index.into_values().collect())
 }
 
-/// Multiplications per window, roughly.
+/// Return the approximate number of multiplications per window.
 fn work(config: &FitConfig) -> usize {
     let hidden = config.width * config.width * (config.hidden_layers - 1);
     (config.input_layout().inputs() * config.width + hidden) * config.epochs * config.horizon

@@ -1,15 +1,15 @@
-//! How the history of commands and velocities becomes the inputs of a network.
+//! Layout of the network inputs: the order of past commands and velocities.
 
 use crate::nn::Activation;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Velocity components, x and y together.
+/// Number of velocity components: x and y.
 pub const AXES: usize = 2;
 
-/// Order and number of the inputs. Both layouts are newest first with x and y interleaved:
-/// `[u_k, u_k-1, ...]`, then `[v_k, v_k-1, ...]`; the network answers `v_k+1`. `u_k` is the command
-/// in force from sample k to k + 1, `v_k` the velocity at sample k.
+/// Order and number of the inputs. Both layouts are newest first with x and y interleaved: `[u_k,
+/// u_k-1, ...]`, then `[v_k, v_k-1, ...]`. The network predicts `v_k+1`. `u_k` is the command in
+/// force from sample k to k + 1, `v_k` the velocity at sample k.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum LayoutKind {
@@ -20,7 +20,7 @@ pub enum LayoutKind {
 }
 
 impl LayoutKind {
-    /// The activation that belongs to the layout.
+    /// Return the activation function of the layout.
     #[must_use]
     pub fn activation(self) -> Activation {
         match self {
@@ -39,23 +39,23 @@ impl fmt::Display for LayoutKind {
     }
 }
 
-/// A layout with its history length.
+/// Layout with its history length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Layout {
     /// Order and number of the inputs.
     pub kind: LayoutKind,
-    /// Commands that the network sees, at least 1 (2 for [`LayoutKind::KlaskRl`]).
+    /// Number of commands in the history, at least 1 (2 for [`LayoutKind::KlaskRl`]).
     pub history_steps: usize,
 }
 
 impl Layout {
-    /// Floats of the command part.
+    /// Return the number of command inputs.
     #[must_use]
     pub fn command_inputs(self) -> usize {
         AXES * self.history_steps
     }
 
-    /// Floats of the velocity part.
+    /// Return the number of velocity inputs.
     #[must_use]
     pub fn velocity_inputs(self) -> usize {
         match self.kind {
@@ -64,13 +64,13 @@ impl Layout {
         }
     }
 
-    /// Number of inputs of the network.
+    /// Return the number of inputs of the network.
     #[must_use]
     pub fn inputs(self) -> usize {
         self.command_inputs() + self.velocity_inputs()
     }
 
-    /// Writes the inputs for predicting sample `at + 1` of a run. `at + 1 >= history_steps`.
+    /// Fill the inputs for predicting sample `at + 1` of a run. Requires `at + 1 >= history_steps`.
     pub fn fill(
         self,
         input: &mut [f32],
@@ -90,7 +90,7 @@ impl Layout {
         newest_first(velocities, velocity_part);
     }
 
-    /// Moves the inputs one sample on: everything ages by one, the newest are put in front.
+    /// Shift the inputs by one sample: every input ages by one, the newest are put in front.
     pub fn advance(self, input: &mut [f32], command: [f32; 2], velocity: [f32; 2]) {
         let (command_part, velocity_part) = input.split_at_mut(self.command_inputs());
         for (part, newest) in [(command_part, command), (velocity_part, velocity)] {

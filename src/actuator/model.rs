@@ -1,23 +1,23 @@
-//! The fitted network in physical units: what it answers, one step and free-running.
+//! Fitted network in physical units: one-step and free-running prediction.
 
 use super::layout::{AXES, Layout};
 use super::run::Run;
 use crate::nn::{Network, Stack, Tape};
 
-/// Anything that predicts velocity from commands.
+/// Model that predicts velocity from commands.
 pub trait VelocityModel: Sync {
-    /// Name in results: `network`, `arx`, `lag_delay`, `ideal`.
+    /// Name in results: `network`, `arx`, `fopdt`, `ideal`.
     fn name(&self) -> &'static str;
 
-    /// Free-running prediction. From each of `starts` (sample numbers of `run`), the model is given
-    /// what was measured up to that sample, then only the commands; it predicts the `steps` samples
-    /// that follow. `start + steps` lies within the run, and at least `history` samples before.
+    /// Simulate free-running. From each of `starts` (sample numbers of `run`), the model gets the
+    /// measurements up to that sample and then only the commands. It predicts the `steps` samples
+    /// that follow. `start + steps` lies within the run, with at least `history` samples before.
     ///
     /// Returns `[starts][steps]` velocities (m/s).
     fn simulate(&self, run: &Run, starts: &[usize], steps: usize) -> Vec<[f64; AXES]>;
 }
 
-/// A network with the layout of its inputs; raw m/s in and out.
+/// Network with the layout of its inputs; inputs and outputs in m/s.
 #[derive(Debug, Clone)]
 pub struct ActuatorNetwork {
     /// Order of the inputs.
@@ -28,7 +28,7 @@ pub struct ActuatorNetwork {
 }
 
 impl ActuatorNetwork {
-    /// A network for `layout`; the shapes must agree.
+    /// Create a network for `layout`; the shapes must agree.
     #[must_use]
     pub fn new(layout: Layout, network: Network) -> Self {
         assert_eq!((network.inputs(), network.outputs()), (layout.inputs(), AXES), "shape");

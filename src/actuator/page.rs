@@ -3,7 +3,7 @@
 use super::{
     Ablation, Cell, Run,
     coverage::{AxisCoverage, CELLS},
-    judge::{Component, ErrorRow, HORIZONS_S, Judgement, LONGEST_HORIZON_S},
+    evaluation::{Component, ErrorRow, Evaluation, HORIZONS_S, LONGEST_HORIZON_S},
     study::{Study, Summary},
 };
 use crate::report::{
@@ -86,7 +86,7 @@ fn lead(summary: &Summary) -> String {
 fn model_title(model: &str) -> &str {
     match model {
         "network" => "network (its median seed)",
-        "lag_delay" => "lag with delay",
+        "fopdt" => "first order plus dead time",
         "arx" => "linear ARX",
         "ideal" => "ideal (v = command)",
         other => other,
@@ -115,7 +115,7 @@ fn errors(page: &mut Page, summary: &Summary) {
     head.extend(HORIZONS_S.map(|horizon| format!("over {horizon} s")));
     head.push(format!("peak over {} s", LONGEST_HORIZON_S));
     let mut table = Table { head, rows: Vec::new() };
-    for model in ["network", "arx", "lag_delay", "ideal"] {
+    for model in ["network", "arx", "fopdt", "ideal"] {
         let of_model: Vec<&ErrorRow> = rows().filter(|row| row.model == model).collect();
         let mut cells = vec![model_title(model).to_owned()];
         cells.extend(of_model.iter().map(|row| with_interval(row)));
@@ -139,7 +139,7 @@ fn errors(page: &mut Page, summary: &Summary) {
         summary.overfit_ratio
     ));
     let lag = |axis: usize| {
-        let lag = &summary.lag_delay[axis];
+        let lag = &summary.fopdt[axis];
         format!(
             "gain {:.3}, time constant {:.1} ms, delay {:.1} ms",
             lag.gain,
@@ -147,7 +147,7 @@ fn errors(page: &mut Page, summary: &Summary) {
             1e3 * lag.delay_s
         )
     };
-    page.paragraph(&format!("The fitted lag with delay: x {}; y {}.", lag(0), lag(1)));
+    page.paragraph(&format!("The fitted first order plus dead time: x {}; y {}.", lag(0), lag(1)));
 }
 
 fn traces(page: &mut Page, study: &Study) {
@@ -189,7 +189,7 @@ fn trace(study: &Study, run: &Run, axis: usize) -> String {
     let seeds: Vec<Vec<(f64, f64)>> = study
         .seeds
         .iter()
-        .map(|judged| points(&study.whole_run(&judged.fit.model, run), first))
+        .map(|seed| points(&study.whole_run(&seed.fit.model, run), first))
         .collect();
     let band = (0..seeds[0].len())
         .map(|k| {
@@ -219,15 +219,15 @@ fn growth(page: &mut Page, study: &Study) {
     page.legend(&[
         ("network, median seed (band: all seeds)", BLUE),
         ("linear ARX", GREEN),
-        ("lag with delay", ORANGE),
+        ("first order plus dead time", ORANGE),
         ("ideal", GREY),
     ]);
-    let curve = |colour, judgement: &Judgement| {
-        let points = judgement.growth().into_iter().map(|(t, error)| (t, 1e3 * error)).collect();
+    let curve = |colour, evaluation: &Evaluation| {
+        let points = evaluation.growth().into_iter().map(|(t, error)| (t, 1e3 * error)).collect();
         Curve { colour, stroke: Stroke::Solid, points }
     };
     let by_seed: Vec<Vec<(f64, f64)>> =
-        study.seeds.iter().map(|judged| judged.judgement.growth()).collect();
+        study.seeds.iter().map(|seed| seed.evaluation.growth()).collect();
     let band = (0..by_seed[0].len())
         .map(|k| {
             let values = || by_seed.iter().map(|seed| seed[k].1);
@@ -236,7 +236,7 @@ fn growth(page: &mut Page, study: &Study) {
             (by_seed[0][k].0, 1e3 * low, 1e3 * high)
         })
         .collect();
-    let [ideal, lag, arx] = &study.baselines.judgements;
+    let [ideal, lag, arx] = &study.baselines.evaluations;
     page.picture(&line_plot(&LinePlot {
         title: "Free-running error at each time after the start".to_owned(),
         x: "time since the last measurement (s)".to_owned(),
@@ -246,7 +246,7 @@ fn growth(page: &mut Page, study: &Study) {
             curve(GREY, ideal),
             curve(ORANGE, lag),
             curve(GREEN, arx),
-            curve(BLUE, &study.chosen().judgement),
+            curve(BLUE, &study.chosen().evaluation),
         ],
         size: (980, 340),
     }));
@@ -259,7 +259,7 @@ fn ablation(page: &mut Page, summary: &Summary) {
     let best = &ablation.cells[ablation.best];
     let cross = ablation.cross_fitted_rmse_m_per_s.map_or_else(String::new, |error| {
         format!(
-            " Chosen on one half of the held-out runs and judged on the other, both ways, the \
+            " Chosen on one half of the held-out runs and evaluated on the other, both ways, the \
              error is {} mm/s.",
             speed(error)
         )
@@ -331,8 +331,8 @@ fn curves(page: &mut Page, study: &Study) {
     page.section("Learning curves");
     page.legend(&[("training runs", BLUE), ("held-out runs", RED)]);
     let mut drawn = Vec::new();
-    for judged in &study.seeds {
-        let curve = &judged.fit.curve;
+    for seed in &study.seeds {
+        let curve = &seed.fit.curve;
         drawn.push(Curve {
             colour: BLUE,
             stroke: Stroke::Solid,
@@ -357,7 +357,7 @@ fn coverage(page: &mut Page, study: &Study, summary: &Summary) {
     page.paragraph(&format!(
         "Where the fitted samples lie; blank cells were never seen, and there the model \
          extrapolates. Outside lie {:.2} % of the held-out samples.",
-        100.0 * summary.held_out_share_outside_coverage
+        100.0 * summary.held_out_fraction_outside_coverage
     ));
     let maps = ["x", "y"].into_iter().zip(&study.coverage.axes);
     let maps: Vec<String> = maps.map(|(axis, coverage)| coverage_map(axis, coverage)).collect();

@@ -1,12 +1,12 @@
-//! From recordings to runs on a regular grid.
+//! Resampling of recordings to runs on a regular grid.
 //!
 //! Each run is sampled at `t_k = t_0 + k dt` by message time, with `t_0` on its first command:
-//! - `u_k` is the mean over `[t_k, t_k + dt)` of the command held since its own time stamp, so a
-//!   late command counts from when it came and no latency is hidden;
-//! - `v_k` is the measured velocity at `t_k`: encoder velocity interpolated between messages, or
-//!   the slope of a parabola through the camera's positions around it.
+//! - `u_k` is the mean over `[t_k, t_k + dt)` of the command under a zero-order hold from its own
+//!   time stamp. A late command counts from its arrival, so latency stays visible.
+//! - `v_k` is the measured velocity at `t_k`: the encoder velocity interpolated between messages,
+//!   or the slope of a local parabola through the camera positions.
 //!
-//! A gap in commands or motion ends a piece of a run. What is fitted later never crosses one.
+//! A dropout of commands or motion ends a piece of a run. No window spans a dropout.
 
 use super::{ActuatorError, layout::AXES};
 use crate::{
@@ -20,14 +20,14 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::{ops::Range, path::PathBuf};
 
-/// Longest time without a command or a measurement inside one piece (s): five control periods of
-/// the table, as long as its controller tolerates an old command.
-const LARGEST_GAP: f64 = 0.1;
+/// Longest dropout of commands or measurements inside one piece (s): five control periods of the
+/// table. The table's controller tolerates an old command for the same time.
+const LONGEST_DROPOUT: f64 = 0.1;
 
-/// Half width of the window of camera positions behind one velocity (s): three frames at 120 Hz.
+/// Half width of the window of camera positions for one velocity (s): three frames at 120 Hz.
 const CAMERA_HALF_WINDOW: f64 = 0.0255;
 
-/// Which motion the model predicts.
+/// Motion predicted by the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Target {
@@ -37,10 +37,10 @@ pub enum Target {
     Striker,
 }
 
-/// How recordings become runs.
+/// Settings of the resampling.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ResampleConfig {
-    /// Which motion.
+    /// Predicted motion.
     pub target: Target,
     /// Samples per second; 50 is the rate at which the table is controlled.
     pub rate_hz: f64,
@@ -57,7 +57,7 @@ pub struct Run {
     pub number: u32,
     /// Pattern in the run markers; `unknown` without.
     pub pattern: String,
-    /// What the recording says it is for.
+    /// Split given by the recording.
     pub split: Option<Split>,
     /// Time of sample 0.
     pub start: Nanos,
@@ -68,23 +68,20 @@ pub struct Run {
 }
 
 impl Run {
-    /// Number of samples.
+    /// Return the number of samples.
     #[must_use]
     pub fn len(&self) -> usize {
         self.velocities.len()
     }
 
-    /// Whether there are no samples.
+    /// Return whether the run has no samples.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.velocities.is_empty()
     }
 }
 
-/// The player that has both commands and motion.
-///
-/// # Errors
-/// When none has.
+/// Return the players that have both commands and motion.
 pub(super) fn players_of(recording: &Recording, target: Target) -> Vec<Player> {
     let moves = |player: &Player| match target {
         Target::Carriage => recording.count(&topic::carriage(*player)),
@@ -94,10 +91,11 @@ pub(super) fn players_of(recording: &Recording, target: Target) -> Vec<Player> {
     Player::BOTH.into_iter().filter(|p| 0 < commanded(p) && 0 < moves(p)).collect()
 }
 
-/// Cuts one recording into runs on the grid.
+/// Cut one recording into runs on the grid.
 ///
 /// # Errors
-/// When a topic is missing, a value is not finite, time runs backwards, or nothing ever moves.
+/// When a topic is missing, a value is not finite, time runs backwards, or the signals never
+/// change.
 pub fn resample(
     recording: &Recording,
     file: usize,
@@ -139,13 +137,13 @@ pub fn resample(
     Ok(runs)
 }
 
-/// Two values by time; times never decrease.
+/// Two signals over time; times never decrease.
 struct Track {
     times: Vec<Nanos>,
     values: Vec<[f64; AXES]>,
 }
 
-/// What was measured.
+/// Measured motion.
 enum Motion {
     Velocity(Track),
     Position(Track),
@@ -201,7 +199,7 @@ fn striker_track(
     finite(recording, topic, Track { times, values }, ["x", "y"])
 }
 
-/// The messages of a topic that must have some, in an order that can be trusted.
+/// Read the messages of a required topic and check their number and order.
 fn present<M: prost::Message + prost::Name + Default>(
     recording: &Recording,
     topic: &str,
@@ -257,7 +255,7 @@ fn finite(
     Ok(track)
 }
 
-/// The runs of the markers, or the whole recording when there are none.
+/// Return the runs of the markers, or the whole recording when it has no markers.
 fn runs_or_whole(recording: &Recording) -> Result<Vec<MarkedRun>, RecordingError> {
     let mut runs = recording.marked_runs()?;
     if runs.is_empty() {
@@ -272,7 +270,7 @@ fn runs_or_whole(recording: &Recording) -> Result<Vec<MarkedRun>, RecordingError
     Ok(runs)
 }
 
-/// The parts of `span` in which commands and motion both keep coming.
+/// Return the parts of `span` without a dropout of commands or motion.
 fn pieces(commands: &Track, motion: &Track, span: &Range<Nanos>) -> Vec<Range<Nanos>> {
     let commanded = covered(&commands.times, span);
     let measured = covered(&motion.times, span);
@@ -295,14 +293,14 @@ fn pieces(commands: &Track, motion: &Track, span: &Range<Nanos>) -> Vec<Range<Na
     both
 }
 
-/// Stretches of `span` without a gap between neighbouring `times`.
+/// Return the stretches of `span` without a dropout between neighbouring `times`.
 fn covered(times: &[Nanos], span: &Range<Nanos>) -> Vec<Range<Nanos>> {
     let from = times.partition_point(|time| *time < span.start);
     let to = times.partition_point(|time| *time < span.end);
     let mut stretches: Vec<Range<Nanos>> = Vec::new();
     for time in &times[from..to] {
         match stretches.last_mut() {
-            Some(last) if time.seconds_since(last.end) <= LARGEST_GAP => last.end = *time,
+            Some(last) if time.seconds_since(last.end) <= LONGEST_DROPOUT => last.end = *time,
             _ => stretches.push(*time..*time),
         }
     }
@@ -318,7 +316,7 @@ fn sample(run: &mut Run, piece: &Range<Nanos>, commands: &Track, motion: &Motion
     }
 }
 
-/// Mean over `[from, to)` of the value held since its own time stamp.
+/// Return the mean over `[from, to)` of the zero-order-hold value.
 fn mean_held(track: &Track, from: Nanos, to: Nanos) -> [f64; AXES] {
     let first = track.times.partition_point(|time| *time <= from).saturating_sub(1);
     let mut mean = [0.0; AXES];
@@ -329,15 +327,15 @@ fn mean_held(track: &Track, from: Nanos, to: Nanos) -> [f64; AXES] {
             break;
         }
         let end = track.times.get(index + 1).map_or(to, |next| (*next).min(to));
-        let share = end.seconds_since(begin.min(end)) / length;
+        let fraction = end.seconds_since(begin.min(end)) / length;
         for (mean, value) in mean.iter_mut().zip(track.values[index]) {
-            *mean += share * value;
+            *mean += fraction * value;
         }
     }
     mean
 }
 
-/// Linear interpolation between the neighbours of `time`; the end value outside.
+/// Interpolate linearly between the neighbours of `time`; the end value outside.
 fn interpolate(track: &Track, time: Nanos) -> [f64; AXES] {
     let after = track.times.partition_point(|t| *t < time);
     if after == track.times.len() {
@@ -347,13 +345,13 @@ fn interpolate(track: &Track, time: Nanos) -> [f64; AXES] {
         return track.values[after];
     }
     let span = track.times[after].seconds_since(track.times[after - 1]);
-    let share = time.seconds_since(track.times[after - 1]) / span;
+    let fraction = time.seconds_since(track.times[after - 1]) / span;
     let (old, new) = (track.values[after - 1], track.values[after]);
-    std::array::from_fn(|axis| old[axis] + share * (new[axis] - old[axis]))
+    std::array::from_fn(|axis| old[axis] + fraction * (new[axis] - old[axis]))
 }
 
-/// Slope at `time` of the least-squares parabola through the positions around it; of the line
-/// when there are only two, zero when there is one.
+/// Return the slope at `time` of the least-squares parabola through the positions around it. With
+/// two positions it is the slope of the line, with one it is zero.
 fn parabola_slope(track: &Track, time: Nanos) -> [f64; AXES] {
     let from = track.times.partition_point(|t| t.seconds_since(time) < -CAMERA_HALF_WINDOW);
     let to = track.times.partition_point(|t| t.seconds_since(time) <= CAMERA_HALF_WINDOW);
@@ -383,7 +381,7 @@ fn determinant([a, b, c]: [[f64; 3]; 3]) -> f64 {
         + a[2] * (b[0] * c[1] - b[1] * c[0])
 }
 
-/// Refuses recordings in which the command or the motion never changes.
+/// Check that the command and the motion change.
 fn check_moves(
     recording: &Recording,
     runs: &[Run],
@@ -434,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_ends_a_piece_and_the_grid_starts_on_a_command() {
+    fn a_dropout_ends_a_piece_and_the_grid_starts_on_a_command() {
         let commands = track(&[(7, 1.0), (27, 1.0), (47, 1.0), (500, 1.0), (520, 2.0)]);
         let motion: Vec<(u64, f64)> = (0..60).map(|k| (k * 10, 0.1)).collect();
         let pieces = pieces(&commands, &track(&motion), &(Nanos(0)..Nanos(600_000_000)));

@@ -1,6 +1,6 @@
-//! Training windows without copies: each part of a window is one contiguous slice.
+//! Training windows without copies: each part of a window is a contiguous slice.
 //!
-//! Inputs are newest first, so the runs are stored backwards in time; a window of any history is
+//! Inputs are newest first, so the runs are stored backwards in time. A window of any history is
 //! then a slice, and a batch is gathered by plain copies.
 
 use super::{
@@ -8,10 +8,10 @@ use super::{
     run::Run,
 };
 
-/// Root mean square of commands and velocities per axis; inputs are divided by it.
+/// Root mean square of commands and velocities per axis, used to scale the inputs.
 ///
-/// The mean is not subtracted: standing still at zero command stays zero, and the scale folds
-/// into the first and last layer, so that a stored network takes and gives raw m/s.
+/// The mean is not subtracted, so standstill at zero command stays zero. The scale folds into the
+/// first and last layer; a stored network takes and returns m/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// Commands (m/s).
@@ -20,11 +20,11 @@ pub struct Scale {
     pub velocity: [f32; AXES],
 }
 
-/// An axis that never moves gets this scale (m/s) instead of zero.
+/// Scale of an axis that never moves (m/s), instead of zero.
 const SMALLEST_SCALE: f64 = 1e-3;
 
 impl Scale {
-    /// Root mean square over all samples of `runs`.
+    /// Compute the root mean square over all samples of `runs`.
     #[must_use]
     pub fn of(runs: &[&Run]) -> Self {
         let rms = |series: fn(&Run) -> &Vec<[f64; AXES]>| {
@@ -39,7 +39,7 @@ impl Scale {
     }
 }
 
-/// All windows of some runs.
+/// All training windows of a set of runs.
 #[derive(Debug, Clone)]
 pub struct Windows {
     /// Order of the inputs.
@@ -53,7 +53,7 @@ pub struct Windows {
 }
 
 impl Windows {
-    /// Every window of `runs` that has its history and `horizon` samples to predict.
+    /// Index every window of `runs` that has its history and `horizon` samples to predict.
     #[must_use]
     pub fn new(runs: &[&Run], layout: Layout, horizon: usize, scale: &Scale) -> Self {
         let mut windows = Self {
@@ -79,19 +79,19 @@ impl Windows {
         windows
     }
 
-    /// How many windows there are.
+    /// Return the number of windows.
     #[must_use]
     pub fn len(&self) -> usize {
         self.newest.len()
     }
 
-    /// Whether there are none.
+    /// Return whether the set is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.newest.is_empty()
     }
 
-    /// Gathers the inputs of the windows `chosen` into `x`, `[chosen][inputs]`.
+    /// Gather the inputs of the windows `chosen` into `x`, `[chosen][inputs]`.
     pub fn inputs(&self, chosen: &[u32], x: &mut Vec<f32>) {
         x.clear();
         for index in chosen {
@@ -101,13 +101,13 @@ impl Windows {
         }
     }
 
-    /// The scaled velocity that the window is to predict at `step` (0 is the next sample).
+    /// Return the scaled target velocity at `step` (0 is the next sample).
     #[must_use]
     pub fn target(&self, index: u32, step: usize) -> [f32; AXES] {
         Self::pair(&self.velocities, self.newest[index as usize] as usize - step - 1)
     }
 
-    /// The scaled command that joins the history for predicting `step` (from 1).
+    /// Return the scaled command that joins the history for predicting `step` (from 1).
     #[must_use]
     pub fn command(&self, index: u32, step: usize) -> [f32; AXES] {
         Self::pair(&self.commands, self.newest[index as usize] as usize - step)
@@ -117,7 +117,7 @@ impl Windows {
         [values[AXES * sample], values[AXES * sample + 1]]
     }
 
-    /// Samples that each window predicts.
+    /// Return the number of samples predicted from each window.
     #[must_use]
     pub fn horizon(&self) -> usize {
         self.horizon

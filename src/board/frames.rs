@@ -1,4 +1,4 @@
-//! Frames of the KlaskTron stack and their way into the board frame.
+//! Coordinate frames of the KlaskTron stack and their transforms into the board frame.
 //!
 //! With `S` and `L` the short and the long side of the field:
 //!
@@ -9,9 +9,9 @@
 //! | `SimMirrored` (newer upstream dataset builder, `x_sim = S/2 - y_img`) | `-x_sim` | `y_sim` | -1 |
 //!
 //! The image frame is left-handed seen from above (its z axis points down), hence its -1. Source:
-//! the upstream policy node, sprite renderer and dataset builder, which disagree on the sign of
-//! the lateral axis. The board's size is a parameter, never a constant: recordings made with
-//! 0.42 m and with 0.44 m exist.
+//! the upstream policy node, sprite renderer and dataset builder, which disagree on the sign of the
+//! lateral axis. The board's size is a parameter, never a constant: recordings made with 0.42 m and
+//! with 0.44 m exist.
 
 /// Size of the playing field (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,7 +28,7 @@ impl Default for BoardSize {
     }
 }
 
-/// A size that no board has.
+/// Error: a board size outside the allowed range.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
     "a board of {short_side} m x {long_side} m: both sides must lie above 0 and up to 10 m; \
@@ -42,7 +42,7 @@ pub struct BoardSizeError {
 }
 
 impl BoardSize {
-    /// A board of `short_side` by `long_side` (m).
+    /// Create a board of `short_side` by `long_side` (m).
     ///
     /// # Errors
     /// When a side is not in (0, 10] m.
@@ -56,7 +56,7 @@ impl BoardSize {
     }
 }
 
-/// A frame in which positions and velocities on the table were written down.
+/// Coordinate frame of recorded positions and velocities on the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Frame {
     /// All ROS topics: origin at the top left corner, x right along the long side, y down.
@@ -68,7 +68,7 @@ pub enum Frame {
 }
 
 impl Frame {
-    /// A position (m) of this frame in the board frame (m).
+    /// Transform a position (m) of this frame into the board frame (m).
     #[must_use]
     pub fn position_in_board(self, size: BoardSize, position: [f64; 2]) -> [f64; 2] {
         let [x, y] = self.velocity_in_board(position);
@@ -76,7 +76,7 @@ impl Frame {
         [x - x0, y - y0]
     }
 
-    /// A velocity (m/s) of this frame in the board frame (m/s).
+    /// Transform a velocity (m/s) of this frame into the board frame (m/s).
     #[must_use]
     pub fn velocity_in_board(self, velocity: [f64; 2]) -> [f64; 2] {
         let [x, y] = velocity;
@@ -87,21 +87,21 @@ impl Frame {
         }
     }
 
-    /// A position in the board frame (m) in this frame (m).
+    /// Transform a position in the board frame (m) into this frame (m).
     #[must_use]
     pub fn position_from_board(self, size: BoardSize, position: [f64; 2]) -> [f64; 2] {
         let [x0, y0] = self.origin_shift(size);
         self.velocity_from_board([position[0] + x0, position[1] + y0])
     }
 
-    /// A velocity in the board frame (m/s) in this frame (m/s).
+    /// Transform a velocity in the board frame (m/s) into this frame (m/s).
     #[must_use]
     pub fn velocity_from_board(self, velocity: [f64; 2]) -> [f64; 2] {
         // Each of the three maps is its own inverse: a swap, the identity, a mirror.
         self.velocity_in_board(velocity)
     }
 
-    /// Where this frame's axes, turned into the board's, put the centre of the field (m).
+    /// Return the offset of the field's centre from this frame's origin, along the board's axes (m).
     fn origin_shift(self, size: BoardSize) -> [f64; 2] {
         match self {
             Self::Image => [size.short_side / 2.0, size.long_side / 2.0],

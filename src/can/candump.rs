@@ -1,9 +1,10 @@
 //! Lines of `candump -L`: `(seconds.fraction) interface id#data [R|T]`.
 //!
 //! Source: can-utils `candump` and `log2asc`, python-can's `CanutilsLogWriter`. Three hexadecimal
-//! digits are an 11-bit id, eight a 29-bit id; an id with bit 0x20000000 is an error frame; `#R` or
-//! `#R8` asks (RTR); a suffix `_9` to `_F` is a raw length code and is dropped; `##` is CAN FD, which
-//! the drives do not speak. The fraction has six digits, or nine with nanoseconds.
+//! digits are an 11-bit id, eight a 29-bit id; an id with bit 0x20000000 is an error frame. `#R` or
+//! `#R8` is a remote request (RTR). A suffix `_9` to `_F` is a raw length code and is dropped. `##`
+//! is CAN FD, which the drives do not support. The fraction has six digits, or nine with
+//! nanoseconds.
 
 use super::frame::{Direction, Frame, FrameKind, IdWidth, Payload};
 use crate::units::{NANOS_PER_SECOND, Nanos};
@@ -17,35 +18,35 @@ const LARGEST_EXTENDED_ID: u32 = 0x1FFF_FFFF;
 /// One line of a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LogLine {
-    /// When the host saw it; since the Unix epoch unless the log was made with relative times.
+    /// Time of the host; since the Unix epoch unless the log has relative times.
     pub time: Nanos,
     /// Interface, such as `can0`.
     pub interface: String,
     /// The frame.
     pub frame: Frame,
-    /// Which way it went; `None` when the line does not say.
+    /// Direction of the frame; `None` when the line does not give it.
     pub direction: Option<Direction>,
 }
 
-/// What is wrong with a line.
+/// Syntax error in a line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CandumpError {
-    /// The line does not begin with a time in parentheses.
+    /// The line does not start with a time in parentheses.
     #[error("'{found}' is no time; expected (seconds.fraction) with 1 to 9 decimals")]
     Time {
-        /// What stands there.
+        /// Text found in its place.
         found: String,
     },
     /// Interface or frame is missing.
     #[error("the line ends before its {what}; expected (seconds.fraction) interface id#data")]
     Incomplete {
-        /// What is missing.
+        /// Name of the missing part.
         what: &'static str,
     },
     /// The id is not 3 or 8 hexadecimal digits, or too large.
     #[error("'{found}' is no id; expected 3 hexadecimal digits up to 7FF, or 8 up to 1FFFFFFF")]
     Id {
-        /// What stands there.
+        /// Text found in its place.
         found: String,
     },
     /// The data are not up to 8 pairs of hexadecimal digits.
@@ -53,7 +54,7 @@ pub enum CandumpError {
         "'{found}' are no data; expected up to 8 pairs of hexadecimal digits, or R for a request"
     )]
     Data {
-        /// What stands there.
+        /// Text found in its place.
         found: String,
     },
     /// A CAN FD frame.
@@ -62,15 +63,15 @@ pub enum CandumpError {
     /// Something after the frame that is neither R nor T.
     #[error("'{found}' follows the frame; expected R, T or the end of the line")]
     Trailing {
-        /// What stands there.
+        /// Text found in its place.
         found: String,
     },
 }
 
-/// Parses one line.
+/// Parse one line.
 ///
 /// # Errors
-/// When it is no line of a `candump -L` log, or carries a CAN FD frame.
+/// When the line is not from a `candump -L` log, or contains a CAN FD frame.
 pub fn parse_line(line: &str) -> Result<LogLine, CandumpError> {
     let mut words = line.split_ascii_whitespace();
     let time = parse_time(words.next().unwrap_or_default())?;

@@ -1,22 +1,22 @@
 //! ODrive CANSimple of firmware 0.6.x: `id = node << 5 | command`, little endian, 11-bit ids.
 //!
-//! Source: ODrive's message table (Arduino library `can_simple_messages.hpp`, 2026-04), which agrees
-//! with the DBC file of 0.6.10 in all shared messages. Heartbeats of firmware 0.5.x are laid out
-//! otherwise and are not covered. A frame may be longer than its fields need; `Set_Axis_State`,
-//! `Set_Input_Torque` and `Clear_Errors` may be as short as their first field. A remote frame, or a
-//! data frame without data on a reporting id, is a [`Message::Request`].
+//! Source: ODrive's message table (Arduino library `can_simple_messages.hpp`, 2026-04), which
+//! agrees with the DBC file of 0.6.10 in all shared messages. Heartbeats of firmware 0.5.x have
+//! another layout and are not supported. A frame may be longer than its fields need.
+//! `Set_Axis_State`, `Set_Input_Torque` and `Clear_Errors` may be as short as their first field. A
+//! remote frame, or a data frame without data on a reporting id, is a [`Message::Request`].
 
 use super::frame::{Frame, FrameKind, IdWidth, MAX_DATA_BYTES, Payload};
 
-/// Node id that every drive listens to.
+/// Broadcast node id, received by every drive.
 pub const BROADCAST_NODE: u8 = 0x3F;
 
 const NODE_SHIFT: u32 = 5;
 const COMMAND_MASK: u32 = 0x1F;
-/// One count of a feed-forward field of `Set_Input_Pos` with the drive's default scales.
+/// Resolution of a feed-forward field of `Set_Input_Pos` with the drive's default scales.
 const FEED_FORWARD_STEP: f64 = 0.001;
 
-/// Declares the command ids once: the enum, its numbers and its names.
+/// Declares the command ids: the enum, its numbers and its names.
 macro_rules! commands {
     ($($(#[$doc:meta])* $name:ident = $id:literal, $spelled:literal;)*) => {
         /// Command id: the lower five bits of a frame's id.
@@ -25,16 +25,16 @@ macro_rules! commands {
         pub enum Command { $($(#[$doc])* $name = $id,)* }
 
         impl Command {
-            /// Every command of the protocol by its id.
+            /// All commands of the protocol by id.
             pub const ALL: &[Self] = &[$(Self::$name,)*];
 
-            /// The command with this id; `None` for the ids that 0.6.x does not use.
+            /// Return the command with this id; `None` for ids that 0.6.x does not use.
             #[must_use]
             pub fn from_id(id: u8) -> Option<Self> {
                 match id { $($id => Some(Self::$name),)* _ => None }
             }
 
-            /// Its name as ODrive spells it.
+            /// Return the name in ODrive's spelling.
             #[must_use]
             pub fn name(self) -> &'static str {
                 match self { $(Self::$name => $spelled,)* }
@@ -54,7 +54,7 @@ commands! {
     Error = 0x03, "Get_Error";
     /// Read or write of an endpoint.
     RxSdo = 0x04, "RxSdo";
-    /// Answer to `RxSdo`.
+    /// Reply to `RxSdo`.
     TxSdo = 0x05, "TxSdo";
     /// Discovery and assignment of node ids.
     Address = 0x06, "Address";
@@ -88,7 +88,7 @@ commands! {
     BusVoltageCurrent = 0x17, "Get_Bus_Voltage_Current";
     /// Clear errors.
     ClearErrors = 0x18, "Clear_Errors";
-    /// Declare the present position.
+    /// Set the present position.
     SetAbsolutePosition = 0x19, "Set_Absolute_Position";
     /// Position gain.
     SetPosGain = 0x1A, "Set_Pos_Gain";
@@ -102,12 +102,12 @@ commands! {
     EnterDfuMode = 0x1F, "Enter_DFU_Mode";
 }
 
-/// One message to or from a drive. States and modes stay plain numbers, so that values newer than
-/// this table are kept.
+/// One message to or from a drive. States and modes are plain numbers, so that values newer than
+/// this table are preserved.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[expect(missing_docs, reason = "fields carry their unit in the name and stand in ODrive's table")]
+#[expect(missing_docs, reason = "fields have their unit in the name and follow ODrive's table")]
 pub enum Message {
-    /// A remote frame, or an empty data frame on a reporting id: the host asks for this message.
+    /// Request for this message: a remote frame, or an empty data frame on a reporting id.
     Request(Command),
     /// Protocol, hardware major, minor, variant, firmware major, minor, revision, unreleased.
     Version([u8; 8]),
@@ -119,7 +119,7 @@ pub enum Message {
     Error { active_errors: u32, disarm_reason: u32 },
     /// Read (opcode 0) or write (1) of an endpoint; the value as sent.
     RxSdo { opcode: u8, endpoint: u16, value: Payload },
-    /// Answer to `RxSdo`.
+    /// Reply to `RxSdo`.
     TxSdo { endpoint: u16, value: Payload },
     /// Node id, 48-bit serial number, connection id (0 before firmware 0.6.11).
     Address { node: u8, serial: u64, connection: u8 },
@@ -145,7 +145,7 @@ pub enum Message {
     SetTrajInertia { inertia: f32 },
     /// Torque-producing current.
     Iq { setpoint_amps: f32, measured_amps: f32 },
-    /// Temperatures; the motor's means nothing without a thermistor.
+    /// Temperatures; the motor temperature is invalid without a thermistor.
     Temperature { fet_celsius: f32, motor_celsius: f32 },
     /// 0 reboot, 1 save, 2 erase the configuration, 3 enter DFU.
     Reboot { action: u8 },
@@ -153,7 +153,7 @@ pub enum Message {
     BusVoltageCurrent { voltage_volts: f32, current_amps: f32 },
     /// Clear errors; 1 also blinks the LED.
     ClearErrors { identify: u8 },
-    /// Declare the present position.
+    /// Set the present position.
     SetAbsolutePosition { position_turns: f32 },
     /// Position gain ((turns/s)/turn).
     SetPosGain { gain: f32 },
@@ -167,40 +167,40 @@ pub enum Message {
     EnterDfuMode,
 }
 
-/// Whether the last trajectory has ended.
+/// State of the last trajectory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrajectoryState {
-    /// Still moving, or none was started.
+    /// In progress, or no trajectory was started.
     Pending,
-    /// Done.
+    /// Completed.
     Done,
 }
 
-/// A message and the drive that it is from or for.
+/// Decoded message and its node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Decoded {
-    /// Node id, 0 to 0x3F; 0x3F is everybody.
+    /// Node id, 0 to 0x3F; 0x3F is broadcast.
     pub node: u8,
-    /// The message.
+    /// Decoded message.
     pub message: Message,
 }
 
-/// Why a frame is no message of the protocol.
+/// Error of decoding a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum CodecError {
-    /// CANSimple 0.6.x has 11-bit ids only.
+    /// 29-bit id; CANSimple 0.6.x has 11-bit ids only.
     #[error("frame {id:08X} has a 29-bit id; ODrive 0.6.x uses 11-bit ids")]
     Extended {
         /// The id.
         id: u32,
     },
-    /// A report of the bus itself.
+    /// Error frame of the bus.
     #[error("frame {id:08X} is an error frame of the bus")]
     ErrorFrame {
-        /// Its error classes.
+        /// Error classes.
         id: u32,
     },
-    /// An id that the protocol does not use.
+    /// Id that the protocol does not use.
     #[error("frame {id:03X} has command 0x{command:02X}, which ODrive 0.6.x does not use")]
     UnknownCommand {
         /// The id.
@@ -208,24 +208,24 @@ pub enum CodecError {
         /// Its lower five bits.
         command: u8,
     },
-    /// Fewer bytes than the message has fields for.
+    /// Frame shorter than the fields of its message.
     #[error("frame {id:03X} ({}) has {found} data bytes, it needs {needed}", command.name())]
     TooShort {
         /// The id.
         id: u32,
         /// The command.
         command: Command,
-        /// Bytes there are.
+        /// Number of data bytes.
         found: usize,
-        /// Bytes needed.
+        /// Required number of data bytes.
         needed: usize,
     },
 }
 
-/// Decodes one frame.
+/// Decode one frame.
 ///
 /// # Errors
-/// When it is no frame of the protocol; see [`CodecError`].
+/// When the frame does not belong to the protocol; see [`CodecError`].
 pub fn decode(frame: &Frame) -> Result<Decoded, CodecError> {
     let id = frame.id;
     if frame.kind == FrameKind::Error {
@@ -252,11 +252,11 @@ pub fn decode(frame: &Frame) -> Result<Decoded, CodecError> {
     Ok(Decoded { node, message })
 }
 
-/// The frame that carries `message` to or from the drive `node`, in its full length.
+/// Encode `message` to or from the drive `node`, in full length.
 ///
 /// # Panics
-/// When `node` needs more than 6 bits or the value of an SDO more than 4 bytes, which no decoded
-/// message has.
+/// When `node` needs more than 6 bits or the value of an SDO more than 4 bytes. No decoded message
+/// has these.
 #[must_use]
 pub fn encode(node: u8, message: &Message) -> Frame {
     assert!(node <= BROADCAST_NODE, "node {node} is above {BROADCAST_NODE}");
@@ -272,7 +272,7 @@ pub fn encode(node: u8, message: &Message) -> Frame {
 }
 
 impl Command {
-    /// Whether drives send it, cyclically or on request.
+    /// Return whether drives send the message, cyclically or on request.
     #[must_use]
     pub fn is_report(self) -> bool {
         matches!(
@@ -289,13 +289,13 @@ impl Command {
         )
     }
 
-    /// Whether only a host sends it, to make a drive do something.
+    /// Return whether only a host sends the message, to command a drive.
     #[must_use]
     pub fn is_order(self) -> bool {
         !self.is_report() && !matches!(self, Self::RxSdo | Self::TxSdo | Self::Address)
     }
 
-    /// Fewest data bytes with which the message can be understood.
+    /// Return the least number of data bytes of the message.
     #[must_use]
     pub fn least_bytes(self) -> usize {
         match self {
@@ -345,7 +345,7 @@ fn serial_at(data: &[u8], at: usize) -> Option<u64> {
 }
 
 impl Message {
-    /// Reads the fields of `command`; `None` when the data are too short.
+    /// Read the fields of `command`; `None` when the data is too short.
     #[expect(clippy::too_many_lines, reason = "a flat table, one arm per message of the protocol")]
     fn read(command: Command, data: &[u8]) -> Option<Self> {
         let f32_of = |at| f32_at(data, at);
@@ -431,7 +431,7 @@ impl Message {
         })
     }
 
-    /// Appends the fields in the order of the protocol.
+    /// Append the fields in the order of the protocol.
     fn write(&self, data: &mut Vec<u8>) {
         let mut f32s = |values: &[f32]| values.iter().for_each(|v| data.extend(v.to_le_bytes()));
         match *self {
@@ -481,7 +481,7 @@ impl Message {
         }
     }
 
-    /// The command that the message carries out or asks for.
+    /// Return the command that the message carries or requests.
     #[must_use]
     pub fn command(&self) -> Command {
         match self {
@@ -517,8 +517,8 @@ impl Message {
         }
     }
 
-    /// Velocity (turns/s) and torque (N m) feed-forward of `Set_Input_Pos` with the drive's default
-    /// scales; `None` for every other message.
+    /// Return velocity (turns/s) and torque (N m) feed-forward of `Set_Input_Pos` with the drive's
+    /// default scales; `None` for every other message.
     #[must_use]
     pub fn feed_forward(&self) -> Option<[f64; 2]> {
         match *self {
@@ -587,7 +587,7 @@ mod tests {
     }
 
     #[test]
-    fn requests_and_foreign_frames_are_told_apart() {
+    fn requests_and_foreign_frames_are_distinguished() {
         let mut remote = frame(0x037, &[]);
         remote.kind = FrameKind::Remote;
         assert_eq!(
@@ -638,8 +638,8 @@ mod tests {
             }
         }
 
-        /// What was decoded is encoded into the same fields again, whatever the frame held; the
-        /// comparison is of bytes, so that NaN counts too.
+        /// Encoding a decoded frame restores its fields. The comparison is of bytes, so that NaN
+        /// counts.
         #[test]
         fn fields_survive_a_round_trip(id in 0_u32..0x800, data in proptest::collection::vec(any::<u8>(), 0..=8)) {
             if let Ok(decoded) = decode(&frame(id, &data)) {

@@ -2,7 +2,7 @@
 
 use crate::recording::message::{CanFrame, can_frame};
 
-/// Most data bytes of a classic frame.
+/// Largest number of data bytes of a classic frame.
 pub const MAX_DATA_BYTES: usize = 8;
 
 /// Up to eight data bytes.
@@ -13,7 +13,7 @@ pub struct Payload {
 }
 
 impl Payload {
-    /// The first eight bytes of `data`; `None` when there are more.
+    /// Create a payload of up to eight bytes; `None` when there are more.
     #[must_use]
     pub fn new(data: &[u8]) -> Option<Self> {
         let mut bytes = [0; MAX_DATA_BYTES];
@@ -21,21 +21,21 @@ impl Payload {
         Some(Self { bytes, length: data.len() as u8 })
     }
 
-    /// The data bytes.
+    /// Return the data bytes.
     #[must_use]
     pub fn as_slice(&self) -> &[u8] {
         &self.bytes[..usize::from(self.length)]
     }
 }
 
-/// What a frame is for.
+/// Kind of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameKind {
-    /// Carries data.
+    /// Data frame.
     Data,
-    /// Asks for the data frame of the same id (RTR).
+    /// Remote request for the data frame of the same id (RTR).
     Remote,
-    /// Reports an error of the bus; the id holds its classes.
+    /// Error frame of the bus; the id holds its classes.
     Error,
 }
 
@@ -48,7 +48,7 @@ pub enum IdWidth {
     Extended,
 }
 
-/// Which way a frame went, seen from the host.
+/// Direction of a frame, seen from the host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// From the bus.
@@ -71,7 +71,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame as a message of the contract.
+    /// Convert the frame into the recorded message.
     #[must_use]
     pub fn recorded(&self, direction: Direction) -> CanFrame {
         let direction = match direction {

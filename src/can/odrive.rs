@@ -1,32 +1,32 @@
-//! The words of ODrive 0.6.x: states, modes, results and error flags.
+//! Enumerations of ODrive 0.6.x: states, modes, results and error flags.
 //!
-//! Source: PyPI `odrive` 0.6.11 `enums.py` and the DBC of 0.6.10. Numbers that are not listed stay
-//! `Unknown`, so that newer firmware is shown as it is.
+//! Source: PyPI `odrive` 0.6.11 `enums.py` and the DBC of 0.6.10. Numbers that are not listed
+//! become `Unknown`, so that values of newer firmware are preserved.
 
 use std::fmt;
 
-/// Declares an open enumeration once: its variants, their numbers and their names.
+/// Declares an open enumeration: its variants, their numbers and their names.
 macro_rules! open_enum {
     ($(#[$doc:meta])* $kind:ident: $($name:ident = $number:literal, $spelled:literal;)*) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum $kind {
             $(#[doc = $spelled] $name,)*
-            /// A number that this table does not have.
+            /// Number missing in this table.
             Unknown(u8),
         }
 
         impl $kind {
-            /// Every value that has a name.
+            /// All named values.
             pub const NAMED: &[Self] = &[$(Self::$name,)*];
 
-            /// The value with this number.
+            /// Return the value with this number.
             #[must_use]
             pub fn from_number(number: u8) -> Self {
                 match number { $($number => Self::$name,)* other => Self::Unknown(other) }
             }
 
-            /// Its number on the bus.
+            /// Return the number used on the bus.
             #[must_use]
             pub fn number(self) -> u8 {
                 match self { $(Self::$name => $number,)* Self::Unknown(number) => number }
@@ -45,7 +45,7 @@ macro_rules! open_enum {
 }
 
 open_enum! {
-    /// What an axis is doing.
+    /// State of an axis.
     AxisState:
     Undefined = 0, "UNDEFINED";
     Idle = 1, "IDLE";
@@ -67,7 +67,7 @@ open_enum! {
 }
 
 open_enum! {
-    /// How the last procedure of an axis ended.
+    /// Result of the last procedure of an axis.
     ProcedureResult:
     Success = 0, "SUCCESS";
     Busy = 1, "BUSY";
@@ -89,7 +89,7 @@ open_enum! {
 }
 
 open_enum! {
-    /// What the controller of a drive controls.
+    /// Control mode of a drive.
     ControlMode:
     Voltage = 0, "VOLTAGE_CONTROL";
     Torque = 1, "TORQUE_CONTROL";
@@ -98,8 +98,8 @@ open_enum! {
 }
 
 open_enum! {
-    /// What a drive does with its input before the controller sees it. 1 is passed through
-    /// unchanged; older KlaskTron software calls it a ramp, which is 2.
+    /// Input mode of a drive. In mode 1 the input reaches the controller unchanged; older KlaskTron
+    /// software calls it a ramp, which is mode 2.
     InputMode:
     Inactive = 0, "INACTIVE";
     Passthrough = 1, "PASSTHROUGH";
@@ -112,8 +112,8 @@ open_enum! {
     Tuning = 8, "TUNING";
 }
 
-/// Error flags of an axis: the same bits in the heartbeat, in the active errors and in the reason of
-/// the last disarm.
+/// Error flags of an axis. The heartbeat, the active errors and the disarm reason use the same
+/// bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct AxisErrors(pub u32);
 
@@ -149,13 +149,13 @@ impl AxisErrors {
         (0x4000_0000, "CALIBRATION_ERROR"),
     ];
 
-    /// Whether no flag is set.
+    /// Return whether no flag is set.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether every flag of `other` is set.
+    /// Return whether every flag of `other` is set.
     #[must_use]
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0

@@ -1,9 +1,9 @@
-//! Arming and disarming, in the order of ODrive's documentation, never blocking the loop that feeds
-//! the watchdogs.
+//! Arming and disarming in the order of ODrive's documentation, without blocking the loop that
+//! feeds the watchdogs.
 //!
-//! `Set_Limits`, `Set_Controller_Mode`, `Set_Input_Vel 0`, `Clear_Errors` once, `Set_Axis_State 8`;
-//! while waiting, mode and state are repeated every 200 ms, and zero velocity is sent in every period.
-//! The only acknowledgement is the heartbeat.
+//! The sequence is `Set_Limits`, `Set_Controller_Mode`, `Set_Input_Vel 0`, `Clear_Errors` once,
+//! `Set_Axis_State 8`. During the wait, mode and state are repeated every 200 ms, and zero velocity
+//! is sent in every period. The heartbeat is the only acknowledgement.
 
 use super::{
     control::ControlLoop,
@@ -18,30 +18,30 @@ use crate::{
     units::Nanos,
 };
 
-/// Requests are repeated this often while a drive has not answered (s).
+/// Repetition interval of a request that a drive has not answered (s).
 const REPEAT_SECONDS: f64 = 0.2;
-/// How long a message of arming waits for a full transmit queue (s).
+/// Longest wait of an arming message for a full transmit queue (s).
 const PATIENCE_SECONDS: f64 = 0.05;
-/// Zero velocity is held this long before the motors are switched off (s).
+/// Duration of zero velocity before the motors are disarmed (s).
 const HOLD_SECONDS: f64 = 0.1;
-/// The drives' own speed limit stands this far above the largest speed that is commanded.
+/// Ratio of the drives' own speed limit to the largest commanded speed.
 const SPEED_HEADROOM: f64 = 1.5;
-/// A ramp that takes longer than this has not been followed (s).
+/// Longest duration of a ramp to zero (s); a longer one counts as not followed.
 const LONGEST_RAMP_SECONDS: f64 = 2.0;
 
-/// How it is made sure that the drives stop by themselves when this program dies.
+/// Policy for the drives' watchdogs, which must stop the drives when this program dies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WatchdogPolicy {
-    /// Before any motion the drives are armed at zero velocity and left alone: each must disarm by
-    /// itself.
+    /// Test before any motion: the drives are armed at zero velocity and receive nothing. Each must
+    /// disarm by itself.
     Test,
-    /// The operator says that the watchdogs are on.
+    /// Trust the operator that the watchdogs are on.
     Trust,
-    /// The operator accepts that they are off.
+    /// Accept that the watchdogs are off.
     None,
 }
 
-/// Arms every drive of the station and waits for their heartbeats.
+/// Arm every drive of the station and wait for their heartbeats.
 pub(super) fn arm(station: &mut Station<'_>, control: &mut ControlLoop) -> Result<(), StopReason> {
     station.note_of("phase", None, "arming");
     let started = station.now();
@@ -69,7 +69,7 @@ pub(super) fn arm(station: &mut Station<'_>, control: &mut ControlLoop) -> Resul
     Ok(())
 }
 
-/// One period at zero velocity.
+/// Run one period at zero velocity.
 pub(super) fn idle_period(
     station: &mut Station<'_>,
     control: &mut ControlLoop,
@@ -103,7 +103,7 @@ fn prepare(station: &mut Station<'_>, index: usize) -> Result<(), StopReason> {
     send(station, node, &zero)?;
     send(station, node, &Message::ClearErrors { identify: 0 })?;
     station.drives[index].armed = Armed::Asked;
-    // What was heard before this moment says nothing about the new request.
+    // An earlier heartbeat does not answer the new request.
     station.drives[index].heartbeat = None;
     ask_for_closed_loop(station, index)
 }
@@ -128,16 +128,16 @@ fn not_armed(station: &Station<'_>, waited_s: f64) -> StopReason {
     StopReason::NotArmed { seat: drive.seat, state, errors, waited_s }
 }
 
-/// Leaves the armed drives alone and expects every one to disarm by its watchdog; then they are
-/// armed again. Nothing moves: their last setpoint was zero.
-pub(super) fn prove_watchdogs(
+/// Stop sending to the armed drives and wait until each has disarmed by its watchdog; then arm them
+/// again. Nothing moves: the last setpoint is zero.
+pub(super) fn test_watchdogs(
     station: &mut Station<'_>,
     control: &mut ControlLoop,
 ) -> Result<(), StopReason> {
     station.note_of("phase", None, "watchdog test");
     let started = station.now();
     for drive in &mut station.drives {
-        drive.armed = Armed::LetGo;
+        drive.armed = Armed::Released;
     }
     let heartbeat_s = station.robot.timeouts.heartbeat_s;
     let until = started.after_seconds(station.robot.timeouts.watchdog_s + heartbeat_s);
@@ -158,12 +158,12 @@ pub(super) fn prove_watchdogs(
         station.wait_until(soon)?;
     }
     let took_s = station.now().seconds_since(started);
-    station.note_of("phase", None, &format!("watchdogs have disarmed within {took_s:.2} s"));
+    station.note_of("phase", None, &format!("watchdogs disarmed the drives within {took_s:.2} s"));
     arm(station, control)
 }
 
-/// Stops all motion as `reaction` demands, switches the drives off and waits for their
-/// heartbeats. Gives the drives that are not confirmed to be off.
+/// Stop all motion as `reaction` demands, disarm the drives and wait for their heartbeats. Return
+/// the drives that are not confirmed as disarmed.
 pub(super) fn stop(
     station: &mut Station<'_>,
     control: &mut ControlLoop,
@@ -178,7 +178,7 @@ pub(super) fn stop(
         _ => ramp_down(station, control, reaction).is_ok(),
     };
     match reaction {
-        // Whatever happened on the way down, nothing is trusted any more.
+        // After a failed ramp, no setpoint is trusted.
         _ if !driven_down => station.estop(&Player::BOTH),
         Reaction::BrakeGantry(player) => station.estop(&[player]),
         _ => {}
@@ -187,7 +187,7 @@ pub(super) fn stop(
     confirm_off(station, started)
 }
 
-/// Ramps what is still armed to zero and holds it there for a moment.
+/// Ramp the armed drives to zero and hold zero for a moment.
 fn ramp_down(
     station: &mut Station<'_>,
     control: &mut ControlLoop,
@@ -244,7 +244,7 @@ fn switch_off(station: &mut Station<'_>) {
     }
 }
 
-/// Waits until every drive has said, after `started`, that it is not in closed loop.
+/// Wait until every drive has reported, after `started`, that it is not in closed loop.
 fn confirm_off(station: &mut Station<'_>, started: Nanos) -> Vec<u8> {
     let until = station.now().after_seconds(2.0 * station.robot.timeouts.heartbeat_s);
     let still_on = |station: &Station<'_>| -> Vec<u8> {
@@ -261,7 +261,7 @@ fn confirm_off(station: &mut Station<'_>, started: Nanos) -> Vec<u8> {
             return nodes;
         }
         let soon = station.now().after_seconds(0.01).min(until);
-        // Alarms can change nothing any more, and a broken link ends the waiting.
+        // Alarms are irrelevant now, and a broken link ends the wait.
         if let Err(StopReason::LinkBroken { .. }) = station.wait_until(soon) {
             return still_on(station);
         }

@@ -1,7 +1,7 @@
-//! The control loop: absolute deadlines, the latest setpoint only, every period recorded.
+//! Control loop: absolute deadlines, the latest setpoint only, every period recorded.
 //!
-//! A period that has passed is left out, never caught up in a burst: the reference is indexed by
-//! time, and the slew limit holds over the time that has really passed.
+//! A missed period is skipped, never caught up in a burst. The reference is indexed by time, and
+//! the slew limit applies over the elapsed time.
 
 use super::{reason::StopReason, recorder::Entry, station::Station, watch::Armed};
 use crate::{
@@ -18,30 +18,31 @@ use crate::{
 };
 use serde::Serialize;
 
-/// Periods in a row without a setpoint on the bus before the session stops; at 50 Hz they fit into
-/// a watchdog of 100 ms.
+/// Consecutive periods without a setpoint on the bus before the session stops. At 50 Hz they fit
+/// into a watchdog of 100 ms.
 const MOST_FULL_PERIODS: u32 = 4;
-/// A period that is later than this has left the drives alone for too long (s).
+/// Largest lateness of a period (s); the drives were without commands for too long.
 const MOST_LATENESS_SECONDS: f64 = 0.1;
 
-/// How late the periods of a loop were.
+/// Timing of the control loop: missed deadlines and lateness of the periods.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
-pub struct Lateness {
-    /// Periods that were kept.
+pub struct LoopTiming {
+    /// Number of executed periods.
     pub periods: usize,
-    /// Periods that were left out.
-    pub skipped: u64,
-    /// Median (us).
-    pub p50_us: f64,
-    /// 99th percentile (us).
-    pub p99_us: f64,
-    /// Largest (us).
-    pub max_us: f64,
+    /// Number of missed deadlines.
+    pub missed_deadlines: u64,
+    /// Median lateness (us).
+    pub lateness_p50_us: f64,
+    /// 99th percentile of the lateness (us).
+    pub lateness_p99_us: f64,
+    /// Largest lateness (us).
+    pub lateness_max_us: f64,
 }
 
-/// When each motor hears a command of a period (s after it was recorded), as entries of the metadata:
-/// the setpoints leave one after another in the order of [`ControlLoop::command_unlimited`], each a
-/// frame's time after the one before if nobody else is on the bus.
+/// Return the command latency of each motor (s after the command was recorded), as entries of the
+/// metadata. The setpoints leave one after another in the order of
+/// [`ControlLoop::command_unlimited`], each one frame time after the previous, if no other node
+/// uses the bus.
 pub(super) fn arrivals(players: &[Player], can: &BusConfig) -> Vec<(String, String)> {
     let seats = players.iter().flat_map(|player| Motor::BOTH.map(|motor| (*player, motor)));
     let entry = |(place, (player, motor)): (usize, _)| {
@@ -51,25 +52,25 @@ pub(super) fn arrivals(players: &[Player], can: &BusConfig) -> Vec<(String, Stri
     seats.enumerate().map(entry).collect()
 }
 
-/// One period.
+/// Timing of one period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Tick {
-    /// Periods that have passed since the one before: 1 when none was left out.
+    /// Number of periods since the previous one: 1 when no deadline was missed.
     pub(super) advanced: u32,
     deadline: Nanos,
     lateness_nanos: u64,
 }
 
-/// See the module.
+/// Control loop; see the module.
 #[derive(Debug)]
 pub(super) struct ControlLoop {
     period: u64,
     deadline: Nanos,
     latenesses: Vec<u32>,
-    skipped: u64,
+    missed_deadlines: u64,
     full_periods: u32,
     dropped_in_period: u32,
-    /// The last command of each player (m/s).
+    /// Last command of each player (m/s).
     commanded: [[f64; 2]; 2],
 }
 
@@ -80,46 +81,46 @@ impl ControlLoop {
             period,
             deadline: Nanos(now.0 + period),
             latenesses: Vec::new(),
-            skipped: 0,
+            missed_deadlines: 0,
             full_periods: 0,
             dropped_in_period: 0,
             commanded: [[0.0; 2]; 2],
         }
     }
 
-    /// Length of a period (s).
+    /// Return the length of a period (s).
     pub(super) fn period_seconds(&self) -> f64 {
         self.period as f64 / NANOS_PER_SECOND as f64
     }
 
-    /// The last command of a player (m/s).
+    /// Return the last command of a player (m/s).
     pub(super) fn commanded(&self, player: Player) -> [f64; 2] {
         self.commanded[player as usize]
     }
 
-    /// The last command of each player (m/s), left first.
+    /// Return the last command of each player (m/s), left first.
     pub(super) fn all_commanded(&self) -> [[f64; 2]; 2] {
         self.commanded
     }
 
-    /// Begins anew after a pause that was meant; the next deadline is a period away.
+    /// Restart after an intended pause; the next deadline is one period away.
     pub(super) fn restart(&mut self, now: Nanos) {
         self.deadline = Nanos(now.0 + self.period);
     }
 
-    /// Makes the next deadline now, since a reaction cannot wait for it. No deadline is given twice.
+    /// Set the next deadline to now, for a reaction that cannot wait. No deadline is used twice.
     pub(super) fn hurry(&mut self, now: Nanos) {
         let last = self.deadline.0.saturating_sub(self.period);
         self.deadline = Nanos(now.0.max(last + 1));
     }
 
-    /// Waits for the next period.
+    /// Wait for the next period.
     pub(super) fn wait(&mut self, station: &mut Station<'_>) -> Result<Tick, StopReason> {
         station.wait_until(self.deadline)?;
         let deadline = self.deadline;
         let lateness = station.now().0.saturating_sub(deadline.0);
         let skipped = lateness / self.period;
-        self.skipped += skipped;
+        self.missed_deadlines += skipped;
         self.latenesses.push((lateness / 1000).min(u64::from(u32::MAX)) as u32);
         self.deadline = Nanos(deadline.0 + (skipped + 1) * self.period);
         self.dropped_in_period = 0;
@@ -130,7 +131,7 @@ impl ControlLoop {
         Ok(Tick { advanced: skipped as u32 + 1, deadline, lateness_nanos: lateness })
     }
 
-    /// Sends the velocity nearest to `wanted` (m/s) that limits and slew allow.
+    /// Send the velocity nearest to `wanted` (m/s) that limits and slew allow.
     pub(super) fn command(
         &mut self,
         station: &mut Station<'_>,
@@ -144,7 +145,7 @@ impl ControlLoop {
         self.command_unlimited(station, player, next);
     }
 
-    /// Sends a velocity as it is: for braking.
+    /// Send a velocity without limits, for braking.
     pub(super) fn command_unlimited(
         &mut self,
         station: &mut Station<'_>,
@@ -173,7 +174,8 @@ impl ControlLoop {
         }
     }
 
-    /// Whether the bus took it within half a period; a setpoint is never kept for later.
+    /// Send a setpoint; return whether the bus took it within half a period. A setpoint is never
+    /// queued.
     fn send_within_period(
         &mut self,
         station: &mut Station<'_>,
@@ -192,7 +194,7 @@ impl ControlLoop {
         false
     }
 
-    /// Ends the period: records it, and stops when the bus has taken nothing for too long.
+    /// End the period: record it, and stop when the bus has taken nothing for too long.
     pub(super) fn finish(
         &mut self,
         station: &mut Station<'_>,
@@ -212,16 +214,16 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// How late the periods were so far.
-    pub(super) fn lateness(&self) -> Lateness {
+    /// Return the timing of the periods so far.
+    pub(super) fn timing(&self) -> LoopTiming {
         let late: Vec<f64> = self.latenesses.iter().map(|micros| f64::from(*micros)).collect();
-        let at = |share| quantile(&late, share).unwrap_or(0.0);
-        Lateness {
+        let at = |probability| quantile(&late, probability).unwrap_or(0.0);
+        LoopTiming {
             periods: late.len(),
-            skipped: self.skipped,
-            p50_us: at(0.5),
-            p99_us: at(0.99),
-            max_us: at(1.0),
+            missed_deadlines: self.missed_deadlines,
+            lateness_p50_us: at(0.5),
+            lateness_p99_us: at(0.99),
+            lateness_max_us: at(1.0),
         }
     }
 }

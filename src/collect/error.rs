@@ -1,4 +1,4 @@
-//! Why a plan cannot be driven, and where in it.
+//! Errors of a plan, with the motion and the time in it.
 
 use crate::{
     gantry::{BeltError, Pattern, RobotError, TrajectoryError},
@@ -6,22 +6,22 @@ use crate::{
 };
 use std::fmt;
 
-/// Which motion of a plan.
+/// Motion of a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Part {
-    /// From where the last run ended, or home, to the start of a run.
+    /// Move from the end of the last run, or from home, to the start of a run.
     Approach {
-        /// Which run.
+        /// Number of the run.
         run: u32,
     },
-    /// The run itself.
+    /// Run of the plan.
     Run {
-        /// Which run.
+        /// Number of the run.
         run: u32,
-        /// What is driven.
+        /// Pattern of the run.
         pattern: Pattern,
     },
-    /// From the end of the last run home.
+    /// Move from the end of the last run to home.
     Home,
 }
 
@@ -35,107 +35,109 @@ impl fmt::Display for Part {
     }
 }
 
-/// A limit that a motion passes.
+/// Violation of a limit by a motion.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the value and its limit, units in the names")]
-pub enum Breach {
-    /// The path itself comes too near an edge.
+pub enum Violation {
+    /// Path too close to an edge.
     #[error(
-        "the path is {edge_m:.4} m inside the window (negative: outside), less than \
+        "the path is {edge_m:.4} m inside the workspace (negative: outside), less than \
          limits.tracking_margin_m {margin_m}; move, shorten or shrink the pattern"
     )]
     Position { edge_m: f64, margin_m: f64 },
-    /// It could not stop in time.
+    /// Stopping distance too long.
     #[error(
-        "braking from there ends {edge_m:.4} m inside the window (negative: outside), less than \
+        "braking from there ends {edge_m:.4} m inside the workspace (negative: outside), less than \
          limits.tracking_margin_m {margin_m}; slow, shorten or shrink the pattern"
     )]
     Standstill { edge_m: f64, margin_m: f64 },
-    /// Too fast along one axis.
+    /// Speed along one axis too high.
     #[error(
         "{speed_m_per_s:.4} m/s along one axis, more than limits.speed_m_per_s {limit_m_per_s}; lower speed_m_per_s"
     )]
     AxisSpeed { speed_m_per_s: f64, limit_m_per_s: f64 },
-    /// Too fast.
+    /// Speed too high.
     #[error(
         "{speed_m_per_s:.4} m/s, more than limits.total_speed_m_per_s {limit_m_per_s}; lower speed_m_per_s"
     )]
     TotalSpeed { speed_m_per_s: f64, limit_m_per_s: f64 },
-    /// Too abrupt.
+    /// Acceleration too high.
     #[error(
         "{slew_m_per_s2:.3} m/s^2 along one axis, more than limits.slew_m_per_s2 {limit_m_per_s2}; lower speed_m_per_s or the rate"
     )]
     Slew { slew_m_per_s2: f64, limit_m_per_s2: f64 },
-    /// A motor speed that is no number.
+    /// Motor speed not finite.
     #[error(
         "the motors would turn at {a_turns_per_s} and {b_turns_per_s} turns/s; correct belt_metres_per_turn"
     )]
     MotorSpeed { a_turns_per_s: f64, b_turns_per_s: f64 },
-    /// It does not begin and end at rest.
-    #[error("it moves at {speed_m_per_s} m/s where it must rest; begin and end with velocity 0")]
+    /// Motion not at rest at its start or end.
+    #[error(
+        "it moves at {speed_m_per_s} m/s where it must be at rest; start and end with velocity 0"
+    )]
     NotAtRest { speed_m_per_s: f64 },
 }
 
-/// Why a plan cannot be driven.
+/// Error of a plan.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
-    /// It is no JSON of this form.
-    #[error("the plan is not understood: {0}")]
+    /// Invalid JSON.
+    #[error("the plan is not valid: {0}")]
     Syntax(#[from] serde_json::Error),
-    /// A number out of its range.
+    /// Number out of range.
     #[error("{name} is {value}; it must lie in {range}")]
     OutOfRange {
-        /// Which.
+        /// Name of the number.
         name: String,
-        /// What was given.
+        /// Value given.
         value: f64,
-        /// What is allowed.
+        /// Allowed range.
         range: &'static str,
     },
-    /// It is empty.
+    /// Empty plan.
     #[error("the plan has no run; give at least one pattern")]
     NoRun,
-    /// One number for two runs.
+    /// Two runs with the same number.
     #[error("two runs have number {number}; give each run of a plan a number of its own")]
     NumberTwice {
-        /// Which.
+        /// Number of the runs.
         number: u32,
     },
-    /// Nobody to drive.
-    #[error("no player is to be driven; name left, right or both")]
+    /// No player to drive.
+    #[error("no player is to be driven; give left, right or both")]
     NoPlayer,
-    /// Not a player of this robot.
+    /// Player without drives in the robot file.
     #[error("the robot file has no drive of the {0} player; choose the other, or add its drives")]
     PlayerWithoutDrives(Player),
-    /// A player twice.
-    #[error("the {0} player is named twice; name each player once")]
+    /// Player given twice.
+    #[error("the {0} player is given twice; give each player once")]
     PlayerTwice(Player),
-    /// The robot file.
+    /// Invalid robot file.
     #[error(transparent)]
     Robot(#[from] RobotError),
-    /// The belt.
+    /// Invalid belt.
     #[error(transparent)]
     Belt(#[from] BeltError),
-    /// A motion cannot be made.
+    /// Motion that cannot be generated.
     #[error("{part}, {player} player: {source}")]
     Trajectory {
-        /// Which motion.
+        /// Motion.
         part: Part,
-        /// Whose.
+        /// Player.
         player: Player,
-        /// Why.
+        /// Cause.
         source: Box<TrajectoryError>,
     },
-    /// A motion passes a limit.
-    #[error("{part}, {player} player, {time_s:.2} s after its start: {breach}")]
-    Breach {
-        /// Which motion.
+    /// Motion that violates a limit.
+    #[error("{part}, {player} player, {time_s:.2} s after its start: {violation}")]
+    Violation {
+        /// Motion.
         part: Part,
-        /// Whose.
+        /// Player.
         player: Player,
-        /// When in it (s).
+        /// Time since the start of the motion (s).
         time_s: f64,
-        /// What.
-        breach: Breach,
+        /// Violation.
+        violation: Violation,
     },
 }

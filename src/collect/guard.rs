@@ -1,5 +1,5 @@
-//! What is checked in every control period while motors are on, besides what stops a session at
-//! once when it arrives (an axis that leaves closed loop, orders of another program, bus failures).
+//! Safety checks of every control period with armed motors. Other events stop a session at once on
+//! arrival: an axis that leaves closed loop, commands of another program, bus failures.
 
 use super::{
     reason::{HotPart, StopReason},
@@ -13,28 +13,29 @@ use crate::{
 };
 use std::collections::VecDeque;
 
-/// A carriage may be as late as this behind the path of its leg (s): drive, belt and bus together.
+/// Largest lag of a carriage behind the path of its leg (s): drive, belt and bus together.
 pub(super) const MOST_LAG_SECONDS: f64 = 0.3;
-/// A striker must be far from its magnet for this long before it counts as lost (s), since single
+/// Time for which a striker must be far from its magnet before it counts as lost (s), since single
 /// detections fail.
 const STRIKER_LOST_SECONDS: f64 = 0.1;
 
-/// Whether pictures are needed to go on.
+/// Role of the camera in a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum CameraDuty {
-    /// The strikers are compared with their magnets, and the camera must not fall silent.
+    /// Required: the strikers are compared with their magnets, and camera frames must keep
+    /// arriving.
     Watches,
-    /// Pictures are recorded if they come.
+    /// Optional: camera frames are recorded if they arrive.
     Records,
 }
 
-/// See the module.
+/// Safety checks; see the module.
 #[derive(Debug)]
 pub(super) struct Guard {
     camera: CameraDuty,
-    /// Where each carriage was to be, newest last (m).
+    /// Past reference positions of each carriage, newest last (m).
     references: [VecDeque<(Nanos, [f64; 2])>; 2],
-    /// As late as this a carriage may be there (s).
+    /// Largest allowed lag of a carriage (s).
     most_lag_s: f64,
     striker_far_since: [Option<Nanos>; 2],
     worst_tracking: f64,
@@ -51,14 +52,14 @@ impl Guard {
         }
     }
 
-    /// Forgets where carriages were to be, before a new leg or stretch, in which they may be as late as
+    /// Discard the past references before a new leg or free run, with a new largest lag
     /// `most_lag_s` (s).
     pub(super) fn restart(&mut self, most_lag_s: f64) {
         self.most_lag_s = most_lag_s;
         self.references.iter_mut().for_each(VecDeque::clear);
     }
 
-    /// Notes where a carriage is to be now (m).
+    /// Add the present reference position of a carriage (m).
     pub(super) fn expect(&mut self, player: Player, now: Nanos, position: [f64; 2]) {
         let kept = &mut self.references[player as usize];
         kept.push_back((now, position));
@@ -67,12 +68,12 @@ impl Guard {
         }
     }
 
-    /// Largest distance of a carriage from its reference so far (m).
+    /// Return the largest distance of a carriage from its reference so far (m).
     pub(super) fn worst_tracking(&self) -> f64 {
         self.worst_tracking
     }
 
-    /// Checks everything; `commanded` is what was sent last to each player (m/s).
+    /// Check everything; `commanded` is the last command of each player (m/s).
     pub(super) fn check(
         &mut self,
         station: &Station<'_>,
@@ -106,8 +107,8 @@ impl Guard {
             return Ok(());
         };
         let limits = &station.robot.limits;
-        let window = station.robot.stop_window(player);
-        if let Some(standstill_m) = leaves(&window, limits, (position_m, velocity), commanded) {
+        let workspace = station.robot.stop_limits(player);
+        if let Some(standstill_m) = leaves(&workspace, limits, (position_m, velocity), commanded) {
             return Err(StopReason::SoftLimit { player, position_m, standstill_m });
         }
         let distance =
@@ -144,7 +145,7 @@ impl Guard {
     }
 }
 
-/// A reason to stop when Ctrl-C was pressed, once or more often.
+/// Return an error when Ctrl-C was pressed, once or more often.
 pub(super) fn check_presses(presses: usize) -> Result<(), StopReason> {
     match presses {
         0 => Ok(()),
@@ -175,7 +176,7 @@ fn check_temperature(drive: &DriveWatch, limits: &Limits) -> Result<(), StopReas
         (HotPart::PowerStage, fet, limits.fet_temperature_c),
         (HotPart::Motor, motor, limits.motor_temperature_c),
     ] {
-        // A motor without a thermistor reports NaN, which passes no limit.
+        // A motor without a thermistor reports NaN, which exceeds no limit.
         if limit_celsius < celsius {
             return Err(StopReason::TooHot { seat, part, celsius, limit_celsius });
         }
@@ -183,11 +184,11 @@ fn check_temperature(drive: &DriveWatch, limits: &Limits) -> Result<(), StopReas
     Ok(())
 }
 
-/// Where the carriage would come to stand (m), when that is outside the window and further out than
-/// it is now. The time to react counts as far as the command still goes the same way: a carriage that
-/// was told to brake brakes already.
+/// Return the standstill point of the carriage (m) when it is outside the workspace and further out
+/// than the carriage. The reaction time counts only while the command still points in the direction
+/// of motion, because a carriage with a braking command already brakes.
 fn leaves(
-    window: &Rectangle,
+    workspace: &Rectangle,
     limits: &Limits,
     (position, velocity): ([f64; 2], [f64; 2]),
     commanded: [f64; 2],
@@ -198,8 +199,8 @@ fn leaves(
         let braking = speed * speed / (2.0 * limits.braking_m_per_s2);
         position[axis] + way * (onward * limits.reaction_s + braking)
     });
-    let inside = window.depth(standstill);
-    (inside < 0.0 && inside < window.depth(position)).then_some(standstill)
+    let inside = workspace.depth(standstill);
+    (inside < 0.0 && inside < workspace.depth(position)).then_some(standstill)
 }
 
 fn check_camera(now: Nanos, station: &Station<'_>) -> Result<(), StopReason> {
@@ -214,16 +215,16 @@ mod tests {
 
     #[test]
     fn only_motion_that_leads_out_stops() {
-        let window = Rectangle { x_min_m: -0.1, x_max_m: 0.1, y_min_m: -0.1, y_max_m: 0.1 };
+        let workspace = Rectangle { x_min_m: -0.1, x_max_m: 0.1, y_min_m: -0.1, y_max_m: 0.1 };
         let limits = Limits { braking_m_per_s2: 5.0, reaction_s: 0.04, ..Limits::default() };
-        let told = |x, v, u| leaves(&window, &limits, ([x, 0.0], [v, 0.0]), [u, 0.0]).is_some();
+        let told = |x, v, u| leaves(&workspace, &limits, ([x, 0.0], [v, 0.0]), [u, 0.0]).is_some();
         let out = |x, v| told(x, v, v);
-        // From 0.5 m/s it needs 45 mm.
+        // From 0.5 m/s the carriage needs 45 mm.
         assert!(!out(0.054, 0.5) && out(0.056, 0.5));
         assert!(!out(0.056, -0.5));
-        // Outside already: back is fine, further is not.
+        // Outside already: motion back is allowed, motion further out is not.
         assert!(!out(0.12, -0.1) && out(0.12, 0.1) && !out(0.12, 0.0));
-        // Told to brake, it needs 25 mm.
+        // With a braking command it needs 25 mm.
         assert!(!told(0.074, 0.5, -0.2) && told(0.076, 0.5, -0.2));
     }
 }

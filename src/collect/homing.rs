@@ -1,68 +1,68 @@
-//! Where the carriages are: encoders count from wherever they were switched on, so their origin comes
-//! from the camera or from the operator.
+//! Referencing of the carriages. Encoders count from their position at power-on, so the origin
+//! comes from the camera or from the operator.
 //!
-//! By camera the striker is taken to sit over its magnet, as upstream does; both must stand still, and
-//! the median of a second of pictures counts.
+//! By camera, the striker is assumed to be centred over its magnet, as upstream does. Both must
+//! stand still, and the median over half a second of camera frames is used.
 
 use super::{reason::StopReason, station::Station};
 use crate::{recording::topic::Player, stats::median};
 
-/// How long pictures and positions are gathered (s).
+/// Duration of the measurement (s).
 const GATHER_SECONDS: f64 = 0.5;
-/// Fewest pictures that show the striker.
-const FEWEST_PICTURES: usize = 10;
-/// Farthest that half of the pictures may lie from the median, and the carriage may move (m).
+/// Least number of camera frames that show the striker.
+const FEWEST_FRAMES: usize = 10;
+/// Largest median deviation of the striker, and largest motion of the carriage (m).
 const STILL_METRES: f64 = 0.003;
 
-/// How positions are referenced.
+/// Method of referencing the positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HomingPolicy {
-    /// The camera sees where each striker is.
+    /// The camera measures the position of each striker.
     Camera,
-    /// The operator has put each carriage at the home point of the robot file.
+    /// The operator has placed each carriage at the home point of the robot file.
     Declared,
 }
 
-/// Why positions cannot be referenced.
+/// Error of referencing the positions.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HomingError {
-    /// The bus has failed meanwhile.
+    /// The bus has failed during the measurement.
     #[error("{0}")]
     Stopped(StopReason),
-    /// Both motors of a gantry must report to know its carriage.
+    /// The motors of a gantry do not both report.
     #[error("the drives of the {player} player report no common position; see encoder_msg_rate_ms")]
     NoPosition {
-        /// Whose.
+        /// Player.
         player: Player,
     },
-    /// The camera does not see a striker.
+    /// The camera does not detect a striker.
     #[error(
-        "the camera saw the {player} striker in {pictures} pictures within half a second, \
-         {FEWEST_PICTURES} are needed; look at the picture, or put the carriages at their home \
-         points and say --homing declared"
+        "the camera saw the {player} striker in {pictures} frames within half a second, \
+         {FEWEST_FRAMES} are needed; check the image, or put the carriages at their home \
+         points and use --homing declared"
     )]
     NotSeen {
-        /// Whose.
+        /// Player.
         player: Player,
-        /// In how many pictures it was.
+        /// Number of frames that show the striker.
         pictures: usize,
     },
-    /// Something moves.
+    /// Carriage or striker moves.
     #[error(
         "the {player} {what} moved by {:.1} mm while its position was taken (limit {:.0} mm); \
          keep hands off the table", 1e3 * metres, 1e3 * STILL_METRES
     )]
     Moving {
-        /// Whose.
+        /// Player.
         player: Player,
         /// Striker or carriage.
         what: &'static str,
-        /// How far (m).
+        /// Distance (m).
         metres: f64,
     },
 }
 
-/// References the carriages of `players`.
+/// Reference the carriages of `players`.
 pub(super) fn reference(
     station: &mut Station<'_>,
     players: &[Player],
@@ -93,7 +93,7 @@ pub(super) fn reference(
 
 fn seen(station: &Station<'_>, player: Player) -> Result<[f64; 2], HomingError> {
     let places = station.camera.striker(player);
-    if places.len() < FEWEST_PICTURES {
+    if places.len() < FEWEST_FRAMES {
         return Err(HomingError::NotSeen { player, pictures: places.len() });
     }
     let middle = |values: Vec<f64>| median(&values).unwrap_or(f64::NAN);

@@ -1,4 +1,4 @@
-//! A stretch that somebody drives freely, by what the camera shows: a policy, a scripted player.
+//! Free runs, driven by a pilot from camera frames: a policy or a scripted player.
 
 use super::leg::{Leg, RunLabel};
 use crate::{
@@ -6,66 +6,66 @@ use crate::{
     units::Nanos,
 };
 
-/// What a session drives.
+/// Motion of a session.
 pub enum Work<'a> {
-    /// Legs of a proven plan, one after the other.
+    /// Legs of a checked plan, one after the other.
     Legs(&'a [Leg]),
-    /// One stretch that a pilot drives.
+    /// One free run of a pilot.
     Free(FreeStretch<'a>),
 }
 
-/// A stretch that a pilot drives, from the home points on. Needs a camera.
+/// Free run of a pilot, starting at the home points. Requires a camera.
 pub struct FreeStretch<'a> {
-    /// Who drives.
+    /// Pilot.
     pub pilot: &'a mut dyn Pilot,
-    /// Its length (s).
+    /// Duration (s).
     pub seconds: f64,
-    /// What its markers say.
+    /// Content of the run markers.
     pub label: RunLabel,
 }
 
-/// Where a carriage is by its encoders.
+/// Carriage state from its encoders.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Carriage {
-    /// Board frame (m).
+    /// Position in the board frame (m).
     pub position: [f64; 2],
-    /// Board frame (m/s).
+    /// Velocity in the board frame (m/s).
     pub velocity: [f64; 2],
 }
 
-/// What is known at a decision, besides the pictures.
+/// State at a decision, apart from the camera frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
     /// Time of the link.
     pub now: Nanos,
-    /// Number of the control period since the stretch began; those that were left out count.
+    /// Number of the control period since the start; missed periods count.
     pub step: u64,
-    /// By player, left first; `None` where a carriage is not driven.
+    /// Carriages by player, left first; `None` where a carriage is not driven.
     pub carriages: [Option<Carriage>; 2],
 }
 
-/// What a pilot wants.
+/// Decision of a pilot.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Decision {
-    /// By player, left first (m/s, board frame); not used for players who are not driven.
+    /// Velocities by player, left first (m/s, board frame); ignored for players who are not driven.
     pub velocities: [[f64; 2]; 2],
-    /// What it takes the board to be now, for the recording (`/board/state`).
+    /// Estimated board state, for the recording (`/board/state`).
     pub belief: Option<BoardState>,
 }
 
-/// Drives carriages freely. What it wants passes the same limits as every other command: of speed, of
-/// slew, and never faster towards an edge than the carriage can stop.
+/// Driver of carriages in a free run. Its commands pass the same limits as every other command:
+/// speed, slew, and never faster towards an edge than the carriage can stop.
 pub trait Pilot {
-    /// A picture that shows the board at `shown`, as far as that is known: else when it arrived. Pictures
-    /// come in the order of their arrival.
+    /// Take a camera frame that shows the board at `shown`: the capture time if known, else the
+    /// time of arrival. Frames come in the order of their arrival.
     fn see(&mut self, shown: Nanos, picture: &CameraDetections);
 
-    /// What to do in this control period. A velocity that is not finite ends the session.
+    /// Decide the command of this control period. A non-finite velocity ends the session.
     fn decide(&mut self, moment: &Moment) -> Decision;
 }
 
 impl Work<'_> {
-    /// Runs that will be marked.
+    /// Return the number of marked runs.
     pub(super) fn runs(&self) -> usize {
         match self {
             Self::Legs(legs) => legs.iter().filter(|leg| leg.run.is_some()).count(),
@@ -73,7 +73,7 @@ impl Work<'_> {
         }
     }
 
-    /// Control periods in all at `rate_hz`.
+    /// Return the total number of control periods at `rate_hz`.
     pub(super) fn periods(&self, rate_hz: f64) -> usize {
         match self {
             Self::Legs(legs) => legs.iter().map(Leg::periods).sum(),
@@ -83,7 +83,7 @@ impl Work<'_> {
 }
 
 impl FreeStretch<'_> {
-    /// Its length in control periods.
+    /// Return the length in control periods.
     pub(super) fn periods(&self, rate_hz: f64) -> usize {
         (self.seconds * rate_hz).round() as usize
     }

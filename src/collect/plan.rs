@@ -1,4 +1,4 @@
-//! The plan of a collection: which runs, how long, and which of them judge.
+//! Plan of a collection: runs with their pattern, length and split.
 
 use super::error::PlanError;
 use crate::{
@@ -9,46 +9,47 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// One run.
+/// One run of a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedRun {
-    /// Number in the run markers, unlike any other of the plan.
+    /// Number in the run markers, unique in the plan.
     pub number: u32,
-    /// What is driven.
+    /// Excitation pattern.
     pub pattern: Pattern,
-    /// What it is for.
+    /// Training or validation.
     pub split: Split,
-    /// Control periods.
+    /// Number of control periods.
     pub samples: usize,
 }
 
-/// What to collect. As JSON it can be kept, edited and given back.
+/// Plan of a collection. It can be saved as JSON, edited and read back.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
-    /// In the metadata of the recording.
+    /// Name in the metadata of the recording.
     pub name: String,
     /// Commands per second (Hz), [10, 1000]; 50 on the KlaskTron table.
     pub rate_hz: f64,
-    /// Of all random numbers; each run has its own stream.
+    /// Seed of all random numbers; each run has its own stream.
     pub seed: u64,
-    /// In the order in which they are driven.
+    /// Runs in the order of execution.
     pub runs: Vec<PlannedRun>,
 }
 
-/// How [`Plan::from_patterns`] lays out its runs.
+/// Settings of [`Plan::from_patterns`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Schedule {
     /// Commands per second (Hz), [10, 1000]; 50.
     pub rate_hz: f64,
-    /// Of all random numbers; 1.
+    /// Seed of all random numbers; 1.
     pub seed: u64,
     /// Length of a run (s); 15, as upstream.
     pub seconds: f64,
-    /// Runs of each pattern; 6.
+    /// Number of runs of each pattern; 6.
     pub repeat: u32,
-    /// Every so many-th run of a pattern judges; 6, and `None` for no such run.
+    /// Interval of validation runs: every n-th run of a pattern; 6, and `None` for no validation
+    /// run.
     pub validation_every: Option<u32>,
 }
 
@@ -58,47 +59,48 @@ impl Default for Schedule {
     }
 }
 
-/// Most samples of a plan; 55 hours at 50 Hz.
+/// Largest number of samples of a plan; 55 hours at 50 Hz.
 const MOST_SAMPLES: usize = 10_000_000;
 /// Samples of the paper's data set at 50 Hz (appendix C.1).
 const PAPER_SAMPLES: f64 = 69_669.0;
 const PAPER_RATE_HZ: f64 = 50.0;
-/// Runs of each of the paper's four families: the data set of 23.2 min in runs of 14.5 s.
+/// Number of runs of each of the paper's four families: the data set of 23.2 min in runs of 14.5 s.
 const PAPER_RUNS: usize = 24;
-/// One run in so many judges.
+/// Interval of validation runs.
 const PAPER_VALIDATION: usize = 6;
-/// The plan goes so many times from slow to fast.
+/// Number of passes of the plan from slow to fast.
 const PAPER_PASSES: usize = 3;
 
 impl Plan {
-    /// Reads and checks a plan.
+    /// Read and check a plan.
     ///
     /// # Errors
-    /// When it is not understood, or a value cannot be.
+    /// When the JSON is invalid, or a value is out of range.
     pub fn from_json(text: &str) -> Result<Self, PlanError> {
         let plan: Self = serde_json::from_str(text)?;
         plan.check()?;
         Ok(plan)
     }
 
-    /// The plan as JSON, which [`from_json`](Self::from_json) reads.
+    /// Write the plan as JSON for [`from_json`](Self::from_json).
     ///
     /// # Errors
-    /// When a number of it is not finite.
+    /// When a number is not finite.
     pub fn to_json(&self) -> Result<String, PlanError> {
         self.check()?;
         Ok(serde_json::to_string_pretty(self)?)
     }
 
-    /// The paper's data set: circles, diagonals, ramps and random walks at speeds up to 0.7 m/s
-    /// along each axis, 69,669 samples at 50 Hz (23.2 min), or as many minutes at another rate.
+    /// Create the paper's data set: circles, diagonals, ramps and random walks at speeds up to 0.7
+    /// m/s along each axis. It has 69,669 samples at 50 Hz (23.2 min), or the same duration at
+    /// another rate.
     ///
-    /// Each family has 24 runs at 24 speeds; four of them, with speeds between those that are
-    /// fitted, judge. The order passes three times from slow to fast, so that the first runs are
-    /// gentle and speed is not confused with warming up.
+    /// Each family has 24 runs at 24 speeds. Four of them are validation runs, with speeds between
+    /// those of the training runs. The order passes three times from slow to fast, so that the
+    /// first runs are gentle and speed is not confounded with temperature.
     ///
     /// # Errors
-    /// When the rate cannot be.
+    /// When the rate is out of range.
     pub fn paper(rate_hz: f64, seed: u64) -> Result<Self, PlanError> {
         check_range("rate_hz", rate_hz, "[10, 1000] Hz", |rate| (10.0..=1000.0).contains(&rate))?;
         let total = (PAPER_SAMPLES / PAPER_RATE_HZ * rate_hz).round() as usize;
@@ -124,10 +126,10 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Each pattern as often as `schedule` says; the patterns take turns.
+    /// Create a plan that repeats each pattern as `schedule` demands; the patterns alternate.
     ///
     /// # Errors
-    /// When there is no pattern, or a value cannot be.
+    /// When the list of patterns is empty, or a value is out of range.
     pub fn from_patterns(patterns: &[Pattern], schedule: &Schedule) -> Result<Self, PlanError> {
         let Schedule { rate_hz, seed, seconds, repeat, validation_every } = *schedule;
         check_range("repeat", f64::from(repeat), "[1, 1000]", |v| (1.0..=1000.0).contains(&v))?;
@@ -149,10 +151,10 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Checks every value that does not depend on the robot.
+    /// Check every value that does not depend on the robot.
     ///
     /// # Errors
-    /// At the first that cannot be.
+    /// At the first value out of range.
     pub fn check(&self) -> Result<(), PlanError> {
         check_range("rate_hz", self.rate_hz, "[10, 1000] Hz", |v| (10.0..=1000.0).contains(&v))?;
         if self.runs.is_empty() {
@@ -172,13 +174,13 @@ impl Plan {
         Ok(())
     }
 
-    /// Samples of all runs.
+    /// Return the number of samples of all runs.
     #[must_use]
     pub fn samples(&self) -> usize {
         self.runs.iter().fold(0, |sum: usize, run| sum.saturating_add(run.samples))
     }
 
-    /// Seed of one run.
+    /// Return the seed of one run.
     pub(super) fn seed_of(&self, number: u32) -> u64 {
         Stream::new(self.seed, &format!("collect: run {number}")).below(usize::MAX) as u64
     }
@@ -196,13 +198,13 @@ pub(super) fn check_range(
     Err(PlanError::OutOfRange { name: name.to_owned(), value, range })
 }
 
-/// The one that judges moves on by one from six to six, so that it meets every direction.
+// The validation run advances by one from six to six, so that it covers every direction.
 fn paper_split(index: usize) -> Split {
     let judge = (2 + index / PAPER_VALIDATION) % PAPER_VALIDATION;
     if index % PAPER_VALIDATION == judge { Split::Validation } else { Split::Train }
 }
 
-/// The `index`-th of as many evenly spaced values as there are runs, to a thousandth.
+/// Return the `index`-th of evenly spaced values, one per run, rounded to a thousandth.
 fn spaced(index: usize, low: f64, high: f64) -> f64 {
     let share = index as f64 / (PAPER_RUNS - 1) as f64;
     thousandths(low + (high - low) * share)
@@ -212,11 +214,11 @@ fn thousandths(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }
 
-/// Circles of several radii; a fast one has to be large enough to be turned within 10 m/s^2, and
-/// small enough to leave room to stop.
+/// Circles of several radii. A fast circle must be large enough for an acceleration of 10 m/s^2,
+/// and small enough to leave room to stop.
 fn paper_circle(index: usize) -> Pattern {
     const RADII_M: [f64; 3] = [0.02, 0.035, 0.05];
-    /// Most of the slew limit that a circle uses (m/s^2).
+    /// Centripetal acceleration of a circle at most (m/s^2), below the slew limit.
     const INWARD: f64 = 8.5;
     let speed = spaced(index, 0.05, 0.6);
     let least = thousandths(speed * speed / INWARD + 5e-4);
@@ -224,7 +226,7 @@ fn paper_circle(index: usize) -> Pattern {
     Pattern::Circle { radius_m: RADII_M[index % 3].max(least), speed_m_per_s: speed, turn }
 }
 
-/// Diagonals, up to 0.7 m/s along each axis; shorter when fast, to leave room to stop.
+/// Diagonals, up to 0.7 m/s along each axis; shorter at high speed, to leave room to stop.
 fn paper_diagonal(index: usize) -> Pattern {
     let speed = spaced(index, 0.05, 0.985);
     let slope = if index.is_multiple_of(2) { Slope::Up } else { Slope::Down };
@@ -232,9 +234,9 @@ fn paper_diagonal(index: usize) -> Pattern {
     Pattern::Diagonal { slope, length_m, speed_m_per_s: speed }
 }
 
-/// Ramps along both axes and both diagonals, as slow as the window allows.
+/// Ramps along both axes and both diagonals, as slow as the workspace allows.
 fn paper_ramp(index: usize) -> Pattern {
-    /// Part of the length left for holding the top speed (m): a control period at 0.7 m/s and more.
+    /// Length reserved for holding the top speed (m): more than a control period at 0.7 m/s.
     const ROOM_M: f64 = 0.025;
     let heading = Heading::ALL[index % 4];
     let (top, length_m) = match heading {

@@ -3,7 +3,7 @@
 //! Everything is text; only the binary writes files. `plan.json` is the plan itself and can be
 //! given back.
 
-use super::{Figures, PlanError, Proof, ProvenRun};
+use super::{CheckedPlan, CheckedRun, MotionExtremes, PlanError};
 use crate::{
     gantry::{Pattern, Rectangle, Reference, Robot},
     recording::Split,
@@ -46,72 +46,72 @@ pub struct PlanPage {
     pub plan_json: String,
 }
 
-/// Shows what was proven for `robot`.
+/// Shows what was checked for `robot`.
 ///
 /// # Errors
 /// When the plan cannot be written as JSON.
-pub fn plan_page(proof: &Proof, robot: &Robot) -> Result<PlanPage, PlanError> {
-    let mut page = Page::new(&format!("Plan: {}", proof.plan().name));
-    page.lead(&lead(proof));
-    page.paragraph(&checked(proof, robot));
-    paths(&mut page, proof, robot);
-    speeds(&mut page, proof);
-    patterns(&mut page, proof);
-    runs(&mut page, proof);
-    let (plan_csv, plan_json) = (csv(proof), proof.plan().to_json()?);
+pub fn plan_page(checked: &CheckedPlan, robot: &Robot) -> Result<PlanPage, PlanError> {
+    let mut page = Page::new(&format!("Plan: {}", checked.plan().name));
+    page.lead(&lead(checked));
+    page.paragraph(&safety_summary(checked, robot));
+    paths(&mut page, checked, robot);
+    speeds(&mut page, checked);
+    patterns(&mut page, checked);
+    runs(&mut page, checked);
+    let (plan_csv, plan_json) = (csv(checked), checked.plan().to_json()?);
     Ok(PlanPage { index_html: page.finish(), plan_csv, plan_json })
 }
 
 /// Names of the patterns of the plan, in the order of [`Pattern::ALL`], with their colours.
-fn kinds(proof: &Proof) -> Vec<(&'static str, [u8; 3])> {
+fn kinds(checked: &CheckedPlan) -> Vec<(&'static str, [u8; 3])> {
     let all = Pattern::ALL.into_iter().zip(COLOURS);
     all.map(|(pattern, colour)| (pattern.name(), colour))
-        .filter(|(name, _)| of_kind(proof, name).next().is_some())
+        .filter(|(name, _)| of_kind(checked, name).next().is_some())
         .collect()
 }
 
-fn of_kind<'a>(proof: &'a Proof, name: &str) -> impl Iterator<Item = &'a ProvenRun> {
-    proof.runs().iter().filter(move |run| run.planned().pattern.name() == name)
+fn of_kind<'a>(checked: &'a CheckedPlan, name: &str) -> impl Iterator<Item = &'a CheckedRun> {
+    checked.runs().iter().filter(move |run| run.planned().pattern.name() == name)
 }
 
-fn players(proof: &Proof) -> String {
-    let names: Vec<&str> = proof.players().iter().map(|player| player.name()).collect();
+fn players(checked: &CheckedPlan) -> String {
+    let names: Vec<&str> = checked.players().iter().map(|player| player.name()).collect();
     match names.as_slice() {
         [one] => format!("the {one} player"),
         _ => "both players at once".to_owned(),
     }
 }
 
-fn lead(proof: &Proof) -> String {
-    let plan = proof.plan();
+fn lead(checked: &CheckedPlan) -> String {
+    let plan = checked.plan();
     let judging = plan.runs.iter().filter(|run| run.split == Split::Validation).count();
     format!(
         "{} runs ({judging} held out) for {}, {} samples at {} Hz: {:.1} min of runs, {:.1} min with \
          the moves between them. Nothing has moved.",
         plan.runs.len(),
-        players(proof),
+        players(checked),
         plan.samples(),
         plan.rate_hz,
         plan.samples() as f64 / plan.rate_hz / 60.0,
-        proof.duration_s() / 60.0,
+        checked.duration_s() / 60.0,
     )
 }
 
-fn checked(proof: &Proof, robot: &Robot) -> String {
-    let (limits, figures) = (&robot.limits, proof.figures());
-    let [x, y] = figures.max_axis_speed_m_per_s;
+fn safety_summary(checked: &CheckedPlan, robot: &Robot) -> String {
+    let (limits, extremes) = (&robot.limits, checked.extremes());
+    let [x, y] = extremes.max_axis_speed_m_per_s;
     format!(
         "Every sample was checked. Largest speed {:.3} m/s (x {x:.3}, y {y:.3}; limits {} in all, \
          {} along an axis); largest acceleration {:.1} m/s^2 along an axis (limit {}); fastest \
-         motor {:.1} turns/s. Nearest to the window's edge, stopping distance included: {:.1} mm \
-         (at least {:.1} mm are kept). The window is the field less {:.1} mm.",
-        figures.max_speed_m_per_s,
+         motor {:.1} turns/s. Nearest to the workspace's edge, stopping distance included: {:.1} mm \
+         (at least {:.1} mm are kept). The workspace is the field less {:.1} mm.",
+        extremes.max_speed_m_per_s,
         limits.total_speed_m_per_s,
         limits.speed_m_per_s,
-        figures.max_acceleration_m_per_s2,
+        extremes.max_acceleration_m_per_s2,
         limits.slew_m_per_s2,
-        figures.max_motor_turns_per_s,
-        1e3 * figures.edge_distance_m,
+        extremes.max_motor_turns_per_s,
+        1e3 * extremes.edge_distance_m,
         1e3 * limits.tracking_margin_m,
         1e3 * robot.clearance_m,
     )
@@ -135,25 +135,25 @@ fn path(reference: &Reference, colour: [u8; 3]) -> Curve {
     Curve { colour, stroke: Stroke::Solid, points }
 }
 
-fn paths(page: &mut Page, proof: &Proof, robot: &Robot) {
+fn paths(page: &mut Page, checked: &CheckedPlan, robot: &Robot) {
     page.section("Where the carriages go");
-    let kinds = kinds(proof);
-    let mut legend = vec![("board", INK), ("field; dashed: window", GREY)];
+    let kinds = kinds(checked);
+    let mut legend = vec![("board", INK), ("field; dashed: workspace", GREY)];
     legend.extend(kinds.iter().copied());
     page.legend(&legend);
-    // What fills the window is drawn first, so that the rest lies over it.
+    // What fills the workspace is drawn first, so that the rest lies over it.
     let mut curves = Vec::new();
     for (name, colour) in kinds.iter().rev() {
-        for run in of_kind(proof, name) {
+        for run in of_kind(checked, name) {
             curves.extend(run.references().iter().map(|reference| path(reference, *colour)));
         }
     }
     let (x, y) = (robot.board.short_side_m / 2.0, robot.board.long_side_m / 2.0);
     let board = Rectangle { x_min_m: -x, x_max_m: x, y_min_m: -y, y_max_m: y };
     curves.push(outline(&board, INK, Stroke::Solid));
-    for (player, window) in proof.players().iter().zip(proof.windows()) {
-        curves.push(outline(robot.field.of(*player), GREY, Stroke::Solid));
-        curves.push(outline(window, GREY, Stroke::Dashed));
+    for (player, workspace) in checked.players().iter().zip(checked.soft_limits()) {
+        curves.push(outline(robot.workspace.of(*player), GREY, Stroke::Solid));
+        curves.push(outline(workspace, GREY, Stroke::Dashed));
     }
     page.picture(&path_plot(&LinePlot {
         title: "Commanded paths of all runs, seen from above".to_owned(),
@@ -165,14 +165,14 @@ fn paths(page: &mut Page, proof: &Proof, robot: &Robot) {
     }));
 }
 
-fn speeds(page: &mut Page, proof: &Proof) {
+fn speeds(page: &mut Page, checked: &CheckedPlan) {
     page.section("Velocity against time");
-    let Some(player) = proof.players().first() else { return };
+    let Some(player) = checked.players().first() else { return };
     page.paragraph(&format!("The fastest run of each pattern, {player} player."));
     page.legend(&[("x", BLUE), ("y", ORANGE)]);
-    for (name, _) in kinds(proof) {
-        let speed = |run: &ProvenRun| run.figures().max_speed_m_per_s;
-        let fastest = of_kind(proof, name).max_by(|a, b| speed(a).total_cmp(&speed(b)));
+    for (name, _) in kinds(checked) {
+        let speed = |run: &CheckedRun| run.extremes().max_speed_m_per_s;
+        let fastest = of_kind(checked, name).max_by(|a, b| speed(a).total_cmp(&speed(b)));
         let Some(run) = fastest else { continue };
         let Some(reference) = run.references().first() else { continue };
         let curve = |axis: usize, colour| {
@@ -192,11 +192,11 @@ fn speeds(page: &mut Page, proof: &Proof) {
     }
 }
 
-fn patterns(page: &mut Page, proof: &Proof) {
+fn patterns(page: &mut Page, checked: &CheckedPlan) {
     page.section("What each pattern is for");
-    for (name, _) in kinds(proof) {
-        let of_split = |split| of_kind(proof, name).filter(move |r| r.planned().split == split);
-        if let Some(run) = of_kind(proof, name).next() {
+    for (name, _) in kinds(checked) {
+        let of_split = |split| of_kind(checked, name).filter(move |r| r.planned().split == split);
+        if let Some(run) = of_kind(checked, name).next() {
             page.paragraph(&format!(
                 "{name} ({} to fit, {} held out): {}",
                 of_split(Split::Train).count(),
@@ -222,16 +222,16 @@ const HEADS: [&str; 11] = [
 ];
 
 /// One run under [`HEADS`], without its pattern's parameters.
-fn cells(proof: &Proof, run: &ProvenRun) -> Vec<String> {
+fn cells(checked: &CheckedPlan, run: &CheckedRun) -> Vec<String> {
     let planned = run.planned();
-    let Figures {
+    let MotionExtremes {
         max_speed_m_per_s,
         max_axis_speed_m_per_s: [x, y],
         max_acceleration_m_per_s2,
         edge_distance_m,
         max_motor_turns_per_s,
-    } = *run.figures();
-    let duration = planned.samples as f64 / proof.plan().rate_hz;
+    } = *run.extremes();
+    let duration = planned.samples as f64 / checked.plan().rate_hz;
     vec![
         planned.number.to_string(),
         planned.pattern.name().to_owned(),
@@ -247,10 +247,10 @@ fn cells(proof: &Proof, run: &ProvenRun) -> Vec<String> {
     ]
 }
 
-fn runs(page: &mut Page, proof: &Proof) {
+fn runs(page: &mut Page, checked: &CheckedPlan) {
     page.section("Runs");
     page.paragraph(
-        "Speeds, acceleration and the distance to the window's edge (stopping distance included) \
+        "Speeds, acceleration and the distance to the workspace's edge (stopping distance included) \
          are the extremes over all players.",
     );
     // The other columns are in the CSV table; more would not fit a page.
@@ -266,8 +266,8 @@ fn runs(page: &mut Page, proof: &Proof) {
     ];
     let mut head: Vec<String> = columns.iter().map(|(_, title)| (*title).to_owned()).collect();
     head.push("parameters".to_owned());
-    let rows = proof.runs().iter().map(|run| {
-        let all = cells(proof, run);
+    let rows = checked.runs().iter().map(|run| {
+        let all = cells(checked, run);
         let chosen = columns.iter().filter_map(|(name, _)| all.get(shown(name)?));
         let text = run.planned().pattern.to_string();
         let parameters = text.split_once(':').map_or("", |(_, rest)| rest).replace(',', ", ");
@@ -276,11 +276,11 @@ fn runs(page: &mut Page, proof: &Proof) {
     page.table(&Table { head, rows: rows.collect() });
 }
 
-fn csv(proof: &Proof) -> String {
+fn csv(checked: &CheckedPlan) -> String {
     let mut text = format!("{},parameters\n", HEADS.join(","));
-    for run in proof.runs() {
+    for run in checked.runs() {
         let written =
-            writeln!(text, "{},\"{}\"", cells(proof, run).join(","), run.planned().pattern);
+            writeln!(text, "{},\"{}\"", cells(checked, run).join(","), run.planned().pattern);
         written.unwrap_or_else(|_grows| unreachable!("a String grows"));
     }
     text
@@ -290,7 +290,7 @@ fn csv(proof: &Proof) -> String {
 mod tests {
     use super::*;
     use crate::{
-        collect::{Plan, Schedule, prove},
+        collect::{Plan, Schedule, check_plan},
         recording::topic::Player,
     };
 
@@ -299,8 +299,8 @@ mod tests {
         let schedule = Schedule { seconds: 4.0, repeat: 2, ..Schedule::default() };
         let plan = Plan::from_patterns(&Pattern::ALL, &schedule).unwrap();
         let robot = Robot::default();
-        let proof = prove(&plan, &robot, &Player::BOTH).unwrap();
-        let page = plan_page(&proof, &robot).unwrap();
+        let checked = check_plan(&plan, &robot, &Player::BOTH).unwrap();
+        let page = plan_page(&checked, &robot).unwrap();
         assert_eq!(Plan::from_json(&page.plan_json).unwrap(), plan);
         assert_eq!(page.plan_csv.lines().count(), 1 + plan.runs.len());
         let columns = |line: &str| line.split('"').next().unwrap().matches(',').count();
@@ -310,6 +310,6 @@ mod tests {
         }
         // The paths and one picture for each pattern.
         assert_eq!(page.index_html.matches("<svg").count(), 11);
-        assert_eq!(plan_page(&proof, &robot).unwrap(), page);
+        assert_eq!(plan_page(&checked, &robot).unwrap(), page);
     }
 }

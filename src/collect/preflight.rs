@@ -1,6 +1,6 @@
-//! Before anything is armed: who is on the bus, what arrives how often, and whether it may go on.
-//!
-//! Nothing is sent but requests for the version. All problems are found in one pass and told
+//! Checks before arming: the nodes on the bus, their message rates and firmware, and all reasons
+//! not to arm. Only version requests are sent. All problems are collected in one pass and reported
+//! together, each with its remedy.
 //! together, each with its way out.
 
 use super::{
@@ -14,103 +14,112 @@ use crate::{
 use serde::Serialize;
 use std::fmt;
 
-/// How long the bus is listened to (s); twelve heartbeats.
+/// Duration of listening to the bus (s); twelve heartbeats.
 pub(super) const LISTEN_SECONDS: f64 = 1.2;
-/// How often a version is asked for, and how long each answer is waited for (s): one second in all
-/// for a drive that has no answer or a computer that is busy; no longer than the answers take otherwise.
+/// Number of version requests, and the wait for each answer (s). A drive that never answers takes
+/// one second in total; otherwise the wait ends with the answers.
 const VERSION_ATTEMPTS: usize = 10;
 const VERSION_SECONDS: f64 = 0.1;
-/// Bits of a standard frame with eight data bytes and the gap after it, with the most stuff bits that
-/// there can be.
+/// Bits of a standard frame with eight data bytes, the interframe space and the most stuff bits
+/// possible.
 const WORST_FRAME_BITS: f64 = 135.0;
-/// Largest load of the bus at which motors are driven.
+/// Largest bus load at which motors are driven, as a fraction.
 pub const MOST_BUS_LOAD: f64 = 0.75;
-/// Firmware that the codec is for: 0.6.x.
+/// Firmware supported by the codec: 0.6.x.
 const FIRMWARE: [u8; 2] = [0, 6];
-/// Place of major, minor and revision of the firmware in the version message.
+/// Index of major, minor and revision of the firmware in the version message.
 const FIRMWARE_AT: usize = 4;
 
-/// How often one kind of message of one node arrives.
+/// Rate of one message of one node.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct CyclicRate {
-    /// The node.
+pub struct MessageRate {
+    /// Node id.
     pub node: u8,
-    /// The message, as ODrive spells it.
+    /// Name of the message in ODrive's spelling.
     pub message: &'static str,
-    /// How often it came (Hz).
+    /// Rate (Hz).
     pub rate_hz: f64,
 }
 
-/// What a look at the bus has found.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Census {
-    /// What arrives.
-    pub rates: Vec<CyclicRate>,
-    /// Firmware by node, `major.minor.revision`.
-    pub firmware: Vec<(u8, String)>,
-    /// Load of the bus while driving, of 1, without stuff bits.
-    pub bus_load: f64,
-    /// The same with the most stuff bits.
-    pub worst_bus_load: f64,
+/// Firmware of one drive.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct NodeFirmware {
+    /// Node id.
+    pub node: u8,
+    /// Version as `major.minor.revision`.
+    pub version: String,
 }
 
-/// What speaks against arming.
+/// State of the bus before arming.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct BusState {
+    /// Rates of the messages by node.
+    pub rates: Vec<MessageRate>,
+    /// Firmware of each drive.
+    pub firmware: Vec<NodeFirmware>,
+    /// Bus load while driving as a fraction, without stuff bits.
+    pub bus_load: f64,
+    /// Bus load with the most stuff bits possible, as a fraction.
+    pub worst_case_bus_load: f64,
+}
+
+/// Problem that prevents arming.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Problem {
-    /// A drive of the robot file is not heard.
+    /// A drive of the robot file was not heard.
     Silent {
-        /// The drive.
+        /// Drive.
         seat: MotorSeat,
-        /// Nodes that are heard and are not in the robot file.
+        /// Other nodes heard, which are not in the robot file.
         others: Vec<u8>,
     },
-    /// A message that is needed does not arrive.
+    /// A required message was not heard.
     Missing {
-        /// The drive.
+        /// Drive.
         seat: MotorSeat,
-        /// The setting of the drive.
+        /// Setting of the drive.
         setting: &'static str,
-        /// What the setting should be (ms).
+        /// Required value of the setting (ms).
         period_ms: u32,
     },
-    /// The version was not answered.
+    /// The version request was not answered.
     NoVersion {
-        /// The drive.
+        /// Drive.
         seat: MotorSeat,
     },
-    /// Firmware that this codec is not for.
+    /// The firmware is not supported.
     Firmware {
-        /// The drive.
+        /// Drive.
         seat: MotorSeat,
-        /// What it runs.
+        /// Version of the firmware.
         found: String,
     },
     /// The axis is not idle.
     NotIdle {
-        /// The drive.
+        /// Drive.
         seat: MotorSeat,
-        /// Its state.
+        /// State of the axis.
         state: AxisState,
     },
-    /// Another program gives orders.
+    /// Another program sends commands.
     Foreign {
-        /// To whom.
+        /// Node that the command is for.
         node: u8,
-        /// What.
+        /// Command.
         command: Command,
     },
-    /// The bus would be too busy.
+    /// The bus load would be too high.
     BusLoad {
-        /// Load while driving, of 1.
+        /// Bus load while driving, as a fraction.
         load: f64,
         /// Bit rate (bit/s).
         bitrate: u32,
         /// Rate of the control loop (Hz).
         rate_hz: f64,
     },
-    /// A pilot needs pictures, and none came.
-    NoPictures,
-    /// The bus itself has failed.
+    /// A pilot requires camera frames, and none arrived.
+    NoCameraFrames,
+    /// The bus has failed.
     Stopped(StopReason),
 }
 
@@ -121,25 +130,26 @@ impl fmt::Display for Problem {
                 write!(f, "{} is silent; check its supply, id and bit rate", Named(*seat))?;
                 if !others.is_empty() {
                     let others: Vec<String> = others.iter().map(ToString::to_string).collect();
-                    write!(f, "; node {} is heard but not in the robot file", others.join(", "))?;
+                    let nodes = others.join(", ");
+                    write!(f, "; node {nodes} was heard but is not in the robot file")?;
                 }
                 Ok(())
             }
             Self::Missing { seat, setting, period_ms } => write!(
                 f,
-                "{} does not send what is needed: set axis0.config.can.{setting} = {period_ms}",
+                "{} does not send a required message: set axis0.config.can.{setting} = {period_ms}",
                 Named(*seat)
             ),
             Self::NoVersion { seat } => write!(
                 f,
                 "{} does not answer Get_Version, so it may run firmware 0.5.x, whose heartbeat \
-                 reads otherwise; update it to 0.6",
+                 has another layout; update it to 0.6",
                 Named(*seat)
             ),
             Self::Firmware { seat, found } => write!(
                 f,
-                "{} runs firmware {found}, klasktron speaks 0.6.x; update it, or say \
-                 --accept-firmware {found} if you know that it is compatible",
+                "{} runs firmware {found}, klasktron supports 0.6.x; update it, or \
+                 accept it with --accept-firmware {found} if you know that it is compatible",
                 Named(*seat)
             ),
             Self::NotIdle { seat, state } => write!(
@@ -152,78 +162,88 @@ impl fmt::Display for Problem {
             }
             Self::BusLoad { load, bitrate, rate_hz } => write!(
                 f,
-                "the bus would be {:.0} % busy at {rate_hz} Hz and {bitrate} bit/s (limit {:.0} %): \
+                "the bus load would be {:.0} % at {rate_hz} Hz and {bitrate} bit/s (limit {:.0} %): \
                  lower --rate-hz or the drives' cyclic rates, or raise the bit rate (can.bitrate \
                  in the robot file)",
                 1e2 * load,
                 1e2 * MOST_BUS_LOAD
             ),
-            Self::NoPictures => write!(
+            Self::NoCameraFrames => write!(
                 f,
-                "no picture of the camera came within {LISTEN_SECONDS} s, and whoever plays must see \
-                 the board; check --camera and the program that sends pictures there"
+                "no camera frame arrived within {LISTEN_SECONDS} s, and a player needs the camera; \
+                 check --camera and the program that sends detections there"
             ),
             Self::Stopped(reason) => reason.fmt(f),
         }
     }
 }
 
-/// Bits per second of the bus that cyclic messages and setpoints take, of its bit rate.
+/// Return the bus load of cyclic messages and setpoints as fractions: without and with the most
+/// stuff bits.
 #[must_use]
 pub fn bus_load(can: &BusConfig, drive_frames_per_s: f64, setpoints_per_s: f64) -> [f64; 2] {
     let frames = drive_frames_per_s + setpoints_per_s;
     [frames * can.frame_seconds(), frames * WORST_FRAME_BITS / f64::from(can.bitrate)]
 }
 
-/// Looks at the bus; gives what there is and what speaks against arming.
+/// Listen to the bus; return its state and the problems that prevent arming.
 pub(super) fn look(
     station: &mut Station<'_>,
     rate_hz: f64,
     accepted_firmware: &[String],
-) -> (Census, Vec<Problem>) {
+) -> (BusState, Vec<Problem>) {
     if let Err(reason) = listen(station) {
-        return (Census::default(), vec![Problem::Stopped(reason)]);
+        return (BusState::default(), vec![Problem::Stopped(reason)]);
     }
-    let census = take_census(station, rate_hz);
+    let bus = measure_bus(station, rate_hz);
     let mut problems = Vec::new();
     if let Err(reason) = ask_versions(station) {
         problems.push(Problem::Stopped(reason));
     }
-    let census = Census { firmware: firmware_of(station), ..census };
+    let bus = BusState { firmware: firmware_of(station), ..bus };
     if let Some((node, command)) = station.first_foreign {
         problems.push(Problem::Foreign { node, command });
     }
     problems.extend(drive_problems(station, accepted_firmware));
-    if MOST_BUS_LOAD < census.bus_load {
+    if MOST_BUS_LOAD < bus.bus_load {
         let bitrate = station.robot.can.bitrate;
-        problems.push(Problem::BusLoad { load: census.bus_load, bitrate, rate_hz });
+        problems.push(Problem::BusLoad { load: bus.bus_load, bitrate, rate_hz });
     }
-    (census, problems)
+    (bus, problems)
 }
 
-/// Listens for a while.
+/// Return the bus load of recorded traffic, without sending.
+pub(super) fn load_of_traffic(station: &Station<'_>) -> BusState {
+    let frames = station.traffic().frames_per_s.unwrap_or(0.0);
+    let [bus_load, worst_case_bus_load] = bus_load(&station.robot.can, frames, 0.0);
+    BusState { bus_load, worst_case_bus_load, ..BusState::default() }
+}
+
+/// Listen for [`LISTEN_SECONDS`].
 pub(super) fn listen(station: &mut Station<'_>) -> Result<(), StopReason> {
     station.counts.by_node.clear();
     station.wait_until(station.now().after_seconds(LISTEN_SECONDS))
 }
 
-/// Rates by what was counted, load by the larger of what is configured and what was counted.
-fn take_census(station: &Station<'_>, rate_hz: f64) -> Census {
-    let rates: Vec<CyclicRate> = station
+/// Compute rates from the counts, and the bus load from the larger of the configured and the
+/// counted rates.
+fn measure_bus(station: &Station<'_>, rate_hz: f64) -> BusState {
+    let rates: Vec<MessageRate> = station
         .counts
         .by_node
         .iter()
         .filter_map(|((node, command), count)| {
             let message = Command::from_id(*command)?.name();
-            Some(CyclicRate { node: *node, message, rate_hz: *count as f64 / LISTEN_SECONDS })
+            Some(MessageRate { node: *node, message, rate_hz: *count as f64 / LISTEN_SECONDS })
         })
         .collect();
     let heard: f64 = rates.iter().map(|rate| rate.rate_hz).sum();
     let drives = station.robot.drives.len() as f64;
     let configured = drives * station.robot.can.cyclic_ms.frames_per_second();
     let setpoints = rate_hz * station.drives.len() as f64;
-    let [bus_load, worst_bus_load] = bus_load(&station.robot.can, heard.max(configured), setpoints);
-    Census { rates, firmware: Vec::new(), bus_load, worst_bus_load }
+    let [bus_load, worst_case_bus_load] =
+        bus_load(&station.robot.can, heard.max(configured), setpoints);
+    BusState { rates, firmware: Vec::new(), bus_load, worst_case_bus_load }
 }
 
 fn ask_versions(station: &mut Station<'_>) -> Result<(), StopReason> {
@@ -247,14 +267,16 @@ fn ask_versions(station: &mut Station<'_>) -> Result<(), StopReason> {
     Ok(())
 }
 
-fn firmware_text(version: [u8; 8]) -> String {
+/// Return the firmware version as `major.minor.revision`.
+pub(super) fn firmware_text(version: [u8; 8]) -> String {
     let [major, minor, revision] = [0, 1, 2].map(|part| version[FIRMWARE_AT + part]);
     format!("{major}.{minor}.{revision}")
 }
 
-fn firmware_of(station: &Station<'_>) -> Vec<(u8, String)> {
-    let known =
-        |drive: &super::watch::DriveWatch| Some((drive.seat.node, firmware_text(drive.version?)));
+fn firmware_of(station: &Station<'_>) -> Vec<NodeFirmware> {
+    let known = |drive: &super::watch::DriveWatch| {
+        Some(NodeFirmware { node: drive.seat.node, version: firmware_text(drive.version?) })
+    };
     station.drives.iter().filter_map(known).collect()
 }
 

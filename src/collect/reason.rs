@@ -1,4 +1,4 @@
-//! Why a session stopped, and what is done about each reason.
+//! Stop reasons of a session, and the reaction to each.
 
 use crate::{
     can::{AxisErrors, AxisState, Command},
@@ -8,174 +8,174 @@ use crate::{
 };
 use std::fmt;
 
-/// Why a session came to its end. The display text is the sentence that the person reads.
+/// Stop reason of a session. The display text is the sentence that the person reads.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StopReason {
-    /// Every run was done.
+    /// All runs completed.
     Completed,
     /// Ctrl-C, once.
     Interrupted,
     /// Ctrl-C, twice.
     InterruptedTwice,
-    /// A drive's heartbeat is missing.
+    /// Heartbeat of a drive lost.
     HeartbeatLost {
-        /// Its drive.
+        /// Drive.
         seat: MotorSeat,
-        /// Since the last one (s).
+        /// Time since the last heartbeat (s).
         age_s: f64,
-        /// Tolerated (s).
+        /// Limit (s).
         limit_s: f64,
     },
-    /// A drive's positions are missing.
+    /// Positions of a drive lost.
     EncoderLost {
-        /// Its drive.
+        /// Drive.
         seat: MotorSeat,
-        /// Since the last one (s).
+        /// Time since the last position (s).
         age_s: f64,
-        /// Tolerated (s).
+        /// Limit (s).
         limit_s: f64,
     },
-    /// An armed drive is in closed loop no more, or reports an error.
+    /// Armed drive left closed loop or reported an error.
     AxisLeft {
-        /// Its drive.
+        /// Drive.
         seat: MotorSeat,
-        /// The state that it reports.
+        /// Reported state.
         state: AxisState,
-        /// The errors that it reports.
+        /// Reported errors.
         errors: AxisErrors,
     },
-    /// A drive did not enter closed loop.
+    /// Drive did not enter closed loop.
     NotArmed {
-        /// Its drive.
+        /// Drive.
         seat: MotorSeat,
-        /// The state that it reports.
+        /// Reported state.
         state: AxisState,
-        /// The errors that it reports.
+        /// Reported errors.
         errors: AxisErrors,
-        /// How long it was waited for (s).
+        /// Waiting time (s).
         waited_s: f64,
     },
-    /// A drive kept running although nothing was sent to it.
+    /// Drive stayed armed without commands.
     NoWatchdog {
-        /// Its drive.
+        /// Drive.
         seat: MotorSeat,
-        /// How long it was waited for (s).
+        /// Waiting time (s).
         waited_s: f64,
     },
-    /// A power stage or motor is too hot.
+    /// Power stage or motor too hot.
     TooHot {
-        /// Its drive.
+        /// Drive.
         seat: MotorSeat,
-        /// Which part.
+        /// Part of the drive.
         part: HotPart,
-        /// How hot (C).
+        /// Temperature (C).
         celsius: f64,
-        /// Allowed (C).
+        /// Limit (C).
         limit_celsius: f64,
     },
-    /// A carriage is not where its commands lead.
+    /// Carriage too far from its reference.
     FollowingError {
-        /// Whose.
+        /// Player.
         player: Player,
         /// Distance (m).
         error_m: f64,
-        /// Allowed (m).
+        /// Limit (m).
         limit_m: f64,
     },
-    /// A carriage could no longer stop inside its window.
+    /// Carriage could no longer stop inside its workspace.
     SoftLimit {
-        /// Whose.
+        /// Player.
         player: Player,
-        /// Where it is (m).
+        /// Position (m).
         position_m: [f64; 2],
-        /// Where it would come to stand (m).
+        /// Standstill point (m).
         standstill_m: [f64; 2],
     },
-    /// The camera sees a striker far from its magnet.
+    /// Striker too far from its magnet in the camera frames.
     StrikerLost {
-        /// Whose.
+        /// Player.
         player: Player,
         /// Distance (m).
         error_m: f64,
-        /// Allowed (m).
+        /// Limit (m).
         limit_m: f64,
     },
-    /// The camera is silent although it is in use.
+    /// Camera frames lost in a session that requires them.
     CameraSilent {
-        /// Since the last picture (s).
+        /// Time since the last frame (s).
         age_s: f64,
-        /// Tolerated (s).
+        /// Limit (s).
         limit_s: f64,
     },
-    /// A pilot wants a velocity that is no number.
+    /// Pilot returned a non-finite velocity.
     NoDecision {
-        /// For whom.
+        /// Player.
         player: Player,
-        /// What it wants (m/s).
+        /// Velocity (m/s).
         velocity: [f64; 2],
     },
-    /// Another program gives orders to a drive.
+    /// Another program sent a command to a drive.
     ForeignCommand {
-        /// The node that they are for.
+        /// Addressed node.
         node: u8,
-        /// What was sent.
+        /// Command.
         command: Command,
     },
-    /// The bus has failed.
+    /// Bus failed.
     BusFailed {
-        /// How.
+        /// Fault.
         fault: BusFault,
     },
-    /// The bus took no setpoints for several periods.
+    /// Bus took no setpoints for several periods.
     BusFull {
-        /// How many in a row.
+        /// Number of consecutive periods.
         periods: u32,
     },
-    /// The connection is broken.
+    /// Connection broken.
     LinkBroken {
-        /// Why.
+        /// Cause.
         reason: String,
     },
-    /// This computer was away for too long.
+    /// Control loop stalled.
     LoopStalled {
-        /// How late a period was (s).
+        /// LoopTiming of a period (s).
         lateness_s: f64,
-        /// Tolerated (s).
+        /// Limit (s).
         limit_s: f64,
     },
-    /// Nothing more could be written.
+    /// Writing the recording failed.
     RecordingFailed {
-        /// Why.
+        /// Cause.
         reason: String,
     },
 }
 
-/// A part of a drive with a temperature.
+/// Part of a drive with a temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HotPart {
-    /// The transistors.
+    /// Transistors of the power stage.
     PowerStage,
-    /// The motor, by its thermistor.
+    /// Motor, by its thermistor.
     Motor,
 }
 
-/// What is done when a session stops.
+/// Reaction to a stop reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reaction {
-    /// Ramp every carriage to zero within the slew limit, then idle.
+    /// Ramp every carriage to zero within the slew limit, then disarm.
     Ramp,
-    /// Command zero at once, then idle: the shortest way.
+    /// Command zero at once, then disarm: the shortest stopping distance.
     Brake,
-    /// Command zero at once to both drives of a gantry, since one that runs alone moves its carriage
-    /// on a diagonal; ramp the other gantry. An emergency stop follows when it stands: a drive that is
-    /// disarmed coasts, so braking comes first.
+    /// Command zero at once to both drives of a gantry, because a single running drive moves the
+    /// carriage on a diagonal; ramp the other gantry. An emergency stop follows at standstill: a
+    /// disarmed drive coasts, so braking comes first.
     BrakeGantry(Player),
-    /// Disarm every drive at once, and let it coast: for what no setpoint can be trusted in.
+    /// Disarm every drive at once and let it coast, when no setpoint can be trusted.
     EstopAll,
 }
 
 impl StopReason {
-    /// What is done about it.
+    /// Return the reaction to the reason.
     #[must_use]
     pub fn reaction(&self) -> Reaction {
         match self {
@@ -202,7 +202,7 @@ impl StopReason {
         }
     }
 
-    /// Its name in results, in snake case.
+    /// Return the name in results, in snake case.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
@@ -229,7 +229,7 @@ impl StopReason {
         }
     }
 
-    /// The drive that it is about, where it is about one.
+    /// Return the affected drive, where there is one.
     #[must_use]
     pub fn node(&self) -> Option<u8> {
         match self {
@@ -245,7 +245,7 @@ impl StopReason {
     }
 }
 
-/// `node 2 (left a)`.
+/// Display form of a drive: `node 2 (left a)`.
 pub(super) struct Named(pub(super) MotorSeat);
 
 impl fmt::Display for Named {
@@ -262,17 +262,17 @@ impl fmt::Display for StopReason {
     #[expect(clippy::too_many_lines, reason = "a flat table, one sentence per reason")]
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Completed => f.write_str("every run is done"),
+            Self::Completed => f.write_str("all runs completed"),
             Self::Interrupted => f.write_str("interrupted by Ctrl-C"),
             Self::InterruptedTwice => f.write_str("emergency stop by a second Ctrl-C"),
             Self::HeartbeatLost { seat, age_s, limit_s } => write!(
                 f,
-                "no heartbeat of {} for {age_s:.2} s (limit {limit_s} s); check its supply and cable",
+                "no heartbeat from {} for {age_s:.2} s (limit {limit_s} s); check its supply and cable",
                 Named(*seat)
             ),
             Self::EncoderLost { seat, age_s, limit_s } => write!(
                 f,
-                "no position of {} for {age_s:.3} s (limit {limit_s} s); check its encoder and \
+                "no position from {} for {age_s:.3} s (limit {limit_s} s); check its encoder and \
                  encoder_msg_rate_ms",
                 Named(*seat)
             ),
@@ -301,14 +301,14 @@ impl fmt::Display for StopReason {
             }
             Self::FollowingError { player, error_m, limit_m } => write!(
                 f,
-                "the {player} carriage is {:.0} mm from where its commands lead (limit {:.0} mm): \
+                "the {player} carriage is {:.0} mm from its reference (limit {:.0} mm): \
                  jammed, slipping, or a wrong sign in the robot file",
                 1e3 * error_m,
                 1e3 * limit_m
             ),
             Self::SoftLimit { player, position_m, standstill_m } => write!(
                 f,
-                "the {player} carriage at {} would stop only at {}, outside its window",
+                "the {player} carriage at {} would stop only at {}, outside its workspace",
                 millimetres(*position_m),
                 millimetres(*standstill_m)
             ),
@@ -320,12 +320,12 @@ impl fmt::Display for StopReason {
                 1e3 * limit_m
             ),
             Self::CameraSilent { age_s, limit_s } => {
-                write!(f, "no picture of the camera for {age_s:.2} s (limit {limit_s} s)")
+                write!(f, "no camera frame for {age_s:.2} s (limit {limit_s} s)")
             }
             Self::NoDecision { player, velocity: [x, y] } => write!(
                 f,
-                "the {player} player decided on ({x}, {y}) m/s, which is no velocity; its policy is \
-                 broken: train it again"
+                "the {player} player commanded ({x}, {y}) m/s, which is not finite; its policy is \
+                 invalid: train it again"
             ),
             Self::ForeignCommand { node, command } => write!(
                 f,
@@ -334,17 +334,17 @@ impl fmt::Display for StopReason {
             ),
             Self::BusFailed { fault } => write!(f, "the bus has failed: {fault}"),
             Self::BusFull { periods } => {
-                write!(f, "the bus took no setpoints for {periods} periods in a row")
+                write!(f, "the bus took no setpoints for {periods} consecutive periods")
             }
             Self::LinkBroken { reason } => f.write_str(reason),
             Self::LoopStalled { lateness_s, limit_s } => write!(
                 f,
-                "this computer was {:.0} ms late with a control period (limit {:.0} ms); close \
+                "a control period was {:.0} ms late on this computer (limit {:.0} ms); close \
                  other programs",
                 1e3 * lateness_s,
                 1e3 * limit_s
             ),
-            Self::RecordingFailed { reason } => write!(f, "the recording cannot go on: {reason}"),
+            Self::RecordingFailed { reason } => write!(f, "the recording failed: {reason}"),
         }
     }
 }

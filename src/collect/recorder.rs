@@ -1,4 +1,4 @@
-//! The recording of a session, written by a thread of its own so that a slow disk never delays the
+//! Recording of a session. A separate thread writes it, so that a slow disk never delays the
 //! control loop.
 
 use crate::{
@@ -18,10 +18,10 @@ use std::{
     thread::JoinHandle,
 };
 
-/// Messages that may wait for the disk: about half a minute of a busy bus.
+/// Capacity of the queue: about half a minute of a busy bus.
 const QUEUE_LENGTH: usize = 1 << 16;
 
-/// One message of the contract with its topic.
+/// One recorded message with its topic.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Entry {
     Can(CanFrame),
@@ -42,14 +42,14 @@ enum Job {
     Metadata { name: &'static str, values: BTreeMap<String, String> },
 }
 
-/// Takes what is to be recorded.
+/// Queue of messages to the writing thread.
 pub(super) struct Recorder {
     jobs: Option<SyncSender<Job>>,
     thread: Option<JoinHandle<Result<(), RecordingError>>>,
 }
 
 impl Recorder {
-    /// Starts the writing thread; `metadata` is the record that every recording carries.
+    /// Start the writing thread; `metadata` is the record that every recording has.
     pub(super) fn start(
         mut writer: RecordingWriter,
         metadata: BTreeMap<String, String>,
@@ -60,15 +60,15 @@ impl Recorder {
         Ok(Self { jobs: Some(jobs), thread: Some(thread) })
     }
 
-    /// Hands over one message with log and publish time.
+    /// Queue one message with log and publish time.
     ///
     /// # Errors
-    /// With the reason, when writing has failed.
+    /// The cause, when writing has failed.
     pub(super) fn write(&mut self, times: [Nanos; 2], entry: Entry) -> Result<(), String> {
         self.hand_over(Job::Write { times, entry: Box::new(entry) })
     }
 
-    /// Hands over a metadata record.
+    /// Queue a metadata record.
     ///
     /// # Errors
     /// As [`write`](Self::write).
@@ -87,14 +87,14 @@ impl Recorder {
         }
         Err(match self.join() {
             Err(error) => with_causes(&error),
-            Ok(()) => "it has failed before".to_owned(),
+            Ok(()) => "it failed before".to_owned(),
         })
     }
 
-    /// Waits until everything is written and the file has its name.
+    /// Wait until everything is written and the file has its final name.
     ///
     /// # Errors
-    /// When the disk refuses; what was written is in the partial file.
+    /// When writing to the disk fails; the partial file has the messages written so far.
     pub(super) fn finish(mut self) -> Result<(), RecordingError> {
         self.join()
     }
@@ -136,7 +136,7 @@ fn write_all(mut writer: RecordingWriter, queue: &Receiver<Job>) -> Result<(), R
     writer.finish()
 }
 
-/// An error with everything that lies behind it.
+/// Return an error with all its causes as text.
 fn with_causes(error: &RecordingError) -> String {
     let mut text = error.to_string();
     let mut cause = std::error::Error::source(error);
@@ -151,7 +151,7 @@ fn with_causes(error: &RecordingError) -> String {
 }
 
 impl Drop for Recorder {
-    /// After a panic too, what was handed over is written; a failure was or is reported elsewhere.
+    /// After a panic too, queued messages are written; a failure is reported elsewhere.
     fn drop(&mut self) {
         drop(self.jobs.take());
         if let Some(thread) = self.thread.take() {

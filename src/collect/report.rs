@@ -1,28 +1,30 @@
-//! What a session tells: to the person while it runs, and as a document when it is over.
+//! Progress of a session for the live view, and its report as a document.
 
-use super::{control::Lateness, leg::RunLabel, preflight::Census, reason::StopReason};
+use super::{
+    control::LoopTiming, leg::RunLabel, preflight::BusState, reason::StopReason, traffic::Traffic,
+};
 use crate::{stats::quantile, units::Nanos};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// What the person sees while it runs.
+/// Progress of a running session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress<'a> {
-    /// The run at hand; `None` before, between and after runs.
+    /// Current run; `None` before, between and after runs.
     pub run: Option<&'a RunLabel>,
-    /// Runs that are done.
+    /// Number of completed runs.
     pub runs_done: usize,
-    /// Runs in all.
+    /// Total number of runs.
     pub runs: usize,
     /// Control periods done, of [`periods`](Self::periods).
     pub periods_done: usize,
-    /// Control periods in all.
+    /// Total number of control periods.
     pub periods: usize,
-    /// Frames that came in since the last view (1/s).
+    /// Rate of received frames since the last view (1/s).
     pub frames_per_s: f64,
-    /// Pictures that came in since the last view (1/s).
-    pub pictures_per_s: f64,
-    /// Faults of the bus and setpoints that it did not take.
+    /// Rate of camera frames since the last view (1/s).
+    pub camera_frames_per_s: f64,
+    /// Number of bus faults and dropped setpoints.
     pub errors: u64,
     /// Largest distance from the reference so far (m).
     pub worst_tracking: f64,
@@ -30,72 +32,74 @@ pub struct Progress<'a> {
     pub now: Nanos,
 }
 
-/// From the time at which the newest picture shows the board to the moment when the command was sent. Where
-/// the camera's clock is not the host's, from its arrival.
+/// Image-to-command latency: from the capture time of the newest camera frame to the command. Where
+/// the camera's clock is not the host's, it starts at the arrival of the frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct PictureToCommand {
+pub struct ImageToCommand {
     /// Median (ms).
     pub median_ms: f64,
     /// 99th percentile (ms).
     pub p99_ms: f64,
 }
 
-impl PictureToCommand {
-    /// Of the time before every command (ms); `None` without any.
+impl ImageToCommand {
+    /// Summarize the latencies of all commands (ms); `None` for an empty list.
     pub(super) fn of(waits_ms: &[f64]) -> Option<Self> {
-        let at = |share| quantile(waits_ms, share);
+        let at = |probability| quantile(waits_ms, probability);
         Some(Self { median_ms: at(0.5)?, p99_ms: at(0.99)? })
     }
 }
 
-/// How a session went.
+/// Report of a session.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SessionReport {
-    /// Version of this document.
-    pub schema_version: &'static str,
-    /// Why it ended: a name, stable between versions.
+    /// Version of this document, 2.
+    pub schema_version: u32,
+    /// Stop reason: a name, stable between versions.
     pub stop: &'static str,
-    /// The same as a sentence.
+    /// Stop reason as a sentence.
     pub stop_text: String,
-    /// Runs in the plan.
+    /// Number of planned runs.
     pub runs_planned: usize,
-    /// Runs that were done to their end.
+    /// Number of completed runs.
     pub runs_done: usize,
-    /// Samples of the runs that were done, or decisions of a pilot, for each player.
+    /// Number of samples of completed runs, or decisions of a pilot, for each player.
     pub samples: usize,
-    /// From the first look to the last heartbeat (s).
+    /// Duration from the preflight check to the last heartbeat (s).
     pub duration_s: f64,
-    /// Nodes that have not confirmed that they are off.
+    /// Nodes not confirmed as disarmed.
     pub not_confirmed_off: Vec<u8>,
-    /// What the first look has found.
-    pub census: Census,
-    /// How late the control periods were.
-    pub lateness: Lateness,
-    /// How old the newest picture was when each command of a pilot was sent; absent without a pilot.
+    /// State of the bus before arming.
+    pub bus: BusState,
+    /// Traffic of the whole session: messages of each node, camera frames.
+    pub traffic: Traffic,
+    /// Timing of the control loop.
+    pub control_loop: LoopTiming,
+    /// Image-to-command latency of a pilot; absent without a pilot.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub picture_to_command: Option<PictureToCommand>,
+    pub image_to_command: Option<ImageToCommand>,
     /// Largest distance of a carriage from its reference (m).
     pub worst_tracking_m: f64,
-    /// Frames received.
+    /// Number of received frames.
     pub frames_received: u64,
-    /// Frames sent.
+    /// Number of sent frames.
     pub frames_sent: u64,
-    /// Pictures of the camera.
-    pub pictures: u64,
-    /// Datagrams of the camera that were not understood.
-    pub pictures_refused: u64,
-    /// Setpoints that the bus did not take in time; they were dropped.
+    /// Number of camera frames.
+    pub camera_frames: u64,
+    /// Number of camera datagrams that could not be decoded.
+    pub camera_frames_rejected: u64,
+    /// Number of setpoints dropped because the bus did not take them in time.
     pub setpoints_dropped: u64,
-    /// Faults of the bus by kind.
+    /// Number of bus faults by kind.
     pub bus_faults: BTreeMap<String, u64>,
-    /// What the recording lacks.
+    /// Losses in the recording.
     pub losses: Vec<String>,
-    /// What was doubtful.
+    /// Warnings about the session.
     pub warnings: Vec<String>,
 }
 
 impl SessionReport {
-    /// Whether everything that was planned is in the recording.
+    /// Return whether the recording has everything that was planned.
     #[must_use]
     pub fn is_complete(&self) -> bool {
         self.stop == StopReason::Completed.code()

@@ -1,23 +1,23 @@
-//! One session: look, home, arm, drive every leg or a free stretch, switch off, and say how it went.
+//! Session: preflight, homing, arming, the legs or a free run, disarming, and the report.
 
 mod free;
 
 use super::{
     arming::{self, WatchdogPolicy},
-    control::{self, ControlLoop, Tick},
+    control::{self, ControlLoop, LoopTiming, Tick},
     guard::{CameraDuty, Guard, MOST_LAG_SECONDS},
     homing::{self, HomingPolicy},
     leg::{Leg, RunLabel},
     pilot::Work,
-    preflight::{self, Census, Problem},
+    preflight::{self, BusState, Problem},
     reason::StopReason,
     recorder::{Entry, Recorder},
-    report::{PictureToCommand, Progress, SessionReport},
+    report::{ImageToCommand, Progress, SessionReport},
     station::{Counts, ForeignOrders, RawFrames, Station},
 };
 use crate::{
-    can::Command,
-    gantry::{BeltError, Limits, Reference, Robot, Setpoint},
+    can::{BROADCAST_NODE, Command},
+    gantry::{BeltError, Limits, MotorSeat, Reference, Robot, Setpoint},
     link::Link,
     recording::{
         RecordingError, RecordingWriter, SESSION_METADATA,
@@ -28,70 +28,70 @@ use crate::{
 };
 use std::{collections::BTreeMap, sync::atomic::AtomicUsize};
 
-/// Before each run the carriage stands still for this long (s).
+/// Duration of standstill before each run (s).
 const SETTLE_SECONDS: f64 = 0.4;
-/// Corrections of the position never add more than this to a command (m/s).
+/// Largest position correction in a command (m/s).
 const MOST_CORRECTION: f64 = 0.05;
-/// How far a carriage is behind its reference when all is well (s): half a period, the bus, the delay
-/// and the lag of the drive; the paper's figures give 40 to 60 ms.
+/// Usual lag of a carriage behind its reference (s): half a period, the bus, and delay and lag of
+/// the drive. The paper reports 40 to 60 ms.
 const USUAL_LAG_SECONDS: f64 = 0.05;
-/// A larger share of lost periods, setpoints or positions makes a recording incomplete.
-const MOST_LOST_SHARE: f64 = 0.01;
-/// The live view is told this often (s).
+/// Fraction of lost periods, setpoints or positions above which a recording is incomplete.
+const MOST_LOST_FRACTION: f64 = 0.01;
+/// Interval of the live view (s).
 const PROGRESS_SECONDS: f64 = 0.1;
 
-/// How a session is run.
+/// Settings of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionConfig {
-    /// Whose carriages are driven.
+    /// Players whose carriages are driven.
     pub players: Vec<Player>,
     /// Rate of the control loop (Hz).
     pub rate_hz: f64,
-    /// How positions are referenced.
+    /// Method of referencing positions.
     pub homing: HomingPolicy,
-    /// How it is made sure that drives stop by themselves.
+    /// Policy for the drives' watchdogs.
     pub watchdog: WatchdogPolicy,
-    /// Whether every frame is recorded.
+    /// Recording of raw frames.
     pub raw: RawFrames,
-    /// Firmware besides 0.6.x that the operator accepts, as `major.minor.revision`.
+    /// Firmware other than 0.6.x that the operator accepts, as `major.minor.revision`.
     pub accepted_firmware: Vec<String>,
-    /// How strongly commands pull a carriage back to its path ((m/s)/m): enough to cancel drift, far
-    /// below what would hide the drive's own behaviour.
+    /// Gain of the position correction towards the path ((m/s)/m): enough to cancel drift, and
+    /// small enough to leave the drive's own response visible.
     pub hold_gain_per_s: f64,
-    /// Entries of the metadata record that every recording carries.
+    /// Entries of the metadata record that every recording has.
     pub metadata: BTreeMap<String, String>,
 }
 
-/// Why a session did not begin, or left no recording.
+/// Error of a session that did not start, or left no recording.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
-    /// The first look has found problems.
+    /// The preflight check found problems.
     #[error("not armed: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Preflight(Vec<Problem>),
     /// Positions cannot be referenced.
     #[error(transparent)]
     Homing(#[from] homing::HomingError),
-    /// The recording.
+    /// Writing the recording failed.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// The belt of the robot file.
+    /// The belt of the robot file is invalid.
     #[error(transparent)]
     Belt(#[from] BeltError),
-    /// The session has stopped, and the recording could not be completed either.
+    /// The session stopped, and the recording could not be completed either.
     #[error("{stop}; the file could not be completed: {recording}")]
     StoppedAndLost {
-        /// Why it stopped.
+        /// Stop reason.
         stop: String,
-        /// What is wrong with the recording.
+        /// Error of the recording.
         recording: String,
     },
 }
 
-/// Runs a session on `link` and writes it with `writer`. `presses` counts Ctrl-C: one ramps down, two
+/// Run a session on `link` and write it with `writer`. `presses` counts Ctrl-C: one ramps down, two
 /// stop at once. `show` is called ten times a second.
 ///
 /// # Errors
-/// When nothing was armed; a session that began ends with a report, whatever stopped it.
+/// When nothing was armed. A session that started ends with a report for any stop reason.
 pub fn run_session(
     link: &mut dyn Link,
     robot: &Robot,
@@ -102,11 +102,11 @@ pub fn run_session(
     let SessionOutput { writer, presses, show } = output;
     let mut station = Station::new(link, robot, &config.players, config.raw, presses)?;
     let started = station.now();
-    let (census, mut problems) =
+    let (bus, mut problems) =
         preflight::look(&mut station, config.rate_hz, &config.accepted_firmware);
-    log::info!("{} drives on the bus", census.firmware.len());
-    if matches!(work, Work::Free(_)) && station.counts.pictures == 0 {
-        problems.push(Problem::NoPictures);
+    log::info!("{} drives on the bus", bus.firmware.len());
+    if matches!(work, Work::Free(_)) && station.counts.camera_frames == 0 {
+        problems.push(Problem::NoCameraFrames);
     }
     if !problems.is_empty() {
         writer.discard();
@@ -116,31 +116,31 @@ pub fn run_session(
         writer.discard();
         return Err(error.into());
     }
-    log::info!("positions are referenced; recording begins");
+    log::info!("positions are referenced; recording starts");
     let mut metadata = config.metadata.clone();
     metadata.extend(control::arrivals(&config.players, &robot.can));
     station.record_to(Recorder::start(writer, metadata)?);
     let mut session = Session::new(station, config, &work, show);
     let reason = session.drive(work).err().unwrap_or(StopReason::Completed);
     log::info!("{reason}");
-    session.close(&reason, started, census)
+    session.close(&reason, started, bus)
 }
 
-/// Where a session writes, and how it is watched.
+/// Output of a session: recording, interruption and live view.
 pub struct SessionOutput<'a> {
-    /// The recording to be.
+    /// Writer of the recording.
     pub writer: RecordingWriter,
-    /// How often Ctrl-C was pressed.
+    /// Number of Ctrl-C presses.
     pub presses: &'a AtomicUsize,
-    /// Told ten times a second.
+    /// Live view, called ten times a second.
     pub show: &'a mut dyn FnMut(&Progress<'_>),
 }
 
-/// What the last live view has told.
+/// State of the last live view.
 struct Shown {
     at: Nanos,
     frames: u64,
-    pictures: u64,
+    camera_frames: u64,
 }
 
 struct Session<'a> {
@@ -153,8 +153,8 @@ struct Session<'a> {
     runs_planned: usize,
     runs_done: usize,
     samples: usize,
-    picture_to_command: Option<PictureToCommand>,
-    /// How many periods a carriage is behind its reference when all is well.
+    image_to_command: Option<ImageToCommand>,
+    /// Usual lag of a carriage behind its reference, in periods.
     lag_periods: usize,
     periods_planned: usize,
     periods_done: usize,
@@ -169,8 +169,8 @@ impl<'a> Session<'a> {
         show: &'a mut dyn FnMut(&Progress<'_>),
     ) -> Self {
         let now = station.now();
-        // Once there have been pictures, they are watched, however positions were referenced.
-        let camera = match station.counts.pictures {
+        // Once frames have arrived, the camera is monitored, for any method of referencing.
+        let camera = match station.counts.camera_frames {
             0 => CameraDuty::Records,
             _ => CameraDuty::Watches,
         };
@@ -180,11 +180,11 @@ impl<'a> Session<'a> {
             guard: Guard::new(camera),
             config,
             show,
-            shown: Shown { at: now, frames: 0, pictures: 0 },
+            shown: Shown { at: now, frames: 0, camera_frames: 0 },
             runs_planned: work.runs(),
             runs_done: 0,
             samples: 0,
-            picture_to_command: None,
+            image_to_command: None,
             lag_periods: (USUAL_LAG_SECONDS * config.rate_hz).round() as usize,
             periods_planned: work.periods(config.rate_hz),
             periods_done: 0,
@@ -195,7 +195,7 @@ impl<'a> Session<'a> {
     fn drive(&mut self, work: Work<'_>) -> Result<(), StopReason> {
         arming::arm(&mut self.station, &mut self.control)?;
         if self.config.watchdog == WatchdogPolicy::Test {
-            arming::prove_watchdogs(&mut self.station, &mut self.control)?;
+            arming::test_watchdogs(&mut self.station, &mut self.control)?;
         }
         match work {
             Work::Legs(legs) => self.drive_legs(legs),
@@ -228,12 +228,12 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Leads carriages to these points (m).
+    /// Move the carriages to these points (m).
     fn go_to(&mut self, points: &[(Player, [f64; 2])]) -> Result<(), StopReason> {
         let way = |(player, to): &(Player, [f64; 2])| {
             let (from, _) = self.station.carriage(*player).state()?;
             let limits = &self.station.robot.limits;
-            // A rate or a point that cannot be has been refused long before.
+            // An invalid rate or point was refused before.
             let way = Reference::transfer(from, *to, limits, self.config.rate_hz).ok()?;
             Some((*player, way))
         };
@@ -241,7 +241,7 @@ impl<'a> Session<'a> {
         self.follow(&Leg { run: None, references })
     }
 
-    /// Stands at these points (m) for a moment.
+    /// Stand at these points (m) for a moment.
     fn stand(&mut self, points: &[(Player, [f64; 2])]) -> Result<(), StopReason> {
         let rate = self.config.rate_hz;
         let still = vec![[0.0; 2]; (SETTLE_SECONDS * rate).round() as usize];
@@ -262,13 +262,13 @@ impl<'a> Session<'a> {
         self.station.record(self.station.now(), Entry::Marker(marker));
     }
 
-    /// Drives one leg to its end.
+    /// Execute one leg to its end.
     fn follow(&mut self, leg: &Leg) -> Result<(), StopReason> {
         self.guard.restart(MOST_LAG_SECONDS);
         let mut at = 0;
         while at < leg.periods() {
             let tick = self.control.wait(&mut self.station)?;
-            // Periods that were left out are left out of the reference too.
+            // Missed periods are skipped in the reference too.
             at += tick.advanced as usize - 1;
             let now = self.station.now();
             for (player, reference) in &leg.references {
@@ -287,7 +287,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// What follows the commands of every period.
+    /// Finish a period after its commands.
     fn end_period(&mut self, tick: Tick, run: Option<&RunLabel>) -> Result<(), StopReason> {
         self.station.ask_temperatures();
         self.control.finish(&mut self.station, tick)?;
@@ -296,7 +296,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// The velocity of the reference, with a weak pull towards where the carriage should have come by
+    /// Return the velocity of the reference plus a weak correction towards the position expected by
     /// now.
     fn wanted(&self, player: Player, setpoint: &Setpoint, due: Option<Setpoint>) -> [f64; 2] {
         let Some((position, _)) = self.station.carriage(player).state() else {
@@ -311,8 +311,8 @@ impl<'a> Session<'a> {
         self.before_edges(player, pulled, (limits, limits.reaction_s))
     }
 
-    /// `wanted` (m/s), but never faster towards an edge than the carriage can stop by `limits` from where it will
-    /// be `ahead_s` (s) from now, when this command takes effect.
+    /// Limit `wanted` (m/s) towards edges to the speed from which the carriage can stop within
+    /// `limits`. The position is that at `ahead_s` (s) from now, when this command takes effect.
     fn before_edges(
         &self,
         player: Player,
@@ -323,7 +323,7 @@ impl<'a> Session<'a> {
             return wanted;
         };
         let soon = [0, 1].map(|axis| position[axis] + velocity[axis] * ahead_s);
-        limits.before_edges(&self.station.robot.window(player), soon, wanted)
+        limits.before_edges(&self.station.robot.soft_limits(player), soon, wanted)
     }
 
     fn show_progress(&mut self, run: Option<&RunLabel>) {
@@ -333,7 +333,8 @@ impl<'a> Session<'a> {
             return;
         }
         let counts = &self.station.counts;
-        let shown = Shown { at: now, frames: counts.frames_received, pictures: counts.pictures };
+        let shown =
+            Shown { at: now, frames: counts.frames_received, camera_frames: counts.camera_frames };
         let before = std::mem::replace(&mut self.shown, shown);
         (self.show)(&Progress {
             run,
@@ -342,19 +343,19 @@ impl<'a> Session<'a> {
             periods_done: self.periods_done + self.periods_in_leg,
             periods: self.periods_planned,
             frames_per_s: (counts.frames_received - before.frames) as f64 / since,
-            pictures_per_s: (counts.pictures - before.pictures) as f64 / since,
+            camera_frames_per_s: (counts.camera_frames - before.camera_frames) as f64 / since,
             errors: counts.faults.values().sum::<u64>() + counts.setpoints_dropped,
             worst_tracking: self.guard.worst_tracking(),
             now,
         });
     }
 
-    /// Stops as the reason demands, writes it down and completes the recording.
+    /// Stop as the reason demands, record it and complete the recording.
     fn close(
         mut self,
         reason: &StopReason,
         started: Nanos,
-        census: Census,
+        bus: BusState,
     ) -> Result<SessionReport, SessionError> {
         let stop_text = reason.to_string();
         self.station.note_of("stop", reason.node(), &stop_text);
@@ -366,11 +367,11 @@ impl<'a> Session<'a> {
         if twice {
             self.station.note_of("escalation", None, &stop_text);
         }
-        let losses = self.losses(&census, started);
-        let Counts { frames_received, frames_sent, pictures, setpoints_dropped, .. } =
+        let losses = self.losses(&bus, started);
+        let Counts { frames_received, frames_sent, camera_frames, setpoints_dropped, .. } =
             self.station.counts;
         let report = SessionReport {
-            schema_version: "1",
+            schema_version: 2,
             stop: reason.code(),
             stop_text: stop_text.clone(),
             runs_planned: self.runs_planned,
@@ -378,14 +379,15 @@ impl<'a> Session<'a> {
             samples: self.samples,
             duration_s: self.station.now().seconds_since(started),
             not_confirmed_off,
-            census,
-            lateness: self.control.lateness(),
-            picture_to_command: self.picture_to_command,
+            bus,
+            traffic: self.station.traffic(),
+            control_loop: self.control.timing(),
+            image_to_command: self.image_to_command,
             worst_tracking_m: self.guard.worst_tracking(),
             frames_received,
             frames_sent,
-            pictures,
-            pictures_refused: self.station.camera.refused,
+            camera_frames,
+            camera_frames_rejected: self.station.camera.rejected,
             setpoints_dropped,
             bus_faults: self.station.counts.faults.clone(),
             losses,
@@ -399,45 +401,52 @@ impl<'a> Session<'a> {
 
     fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
-        if let Some(first) = &self.station.camera.first_refusal {
-            let count = self.station.camera.refused;
-            warnings.push(format!("{count} camera datagrams were not understood; first: {first}"));
+        if let Some(first) = &self.station.camera.first_rejection {
+            let count = self.station.camera.rejected;
+            warnings
+                .push(format!("{count} camera datagrams could not be decoded; the first: {first}"));
         }
         if 0 < self.station.counts.not_understood {
             let count = self.station.counts.not_understood;
-            warnings.push(format!("{count} frames on the bus are not of ODrive's protocol"));
+            warnings.push(format!("{count} frames on the bus do not belong to ODrive's protocol"));
+        }
+        if self.station.foreign_orders == ForeignOrders::Record {
+            warnings.extend(traffic_warnings(&self.station));
         }
         if 0 < self.runs_done {
             for drive in self.station.drives.iter().filter(|drive| drive.temperatures.is_none()) {
                 let node = drive.seat.node;
-                warnings
-                    .push(format!("node {node} reports no temperature: its heat is not watched"));
+                warnings.push(format!(
+                    "node {node} reports no temperature: overheating is not monitored"
+                ));
             }
         }
         warnings
     }
 
-    /// What the recording lacks, each as a sentence: it then ends with status 3.
-    fn losses(&self, census: &Census, since: Nanos) -> Vec<String> {
+    /// Return the losses in the recording, each as a sentence; any loss means exit status 3.
+    fn losses(&self, bus: &BusState, since: Nanos) -> Vec<String> {
         let mut losses = self.station.losses();
-        let late = self.control.lateness();
-        if MOST_LOST_SHARE * (late.periods as f64) < late.skipped as f64 {
-            let (skipped, kept) = (late.skipped, late.periods);
-            losses.push(format!("{skipped} control periods were left out, {kept} kept"));
+        let LoopTiming { periods, missed_deadlines, .. } = self.control.timing();
+        let allowed = MOST_LOST_FRACTION * periods as f64;
+        if allowed < missed_deadlines as f64 {
+            losses.push(format!(
+                "{missed_deadlines} missed deadlines of the control loop, {periods} kept"
+            ));
         }
         let dropped = self.station.counts.setpoints_dropped;
-        if MOST_LOST_SHARE * (late.periods as f64) < dropped as f64 {
+        if allowed < dropped as f64 {
             losses.push(format!("the bus did not take {dropped} setpoints"));
         }
         let seconds = self.station.now().seconds_since(since);
         let positions = Command::EncoderEstimates;
-        for rate in census.rates.iter().filter(|rate| rate.message == positions.name()) {
+        for rate in bus.rates.iter().filter(|rate| rate.message == positions.name()) {
             let key = (rate.node, positions as u8);
             let came = self.station.counts.by_node.get(&key).copied().unwrap_or(0) as f64;
             let missing = 1.0 - came / (rate.rate_hz * seconds);
-            // The rate itself is known to one message of the first look.
+            // The rate itself is known to one message of the preflight check.
             let uncertainty = 1.0 / (rate.rate_hz * preflight::LISTEN_SECONDS);
-            if MOST_LOST_SHARE + uncertainty < missing {
+            if MOST_LOST_FRACTION + uncertainty < missing {
                 let (node, percent) = (rate.node, 1e2 * missing);
                 losses.push(format!("{percent:.0} % of the positions of node {node} are missing"));
             }
@@ -446,8 +455,8 @@ impl<'a> Session<'a> {
     }
 }
 
-/// The setpoint of a period; after its end a motion rests there, since a drive must be told something
-/// in every period.
+/// Return the setpoint of a period. After the end of a motion it rests there, because a drive needs
+/// a command in every period.
 fn setpoint_at(reference: &Reference, at: usize) -> Option<Setpoint> {
     let rest = || Some(Setpoint { position: reference.end()?, velocity: [0.0; 2] });
     reference.setpoints().get(at).copied().or_else(rest)
@@ -464,8 +473,8 @@ fn write_report(mut recorder: Recorder, report: &SessionReport) -> Result<(), St
     recorder.finish().map_err(|error| error.to_string())
 }
 
-/// Records what is on the bus for `seconds`, or until a log ends, and sends nothing. Carriages count from
-/// the motors' zero; orders of other programs become commands.
+/// Record the bus for `seconds`, or until the end of a log, without sending. Carriage positions
+/// count from the motors' zero; commands of other programs are recorded as commands.
 ///
 /// # Errors
 /// When the recording cannot be written.
@@ -488,7 +497,28 @@ pub fn listen(
     let started = station.now();
     let mut session = Session::new(station, config, &Work::Legs(&[]), show);
     let reason = session.hear(started.after_seconds(seconds)).err();
-    session.close(&reason.unwrap_or(StopReason::Completed), started, Census::default())
+    let bus = preflight::load_of_traffic(&session.station);
+    session.close(&reason.unwrap_or(StopReason::Completed), started, bus)
+}
+
+/// Return warnings about silent drives, unknown nodes and reported errors.
+fn traffic_warnings(station: &Station<'_>) -> Vec<String> {
+    let traffic = station.traffic();
+    let mut warnings = Vec::new();
+    for MotorSeat { node, player, motor, .. } in station.drives.iter().map(|drive| drive.seat) {
+        if !traffic.nodes.iter().any(|heard| heard.node == node) {
+            warnings.push(format!("node {node} ({player} {}) was not heard", motor.name()));
+        }
+    }
+    for node in &traffic.nodes {
+        if node.motor.is_none() && node.node != BROADCAST_NODE {
+            warnings.push(format!("node {} is not in the robot file", node.node));
+        }
+        if let Some(errors) = node.errors.as_ref().filter(|_| node.has_errors()) {
+            warnings.push(format!("node {} reports errors {errors}", node.node));
+        }
+    }
+    warnings
 }
 
 impl Session<'_> {

@@ -1,9 +1,10 @@
-//! The operator's station: the link, what is known about the table, and the recording. Everything
-//! that comes in passes through here once, and everything that goes out.
+//! Operator's station: the link, the state of the table, and the recording. Every incoming and
+//! outgoing message passes through here once.
 
 use super::{
     reason::StopReason,
     recorder::{Entry, Recorder},
+    traffic::{Traffic, TrafficWatch},
     watch::{Armed, CameraWatch, CarriageWatch, DriveWatch, Pairing},
 };
 use crate::{
@@ -24,48 +25,47 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-/// How often an emergency stop is repeated, so that a single lost frame does not undo it.
+/// Number of repetitions of an emergency stop, against a single lost frame.
 const ESTOP_REPEATS: usize = 3;
-/// How long each emergency stop waits for a full transmit queue (s).
+/// Longest wait of an emergency stop for a full transmit queue (s).
 const ESTOP_PATIENCE_SECONDS: f64 = 0.005;
-/// A full transmit queue is tried again after this time (s).
+/// Retry interval of a full transmit queue (s).
 const RETRY_SECONDS: f64 = 0.0002;
-/// A drive that does not tell its temperature is asked this often (s).
+/// Interval of temperature requests to a drive that does not report its temperature (s).
 const TEMPERATURE_SECONDS: f64 = 1.0;
 
-/// What is done about orders of other programs to the drives.
+/// Policy for commands of other programs to the drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ForeignOrders {
     /// They end the session.
     Alarm,
-    /// They are what is being recorded.
+    /// They are recorded.
     Record,
 }
 
-/// Whether every frame is recorded.
+/// Policy for raw frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RawFrames {
     /// Every frame, both directions, on `/can/frames`.
     Record,
-    /// Only what the frames mean.
+    /// Only decoded messages.
     Omit,
 }
 
-/// Counts of a session.
+/// Counters of a session.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Counts {
     pub(super) frames_received: u64,
     pub(super) frames_sent: u64,
-    pub(super) pictures: u64,
+    pub(super) camera_frames: u64,
     pub(super) setpoints_dropped: u64,
-    /// Frames that are not of the protocol, or of nodes that the robot file does not have.
+    /// Frames that do not decode.
     pub(super) not_understood: u64,
     pub(super) faults: BTreeMap<String, u64>,
-    /// Frames by node and command.
     pub(super) by_node: BTreeMap<(u8, u8), u64>,
 }
 
-/// See the module.
+/// Operator's station; see the module.
 pub(super) struct Station<'a> {
     link: &'a mut dyn Link,
     pub(super) robot: &'a Robot,
@@ -74,13 +74,14 @@ pub(super) struct Station<'a> {
     carriages: [CarriageWatch; 2],
     foreign_setpoints: [Pairing<f64>; 2],
     pub(super) camera: CameraWatch,
-    /// Pictures that a pilot has not seen yet, with the time at which they show the board; `None` while
-    /// there is no pilot.
+    /// Camera frames that a pilot has not taken yet, with their capture time; `None` without a
+    /// pilot.
     unseen: Option<Vec<(Nanos, CameraDetections)>>,
     pub(super) counts: Counts,
+    traffic: TrafficWatch,
     pub(super) foreign_orders: ForeignOrders,
     pub(super) first_foreign: Option<(u8, Command)>,
-    /// When a temperature was asked for last, and how often.
+    /// Time and number of the last temperature request.
     temperature_asked: (Nanos, usize),
     raw: RawFrames,
     recorder: Option<Recorder>,
@@ -90,7 +91,7 @@ pub(super) struct Station<'a> {
 }
 
 impl<'a> Station<'a> {
-    /// A station for the drives of `players`, which records nothing yet.
+    /// Create a station for the drives of `players`, without a recording.
     pub(super) fn new(
         link: &'a mut dyn Link,
         robot: &'a Robot,
@@ -111,6 +112,7 @@ impl<'a> Station<'a> {
             camera: CameraWatch::default(),
             unseen: None,
             counts: Counts::default(),
+            traffic: TrafficWatch::default(),
             foreign_orders: ForeignOrders::Alarm,
             first_foreign: None,
             temperature_asked: (Nanos(0), 0),
@@ -142,14 +144,14 @@ impl<'a> Station<'a> {
         &mut self.carriages[player as usize]
     }
 
-    /// Records what is really the case, where a simulator tells it.
+    /// Record the true state, where a simulator provides it.
     pub(super) fn record_truth(&mut self) {
         if let Some(state) = self.link.true_state() {
             self.record(self.link.now(), Entry::Truth(state));
         }
     }
 
-    /// What the link could not deliver, and that nothing came at all.
+    /// Return the losses of the link, and whether no frame arrived at all.
     pub(super) fn losses(&self) -> Vec<String> {
         let mut losses = self.link.losses();
         if self.counts.frames_received == 0 {
@@ -158,22 +160,27 @@ impl<'a> Station<'a> {
         losses
     }
 
-    /// From now on pictures are kept for [`take_pictures`](Self::take_pictures).
-    pub(super) fn keep_pictures(&mut self) {
+    /// Return the traffic of the session so far.
+    pub(super) fn traffic(&self) -> Traffic {
+        self.traffic.summary(self.robot, self.camera.rejected)
+    }
+
+    /// Keep camera frames from now on for [`take_camera_frames`](Self::take_camera_frames).
+    pub(super) fn keep_camera_frames(&mut self) {
         self.unseen = Some(Vec::new());
     }
 
-    /// Pictures since the last call, in order of their arrival, with the time at which they show the board.
-    pub(super) fn take_pictures(&mut self) -> Vec<(Nanos, CameraDetections)> {
+    /// Return the camera frames since the last call in order of arrival, with their capture time.
+    pub(super) fn take_camera_frames(&mut self) -> Vec<(Nanos, CameraDetections)> {
         self.unseen.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// How often the person has pressed Ctrl-C.
+    /// Return the number of Ctrl-C presses.
     pub(super) fn presses(&self) -> usize {
         self.presses.load(Ordering::Relaxed)
     }
 
-    /// Takes events until `until`; ends early with a reason to stop.
+    /// Process events until `until`; return early with a stop reason.
     pub(super) fn wait_until(&mut self, until: Nanos) -> Result<(), StopReason> {
         loop {
             match self.link.next_event(until) {
@@ -190,7 +197,7 @@ impl<'a> Station<'a> {
         }
     }
 
-    /// Notes a reason to stop; the first one counts.
+    /// Raise a stop reason; the first one counts.
     pub(super) fn raise(&mut self, reason: StopReason) {
         self.alarm.get_or_insert(reason);
     }
@@ -199,11 +206,14 @@ impl<'a> Station<'a> {
         match event {
             Event::Frame { received_at, stamped_at, frame, direction } => {
                 self.counts.frames_received += 1;
+                self.traffic.push_frame(received_at);
                 let stamp = stamped_at.unwrap_or(received_at);
                 self.record_frame([received_at, stamp], &frame, direction);
                 self.absorb_frame(received_at, &frame);
             }
-            Event::Camera { received_at, datagram } => self.absorb_picture(received_at, &datagram),
+            Event::Camera { received_at, datagram } => {
+                self.absorb_camera_frame(received_at, &datagram)
+            }
             Event::Fault { fault, .. } => self.absorb_fault(fault),
             Event::End => self.ended = true,
         }
@@ -219,6 +229,7 @@ impl<'a> Station<'a> {
         };
         let command = message.command();
         *self.counts.by_node.entry((node, command as u8)).or_default() += 1;
+        self.traffic.push_message(time, node, &message);
         if matches!(message, Message::Request(_)) {
             return;
         }
@@ -272,7 +283,7 @@ impl<'a> Station<'a> {
         self.check_armed(index);
     }
 
-    /// An armed drive that is in closed loop no more, or reports an error, is a fault at once.
+    /// Raise a fault when an armed drive leaves closed loop or reports an error.
     fn check_armed(&mut self, index: usize) {
         let drive = &mut self.drives[index];
         let (state, errors) = drive.state_and_errors();
@@ -282,7 +293,7 @@ impl<'a> Station<'a> {
                 drive.armed = Armed::Confirmed;
             }
             Armed::Confirmed if state != AxisState::ClosedLoopControl || !errors.is_empty() => {
-                drive.armed = Armed::LetGo; // told once
+                drive.armed = Armed::Released; // reported once
                 self.raise(StopReason::AxisLeft { seat, state, errors });
             }
             _ => {}
@@ -297,10 +308,11 @@ impl<'a> Station<'a> {
         }
     }
 
-    fn absorb_picture(&mut self, time: Nanos, datagram: &[u8]) {
+    fn absorb_camera_frame(&mut self, time: Nanos, datagram: &[u8]) {
         match parse_detections(datagram) {
             Ok(detections) => {
-                self.counts.pictures += 1;
+                self.counts.camera_frames += 1;
+                self.traffic.push_camera_frame(time);
                 let shown = self.camera.push(time, &detections);
                 if let Some(unseen) = &mut self.unseen {
                     unseen.push((shown, detections));
@@ -311,8 +323,8 @@ impl<'a> Station<'a> {
                 }
             }
             Err(error) => {
-                self.camera.refused += 1;
-                self.camera.first_refusal.get_or_insert_with(|| error.to_string());
+                self.camera.rejected += 1;
+                self.camera.first_rejection.get_or_insert_with(|| error.to_string());
             }
         }
     }
@@ -328,7 +340,7 @@ impl<'a> Station<'a> {
         }
     }
 
-    /// Sends one message to a drive and records it.
+    /// Send one message to a drive and record it.
     ///
     /// # Errors
     /// When the bus does not take it.
@@ -345,8 +357,8 @@ impl<'a> Station<'a> {
         Ok(())
     }
 
-    /// Asks one drive after the other how warm it is, each about once a second, unless they tell it by
-    /// themselves. An answer that does not come is no fault: it is in the session's warnings.
+    /// Request the temperature of one drive after the other, each about once a second, unless it
+    /// reports cyclically. A missing answer is not a fault; it is a warning of the session.
     pub(super) fn ask_temperatures(&mut self) {
         let now = self.link.now();
         let every = TEMPERATURE_SECONDS / self.drives.len() as f64;
@@ -363,11 +375,11 @@ impl<'a> Station<'a> {
         self.send(node, &Message::Request(Command::Temperature)).ok();
     }
 
-    /// Sends now, or as soon as the transmit queue takes it, or not at all after `give_up`: nothing is
-    /// kept for later.
+    /// Send now, or as soon as the transmit queue takes the message, or not at all after `give_up`.
+    /// No message is queued.
     ///
     /// # Errors
-    /// When the queue stays full, or the bus is broken.
+    /// When the queue stays full, or the connection is broken.
     pub(super) fn send_by(
         &mut self,
         give_up: Nanos,
@@ -377,7 +389,7 @@ impl<'a> Station<'a> {
         loop {
             match self.send(node, message) {
                 Err(LinkError::Full { .. }) if self.link.now() < give_up => {
-                    log::debug!("node {node}: the transmit queue is full; trying again");
+                    log::debug!("node {node}: the transmit queue is full; retrying");
                     let again = self.link.now().after_seconds(RETRY_SECONDS).min(give_up);
                     if let Err(reason) = self.wait_until(again) {
                         self.raise(reason); // the next wait of the control loop tells it
@@ -388,8 +400,8 @@ impl<'a> Station<'a> {
         }
     }
 
-    /// Emergency stop of the drives of `players`: each node first, since its id wins arbitration
-    /// over the broadcast, which follows when all are meant; three times.
+    /// Send an emergency stop to the drives of `players`, three times. Each node comes first, since
+    /// its id wins arbitration over the broadcast, which follows when all are meant.
     pub(super) fn estop(&mut self, players: &[Player]) {
         let all = self.drives.iter().all(|drive| players.contains(&drive.seat.player));
         let nodes: Vec<u8> = self
@@ -401,7 +413,7 @@ impl<'a> Station<'a> {
             .collect();
         for _ in 0..ESTOP_REPEATS {
             for node in &nodes {
-                // The bus may be what has failed; the drives' watchdog is the last resort.
+                // The bus may have failed; the drives' watchdog is the last resort.
                 let give_up = self.link.now().after_seconds(ESTOP_PATIENCE_SECONDS);
                 self.send_by(give_up, *node, &Message::Estop).ok();
             }
@@ -413,7 +425,7 @@ impl<'a> Station<'a> {
         }
     }
 
-    /// Records a message whose source has no clock of its own.
+    /// Record a message whose source has no clock.
     pub(super) fn record(&mut self, time: Nanos, entry: Entry) {
         self.record_at([time, time], entry);
     }
@@ -432,7 +444,7 @@ impl<'a> Station<'a> {
         }
     }
 
-    /// Notes something in the recording.
+    /// Add a note to the recording.
     pub(super) fn note_of(&mut self, kind: &str, node: Option<u8>, text: &str) {
         let event = SessionEvent {
             kind: kind.to_owned(),
@@ -442,14 +454,14 @@ impl<'a> Station<'a> {
         self.record(self.link.now(), Entry::Event(event));
     }
 
-    /// Notes a doubt in the recording.
+    /// Add a warning to the recording.
     pub(super) fn warn(&mut self, text: &str) {
         self.note_of("warning", None, text);
     }
 }
 
 impl Drop for Station<'_> {
-    /// After a panic, or any way out that forgot to: no drive stays armed.
+    /// After a panic, or any early return: no drive stays armed.
     fn drop(&mut self) {
         if self.drives.iter().any(|drive| drive.armed != Armed::No) {
             self.estop(&Player::BOTH);

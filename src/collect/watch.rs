@@ -1,4 +1,4 @@
-//! What is known about each drive, each carriage and the camera at this moment.
+//! Current state of each drive, each carriage and the camera.
 
 use crate::{
     can::{AxisErrors, AxisState, Message},
@@ -11,12 +11,12 @@ use crate::{
 };
 use std::collections::VecDeque;
 
-/// How long positions of a carriage are kept to be compared with late pictures (s).
+/// Time for which carriage positions are kept for comparison with late camera frames (s).
 const TRACK_SECONDS: f64 = 1.0;
-/// A picture whose own time is farther from its arrival is from a camera with another clock (s).
+/// Largest difference between capture and arrival time with a common clock (s).
 const SAME_CLOCK_SECONDS: f64 = 1.0;
 
-/// The last heartbeat of a drive.
+/// Last heartbeat of a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Heartbeat {
     pub(super) at: Nanos,
@@ -24,20 +24,20 @@ pub(super) struct Heartbeat {
     pub(super) errors: AxisErrors,
 }
 
-/// Whether this program has asked a drive for closed loop.
+/// State of arming of a drive, as seen by this program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Armed {
-    /// Not asked, or idled or stopped again.
+    /// Not requested, or disarmed again.
     No,
-    /// Asked, not yet confirmed by its heartbeat.
+    /// Requested, not yet confirmed by its heartbeat.
     Asked,
     /// Confirmed: leaving closed loop is now a fault.
     Confirmed,
-    /// Leaving closed loop is no news: its watchdog is being tested, or its fault has been told.
-    LetGo,
+    /// Released: its watchdog is being tested, or its fault has been reported.
+    Released,
 }
 
-/// One drive.
+/// State of one drive.
 #[derive(Debug, Clone)]
 pub(super) struct DriveWatch {
     pub(super) seat: MotorSeat,
@@ -45,7 +45,7 @@ pub(super) struct DriveWatch {
     pub(super) heartbeat: Option<Heartbeat>,
     pub(super) encoder_at: Option<Nanos>,
     pub(super) version: Option<[u8; 8]>,
-    /// Power stage and motor (C).
+    /// Temperatures of power stage and motor (C).
     pub(super) temperatures: Option<[f64; 2]>,
     reports: DriveReports,
 }
@@ -63,7 +63,7 @@ impl DriveWatch {
         }
     }
 
-    /// Takes one message of the drive.
+    /// Take one message of the drive.
     pub(super) fn push(&mut self, time: Nanos, message: &Message) -> Option<DriveReport> {
         match *message {
             Message::Heartbeat { axis_error, axis_state, .. } => {
@@ -81,20 +81,20 @@ impl DriveWatch {
         self.reports.push(time, message)
     }
 
-    /// Its state by the last heartbeat.
+    /// Return the axis state of the last heartbeat.
     pub(super) fn state(&self) -> Option<AxisState> {
         self.heartbeat.map(|heartbeat| heartbeat.state)
     }
 
-    /// State and errors of the last heartbeat, `UNDEFINED` before the first.
+    /// Return state and errors of the last heartbeat, `UNDEFINED` before the first.
     pub(super) fn state_and_errors(&self) -> (AxisState, AxisErrors) {
         self.heartbeat
             .map_or((AxisState::Undefined, AxisErrors::default()), |h| (h.state, h.errors))
     }
 }
 
-/// Puts values of the two motors of a gantry together as they come in: a pair is complete when both
-/// are new since the last pair and at most [`MOST_PAIR_SECONDS`] apart.
+/// Pairs values of the two motors of a gantry on arrival. A pair is complete when both values are
+/// new since the last pair and at most [`MOST_PAIR_SECONDS`] apart.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pairing<T> {
     waiting: [Option<(Nanos, T)>; 2],
@@ -107,7 +107,7 @@ impl<T> Default for Pairing<T> {
 }
 
 impl<T: Copy> Pairing<T> {
-    /// Adds a value of one motor; gives the time of the later and both values when they pair.
+    /// Add a value of one motor; return the time of the later and both values when they pair.
     pub(super) fn push(&mut self, motor: Motor, time: Nanos, value: T) -> Option<(Nanos, [T; 2])> {
         self.waiting[motor as usize] = Some((time, value));
         let [Some((at_a, a)), Some((at_b, b))] = self.waiting else { return None };
@@ -119,16 +119,16 @@ impl<T: Copy> Pairing<T> {
     }
 }
 
-/// One carriage, from both its motors.
+/// State of one carriage, from both its motors.
 #[derive(Debug, Clone)]
 pub(super) struct CarriageWatch {
     gantry: CoreXy,
     motors: Pairing<MotorState>,
-    /// From the motors' zero to the board (m), once it is known.
+    /// Offset from the motors' zero to the board (m), once it is known.
     origin: Option<[f64; 2]>,
-    /// Positions before the origin is added (m), newest last.
+    /// Positions without the offset (m), newest last.
     track: VecDeque<(Nanos, [f64; 2])>,
-    /// The newest velocity (m/s).
+    /// Newest velocity (m/s).
     velocity: [f64; 2],
 }
 
@@ -143,7 +143,7 @@ impl CarriageWatch {
         }
     }
 
-    /// Takes one report of a motor; gives the carriage when both motors have reported and the
+    /// Take one report of a motor. Return the carriage state when both motors have reported and the
     /// origin is known.
     pub(super) fn push(
         &mut self,
@@ -165,31 +165,31 @@ impl CarriageWatch {
         Some((at, CarriageState { x: position[0] + x0, y: position[1] + y0, vx, vy }))
     }
 
-    /// Declares where the carriage is now (m).
+    /// Set the present position of the carriage (m).
     pub(super) fn set_position(&mut self, now: [f64; 2]) {
         if let Some((_, [x, y])) = self.track.back() {
             self.origin = Some([now[0] - x, now[1] - y]);
         }
     }
 
-    /// Takes the motors' zero for the middle of the board, as nothing better is known.
+    /// Use the motors' zero as the middle of the board, without a better reference.
     pub(super) fn count_from_zero(&mut self) {
         self.origin = Some([0.0; 2]);
     }
 
-    /// Whether both motors have reported together.
+    /// Return whether both motors have reported together.
     pub(super) fn has_reported(&self) -> bool {
         !self.track.is_empty()
     }
 
-    /// Position (m) and velocity (m/s), once the origin is known.
+    /// Return position (m) and velocity (m/s), once the origin is known.
     pub(super) fn state(&self) -> Option<([f64; 2], [f64; 2])> {
         let (_, [x, y]) = self.track.back()?;
         let [x0, y0] = self.origin?;
         Some(([x + x0, y + y0], self.velocity))
     }
 
-    /// Position at `time` (m), the nearest that is kept.
+    /// Return the position at `time` (m), the nearest that is kept.
     pub(super) fn position_at(&self, time: Nanos) -> Option<[f64; 2]> {
         let [x0, y0] = self.origin?;
         let after = self.track.partition_point(|(t, _)| *t < time);
@@ -197,7 +197,7 @@ impl CarriageWatch {
         Some([x + x0, y + y0])
     }
 
-    /// How far it moved within the time that is kept (m).
+    /// Return the range of motion within the kept positions (m).
     pub(super) fn recent_travel(&self) -> f64 {
         let Some((_, last)) = self.track.back() else { return 0.0 };
         let distance = |[x, y]: [f64; 2]| (x - last[0]).hypot(y - last[1]);
@@ -205,19 +205,19 @@ impl CarriageWatch {
     }
 }
 
-/// The camera.
+/// State of the camera.
 #[derive(Debug, Clone, Default)]
 pub(super) struct CameraWatch {
     pub(super) last_at: Option<Nanos>,
-    /// Datagrams that were not understood, and what was wrong with the first.
-    pub(super) refused: u64,
-    pub(super) first_refusal: Option<String>,
-    /// Strikers of the newest pictures with the time of each picture, newest last.
+    /// Number of datagrams that could not be decoded, and the error of the first.
+    pub(super) rejected: u64,
+    pub(super) first_rejection: Option<String>,
+    /// Strikers in the newest frames with the time of each frame, newest last.
     strikers: [VecDeque<(Nanos, [f64; 2])>; 2],
 }
 
 impl CameraWatch {
-    /// Takes one picture; gives the time at which it shows the board.
+    /// Take one camera frame; return its capture time.
     pub(super) fn push(&mut self, arrived: Nanos, detections: &CameraDetections) -> Nanos {
         self.last_at = Some(arrived);
         let own = Nanos(detections.capture_time_ns);
@@ -234,12 +234,12 @@ impl CameraWatch {
         shown
     }
 
-    /// Time and place (m) of a striker in the newest picture that shows it.
+    /// Return time and position (m) of a striker in the newest frame that shows it.
     pub(super) fn newest_striker(&self, player: Player) -> Option<(Nanos, [f64; 2])> {
         self.strikers[player as usize].back().copied()
     }
 
-    /// Places of a striker within the last second (m), oldest first.
+    /// Return the positions of a striker within the last second (m), oldest first.
     pub(super) fn striker(&self, player: Player) -> Vec<[f64; 2]> {
         self.strikers[player as usize].iter().map(|(_, position)| *position).collect()
     }

@@ -10,8 +10,8 @@ use anyhow::{Context, bail};
 use clap::ValueEnum;
 use klasktron::{
     collect::{
-        HomingPolicy, Leg, Plan, Proof, Schedule, SessionConfig, SessionError, SessionOutput,
-        SessionReport, Work, listen, plan_page, prove, run_session,
+        CheckedPlan, HomingPolicy, Leg, Plan, Schedule, SessionConfig, SessionError, SessionOutput,
+        SessionReport, Work, check_plan, listen, plan_page, run_session,
     },
     gantry::{Pattern, Robot},
     link::BusSpec,
@@ -132,9 +132,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let plan = args.motion.plan()?;
     let players = args.player.of_robot(&files.robot)?;
-    let proof = prove(&plan, &files.robot, &players)?;
+    let checked = check_plan(&plan, &files.robot, &players)?;
     if let Some(folder) = &args.dry_run {
-        return write_plan(folder, &proof, &files, args);
+        return write_plan(folder, &checked, &files, args);
     }
     if matches!(args.table.bus, BusSpec::Replay(_)) {
         bail!("{} is a log: it can be recorded with --listen, not driven", args.table.bus);
@@ -142,7 +142,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let homing = args.session.homing(&args.table, None)?;
     let mut config = args.session_config(&files, (players, plan.rate_hz), homing)?;
     config.metadata.extend(plan_metadata(&plan)?);
-    let legs = Leg::of_proof(&proof);
+    let legs = Leg::of_plan(&checked);
     drive(args, &files, |table, output| {
         run_session(table.link(), &files.robot, &config, Work::Legs(&legs), output)
     })
@@ -153,7 +153,17 @@ fn listen_only(args: &Args, files: &TableFiles, seconds: f64) -> anyhow::Result<
     // Nothing is driven, so positions need no reference.
     let homing = args.session.homing(&args.table, Some(HomingPolicy::Declared))?;
     let config = args.session_config(files, (players, args.motion.rate()), homing)?;
-    drive(args, files, |table, output| listen(table.link(), &files.robot, &config, seconds, output))
+    let (report, _table) =
+        args.session.run((&args.table, files), &args.output, |table, output| {
+            listen(table.link(), &files.robot, &config, seconds, output)
+        })?;
+    session::tell_traffic(&report);
+    session::tell_warnings(&report);
+    if args.session.json {
+        print(&serde_json::to_string_pretty(&report)?)?;
+    }
+    let heard = format!("{} frames, {} camera frames", report.frames_received, report.camera_frames);
+    Ok(session::tell_outcome(&report, &args.output, &heard))
 }
 
 /// Run one session and print its report.
@@ -174,12 +184,12 @@ fn drive(
 
 fn write_plan(
     folder: &Path,
-    proof: &Proof,
+    checked: &CheckedPlan,
     files: &TableFiles,
     args: &Args,
 ) -> anyhow::Result<Outcome> {
     let results = Results::begin(folder, &PLAN_FILES, args.session.overwrite)?;
-    let page = plan_page(proof, &files.robot)?;
+    let page = plan_page(checked, &files.robot)?;
     let texts = [&page.index_html, &page.plan_csv, &page.plan_json];
     for (name, text) in PLAN_FILES.iter().zip(texts) {
         write_bytes(&results.path(name), ExistingFile::Replace, text.as_bytes())?;
@@ -188,13 +198,13 @@ fn write_plan(
     if args.session.json {
         print(&page.plan_json)?;
     }
-    let (runs, samples) = (proof.runs().len(), proof.plan().samples());
+    let (runs, samples) = (checked.runs().len(), checked.plan().samples());
     note(&format!(
         "safe plan: {runs} runs, {samples} samples, {:.1} min with the moves between runs; smallest \
          distance to an edge {:.1} mm with the stopping distance; wrote {2}/index.html, {2}/plan.csv and \
          {2}/plan.json",
-        proof.duration_s() / 60.0,
-        1e3 * proof.figures().edge_distance_m,
+        checked.duration_s() / 60.0,
+        1e3 * checked.extremes().edge_distance_m,
         folder.display()
     ));
     Ok(Outcome::Done)

@@ -154,7 +154,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     if args.fits_only {
         let (asked, finished) = (configs.len(), fits.len());
-        let document = serde_json::json!({"fits_asked": asked, "fits_finished": finished});
+        let document = serde_json::json!({"fits_requested": asked, "fits_finished": finished});
         print(&document.to_string())?;
         return Ok(outcome(asked == finished));
     }
@@ -175,7 +175,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         print(&table(&summary, &args.output))?;
     }
-    let whole = study.finished == study.asked && !study.dataset.is_damaged();
+    let whole = study.finished == study.requested && !study.dataset.is_damaged();
     Ok(outcome(whole))
 }
 
@@ -384,7 +384,7 @@ fn write_outcome(study: &Study, summary: &Summary, out: &Path) -> anyhow::Result
 /// Result as a table, with the paths of the files.
 fn table(summary: &Summary, out: &Path) -> String {
     let mut lines = vec![format!(
-        "{:<22}{:>12}{:>12}{:>12}{:>12}",
+        "{:<24}{:>12}{:>12}{:>12}{:>12}",
         "RMSE (mm/s), held out", "one step", "0.1 s", "0.5 s", "2 s"
     )];
     let figure = |value: f64| {
@@ -402,15 +402,15 @@ fn table(summary: &Summary, out: &Path) -> String {
         1 => "1 seed".to_owned(),
         count => format!("{count} seeds"),
     };
-    lines.push(format!("{:<22}{median}", format!("network, {seeds}")));
+    lines.push(format!("{:<24}{median}", format!("network, {seeds}")));
     for (model, title) in
-        [("arx", "linear ARX"), ("lag_delay", "first order + delay"), ("ideal", "ideal")]
+        [("arx", "linear ARX"), ("fopdt", "first order + dead time"), ("ideal", "ideal")]
     {
         let rows = summary.errors.iter().filter(|row| {
             row.model == model && row.pattern == "all" && row.component == actuator::Component::Both
         });
         let figures: String = rows.map(|row| figure(row.rmse_m_per_s)).collect();
-        lines.push(format!("{title:<22}{figures}"));
+        lines.push(format!("{title:<24}{figures}"));
     }
     if let Some(ablation) = &summary.ablation {
         let cell = &ablation.cells[ablation.chosen];

@@ -29,7 +29,7 @@ impl LiveView {
             1e3 * progress.worst_tracking,
             progress.errors,
             progress.frames_per_s,
-            progress.pictures_per_s,
+            progress.camera_frames_per_s,
         ));
         let Some(run) = progress.run else { return };
         if self.bar.is_hidden() && self.said.replace(run.number) != run.number {

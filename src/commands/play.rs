@@ -140,7 +140,7 @@ impl Args {
         if let Some(Goals { left, right }) = truth_goals {
             done.push_str(&format!(", true goals {left} : {right}"));
         }
-        if let Some(wait) = report.picture_to_command {
+        if let Some(wait) = report.image_to_command {
             note(&format!(
                 "image-to-command latency {:.1} ms (median), {:.1} ms (99 %)",
                 wait.median_ms, wait.p99_ms

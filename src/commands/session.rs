@@ -12,7 +12,7 @@ use anyhow::{anyhow, bail};
 use clap::ValueEnum;
 use klasktron::{
     collect::{
-        HomingPolicy, RawFrames, SessionConfig, SessionError, SessionOutput, SessionReport,
+        HomingPolicy, NodeFirmware, RawFrames, SessionConfig, SessionError, SessionOutput, SessionReport,
         WatchdogPolicy,
     },
     gantry::Robot,
@@ -190,13 +190,32 @@ pub(crate) fn tell_warnings(report: &SessionReport) {
     }
 }
 
+/// Print the traffic of a session: nodes, rates of their messages, firmware, errors and camera.
+pub(crate) fn tell_traffic(report: &SessionReport) {
+    for node in &report.traffic.nodes {
+        note(&node.to_string());
+    }
+    for (fault, count) in &report.bus_faults {
+        note(&format!("bus fault: {fault}, {count} times"));
+    }
+    let [load, worst] = bus_load_percent(report);
+    let frames = report.traffic.frames_per_s.unwrap_or(0.0);
+    note(&format!("bus: {frames:.0} frames/s, load {load:.0} %, at most {worst:.0} %"));
+    note(&report.traffic.camera.to_string());
+}
+
+/// Bus load of a session (%), without and with the most stuff bits.
+fn bus_load_percent(report: &SessionReport) -> [f64; 2] {
+    [report.bus.bus_load, report.bus.worst_case_bus_load].map(|load| 1e2 * load)
+}
+
 /// Print the report of a session: bus, reason of its end, path of the recording, work `done`, timing.
 pub(crate) fn tell_outcome(report: &SessionReport, output: &Path, done: &str) -> Outcome {
-    if let Some((_, firmware)) = report.census.firmware.first() {
-        let [load, worst] = [report.census.bus_load, report.census.worst_bus_load].map(|l| 1e2 * l);
-        let drives = report.census.firmware.len();
+    if let Some(NodeFirmware { version, .. }) = report.bus.firmware.first() {
+        let [load, worst] = bus_load_percent(report);
+        let drives = report.bus.firmware.len();
         note(&format!(
-            "{drives} drives, firmware {firmware}; bus load {load:.0} %, at most {worst:.0} %"
+            "{drives} drives, firmware {version}; bus load {load:.0} %, at most {worst:.0} %"
         ));
     }
     if report.stop != SESSION_COMPLETED {
@@ -211,13 +230,21 @@ pub(crate) fn tell_outcome(report: &SessionReport, output: &Path, done: &str) ->
             "the unfinished recording is {partial}; save it with `klasktron recover {partial} -o OUTPUT`"
         )
     };
-    let late = &report.lateness;
+    let timing = &report.control_loop;
+    let control_loop = if timing.periods == 0 {
+        String::new()
+    } else {
+        format!(
+            "; control-loop jitter {:.0} us (median), {:.0} us (99 %), {:.0} us (largest); {} missed \
+             deadlines",
+            timing.lateness_p50_us,
+            timing.lateness_p99_us,
+            timing.lateness_max_us,
+            timing.missed_deadlines
+        )
+    };
     // A session that ended early is reported under --quiet too.
     let say = if report.is_complete() { note } else { tell };
-    say(&format!(
-        "{kept}: {done}, {:.1} s; control-loop jitter {:.0} us (median), {:.0} us (99 %), {:.0} us \
-         (largest); {} missed deadlines",
-        report.duration_s, late.p50_us, late.p99_us, late.max_us, late.skipped
-    ));
+    say(&format!("{kept}: {done}, {:.1} s{control_loop}", report.duration_s));
     if report.is_complete() { Outcome::Done } else { Outcome::Lossy }
 }

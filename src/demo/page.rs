@@ -155,7 +155,7 @@ fn fitted(page: &mut Page, story: &Story<'_>) {
     let models = [
         ("network", "network"),
         ("arx", "linear ARX"),
-        ("lag_delay", "lag with delay"),
+        ("fopdt", "first order plus dead time"),
         ("ideal", "ideal"),
     ];
     let errors = document["errors"].as_array().map_or(&[][..], Vec::as_slice);

@@ -272,7 +272,7 @@ impl GameSettings {
     /// The same game within the workspaces and the clearance of `robot`, whose halves may differ.
     #[must_use]
     pub fn within_robot(mut self, robot: &Robot) -> Self {
-        self.limits.field = robot.field;
+        self.limits.field = robot.workspace;
         self.limits.clearance = robot.clearance_m;
         self
     }

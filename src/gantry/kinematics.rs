@@ -1,13 +1,13 @@
-//! CoreXY kinematics in the board frame, and the seats of the four drives.
+//! CoreXY kinematics in the board frame, and the assignment of the four drives.
 //!
-//! With `d` the belt per motor turn: `a = (x + y) / d`, `b = (x - y) / d`, so
-//! `x = d/2 (a + b)`, `y = d/2 (a - b)`; the same for velocities. Both are after the sign of each
-//! motor. Source: the upstream commander (image frame): `right = s (vx + vy) / d`,
-//! `left = s (vy - vx) / d`, with `s` = +1 for the right and -1 for the left player; with
-//! `x = y_img`, `y = x_img` that is `a = s right`, `b = s left`. Torques take the same sign.
+//! With `d` the belt per motor turn: `a = (x + y) / d`, `b = (x - y) / d`, so `x = d/2 (a + b)`, `y
+//! = d/2 (a - b)`. The same holds for velocities. Both are after the sign of each motor. Source:
+//! the upstream commander (image frame): `right = s (vx + vy) / d`, `left = s (vy - vx) / d`, with
+//! `s` = +1 for the right and -1 for the left player. With `x = y_img`, `y = x_img` that is `a = s
+//! right`, `b = s left`. Torques have the same sign.
 //!
-//! Older upstream software commanded with `2/d`, so its carriage ran at twice the command: that is
-//! a property of such recordings, not of this map.
+//! Older upstream software commanded with `2/d`, so its carriage moved at twice the command. That
+//! is a property of such recordings, not of these kinematics.
 
 use crate::recording::{
     message::MotorState,
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 /// Belt per motor turn of the KlaskTron gantry (m): 20 teeth of 2 mm.
 pub const BELT_METRES_PER_TURN: f64 = 0.04;
 
-/// Turns, or turns per second, of the two motors, signs applied.
+/// Motor angles in turns, or speeds in turns per second, with signs applied.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorPair {
     /// Motor `a`, which moves x + y.
@@ -27,24 +27,24 @@ pub struct MotorPair {
     pub b: f64,
 }
 
-/// A belt that cannot be.
+/// Error: a belt length per turn outside the allowed range.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
     "a belt of {metres_per_turn} m per motor turn: it must lie above 0 and up to 1 m; \
      the KlaskTron gantry has 0.04 m"
 )]
 pub struct BeltError {
-    /// What was given (m).
+    /// Belt length given (m).
     pub metres_per_turn: f64,
 }
 
-/// Belt coordinates of a rail vector: a = x + y, b = x - y.
+/// Return the belt coordinates of a vector along the axes: a = x + y, b = x - y.
 #[must_use]
 pub fn belts([x, y]: [f64; 2]) -> [f64; 2] {
     [x + y, x - y]
 }
 
-/// Rail coordinates of a belt vector.
+/// Return the axis coordinates of a belt vector.
 #[must_use]
 pub fn rails([a, b]: [f64; 2]) -> [f64; 2] {
     [0.5 * (a + b), 0.5 * (a - b)]
@@ -63,10 +63,10 @@ impl Default for CoreXy {
 }
 
 impl CoreXy {
-    /// A gantry that moves `metres_per_turn` of belt with each motor turn (m).
+    /// Create a gantry that moves `metres_per_turn` of belt with each motor turn (m).
     ///
     /// # Errors
-    /// When it is not in (0, 1] m.
+    /// When `metres_per_turn` is not in (0, 1] m.
     pub fn new(metres_per_turn: f64) -> Result<Self, BeltError> {
         if 0.0 < metres_per_turn && metres_per_turn <= 1.0 {
             Ok(Self { metres_per_turn })
@@ -75,22 +75,22 @@ impl CoreXy {
         }
     }
 
-    /// Belt per motor turn (m).
+    /// Return the belt length per motor turn (m).
     #[must_use]
     pub fn metres_per_turn(self) -> f64 {
         self.metres_per_turn
     }
 
-    /// Inverse kinematics: a displacement (m) or velocity (m/s) of the board frame in motor turns
-    /// or turns per second.
+    /// Inverse kinematics: convert a displacement (m) or velocity (m/s) of the board frame into
+    /// motor turns or turns per second.
     #[must_use]
     pub fn motors_from_board(self, rail: [f64; 2]) -> MotorPair {
         let [a, b] = belts(rail).map(|belt| belt / self.metres_per_turn);
         MotorPair { a, b }
     }
 
-    /// Forward kinematics: motor turns or turns per second as a displacement (m) or velocity (m/s)
-    /// of the board frame.
+    /// Forward kinematics: convert motor turns or turns per second into a displacement (m) or
+    /// velocity (m/s) of the board frame.
     #[must_use]
     pub fn board_from_motors(self, MotorPair { a, b }: MotorPair) -> [f64; 2] {
         let half = self.metres_per_turn / 2.0;
@@ -98,34 +98,34 @@ impl CoreXy {
     }
 }
 
-/// Which motor a drive turns, and how its own direction maps to the gantry's.
+/// Assignment of a drive to a motor of a gantry, with its sign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotorSeat {
     /// Node id of the drive on the bus, and number N of its `/odrive_axisN` topics.
     pub node: u8,
-    /// Whose gantry.
+    /// Player of the gantry.
     pub player: Player,
-    /// Which of its motors.
+    /// Motor of the gantry.
     pub motor: Motor,
-    /// +1 or -1: multiplies position, velocity and torque of the drive.
+    /// Sign, +1 or -1: multiplies position, velocity and torque of the drive.
     pub sign: i8,
 }
 
 impl MotorSeat {
-    /// The seat of the KlaskTron table with this node id; `None` for any other node.
+    /// Return the seat of the KlaskTron table with this node id; `None` for any other node.
     #[must_use]
     pub fn of_node(node: u8) -> Option<Self> {
         KLASKTRON_SEATS.into_iter().find(|seat| seat.node == node)
     }
 
-    /// A value that the drive reports, or is sent, in the gantry's direction; its own inverse.
+    /// Convert a value between the drive's and the gantry's direction; its own inverse.
     #[must_use]
     pub fn directed(self, value: f64) -> f64 {
         f64::from(self.sign) * value + 0.0 // no negative zero on the bus
     }
 
-    /// A drive's report of motion in the gantry's direction.
+    /// Convert a drive's report of motion into the gantry's direction.
     #[must_use]
     pub fn directed_motor(self, report: &MotorState) -> MotorState {
         MotorState {
@@ -137,8 +137,8 @@ impl MotorSeat {
     }
 }
 
-/// The four drives of the KlaskTron table: the commander's "right" motor of a gantry is `a`, its
-/// "left" motor `b`.
+/// Seats of the four drives of the KlaskTron table. The commander's "right" motor of a gantry is
+/// `a`, its "left" motor `b`.
 pub const KLASKTRON_SEATS: [MotorSeat; 4] = [
     MotorSeat { node: 0, player: Player::Right, motor: Motor::A, sign: 1 },
     MotorSeat { node: 1, player: Player::Right, motor: Motor::B, sign: 1 },
@@ -161,7 +161,7 @@ mod tests {
             prop_assert!((bx - x).abs() < 1e-12 && (by - y).abs() < 1e-12);
         }
 
-        /// The commander's own formulas, image frame, for both players.
+        /// Formulas of the upstream commander, image frame, for both players.
         #[test]
         fn the_commanders_formulas_give_the_same_motion(vx_img in -1.0..1.0_f64, vy_img in -1.0..1.0_f64) {
             let gantry = CoreXy::default();

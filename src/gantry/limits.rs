@@ -1,42 +1,43 @@
-//! Every limit for the motors: where, how fast, how abruptly, how warm.
+//! Limits of the motors: position, speed, acceleration and temperature.
 //!
-//! The stopping distance from speed `v` is `v t + v^2 / (2 a)`: it moves on for the reaction time `t`
-//! and then brakes with `a`. A point may be passed only if the carriage could still stop inside the
-//! window from there.
+//! The stopping distance from speed `v` is `v t + v^2 / (2 a)`: the carriage moves on for the
+//! reaction time `t` and then brakes with `a`. A point may be passed only if the carriage can still
+//! stop inside the workspace from there.
 
 use super::robot::{RobotError, check_range};
 use crate::recording::topic::Player;
 use serde::{Deserialize, Serialize};
 
-/// Limits of one robot, the same for both players.
+/// Limits of one robot, equal for both players.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Limits {
-    /// Largest commanded speed along each axis (m/s); 0.7, what the paper's data set uses. The game
+    /// Largest commanded speed along each axis (m/s); 0.7 as in the paper's data set. The game
     /// stays within 0.4.
     pub speed_m_per_s: f64,
     /// Largest commanded speed along any direction (m/s); 1.0, both axes at 0.7.
     pub total_speed_m_per_s: f64,
     /// Largest change of a commanded velocity along each axis (m/s^2); 10, as upstream's simulation.
     pub slew_m_per_s2: f64,
-    /// Braking that can be relied on (m/s^2); 5, below the mean of 6.25 that the paper measured.
+    /// Guaranteed braking deceleration (m/s^2); 5, below the mean of 6.25 that the paper measured.
     pub braking_m_per_s2: f64,
-    /// From the moment when something is seen to the moment when the motors brake (s): one control
-    /// period, the bus and the delay of the drive.
+    /// Reaction time from a detection to the braking of the motors (s): one control period, the bus
+    /// and the delay of the drive.
     pub reaction_s: f64,
     /// Current limit of each drive, set before arming (A).
     pub current_a: f64,
-    /// Hottest power stage (C).
+    /// Largest temperature of a power stage (C).
     pub fet_temperature_c: f64,
-    /// Hottest motor (C), where a thermistor reports it.
+    /// Largest temperature of a motor (C), where a thermistor reports it.
     pub motor_temperature_c: f64,
-    /// Kept free between every planned path, its stopping distance included, and the window's edge
-    /// (m), for what the carriage lags or overshoots; 0.01.
+    /// Margin between every planned path, its stopping distance included, and the soft limits (m);
+    /// 0.01. It covers lag and overshoot of the carriage.
     pub tracking_margin_m: f64,
-    /// Farthest that a carriage may be from where its commands lead (m); 0.06, since a drive that
-    /// brakes with 6 m/s^2 falls behind commands of 10 m/s^2 by 40 mm at full speed.
+    /// Largest distance of a carriage from its reference (m); 0.06. A drive that brakes with
+    /// 6 m/s^2 falls behind commands of 10 m/s^2 by 40 mm at full speed.
     pub following_error_m: f64,
-    /// Farthest that the camera may see a striker from its magnet (m), over a tenth of a second.
+    /// Largest distance between a striker and its magnet in the camera frames (m), over a tenth of
+    /// a second.
     pub striker_error_m: f64,
 }
 
@@ -78,14 +79,14 @@ impl Limits {
         Ok(())
     }
 
-    /// Distance travelled from `speed` (m/s) until standing (m).
+    /// Return the stopping distance from `speed` (m/s) to standstill (m).
     #[must_use]
     pub fn stopping_distance(&self, speed: f64) -> f64 {
         let speed = speed.abs();
         speed * self.reaction_s + speed * speed / (2.0 * self.braking_m_per_s2)
     }
 
-    /// Largest speed (m/s) from which a carriage stands within `room` (m): the inverse of
+    /// Return the largest speed (m/s) from which a carriage stops within `room` (m): the inverse of
     /// [`stopping_distance`](Self::stopping_distance); 0 without room.
     #[must_use]
     pub fn speed_within(&self, room: f64) -> f64 {
@@ -93,8 +94,8 @@ impl Limits {
         brake * ((wait * wait + 2.0 * room.max(0.0) / brake).sqrt() - wait)
     }
 
-    /// Where a carriage at `position` (m) with `velocity` (m/s) comes to stand, each axis braking on
-    /// its own.
+    /// Return the standstill point of a carriage at `position` (m) with `velocity` (m/s); each axis
+    /// brakes on its own.
     #[must_use]
     pub fn standstill(&self, position: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| {
@@ -102,16 +103,17 @@ impl Limits {
         })
     }
 
-    /// `wanted` (m/s) as far as a carriage at `position` (m) may have it in `window`: along each axis no
-    /// faster towards an edge than it could still stop before it, and outside only inwards.
+    /// Limit `wanted` (m/s) for a carriage at `position` (m) in `workspace`. Along each axis the
+    /// speed towards an edge allows a stop before it; outside, only inward motion is allowed.
     #[must_use]
     pub fn before_edges(
         &self,
-        window: &Rectangle,
+        workspace: &Rectangle,
         position: [f64; 2],
         wanted: [f64; 2],
     ) -> [f64; 2] {
-        let edges = [[window.x_min_m, window.x_max_m], [window.y_min_m, window.y_max_m]];
+        let edges =
+            [[workspace.x_min_m, workspace.x_max_m], [workspace.y_min_m, workspace.y_max_m]];
         [0, 1].map(|axis| {
             let [low, high] = edges[axis];
             let down = self.speed_within(position[axis] - low);
@@ -120,9 +122,9 @@ impl Limits {
         })
     }
 
-    /// The velocity (m/s) that follows `previous` after `dt` seconds on the way to `wanted`: each axis
-    /// goes as far as the slew limit lets it, or, where that would be too fast in all, both keep to
-    /// the straight way, on which no limit is passed that `previous` keeps.
+    /// Return the velocity (m/s) that follows `previous` after `dt` seconds on the way to `wanted`.
+    /// Each axis changes as far as the slew limit allows. Where the total speed would be too large,
+    /// both axes follow the straight line, which violates no limit that `previous` keeps.
     #[must_use]
     pub fn next_velocity(&self, previous: [f64; 2], wanted: [f64; 2], dt: f64) -> [f64; 2] {
         let step = self.slew_m_per_s2 * dt;
@@ -136,7 +138,8 @@ impl Limits {
         [0, 1].map(|axis| previous[axis] + share * change[axis])
     }
 
-    /// `velocity` (m/s) within the speed limits: each axis is clamped, then the whole is shortened.
+    /// Limit `velocity` (m/s) to the speed limits: each axis is clamped, then the vector is
+    /// shortened.
     #[must_use]
     pub fn within_speed(&self, velocity: [f64; 2]) -> [f64; 2] {
         let top = self.speed_m_per_s;
@@ -162,13 +165,13 @@ impl Rectangle {
         for (axis, low, high) in
             [("x", self.x_min_m, self.x_max_m), ("y", self.y_min_m, self.y_max_m)]
         {
-            let name = format!("field.{player}: {axis}_max_m - {axis}_min_m");
+            let name = format!("workspace.{player}: {axis}_max_m - {axis}_min_m");
             check_range(&name, high - low, "[0.02, 10] m", |v| (0.02..=10.0).contains(&v))?;
         }
         Ok(())
     }
 
-    /// The same rectangle with every edge moved inwards by `margin` (m).
+    /// Return the rectangle with every edge moved inwards by `margin` (m).
     #[must_use]
     pub fn shrunk(&self, margin: f64) -> Self {
         Self {
@@ -179,7 +182,7 @@ impl Rectangle {
         }
     }
 
-    /// How far `point` (m) lies inside the nearest edge (m); negative outside.
+    /// Return the distance of `point` (m) from the nearest edge (m), positive inside.
     #[must_use]
     pub fn depth(&self, [x, y]: [f64; 2]) -> f64 {
         let across = (x - self.x_min_m).min(self.x_max_m - x);
@@ -187,13 +190,13 @@ impl Rectangle {
         across.min(along)
     }
 
-    /// Whether `point` (m) lies inside or on an edge; never for a point that is not a number.
+    /// Return whether `point` (m) lies inside or on an edge; never for a non-finite point.
     #[must_use]
     pub fn contains(&self, point: [f64; 2]) -> bool {
         0.0 <= self.depth(point) && point.iter().all(|value| value.is_finite())
     }
 
-    /// Its centre (m).
+    /// Return the centre (m).
     #[must_use]
     pub fn centre(&self) -> [f64; 2] {
         [f64::midpoint(self.x_min_m, self.x_max_m), f64::midpoint(self.y_min_m, self.y_max_m)]
@@ -218,22 +221,22 @@ mod tests {
 
     #[test]
     fn a_point_that_is_no_number_is_nowhere() {
-        let field = Rectangle { x_min_m: -1.0, x_max_m: 1.0, y_min_m: -1.0, y_max_m: 1.0 };
-        assert!(field.contains([1.0, -1.0]));
-        assert!(!field.contains([f64::NAN, 0.0]) && !field.contains([0.0, f64::NAN]));
-        assert!(!field.shrunk(0.1).contains([0.95, 0.0]));
+        let area = Rectangle { x_min_m: -1.0, x_max_m: 1.0, y_min_m: -1.0, y_max_m: 1.0 };
+        assert!(area.contains([1.0, -1.0]));
+        assert!(!area.contains([f64::NAN, 0.0]) && !area.contains([0.0, f64::NAN]));
+        assert!(!area.shrunk(0.1).contains([0.95, 0.0]));
     }
 
     #[test]
     fn speed_towards_an_edge_is_what_can_be_stopped() {
-        let window = Rectangle { x_min_m: -0.1, x_max_m: 0.1, y_min_m: -0.1, y_max_m: 0.1 };
+        let workspace = Rectangle { x_min_m: -0.1, x_max_m: 0.1, y_min_m: -0.1, y_max_m: 0.1 };
         let limits = Limits { braking_m_per_s2: 5.0, reaction_s: 0.04, ..Limits::default() };
-        // 45 mm are enough for 0.5 m/s; away from the edge, and across, nothing is held back.
-        let [x, y] = limits.before_edges(&window, [0.055, 0.0], [0.7, -0.6]);
+        // 45 mm are enough for 0.5 m/s; away from the edge, and across, nothing is limited.
+        let [x, y] = limits.before_edges(&workspace, [0.055, 0.0], [0.7, -0.6]);
         assert!((x - 0.5).abs() < 1e-12 && (y + 0.6).abs() < 1e-12);
-        assert_eq!(limits.before_edges(&window, [0.055, 0.0], [-0.7, 0.0]), [-0.7, 0.0]);
-        assert_eq!(limits.before_edges(&window, [0.12, 0.0], [0.3, 0.0]), [0.0, 0.0]);
-        assert_eq!(limits.before_edges(&window, [0.12, 0.0], [-0.3, 0.0]), [-0.3, 0.0]);
+        assert_eq!(limits.before_edges(&workspace, [0.055, 0.0], [-0.7, 0.0]), [-0.7, 0.0]);
+        assert_eq!(limits.before_edges(&workspace, [0.12, 0.0], [0.3, 0.0]), [0.0, 0.0]);
+        assert_eq!(limits.before_edges(&workspace, [0.12, 0.0], [-0.3, 0.0]), [-0.3, 0.0]);
     }
 
     proptest! {

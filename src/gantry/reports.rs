@@ -1,8 +1,8 @@
-//! From what one drive reports to the messages of the contract: motion and health.
+//! Conversion of drive reports into recorded messages: motion and health.
 //!
-//! Encoder estimates become motor states with the drive's sign applied, heartbeats become health with
-//! what the other reports said within the last second. A torque is attached to an encoder estimate
-//! only when it is at most [`MOST_PAIR_SECONDS`] old.
+//! Encoder estimates become motor states with the drive's sign applied. Heartbeats become health
+//! reports, with the values of other messages of the last second. A torque is attached to an
+//! encoder estimate only when it is at most [`MOST_PAIR_SECONDS`] old.
 
 use super::kinematics::MotorSeat;
 use crate::{
@@ -11,21 +11,21 @@ use crate::{
     units::Nanos,
 };
 
-/// Largest distance in time between two messages that are used as one (s).
+/// Largest time difference between two messages that form a pair (s).
 pub const MOST_PAIR_SECONDS: f64 = 0.015;
-/// How long a health value is repeated after it was reported (s).
+/// Time for which a health value is repeated after its report (s).
 const HEALTH_SECONDS: f64 = 1.0;
 
-/// What a frame of a drive amounts to.
+/// Result of a message of a drive.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DriveReport {
-    /// Motion of its motor, in the gantry's direction.
+    /// Motion of the motor, in the gantry's direction.
     Motor(MotorState),
-    /// Its health.
+    /// Health of the drive.
     Status(DriveStatus),
 }
 
-/// Follows the reports of one drive.
+/// Converter of the reports of one drive.
 #[derive(Debug, Clone, Copy)]
 pub struct DriveReports {
     seat: MotorSeat,
@@ -34,13 +34,13 @@ pub struct DriveReports {
 }
 
 impl DriveReports {
-    /// Nothing reported yet.
+    /// Create a converter without reports.
     #[must_use]
     pub fn new(seat: MotorSeat) -> Self {
         Self { seat, health: DriveHealth::default(), torques: None }
     }
 
-    /// Takes one message of the drive; gives what it amounts to.
+    /// Take one message of the drive; return the resulting report, if any.
     pub fn push(&mut self, time: Nanos, message: &Message) -> Option<DriveReport> {
         match *message {
             Message::EncoderEstimates { position_turns, velocity_turns_per_s }
@@ -83,8 +83,8 @@ impl DriveReports {
     }
 }
 
-/// Gathers the health of one drive, whose parts arrive in separate messages. Values older than a
-/// second are not repeated.
+/// Collector of the health of one drive, which is reported in separate messages. Values older than
+/// a second are not repeated.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct DriveHealth {
     status: DriveStatus,
@@ -93,35 +93,35 @@ pub struct DriveHealth {
 }
 
 impl DriveHealth {
-    /// Notes the error flags.
+    /// Store the error flags.
     pub fn errors(&mut self, active_errors: u32, disarm_reason: u32) {
         self.status.active_errors = active_errors;
         self.status.disarm_reason = disarm_reason;
     }
 
-    /// Notes bus voltage (V) and current (A).
+    /// Store bus voltage (V) and current (A).
     pub fn supply(&mut self, time: Nanos, voltage: f64, current: f64) {
         self.status.bus_voltage_v = Some(voltage);
         self.status.bus_current_a = Some(current);
         self.supply_at = time;
     }
 
-    /// Notes the temperatures (C) of power stage and motor.
+    /// Store the temperatures (C) of power stage and motor.
     pub fn temperatures(&mut self, time: Nanos, fet: f64, motor: f64) {
         self.status.fet_temperature_c = Some(fet);
-        // A drive without a thermistor reports NaN or nothing of sense; NaN says it.
+        // A drive without a thermistor reports NaN or an arbitrary number.
         self.status.motor_temperature_c = motor.is_finite().then_some(motor);
         self.temperature_at = time;
     }
 
-    /// Notes state and errors, and gives what is known at `time`.
+    /// Store state and errors, and return the health at `time`.
     pub fn at_state(&mut self, time: Nanos, axis_state: u32, errors: u32) -> DriveStatus {
         self.status.axis_state = axis_state;
         self.status.active_errors = errors;
         self.now(time)
     }
 
-    /// What is known at `time`.
+    /// Return the health at `time`.
     pub fn now(&mut self, time: Nanos) -> DriveStatus {
         if HEALTH_SECONDS < time.seconds_since(self.supply_at) {
             self.status.bus_voltage_v = None;

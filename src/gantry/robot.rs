@@ -1,6 +1,5 @@
-//! The robot file, `robot.json`: which drives turn which motors, where the carriages may go and how
-//! fast, and when to stop. Every entry has the value of the KlaskTron table as its default, so a
-//! file holds only what differs.
+//! Robot file, `robot.json`: drives and their motors, workspace, limits and time-outs. Every entry
+//! has the value of the KlaskTron table as its default, so a file has only the differences.
 
 use super::{
     kinematics::{BELT_METRES_PER_TURN, BeltError, CoreXy, KLASKTRON_SEATS, MotorSeat},
@@ -24,17 +23,18 @@ pub struct Robot {
     pub board: BoardEntry,
     /// Belt per motor turn (m).
     pub belt_metres_per_turn: f64,
-    /// Which drive turns which motor; source: the upstream motor launch file.
+    /// Assignment of drives to motors; source: the upstream motor launch file.
     pub drives: Vec<MotorSeat>,
-    /// Where the carriages may be, before clearance. Source: upstream `player_params.yaml`, newer.
-    pub field: PerPlayer<Rectangle>,
-    /// Kept free at every edge of the field (m); 13.5 mm, 1.8 striker radii, upstream.
+    /// Workspace of each carriage, before clearance. Source: upstream `player_params.yaml`, newer.
+    #[serde(alias = "field")]
+    pub workspace: PerPlayer<Rectangle>,
+    /// Clearance at every edge of the workspace (m); 13.5 mm, 1.8 striker radii, upstream.
     pub clearance_m: f64,
-    /// Where runs start and end (m), board frame; home of upstream's identification nodes.
+    /// Start and end point of runs (m), board frame; home of upstream's identification nodes.
     pub home: PerPlayer<Point>,
-    /// Speeds, accelerations, temperatures.
+    /// Limits of speed, acceleration and temperature.
     pub limits: Limits,
-    /// How long silence is tolerated.
+    /// Time-outs.
     pub timeouts: Timeouts,
     /// Bit rate and cyclic messages of the bus.
     pub can: BusConfig,
@@ -50,18 +50,18 @@ pub struct BoardEntry {
     pub long_side_m: f64,
 }
 
-/// One value for each player.
+/// Pair of values, one for each player.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PerPlayer<T> {
-    /// Of the player who owns y < 0.
+    /// Value of the player who owns y < 0.
     pub left: T,
-    /// Of the player who owns y > 0.
+    /// Value of the player who owns y > 0.
     pub right: T,
 }
 
 impl<T> PerPlayer<T> {
-    /// The value of `player`.
+    /// Return the value of `player`.
     pub fn of(&self, player: Player) -> &T {
         match player {
             Player::Left => &self.left,
@@ -74,25 +74,25 @@ impl<T> PerPlayer<T> {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Point {
-    /// Across (m).
+    /// Position across the board (m).
     pub x_m: f64,
-    /// From goal to goal (m).
+    /// Position from goal to goal (m).
     pub y_m: f64,
 }
 
-/// How long silence is tolerated.
+/// Time-outs of the session.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Timeouts {
-    /// Without a heartbeat of a drive (s); three periods of 100 ms.
+    /// Longest time without a heartbeat of a drive (s); three periods of 100 ms.
     pub heartbeat_s: f64,
-    /// Without a position of a drive while it is armed (s); ten periods of 10 ms.
+    /// Longest time without a position of an armed drive (s); ten periods of 10 ms.
     pub encoder_s: f64,
-    /// For a drive to enter closed loop after it was asked to (s).
+    /// Longest time from the request of closed loop to its confirmation (s).
     pub arming_s: f64,
-    /// Without the camera while it is needed (s).
+    /// Longest time without a required camera frame (s).
     pub camera_s: f64,
-    /// Longest acceptable watchdog of a drive (s): the motion after this program dies.
+    /// Longest acceptable watchdog of a drive (s), which limits the motion after this program dies.
     pub watchdog_s: f64,
 }
 
@@ -102,7 +102,7 @@ impl Default for Timeouts {
     }
 }
 
-/// Bit rate and cyclic messages as the drives are configured.
+/// Bit rate and cyclic messages in the configuration of the drives.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BusConfig {
@@ -119,8 +119,8 @@ impl Default for BusConfig {
 }
 
 impl BusConfig {
-    /// Time that a frame takes on the bus (s): a standard one with eight data bytes and the gap after it,
-    /// 111 bits without stuffing.
+    /// Return the duration of a frame on the bus (s): a standard frame with eight data bytes and
+    /// the interframe space, 111 bits without stuffing.
     #[must_use]
     pub fn frame_seconds(&self) -> f64 {
         111.0 / f64::from(self.bitrate)
@@ -158,7 +158,7 @@ impl Default for CyclicPeriods {
 }
 
 impl CyclicPeriods {
-    /// Frames per second of one drive.
+    /// Return the frames per second of one drive.
     #[must_use]
     pub fn frames_per_second(self) -> f64 {
         [
@@ -181,14 +181,14 @@ impl CyclicPeriods {
 impl Default for Robot {
     fn default() -> Self {
         let size = BoardSize::default();
-        let field =
+        let rectangle =
             |y_min_m, y_max_m| Rectangle { x_min_m: -0.155, x_max_m: 0.145, y_min_m, y_max_m };
         Self {
             name: "klasktron".to_owned(),
             board: BoardEntry { short_side_m: size.short_side, long_side_m: size.long_side },
             belt_metres_per_turn: BELT_METRES_PER_TURN,
             drives: KLASKTRON_SEATS.to_vec(),
-            field: PerPlayer { left: field(-0.21, -0.01), right: field(0.01, 0.21) },
+            workspace: PerPlayer { left: rectangle(-0.21, -0.01), right: rectangle(0.01, 0.21) },
             clearance_m: 0.0135,
             home: PerPlayer {
                 left: Point { x_m: 0.0, y_m: -0.10 },
@@ -201,26 +201,26 @@ impl Default for Robot {
     }
 }
 
-/// What is wrong with a robot file.
+/// Error of a robot file.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotError {
-    /// It is no JSON of this form.
-    #[error("the robot file is not understood: {0}")]
+    /// Invalid JSON.
+    #[error("the robot file is not valid: {0}")]
     Syntax(#[from] serde_json::Error),
-    /// The belt.
+    /// Invalid belt.
     #[error(transparent)]
     Belt(#[from] BeltError),
-    /// The board.
+    /// Invalid board.
     #[error(transparent)]
     Board(#[from] BoardSizeError),
-    /// A number out of its range.
+    /// Number out of range.
     #[error("{name} is {value}; it must lie in {range}")]
     OutOfRange {
-        /// Which.
+        /// Name of the number.
         name: String,
-        /// What was given.
+        /// Value given.
         value: f64,
-        /// What is allowed.
+        /// Allowed range.
         range: &'static str,
     },
     /// Two drives with one node id, or two for one motor.
@@ -228,26 +228,26 @@ pub enum RobotError {
         "{0}; the KlaskTron table has nodes 0, 1 (right player) and 2, 3 (left), motors a and b each"
     )]
     Seats(String),
-    /// The home point lies outside the field.
-    #[error("the home point of the {0} player lies outside its field less the clearance")]
+    /// Home point outside the workspace.
+    #[error("the home point of the {0} player lies outside its workspace less the clearance")]
     Home(Player),
 }
 
 impl Robot {
-    /// Reads and checks a robot file.
+    /// Read and check a robot file.
     ///
     /// # Errors
-    /// When it is not understood, or a value cannot be.
+    /// When the JSON is invalid, or a value is out of range.
     pub fn from_json(text: &str) -> Result<Self, RobotError> {
         let robot: Self = serde_json::from_str(text)?;
         robot.check()?;
         Ok(robot)
     }
 
-    /// Checks every value.
+    /// Check every value.
     ///
     /// # Errors
-    /// At the first value that cannot be.
+    /// At the first value out of range.
     pub fn check(&self) -> Result<(), RobotError> {
         self.kinematics()?;
         BoardSize::new(self.board.short_side_m, self.board.long_side_m)?;
@@ -270,9 +270,9 @@ impl Robot {
             (10_000.0..=1_000_000.0).contains(&v)
         })?;
         for player in self.players() {
-            self.field.of(player).check(player)?;
+            self.workspace.of(player).check(player)?;
             let home = self.home.of(player);
-            if !self.window(player).contains([home.x_m, home.y_m]) {
+            if !self.soft_limits(player).contains([home.x_m, home.y_m]) {
                 return Err(RobotError::Home(player));
             }
         }
@@ -312,43 +312,45 @@ impl Robot {
         }
     }
 
-    /// The kinematics of its gantries.
+    /// Return the kinematics of the gantries.
     ///
     /// # Errors
-    /// When the belt cannot be.
+    /// When the belt is out of range.
     pub fn kinematics(&self) -> Result<CoreXy, BeltError> {
         CoreXy::new(self.belt_metres_per_turn)
     }
 
-    /// Players that have a drive, left first.
+    /// Return the players that have a drive, left first.
     #[must_use]
     pub fn players(&self) -> Vec<Player> {
         let has = |player: &Player| self.drives.iter().any(|seat| seat.player == *player);
         Player::BOTH.into_iter().filter(has).collect()
     }
 
-    /// The drive of one motor.
+    /// Return the drive of one motor.
     #[must_use]
     pub fn seat(&self, player: Player, motor: Motor) -> Option<MotorSeat> {
         self.drives.iter().copied().find(|seat| seat.player == player && seat.motor == motor)
     }
 
-    /// The seat with this node id.
+    /// Return the seat with this node id.
     #[must_use]
     pub fn seat_of_node(&self, node: u8) -> Option<MotorSeat> {
         self.drives.iter().copied().find(|seat| seat.node == node)
     }
 
-    /// Where a carriage that leaves its window is stopped: the field less half the clearance.
+    /// Return the stop limits: a carriage that leaves them is stopped. They are the workspace less
+    /// half the clearance.
     #[must_use]
-    pub fn stop_window(&self, player: Player) -> Rectangle {
-        self.field.of(player).shrunk(self.clearance_m / 2.0)
+    pub fn stop_limits(&self, player: Player) -> Rectangle {
+        self.workspace.of(player).shrunk(self.clearance_m / 2.0)
     }
 
-    /// Where the centre of a player's carriage may be: the field less the clearance.
+    /// Return the soft limits for the centre of a player's carriage: the workspace less the
+    /// clearance.
     #[must_use]
-    pub fn window(&self, player: Player) -> Rectangle {
-        self.field.of(player).shrunk(self.clearance_m)
+    pub fn soft_limits(&self, player: Player) -> Rectangle {
+        self.workspace.of(player).shrunk(self.clearance_m)
     }
 }
 

@@ -1,22 +1,22 @@
-//! Excitations: what the carriage is told to do so that its effects show.
+//! Excitation patterns and the commanded motion of a run.
 //!
 //! A [`Pattern`] with its parameters becomes the [`Reference`] of one run: a velocity for every
-//! control period, zero-order hold, and the position that is its exact integral
-//! `p[k+1] = p[k] + v[k] dt`. Speeds, slew and the stopping distance at the edge are those of
-//! [`Limits`](super::Limits); a pattern that cannot be had is refused with the largest value that can.
+//! control period (zero-order hold), and the position as its exact integral `p[k+1] = p[k] + v[k]
+//! dt`. Speeds, slew and stopping distance obey [`Limits`](super::Limits). A pattern that violates
+//! them is refused with the largest value that fits.
 //!
-//! Which pattern reveals which effect: the project's table of effects, column "excitation needed";
-//! circles, diagonals, ramps and the random walk are those of the paper's data set, lines those of
-//! the upstream identification node. Left out on purpose: feedback. A reference is open loop.
+//! Each pattern reveals particular effects; see [`Pattern::purpose`]. Circles, diagonals, ramps and
+//! the random walk are those of the paper's data set, lines those of the upstream identification
+//! node. Feedback is omitted on purpose: a reference is open loop.
 //!
 //! ```
 //! use klasktron::gantry::{Pattern, Robot, Sampling};
 //! use klasktron::recording::topic::Player;
 //! let robot = Robot::default();
 //! let pattern: Pattern = "circle:radius_m=0.03,speed_m_per_s=0.3".parse()?;
-//! let window = robot.window(Player::Left);
+//! let workspace = robot.soft_limits(Player::Left);
 //! let sampling = Sampling { rate_hz: 50.0, samples: 750, seed: 1 };
-//! let run = pattern.reference(&window, &robot.limits, &sampling)?;
+//! let run = pattern.reference(&workspace, &robot.limits, &sampling)?;
 //! assert_eq!(run.setpoints().len(), 750);
 //! assert_eq!(run.setpoints()[749].velocity, [0.0, 0.0]);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -35,14 +35,14 @@ pub use reference::{Reference, Setpoint, TRANSFER_SLACK_M};
 
 use serde::{Deserialize, Serialize};
 
-/// The control grid of one run.
+/// Sampling of one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
     /// Commands per second (Hz), [10, 1000]; 50 on the KlaskTron table.
     pub rate_hz: f64,
-    /// Control periods, [10, 1000000].
+    /// Number of control periods, [10, 1000000].
     pub samples: usize,
-    /// Of the random walk's and the multisine's random numbers.
+    /// Seed of the random walk and of the multisine.
     pub seed: u64,
 }
 
@@ -53,17 +53,17 @@ pub enum Heading {
     X,
     /// From goal to goal.
     Y,
-    /// x and y grow together: motor `a` alone.
+    /// Diagonal on which x and y grow together: motor `a` alone.
     Up,
-    /// x grows while y falls: motor `b` alone.
+    /// Diagonal on which x grows while y falls: motor `b` alone.
     Down,
 }
 
 impl Heading {
-    /// All, in the order of the documentation.
+    /// All headings, in the order of the documentation.
     pub const ALL: [Self; 4] = [Self::X, Self::Y, Self::Up, Self::Down];
 
-    /// The unit vector in the board frame.
+    /// Return the unit vector in the board frame.
     #[must_use]
     pub fn vector(self) -> [f64; 2] {
         let half = std::f64::consts::FRAC_1_SQRT_2;
@@ -76,16 +76,16 @@ impl Heading {
     }
 }
 
-/// Which diagonal.
+/// Diagonal direction on the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slope {
-    /// x and y grow together: motor `a` alone.
+    /// Diagonal on which x and y grow together: motor `a` alone.
     Up,
-    /// x grows while y falls: motor `b` alone.
+    /// Diagonal on which x grows while y falls: motor `b` alone.
     Down,
 }
 
-/// Which way round.
+/// Sense of rotation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Turn {
     /// Counterclockwise, seen from above.
@@ -94,17 +94,17 @@ pub enum Turn {
     Clockwise,
 }
 
-/// One kind of excitation with its parameters; speeds are along the path unless said otherwise.
+/// Excitation pattern with its parameters; speeds are along the path unless stated otherwise.
 ///
-/// As text, and in JSON, `name:key=value,key=value`; a parameter that is not given has the value of
+/// The text form, also in JSON, is `name:key=value,key=value`. A missing parameter has its value in
 /// [`Pattern::ALL`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 #[expect(missing_docs, reason = "units are in the names; ranges in the errors of parsing")]
 pub enum Pattern {
-    /// Round and round the window's centre at constant speed.
+    /// Circle around the workspace's centre at constant speed.
     Circle { radius_m: f64, speed_m_per_s: f64, turn: Turn },
-    /// Back and forth at constant speed, one motor alone; reversals at the slew limit.
+    /// Back and forth at constant speed, with one motor alone; reversals at the slew limit.
     Diagonal { slope: Slope, length_m: f64, speed_m_per_s: f64 },
     /// Back and forth across the board.
     XLine { length_m: f64, speed_m_per_s: f64 },
@@ -112,21 +112,21 @@ pub enum Pattern {
     YLine { length_m: f64, speed_m_per_s: f64 },
     /// Linear ramps 0, speed, 0, -speed, with the top speed held as long as `length_m` allows.
     Ramp { heading: Heading, length_m: f64, speed_m_per_s: f64, rate_m_per_s2: f64 },
-    /// Random velocities, up to `speed_m_per_s` along each axis, held for random times.
+    /// Random velocities, up to `speed_m_per_s` along each axis, held for random durations.
     RandomWalk { speed_m_per_s: f64, hold_min_s: f64, hold_max_s: f64 },
-    /// A sine whose frequency sweeps up and down again exponentially within `period_s`.
+    /// Sine whose frequency sweeps up and down exponentially within `period_s`.
     Chirp { heading: Heading, f0_hz: f64, f1_hz: f64, speed_m_per_s: f64, period_s: f64 },
-    /// Sines of equal amplitude, `lines` on each axis, on frequencies of their own; `speed_m_per_s`
-    /// is the peak along each axis.
+    /// Sum of sines of equal amplitude, `lines` on each axis, at distinct frequencies;
+    /// `speed_m_per_s` is the peak along each axis.
     Multisine { lines: u32, f0_hz: f64, f1_hz: f64, speed_m_per_s: f64, period_s: f64 },
-    /// Forward, rest, backward, rest at each of `levels` speeds up to the top one.
+    /// Forward, rest, backward, rest at each of `levels` speeds up to `speed_m_per_s`.
     StepLadder { heading: Heading, speed_m_per_s: f64, levels: u32, hold_s: f64 },
-    /// Slowly through zero: a triangle of velocity.
+    /// Slow passage through zero: a triangle of velocity.
     Creep { heading: Heading, speed_m_per_s: f64, period_s: f64 },
 }
 
 impl Pattern {
-    /// Every pattern with its default parameters, which fit the KlaskTron table.
+    /// All patterns with their default parameters, which fit the KlaskTron table.
     pub const ALL: [Self; 10] = [
         Self::Circle { radius_m: 0.04, speed_m_per_s: 0.3, turn: Turn::Counterclockwise },
         Self::Diagonal { slope: Slope::Up, length_m: 0.12, speed_m_per_s: 0.4 },
@@ -146,7 +146,7 @@ impl Pattern {
         Self::Creep { heading: Heading::X, speed_m_per_s: 0.03, period_s: 5.0 },
     ];
 
-    /// Its name in texts and run markers.
+    /// Return the name in texts and run markers.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -163,7 +163,7 @@ impl Pattern {
         }
     }
 
-    /// Which effects it reveals, one sentence.
+    /// Return the effects that the pattern reveals, as one sentence.
     #[must_use]
     pub fn purpose(&self) -> &'static str {
         match self {
@@ -185,11 +185,11 @@ impl Pattern {
                  torque-speed limits."
             }
             Self::RandomWalk { .. } => {
-                "Commands without order over the whole window: coverage for learned models, delay, \
+                "Random commands over the whole workspace: coverage for learned models, delay, \
                  position dependence."
             }
             Self::Chirp { .. } => {
-                "One frequency after another: delay against lag, velocity loop, resonance of the \
+                "Swept frequency: delay versus lag, velocity loop, resonance of the \
                  belt."
             }
             Self::Multisine { .. } => {
@@ -201,13 +201,13 @@ impl Pattern {
                  supply sag."
             }
             Self::Creep { .. } => {
-                "Slowly through zero: Coulomb, Stribeck and presliding friction, input deadband, \
+                "Slow passage through zero: Coulomb, Stribeck and presliding friction, input deadband, \
                  offset."
             }
         }
     }
 
-    /// Its speed parameter (m/s).
+    /// Return the speed parameter (m/s).
     #[must_use]
     pub fn speed(&self) -> f64 {
         match *self {

@@ -1,9 +1,10 @@
-//! Opening a ROS 2 bag: a folder with `metadata.yaml` and its parts, or one file.
+//! Reader of ROS 2 bags: a folder with `metadata.yaml` and its parts, or one file.
 //!
-//! A part is SQLite (`.db3`) or MCAP, by its first bytes, and may be packed as a whole with zstd.
-//! Single messages may be packed as well although their channel says `cdr`; a packed payload is known
-//! by its zstd magic, which no CDR message begins with (their first byte is 0). A bag whose recorder
-//! was killed has no `metadata.yaml`; its parts are then taken in the order of their numbers.
+//! A part is SQLite (`.db3`) or MCAP, by its first bytes, and may be compressed as a whole with
+//! zstd. Single messages may be compressed as well although their channel is `cdr`. A compressed
+//! payload is recognized by its zstd magic, which no CDR message starts with (their first byte is
+//! 0). A bag whose recorder was killed has no `metadata.yaml`; its parts are then read in the order
+//! of their numbers.
 
 use super::{error::ImportError, report::Notice, sqlite};
 use crate::{
@@ -18,41 +19,42 @@ use std::{
 
 const ZSTD_MAGIC: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
 const SQLITE_MAGIC: &[u8; 16] = b"SQLite format 3\0";
-/// Largest single message that is unpacked (bytes).
+/// Largest single message that is decompressed (bytes).
 const MOST_MESSAGE_BYTES: u64 = 1 << 28;
 const METADATA_FILE: &str = "metadata.yaml";
 
-/// All messages of one topic of a bag.
+/// Messages of one topic of a bag.
 #[derive(Debug, Clone, Default)]
 pub(super) struct BagTopic {
-    /// Its name.
+    /// Name.
     pub(super) name: String,
-    /// Its type, such as `geometry_msgs/msg/Twist`.
+    /// Type, such as `geometry_msgs/msg/Twist`.
     pub(super) type_name: String,
-    /// The definition that the bag carries, with its encoding (`ros2msg`, `ros2idl`).
+    /// Definition in the bag, with its encoding (`ros2msg`, `ros2idl`).
     pub(super) definition: Option<(String, String)>,
-    /// How many messages there are, read or not.
+    /// Number of messages, read or not.
     pub(super) count: u64,
-    /// Receive time and CDR bytes, if the topic is wanted; in order of time.
+    /// Receive time and CDR bytes in order of time; empty for a topic that is not wanted.
     pub(super) messages: Vec<(Nanos, Vec<u8>)>,
 }
 
-/// A bag in memory.
+/// Bag in memory.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Bag {
     /// Topics in the order of the file.
     pub(super) topics: Vec<BagTopic>,
     /// Name and SHA-256 of each part.
     pub(super) files: Vec<(String, String)>,
-    /// What is lost.
+    /// Losses.
     pub(super) notices: Vec<Notice>,
 }
 
-/// Decides by name and type whether the messages of a topic are read or only counted.
+/// Filter by name and type: read the messages of a topic, or only count them.
 pub(super) type Wanted<'a> = &'a dyn Fn(&str, &str) -> bool;
 
 impl Bag {
-    /// Reads the bag at `path`. Packed parts are unpacked into `scratch` for the time of reading.
+    /// Read the bag at `path`. Compressed parts are decompressed into `scratch` for the time of
+    /// reading.
     pub(super) fn open(
         path: &Path,
         wanted: Wanted<'_>,
@@ -71,7 +73,7 @@ impl Bag {
         Ok(bag)
     }
 
-    /// The files of the bag in order.
+    /// Return the files of the bag in order.
     fn parts(&mut self, path: &Path) -> Result<Vec<PathBuf>, ImportError> {
         if !path.is_dir() {
             return Ok(vec![path.to_owned()]);
@@ -108,14 +110,14 @@ impl Bag {
         if begins.starts_with(&ZSTD_MAGIC) {
             let unpacked = Unpacked::from_zstd(part, scratch)?;
             if first_bytes(&unpacked.path)?.starts_with(&ZSTD_MAGIC) {
-                return Err(unreadable(part, "it is packed twice".to_owned()));
+                return Err(unreadable(part, "it is compressed twice".to_owned()));
             }
             return self.read_plain(&unpacked.path, part, wanted);
         }
         self.read_plain(part, part, wanted)
     }
 
-    /// Reads the file at `path`; `shown` is its name for messages.
+    /// Read the file at `path`; `shown` is its name for messages.
     fn read_plain(
         &mut self,
         path: &Path,
@@ -132,7 +134,7 @@ impl Bag {
             self.read_mcap(path, shown, wanted)
         } else {
             let begins = hexadecimal(&begins[..begins.len().min(8)]);
-            Err(unreadable(shown, format!("it begins with {begins}, neither SQLite nor MCAP")))
+            Err(unreadable(shown, format!("it starts with {begins}, neither SQLite nor MCAP")))
         }
     }
 
@@ -169,7 +171,7 @@ impl Bag {
         Ok(())
     }
 
-    /// Adds a topic of one part to the same topic of earlier parts.
+    /// Append a topic of one part to the same topic of earlier parts.
     fn merge(&mut self, topic: BagTopic) {
         let same =
             |known: &&mut BagTopic| known.name == topic.name && known.type_name == topic.type_name;
@@ -187,7 +189,7 @@ impl Bag {
         for topic in &mut self.topics {
             for (_, data) in &mut topic.messages {
                 if data.starts_with(&ZSTD_MAGIC) {
-                    // What does not unpack stays packed and is counted as undecodable later.
+                    // A message that cannot be decompressed is later counted as undecodable.
                     if let Ok(unpacked) = unpack_message(data) {
                         *data = unpacked;
                     }
@@ -215,7 +217,7 @@ fn first_bytes(path: &Path) -> Result<Vec<u8>, ImportError> {
     Ok(bytes)
 }
 
-/// A part unpacked for the time of reading.
+/// Part decompressed for the time of reading.
 struct Unpacked {
     path: PathBuf,
 }
@@ -237,12 +239,12 @@ impl Unpacked {
 
 impl Drop for Unpacked {
     fn drop(&mut self) {
-        // Its name says that it is a temporary copy, should it stay.
+        // The name marks it as a temporary copy, in case it remains.
         fs::remove_file(&self.path).ok();
     }
 }
 
-/// Bag files of a folder by the number at the end of their names, `_2` before `_10`.
+/// Return the bag files of a folder by the number at the end of their names, `_2` before `_10`.
 fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let entries = fs::read_dir(folder).map_err(ImportError::io(folder, "list"))?;
     let mut files: Vec<PathBuf> = entries
@@ -253,7 +255,7 @@ fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     Ok(files)
 }
 
-/// Whether a file's name is that of a bag, packed or not.
+/// Return whether a file name is that of a bag, compressed or not.
 pub(super) fn is_bag_file(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     let plain = name.strip_suffix(".zstd").unwrap_or(&name);
@@ -266,8 +268,8 @@ fn part_number(path: &Path) -> u64 {
     stem.rsplit('_').next().and_then(|digits| digits.parse().ok()).unwrap_or(0)
 }
 
-/// The entries of `relative_file_paths` in a bag's metadata.yaml, which its recorder writes in a fixed
-/// style: a key, then lines of `- name`.
+/// Return the entries of `relative_file_paths` in a bag's metadata.yaml. Its recorder writes a
+/// fixed style: a key, then lines of `- name`.
 fn listed_files(metadata: &str) -> Vec<String> {
     metadata
         .lines()
@@ -318,7 +320,7 @@ rosbag2_bagfile_information:
         let error = check_compression(Path::new("bag"), "compression_format: lz4").unwrap_err();
         assert_eq!(
             error.to_string(),
-            "bag: compression 'lz4' is not understood; ROS 2 bags use zstd"
+            "bag: compression 'lz4' is not supported; ROS 2 bags use zstd"
         );
     }
 

@@ -1,8 +1,8 @@
-//! From frames on the drives' bus to the topics of the contract.
+//! Conversion of frames on the drives' bus into the topics of the contract.
 //!
-//! Every frame goes to `/can/frames`. Encoder estimates become motors, heartbeats become drive
-//! health with what the other reports said within the last second, and pairs of velocity setpoints
-//! become commands. A torque is attached to an encoder estimate only when it is at most 15 ms old.
+//! Every frame goes to `/can/frames`. Encoder estimates become motors. Heartbeats become drive
+//! health, with the values of other reports of the last second. Pairs of velocity setpoints become
+//! commands. A torque is attached to an encoder estimate only when it is at most 15 ms old.
 
 use super::{
     drives::Setpoints,
@@ -16,7 +16,7 @@ use crate::{
     units::Nanos,
 };
 
-/// Decodes frames in order of their time.
+/// Decoder of frames in order of their time.
 #[derive(Debug)]
 pub(super) struct BusDecoder {
     setpoints: Setpoints,
@@ -38,7 +38,7 @@ impl Default for BusDecoder {
 }
 
 impl BusDecoder {
-    /// Adds one frame with log and publish time.
+    /// Add one frame with log and publish time.
     pub(super) fn push(
         &mut self,
         tape: &mut Tape,
@@ -46,7 +46,7 @@ impl BusDecoder {
         frame: &Frame,
         direction: Option<Direction>,
     ) {
-        // A log that does not say which way a frame went was made by listening.
+        // A log without directions was recorded by listening.
         let copy = frame.recorded(direction.unwrap_or(Direction::Received));
         tape.push_published(topic::CAN_FRAMES, times, Outgoing::Can(copy));
         if frame.kind == FrameKind::Error {
@@ -81,7 +81,7 @@ impl BusDecoder {
         }
     }
 
-    /// Adds the commands, and the notices about frames that were only copied.
+    /// Add the commands, and the notices about frames that were only copied.
     pub(super) fn finish(self, tape: &mut Tape, gantry: CoreXy) {
         self.setpoints.push_commands(tape, gantry);
         if let Some((frames, node)) = self.foreign {

@@ -1,4 +1,4 @@
-//! Logs of `candump -L` from the drives' bus.
+//! Import of `candump -L` logs from the drives' bus.
 
 use super::{
     bus::BusDecoder,
@@ -16,12 +16,12 @@ use std::{
     path::Path,
 };
 
-/// Imports a log. Lines that are none, and CAN FD frames, are skipped and counted. When the log
-/// holds several interfaces, `interface` says which is the drives' bus.
+/// Import a log. Invalid lines and CAN FD frames are skipped and counted. When the log has several
+/// interfaces, `interface` selects the drives' bus.
 ///
 /// # Errors
-/// When the log cannot be read or has no frame, the interface is not clear, or the output cannot be
-/// written.
+/// When the log cannot be read or has no frame, the interface is ambiguous, or writing the output
+/// fails.
 pub fn import_candump(
     path: &Path,
     interface: Option<&str>,
@@ -45,7 +45,7 @@ pub fn import_candump(
     config.write(tape, path, split, &[identity(path)?])
 }
 
-/// Lines that were skipped for one reason.
+/// Lines skipped for one reason.
 #[derive(Default)]
 struct Skipped {
     lines: usize,
@@ -89,7 +89,7 @@ fn read_lines(path: &Path, tape: &mut Tape) -> Result<Vec<LogLine>, ImportError>
         let reason = reason.unwrap_or_else(|| "the file has no line".to_owned());
         return Err(ImportError::NoFrames { path: path.to_owned(), lines: number, reason });
     }
-    unreadable.note("lines that are no frames", tape);
+    unreadable.note("lines that are not frames", tape);
     flexible.note("CAN FD frames", tape);
     Ok(lines)
 }

@@ -1,80 +1,80 @@
-//! Reading a CDR message by its definition, never by fixed offsets.
+//! Decoder of CDR messages by their definition, never by fixed offsets.
 //!
-//! Source: OMG DDS-XTypes 1.3, section 7.4. Four bytes head each message: representation (big-endian
-//! `u16`) and options. Classic CDR aligns to at most 8 bytes, XCDR2 to at most 4, always counted
-//! from the end of those four bytes; XCDR2 puts a length in front of collections of strings and
-//! messages, and its delimited form in front of every message. Parameter lists (mutable types) are
-//! refused: no ROS 2 message is one.
+//! Source: OMG DDS-XTypes 1.3, section 7.4. Each message starts with four bytes: representation
+//! (big-endian `u16`) and options. Classic CDR aligns to at most 8 bytes, XCDR2 to at most 4,
+//! always counted from the end of those four bytes. XCDR2 puts a length before collections of
+//! strings and messages, and its delimited form before every message. Parameter lists (mutable
+//! types) are refused: no ROS 2 message uses them.
 
 use super::rosmsg::{Arity, Field, Kind, Schema};
 
-/// Bytes in front of every message.
+/// Length of the header of every message.
 pub const HEADER_BYTES: usize = 4;
-/// Bytes that may follow the last field, to round the payload up to four.
+/// Largest number of pad bytes after the last field, which round the payload up to four.
 pub const MOST_PAD_BYTES: usize = 3;
-/// Messages inside messages, and so on; ROS messages stay far below.
+/// Largest nesting depth of messages; ROS messages stay far below.
 const MOST_DEPTH: usize = 32;
 
 /// One value, or a structure of values.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// True or false.
+    /// Boolean.
     Bool(bool),
-    /// A signed integer.
+    /// Signed integer.
     Int(i64),
-    /// An unsigned integer.
+    /// Unsigned integer.
     Uint(u64),
-    /// A floating-point number.
+    /// Floating-point number.
     Float(f64),
-    /// A string; bytes that are not UTF-8 are replaced.
+    /// String; bytes that are not UTF-8 are replaced.
     Text(String),
-    /// A sequence or array.
+    /// Sequence or array.
     List(Vec<Value>),
-    /// A sequence or array of bytes.
+    /// Sequence or array of bytes.
     Bytes(Vec<u8>),
-    /// A message: names and values in the order of the definition.
+    /// Message: names and values in the order of the definition.
     Message(Vec<(String, Value)>),
 }
 
-/// Why bytes do not read as their definition says.
+/// Error of decoding a message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CdrError {
-    /// Fewer bytes than the header has.
+    /// Message shorter than its header.
     #[error("{length} bytes, fewer than the 4 of a CDR header")]
     NoHeader {
-        /// Bytes there are.
+        /// Number of bytes.
         length: usize,
     },
-    /// A representation that is not read.
-    #[error("CDR representation 0x{representation:04X} is not understood; expected CDR or XCDR2")]
+    /// Unsupported representation.
+    #[error("CDR representation 0x{representation:04X} is not supported; expected CDR or XCDR2")]
     Representation {
-        /// The first two bytes.
+        /// First two bytes.
         representation: u16,
     },
-    /// The bytes end inside a field.
+    /// Message ends inside a field.
     #[error("the {length} bytes end inside field '{field}'")]
     TooShort {
-        /// Bytes there are.
+        /// Number of bytes.
         length: usize,
-        /// The field.
+        /// Field.
         field: String,
     },
-    /// More bytes than the definition uses.
+    /// Message longer than its definition.
     #[error(
-        "{left} bytes of {length} are left behind the last field; another definition wrote them"
+        "{left} bytes of {length} remain after the last field; the message has another definition"
     )]
     TooLong {
-        /// Bytes there are.
+        /// Number of bytes.
         length: usize,
-        /// Bytes left.
+        /// Number of remaining bytes.
         left: usize,
     },
-    /// A field that is not there or of another type.
+    /// Field missing or of another type.
     #[error("the message has no {expected} '{path}'")]
     Field {
-        /// Where it should be.
+        /// Path of the field.
         path: String,
-        /// What it should be.
+        /// Expected type.
         expected: &'static str,
     },
     /// Messages nested too deeply.
@@ -83,10 +83,10 @@ pub enum CdrError {
 }
 
 impl Value {
-    /// The value at `path`, names joined by dots.
+    /// Return the value at `path`, names joined by dots.
     ///
     /// # Errors
-    /// When there is none.
+    /// When the value is missing.
     pub fn at(&self, path: &str) -> Result<&Self, CdrError> {
         path.split('.')
             .try_fold(self, |value, name| match value {
@@ -96,10 +96,10 @@ impl Value {
             .ok_or_else(|| CdrError::Field { path: path.to_owned(), expected: "field" })
     }
 
-    /// The number at `path`, whatever its type.
+    /// Return the number at `path`, of any numeric type.
     ///
     /// # Errors
-    /// When there is none.
+    /// When the value is missing or not a number.
     pub fn number(&self, path: &str) -> Result<f64, CdrError> {
         match self.at(path)? {
             Self::Float(value) => Ok(*value),
@@ -109,10 +109,10 @@ impl Value {
         }
     }
 
-    /// The integer at `path`, if it is not negative.
+    /// Return the integer at `path`, if it is not negative.
     ///
     /// # Errors
-    /// When there is none.
+    /// When the value is missing or not an unsigned integer.
     pub fn unsigned(&self, path: &str) -> Result<u64, CdrError> {
         let wrong = || CdrError::Field { path: path.to_owned(), expected: "unsigned integer" };
         match self.at(path)? {
@@ -124,7 +124,7 @@ impl Value {
     }
 }
 
-/// Reads a whole message; up to three pad bytes may follow it.
+/// Read a whole message; up to three pad bytes may follow it.
 ///
 /// # Errors
 /// When the bytes do not match the definition exactly.
@@ -146,14 +146,14 @@ enum Endian {
     Big,
 }
 
-/// Which lengths (DHEADER) stand in front of parts.
+/// Parts that are preceded by a length (DHEADER).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
 enum Delimiting {
-    /// None: classic CDR.
+    /// No parts: classic CDR.
     Nothing,
-    /// Of collections whose elements are not primitive: plain XCDR2.
+    /// Collections whose elements are not primitive: plain XCDR2.
     Collections,
-    /// Of messages as well: delimited XCDR2.
+    /// Messages as well: delimited XCDR2.
     Messages,
 }
 
@@ -168,8 +168,7 @@ struct Reader<'a> {
 impl<'a> Reader<'a> {
     fn of_header(header: [u8; 2]) -> Result<Self, CdrError> {
         let representation = u16::from_be_bytes(header);
-        // The lowest bit is set for little endian. XCDR2 has two sets of numbers: that of
-        // RTPS 2.5 (6 to 9) and that of earlier drafts (0x10 to 0x15).
+        // The lowest bit is set for little endian. XCDR2 has two sets of numbers: that of RTPS 2.5 (6 to 9) and that of earlier drafts (0x10 to 0x15).
         let (most_alignment, delimiting) = match representation & !1 {
             0x00 => (8, Delimiting::Nothing),
             0x06 | 0x10 => (4, Delimiting::Collections),
@@ -189,7 +188,7 @@ impl<'a> Reader<'a> {
         Ok(bytes)
     }
 
-    /// The bits of the next number of `size` bytes (1, 2, 4 or 8), aligned.
+    /// Return the bits of the next number of `size` bytes (1, 2, 4 or 8), aligned.
     fn bits(&mut self, size: usize, field: &str) -> Result<u64, CdrError> {
         let alignment = size.min(self.most_alignment);
         let pad = self.at.next_multiple_of(alignment) - self.at;
@@ -234,8 +233,7 @@ impl<'a> Reader<'a> {
         if field.kind == Kind::Uint(1) {
             return Ok(Value::Bytes(self.take(count, &field.name)?.to_vec()));
         }
-        // No reservation by `count`: it is only believed as far as there are bytes, and each
-        // value takes at least one.
+        // No reservation by `count`: it is trusted only as far as there are bytes, and each value takes at least one.
         let mut values = Vec::new();
         for _ in 0..count {
             values.push(self.one(schema, field, depth)?);
@@ -260,7 +258,7 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// A count of bytes that includes the closing NUL, then the bytes.
+    /// Read a string: a count of bytes that includes the closing NUL, then the bytes.
     fn text(&mut self, field: &str) -> Result<Value, CdrError> {
         let count = self.count(field)?;
         let bytes = self.take(count, field)?;
@@ -268,7 +266,7 @@ impl<'a> Reader<'a> {
         Ok(Value::Text(String::from_utf8_lossy(bytes).into_owned()))
     }
 
-    /// A count of bytes, then 16-bit units without closing NUL.
+    /// Read a wide string: a count of bytes, then 16-bit units without closing NUL.
     fn wide_text(&mut self, field: &str) -> Result<Value, CdrError> {
         let bytes = self.count(field)?;
         let mut units = Vec::new();
@@ -318,7 +316,7 @@ mod tests {
         let mut second = vec![0, 7, 0, 0, 9, 0, 0, 0];
         second.extend(2.5_f64.to_le_bytes());
         assert_eq!(read_message(&numbers, &second).unwrap().number("b"), Ok(2.5));
-        // A collection of strings has its own length in front.
+        // A collection of strings is preceded by its own length.
         let texts = schema("string[] names");
         let bytes = [0, 7, 0, 0, 10, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, b'x', 0];
         let value = read_message(&texts, &bytes).unwrap();

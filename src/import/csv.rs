@@ -1,10 +1,10 @@
-//! CSV tables of any single axis: time, an input, and position, velocity or both.
+//! Import of CSV tables of any single axis: time, an input, and position, velocity or both.
 //!
-//! The first row holds the column names; the separator is the one of comma, semicolon and tab that
-//! stands in it most often. Times are in seconds and must advance with every row; they are recorded
-//! from 0 at the first row, and the first row's own time is kept as `time_origin_s`. A row with an
-//! empty cell in a wanted column is skipped and counted. NaN and infinities are refused: what they
-//! mean cannot be guessed.
+//! The first row holds the column names. The separator is the most frequent of comma, semicolon and
+//! tab in that row. Times are in seconds and must increase with every row. They are recorded from 0
+//! at the first row, and the first row's own time is kept as `time_origin_s`. A row with an empty
+//! cell in a wanted column is skipped and counted. NaN and infinities are refused, because their
+//! meaning is unknown.
 
 use super::{
     error::ImportError,
@@ -21,7 +21,7 @@ use crate::{
 };
 use std::{fs, path::Path};
 
-/// Units that an input may have, as recorded.
+/// Allowed units of an input, as recorded.
 const INPUT_UNITS: [&str; 6] = ["m/s", "m", "N", "N m", "V", "A"];
 
 /// Unit of a position, and per second of a velocity.
@@ -35,7 +35,7 @@ pub enum PositionUnit {
 }
 
 impl PositionUnit {
-    /// As recorded: `m` or `rad`.
+    /// Return the unit as recorded: `m` or `rad`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -45,16 +45,16 @@ impl PositionUnit {
     }
 }
 
-/// Which column means what.
+/// Assignment of columns to quantities.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AxisColumns {
     /// Time (s).
     pub time: String,
-    /// The input and its unit, as `column:unit`.
+    /// Input and its unit, as `column:unit`.
     pub input: String,
-    /// Position, if there is one.
+    /// Position column, if any.
     pub position: Option<String>,
-    /// Velocity, if there is one.
+    /// Velocity column, if any.
     pub velocity: Option<String>,
     /// Unit of position and, per second, velocity.
     pub position_unit: PositionUnit,
@@ -63,7 +63,8 @@ pub struct AxisColumns {
 }
 
 impl AxisColumns {
-    /// Columns of time and input (`column:unit`), of an axis called `axis` measured in metres.
+    /// Assign the columns of time and input (`column:unit`) of an axis called `axis`, measured in
+    /// metres.
     #[must_use]
     pub fn new(time: &str, input: &str) -> Self {
         Self {
@@ -76,19 +77,19 @@ impl AxisColumns {
         }
     }
 
-    /// With a column of positions.
+    /// Add a column of positions.
     #[must_use]
     pub fn position(self, column: &str) -> Self {
         Self { position: Some(column.to_owned()), ..self }
     }
 
-    /// With a column of velocities.
+    /// Add a column of velocities.
     #[must_use]
     pub fn velocity(self, column: &str) -> Self {
         Self { velocity: Some(column.to_owned()), ..self }
     }
 
-    /// Checks what can be checked without the table, and gives the input's column and unit.
+    /// Check everything that does not need the table, and return the input's column and unit.
     ///
     /// # Errors
     /// See [`ColumnError`].
@@ -108,31 +109,31 @@ impl AxisColumns {
     }
 }
 
-/// What is wrong with a column map; a matter of usage.
+/// Error of a column assignment, which is a usage error.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ColumnError {
-    /// An input without a known unit.
+    /// Input without a known unit.
     #[error("input '{found}' is not COLUMN:UNIT with a unit of m/s, m, N, N m (or Nm), V, A")]
     InputUnit {
-        /// What was given.
+        /// Text given.
         found: String,
     },
-    /// Neither position nor velocity.
-    #[error("an axis needs a measured motion: name a column with --position or --velocity")]
+    /// Neither position nor velocity given.
+    #[error("an axis needs a measured motion: give a column with --position or --velocity")]
     NoMotion,
-    /// A name that cannot stand in a topic.
+    /// Name that is not allowed in a topic.
     #[error("axis name '{found}' must be letters, digits, '_', '-' or '.', and not empty")]
     AxisName {
-        /// What was given.
+        /// Name given.
         found: String,
     },
 }
 
-/// Imports the table at `path`.
+/// Import the table at `path`.
 ///
 /// # Errors
-/// When a column is missing, a cell is no finite number, times do not advance, or a file cannot be
-/// read or written.
+/// When a column is missing, a cell is not a finite number, times do not increase, or a file cannot
+/// be read or written.
 pub fn import_csv(
     path: &Path,
     columns: &AxisColumns,
@@ -176,9 +177,9 @@ fn push_rows(tape: &mut Tape, columns: &AxisColumns, unit: &str, rows: &[Row]) {
     }
 }
 
-/// The wanted numbers of one row.
+/// Wanted numbers of one row.
 struct Row {
-    /// From 1, the header being row 1.
+    /// Row number from 1; the header is row 1.
     number: usize,
     values: Vec<f64>,
 }
@@ -186,7 +187,7 @@ struct Row {
 struct Table<'a> {
     path: &'a Path,
     header: Vec<String>,
-    /// Row number, then cells.
+    /// Row number and cells.
     rows: Vec<(usize, Vec<String>)>,
 }
 
@@ -197,7 +198,7 @@ impl<'a> Table<'a> {
         let no_rows = || ImportError::NoRows { path: path.to_owned() };
         let (_, first) = lines.next().ok_or_else(no_rows)?;
         let occurrences = |separator: &char| first.matches(*separator).count();
-        // Of equally frequent ones the last counts, so the comma stands last.
+        // Of equally frequent separators the last counts, so the comma is last.
         let separator = ['\t', ';', ','].into_iter().max_by_key(occurrences).unwrap_or(',');
         let header = split_line(first, separator);
         let rows: Vec<_> =
@@ -226,7 +227,7 @@ impl<'a> Table<'a> {
         Ok(self.header.iter().position(|name| name == column).unwrap_or(0))
     }
 
-    /// The values of `columns`, row by row, without the rows that have an empty one.
+    /// Return the values of `columns` by row, without the rows that have an empty cell.
     fn numbers(&self, columns: &[&str], tape: &mut Tape) -> Result<Vec<Row>, ImportError> {
         let positions: Vec<usize> =
             columns.iter().map(|column| self.position_of(column)).collect::<Result<_, _>>()?;
@@ -295,7 +296,8 @@ impl<'a> Table<'a> {
     }
 }
 
-/// Cells of one line, trimmed; a cell in double quotes may hold the separator, and `""` a quote.
+/// Split a line into trimmed cells. A cell in double quotes may hold the separator, and `""` a
+/// quote.
 fn split_line(line: &str, separator: char) -> Vec<String> {
     let mut cells = vec![String::new()];
     let mut quoted = false;
@@ -357,7 +359,7 @@ mod tests {
             error.split_once("in.csv: ").unwrap().1.to_owned()
         };
         assert_eq!(fault("t,u,x\n0,1,2\n"), "no column 'v'; the columns are t, u, x");
-        assert_eq!(fault("t,u,x,v\n0,1,2,3\n1,a,2,3\n"), "row 3, column 'u': 'a' is no number");
+        assert_eq!(fault("t,u,x,v\n0,1,2,3\n1,a,2,3\n"), "row 3, column 'u': 'a' is not a number");
         assert_eq!(
             fault("t,u,x,v\n0,1,2,3\n0,1,2,3\n"),
             "row 3, column 't': time 0 s does not come after 0 s; sort the rows and remove duplicates"
@@ -371,7 +373,7 @@ mod tests {
         assert_eq!(fault(""), "no rows below the header");
         assert_eq!(
             fault("t,t,u,x,v\n0,0,1,2,3\n"),
-            "column 't' stands 2 times in the header; rename all but one"
+            "column 't' occurs 2 times in the header; rename all but one"
         );
     }
 

@@ -1,9 +1,9 @@
-//! From what the drives report and are sent to motors, carriage and commands.
+//! Conversion of drive reports and setpoints into motors, carriages and commands.
 //!
-//! A carriage needs both motors at one instant, but each drive reports on its own clock. Two reports
-//! make a pair when each is the nearest of the other and they lie at most [`MOST_PAIR_SECONDS`]
-//! apart; the pair is stamped with the later of the two. Anything further apart is left unpaired
-//! and counted, since at 0.4 m/s a carriage moves 6 mm in that time.
+//! A carriage position needs both motors at one time, but each drive reports on its own clock. Two
+//! reports form a pair when each is the nearest of the other and they are at most
+//! [`MOST_PAIR_SECONDS`] apart. The pair has the later of the two time stamps. Other reports stay
+//! unpaired and are counted: at 0.4 m/s a carriage moves 6 mm in that time.
 
 use super::{
     report::Notice,
@@ -19,10 +19,10 @@ use crate::{
     units::Nanos,
 };
 
-/// Between 1, a carriage that follows its commands, and 2, one of the older upstream software.
+/// Threshold between a command gain of 1 and the gain of 2 of older upstream software.
 const DOUBLED_GAIN: f64 = 1.5;
 
-/// Adds one report of a drive's motion, in the drive's own direction.
+/// Add one report of a drive's motion, in the drive's own direction.
 pub(super) fn push_motor(tape: &mut Tape, seat: MotorSeat, time: Nanos, report: &MotorState) {
     let directed = Outgoing::Motor(seat.directed_motor(report));
     tape.push(&topic::motor(seat.player, seat.motor), time, directed);
@@ -35,13 +35,13 @@ pub(super) struct Setpoints {
 }
 
 impl Setpoints {
-    /// Notes one `Set_Input_Vel` in the drive's own direction (turns/s).
+    /// Add one `Set_Input_Vel` in the drive's own direction (turns/s).
     pub(super) fn push(&mut self, seat: MotorSeat, time: Nanos, velocity: f64) {
         let [player, motor] = [seat.player as usize, seat.motor as usize];
         self.stamped[player][motor].push((time, seat.directed(velocity)));
     }
 
-    /// Adds the commands that pairs of setpoints amount to.
+    /// Add the commands that result from pairs of setpoints.
     pub(super) fn push_commands(mut self, tape: &mut Tape, gantry: CoreXy) {
         for player in Player::BOTH {
             let [a, b] = &mut self.stamped[player as usize];
@@ -69,20 +69,20 @@ fn note_unpaired(tape: &mut Tape, topic: String, messages: usize) {
     }
 }
 
-/// Positions of the carriage magnet on the board (m) by other means than the encoders.
+/// Positions of the carriage magnet on the board (m) from a source other than the encoders.
 #[derive(Debug, Default)]
 pub(super) struct MagnetTrack {
     positions: [Vec<(Nanos, [f64; 2])>; 2],
 }
 
 impl MagnetTrack {
-    /// Notes a position in the board frame (m).
+    /// Add a position in the board frame (m).
     pub(super) fn push(&mut self, player: Player, time: Nanos, position: [f64; 2]) {
         self.positions[player as usize].push((time, position));
     }
 }
 
-/// Computes the carriages from the motors on the tape. Positions count from the drives' zero, plus
+/// Compute the carriages from the motors on the tape. Positions count from the drives' zero, plus
 /// the median difference to `magnets`.
 pub(super) fn push_carriages(tape: &mut Tape, gantry: CoreXy, magnets: &mut MagnetTrack) {
     let mut origins = Vec::new();
@@ -120,8 +120,8 @@ pub(super) fn push_carriages(tape: &mut Tape, gantry: CoreXy, magnets: &mut Magn
     }
 }
 
-/// Notes how fast a carriage moves for each m/s commanded, `command_gain_PLAYER` in the metadata, and
-/// says so when it is nearer to 2, as in recordings made before upstream's fix.
+/// Store the measured command gain of a carriage, `command_gain_PLAYER`, in the metadata. Add a
+/// notice when it is close to 2, as in recordings made before upstream's fix.
 fn note_command_gain(tape: &mut Tape, player: Player) {
     let Some(gain) = command_gain(tape, player) else { return };
     tape.metadata.insert(format!("command_gain_{player}"), format!("{gain:.4}"));
@@ -130,7 +130,8 @@ fn note_command_gain(tape: &mut Tape, player: Player) {
     }
 }
 
-/// Least-squares slope of the carriage's velocity on the command that holds, both axes together.
+/// Return the least-squares slope of the carriage's velocity on the active command, both axes
+/// together.
 fn command_gain(tape: &Tape, player: Player) -> Option<f64> {
     let commands = tape.series(&topic::command(player), |message| match message {
         Outgoing::Command(command) => Some(command),
@@ -152,7 +153,7 @@ fn command_gain(tape: &Tape, player: Player) -> Option<f64> {
     (0.0 < squares).then_some(products / squares)
 }
 
-/// One word when all carriages share it, else each with its player.
+/// Return one word when all carriages share it, else each with its player.
 fn origin_text(origins: &[(Player, &str)]) -> Option<String> {
     let (_, first) = origins.first()?;
     if origins.iter().all(|(_, origin)| origin == first) {
@@ -188,7 +189,7 @@ fn carriage_track(tape: &Tape, gantry: CoreXy, player: Player) -> (Track, usize)
     (track, unpaired)
 }
 
-/// Median of magnet minus encoder position (m), over pairs close in time.
+/// Return the median of magnet minus encoder position (m), over pairs close in time.
 fn home_offset(track: &Track, magnet: &[(Nanos, [f64; 2])]) -> Option<[f64; 2]> {
     let pairs = mutual_nearest(&times(track), &times(magnet));
     let offset = |pick: fn(&CarriageState) -> f64, axis: usize| {
@@ -199,8 +200,8 @@ fn home_offset(track: &Track, magnet: &[(Nanos, [f64; 2])]) -> Option<[f64; 2]> 
     Some([offset(|state| state.x, 0)?, offset(|state| state.y, 1)?])
 }
 
-/// Pairs of positions in two sorted lists of times: each the nearest of the other, and at most
-/// [`MOST_PAIR_SECONDS`] apart. Of two equally near the earlier counts.
+/// Return the pairs of two sorted lists of times: each is the nearest of the other, and at most
+/// [`MOST_PAIR_SECONDS`] apart. Of two equally near times the earlier counts.
 fn mutual_nearest(a: &[Nanos], b: &[Nanos]) -> Vec<(usize, usize)> {
     let nearest = |list: &[Nanos], time: Nanos| -> Option<usize> {
         let after = list.partition_point(|t| *t < time);

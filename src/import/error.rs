@@ -1,29 +1,29 @@
-//! What can stop an import, each with the place and the way out.
+//! Errors that stop an import, each with the location and the remedy.
 
 use super::csv::ColumnError;
 use crate::recording::RecordingError;
 use std::{io, path::PathBuf};
 
-/// Failure of an import; nothing was written then.
+/// Failure of an import; nothing is written.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// A recording could not be read or written.
+    /// Recording that could not be read or written.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// A column map that cannot be.
+    /// Invalid column assignment.
     #[error(transparent)]
     Columns(#[from] ColumnError),
-    /// The operating system refused.
+    /// Failure of the operating system.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried, as a verb.
+        /// Failed action, as a verb.
         action: &'static str,
-        /// The system's reason.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The kind of a source is not clear from its name.
+    /// File name that does not determine the kind of source.
     #[error(
         "{}: its kind is not clear from the name; use `klasktron import bag`, `npz`, `csv` or \
          `candump`", path.display()
@@ -32,7 +32,7 @@ pub enum ImportError {
         /// The file.
         path: PathBuf,
     },
-    /// A CSV file needs a column map.
+    /// CSV file without a column assignment.
     #[error(
         "{}: a CSV file needs its columns named: `klasktron import csv FILE --time COLUMN --input \
          COLUMN:UNIT --position COLUMN -o OUT.mcap`", path.display()
@@ -41,15 +41,15 @@ pub enum ImportError {
         /// The file.
         path: PathBuf,
     },
-    /// The source has nothing that the contract has a place for.
+    /// Source without data that the contract has a topic for.
     #[error("{}: nothing in it can be imported; {found}", path.display())]
     NothingToImport {
         /// The source.
         path: PathBuf,
-        /// What it holds instead.
+        /// Content of the source.
         found: String,
     },
-    /// A folder without a bag in it.
+    /// Folder without a bag.
     #[error(
         "{}: no .db3 or .mcap file in this folder; give the folder that `ros2 bag record` made, or \
          the file itself", path.display()
@@ -58,52 +58,52 @@ pub enum ImportError {
         /// The folder.
         path: PathBuf,
     },
-    /// SQLite refused.
+    /// SQLite error.
     #[error("{}: not a readable ROS 2 bag: {reason}", path.display())]
     Sqlite {
         /// The file.
         path: PathBuf,
-        /// SQLite's reason.
+        /// Reason of SQLite.
         reason: String,
     },
-    /// A compression that is not read.
-    #[error("{}: compression '{format}' is not understood; ROS 2 bags use zstd", path.display())]
+    /// Unsupported compression.
+    #[error("{}: compression '{format}' is not supported; ROS 2 bags use zstd", path.display())]
     Compression {
         /// The bag.
         path: PathBuf,
-        /// Its name in metadata.yaml.
+        /// Name of the compression in metadata.yaml.
         format: String,
     },
-    /// Two bags that claim the same stretch of time.
+    /// Two bags that overlap in time.
     #[error(
         "{} and {} overlap in time; import them into two recordings", first.display(),
         second.display()
     )]
     Overlap {
-        /// The earlier argument.
+        /// Earlier argument.
         first: PathBuf,
-        /// The later argument.
+        /// Later argument.
         second: PathBuf,
     },
-    /// A negative time stamp.
+    /// Negative time stamp.
     #[error("{}: topic {topic} has the time stamp {nanos} ns, before 1970", path.display())]
     NegativeTime {
         /// The bag.
         path: PathBuf,
         /// The topic.
         topic: String,
-        /// The stamp.
+        /// Time stamp.
         nanos: i64,
     },
-    /// An archive that cannot be read.
+    /// Archive that cannot be read.
     #[error("{}: not a readable npz file: {reason}", path.display())]
     Npz {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// Reason.
         reason: String,
     },
-    /// Arrays of a layout that is not imported.
+    /// Arrays of an unsupported layout.
     #[error(
         "{}: holds the arrays {}; expected player_pos, player_vel, opponent_pos, opponent_vel, \
          ball_pos, ball_vel and player_actions (one run), or X_commands, X_states and Y \
@@ -114,22 +114,22 @@ pub enum ImportError {
         path: PathBuf,
         /// Names found.
         found: Vec<String>,
-        /// What to do about a known older layout; empty otherwise.
+        /// Remedy for a known older layout; empty otherwise.
         hint: &'static str,
     },
-    /// An array of another shape.
+    /// Array of the wrong shape.
     #[error("{}: array {name} has shape {found:?}; expected {expected}", path.display())]
     NpzShape {
         /// The file.
         path: PathBuf,
         /// The array.
         name: &'static str,
-        /// Its shape.
+        /// Shape found.
         found: Vec<usize>,
-        /// The shape expected.
+        /// Expected shape.
         expected: String,
     },
-    /// Numbers that are not finite.
+    /// Non-finite numbers.
     #[error(
         "{}: {place} holds {count} values that are not finite, the first in row {row}; repair or \
          remove those rows first", path.display()
@@ -139,50 +139,50 @@ pub enum ImportError {
         path: PathBuf,
         /// Array or column.
         place: String,
-        /// How many.
+        /// Number of non-finite values.
         count: usize,
-        /// The first row: from 1 with the header for tables, from 0 for arrays.
+        /// First row: from 1 with the header for tables, from 0 for arrays.
         row: usize,
     },
-    /// A table without rows.
+    /// Table without rows.
     #[error("{}: no rows below the header", path.display())]
     NoRows {
         /// The file.
         path: PathBuf,
     },
-    /// A column that is not there.
+    /// Missing column.
     #[error("{}: no column '{column}'; the columns are {}", path.display(), list(found))]
     NoColumn {
         /// The file.
         path: PathBuf,
-        /// The column asked for.
+        /// Requested column.
         column: String,
-        /// Columns there are.
+        /// Columns of the table.
         found: Vec<String>,
     },
-    /// A column name that stands twice.
-    #[error("{}: column '{column}' stands {count} times in the header; rename all but one", path.display())]
+    /// Duplicate column name.
+    #[error("{}: column '{column}' occurs {count} times in the header; rename all but one", path.display())]
     ColumnTwice {
         /// The file.
         path: PathBuf,
         /// The column.
         column: String,
-        /// How often.
+        /// Number of occurrences.
         count: usize,
     },
-    /// A cell that is no number.
-    #[error("{}: row {row}, column '{column}': '{found}' is no number", path.display())]
+    /// Cell that is not a number.
+    #[error("{}: row {row}, column '{column}': '{found}' is not a number", path.display())]
     NotANumber {
         /// The file.
         path: PathBuf,
-        /// From 1, the header being row 1.
+        /// Row from 1; the header is row 1.
         row: usize,
         /// The column.
         column: String,
-        /// What stands there.
+        /// Text found.
         found: String,
     },
-    /// A time that does not advance.
+    /// Time that does not increase.
     #[error(
         "{}: row {row}, column '{column}': time {found} s does not come after {previous} s; sort \
          the rows and remove duplicates", path.display()
@@ -190,24 +190,24 @@ pub enum ImportError {
     TimeNotAdvancing {
         /// The file.
         path: PathBuf,
-        /// From 1, the header being row 1.
+        /// Row from 1; the header is row 1.
         row: usize,
         /// The column.
         column: String,
-        /// The time (s).
+        /// Time (s).
         found: f64,
-        /// The one before (s).
+        /// Time of the previous row (s).
         previous: f64,
     },
-    /// A log of several interfaces, or not of the one asked for.
+    /// Log with several interfaces, or without the requested one.
     #[error("{}: the log holds the interfaces {}; choose one with --interface", path.display(), list(found))]
     Interfaces {
         /// The file.
         path: PathBuf,
-        /// Interfaces there are.
+        /// Interfaces of the log.
         found: Vec<String>,
     },
-    /// A log without a single frame.
+    /// Log without a frame.
     #[error(
         "{}: none of its {lines} lines is a frame of `candump -L`; the first is wrong because {reason}",
         path.display()
@@ -215,15 +215,15 @@ pub enum ImportError {
     NoFrames {
         /// The file.
         path: PathBuf,
-        /// Lines there are.
+        /// Number of lines.
         lines: usize,
-        /// What is wrong with the first.
+        /// Error of the first line.
         reason: String,
     },
 }
 
 impl ImportError {
-    /// Wraps an I/O error with the file and the verb.
+    /// Wrap an I/O error with the file and the verb.
     pub(super) fn io(
         path: impl Into<PathBuf>,
         action: &'static str,

@@ -1,7 +1,8 @@
-//! Definitions of the KlaskTron stack's messages, for bags that carry none (ROS 2 Humble and older).
+//! Definitions of the KlaskTron stack's messages, for bags without definitions (ROS 2 Humble and
+//! older).
 //!
-//! Where a type exists in several variants, all are listed and the first that uses up a payload
-//! exactly is taken. Source: the upstream interface packages (field lists, not code) and the common
+//! Where a type exists in several variants, all are listed, and the first that matches a payload
+//! exactly is used. Source: the upstream interface packages (field lists, not code) and the common
 //! ROS 2 interfaces.
 
 use super::{
@@ -101,22 +102,22 @@ uint8 dlc
 uint8[8] data
 ";
 
-/// Decodes the messages of one topic by one definition, or by the variant that fits.
+/// Decoder of the messages of one topic, by one definition or by the matching variant.
 #[derive(Debug, Clone)]
 pub struct Decoder {
     variants: Vec<Schema>,
 }
 
 impl Decoder {
-    /// A decoder for the definition that the bag carries.
+    /// Create a decoder for the definition in the bag.
     ///
     /// # Errors
-    /// When it is no definition of a message.
+    /// When the text is not a message definition.
     pub fn of_definition(type_name: &str, definition: &str) -> Result<Self, RosMsgError> {
         Ok(Self { variants: vec![Schema::parse(type_name, definition)?] })
     }
 
-    /// A decoder for a known type; `None` for any other.
+    /// Create a decoder for a known type; `None` for any other.
     #[must_use]
     pub fn of_known_type(type_name: &str) -> Option<Self> {
         let name = short_name(type_name);
@@ -125,10 +126,10 @@ impl Decoder {
         Some(Self { variants: variants? })
     }
 
-    /// Reads one message.
+    /// Read one message.
     ///
     /// # Errors
-    /// When no variant uses up the bytes; the reason of the first variant.
+    /// When no variant matches the bytes; the error is that of the first variant.
     pub fn read(&self, bytes: &[u8]) -> Result<Value, CdrError> {
         let mut first = None;
         for schema in &self.variants {
@@ -189,7 +190,7 @@ mod tests {
         assert!(Decoder::of_known_type("sensor_msgs/msg/Image").is_none());
     }
 
-    /// The sizes with an empty `frame_id`, header included.
+    /// Sizes with an empty `frame_id`, header included.
     #[test]
     fn sizes_are_those_of_recorded_bags() {
         for (name, size) in [

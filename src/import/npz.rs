@@ -1,20 +1,21 @@
-//! npz files of the upstream actuator pipeline.
+//! Import of npz files of the upstream actuator pipeline.
 //!
 //! *One run*: seven arrays (N, 2) on a 0.02 s grid. `player` is the left peg, `opponent` the right.
-//! Velocities come from the camera's filter, not from encoders, which the metadata says.
+//! Velocities come from the camera's filter, not from encoders, as stated in the metadata.
 //!
 //! *Windows*: each row holds `h` past commands (`X_commands`, newest first, x and y interleaved),
-//! `h - 1` past velocities (`X_states`) and the velocities at t, t + 0.02 s, ... (`Y`). Rows follow the
-//! camera's samples, not the grid, and nothing says which row continues which run, so each row becomes
-//! a run of its own with the pattern `window`; runs are a second apart. Carriage positions are zero
-//! and their origin is marked as unknown. `Y_prev` is a raw earlier sample and is left out.
+//! `h - 1` past velocities (`X_states`) and the velocities at t, t + 0.02 s, ... (`Y`). Rows follow
+//! the camera's samples, not the grid, and the file does not link rows of one run. Each row
+//! therefore becomes a run of its own with the pattern `window`; runs are a second apart. Carriage
+//! positions are zero and their origin is marked as unknown. `Y_prev` is a raw earlier sample and
+//! is skipped.
 //!
-//! A command that holds at an instant is stamped one nanosecond before it, so that a reader that
-//! takes "the last command before" and one that takes "the last command up to" find the same.
+//! The command of an instant is stamped one nanosecond before it. Readers that take "the last
+//! command before" and "the last command up to" an instant then find the same command.
 
 use super::{
     error::ImportError,
-    report::{ImportReport, LeftOutReason, Notice},
+    report::{ImportReport, Notice, SkipReason},
     run::{ImportConfig, identity},
     tape::{Outgoing, Tape},
 };
@@ -31,12 +32,12 @@ use ndarray::{ArrayD, IxDyn, OwnedRepr};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError};
 use std::{fs::File, io::BufReader, path::Path};
 
-/// Grid of these files (s).
+/// Sampling interval of these files (s).
 pub const GRID_SECONDS: f64 = 0.02;
 const GRID_NANOS: u64 = NANOS_PER_SECOND / 50;
-/// First instant of a recording, late enough for a command before it.
+/// Start time of a recording, late enough for a command before it.
 const START: u64 = NANOS_PER_SECOND;
-/// Distance between the runs that windows become.
+/// Time between the runs of successive windows.
 const WINDOW_SPACING: u64 = NANOS_PER_SECOND;
 
 const RUN_ARRAYS: [&str; 7] = [
@@ -51,12 +52,12 @@ const RUN_ARRAYS: [&str; 7] = [
 const WINDOW_ARRAYS: [&str; 3] = ["X_commands", "X_states", "Y"];
 const OLDER_ARRAYS: [&str; 2] = ["obs", "observations_real"];
 
-/// Imports an archive whose values are in `frame`. Files of the newer upstream builder are in
+/// Import an archive whose values are in `frame`. Files of the newer upstream builder are in
 /// [`Frame::SimMirrored`].
 ///
 /// # Errors
-/// When the archive cannot be read, has another layout, holds values that are not finite, or the
-/// output cannot be written.
+/// When the archive cannot be read, has another layout, holds non-finite values, or writing the
+/// output fails.
 pub fn import_npz(
     path: &Path,
     frame: Frame,
@@ -78,7 +79,7 @@ pub fn import_npz(
     } else {
         return Err(archive.unknown_layout());
     }
-    archive.note_left_out(&mut tape);
+    archive.note_skipped(&mut tape);
     for (key, value) in [
         ("velocity_source", "camera filter".to_owned()),
         ("source_frame", frame_name(frame).to_owned()),
@@ -98,13 +99,13 @@ fn frame_name(frame: Frame) -> &'static str {
     }
 }
 
-/// The split at the end of the upstream file names.
+/// Return the split at the end of the upstream file names.
 fn split_of(path: &Path) -> Option<Split> {
     let stem = path.file_stem()?.to_string_lossy().into_owned();
     Split::from_text(stem.rsplit('_').next()?)
 }
 
-/// How the archive's numbers become those of the board.
+/// Conversion of the archive's numbers to the board frame.
 #[derive(Clone, Copy)]
 struct Place {
     frame: Frame,
@@ -151,7 +152,7 @@ fn push_run(archive: &mut Archive<'_>, place: Place, tape: &mut Tape) -> Result<
     Ok(())
 }
 
-/// The arrays of a windowed file; shapes (N, 2h), (N, 2h - 2), (N, k, 2), (N, k, 2).
+/// Arrays of a windowed file; shapes (N, 2h), (N, 2h - 2), (N, k, 2), (N, k, 2).
 struct Windows {
     past_commands: ArrayD<f64>,
     past_states: ArrayD<f64>,
@@ -173,7 +174,7 @@ impl Windows {
         };
         let rows = windows.past_commands.shape().first().copied().unwrap_or(0);
         let columns = windows.past_commands.shape().get(1).copied().unwrap_or(0);
-        // An odd or empty history has no shape to expect; twenty columns are the usual ten steps.
+        // An odd or empty history has no expected shape; twenty columns are the usual ten steps.
         let columns = if columns < 2 || columns % 2 == 1 { 20 } else { columns };
         let horizon = windows.states.shape().get(1).copied().unwrap_or(0).max(1);
         archive.expect_shape("X_commands", &windows.past_commands, &[rows, columns])?;
@@ -197,7 +198,7 @@ impl Windows {
         self.history() - 1 + self.states.shape()[1]
     }
 
-    /// Command that holds at an instant, the oldest being 0; `None` where the file has none.
+    /// Return the command at an instant, the oldest being 0; `None` where the file has no command.
     fn command(&self, row: usize, instant: usize) -> Option<[f64; 2]> {
         match (self.history() - 1).checked_sub(instant) {
             Some(age) => {
@@ -212,7 +213,7 @@ impl Windows {
         }
     }
 
-    /// Measured velocity at an instant, the oldest being 0.
+    /// Return the measured velocity at an instant, the oldest being 0.
     fn velocity(&self, row: usize, instant: usize) -> [f64; 2] {
         let now = self.history() - 1;
         if instant < now {
@@ -250,7 +251,7 @@ fn push_windows(
         let last = start + GRID_NANOS * (windows.instants() as u64 - 1);
         tape.push_markers([Nanos(start - 1), Nanos(last)], run, "window", &split.to_string());
     }
-    let what = "each window is a run of its own: the file does not say which rows continue one \
+    let what = "each window is a run of its own: the file does not link rows of one \
                 another";
     tape.notices.push(Notice::Assumed { what: what.to_owned() });
     Ok(())
@@ -291,7 +292,7 @@ impl<'a> Archive<'a> {
         ImportError::NpzLayout { path: self.path.to_owned(), found: self.names.clone(), hint }
     }
 
-    /// Reads an array of `f32` or `f64`, all values finite.
+    /// Read an array of `f32` or `f64`, all values finite.
     fn array(&mut self, name: &'static str) -> Result<ArrayD<f64>, ImportError> {
         self.used.push(name);
         let single = self.reader.by_name::<OwnedRepr<f32>, IxDyn>(name);
@@ -344,14 +345,14 @@ impl<'a> Archive<'a> {
         })
     }
 
-    fn note_left_out(&self, tape: &mut Tape) {
+    fn note_skipped(&self, tape: &mut Tape) {
         for name in &self.names {
             if !self.used.contains(&name.as_str()) {
-                tape.notices.push(Notice::LeftOut {
+                tape.notices.push(Notice::Skipped {
                     topic: format!("array {name}"),
                     type_name: "npy".to_owned(),
                     messages: 1,
-                    why: LeftOutReason::NotInContract,
+                    why: SkipReason::NotInContract,
                 });
             }
         }
@@ -407,7 +408,7 @@ mod tests {
         }
     }
 
-    /// Velocity k at instant k of the window, command 100 + k.
+    /// Write velocity k at instant k of the window, and command 100 + k.
     fn write_windows(writer: &mut NpzWriter<File>) {
         let past = |first: f32| {
             move |(row, column): (usize, usize)| {

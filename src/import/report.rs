@@ -1,154 +1,154 @@
-//! What an import wrote, left out and could not read.
+//! Report of an import: written topics, skipped data and losses.
 
 use std::fmt;
 
-/// How many messages went to one topic.
+/// Number of messages of one topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TopicCount {
     /// The topic.
     pub topic: String,
-    /// Messages written.
+    /// Number of messages written.
     pub messages: usize,
 }
 
 /// Result of an import.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportReport {
-    /// What was written, by topic name.
+    /// Written topics by name.
     pub written: Vec<TopicCount>,
-    /// What was left out, lost or assumed, in the order in which it was found.
+    /// Skipped, lost or assumed data, in the order of discovery.
     pub notices: Vec<Notice>,
 }
 
 impl ImportReport {
-    /// Whether something that should have been imported was not.
+    /// Return whether data was lost that should have been imported.
     #[must_use]
     pub fn is_lossy(&self) -> bool {
         self.notices.iter().any(Notice::is_loss)
     }
 }
 
-/// Something to know about an import.
+/// Notice about an import.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Notice {
-    /// A topic that the contract has no place for; on purpose.
-    LeftOut {
+    /// Topic without a counterpart in the contract, skipped on purpose.
+    Skipped {
         /// The topic.
         topic: String,
         /// Its type.
         type_name: String,
-        /// Messages not copied.
+        /// Number of messages not copied.
         messages: u64,
-        /// Why.
-        why: LeftOutReason,
+        /// Reason.
+        why: SkipReason,
     },
-    /// Messages of a wanted topic that do not decode.
+    /// Messages of a wanted topic that cannot be decoded.
     Undecodable {
         /// The topic.
         topic: String,
-        /// How many.
+        /// Number of messages.
         messages: usize,
-        /// Position of the first among the topic's messages, from 0.
+        /// Index of the first among the topic's messages, from 0.
         first: usize,
-        /// Why the first one does not.
+        /// Error of the first one.
         reason: String,
     },
-    /// A wanted topic whose definition cannot be used.
+    /// Wanted topic without a usable definition.
     NoDefinition {
         /// The topic.
         topic: String,
         /// Its type.
         type_name: String,
-        /// Messages lost.
+        /// Number of messages lost.
         messages: u64,
-        /// What is wrong with the definition; empty when there is none.
+        /// Defect of the definition; empty for a missing one.
         reason: String,
     },
-    /// The source ends early or is damaged.
+    /// Damaged or truncated source.
     Damaged {
         /// The file.
         file: String,
-        /// What is lost.
+        /// Description of the loss.
         what: String,
     },
-    /// A part that the bag's metadata lists is not there.
+    /// Missing part that the bag's metadata lists.
     MissingPart {
         /// The file.
         file: String,
     },
-    /// Lines of a log that were skipped.
+    /// Skipped lines of a log.
     SkippedLines {
-        /// What they are.
+        /// Kind of lines.
         what: &'static str,
-        /// How many.
+        /// Number of lines.
         lines: usize,
-        /// The first, from 1.
+        /// First line, from 1.
         first_line: usize,
-        /// Why the first one was skipped.
+        /// Reason of the first one.
         reason: String,
     },
-    /// Rows of a table without a value in a wanted column.
+    /// Rows of a table with an empty cell in a wanted column.
     EmptyCells {
-        /// How many rows.
+        /// Number of rows.
         rows: usize,
-        /// The first row, from 1, the header being row 1.
+        /// First row, from 1; the header is row 1.
         first_row: usize,
     },
-    /// Frames on the bus from nodes that no motor of the table has.
+    /// Frames of nodes that are not in the table.
     ForeignNodes {
-        /// How many frames.
+        /// Number of frames.
         frames: usize,
-        /// The first such node.
+        /// First such node.
         node: u8,
     },
-    /// Frames that are no messages of the drives' protocol.
+    /// Frames outside the drives' protocol.
     NotOdrive {
-        /// How many frames.
+        /// Number of frames.
         frames: usize,
-        /// Why the first one is none.
+        /// Reason of the first one.
         reason: String,
     },
-    /// Messages of one motor that had no counterpart of the other close enough in time.
+    /// Messages of one motor without a counterpart of the other close in time.
     Unpaired {
-        /// What could not be computed.
+        /// Topic of the derived quantity.
         topic: String,
-        /// Messages of both motors that were not used.
+        /// Number of unused messages of both motors.
         messages: usize,
     },
-    /// The carriage's position counts from an unknown point.
+    /// Carriage position with an unknown origin.
     OriginUnknown {
         /// The topic.
         topic: String,
     },
-    /// The carriage moves much faster than it was told to.
+    /// Carriage that moves much faster than its command.
     DoubledSpeed {
         /// The topic.
         topic: String,
-        /// Slope of measured on commanded velocity.
+        /// Slope of measured velocity on commanded velocity.
         gain: f64,
     },
-    /// Something was taken for granted that the source does not say.
+    /// Assumption about missing information in the source.
     Assumed {
-        /// What.
+        /// Description of the assumption.
         what: String,
     },
 }
 
-/// Why a topic was left out.
+/// Reason for skipping a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LeftOutReason {
-    /// Nothing in the contract corresponds to it.
+pub enum SkipReason {
+    /// The contract has no counterpart.
     NotInContract,
-    /// Another topic carries the same, nearer to the motors.
+    /// Another topic has the same content, closer to the motors.
     Superseded,
-    /// What it says is in another topic already.
+    /// Another topic already has the content.
     Redundant,
-    /// It served to place the carriage.
+    /// The topic was used to reference the carriage.
     UsedForOrigin,
 }
 
 impl Notice {
-    /// Whether it means that something was lost.
+    /// Return whether data was lost.
     #[must_use]
     pub fn is_loss(&self) -> bool {
         matches!(
@@ -163,13 +163,13 @@ impl Notice {
     }
 }
 
-impl fmt::Display for LeftOutReason {
+impl fmt::Display for SkipReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::NotInContract => "the data contract has no topic for it",
-            Self::Superseded => "the topic of the checked commands is there as well",
-            Self::Redundant => "the velocity commands say the same",
-            Self::UsedForOrigin => "used to place the carriage",
+            Self::Superseded => "the topic of the checked commands is available",
+            Self::Redundant => "the velocity commands have the same content",
+            Self::UsedForOrigin => "used to reference the carriage",
         })
     }
 }
@@ -177,22 +177,23 @@ impl fmt::Display for LeftOutReason {
 impl fmt::Display for Notice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::LeftOut { topic, type_name, messages, why } => {
-                write!(f, "left out: {topic} ({type_name}), {messages} messages: {why}")
+            Self::Skipped { topic, type_name, messages, why } => {
+                write!(f, "skipped: {topic} ({type_name}), {messages} messages: {why}")
             }
             Self::Undecodable { topic, messages, first, reason } => write!(
                 f,
-                "lost: {topic}, {messages} messages do not decode, the first is message {first}: {reason}"
+                "lost: {topic}, {messages} messages cannot be decoded, the first is message {first}: \
+                 {reason}"
             ),
             Self::NoDefinition { topic, type_name, messages, reason } => write!(
                 f,
-                "lost: {topic} ({type_name}), {messages} messages: the bag carries no usable \
+                "lost: {topic} ({type_name}), {messages} messages: the bag has no usable \
                  definition of the type{}{reason}",
                 if reason.is_empty() { "" } else { ": " }
             ),
             Self::Damaged { file, what } => write!(f, "lost: {file}: {what}"),
             Self::MissingPart { file } => {
-                write!(f, "lost: {file}: listed in the bag's metadata.yaml, but not there")
+                write!(f, "lost: {file}: listed in the bag's metadata.yaml, but missing")
             }
             Self::SkippedLines { what, lines, first_line, reason } => {
                 write!(f, "lost: {lines} {what}, the first in line {first_line}: {reason}")
@@ -203,22 +204,22 @@ impl fmt::Display for Notice {
             ),
             Self::ForeignNodes { frames, node } => write!(
                 f,
-                "note: {frames} frames belong to nodes that the table does not have (the first: \
+                "note: {frames} frames belong to nodes that are not in the table (the first: \
                  node {node}); they are in /can/frames only"
             ),
             Self::NotOdrive { frames, reason } => write!(
                 f,
-                "note: {frames} frames are no ODrive messages (the first: {reason}); they are in \
+                "note: {frames} frames are not ODrive messages (the first: {reason}); they are in \
                  /can/frames only"
             ),
             Self::Unpaired { topic, messages } => write!(
                 f,
-                "note: {topic}: {messages} messages of one motor had none of the other within 15 ms"
+                "note: {topic}: {messages} messages of one motor have no counterpart of the other within 15 ms"
             ),
             Self::OriginUnknown { topic } => write!(
                 f,
-                "note: {topic}: positions count from an unknown point, the source does not place \
-                 the carriage on the board"
+                "note: {topic}: the origin of the positions is unknown, because the source has no reference \
+                 on the board"
             ),
             Self::DoubledSpeed { topic, gain } => write!(
                 f,

@@ -1,48 +1,48 @@
-//! Message definitions of ROS 2 (`ros2msg`): one text with the root definition first and every
-//! type that it uses behind a line of `=`, each introduced by `MSG: package/Type`.
+//! Parser of ROS 2 message definitions (`ros2msg`). One text has the root definition first and
+//! every used type after a line of `=`, each introduced by `MSG: package/Type`.
 //!
-//! Source: the ROS 2 interface description (design.ros2.org, "Interface definition using .msg"). Both
-//! `package/Type` and `package/msg/Type` are understood, a bare `Type` belongs to the package of
-//! the definition it stands in, and `Header` to `std_msgs`. Constants and default values carry no
-//! bytes and are skipped. An empty message is one byte on the wire, as every ROS 2 generator writes
-//! it. Services and actions (`---`) are refused.
+//! Source: the ROS 2 interface description (design.ros2.org, "Interface definition using .msg").
+//! Both `package/Type` and `package/msg/Type` are supported. A bare `Type` belongs to the package
+//! of its definition, and `Header` to `std_msgs`. Constants and default values have no bytes and
+//! are skipped. An empty message is one byte on the wire, as every ROS 2 generator writes it.
+//! Services and actions (`---`) are refused.
 
 use std::collections::BTreeMap;
 
-/// A field's type of one value.
+/// Type of one value of a field.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Kind {
-    /// True or false, one byte.
+    /// Boolean, one byte.
     Bool,
-    /// A signed integer of this many bytes.
+    /// Signed integer of this many bytes.
     Int(usize),
-    /// An unsigned integer of this many bytes.
+    /// Unsigned integer of this many bytes.
     Uint(usize),
-    /// A floating-point number of this many bytes.
+    /// Floating-point number of this many bytes.
     Float(usize),
-    /// A string of UTF-8 bytes.
+    /// String of UTF-8 bytes.
     Text,
-    /// A string of 16-bit code units.
+    /// String of 16-bit code units.
     WideText,
     /// Another message, by its full name `package/Type`.
     Message(String),
 }
 
-/// How many values a field holds.
+/// Number of values of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arity {
-    /// One.
+    /// One value.
     One,
-    /// This many, without a count on the wire.
+    /// Fixed number of values, without a count on the wire.
     Fixed(usize),
-    /// As many as the count in front says; a bound changes nothing on the wire.
+    /// Variable number of values with a count on the wire; a bound changes nothing on the wire.
     Sequence,
 }
 
 /// One field of a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Field {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Type of each value.
     pub kind: Kind,
@@ -50,7 +50,7 @@ pub struct Field {
     pub arity: Arity,
 }
 
-/// A message type with every type that it uses.
+/// Message type with every type that it uses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Schema {
     /// Full name of the root, `package/Type`.
@@ -58,30 +58,30 @@ pub struct Schema {
     fields: BTreeMap<String, Vec<Field>>,
 }
 
-/// What is wrong with a definition.
+/// Error of a definition.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RosMsgError {
-    /// A service or action.
+    /// Service or action.
     #[error("line {line} of the definition is '---': services and actions are not messages")]
     Service {
         /// Line, from 1.
         line: usize,
     },
-    /// A line that declares nothing.
+    /// Line that declares nothing.
     #[error("line {line} of the definition, '{text}', is neither a field nor a constant")]
     Line {
         /// Line, from 1.
         line: usize,
-        /// The line.
+        /// Text of the line.
         text: String,
     },
-    /// A type that the text uses but does not define.
+    /// Used type without a definition.
     #[error("the definition uses '{name}' without defining it")]
     Undefined {
-        /// The missing type.
+        /// Missing type.
         name: String,
     },
-    /// Types that contain themselves.
+    /// Type that contains itself.
     #[error("'{name}' contains itself")]
     Recursive {
         /// The type.
@@ -90,7 +90,7 @@ pub enum RosMsgError {
 }
 
 impl Schema {
-    /// Parses the definition of `root` (`package/Type` or `package/msg/Type`) and its parts.
+    /// Parse the definition of `root` (`package/Type` or `package/msg/Type`) and its parts.
     ///
     /// # Errors
     /// See [`RosMsgError`].
@@ -123,13 +123,13 @@ impl Schema {
         Ok(schema)
     }
 
-    /// Fields of the type called `name`; empty for a message without fields.
+    /// Return the fields of the type called `name`; empty for a message without fields.
     #[must_use]
     pub fn fields_of(&self, name: &str) -> &[Field] {
         self.fields.get(name).map_or(&[], Vec::as_slice)
     }
 
-    /// Refuses types that are missing or contain themselves. `open` are the types around `name`.
+    /// Check for types that are missing or contain themselves. `open` are the types around `name`.
     fn check<'a>(
         &'a self,
         name: &'a str,
@@ -156,7 +156,7 @@ impl Schema {
     }
 }
 
-/// `package/Type` for `package/msg/Type` and `package/Type`.
+/// Return `package/Type` for `package/msg/Type` and `package/Type`.
 #[must_use]
 pub fn short_name(name: &str) -> String {
     let mut parts = name.split('/').filter(|part| !part.is_empty());
@@ -171,7 +171,7 @@ fn is_separator(line: &str) -> bool {
     4 <= line.len() && line.bytes().all(|byte| byte == b'=')
 }
 
-/// The line up to a `#` outside of quotes.
+/// Return the line up to a `#` outside of quotes.
 fn without_comment(line: &str) -> &str {
     let mut quote = None;
     for (at, character) in line.char_indices() {
@@ -186,7 +186,7 @@ fn without_comment(line: &str) -> &str {
     if quote.is_some() { line.split('#').next().unwrap_or_default() } else { line }
 }
 
-/// `Some(None)` for a constant, `None` for a line that declares nothing.
+/// Parse a field: `Some(None)` for a constant, `None` for a line that declares nothing.
 fn parse_field(line: &str, inside: &str) -> Option<Option<Field>> {
     let (type_text, rest) = line.split_once(|c: char| c.is_ascii_whitespace())?;
     let rest = rest.trim();
@@ -254,7 +254,7 @@ fn parse_kind(text: &str, inside: &str) -> Option<Kind> {
     })
 }
 
-/// Bags do not always carry the definitions of the two time types.
+/// Add the definitions of the two time types, which some bags lack.
 fn add_builtin_times(fields: &mut BTreeMap<String, Vec<Field>>) {
     let field = |name: &str, kind| Field { name: name.to_owned(), kind, arity: Arity::One };
     for name in ["builtin_interfaces/Time", "builtin_interfaces/Duration"] {

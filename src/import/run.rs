@@ -1,4 +1,4 @@
-//! What is common to all imports: settings, metadata, runs; and the import of bags.
+//! Common parts of all imports: settings, metadata, runs; and the import of bags.
 
 use super::{
     bag::{self, Bag},
@@ -17,26 +17,26 @@ use std::path::{Path, PathBuf};
 /// Settings of every import.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportConfig {
-    /// The recording to write.
+    /// Path of the recording.
     pub output: PathBuf,
-    /// What happens when it is there already.
+    /// Policy for an existing file.
     pub existing: ExistingFile,
-    /// Session; by default the source's name without ending.
+    /// Session; by default the source's name without extension.
     pub session: Option<String>,
     /// Split; by default that of a bag's folder, else `train`.
     pub split: Option<Split>,
-    /// Robot; by default `unknown`.
+    /// Name of the robot; by default `unknown`.
     pub robot: Option<String>,
 }
 
 impl ImportConfig {
-    /// Settings with every default.
+    /// Create settings with all defaults.
     #[must_use]
     pub fn new(output: &Path, existing: ExistingFile) -> Self {
         Self { output: output.to_owned(), existing, session: None, split: None, robot: None }
     }
 
-    /// Refuses early, before a long source is read.
+    /// Check the output before a long source is read.
     pub(super) fn check_output(&self) -> Result<(), ImportError> {
         if self.existing == ExistingFile::Refuse && self.output.exists() {
             return Err(RecordingError::Exists { path: self.output.clone() }.into());
@@ -44,7 +44,7 @@ impl ImportConfig {
         Ok(())
     }
 
-    /// Puts the common metadata on the tape and writes the recording. `files` are name and SHA-256.
+    /// Add the common metadata to the tape and write the recording. `files` are name and SHA-256.
     pub(super) fn write(
         &self,
         mut tape: Tape,
@@ -74,13 +74,13 @@ impl ImportConfig {
         tape.write(&self.output, self.existing)
     }
 
-    /// The split asked for, or `train`.
+    /// Return the requested split, or `train`.
     pub(super) fn split_or_train(&self) -> Split {
         self.split.unwrap_or(Split::Train)
     }
 }
 
-/// Name without folder and SHA-256 of a source, for the metadata.
+/// Return the file name and SHA-256 of a source, for the metadata.
 pub(super) fn identity(path: &Path) -> Result<(String, String), ImportError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     Ok((name, sha256_of_file(path)?))
@@ -96,7 +96,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Notes the table in the metadata.
+    /// Store the table in the metadata.
     pub(super) fn note(&self, tape: &mut Tape) {
         for (key, metres) in [
             ("board_short_side_m", self.board.short_side),
@@ -111,20 +111,20 @@ impl Table {
 /// Kind of a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SourceKind {
-    /// A ROS 2 bag.
+    /// ROS 2 bag.
     Bag,
-    /// An npz archive.
+    /// npz archive.
     Npz,
-    /// A candump log.
+    /// candump log.
     Candump,
 }
 
 impl SourceKind {
-    /// Guesses the kind from the name: a folder, `.db3` or `.mcap` (also with `.zstd`) is a bag, then
-    /// `.npz` and `.log`.
+    /// Determine the kind from the name: a folder, `.db3` or `.mcap` (also with `.zstd`) is a bag,
+    /// then `.npz` and `.log`.
     ///
     /// # Errors
-    /// When the name does not tell, or it is a CSV file, whose columns must be named.
+    /// When the name is ambiguous, or the file is a CSV table, whose columns must be given.
     pub fn guess(path: &Path) -> Result<Self, ImportError> {
         if path.is_dir() || bag::is_bag_file(path) {
             return Ok(Self::Bag);
@@ -139,11 +139,11 @@ impl SourceKind {
     }
 }
 
-/// Imports ROS 2 bags of the KlaskTron table, each as one run, in the order of the arguments.
+/// Import ROS 2 bags of the KlaskTron table, each as one run, in the order of the arguments.
 ///
 /// # Errors
-/// When a bag cannot be read, two overlap in time, nothing in them has a place in the contract, or
-/// the output cannot be written.
+/// When a bag cannot be read, two overlap in time, no topic has a counterpart in the contract, or
+/// writing the output fails.
 pub fn import_bags(
     paths: &[PathBuf],
     table: &Table,
@@ -206,7 +206,7 @@ fn describe(bag: &Bag) -> String {
     }
 }
 
-/// What the upstream recorder's folder names say.
+/// Information in the upstream recorder's folder names.
 #[derive(Debug, PartialEq, Eq)]
 struct BagName {
     pattern: String,
@@ -214,7 +214,7 @@ struct BagName {
 }
 
 impl BagName {
-    /// Looks at the bag's own folder and the one around it: `train/vel_profile_<pattern>_<stamp>_run<n>`.
+    /// Parse the bag's own folder and its parent: `train/vel_profile_<pattern>_<stamp>_run<n>`.
     fn of(path: &Path) -> Self {
         let names: Vec<String> = path
             .ancestors()
@@ -231,8 +231,8 @@ impl BagName {
     }
 }
 
-/// The pattern in `vel_profile_<pattern>_<stamp>_run<n>`; the stamp is the first piece that begins
-/// with four digits.
+/// Return the pattern in `vel_profile_<pattern>_<stamp>_run<n>`; the stamp is the first piece that
+/// starts with four digits.
 fn pattern_of(name: &str) -> Option<String> {
     let rest = name.strip_prefix("vel_profile_")?;
     let is_stamp =

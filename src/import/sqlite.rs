@@ -1,5 +1,6 @@
-//! Bags in SQLite: tables `topics(id, name, type, ...)` and `messages(topic_id, timestamp, data)`,
-//! and from ROS 2 Iron on `message_definitions(topic_type, encoding, encoded_message_definition)`.
+//! Reader of bags in SQLite: tables `topics(id, name, type, ...)` and `messages(topic_id,
+//! timestamp, data)`, from ROS 2 Iron on with `message_definitions(topic_type, encoding,
+//! encoded_message_definition)`.
 
 use super::{
     bag::{Bag, BagTopic, Wanted},
@@ -10,7 +11,7 @@ use crate::units::Nanos;
 use rusqlite::{Connection, OpenFlags};
 use std::{collections::BTreeMap, path::Path};
 
-/// Reads one file; `shown` is its name for messages.
+/// Read one file; `shown` is its name for messages.
 pub(super) fn read_bag(path: &Path, shown: &Path, wanted: Wanted<'_>) -> Result<Bag, ImportError> {
     let database = open(path).map_err(refused(shown))?;
     let definitions = read_definitions(&database);
@@ -44,7 +45,7 @@ fn refused(path: &Path) -> impl Fn(rusqlite::Error) -> ImportError {
     move |error| ImportError::Sqlite { path: path.clone(), reason: error.to_string() }
 }
 
-/// Opens without writing; a bag on a read-only medium as a file that nobody changes.
+/// Open without writing; a bag on a read-only medium is opened as immutable.
 fn open(path: &Path) -> rusqlite::Result<Connection> {
     let read_only = OpenFlags::SQLITE_OPEN_READ_ONLY;
     let works = |database: Connection| {
@@ -77,7 +78,7 @@ fn read_topics(database: &Connection) -> rusqlite::Result<Vec<(i64, String, Stri
     rows.collect()
 }
 
-/// Encoding and text by type; empty when the table is not there (Humble and older).
+/// Return encoding and text by type; empty when the table is missing (Humble and older).
 fn read_definitions(database: &Connection) -> BTreeMap<String, (String, String)> {
     let read = || -> rusqlite::Result<BTreeMap<_, _>> {
         let mut query = database.prepare(
@@ -98,7 +99,7 @@ fn count_messages(database: &Connection, id: i64, topic: &mut BagTopic) -> rusql
     Ok(())
 }
 
-/// Reads as far as the file allows: the inner result is the fault that ended it.
+/// Read as far as the file allows; the inner result is the error that ended it.
 fn read_messages(
     database: &Connection,
     id: i64,

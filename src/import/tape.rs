@@ -39,38 +39,38 @@ struct Stamped {
     message: Outgoing,
 }
 
-/// All messages of one import, and what there is to say about it.
+/// Messages of one import, with notices and metadata.
 #[derive(Debug, Default)]
 pub(super) struct Tape {
     topics: Vec<String>,
     index_by_topic: BTreeMap<String, usize>,
     messages: Vec<Stamped>,
-    /// What the person and the report should know.
+    /// Notices for the user and the report.
     pub(super) notices: Vec<Notice>,
     /// Entries of the metadata record beyond the common ones.
     pub(super) metadata: BTreeMap<String, String>,
 }
 
 impl Tape {
-    /// Adds a message whose source has no clock of its own.
+    /// Add a message whose source has no clock.
     pub(super) fn push(&mut self, topic: &str, log_time: Nanos, message: Outgoing) {
         self.push_published(topic, [log_time, log_time], message);
     }
 
-    /// Adds a message with log and publish time.
+    /// Add a message with log and publish time.
     pub(super) fn push_published(&mut self, topic: &str, times: [Nanos; 2], message: Outgoing) {
         let topic = self.position(topic);
         let [log_time, publish_time] = times;
         self.messages.push(Stamped { log_time, publish_time, topic, message });
     }
 
-    /// First and last log time; `None` when nothing was added.
+    /// Return the first and last log time; `None` for an empty tape.
     pub(super) fn time_range(&self) -> Option<(Nanos, Nanos)> {
         let times = || self.messages.iter().map(|message| message.log_time);
         Some((times().min()?, times().max()?))
     }
 
-    /// Adds everything of another tape. Of two metadata entries that differ both are kept.
+    /// Append another tape. Of two metadata entries that differ both are kept.
     pub(super) fn append(&mut self, other: Self) {
         let positions: Vec<usize> = other.topics.iter().map(|topic| self.position(topic)).collect();
         self.messages
@@ -96,7 +96,7 @@ impl Tape {
         self.topics.len() - 1
     }
 
-    /// Log times and values of one topic in order of log time.
+    /// Return log times and values of one topic in order of log time.
     pub(super) fn series<'a, T: 'a>(
         &'a self,
         topic: &str,
@@ -113,14 +113,14 @@ impl Tape {
         series
     }
 
-    /// Puts markers around everything.
+    /// Add markers around all data.
     pub(super) fn mark_run(&mut self, run: u32, pattern: &str, split: &str) {
         if let Some((first, last)) = self.time_range() {
             self.push_markers([first, last], run, pattern, split);
         }
     }
 
-    /// Adds the markers of one run from `span[0]` to `span[1]`.
+    /// Add the markers of one run from `span[0]` to `span[1]`.
     pub(super) fn push_markers(&mut self, span: [Nanos; 2], run: u32, pattern: &str, split: &str) {
         for (time, phase) in span.into_iter().zip([Phase::Start, Phase::End]) {
             let marker = RunMarker {
@@ -133,7 +133,7 @@ impl Tape {
         }
     }
 
-    /// Writes the recording. At equal times run starts come first and run ends last.
+    /// Write the recording. At equal times run starts come first and run ends last.
     pub(super) fn write(
         mut self,
         output: &Path,

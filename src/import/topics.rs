@@ -1,4 +1,4 @@
-//! From the topics of a KlaskTron bag to the topics of the contract.
+//! Conversion of the topics of a KlaskTron bag into the topics of the contract.
 
 use super::{
     bag::{Bag, BagTopic},
@@ -6,7 +6,7 @@ use super::{
     cdr::{CdrError, Value},
     drives::{MagnetTrack, push_carriages, push_motor},
     known::Decoder,
-    report::{LeftOutReason, Notice},
+    report::{Notice, SkipReason},
     rosmsg::short_name,
     tape::{Outgoing, Tape},
 };
@@ -22,7 +22,7 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-/// What a topic is for.
+/// Conversion of a topic.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Route {
     Command(Player),
@@ -35,7 +35,8 @@ enum Route {
     CanFrames,
 }
 
-/// Where a topic of this name and type goes; `None` when the contract has no place for it.
+/// Return the conversion for a topic of this name and type; `None` when the contract has no
+/// counterpart.
 fn route(topic: &str, type_name: &str) -> Option<Route> {
     let player_of = |word: &str| match word {
         "left_player" => Some(Player::Left),
@@ -70,12 +71,12 @@ fn seat_of(axis: &str) -> Option<MotorSeat> {
     MotorSeat::of_node(axis.strip_prefix("odrive_axis")?.parse().ok()?)
 }
 
-/// Whether the messages of a topic need to be read.
+/// Return whether the messages of a topic must be read.
 pub(super) fn is_wanted(topic: &str, type_name: &str) -> bool {
     !matches!(route(topic, type_name), None | Some(Route::ControlMessage))
 }
 
-/// Adds what a bag holds to the tape.
+/// Add the content of a bag to the tape.
 pub(super) fn map_bag(bag: Bag, tape: &mut Tape, board: BoardSize, gantry: CoreXy) {
     tape.notices.extend(bag.notices);
     let mut mapping = Mapping {
@@ -100,7 +101,7 @@ pub(super) fn map_bag(bag: Bag, tape: &mut Tape, board: BoardSize, gantry: CoreX
     mapping.finish(gantry);
 }
 
-/// One health message of a drive, before the messages of its two topics are put in order.
+/// Health message of a drive, before the messages of its two topics are merged.
 #[derive(Debug, Clone, Copy)]
 enum Health {
     State { axis_state: u32, errors: u32 },
@@ -118,24 +119,24 @@ struct Mapping<'a> {
 
 impl Mapping<'_> {
     fn topic(&mut self, topic: &BagTopic, checked: &[Player]) {
-        let left_out = |why| Notice::LeftOut {
+        let skipped = |why| Notice::Skipped {
             topic: topic.name.clone(),
             type_name: topic.type_name.clone(),
             messages: topic.count,
             why,
         };
         let Some(route) = route(&topic.name, &topic.type_name) else {
-            self.tape.notices.push(left_out(LeftOutReason::NotInContract));
+            self.tape.notices.push(skipped(SkipReason::NotInContract));
             return;
         };
         match route {
-            Route::ControlMessage => self.tape.notices.push(left_out(LeftOutReason::Redundant)),
+            Route::ControlMessage => self.tape.notices.push(skipped(SkipReason::Redundant)),
             Route::Command(player) if checked.contains(&player) => {
-                self.tape.notices.push(left_out(LeftOutReason::Superseded));
+                self.tape.notices.push(skipped(SkipReason::Superseded));
             }
             _ => {
                 if let Route::Magnet(_) = route {
-                    self.tape.notices.push(left_out(LeftOutReason::UsedForOrigin));
+                    self.tape.notices.push(skipped(SkipReason::UsedForOrigin));
                 }
                 self.messages(topic, route);
             }
@@ -298,8 +299,8 @@ impl Mapping<'_> {
         Ok(())
     }
 
-    /// Puts each drive's health in order of time. One message for every status, and one whenever the
-    /// state or the errors change in between, so that no disarm is missed.
+    /// Sort each drive's health by time. There is one message for every status, and one for each
+    /// change of state or errors in between, so that no disarm is missed.
     fn push_health(&mut self) {
         for (node, mut events) in std::mem::take(&mut self.health) {
             let Some(seat) = MotorSeat::of_node(node) else { continue };
@@ -336,7 +337,7 @@ impl Mapping<'_> {
     }
 }
 
-/// The bag's own definition where it can be used, else the known one.
+/// Return the decoder of the bag's own definition if usable, else of the known one.
 fn decoder_of(topic: &BagTopic) -> Result<Decoder, String> {
     let own = match &topic.definition {
         Some((encoding, text)) if encoding == "ros2msg" || encoding.is_empty() => {
@@ -362,7 +363,7 @@ fn small(value: &Value, path: &str) -> Result<u32, CdrError> {
     u32::try_from(value.unsigned(path)?).map_err(|_too_large| wrong())
 }
 
-/// The time in the message's header; `None` without one, or when it was never set.
+/// Return the time in the message's header; `None` without one, or when it was never set.
 fn stamp_of(value: &Value) -> Option<Nanos> {
     let seconds = value.unsigned("header.stamp.sec").ok()?;
     let nanos = value.unsigned("header.stamp.nanosec").ok()?;

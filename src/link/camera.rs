@@ -1,4 +1,4 @@
-//! The camera socket: how a vision program tells what it sees. **This page is the definition of that
+//! Camera socket: the interface of a vision program. **This page is the definition of that
 //! interface.**
 //!
 //! # Transport
@@ -9,7 +9,7 @@
 //!   the network;
 //! - `unix:PATH`, a datagram socket in the file system, for example `unix:/tmp/klasktron-camera`.
 //!
-//! Nothing is answered. A datagram that is lost, late or wrong costs one camera frame.
+//! Datagrams are not acknowledged. A datagram that is lost, late or wrong costs one camera frame.
 //!
 //! # Content
 //!
@@ -23,10 +23,12 @@
 //! | key | type | meaning |
 //! |---|---|---|
 //! | `capture_time_ns` | integer, 0 to 2^64 - 1, required | middle of the exposure (ns since the Unix epoch) |
-//! | `ball`, `left`, `right` | object or `null`; absent means `null` | where the ball and the two pegs are; `null` when not seen |
-//! | `x`, `y` of these | number, required | position in the board frame of [`crate::board`] (m), at most 1 m from its middle |
+//! | `ball`, `left`, `right` | object or `null`; absent means `null` | positions of the ball and
+//! the two pegs; `null` when not detected |
+//! | `x`, `y` of these | number, required | position in the board frame of [`crate::board`] (m), at
+//! most 1 m from its centre |
 //!
-//! Other keys are ignored, so that a program may send more than is read here.
+//! Other keys are ignored, so that a program may send additional values.
 
 mod sender;
 
@@ -44,27 +46,27 @@ use std::{
     time::Duration,
 };
 
-/// Farthest coordinate that can be on a table (m).
+/// Largest absolute coordinate on a table (m).
 const FARTHEST_METRES: f64 = 1.0;
-/// Largest datagram that there is.
+/// Largest size of a datagram.
 const MAX_DATAGRAM_BYTES: usize = 65_536;
-/// A time-out of 0 would wait for ever.
+/// Shortest time-out; a time-out of 0 would wait forever.
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(1);
 
-/// Where the camera's datagrams arrive.
+/// Address of the camera socket.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CameraSpec {
     /// `HOST:PORT`.
     Udp(String),
-    /// A socket in the file system.
+    /// Socket in the file system.
     Unix(PathBuf),
 }
 
-/// A text that names no camera socket.
+/// Error: a text that is not a camera address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{found}' names no camera socket; write udp:HOST:PORT or unix:PATH")]
 pub struct CameraSpecError {
-    /// What was given.
+    /// Text given.
     pub found: String,
 }
 
@@ -95,36 +97,36 @@ impl fmt::Display for CameraSpec {
     }
 }
 
-/// What is wrong with a datagram.
+/// Error of a datagram.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CameraError {
-    /// It is no JSON.
+    /// Invalid JSON.
     #[error("the camera's datagram is no JSON ({reason}); send one object in UTF-8")]
     Json {
-        /// What the parser says.
+        /// Message of the parser.
         reason: String,
     },
-    /// A field is missing or is of another type.
+    /// Field missing or of the wrong type.
     #[error("the camera's {field} is {found}; send {expected}")]
     Field {
         /// Name of the field.
         field: String,
-        /// What stands there.
+        /// Value found.
         found: String,
-        /// What belongs there.
+        /// Expected value.
         expected: &'static str,
     },
-    /// A coordinate is off any table.
+    /// Coordinate outside any table.
     #[error("the camera's {field} is {found} m; send metres in the board frame, from -1 to 1")]
     Coordinate {
         /// Name of the field.
         field: String,
-        /// What stands there.
+        /// Value found.
         found: String,
     },
 }
 
-/// Reads one datagram.
+/// Parse one datagram.
 ///
 /// ```
 /// let text = br#"{"capture_time_ns": 7, "ball": {"x": 0.1, "y": -0.05}}"#;
@@ -140,7 +142,7 @@ pub enum CameraError {
 /// ```
 ///
 /// # Errors
-/// When it is not as this page describes.
+/// When the datagram does not follow the definition on this page.
 pub fn parse_detections(datagram: &[u8]) -> Result<CameraDetections, CameraError> {
     let value: Value = serde_json::from_slice(datagram)
         .map_err(|error| CameraError::Json { reason: error.to_string() })?;
@@ -188,7 +190,7 @@ fn wrong(field: &str, found: Option<&Value>, expected: &'static str) -> CameraEr
     CameraError::Field { field: field.to_owned(), found: shown(found), expected }
 }
 
-/// A value for a message, not at any length.
+/// Return a value for a message, shortened.
 fn shown(value: Option<&Value>) -> String {
     const LONGEST: usize = 40;
     let text = value.map_or_else(|| "missing".to_owned(), Value::to_string);
@@ -198,7 +200,7 @@ fn shown(value: Option<&Value>) -> String {
     }
 }
 
-/// A bound camera socket.
+/// Bound camera socket.
 #[derive(Debug)]
 pub struct CameraSocket {
     name: String,
@@ -216,10 +218,10 @@ enum Bound {
 }
 
 impl CameraSocket {
-    /// Binds the socket. A socket file that nobody listens on any more is replaced.
+    /// Bind the socket. A stale socket file is replaced.
     ///
     /// # Errors
-    /// When the address is in use or cannot be had.
+    /// When the address is in use or cannot be bound.
     pub fn bind(spec: &CameraSpec) -> Result<Self, LinkError> {
         let bound = match spec {
             CameraSpec::Udp(address) => UdpSocket::bind(address).map(Bound::Udp),
@@ -232,7 +234,7 @@ impl CameraSocket {
         }
     }
 
-    /// Where a UDP socket arrives, which tells the port when 0 was asked for.
+    /// Return the address of a UDP socket, with the port that the system chose for port 0.
     #[must_use]
     pub fn udp_address(&self) -> Option<std::net::SocketAddr> {
         match &self.socket {
@@ -242,10 +244,10 @@ impl CameraSocket {
         }
     }
 
-    /// The next datagram within `timeout`.
+    /// Return the next datagram within `timeout`.
     ///
     /// # Errors
-    /// When the socket is broken for good.
+    /// When the socket is broken permanently.
     pub fn receive(&self, timeout: Duration) -> Result<Option<Vec<u8>>, LinkError> {
         let timeout = Some(timeout.max(SHORTEST_TIMEOUT));
         let mut bytes = [0; MAX_DATAGRAM_BYTES];
@@ -263,14 +265,14 @@ impl CameraSocket {
             Err(error) if is_pause(&error) => Ok(None),
             Err(error) => Err(LinkError::Unusable {
                 bus: self.name.clone(),
-                what: format!("nothing can be received ({error})"),
+                what: format!("receiving failed ({error})"),
                 remedy: "start anew",
             }),
         }
     }
 }
 
-/// A refused answer to nothing that was sent is a matter of some systems' UDP, not an end.
+/// Return whether an error is temporary. Some systems report refused answers on UDP sockets.
 fn is_pause(error: &io::Error) -> bool {
     use ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted, TimedOut, WouldBlock};
     matches!(
@@ -283,7 +285,7 @@ impl Drop for CameraSocket {
     fn drop(&mut self) {
         #[cfg(unix)]
         if let Bound::Unix { path, .. } = &self.socket {
-            // Left behind, it would be replaced at the next start.
+            // A stale file would be replaced at the next start.
             std::fs::remove_file(path).ok();
         }
     }
@@ -319,7 +321,7 @@ fn bind_unix(_path: &std::path::Path) -> io::Result<Bound> {
 fn bind_error(bus: String, error: &io::Error) -> LinkError {
     let (what, remedy) = match error.kind() {
         ErrorKind::AddrInUse => (
-            "another program receives there".to_owned(),
+            "another program receives on it".to_owned(),
             "end it first, or take another address and tell the camera's program",
         ),
         ErrorKind::AlreadyExists => {
@@ -330,7 +332,7 @@ fn bind_error(bus: String, error: &io::Error) -> LinkError {
             "take udp:127.0.0.1:5600 and tell the camera's program",
         ),
         _ => (
-            format!("the address cannot be had ({error})"),
+            format!("the address cannot be bound ({error})"),
             "give an address of this machine, such as udp:127.0.0.1:5600",
         ),
     };

@@ -1,15 +1,15 @@
-//! From an error frame of SocketCAN to [`BusFault`]s.
+//! Conversion of SocketCAN error frames to [`BusFault`]s.
 //!
 //! Source: Linux `include/uapi/linux/can/error.h`: the id holds the classes of an error, the data
-//! bytes their details (byte 1 the controller). One error frame may tell several things; the gravest
-//! comes first. A class that nothing here stands for is no fault (transceiver states, counters).
+//! bytes their details (byte 1 the controller). One error frame may report several faults; the most
+//! severe comes first. Classes without a fault here are ignored (transceiver states, counters).
 
 use super::BusFault;
 
-/// The driver gave up sending.
+/// Transmission timeout of the driver.
 const TX_TIMEOUT: u32 = 0x001;
 const LOST_ARBITRATION: u32 = 0x002;
-/// Details in byte 1.
+/// Controller problem; details in byte 1.
 const CONTROLLER: u32 = 0x004;
 const PROTOCOL: u32 = 0x008;
 const NO_ACKNOWLEDGE: u32 = 0x020;
@@ -23,8 +23,8 @@ const WARNING: u8 = 0x04 | 0x08;
 const PASSIVE: u8 = 0x10 | 0x20;
 const ACTIVE: u8 = 0x40;
 
-/// What an error frame says: `classes` is its id without flag bits, `data` its data bytes, which may
-/// be missing (a gateway forwards only the classes).
+/// Return the faults of an error frame. `classes` is its id without flag bits, `data` its data
+/// bytes, which may be missing (a gateway forwards only the classes).
 #[must_use]
 pub(super) fn faults_of_error_frame(classes: u32, data: &[u8]) -> Vec<BusFault> {
     let mut faults = Vec::new();
@@ -41,12 +41,12 @@ pub(super) fn faults_of_error_frame(classes: u32, data: &[u8]) -> Vec<BusFault> 
         let says = |mask: u8| state & mask != 0;
         add(says(OVERFLOW), BusFault::Overrun { frames: 0 });
         add(says(PASSIVE), BusFault::ErrorPassive);
-        // A gateway that does not say which state the controller is in warns at least.
+        // Without the controller's state from a gateway, report a warning at least.
         add(says(WARNING) || state == 0, BusFault::ErrorWarning);
         add(says(ACTIVE), BusFault::ErrorActive);
     }
     add(class(NO_ACKNOWLEDGE), BusFault::NoAcknowledge);
-    // Where it was nothing but a missing acknowledgement, that is the protocol error too.
+    // An error frame with a missing acknowledgement only is no protocol error.
     let protocol = class(TX_TIMEOUT | LOST_ARBITRATION)
         || class(PROTOCOL | BUS_ERROR) && !class(NO_ACKNOWLEDGE) && !class(CONTROLLER);
     add(protocol, BusFault::Protocol);
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Error frames as the kernel's slcan driver makes them of an adapter's status lines.
+    /// Error frames that the kernel's slcan driver creates from an adapter's status lines.
     #[test]
     fn error_frames_of_the_kernel() {
         let state = |byte: u8| [0, byte, 0, 0, 0, 0, 0, 96];
@@ -86,7 +86,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
 
-        /// Whatever else a frame says: leaving the bus is always told, and first.
+        /// Bus-off is always reported, and first.
         #[test]
         fn bus_off_is_never_hidden(classes in 0_u32..0x400, data in proptest::collection::vec(any::<u8>(), 0..=8)) {
             let faults = faults_of_error_frame(classes | BUS_OFF, &data);

@@ -1,15 +1,15 @@
-//! Hexadecimal digits of the ASCII protocols, in and out.
+//! Hexadecimal digits of the ASCII protocols: parsing and formatting.
 
 use crate::can::{IdWidth, MAX_DATA_BYTES, Payload};
 
-/// Digits of an 11-bit id.
+/// Number of digits of an 11-bit id.
 pub(super) const STANDARD_DIGITS: usize = 3;
-/// Digits of a 29-bit id.
+/// Number of digits of a 29-bit id.
 pub(super) const EXTENDED_DIGITS: usize = 8;
 const LARGEST_STANDARD_ID: u32 = 0x7FF;
 const LARGEST_EXTENDED_ID: u32 = 0x1FFF_FFFF;
 
-/// The number that up to eight digits say.
+/// Parse up to eight digits.
 pub(super) fn number(digits: &[u8]) -> Option<u32> {
     if digits.is_empty() || EXTENDED_DIGITS < digits.len() {
         return None;
@@ -17,7 +17,7 @@ pub(super) fn number(digits: &[u8]) -> Option<u32> {
     digits.iter().try_fold(0_u32, |sum, digit| Some(sum << 4 | nibble(*digit)?))
 }
 
-/// Whether an id fits its width.
+/// Return whether an id fits its width.
 pub(super) fn id_fits(id: u32, width: IdWidth) -> bool {
     match width {
         IdWidth::Standard => id <= LARGEST_STANDARD_ID,
@@ -25,7 +25,7 @@ pub(super) fn id_fits(id: u32, width: IdWidth) -> bool {
     }
 }
 
-/// The bytes that pairs of digits say, at most eight.
+/// Parse pairs of digits to bytes, at most eight.
 pub(super) fn payload(digits: &[u8]) -> Option<Payload> {
     if !digits.len().is_multiple_of(2) || 2 * MAX_DATA_BYTES < digits.len() {
         return None;

@@ -1,9 +1,9 @@
-//! A real table: a transport and a camera under the system's clock.
+//! Real table: a transport and a camera with the system's clock.
 //!
-//! One thread receives from the transport, one from the camera. Each stamps what it gets and hands it
-//! over under one lock, so that events come in the order of their stamps. The clock is the system's at
-//! the start and runs on monotonically: setting the system's time later makes no jump. This is the
-//! only place of the library that reads a clock.
+//! One thread receives from the transport, one from the camera. Each thread stamps its events and
+//! delivers them under one lock, so that events arrive in the order of their stamps. The clock
+//! starts at the system's time and is monotonic: a later change of the system's time causes no
+//! jump. This is the only part of the library that reads a clock.
 
 use super::{
     BusFault, Capabilities, Event, Link, LinkError, Received, Transport, camera::CameraSocket,
@@ -19,10 +19,10 @@ use std::{
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
-/// A thread looks so often whether it shall end.
+/// Interval at which a thread checks for the end.
 const PATIENCE: Duration = Duration::from_millis(20);
 
-/// Nanoseconds since the Unix epoch, without jumps.
+/// Clock in nanoseconds since the Unix epoch, without jumps.
 #[derive(Debug, Clone, Copy)]
 struct Clock {
     epoch: u64,
@@ -46,7 +46,7 @@ fn nanos(duration: Duration) -> u64 {
 
 type Delivery = Result<Event, LinkError>;
 
-/// Where the threads hand over.
+/// Delivery of the threads' events.
 #[derive(Clone)]
 struct Inbox {
     clock: Clock,
@@ -55,10 +55,10 @@ struct Inbox {
 }
 
 impl Inbox {
-    /// Stamps and hands over under one lock, which keeps the order of time.
+    /// Stamp and deliver an event under one lock, which preserves the order of time.
     fn deliver(&self, event: impl FnOnce(Nanos) -> Delivery) {
         let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
-        // Nobody listens any more only while the link is being dropped.
+        // The receiver exists until the link is dropped.
         sender.send(event(self.clock.now())).ok();
     }
 
@@ -67,7 +67,7 @@ impl Inbox {
     }
 }
 
-/// A real table.
+/// Connection to a real table.
 pub struct LiveLink {
     transport: Arc<dyn Transport>,
     clock: Clock,
@@ -77,11 +77,11 @@ pub struct LiveLink {
 }
 
 impl LiveLink {
-    /// Starts listening to `transport` and, where there is one, `camera`. Events that are not fetched
-    /// wait in memory.
+    /// Start receiving from `transport` and, if given, `camera`. Events wait in memory until they
+    /// are fetched.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// When a thread cannot be started.
     pub fn start(
         transport: Arc<dyn Transport>,
         camera: Option<CameraSocket>,
@@ -104,14 +104,14 @@ impl LiveLink {
         let spawned = thread::Builder::new().name(name.to_owned()).spawn(work);
         self.threads.push(spawned.map_err(|error| LinkError::Unusable {
             bus: name.to_owned(),
-            what: format!("the system gives no thread ({error})"),
+            what: format!("a thread cannot be started ({error})"),
             remedy: "end other programs and try again",
         })?);
         Ok(())
     }
 }
 
-/// Until told to stop, or the transport is broken or at its end.
+/// Receive until the link stops, or the transport is broken or at its end.
 fn listen_to_bus(transport: &dyn Transport, inbox: &Inbox) {
     while !inbox.stopped() {
         match transport.receive(PATIENCE) {
@@ -121,7 +121,7 @@ fn listen_to_bus(transport: &dyn Transport, inbox: &Inbox) {
             Ok(Received::Fault(fault)) => {
                 inbox.deliver(|at| Ok(Event::Fault { at, fault }));
                 if fault == BusFault::LinkDown {
-                    // An interface that is down says so at once, again and again.
+                    // An interface that is down reports this immediately and repeatedly.
                     thread::sleep(PATIENCE);
                 }
             }
@@ -132,7 +132,7 @@ fn listen_to_bus(transport: &dyn Transport, inbox: &Inbox) {
     }
 }
 
-/// Until told to stop, or the socket is broken.
+/// Receive until the link stops, or the socket is broken.
 fn listen_to_camera(camera: &CameraSocket, inbox: &Inbox) {
     while !inbox.stopped() {
         match camera.receive(PATIENCE) {
@@ -164,7 +164,7 @@ impl Link for LiveLink {
             Err(RecvTimeoutError::Timeout) => Ok(None),
             Err(RecvTimeoutError::Disconnected) => Err(LinkError::Unusable {
                 bus: "the table".to_owned(),
-                what: "nothing listens to it any more".to_owned(),
+                what: "the receiving threads have ended".to_owned(),
                 remedy: "start anew",
             }),
         }
@@ -179,7 +179,7 @@ impl Drop for LiveLink {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // A thread that panicked has told so already.
+            // The panic of a thread was reported already.
             thread.join().ok();
         }
     }
@@ -190,7 +190,7 @@ mod tests {
     use super::*;
     use crate::can::{Direction, FrameKind, IdWidth, Payload};
 
-    /// A bus that has so many frames and then breaks.
+    /// Bus with a limited number of frames, which then breaks.
     struct Short(Mutex<u32>);
 
     impl Transport for Short {

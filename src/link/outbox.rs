@@ -1,22 +1,20 @@
-//! Whole lines into a byte stream that may take only a part of one.
+//! Output of whole lines to a byte stream that may accept only a part of one.
 //!
-//! A line of which nothing was taken is refused and forgotten, so that no frame waits here. A line of
-//! which a part is on its way is finished before anything else, or the other end would read a torn
-//! one.
+//! A line of which no byte was accepted is rejected and discarded, so that no frame waits here. A
+//! line that was accepted in part is finished first, so that the other end never reads a torn line.
 
 use std::io::{self, ErrorKind, Write};
 
-/// What became of a line.
+/// Result of sending a line.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Taken {
-    /// It is on its way.
+    /// The line is sent or in progress.
     Whole,
-    /// Nothing of it was sent.
+    /// No byte of the line was sent.
     Nothing,
 }
 
-/// A stream and the rest of the line that it has not taken yet. The stream's own write time-out says
-/// how long it may be waited for.
+/// Stream and the unsent rest of its last line. The stream's own write time-out limits the wait.
 #[derive(Debug)]
 pub(super) struct Outbox<W> {
     stream: W,
@@ -28,7 +26,7 @@ impl<W: Write> Outbox<W> {
         Self { stream, rest: Vec::new() }
     }
 
-    /// Sends `line` now or not at all.
+    /// Send `line` now or not at all.
     pub(super) fn send(&mut self, line: &[u8]) -> io::Result<Taken> {
         let unfinished = std::mem::take(&mut self.rest);
         let taken = write_what_fits(&mut self.stream, &unfinished)?;
@@ -45,8 +43,8 @@ impl<W: Write> Outbox<W> {
     }
 }
 
-/// Writes until all is taken or the stream takes nothing more within its time-out; the number of
-/// bytes taken.
+/// Write until everything is accepted or the stream's time-out expires; return the number of bytes
+/// written.
 fn write_what_fits(stream: &mut impl Write, bytes: &[u8]) -> io::Result<usize> {
     let mut taken = 0;
     while taken < bytes.len() {
@@ -68,7 +66,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Takes so many bytes at each call, nothing at a 0.
+    /// Writer that accepts the given number of bytes at each call, nothing at a 0.
     struct Narrow {
         widths: Vec<usize>,
         call: usize,
@@ -94,7 +92,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
 
-        /// However little the stream takes: what arrives is the accepted lines, each whole.
+        /// The received text is the accepted lines, each whole, for any stream.
         #[test]
         fn lines_are_never_torn(widths in proptest::collection::vec(0_usize..9, 1..8)) {
             let mut outbox = Outbox::new(Narrow { widths, call: 0, taken: Vec::new() });

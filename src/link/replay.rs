@@ -1,9 +1,9 @@
-//! A log of `candump -L` in place of a bus.
+//! Log of `candump -L` in place of a bus.
 //!
-//! [`Replay`] hands its frames out at once, in order, with the log's own times and directions.
-//! [`ReplayLink`] makes a [`Link`] of it whose time is the log's, so that a procedure runs through a
-//! log as fast as it can be read. Error frames of the log become faults; lines that are none are
-//! skipped and counted.
+//! [`Replay`] delivers its frames immediately, in order, with the log's time stamps and directions.
+//! [`ReplayLink`] wraps it as a [`Link`] whose time is the log's, so that a procedure runs through
+//! a log at reading speed. Error frames of the log become faults; invalid lines are skipped and
+//! counted.
 
 use super::{
     BusFault, Capabilities, Event, Link, LinkError, Received, Transport,
@@ -22,7 +22,7 @@ use std::{
     time::Duration,
 };
 
-/// A log that is being read.
+/// Log that is being read.
 #[derive(Debug)]
 pub struct Replay {
     bus: String,
@@ -33,12 +33,12 @@ pub struct Replay {
 #[derive(Debug)]
 struct Tape {
     lines: BufReader<File>,
-    /// Faults of an error frame that are still to be told.
+    /// Faults of an error frame that are not delivered yet.
     faults: VecDeque<(Nanos, BusFault)>,
     skipped_lines: u64,
 }
 
-/// What a line says, and when.
+/// Content and time of a line.
 #[derive(Debug, Clone, PartialEq)]
 enum Entry {
     Frame { at: Nanos, frame: Frame, direction: Direction },
@@ -47,7 +47,7 @@ enum Entry {
 }
 
 impl Replay {
-    /// Opens the log at `path`; of several interfaces in it, `interface` alone, or all.
+    /// Open the log at `path`, with the frames of `interface` only, or of all interfaces.
     ///
     /// # Errors
     /// When the file cannot be opened.
@@ -63,7 +63,8 @@ impl Replay {
         Ok(Self { bus, interface: interface.map(str::to_owned), tape: Mutex::new(tape) })
     }
 
-    /// Lines so far that were no line of a log, or held a CAN FD frame. Empty lines do not count.
+    /// Return the number of invalid lines so far, including CAN FD frames. Empty lines do not
+    /// count.
     #[must_use]
     pub fn skipped_lines(&self) -> u64 {
         self.tape().skipped_lines
@@ -84,8 +85,8 @@ impl Replay {
             let read = tape.lines.read_until(b'\n', &mut bytes);
             let count = read.map_err(|error| LinkError::Unusable {
                 bus: self.bus.clone(),
-                what: format!("the log cannot be read on ({error})"),
-                remedy: "copy the file to a sound disk",
+                what: format!("reading the log failed ({error})"),
+                remedy: "copy the file to another disk",
             })?;
             if count == 0 {
                 return Ok(Entry::End);
@@ -139,18 +140,18 @@ impl Transport for Replay {
     }
 }
 
-/// A log as a connection to a table. Its time is the time of the last event, or the deadline to which
-/// it was waited; it begins at the first line and never runs backwards.
+/// Log as a connection to a table. Its time is that of the last event, or the last deadline. It
+/// starts at the first line and never runs backwards.
 #[derive(Debug)]
 pub struct ReplayLink {
     replay: Replay,
     now: Nanos,
-    /// The entry that comes next; `None` once the end has been told.
+    /// Next entry; `None` after the end was reported.
     next: Option<Entry>,
 }
 
 impl ReplayLink {
-    /// Stands at the first line of `replay`.
+    /// Create a link at the first line of `replay`.
     ///
     /// # Errors
     /// When the log cannot be read.
@@ -163,13 +164,13 @@ impl ReplayLink {
         Ok(Self { replay, now, next: Some(next) })
     }
 
-    /// As [`Replay::skipped_lines`].
+    /// Return the number of skipped lines, as [`Replay::skipped_lines`].
     #[must_use]
     pub fn skipped_lines(&self) -> u64 {
         self.replay.skipped_lines()
     }
 
-    /// Moves to the line after, and gives the event of this one.
+    /// Advance to the next line, and return the event of this one.
     fn take(&mut self, event: Event, at: Nanos) -> Result<Option<Event>, LinkError> {
         self.next = Some(self.replay.next_entry()?);
         self.now = self.now.max(at);
@@ -209,7 +210,7 @@ impl Link for ReplayLink {
     fn losses(&self) -> Vec<String> {
         match self.skipped_lines() {
             0 => Vec::new(),
-            lines => vec![format!("{lines} lines of the log were not understood")],
+            lines => vec![format!("{lines} lines of the log could not be parsed")],
         }
     }
 

@@ -1,16 +1,16 @@
 //! Serial CAN adapters with the slcan line protocol, on any system.
 //!
-//! As the host of an adapter: `C`, `S5` and `O` are sent one at a time (some adapters obey only the
-//! first of a packet) and each is given a moment to be acknowledged, which some devices never do.
-//! The channel is closed when the transport is dropped. As the device ([`Slcan::serve`]), which is how
-//! a virtual table is offered to other software over a pair of pseudo-terminals: commands are
-//! answered as an adapter answers them, and nothing is sent before the channel has been opened.
+//! As the host of an adapter, it sends `C`, `S5` and `O` one at a time, because some adapters obey
+//! only the first of a packet. It waits briefly for each acknowledgement, which some devices never
+//! send. The channel is closed when the transport is dropped. As the device ([`Slcan::serve`]), it
+//! offers a virtual table to other software over a pair of pseudo-terminals. Commands are answered
+//! like an adapter's, and nothing is sent before the channel is open.
 //!
 //! Bandwidth: a frame is 22 bytes of text, so at 115200 baud only 520 frames/s fit. USB adapters
-//! ignore the baud rate; 1 Mbaud is asked for and left if refused (pseudo-terminals).
+//! ignore the baud rate; 1 Mbaud is requested, and a refusal is ignored (pseudo-terminals).
 //!
-//! Source: see `line.rs` for the protocol. Leaves out: adapter time stamps (`Z1`), which are relative
-//! to the adapter's own clock and wrap each minute.
+//! Source: see `line.rs` for the protocol. Adapter time stamps (`Z1`) are not supported, because
+//! they are relative to the adapter's own clock and wrap each minute.
 
 mod line;
 
@@ -33,33 +33,33 @@ use std::{
 };
 
 const BAUD: u32 = 1_000_000;
-/// A frame that cannot be handed over for so long is refused: a tenth of a control period.
+/// Longest time to write a frame before it is rejected: a tenth of a control period.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(2);
-/// An acknowledgement is awaited for eight times this long.
+/// Step of the wait for an acknowledgement; the wait takes eight steps.
 const ACKNOWLEDGE_STEP: Duration = Duration::from_millis(25);
 const ACKNOWLEDGE_STEPS: usize = 8;
 /// Bit rates (bit/s) by the digit of the `S` command.
 const BIT_RATES: [u32; 9] =
     [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
 
-/// Opens the channel.
+/// Command that opens the channel.
 const OPEN: &str = "O\r";
 
-/// Which end of the line this is.
+/// Role of this end of the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
     Host,
     Device,
 }
 
-/// A serial adapter, or this program in its place.
+/// Serial adapter, or this program in its place.
 #[derive(Debug)]
 pub struct Slcan {
     bus: String,
     role: Role,
     reader: Mutex<Reader>,
     outbox: Mutex<Outbox<SerialPort>>,
-    /// Whether the host has opened the channel; of interest to a device only.
+    /// Whether the host has opened the channel; relevant for a device only.
     channel_open: AtomicBool,
 }
 
@@ -67,28 +67,28 @@ pub struct Slcan {
 struct Reader {
     port: SerialPort,
     lines: LineBuffer,
-    /// What came through before the answer to `O`.
+    /// Events received before the answer to `O`.
     early: VecDeque<Received>,
     gone: bool,
 }
 
 impl Slcan {
-    /// Opens an adapter at `port` and its channel at `bitrate` (bit/s).
+    /// Open an adapter at `port` and its channel at `bitrate` (bit/s).
     ///
     /// # Errors
-    /// When there is no such device, it cannot be used, or it refuses rate or channel.
+    /// When the device does not exist, cannot be used, or refuses rate or channel.
     pub fn open(port: &Path, bitrate: u32) -> Result<Self, LinkError> {
         let unusable = |what: String, remedy| LinkError::Unusable { bus: name(port), what, remedy };
         let Some(rate) = BIT_RATES.iter().position(|rate| *rate == bitrate) else {
             return Err(unusable(
-                format!("slcan adapters do not know {bitrate} bit/s"),
+                format!("slcan adapters do not support {bitrate} bit/s"),
                 "take one of 10000, 20000, 50000, 100000, 125000, 250000, 500000, 800000, 1000000",
             ));
         };
         let slcan = Self::with_role(port, Role::Host)?;
-        // What an earlier program left behind answers nothing of this one.
+        // Input left over from an earlier program is discarded.
         lock(&slcan.reader).port.discard_input_buffer().ok();
-        // Refused where the channel is closed already.
+        // Adapters refuse this where the channel is closed already.
         slcan.command("C\r")?;
         if slcan.command(&format!("S{rate}\r"))? == Answer::Refused {
             return Err(unusable(
@@ -105,10 +105,10 @@ impl Slcan {
         Ok(slcan)
     }
 
-    /// Plays the adapter at `port`, so that the program at the other end finds a bus there.
+    /// Act as the adapter at `port`, so that the program at the other end finds a bus there.
     ///
     /// # Errors
-    /// When there is no such device or it cannot be used.
+    /// When the device does not exist or cannot be used.
     pub fn serve(port: &Path) -> Result<Self, LinkError> {
         Self::with_role(port, Role::Device)
     }
@@ -135,7 +135,7 @@ impl Slcan {
         })
     }
 
-    /// Sends a command and waits a moment for its answer, which may never come.
+    /// Send a command and wait briefly for its answer, which may never come.
     fn command(&self, text: &str) -> Result<Answer, LinkError> {
         self.write(text.as_bytes())?;
         let mut reader = lock(&self.reader);
@@ -147,7 +147,7 @@ impl Slcan {
                 match line::from_adapter(&line) {
                     FromAdapter::Acknowledged => return Ok(Answer::Acknowledged),
                     FromAdapter::Refused => return Ok(Answer::Refused),
-                    // Only an open channel has something to tell of the bus.
+                    // Only an open channel reports bus events.
                     other if text == OPEN => reader.early.extend(of_adapter(other)),
                     _ => {}
                 }
@@ -167,12 +167,12 @@ impl Slcan {
     fn gone(&self) -> LinkError {
         LinkError::Unusable {
             bus: self.bus.clone(),
-            what: "the adapter has gone".to_owned(),
+            what: "the adapter was disconnected".to_owned(),
             remedy: "plug it in again and start anew",
         }
     }
 
-    /// Obeys one line of the host; the frame that it sends on the bus, if it is one.
+    /// Execute one line of the host; return the frame that it sends on the bus, if any.
     fn serve_line(&self, text: &[u8]) -> Option<Received> {
         let command = line::from_host(text);
         let is_open = self.channel_open.load(Ordering::Relaxed);
@@ -186,7 +186,7 @@ impl Slcan {
             _ => {}
         }
         let answer = if accepted { command.answer() } else { line::REFUSAL };
-        // An answer that finds no room is lost, as on a real line; the host does not rely on it.
+        // An answer that does not fit is lost, as on a real line; the host does not rely on it.
         self.write(answer.as_bytes()).ok();
         match command {
             FromHost::Frame(frame) if accepted => Some(received(frame)),
@@ -194,7 +194,7 @@ impl Slcan {
         }
     }
 
-    /// What one line tells, if anything.
+    /// Interpret one line; return its event, if any.
     fn interpret(&self, text: &[u8]) -> Option<Received> {
         match self.role {
             Role::Host => of_adapter(line::from_adapter(text)),
@@ -203,7 +203,7 @@ impl Slcan {
     }
 }
 
-/// What an adapter says to a command.
+/// Answer of an adapter to a command.
 #[derive(Debug, PartialEq, Eq)]
 enum Answer {
     Acknowledged,
@@ -214,7 +214,7 @@ enum Answer {
 impl Transport for Slcan {
     fn send(&self, frame: &Frame) -> Result<(), LinkError> {
         if self.role == Role::Device && !self.channel_open.load(Ordering::Relaxed) {
-            // An adapter whose channel is closed drops what is on the bus.
+            // An adapter whose channel is closed drops frames of the bus.
             return Ok(());
         }
         let text = line::encode(frame).ok_or_else(|| LinkError::Unusable {
@@ -254,13 +254,13 @@ impl Transport for Slcan {
 impl Drop for Slcan {
     fn drop(&mut self) {
         if self.role == Role::Host && !lock(&self.reader).gone {
-            // The adapter may be gone, and there is nobody left to tell.
+            // The adapter may be disconnected; nothing remains to be done then.
             self.write(b"C\r").ok();
         }
     }
 }
 
-/// What came of reading.
+/// Result of a read.
 #[derive(Debug, PartialEq, Eq)]
 enum Filled {
     Something,
@@ -269,7 +269,7 @@ enum Filled {
 }
 
 impl Reader {
-    /// Reads once, waiting at most `timeout`.
+    /// Read once, waiting at most `timeout`.
     fn fill(&mut self, timeout: Duration) -> Filled {
         // The port counts whole milliseconds.
         let timeout = Duration::from_millis(timeout.as_micros().div_ceil(1000) as u64);
@@ -293,7 +293,8 @@ fn is_pause(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// Opens and sets up a port: raw, fast if it can be, terminal ready where there is such a line.
+/// Open and set up a port: raw, at high speed if possible, with the terminal-ready signal if
+/// available.
 fn open_port(port: &Path) -> io::Result<SerialPort> {
     let fast = |mut settings: Settings| {
         settings.set_raw();
@@ -306,7 +307,7 @@ fn open_port(port: &Path) -> io::Result<SerialPort> {
     };
     let opened =
         SerialPort::open(port, fast).or_else(|_too_fast| SerialPort::open(port, as_it_is))?;
-    // Pseudo-terminals have no such line; adapters that need it have one.
+    // Pseudo-terminals have no such signal; adapters that need it have one.
     opened.set_dtr(true).ok();
     Ok(opened)
 }
@@ -314,10 +315,10 @@ fn open_port(port: &Path) -> io::Result<SerialPort> {
 fn open_error(port: &Path, error: &io::Error) -> LinkError {
     let (what, remedy) = match error.kind() {
         ErrorKind::NotFound => {
-            ("there is no such device".to_owned(), "plug the adapter in, or look which name it has")
+            ("there is no such device".to_owned(), "plug the adapter in, or check its device name")
         }
         ErrorKind::PermissionDenied => (
-            "you may not open it".to_owned(),
+            "permission denied".to_owned(),
             "join its group (often: sudo usermod -aG dialout $USER) and log in again",
         ),
         _ => (
@@ -340,7 +341,7 @@ fn of_adapter(line: FromAdapter) -> Option<Received> {
     match line {
         FromAdapter::Frame(frame) => Some(received(frame)),
         FromAdapter::Fault(fault) => Some(Received::Fault(fault)),
-        // Once the channel is open, what is refused is a frame.
+        // Once the channel is open, a refusal concerns a frame.
         FromAdapter::Refused => Some(Received::Fault(BusFault::Overrun { frames: 1 })),
         FromAdapter::Acknowledged | FromAdapter::Unknown => None,
     }
@@ -359,11 +360,11 @@ mod tests {
         let missing = Slcan::open(Path::new("/dev/no-such-tty"), 250_000).unwrap_err().to_string();
         assert_eq!(
             missing,
-            "slcan:/dev/no-such-tty: there is no such device; plug the adapter in, or look which \
-             name it has"
+            "slcan:/dev/no-such-tty: there is no such device; plug the adapter in, or check its \
+             device name"
         );
         let rate = Slcan::open(Path::new("/dev/null"), 83_333).unwrap_err().to_string();
-        assert!(rate.contains("slcan adapters do not know 83333 bit/s; take one of 10000"));
+        assert!(rate.contains("slcan adapters do not support 83333 bit/s; take one of 10000"));
         let file = tempfile::NamedTempFile::new().unwrap();
         let no_tty = Slcan::serve(file.path()).unwrap_err().to_string();
         assert!(no_tty.contains("it cannot be used as a serial port"), "{no_tty}");

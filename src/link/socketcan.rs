@@ -1,13 +1,13 @@
-//! An interface of the Linux kernel (SocketCAN).
+//! CAN interface of the Linux kernel (SocketCAN).
 //!
-//! All error frames are asked for and told as [`BusFault`]s. Each frame carries the kernel's receive
-//! time (`SO_TIMESTAMPNS`, the system's clock). The receive buffer is enlarged as far as the system
-//! allows an ordinary user, and frames that the kernel dropped because it was full are counted by the
-//! socket's own counter (`SO_MEMINFO`, the same number that `SO_RXQ_OVFL` would attach to frames).
-//! Frames of this socket do not come back to it.
+//! All error frames are requested and reported as [`BusFault`]s. Each frame has the kernel's
+//! receive time (`SO_TIMESTAMPNS`, the system's clock). The receive buffer is enlarged as far as
+//! the system allows an ordinary user. The socket's own counter (`SO_MEMINFO`, the same number that
+//! `SO_RXQ_OVFL` attaches to frames) counts the frames that the kernel dropped because the buffer
+//! was full. Frames sent by this socket are not received by it.
 //!
-//! Source: Linux `Documentation/networking/can.rst`, `linux/sock_diag.h`. Leaves out: CAN FD, and
-//! hardware time stamps, whose clock is the adapter's own.
+//! Source: Linux `Documentation/networking/can.rst`, `linux/sock_diag.h`. Not supported: CAN FD,
+//! and hardware time stamps, whose clock is the adapter's own.
 
 use super::{BusFault, Capabilities, LinkError, Received, Transport, fault::faults_of_error_frame};
 use crate::{
@@ -25,13 +25,13 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-/// 20 000 frames: two seconds of a full bus at 1 Mbit/s. An ordinary user gets no more than
-/// `net.core.rmem_max`, by default 550 frames: 50 ms of it.
+/// Receive buffer for 20 000 frames: two seconds of a full bus at 1 Mbit/s. An ordinary user gets
+/// at most `net.core.rmem_max`, by default 550 frames: 50 ms.
 const RECEIVE_BUFFER_BYTES: usize = 8 << 20;
-/// A send waits for the kernel's buffer at most so long (a tick of its clock); the queue of the
-/// interface never waits.
+/// Longest wait of a send for the kernel's buffer (a tick of its clock); the queue of the interface
+/// never waits.
 const SEND_TIMEOUT: Duration = Duration::from_millis(1);
-/// A time-out of 0 would wait for ever.
+/// Shortest time-out; a time-out of 0 would wait forever.
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(1);
 
 // `asm-generic/socket.h`, `linux/sock_diag.h`.
@@ -47,16 +47,16 @@ const EAFNOSUPPORT: i32 = 97;
 const ENETDOWN: i32 = 100;
 const ENOBUFS: i32 = 105;
 
-/// Lets frames through whose id agrees with `id` in the bits of `mask`.
+/// Filter that passes frames whose id agrees with `id` in the bits of `mask`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct IdFilter {
-    /// The id; bit 31 set for one of 29 bits.
+    /// Id; bit 31 is set for a 29-bit id.
     pub id: u32,
-    /// The bits that matter.
+    /// Bits that are compared.
     pub mask: u32,
 }
 
-/// A socket on an interface.
+/// Socket on an interface.
 #[derive(Debug)]
 pub struct SocketCan {
     bus: String,
@@ -73,8 +73,8 @@ struct Receiver {
 }
 
 impl SocketCan {
-    /// Opens `interface`; of the frames, the kernel hands over those that pass any of `filters`, or
-    /// all when there are none. Error frames always come.
+    /// Open `interface`. The kernel delivers frames that pass any of `filters`, or all frames
+    /// without filters. Error frames are always delivered.
     ///
     /// # Errors
     /// When the kernel has no CAN or no such interface, or the interface is down.
@@ -85,7 +85,7 @@ impl SocketCan {
             .map_err(|error| open_error(interface, &error))?;
         let opened =
             Self { bus, interface: interface.to_owned(), socket, receiver: Mutex::default() };
-        // The kernel tells a socket on an interface that is down so, once.
+        // The kernel reports an interface that is down once.
         match opened.socket.as_raw_socket().take_error() {
             Ok(Some(error)) if error.raw_os_error() == Some(ENETDOWN) => Err(opened.down()),
             _ => Ok(opened),
@@ -100,7 +100,7 @@ impl SocketCan {
         LinkError::Unusable {
             bus: self.bus.clone(),
             what,
-            remedy: "look whether the adapter is plugged in, and start anew",
+            remedy: "check whether the adapter is plugged in, and start anew",
         }
     }
 
@@ -113,13 +113,13 @@ impl SocketCan {
         if receiver.timeout != timeout {
             self.socket
                 .set_read_timeout(timeout)
-                .map_err(|error| self.broken(format!("it takes no time-out ({error})")))?;
+                .map_err(|error| self.broken(format!("the time-out cannot be set ({error})")))?;
             receiver.timeout = timeout;
         }
         Ok(())
     }
 
-    /// Frames that the kernel had to drop since the last call.
+    /// Return the number of frames that the kernel dropped since the last call.
     fn newly_dropped(&self, receiver: &mut Receiver) -> u32 {
         let mut info = [0; 4 * (MEMINFO_DROPS + 1)];
         let length = self.socket.get_socket_option_bytes(SOL_SOCKET, SO_MEMINFO, &mut info);
@@ -133,7 +133,7 @@ impl SocketCan {
     }
 }
 
-/// Asks for everything that is wanted of a socket.
+/// Set all options of a socket.
 fn set_up(socket: &CanSocket, filters: &[IdFilter]) -> io::Result<()> {
     socket.set_error_filter_accept_all()?;
     socket.set_recv_timestamp(true)?;
@@ -143,7 +143,7 @@ fn set_up(socket: &CanSocket, filters: &[IdFilter]) -> io::Result<()> {
             filters.iter().map(|filter| CanFilter::new(filter.id, filter.mask)).collect();
         socket.set_filters(&filters)?;
     }
-    // Where neither is allowed in full, the buffer overflows sooner, which is told.
+    // Where neither succeeds in full, the buffer overflows sooner, which is reported.
     if socket
         .set_socket_option_int(SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES as i32)
         .is_err()
@@ -158,13 +158,13 @@ fn open_error(interface: &str, error: &io::Error) -> LinkError {
     let (what, remedy) = match error.raw_os_error() {
         Some(ENODEV) => (
             format!("there is no interface {interface}"),
-            "plug the adapter in and look with: ip link (a kernel without CAN shows none)",
+            "plug the adapter in and check with: ip link (a kernel without CAN shows none)",
         ),
         Some(EAFNOSUPPORT) => (
             "this kernel has no CAN".to_owned(),
-            "load it with: sudo modprobe can_raw, or take a serial adapter or gateway as --bus",
+            "load it with: sudo modprobe can_raw, or use a serial adapter or gateway as --bus",
         ),
-        _ => (format!("the interface cannot be opened ({error})"), "look with: ip -details link"),
+        _ => (format!("the interface cannot be opened ({error})"), "check with: ip -details link"),
     };
     LinkError::Unusable { bus, what, remedy }
 }
@@ -179,9 +179,9 @@ impl Transport for SocketCan {
         self.socket.write_frame(&frame).map_err(|error| match error.raw_os_error() {
             Some(ENOBUFS) => LinkError::Full { bus: self.bus.clone() },
             Some(ENETDOWN) => self.down(),
-            Some(ENXIO | ENODEV) => self.broken("the adapter has gone".to_owned()),
+            Some(ENXIO | ENODEV) => self.broken("the adapter was disconnected".to_owned()),
             _ if is_pause(&error) => LinkError::Full { bus: self.bus.clone() },
-            _ => self.broken(format!("the frame could not be sent ({error})")),
+            _ => self.broken(format!("sending failed ({error})")),
         })
     }
 
@@ -211,7 +211,7 @@ impl Transport for SocketCan {
             }
             Err(error) => match error.raw_os_error() {
                 Some(ENETDOWN | ENODEV) => Ok(Received::Fault(BusFault::LinkDown)),
-                _ => Err(self.broken(format!("nothing can be received ({error})"))),
+                _ => Err(self.broken(format!("receiving failed ({error})"))),
             },
         }
     }
@@ -230,7 +230,7 @@ fn since_epoch(time: SystemTime) -> Option<Nanos> {
     Some(Nanos(u64::try_from(since.as_nanos()).ok()?))
 }
 
-/// `None` for error frames and ids that are too large.
+/// Convert a frame for the kernel; `None` for error frames and ids that are too large.
 fn to_kernel(frame: &Frame) -> Option<CanFrame> {
     let id: Id = match frame.width {
         IdWidth::Standard => StandardId::new(u16::try_from(frame.id).ok()?)?.into(),
@@ -265,10 +265,10 @@ mod tests {
         let missing = SocketCan::open("nocan7", &[]).unwrap_err().to_string();
         assert_eq!(
             missing,
-            "socketcan:nocan7: there is no interface nocan7; plug the adapter in and look with: ip \
+            "socketcan:nocan7: there is no interface nocan7; plug the adapter in and check with: ip \
              link (a kernel without CAN shows none)"
         );
-        // The loopback of the network is there, but is no CAN interface.
+        // The loopback interface exists, but is not a CAN interface.
         let foreign = SocketCan::open("lo", &[]).unwrap_err().to_string();
         assert!(foreign.starts_with("socketcan:lo: "), "{foreign}");
     }

@@ -1,13 +1,13 @@
-//! A socketcand gateway, such as a Raspberry Pi at the table: ASCII over TCP.
+//! Network gateway with socketcand, such as a Raspberry Pi at the table: ASCII over TCP.
 //!
-//! The server greets, is told the interface, and is put into raw mode. Its `ok` to that comes before
-//! its socket exists, and frames sent at once would be lost; the answer to `< echo >` is the barrier
-//! that tells that it is ready.
+//! The server sends a greeting, receives the interface, and is switched to raw mode. It sends `ok`
+//! to the switch before its socket exists, and frames sent at once would be lost. The answer to `<
+//! echo >` confirms that it is ready.
 //!
-//! Limits of the protocol: no remote frames in either direction, errors by their classes only, times
-//! are the server's, and a missing acknowledgement or a full queue is not reported back.
+//! Limits of the protocol: no remote frames in either direction, error classes without details,
+//! time stamps of the server. A missing acknowledgement or a full queue is not reported.
 //!
-//! Source: socketcand `doc/protocol.md`; what is not written there was measured against the server.
+//! Source: socketcand `doc/protocol.md`; undocumented behaviour was measured on the server.
 
 mod message;
 
@@ -27,15 +27,15 @@ use std::{
 };
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
-/// How long the server may take for each step of the greeting.
+/// Longest time of the server for each step of the greeting.
 const GREETING_TIMEOUT: Duration = Duration::from_secs(3);
-/// A frame that cannot be handed over for so long is refused: a tenth of a control period.
+/// Longest time to write a frame before it is rejected: a tenth of a control period.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(2);
-/// The least time-out that a socket takes.
+/// Shortest time-out of a socket.
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(1);
 const START_SERVER: &str = "start it there, for example: socketcand -i can0";
 
-/// A connection to a gateway.
+/// Connection to a gateway.
 #[derive(Debug)]
 pub struct Socketcand {
     bus: String,
@@ -52,16 +52,16 @@ struct Reader {
 }
 
 impl Socketcand {
-    /// Connects to `server` (`host:port`) and opens its `interface`.
+    /// Connect to `server` (`host:port`) and open its `interface`.
     ///
     /// # Errors
-    /// When nobody answers there, or the server refuses the interface.
+    /// When the server does not answer, or refuses the interface.
     pub fn open(server: &str, interface: &str) -> Result<Self, LinkError> {
         let bus = format!("socketcand:{server}/{interface}");
         let unusable =
             |what: String, remedy| LinkError::Unusable { bus: bus.clone(), what, remedy };
         let stream = connect(server).map_err(|error| {
-            unusable(format!("nobody answers at {server} ({error})"), START_SERVER)
+            unusable(format!("no answer from {server} ({error})"), START_SERVER)
         })?;
         let broken =
             |error: io::Error| unusable(format!("the connection broke ({error})"), START_SERVER);
@@ -83,7 +83,7 @@ impl Socketcand {
             ("< echo >".to_owned(), Message::Echo),
         ] {
             outbox.send(request.as_bytes()).map_err(broken)?;
-            reader.expect(&expected).map_err(|what| unusable(what, "look at the server's log"))?;
+            reader.expect(&expected).map_err(|what| unusable(what, "check the server's log"))?;
         }
         Ok(Self { bus, reader: Mutex::new(reader), outbox: Mutex::new(outbox) })
     }
@@ -91,8 +91,8 @@ impl Socketcand {
     fn gone(&self) -> LinkError {
         LinkError::Unusable {
             bus: self.bus.clone(),
-            what: "the gateway has gone".to_owned(),
-            remedy: "look whether it runs and is connected, and start anew",
+            what: "the gateway was disconnected".to_owned(),
+            remedy: "check whether it runs and is connected, and start anew",
         }
     }
 }
@@ -105,7 +105,7 @@ impl Transport for Socketcand {
                 "{:?} frame {:03X} cannot be sent through a gateway",
                 frame.kind, frame.id
             ),
-            remedy: "send data frames; an empty one asks as a remote frame does",
+            remedy: "send data frames; an empty one is a request, like a remote frame",
         })?;
         match lock(&self.outbox).send(text.as_bytes()) {
             Ok(Taken::Whole) => Ok(()),
@@ -135,12 +135,12 @@ impl Transport for Socketcand {
     }
 }
 
-/// The connection is at its end.
+/// End of the connection.
 #[derive(Debug)]
 struct Gone;
 
 impl Reader {
-    /// Reads once, waiting at most `timeout`.
+    /// Read once, waiting at most `timeout`.
     fn fill(&mut self, timeout: Duration) -> Result<(), Gone> {
         let mut bytes = [0; 4096];
         let timeout = timeout.max(SHORTEST_TIMEOUT);
@@ -158,7 +158,7 @@ impl Reader {
         }
     }
 
-    /// The next frame or fault that has arrived.
+    /// Return the next received frame or fault.
     fn next(&mut self) -> Option<Received> {
         loop {
             if let Some(fault) = self.faults.pop_front() {
@@ -180,7 +180,7 @@ impl Reader {
         }
     }
 
-    /// Waits for one step of the greeting; what went wrong otherwise.
+    /// Wait for one step of the greeting; return what failed.
     fn expect(&mut self, expected: &Message) -> Result<(), String> {
         loop {
             while let Some(message) = self.messages.next_message() {
@@ -195,7 +195,7 @@ impl Reader {
                 Ok(0) => return Err("the server closed the connection".to_owned()),
                 Ok(count) => self.messages.push(&bytes[..count]),
                 Err(error) if is_pause(&error) => {
-                    return Err(format!("the server does not say {expected:?}"));
+                    return Err(format!("the server does not send {expected:?}"));
                 }
                 Err(error) => return Err(format!("the connection broke ({error})")),
             }
@@ -207,7 +207,7 @@ fn is_pause(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// Connects to the first address of `server` that answers.
+/// Connect to the first address of `server` that answers.
 fn connect(server: &str) -> io::Result<TcpStream> {
     let mut last = io::Error::new(ErrorKind::NotFound, "the name has no address");
     for address in server.to_socket_addrs()? {

@@ -1,60 +1,60 @@
-//! Which bus: the text after `--bus`, and the lock that keeps a second program off it.
+//! Bus address: the value of `--bus`, and the lock that keeps a second program off the bus.
 //!
 //! | text | bus |
 //! |---|---|
 //! | `socketcan:can0` | an interface of the Linux kernel |
 //! | `slcan:/dev/ttyACM0` | a serial adapter, on any system |
-//! | `socketcand:host:port` or `socketcand:host:port/can1` | a gateway; `can0` unless said |
-//! | `replay:FILE` | a log of `candump -L` |
-//! | `virtual` | the table inside this program |
+//! | `socketcand:host:port` or `socketcand:host:port/can1` | gateway; `can0` by default |
+//! | `replay:FILE` | log of `candump -L` |
+//! | `virtual` | virtual table inside this program |
 
 use super::{LinkError, Transport, slcan::Slcan, socketcand::Socketcand};
 use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
 
-/// Interface of a gateway when the text names none.
+/// Default interface of a gateway.
 const DEFAULT_INTERFACE: &str = "can0";
 
-/// Where a table is.
+/// Address of a table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BusSpec {
-    /// Inside this program.
+    /// Virtual table inside this program.
     Virtual,
-    /// In a log.
+    /// Log.
     Replay(PathBuf),
-    /// On a bus.
+    /// Live bus.
     Live(TransportSpec),
 }
 
-/// A bus on which motors may turn.
+/// Live bus, on which motors may turn.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum TransportSpec {
-    /// An interface of the Linux kernel.
+    /// Interface of the Linux kernel.
     SocketCan {
-        /// Its name, such as `can0`.
+        /// Name, such as `can0`.
         interface: String,
     },
-    /// A serial adapter.
+    /// Serial adapter.
     Slcan {
-        /// Its device, such as `/dev/ttyACM0` or `COM3`.
+        /// Device, such as `/dev/ttyACM0` or `COM3`.
         port: PathBuf,
     },
-    /// A gateway in the network.
+    /// Gateway in the network.
     Socketcand {
-        /// `host:port`.
+        /// Address `host:port`.
         server: String,
-        /// The gateway's interface.
+        /// Interface of the gateway.
         interface: String,
     },
 }
 
-/// A text that names no bus.
+/// Error: a text that is not a bus address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "'{found}' names no bus; write socketcan:INTERFACE, slcan:DEVICE, socketcand:HOST:PORT[/INTERFACE], \
      replay:FILE or virtual"
 )]
 pub struct BusSpecError {
-    /// What was given.
+    /// Text given.
     pub found: String,
 }
 
@@ -83,7 +83,7 @@ impl FromStr for BusSpec {
     }
 }
 
-/// `host:port` or `host:port/interface`; the host may be an IPv6 address in brackets.
+/// Parse `host:port` or `host:port/interface`; the host may be an IPv6 address in brackets.
 fn parse_server(text: &str) -> Option<TransportSpec> {
     let (server, interface) = text.split_once('/').unwrap_or((text, DEFAULT_INTERFACE));
     let (host, port) = server.rsplit_once(':')?;
@@ -115,11 +115,11 @@ impl fmt::Display for TransportSpec {
 }
 
 impl TransportSpec {
-    /// Opens the bus. `bitrate` (bit/s) is what a serial adapter is told; a kernel interface or a
-    /// gateway has been given its own by whoever brought it up.
+    /// Open the bus. `bitrate` (bit/s) is set on a serial adapter; a kernel interface or a gateway
+    /// has a fixed bit rate.
     ///
     /// # Errors
-    /// When the bus is not there or cannot be used.
+    /// When the bus does not exist or cannot be used.
     pub fn open(&self, bitrate: u32) -> Result<Arc<dyn Transport>, LinkError> {
         log::info!("opening {self}");
         Ok(match self {
@@ -131,15 +131,15 @@ impl TransportSpec {
         })
     }
 
-    /// Takes the bus for this program.
+    /// Lock the bus for this program.
     ///
     /// # Errors
-    /// When another program of this machine has taken it.
+    /// When another program of this machine has locked it.
     pub fn lock(&self) -> Result<BusLock, LinkError> {
         BusLock::take(self)
     }
 
-    /// One name for one bus, however it was spelled.
+    /// Return one name per bus, independent of its spelling.
     #[cfg(target_os = "linux")]
     fn canonical_name(&self) -> String {
         match self {
@@ -162,15 +162,15 @@ fn open_socketcan(interface: &str) -> Result<Arc<dyn Transport>, LinkError> {
     Err(LinkError::Unusable {
         bus: format!("socketcan:{interface}"),
         what: "only Linux has CAN interfaces".to_owned(),
-        remedy: "take slcan:DEVICE or socketcand:HOST:PORT as --bus",
+        remedy: "use slcan:DEVICE or socketcand:HOST:PORT as --bus",
     })
 }
 
-/// Keeps other collectors of this machine off a bus for as long as it lives. Two programs that both
-/// send setpoints would make motors jump between them.
+/// Lock that keeps other collectors of this machine off a bus for its lifetime. Two programs that
+/// both send setpoints would make motors jump between them.
 ///
-/// On Linux it is a socket under an abstract name, which the kernel frees however the program ends;
-/// other systems have none, and nothing is kept off there.
+/// On Linux it is a socket with an abstract name, which the kernel frees at the end of the program.
+/// Other systems have no such names, and the lock has no effect there.
 #[derive(Debug)]
 pub struct BusLock {
     #[cfg(target_os = "linux")]
@@ -179,7 +179,7 @@ pub struct BusLock {
 
 #[cfg(target_os = "linux")]
 impl BusLock {
-    /// Longest name that is used as it is; the kernel takes 107 bytes.
+    /// Longest name that is used unchanged; the kernel takes 107 bytes.
     const LONGEST_NAME: usize = 80;
 
     fn take(spec: &TransportSpec) -> Result<Self, LinkError> {
@@ -198,11 +198,11 @@ impl BusLock {
                 std::io::ErrorKind::AddrInUse => LinkError::Unusable {
                     bus: spec.to_string(),
                     what: "another klasktron is driving this bus".to_owned(),
-                    remedy: "end it first, or take another bus",
+                    remedy: "end it first, or use another bus",
                 },
                 _ => LinkError::Unusable {
                     bus: spec.to_string(),
-                    what: format!("the lock cannot be taken ({error})"),
+                    what: format!("the bus cannot be locked ({error})"),
                     remedy: "make sure that no other program drives this bus, and try again",
                 },
             })

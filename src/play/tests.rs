@@ -27,7 +27,7 @@ type Places = [Option<[f64; 2]>; 3];
 fn symmetric() -> Robot {
     let field = |y_min_m, y_max_m| Rectangle { x_min_m: -0.15, x_max_m: 0.15, y_min_m, y_max_m };
     Robot {
-        field: PerPlayer { left: field(-0.21, -0.01), right: field(0.01, 0.21) },
+        workspace: PerPlayer { left: field(-0.21, -0.01), right: field(0.01, 0.21) },
         ..Robot::default()
     }
 }

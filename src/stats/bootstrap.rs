@@ -1,16 +1,16 @@
 //! Bootstrap intervals over groups.
 //!
-//! Samples inside one run are strongly correlated, so whole runs are drawn, with replacement, and
-//! the interval is that of the percentiles (Efron and Tibshirani, "An Introduction to the
+//! Samples inside one run are strongly correlated. Therefore whole runs are drawn with replacement,
+//! and the interval is the percentile interval (Efron and Tibshirani, "An Introduction to the
 //! Bootstrap", 1993, chapter 13).
 
 use crate::seed::Stream;
 use serde::{Deserialize, Serialize};
 
-/// Draws for one interval: the ends of a 95 % interval then stand on 25 draws each.
+/// Number of bootstrap draws for one interval; 25 draws lie beyond each end of a 95 % interval.
 const DRAWS: usize = 1000;
 
-/// Lower and upper end of a 95 % interval.
+/// 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// 2.5th percentile.
@@ -19,8 +19,8 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// 95 % interval of `statistic` over `groups`, drawn with replacement from the stream of `seed`.
-/// `None` for fewer than two groups, of which nothing can be said.
+/// Return the 95 % interval of `statistic` over `groups`, drawn with replacement from the stream of
+/// `seed`. `None` for fewer than two groups.
 ///
 /// ```
 /// use klasktron::stats::bootstrap_ci95;
@@ -45,7 +45,8 @@ pub fn bootstrap_ci95<T>(
     }))
 }
 
-/// Sum of `above` over sum of `below`, over all `groups`, and its 95 % interval as [`bootstrap_ci95`].
+/// Return the sum of `above` over the sum of `below`, over all `groups`, with its 95 % interval as
+/// [`bootstrap_ci95`].
 ///
 /// ```
 /// use klasktron::stats::ratio_ci95;
@@ -68,8 +69,8 @@ pub fn ratio_ci95<T>(
     (of(&all), bootstrap_ci95(groups, seed, of))
 }
 
-/// 95 % interval of the difference of `statistic` between `b` and `a` (b minus a), both drawn with
-/// replacement. `None` where one of them has fewer than two groups.
+/// Return the 95 % interval of the difference of `statistic` between `b` and `a` (b minus a), both
+/// drawn with replacement. `None` when one of them has fewer than two groups.
 pub fn bootstrap_difference_ci95<T>(
     a: &[T],
     b: &[T],
@@ -106,7 +107,7 @@ mod tests {
 
     #[test]
     fn intervals_of_the_mean_contain_the_truth_about_as_often_as_they_say() {
-        // 200 experiments of 30 uniform numbers; percentile intervals fall a little short of 95 %.
+        // 200 experiments of 30 uniform numbers; percentile intervals cover slightly less than 95 %.
         let contained = (0..200)
             .filter(|seed| {
                 let mut stream = Stream::new(*seed, "experiment");

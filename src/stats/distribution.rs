@@ -1,10 +1,11 @@
-//! Tails of the distributions that tests need, by the regularised incomplete beta function.
+//! Distribution functions and quantiles of the statistical tests.
 
-/// Most terms of the continued fraction; it converges in far fewer for the sizes of tests.
+/// Largest number of terms of the continued fraction; it converges in far fewer for the sizes of
+/// tests.
 const MOST_TERMS: usize = 500;
 
-/// Natural logarithm of the gamma function for x > 0 (Lanczos, g = 7, nine terms; relative error
-/// below 1e-13).
+/// Return the natural logarithm of the gamma function for x > 0 (Lanczos, g = 7, nine terms;
+/// relative error below 1e-13).
 #[must_use]
 pub fn ln_gamma(x: f64) -> f64 {
     const COEFFICIENTS: [f64; 8] = [
@@ -28,8 +29,8 @@ pub fn ln_gamma(x: f64) -> f64 {
     0.5 * std::f64::consts::TAU.ln() + (shifted + 0.5) * base.ln() - base + series.ln()
 }
 
-/// Regularised incomplete beta function I_x(a, b) by Lentz's continued fraction (Press et al.,
-/// "Numerical Recipes", 3rd ed., section 6.4).
+/// Return the regularised incomplete beta function I_x(a, b) by Lentz's continued fraction (Press
+/// et al., "Numerical Recipes", 3rd ed., section 6.4).
 #[must_use]
 pub fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
     if x <= 0.0 {
@@ -71,7 +72,7 @@ fn beta_fraction(a: f64, b: f64, x: f64) -> f64 {
     fraction
 }
 
-/// Probability that Fisher's F with `k` and `n` degrees of freedom exceeds `f`.
+/// Return the probability that Fisher's F with `k` and `n` degrees of freedom exceeds `f`.
 #[must_use]
 pub fn f_tail(f: f64, k: f64, n: f64) -> f64 {
     if !f.is_finite() || f <= 0.0 || n <= 0.0 || k <= 0.0 {
@@ -80,7 +81,8 @@ pub fn f_tail(f: f64, k: f64, n: f64) -> f64 {
     incomplete_beta(0.5 * n, 0.5 * k, n / (n + k * f))
 }
 
-/// Quantile `probability` (above one half) of Student's t with `n` degrees of freedom, by bisection.
+/// Return the quantile `probability` (above one half) of Student's t with `n` degrees of freedom,
+/// by bisection.
 #[must_use]
 pub fn t_quantile(probability: f64, n: f64) -> f64 {
     let tail = |t: f64| 0.5 * f_tail(t * t, 1.0, n);
@@ -96,14 +98,14 @@ pub fn t_quantile(probability: f64, n: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Density of the standard normal distribution.
+/// Return the density of the standard normal distribution.
 #[must_use]
 pub fn normal_density(x: f64) -> f64 {
     (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt()
 }
 
-/// Probability that a standard normal number is below `x` (Press et al., "Numerical Recipes", 2nd
-/// ed., section 6.2, `erfcc`; relative error below 1.2e-7 in the lower tail).
+/// Return the probability that a standard normal variable is below `x` (Press et al., "Numerical
+/// Recipes", 2nd ed., section 6.2, `erfcc`; relative error below 1.2e-7 in the lower tail).
 #[must_use]
 pub fn normal_cdf(x: f64) -> f64 {
     const COEFFICIENTS: [f64; 10] = [
@@ -125,9 +127,9 @@ pub fn normal_cdf(x: f64) -> f64 {
     if x < 0.0 { tail } else { 1.0 - tail }
 }
 
-/// Quantile of chi-square with `n` degrees of freedom, given the quantile `z` of the standard normal
-/// distribution for the same probability (Wilson and Hilferty, PNAS 17, 1931; for a 95 % band off by
-/// less than 0.4 % of its width from n = 4).
+/// Return the quantile of chi-square with `n` degrees of freedom, given the quantile `z` of the
+/// standard normal distribution for the same probability. Approximation of Wilson and Hilferty
+/// (PNAS 17, 1931); for a 95 % band the error is below 0.4 % of its width from n = 4.
 #[must_use]
 pub fn chi_square_quantile(z: f64, n: f64) -> f64 {
     let part = 2.0 / (9.0 * n);

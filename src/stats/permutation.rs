@@ -1,14 +1,14 @@
-//! Permutation tests: whether two groups differ by more than a random division of all would.
+//! Permutation tests: significance of the difference between two groups.
 
 use crate::seed::Stream;
 
-/// Random divisions: the smallest p-value is one in ten thousand.
-const DIVISIONS: usize = 9999;
+/// Number of random permutations: the smallest p-value is one in ten thousand.
+const PERMUTATIONS: usize = 9999;
 
-/// Two-sided p-value of the difference of `statistic` between `a` and `b`, under the hypothesis that
-/// the groups are a random division of all their members (Good, "Permutation, Parametric and
-/// Bootstrap Tests of Hypotheses", 3rd ed., section 3.2; the division at hand counts as one of the
-/// random ones). `None` where one of them has fewer than two members.
+/// Return the two-sided p-value of the difference of `statistic` between `a` and `b`. Under the
+/// null hypothesis the groups are a random division of all their members (Good, "Permutation,
+/// Parametric and Bootstrap Tests of Hypotheses", 3rd ed., section 3.2). The observed division
+/// counts as one of the random ones. `None` when one of the groups has fewer than two members.
 ///
 /// ```
 /// use klasktron::stats::permutation_p;
@@ -33,16 +33,17 @@ pub fn permutation_p<T>(
     let found = difference(&all);
     // Sums in another order differ in their last digits.
     let least = found - 1e-9 * found.abs();
-    let as_large = (0..DIVISIONS)
+    let as_large = (0..PERMUTATIONS)
         .filter(|_| {
             stream.shuffle(&mut all);
             least <= difference(&all)
         })
         .count();
-    Some((as_large + 1) as f64 / (DIVISIONS + 1) as f64)
+    Some((as_large + 1) as f64 / (PERMUTATIONS + 1) as f64)
 }
 
-/// p-values corrected for being several (Holm, Scandinavian Journal of Statistics 6, 1979).
+/// Return the p-values corrected for multiple comparisons (Holm, Scandinavian Journal of Statistics
+/// 6, 1979).
 #[must_use]
 pub fn holm(p_values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p_values.len()).collect();

@@ -1,12 +1,12 @@
-//! The interval of a share.
+//! Confidence interval of a proportion.
 
 use super::Interval;
 
 /// 97.5th percentile of the normal distribution.
 const Z: f64 = 1.959_964;
 
-/// 95 % interval of the share of `hits` in `count` (Wilson, J. Am. Stat. Assoc. 22, 1927, equation
-/// of the score interval); `None` for no count.
+/// Return the 95 % interval of the proportion of `hits` in `count` (Wilson, J. Am. Stat. Assoc. 22,
+/// 1927, score interval); `None` for a count of zero.
 ///
 /// ```
 /// use klasktron::stats::wilson_ci95;

@@ -1,14 +1,14 @@
-//! Location and spread of a sample. Every function passes over non-finite values, and gives `None`
-//! when too few finite ones are left.
+//! Location and spread of a sample. Every function ignores non-finite values and returns `None`
+//! when too few finite values are left.
 
-/// Share of a normal distribution below its mean plus one standard deviation.
+/// Fraction of a normal distribution below its mean plus one standard deviation.
 const ONE_SIGMA_QUANTILE: f64 = 0.841_344_746_068_542_9;
 
 fn finite(values: &[f64]) -> Vec<f64> {
     values.iter().copied().filter(|value| value.is_finite()).collect()
 }
 
-/// Arithmetic mean; `None` without a finite value.
+/// Return the arithmetic mean; `None` without a finite value.
 #[must_use]
 pub fn mean(values: &[f64]) -> Option<f64> {
     let (sum, count) = values
@@ -18,7 +18,7 @@ pub fn mean(values: &[f64]) -> Option<f64> {
     (0 < count).then(|| sum / count as f64)
 }
 
-/// Sample standard deviation (divided by n - 1); `None` below two finite values.
+/// Return the sample standard deviation (divided by n - 1); `None` below two finite values.
 #[must_use]
 pub fn standard_deviation(values: &[f64]) -> Option<f64> {
     let kept = finite(values);
@@ -27,15 +27,16 @@ pub fn standard_deviation(values: &[f64]) -> Option<f64> {
     (1 < kept.len()).then(|| (squares / (kept.len() - 1) as f64).sqrt())
 }
 
-/// The middle value, or the mean of the two middle ones; `None` without a finite value.
+/// Return the median; the mean of the two middle values for an even count. `None` without a finite
+/// value.
 #[must_use]
 pub fn median(values: &[f64]) -> Option<f64> {
     quantile(values, 0.5)
 }
 
-/// The value below which the share `probability` (0 to 1, held within) of the sample lies, linear
-/// between order statistics: definition 7 of Hyndman and Fan, The American Statistician 50, 1996,
-/// which numpy takes as well. `None` without a finite value.
+/// Return the quantile at `probability` (0 to 1, clamped), linear between order statistics:
+/// definition 7 of Hyndman and Fan, The American Statistician 50, 1996, as in numpy. `None` without
+/// a finite value.
 #[must_use]
 pub fn quantile(values: &[f64], probability: f64) -> Option<f64> {
     let mut kept = finite(values);
@@ -47,8 +48,8 @@ pub fn quantile(values: &[f64], probability: f64) -> Option<f64> {
     Some(low + (place - below as f64) * (high - low))
 }
 
-/// Half the width of the central 68 % of the sample: the standard deviation where the sample is
-/// normal, and untouched by a few wild values where it is not. `None` without a finite value.
+/// Return half the width of the central 68 % of the sample: a robust standard deviation, equal to it
+/// for a normal sample. `None` without a finite value.
 #[must_use]
 pub fn half_central_spread(values: &[f64]) -> Option<f64> {
     let high = quantile(values, ONE_SIGMA_QUANTILE)?;

@@ -174,7 +174,7 @@ impl SweptCommand {
     #[must_use]
     pub fn is_complete(self, result: &Value) -> bool {
         match self {
-            Self::FitActuator => result["fits_asked"] == result["fits_finished"],
+            Self::FitActuator => result["fits_requested"] == result["fits_finished"],
             Self::Train => result["finished"] == true,
             _ => result.is_object(),
         }
@@ -233,7 +233,7 @@ mod tests {
 
     #[test]
     fn an_interrupted_run_is_not_whole() {
-        let fit = serde_json::json!({"fits_asked": 2, "fits_finished": 1});
+        let fit = serde_json::json!({"fits_requested": 2, "fits_finished": 1});
         assert!(!SweptCommand::FitActuator.is_complete(&fit));
         assert!(!SweptCommand::Train.is_complete(&serde_json::json!({"finished": false})));
         assert!(SweptCommand::Eval.is_complete(&serde_json::json!({})));

@@ -19,8 +19,8 @@ fn a_session_records_what_the_contract_lists_and_ends_switched_off() {
     assert_eq!((report.runs_done, report.samples), (1, 400));
     assert!(report.not_confirmed_off.is_empty() && report.warnings.is_empty());
     // 11 frames of each of four drives in 100 ms, and 50 Hz x 4 setpoints: 640 frames/s.
-    assert!((report.census.bus_load - 0.284).abs() < 0.01);
-    assert_eq!(report.census.firmware.len(), 4);
+    assert!((report.bus.bus_load - 0.284).abs() < 0.01);
+    assert_eq!(report.bus.firmware.len(), 4);
     outcome.all_idle();
     let recording = outcome.recording.unwrap();
     for player in Player::BOTH {
@@ -52,8 +52,30 @@ fn a_session_records_what_the_contract_lists_and_ends_switched_off() {
         .map(|(_, event)| event.text.as_str())
         .collect();
     assert_eq!(phases[..2], ["arming", "watchdog test"]);
-    assert!(phases[2].starts_with("watchdogs have disarmed within"), "{phases:?}");
+    assert!(phases[2].starts_with("watchdogs disarmed the drives within"), "{phases:?}");
     assert_eq!(phases[3..], ["arming", "going to the start", "run 1"]);
+}
+
+#[test]
+fn listening_reports_nodes_rates_errors_and_the_camera() {
+    let report = Bench::new("{}").listen(3.0);
+    assert_eq!(report.stop, "completed", "{}", report.stop_text);
+    assert_eq!((report.frames_sent, report.schema_version), (0, 2));
+    assert_eq!(report.traffic.nodes.len(), 4);
+    for node in &report.traffic.nodes {
+        let rate = |name: &str| {
+            let message = node.messages.iter().find(|message| message.message == name).unwrap();
+            message.arrivals.rate_hz.unwrap()
+        };
+        assert!((rate("Heartbeat") - 10.0).abs() < 0.1, "{node}");
+        assert!((rate("Get_Encoder_Estimates") - 100.0).abs() < 0.5, "{node}");
+        assert_eq!(node.axis_state.as_deref(), Some("IDLE"));
+        assert!(!node.has_errors() && node.firmware.is_none(), "nobody asked for the version");
+    }
+    assert!((report.traffic.camera.rate_hz.unwrap() - 120.0).abs() < 1.0);
+    // 440 frames/s of 111 bits at 250 kbit/s.
+    assert!((report.bus.bus_load - 0.195).abs() < 0.01, "{}", report.bus.bus_load);
+    assert_eq!(report.warnings, Vec::<String>::new());
 }
 
 #[test]

@@ -183,7 +183,7 @@ fn ctrl_c_leaves_what_is_finished_and_the_same_command_continues() {
     std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut stderr).unwrap();
     assert_eq!(status.code(), Some(130), "{stderr}");
     assert!(
-        stderr.contains("of 400 fits are finished; the same command again continues"),
+        stderr.contains("of 400 fits are finished; repeat the same command to continue"),
         "{stderr}"
     );
     let recording = Recording::open(&out.join("actuator.mcap")).unwrap();
@@ -302,7 +302,7 @@ fn a_cut_off_recording_is_used_as_far_as_it_goes_with_status_3() {
     fs::write(&train, &bytes[..bytes.len() / 2]).unwrap();
     let (_, stderr, status) = fit(&[train, validation], &dir.path().join("out"), &["--seeds", "1"]);
     assert_eq!(status, 3, "{stderr}");
-    expect(&stderr, &["train.mcap: cut off at byte", "what it still held was used"]);
+    expect(&stderr, &["train.mcap: cut off at byte", "the readable part was used"]);
 }
 
 #[test]
@@ -315,7 +315,7 @@ fn a_recording_given_twice_counts_once() {
     let more = ["--seeds", "1", "--json"];
     let (stdout, stderr, status) = fit(&files, &dir.path().join("out"), &more);
     assert_eq!(status, 0, "{stderr}");
-    expect(&stderr, &["copy.mcap has the same bytes as train.mcap and was left out"]);
+    expect(&stderr, &["copy.mcap has the same bytes as train.mcap and was skipped"]);
     let document: Value = serde_json::from_str(&stdout).unwrap();
     assert_eq!(document["train"]["runs"], 6);
 }

@@ -227,7 +227,7 @@ fn a_motion_keeps_its_direction_by_every_way_in() {
                     assert_eq!(a.values[0].torque_estimate_nm, None, "NaN is nothing");
                 }
                 assert_eq!(recording.info("carriage_origin"), Some("unknown"));
-                assert!(text.contains("count from an unknown point"), "{text}");
+                assert!(text.contains("the origin of the positions is unknown"), "{text}");
                 fs::remove_file(output).unwrap();
             }
         }
@@ -260,11 +260,11 @@ fn messages_that_do_not_decode_are_counted_and_the_rest_is_kept() {
     assert_eq!(recording.count(&topic::command(Player::Left)), 2);
     assert!(
         text.contains(
-            "lost: /cmd_vel/left_player, 2 messages do not decode, the first is message 1"
+            "lost: /cmd_vel/left_player, 2 messages cannot be decoded, the first is message 1"
         ),
         "{text}"
     );
-    assert!(text.contains("left out: /board_image/compressed"), "{text}");
+    assert!(text.contains("skipped: /board_image/compressed"), "{text}");
     // The name is taken now.
     let run = klasktron(&["bag", bag.to_str().unwrap(), "-o", output.to_str().unwrap()]);
     assert_eq!(run.status.code(), Some(1));
@@ -353,7 +353,7 @@ fn a_bus_log_keeps_every_frame_and_the_drives_health() {
     assert!(said(&run).contains("can0, can1; choose one with --interface"), "{}", said(&run));
     let (recording, text) = import(&[&args[..], &["--interface", "can1"]].concat(), &output, 3);
     assert_eq!(recording.count(topic::CAN_FRAMES), 1);
-    assert!(text.contains("1 lines that are no frames, the first in line 7"), "{text}");
+    assert!(text.contains("1 lines that are not frames, the first in line 7"), "{text}");
 }
 
 #[test]

@@ -28,7 +28,7 @@ fn a_match_is_recorded_with_what_the_players_took_the_board_to_be() {
     assert_eq!(report.stop, "completed", "{}", report.stop_text);
     assert_eq!((report.runs_done, report.samples), (1, 300));
     // Pictures arrive 25 ms after they were taken, 8 ms apart.
-    let waited = report.picture_to_command.unwrap();
+    let waited = report.image_to_command.unwrap();
     let latency = 1e3 * RigConfig::default().camera.latency_s;
     assert!(latency <= waited.median_ms && waited.p99_ms < latency + 15.0, "{waited:?}");
     outcome.all_idle();

@@ -2,7 +2,7 @@
 
 use crate::drive::{DT, Drive};
 use klasktron::actuator::{
-    Arx, Component, FitConfig, FitObserver, Judgement, LagDelay, LayoutKind, Run, Schedule,
+    Arx, Component, Evaluation, FitConfig, FitObserver, Fopdt, LayoutKind, Run, Schedule,
     VelocityModel, fit,
 };
 use klasktron::recording::Split;
@@ -47,7 +47,7 @@ fn fitted(config: &FitConfig, train: &[Run], held_out: &[Run]) -> klasktron::act
 #[test]
 fn a_lag_with_delay_is_recovered() {
     let drive = runs(LINEAR, 6, 300);
-    let found = LagDelay::fit(&refs(&drive), DT);
+    let found = Fopdt::fit(&refs(&drive), DT);
     for lag in found.axes {
         assert!((lag.gain - LINEAR.gain).abs() < 0.005, "{lag:?}");
         assert!((lag.tau_s - LINEAR.tau).abs() < 0.03 * LINEAR.tau, "{lag:?}");
@@ -59,8 +59,8 @@ fn a_lag_with_delay_is_recovered() {
 fn a_linear_drive_is_linear_arx_to_rounding() {
     let (train, held_out) = (runs(LINEAR, 6, 300), [LINEAR.run(50, 300, None)]);
     let arx = Arx::fit(&refs(&train), 10);
-    let judgement = Judgement::new(&arx, &refs(&held_out), 10, DT);
-    let error = judgement.free_running(2.0, Component::Both);
+    let evaluation = Evaluation::new(&arx, &refs(&held_out), 10, DT);
+    let error = evaluation.free_running(2.0, Component::Both);
     assert!(error < 1e-5, "{error}");
 }
 
@@ -69,10 +69,10 @@ fn a_saturating_drive_needs_the_network() {
     let drive = Drive { slew: 4.0, ..LINEAR };
     let (train, held_out) = (runs(drive, 20, 300), [drive.run(50, 300, None)]);
     let judge = |model: &dyn VelocityModel| {
-        Judgement::new(model, &refs(&held_out), 10, DT).free_running(2.0, Component::Both)
+        Evaluation::new(model, &refs(&held_out), 10, DT).free_running(2.0, Component::Both)
     };
     let network = judge(&fitted(&config(), &train, &held_out).model);
-    let simpler = judge(&Arx::fit(&refs(&train), 10)).min(judge(&LagDelay::fit(&refs(&train), DT)));
+    let simpler = judge(&Arx::fit(&refs(&train), 10)).min(judge(&Fopdt::fit(&refs(&train), DT)));
     assert!(network < 0.4 * simpler, "network {network}, simpler {simpler}");
 }
 
@@ -84,7 +84,7 @@ fn training_on_several_steps_lowers_the_free_running_error() {
     let error = |horizon| {
         let config = FitConfig { horizon, history_steps: 4, epochs: 40, ..config() };
         let fit = fitted(&config, &train, &held_out);
-        Judgement::new(&fit.model, &refs(&held_out), 10, DT).free_running(2.0, Component::Both)
+        Evaluation::new(&fit.model, &refs(&held_out), 10, DT).free_running(2.0, Component::Both)
     };
     let (one, five) = (error(1), error(5));
     assert!(five < one, "one step {one}, five steps {five}");

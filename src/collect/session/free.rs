@@ -1,13 +1,14 @@
-//! The stretch that a pilot drives.
+//! Free run of a pilot.
 //!
-//! There is no path that a carriage could be compared with, so its encoders are compared with the integral
-//! `r` of its own commands `u`, which leaks towards the position `p`: `r' = u + (p - r)/T`. There are two of
-//! them: of the commands as they are, and of commands to the motors that change no faster than the drives can.
-//! A carriage that follows is between both, a little late; from one that is jammed both go away by up to `u T`.
+//! A free run has no path to compare a carriage with. Instead its encoders are compared with the
+//! integral `r` of its own commands `u`, which leaks towards the position `p`: `r' = u + (p -
+//! r)/T`. There are two integrals: one of the commands, and one of motor commands that change no
+//! faster than the drives can. The position of a carriage that follows lies between both, slightly
+//! late. From a jammed carriage both depart by up to `u T`.
 //!
-//! A leg is proven to keep a margin from the edges, in which the lag of the drive has room. A pilot's way is not
-//! proven, so its commands are held back before edges as by a carriage that is ahead by that lag, and that
-//! brakes as on a diagonal.
+//! The safety check of a leg keeps a margin from the edges, which covers the lag of the drive. The
+//! path of a pilot is not checked in advance. Its commands are therefore limited before edges for a
+//! carriage that is ahead by that lag and that brakes as on a diagonal.
 
 use super::{Session, USUAL_LAG_SECONDS};
 use crate::{
@@ -16,34 +17,34 @@ use crate::{
         pilot::{Carriage, Decision, FreeStretch, Moment},
         reason::StopReason,
         recorder::Entry,
-        report::PictureToCommand,
+        report::ImageToCommand,
     },
     gantry::{Limits, belts, rails},
     recording::{message::run_marker::Phase, topic::Player},
     units::Nanos,
 };
 
-/// Time in which the integral of commands forgets (s). With a following error of 0.06 m, a jammed carriage is
-/// noticed that is told to move at 0.06 m/s or faster; half of this time would double that speed. While commands
-/// go to and fro within that distance, a jam shows only in the heat of the drives.
+/// Time constant of the leaky integral of commands (s). With a following error of 0.06 m, a jam is
+/// detected for commands of 0.06 m/s or faster; half of this time would double that speed. While
+/// commands oscillate within that distance, a jam shows only in the temperature of the drives.
 const LEAK_SECONDS: f64 = 1.0;
 
-/// A carriage may be as late as this behind its commands (s): twice the usual lag. Longer would let one that
-/// is jammed be passed by commands that go to and fro.
+/// Largest lag of a carriage behind its commands (s): twice the usual lag. With a longer one,
+/// oscillating commands could hide a jam.
 const MOST_LAG_SECONDS: f64 = 2.0 * USUAL_LAG_SECONDS;
 
-/// On a diagonal one motor of a CoreXY gantry turns and the other stands, so along each axis half of the
-/// acceleration is left that both have together.
-const DIAGONAL_SHARE: f64 = 0.5;
+/// Fraction of the acceleration along each axis that is available on a diagonal: one motor of a
+/// CoreXY gantry turns and the other stands.
+const DIAGONAL_FRACTION: f64 = 0.5;
 
-/// Where commands have led a carriage.
+/// Expected position of a carriage from its commands.
 #[derive(Debug, Clone, Copy)]
 struct Led {
-    /// If it followed at once (m).
+    /// Position with ideal tracking (m).
     at_once: [f64; 2],
-    /// If its motors accelerated no better than can be relied on (m).
+    /// Position with the least acceleration that the motors are guaranteed to have (m).
     slowly: [f64; 2],
-    /// Velocity of the belts a and b then (m/s).
+    /// Velocity of the belts a and b for that acceleration (m/s).
     slow_belts: [f64; 2],
 }
 
@@ -52,8 +53,9 @@ impl Led {
         Self { at_once: position, slowly: position, slow_belts: [0.0; 2] }
     }
 
-    /// After `dt` seconds with a command (m/s) to the carriage at `position` (m), whose belts may take
-    /// `acceleration` (m/s^2) for granted: along an axis both work together, on a diagonal one stands.
+    /// Advance by `dt` seconds with a command (m/s) to the carriage at `position` (m). Its belts
+    /// are guaranteed `acceleration` (m/s^2): along an axis both belts work together, on a diagonal
+    /// one stands.
     fn advance(&mut self, (position, commanded): ([f64; 2], [f64; 2]), acceleration: f64, dt: f64) {
         let step = acceleration * dt;
         for (slow, wanted) in self.slow_belts.iter_mut().zip(belts(commanded)) {
@@ -68,7 +70,7 @@ impl Led {
         }
     }
 
-    /// The place between both that is nearest to `position` (m).
+    /// Return the position between both that is nearest to `position` (m).
     fn nearest(&self, position: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| {
             let [a, b] = [self.at_once[axis], self.slowly[axis]];
@@ -77,19 +79,19 @@ impl Led {
     }
 }
 
-/// What a free stretch keeps from period to period.
+/// State of a free run from period to period.
 #[derive(Default)]
-struct Flight {
-    /// Where the commands of each player have led.
+struct FreeState {
+    /// Expected position of each player's carriage.
     led: [Option<Led>; 2],
-    /// When the newest picture shows the board.
+    /// Capture time of the newest frame.
     newest: Option<Nanos>,
-    /// From picture to command (ms), period by period.
+    /// Image-to-command latency of each period (ms).
     waits_ms: Vec<f64>,
 }
 
 impl Session<'_> {
-    /// Home, then the stretch.
+    /// Drive home, then execute the free run.
     pub(super) fn drive_freely(&mut self, mut stretch: FreeStretch<'_>) -> Result<(), StopReason> {
         self.station.note_of("phase", None, "going home");
         let home = |player: &Player| {
@@ -98,34 +100,34 @@ impl Session<'_> {
         };
         let homes: Vec<_> = self.config.players.iter().map(home).collect();
         self.go_to(&homes)?;
-        self.station.keep_pictures();
+        self.station.keep_camera_frames();
         self.stand(&homes)?;
         self.station.note_of("phase", None, &stretch.label.pattern);
         self.mark(&stretch.label, Phase::Start);
-        let mut flight = Flight::default();
-        let driven = self.fly(&mut stretch, &mut flight);
+        let mut flight = FreeState::default();
+        let driven = self.execute_free(&mut stretch, &mut flight);
         self.mark(&stretch.label, Phase::End);
-        self.picture_to_command = PictureToCommand::of(&flight.waits_ms);
-        // A match that is ended early is a match all the same.
+        self.image_to_command = ImageToCommand::of(&flight.waits_ms);
+        // A match that ends early counts as a match.
         self.samples += self.periods_in_leg;
         driven?;
         self.runs_done += 1;
         Ok(())
     }
 
-    fn fly(
+    fn execute_free(
         &mut self,
         stretch: &mut FreeStretch<'_>,
-        flight: &mut Flight,
+        flight: &mut FreeState,
     ) -> Result<(), StopReason> {
         self.guard.restart(MOST_LAG_SECONDS);
         let periods = stretch.periods(self.config.rate_hz);
         let mut at = 0;
         while at < periods {
             let tick = self.control.wait(&mut self.station)?;
-            // Periods that were left out are not caught up.
+            // Missed periods are not caught up.
             at += tick.advanced as usize - 1;
-            for (shown, picture) in self.station.take_pictures() {
+            for (shown, picture) in self.station.take_camera_frames() {
                 flight.newest = flight.newest.max(Some(shown));
                 stretch.pilot.see(shown, &picture);
             }
@@ -142,7 +144,7 @@ impl Session<'_> {
 
     fn diagonal_limits(&self) -> Limits {
         let limits = self.station.robot.limits;
-        Limits { braking_m_per_s2: DIAGONAL_SHARE * limits.braking_m_per_s2, ..limits }
+        Limits { braking_m_per_s2: DIAGONAL_FRACTION * limits.braking_m_per_s2, ..limits }
     }
 
     fn driven_carriage(&self, player: Player) -> Option<Carriage> {
@@ -150,12 +152,12 @@ impl Session<'_> {
         Some(Carriage { position, velocity })
     }
 
-    /// Sends what the pilot wants, as far as the limits let it.
+    /// Send the pilot's command within the limits.
     fn obey(
         &mut self,
         decision: &Decision,
         tick: Tick,
-        flight: &mut Flight,
+        flight: &mut FreeState,
     ) -> Result<(), StopReason> {
         let config = self.config;
         for player in &config.players {
@@ -183,7 +185,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Tells the guard where the commands so far have led the carriage.
+    /// Pass the expected position of the carriage to the guard.
     fn expect_of_commands(&mut self, player: Player, tick: Tick, led: &mut Option<Led>) {
         let Some((position, _)) = self.station.carriage(player).state() else { return };
         let dt = f64::from(tick.advanced) * self.control.period_seconds();
@@ -202,8 +204,8 @@ mod tests {
 
     const DT: f64 = 0.02;
 
-    /// Largest distance (m) of a carriage from where `commands` lead it, of belts that change speed by
-    /// `ramp` (m/s^2) and begin `late` periods after them.
+    /// Return the largest distance (m) of a carriage from the integral of `commands`, for belts
+    /// that change speed by `ramp` (m/s^2) and react `late` periods later.
     fn worst(commands: impl Fn(f64) -> [f64; 2], ramp: f64, late: usize) -> f64 {
         let (mut led, mut position) = (Led::at([0.0; 2]), [0.0; 2]);
         let (mut belts, mut sent, mut worst) = ([0.0_f64; 2], vec![[0.0; 2]; late], 0.0_f64);
@@ -223,7 +225,7 @@ mod tests {
         worst
     }
 
-    /// Full speed one way or the other along each axis, as policies command it.
+    /// Oscillation at full speed along each axis, as policies command it.
     fn to_and_fro(t: f64) -> [f64; 2] {
         [1.13, 1.71].map(|hertz| 0.4 * (TAU * hertz * t).sin().signum())
     }

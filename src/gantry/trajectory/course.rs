@@ -1,22 +1,23 @@
-//! Patterns as velocities on the control grid, before they are placed in a window.
+//! Velocities of the patterns on the control grid, before placement in a workspace.
 
 use super::{Heading, Pattern, Slope, TrajectoryError, Turn, walk, waves};
 use crate::gantry::{Limits, Rectangle};
 
-/// Share of the slew limit that a circle may need; the rest speeds it up and slows it down.
-const CIRCLE_SHARE: f64 = 0.95;
+/// Fraction of the slew limit available to a circle's centripetal acceleration; the rest is for
+/// starting and stopping.
+const CIRCLE_FRACTION: f64 = 0.95;
 
-/// What a course is made for.
+/// Constraints and sampling of a course.
 pub(super) struct Grid<'a> {
-    /// Where it must stay.
-    pub(super) window: &'a Rectangle,
-    /// What it must keep.
+    /// Allowed area.
+    pub(super) workspace: &'a Rectangle,
+    /// Limits of the motion.
     pub(super) limits: &'a Limits,
     /// Commands per second (Hz).
     pub(super) rate: f64,
-    /// How many.
+    /// Number of commands.
     pub(super) samples: usize,
-    /// Of its random numbers.
+    /// Seed of the random numbers.
     pub(super) seed: u64,
 }
 
@@ -25,21 +26,21 @@ impl Grid<'_> {
         1.0 / self.rate
     }
 
-    /// Largest acceleration (m/s^2) along `unit` with each axis within the slew limit.
+    /// Return the largest acceleration (m/s^2) along `unit` with each axis within the slew limit.
     fn acceleration(&self, unit: [f64; 2]) -> f64 {
         self.limits.slew_m_per_s2 / unit[0].abs().max(unit[1].abs())
     }
 }
 
-/// Velocities (m/s), and where they start (m).
+/// Velocities (m/s) and start point (m).
 pub(super) struct Course {
     pub(super) start: [f64; 2],
     pub(super) velocities: Vec<[f64; 2]>,
 }
 
 impl Course {
-    /// Starts where the middle of the path's bounding box is the window's centre, after both ends
-    /// were brought to rest within the slew limit.
+    /// Bring both ends to rest within the slew limit. The start point puts the centre of the path's
+    /// bounding box at the workspace's centre.
     fn centred(mut velocities: Vec<[f64; 2]>, grid: &Grid<'_>) -> Self {
         settle(&mut velocities, grid.limits.slew_m_per_s2 * grid.dt());
         let (mut place, mut low, mut high) = ([0.0_f64; 2], [0.0_f64; 2], [0.0_f64; 2]);
@@ -50,14 +51,14 @@ impl Course {
                 high[axis] = high[axis].max(place[axis]);
             }
         }
-        let centre = grid.window.centre();
+        let centre = grid.workspace.centre();
         let start = [0, 1].map(|axis| centre[axis] - f64::midpoint(low[axis], high[axis]));
         Self { start, velocities }
     }
 }
 
-/// Keeps `|v[k]| <= k step` from both ends. The smaller of two sequences that obey the slew limit
-/// obeys it as well.
+/// Limit `|v[k]|` to `k step` from both ends. The minimum of two sequences within the slew limit is
+/// within it as well.
 fn settle(velocities: &mut [[f64; 2]], step: f64) {
     let last = velocities.len().saturating_sub(1);
     for (index, velocity) in velocities.iter_mut().enumerate() {
@@ -70,7 +71,7 @@ fn along(unit: [f64; 2], speeds: &[f64]) -> Vec<[f64; 2]> {
     speeds.iter().map(|speed| unit.map(|part| part * speed)).collect()
 }
 
-/// The course of `pattern`, whose parameters were checked.
+/// Create the course of `pattern`, whose parameters were checked.
 pub(super) fn course(pattern: &Pattern, grid: &Grid<'_>) -> Result<Course, TrajectoryError> {
     let speed = pattern.speed();
     let there_and_back = |heading: Heading, length: f64, rate: Option<f64>| {
@@ -119,8 +120,9 @@ pub(super) fn course(pattern: &Pattern, grid: &Grid<'_>) -> Result<Course, Traje
     }
 }
 
-/// Speeds of strokes back and forth: from rest at `rate` (m/s^2) to `speed` (m/s), held as long as
-/// `length` (m) allows, and back to rest. Length 0 holds it for one period and is not checked.
+/// Return the speeds of strokes back and forth: from rest at `rate` (m/s^2) to `speed` (m/s), held
+/// as far as `length` (m) allows, and back to rest. Length 0 holds the speed for one period and is
+/// not checked.
 fn strokes(
     pattern: &'static str,
     [speed, rate, length]: [f64; 3],
@@ -144,12 +146,12 @@ fn strokes(
     Ok(stroke.into_iter().chain(back).cycle().take(grid.samples).collect())
 }
 
-/// Speeds of pulses forward and backward from rest, `hold` (s) each with as long a rest after it, at
-/// `levels` speeds up to `top` (m/s).
+/// Return the speeds of pulses forward and backward from rest, each held for `hold` (s) with an
+/// equal rest after it, at `levels` speeds up to `top` (m/s).
 fn ladder(top: f64, levels: u32, hold: f64, rate: f64, grid: &Grid<'_>) -> Vec<f64> {
     let step = rate * grid.dt();
     let slope = (top / step).ceil() as usize + 1;
-    // A pulse comes back to rest before the next one, so that it goes back as far as it came.
+    // A pulse returns to rest before the next one, so that both directions cover equal distances.
     let held = ((hold * grid.rate).round() as usize).max(slope);
     let mut wanted = (0..grid.samples).map(|index| {
         let (phase, level) = (index / held % 4, index / held / 4 % levels as usize);
@@ -169,22 +171,22 @@ fn ladder(top: f64, levels: u32, hold: f64, rate: f64, grid: &Grid<'_>) -> Vec<f
     speeds
 }
 
-/// Round the window's centre from rest to rest, on the circle at every sample.
+/// Circle around the workspace's centre from rest to rest; every sample lies on the circle.
 fn circle(radius: f64, speed: f64, turn: Turn, grid: &Grid<'_>) -> Result<Course, TrajectoryError> {
     let (slew, dt) = (grid.limits.slew_m_per_s2, grid.dt());
-    let largest = (CIRCLE_SHARE * slew * radius).sqrt();
+    let largest = (CIRCLE_FRACTION * slew * radius).sqrt();
     if largest < speed {
         let (pattern, key) = ("circle", "speed_m_per_s");
         let largest = (largest * 1e4).floor() / 1e4;
         return Err(TrajectoryError::TooAbrupt { pattern, key, value: speed, largest });
     }
     let inward = speed * speed / radius;
-    let gain = (slew * slew - inward * inward).sqrt().min(slew / 2.0) * CIRCLE_SHARE;
+    let gain = (slew * slew - inward * inward).sqrt().min(slew / 2.0) * CIRCLE_FRACTION;
     let sense = match turn {
         Turn::Counterclockwise => 1.0,
         Turn::Clockwise => -1.0,
     };
-    let centre = grid.window.centre();
+    let centre = grid.workspace.centre();
     let at = |arc: f64| {
         let (sin, cos) = (sense * arc / radius).sin_cos();
         [centre[0] + radius * cos, centre[1] + radius * sin]

@@ -1,169 +1,169 @@
-//! Why a pattern, or a reference, cannot be had.
+//! Errors of a pattern or a reference.
 
-/// Why a pattern, or a reference, cannot be had.
+/// Error of a pattern or a reference.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrajectoryError {
-    /// No such pattern.
+    /// Unknown pattern.
     #[error("'{given}' is no pattern; choose one of {allowed}")]
     UnknownPattern {
-        /// What was given.
+        /// Text given.
         given: String,
-        /// What there is.
+        /// Known patterns.
         allowed: String,
     },
-    /// No such parameter.
+    /// Unknown parameter.
     #[error("'{given}' is no parameter of {pattern}; it has {allowed}, written key=value")]
     UnknownKey {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// What was given.
+        /// Text given.
         given: String,
-        /// What there is.
+        /// Known parameters.
         allowed: String,
     },
-    /// A parameter twice.
+    /// Parameter given twice.
     #[error("{pattern}: {key} is given twice; give it once")]
     Twice {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// Which.
+        /// Parameter.
         key: &'static str,
     },
-    /// A value out of its range, or none at all.
+    /// Value out of range, or missing.
     #[error("{pattern}: {key} is '{value}'; it must be {range}")]
     OutOfRange {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// Which.
+        /// Parameter.
         key: &'static str,
-        /// What was given.
+        /// Value given.
         value: String,
-        /// What is allowed.
+        /// Allowed range.
         range: String,
     },
-    /// Two values the wrong way round.
+    /// Two values in the wrong order.
     #[error("{pattern}: {low} is {low_value} and {high} is {high_value}; {low} must be smaller")]
     Order {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// Which must be smaller.
+        /// Parameter that must be smaller.
         low: &'static str,
         /// Its value.
         low_value: f64,
-        /// Which must be larger.
+        /// Parameter that must be larger.
         high: &'static str,
         /// Its value.
         high_value: f64,
     },
-    /// It would leave the window, or could not stop inside.
+    /// Pattern that would leave the workspace, or could not stop inside.
     #[error(
-        "{pattern}: {key} {value} does not fit the window with its stopping distance; the largest \
+        "{pattern}: {key} {value} does not fit the workspace with its stopping distance; the largest \
          that fits is {largest}"
     )]
     TooLarge {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// Which.
+        /// Parameter.
         key: &'static str,
-        /// What was given.
+        /// Value given.
         value: f64,
-        /// What would do.
+        /// Largest value that fits.
         largest: f64,
     },
-    /// Whatever its parameters, it would leave the window.
+    /// Pattern that fits the workspace with no parameters.
     #[error(
-        "{pattern} does not fit the window ({width_m:.3} m by {height_m:.3} m) at any size or \
+        "{pattern} does not fit the workspace ({width_m:.3} m by {height_m:.3} m) at any size or \
          speed; widen the field, or change its other parameters"
     )]
     NoRoom {
-        /// Which.
+        /// Pattern.
         pattern: &'static str,
-        /// Across (m).
+        /// Width across (m).
         width_m: f64,
-        /// Along (m).
+        /// Length along (m).
         height_m: f64,
     },
-    /// Above the speed limits.
+    /// Speed above the limits.
     #[error(
         "{pattern}: speed_m_per_s {speed} passes limits.speed_m_per_s or \
          limits.total_speed_m_per_s; the largest here is {largest}"
     )]
     TooFast {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// What was given (m/s).
+        /// Speed given (m/s).
         speed: f64,
-        /// What would do (m/s).
+        /// Largest speed (m/s).
         largest: f64,
     },
-    /// Above the slew limit.
+    /// Acceleration above the slew limit.
     #[error(
         "{pattern}: {key} {value} needs more than limits.slew_m_per_s2; the largest here is \
          {largest}"
     )]
     TooAbrupt {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// Which.
+        /// Parameter.
         key: &'static str,
-        /// What was given.
+        /// Value given.
         value: f64,
-        /// What would do.
+        /// Largest value that fits.
         largest: f64,
     },
-    /// Its speed is not reached within its length.
+    /// Length too short to reach the speed.
     #[error(
         "{pattern}: length_m {length} is too short to reach {speed} m/s; it needs {smallest} m, or \
          a smaller speed"
     )]
     TooShort {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// What was given (m).
+        /// Length given (m).
         length: f64,
-        /// The speed (m/s).
+        /// Speed (m/s).
         speed: f64,
-        /// What would do (m).
+        /// Smallest length (m).
         smallest: f64,
     },
-    /// Faster than the grid can show.
+    /// Frequency too high for the rate of commands.
     #[error(
         "{pattern}: f1_hz is {value}; at {rate_hz} commands a second the largest is {largest} Hz"
     )]
     FrequencyTooHigh {
-        /// Whose.
+        /// Pattern.
         pattern: &'static str,
-        /// What was given (Hz).
+        /// Frequency given (Hz).
         value: f64,
         /// Commands per second (Hz).
         rate_hz: f64,
-        /// What would do (Hz).
+        /// Largest frequency (Hz).
         largest: f64,
     },
-    /// Two axes need more frequencies than the band has.
+    /// Too many lines of a multisine for its band.
     #[error(
         "multisine: {lines} lines on each axis do not fit the band; with this period_s the most \
          is {largest} (0: widen the band or lengthen the period)"
     )]
     TooManyLines {
-        /// What was given.
+        /// Number given.
         lines: u32,
-        /// What would do.
+        /// Largest number.
         largest: u32,
     },
-    /// A rate of commands that cannot be.
+    /// Rate of commands out of range.
     #[error("a rate of {rate_hz} Hz; it must lie in [10, 1000] Hz, the table has 50")]
     Rate {
-        /// What was given (Hz).
+        /// Rate given (Hz).
         rate_hz: f64,
     },
-    /// Too few or too many samples.
+    /// Number of samples out of range.
     #[error("{samples} samples; a run has 10 to 1000000")]
     Samples {
-        /// What was given.
+        /// Number given.
         samples: usize,
     },
-    /// A point that is no number.
+    /// Non-finite point.
     #[error("a transfer from ({}, {}) to ({}, {}) m; both points must be finite", from[0], from[1], to[0], to[1])]
     Point {
         /// Start (m).

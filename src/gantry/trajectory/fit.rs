@@ -1,4 +1,4 @@
-//! Whether a pattern fits its window and limits, and what would.
+//! Fit of a pattern to its workspace and limits, with the largest parameters that fit.
 
 use super::{
     Pattern, Reference, Sampling, TrajectoryError,
@@ -7,27 +7,28 @@ use super::{
 };
 use crate::gantry::{Limits, Rectangle};
 
-/// Fewest and most samples of a run.
+/// Allowed number of samples of a run.
 const SAMPLES: std::ops::RangeInclusive<usize> = 10..=1_000_000;
-/// Rounding that a limit forgives, as a share of it.
+/// Relative tolerance of a limit for rounding.
 const ROUNDING: f64 = 1e-9;
-/// Each step of the search for what fits is this share of the one before.
+/// Ratio of successive values in the search for a value that fits.
 const SHRINK: f64 = 0.93;
-/// How many such steps: down to a thousandth.
+/// Number of search steps: down to a thousandth.
 const STEPS: usize = 96;
-/// Halvings that then refine it.
+/// Number of bisections of the refinement.
 const HALVINGS: usize = 12;
 
 impl Pattern {
-    /// Its motion in the middle of `window`: it starts and ends at rest, keeps the limits of speed
-    /// and slew, and could at each moment stop inside. What is periodic is repeated.
+    /// Generate the motion in the centre of `workspace`. It starts and ends at rest, keeps the
+    /// limits of speed and slew, and can stop inside at each moment. Periodic patterns are
+    /// repeated.
     ///
     /// # Errors
-    /// When a parameter is out of its range, or the pattern cannot be had here; the error tells
-    /// what can.
+    /// When a parameter is out of range, or the pattern does not fit; the error gives a value that
+    /// fits.
     pub fn reference(
         &self,
-        window: &Rectangle,
+        workspace: &Rectangle,
         limits: &Limits,
         sampling: &Sampling,
     ) -> Result<Reference, TrajectoryError> {
@@ -37,9 +38,9 @@ impl Pattern {
         if !SAMPLES.contains(&samples) {
             return Err(TrajectoryError::Samples { samples });
         }
-        let grid = Grid { window, limits, rate, samples, seed };
-        if !window.contains(window.centre()) {
-            return Err(self.no_room(window));
+        let grid = Grid { workspace, limits, rate, samples, seed };
+        if !workspace.contains(workspace.centre()) {
+            return Err(self.no_room(workspace));
         }
         let Course { start, velocities } = self.course_in_limits(&grid)?;
         let reference = Reference::from_velocities(start, &velocities, rate)?;
@@ -49,11 +50,11 @@ impl Pattern {
         Err(self.what_fits(&grid))
     }
 
-    fn no_room(&self, window: &Rectangle) -> TrajectoryError {
+    fn no_room(&self, workspace: &Rectangle) -> TrajectoryError {
         TrajectoryError::NoRoom {
             pattern: self.name(),
-            width_m: window.x_max_m - window.x_min_m,
-            height_m: window.y_max_m - window.y_min_m,
+            width_m: workspace.x_max_m - workspace.x_min_m,
+            height_m: workspace.y_max_m - workspace.y_min_m,
         }
     }
 
@@ -61,21 +62,21 @@ impl Pattern {
         let found = course(self, grid)?;
         let limits = grid.limits;
         let (pattern, speed) = (self.name(), self.speed());
-        let largest = |share: f64| (speed * share * 1e4).floor() / 1e4;
-        let share = found.velocities.iter().fold(f64::INFINITY, |share, [x, y]| {
+        let largest = |fraction: f64| (speed * fraction * 1e4).floor() / 1e4;
+        let fraction = found.velocities.iter().fold(f64::INFINITY, |fraction, [x, y]| {
             let axis = limits.speed_m_per_s / x.abs().max(y.abs());
-            share.min(axis).min(limits.total_speed_m_per_s / x.hypot(*y))
+            fraction.min(axis).min(limits.total_speed_m_per_s / x.hypot(*y))
         });
-        if share < 1.0 - ROUNDING {
-            return Err(TrajectoryError::TooFast { pattern, speed, largest: largest(share) });
+        if fraction < 1.0 - ROUNDING {
+            return Err(TrajectoryError::TooFast { pattern, speed, largest: largest(fraction) });
         }
         let step = limits.slew_m_per_s2 * grid.dt();
-        let share = found.velocities.windows(2).fold(f64::INFINITY, |share, pair| {
+        let fraction = found.velocities.windows(2).fold(f64::INFINITY, |fraction, pair| {
             let change = [0, 1].map(|axis| (pair[1][axis] - pair[0][axis]).abs());
-            share.min(step / change[0].max(change[1]))
+            fraction.min(step / change[0].max(change[1]))
         });
-        if share < 1.0 - ROUNDING {
-            let (key, largest) = ("speed_m_per_s", largest(share));
+        if fraction < 1.0 - ROUNDING {
+            let (key, largest) = ("speed_m_per_s", largest(fraction));
             return Err(TrajectoryError::TooAbrupt { pattern, key, value: speed, largest });
         }
         Ok(found)
@@ -89,7 +90,7 @@ impl Pattern {
             })
     }
 
-    /// The error with the largest radius, length, time or speed that fits.
+    /// Return the error with the largest radius, length, time or speed that fits.
     fn what_fits(&self, grid: &Grid<'_>) -> TrajectoryError {
         for key in ["radius_m", "length_m", "hold_s", "speed_m_per_s"] {
             let Some(value) = self.number(key) else { continue };
@@ -98,12 +99,12 @@ impl Pattern {
                 return TrajectoryError::TooLarge { pattern: self.name(), key, value, largest };
             }
         }
-        self.no_room(grid.window)
+        self.no_room(grid.workspace)
     }
 }
 
-/// The largest value below `value`, to a ten-thousandth, that fits. What fits may have a lower end
-/// too (a small circle needs more slew), so it is sought from above.
+/// Return the largest value below `value`, to a ten-thousandth, that fits. Values that fit may have
+/// a lower limit too (a small circle needs more slew), so the search starts from above.
 fn largest_below(value: f64, fits: impl Fn(f64) -> bool) -> Option<f64> {
     let powers = (1..=STEPS as i32).map(|step| value * SHRINK.powi(step));
     let mut good = powers.into_iter().find(|candidate| fits(*candidate))?;
@@ -123,6 +124,6 @@ fn largest_below(value: f64, fits: impl Fn(f64) -> bool) -> Option<f64> {
 fn stays_inside(reference: &Reference, grid: &Grid<'_>) -> bool {
     reference.setpoints().iter().all(|setpoint| {
         let stands = grid.limits.standstill(setpoint.position, setpoint.velocity);
-        grid.window.contains(setpoint.position) && grid.window.contains(stands)
+        grid.workspace.contains(setpoint.position) && grid.workspace.contains(stands)
     })
 }

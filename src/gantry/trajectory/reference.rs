@@ -1,46 +1,46 @@
-//! The commanded motion of one run on the control grid.
+//! Commanded motion of one run on the control grid.
 //!
-//! Velocities are held over each period (zero-order hold), so the position is
-//! `p[k+1] = p[k] + v[k] dt` exactly; it is computed here only, and never given.
+//! Velocities are held over each period (zero-order hold), so the position is exactly `p[k+1] =
+//! p[k] + v[k] dt`. It is always computed here, never an input.
 
 use super::TrajectoryError;
 use crate::gantry::Limits;
 
-/// Slowest and fastest rate of commands (Hz).
+/// Allowed rates of commands (Hz).
 const RATES_HZ: std::ops::RangeInclusive<f64> = 10.0..=1000.0;
 /// Speed (m/s) and acceleration (m/s^2) of transfers; upstream approaches at 0.05 m/s.
 const TRANSFER_SPEED: f64 = 0.1;
 const TRANSFER_ACCELERATION: f64 = 0.5;
-/// A transfer's standstill point may pass its target by this much (m).
+/// Largest overshoot of a transfer's standstill point beyond its target (m).
 pub const TRANSFER_SLACK_M: f64 = 1e-5;
 
-/// What is commanded for one control period.
+/// Command of one control period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
-    /// At the start of the period (m), board frame.
+    /// Position at the start of the period (m), board frame.
     pub position: [f64; 2],
-    /// Throughout the period (m/s), board frame.
+    /// Velocity throughout the period (m/s), board frame.
     pub velocity: [f64; 2],
 }
 
-/// The commanded motion of one run.
+/// Commanded motion of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
     rate: f64,
     setpoints: Vec<Setpoint>,
 }
 
-/// `rate_hz` when it is a rate of commands that can be (Hz).
+/// Return `rate_hz` if it is within the allowed range (Hz).
 pub(super) fn checked_rate(rate_hz: f64) -> Result<f64, TrajectoryError> {
     if RATES_HZ.contains(&rate_hz) { Ok(rate_hz) } else { Err(TrajectoryError::Rate { rate_hz }) }
 }
 
 impl Reference {
-    /// The motion that begins at `start` (m) and has these velocities (m/s), one for each period of
-    /// `rate_hz` ([10, 1000] Hz). Limits are not looked at.
+    /// Create the motion that starts at `start` (m) and has these velocities (m/s), one for each
+    /// period of `rate_hz` ([10, 1000] Hz). Limits are not checked.
     ///
     /// # Errors
-    /// When the rate cannot be.
+    /// When the rate is out of range.
     pub fn from_velocities(
         start: [f64; 2],
         velocities: &[[f64; 2]],
@@ -59,12 +59,12 @@ impl Reference {
         Ok(Self { rate, setpoints })
     }
 
-    /// A straight move from rest at `from` to rest at `to` (m): speeding up at 0.5 m/s^2 to 0.1 m/s,
-    /// or to what the limits allow, and slowing down so that it could always stop before `to`, but
-    /// for [`TRANSFER_SLACK_M`].
+    /// Create a straight move from rest at `from` to rest at `to` (m). It accelerates at 0.5 m/s^2
+    /// to 0.1 m/s, or to the limits, and decelerates so that it can always stop before `to`, within
+    /// [`TRANSFER_SLACK_M`].
     ///
     /// # Errors
-    /// When a point is no number, or the rate cannot be.
+    /// When a point is not finite, or the rate is out of range.
     pub fn transfer(
         from: [f64; 2],
         to: [f64; 2],
@@ -84,45 +84,45 @@ impl Reference {
         Self::from_velocities(from, &velocities, rate)
     }
 
-    /// What is commanded, one for each period; the first and the last of a run are at rest.
+    /// Return the commands, one for each period; the first and the last of a run are at rest.
     #[must_use]
     pub fn setpoints(&self) -> &[Setpoint] {
         &self.setpoints
     }
 
-    /// Commands per second (Hz).
+    /// Return the commands per second (Hz).
     #[must_use]
     pub fn rate_hz(&self) -> f64 {
         self.rate
     }
 
-    /// Control period (s).
+    /// Return the control period (s).
     #[must_use]
     pub fn dt(&self) -> f64 {
         1.0 / self.rate
     }
 
-    /// How long it takes (s).
+    /// Return the duration (s).
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.setpoints.len() as f64 / self.rate
     }
 
-    /// Where it starts (m); `None` when it has no setpoint.
+    /// Return the start point (m); `None` without setpoints.
     #[must_use]
     pub fn start(&self) -> Option<[f64; 2]> {
         self.setpoints.first().map(|setpoint| setpoint.position)
     }
 
-    /// Where it ends (m); `None` when it has no setpoint.
+    /// Return the end point (m); `None` without setpoints.
     #[must_use]
     pub fn end(&self) -> Option<[f64; 2]> {
         let last = self.setpoints.last()?;
         Some([0, 1].map(|axis| last.position[axis] + last.velocity[axis] / self.rate))
     }
 
-    /// The same motion turned by half a turn about `centre` (m): how the right player sees what the
-    /// left one does.
+    /// Return the motion rotated by half a turn about `centre` (m): the right player's counterpart
+    /// of the left player's motion.
     #[must_use]
     pub fn turned_about(&self, centre: [f64; 2]) -> Self {
         let start = self.start().unwrap_or(centre);
@@ -132,7 +132,7 @@ impl Reference {
         Self::from_velocities(start, &velocities, self.rate).unwrap_or_else(|_| self.clone())
     }
 
-    /// The same motion, resting at its end until it has `samples` setpoints.
+    /// Extend the motion with rest at its end to `samples` setpoints.
     #[must_use]
     pub fn resting_until(mut self, samples: usize) -> Self {
         if let Some(position) = self.end() {
@@ -143,11 +143,11 @@ impl Reference {
     }
 }
 
-/// Speeds (m/s), each held for `dt` (s), that cover `distance` (m) from rest to rest.
+/// Return the speeds (m/s), each held for `dt` (s), that cover `distance` (m) from rest to rest.
 fn transfer_speeds(distance: f64, limits: &Limits, dt: f64) -> Vec<f64> {
     let top = TRANSFER_SPEED.min(limits.speed_m_per_s).min(limits.total_speed_m_per_s);
     let slow = TRANSFER_ACCELERATION.min(limits.slew_m_per_s2).min(limits.braking_m_per_s2);
-    // Braking more gently than it must, it never needs to brake harder than it may.
+    // Gentle braking leaves a reserve, so the motion never needs more than the allowed braking.
     let gentle =
         Limits { braking_m_per_s2: slow, reaction_s: limits.reaction_s.max(2.0 * dt), ..*limits };
     let arrived = TRANSFER_SLACK_M * dt / gentle.reaction_s;

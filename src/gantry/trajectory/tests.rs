@@ -6,27 +6,27 @@ use std::f64::consts::TAU;
 
 const RATE: f64 = 50.0;
 
-fn window() -> Rectangle {
-    Robot::default().window(Player::Left).shrunk(0.01)
+fn workspace() -> Rectangle {
+    Robot::default().soft_limits(Player::Left).shrunk(0.01)
 }
 
 fn driven(text: &str, samples: usize) -> Reference {
     let pattern: Pattern = text.parse().unwrap();
     let sampling = Sampling { rate_hz: RATE, samples, seed: 3 };
-    pattern.reference(&window(), &Limits::default(), &sampling).unwrap()
+    pattern.reference(&workspace(), &Limits::default(), &sampling).unwrap()
 }
 
 fn refused(text: &str) -> TrajectoryError {
     let pattern: Pattern = text.parse().unwrap();
     let sampling = Sampling { rate_hz: RATE, samples: 500, seed: 3 };
-    pattern.reference(&window(), &Limits::default(), &sampling).unwrap_err()
+    pattern.reference(&workspace(), &Limits::default(), &sampling).unwrap_err()
 }
 
 fn velocities(reference: &Reference, axis: usize) -> Vec<f64> {
     reference.setpoints().iter().map(|setpoint| setpoint.velocity[axis]).collect()
 }
 
-/// Amplitude of the line at `turns` turns within `values`.
+/// Return the amplitude of the line at `turns` turns within `values`.
 fn line(values: &[f64], turns: usize) -> f64 {
     let count = values.len() as f64;
     let (mut re, mut im) = (0.0, 0.0);
@@ -68,7 +68,7 @@ fn positions_are_the_exact_integral_of_the_velocities() {
 fn a_circle_stays_on_its_circle_at_its_speed() {
     for turn in ["ccw", "cw"] {
         let run = driven(&format!("circle:radius_m=0.04,speed_m_per_s=0.5,direction={turn}"), 500);
-        let [x, y] = window().centre();
+        let [x, y] = workspace().centre();
         for setpoint in run.setpoints() {
             let radius = (setpoint.position[0] - x).hypot(setpoint.position[1] - y);
             assert!((radius - 0.04).abs() < 1e-6, "{radius}");
@@ -112,7 +112,7 @@ fn creep_passes_zero_slowly_and_evenly() {
     let v = velocities(&run, 1);
     let rate = 4.0 * 0.02 / 8.0;
     let steps: Vec<f64> = v.windows(2).map(|pair| (pair[1] - pair[0]).abs() * RATE).collect();
-    // The end of the run stops it; before, every step is the rate, but at the rounded peaks.
+    // The run ends with a stop; before, every step is the rate, except at the rounded peaks.
     assert!(steps[..790].iter().all(|step| *step <= rate * (1.0 + 1e-9)));
     let crossings = v[1..790].windows(2).filter(|p| p[0] * p[1] < 0.0 || p[1] == 0.0).count();
     assert_eq!(crossings, 3);
@@ -124,7 +124,7 @@ fn creep_passes_zero_slowly_and_evenly() {
 fn a_chirp_has_the_frequency_it_should_have_at_each_time() {
     let run = driven("chirp:direction=x,f0_hz=0.5,f1_hz=5,speed_m_per_s=0.1,period_s=20", 1000);
     let v = velocities(&run, 0);
-    // Times of upward zero crossings, by straight lines.
+    // Times of upward zero crossings by linear interpolation.
     let upward: Vec<f64> = (1..v.len() - 10)
         .filter(|k| v[*k - 1] < 0.0 && 0.0 <= v[*k])
         .map(|k| (k as f64 - v[k] / (v[k] - v[k - 1])) / RATE)
@@ -137,7 +137,7 @@ fn a_chirp_has_the_frequency_it_should_have_at_each_time() {
     for pair in upward.windows(2) {
         let (seen, middle) = (1.0 / (pair[1] - pair[0]), f64::midpoint(pair[0], pair[1]));
         let expected = frequency(middle);
-        // A period averages the frequency over itself; near the top it turns round.
+        // A period averages the frequency over itself; near the top the sweep reverses.
         assert!((seen / expected - 1.0).abs() < 0.06, "{seen} Hz for {expected} Hz at {middle} s");
     }
 }
@@ -171,7 +171,7 @@ fn a_multisine_has_power_at_its_lines_only_and_each_axis_its_own() {
 #[test]
 fn a_random_walk_covers_the_window_and_drifts_nowhere() {
     let run = driven("random_walk:speed_m_per_s=0.7", 5000);
-    let (window, points) = (window(), run.setpoints());
+    let (workspace, points) = (workspace(), run.setpoints());
     for axis in 0..2 {
         let v = velocities(&run, axis);
         let mean = v.iter().sum::<f64>() / v.len() as f64;
@@ -179,7 +179,8 @@ fn a_random_walk_covers_the_window_and_drifts_nowhere() {
         assert!(mean.abs() < 0.002, "{mean}");
         assert!(0.65 < top && top <= 0.7, "{top}");
         let place = |s: &Setpoint| s.position[axis];
-        let span = [[window.x_min_m, window.x_max_m], [window.y_min_m, window.y_max_m]][axis];
+        let span =
+            [[workspace.x_min_m, workspace.x_max_m], [workspace.y_min_m, workspace.y_max_m]][axis];
         let low = points.iter().map(place).fold(f64::INFINITY, f64::min);
         let high = points.iter().map(place).fold(f64::NEG_INFINITY, f64::max);
         assert!(0.85 * (span[1] - span[0]) < high - low, "{low} to {high} of {span:?}");
@@ -206,7 +207,7 @@ fn what_does_not_fit_is_refused_with_what_does() {
     use TrajectoryError as E;
     let error = refused("circle:radius_m=0.09,speed_m_per_s=0.1");
     let E::TooLarge { key: "radius_m", largest, .. } = error else { panic!("{error}") };
-    // Half the window is 0.0765 m; at 0.1 m/s the circle needs a little more than its radius.
+    // Half the workspace is 0.0765 m; at 0.1 m/s the circle needs slightly more than its radius.
     assert!((0.07..0.0765).contains(&largest), "{largest}");
     let error = refused("y_line:length_m=0.15,speed_m_per_s=0.7");
     let E::TooLarge { key: "length_m", largest, .. } = error else { panic!("{error}") };
@@ -225,15 +226,18 @@ fn what_does_not_fit_is_refused_with_what_does() {
 
     let creep: Pattern = "creep:direction=y".parse().unwrap();
     let (limits, grid) = (Limits::default(), Sampling { rate_hz: RATE, samples: 50, seed: 1 });
-    let narrow = window().shrunk(0.0764);
+    let narrow = workspace().shrunk(0.0764);
     let error = creep.reference(&narrow, &limits, &grid).unwrap_err();
     assert!(matches!(error, E::NoRoom { .. } | E::TooLarge { .. }), "{error}");
-    let none = window().shrunk(0.2);
+    let none = workspace().shrunk(0.2);
     assert!(matches!(creep.reference(&none, &limits, &grid).unwrap_err(), E::NoRoom { .. }));
     let slow = Sampling { rate_hz: 5.0, ..grid };
-    assert!(matches!(creep.reference(&window(), &limits, &slow).unwrap_err(), E::Rate { .. }));
+    assert!(matches!(creep.reference(&workspace(), &limits, &slow).unwrap_err(), E::Rate { .. }));
     let short = Sampling { samples: 9, ..grid };
-    assert!(matches!(creep.reference(&window(), &limits, &short).unwrap_err(), E::Samples { .. }));
+    assert!(matches!(
+        creep.reference(&workspace(), &limits, &short).unwrap_err(),
+        E::Samples { .. }
+    ));
 }
 
 #[test]
@@ -297,14 +301,14 @@ proptest! {
         shares in prop::collection::vec(0.0..1.0_f64, 6),
     ) {
         let mut pattern = Pattern::ALL[kind];
-        for ((_, field), share) in pattern.fields().into_iter().zip(&shares) {
+        for ((_, field), fraction) in pattern.fields().into_iter().zip(&shares) {
             match field {
-                text::Field::Number { value, low, high, .. } => *value = low + (high - low) * share,
-                text::Field::Count { value, high } => *value = 1 + (f64::from(high - 1) * share) as u32,
-                text::Field::Heading(value) => *value = Heading::ALL[(share * 4.0) as usize],
-                text::Field::Slope(value) => *value = if *share < 0.5 { Slope::Up } else { Slope::Down },
+                text::Field::Number { value, low, high, .. } => *value = low + (high - low) * fraction,
+                text::Field::Count { value, high } => *value = 1 + (f64::from(high - 1) * fraction) as u32,
+                text::Field::Heading(value) => *value = Heading::ALL[(fraction * 4.0) as usize],
+                text::Field::Slope(value) => *value = if *fraction < 0.5 { Slope::Up } else { Slope::Down },
                 text::Field::Turn(value) => {
-                    *value = if *share < 0.5 { Turn::Clockwise } else { Turn::Counterclockwise };
+                    *value = if *fraction < 0.5 { Turn::Clockwise } else { Turn::Counterclockwise };
                 }
             }
         }

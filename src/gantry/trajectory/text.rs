@@ -1,20 +1,20 @@
-//! Patterns as text, `name:key=value,key=value`: one table of parameters for reading, writing and
-//! checking.
+//! Text form of patterns, `name:key=value,key=value`: one table of parameters for reading, writing
+//! and checking.
 
 use super::{Heading, Pattern, Slope, TrajectoryError, Turn};
 use std::{fmt, str::FromStr};
 
-/// A parameter: where it is, and what it may be.
+/// Parameter with its location and allowed range.
 pub(super) enum Field<'a> {
-    /// A number from `low` to `high`, with its unit.
+    /// Number from `low` to `high`, with its unit.
     Number { value: &'a mut f64, low: f64, high: f64, unit: &'static str },
-    /// A whole number from 1 to `high`.
+    /// Integer from 1 to `high`.
     Count { value: &'a mut u32, high: u32 },
-    /// A direction.
+    /// Direction.
     Heading(&'a mut Heading),
-    /// A diagonal.
+    /// Diagonal.
     Slope(&'a mut Slope),
-    /// A sense of rotation.
+    /// Sense of rotation.
     Turn(&'a mut Turn),
 }
 
@@ -50,7 +50,7 @@ fn direction(value: &mut Heading) -> Named<'_> {
 }
 
 impl Pattern {
-    /// Its parameters, in the order of its text.
+    /// Return the parameters in the order of the text.
     pub(super) fn fields(&mut self) -> Vec<Named<'_>> {
         match self {
             Self::Circle { radius_m: value, speed_m_per_s, turn } => {
@@ -100,10 +100,10 @@ impl Pattern {
         }
     }
 
-    /// Checks every parameter, also of a pattern that was built in code.
+    /// Check every parameter, also of a pattern that was built in code.
     ///
     /// # Errors
-    /// At the first value out of its range.
+    /// At the first value out of range.
     pub fn check(&self) -> Result<(), TrajectoryError> {
         let mut copy = *self;
         for (key, field) in copy.fields() {
@@ -129,7 +129,7 @@ impl Pattern {
         }
     }
 
-    /// A value of one of its numbers; `None` for a key that it has not.
+    /// Return the value of a number; `None` for an unknown key.
     pub(super) fn number(&self, wanted: &str) -> Option<f64> {
         let mut copy = *self;
         copy.fields().into_iter().find_map(|(key, field)| match field {
@@ -138,7 +138,7 @@ impl Pattern {
         })
     }
 
-    /// The same pattern with another value of one of its numbers.
+    /// Return the pattern with another value of one of its numbers.
     pub(super) fn with(&self, wanted: &str, new: f64) -> Self {
         let mut copy = *self;
         for (key, field) in copy.fields() {
@@ -185,7 +185,7 @@ impl Field<'_> {
         }
     }
 
-    /// Takes its value from `text`; whether that was possible.
+    /// Read the value from `text`; return whether this was possible.
     fn read(&mut self, text: &str) -> bool {
         match self {
             Self::Number { value, .. } => text.parse().map(|new| **value = new).is_ok(),

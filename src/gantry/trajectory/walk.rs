@@ -1,14 +1,14 @@
-//! The random walk: velocity levels held for random times, steered to stay in the window.
+//! Random walk: velocity levels held for random durations, steered to stay in the workspace.
 //!
-//! At position `p` an axis may move towards an edge only with a speed from which it could still
-//! stop before it, `v t + v^2 / (2 a) <= edge - p`. With `a` at most the slew limit and `t` at least
-//! one control period, braking along that curve never needs more than the slew limit, so the walk
-//! stays inside whatever is drawn.
+//! At position `p` an axis may move towards an edge only with a speed from which it can still stop
+//! before it, `v t + v^2 / (2 a) <= edge - p`. With `a` at most the slew limit and `t` at least one
+//! control period, braking along that curve never needs more than the slew limit. The walk
+//! therefore stays inside for every draw.
 
 use super::course::{Course, Grid};
 use crate::{gantry::Limits, seed::Stream};
 
-/// One axis' present level.
+/// Present level of one axis.
 struct Level {
     velocity: f64,
     left: usize,
@@ -21,11 +21,13 @@ pub(super) fn walk(top: f64, hold_s: [f64; 2], grid: &Grid<'_>) -> Course {
         reaction_s: limits.reaction_s.max(dt),
         ..*limits
     };
-    let edges =
-        [[grid.window.x_min_m, grid.window.x_max_m], [grid.window.y_min_m, grid.window.y_max_m]];
+    let edges = [
+        [grid.workspace.x_min_m, grid.workspace.x_max_m],
+        [grid.workspace.y_min_m, grid.workspace.y_max_m],
+    ];
     let mut stream = Stream::new(grid.seed, "random walk");
     let mut levels = [0, 1].map(|_| Level { velocity: 0.0, left: 0 });
-    let (mut place, mut before) = (grid.window.centre(), [0.0; 2]);
+    let (mut place, mut before) = (grid.workspace.centre(), [0.0; 2]);
     let start = place;
     let mut velocities = Vec::with_capacity(grid.samples);
     for index in 0..grid.samples {
@@ -64,8 +66,8 @@ fn draw(stream: &mut Stream, top: f64, [shortest, longest]: [f64; 2], rate: f64)
     Level { velocity, left: ((hold * rate).round() as usize).max(1) }
 }
 
-/// `next` (m/s) within the total speed. Only an axis that speeds up is held back: the other may
-/// have to brake, and leaves at least as much room as `before` (m/s) needed.
+/// Limit `next` (m/s) to the total speed. Only an axis that accelerates is limited. The other may
+/// have to brake, and needs no more room than `before` (m/s) did.
 fn within_total(before: [f64; 2], next: [f64; 2], limits: &Limits) -> [f64; 2] {
     let total = limits.total_speed_m_per_s;
     let mut kept = next;

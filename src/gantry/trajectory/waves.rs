@@ -1,33 +1,33 @@
 //! Chirp and multisine.
 //!
-//! Chirp: `f(t) = f0 (f1 / f0)^s(t)` with `s` rising from 0 to 1 and falling again within a period;
-//! its phase, the integral of `2 pi f`, never jumps.
+//! Chirp: `f(t) = f0 (f1 / f0)^s(t)` with `s` rising from 0 to 1 and falling within a period. Its
+//! phase, the integral of `2 pi f`, is continuous.
 //!
-//! Multisine: `v(t) = A sum cos(2 pi h_n t / T + phi_n)`, whole numbers `h_n` spread evenly in the
-//! logarithm of the band; x has the even, y the odd ones, so what one axis does to the other shows
-//! at lines that are not its own. Phases: Schroeder's `-pi n (n - 1) / N` (IEEE Trans. Inf. Theory
-//! 16, 1970), from which one phase after another is drawn anew and kept where that lowers the crest:
-//! the lowest crest gives most power within the speed limit.
+//! Multisine: `v(t) = A sum cos(2 pi h_n t / T + phi_n)` with integers `h_n` spaced evenly in the
+//! logarithm of the band. x has the even and y the odd ones, so cross-coupling shows at lines that
+//! are not the axis's own. Phases: Schroeder's `-pi n (n - 1) / N` (IEEE Trans. Inf. Theory 16,
+//! 1970). Then single phases are redrawn and kept where that lowers the crest factor: the lowest
+//! crest factor gives most power within the speed limit.
 
 use super::{Pattern, TrajectoryError, course::Grid};
 use crate::seed::Stream;
 use std::f64::consts::{PI, TAU};
 
-/// Highest frequency as a share of the rate of commands.
-const HIGHEST_SHARE: f64 = 0.4;
-/// Most attempts at a better phase of one sine, and most terms that they may cost.
+/// Highest frequency as a fraction of the rate of commands.
+const HIGHEST_FRACTION: f64 = 0.4;
+/// Largest number of redraws of one phase, and of terms that they may cost.
 const DRAWS: usize = 128;
 const TERMS: usize = 2_000_000;
 
 fn check_band(name: &'static str, f1: f64, grid: &Grid<'_>) -> Result<(), TrajectoryError> {
-    let largest = HIGHEST_SHARE * grid.rate;
+    let largest = HIGHEST_FRACTION * grid.rate;
     if f1 <= largest {
         return Ok(());
     }
     Err(TrajectoryError::FrequencyTooHigh { pattern: name, value: f1, rate_hz: grid.rate, largest })
 }
 
-/// Speeds (m/s) of a chirp.
+/// Return the speeds (m/s) of a chirp.
 pub(super) fn chirp(pattern: &Pattern, grid: &Grid<'_>) -> Result<Vec<f64>, TrajectoryError> {
     let Pattern::Chirp { f0_hz, f1_hz, speed_m_per_s, period_s, .. } = *pattern else {
         return Ok(Vec::new());
@@ -35,7 +35,7 @@ pub(super) fn chirp(pattern: &Pattern, grid: &Grid<'_>) -> Result<Vec<f64>, Traj
     check_band(pattern.name(), f1_hz, grid)?;
     let half = (period_s / 2.0).max(grid.dt());
     let growth = (f1_hz / f0_hz).ln();
-    // Turns since the start of a rise of length `half`.
+    // Phase in turns since the start of a rise of length `half`.
     let rise = |t: f64| f0_hz * half / growth * ((growth * t / half).exp() - 1.0);
     let turns = |t: f64| {
         let (whole, rest) = ((t / (2.0 * half)).floor(), t % (2.0 * half));
@@ -47,7 +47,7 @@ pub(super) fn chirp(pattern: &Pattern, grid: &Grid<'_>) -> Result<Vec<f64>, Traj
     Ok((0..grid.samples).map(speed).collect())
 }
 
-/// Velocities (m/s) of a multisine on both axes.
+/// Return the velocities (m/s) of a multisine on both axes.
 pub(super) fn multisine(
     pattern: &Pattern,
     grid: &Grid<'_>,
@@ -66,7 +66,7 @@ pub(super) fn multisine(
     Ok((0..grid.samples).map(|k| [axes[0][k % period], axes[1][k % period]]).collect())
 }
 
-/// Twice `lines` whole numbers of turns in `period` (s), spread over the band (Hz).
+/// Return `2 lines` integer numbers of turns in `period` (s), spread over the band (Hz).
 pub(super) fn harmonics(
     lines: u32,
     [f0, f1]: [f64; 2],
@@ -93,7 +93,7 @@ pub(super) fn harmonics(
     Ok(chosen)
 }
 
-/// One period (samples) of equal sines at `harmonics` with a peak of `peak` (m/s).
+/// Return one period (samples) of equal sines at `harmonics` with a peak of `peak` (m/s).
 fn one_period(harmonics: &[usize], period: usize, peak: f64, stream: &mut Stream) -> Vec<f64> {
     let count = harmonics.len() as f64;
     let mut phases: Vec<f64> =

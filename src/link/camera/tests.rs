@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// The JSON parser may be off by the last digit (m).
+/// The JSON parser may differ in the last digit (m).
 const LAST_DIGIT: f64 = 1e-15;
 
 fn refusal(text: &str) -> String {

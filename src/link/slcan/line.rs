@@ -11,24 +11,23 @@
 //! | `C` `O` `L` `S` `s` `V` `v` `N` `F` `Z` `M` `m` | commands of the host |
 //!
 //! Source: Lawicel CAN232 manual 1.4; status lines as read by Linux `slcan-core.c`. Four digits of
-//! adapter time after the data are allowed and dropped. Whatever else stands on a line is unknown and
-//! changes nothing.
+//! adapter time after the data are allowed and dropped. Other lines are unknown and have no effect.
 
 use super::super::{BusFault, hex};
 use crate::can::{Frame, FrameKind, IdWidth, MAX_DATA_BYTES, Payload};
 use std::{collections::VecDeque, fmt::Write as _};
 
-/// Longest line that means something: an extended frame with adapter time.
+/// Longest valid line: an extended frame with adapter time.
 const LONGEST_LINE: usize = 30;
 const TIME_DIGITS: usize = 4;
 const BELL: u8 = 0x07;
 /// `s`, the state, and two counters of three digits.
 const STATE_LINE_BYTES: usize = 8;
 
-/// How a device says no.
+/// Refusal of a device.
 pub(super) const REFUSAL: &str = "\x07";
 
-/// Divides a stream of bytes into lines. A refusal comes out as a line of its own; overlong lines are
+/// Splitter of a byte stream into lines. A refusal becomes a line of its own; overlong lines are
 /// dropped up to their end.
 #[derive(Debug, Default)]
 pub(super) struct LineBuffer {
@@ -38,7 +37,7 @@ pub(super) struct LineBuffer {
 }
 
 impl LineBuffer {
-    /// Takes bytes as they come.
+    /// Append received bytes.
     pub(super) fn push(&mut self, bytes: &[u8]) {
         for byte in bytes {
             match *byte {
@@ -60,13 +59,13 @@ impl LineBuffer {
         }
     }
 
-    /// The next whole line, without its end.
+    /// Return the next whole line, without its end.
     pub(super) fn next_line(&mut self) -> Option<Vec<u8>> {
         self.lines.pop_front()
     }
 }
 
-/// What an adapter says.
+/// Line from an adapter.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum FromAdapter {
     Frame(Frame),
@@ -76,24 +75,24 @@ pub(super) enum FromAdapter {
     Unknown,
 }
 
-/// What a host says.
+/// Line from a host.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum FromHost {
     Frame(Frame),
     Open,
     Close,
-    /// Bit rate, filters, time stamps: taken note of by an adapter, of no interest to a virtual bus.
+    /// Bit rate, filters, time stamps: acknowledged by an adapter, without effect on a virtual bus.
     Setting,
     Version,
     SerialNumber,
     StatusFlags,
-    /// Nothing between two line ends, as hosts send to finish a torn line.
+    /// Empty line between two line ends, which hosts send to finish a torn line.
     Empty,
     Unknown,
 }
 
 impl FromHost {
-    /// What a device answers.
+    /// Return the answer of a device.
     pub(super) fn answer(&self) -> &'static str {
         match self {
             Self::Frame(Frame { width: IdWidth::Standard, .. }) => "z\r",
@@ -108,7 +107,7 @@ impl FromHost {
     }
 }
 
-/// Reads a line of an adapter.
+/// Parse a line of an adapter.
 pub(super) fn from_adapter(line: &[u8]) -> FromAdapter {
     match line {
         [] | b"z" | b"Z" => FromAdapter::Acknowledged,
@@ -119,7 +118,7 @@ pub(super) fn from_adapter(line: &[u8]) -> FromAdapter {
     }
 }
 
-/// Reads a line of a host.
+/// Parse a line of a host.
 pub(super) fn from_host(line: &[u8]) -> FromHost {
     match line {
         [] => FromHost::Empty,
@@ -133,7 +132,7 @@ pub(super) fn from_host(line: &[u8]) -> FromHost {
     }
 }
 
-/// The line of a frame with its end; `None` for an error frame or an id that is too large.
+/// Return the line of a frame with its end; `None` for an error frame or an id that is too large.
 pub(super) fn encode(frame: &Frame) -> Option<String> {
     let letter = match (frame.kind, frame.width) {
         (FrameKind::Data, IdWidth::Standard) => 't',
@@ -202,7 +201,7 @@ fn parse_state(line: &[u8]) -> Option<BusFault> {
     }
 }
 
-/// The gravest of the errors that a line lists.
+/// Return the most severe of the errors in a line.
 fn parse_errors(line: &[u8]) -> Option<BusFault> {
     let count = char::from(*line.get(1)?).to_digit(10)? as usize;
     let letters = line.get(2..2 + count).filter(|letters| !letters.is_empty())?;
@@ -326,7 +325,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
 
-        /// Frames come through as they were sent, however the line cuts them into pieces.
+        /// Frames are received as they were sent, for any division into pieces.
         #[test]
         fn frames_survive_any_division(frames in proptest::collection::vec(any_frame(), 0..20), width in 1_usize..40) {
             let text: String = frames.iter().map(|frame| encode(frame).unwrap()).collect();

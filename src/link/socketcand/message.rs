@@ -1,9 +1,9 @@
 //! Messages of the socketcand protocol: words between `<` and `>`.
 //!
-//! Source: socketcand `doc/protocol.md` and its `state_raw.c`: received frames are
-//! `< frame 029 1795218329.532654 0000C03F000080BE >` (padded, no spaces), errors
-//! `< error CLASS time >` with the classes of an error frame in hexadecimal, sent frames
-//! `< send 2D 8 0 0 20 40 0 0 0 0 >`; an id of eight digits has 29 bits.
+//! Source: socketcand `doc/protocol.md` and its `state_raw.c`. Received frames are `< frame 029
+//! 1795218329.532654 0000C03F000080BE >` (padded, no spaces). Errors are `< error CLASS time >`
+//! with the classes of an error frame in hexadecimal. Sent frames are `< send 2D 8 0 0 20 40 0 0 0
+//! 0 >`; an id of eight digits has 29 bits.
 
 use super::super::hex;
 use crate::{
@@ -12,22 +12,22 @@ use crate::{
 };
 use std::{collections::VecDeque, fmt::Write as _};
 
-/// Longest message that means something, with room for the text of an error.
+/// Longest valid message, with room for the text of an error.
 const LONGEST_MESSAGE: usize = 200;
-/// Decimals of a nanosecond.
+/// Number of decimals of a nanosecond.
 const FRACTION_DIGITS: usize = 9;
 
-/// Divides a stream of bytes into messages; what is outside of `<` and `>` is dropped, and so are
-/// overlong messages.
+/// Splitter of a byte stream into messages. Text outside of `<` and `>` and overlong messages are
+/// dropped.
 #[derive(Debug, Default)]
 pub(super) struct MessageBuffer {
-    /// The message that has begun.
+    /// Message in progress.
     partial: Option<String>,
     whole: VecDeque<String>,
 }
 
 impl MessageBuffer {
-    /// Takes bytes as they come.
+    /// Append received bytes.
     pub(super) fn push(&mut self, bytes: &[u8]) {
         for byte in bytes {
             match (*byte, &mut self.partial) {
@@ -40,13 +40,13 @@ impl MessageBuffer {
         }
     }
 
-    /// The next whole message.
+    /// Return the next whole message.
     pub(super) fn next_message(&mut self) -> Option<Message> {
         self.whole.pop_front().map(|text| parse(&text))
     }
 }
 
-/// What a server says.
+/// Message of a server.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Message {
     Hi,
@@ -56,11 +56,11 @@ pub(super) enum Message {
         frame: Frame,
         stamped_at: Option<Nanos>,
     },
-    /// An error on the bus, by its classes.
+    /// Error on the bus, by its classes.
     BusError {
         classes: u32,
     },
-    /// It does not do what it was told, in its own words.
+    /// Refusal of a command, in the server's words.
     Refused(String),
     Unknown,
 }
@@ -103,7 +103,8 @@ fn parse_time(text: &str) -> Option<Nanos> {
     Some(Nanos(seconds.checked_mul(NANOS_PER_SECOND)?.checked_add(nanos)?))
 }
 
-/// The message that sends a data frame; `None` for other frames, which the protocol does not carry.
+/// Return the message that sends a data frame; `None` for other frames, which the protocol does not
+/// support.
 pub(super) fn encode(frame: &Frame) -> Option<String> {
     if frame.kind != FrameKind::Data || !hex::id_fits(frame.id, frame.width) {
         return None;

@@ -98,7 +98,7 @@ fn socketcand_sends_and_receives_until_the_server_goes() {
     serving.join().unwrap();
     assert_eq!(next(&bus), Received::Fault(BusFault::LinkDown));
     let gone = bus.receive(Duration::from_millis(1)).unwrap_err().to_string();
-    assert!(gone.contains(": the gateway has gone; look whether it runs"), "{gone}");
+    assert!(gone.contains(": the gateway was disconnected; check whether it runs"), "{gone}");
 }
 
 #[test]
@@ -111,6 +111,6 @@ fn socketcand_without_server_or_interface_says_so() {
     assert!(refused.contains("the server refuses: could not open bus; look at"), "{refused}");
     serving.join().unwrap();
     let nobody = Socketcand::open(&address, "can0").unwrap_err().to_string();
-    assert!(nobody.contains(&format!("nobody answers at {address} (")), "{nobody}");
+    assert!(nobody.contains(&format!("no answer from {address} (")), "{nobody}");
     assert!(nobody.ends_with("; start it there, for example: socketcand -i can0"), "{nobody}");
 }

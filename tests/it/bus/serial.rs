@@ -130,7 +130,10 @@ fn slcan_tells_faults_of_an_adapter_and_of_its_cable() {
     line.cut();
     assert_eq!(next(&host), Received::Fault(BusFault::LinkDown));
     let gone = host.receive(Duration::from_millis(1)).unwrap_err().to_string();
-    assert!(gone.ends_with(": the adapter has gone; plug it in again and start anew"), "{gone}");
+    assert!(
+        gone.ends_with(": the adapter was disconnected; plug it in again and start anew"),
+        "{gone}"
+    );
     assert!(matches!(host.send(&data_frame(0x29, &[])), Err(LinkError::Unusable { .. })));
 }
 

@@ -4,7 +4,7 @@
 use klasktron::{
     collect::{
         HomingPolicy, Leg, Progress, RawFrames, RunLabel, SessionConfig, SessionError,
-        SessionOutput, SessionReport, WatchdogPolicy, Work, run_session,
+        SessionOutput, SessionReport, WatchdogPolicy, Work, listen, run_session,
     },
     gantry::{Reference, Robot},
     link::Link,
@@ -107,11 +107,18 @@ impl Bench {
         BenchOutcome::after(report, &mut link, &self.path())
     }
 
-    /// Runs the session on a rig of the caller's.
-    pub(crate) fn session(&self, link: &mut VirtualLink) -> Result<SessionReport, SessionError> {
-        let writer =
-            RecordingWriter::create(&self.path(), ExistingFile::Refuse, FlushPolicy::EverySecond)?;
-        let config = SessionConfig {
+    /// Records the rig for `seconds` without sending.
+    pub(crate) fn listen(&self, seconds: f64) -> SessionReport {
+        let mut link = VirtualLink::new(self.rig.clone(), Speed::Maximum, START).unwrap();
+        let (existing, flush) = (ExistingFile::Refuse, FlushPolicy::EverySecond);
+        let writer = RecordingWriter::create(&self.path(), existing, flush).unwrap();
+        let presses = AtomicUsize::new(0);
+        let output = SessionOutput { writer, presses: &presses, show: &mut |_| {} };
+        listen(&mut link, &self.robot, &self.config(), seconds, output).unwrap()
+    }
+
+    fn config(&self) -> SessionConfig {
+        SessionConfig {
             players: self.players.clone(),
             rate_hz: RATE_HZ,
             homing: HomingPolicy::Camera,
@@ -120,7 +127,14 @@ impl Bench {
             accepted_firmware: self.accepted_firmware.clone(),
             hold_gain_per_s: 0.5,
             metadata: std::iter::once(("source".to_owned(), "virtual".to_owned())).collect(),
-        };
+        }
+    }
+
+    /// Runs the session on a rig of the caller's.
+    pub(crate) fn session(&self, link: &mut VirtualLink) -> Result<SessionReport, SessionError> {
+        let writer =
+            RecordingWriter::create(&self.path(), ExistingFile::Refuse, FlushPolicy::EverySecond)?;
+        let config = self.config();
         let presses = AtomicUsize::new(0);
         let mut show = |progress: &Progress<'_>| {
             if progress.run.is_some() && 4.0 < progress.now.seconds_since(START) - 3.0 {

@@ -94,6 +94,41 @@ fn a_log_is_listened_to() {
     assert!(stderr.contains("it can be recorded with --listen, not driven"), "{stderr}");
 }
 
+/// Firmware 0.6.11 of node 2, and a node outside of the robot file with an expired watchdog.
+const OTHERS: &str = "\
+(1700000000.110000) can0 040#0204043A00060B00
+(1700000000.120000) can0 121#0000000101030000
+";
+
+#[test]
+fn listening_names_nodes_firmware_and_errors() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("bus.log"), format!("{LOG}{OTHERS}")).unwrap();
+    let bus = format!("replay:{}", file(dir.path(), "bus.log"));
+    let out = file(dir.path(), "out.mcap");
+    let typed = ["collect", "--bus", &bus, "--listen", "--json", "-o", &out];
+    let (stdout, stderr, status) = said(&klasktron(&typed));
+    assert_eq!(status, 0, "{stderr}");
+    for expected in [
+        "node 2 (left a): firmware 0.6.11, state CLOSED_LOOP_CONTROL, errors none; Get_Version once",
+        "node 9 (not in the robot file): firmware not reported, state IDLE, errors \
+         WATCHDOG_TIMER_EXPIRED; Heartbeat once",
+        "camera: 0 frames, 0 rejected",
+        "warning: node 0 (right a) was not heard",
+        "warning: node 9 is not in the robot file",
+        "warning: node 9 reports errors WATCHDOG_TIMER_EXPIRED",
+    ] {
+        assert!(stderr.contains(expected), "{expected}: {stderr}");
+    }
+    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(report["schema_version"], 2);
+    let node = &report["traffic"]["nodes"][0];
+    assert_eq!((&node["node"], &node["firmware"]), (&2.into(), &"0.6.11".into()));
+    let encoder = &node["messages"][2];
+    assert_eq!(encoder["message"], "Get_Encoder_Estimates");
+    assert!((encoder["rate_hz"].as_f64().unwrap() - 100.0).abs() < 1.0, "{encoder}");
+}
+
 #[test]
 fn mistakes_are_told_in_one_sentence() {
     let dir = tempfile::tempdir().unwrap();
@@ -142,7 +177,7 @@ fn an_unfinished_recording_is_never_written_over() {
 fn a_bad_log_is_told() {
     let dir = tempfile::tempdir().unwrap();
     for (name, text, expected) in [
-        ("mid.log", format!("{LOG}this is no frame\n"), "1 lines of the log were not understood"),
+        ("mid.log", format!("{LOG}this is no frame\n"), "1 lines of the log could not be parsed"),
         ("empty.log", String::new(), "no frame came in"),
     ] {
         fs::write(dir.path().join(name), text).unwrap();

@@ -253,7 +253,7 @@ fn wrong_node_ids_are_refused_before_arming() {
     let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
     assert_eq!(said.len(), 1, "{said:?}");
     assert!(said[0].contains("node 7 (left b) is silent"), "{said:?}");
-    assert!(said[0].contains("node 3 is heard but not in the robot file"), "{said:?}");
+    assert!(said[0].contains("node 3 was heard but is not in the robot file"), "{said:?}");
 }
 
 #[test]

@@ -80,7 +80,7 @@ fn span(outcome: &BenchOutcome) -> [f64; 2] {
 }
 
 #[test]
-fn a_mad_pilot_stays_within_its_stop_window() {
+fn a_mad_pilot_stays_within_its_stop_limits() {
     // Top speed of the game with the usual following error; then as fast as the robot may, where on diagonals one
     // motor alone turns 1 m/s around and commands run ahead of it by more than that.
     for (top, seed, following_error_m) in [(0.4, 4, 0.06), (5.0, 4, 0.1), (5.0, 5, 0.1)] {
@@ -93,7 +93,7 @@ fn a_mad_pilot_stays_within_its_stop_window() {
         let recording = outcome.recording.as_ref().unwrap();
         let (mut nearest, mut fastest) = (f64::INFINITY, 0.0_f64);
         for player in Player::BOTH {
-            let window = bench.robot.stop_window(player);
+            let window = bench.robot.stop_limits(player);
             for (_, state) in series::<CarriageState>(recording, &topic::carriage(player)) {
                 nearest = nearest.min(window.depth([state.x, state.y]));
                 fastest = fastest.max(state.vx.hypot(state.vy));
@@ -169,7 +169,7 @@ fn a_decision_that_is_no_number_ends_a_match() {
     let outcome = Bench::new("{}", 4.0).run(&mut Broken);
     stops(&outcome, "no_decision");
     let text = &outcome.report.as_ref().unwrap().stop_text;
-    assert!(text.contains("the right player decided on (NaN, 0) m/s"), "{text}");
+    assert!(text.contains("the right player commanded (NaN, 0) m/s"), "{text}");
     let [start, end] = span(&outcome);
     assert!((end - start - 1.0).abs() < 0.05, "{start} {end}");
     assert_eq!(outcome.report.unwrap().samples, 50);
@@ -182,5 +182,5 @@ fn without_pictures_nothing_is_armed() {
     assert!(outcome.recording.is_none(), "nothing was recorded, so there is no file");
     let Err(SessionError::Preflight(problems)) = outcome.report else { panic!("it went on") };
     assert_eq!(problems.len(), 1);
-    assert!(problems[0].to_string().contains("no picture of the camera"), "{problems:?}");
+    assert!(problems[0].to_string().contains("no camera frame"), "{problems:?}");
 }

@@ -1,13 +1,13 @@
-//! The proof that a plan may be driven: every sample of every motion, moves between runs included,
+//! Safety check of a plan: every sample of every motion, including the moves between runs, is
 //! computed and checked before a motor turns.
 //!
-//! At each sample the carriage's position, and the point where it would come to stand if it braked
-//! now (`v t + v^2 / (2 a)` further, each axis on its own), lie inside the player's window by the
-//! tracking margin; speed and slew are within their limits; the motor speeds are numbers. The check
-//! knows nothing of how the motion was made.
+//! At each sample the carriage's position and its standstill point after braking (`v t + v^2 / (2
+//! a)` further, each axis on its own) lie inside the player's soft limits less the tracking margin.
+//! Speed and slew are within their limits; the motor speeds are finite. The check is independent of
+//! the generation of the motion.
 
 use super::{
-    error::{Breach, Part, PlanError},
+    error::{Part, PlanError, Violation},
     plan::{Plan, PlannedRun},
 };
 use crate::{
@@ -17,26 +17,26 @@ use crate::{
     recording::topic::Player,
 };
 
-/// Rounding that a check forgives: a nanometre, and as share of a speed or slew.
+/// Tolerance for rounding: a nanometre, and a fraction of a speed or slew.
 const ROUNDING: f64 = 1e-9;
 
-/// Extremes of a motion.
+/// Extreme values of a motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figures {
+pub struct MotionExtremes {
     /// Largest speed along any direction (m/s).
     pub max_speed_m_per_s: f64,
     /// Largest speed along x and along y (m/s).
     pub max_axis_speed_m_per_s: [f64; 2],
     /// Largest change of the velocity of one axis (m/s^2).
     pub max_acceleration_m_per_s2: f64,
-    /// Smallest distance from the window's edge to the path or to a point of standstill (m).
+    /// Smallest distance from the edge of the soft limits to the path or to a standstill point (m).
     pub edge_distance_m: f64,
     /// Largest speed of a motor (turns/s).
     pub max_motor_turns_per_s: f64,
 }
 
-impl Figures {
-    /// Of a motion that has no sample.
+impl MotionExtremes {
+    /// Extremes of a motion without samples.
     const NOTHING: Self = Self {
         max_speed_m_per_s: 0.0,
         max_axis_speed_m_per_s: [0.0; 2],
@@ -45,7 +45,7 @@ impl Figures {
         max_motor_turns_per_s: 0.0,
     };
 
-    /// The extremes of both motions.
+    /// Return the extremes of both motions.
     #[must_use]
     pub fn joined(self, other: Self) -> Self {
         let (own, new) = (self.max_axis_speed_m_per_s, other.max_axis_speed_m_per_s);
@@ -61,84 +61,85 @@ impl Figures {
     }
 }
 
-/// One run, ready to be driven; motions are one for each player of the proof, in its order, and
-/// equally long.
+/// One checked run. It has one motion for each player of the plan, in the same order and of equal
+/// length.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ProvenRun {
+pub struct CheckedRun {
     planned: PlannedRun,
     approach: Vec<Reference>,
     references: Vec<Reference>,
-    figures: Figures,
+    extremes: MotionExtremes,
 }
 
-impl ProvenRun {
-    /// What was planned.
+impl CheckedRun {
+    /// Return the planned run.
     #[must_use]
     pub fn planned(&self) -> &PlannedRun {
         &self.planned
     }
 
-    /// The moves to the start.
+    /// Return the moves to the start.
     #[must_use]
     pub fn approach(&self) -> &[Reference] {
         &self.approach
     }
 
-    /// The run itself.
+    /// Return the motions of the run.
     #[must_use]
     pub fn references(&self) -> &[Reference] {
         &self.references
     }
 
-    /// Extremes over all players, without the approach.
+    /// Return the extremes over all players, without the approach.
     #[must_use]
-    pub fn figures(&self) -> &Figures {
-        &self.figures
+    pub fn extremes(&self) -> &MotionExtremes {
+        &self.extremes
     }
 }
 
-/// A plan with every motion computed and checked. Only [`prove`] makes one.
+/// Plan whose motions are all computed and checked. Only [`check_plan`] creates one.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Proof {
+pub struct CheckedPlan {
     plan: Plan,
     players: Vec<Player>,
-    windows: Vec<Rectangle>,
-    runs: Vec<ProvenRun>,
+    soft_limits: Vec<Rectangle>,
+    runs: Vec<CheckedRun>,
     home: Vec<Reference>,
 }
 
-impl Proof {
-    /// What was proven.
+impl CheckedPlan {
+    /// Return the plan.
     #[must_use]
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
 
-    /// Who is driven, in the order of all motions.
+    /// Return the driven players, in the order of all motions.
     #[must_use]
     pub fn players(&self) -> &[Player] {
         &self.players
     }
 
-    /// Where each player's carriage may be.
+    /// Return the soft limits of each player's carriage.
     #[must_use]
-    pub fn windows(&self) -> &[Rectangle] {
-        &self.windows
+    pub fn soft_limits(&self) -> &[Rectangle] {
+        &self.soft_limits
     }
 
-    /// The runs, in order.
+    /// Return the runs, in order.
     #[must_use]
-    pub fn runs(&self) -> &[ProvenRun] {
+    pub fn runs(&self) -> &[CheckedRun] {
         &self.runs
     }
 
-    /// From the end of the last run home, one for each player.
+    /// Return the moves from the end of the last run to home, one for each player.
     #[must_use]
     pub fn home(&self) -> &[Reference] {
         &self.home
     }
 
-    /// Duration of everything, moves between runs included (s); pauses of the procedure come on top.
+    /// Return the duration of all motions, including moves between runs (s), without the pauses of
+    /// the procedure.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let of = |motions: &[Reference]| motions.first().map_or(0.0, Reference::duration_s);
@@ -146,25 +147,25 @@ impl Proof {
         runs.sum::<f64>() + of(&self.home)
     }
 
-    /// Extremes of all runs.
+    /// Return the extremes of all runs.
     #[must_use]
-    pub fn figures(&self) -> Figures {
-        let all = self.runs.iter().map(|run| run.figures);
-        all.fold(Figures::NOTHING, Figures::joined)
+    pub fn extremes(&self) -> MotionExtremes {
+        let all = self.runs.iter().map(|run| run.extremes);
+        all.fold(MotionExtremes::NOTHING, MotionExtremes::joined)
     }
 }
 
-/// Checks every sample of `reference`, which must start and end at rest.
+/// Check every sample of `reference`, which must start and end at rest.
 ///
 /// # Errors
-/// The first sample that passes a limit: its time (s) and the breach.
+/// The first sample that violates a limit: its time (s) and the violation.
 pub fn check_reference(
     reference: &Reference,
     limits: &Limits,
-    window: &Rectangle,
+    workspace: &Rectangle,
     gantry: CoreXy,
-) -> Result<Figures, (f64, Breach)> {
-    let mut figures = Figures::NOTHING;
+) -> Result<MotionExtremes, (f64, Violation)> {
+    let mut extremes = MotionExtremes::NOTHING;
     let mut before = [0.0; 2];
     let last = reference.setpoints().len().saturating_sub(1);
     for (index, setpoint) in reference.setpoints().iter().enumerate() {
@@ -172,8 +173,8 @@ pub fn check_reference(
         let stands = limits.standstill(setpoint.position, setpoint.velocity);
         let motors = gantry.motors_from_board(setpoint.velocity);
         let change = (x - before[0]).abs().max((y - before[1]).abs());
-        let (near, stop) = (depth(window, setpoint.position), depth(window, stands));
-        let sample = Figures {
+        let (near, stop) = (depth(workspace, setpoint.position), depth(workspace, stands));
+        let sample = MotionExtremes {
             max_speed_m_per_s: x.hypot(y),
             max_axis_speed_m_per_s: [x.abs(), y.abs()],
             max_acceleration_m_per_s2: change * reference.rate_hz(),
@@ -181,83 +182,96 @@ pub fn check_reference(
             max_motor_turns_per_s: motors.a.abs().max(motors.b.abs()),
         };
         let time = index as f64 * reference.dt();
-        breach_of(&sample, [near, stop], limits).map_err(|breach| (time, breach))?;
+        violation_of(&sample, [near, stop], limits).map_err(|violation| (time, violation))?;
         if (index == 0 || index == last) && 0.0 < sample.max_speed_m_per_s {
             let speed_m_per_s = sample.max_speed_m_per_s;
-            return Err((time, Breach::NotAtRest { speed_m_per_s }));
+            return Err((time, Violation::NotAtRest { speed_m_per_s }));
         }
         before = setpoint.velocity;
-        figures = figures.joined(sample);
+        extremes = extremes.joined(sample);
     }
-    Ok(figures)
+    Ok(extremes)
 }
 
-/// How far inside (m); far outside for what is no number.
-fn depth(window: &Rectangle, point: [f64; 2]) -> f64 {
-    if point.iter().all(|part| part.is_finite()) { window.depth(point) } else { f64::NEG_INFINITY }
+/// Return the distance to the nearest edge (m), positive inside; far outside for a non-finite
+/// point.
+fn depth(workspace: &Rectangle, point: [f64; 2]) -> f64 {
+    if point.iter().all(|part| part.is_finite()) {
+        workspace.depth(point)
+    } else {
+        f64::NEG_INFINITY
+    }
 }
 
-fn breach_of(sample: &Figures, [near, stop]: [f64; 2], limits: &Limits) -> Result<(), Breach> {
+fn violation_of(
+    sample: &MotionExtremes,
+    [near, stop]: [f64; 2],
+    limits: &Limits,
+) -> Result<(), Violation> {
     let within = |value: f64, limit: f64| value <= limit * (1.0 + ROUNDING);
     let margin_m = limits.tracking_margin_m;
     let speed_m_per_s = sample.max_axis_speed_m_per_s[0].max(sample.max_axis_speed_m_per_s[1]);
     let turns = sample.max_motor_turns_per_s;
     if !within(speed_m_per_s, limits.speed_m_per_s) {
-        return Err(Breach::AxisSpeed { speed_m_per_s, limit_m_per_s: limits.speed_m_per_s });
+        return Err(Violation::AxisSpeed { speed_m_per_s, limit_m_per_s: limits.speed_m_per_s });
     }
     if !within(sample.max_speed_m_per_s, limits.total_speed_m_per_s) {
         let (speed_m_per_s, limit_m_per_s) = (sample.max_speed_m_per_s, limits.total_speed_m_per_s);
-        return Err(Breach::TotalSpeed { speed_m_per_s, limit_m_per_s });
+        return Err(Violation::TotalSpeed { speed_m_per_s, limit_m_per_s });
     }
     if !within(sample.max_acceleration_m_per_s2, limits.slew_m_per_s2) {
         let (slew_m_per_s2, limit_m_per_s2) =
             (sample.max_acceleration_m_per_s2, limits.slew_m_per_s2);
-        return Err(Breach::Slew { slew_m_per_s2, limit_m_per_s2 });
+        return Err(Violation::Slew { slew_m_per_s2, limit_m_per_s2 });
     }
     if !turns.is_finite() {
-        return Err(Breach::MotorSpeed { a_turns_per_s: turns, b_turns_per_s: turns });
+        return Err(Violation::MotorSpeed { a_turns_per_s: turns, b_turns_per_s: turns });
     }
     if near < margin_m - ROUNDING {
-        return Err(Breach::Position { edge_m: near, margin_m });
+        return Err(Violation::Position { edge_m: near, margin_m });
     }
     if stop < margin_m - ROUNDING {
-        return Err(Breach::Standstill { edge_m: stop, margin_m });
+        return Err(Violation::Standstill { edge_m: stop, margin_m });
     }
     Ok(())
 }
 
-/// Computes every motion of `plan` for `players` and checks it against the limits of `robot`.
+/// Compute every motion of `plan` for `players` and check it against the limits of `robot`.
 ///
-/// A player's runs lie in the middle of that player's own window. The right player's are those of
-/// the left turned by half a turn, as the players face each other: both move away from the middle
-/// of the table at the same time, and each diagonal is that of the same motor.
+/// A player's runs are centred in that player's soft limits. The right player's runs are those of
+/// the left rotated by half a turn, as the players face each other. Both move away from the middle
+/// of the table at the same time, and each diagonal belongs to the same motor.
 ///
 /// # Errors
-/// At the first motion that cannot be made or passes a limit.
-pub fn prove(plan: &Plan, robot: &Robot, players: &[Player]) -> Result<Proof, PlanError> {
+/// At the first motion that cannot be generated or violates a limit.
+pub fn check_plan(
+    plan: &Plan,
+    robot: &Robot,
+    players: &[Player],
+) -> Result<CheckedPlan, PlanError> {
     plan.check()?;
     robot.check()?;
     check_players(robot, players)?;
     let gantry = robot.kinematics()?;
-    let provers: Vec<Prover<'_>> =
-        players.iter().map(|&player| Prover::new(plan, robot, player, gantry)).collect();
+    let provers: Vec<MotionChecker<'_>> =
+        players.iter().map(|&player| MotionChecker::new(plan, robot, player, gantry)).collect();
     let mut places: Vec<[f64; 2]> = provers.iter().map(|prover| prover.home).collect();
     let mut runs = Vec::with_capacity(plan.runs.len());
     for planned in &plan.runs {
-        let mut run = ProvenRun {
+        let mut run = CheckedRun {
             planned: *planned,
             approach: Vec::new(),
             references: Vec::new(),
-            figures: Figures::NOTHING,
+            extremes: MotionExtremes::NOTHING,
         };
         for (prover, place) in provers.iter().zip(&mut places) {
-            let (reference, figures) = prover.run(planned)?;
+            let (reference, extremes) = prover.run(planned)?;
             let start = reference.start().unwrap_or(*place);
             let part = Part::Approach { run: planned.number };
             run.approach.push(prover.transfer(part, *place, start)?);
             *place = reference.end().unwrap_or(start);
             run.references.push(reference);
-            run.figures = run.figures.joined(figures);
+            run.extremes = run.extremes.joined(extremes);
         }
         run.approach = equally_long(run.approach);
         runs.push(run);
@@ -268,8 +282,8 @@ pub fn prove(plan: &Plan, robot: &Robot, players: &[Player]) -> Result<Proof, Pl
         .map(|(prover, place)| prover.transfer(Part::Home, *place, prover.home))
         .collect();
     let (plan, players, home) = (plan.clone(), players.to_vec(), equally_long(home?));
-    let windows = provers.iter().map(|prover| prover.window).collect();
-    Ok(Proof { plan, players, windows, runs, home })
+    let soft_limits = provers.iter().map(|prover| prover.workspace).collect();
+    Ok(CheckedPlan { plan, players, soft_limits, runs, home })
 }
 
 fn check_players(robot: &Robot, players: &[Player]) -> Result<(), PlanError> {
@@ -287,43 +301,43 @@ fn check_players(robot: &Robot, players: &[Player]) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// The moves of all players, each resting at its end until the longest is over.
+/// Pad the moves of all players with rest to the length of the longest.
 fn equally_long(motions: Vec<Reference>) -> Vec<Reference> {
     let longest = motions.iter().map(|motion| motion.setpoints().len()).max().unwrap_or(0);
     motions.into_iter().map(|motion| motion.resting_until(longest)).collect()
 }
 
-/// Makes and checks the motions of one player.
-struct Prover<'a> {
+/// Generator and checker of the motions of one player.
+struct MotionChecker<'a> {
     plan: &'a Plan,
     limits: &'a Limits,
     player: Player,
     gantry: CoreXy,
-    window: Rectangle,
+    workspace: Rectangle,
     home: [f64; 2],
 }
 
-impl<'a> Prover<'a> {
+impl<'a> MotionChecker<'a> {
     fn new(plan: &'a Plan, robot: &'a Robot, player: Player, gantry: CoreXy) -> Self {
         let home = robot.home.of(player);
-        let (window, home) = (robot.window(player), [home.x_m, home.y_m]);
-        Self { plan, limits: &robot.limits, player, gantry, window, home }
+        let (workspace, home) = (robot.soft_limits(player), [home.x_m, home.y_m]);
+        Self { plan, limits: &robot.limits, player, gantry, workspace, home }
     }
 
-    fn run(&self, planned: &PlannedRun) -> Result<(Reference, Figures), PlanError> {
+    fn run(&self, planned: &PlannedRun) -> Result<(Reference, MotionExtremes), PlanError> {
         let PlannedRun { number, pattern, samples, .. } = *planned;
         let part = Part::Run { run: number, pattern };
-        let inner = self.window.shrunk(self.limits.tracking_margin_m + TRANSFER_SLACK_M);
+        let inner = self.workspace.shrunk(self.limits.tracking_margin_m + TRANSFER_SLACK_M);
         let (rate_hz, seed) = (self.plan.rate_hz, self.plan.seed_of(number));
         let reference = pattern
             .reference(&inner, self.limits, &Sampling { rate_hz, samples, seed })
             .map_err(|source| self.cannot_make(part, source))?;
         let reference = match self.player {
             Player::Left => reference,
-            Player::Right => reference.turned_about(self.window.centre()),
+            Player::Right => reference.turned_about(self.workspace.centre()),
         };
-        let figures = self.check(part, &reference)?;
-        Ok((reference, figures))
+        let extremes = self.check(part, &reference)?;
+        Ok((reference, extremes))
     }
 
     fn transfer(&self, part: Part, from: [f64; 2], to: [f64; 2]) -> Result<Reference, PlanError> {
@@ -337,9 +351,14 @@ impl<'a> Prover<'a> {
         PlanError::Trajectory { part, player: self.player, source: Box::new(source) }
     }
 
-    fn check(&self, part: Part, reference: &Reference) -> Result<Figures, PlanError> {
-        check_reference(reference, self.limits, &self.window, self.gantry).map_err(
-            |(time_s, breach)| PlanError::Breach { part, player: self.player, time_s, breach },
+    fn check(&self, part: Part, reference: &Reference) -> Result<MotionExtremes, PlanError> {
+        check_reference(reference, self.limits, &self.workspace, self.gantry).map_err(
+            |(time_s, violation)| PlanError::Violation {
+                part,
+                player: self.player,
+                time_s,
+                violation,
+            },
         )
     }
 }

@@ -1,39 +1,39 @@
-//! How wrong a model is on held-out runs: one step ahead, and free-running.
+//! Errors of a model on held-out runs: one step ahead, and free-running.
 //!
-//! Free-running starts lie every [`START_STRIDE`] samples; from each the model is given the
-//! measured history and then only commands. The error at a horizon is the root mean square over
-//! all samples up to it, and over both axes unless one is named.
+//! Free-running predictions start every [`START_STRIDE`] samples. The model gets the measured
+//! history before the start and then only commands. The error at a horizon is the root mean square
+//! over all samples up to it, and over both axes unless one axis is given.
 
 use super::{layout::AXES, model::VelocityModel, run::Run};
 use crate::stats::{Interval, bootstrap_ci95};
 use serde::Serialize;
 
-/// Free-running horizons that are reported (s).
+/// Free-running horizons of the report (s).
 pub const HORIZONS_S: [f64; 3] = [0.1, 0.5, LONGEST_HORIZON_S];
 
-/// The horizon by which models are compared and chosen (s).
+/// Horizon by which models are compared and selected (s).
 pub(super) const LONGEST_HORIZON_S: f64 = 2.0;
 
-/// Samples between two starts of free-running prediction.
+/// Number of samples between two starts of free-running prediction.
 const START_STRIDE: usize = 5;
 
-/// Which components an error is about.
+/// Velocity component of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Component {
-    /// Across the board.
+    /// x, across the board.
     X,
-    /// Goal to goal.
+    /// y, from goal to goal.
     Y,
-    /// Both, the mean of their squares.
+    /// Both components, the mean of their squares.
     Both,
 }
 
 impl Component {
-    /// x, y and both.
+    /// All components: x, y and both.
     pub const ALL: [Self; 3] = [Self::X, Self::Y, Self::Both];
 
-    /// `x`, `y` or `both`.
+    /// Return `x`, `y` or `both`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -52,7 +52,7 @@ impl Component {
     }
 }
 
-/// Sum of squares, count and largest of some errors per axis; adds up.
+/// Sum of squares, count and largest absolute value of errors per axis.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     squares: [f64; AXES],
@@ -102,67 +102,67 @@ struct RunErrors {
 
 /// Errors of one model on all held-out runs.
 #[derive(Debug, Clone)]
-pub struct Judgement {
+pub struct Evaluation {
     /// Name of the model.
     pub model: &'static str,
     runs: Vec<RunErrors>,
     dt: f64,
 }
 
-/// A figure with its interval, as results show it.
+/// One error metric with its interval, as shown in results.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ErrorRow {
     /// Name of the model.
     pub model: &'static str,
     /// Pattern of the runs; `all` for all of them.
     pub pattern: String,
-    /// Component.
+    /// Component of the velocity.
     pub component: Component,
-    /// 0 for one step ahead.
+    /// Horizon (s); 0 for one step ahead.
     pub horizon_s: f64,
-    /// Root mean square (m/s).
+    /// Root mean square error (m/s).
     pub rmse_m_per_s: f64,
-    /// By bootstrap over runs (m/s); null for fewer than two runs.
+    /// 95 % interval by bootstrap over runs (m/s); null for fewer than two runs.
     pub ci95_m_per_s: Option<Interval>,
     /// Largest error (m/s).
     pub peak_m_per_s: f64,
 }
 
-impl Judgement {
-    /// Judges `model` on `runs`, each long enough for `history` samples and the longest horizon
-    /// (a shorter run counts as far as it goes).
+impl Evaluation {
+    /// Evaluate `model` on `runs`, each long enough for `history` samples and the longest horizon.
+    /// A shorter run counts up to its end.
     #[must_use]
     pub fn new(model: &dyn VelocityModel, runs: &[&Run], history: usize, dt: f64) -> Self {
         let steps = steps_of(LONGEST_HORIZON_S, dt);
         let runs = runs
             .iter()
             .filter(|run| history < run.len())
-            .map(|run| judge_run(model, run, history, steps))
+            .map(|run| evaluate_run(model, run, history, steps))
             .collect();
         Self { model: model.name(), runs, dt }
     }
 
-    /// Error one step ahead over all runs (m/s).
+    /// Return the one-step-ahead error over all runs (m/s).
     #[must_use]
     pub fn one_step(&self, component: Component) -> f64 {
         rmse(&total(self.runs.iter().map(|run| &run.one_step)), component)
     }
 
-    /// Free-running error over `horizon_s` and all runs (m/s).
+    /// Return the free-running error over `horizon_s` and all runs (m/s).
     #[must_use]
     pub fn free_running(&self, horizon_s: f64, component: Component) -> f64 {
         let steps = steps_of(horizon_s, self.dt);
         rmse(&total(self.runs.iter().flat_map(|run| run.by_step.iter().take(steps))), component)
     }
 
-    /// Free-running error over the longest horizon, per run (m/s).
+    /// Return the free-running error over the longest horizon, per run (m/s).
     #[must_use]
     pub fn free_running_by_run(&self) -> Vec<f64> {
         let by_run = self.runs.iter().map(|run| total(run.by_step.iter()));
         by_run.filter(|sums| 0 < sums.count).map(|sums| rmse(&sums, Component::Both)).collect()
     }
 
-    /// Error at each free-running step of the longest horizon, both axes (s, m/s).
+    /// Return the error at each free-running step of the longest horizon, both axes (s, m/s).
     #[must_use]
     pub fn growth(&self) -> Vec<(f64, f64)> {
         let steps = self.runs.iter().map(|run| run.by_step.len()).max().unwrap_or(0);
@@ -174,7 +174,7 @@ impl Judgement {
             .collect()
     }
 
-    /// Every figure: one step and each horizon, all runs and each pattern, x, y and both.
+    /// Return every metric: one step and each horizon, all runs and each pattern, x, y and both.
     #[must_use]
     pub fn rows(&self) -> Vec<ErrorRow> {
         let mut patterns: Vec<&str> = self.runs.iter().map(|run| run.pattern.as_str()).collect();
@@ -229,7 +229,7 @@ fn steps_of(horizon_s: f64, dt: f64) -> usize {
     (horizon_s / dt).round() as usize
 }
 
-fn judge_run(model: &dyn VelocityModel, run: &Run, history: usize, steps: usize) -> RunErrors {
+fn evaluate_run(model: &dyn VelocityModel, run: &Run, history: usize, steps: usize) -> RunErrors {
     let error = |sample: usize, predicted: [f64; AXES]| -> [f64; AXES] {
         std::array::from_fn(|axis| predicted[axis] - run.velocities[sample][axis])
     };
