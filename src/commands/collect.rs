@@ -162,7 +162,8 @@ fn listen_only(args: &Args, files: &TableFiles, seconds: f64) -> anyhow::Result<
     if args.session.json {
         print(&serde_json::to_string_pretty(&report)?)?;
     }
-    let heard = format!("{} frames, {} camera frames", report.frames_received, report.camera_frames);
+    let heard =
+        format!("{} frames, {} camera frames", report.frames_received, report.camera_frames);
     Ok(session::tell_outcome(&report, &args.output, &heard))
 }
 

@@ -12,8 +12,8 @@ use anyhow::{anyhow, bail};
 use clap::ValueEnum;
 use klasktron::{
     collect::{
-        HomingPolicy, NodeFirmware, RawFrames, SessionConfig, SessionError, SessionOutput, SessionReport,
-        WatchdogPolicy,
+        HomingPolicy, NodeFirmware, RawFrames, SessionConfig, SessionError, SessionOutput,
+        SessionReport, WatchdogPolicy,
     },
     gantry::Robot,
     link::BusSpec,
