@@ -1,15 +1,16 @@
-//! The demo: the whole pipeline on the virtual rig, as a list of commands and the story of their results.
+//! Demo: the whole pipeline on the virtual rig, as a list of commands and a report of their
+//! results.
 //!
-//! [`Plan`] lists the commands as they would be typed: collect, fit the actuator, tune the filter, close the
-//! gap, train four policies in four simulations, let each play on the rig, score. Nothing here runs them: the
-//! binary does, and keeps what each printed as a [`Record`]. [`Experiment`] makes the comparison out of the
-//! records, [`page()`] the story.
+//! [`Plan`] lists the commands as typed: collect, fit the actuator, tune the filter, close the gap,
+//! train four policies in four simulations, let each play on the rig, score. The binary runs them
+//! and keeps the printed documents as [`Record`]s. [`Experiment`] computes the comparison from the
+//! records; [`page()`] writes the report.
 //!
-//! The experiment is the KlaskTron paper's central claim: a policy that was trained with the actuator's true
-//! behaviour loses less on the table than one that was trained with ideal actuators, randomised or not. Who
-//! is better is only said where the interval of the difference shows it.
+//! The experiment is the central claim of the KlaskTron paper: a policy trained with an accurate
+//! actuator model loses less performance on the table than one trained with ideal actuators,
+//! randomized or not. A difference is claimed only if its 95 % interval excludes 0.
 //!
-//! A step that was finished is not run again: its record holds a hash of its command, of all commands before
+//! A finished step is not run again: its record holds a hash of its command, of all commands before
 //! its stage and of the program.
 //!
 //! ```

@@ -1,8 +1,8 @@
-//! Proximal Policy Optimization on small networks.
+//! Proximal Policy Optimization (PPO) for small networks.
 //!
-//! A [`Learner`] acts in many environments at once, whose steps a [`Rollout`] collects; [`Learner::learn`]
-//! turns a full one into better networks. It knows observations, actions and rewards as numbers, and
-//! nothing of any game.
+//! A [`Learner`] acts in many environments at once, whose steps a [`Rollout`] collects;
+//! [`Learner::learn`] updates the networks from a full rollout. Observations, actions and rewards
+//! are plain numbers: nothing here depends on the game.
 //!
 //! ```
 //! use klasktron::ppo::{End, Learner, StepIndex, PpoSettings, Rollout, RolloutShape, Scratch, Spaces};
@@ -28,51 +28,51 @@
 //! # }
 //! ```
 //!
-//! # The details
+//! # Implementation details
 //!
-//! Whether PPO works is a matter of details. Numbers are those of Huang et al., "The 37
-//! Implementation Details of Proximal Policy Optimization" (ICLR Blog Track, 2022): G for its 13 of
-//! the core, C for its 9 of continuous actions. CleanRL is `ppo_continuous_action.py` of
-//! vwxyzjn/cleanrl, rl_games is Denys88/rl_games, which upstream uses.
+//! Implementation details decide whether PPO learns. Numbers refer to Huang et al., "The 37
+//! Implementation Details of Proximal Policy Optimization" (ICLR Blog Track, 2022): G for its 13
+//! core details, C for its 9 details of continuous actions. CleanRL is `ppo_continuous_action.py`
+//! of vwxyzjn/cleanrl; rl_games is Denys88/rl_games, which upstream uses.
 //!
-//! | detail | here | done by |
+//! | detail | choice | code |
 //! |---|---|---|
-//! | G1 vectorised architecture | rollouts of fixed length go on where the last ended | [`Rollout`] |
-//! | G2 orthogonal initialisation, biases 0 | gains root 2, policy 0.01, value 1 | `orthogonal::network` |
+//! | G1 vectorized architecture | fixed-length rollouts, continued from the previous one | [`Rollout`] |
+//! | G2 orthogonal initialization, biases 0 | gains root 2, policy 0.01, value 1 | `orthogonal::network` |
 //! | G3 Adam's epsilon | 1e-5, upstream 1e-8 | [`PpoSettings::adam_epsilon`], [`nn::Trainer`](crate::nn::Trainer) |
-//! | G4 rate annealing | fixed, linear, or by divergence (rl_games, `AdaptiveScheduler`) | [`Schedule`], `update::adapted` |
-//! | G5 generalised advantage estimation | with the value of the last observation where an episode is cut off (Pardo et al. 2018) | [`Advantages::compute`] |
-//! | G6 minibatches | every sample once in each pass, in an order named after seed, update and pass | `batch::epochs` |
-//! | G7 advantage normalisation | over the minibatch, upstream over the batch; epsilon 1e-8 | [`AdvantageNormalization`], `batch::scaling` |
-//! | G8 clipped objective | Schulman et al. 2017, equation 7 | `loss::policy_loss` |
-//! | G9 value clipping | within the clip coefficient of the old value, the larger loss counts | [`ValueLoss`], `loss::value_loss` |
-//! | G10 whole loss and entropy bonus | one loss, one step for both networks | `loss`, `update::Worker::minibatch` |
-//! | G11 gradient clipping | norm over everything that is learned, as PyTorch's `clip_grad_norm_` | `model::clip_scale` |
-//! | G12 debug variables | losses, divergence, clip fraction, explained variance | [`UpdateReport`] |
+//! | G4 learning rate annealing | fixed, linear, or adaptive to the KL divergence (rl_games, `AdaptiveScheduler`) | [`Schedule`], `update::adapted` |
+//! | G5 generalized advantage estimation | bootstrapped from the last observation of a truncated episode (Pardo et al. 2018) | [`Advantages::compute`] |
+//! | G6 minibatches | every sample once per epoch, in an order keyed by seed, update and epoch | `batch::epochs` |
+//! | G7 advantage normalization | over the minibatch, upstream over the batch; epsilon 1e-8 | [`AdvantageNormalization`], `batch::scaling` |
+//! | G8 clipped surrogate objective | Schulman et al. 2017, equation 7 | `loss::policy_loss` |
+//! | G9 value clipping | within the clip coefficient of the old value; the larger loss counts | [`ValueLoss`], `loss::value_loss` |
+//! | G10 overall loss and entropy bonus | one loss and one optimizer step for both networks | `loss`, `update::Worker::minibatch` |
+//! | G11 global gradient clipping | norm over all learned parameters, as PyTorch's `clip_grad_norm_` | `model::clip_scale` |
+//! | G12 debug variables | losses, approximate KL, clip fraction, explained variance | [`UpdateReport`] |
 //! | G13 shared or separate networks | both | [`NetworkLayout`] |
 //! | C1 normal distribution | independent actions | [`Gaussian`] |
-//! | C2 deviations that do not depend on the state | logarithms are learned, from 0; the paper preset keeps them at 0 or below | [`Deviations`] |
+//! | C2 state-independent log standard deviation | learned, from 0; at most 0 in the paper preset | [`Deviations`] |
 //! | C3 independent components | log-probabilities are added | [`Gaussian::log_probability`] |
 //! | C4 separate networks | default; upstream shares | [`NetworkLayout`] |
-//! | C5 actions are limited by the environment | the unlimited action is learned from; its mean is drawn inside 1.1 (rl_games, `bound_loss`) | [`RolloutStep::actions`], `loss::sample_loss` |
-//! | C6 observation normalisation | running mean and variance (Chan et al. 1983), fixed within an update | [`Moments`], [`Learner::learn`] |
-//! | C7 observation clipping | 10 deviations, upstream 5 | [`Normalization`], [`nn::Standardizer`](crate::nn::Standardizer) |
-//! | C8, C9 reward scaling and clipping | none; instead the critic can see standardised values (rl_games, `normalize_value`) | [`PpoSettings::values`] |
-//! | stop by divergence | before a minibatch above 1.5 times the limit (Stable-Baselines3, `target_kl`) | [`PpoSettings::kl_stop`] |
-//! | divergence | exact, from means and deviations, not estimated from ratios | [`Gaussian::divergence_from`] |
-//! | numbers that are not finite | nothing of the update is kept | `Learner::keep`, [`PpoError`] |
+//! | C5 action clipping by the environment | the unclipped action is learned from; its mean is drawn inside 1.1 (rl_games, `bound_loss`) | [`RolloutStep::actions`], `loss::sample_loss` |
+//! | C6 observation normalization | running mean and variance (Chan et al. 1983), constant within an update | [`Moments`], [`Learner::learn`] |
+//! | C7 observation clipping | 10 standard deviations, upstream 5 | [`Normalization`], [`nn::Standardizer`](crate::nn::Standardizer) |
+//! | C8, C9 reward scaling and clipping | not used; instead the critic can use normalized values (rl_games, `normalize_value`) | [`PpoSettings::values`] |
+//! | early stopping by KL | before a minibatch above 1.5 times the limit (Stable-Baselines3, `target_kl`) | [`PpoSettings::kl_stop`] |
+//! | KL divergence | analytic, from means and standard deviations, not estimated from ratios | [`Gaussian::divergence_from`] |
+//! | non-finite numbers | the whole update is discarded | `Learner::keep`, [`PpoError`] |
 //!
-//! # Bytes
+//! # Determinism
 //!
-//! Equal settings, seeds and rollouts give equal learners, whatever the number of threads: sums run
-//! in the order of samples and of lanes (`update`), and random numbers belong to places
-//! (`noise`). Stored and resumed learners go on alike ([`LearnerState`]). Between machines of
-//! different vector width the last digits differ.
+//! Equal settings, seeds and rollouts give equal learners for any number of threads: sums run in
+//! the order of samples and of lanes (`update`), and random numbers are keyed by their use
+//! (`noise`). A stored and resumed learner continues identically ([`LearnerState`]). Machines with
+//! another vector width differ in the last digits.
 //!
-//! # Left out on purpose
+//! # Not implemented
 //!
-//! Discrete actions, recurrent networks, frame stacks and the game of any of these; deviations that
-//! depend on the state; more than four actions, since the last layer is a kernel for narrow outputs.
+//! Discrete actions, recurrent networks and frame stacks; state-dependent standard deviations; more
+//! than four actions, since the last layer is a kernel for narrow outputs.
 
 mod advantage;
 mod barrier;

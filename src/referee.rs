@@ -1,11 +1,11 @@
-//! The referee: from the recording of a match to its events and its score.
+//! The referee: events and score of a match from its recording.
 //!
-//! It judges hardware, virtual and simulated matches alike, from `/camera/detections`, or from
-//! `/board/state` where there is nothing better (imported bags). A contact lasts less than a frame, and
-//! between two frames a ball of 1 m/s moves 8 mm, so contacts are found from the motion between frames:
-//! the ball's track is divided into free rolls where that makes it most likely, and each change of
-//! velocity is given the cause (wall, striker at its position between the frames, cup) that explains its
-//! position, time and direction best.
+//! It evaluates hardware, virtual and simulated matches alike, from `/camera/detections`, or from
+//! `/board/state` if there are no detections (imported bags). A contact lasts less than a frame,
+//! and a ball of 1 m/s moves 8 mm between two frames, so contacts are inferred from the motion. The
+//! ball's track is segmented into free rolls by maximum likelihood. Each velocity change is
+//! assigned to the cause (wall, striker at its interpolated position, cup) that best explains its
+//! position, time and direction.
 //!
 //! ```
 //! use klasktron::referee::{EventKind, Frame, Rules, analyze};
@@ -24,47 +24,47 @@
 //! assert!((events[0].speed_out() - 0.8).abs() < 0.05);
 //! ```
 //!
-//! # What happened
+//! # Events
 //!
-//! Every threshold is a field of [`Rules`].
+//! All thresholds are fields of [`Rules`].
 //!
-//! | event | when |
+//! | event | definition |
 //! |---|---|
 //! | `wall_bounce` | the ball's velocity changes at a wall by at least [`Rules::least_impulse`] |
-//! | `block`, `strike`, `touch` | it changes at a striker; impulses of one striker belong to one touch while the ball stays with it or for [`Rules::same_touch`] |
-//! | `goal` | the ball is over a cup for [`Rules::goal_stay`], or vanishes in it; its time is that of the crossing of the edge |
-//! | `rim_out` | it was over a cup and comes out sooner |
-//! | `striker_in_goal` | a striker's centre is over its own cup for [`Rules::striker_stay`]: a point for the other player |
-//! | `timeout` | the ball has lain still for [`Rules::timeout_after`] |
-//! | `ball_lost` | the ball has not been seen for [`Rules::lost_after`], nor did it vanish in a cup |
-//! | `restart` | the ball is on the board again, and no striker in its cup |
+//! | `block`, `strike`, `touch` | the velocity changes at a striker; impulses of one striker belong to one touch while the ball stays with it or for [`Rules::same_touch`] |
+//! | `goal` | the ball is over a cup for [`Rules::goal_stay`], or vanishes in it; its time is that of crossing the edge |
+//! | `rim_out` | the ball was over a cup and leaves it sooner |
+//! | `striker_in_goal` | own goal: a striker's centre is over its own cup for [`Rules::striker_stay`] |
+//! | `timeout` | the ball has been at rest for [`Rules::timeout_after`] |
+//! | `ball_lost` | the ball has not been detected for [`Rules::lost_after`] and did not vanish in a cup |
+//! | `restart` | the ball is on the board again, and no striker is in its cup |
 //!
-//! An episode is play from the beginning or a restart to a goal, a striker in its goal, a timeout or a
-//! lost ball. What happens between episodes is no event.
+//! An episode lasts from the beginning or a restart to a goal, an own goal, a timeout or a lost
+//! ball. Motion between episodes causes no events.
 //!
-//! # What the words mean
+//! # Definitions
 //!
-//! A touch is a block, a strike or neither, never two; contacts are blocks plus strikes.
+//! A touch is a block, a strike or neither, never both; contacts are blocks plus strikes.
 //!
-//! **Defensive block**: a touch that is no strike, on a ball that came towards the toucher's own goal
-//! line by at least [`Rules::least_approach`], and left with less of that motion.
+//! **Defensive block**: a touch other than a strike, on a ball that approached the player's own
+//! goal line at [`Rules::least_approach`] or more and left with less of that velocity.
 #![doc = include_str!("referee/pictures/block.svg")]
 //!
-//! **Offensive strike**: a touch after which the ball moves towards the opponent's goal line by at
-//! least [`Rules::least_approach`], faster than it came.
+//! **Offensive strike**: a touch after which the ball approaches the opponent's goal line at
+//! [`Rules::least_approach`] or more, faster than before.
 #![doc = include_str!("referee/pictures/strike.svg")]
 //!
-//! **Goal-directed hit**: a strike whose straight way on leads over the opponent's cup.
+//! **Goal-directed hit**: a strike whose straight continuation passes over the opponent's cup.
 #![doc = include_str!("referee/pictures/goal_directed.svg")]
 //!
-//! **Possession**: the share of the time since an episode's first touch during which a player was the
-//! last who touched the ball.
+//! **Possession**: the fraction of the time since an episode's first touch during which a player
+//! was the last to touch the ball.
 #![doc = include_str!("referee/pictures/possession.svg")]
 //!
-//! # What it does not do
+//! # Limits
 //!
-//! Biscuits are not detected by the camera, so they are not judged. Two bounces at one wall, or two
-//! impulses of striker and wall, within one frame are one. Spin is not estimated.
+//! The camera does not detect biscuits, so they are not evaluated. Two bounces at one wall, or two
+//! impulses of striker and wall, within one frame count as one. Spin is not estimated.
 
 mod analysis;
 mod compare;
@@ -100,55 +100,55 @@ pub use table::write_episodes;
 use crate::recording::RecordingError;
 use std::path::PathBuf;
 
-/// Why a match cannot be judged.
+/// Error of evaluating a match.
 #[derive(Debug, thiserror::Error)]
 pub enum RefereeError {
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// It does not say where the ball was.
+    /// The recording has no ball positions.
     #[error(
-        "{}: neither /camera/detections nor /board/state; the topics that it has are: {}",
+        "{}: neither /camera/detections nor /board/state; its topics are: {}",
         path.display(), if topics.is_empty() { "none" } else { topics }
     )]
     NoFrames {
-        /// The file.
+        /// The recording.
         path: PathBuf,
-        /// Topics with messages.
+        /// Topics of the recording.
         topics: String,
     },
 }
 
-/// A word, in one sentence and one picture.
+/// Definition of a term, with one sentence and one picture.
 struct Definition {
     word: &'static str,
     sentence: &'static str,
     picture: &'static str,
 }
 
-/// The words of the score, as pages explain them.
+/// Terms of the score, as defined on pages.
 const DEFINITIONS: [Definition; 4] = [
     Definition {
         word: "Defensive block",
-        sentence: "A touch that is no strike, on a ball that came towards the toucher's own goal line \
-                   by at least 0.1 m/s, and left with less of that motion.",
+        sentence: "A touch other than a strike, on a ball that approached the player's own goal line at \
+                   0.1 m/s or more and left with less of that velocity.",
         picture: include_str!("referee/pictures/block.svg"),
     },
     Definition {
         word: "Offensive strike",
-        sentence: "A touch after which the ball moves towards the opponent's goal line by at least \
-                   0.1 m/s, faster than it came.",
+        sentence: "A touch after which the ball approaches the opponent's goal line at 0.1 m/s or \
+                   more, faster than before.",
         picture: include_str!("referee/pictures/strike.svg"),
     },
     Definition {
         word: "Goal-directed hit",
-        sentence: "A strike whose straight way on leads over the opponent's cup.",
+        sentence: "A strike whose straight continuation passes over the opponent's cup.",
         picture: include_str!("referee/pictures/goal_directed.svg"),
     },
     Definition {
         word: "Possession",
-        sentence: "The share of the time since an episode's first touch during which a player was the \
-                   last who touched the ball.",
+        sentence: "The fraction of the time since an episode's first touch during which a player was \
+                   the last to touch the ball.",
         picture: include_str!("referee/pictures/possession.svg"),
     },
 ];

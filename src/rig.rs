@@ -1,23 +1,22 @@
-//! The virtual rig: four simulated drives behind the very same protocol bytes, with gantries,
+//! The virtual rig: four simulated drives with the same protocol bytes as hardware, with gantries,
 //! magnets, strikers, ball and camera.
 //!
-//! It stands in for the table: procedures that drive hardware run on it unchanged, through
-//! [`VirtualLink`], or over a real bus through [`serve()`]. Its physics is its own. It uses no
-//! kinematics, actuator model, effect or simulator of this crate, so that whatever is fitted to its
-//! recordings shares no line of dynamics with it, and every number of it is hidden in a
-//! [`RigConfig`].
+//! It replaces the table: procedures for hardware run on it unchanged, through [`VirtualLink`], or
+//! over a real bus through [`serve()`]. Its physics is independent. It uses no kinematics, actuator
+//! model, effect or simulator of this crate, so that a model fitted to its recordings shares no
+//! line of dynamics with it. All its parameters are in a [`RigConfig`], which fits do not see.
 //!
 //! # Friction
 //!
-//! Motors and rails: `Fc + (Fs - Fc) exp(-(v/vs)^2) + Fv |v| + Fq v^2` against the motion; the dry
-//! part times a ratio when moving backwards, times a swing along the rail, times a slow drift. Motors
-//! may have friction in proportion to the tension of their belt, rails an elastic stage before they
-//! slip.
+//! Motors and guides: `Fc + (Fs - Fc) exp(-(v/vs)^2) + Fv |v| + Fq v^2` against the motion. The dry
+//! part is multiplied by a ratio when moving backwards, by a position-dependent factor along the
+//! guide, and by a slow drift. Motors may have friction in proportion to the tension of their belt;
+//! guides may have an elastic presliding stage.
 //!
-//! # What is left out
+//! # Not modelled
 //!
-//! Spin of the ball about the vertical, compliance of the striker in a hit, mass that depends on the
-//! place, strikers that fall into cups, biscuits; of the drives: endpoints (SDO), trajectories,
+//! Spin of the ball about the vertical, compliance of the striker in an impact, position-dependent
+//! mass, strikers that fall into cups, biscuits. Of the drives: endpoints (SDO), trajectories,
 //! calibration and homing procedures.
 //!
 //! # Example

@@ -1,25 +1,28 @@
-//! Many runs of one command, on this machine or on a cluster, merged into one table and one page.
+//! Sweeps: many runs of one command, on this machine or on a cluster, merged into one table and one
+//! page.
 //!
-//! A [`SweepFile`] names a command, fixed options, a grid or list of options and seeds; [`Plan`] makes
-//! [`Point`]s of it: one command line each, known by the hash of its settings, the content of its inputs and
-//! the version of this crate. An engine runs the points that the [`Store`] does not hold: [`run_local`] as
-//! child processes of this program, [`run_slurm`] as job arrays. Both use [`run_point`], so their results are
-//! the same files, byte for byte. [`Merged`] reads what is finished into a table, a page and a choice.
+//! A [`SweepFile`] has a command, fixed options, a grid or list of options, and seeds. [`Plan`]
+//! expands it into [`Point`]s: one command line each, identified by the hash of its settings, the
+//! content of its inputs and the version of this crate. An engine runs the points that the
+//! [`Store`] does not have: [`run_local`] as child processes of this program, [`run_slurm`] as job
+//! arrays. Both use [`run_point`], so their results are the same files, byte for byte. [`Merged`]
+//! reads the finished points into a table, a page and a choice.
 //!
-//! `fit-actuator --ablate` and `train --seeds` make their own [`Plan`] and run it by the same engines.
+//! `fit-actuator --ablate` and `train --seeds` build their own [`Plan`] and run it with the same
+//! engines.
 //!
 //! # Invariants
 //!
-//! - A point appears under its name when it is complete; a finished one is never run again.
-//! - A process that works on a point holds its claim, and so does the child, until it ends. One engine at a
-//!   time works in a folder: [`FolderLock`].
-//! - An interrupted point is no failure. `fit-actuator` and `train` go on where it was.
-//! - A failed point stays failed until somebody asks for `--retry`.
+//! - A point gets its final folder name when it is complete; a finished point is never run again.
+//! - A process that works on a point holds its claim until it ends, and so does its child. One
+//!   engine at a time works in a folder: [`FolderLock`].
+//! - An interrupted point is not a failure. `fit-actuator` and `train` resume it.
+//! - A failed point stays failed until `--retry`.
 //!
-//! # Left out on purpose
+//! # Not implemented
 //!
-//! Search that looks at earlier results (the grid is fixed before it begins), other schedulers, and Slurm's
-//! accounting, which many clusters do not have.
+//! Adaptive search (the grid is fixed before it begins), other schedulers, and Slurm's accounting,
+//! which many clusters do not have.
 //!
 //! ```
 //! use klasktron::sweep::parse;

@@ -268,18 +268,18 @@ fn table(experiment: Option<&Experiment>) -> String {
         return "the results do not contain the data of the comparison".to_owned();
     };
     let mut lines = vec![format!(
-        "{:<12}{:<12}{:>22}{:>14}{:>8}",
-        "policy", "opponent", "goals per min, sim", "on the rig", "ratio"
+        "{:<12}{:<12}{:>22}{:>14}{:>16}",
+        "policy", "opponent", "goals per min, sim", "on the rig", "transfer ratio"
     )];
     for one in &experiment.contests {
-        let kept = one.transfer_ratio.map(|kept| format!("{:.0} %", 1e2 * kept.value));
+        let ratio = one.transfer_ratio.map(|ratio| format!("{:.0} %", 1e2 * ratio.value));
         lines.push(format!(
-            "{:<12}{:<12}{:>22.2}{:>14.2}{:>8}",
+            "{:<12}{:<12}{:>22.2}{:>14.2}{:>16}",
             one.policy,
             one.opponent,
             one.simulated_goals_per_min.value,
             one.goals_per_min.value,
-            kept.unwrap_or_else(|| "-".to_owned())
+            ratio.unwrap_or_else(|| "-".to_owned())
         ));
     }
     for one in &experiment.differences {

@@ -86,7 +86,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     write_bytes(&results.path("index.html"), replace, html.as_bytes())?;
     results.finish()?;
     print(&if args.json { json } else { table(&score, &args.output) })?;
-    let whole = scored.errors.is_empty() && matches.iter().all(|scored| scored.loss.is_none());
+    for warning in &score.warnings {
+        tell(&format!("warning: {warning}"));
+    }
+    let whole = scored.errors.is_empty()
+        && score.warnings.is_empty()
+        && matches.iter().all(|scored| scored.loss.is_none());
     Ok(if whole { Outcome::Done } else { Outcome::Lossy })
 }
 

@@ -1,4 +1,4 @@
-//! The experiment: what each policy did in its simulation, and what it does on the rig.
+//! Comparison of the policies in simulation and on the rig.
 
 use super::plan::{OPPONENTS, POLICIES, SEATS, match_name};
 use crate::stats::{Interval, bootstrap_difference_ci95, ratio_ci95, wilson_ci95};
@@ -6,16 +6,16 @@ use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// A number with its 95 % interval.
+/// An estimate with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Estimate {
-    /// The number.
+    /// Point estimate.
     pub value: f64,
-    /// Its interval; absent where nothing can be said.
+    /// 95 % interval; null if it cannot be computed.
     pub ci95: Option<Interval>,
 }
 
-/// One stretch of play on the rig, seen from the policy's seat.
+/// One episode on the rig, from the policy's seat.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Episode {
     minutes: f64,
@@ -24,76 +24,78 @@ struct Episode {
     contacts: f64,
 }
 
-/// One policy against one opponent.
+/// Results of one policy against one opponent.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Contest {
-    /// The policy.
+    /// Name of the policy.
     pub policy: &'static str,
-    /// The opponent.
+    /// Name of the opponent.
     pub opponent: &'static str,
-    /// Points of the policy per minute in its own simulation.
+    /// Goals of the policy per minute in its own simulation.
     pub simulated_goals_per_min: Estimate,
-    /// Share of the decided games that it won there.
+    /// Win rate of decided games in its own simulation, 0 to 1.
     pub simulated_win_rate: Option<f64>,
-    /// Points of the policy per minute of play on the rig.
+    /// Goals of the policy per minute of play on the rig.
     pub goals_per_min: Estimate,
-    /// Points of the opponent per minute of play on the rig.
+    /// Goals of the opponent per minute of play on the rig.
     pub conceded_goals_per_min: Estimate,
-    /// Share of the points on the rig that the policy won (Wilson's interval).
+    /// Fraction of the goals on the rig that the policy scored (Wilson interval).
     pub win_rate: Option<Estimate>,
-    /// Length of an episode on the rig (s).
+    /// Mean episode length on the rig (s).
     pub episode_length_s: Estimate,
-    /// Contacts of both strikers with the ball in an episode on the rig.
+    /// Contacts of both strikers with the ball per episode on the rig.
     pub contacts_per_episode: Estimate,
-    /// Scoring rate on the rig over that in simulation; the interval is as wide as both together allow.
+    /// Transfer ratio: scoring rate on the rig over that in simulation. The interval combines both
+    /// intervals conservatively.
     pub transfer_ratio: Option<Estimate>,
-    /// Episodes on the rig.
+    /// Number of episodes on the rig.
     pub episodes: usize,
 }
 
-/// What is different between two policies on the rig.
+/// Difference between two policies on the rig.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
-    /// The policy that the paper expects to do better.
+    /// Policy that the paper expects to be better.
     pub better: &'static str,
-    /// The other one.
+    /// Policy that the paper expects to be worse.
     pub worse: &'static str,
-    /// Net points per minute of the first minus those of the second.
+    /// Net goals per minute of the first minus those of the second.
     pub net_goals_per_min: Estimate,
 }
 
 impl Difference {
-    /// What the interval summary.
+    /// Result of the comparison by the interval.
     #[must_use]
     pub fn summary(&self) -> &'static str {
         match self.net_goals_per_min.ci95 {
             Some(Interval { low, .. }) if 0.0 < low => "better, as expected",
             Some(Interval { high, .. }) if high < 0.0 => "worse, against the expectation",
-            _ => "cannot be told apart",
+            _ => "no significant difference (95 % interval contains 0)",
         }
     }
 }
 
-/// All of it.
+/// Results of the experiment.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Experiment {
-    /// Every policy against every opponent.
+    /// Results of every policy against every opponent.
     pub contests: Vec<Contest>,
-    /// Net points per minute of each policy on the rig, against all opponents together.
+    /// Net goals per minute of each policy on the rig, against all opponents together.
     pub net_goals_per_min: Vec<(&'static str, Estimate)>,
-    /// The paper's expectation, pair by pair.
+    /// Differences between the pairs that the paper's claim orders.
     pub differences: Vec<Difference>,
 }
 
-/// Draws of the bootstrap come from this seed.
+/// Seed of the bootstrap.
 const SEED: u64 = 0;
 
-/// Pairs that the paper's claim orders: who knows the actuator should beat who does not.
+/// Pairs ordered by the paper's claim: a policy with an actuator model should beat one without.
 const CLAIMS: [(&str, &str); 4] =
     [("twin", "ideal"), ("learned", "ideal"), ("twin", "randomized"), ("learned", "randomized")];
 
 impl Experiment {
-    /// From the result documents of `train-*` and of `eval`; `None` where they do not hold what is needed.
+    /// Compute the experiment from the result documents of `train-*` and of `eval`; `None` if
+    /// values are missing.
     #[must_use]
     pub fn new(results: &BTreeMap<String, Value>) -> Option<Self> {
         let score = results.get("eval")?;
@@ -139,13 +141,13 @@ fn net_rate(drawn: &[&Episode]) -> f64 {
     sum(net_goals) / sum(minutes)
 }
 
-/// Sum of `above` over sum of `below`, with an interval from whole episodes.
+/// Ratio of the sums of `above` and `below`, with a bootstrap interval over episodes.
 fn rate(episodes: &[Episode], above: fn(&Episode) -> f64, below: fn(&Episode) -> f64) -> Estimate {
     let (value, ci95) = ratio_ci95(episodes, SEED, above, below);
     Estimate { value, ci95 }
 }
 
-/// The episodes of the match called `name`, seen from `seat`.
+/// Episodes of the match called `name`, from `seat`.
 fn episodes(score: &Value, name: &str, seat: &str) -> Vec<Episode> {
     let matches = score["matches"].as_array().map_or(&[][..], Vec::as_slice);
     let own = |one: &&Value| {
@@ -166,7 +168,7 @@ fn episodes(score: &Value, name: &str, seat: &str) -> Vec<Episode> {
     found.map_or(&[][..], Vec::as_slice).iter().map(episode).collect()
 }
 
-/// A figure as `train` writes it.
+/// Estimate in a result document of `train`.
 fn figure(value: &Value) -> Option<Estimate> {
     let ci95 = value.get("ci95").and_then(|ci| serde_json::from_value(ci.clone()).ok());
     Some(Estimate { value: value["mean"].as_f64()?, ci95 })
@@ -203,7 +205,7 @@ fn contest(
     })
 }
 
-/// What of a rate is kept; nothing can be said of a rate of zero.
+/// Transfer ratio of a rate; `None` for a simulated rate of zero.
 fn transfer_ratio(measured: Estimate, simulated: Estimate) -> Option<Estimate> {
     let both = measured.ci95.zip(simulated.ci95);
     let ci95 = both.filter(|(_, simulated)| 0.0 < simulated.low).map(|(measured, simulated)| {
@@ -217,7 +219,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    /// Ten episodes of half a minute: `won` points for `seat`, `lost` for the other one.
+    /// Ten episodes of half a minute: `won` goals for `seat`, `lost` for the other one.
     fn played(name: &str, seat: &str, (won, lost): (usize, usize)) -> Value {
         let other = if seat == "left" { "right" } else { "left" };
         let scorer = |number: usize| match number {
@@ -260,7 +262,7 @@ mod tests {
         let experiment = Experiment::new(&results(|_| (4, 1))).unwrap();
         assert_eq!(experiment.contests.len(), 8);
         for contest in &experiment.contests {
-            // 8 points and 2 of the other one in 20 episodes, 10 minutes.
+            // 8 goals and 2 of the other one in 20 episodes, 10 minutes.
             assert!((contest.goals_per_min.value - 0.8).abs() < 1e-12, "{contest:?}");
             assert!((contest.conceded_goals_per_min.value - 0.2).abs() < 1e-12);
             assert!((contest.win_rate.unwrap().value - 0.8).abs() < 1e-12);
@@ -270,7 +272,12 @@ mod tests {
             let (kept, own) = (kept.ci95.unwrap(), contest.goals_per_min.ci95.unwrap());
             assert!((kept.low - own.low / 1.25).abs() < 1e-12);
         }
-        assert!(experiment.differences.iter().all(|one| one.summary() == "cannot be told apart"));
+        assert!(
+            experiment
+                .differences
+                .iter()
+                .all(|one| one.summary() == "no significant difference (95 % interval contains 0)")
+        );
     }
 
     #[test]
@@ -278,7 +285,8 @@ mod tests {
         let points = |name: &str| if name == "ideal" { (1, 7) } else { (8, 1) };
         let experiment = Experiment::new(&results(points)).unwrap();
         let said: Vec<&str> = experiment.differences.iter().map(Difference::summary).collect();
-        let [better, same] = ["better, as expected", "cannot be told apart"];
+        let [better, same] =
+            ["better, as expected", "no significant difference (95 % interval contains 0)"];
         assert_eq!(said, [better, better, same, same]);
         let points = |name: &str| if name == "twin" { (0, 9) } else { (8, 1) };
         let experiment = Experiment::new(&results(points)).unwrap();

@@ -1,4 +1,4 @@
-//! Curves for the story, out of the recordings.
+//! Curves of the report, from the recordings.
 
 use super::{
     page::Pictures,
@@ -18,13 +18,13 @@ use crate::{
 };
 use std::path::Path;
 
-/// Length of the shown part of the steps (s).
+/// Displayed length of the step response (s).
 const STEP_SECONDS: f64 = 3.0;
 
-/// The shown part of a match (s).
+/// Displayed part of a match (s).
 const TRACK_SECONDS: [f64; 2] = [6.0, 14.0];
 
-/// What can be read from the recordings of the demo in `folder`; what cannot stays empty.
+/// Curves from the recordings of the demo in `folder`; missing ones stay empty.
 #[must_use]
 pub fn pictures(folder: &Path) -> Pictures {
     let mut pictures = Pictures {
@@ -67,7 +67,7 @@ fn steps(path: &Path) -> Option<[Vec<(f64, f64)>; 2]> {
     Some([commands.filter(shown).collect(), states.filter(shown).collect()])
 }
 
-/// Left striker, right striker and ball as the camera saw them: y to the right, x upwards (m).
+/// Left striker, right striker and ball as detected: y to the right, x upwards (m).
 fn tracks(path: &Path) -> Option<[Vec<(f64, f64)>; 3]> {
     let recording = Recording::open(path).ok()?;
     let pictures = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS).ok()?;

@@ -1,31 +1,31 @@
-//! Which commands a demo consists of.
+//! Commands of a demo.
 
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// How much of everything.
+/// Size of a demo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Size {
-    /// Some four minutes on two cores: to see that everything works and what comes of it.
+    /// About four minutes on two cores: a check of all commands with rough results.
     Quick,
-    /// Twenty million transitions for each policy, matches long enough for narrow intervals.
+    /// Twenty million transitions per policy, and matches long enough for narrow intervals.
     Full,
-    /// Every command once, with results that mean nothing: for tests.
+    /// Every command once, with meaningless results: for tests.
     Smallest,
 }
 
-/// One command, as it would be typed in the folder of the demo.
+/// One command, as typed in the folder of the demo.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
-    /// Its name: that of its record, too.
+    /// Name of the step and of its record.
     pub name: String,
-    /// What is typed after `klasktron`.
+    /// Words typed after `klasktron`.
     pub arguments: Vec<String>,
-    /// What takes the place of `--overwrite` when it was interrupted before.
+    /// Replacement of `--overwrite` after an interruption.
     pub resume: Option<&'static str>,
 }
 
-/// What the steps of a stage do.
+/// Purpose of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Chapter {
     /// Recordings.
@@ -45,7 +45,7 @@ pub enum Chapter {
 }
 
 impl Chapter {
-    /// Its heading.
+    /// Heading.
     #[must_use]
     pub fn title(self) -> &'static str {
         match self {
@@ -59,28 +59,28 @@ impl Chapter {
         }
     }
 
-    /// What it is for, as a sentence.
+    /// Purpose as a sentence.
     #[must_use]
     pub fn purpose(self) -> &'static str {
         match self {
             Self::Collect => {
-                "Scripted motions on two days, and carriages at work beside a rolling ball."
+                "Scripted motions on two days, and carriage motion with a rolling ball."
             }
-            Self::FitActuator => "A network learns what the carriage does with ten past commands.",
+            Self::FitActuator => {
+                "A network predicts the carriage's velocity from the last ten commands."
+            }
             Self::TuneFilter => {
-                "The noise of the state estimate is fitted to the camera's detections."
+                "The noise parameters of the Kalman filter are fitted to the camera's detections."
             }
             Self::CloseGap => {
-                "Where a plain simulation and the table disagree, what is missing gets a name and is added."
+                "Effects missing from the plain simulation are identified and added to the twin."
             }
-            Self::Train => {
-                "The same learner with the same settings, in four simulations that know more and more."
-            }
+            Self::Train => "The same learner with the same settings, in four simulations.",
             Self::Play => {
-                "Each policy on the rig, as it is, against the same opponents, from both seats."
+                "Each policy plays on the rig, unchanged, against the same opponents, from both seats."
             }
             Self::Score => {
-                "Contacts, goals and lengths of episodes, found in the recordings alone."
+                "Contacts, goals and episode lengths, computed from the recordings alone."
             }
         }
     }
@@ -89,65 +89,65 @@ impl Chapter {
 /// Steps that belong together.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stage {
-    /// What is done.
+    /// Chapter of the stage.
     pub chapter: Chapter,
-    /// In this order.
+    /// Steps in this order.
     pub steps: Vec<Step>,
-    /// Whether they may run at the same time; each then uses one core only.
+    /// True if the steps may run in parallel; each then uses one core only.
     pub side_by_side: bool,
 }
 
-/// All of it.
+/// Plan of a demo.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// How much.
+    /// Size of the demo.
     pub size: Size,
-    /// Files that are there before the first step: name and text.
+    /// Files written before the first step: name and text.
     pub files: Vec<(PathBuf, String)>,
-    /// The commands.
+    /// Stages with their commands.
     pub stages: Vec<Stage>,
 }
 
-/// What distinguishes the policies that are compared.
+/// A policy of the comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PolicyKind {
     /// Name in files and tables.
     pub name: &'static str,
-    /// What its simulation knew.
+    /// Actuator model and physics of its simulation.
     pub summary: &'static str,
     actuator: &'static str,
     randomized: bool,
 }
 
-/// The policies, in the order in which the paper's claim ranks them, worst first.
+/// The policies, in the order of the paper's claim, worst first.
 pub const POLICIES: [PolicyKind; 4] = [
     PolicyKind {
         name: "ideal",
-        summary: "ideal actuators: the carriage does as it is told",
+        summary: "ideal actuators: the velocity equals the command",
         actuator: "ideal",
         randomized: false,
     },
     PolicyKind {
         name: "randomized",
-        summary: "ideal actuators, physics drawn anew for every episode",
+        summary: "ideal actuators with domain randomization",
         actuator: "ideal",
         randomized: true,
     },
     PolicyKind {
         name: "twin",
-        summary: "the twin in which the gap was closed",
+        summary: "the twin with the effects that gap identified",
         actuator: "gap/twin.json",
         randomized: false,
     },
     PolicyKind {
         name: "learned",
-        summary: "the network that was fitted to the recordings",
+        summary: "the actuator network fitted to the recordings",
         actuator: "actuator/actuator.mcap",
         randomized: false,
     },
 ];
 
-/// Scripted players that every policy meets.
+/// Scripted opponents of every policy.
 pub const OPPONENTS: [&str; 2] = ["stationary", "chaser"];
 
 /// Seats of the policy.
@@ -159,7 +159,7 @@ pub fn match_name(policy: &str, opponent: &str, seat: &str) -> String {
     format!("{policy}-{opponent}-{seat}")
 }
 
-/// Amounts that differ between sizes.
+/// Parameters that depend on the size.
 struct Amounts {
     run_seconds: u32,
     ball_seconds: u32,
@@ -203,7 +203,7 @@ impl Size {
         }
     }
 
-    /// How long it takes on two cores (min): the quick one measured, the full one by proportion.
+    /// Expected time on two cores (min): the quick one measured, the full one extrapolated.
     #[must_use]
     pub fn expected_minutes(self) -> f64 {
         match self {
@@ -217,18 +217,21 @@ impl Size {
 /// Distance of a serve from the middle line (m), about a third of a half.
 const SERVE_DISTANCE_M: f64 = 0.065;
 
-/// Patterns of the recordings from which actuator and gap are learned.
+/// Patterns of the recordings for actuator and gap.
 const PATTERNS: [&str; 8] =
     ["circle", "x_line", "y_line", "ramp", "random_walk", "chirp", "step_ladder", "creep"];
 
-/// What is hidden in the rig beyond its own imperfection, and in which words.
+/// Hidden changes of the rig, with their descriptions.
 pub const HIDDEN: [(&str, &str); 3] = [
-    ("drive.command_delay_s = 0.02", "commands take effect 20 ms late (8 ms on an unchanged rig)"),
-    ("peg.*.friction_n = 0.6", "strikers rub on the board with 0.6 N (0.25 N on an unchanged rig)"),
-    ("drive.slew_turns_per_s2 = 160", "the drives change speed by at most 6.4 m/s^2 (9.6 m/s^2)"),
+    ("drive.command_delay_s = 0.02", "command delay of 20 ms (8 ms on an unchanged rig)"),
+    ("peg.*.friction_n = 0.6", "striker friction of 0.6 N (0.25 N on an unchanged rig)"),
+    (
+        "drive.slew_turns_per_s2 = 160",
+        "slew limit of the drives of 6.4 m/s^2 (9.6 m/s^2 on an unchanged rig)",
+    ),
 ];
 
-/// The rig, with what is hidden in it.
+/// Configuration of the rig with the hidden changes.
 fn rig(seed: u64) -> Value {
     let peg = json!({"friction_n": 0.6});
     json!({
@@ -249,7 +252,7 @@ fn words(line: &str) -> Vec<String> {
 }
 
 impl Plan {
-    /// The demo of this size; everything random comes from `seed`.
+    /// Demo of this size; `seed` is the seed of all random streams.
     #[must_use]
     pub fn new(size: Size, seed: u64) -> Self {
         let amounts = size.amounts();
@@ -265,7 +268,7 @@ impl Plan {
         self.stages.push(Stage { chapter, steps, side_by_side: false });
     }
 
-    /// Writes a rig file and gives its name.
+    /// Write a rig file; returns its name.
     fn rig_file(&mut self, name: &str, rig: &Value) -> String {
         let path = format!("rigs/{name}.json");
         self.files.push((path.clone().into(), format!("{rig:#}\n")));
@@ -340,9 +343,9 @@ impl Plan {
         let mut steps = Vec::new();
         for (pair, opponent) in (0..).zip(OPPONENTS) {
             for (number, seat) in (0..).zip(SEATS) {
-                // Every policy meets the same table, with the ball served into its own half: a stationary
-                // opponent never returns a ball from the other one. A ball at rest is served again, as in the
-                // game of the training.
+                // Every policy plays on the same table, with the ball served into its own half: a
+                // stationary opponent never returns a ball from the other one. A resting ball is served
+                // again, as in the game of the training.
                 let y_m = if seat == "left" { -SERVE_DISTANCE_M } else { SERVE_DISTANCE_M };
                 let ball = json!({
                     "start": {"y_m": y_m},
@@ -379,13 +382,13 @@ impl Step {
         Self { name: name.to_owned(), arguments: words(line), resume: None }
     }
 
-    /// The command line.
+    /// Command line of the step.
     #[must_use]
     pub fn line(&self) -> String {
         format!("klasktron {}", self.arguments.join(" "))
     }
 
-    /// What is typed to go on with it after an interruption.
+    /// Words for resuming after an interruption.
     #[must_use]
     pub fn resumed(&self) -> Vec<String> {
         let Some(resume) = self.resume else { return self.arguments.clone() };

@@ -1,4 +1,4 @@
-//! What a finished step leaves: its result document, and what it was made of.
+//! Record of a finished step: result document and provenance.
 
 use super::plan::{Plan, Step};
 use crate::{
@@ -16,30 +16,30 @@ use std::{
 /// A finished step: `steps/NAME.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Hash of everything that the step depends on.
+    /// Hash of all inputs of the step.
     pub key: String,
-    /// What was run.
+    /// Command line.
     pub command_line: String,
-    /// Exit status: 0, or 3 where something was lost or a gate was not met.
+    /// Exit status: 0, or 3 if data was lost or a gate was missed.
     pub status: i32,
-    /// How long it took (s).
+    /// Duration (s).
     pub elapsed_s: f64,
-    /// The document that the command printed.
+    /// Document that the command printed.
     pub result: Value,
 }
 
-/// Where the records of a demo in `folder` are.
+/// Path of a record of the demo in `folder`.
 fn record_file(folder: &Path, name: &str) -> PathBuf {
     folder.join("steps").join(format!("{name}.json"))
 }
 
-/// Where it is noted that a step was begun.
+/// Path of the file that marks a started step.
 fn begun_file(folder: &Path, name: &str) -> PathBuf {
     folder.join("steps").join(format!("{name}.begun"))
 }
 
 impl Record {
-    /// The record of `step` in `folder`, when it was made of the same things and its results are there.
+    /// Read the record of `step` in `folder`, if it has the same key and its results exist.
     #[must_use]
     pub fn read(folder: &Path, step: &Step, key: &str) -> Option<Self> {
         let text = fs::read_to_string(record_file(folder, &step.name)).ok()?;
@@ -48,10 +48,10 @@ impl Record {
         (record.key == key && output).then_some(record)
     }
 
-    /// Writes it.
+    /// Write the record.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When the file cannot be written.
     pub fn write(&self, folder: &Path, name: &str) -> Result<(), RecordingError> {
         let text = serde_json::to_string_pretty(self)
             .unwrap_or_else(|_plain| unreachable!("strings, numbers and what was JSON before"));
@@ -61,10 +61,10 @@ impl Record {
     }
 }
 
-/// Notes that a step is begun; gives whether the very same step was begun before and not finished.
+/// Mark a step as started; returns whether the same step was started before and not finished.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When the file cannot be written.
 pub fn begin(folder: &Path, name: &str, key: &str) -> Result<bool, RecordingError> {
     let file = begun_file(folder, name);
     let again = fs::read_to_string(&file).is_ok_and(|before| before == key);
@@ -73,7 +73,7 @@ pub fn begin(folder: &Path, name: &str, key: &str) -> Result<bool, RecordingErro
 }
 
 impl Step {
-    /// The file or folder that it makes.
+    /// File or folder that the step writes.
     #[must_use]
     pub fn output(&self) -> Option<&str> {
         let mut words = self.arguments.iter();
@@ -83,8 +83,8 @@ impl Step {
 }
 
 impl Plan {
-    /// For every step of every stage a hash of its command, of everything before its stage, and of the
-    /// program: equal keys are equal results.
+    /// Hashes of all steps by stage: of the command, of everything before its stage, and of the
+    /// program. Equal keys give equal results.
     #[must_use]
     pub fn keys(&self) -> Vec<Vec<String>> {
         let mut before = Sha256::new();

@@ -59,6 +59,7 @@ pub struct RiseTimes {
     /// Number of impacts.
     pub impacts: usize,
     /// Rise time of the tuned filter.
+    #[serde(rename = "tuned")]
     pub own: Rise,
     /// Rise time of the upstream filter.
     pub upstream: Rise,

@@ -1,9 +1,9 @@
 //! Generalised advantage estimation (Schulman et al., "High-Dimensional Continuous Control Using
 //! Generalized Advantage Estimation", 2016, equations 11 and 16).
 //!
-//! `delta_t = r_t + gamma v' - V(s_t)` and `A_t = delta_t + gamma lambda A_(t+1)`, where `v'` is
+//! `delta_t = r_t + gamma v' - V(s_t)` and `A_t = delta_t + gamma lambda A_(t+1)`. `v'` is
 //! `V(s_(t+1))` while the episode runs, 0 at a terminal end, and the value of the last observation
-//! at a truncated one (Pardo et al., "Time Limits in Reinforcement Learning", 2018); `A_(t+1)`
+//! at a truncated one (Pardo et al., "Time Limits in Reinforcement Learning", 2018). `A_(t+1)`
 //! counts only while the episode runs. The critic's target is `A_t + V(s_t)`.
 
 use super::{End, Rollout};
@@ -13,13 +13,13 @@ use super::{End, Rollout};
 pub struct Advantages {
     /// `A_t`, in units of reward.
     pub advantages: Vec<f32>,
-    /// What the critic should have said, in units of reward.
+    /// Value targets of the critic, in units of reward.
     pub targets: Vec<f32>,
 }
 
 impl Advantages {
-    /// Computes both for all of `rollout`; `last_values` `[environment]` are the values of the
-    /// observations after its last step.
+    /// Compute advantages and targets of `rollout`; `last_values` `[environment]` are the values of
+    /// the observations after its last step.
     pub fn compute(&mut self, rollout: &Rollout, last_values: &[f32], gamma: f32, lambda: f32) {
         let environments = rollout.shape.environments;
         let samples = rollout.shape.samples();
@@ -78,7 +78,7 @@ mod tests {
         rollout.ends[4] = End::Terminal;
         rollout.ends[5] = End::Truncated;
         rollout.final_values[5] = 6.0;
-        // Never read where the episode runs or is terminal.
+        // Not read where the episode runs or is terminal.
         rollout.final_values[4] = 1e9;
         rollout.final_values[0] = 1e9;
         let mut found = Advantages::default();
@@ -87,7 +87,7 @@ mod tests {
         assert_eq!(found.targets, [2.3125, 1.75, 2.5, 3.25, 1.0, 4.0, 5.0, 5.0, 5.0]);
     }
 
-    /// The definition: the sum of discounted temporal differences up to the episode's end.
+    /// Definition: the sum of discounted temporal differences up to the episode's end.
     fn direct(rollout: &Rollout, last_values: &[f32], start: usize, env: usize) -> f64 {
         const GAMMA: f64 = 0.99;
         const LAMBDA: f64 = 0.95;

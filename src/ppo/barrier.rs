@@ -1,8 +1,8 @@
-//! A meeting point of threads that wait shortly and often.
+//! Spinning thread barrier for short, frequent waits.
 //!
-//! A minibatch takes about a millisecond and has two meetings; the standard barrier puts threads to
-//! sleep, which costs a part of that. Here they spin for a while and then give way. When one of them
-//! panics, the others do so too instead of waiting for ever.
+//! A minibatch takes about a millisecond and has two barriers; the standard barrier puts threads to
+//! sleep, which costs a fraction of that. Here threads spin for a while and then yield. When one of
+//! them panics, the others panic too instead of waiting for ever.
 
 use std::{
     hint,
@@ -10,15 +10,15 @@ use std::{
     thread,
 };
 
-/// Looks at the counter before a thread gives way; some microseconds.
+/// Number of reads of the counter before a thread yields; some microseconds.
 const SPINS: usize = 4000;
 
-/// For a fixed number of threads, reusable.
+/// Barrier for a fixed number of threads, reusable.
 #[derive(Debug)]
 pub(super) struct Barrier {
     threads: usize,
     arrived: AtomicUsize,
-    /// Meetings so far.
+    /// Number of completed barriers.
     meetings: AtomicUsize,
     broken: AtomicBool,
 }
@@ -33,7 +33,7 @@ impl Barrier {
         }
     }
 
-    /// Returns when all threads have called it; what each wrote before is seen by all after.
+    /// Wait until all threads have called it; writes before it are visible to all threads after it.
     ///
     /// # Panics
     /// When another thread has dropped its [`Attendance`] while panicking.
@@ -52,13 +52,13 @@ impl Barrier {
         }
     }
 
-    /// To be held by each thread while it takes part.
+    /// Guard of a participating thread, to be held while it takes part.
     pub(super) fn attend(&self) -> Attendance<'_> {
         Attendance(self)
     }
 }
 
-/// Tells the others when its thread panics.
+/// Notifies the other threads when its thread panics.
 pub(super) struct Attendance<'a>(&'a Barrier);
 
 impl Drop for Attendance<'_> {

@@ -1,7 +1,7 @@
-//! The samples of an update as records, and the order in which they are visited.
+//! Samples of an update as records, and the order in which minibatches use them.
 //!
-//! A minibatch visits samples at random. Everything about one sample lies together, so that a visit
-//! touches two or three cache lines instead of one in each of eight arrays.
+//! A minibatch accesses samples at random. All values of one sample are stored together, so that an
+//! access touches two or three cache lines instead of one in each of eight arrays.
 
 use super::{
     AdvantageNormalization, End, Moments, PpoError, PpoSettings, Rollout, RolloutShape,
@@ -10,7 +10,7 @@ use super::{
 use crate::{nn::Standardizer, seed::Stream};
 use std::{num::NonZeroUsize, ops::Range};
 
-/// Added to the deviation of advantages, as in CleanRL and rl_games.
+/// Added to the standard deviation of advantages, as in CleanRL and rl_games.
 const ADVANTAGE_EPSILON: f64 = 1e-8;
 
 /// Samples `[samples][stride]`: standardised observation, action, mean, log-probability, advantage,
@@ -22,7 +22,7 @@ pub(super) struct Batch {
     actions: usize,
 }
 
-/// Advantages and targets of a rollout, and the units in which the networks see it.
+/// Advantages and targets of a rollout, and the normalizations of the networks' inputs and values.
 pub(super) struct Units<'a> {
     pub(super) advantages: &'a [f32],
     pub(super) targets: &'a [f32],
@@ -30,7 +30,7 @@ pub(super) struct Units<'a> {
     pub(super) values: &'a Standardizer,
 }
 
-/// One step of the rollout for one thread.
+/// One step of the rollout, processed by one thread.
 struct Piece<'a> {
     step: usize,
     records: &'a mut [f32],
@@ -47,7 +47,7 @@ impl Batch {
         &self.values[index * self.stride()..][..self.observations]
     }
 
-    /// The rest of one sample.
+    /// All other values of one sample.
     #[inline]
     pub(super) fn sample(&self, index: usize) -> Sample<'_> {
         let stride = self.stride();
@@ -64,8 +64,8 @@ impl Batch {
         }
     }
 
-    /// Takes in a rollout, whose observations' moments it returns; refuses numbers that are not
-    /// finite.
+    /// Fill the batch from a rollout and return the moments of its observations. Non-finite numbers
+    /// are an error.
     pub(super) fn fill(
         &mut self,
         rollout: &Rollout,
@@ -97,7 +97,7 @@ impl Batch {
     }
 }
 
-/// The part of `values` that belongs to one step.
+/// Values of one step.
 fn step_of<'a>(values: &'a [f32], rollout: &Rollout, step: usize) -> &'a [f32] {
     let size = values.len() / rollout.shape.horizon;
     &values[step * size..(step + 1) * size]
@@ -123,7 +123,7 @@ fn check_step(rollout: &Rollout, step: usize, update: u64) -> Result<(), PpoErro
     }
 }
 
-/// Refuses the first of `values`, those of all environments, that is not finite.
+/// Check that all of `values`, those of all environments, are finite.
 pub(super) fn check_finite(
     what: &'static str,
     values: &[f32],
@@ -161,38 +161,38 @@ fn fill_step(rollout: &Rollout, units: &Units<'_>, step: usize, records: &mut [f
     }
 }
 
-/// Splits `total` into parts that differ by at most one and are not above `largest`.
+/// Split `total` into parts that differ by at most one and are not above `largest`.
 pub(super) fn parts(total: usize, largest: usize) -> Vec<Range<usize>> {
     let count = total.div_ceil(largest);
     (0..count).map(|i| i * total / count..(i + 1) * total / count).collect()
 }
 
-/// One pass over the samples.
+/// One epoch: a pass over all samples.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Epoch {
     order: Vec<u32>,
     pub(super) minibatches: Vec<Minibatch>,
 }
 
-/// A part of a pass.
+/// One minibatch of an epoch.
 #[derive(Debug, Clone)]
 pub(super) struct Minibatch {
     range: Range<usize>,
-    /// What is taken from its advantages.
+    /// Mean that is subtracted from its advantages.
     pub(super) advantage_mean: f32,
-    /// By what they are then multiplied.
+    /// Factor that its advantages are multiplied by.
     pub(super) advantage_scale: f32,
 }
 
 impl Epoch {
-    /// Numbers of the samples of a minibatch.
+    /// Indices of the samples of a minibatch.
     pub(super) fn samples(&self, minibatch: &Minibatch) -> &[u32] {
         &self.order[minibatch.range.clone()]
     }
 }
 
-/// All passes of an update; each is shuffled by its own stream, so that they can be made in any
-/// order.
+/// All epochs of an update; each is shuffled by its own random stream, so that they can be built in
+/// any order.
 pub(super) fn epochs(
     settings: &PpoSettings,
     advantages: &[f32],
@@ -221,7 +221,7 @@ pub(super) fn epochs(
     epochs
 }
 
-/// Mean, and one over the deviation (of a sample, with `n - 1`); one advantage alone stays as it is.
+/// Mean, and inverse sample standard deviation (with `n - 1`); a single advantage is not changed.
 fn scaling(advantages: impl Iterator<Item = f32> + Clone) -> (f32, f32) {
     let count = advantages.clone().count() as f64;
     if count < 2.0 {
@@ -289,7 +289,7 @@ mod tests {
         // 1, 2, 3: mean 2, deviation 1 with n - 1.
         let (mean, scale) = scaling([1.0, 2.0, 3.0].into_iter());
         assert!((mean - 2.0).abs() < 1e-6 && (scale - 1.0).abs() < 1e-6);
-        // Equal advantages tell nothing and are not blown up to infinity.
+        // Equal advantages are not scaled to infinity.
         assert!(scaling([5.0; 4].into_iter()).1.is_finite());
     }
 }

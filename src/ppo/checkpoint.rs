@@ -2,9 +2,8 @@
 //!
 //! Tensors of a state: `policy.fc1.weight`, ..., with `policy.moment1.` and `policy.moment2.` for
 //! Adam, the same for `critic`, `log_deviation` (three rows: value and moments), `observed` and
-//! `targets` (rows mean and sum of squares), `counts` of both, `learning_rate`, and `counters` (seed,
-//! updates, steps of Adam).
-//! The names of a policy's tensors are those of a network, with `standardize.mean`,
+//! `targets` (rows mean and sum of squares), `counts` of both, `learning_rate`, and `counters`
+//! (seed, updates, steps of Adam). A policy has the tensors of a network, `standardize.mean`,
 //! `standardize.scale`, `standardize.limit` and `log_deviation`.
 
 use super::{Deviations, Gaussian, LearnerState, Moments, Policy};
@@ -16,13 +15,13 @@ use crate::nn::{
 };
 use std::collections::BTreeMap;
 
-/// Name of the only input of an exported policy: an observation, float32 `[batch, inputs]`.
+/// Name of the only input of an exported policy: observation, float32 `[batch, inputs]`.
 pub const INPUT_NAME: &str = "observation";
-/// Name of its only output: the mean action, float32 `[batch, outputs]`.
+/// Name of its only output: mean action, float32 `[batch, outputs]`.
 pub const OUTPUT_NAME: &str = "action";
 
 impl Policy {
-    /// The standardisation and the network of the means as an ONNX file, from [`INPUT_NAME`] to
+    /// Export normalization and policy network as an ONNX file, from [`INPUT_NAME`] to
     /// [`OUTPUT_NAME`].
     #[must_use]
     pub fn to_onnx(&self, metadata: &BTreeMap<String, String>) -> Vec<u8> {
@@ -31,7 +30,7 @@ impl Policy {
         onnx::to_onnx_with(self.network(), &interface, metadata)
     }
 
-    /// All of the policy as a safetensors file.
+    /// Encode the complete policy as a safetensors file.
     #[must_use]
     pub fn to_safetensors(&self, metadata: &BTreeMap<String, String>) -> Vec<u8> {
         let mut tensors = Tensors::new();
@@ -44,10 +43,11 @@ impl Policy {
         tensors::to_bytes(&tensors, &with_activation(self.network().activation, metadata))
     }
 
-    /// Undoes [`to_safetensors`](Self::to_safetensors); also the metadata.
+    /// Inverse of [`to_safetensors`](Self::to_safetensors); also returns the metadata.
     ///
     /// # Errors
-    /// Bytes that are no policy, with the tensor that is missing or has another shape.
+    /// When the bytes are not a policy; the error names the tensor that is missing or has another
+    /// shape.
     pub fn from_safetensors(
         bytes: &[u8],
     ) -> Result<(Self, BTreeMap<String, String>), SafetensorsError> {
@@ -67,7 +67,7 @@ impl Policy {
 }
 
 impl LearnerState {
-    /// The state as a safetensors file; equal states give equal bytes.
+    /// Encode the state as a safetensors file; equal states give equal bytes.
     #[must_use]
     pub fn to_safetensors(&self, metadata: &BTreeMap<String, String>) -> Vec<u8> {
         let mut tensors = Tensors::new();
@@ -96,10 +96,11 @@ impl LearnerState {
         tensors::to_bytes(&tensors, &with_activation(self.policy.network.activation, metadata))
     }
 
-    /// Undoes [`to_safetensors`](Self::to_safetensors); also the metadata.
+    /// Inverse of [`to_safetensors`](Self::to_safetensors); also returns the metadata.
     ///
     /// # Errors
-    /// Bytes that are no state, with the tensor that is missing or has another shape.
+    /// When the bytes are not a state; the error names the tensor that is missing or has another
+    /// shape.
     pub fn from_safetensors(
         bytes: &[u8],
     ) -> Result<(Self, BTreeMap<String, String>), SafetensorsError> {
@@ -153,7 +154,7 @@ fn put_network(tensors: &mut Tensors, prefix: &str, network: &Network) {
     }
 }
 
-/// More outputs than the kernels have would be a panic later.
+/// Check that the kernels support the number of outputs; otherwise a later call would panic.
 fn check_outputs(tensor: &str, outputs: usize) -> Result<(), SafetensorsError> {
     if outputs <= MAX_OUTPUTS {
         return Ok(());
@@ -162,7 +163,7 @@ fn check_outputs(tensor: &str, outputs: usize) -> Result<(), SafetensorsError> {
     Err(SafetensorsError::Shape { tensor: tensor.to_owned(), found: vec![outputs], expected })
 }
 
-/// A file that is being read.
+/// A safetensors file during reading.
 struct File {
     tensors: Tensors,
     activation: Activation,
@@ -176,7 +177,7 @@ impl File {
         Ok(Self { tensors, activation, metadata })
     }
 
-    /// One size of a tensor, 0 when there is none.
+    /// Size of a tensor in one dimension, 0 without the tensor.
     fn size(&self, name: &str, dimension: usize) -> usize {
         let shape = self.tensors.get(name).and_then(|tensor| tensor.shape.get(dimension));
         shape.copied().unwrap_or(0)
@@ -194,7 +195,7 @@ impl File {
         Ok(found.values)
     }
 
-    /// Finite numbers.
+    /// Read finite numbers.
     fn f32s(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>, SafetensorsError> {
         let values = self.any_f32s(name, shape)?;
         match values.iter().position(|value| !value.is_finite()) {
@@ -227,7 +228,7 @@ impl File {
         }
     }
 
-    /// `fc1`, `fc2`, ..., `fc_out` behind `prefix`, with a hidden layer at least.
+    /// Read `fc1`, `fc2`, ..., `fc_out` with `prefix`, with at least one hidden layer.
     fn network(&mut self, prefix: &str) -> Result<Network, SafetensorsError> {
         let mut layers: Vec<Dense> = Vec::new();
         let mut name = format!("{prefix}fc1");

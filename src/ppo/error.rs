@@ -1,6 +1,6 @@
-//! What can go wrong.
+//! Errors of PPO.
 
-/// Why a learner could not be made, fed, or go on.
+/// Error of building, feeding or updating a learner.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PpoError {
     /// A setting is outside its range.
@@ -8,66 +8,66 @@ pub enum PpoError {
     Setting {
         /// Its name in [`super::PpoSettings`] or [`super::Spaces`].
         name: &'static str,
-        /// What it is.
+        /// Value of the setting.
         value: f32,
         /// Smallest allowed value.
         low: f32,
         /// Largest allowed value.
         high: f32,
     },
-    /// Numbers do not fit together.
+    /// Counts that do not match.
     #[error("{what}: found {found}, expected {expected}")]
     Size {
-        /// What was counted.
+        /// Name of the count.
         what: &'static str,
-        /// How many there are.
+        /// Count found.
         found: usize,
-        /// How many there should be.
+        /// Count expected.
         expected: usize,
     },
-    /// The environment or the caller delivered a number that is not finite.
+    /// A non-finite number from the environment or the caller.
     #[error(
         "update {update}: {what} of environment {environment} at step {step} of the rollout is not \
          finite; nothing was learned from this rollout"
     )]
     NonFiniteInput {
-        /// Which update it would have been, counted from 1.
+        /// Index of the update, from 1.
         update: u64,
-        /// Which array.
+        /// Name of the array.
         what: &'static str,
         /// Step of the rollout, from 0.
         step: usize,
-        /// Number of the environment, from 0.
+        /// Index of the environment, from 0.
         environment: usize,
     },
-    /// Learning left the range of numbers.
+    /// A non-finite number in learning.
     #[error(
         "update {update}, epoch {epoch}, minibatch {minibatch}: {what} is not finite; the learner \
          is as it was before this update: lower learning_rate or max_gradient_norm"
     )]
     NonFiniteLearning {
-        /// Which update, counted from 1.
+        /// Index of the update, from 1.
         update: u64,
-        /// Which pass, counted from 1.
+        /// Index of the epoch, from 1.
         epoch: usize,
-        /// Which minibatch of the pass, counted from 1.
+        /// Index of the minibatch in the epoch, from 1.
         minibatch: usize,
-        /// What left the range.
+        /// Name of the non-finite value.
         what: &'static str,
     },
-    /// A state to continue from has other shapes than the settings ask for.
+    /// A state to resume from whose shapes differ from the settings.
     #[error("{what} of the state: found {found:?}, expected {expected:?}")]
     State {
-        /// Which part.
+        /// Part of the state.
         what: &'static str,
         /// Widths or sizes in the state.
         found: Vec<usize>,
-        /// Widths or sizes that the settings give.
+        /// Widths or sizes by the settings.
         expected: Vec<usize>,
     },
 }
 
-/// Refuses a count that is not the expected one.
+/// Check that a count equals the expected one.
 pub(super) fn expect_size(
     what: &'static str,
     found: usize,

@@ -1,5 +1,5 @@
-//! The policy's distribution: independent normal numbers, one for each action, whose deviations do
-//! not depend on the state.
+//! Action distribution of the policy: independent normal distributions with state-independent
+//! standard deviations.
 //!
 //! With `z = (a - mu) / sigma` and `d` actions:
 //! `ln p(a) = -sum(z^2) / 2 - sum(ln sigma) - d ln(2 pi) / 2`,
@@ -11,7 +11,7 @@ use crate::nn::MAX_OUTPUTS;
 /// ln(2 pi)
 const LN_2_PI: f32 = 1.837_877_1;
 
-/// Logarithms of the deviations, and what follows from them once for many samples.
+/// Log standard deviations, with derived values for many samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gaussian {
     actions: usize,
@@ -25,7 +25,7 @@ pub struct Gaussian {
 }
 
 impl Gaussian {
-    /// Of the logarithms of 1 to 4 deviations.
+    /// Distribution with 1 to 4 log standard deviations.
     #[must_use]
     pub fn new(log_deviations: &[f32]) -> Self {
         let mut gaussian = Self {
@@ -49,50 +49,50 @@ impl Gaussian {
         self.actions
     }
 
-    /// Natural logarithms of the deviations.
+    /// Natural logarithms of the standard deviations.
     #[must_use]
     pub fn log_deviations(&self) -> &[f32] {
         &self.logarithms[..self.actions]
     }
 
-    /// The deviation of one action.
+    /// Standard deviation of one action.
     #[must_use]
     pub fn deviation(&self, action: usize) -> f32 {
         self.deviation[action]
     }
 
-    /// `1 / sigma` of one action.
+    /// Inverse standard deviation of one action.
     #[inline]
     pub(super) fn inverse_deviation(&self, action: usize) -> f32 {
         self.inverse[action]
     }
 
-    /// `(a - mu) / sigma` of one action.
+    /// Standard score `(a - mu) / sigma` of one action.
     #[inline]
     pub(super) fn score(&self, action: usize, value: f32, mean: f32) -> f32 {
         (value - mean) * self.inverse[action]
     }
 
-    /// Logarithm of the density, from the sum of the squared scores.
+    /// Log density from the sum of the squared standard scores.
     #[inline]
     pub(super) fn log_probability_of(&self, squared_scores: f32) -> f32 {
         -0.5 * squared_scores - self.log_deviation_sum - 0.5 * LN_2_PI * self.actions as f32
     }
 
-    /// Logarithm of the density (nat) at `values` around `means`.
+    /// Log density (nat) at `values` around `means`.
     #[must_use]
     pub fn log_probability(&self, values: &[f32], means: &[f32]) -> f32 {
         let squares = values.iter().zip(means).enumerate();
         self.log_probability_of(squares.map(|(i, (a, mu))| self.score(i, *a, *mu).powi(2)).sum())
     }
 
-    /// Entropy (nat); negative for small deviations.
+    /// Entropy (nat); negative for small standard deviations.
     #[must_use]
     pub fn entropy(&self) -> f32 {
         self.log_deviation_sum + 0.5 * (1.0 + LN_2_PI) * self.actions as f32
     }
 
-    /// Divergence (nat) from `old` around `old_means` to this around `means`.
+    /// KL divergence (nat) from `old` around `old_means` to this distribution around `means`.
     #[must_use]
     #[inline]
     pub fn divergence_from(&self, old: &Self, old_means: &[f32], means: &[f32]) -> f32 {
@@ -110,7 +110,7 @@ impl Gaussian {
 mod tests {
     use super::*;
 
-    /// Sum over a grid of the plane, as wide and fine as the integrands below need.
+    /// Integral over the plane by a grid, as wide and fine as the integrands below need.
     fn integrate(f: impl Fn([f32; 2]) -> f64) -> f64 {
         const STEP: f64 = 0.02;
         let grid = || (-400..400).map(|i| STEP * f64::from(i));
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn one_standard_normal_is_the_textbooks() {
         let gaussian = Gaussian::new(&[0.0]);
-        // 1 / sqrt(2 pi e) at one deviation, entropy ln(2 pi e) / 2.
+        // 1 / sqrt(2 pi e) at one standard deviation, entropy ln(2 pi e) / 2.
         assert!((gaussian.log_probability(&[1.0], &[0.0]).exp() - 0.241_970_72).abs() < 1e-7);
         assert!((gaussian.entropy() - 1.418_938_5).abs() < 1e-6);
     }

@@ -1,4 +1,4 @@
-//! The learner: acts, learns, and can be stored.
+//! The PPO learner: acting, learning, storing.
 
 use super::{
     Advantages, Gaussian, Moments, NetworkLayout, PpoError, PpoSettings, Rollout, RolloutStep,
@@ -15,47 +15,47 @@ use crate::nn::Standardizer;
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 
-/// Most rows that go through the networks at once.
+/// Maximum number of rows that are evaluated by the networks at once.
 const ACT_ROWS: usize = 128;
 
-/// Networks in training with all that belongs to them.
+/// Networks in training with the optimizer and normalization states.
 #[derive(Debug, Clone)]
 pub struct Learner {
     settings: PpoSettings,
     spaces: Spaces,
     seed: u64,
     model: Model,
-    /// Of all observations that were learned from.
+    /// Moments of all observations used for learning.
     observed: Moments,
-    /// Of all targets that were learned from, one column.
+    /// Moments of all value targets used for learning, one column.
     targets: Moments,
     observations: Standardizer,
     values: Standardizer,
     learning_rate: f32,
     updates: u64,
     noise: Noise,
-    /// Reused from update to update.
+    /// Buffer reused between updates.
     advantages: Advantages,
     batch: Batch,
 }
 
-/// Where a batch of decisions belongs; its noise depends on nothing else.
+/// Key of a batch of decisions; its exploration noise depends on nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StepIndex {
-    /// Number of the control step since training began; each is used once.
+    /// Index of the control step since training began; each is used once.
     pub step: u64,
-    /// Number of the first environment of the batch.
+    /// Index of the first environment of the batch.
     pub first_environment: usize,
 }
 
-/// What an update did. Losses and norms are means over its minibatches.
+/// Metrics of an update. Losses and norms are means over its minibatches.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct UpdateReport {
-    /// Its number, counted from 1.
+    /// Index of the update, from 1.
     pub update: u64,
-    /// Samples in the rollout.
+    /// Number of samples in the rollout.
     pub samples: usize,
-    /// Clipped objective with its sign turned.
+    /// Negative clipped surrogate objective.
     pub policy_loss: f64,
     /// Half the squared error of the value, clipped where the settings say so.
     pub value_loss: f64,
@@ -63,26 +63,26 @@ pub struct UpdateReport {
     pub bounds_loss: f64,
     /// Entropy of the policy (nat).
     pub entropy: f64,
-    /// Divergence from the policy that acted (nat).
+    /// KL divergence from the policy that acted (nat).
     pub kl: f64,
-    /// Share of visits with a ratio outside the clip range, 0 to 1.
+    /// Fraction of samples with a ratio outside the clip range, 0 to 1.
     pub clip_fraction: f64,
-    /// Norm of the whole gradient before it is shortened.
+    /// Norm of the whole gradient before clipping.
     pub gradient_norm: f64,
-    /// Share of minibatches whose gradient was shortened, 0 to 1.
+    /// Fraction of minibatches with a clipped gradient, 0 to 1.
     pub shortened_fraction: f64,
-    /// Share of the targets' variance that the values of the rollout explain, at most 1.
+    /// Explained variance of the value targets by the values of the rollout, at most 1.
     pub explained_variance: f64,
-    /// Rate at the end of the update.
+    /// Learning rate at the end of the update.
     pub learning_rate: f32,
-    /// Passes begun; fewer than in the settings after a stop by divergence.
+    /// Number of epochs begun; fewer than in the settings after early stopping by KL.
     pub epochs: usize,
-    /// Steps of Adam done.
+    /// Number of optimizer steps.
     pub minibatches: usize,
 }
 
 impl Learner {
-    /// Fresh networks. Equal arguments give equal bytes.
+    /// Build a learner with new networks. Equal arguments give equal bytes.
     ///
     /// # Errors
     /// [`PpoError::Setting`] when a setting is outside its range.
@@ -108,7 +108,7 @@ impl Learner {
         Ok(learner)
     }
 
-    /// Continues from a state, with the bytes that uninterrupted training would have.
+    /// Resume from a state, with the bytes of uninterrupted training.
     ///
     /// # Errors
     /// [`PpoError::Setting`] as in [`new`](Self::new), and [`PpoError::State`] when the state's
@@ -133,7 +133,7 @@ impl Learner {
         })
     }
 
-    /// Everything that training continues from.
+    /// Complete state for resuming.
     #[must_use]
     pub fn state(&self) -> LearnerState {
         let (policy, critic, deviations) = self.model.parts();
@@ -149,19 +149,19 @@ impl Learner {
         }
     }
 
-    /// The settings it was made with.
+    /// Settings of the learner.
     #[must_use]
     pub fn settings(&self) -> &PpoSettings {
         &self.settings
     }
 
-    /// Updates done so far.
+    /// Number of updates so far.
     #[must_use]
     pub fn updates(&self) -> u64 {
         self.updates
     }
 
-    /// The policy as it stands, for opponents, evaluation and export.
+    /// Copy of the current policy, for opponents, evaluation and export.
     #[must_use]
     pub fn policy(&self) -> Policy {
         let mut network = self.model.policy().stack().network();
@@ -175,13 +175,12 @@ impl Learner {
         Policy::new(network, self.observations.clone(), self.model.gaussian())
     }
 
-    /// Takes `observations`, `[rows][width]`, into the running moments without learning from them;
-    /// for a few steps of random play before the first update, so that it does not begin with raw
-    /// numbers.
+    /// Add `observations`, `[rows][width]`, to the running moments without learning from them. Used
+    /// with random play before the first update, so that it does not use unnormalized observations.
     ///
     /// # Errors
-    /// [`PpoError::Size`] when they are no whole rows, [`PpoError::NonFiniteInput`] when one is not
-    /// finite.
+    /// [`PpoError::Size`] when the length is not a whole number of rows,
+    /// [`PpoError::NonFiniteInput`] when a value is not finite.
     pub fn observe(&mut self, observations: &[f32]) -> Result<(), PpoError> {
         let width = self.spaces.observations;
         expect_size("numbers beyond whole observations", observations.len() % width, 0)?;
@@ -192,9 +191,9 @@ impl Learner {
         Ok(())
     }
 
-    /// Decides for one step of a range of environments: reads `step.observations`, fills actions,
-    /// means, log-probabilities and values. Depends on nothing but the learner, the observations and
-    /// the place, so that ranges can be given to threads in any way.
+    /// Decide for one step of a range of environments: reads `step.observations`; writes actions,
+    /// means, log-probabilities and values. Depends only on the learner, the observations and the
+    /// key, so ranges can be divided over threads in any way.
     pub fn act(&self, place: StepIndex, step: &mut RolloutStep<'_>, scratch: &mut Scratch) {
         let Spaces { observations: width, actions } = self.spaces;
         let noise = self.noise.at(place.step);
@@ -217,7 +216,8 @@ impl Learner {
         }
     }
 
-    /// Values of `observations`, `[rows][width]`, into `values`, `[rows]`, in units of reward.
+    /// Write the values of `observations`, `[rows][width]`, into `values`, `[rows]`, in units of
+    /// reward.
     pub fn values(&self, observations: &[f32], values: &mut [f32], scratch: &mut Scratch) {
         let rows = observations.chunks(ACT_ROWS * self.spaces.observations);
         for (observations, values) in rows.zip(values.chunks_mut(ACT_ROWS)) {
@@ -235,16 +235,15 @@ impl Learner {
         self.observations.apply(observations, x);
     }
 
-    /// Learns from a full rollout. `last_values`, `[environment]`, are the values of the observations
-    /// after its last step. The number of threads changes nothing but the time.
+    /// Learn from a full rollout. `last_values`, `[environment]`, are the values of the
+    /// observations after its last step. The result does not depend on the number of threads.
     ///
-    /// Moments of observations grow at the end of the update: an observation is standardised alike
-    /// while it is acted on and while it is learned from.
+    /// Observation moments are updated at the end: observations are normalized equally when acting
+    /// and when learning from them.
     ///
     /// # Errors
-    /// [`PpoError::Size`] when the rollout is not for these spaces, [`PpoError::NonFiniteInput`] and
-    /// [`PpoError::NonFiniteLearning`] when a number leaves the range. The learner is then as it was
-    /// before.
+    /// [`PpoError::Size`] when the rollout has other spaces, [`PpoError::NonFiniteInput`] and
+    /// [`PpoError::NonFiniteLearning`] for a non-finite number. The learner is then unchanged.
     pub fn learn(
         &mut self,
         rollout: &Rollout,
@@ -287,7 +286,7 @@ impl Learner {
         self.keep(passed, (seen, targets), rollout)
     }
 
-    /// The rate at the start of the coming update.
+    /// Learning rate at the start of the next update.
     fn rate(&self) -> f32 {
         match self.settings.schedule {
             Schedule::Fixed | Schedule::AdaptiveKl { .. } => self.learning_rate,
@@ -298,7 +297,7 @@ impl Learner {
         }
     }
 
-    /// Makes the outcome of an update the learner's own, when it is finite.
+    /// Accept the outcome of an update if it is finite.
     fn keep(
         &mut self,
         passed: Passed,
@@ -352,7 +351,7 @@ fn report(
     }
 }
 
-/// `1 - var(targets - values) / var(targets)`; 0 when the targets do not vary.
+/// Explained variance `1 - var(targets - values) / var(targets)`; 0 when the targets do not vary.
 fn explained_variance(values: &[f32], targets: &[f32]) -> f64 {
     let errors: Vec<f32> =
         targets.iter().zip(values).map(|(target, value)| target - value).collect();
@@ -362,7 +361,7 @@ fn explained_variance(values: &[f32], targets: &[f32]) -> f64 {
 }
 
 impl super::noise::StepNoise {
-    /// Draws the action of one environment.
+    /// Sample the action of one environment.
     pub(super) fn act(
         self,
         environment: usize,
@@ -370,7 +369,7 @@ impl super::noise::StepNoise {
         means: &[f32],
         actions: &mut [f32],
     ) {
-        // Two numbers to a pair; 4 actions at most.
+        // Two numbers per pair; 4 actions at most.
         const PAIRS: u64 = 2;
         for (pair, (means, actions)) in means.chunks(2).zip(actions.chunks_mut(2)).enumerate() {
             let normal = self.pair(environment as u64 * PAIRS + pair as u64);

@@ -1,12 +1,12 @@
-//! The loss of one sample and its slopes.
+//! Loss of one sample and its derivatives.
 //!
-//! Schulman et al., "Proximal Policy Optimization Algorithms" (2017), equation 7, with ratio
-//! `rho = p(a) / p_old(a)`, advantage `A`, value `v`, target `R`, clip `c`:
-//! `L = -min(rho A, clamp(rho, 1 - c, 1 + c) A) + value_coef l_v - entropy_coef H + bounds_coef b`.
-//! `l_v` is half the squared error `(v - R)^2`, or the larger of it and of
-//! `(v_old + clamp(v - v_old, -c, c) - R)^2 / 2`. `b` is the squared excess of each mean over 1.1 in
-//! magnitude (rl_games, `a2c_continuous.py`, `bound_loss`). The loss of a minibatch is the mean.
-//! The entropy does not depend on the sample and is added where the minibatch is complete.
+//! Schulman et al., "Proximal Policy Optimization Algorithms" (2017), equation 7, with ratio `rho =
+//! p(a) / p_old(a)`, advantage `A`, value `v`, target `R`, clip `c`: `L = -min(rho A, clamp(rho, 1
+//! - c, 1 + c) A) + value_coef l_v - entropy_coef H + bounds_coef b`. `l_v` is half the squared
+//! error `(v - R)^2`, or the larger of it and of `(v_old + clamp(v - v_old, -c, c) - R)^2 / 2`. `b`
+//! is the squared excess of each mean over 1.1 in magnitude (rl_games, `a2c_continuous.py`,
+//! `bound_loss`). The loss of a minibatch is the mean. The entropy does not depend on the sample
+//! and is added once per minibatch.
 
 use super::{Gaussian, PpoSettings, ValueLoss};
 use crate::nn::MAX_OUTPUTS;
@@ -14,21 +14,21 @@ use crate::nn::MAX_OUTPUTS;
 /// Magnitude of a mean up to which the bounds loss is zero.
 const SOFT_BOUND: f32 = 1.1;
 
-/// What is constant in a minibatch.
+/// Constants of a minibatch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LossTerms {
     pub(super) clip_coef: f32,
     pub(super) value_loss: ValueLoss,
     pub(super) value_coef: f32,
     pub(super) bounds_coef: f32,
-    /// The policy that learns.
+    /// Current policy.
     pub(super) new: Gaussian,
-    /// The policy that acted.
+    /// Policy that acted.
     pub(super) old: Gaussian,
-    /// `(A - mean) * scale` is the advantage that counts.
+    /// Normalized advantage: `(A - advantage_mean) * advantage_scale`.
     pub(super) advantage_mean: f32,
     pub(super) advantage_scale: f32,
-    /// One over the number of samples in the minibatch.
+    /// Inverse number of samples in the minibatch.
     pub(super) weight: f32,
 }
 
@@ -48,7 +48,7 @@ impl LossTerms {
     }
 }
 
-/// One sample as it was when the policy acted; values are in the critic's own unit.
+/// One sample as recorded when the policy acted; values are in the critic's own unit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample<'a> {
     pub(super) actions: &'a [f32],
@@ -69,17 +69,17 @@ pub(super) struct Slopes {
 /// Sums over samples, in double precision.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct LossSums {
-    /// Loss of the policy.
+    /// Policy loss.
     pub(super) policy: f64,
-    /// Loss of the value, without its coefficient.
+    /// Value loss, without its coefficient.
     pub(super) value: f64,
-    /// Loss of the bounds, without its coefficient.
+    /// Bounds loss, without its coefficient.
     pub(super) bounds: f64,
-    /// Divergence from the policy that acted (nat).
+    /// KL divergence from the policy that acted (nat).
     pub(super) divergence: f64,
-    /// Samples whose ratio is outside the clip range.
+    /// Number of samples with a ratio outside the clip range.
     pub(super) clipped: f64,
-    /// Derivative of the minibatch's loss with respect to the logarithms of the deviations.
+    /// Derivative of the minibatch's loss with respect to the log standard deviations.
     pub(super) log_deviation_slopes: [f64; MAX_OUTPUTS],
 }
 
@@ -96,7 +96,7 @@ impl LossSums {
     }
 }
 
-/// Adds the sample's losses to `sums` and returns its slopes.
+/// Add the sample's losses to `sums` and return its derivatives.
 #[inline]
 pub(super) fn sample_loss(
     terms: &LossTerms,
@@ -126,7 +126,7 @@ pub(super) fn sample_loss(
     slopes
 }
 
-/// The clipped objective; returns its slope with respect to the logarithm of the probability.
+/// Clipped objective; returns its derivative with respect to the log-probability.
 #[inline]
 fn policy_loss(
     terms: &LossTerms,
@@ -140,11 +140,11 @@ fn policy_loss(
     let (free, clipped) = (ratio * advantage, held * advantage);
     sums.policy -= f64::from(free.min(clipped));
     sums.clipped += f64::from(u8::from(terms.clip_coef < (ratio - 1.0).abs()));
-    // Where the clipped side is the smaller one, the loss is flat.
+    // The loss is flat if the clipped term is the smaller one.
     if clipped < free { 0.0 } else { -free * terms.weight }
 }
 
-/// The critic's loss; returns its slope with respect to the value.
+/// Critic's loss; returns its derivative with respect to the value.
 #[inline]
 fn value_loss(terms: &LossTerms, sample: Sample<'_>, value: f32, sums: &mut LossSums) -> f32 {
     let error = value - sample.target;
@@ -154,6 +154,6 @@ fn value_loss(terms: &LossTerms, sample: Sample<'_>, value: f32, sums: &mut Loss
     let flat = left && error * error < held * held;
     let counted = if flat { held } else { error };
     sums.value += 0.5 * f64::from(counted * counted);
-    // The held value does not move with the value.
+    // The clipped value does not depend on the value.
     if flat { 0.0 } else { error }
 }

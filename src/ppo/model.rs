@@ -1,4 +1,4 @@
-//! Actor and critic: parameters, outputs, gradients and the step of Adam.
+//! Actor and critic: parameters, outputs, gradients and optimizer step.
 
 use super::{
     Gaussian, NetworkLayout, PpoSettings, Spaces,
@@ -7,24 +7,24 @@ use super::{
 };
 use crate::nn::{Adam, BackwardScratch, MAX_OUTPUTS, Tape, Trainer, TrainerState};
 
-/// First part of the norm that PyTorch's `clip_grad_norm_` adds before it divides.
+/// Epsilon that PyTorch's `clip_grad_norm_` adds to the norm before dividing.
 const NORM_EPSILON: f64 = 1e-6;
 
-/// Both networks and the deviations.
+/// Both networks and the standard deviations.
 #[derive(Debug, Clone)]
 pub(super) struct Model {
     actions: usize,
-    /// The means; with a shared trunk the value as well, last.
+    /// Network of the means; with a shared trunk its last output is the value.
     policy: Trainer,
-    /// The value, when it has a network of its own.
+    /// Network of the value, if it has its own.
     critic: Option<Trainer>,
     deviations: Deviations,
 }
 
-/// The logarithms of the policy's deviations with their moments of Adam.
+/// Log standard deviations of the policy with their Adam moments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Deviations {
-    /// Natural logarithms of the deviations, `[actions]`.
+    /// Natural logarithms of the standard deviations, `[actions]`.
     pub logarithms: Vec<f32>,
     /// Adam's first moments, `[actions]`.
     pub moment1: Vec<f32>,
@@ -32,7 +32,7 @@ pub struct Deviations {
     pub moment2: Vec<f32>,
 }
 
-/// Tapes of both networks and what runs back through them; one for each thread, reused.
+/// Tapes and gradients of both networks; one per thread, reused.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
     pub(super) policy: Tape,
@@ -43,7 +43,7 @@ pub struct Scratch {
 }
 
 impl Model {
-    /// Orthogonal weights, zero biases.
+    /// Build networks with orthogonal weights and zero biases.
     pub(super) fn new(settings: &PpoSettings, spaces: Spaces, seed: u64) -> Self {
         let adam = Self::adam(settings);
         let make = |heads: &[orthogonal::Head], name| {
@@ -70,7 +70,7 @@ impl Model {
         Adam { epsilon: settings.adam_epsilon, ..Adam::default() }
     }
 
-    /// Continues from parts whose shapes fit.
+    /// Resume from parts whose shapes match.
     pub(super) fn resume(
         settings: &PpoSettings,
         (policy, critic): (&TrainerState, Option<&TrainerState>),
@@ -85,13 +85,13 @@ impl Model {
         }
     }
 
-    /// Policy, critic and deviations to continue from.
+    /// Policy, critic and standard deviations for resuming.
     pub(super) fn parts(&self) -> (TrainerState, Option<TrainerState>, Deviations) {
         let critic = self.critic.as_ref().map(Trainer::state);
         (self.policy.state(), critic, self.deviations.clone())
     }
 
-    /// The network that gives the means, and the value after them with a shared trunk.
+    /// Network of the means, followed by the value with a shared trunk.
     pub(super) fn policy(&self) -> &Trainer {
         &self.policy
     }
@@ -100,7 +100,7 @@ impl Model {
         Gaussian::new(&self.deviations.logarithms)
     }
 
-    /// Places of the flat gradient: policy, then critic.
+    /// Length of the flat gradient: policy, then critic.
     pub(super) fn parameter_count(&self) -> usize {
         self.policy.parameter_count() + self.critic.as_ref().map_or(0, Trainer::parameter_count)
     }
@@ -111,7 +111,7 @@ impl Model {
             && self.deviations.logarithms.iter().all(|value| value.is_finite())
     }
 
-    /// Means and value of each standardised observation in `scratch.policy.x`.
+    /// Compute means and value of each normalized observation in `scratch.policy.x`.
     pub(super) fn forward(&self, scratch: &mut Scratch) {
         self.policy.forward(&mut scratch.policy);
         if let Some(critic) = &self.critic {
@@ -120,7 +120,7 @@ impl Model {
         }
     }
 
-    /// Only the values, of the standardised observations in `scratch.policy.x`.
+    /// Compute only the values, of the normalized observations in `scratch.policy.x`.
     pub(super) fn forward_values(&self, scratch: &mut Scratch) {
         match &self.critic {
             None => self.policy.forward(&mut scratch.policy),
@@ -147,7 +147,7 @@ impl Model {
         values.iter().skip(first).step_by(every).copied()
     }
 
-    /// Adds losses and gradient of the samples whose observations are in `scratch.policy.x`.
+    /// Add losses and gradient of the samples whose observations are in `scratch.policy.x`.
     pub(super) fn accumulate<'a>(
         &self,
         terms: &LossTerms,
@@ -191,20 +191,20 @@ impl Model {
         }
     }
 
-    /// The flat gradient that the next step uses, in its two parts.
+    /// Flat gradient of the next step, in its two parts.
     pub(super) fn gradients_mut(&mut self) -> [&mut [f32]; 2] {
         let critic = self.critic.as_mut().map_or(Default::default(), Trainer::gradient_mut);
         [self.policy.gradient_mut(), critic]
     }
 
-    /// The gradient in place, network by network.
+    /// Current gradient, network by network.
     #[cfg(test)]
     pub(super) fn gradients(&self) -> Vec<crate::nn::Network> {
         std::iter::once(&self.policy).chain(&self.critic).map(Trainer::gradient).collect()
     }
 
-    /// One step of Adam with the gradient in place and `slopes` of the deviations, all multiplied
-    /// by `scale`.
+    /// One Adam step with the current gradient and the derivatives `slopes` of the log standard
+    /// deviations, all multiplied by `scale`.
     pub(super) fn update(
         &mut self,
         slopes: &[f64; MAX_OUTPUTS],
@@ -224,7 +224,7 @@ impl Model {
 }
 
 impl Deviations {
-    /// The step of [`Trainer::update`], number by number.
+    /// The step of [`Trainer::update`] for the log standard deviations.
     fn update(
         &mut self,
         slopes: &[f64; MAX_OUTPUTS],
@@ -244,7 +244,7 @@ impl Deviations {
     }
 }
 
-/// By what a gradient of this `norm` is multiplied, so that it is not above `largest`.
+/// Factor on a gradient of this `norm`, so that it is not above `largest`.
 pub(super) fn clip_scale(norm: f64, largest: Option<f32>) -> f32 {
     largest.map_or(1.0, |largest| (f64::from(largest) / (norm + NORM_EPSILON)).min(1.0) as f32)
 }

@@ -1,4 +1,4 @@
-//! Running mean and variance, and the standardisation they give.
+//! Running mean and variance, and the normalization from them.
 //!
 //! Two sets of `n_a` and `n_b` rows are merged by Chan, Golub and LeVeque, "Algorithms for
 //! Computing the Sample Variance" (1983), equation 2.1: with `d = mean_b - mean_a`,
@@ -20,13 +20,13 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Nothing seen yet.
+    /// No rows.
     #[must_use]
     pub fn new(columns: usize) -> Self {
         Self { count: 0.0, mean: vec![0.0; columns], squares: vec![0.0; columns] }
     }
 
-    /// Of `rows`, `[rows][columns]`, in two passes.
+    /// Moments of `rows`, `[rows][columns]`, in two passes.
     #[must_use]
     pub fn of_rows(rows: &[f32], columns: usize) -> Self {
         let mut moments = Self::new(columns);
@@ -52,7 +52,7 @@ impl Moments {
         moments
     }
 
-    /// Takes in the rows of `other`.
+    /// Merge with the moments of other rows.
     pub fn merge(&mut self, other: &Self) {
         let total = self.count + other.count;
         if other.count < 1.0 {
@@ -69,14 +69,14 @@ impl Moments {
         self.count = total;
     }
 
-    /// Variance of each column (population); 1 before anything was seen.
+    /// Population variance of each column; 1 without rows.
     #[must_use]
     pub fn variances(&self) -> Vec<f64> {
         let variance = |squares: &f64| if self.count < 1.0 { 1.0 } else { squares / self.count };
         self.squares.iter().map(variance).collect()
     }
 
-    /// The standardisation that `normalization` asks for. Before anything was seen it only limits.
+    /// Normalization by the settings `normalization`. Without rows it only clips.
     #[must_use]
     pub fn standardizer(&self, normalization: Normalization) -> Standardizer {
         match normalization {
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn batches_merge_to_the_moments_of_two_passes_over_all() {
         let mut stream = Stream::new(1, "rows");
-        // A column far from zero is what one-pass formulas get wrong.
+        // One-pass formulas are inaccurate for a column far from zero.
         let rows: Vec<f32> = (0..3000)
             .map(|i| stream.uniform_f32(-1.0, 1.0) + if i % 3 == 0 { 4000.0 } else { 0.0 })
             .collect();

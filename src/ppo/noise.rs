@@ -1,10 +1,10 @@
-//! Normal numbers for actions, told from where they are used.
+//! Normal random numbers for actions, keyed by their use.
 //!
-//! Each number belongs to a step and an environment, not to a place in a sequence: whoever computes
-//! it, in whatever order and on how many threads, gets the same, and there is no state to store.
-//! The bits are SplitMix64 (Steele, Lea and Flood, "Fast Splittable Pseudorandom Number
-//! Generators", 2014), whose outputs can be computed at any position; the normal numbers are those
-//! of Box and Muller (1958).
+//! Each number is a function of step and environment, not of a position in a sequence. It is
+//! therefore independent of order and threads, and there is no state to store. The bits are
+//! SplitMix64 (Steele, Lea and Flood, "Fast Splittable Pseudorandom Number Generators", 2014),
+//! whose outputs can be computed at any position; the normal numbers use the Box-Muller transform
+//! (1958).
 
 use crate::seed::Stream;
 use std::f32::consts::TAU;
@@ -12,34 +12,34 @@ use std::f32::consts::TAU;
 /// SplitMix64's increment, the golden ratio of 2^64.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// A source of normal numbers.
+/// A source of normal random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Noise {
     key: u64,
 }
 
 impl Noise {
-    /// The source called `name` of the user's `seed`.
+    /// Source called `name` of the user's `seed`.
     pub(super) fn new(seed: u64, name: &str) -> Self {
         let mut stream = Stream::new(seed, name);
         let half = |stream: &mut Stream| stream.below(1 << 32) as u64;
         Self { key: half(&mut stream) << 32 | half(&mut stream) }
     }
 
-    /// The numbers of one step.
+    /// Numbers of one step.
     pub(super) fn at(self, step: u64) -> StepNoise {
         StepNoise { key: mix(self.key.wrapping_add(step.wrapping_mul(GOLDEN))) }
     }
 }
 
-/// The normal numbers of one step.
+/// Normal random numbers of one step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StepNoise {
     key: u64,
 }
 
 impl StepNoise {
-    /// Two independent normal numbers, the pair numbered `index`.
+    /// Two independent normal numbers, pair `index`.
     pub(super) fn pair(self, index: u64) -> [f32; 2] {
         const UNIT: f32 = 1.0 / (1u64 << 24) as f32;
         let bits = mix(self.key.wrapping_add(index.wrapping_add(1).wrapping_mul(GOLDEN)));

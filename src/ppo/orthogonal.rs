@@ -1,24 +1,24 @@
-//! Orthogonal initialisation (Saxe, McClelland and Ganguli, "Exact Solutions to the Nonlinear
+//! Orthogonal initialization (Saxe, McClelland and Ganguli, "Exact Solutions to the Nonlinear
 //! Dynamics of Learning in Deep Linear Neural Networks", 2014), biases zero.
 //!
-//! A matrix of normal numbers is made orthonormal along its shorter side by modified Gram-Schmidt,
-//! in double precision and plain loops, so that the same seed gives the same bytes on every vector
-//! width; then it is multiplied by the gain.
+//! A matrix of normal random numbers is orthonormalized along its shorter side by modified
+//! Gram-Schmidt and multiplied by the gain. Double precision and plain loops give the same bytes
+//! for a seed on every vector width.
 
 use super::noise::{Noise, StepNoise};
 use crate::nn::{Activation, Dense, Network};
 
 /// Gain of hidden layers.
 pub(super) const HIDDEN_GAIN: f32 = std::f32::consts::SQRT_2;
-/// Gain of the means of actions: first actions are noise around zero.
+/// Gain of the means of actions: initial actions are noise around zero.
 pub(super) const POLICY_GAIN: f32 = 0.01;
 /// Gain of the value.
 pub(super) const VALUE_GAIN: f32 = 1.0;
 
-/// Outputs of a last layer and their gain.
+/// Number of outputs of a last layer and their gain.
 pub(super) type Head = (usize, f32);
 
-/// A network `inputs` - `hidden` - `heads`, each head orthogonal by itself.
+/// Network `inputs` - `hidden` - `heads`, each head orthogonal by itself.
 pub(super) fn network(
     inputs: usize,
     hidden: &[usize],
@@ -57,7 +57,7 @@ fn dense(inputs: usize, outputs: usize, gain: f32, noise: StepNoise) -> Dense {
     Dense { inputs, outputs, weight, bias: vec![0.0; outputs] }
 }
 
-/// `count` orthonormal rows of `width`, at least as long as they are many.
+/// `count` orthonormal rows of length `width`, which is at least `count`.
 fn orthonormal_rows(count: usize, width: usize, noise: StepNoise) -> Vec<Vec<f64>> {
     let mut rows: Vec<Vec<f64>> = (0..count)
         .map(|row| {

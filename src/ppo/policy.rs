@@ -1,12 +1,12 @@
-//! A policy on its own: frozen, for opponents, evaluation and other software.
+//! A frozen policy for opponents, evaluation and export.
 
 use super::{Gaussian, Scratch, StepIndex, noise::Noise};
 use crate::nn::{Network, Stack, Standardizer};
 
-/// Most rows that go through the network at once.
+/// Maximum number of rows that are evaluated by the network at once.
 const ROWS: usize = 128;
 
-/// Standardisation, network of the means, and deviations.
+/// Normalization, network of the means, and standard deviations.
 #[derive(Debug, Clone)]
 pub struct Policy {
     network: Network,
@@ -16,10 +16,10 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// From its parts; the network has a hidden layer and at most 4 outputs.
+    /// Build a policy from its parts; the network has a hidden layer and at most 4 outputs.
     ///
     /// # Panics
-    /// When the network has another shape, or its parts do not fit together.
+    /// When the network has another shape, or the parts do not match.
     #[must_use]
     pub fn new(network: Network, standardizer: Standardizer, gaussian: Gaussian) -> Self {
         assert!(network.inputs() == standardizer.columns(), "one standardisation for each input");
@@ -27,26 +27,26 @@ impl Policy {
         Self { stack: Stack::new(&network), network, standardizer, gaussian }
     }
 
-    /// The network behind the standardisation, as plain data.
+    /// Network after the normalization, as plain data.
     #[must_use]
     pub fn network(&self) -> &Network {
         &self.network
     }
 
-    /// What is done to observations before the network.
+    /// Normalization of the observations.
     #[must_use]
     pub fn standardizer(&self) -> &Standardizer {
         &self.standardizer
     }
 
-    /// The distribution around the means.
+    /// Action distribution around the means.
     #[must_use]
     pub fn gaussian(&self) -> &Gaussian {
         &self.gaussian
     }
 
-    /// Means for `observations`, `[rows][inputs]`, into `actions`, `[rows][outputs]`: how a trained
-    /// policy plays.
+    /// Write the mean actions for `observations`, `[rows][inputs]`, into `actions`,
+    /// `[rows][outputs]`; trained policies play with these.
     pub fn act_mean(&self, observations: &[f32], actions: &mut [f32], scratch: &mut Scratch) {
         let (inputs, outputs) = (self.network.inputs(), self.network.outputs());
         let rows = observations.chunks(ROWS * inputs).zip(actions.chunks_mut(ROWS * outputs));
@@ -59,7 +59,7 @@ impl Policy {
         }
     }
 
-    /// Draws actions, with the noise called `name` of `seed` at `place`.
+    /// Sample actions, with the noise called `name` of `seed` at the given key.
     pub fn act_random(
         &self,
         (seed, name, place): (u64, &str, StepIndex),

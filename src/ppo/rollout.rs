@@ -1,44 +1,44 @@
-//! What happened: observations, actions and rewards of many environments over some steps.
+//! Rollout buffer: observations, actions and rewards of many environments over several steps.
 
 use super::Spaces;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// How a step ended for one environment.
+/// End of a step in one environment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum End {
-    /// The episode goes on.
+    /// The episode continues.
     #[default]
     Running,
-    /// It ended by its own rules: nothing comes after.
+    /// The episode reached a terminal state: the value after it is 0.
     Terminal,
-    /// It was cut off, by its time limit: what would have come is the value of its last
-    /// observation, which the caller puts into [`RolloutStep::final_values`].
+    /// The episode was truncated by its time limit: the value of its last observation is
+    /// bootstrapped, which the caller puts into [`RolloutStep::final_values`].
     Truncated,
 }
 
-/// Steps, environments and their spaces.
+/// Numbers of steps and environments, with their spaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RolloutShape {
-    /// Steps of each environment, at least 1.
+    /// Number of steps per environment, at least 1.
     pub horizon: usize,
-    /// Environments, at least 1.
+    /// Number of environments, at least 1.
     pub environments: usize,
     /// Widths of observation and action.
     pub spaces: Spaces,
 }
 
 impl RolloutShape {
-    /// Steps times environments.
+    /// Number of samples: steps times environments.
     #[must_use]
     pub fn samples(&self) -> usize {
         self.horizon * self.environments
     }
 }
 
-/// The buffer of one update, `[horizon][environment]` and, where it applies, `[width]`; allocated
-/// once and filled anew for each update.
+/// Buffer of one update, `[horizon][environment]` and, where it applies, `[width]`; allocated once
+/// and refilled for each update.
 #[derive(Debug, Clone)]
 pub struct Rollout {
     pub(super) shape: RolloutShape,
@@ -55,37 +55,37 @@ pub struct Rollout {
 /// One step of a range of environments, `[environment]` or `[environment][width]`.
 #[derive(Debug)]
 pub struct RolloutStep<'a> {
-    /// What the environments showed before the step; by the caller, before
+    /// Observations before the step; written by the caller before
     /// [`Learner::act`](super::Learner::act).
     pub observations: &'a mut [f32],
-    /// What was drawn, unlimited; by `act`. The caller's environment limits its own copy.
+    /// Sampled, unclipped actions; written by `act`. The caller's environment clips its own copy.
     pub actions: &'a mut [f32],
-    /// Around which it was drawn; by `act`.
+    /// Mean actions; written by `act`.
     pub means: &'a mut [f32],
-    /// Logarithm of the actions' density (nat); by `act`.
+    /// Log density of the actions (nat); written by `act`.
     pub log_probabilities: &'a mut [f32],
-    /// Value of the observations, in units of reward; by `act`.
+    /// Value of the observations, in units of reward; written by `act`.
     pub values: &'a mut [f32],
-    /// What the step earned; by the caller.
+    /// Reward of the step; written by the caller.
     pub rewards: &'a mut [f32],
-    /// How the step ended; by the caller, every time.
+    /// End of the step; written by the caller in every step.
     pub ends: &'a mut [End],
-    /// Value of the last observation of an episode that was truncated in this step; by the caller,
-    /// from [`Learner::values`](super::Learner::values). Not read elsewhere.
+    /// Value of the last observation of an episode that was truncated in this step; written by the
+    /// caller, from [`Learner::values`](super::Learner::values). Read only there.
     pub final_values: &'a mut [f32],
 }
 
 /// All steps of a range of environments, for one thread.
 #[derive(Debug)]
 pub struct RolloutPart<'a> {
-    /// Number of the first environment of the range.
+    /// Index of the first environment of the range.
     pub first_environment: usize,
-    /// `[horizon]`
+    /// Steps, `[horizon]`.
     pub steps: Vec<RolloutStep<'a>>,
 }
 
 impl Rollout {
-    /// An empty buffer.
+    /// Empty buffer.
     #[must_use]
     pub fn new(shape: RolloutShape) -> Self {
         let samples = shape.samples();
@@ -102,7 +102,7 @@ impl Rollout {
         }
     }
 
-    /// Its steps and environments.
+    /// Numbers of steps and environments.
     #[must_use]
     pub fn shape(&self) -> RolloutShape {
         self.shape
@@ -114,7 +114,7 @@ impl Rollout {
         &self.rewards
     }
 
-    /// How each step ended, `[horizon][environment]`.
+    /// End of each step, `[horizon][environment]`.
     #[must_use]
     pub fn ends(&self) -> &[End] {
         &self.ends
@@ -126,7 +126,7 @@ impl Rollout {
         self.split(std::slice::from_ref(&(0..environments))).remove(0)
     }
 
-    /// The buffer in parts of contiguous environments, each for a thread of its own.
+    /// Split the buffer into parts of contiguous environments, one per thread.
     ///
     /// # Panics
     /// When `ranges` do not cover all environments in order.
@@ -183,7 +183,7 @@ impl Rollout {
 }
 
 impl<'a> RolloutStep<'a> {
-    /// The first `count` environments, and the others.
+    /// Split into the first `count` environments and the others.
     fn split_at(self, count: usize, spaces: Spaces) -> (Self, Self) {
         let (observations, observations_left) =
             self.observations.split_at_mut(count * spaces.observations);

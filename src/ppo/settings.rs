@@ -1,19 +1,19 @@
-//! Every choice of the algorithm, two presets, and the ranges that are allowed.
+//! Settings of PPO, two presets, and the allowed ranges.
 
 use super::PpoError;
 use crate::nn::{Activation, MAX_OUTPUTS};
 use serde::{Deserialize, Serialize};
 
-/// Sizes of one row of observations and of actions.
+/// Widths of observations and actions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Spaces {
-    /// Numbers in one observation, at least 1.
+    /// Length of one observation, at least 1.
     pub observations: usize,
-    /// Numbers in one action, at least 1; at most 4, or 3 with a shared trunk.
+    /// Length of one action, at least 1; at most 4, or 3 with a shared trunk.
     pub actions: usize,
 }
 
-/// How actor and critic share their layers.
+/// Network architecture of actor and critic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum NetworkLayout {
@@ -23,30 +23,31 @@ pub enum NetworkLayout {
     Shared,
 }
 
-/// How the learning rate moves.
+/// Schedule of the learning rate.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Schedule {
-    /// Not at all.
+    /// Constant.
     Fixed,
-    /// Linearly to zero.
+    /// Linear decay to zero.
     Linear {
-        /// The update, counted from 0, at which the rate would reach zero; at least 1.
+        /// Index of the update, from 0, at which the rate would reach zero; at least 1.
         updates: u64,
     },
-    /// After each minibatch: divided by 1.5 above twice the target, multiplied by 1.5 below half
-    /// of it, within 1e-6 to 1e-2.
+    /// Adaptive to the KL divergence after each minibatch: divided by 1.5 above twice the target,
+    /// multiplied by 1.5 below half of it, within 1e-6 to 1e-2.
     AdaptiveKl {
-        /// Wanted divergence between the policy that acted and the one that learns (nat), above 0.
+        /// Target KL divergence between the policy that acted and the one that learns (nat), above
+        /// 0.
         target: f32,
     },
 }
 
-/// Over what advantages are brought to mean 0 and deviation 1.
+/// Samples over which advantages are normalized to mean 0 and standard deviation 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AdvantageNormalization {
-    /// They stay as they are.
+    /// No normalization.
     Off,
     /// All samples of an update.
     Batch,
@@ -54,16 +55,16 @@ pub enum AdvantageNormalization {
     Minibatch,
 }
 
-/// Running standardisation of observations or values: `(x - mean) / sqrt(variance + epsilon)`,
-/// limited to `-limit` to `limit`.
+/// Running normalization of observations or values: `(x - mean) / sqrt(variance + epsilon)`,
+/// clipped to `-limit` to `limit`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Normalization {
-    /// Numbers stay as they are.
+    /// No normalization.
     Off,
-    /// Mean and variance of everything seen so far.
+    /// Mean and variance of all samples so far.
     Running {
-        /// Largest magnitude afterwards (deviations), above 0.
+        /// Maximum magnitude after normalization (standard deviations), above 0.
         limit: f32,
         /// Added to the variance, above 0.
         epsilon: f32,
@@ -76,44 +77,44 @@ pub enum Normalization {
 pub enum ValueLoss {
     /// Half the squared error.
     Squared,
-    /// The larger of that and the one with the value held within the clip coefficient of the old.
+    /// The larger of that and the loss of the value clipped to within the clip coefficient of the
+    /// old value.
     Clipped,
 }
 
-/// All settings of the learner. Names are those of the field.
+/// Settings of the learner, with the usual names of PPO implementations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PpoSettings {
-    /// Whether actor and critic are one network.
+    /// Separate or shared networks of actor and critic.
     pub layout: NetworkLayout,
     /// Widths of the hidden layers, at least one.
     pub hidden: Vec<usize>,
-    /// Between layers.
+    /// Activation function between layers.
     pub activation: Activation,
-    /// Start of the logarithm of the policy's standard deviation, the same for every action.
+    /// Initial log standard deviation of the policy, the same for every action.
     pub initial_log_deviation: f32,
-    /// Largest logarithm of it; `None` for no limit. Where actions are clamped to -1 to 1, a deviation above 1
-    /// changes little but earns the entropy bonus without end.
+    /// Maximum log standard deviation; `None` for no limit. If actions are clamped to -1 to 1, a
+    /// standard deviation above 1 changes little but increases the entropy bonus without bound.
     pub most_log_deviation: Option<f32>,
-    /// Steps of each environment in one update, at least 1; a proposal to the caller, who makes
-    /// the rollout.
+    /// Steps of each environment in one update, at least 1; the caller builds the rollout with it.
     pub horizon: usize,
-    /// Passes over the samples of an update, at least 1.
+    /// Number of epochs (passes over the samples of an update), at least 1.
     pub epochs: usize,
-    /// Samples in a minibatch, at least 1. A batch that is no multiple is cut into equal parts that
-    /// are not larger.
+    /// Number of samples in a minibatch, at least 1. Other batch sizes than its multiples are split
+    /// into equal, smaller parts.
     pub minibatch: usize,
-    /// Discount of a reward one step later, 0 to 1.
+    /// Discount factor per step, 0 to 1.
     pub gamma: f32,
-    /// Decay of temporal differences in the advantage, 0 to 1.
+    /// GAE lambda, 0 to 1.
     pub gae_lambda: f32,
-    /// Learning rate at the start, above 0.
+    /// Initial learning rate, above 0.
     pub learning_rate: f32,
-    /// How it moves.
+    /// Schedule of the learning rate.
     pub schedule: Schedule,
-    /// Ratios outside `1 - clip` to `1 + clip` earn nothing more; above 0.
+    /// Clip coefficient of the probability ratio; above 0.
     pub clip_coef: f32,
-    /// Which loss the critic has.
+    /// Loss of the critic.
     pub value_loss: ValueLoss,
     /// Weight of half the squared error of the value, 0 or more.
     pub value_coef: f32,
@@ -121,25 +122,26 @@ pub struct PpoSettings {
     pub entropy_coef: f32,
     /// Weight of the squared excess of a mean over 1.1 in magnitude, 0 or more.
     pub bounds_coef: f32,
-    /// Largest norm of the whole gradient, above 0; `None` for any.
+    /// Maximum norm of the whole gradient, above 0; `None` for no limit.
     pub max_gradient_norm: Option<f32>,
     /// Adam's epsilon, above 0.
     pub adam_epsilon: f32,
-    /// Over what advantages are normalised.
+    /// Normalization of advantages.
     pub advantages: AdvantageNormalization,
-    /// Of observations.
+    /// Normalization of observations.
     pub observations: Normalization,
-    /// Of returns and values, inside the critic.
+    /// Normalization of returns and values, inside the critic.
     pub values: Normalization,
-    /// An update ends before a minibatch whose divergence from the policy that acted is above 1.5
-    /// times this (nat), above 0; `None` for never.
+    /// Early stopping: an update ends before a minibatch whose KL divergence from the policy that
+    /// acted is above 1.5 times this (nat), above 0; `None` for never.
     pub kl_stop: Option<f32>,
 }
 
 impl PpoSettings {
-    /// The paper's table II: gamma 0.99, lambda 0.95, rate 3e-4, clip 0.2, minibatch 4096, entropy
-    /// 0.01. What the table leaves open is as in CleanRL's `ppo_continuous_action.py`, except for
-    /// the networks' ELU, 4 epochs and a deviation of at most 1.
+    /// The paper's table II: gamma 0.99, lambda 0.95, learning rate 3e-4, clip 0.2, minibatch 4096,
+    /// entropy 0.01. Settings that the table leaves open are those of CleanRL's
+    /// `ppo_continuous_action.py`, except for the networks' ELU, 4 epochs and a standard deviation
+    /// of at most 1.
     #[must_use]
     pub fn paper() -> Self {
         Self {
@@ -169,11 +171,12 @@ impl PpoSettings {
         }
     }
 
-    /// Upstream's recipe for rl_games (`klask_ppo_config_with_pretraining.yaml`).
+    /// Upstream's hyperparameters for rl_games (`klask_ppo_config_with_pretraining.yaml`).
     ///
-    /// Not as upstream: single precision throughout instead of mixed, orthogonal initialisation,
-    /// shuffled minibatches, and the divergence that moves the rate is counted from the policy that
-    /// acted, where rl_games counts from the one before the same minibatch's last visit.
+    /// Differences to upstream: single precision throughout instead of mixed, orthogonal
+    /// initialization, and shuffled minibatches. The KL divergence of the adaptive rate is relative
+    /// to the policy that acted; in rl_games it is relative to the one before the same minibatch's
+    /// last use.
     #[must_use]
     pub fn upstream() -> Self {
         let running = Normalization::Running { limit: 5.0, epsilon: 1e-5 };
@@ -198,10 +201,10 @@ impl PpoSettings {
         }
     }
 
-    /// Refuses values outside their ranges.
+    /// Check that every value is in its range.
     ///
     /// # Errors
-    /// [`PpoError::Setting`] with the first one.
+    /// [`PpoError::Setting`] for the first value outside its range.
     pub fn check(&self, spaces: Spaces) -> Result<(), PpoError> {
         let outputs = match self.layout {
             NetworkLayout::Separate => spaces.actions,

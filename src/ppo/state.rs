@@ -1,25 +1,25 @@
-//! Everything that training continues from.
+//! Complete state of a learner for resuming.
 
 use super::{Deviations, Moments, PpoError};
 use crate::nn::{Network, TrainerState};
 
-/// The state of a learner; settings and spaces are stored by the caller.
+/// State of a learner; settings and spaces are stored by the caller.
 ///
-/// Random numbers need none: shuffles are named after seed, update and pass, actions after seed, step
-/// and environment.
+/// Random numbers need no state: shuffles are keyed by seed, update and epoch, actions by seed,
+/// step and environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearnerState {
-    /// The user's seed.
+    /// Seed of the run.
     pub seed: u64,
-    /// Updates done.
+    /// Number of updates done.
     pub updates: u64,
-    /// Rate at the end of the last update.
+    /// Learning rate at the end of the last update.
     pub learning_rate: f32,
-    /// Network of the means, or both with a shared trunk.
+    /// Network of the means, or of means and value with a shared trunk.
     pub policy: TrainerState,
-    /// Network of the value, when it has its own.
+    /// Network of the value, if it has its own.
     pub critic: Option<TrainerState>,
-    /// Deviations of the policy.
+    /// Log standard deviations of the policy.
     pub deviations: Deviations,
     /// Moments of the observations.
     pub observed: Moments,
@@ -28,7 +28,7 @@ pub struct LearnerState {
 }
 
 impl LearnerState {
-    /// Refuses a state whose sizes are not those of `expected`.
+    /// Check that the sizes equal those of `expected`.
     pub(super) fn check_fits(&self, expected: &Self) -> Result<(), PpoError> {
         for (what, found, expected) in [
             ("policy network", policy_widths(&self.policy), policy_widths(&expected.policy)),

@@ -1,5 +1,5 @@
-//! The learner as a whole: its gradient against finite differences, its promises, and tasks that it
-//! has to solve.
+//! Tests of the learner as a whole: its gradient against finite differences, its determinism and
+//! errors, and tasks with a known solution.
 
 mod gradient;
 mod promises;
@@ -13,15 +13,15 @@ fn threads(count: usize) -> NonZeroUsize {
     NonZeroUsize::new(count).unwrap()
 }
 
-/// Small and quick to learn with.
+/// Settings that are small and learn quickly.
 fn small_settings() -> PpoSettings {
     PpoSettings { hidden: vec![16, 16], minibatch: 256, epochs: 4, ..PpoSettings::paper() }
 }
 
 const SPACES: Spaces = Spaces { observations: 3, actions: 2 };
 
-/// A rollout of a made-up environment that `learner` acted in: random observations, rewards for
-/// actions near the first two of them, now and then an end.
+/// A rollout of a synthetic environment in which `learner` acted: random observations, rewards for
+/// actions near the first two of them, and occasional ends.
 fn made_up_rollout(learner: &Learner, environments: usize, seed: u64) -> (Rollout, Vec<f32>) {
     const HORIZON: usize = 11;
     let mut rollout = Rollout::new(RolloutShape { horizon: HORIZON, environments, spaces: SPACES });

@@ -1,9 +1,10 @@
-//! The passes over a batch: gradients by several threads, with the same bytes for any number.
+//! Epochs over a batch: gradients by several threads, with the same bytes for any number.
 //!
-//! A minibatch is cut into lanes of at most [`LANE_ROWS`] samples. A lane's gradient is summed by one
-//! thread in the order of its samples; lanes are then added in their own order, a block of
-//! parameters at a time. Neither depends on who did it. Every thread has its own copy of both
-//! networks and takes the same step of Adam on it, so that nobody waits for one who updates.
+//! A minibatch is divided into lanes of at most [`LANE_ROWS`] samples. The gradient of a lane is
+//! summed by one thread in the order of its samples; lanes are then added in their own order, a
+//! block of parameters at a time. Neither sum depends on the assignment to threads. Every thread
+//! has its own copy of both networks and applies the same Adam step to it, so that no thread waits
+//! for another one's update.
 
 use super::{
     Gaussian, PpoError, PpoSettings, Schedule,
@@ -22,53 +23,53 @@ use std::{
     thread,
 };
 
-/// Most samples whose gradient is one sum; also the most that one thread takes at a time.
+/// Maximum number of samples of one lane, which one thread processes at a time.
 const LANE_ROWS: usize = 512;
 
-/// Most samples that go through the networks at once: their activations stay in a second-level cache.
+/// Maximum number of samples evaluated at once: their activations stay in a second-level cache.
 const TILE_ROWS: usize = 128;
 
-/// Parameters that are added over the lanes by one thread at a time.
+/// Number of parameters that one thread sums over the lanes at a time.
 const BLOCK: usize = 2048;
 
-/// An update stops before a minibatch whose divergence is above this times the limit, as in
-/// Stable-Baselines3.
+/// Early stopping: factor on the KL limit, as in Stable-Baselines3.
 const KL_STOP_FACTOR: f64 = 1.5;
 
-/// Bounds and factor of the adaptive rate (rl_games, `schedulers.py`, `AdaptiveScheduler`).
+/// Bounds and factor of the adaptive learning rate (rl_games, `schedulers.py`,
+/// `AdaptiveScheduler`).
 const RATE_BOUNDS: [f32; 2] = [1e-6, 1e-2];
 const RATE_FACTOR: f32 = 1.5;
 
-/// What the passes need beside the model.
+/// Inputs of the epochs other than the model.
 pub(super) struct Passes<'a> {
     pub(super) settings: &'a PpoSettings,
     pub(super) batch: &'a Batch,
     pub(super) epochs: &'a [Epoch],
-    /// The policy that acted.
+    /// Policy that acted.
     pub(super) old: Gaussian,
-    /// Number of this update, counted from 1.
+    /// Index of this update, from 1.
     pub(super) update: u64,
     pub(super) threads: usize,
 }
 
-/// What the passes leave.
+/// Results of the epochs.
 pub(super) struct Passed {
     pub(super) model: Model,
     pub(super) learning_rate: f32,
     pub(super) totals: Totals,
 }
 
-/// Sums over the minibatches that were learned from.
+/// Sums over the minibatches used for learning.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Totals {
     pub(super) minibatches: usize,
-    /// Passes begun.
+    /// Number of epochs begun.
     pub(super) epochs: usize,
     pub(super) samples: usize,
     pub(super) sums: LossSums,
     pub(super) entropy: f64,
     pub(super) gradient_norm: f64,
-    /// Minibatches whose gradient was shortened.
+    /// Number of minibatches with a clipped gradient.
     pub(super) shortened: usize,
 }
 
@@ -85,12 +86,12 @@ struct Block {
     squares: f64,
 }
 
-/// What the threads share.
+/// Data shared by the threads.
 struct Shared<'a> {
     passes: &'a Passes<'a>,
     lanes: Vec<RwLock<Lane>>,
     blocks: Vec<RwLock<Block>>,
-    /// Next lane to be taken, in even and odd minibatches.
+    /// Next lane to process, in even and odd minibatches.
     next: [AtomicUsize; 2],
     barrier: Barrier,
 }
@@ -104,7 +105,8 @@ fn write<T>(lock: &RwLock<T>) -> RwLockWriteGuard<'_, T> {
 }
 
 impl Passes<'_> {
-    /// All passes over the batch, from `model` and `learning_rate`, neither of which is touched.
+    /// Run all epochs over the batch, starting from `model` and `learning_rate`, which are not
+    /// changed.
     pub(super) fn run(&self, model: &Model, learning_rate: f32) -> Result<Passed, PpoError> {
         let size = model.parameter_count();
         let largest = self.epochs.iter().flat_map(|epoch| {
@@ -143,7 +145,7 @@ fn blocks(size: usize) -> impl Iterator<Item = Range<usize>> {
     (0..size).step_by(BLOCK).map(move |start| start..size.min(start + BLOCK))
 }
 
-/// One thread of the passes.
+/// One thread of the epochs.
 struct Worker<'a> {
     shared: &'a Shared<'a>,
     index: usize,
@@ -153,7 +155,7 @@ struct Worker<'a> {
     totals: Totals,
 }
 
-/// Whether the passes go on.
+/// Decision to continue with the epochs or to stop.
 #[derive(PartialEq)]
 enum Next {
     Minibatch,
@@ -189,7 +191,8 @@ impl<'a> Worker<'a> {
         Ok(Passed { model, learning_rate, totals })
     }
 
-    /// Gradient, step and rate of one minibatch; an error names what is not finite.
+    /// Gradient, optimizer step and learning rate of one minibatch; an error names the non-finite
+    /// value.
     fn minibatch(
         &mut self,
         epoch: &Epoch,
@@ -206,7 +209,7 @@ impl<'a> Worker<'a> {
             sums.add(&read(lane).sums);
         }
         let divergence = sums.divergence / samples.len() as f64;
-        // Every thread sees the same sums and so decides alike.
+        // Every thread has the same sums and therefore makes the same decision.
         if settings.kl_stop.is_some_and(|limit| KL_STOP_FACTOR * f64::from(limit) < divergence) {
             return Ok(Next::End);
         }
@@ -225,7 +228,7 @@ impl<'a> Worker<'a> {
         Ok(Next::Minibatch)
     }
 
-    /// Takes lanes until none is left.
+    /// Process lanes until none is left.
     fn gradients(
         &mut self,
         samples: &[u32],
@@ -266,9 +269,9 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Adds this thread's blocks over the lanes, in the order of the lanes.
+    /// Sum this thread's blocks over the lanes, in the order of the lanes.
     fn add_lanes(&self, lanes: usize, turn: usize) {
-        // Nobody takes lanes now, and the counter of the next minibatch has been left by all.
+        // No thread takes lanes now, and all have left the counter of the next minibatch.
         self.shared.next[(turn + 1) % 2].store(0, Ordering::Relaxed);
         let lanes: Vec<_> = self.shared.lanes[..lanes].iter().map(read).collect();
         let ranges = blocks(self.model.parameter_count());
@@ -285,7 +288,7 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Brings the blocks into the model's gradient; returns the norm of all.
+    /// Copy the blocks into the model's gradient; returns the norm of the whole gradient.
     fn take_gradient(&mut self, slopes: &[f64; MAX_OUTPUTS]) -> f64 {
         let actions = self.model.gaussian().actions();
         let mut squares: f64 = slopes[..actions].iter().map(|slope| slope * slope).sum();
@@ -314,7 +317,7 @@ impl<'a> Worker<'a> {
     }
 }
 
-/// Sum of squares: single precision in 64 columns, which vector units like, then double.
+/// Sum of squares: single precision in 64 columns, which suits vector units, then double.
 fn squares(values: &[f32]) -> f64 {
     const COLUMNS: usize = 64;
     let mut sums = [0.0f32; COLUMNS];

@@ -1,4 +1,4 @@
-//! Pieces of work over some threads, each with denormals flushed.
+//! Parallel work on several threads, each with denormals flushed to zero.
 
 use crate::nn::flushing_denormals;
 use std::{
@@ -7,8 +7,8 @@ use std::{
     thread,
 };
 
-/// Does `work` with every item, on at most `threads` threads, in any order. Results do not depend on
-/// the order as long as each item holds all that its work changes.
+/// Process every item with `work` on at most `threads` threads, in any order. Results do not depend
+/// on the order if each item holds all state that its work changes.
 pub(crate) fn for_each<T: Send>(threads: NonZeroUsize, items: Vec<T>, work: impl Fn(T) + Sync) {
     let threads = threads.get().min(items.len());
     let queue = Mutex::new(items.into_iter());

@@ -1,4 +1,4 @@
-//! A match from its frames to its events and episodes.
+//! Analysis of a match: from its frames to events and episodes.
 
 use super::{
     episodes::{self, Span},
@@ -13,47 +13,46 @@ use super::{
 };
 use crate::{recording::topic::Player, stats};
 
-/// The camera's noise is taken within these (m): a picture's pixel, and what no camera exceeds.
+/// Range of the camera's noise (m): pixel size, and a value that no camera exceeds.
 const NOISE: (f64, f64) = (1e-4, 2e-3);
-/// Spread of a second difference of independent noise, and the share of a normal sample's standard
-/// deviation below which half of its sizes lie.
+/// Ratio of the standard deviation of second differences to that of independent noise.
 const SECOND_DIFFERENCE: f64 = 2.449_489_742_783_178;
 const MEDIAN_SIZE: f64 = 0.674_489_750_196_082;
 
-/// One stretch of play with what happened in it.
+/// One episode with its statistics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Episode {
-    /// When, and how it ended.
+    /// Start, end and outcome.
     pub span: Span,
-    /// Touches that were blocks, by left and right player.
+    /// Numbers of blocks, by left and right player.
     pub blocks: [usize; 2],
-    /// Touches that were strikes.
+    /// Numbers of strikes.
     pub strikes: [usize; 2],
-    /// Strikes whose straight way led over the other player's cup.
+    /// Numbers of goal-directed strikes.
     pub goal_directed: [usize; 2],
-    /// Time for which each player was the last who touched the ball (s).
+    /// Time for which each player was the last to touch the ball (s).
     pub held: [f64; 2],
-    /// Mean speed of the ball while it was seen (m/s); `None` when it was not.
+    /// Mean speed of the ball while it was detected (m/s); `None` without detections.
     pub mean_speed: Option<f64>,
-    /// Its 99th percentile (m/s).
+    /// 99th percentile of that speed (m/s).
     pub top_speed: Option<f64>,
 }
 
 impl Episode {
-    /// Seconds of play.
+    /// Duration (s).
     #[must_use]
     pub fn duration(&self) -> f64 {
         self.span.end - self.span.start
     }
 
-    /// Blocks and strikes of both players.
+    /// Number of blocks and strikes of both players.
     #[must_use]
     pub fn contacts(&self) -> usize {
         self.blocks.iter().chain(&self.strikes).sum()
     }
 
-    /// Share of the time since the first touch in which `player` was the last who touched the ball;
-    /// `None` without a touch.
+    /// Possession of `player`: fraction of the time since the first touch in which the player was
+    /// the last to touch the ball; `None` without a touch.
     #[must_use]
     pub fn possession(&self, player: Player) -> Option<f64> {
         let total = self.held[0] + self.held[1];
@@ -61,22 +60,22 @@ impl Episode {
     }
 }
 
-/// What the referee says about one match.
+/// Analysis of one match.
 #[derive(Debug, Clone, Default)]
 pub struct MatchAnalysis {
     /// Events in order of time.
     pub events: Vec<Event>,
     /// Episodes in order of time.
     pub episodes: Vec<Episode>,
-    /// What of the frames was believed, for pictures and replay.
+    /// Frames with accepted ball positions, for pictures and replay.
     pub track: Vec<Frame>,
-    /// Speeds of the ball in play (m/s), one per frame.
+    /// Speed of the ball in play (m/s), one value per frame.
     pub speeds: Vec<f64>,
-    /// Standard deviation of one coordinate, as the track itself tells (m).
+    /// Standard deviation of one coordinate, estimated from the track (m).
     pub noise: f64,
 }
 
-/// Judges a match.
+/// Analyze a match.
 ///
 /// ```
 /// use klasktron::referee::{Frame, Outcome, Rules, analyze};
@@ -120,7 +119,8 @@ fn sample(sight: &Sight) -> Option<Sample> {
     Some(Sample { time: sight.time, position, strikers: sight.strikers })
 }
 
-/// Of independent noise a second difference has sqrt 6 of the spread.
+/// Noise from second differences: their standard deviation is sqrt 6 times that of independent
+/// noise.
 fn noise_of(samples: &[Sample]) -> f64 {
     let bends: Vec<f64> = samples
         .windows(3)
@@ -131,7 +131,7 @@ fn noise_of(samples: &[Sample]) -> f64 {
     noise.clamp(NOISE.0, NOISE.1)
 }
 
-/// `event` with its episode; `None` outside play.
+/// Assign `event` to its episode; `None` outside play.
 fn in_play(event: Event, spans: &[Span]) -> Option<Event> {
     let episode = spans.partition_point(|span| span.end < event.time);
     let span = spans.get(episode)?;
@@ -151,7 +151,7 @@ fn speeds_of(samples: &[Sample], rules: &Rules) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Those of `speeds` that lie in `span`.
+/// Those of `speeds` in `span`.
 fn within<'a>(speeds: &'a [(f64, f64)], span: &Span) -> &'a [(f64, f64)] {
     let from = speeds.partition_point(|(time, _)| *time < span.start);
     let to = speeds.partition_point(|(time, _)| *time <= span.end);
@@ -194,7 +194,7 @@ fn episode<'a>(
     episode
 }
 
-/// The frames with the ball only where it is believed.
+/// Frames with accepted ball positions only.
 fn track(sights: &[Sight], stretches: &[rolls::Stretch]) -> Vec<Frame> {
     let mut believed = stretches.iter().flat_map(|stretch| &stretch.samples).peekable();
     sights
@@ -209,7 +209,7 @@ fn track(sights: &[Sight], stretches: &[rolls::Stretch]) -> Vec<Frame> {
 }
 
 impl MatchAnalysis {
-    /// Points of left and right player.
+    /// Points of the left and the right player.
     #[must_use]
     pub fn points(&self) -> [usize; 2] {
         Player::BOTH.map(|player| {
@@ -217,7 +217,7 @@ impl MatchAnalysis {
         })
     }
 
-    /// Who has more points; `None` when nobody has.
+    /// Player with more points; `None` for a draw.
     #[must_use]
     pub fn winner(&self) -> Option<Player> {
         let [left, right] = self.points();
@@ -228,13 +228,13 @@ impl MatchAnalysis {
         }
     }
 
-    /// Seconds of play.
+    /// Total duration of the episodes (s).
     #[must_use]
     pub fn play(&self) -> f64 {
         self.episodes.iter().map(Episode::duration).sum()
     }
 
-    /// How long the match was seen (s).
+    /// Duration of the recorded match (s).
     #[must_use]
     pub fn duration(&self) -> f64 {
         match (self.track.first(), self.track.last()) {

@@ -1,4 +1,5 @@
-//! Whether two groups of matches differ: simulated and real ones, or those of two policies.
+//! Statistical comparison of two groups of matches: simulated and real ones, or those of two
+//! policies.
 
 use super::{
     analysis::Episode,
@@ -8,21 +9,21 @@ use super::{
 use crate::stats::{Interval, bootstrap_difference_ci95, holm, permutation_p};
 use serde::Serialize;
 
-/// Below this corrected p-value two groups are said to differ.
+/// Significance level of the corrected p-values.
 const SIGNIFICANT: f64 = 0.05;
 
-/// One group of matches.
+/// A group of matches.
 pub struct Group<'a> {
-    /// What it is called.
+    /// Name of the group.
     pub name: String,
-    /// Matches in it.
+    /// Number of matches.
     pub matches: usize,
-    /// The episodes of all of them.
+    /// Episodes of all matches.
     pub episodes: Vec<&'a Episode>,
 }
 
 impl<'a> Group<'a> {
-    /// The group of `matches`, called `name`.
+    /// Group of `matches` with the name `name`.
     #[must_use]
     pub fn new(name: &str, matches: &'a [ScoredMatch]) -> Self {
         let episodes = matches.iter().flat_map(|scored| &scored.analysis.episodes).collect();
@@ -30,41 +31,41 @@ impl<'a> Group<'a> {
     }
 }
 
-/// How two groups differ.
+/// Comparison of two groups.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// Names of both groups.
     pub groups: [String; 2],
-    /// Their matches.
+    /// Numbers of matches.
     pub matches: [usize; 2],
-    /// Their episodes.
+    /// Numbers of episodes.
     pub episodes: [usize; 2],
-    /// One per metric.
+    /// Differences by metric.
     pub metrics: Vec<Difference>,
-    /// Whether they differ, for people.
+    /// Result as a sentence.
     pub summary: String,
 }
 
-/// How one metric differs.
+/// Difference of one metric.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
     /// Name of the metric.
     pub metric: &'static str,
-    /// Of the first group.
+    /// Value in the first group.
     pub a: Figure,
-    /// Of the second group.
+    /// Value in the second group.
     pub b: Figure,
-    /// Second minus first; none where one of them has no value.
+    /// Second minus first; null if a group has no value.
     pub difference: Option<f64>,
-    /// Its 95 % interval by bootstrap over the episodes of both.
+    /// 95 % interval of the difference (bootstrap over the episodes of both groups).
     pub ci95: Option<[f64; 2]>,
-    /// Of a permutation test over episodes.
+    /// p-value of a permutation test over episodes.
     pub p_value: Option<f64>,
-    /// The same, corrected for the number of metrics (Holm).
+    /// p-value with the Holm correction for the number of metrics.
     pub p_value_corrected: Option<f64>,
 }
 
-/// Compares `b` with `a`.
+/// Compare `b` with `a`.
 #[must_use]
 pub fn compare(a: &Group<'_>, b: &Group<'_>, seed: u64) -> Comparison {
     let of_a = summarise(a.episodes.iter().copied(), seed);
@@ -113,7 +114,7 @@ fn summary([a, b]: [&str; 2], metrics: &[Difference]) -> String {
     let tested = metrics.iter().filter(|metric| metric.p_value_corrected.is_some()).count();
     if tested == 0 {
         return format!(
-            "nothing can be said about {a} and {b}: each needs at least two finished episodes"
+            "{a} and {b} cannot be compared: each group needs at least two finished episodes"
         );
     }
     let differ: Vec<String> = metrics
@@ -128,8 +129,15 @@ fn summary([a, b]: [&str; 2], metrics: &[Difference]) -> String {
         })
         .collect();
     if differ.is_empty() {
-        format!("no difference between {a} and {b} is beyond chance in any of {tested} metrics")
+        format!(
+            "no significant difference between {a} and {b} in any of {tested} metrics (permutation \
+             tests, Holm-corrected p >= {SIGNIFICANT})"
+        )
     } else {
-        format!("{b} differs from {a} in {}", differ.join(", "))
+        format!(
+            "{b} differs from {a} in {} (permutation tests over {tested} metrics, Holm-corrected p < \
+             {SIGNIFICANT})",
+            differ.join(", ")
+        )
     }
 }

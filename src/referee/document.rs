@@ -11,71 +11,73 @@ use crate::recording::topic::Player;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Version of the document; raised when a field changes its meaning.
+/// Version of the document; increased when a field changes its name or meaning.
 pub const SCHEMA_VERSION: u32 = 2;
-/// Name of the file that holds the events, beside the document.
+/// Name of the file of the events, in the same folder.
 pub const EVENTS_FILE: &str = "events.mcap";
 
-/// The score of some matches.
+/// Score of matches.
 #[derive(Debug, Clone, Serialize)]
 pub struct Score {
     /// [`SCHEMA_VERSION`].
     pub schema_version: u32,
-    /// One per match, in the order given.
+    /// Scores by match, in the order given.
     pub matches: Vec<MatchScore>,
-    /// Over all episodes of all matches, by name of the metric.
+    /// Metrics over all episodes of all matches, by name.
     pub summary: BTreeMap<&'static str, Figure>,
-    /// File with the events, beside this document.
+    /// Name of the file of the events, in the same folder.
     pub events_file: &'static str,
-    /// Of `--compare`.
+    /// Matches without an episode, as sentences; they count in no metric.
+    pub warnings: Vec<String>,
+    /// Comparison of two groups (`--compare`).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub comparison: Option<Comparison>,
 }
 
-/// The score of one match.
+/// Score of one match.
 #[derive(Debug, Clone, Serialize)]
 pub struct MatchScore {
-    /// The recording.
+    /// File of the recording.
     pub file: String,
-    /// Who has more points; none when nobody has.
+    /// Player with more points; null for a draw.
     pub winner: Option<Player>,
-    /// Length of the recording (s).
+    /// Duration of the recording (s).
     pub duration_s: f64,
-    /// In order of time.
+    /// Episodes in order of time.
     pub episodes: Vec<EpisodeScore>,
 }
 
-/// The score of one episode.
+/// Score of one episode.
 #[derive(Debug, Clone, Serialize)]
 pub struct EpisodeScore {
-    /// Since the recording began (s).
+    /// Start time since the recording began (s).
     pub start_s: f64,
-    /// Since the recording began (s).
+    /// End time since the recording began (s).
     pub end_s: f64,
-    /// How it ended.
+    /// End of the episode.
     pub outcome: Outcome,
-    /// Who got the point.
+    /// Player who got the point; null without a point.
     pub scorer: Option<Player>,
-    /// Blocks and strikes of both.
+    /// Number of blocks and strikes of both players.
     pub contacts: usize,
-    /// Blocks of the left player.
+    /// Number of blocks of the left player.
     pub blocks_left: usize,
-    /// Blocks of the right player.
+    /// Number of blocks of the right player.
     pub blocks_right: usize,
-    /// Strikes of the left player.
+    /// Number of strikes of the left player.
     pub strikes_left: usize,
-    /// Strikes of the right player.
+    /// Number of strikes of the right player.
     pub strikes_right: usize,
-    /// Goal-directed strikes of the left player.
+    /// Number of goal-directed strikes of the left player.
     pub goal_directed_left: usize,
-    /// Goal-directed strikes of the right player.
+    /// Number of goal-directed strikes of the right player.
     pub goal_directed_right: usize,
-    /// Left player's possession, 0 to 1; none without a touch.
+    /// Possession of the left player, 0 to 1; null without a touch.
     pub possession_left: Option<f64>,
 }
 
 impl Score {
-    /// The document of `matches`.
+    /// Score document of `matches`.
     #[must_use]
     pub fn new(matches: &[ScoredMatch], seed: u64) -> Self {
         let episodes = matches.iter().flat_map(|scored| &scored.analysis.episodes);
@@ -84,9 +86,21 @@ impl Score {
             summary: summarise(episodes, seed),
             matches: matches.iter().map(MatchScore::new).collect(),
             events_file: EVENTS_FILE,
+            warnings: matches.iter().filter_map(without_episode).collect(),
             comparison: None,
         }
     }
+}
+
+/// Warning about a match without an episode.
+fn without_episode(scored: &ScoredMatch) -> Option<String> {
+    scored.analysis.episodes.is_empty().then(|| {
+        format!(
+            "{}: no episode: the ball is never detected in play, so the recording counts in no metric; \
+             check the camera with `klasktron info`",
+            scored.path.display()
+        )
+    })
 }
 
 impl MatchScore {

@@ -1,4 +1,4 @@
-//! From the first ball to the end: when play stops, why, and when it goes on.
+//! Segmentation of a match into episodes: start, end, cause of the end, restart.
 
 use super::{
     event::{Event, EventKind},
@@ -10,44 +10,44 @@ use super::{
 use crate::{board::CUP_RADIUS, recording::topic::Player};
 use serde::Serialize;
 
-/// The ball has left a cup when it is this far outside its radius (m).
+/// Distance beyond a cup's radius at which the ball has left it (m).
 const OUT: f64 = 0.001;
-/// Sightings from which the ball's velocity is told, and their longest span (s).
+/// Number of detections for the ball's velocity, and their maximum span (s).
 const RECENT: usize = 6;
 const RECENT_SPAN: f64 = 0.08;
-/// A ball that vanishes so shortly (s) before it would be over a cup, or so near to its edge (m), went
-/// in.
+/// Time (s) before reaching a cup, and distance from its edge (m), within which a vanishing ball
+/// counts as captured.
 const VANISHED_BEFORE: f64 = 0.05;
 const VANISHED_NEAR: f64 = 0.008;
-/// Fewest samples of a sighting of the ball; fewer are taken for a mistake of the detector.
+/// Minimum number of samples of a sighting; fewer count as false detections.
 const FEWEST: usize = 4;
-/// After an episode the ball was taken away when it was not seen for so long (s).
+/// Gap in detections after an episode, after which the ball counts as removed (s).
 const AWAY: f64 = 0.25;
-/// Over this distance (m) a ball that lay still has been moved again.
+/// Displacement of a resting ball that counts as motion (m).
 const MOVED: f64 = 0.02;
-/// Share by which the position of a ball at rest follows each sighting.
+/// Smoothing factor for the position of a resting ball, per detection.
 const FOLLOWING: f64 = 0.03;
-/// Share of a pause in which the detector must have said nothing for the ball to be lost.
+/// Minimum fraction of a gap without any detection for a lost ball.
 const SILENT: f64 = 0.5;
 
-/// How an episode ended.
+/// End of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// The ball went into a cup.
+    /// The ball is in a cup.
     Goal,
-    /// A striker went into its own cup.
+    /// Own goal: a striker is in its own cup.
     StrikerInGoal,
-    /// The ball left the board.
+    /// The ball has left the board.
     BallLost,
-    /// The ball lay still too long.
+    /// The ball was at rest for too long.
     Timeout,
     /// The recording ended first.
     Unfinished,
 }
 
 impl Outcome {
-    /// As files spell it.
+    /// Name in documents.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -60,20 +60,20 @@ impl Outcome {
     }
 }
 
-/// One stretch of play.
+/// An episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
-    /// Since the recording began (s).
+    /// Start time since the recording began (s).
     pub start: f64,
-    /// Since the recording began (s).
+    /// End time since the recording began (s).
     pub end: f64,
-    /// How it ended.
+    /// End of the episode.
     pub outcome: Outcome,
-    /// Who got the point.
+    /// Player who got the point; `None` without a point.
     pub scorer: Option<Player>,
 }
 
-/// One instant of the ball's track as play sees it.
+/// One instant of the ball's track.
 #[derive(Debug, Clone, Copy)]
 struct Moment {
     time: f64,
@@ -82,21 +82,21 @@ struct Moment {
     said: bool,
 }
 
-/// Where play stands.
+/// State of play.
 enum Play {
-    /// Nothing has begun.
+    /// Before the first episode.
     Waiting,
     On {
         start: f64,
     },
-    /// Ended; whether the ball has been away since, and where it lay.
+    /// After an episode, with the absence of the ball since its end and its position then.
     Off {
         away: bool,
         ball: Option<Vector>,
     },
 }
 
-/// Spans of play, and the events that begin and end them (with rim-outs).
+/// Episodes, and the events of their starts and ends (with rim-outs).
 pub(super) fn spans(
     sights: &[Sight],
     stretches: &[Stretch],
@@ -109,7 +109,7 @@ pub(super) fn spans(
     umpire.finish()
 }
 
-/// What was seen, with the ball only where it belongs to a sighting worth the name.
+/// Instants of the match, with the ball only where a sighting has enough detections.
 fn moments(sights: &[Sight], stretches: &[Stretch]) -> impl Iterator<Item = Moment> {
     let mut believed = stretches
         .iter()
@@ -129,16 +129,16 @@ struct Umpire<'a> {
     play: Play,
     spans: Vec<Span>,
     events: Vec<Event>,
-    /// The last sightings of the ball, oldest first.
+    /// Last detections of the ball, oldest first.
     recent: Vec<(f64, Vector)>,
     now: f64,
-    /// Since the last moment with a ball: seconds in which the detector was silent.
+    /// Time without any detection since the last instant with a ball (s).
     silent: f64,
-    /// Whose cup the ball is in, and since when.
+    /// Owner of the cup that the ball is in, and the time of entry.
     inside: Option<(Player, f64)>,
-    /// Since when each striker is in its own cup, and when it was last seen there.
+    /// Time at which each striker entered its own cup, and time of its last detection there.
     striker_inside: [Option<f64>; 2],
-    /// Where the ball began to lie still, and when.
+    /// Position and time at which the ball came to rest.
     still: Option<(Vector, f64)>,
 }
 
@@ -189,7 +189,7 @@ impl<'a> Umpire<'a> {
         self.recent.last().copied()
     }
 
-    /// The ball's velocity over its last sightings (m/s).
+    /// Velocity of the ball over its last detections (m/s).
     fn velocity(&self) -> Vector {
         match (self.recent.first(), self.recent.last()) {
             (Some((from, a)), Some((to, b))) if from < to => {
@@ -203,8 +203,8 @@ impl<'a> Umpire<'a> {
         matches!(self.play, Play::On { .. })
     }
 
-    /// Whether play was on at `time`. A striker that went in later, which is known sooner, does not
-    /// count then.
+    /// Return whether play was on at `time`. A striker that entered its cup later, but is known
+    /// earlier, does not count.
     fn was_on_at(&mut self, time: f64) -> bool {
         if self.is_on() {
             return true;
@@ -234,7 +234,7 @@ impl<'a> Umpire<'a> {
         self.events.push(event);
     }
 
-    /// Ends the episode at `time`.
+    /// End the episode at `time`.
     fn end(&mut self, time: f64, outcome: Outcome, scorer: Option<Player>) {
         let Play::On { start } = self.play else { return };
         self.spans.push(Span { start, end: time.max(start), outcome, scorer });
@@ -243,7 +243,7 @@ impl<'a> Umpire<'a> {
         self.still = None;
     }
 
-    /// The ball has not been seen for a while, up to `time`.
+    /// Process a gap in the detections of the ball, up to `time`.
     fn watch_pause(&mut self, time: f64) {
         let Some((seen, position)) = self.last() else { return };
         let pause = time - seen;
@@ -251,7 +251,7 @@ impl<'a> Umpire<'a> {
             *away |= AWAY <= pause;
         }
         if let Some((owner, since)) = self.inside {
-            // In a cup a ball often cannot be seen.
+            // A ball in a cup is often not detected.
             let stays = self.rules.goal_stay <= (time - since).min(pause);
             if stays && self.was_on_at(since) {
                 self.goal(owner, since, 0.9);
@@ -294,7 +294,8 @@ impl<'a> Umpire<'a> {
         }
     }
 
-    /// Over whose cup the ball would have been soon after it was last seen at `position`, and when (s).
+    /// Owner of the cup that the ball would have reached soon after its last detection at
+    /// `position`, and the time until then (s).
     fn would_enter(&self, position: Vector) -> Option<(Player, f64)> {
         let velocity = self.velocity();
         Player::BOTH.into_iter().find_map(|owner| {
@@ -314,7 +315,8 @@ impl<'a> Umpire<'a> {
         })
     }
 
-    /// When the ball crossed the cup's edge, on the straight way from where it was seen before.
+    /// Time at which the ball crossed the cup's edge, by linear interpolation from the previous
+    /// detection.
     fn entered(&self, time: f64, ball: Vector, owner: Player) -> f64 {
         let Some((before, from)) = self.last() else { return time };
         let cup = self.rules.cup(owner);
@@ -352,7 +354,7 @@ impl<'a> Umpire<'a> {
             self.still = Some((ball, time));
             return;
         }
-        // Follows slowly, so that noise about a position at the edge of what counts does not matter.
+        // Slow smoothing, so that noise at the threshold does not matter.
         self.still = Some((plus(position, times(minus(ball, position), FOLLOWING)), since));
         if self.rules.timeout_after <= time - since && self.is_on() && self.inside.is_none() {
             let end = since + self.rules.timeout_after;

@@ -1,27 +1,27 @@
-//! What the referee says happened.
+//! Events of a match.
 
 use crate::recording::topic::Player;
 
-/// Kinds of events; each is defined on the room's front page.
+/// Kinds of events, defined in [`crate::referee`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum EventKind {
-    /// A touch that turned away a ball on its way to the toucher's goal.
+    /// A touch that diverts a ball from the player's own goal.
     Block,
-    /// A touch that sent the ball towards the other goal, faster than it came.
+    /// A touch that sends the ball towards the other goal, faster than before.
     Strike,
-    /// A touch that is neither.
+    /// Any other touch.
     Touch,
-    /// The ball met a wall.
+    /// The ball bounces off a wall.
     WallBounce,
     /// The ball is in a cup and stays.
     Goal,
-    /// The ball was over a cup and came out.
+    /// The ball was over a cup and left it.
     RimOut,
     /// A striker is in its own cup.
     StrikerInGoal,
-    /// The ball lay still too long.
+    /// The ball was at rest for too long.
     Timeout,
-    /// The ball was not seen for too long.
+    /// The ball was not detected for too long.
     BallLost,
     /// The ball is back in play.
     Restart,
@@ -42,7 +42,7 @@ impl EventKind {
         Self::Restart,
     ];
 
-    /// As files spell it.
+    /// Name in documents.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -59,7 +59,7 @@ impl EventKind {
         }
     }
 
-    /// Whether it is a touch of any kind.
+    /// Return whether it is a touch of any kind.
     #[must_use]
     pub fn is_touch(self) -> bool {
         matches!(self, Self::Block | Self::Strike | Self::Touch)
@@ -69,23 +69,23 @@ impl EventKind {
 /// One event.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Event {
-    /// Since the recording began (s).
+    /// Time since the recording began (s).
     pub time: f64,
-    /// What.
+    /// Kind of the event.
     pub kind: EventKind,
-    /// Who touched the ball, whose cup it went into or over, or whose striker went in.
+    /// Player who touched the ball, owner of the cup, or owner of the striker.
     pub player: Option<Player>,
-    /// Index of the episode to which it belongs.
+    /// Index of its episode.
     pub episode: usize,
-    /// Where (m).
+    /// Position (m).
     pub position: [f64; 2],
-    /// Velocity of the ball before and after (m/s).
+    /// Velocity of the ball before (m/s).
     pub velocity_in: [f64; 2],
     /// Velocity of the ball after (m/s).
     pub velocity_out: [f64; 2],
-    /// Of a strike: whether its straight way on leads over the other player's cup.
+    /// True for a strike whose straight continuation passes over the other player's cup.
     pub goal_directed: bool,
-    /// How likely it is that it happened, 0 to 1.
+    /// Probability of the event, 0 to 1.
     pub confidence: f64,
 }
 

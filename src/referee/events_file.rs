@@ -1,4 +1,4 @@
-//! The events as MCAP, on the clock of the recordings, so that they can be laid over them.
+//! Events as MCAP, on the clock of the recordings, so that viewers can show both together.
 
 use super::{event::Event, matches::ScoredMatch};
 use crate::{
@@ -10,10 +10,10 @@ use crate::{
 };
 use std::{collections::BTreeMap, path::Path};
 
-/// Writes the events of `matches` to `path`.
+/// Write the events of `matches` to `path`.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When the file cannot be written.
 pub fn write_events(
     matches: &[ScoredMatch],
     provenance: &Provenance,

@@ -1,4 +1,4 @@
-//! A match as the referee gets it: frames of positions, from whatever the recording holds.
+//! Frames of a match, from detections or from filtered states.
 
 use super::{RefereeError, rules::Rules, vector::Vector};
 use crate::{
@@ -12,50 +12,50 @@ use crate::{
 };
 use std::path::{Path, PathBuf};
 
-/// What one picture showed.
+/// Positions in one camera frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// When it was taken, as far as it is known (s since the recording began).
+    /// Capture time, if known (s since the recording began).
     pub time: f64,
-    /// The ball (m); absent when it was not seen.
+    /// Ball (m); `None` without a detection.
     pub ball: Option<[f64; 2]>,
     /// Left and right striker (m).
     pub strikers: [Option<[f64; 2]>; 2],
 }
 
-/// Which topic the frames come from.
+/// Source topic of the frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// `/camera/detections`.
     Detections,
-    /// `/board/state`: filtered, so impacts are smeared and late by the filter's lag.
+    /// `/board/state`: filtered, so impacts are smoothed and delayed by the filter.
     BoardState,
 }
 
-/// A match before it is judged.
+/// The frames of a match before its analysis.
 #[derive(Debug, Clone)]
 pub struct MatchFrames {
     /// The recording.
     pub path: PathBuf,
     /// Its SHA-256, in hexadecimal.
     pub sha256: String,
-    /// When it began: at its first message, or when the first picture was taken.
+    /// Time of its beginning: the first message, or the capture of the first frame.
     pub origin: Nanos,
-    /// What a damaged file no longer holds.
+    /// Losses of a damaged file.
     pub loss: Loss,
-    /// Where the frames come from.
+    /// Source of the frames.
     pub source: Source,
-    /// The board's size, where the recording says it.
+    /// Size of the board, if the recording contains it.
     pub board: Option<BoardSize>,
-    /// The frames, in the order in which they were received.
+    /// Frames in the order of reception.
     pub frames: Vec<Frame>,
 }
 
 impl MatchFrames {
-    /// Reads a match. Detections of the camera are preferred to the filtered state of the board.
+    /// Read a match. Detections of the camera are preferred to the filtered state of the board.
     ///
     /// # Errors
-    /// When the file cannot be read or understood, or holds neither topic.
+    /// When the file cannot be read or decoded, or has neither topic.
     pub fn open(path: &Path) -> Result<Self, RefereeError> {
         let recording = Recording::open(path)?;
         let Some((origin, _)) = recording.time_range() else {
@@ -72,7 +72,8 @@ impl MatchFrames {
                 topics: topics.join(", "),
             });
         };
-        // A picture was taken before its message arrived, the first one before the recording began.
+        // A frame was captured before its message arrived, the first one before the recording
+        // began.
         let first = frames.iter().map(|frame| frame.time).fold(0.0, f64::min);
         let frames = frames.into_iter().map(|f| Frame { time: f.time - first, ..f }).collect();
         let side = |key: &str| recording.info(key).and_then(|text| text.parse().ok());
@@ -90,7 +91,7 @@ impl MatchFrames {
         })
     }
 
-    /// `rules` on this match's board.
+    /// Rules with this match's board.
     #[must_use]
     pub fn rules(&self, rules: &Rules) -> Rules {
         Rules { board: self.board.unwrap_or(rules.board), ..*rules }

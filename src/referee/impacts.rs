@@ -1,11 +1,11 @@
-//! When and where the ball was struck, and by what.
+//! Time, position and cause of each impact on the ball.
 //!
-//! Around a change of velocity the ball's track is two straight lines that meet: position and both
-//! velocities follow from least squares for every time of the impact, and each possible cause says
-//! how far off it would be: a wall stands where it stands and takes speed away from it; a striker, at
-//! its position between the frames, is one touching distance away and pushes outwards. The time and
-//! the cause with the least misfit win; the confidence is the winner's share of all likelihoods, that
-//! of no impact at all among them.
+//! Around a velocity change the ball's track is two straight lines that meet. Position and both
+//! velocities follow by least squares for every impact time, and each possible cause has a misfit:
+//! a wall has a fixed position and reduces the speed; a striker, at its interpolated position, is
+//! one contact distance away and pushes outwards. The time and the cause with the least misfit are
+//! selected. The confidence is the normalized likelihood of the selected cause, relative to all
+//! causes and to no impact.
 
 use super::{
     rolls::{Sample, Stretch},
@@ -15,45 +15,46 @@ use super::{
 use crate::{board::CUP_RADIUS, recording::topic::Player};
 use std::ops::Range;
 
-/// Frames on each side from which the velocities are told.
+/// Number of frames on each side for the velocities.
 const BESIDE: usize = 9;
-/// Steps of the impact's time per frame.
+/// Time steps per frame.
 const STEPS: usize = 4;
-/// How many frames off the most likely division may be.
+/// Maximum error of the segmentation (frames).
 const AROUND: usize = 2;
-/// Velocities are within this of zero (m/s, one standard deviation); it matters only where a side has
-/// a single frame.
+/// Standard deviation of the prior on velocities (m/s); it matters only if a side has a single
+/// frame.
 const SPREAD: f64 = 1.0;
-/// Least and largest share of the speed that bounces back.
+/// Range of plausible restitution.
 const RESTITUTION: Range<f64> = 0.1..1.15;
-/// Largest ratio of tangential to normal change of velocity: friction.
+/// Maximum ratio of tangential to normal velocity change: friction.
 const FRICTION: f64 = 0.3;
-/// Largest reversed tangential velocity by the same measure: spin.
+/// Maximum reversed tangential velocity, relative to the same: spin.
 const REVERSAL: f64 = 0.05;
-/// What velocities are off by beside the camera's noise (m/s): sliding, spin, strikers that yield.
+/// Standard deviation of velocities in addition to camera noise (m/s): sliding, spin, compliant
+/// strikers.
 const VELOCITY_TOLERANCE: f64 = 0.03;
-/// Negative logarithms of the chance of each cause beside that of the likeliest.
+/// Negative log-probability of a cause relative to the most likely one.
 const COST_BOTH: f64 = 3.0;
 const COST_RIM: f64 = 3.0;
-/// In a corner two bounces are what is expected.
+/// In a corner two bounces are expected.
 const COST_CORNER: f64 = 0.0;
 const COST_NOTHING: f64 = 9.0;
-/// What an impact's three additional unknowns explain by chance (nats).
+/// Log-likelihood that the three additional parameters of an impact gain by chance (nats).
 const CHANCE: f64 = 6.0;
-/// Half width of the ring around a cup in which its edge acts (m).
+/// Half-width of the ring around a cup in which its edge acts (m).
 const RIM: f64 = 0.004;
 
-/// What acted on the ball.
+/// Cause of an impact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Cause {
-    /// The wall at the end of this axis (0 across, 1 along) on this side (sign).
+    /// Wall at the end of this axis (0 across, 1 along), on this side (sign).
     Wall(usize, f64),
     Striker(Player),
-    /// Both within one frame.
+    /// Striker and wall within one frame.
     StrikerAtWall(Player, usize, f64),
-    /// The edge of a cup, or what is in it.
+    /// Edge of a cup, or the ball in it.
     Rim,
-    /// Nothing that the referee knows, such as a hand.
+    /// Unknown cause, such as a hand.
     Unknown,
 }
 
@@ -70,28 +71,28 @@ impl Cause {
     }
 }
 
-/// One sudden change of the ball's velocity.
+/// A sudden change of the ball's velocity.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Impact {
-    /// Since the recording began (s).
+    /// Time since the recording began (s).
     pub(super) time: f64,
     pub(super) position: Vector,
-    /// Velocity before and after (m/s).
+    /// Velocity before (m/s).
     pub(super) before: Vector,
     pub(super) after: Vector,
     pub(super) cause: Cause,
-    /// 0 to 1.
+    /// Normalized likelihood of the cause, 0 to 1.
     pub(super) confidence: f64,
 }
 
 impl Impact {
-    /// Change of velocity (m/s).
+    /// Magnitude of the velocity change (m/s).
     pub(super) fn size(&self) -> f64 {
         distance(self.after, self.before)
     }
 }
 
-/// The impacts of one stretch, in order.
+/// Impacts of one stretch, in order.
 pub(super) fn find(stretch: &Stretch, noise: f64, rules: &Rules) -> Vec<Impact> {
     let samples = &stretch.samples;
     let changes = &stretch.changes;
@@ -111,7 +112,7 @@ pub(super) fn find(stretch: &Stretch, noise: f64, rules: &Rules) -> Vec<Impact> 
                 near(before, changes[k], after).impacts(noise, rules)
             })
             .collect();
-        // Between changes that lie a frame apart there is too little to tell two impacts by, but
+        // Two changes that are a frame apart have too few data for two separate impacts, but
         // together they may be those of a corner.
         let together = if one_by_one.len() < to - from {
             near(first, changes[from], end).impacts(noise, rules)
@@ -124,7 +125,7 @@ pub(super) fn find(stretch: &Stretch, noise: f64, rules: &Rules) -> Vec<Impact> 
     found
 }
 
-/// A change with the rolls before and after it.
+/// A velocity change with the rolls before and after it.
 struct Neighbourhood<'a> {
     samples: &'a [Sample],
     /// First sample of the roll before.
@@ -142,16 +143,16 @@ struct Meeting {
     position: Vector,
     before: Vector,
     after: Vector,
-    /// Variance of each coordinate of the position and of the velocities.
+    /// Variance of each coordinate of position and velocities.
     place_variance: f64,
     before_variance: f64,
     after_variance: f64,
-    /// Half the sum of squares over the variance, by axis.
+    /// Half the sum of squared residuals over the variance, by axis.
     misfit: Vector,
 }
 
 impl Neighbourhood<'_> {
-    /// What acted here: mostly one impact; two in a corner.
+    /// Impacts at this change: usually one; two in a corner.
     fn impacts(&self, noise: f64, rules: &Rules) -> Vec<Impact> {
         let window = self.first.max(self.at.saturating_sub(BESIDE))..self.end.min(self.at + BESIDE);
         if self.at <= window.start || window.end <= self.at {
@@ -178,7 +179,7 @@ impl Neighbourhood<'_> {
     }
 }
 
-/// Times at which the impact may have been: some frames around the change.
+/// Candidate times of the impact: some frames around the change.
 fn times_around(samples: &[Sample], at: usize) -> impl Iterator<Item = f64> {
     let from = at.saturating_sub(AROUND + 1).max(usize::from(AROUND + 1 < at));
     let to = (at + AROUND).min(samples.len() - 1);
@@ -187,7 +188,7 @@ fn times_around(samples: &[Sample], at: usize) -> impl Iterator<Item = f64> {
     (0..=steps).map(move |step| start + (end - start) * step as f64 / steps as f64)
 }
 
-/// Least squares of two lines that meet at `time`, with velocities that are not beyond reason.
+/// Least-squares fit of two lines that meet at `time`, with a prior on the velocities.
 fn meet(samples: &[Sample], time: f64, noise: f64) -> Meeting {
     let ridge = (noise / SPREAD).powi(2);
     let origin = samples[0].position;
@@ -238,7 +239,7 @@ fn meet(samples: &[Sample], time: f64, noise: f64) -> Meeting {
     }
 }
 
-/// Half the squares over the variance about one straight line.
+/// Half the sum of squared residuals over the variance, for one straight line.
 fn straight_misfit(samples: &[Sample], noise: f64) -> f64 {
     let count = samples.len() as f64;
     let origin = samples[0];
@@ -260,7 +261,7 @@ fn straight_misfit(samples: &[Sample], noise: f64) -> f64 {
     0.5 * (about - explained).max(0.0) / (noise * noise)
 }
 
-/// Place and velocity of both strikers at `time`.
+/// Position and velocity of both strikers at `time`.
 fn strikers_at(samples: &[Sample], time: f64) -> [Option<(Vector, Vector)>; 2] {
     let after = samples.partition_point(|sample| sample.time <= time).clamp(1, samples.len() - 1);
     let (a, b) = (&samples[after - 1], &samples[after]);
@@ -271,12 +272,12 @@ fn strikers_at(samples: &[Sample], time: f64) -> [Option<(Vector, Vector)>; 2] {
     })
 }
 
-/// `excess` above zero, in nats, of something known within `sigma`.
+/// Penalty of a positive `excess` with the standard deviation `sigma` (nats).
 fn beyond(excess: f64, sigma: f64) -> f64 {
     0.5 * (excess.max(0.0) / sigma).powi(2)
 }
 
-/// What each possible cause of `meeting` costs (nats).
+/// Cost of each possible cause of `meeting` (nats).
 fn costs(
     meeting: &Meeting,
     strikers: [Option<(Vector, Vector)>; 2],
@@ -327,7 +328,8 @@ fn velocity_sigma(variance: f64) -> f64 {
     (variance + VELOCITY_TOLERANCE * VELOCITY_TOLERANCE).sqrt()
 }
 
-/// A wall sends back what came to it, and brakes along itself by friction.
+/// Cost of a motion against a wall: it reverses the normal velocity and reduces the tangential one
+/// by friction.
 fn wall_motion(meeting: &Meeting, axis: usize, sign: f64) -> f64 {
     let (came, left) = (sign * meeting.before[axis], -sign * meeting.after[axis]);
     let sigma = velocity_sigma(meeting.before_variance + meeting.after_variance);
@@ -341,8 +343,8 @@ fn wall_motion(meeting: &Meeting, axis: usize, sign: f64) -> f64 {
         + beyond(along - FRICTION * (came + left).max(0.0), sigma)
 }
 
-/// Two bounces in a corner, which may be some frames apart: walls act on one axis each, so every axis
-/// has an impact of its own.
+/// Two bounces in a corner, possibly some frames apart. Each wall acts on one axis, so each axis
+/// has its own impact.
 #[derive(Default)]
 struct Corner {
     best: [Option<(f64, f64, Meeting)>; 2],
@@ -371,7 +373,7 @@ impl Corner {
             + COST_CORNER
     }
 
-    /// Both bounces; `other` is the cost of what else it could be.
+    /// Both bounces; `other` is the cost of the alternative cause.
     fn impacts(&self, other: f64) -> Vec<Impact> {
         let confidence = 1.0 / (1.0 + (self.cost() - other).exp());
         let mut found: Vec<Impact> = (0..2)
@@ -392,7 +394,8 @@ impl Corner {
     }
 }
 
-/// A striker with `velocity` pushes along `normal`, and no harder than an elastic impact.
+/// Cost of a striker with `velocity` that pushes along `normal`, at most as hard as in an elastic
+/// impact.
 fn striker_motion(meeting: &Meeting, normal: Vector, velocity: Vector) -> f64 {
     let sigma = velocity_sigma(meeting.before_variance + meeting.after_variance);
     let change = minus(meeting.after, meeting.before);
@@ -400,7 +403,7 @@ fn striker_motion(meeting: &Meeting, normal: Vector, velocity: Vector) -> f64 {
     let along = length(minus(change, times(normal, push)));
     let closing = -dot(minus(meeting.before, velocity), normal);
     let parting = dot(minus(meeting.after, velocity), normal);
-    // The striker's own velocity, and that it may change in the impact, is known less well.
+    // The striker's own velocity, and its change in the impact, are less certain.
     let loose = 3.0 * sigma;
     beyond(-push, sigma)
         + beyond(along - FRICTION * push.max(0.0), sigma)
@@ -408,7 +411,7 @@ fn striker_motion(meeting: &Meeting, normal: Vector, velocity: Vector) -> f64 {
         + beyond(parting - RESTITUTION.end * closing.max(0.0), loose)
 }
 
-/// Between striker and wall the change lies in the cone of both normals.
+/// Cost of a change between striker and wall: it is in the cone of both normals.
 fn pinch(meeting: &Meeting, normal: Vector, axis: usize, sign: f64) -> f64 {
     let sigma = velocity_sigma(meeting.before_variance + meeting.after_variance);
     let change = minus(meeting.after, meeting.before);
@@ -424,7 +427,7 @@ fn pinch(meeting: &Meeting, normal: Vector, axis: usize, sign: f64) -> f64 {
     beyond(-a, sigma) + beyond(-b, sigma) + beyond(0.1 - a, 0.1) + beyond(0.1 - b, 0.1)
 }
 
-/// Likelihood by cause, and the mean meeting of each.
+/// Likelihood by cause, and the mean fit of each.
 #[derive(Default)]
 struct Tally {
     entries: Vec<Entry>,
@@ -433,7 +436,7 @@ struct Tally {
 struct Entry {
     cause: Cause,
     least: f64,
-    /// Sum of likelihoods and of times by them, relative to the least cost.
+    /// Sums of likelihoods and of likelihood-weighted times, relative to the least cost.
     weight: f64,
     time: f64,
     best: Meeting,
@@ -459,7 +462,7 @@ impl Tally {
         }
     }
 
-    /// The likeliest cause and its cost; `straight` is the cost of no impact.
+    /// The most likely cause and its cost; `straight` is the cost of no impact.
     fn verdict(self, straight: f64) -> Option<(Impact, f64)> {
         let best = self.entries.iter().min_by(|a, b| a.least.total_cmp(&b.least))?;
         if straight < best.least {

@@ -1,4 +1,4 @@
-//! Many matches, judged in parallel.
+//! Analysis of many matches in parallel.
 
 use super::{
     RefereeError,
@@ -9,27 +9,27 @@ use super::{
 use crate::{parallel::in_parallel_on, recording::Loss, units::Nanos};
 use std::path::PathBuf;
 
-/// A match with what the referee says about it.
+/// A match with its analysis.
 #[derive(Debug, Clone)]
 pub struct ScoredMatch {
     /// The recording.
     pub path: PathBuf,
     /// Its SHA-256, in hexadecimal.
     pub sha256: String,
-    /// When it began: at its first message, or when the first picture was taken.
+    /// Time of its beginning: the first message, or the capture of the first frame.
     pub origin: Nanos,
-    /// What a damaged file no longer holds.
+    /// Losses of a damaged file.
     pub loss: Loss,
-    /// Where the frames came from.
+    /// Source of the frames.
     pub source: Source,
-    /// The rules by which it was judged, with its own board.
+    /// Rules of the analysis, with the match's own board.
     pub rules: Rules,
-    /// What happened.
+    /// Analysis of the match.
     pub analysis: MatchAnalysis,
 }
 
-/// Reads and judges `paths` on `threads` threads; `done` is called after each. The results are in
-/// the order of `paths`, and one that fails leaves the others alone.
+/// Read and analyze `paths` on `threads` threads; `done` is called after each. Results are in the
+/// order of `paths`; a failure does not affect the other matches.
 pub fn analyze_matches(
     paths: &[PathBuf],
     rules: &Rules,
@@ -47,7 +47,7 @@ fn score(recorded: MatchFrames, rules: &Rules) -> ScoredMatch {
     let rules = recorded.rules(rules);
     let analysis = analyze(&recorded.frames, &rules);
     let events = analysis.events.len();
-    log::info!("judged {}: {events} events", recorded.path.display());
+    log::info!("analyzed {}: {events} events", recorded.path.display());
     let MatchFrames { path, sha256, origin, loss, source, .. } = recorded;
     ScoredMatch { path, sha256, origin, loss, source, rules, analysis }
 }

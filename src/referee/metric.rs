@@ -1,4 +1,4 @@
-//! The figures by which matches are scored, each with its interval, and the paper's beside them.
+//! Metrics of matches, with intervals and the values of the paper.
 
 use super::{analysis::Episode, episodes::Outcome};
 use crate::{
@@ -8,24 +8,24 @@ use crate::{
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A figure over episodes.
+/// A metric over episodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Metric {
-    /// Points per minute of play, of both players.
+    /// Scoring rate: goals per minute of play, of both players.
     ScoringRate,
-    /// Length of the episodes that ended with a point (s).
+    /// Length of the episodes that ended with a point (s): seconds per goal.
     EpisodeLength,
-    /// Blocks and strikes per finished episode, of both players.
+    /// Number of blocks and strikes per finished episode, of both players.
     Contacts,
-    /// Blocks per finished episode.
+    /// Number of blocks per finished episode.
     Blocks,
-    /// Strikes per finished episode.
+    /// Number of strikes per finished episode.
     Strikes,
-    /// Strikes straight at the other player's cup, per finished episode.
+    /// Number of goal-directed strikes per finished episode.
     GoalDirected,
-    /// Left player's possession.
+    /// Possession of the left player.
     PossessionLeft,
-    /// Share of the points that were the left player's.
+    /// Fraction of the points won by the left player.
     WinRateLeft,
     /// Mean speed of the ball (m/s).
     MeanBallSpeed,
@@ -34,7 +34,7 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// All, in the order in which they are shown.
+    /// All metrics, in display order.
     pub const ALL: [Self; 10] = [
         Self::ScoringRate,
         Self::EpisodeLength,
@@ -48,7 +48,7 @@ impl Metric {
         Self::TopBallSpeed,
     ];
 
-    /// As files spell it.
+    /// Name in documents.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -65,12 +65,12 @@ impl Metric {
         }
     }
 
-    /// As people read it, with its unit.
+    /// Name for people, with the unit.
     #[must_use]
     pub fn title(self) -> &'static str {
         match self {
-            Self::ScoringRate => "points per minute of play",
-            Self::EpisodeLength => "seconds per point",
+            Self::ScoringRate => "goals per minute of play",
+            Self::EpisodeLength => "seconds per goal",
             Self::Contacts => "contacts per episode",
             Self::Blocks => "blocks per episode",
             Self::Strikes => "strikes per episode",
@@ -82,8 +82,8 @@ impl Metric {
         }
     }
 
-    /// Mean of table I of the paper (10 games of a human against a robot, each one episode); which
-    /// player is meant by possession and win rate there is the robot.
+    /// Mean of table I of the paper (10 games of a human against a robot, each one episode).
+    /// Possession and win rate there are those of the robot.
     #[must_use]
     pub fn in_paper(self) -> Option<f64> {
         match self {
@@ -98,7 +98,7 @@ impl Metric {
         }
     }
 
-    /// Whether `episode` says anything about it.
+    /// Return whether `episode` is relevant to the metric.
     fn concerns(self, episode: &Episode) -> bool {
         match self {
             Self::ScoringRate => 0.0 < episode.duration(),
@@ -112,13 +112,13 @@ impl Metric {
         }
     }
 
-    /// The episodes that say anything about it.
+    /// Episodes that are relevant to the metric.
     #[must_use]
     pub fn of<'a>(self, episodes: impl IntoIterator<Item = &'a Episode>) -> Vec<&'a Episode> {
         episodes.into_iter().filter(|episode| self.concerns(episode)).collect()
     }
 
-    /// Its value over `episodes`, all of which concern it; at least one.
+    /// Value over `episodes`, all of which are relevant; at least one.
     #[must_use]
     pub fn value(self, episodes: &[&Episode]) -> f64 {
         let mean = |of: &dyn Fn(&Episode) -> f64| {
@@ -145,18 +145,18 @@ impl Metric {
     }
 }
 
-/// A metric's value with its interval.
+/// Value of a metric with its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Figure {
-    /// Its value; none without an episode.
+    /// Value; null without an episode.
     pub mean: Option<f64>,
-    /// 95 % interval by bootstrap over episodes; none below two of them.
+    /// 95 % interval (bootstrap over episodes); null below two episodes.
     pub ci95: Option<[f64; 2]>,
-    /// Episodes.
+    /// Number of episodes.
     pub n: usize,
 }
 
-/// Every metric of `episodes`, by name.
+/// Values of all metrics over `episodes`, by name.
 #[must_use]
 pub fn summarise<'a>(
     episodes: impl IntoIterator<Item = &'a Episode> + Clone,

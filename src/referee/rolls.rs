@@ -1,11 +1,11 @@
-//! Where the ball's velocity changes suddenly: the most likely division of its track into free rolls.
+//! Segmentation of the ball's track into free rolls: most likely times of sudden velocity changes.
 //!
-//! Between impacts the ball rolls, x' = v, v' = -a v/|v| + w, with w white noise for what the model
-//! leaves out. An impact between two frames gives it any velocity and leaves its position. Every
-//! division of the track into rolls then has a likelihood, by one Kalman filter per time of the last
-//! impact; the most likely is found by dynamic programming (Fearnhead and Liu, "On-line inference for
-//! multiple changepoint problems", J. R. Stat. Soc. B 69, 2007), with few divisions kept per frame.
-//! A frame that fits nothing costs what a position anywhere on the board would.
+//! Between impacts the ball rolls, x' = v, v' = -a v/|v| + w, with white noise w for unmodelled
+//! effects. An impact between two frames changes the velocity arbitrarily and keeps the position.
+//! Every segmentation then has a likelihood, by one Kalman filter per time of the last impact.
+//! Dynamic programming finds the most likely one (Fearnhead and Liu, "On-line inference for
+//! multiple changepoint problems", J. R. Stat. Soc. B 69, 2007), with few hypotheses kept per
+//! frame. An outlier costs as much as a uniform position on the board.
 //!
 //! Both axes have the same noise, so one covariance serves both.
 
@@ -17,55 +17,57 @@ use std::ops::Range;
 
 /// Rolling resistance (m/s^2): coefficient 0.008 times gravity, a steel ball on painted wood.
 const ROLLING: f64 = 0.08;
-/// Slower than this (m/s) the ball may as well stand.
+/// Speed below which the ball counts as at rest (m/s).
 const STANDING: f64 = 0.02;
-/// Spectral density of what the model leaves out (m^2/s^3).
+/// Spectral density of unmodelled accelerations (m^2/s^3).
 const UNMODELLED: f64 = 1e-3;
-/// The same in the first frames after an impact, when the ball may slide before it rolls.
+/// The same in the first frames after an impact, when the ball may still slide.
 const UNMODELLED_YOUNG: f64 = 4e-3;
-/// How long that may last (s).
+/// Duration of that phase (s).
 const YOUNG: f64 = 0.1;
 /// Standard deviation of each component of the velocity after an impact (m/s).
 const SPREAD_AFTER: f64 = 0.8;
-/// Negative logarithm of the chance of an impact in one frame, with something near and in the open.
+/// Negative log-probability of an impact in one frame, near an obstacle and in the open.
 const COST_NEAR: f64 = 3.0;
 const COST_OPEN: f64 = 13.0;
-/// Over how much distance the first becomes the second (m), and where that begins.
+/// Length over which the first value changes into the second (m), and distance at which that
+/// begins.
 const COST_OVER: f64 = 0.008;
 const NEAR: f64 = 0.004;
-/// The same for a bounce of a ball that comes to a wall, which it does where it is this near (m).
+/// The same for a bounce of a ball that reaches a wall, within this distance (m).
 const COST_BOUNCE: f64 = 1.0;
 const AT_WALL: f64 = 0.001;
-/// Restitution of walls as far as it matters here, and how little is known of the velocity after a
-/// bounce: at rest (m/s), and as a share of the speed that came.
+/// Prior of the velocity after a bounce: restitution, and its standard deviation at rest (m/s) and
+/// relative to the incoming speed.
 const USUAL_BOUNCE: f64 = 0.75;
 const BOUNCE_SPREAD: [f64; 2] = [0.02, 0.2];
-/// Negative logarithm of the chance that a frame's ball is somewhere else.
+/// Negative log-probability of an outlier.
 const COST_ASTRAY: f64 = 7.0;
-/// Divisions kept per frame, and how much less likely (nats) they may be than the best.
+/// Number of hypotheses kept per frame, and their maximum loss of log-likelihood relative to the
+/// best (nats).
 const KEPT: usize = 8;
 const WORST: f64 = 18.0;
 
-/// One believed position of the ball.
+/// One accepted position of the ball.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    /// Since the recording began (s).
+    /// Time since the recording began (s).
     pub(super) time: f64,
     pub(super) position: Vector,
     /// Left and right striker at that time.
     pub(super) strikers: [Option<Vector>; 2],
 }
 
-/// A part of the track without pause, and where its velocity changes.
+/// A part of the track without gaps, with the times of its velocity changes.
 #[derive(Debug, Clone)]
 pub(super) struct Stretch {
-    /// Samples of the stretch that fit, in order.
+    /// Accepted samples of the stretch, in order.
     pub(super) samples: Vec<Sample>,
-    /// Each the index of the first sample after a change; increasing.
+    /// Index of the first sample after each change; increasing.
     pub(super) changes: Vec<usize>,
 }
 
-/// Cuts `samples` at pauses longer than `rules.longest_gap` and divides each stretch into rolls.
+/// Split `samples` at gaps longer than `rules.longest_gap` and segment each stretch into rolls.
 /// `noise` is the standard deviation of one coordinate (m).
 pub(super) fn divide(samples: &[Sample], noise: f64, rules: &Rules) -> Vec<Stretch> {
     stretches(samples, rules.longest_gap)
@@ -88,22 +90,22 @@ fn stretches(samples: &[Sample], longest_gap: f64) -> Vec<Range<usize>> {
     found
 }
 
-/// Place and velocity with their common covariance, and how the division came to be.
+/// A hypothesis: position and velocity with their common covariance, and its history.
 #[derive(Debug, Clone, Copy)]
 struct Belief {
     position: Vector,
     velocity: Vector,
     /// Variances of position and velocity, and their covariance, of each axis.
     covariance: [f64; 3],
-    /// Negative log-likelihood so far.
+    /// Negative log-likelihood up to here.
     cost: f64,
     /// Time of the last change.
     since: f64,
-    /// Where its history ends in `Division::history`.
+    /// Index of the end of its history in `Division::history`.
     history: u32,
 }
 
-/// What happened at a sample, and what happened before.
+/// Result of a sample, and link to the previous one.
 #[derive(Debug, Clone, Copy)]
 struct Step {
     sample: u32,
@@ -122,7 +124,7 @@ const NO_HISTORY: u32 = u32::MAX;
 struct Division<'a> {
     variance: f64,
     rules: &'a Rules,
-    /// Negative logarithm of the density of a position anywhere on the board.
+    /// Negative log density of a uniform position on the board.
     anywhere: f64,
     beliefs: Vec<Belief>,
     next: Vec<Belief>,
@@ -159,7 +161,7 @@ impl<'a> Division<'a> {
         self.finish(samples)
     }
 
-    /// Takes in sample `at`.
+    /// Process sample `at`.
     fn advance(&mut self, samples: &[Sample], at: usize) {
         let (before, now) = (&samples[at - 1], &samples[at]);
         let dt = now.time - before.time;
@@ -169,7 +171,7 @@ impl<'a> Division<'a> {
             let belief = self.beliefs[idx];
             let rolled = roll(&belief, now.time, dt);
             let kept = self.measured(&rolled, now.position);
-            // Straight on through a frame of something else, where nothing else explains it.
+            // Skip an outlier that no hypothesis explains.
             if belief.cost + self.anywhere + COST_ASTRAY < kept.cost {
                 let history = self.remember(at, StepKind::Astray, belief.history);
                 let cost = belief.cost + self.anywhere + COST_ASTRAY;
@@ -196,14 +198,14 @@ impl<'a> Division<'a> {
         (self.history.len() - 1) as u32
     }
 
-    /// The belief after an impact somewhere between the frames, with `now` taken in.
+    /// Hypothesis of an impact between the frames, updated with `now`.
     fn struck(&self, belief: &Belief, now: &Sample, dt: f64) -> Belief {
         let spread = SPREAD_AFTER * SPREAD_AFTER;
         let [position, velocity, both] = belief.covariance;
         let half = 0.5 * dt;
         let moved = position + half * (2.0 * both + half * velocity);
-        // Of the mean square of a time that is anywhere in the frame: a twelfth for the way before it,
-        // a third for the way after it.
+        // Mean squares of a uniform time within the frame: a twelfth for the path before it, a
+        // third for the path after it.
         let speed = length(belief.velocity);
         let unknown = dt * dt * (speed * speed / 24.0 + spread / 3.0);
         let prior = Belief {
@@ -217,8 +219,8 @@ impl<'a> Division<'a> {
         self.measured(&prior, now.position)
     }
 
-    /// The belief after a bounce at the wall beyond which it `rolled`, with `now` taken in; `None` where
-    /// there is none.
+    /// Hypothesis of a bounce at the wall beyond which `rolled` is, updated with `now`; `None`
+    /// without such a wall.
     fn bounced(&self, rolled: &Belief, now: &Sample) -> Option<Belief> {
         let reach = self.rules.reach();
         let beyond = |axis: usize| rolled.position[axis].abs() - reach[axis];
@@ -239,7 +241,7 @@ impl<'a> Division<'a> {
         Some(self.measured(&bounced, now.position))
     }
 
-    /// Impacts are likely near walls, strikers and cups.
+    /// Cost of an impact: low near walls, strikers and cups.
     fn cost_of_impact(&self, before: Vector, now: &Sample) -> f64 {
         let clearance = self.clearance(before, now).min(self.clearance(now.position, now));
         let open = ((clearance - NEAR) / COST_OVER).clamp(0.0, 1.0);
@@ -258,7 +260,7 @@ impl<'a> Division<'a> {
         wall.min(striker)
     }
 
-    /// The belief with a measured position taken in.
+    /// Update with a measured position.
     fn measured(&self, belief: &Belief, position: Vector) -> Belief {
         let [pp, vv, pv] = belief.covariance;
         let total = pp + self.variance;
@@ -274,7 +276,7 @@ impl<'a> Division<'a> {
         }
     }
 
-    /// Keeps the likeliest.
+    /// Keep the most likely hypotheses.
     fn prune(&mut self) {
         self.next.sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost));
         let worst = self.next.first().map_or(0.0, |best| best.cost) + WORST;
@@ -297,7 +299,7 @@ impl<'a> Division<'a> {
             at = step.before;
         }
         changes.reverse();
-        // Indices among the samples that are kept.
+        // Indices among the accepted samples.
         let mut kept_before = Vec::with_capacity(samples.len() + 1);
         let mut count = 0;
         for astray in &astray {
@@ -312,7 +314,7 @@ impl<'a> Division<'a> {
     }
 }
 
-/// A free roll of `dt` to `now`.
+/// Predict a free roll of `dt` to `now`.
 fn roll(belief: &Belief, now: f64, dt: f64) -> Belief {
     let [pp, vv, pv] = belief.covariance;
     let young = now - belief.since < YOUNG;

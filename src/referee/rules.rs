@@ -5,36 +5,36 @@ use crate::{
     recording::topic::Player,
 };
 
-/// What counts as what. The defaults are those of the definitions on the room's front page.
+/// Thresholds of the analysis. The defaults are those of the definitions in [`crate::referee`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rules {
-    /// Playing field; from the recording's metadata where it says so.
+    /// Playing field; from the recording's metadata if present.
     pub board: BoardSize,
-    /// Least change of the ball's velocity that is a touch or a bounce (m/s). Below it a ball that
-    /// rests against something would touch it all the time, and 0.5 mm of camera noise over ten
-    /// frames is 0.007 m/s of velocity.
+    /// Minimum velocity change of a touch or a bounce (m/s). With a lower threshold a resting ball
+    /// in contact would cause touches all the time. 0.5 mm of camera noise over ten frames
+    /// corresponds to 0.007 m/s.
     pub least_impulse: f64,
-    /// Impulses of one striker closer than this belong to one touch (s).
+    /// Maximum interval between impulses of one striker that belong to one touch (s).
     pub same_touch: f64,
-    /// Nearer than this to touching (m), the ball has not left the striker, and the touch goes on.
+    /// Maximum gap between ball and striker while a touch continues (m).
     pub still_touching: f64,
-    /// A ball is coming or leaving when its speed along the board is at least this (m/s).
+    /// Minimum speed along the board of an approaching or departing ball (m/s).
     pub least_approach: f64,
-    /// In the cup at least so long is in (s). Upstream counts 30 frames, 0.25 s; a ball can circle on
-    /// the rim longer than that.
+    /// Minimum time in the cup for a goal (s). Upstream counts 30 frames, 0.25 s; a ball can circle
+    /// on the rim for longer.
     pub goal_stay: f64,
-    /// The striker's centre over its own cup so long is in (s), as upstream.
+    /// Minimum time of a striker's centre over its own cup for an own goal (s), as upstream.
     pub striker_stay: f64,
-    /// Unseen for so long is lost (s).
+    /// Time without a detection after which the ball is lost (s).
     pub lost_after: f64,
-    /// Lying still for so long ends the episode (s).
+    /// Rest time of the ball after which the episode ends (s).
     pub timeout_after: f64,
-    /// A ball that stays within this of one position lies still (m).
+    /// Maximum displacement of a resting ball (m).
     pub still_within: f64,
-    /// Longest pause of the ball's track over which events are told (s).
+    /// Longest gap of the ball's track across which events are inferred (s).
     pub longest_gap: f64,
-    /// How exactly the distances between ball, strikers and walls are known (m, one standard
-    /// deviation): calibration and parallax, beside the camera's noise.
+    /// Standard deviation of the distances between ball, strikers and walls (m), in addition to
+    /// camera noise: calibration and parallax.
     pub place_tolerance: f64,
 }
 
@@ -65,7 +65,7 @@ pub(super) fn side(player: Player) -> f64 {
     }
 }
 
-/// The player across the board.
+/// The opposite player.
 pub(super) fn opponent(player: Player) -> Player {
     match player {
         Player::Left => Player::Right,
@@ -80,7 +80,7 @@ impl Rules {
         [self.board.short_side / 2.0 - BALL_RADIUS, self.board.long_side / 2.0 - BALL_RADIUS]
     }
 
-    /// Distance between the centres of ball and striker when they touch (m).
+    /// Distance between the centres of ball and striker at contact (m).
     #[must_use]
     pub fn touching(&self) -> f64 {
         BALL_RADIUS + STRIKER_RADIUS
@@ -98,7 +98,7 @@ impl Rules {
         CUP_RADIUS
     }
 
-    /// Whose cup `position` lies over, if any.
+    /// Owner of the cup under `position`, if any.
     #[must_use]
     pub fn cup_at(&self, position: [f64; 2]) -> Option<Player> {
         Player::BOTH.into_iter().find(|player| {

@@ -1,9 +1,9 @@
-//! From what the camera said to what can be believed.
+//! Rejection of false detections.
 //!
-//! The detector can miss the ball, name a striker the ball, repeat an old picture, or deliver one twice.
-//! Each is recognised by what cannot be: a ball inside a striker, a striker faster than any drive, a
-//! moving ball at exactly the same position. What cannot be is left out here, so that nothing later has
-//! to explain it.
+//! The detector can miss the ball, take a striker for the ball, repeat an old frame, or deliver one
+//! twice. Each is detected by a physical contradiction: a ball inside a striker, a striker faster
+//! than any drive, a moving ball at exactly the same position. Such detections are removed here, so
+//! that later stages need not explain them.
 
 use super::{
     frames::Frame,
@@ -11,37 +11,37 @@ use super::{
     vector::{Vector, distance, length, minus, times},
 };
 
-/// Faster than this (m/s) no striker moves; the drives' limit is 0.4 m/s per axis, hands are faster.
+/// Maximum speed of a striker (m/s); the drives' limit is 0.4 m/s per axis, hands are faster.
 const FASTEST_STRIKER: f64 = 3.0;
-/// After so long (s) a striker may be anywhere.
+/// Gap after which a striker may be anywhere (s).
 const STRIKER_FORGOTTEN: f64 = 0.25;
-/// A centre that lies this much deeper than touching (m) cannot be the ball's.
+/// Overlap with a striker beyond which a detection is not the ball (m).
 const DEEPEST_OVERLAP: f64 = 0.006;
-/// Outside the field by more than this (m) is not the ball.
+/// Distance outside the field beyond which a detection is not the ball (m).
 const OUTSIDE: f64 = 0.02;
-/// A ball that should have moved by this (m) and has exactly the same position is an old picture.
+/// Expected displacement for which an exactly equal position is a repeated frame (m).
 const FROZEN: f64 = 0.003;
-/// Frames from which the speed before a standstill is told.
+/// Number of frames for the speed before a standstill.
 const BEFORE: usize = 4;
 /// Longest span of these frames (s).
 const BEFORE_SPAN: f64 = 0.1;
 /// Weights of a quadratic through seven frames at its middle (Savitzky and Golay, 1964).
 const SMOOTHING: [f64; 7] = [-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0];
 
-/// One frame of which everything can be believed.
+/// One frame without false detections.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
-    /// Since the recording began (s).
+    /// Time since the recording began (s).
     pub(super) time: f64,
-    /// The ball, where it was truly seen (m).
+    /// Ball position (m), if correctly detected.
     pub(super) ball: Option<Vector>,
-    /// Left and right striker, smoothed, where they were seen (m).
+    /// Left and right striker, smoothed, if detected (m).
     pub(super) strikers: [Option<Vector>; 2],
-    /// Whether the detector said anything about the ball, be it wrong.
+    /// True if the detector reported a ball, correct or not.
     pub(super) said: bool,
 }
 
-/// The frames in order of time, each once, with what cannot be left out.
+/// Frames in order of time, each once, without false detections.
 pub(super) fn believe(frames: &[Frame], rules: &Rules) -> Vec<Sight> {
     let mut sights = in_order(frames, rules);
     for player in 0..2 {
@@ -93,7 +93,7 @@ fn usual_period(frames: &[&Frame]) -> f64 {
     crate::stats::median(&steps).unwrap_or(0.0)
 }
 
-/// Leaves out what a striker could only have reached faster than it can move.
+/// Remove detections that a striker could only have reached faster than it can move.
 fn drop_wild_strikers(sights: &mut [Sight], player: usize) {
     let mut last: Option<(f64, Vector)> = None;
     for sight in sights {
@@ -110,7 +110,7 @@ fn drop_wild_strikers(sights: &mut [Sight], player: usize) {
     }
 }
 
-/// Leaves out a ball that lies where a striker is: the detector took one for the other.
+/// Remove a ball at the position of a striker: the detector confused the two.
 fn drop_swapped_balls(sights: &mut [Sight], rules: &Rules) {
     let mut known: [Option<(f64, Vector)>; 2] = [None; 2];
     for sight in sights {
@@ -127,7 +127,7 @@ fn drop_swapped_balls(sights: &mut [Sight], rules: &Rules) {
     }
 }
 
-/// Leaves out exact repetitions of a moving ball's position that end with a jump.
+/// Remove exact repetitions of a moving ball's position that end with a jump.
 fn drop_frozen_balls(sights: &mut [Sight]) {
     let seen: Vec<usize> = (0..sights.len()).filter(|at| sights[*at].ball.is_some()).collect();
     let mut first = 0;
@@ -144,7 +144,8 @@ fn drop_frozen_balls(sights: &mut [Sight]) {
     }
 }
 
-/// Whether the ball at `seen[first..end]`, all at one position, was moving before and is elsewhere after.
+/// Return whether the ball at `seen[first..end]`, all at one position, was moving before and is
+/// elsewhere after.
 fn is_frozen(sights: &[Sight], seen: &[usize], first: usize, end: usize) -> bool {
     let ball = |at: usize| sights[seen[at]].ball.unwrap_or_default();
     let time = |at: usize| sights[seen[at]].time;
@@ -159,7 +160,7 @@ fn is_frozen(sights: &[Sight], seen: &[usize], first: usize, end: usize) -> bool
     FROZEN < expected && FROZEN.max(0.5 * expected) < jump
 }
 
-/// The striker by a quadratic through seven frames; as seen where not all of them are there.
+/// Striker position by a quadratic through seven frames; unsmoothed if some of them are missing.
 fn smoothed(sights: &[Sight], at: usize, player: usize) -> Option<Vector> {
     let seen = sights[at].strikers[player]?;
     let half = SMOOTHING.len() / 2;

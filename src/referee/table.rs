@@ -1,4 +1,4 @@
-//! One row per episode, for other software.
+//! Table of episodes, one row each, for other software.
 
 use super::document::{EpisodeScore, Score};
 use crate::recording::{
@@ -7,10 +7,10 @@ use crate::recording::{
 };
 use std::path::Path;
 
-/// Writes the episodes of `score` as `path`.
+/// Write the episodes of `score` to `path`.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When the file cannot be written.
 pub fn write_episodes(
     score: &Score,
     path: &Path,

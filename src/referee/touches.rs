@@ -1,4 +1,4 @@
-//! Impulses of strikers to touches, and what each touch was.
+//! Grouping of striker impulses into touches, and their classification.
 
 use super::{
     event::{Event, EventKind},
@@ -9,8 +9,8 @@ use super::{
 };
 use crate::{board::CUP_RADIUS, recording::topic::Player};
 
-/// Events of `impacts`: touches, each of one or several impulses, and wall bounces. Their episode is
-/// set later.
+/// Events of `impacts`: touches, each of one or several impulses, and wall bounces. Their episode
+/// is set later.
 pub(super) fn touches_and_bounces(
     impacts: &[Impact],
     sights: &[Sight],
@@ -58,7 +58,7 @@ fn event(impact: &Impact, kind: EventKind, player: Option<Player>) -> Event {
     }
 }
 
-/// Whether the ball has not left `player`'s striker between `last` and `now`.
+/// Return whether the ball has stayed with `player`'s striker between `last` and `now`.
 fn is_same_touch(last: f64, now: f64, player: Player, sights: &[Sight], rules: &Rules) -> bool {
     if now - last < rules.same_touch {
         return true;
@@ -71,7 +71,7 @@ fn is_same_touch(last: f64, now: f64, player: Player, sights: &[Sight], rules: &
     })
 }
 
-/// Decides what a touch was: at most one of strike and block.
+/// Classify a touch: at most one of strike and block.
 fn analyze(touch: &mut Event, rules: &Rules) {
     let Some(player) = touch.player else { return };
     let forward = [0.0, -side(player)];
@@ -86,7 +86,7 @@ fn analyze(touch: &mut Event, rules: &Rules) {
     }
 }
 
-/// Whether the straight way from `position` along `velocity` leads over the cup at `cup`.
+/// Return whether the straight path from `position` along `velocity` passes over the cup at `cup`.
 fn leads_over(position: Vector, velocity: Vector, cup: Vector) -> bool {
     let way = minus(cup, position);
     let speed = length(velocity);

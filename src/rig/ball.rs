@@ -1,12 +1,12 @@
-//! The ball: rolling, walls, strikers, cups.
+//! Ball dynamics: rolling, walls, strikers, cups.
 //!
 //! Rolling without slip: deceleration `c g + b v + k v^2` against the motion, and `5/7 g` times the
-//! slope of the board (tilt, crown). Impacts: along the normal `u' = -e u` with `e = e0 - e1 u`; along
-//! the tangent a Coulomb impulse of at most `mu` times the normal one and at most 2/7 of what would
-//! end the sliding (a solid sphere that leaves the contact rolling). After a hit the ball may slide
-//! until it rolls again, and the magnets may draw it. Spin about the vertical is left out. Motion
-//! within a step is
-//! swept: the earliest contact is found by solving for its time, so nothing is tunnelled through.
+//! slope of the board (tilt, crown). Impacts: `u' = -e u` along the normal with `e = e0 - e1 u`.
+//! Along the tangent a Coulomb impulse of at most `mu` times the normal one, and at most 2/7 of the
+//! impulse that would end the sliding (a solid sphere that leaves the contact rolling). After an
+//! impact the ball may slide until it rolls again, and the magnets may attract it. Spin about the
+//! vertical is neglected. Motion within a step is swept: the earliest contact is found by solving
+//! for its time, so no contact is missed.
 
 use super::{
     config::{BallConfig, CupConfig, Launch},
@@ -15,25 +15,25 @@ use super::{
 use crate::seed::Stream;
 
 const GRAVITY: f64 = 9.81;
-/// Share of gravity along a slope that accelerates a solid sphere.
+/// Fraction of gravity along a slope that accelerates a solid sphere.
 const ROLLING: f64 = 5.0 / 7.0;
-/// Share of the sliding that a sphere can lose before it rolls.
+/// Fraction of the slip that a sphere can lose before it rolls.
 const GRIP: f64 = 2.0 / 7.0;
-/// Slower impacts do not bounce (m/s).
+/// Normal speed below which an impact does not bounce (m/s).
 const LEAST_BOUNCE: f64 = 0.005;
-/// Impacts within one step; the rest of the step is then lost.
+/// Maximum number of impacts within one step; the rest of the step is then lost.
 const MOST_IMPACTS: usize = 8;
-/// A slower ball lies still, for people (m/s).
+/// Speed below which the ball counts as at rest (m/s).
 const STILL: f64 = 0.005;
 
-/// The ball and what surrounds it.
+/// State of the ball, with its surroundings.
 #[derive(Debug, Clone)]
 pub(super) struct Ball {
-    /// Where it is (m); `None` while there is none.
+    /// Position (m); `None` without a ball.
     pub(super) place: Option<[f64; 2]>,
-    /// Its velocity (m/s).
+    /// Velocity (m/s).
     pub(super) velocity: [f64; 2],
-    /// Balls that went into the cup of y < 0 and of y > 0.
+    /// Number of balls in the cup of y < 0 and of y > 0.
     pub(super) goals: [u32; 2],
     in_cup_s: Option<f64>,
     still_since_s: Option<f64>,
@@ -41,16 +41,16 @@ pub(super) struct Ball {
     config: BallConfig,
     cups: CupConfig,
     half_board: [f64; 2],
-    /// Least and largest coordinates of its centre (m).
+    /// Lower and upper limit of its centre (m).
     reach: [[f64; 2]; 2],
-    /// Speed of its surface against its centre at the board, reversed: equal to the velocity when it
-    /// rolls (m/s).
+    /// Surface velocity relative to the centre at the board, reversed (m/s): equals the velocity
+    /// when rolling.
     spin: [f64; 2],
     launches: Stream,
     serves: Stream,
 }
 
-/// What is hit first.
+/// Obstacle of the next impact.
 enum Obstacle {
     Wall { axis: usize },
     Peg { idx: usize },
@@ -89,7 +89,7 @@ impl Ball {
         ball
     }
 
-    /// Advances by `dt` (s) until `now_s`; the strikers have already moved and take their share of
+    /// Advance by `dt` (s) until `now_s`; the strikers have already moved and take their part of
     /// every impact.
     pub(super) fn step(&mut self, now_s: f64, dt: f64, pegs: &mut [Peg; 2]) {
         self.handle(now_s);
@@ -120,7 +120,8 @@ impl Ball {
         self.enter_cup(place, now_s);
     }
 
-    /// People: putting the ball back after a goal or when it lies still, rolling it now and then.
+    /// Actions of people: return the ball after a goal or when it is at rest, and roll it
+    /// periodically.
     fn handle(&mut self, now_s: f64) {
         let still = self.place.is_some()
             && self.in_cup_s.is_none()
@@ -197,7 +198,7 @@ impl Ball {
         let slip = [0, 1].map(|axis| self.velocity[axis] - self.spin[axis]);
         let size = slip[0].hypot(slip[1]);
         let change = self.config.sliding_friction * GRAVITY * dt;
-        // 7/2 of the change is what the slip loses; rolling begins when that is all of it.
+        // The slip decreases by 7/2 of the change; rolling begins when it is zero.
         if self.config.sliding_friction == 0.0 {
             self.spin = self.velocity;
         } else if 0.0 < size {
@@ -209,7 +210,7 @@ impl Ball {
         }
     }
 
-    /// The magnet of a striker draws the ball.
+    /// Attraction of the ball by the magnet of a striker.
     fn attract(&mut self, place: [f64; 2], dt: f64, pegs: &[Peg; 2]) {
         let config = &self.config;
         if config.peg_attraction_m_per_s2 == 0.0 {
@@ -251,11 +252,11 @@ impl Ball {
         first
     }
 
-    /// Solves `|d + w t| = R` for the first `t` in `[0, left]`, with `d` from striker to ball.
+    /// Solve `|d + w t| = R` for the first `t` in `[0, left]`, with `d` from striker to ball.
     fn time_to_peg(&self, place: [f64; 2], left: f64, peg: &Peg) -> Option<f64> {
         let touch = self.config.radius_m + peg.radius();
         let w = [0, 1].map(|axis| self.velocity[axis] - peg.velocity[axis]);
-        // The striker stands where it will be at the end of the step.
+        // The striker is at its position of the end of the step.
         let d = [0, 1].map(|axis| place[axis] - (peg.position[axis] - peg.velocity[axis] * left));
         let closing = d[0] * w[0] + d[1] * w[1];
         if 0.0 <= closing {
@@ -328,7 +329,7 @@ fn draw(stream: &mut Stream, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * f64::from(stream.uniform_f32(0.0, 1.0))
 }
 
-/// A velocity (m/s) in a random direction, `least` to `top` fast.
+/// Velocity (m/s) in a random direction, with a speed from `least` to `top`.
 fn push(stream: &mut Stream, least: f64, top: f64) -> [f64; 2] {
     let speed = draw(stream, [least, top]);
     let angle = draw(stream, [0.0, std::f64::consts::TAU]);

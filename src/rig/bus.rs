@@ -1,20 +1,20 @@
-//! One CAN bus: a frame at a time, the lowest id first, each as long as its bits take.
+//! CAN bus model: one frame at a time, the lowest id first, with the duration of its bits.
 //!
-//! A frame of `n` data bytes takes `overhead + 8 n` bits, 111 nominal with eight bytes (stuffing bits
-//! are left out). Of the frames that are ready when the bus becomes free the lowest id wins, a data
-//! frame before a remote one. A drive holds one frame of each id: while it waits for the bus, the next
-//! one of that id replaces it, so an overloaded bus thins out the messages with high ids. The host's
-//! frames leave in the order in which they were sent, as from one queue.
+//! A frame of `n` data bytes takes `overhead + 8 n` bits, nominally 111 with eight bytes (stuff
+//! bits are neglected). Of the frames that are ready when the bus becomes free the lowest id wins,
+//! a data frame before a remote one. A drive holds one frame per id: while it waits for the bus,
+//! the next one of that id replaces it. An overloaded bus therefore drops messages with high ids.
+//! The host's frames leave in the order of sending, as from one queue.
 
 use super::config::BusConfig;
 use crate::can::{Frame, FrameKind};
 
-/// Who sent a frame.
+/// Sender of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Sender {
     /// The program.
     Host,
-    /// A drive, or a foreign controller.
+    /// A drive, or another controller.
     Rig,
 }
 
@@ -25,14 +25,14 @@ struct Waiting {
     sender: Sender,
 }
 
-/// The bus.
+/// State of the bus.
 #[derive(Debug, Clone)]
 pub(super) struct Bus {
     bit_ns: f64,
     overhead_bits: f64,
     free_ns: u64,
     waiting: Vec<Waiting>,
-    /// Frames of drives that were replaced before they could be sent.
+    /// Number of frames of drives that were replaced before they were sent.
     pub(super) replaced: u64,
 }
 
@@ -47,7 +47,7 @@ impl Bus {
         }
     }
 
-    /// Puts a frame that is ready at `ready_ns` among those that wait.
+    /// Queue a frame that is ready at `ready_ns`.
     pub(super) fn offer(&mut self, frame: Frame, ready_ns: u64, sender: Sender) {
         if sender == Sender::Rig
             && let Some(older) =
@@ -60,17 +60,17 @@ impl Bus {
         self.waiting.push(Waiting { ready_ns, frame, sender });
     }
 
-    /// Frames of the host that still wait.
+    /// Number of frames of the host in the queue.
     pub(super) fn queued_by_host(&self) -> usize {
         self.waiting.iter().filter(|waiting| waiting.sender == Sender::Host).count()
     }
 
-    /// Forgets what the host has queued.
+    /// Drop the queued frames of the host.
     pub(super) fn flush_host(&mut self) {
         self.waiting.retain(|waiting| waiting.sender != Sender::Host);
     }
 
-    /// The next frame that has been sent by `until_ns`, and when its last bit was.
+    /// The next frame that was sent by `until_ns`, with the time of its last bit.
     pub(super) fn next_sent(&mut self, until_ns: u64) -> Option<(u64, Frame, Sender)> {
         let earliest = self.waiting.iter().map(|waiting| waiting.ready_ns).min()?;
         let begin = earliest.max(self.free_ns);

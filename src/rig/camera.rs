@@ -1,10 +1,10 @@
-//! The camera above the board: when it looks, what it sees, when that arrives.
+//! Camera model: capture, detection errors, latency.
 //!
-//! A picture is taken at each multiple of the period. Each object is seen at
-//! `R (p (1 + k |p|^2) s (1 + parallax)) + offset + noise`, rounded to the quantisation, with `R` the
-//! rotation and `s` the scales; it may be missed or be an outlier. The datagram is one JSON object in
-//! the board frame: `{"capture_time_ns":N,"ball":{"x":m,"y":m},"left":...,"right":...}`, `null` for
-//! what was not seen.
+//! A frame is captured at each multiple of the period. An object at position `p` is detected at `R
+//! (p (1 + k |p|^2) s (1 + parallax)) + offset + noise`, rounded to the quantization, with the
+//! rotation `R` and the scales `s`. Detections may be missing or outliers. The datagram is one JSON
+//! object in the board frame: `{"capture_time_ns":N,"ball":{"x":m,"y":m},"left":...,"right":...}`,
+//! with `null` for an undetected object.
 
 use super::config::{CameraConfig, StampMode};
 use crate::{seed::Stream, units::Nanos};
@@ -12,19 +12,19 @@ use std::{collections::VecDeque, io::Write as _};
 
 const NANOS: f64 = 1e9;
 
-/// Position (m) and velocity (m/s) of something that can be seen.
+/// Position (m) and velocity (m/s) of a visible object.
 pub(super) type Sight = Option<([f64; 2], [f64; 2])>;
 
-/// The camera and its datagrams on their way.
+/// The camera with its datagrams in transit.
 #[derive(Debug, Clone)]
 pub(super) struct Camera {
     config: CameraConfig,
     start: Nanos,
     pictures: u64,
     next_capture_ns: u64,
-    /// Whether it takes no pictures (a fault).
+    /// True if a fault stops it.
     pub(super) stopped: bool,
-    /// Datagrams by time of arrival (ns since the start).
+    /// Datagrams by arrival time (ns since the start).
     waiting: VecDeque<(u64, Vec<u8>)>,
     noise: Stream,
     timing: Stream,
@@ -46,14 +46,14 @@ impl Camera {
         }
     }
 
-    /// When what the next picture shows is the case (ns since the start): half of the exposure
-    /// before its capture.
+    /// Time of the scene in the next frame (ns since the start): half of the exposure before its
+    /// capture.
     pub(super) fn next_ns(&self) -> u64 {
         let half_ns = (self.config.exposure_s / 2.0 * NANOS) as u64;
         self.next_capture_ns.saturating_sub(half_ns)
     }
 
-    /// Takes the picture that is due, from what is where at `now_ns`: ball, left, right.
+    /// Capture the frame that is due, from the objects at `now_ns`: ball, left, right.
     pub(super) fn take(&mut self, now_ns: u64, sights: [Sight; 3]) {
         let (capture_ns, shown_ns) = (self.next_capture_ns, self.next_ns());
         self.pictures += 1;
@@ -82,7 +82,7 @@ impl Camera {
         self.waiting.insert(at, (arrival_ns, datagram));
     }
 
-    /// The next datagram that has arrived by `now_ns`, with its time of arrival.
+    /// The next datagram that has arrived by `now_ns`, with its arrival time.
     pub(super) fn arrived(&mut self, now_ns: u64) -> Option<(u64, Vec<u8>)> {
         self.waiting.pop_front_if(|(arrival, _)| *arrival <= now_ns)
     }
@@ -130,8 +130,8 @@ impl Camera {
     }
 }
 
-/// A standard normal number: the sum of twelve uniform ones less six, which needs no logarithm and
-/// so is the same on every machine; it never exceeds 6.
+/// Standard normal random number: the sum of twelve uniform ones minus six. It needs no logarithm,
+/// so it is the same on every machine; it never exceeds 6.
 fn normal(stream: &mut Stream) -> f64 {
     (0..12).map(|_| f64::from(stream.uniform_f32(0.0, 1.0))).sum::<f64>() - 6.0
 }

@@ -1,10 +1,10 @@
-//! Configuration of the virtual rig: every number of its physics, its drives, its bus, its camera.
+//! Configuration of the virtual rig: all parameters of physics, drives, bus and camera.
 //!
-//! Every field has a default and a range; a file holds only what differs, and a mistyped name is an
-//! error. The defaults are chosen so that the rig reproduces what the KlaskTron paper (RSS 2026)
-//! measured: mean acceleration 6.25 m/s^2, a stop from 0.5 m/s within 77 ms and 2 cm, a reversal in
-//! 111 ms, a striker that lags its magnet by about 4 mm. What the paper does not give (masses,
-//! friction, belts) is an engineering estimate.
+//! Every field has a default and a range; a file contains only the changed fields, and an unknown
+//! name is an error. The defaults reproduce the measurements of the KlaskTron paper (RSS 2026):
+//! mean acceleration 6.25 m/s^2, a stop from 0.5 m/s within 77 ms and 2 cm, a reversal in 111 ms,
+//! and a striker that lags its magnet by about 4 mm. Masses, friction and belts are not in the
+//! paper; they are engineering estimates.
 
 mod ball;
 mod camera;
@@ -26,52 +26,52 @@ use crate::{
 use ranged::ranged;
 use serde::{Deserialize, Serialize};
 
-/// Why a configuration is refused.
+/// Error of a configuration.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// It is no JSON of this form.
-    #[error("the rig's configuration is not understood: {0}")]
+    /// The text is not JSON of this form.
+    #[error("invalid rig configuration: {0}")]
     Syntax(#[from] serde_json::Error),
-    /// The board.
+    /// Error of the board size.
     #[error(transparent)]
     Board(#[from] BoardSizeError),
-    /// A number out of its range.
+    /// A value outside its range.
     #[error("{name} is {value}; it must lie in [{low}, {high}]")]
     OutOfRange {
-        /// Path of the field; its unit is in the name.
+        /// Path of the field, with its unit.
         name: String,
-        /// What was given.
+        /// Value of the field.
         value: f64,
-        /// Least allowed.
+        /// Lower limit.
         low: f64,
-        /// Most allowed.
+        /// Upper limit.
         high: f64,
     },
-    /// Two drives with one node id, or two for one motor.
+    /// Two drives with one node id or for one motor.
     #[error("drives[{idx}] {conflict}; every drive needs a node id and a motor of its own")]
     Seat {
-        /// Position in the list.
+        /// Index in the list.
         idx: usize,
-        /// What it collides with.
+        /// Description of the conflict.
         conflict: &'static str,
     },
-    /// A fault of a drive that there is not.
+    /// A fault of a drive that does not exist.
     #[error("{path}node is {node}, but no entry of drives has this node")]
     NoSuchNode {
-        /// Where.
+        /// Path of the fault.
         path: String,
-        /// The node.
+        /// Node id of the fault.
         node: u8,
     },
-    /// The step is too long for the springs of the configuration.
+    /// The step is too long for the stiffest spring of the configuration.
     #[error(
         "step_s is {step_s}; the stiffest spring ({spring}) needs at most {longest_s:.2e} s to stay \
          stable"
     )]
     Unstable {
-        /// The step (s).
+        /// Step (s).
         step_s: f64,
-        /// Which spring.
+        /// Name of the spring.
         spring: &'static str,
         /// Longest stable step (s).
         longest_s: f64,
@@ -79,36 +79,37 @@ pub enum ConfigError {
 }
 
 ranged! {
-    /// Everything about the rig.
+    /// Configuration of the virtual rig.
     RigConfig {
-        /// Step of the integration and of the drives' control loop (s); the S1's loop runs at 8 kHz.
+        /// Step of the integration and of the drives' control loop (s); the ODrive S1 runs at 8
+        /// kHz.
         step_s: 0.000_125 in [1e-6, 1e-3];
-        /// Belt per motor turn (m); 20 teeth of 2 mm.
+        /// Belt travel per motor turn (m); 20 teeth of 2 mm.
         belt_metres_per_turn: 0.04 in [1e-3, 1.0];
-        /// Friction lost once everything is warm (share of every motor's and rail's friction).
+        /// Fraction of the friction of motors and guides that is lost when warm.
         friction_drift_fraction: 0.0 in [0.0, 0.9];
-        /// Time constant of that warming (s).
+        /// Time constant of warming up (s).
         friction_drift_time_s: 300.0 in [1.0, 1e5];
     }
     other {
-        /// Seed of every random stream.
+        /// Seed of all random streams.
         seed: u64 = 0;
         /// Size of the playing field.
         board: BoardConfig = BoardConfig::default();
         /// The bus.
         bus: BusConfig = BusConfig::default();
-        /// The supply that all drives share.
+        /// Supply shared by all drives.
         supply: SupplyConfig = SupplyConfig::default();
-        /// What all drives have in common.
+        /// Settings common to all drives.
         drive: DriveConfig = DriveConfig::default();
-        /// Which drive turns which motor, and what is its own.
+        /// Assignment of drives to motors, with settings of single drives.
         drives: Vec<Seat> = Seat::klasktron();
         /// The two gantries.
         gantry: PerPlayer<GantryConfig> = PerPlayer {
             left: GantryConfig::at(0.0, -0.10),
             right: GantryConfig::at(0.0, 0.10),
         };
-        /// The two couplings between carriage and striker.
+        /// The two magnetic couplings between carriage and striker.
         magnet: PerPlayer<MagnetConfig> = PerPlayer::default();
         /// The two strikers.
         peg: PerPlayer<PegConfig> = PerPlayer::default();
@@ -118,7 +119,7 @@ ranged! {
         cups: CupConfig = CupConfig::default();
         /// The camera.
         camera: CameraConfig = CameraConfig::default();
-        /// What goes wrong, and when.
+        /// Faults with their times.
         faults: Vec<FaultPlan> = Vec::new();
     }
 }
@@ -134,43 +135,43 @@ ranged! {
 }
 
 ranged! {
-    /// The bus.
+    /// CAN bus.
     BusConfig {
-        /// Bits per frame beside its data: 47 nominal, so 111 with eight bytes.
+        /// Bits per frame in addition to its data: 47 nominal, so 111 with eight bytes.
         overhead_bits: 47.0 in [44.0, 80.0];
-        /// Largest random delay between the end of a frame and the host's time of it (s).
+        /// Maximum random delay between the end of a frame and the host's timestamp (s).
         receive_jitter_s: 0.0 in [0.0, 0.1];
     }
     other {
         /// Nominal bit rate (bit/s).
         bitrate: u32 = 250_000;
-        /// Frames of the host that wait at most; one more is refused as the kernel does.
+        /// Maximum number of queued frames of the host; one more is refused, as by the kernel.
         transmit_queue: u32 = 10;
     }
 }
 
 ranged! {
-    /// The supply.
+    /// Power supply.
     SupplyConfig {
-        /// Without load (V).
+        /// Open-circuit voltage (V).
         open_volts: 24.0 in [0.0, 60.0];
-        /// Inner resistance (ohm); the voltage falls with the current of all drives together.
+        /// Internal resistance (ohm); the voltage falls with the total current of all drives.
         resistance_ohm: 0.05 in [0.0, 10.0];
     }
 }
 
-/// One value for each player.
+/// One value per player.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PerPlayer<T: Default> {
-    /// Of the player who owns y < 0.
+    /// Value of the player who owns y < 0.
     pub left: T,
-    /// Of the player who owns y > 0.
+    /// Value of the player who owns y > 0.
     pub right: T,
 }
 
 impl RigConfig {
-    /// Reads and checks a configuration.
+    /// Read and check a configuration.
     ///
     /// ```
     /// use klasktron::rig::RigConfig;
@@ -181,17 +182,17 @@ impl RigConfig {
     /// ```
     ///
     /// # Errors
-    /// When it is not understood, or a value cannot be.
+    /// When the text is not a configuration, or a value is outside its range.
     pub fn from_json(text: &str) -> Result<Self, ConfigError> {
         let config: Self = serde_json::from_str(text)?;
         config.check()?;
         Ok(config)
     }
 
-    /// Checks every value.
+    /// Check every value.
     ///
     /// # Errors
-    /// At the first value that cannot be.
+    /// The first value outside its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.check_numbers("")?;
         self.board.check_numbers("board.")?;

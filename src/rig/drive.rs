@@ -1,14 +1,14 @@
-//! One simulated ODrive S1 of firmware 0.6.x: messages in, messages and torque out.
+//! Simulation of one ODrive S1 with firmware 0.6.x: messages in, messages and torque out.
 //!
-//! States IDLE and CLOSED_LOOP_CONTROL. Modes are latched when closed loop is entered, so changing
-//! them later has no effect until the next arming. Control of velocity, torque and position, each
-//! with PASSTHROUGH, velocity also with VEL_RAMP; other modes, calibration, homing, trajectories,
-//! endpoints (SDO) and DFU are left out: arming in such a mode, and requests for such states, end
-//! with procedure result INVALID_STATE. The watchdog counts while the drive is armed or arming and is
-//! fed by `Set_Axis_State` and `Set_Input_*`; firmware 0.5.x is fed by every frame to its node, sends
-//! the heartbeat of 0.5.6 and does not answer `Get_Version`. Without current the motor coasts: the
-//! drive has no brake. Source: the facts collected from ODrive's documentation and its users, in
-//! particular that of the watchdog; 0.6.x firmware itself is closed.
+//! States IDLE and CLOSED_LOOP_CONTROL. Modes are latched on entering closed loop, so later changes
+//! have no effect until the next arming. Control of velocity, torque and position, each with
+//! PASSTHROUGH; velocity also with VEL_RAMP. Other modes, calibration, homing, trajectories,
+//! endpoints (SDO) and DFU are not simulated: arming in such a mode, and requests for such states,
+//! end with procedure result INVALID_STATE. The watchdog counts while the drive is armed or arming
+//! and is fed by `Set_Axis_State` and `Set_Input_*`. Firmware 0.5.x is fed by every frame to its
+//! node, sends the heartbeat of 0.5.6 and does not answer `Get_Version`. Without current the motor
+//! coasts: the drive has no brake. Source: ODrive's documentation and reports of its users, in
+//! particular for the watchdog; 0.6.x firmware itself is closed source.
 
 mod control;
 mod report;
@@ -24,20 +24,20 @@ use crate::{
 use report::Cyclic;
 use std::collections::VecDeque;
 
-/// Setpoints that may be on their way through a delayed drive.
+/// Maximum number of setpoints in the delay line of a drive.
 const MOST_DELAYED: usize = 256;
 const NANOS: f64 = 1e9;
 
-/// A frame that a drive wants to send.
+/// A frame ready to be sent.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Outgoing {
-    /// When it is ready (ns since the rig's start).
+    /// Time at which it is ready (ns since the rig's start).
     pub(super) ready_ns: u64,
     /// The frame.
     pub(super) frame: Frame,
 }
 
-/// What the host wants, in the drive's own sense of turning.
+/// Setpoint from the host, in the drive's own direction.
 #[derive(Debug, Clone, Copy, Default)]
 struct Setpoint {
     position_turns: f64,
@@ -45,7 +45,7 @@ struct Setpoint {
     torque: f64,
 }
 
-/// Faults that hold a drive at present.
+/// Active faults of a drive.
 #[derive(Debug, Clone, Copy, Default)]
 #[expect(clippy::struct_excessive_bools, reason = "three independent faults, not states")]
 pub(super) struct DriveFaults {
@@ -55,7 +55,7 @@ pub(super) struct DriveFaults {
     pub(super) fet_celsius: Option<f64>,
 }
 
-/// One drive.
+/// State of one drive.
 #[derive(Debug, Clone)]
 pub(super) struct Drive {
     pub(super) node: u8,
@@ -66,10 +66,10 @@ pub(super) struct Drive {
     errors: u32,
     disarm_reason: u32,
     procedure: ProcedureResult,
-    /// When closed loop is entered (ns), while arming.
+    /// Time of entering closed loop (ns), while arming.
     armed_at_ns: Option<u64>,
     fed_until_ns: u64,
-    /// As asked for, and as latched at the last arming.
+    /// Requested modes, and the modes latched at the last arming.
     modes: (ControlMode, InputMode),
     latched: (ControlMode, InputMode),
     velocity_limit: f64,
@@ -81,8 +81,8 @@ pub(super) struct Drive {
 }
 
 impl Drive {
-    /// The drive of `seat`; its control loop runs every `dt` seconds. The phases of its cyclic
-    /// messages come from `phases`.
+    /// Build the drive of `seat`; its control loop runs every `dt` seconds. `phases` draws the
+    /// phases of its cyclic messages.
     pub(super) fn new(config: &DriveConfig, seat: &Seat, dt: f64, phases: &mut Stream) -> Self {
         let modes = (ControlMode::Velocity, InputMode::Passthrough);
         Self {
@@ -136,7 +136,7 @@ impl Drive {
         self.config.firmware[..2] == [0, 5]
     }
 
-    /// Takes a frame of the bus that was sent to this node or to all.
+    /// Process a frame of the bus that was sent to this node or to all.
     pub(super) fn receive(&mut self, decoded: &Decoded, now_ns: u64, out: &mut Vec<Outgoing>) {
         let mine = decoded.node == self.node;
         if self.faults.silent || !(mine || decoded.node == BROADCAST_NODE) {
@@ -146,7 +146,7 @@ impl Drive {
             self.feed(now_ns);
         }
         match decoded.message {
-            // Addresses are asked for by a remote frame to all; every other request is for one node.
+            // Address requests are remote frames to all nodes; every other request is for one node.
             Message::Request(command) if mine || command == Command::Address => {
                 self.send(command, now_ns, out);
             }
@@ -210,7 +210,8 @@ impl Drive {
         }
     }
 
-    /// Any input feeds the watchdog; one with NaN or infinity changes nothing else.
+    /// Process an input. Any input feeds the watchdog; one with NaN or infinity changes nothing
+    /// else.
     fn take_input(&mut self, now_ns: u64, values: [f32; 3]) {
         self.feed(now_ns);
         if !values.iter().all(|value| value.is_finite()) {
@@ -270,8 +271,7 @@ impl Drive {
         self.current_limit = self.config.current_limit_a;
     }
 
-    /// Ends closed loop, or an attempt to enter it, with `reason`; the flags stay until
-    /// `Clear_Errors`.
+    /// Leave closed loop, or cancel arming, with `reason`; the flags persist until `Clear_Errors`.
     pub(super) fn disarm(&mut self, reason: u32) {
         self.errors |= reason;
         if self.state == AxisState::ClosedLoopControl || self.armed_at_ns.is_some() {

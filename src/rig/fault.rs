@@ -1,4 +1,4 @@
-//! The schedule of faults, and what holds at present.
+//! Schedule of faults, and the currently active ones.
 
 use super::config::{FaultKind, FaultPlan, FaultStart};
 
@@ -9,23 +9,23 @@ const NANOS: f64 = 1e9;
 pub(super) struct LinkFaults {
     /// Probability that a frame is lost.
     pub(super) drop_probability: f64,
-    /// How much later frames reach the program (ns).
+    /// Additional delay of frames to the program (ns).
     pub(super) delay_ns: u64,
     pub(super) bus_off: bool,
     pub(super) link_down: bool,
 }
 
-/// A change of what holds.
+/// Start or end of a fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Change {
-    /// It begins.
+    /// Start of the fault.
     Begins(FaultKind),
-    /// It is over.
+    /// End of the fault.
     Ends(FaultKind),
 }
 
 impl Change {
-    /// What changes, and whether it begins.
+    /// Kind of the fault, and true at its start.
     pub(super) fn parts(self) -> (FaultKind, bool) {
         match self {
             Self::Begins(kind) => (kind, true),
@@ -34,11 +34,11 @@ impl Change {
     }
 }
 
-/// All faults, with the times at which they begin and end (ns since the rig's start).
+/// All faults, with their start and end times (ns since the rig's start).
 #[derive(Debug, Clone)]
 pub(super) struct Schedule {
     plans: Vec<(FaultPlan, Option<u64>, Phase)>,
-    /// Nothing changes before this time.
+    /// Time of the next change.
     next_ns: u64,
 }
 
@@ -65,7 +65,7 @@ impl Schedule {
         schedule
     }
 
-    /// A drive has entered closed loop for the first time.
+    /// Start the faults that count from the first arming of a drive.
     pub(super) fn armed(&mut self, now_ns: u64) {
         for (plan, begin, _) in &mut self.plans {
             if let FaultStart::AfterArmingSeconds(after) = plan.start {

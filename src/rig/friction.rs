@@ -1,11 +1,12 @@
-//! Dry and viscous friction of one degree of freedom, and the step that never reverses a motion.
+//! Dry and viscous friction of one degree of freedom, with a step that never reverses the motion.
 //!
-//! Level at speed `v`: `Fc + (Fs - Fc) exp(-(v/vs)^2) + Fv |v| + Fq v^2`, the dry part multiplied by
-//! a ratio when `v < 0`. Over a step the friction may take away at most the whole velocity, so what
-//! stands stays standing until the other forces exceed `Fs` (a discrete form of Coulomb's law; the
-//! idea of non-smooth time stepping, e.g. Stewart and Trinkle 1996). With a presliding stiffness `k`
-//! the dry part is a spring that slips when it pulls with `F(v)`: the Jenkins element of Iwan's models
-//! (1966), which gives hysteresis within `2 F/k`. A load adds its share of a force to the dry part.
+//! Friction at speed `v`: `Fc + (Fs - Fc) exp(-(v/vs)^2) + Fv |v| + Fq v^2`, the dry part
+//! multiplied by a ratio when `v < 0`. Over a step the friction may remove at most the whole
+//! velocity, so a resting body stays at rest until the other forces exceed `Fs` (a discrete form of
+//! Coulomb's law; the idea of non-smooth time stepping, e.g. Stewart and Trinkle 1996). With a
+//! presliding stiffness `k` the dry part is a spring that slips at the force `F(v)`: the Jenkins
+//! element of Iwan's models (1966), which gives hysteresis within `2 F/k`. A load adds a fraction
+//! of its force to the dry part.
 
 use super::config::{GuideFriction, MotorFriction};
 
@@ -13,7 +14,7 @@ use super::config::{GuideFriction, MotorFriction};
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Friction {
     coulomb: f64,
-    /// Extra at standstill.
+    /// Breakaway minus Coulomb friction.
     bump: f64,
     stribeck_speed: f64,
     viscous: f64,
@@ -21,15 +22,15 @@ pub(super) struct Friction {
     backward_ratio: f64,
     /// Friction per load.
     load_fraction: f64,
-    /// Stiffness before it slips; 0 is rigid.
+    /// Presliding stiffness; 0 for rigid.
     presliding: f64,
-    /// How far that spring is bent.
+    /// Deflection of the presliding spring.
     bent: f64,
 }
 
 impl Friction {
-    /// Of a motor, in belt coordinates: N and m/s at the pulley's pitch radius `radius`, `per_turn`
-    /// metres of belt per turn.
+    /// Friction of a motor, in belt coordinates: N and m/s at the pulley's pitch radius `radius`,
+    /// with `per_turn` metres of belt per turn.
     pub(super) fn of_motor(config: &MotorFriction, radius: f64, per_turn: f64) -> Self {
         Self {
             coulomb: config.coulomb_nm / radius,
@@ -44,7 +45,7 @@ impl Friction {
         }
     }
 
-    /// Of a rail.
+    /// Friction of a linear guide.
     pub(super) fn of_guide(config: &GuideFriction) -> Self {
         Self {
             coulomb: config.coulomb_n,
@@ -70,8 +71,8 @@ impl Friction {
         (dry * factor + self.load_fraction * load.abs()) * side
     }
 
-    /// `velocity` after `dt` seconds of friction on `mass` under `load`; the dry part is multiplied
-    /// by `factor`.
+    /// Velocity after `dt` seconds of friction on `mass` under `load`, starting from `velocity`;
+    /// the dry part is multiplied by `factor`.
     pub(super) fn slowed(&mut self, velocity: f64, under: Under) -> f64 {
         let Under { load, factor, mass, dt } = under;
         let speed = velocity.abs();
@@ -89,12 +90,12 @@ impl Friction {
     }
 }
 
-/// What friction acts on in one step.
+/// Conditions of one friction step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Under {
-    /// Force that presses (N).
+    /// Load force (N).
     pub(super) load: f64,
-    /// The dry part is multiplied by this.
+    /// Factor on the dry part.
     pub(super) factor: f64,
     /// Mass (kg).
     pub(super) mass: f64,
@@ -124,7 +125,7 @@ mod tests {
         // 1.9 N push in one step: less than the breakaway force, so nothing moves.
         assert_eq!(friction.slowed(1.9e-4, UNDER), 0.0);
         assert!(0.0 < friction.slowed(2.1e-4, UNDER));
-        // Far above the Stribeck speed only Coulomb's friction is left.
+        // Far above the Stribeck speed only Coulomb friction remains.
         let after = friction.slowed(1.0, UNDER);
         assert!((after - (1.0 - 1e-4)).abs() < 1e-12);
     }
@@ -132,7 +133,7 @@ mod tests {
     #[test]
     fn before_it_slips_an_elastic_stage_pushes_back() {
         let mut friction = rail(0.0, 1e4);
-        // 0.5 N hold it 0.05 mm away; without them it swings back.
+        // 0.5 N hold it 0.05 mm away; without them it returns.
         let (mut velocity, mut place) = (0.0, 0.0);
         for _ in 0..2000 {
             velocity = friction.slowed(velocity + 0.5e-4 - velocity * 0.01, UNDER);

@@ -1,15 +1,14 @@
-//! One CoreXY gantry: two rotors, two elastic belts, bridge and carriage on rails.
+//! Dynamics of one CoreXY gantry: two rotors, two elastic belts, bridge and carriage on guides.
 //!
 //! In metres of belt, with the rotors at `q_a`, `q_b` and the carriage displaced by `(x, y)` from
-//! its start, belt `a` is stretched by `s_a = q_a - (x/g_x + y/g_y)` and belt `b` by
-//! `s_b = q_b - (x/g_x - y/g_y)`, `g` being 1 plus the scale errors. Tensions `T = k s + c s'`
-//! act on the rotors with `-T` and on the carriage, by virtual work, with
-//! `F_x = (T_a + T_b)/g_x`, `F_y = (T_a - T_b)/g_y`. With stiff belts this is
-//! `x = d/2 (a + b)`, `y = d/2 (a - b)`. Semi-implicit Euler; friction as in `friction`.
+//! its start, belt `a` is stretched by `s_a = q_a - (x/g_x + y/g_y)` and belt `b` by `s_b = q_b -
+//! (x/g_x - y/g_y)`, where `g` is 1 plus the scale errors. Tensions `T = k s + c s'` act on the
+//! rotors with `-T` and on the carriage, by virtual work, with `F_x = (T_a + T_b)/g_x`, `F_y = (T_a
+//! - T_b)/g_y`. With stiff belts this is `x = d/2 (a + b)`, `y = d/2 (a - b)`. Integration by
+//! semi-implicit Euler; friction as in `friction`.
 //!
-//! Written apart from the kinematics of the rest of the crate on purpose: see [`crate::rig`].
-//! Racking: a yawing bridge pushes the carriage in x with `-c x a_y`. Left out: mass that depends on
-//! the place.
+//! Independent of the kinematics of the rest of the crate on purpose: see [`crate::rig`]. Racking:
+//! a yawing bridge pushes the carriage in x with `-c x a_y`. Not modelled: position-dependent mass.
 
 use super::{
     config::{GantryConfig, RigConfig},
@@ -19,14 +18,14 @@ use std::f64::consts::TAU;
 
 const GRAVITY: f64 = 9.81;
 
-/// Rotor of one motor, in belt coordinates with the sign of its seat applied.
+/// Rotor of one motor, in belt coordinates with the direction of its seat applied.
 #[derive(Debug, Clone)]
 pub(super) struct Rotor {
-    /// Belt moved (m).
+    /// Belt travel (m).
     pub(super) position: f64,
-    /// Its speed (m/s).
+    /// Belt velocity (m/s).
     pub(super) velocity: f64,
-    /// Push of the motor (N).
+    /// Force of the motor (N).
     pub(super) force: f64,
     sign: f64,
     mass: f64,
@@ -42,7 +41,7 @@ impl Rotor {
 
     fn advance(&mut self, tension: f64, warmth: f64, dt: f64) {
         let free = self.velocity + (self.force - tension) / self.mass * dt;
-        // Friction may depend on the rotor's own sense of turning.
+        // Friction may depend on the rotor's own direction of rotation.
         let under = Under { load: tension, factor: warmth, mass: self.mass, dt };
         let own = self.friction.slowed(free * self.sign, under);
         self.velocity = own * self.sign;
@@ -55,12 +54,12 @@ impl Rotor {
 pub(super) struct Gantry {
     /// Rotors of motors a and b.
     pub(super) rotors: [Rotor; 2],
-    /// Displacement of the carriage from its start along its own rails (m).
+    /// Displacement of the carriage from its start along its own guides (m).
     travel: [f64; 2],
     velocity: [f64; 2],
     /// Racking of the bridge: force in x per displacement in x (N/m).
     yaw: f64,
-    /// Whether it is jammed.
+    /// True if it is jammed.
     pub(super) stuck: bool,
     scale: [f64; 2],
     stiffness: [f64; 2],
@@ -72,7 +71,7 @@ pub(super) struct Gantry {
 }
 
 impl Gantry {
-    /// The gantry whose half of the board is the side of `side` (+1 or -1) in y.
+    /// Build the gantry on the half of the board with the sign `side` (+1 or -1) of y.
     pub(super) fn new(config: &GantryConfig, rig: &RigConfig, side: f64) -> Self {
         let radius = rig.belt_metres_per_turn / TAU;
         let free = Friction::of_motor(&rig.drive.friction, radius, rig.belt_metres_per_turn);
@@ -110,7 +109,7 @@ impl Gantry {
         [vx + self.config.squareness_rad * vy, vy]
     }
 
-    /// Advances by `dt` (s) under the forces of the rotors and `load` (N) on the carriage; dry
+    /// Advance by `dt` (s) under the forces of the rotors and `load` (N) on the carriage; dry
     /// friction is multiplied by `warmth`.
     pub(super) fn step(&mut self, load: [f64; 2], warmth: f64, dt: f64) {
         let [along_x, along_y] = [0, 1].map(|axis| self.travel[axis] / self.scale[axis]);

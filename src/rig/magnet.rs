@@ -1,27 +1,27 @@
-//! The striker on the board, and the magnet on the carriage that pulls it.
+//! Dynamics of the striker on the board, pulled by the magnet on the carriage.
 //!
-//! At the distance `s` the pull is `k s / (1 + (s/s0)^2)^2`: linear near the magnet, largest
-//! (`0.325 k s0`) at `s0 / sqrt 3`, fading beyond; `k s` and `s0` stand for the lateral force of two
-//! magnets over a gap (shape after Furlani, Permanent Magnet and Electromechanical Devices, 2001,
-//! section 4.5; an approximation). Further away than `lost_at_m` the striker is lost and nothing
-//! pulls it until the magnet is nearer than `caught_at_m`. Friction of the striker on the board is
-//! Coulomb's in the plane. At a wall it stops. The striker does not fall into the cups.
+//! At the distance `s` the force is `k s / (1 + (s/s0)^2)^2`: linear near the magnet, largest
+//! (`0.325 k s0`) at `s0 / sqrt 3`, and decaying beyond. It describes the lateral force of two
+//! magnets across a gap (shape after Furlani, Permanent Magnet and Electromechanical Devices, 2001,
+//! section 4.5; an approximation). Beyond `lost_at_m` the striker decouples and no force acts until
+//! the magnet is nearer than `caught_at_m`. Friction of the striker on the board is Coulomb
+//! friction in the plane. It stops at walls and does not fall into the cups.
 
 use super::config::{MagnetConfig, PegConfig};
 use std::f64::consts::TAU;
 
-/// A striker.
+/// State of a striker.
 #[derive(Debug, Clone)]
 pub(super) struct Peg {
-    /// Where it stands (m).
+    /// Position (m).
     pub(super) position: [f64; 2],
-    /// Its velocity (m/s).
+    /// Velocity (m/s).
     pub(super) velocity: [f64; 2],
-    /// Whether the magnet holds it.
+    /// True if the magnet couples to it.
     pub(super) coupled: bool,
-    /// Whether the magnet is without force (a fault).
+    /// True if a fault removes the magnet's force.
     pub(super) magnet_broken: bool,
-    /// How far its head is from above its foot (m).
+    /// Displacement of its head from its foot (m).
     tip: [f64; 2],
     tip_velocity: [f64; 2],
     magnet: MagnetConfig,
@@ -61,12 +61,12 @@ impl Peg {
         self.config.mass_kg
     }
 
-    /// Where the camera sees its head (m).
+    /// Position of its head, as seen by the camera (m).
     pub(super) fn head(&self) -> [f64; 2] {
         [self.position[0] + self.tip[0], self.position[1] + self.tip[1]]
     }
 
-    /// Advances by `dt` (s) with the magnet at `magnet`, moving at `magnet_velocity`; returns the
+    /// Advance by `dt` (s) with the magnet at `magnet`, moving at `magnet_velocity`; returns the
     /// force on the magnet (N).
     pub(super) fn step(
         &mut self,
@@ -97,7 +97,7 @@ impl Peg {
         pull.map(|force| -force)
     }
 
-    /// The magnet's force on the striker (N); also decides whether it is still held.
+    /// Force of the magnet on the striker (N); also updates the coupling.
     fn pull(&mut self, magnet: [f64; 2], magnet_velocity: [f64; 2]) -> [f64; 2] {
         let lag = [magnet[0] - self.position[0], magnet[1] - self.position[1]];
         let square = lag[0] * lag[0] + lag[1] * lag[1];
@@ -115,7 +115,7 @@ impl Peg {
         })
     }
 
-    /// The head swings about the foot: `t'' + 2 z w t' + w^2 t = -acceleration`.
+    /// Oscillation of the head about the foot: `t'' + 2 z w t' + w^2 t = -acceleration`.
     fn wobble(&mut self, before: [f64; 2], dt: f64) {
         if self.config.wobble_hz == 0.0 {
             return;

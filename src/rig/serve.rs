@@ -1,9 +1,9 @@
-//! The rig as a process of its own on a real bus, in real time.
+//! The rig as a separate process on a real bus, in real time.
 //!
-//! A loop of the monotonic clock: receive for at most a millisecond, step the world up to the time
-//! there is, send what has become ready. The bus is then the real one, so the modelled bus and the
-//! faults of the program's connection (`bus_off`, `link_down`) are not part of it; frames are dropped
-//! and delayed as the configuration says.
+//! A loop on the monotonic clock: receive for at most a millisecond, step the world up to the
+//! current time, send all frames that are ready. The bus is real, so the bus model and the faults
+//! of the program's connection (`bus_off`, `link_down`) are not used; frames are dropped and
+//! delayed as configured.
 
 use super::{
     config::{ConfigError, RigConfig},
@@ -24,16 +24,16 @@ use std::{
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
-/// Longest wait for a frame: what is due is sent at most so late.
+/// Longest wait for a frame, and maximum delay of frames that are due.
 const RECEIVE: Duration = Duration::from_micros(500);
-/// Between two attempts to send into a full queue.
+/// Interval between two attempts to send into a full queue.
 const RETRY: Duration = Duration::from_micros(100);
-/// Attempts to send one frame: one millisecond.
+/// Number of attempts to send one frame: one millisecond.
 const ATTEMPTS: usize = 10;
-/// When the process was held up for longer, the rig does not make up for it (ns).
+/// Maximum lag of the simulation that is caught up after a pause of the process (ns).
 const MOST_BEHIND_NS: u64 = 200_000_000;
 
-/// A drive has changed its state or its error flags.
+/// Change of a drive's state or error flags.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveReport {
     /// Time since the rig's start (s).
@@ -48,25 +48,25 @@ pub struct DriveReport {
     pub velocity_turns_per_s: f64,
 }
 
-/// What a rig has done on a bus.
+/// Statistics of a rig on a bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ServeReport {
-    /// Frames sent.
+    /// Number of frames sent.
     pub sent: u64,
-    /// Frames received.
+    /// Number of frames received.
     pub received: u64,
-    /// Attempts that found the transmit queue full.
+    /// Number of attempts that found the transmit queue full.
     pub retries: u64,
-    /// Frames given up because the queue stayed full for a millisecond.
+    /// Number of frames dropped because the queue stayed full for a millisecond.
     pub given_up: u64,
-    /// Time that the process was held up and the rig did not make up for (ns).
+    /// Pauses of the process that were not caught up (ns).
     pub skipped_ns: u64,
 }
 
-/// Why serving ended.
+/// Error of serving.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The configuration.
+    /// Error of the configuration.
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The bus.
@@ -74,11 +74,10 @@ pub enum ServeError {
     Link(#[from] LinkError),
 }
 
-/// Simulates the rig on `transport` in real time until `stop` is set or a log ends. Every datagram of
-/// the camera goes to `camera`, every change of a drive to `on_change`.
-///
+/// Simulate the rig on `transport` in real time until `stop` is set or a log ends. Every datagram
+/// of the camera goes to `camera`, every change of a drive to `on_change`.
 /// # Errors
-/// When the configuration has a value that cannot be, or the bus is broken for good.
+/// When the configuration has a value outside its range, or the bus fails permanently.
 pub fn serve(
     transport: &dyn Transport,
     mut camera: impl FnMut(&[u8]),
@@ -133,7 +132,7 @@ fn is_lost(world: &World, losses: &mut Stream) -> bool {
     0.0 < probability && f64::from(losses.uniform_f32(0.0, 1.0)) < probability
 }
 
-/// Sends one frame; a full queue is tried again for a millisecond.
+/// Send one frame; a full queue is retried for a millisecond.
 fn send(
     transport: &dyn Transport,
     frame: &Frame,
@@ -156,7 +155,7 @@ fn send(
     Ok(())
 }
 
-/// Notices changes of the drives.
+/// Detects changes of the drives.
 struct Watch<F> {
     known: Vec<(AxisState, AxisErrors)>,
     on_change: F,

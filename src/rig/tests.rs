@@ -1,4 +1,4 @@
-//! The rig through its protocol bytes, and its parts against conservation laws.
+//! Tests of the rig through its protocol bytes, and of its parts against conservation laws.
 
 mod ball;
 mod configuration;

@@ -1,4 +1,4 @@
-//! What is really the case on the rig: what a simulator knows and hardware cannot.
+//! Ground truth of the rig, which a simulator knows and hardware does not.
 
 use crate::{
     can::{AxisErrors, AxisState},
@@ -41,11 +41,11 @@ pub struct PlayerTruth {
     pub carriage: Body,
     /// The striker on the board.
     pub peg: Body,
-    /// Whether the magnet holds the striker.
+    /// True if the magnet couples to the striker.
     pub coupled: bool,
 }
 
-/// One drive and its motor, in the motor's own sense of turning.
+/// One drive and its motor, in the motor's own direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveTruth {
     /// Node id.
@@ -67,15 +67,15 @@ pub struct DriveTruth {
 /// Everything at one instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
-    /// When.
+    /// Time of the sample.
     pub time: Nanos,
     /// The player who owns y < 0.
     pub left: PlayerTruth,
     /// The player who owns y > 0.
     pub right: PlayerTruth,
-    /// The ball, while there is one.
+    /// The ball, if there is one.
     pub ball: Option<Body>,
-    /// Balls that went into the cup of y < 0 and of y > 0.
+    /// Number of balls in the cup of y < 0 and of y > 0.
     pub goals: [u32; 2],
     /// The drives in the order of the configuration.
     pub drives: Vec<DriveTruth>,
@@ -94,7 +94,7 @@ impl Truth {
         }
     }
 
-    /// What is true of `player`.
+    /// Ground truth of `player`.
     #[must_use]
     pub fn player(&self, player: Player) -> &PlayerTruth {
         match player {

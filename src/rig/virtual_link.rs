@@ -1,9 +1,8 @@
-//! The virtual rig as a [`Link`]: a clock, a bus and a camera, as fast as can be computed or in real
-//! time.
+//! The virtual rig as a [`Link`]: a clock, a bus and a camera, as fast as possible or in real time.
 //!
-//! At [`Speed::Maximum`] time is simulated time alone: it passes only in `next_event`. At
-//! [`Speed::RealTime`] the same events come at the same simulated times, each not before the monotonic
-//! clock has reached it.
+//! At [`Speed::Maximum`] time is simulated time only: it advances only in `next_event`. At
+//! [`Speed::RealTime`] the same events occur at the same simulated times, but not before the
+//! monotonic clock has reached them.
 
 use super::{
     bus::{Bus, Sender},
@@ -28,12 +27,12 @@ use std::{
 /// Name of the bus in messages.
 const NAME: &str = "the virtual bus";
 
-/// How fast simulated time passes.
+/// Rate of simulated time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Speed {
     /// With the monotonic clock.
     RealTime,
-    /// As fast as it can be computed.
+    /// As fast as possible.
     Maximum,
 }
 
@@ -43,10 +42,10 @@ pub struct VirtualLink {
     world: World,
     bus: Bus,
     start: Nanos,
-    /// The clock reading of the start, in real time.
+    /// Reading of the monotonic clock at the start, in real time.
     origin: Option<Instant>,
     now_ns: u64,
-    /// Events by time (ns since the start) and order of their making.
+    /// Events by time (ns since the start) and order of creation.
     ahead: BTreeMap<(u64, u64), Event>,
     made: u64,
     faults: LinkFaults,
@@ -57,7 +56,7 @@ pub struct VirtualLink {
 }
 
 impl VirtualLink {
-    /// A rig at rest whose time begins at `start`.
+    /// Build a rig at rest whose time begins at `start`.
     ///
     /// ```
     /// use klasktron::link::{Event, Link};
@@ -71,7 +70,7 @@ impl VirtualLink {
     /// ```
     ///
     /// # Errors
-    /// When the configuration has a value that cannot be.
+    /// When the configuration has a value outside its range.
     pub fn new(config: RigConfig, speed: Speed, start: Nanos) -> Result<Self, ConfigError> {
         let bus = Bus::new(&config.bus);
         let seed = config.seed;
@@ -93,19 +92,19 @@ impl VirtualLink {
         })
     }
 
-    /// What is really the case now, up to one step ahead of [`Link::now`].
+    /// Ground truth at the current time, up to one step ahead of [`Link::now`].
     #[must_use]
     pub fn truth(&self) -> Truth {
         self.world.truth()
     }
 
-    /// The world behind the link.
+    /// World behind the link.
     #[must_use]
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// Frames of drives that a crowded bus has replaced by newer ones.
+    /// Number of frames of drives that an overloaded bus has replaced by newer ones.
     #[must_use]
     pub fn replaced_frames(&self) -> u64 {
         self.bus.replaced
@@ -182,7 +181,7 @@ impl VirtualLink {
         }
     }
 
-    /// Sets the link's time, in real time after waiting for it.
+    /// Set the link's time, after waiting for it in real time.
     fn reach(&mut self, at_ns: u64) {
         self.now_ns = self.now_ns.max(at_ns);
         if let Some(origin) = self.origin {

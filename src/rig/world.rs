@@ -1,8 +1,8 @@
-//! The world that steps: drives, gantries, magnets, strikers, ball, camera and faults in one.
+//! Simulation of the rig: drives, gantries, magnets, strikers, ball, camera and faults in one step.
 //!
-//! One step of [`RigConfig::step_s`]: faults change, drives tick and report, strikers follow their
-//! magnets, gantries move, the ball rolls, the camera looks. Frames leave into an outbox; who carries
-//! them (a modelled bus, or a real one) is not the world's business.
+//! One step of [`RigConfig::step_s`]: faults change, drives run and report, strikers follow their
+//! magnets, gantries move, the ball rolls, the camera captures. Frames leave into an outbox; the
+//! transport (a modelled or a real bus) is not part of the world.
 
 use super::{
     ball::Ball,
@@ -24,10 +24,10 @@ use crate::{
 use std::f64::consts::TAU;
 
 const NANOS: f64 = 1e9;
-/// Friction drift is slow: its factor is renewed this often (steps).
+/// Update interval of the friction drift (steps).
 const STEPS_PER_WARMTH: u64 = 1024;
 
-/// Where a drive's motor sits.
+/// Motor of a drive.
 #[derive(Debug, Clone, Copy)]
 struct Mount {
     player: usize,
@@ -57,10 +57,10 @@ pub struct World {
 }
 
 impl World {
-    /// A rig at rest at `start`, its drives idle.
+    /// Build a rig at rest at `start`, with its drives idle.
     ///
     /// # Errors
-    /// When the configuration has a value that cannot be.
+    /// When the configuration has a value outside its range.
     pub fn new(config: RigConfig, start: Nanos) -> Result<Self, ConfigError> {
         config.check()?;
         let half_board = [config.board.short_side_m / 2.0, config.board.long_side_m / 2.0];
@@ -125,17 +125,17 @@ impl World {
         self.drives.iter().map(|drive| (drive.state(), drive.errors()))
     }
 
-    /// Moves the frames that have become ready into `sink`.
+    /// Move the frames that are ready into `sink`.
     pub(super) fn drain_frames(&mut self, mut sink: impl FnMut(Outgoing)) {
         self.outbox.drain(..).for_each(&mut sink);
     }
 
-    /// The next datagram of the camera that has arrived, with its time of arrival (ns).
+    /// The next datagram of the camera that has arrived, with its arrival time (ns).
     pub(super) fn next_datagram(&mut self) -> Option<(u64, Vec<u8>)> {
         self.camera.arrived(self.now_ns)
     }
 
-    /// Hands a frame of the bus to the drives; what is no message of theirs is ignored.
+    /// Deliver a frame of the bus to the drives; unknown messages are ignored.
     pub(super) fn receive(&mut self, frame: &Frame) {
         let Ok(decoded) = decode(frame) else { return };
         for drive in &mut self.drives {
@@ -143,7 +143,7 @@ impl World {
         }
     }
 
-    /// One step.
+    /// Advance by one step.
     pub(super) fn step(&mut self) {
         self.steps += 1;
         self.now_ns = self.steps * self.step_ns;
@@ -238,7 +238,7 @@ impl World {
         }
     }
 
-    /// What is really the case now.
+    /// Ground truth at the current time.
     #[must_use]
     pub fn truth(&self) -> Truth {
         let [left, right] = [0, 1].map(|player| {

@@ -1,37 +1,38 @@
-//! Points of equal options and different seeds as one combination, and the choice among them.
+//! Combinations of options over their seeds, and the choice among them.
 
 use super::{Better, Plan, Row};
 use crate::stats::{mean, standard_deviation};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// One combination of options over its seeds.
+/// A combination of options with the results of its seeds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Combination {
-    /// What differs from the others, by option.
+    /// Options that differ between combinations, with their values.
     pub settings: BTreeMap<String, String>,
-    /// Its finished seeds; `None` where the command draws no random numbers or has its own default.
+    /// Finished seeds; `None` for a command without random numbers or with its own default.
     pub seeds: Vec<Option<u64>>,
-    /// The metric of each of them.
+    /// Metric of each seed.
     pub values: Vec<f64>,
-    /// Its mean over seeds.
+    /// Mean over seeds.
     pub mean: Option<f64>,
-    /// Standard error of that mean; `None` below two seeds.
+    /// Standard error of the mean; `None` below two seeds.
     pub standard_error: Option<f64>,
 }
 
-/// The choice among combinations.
+/// Choice among combinations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Choice {
-    /// Position of the best mean.
+    /// Index of the best mean.
     pub best: usize,
-    /// Position of the first combination, in the order of the file, whose mean is within one standard
-    /// error of the best: Breiman et al., "Classification and Regression Trees", 1984, section 3.4.3, where
-    /// lists run from the simplest to the most complex. Equal to `best` where there is one seed only.
+    /// Index of the first combination, in the order of the file, whose mean is within one standard
+    /// error of the best. This is the one-standard-error rule (Breiman et al., "Classification and
+    /// Regression Trees", 1984, section 3.4.3) for lists from the simplest to the most complex.
+    /// Equal to `best` with a single seed.
     pub chosen: usize,
 }
 
-/// The combinations of `plan` that have a finished point with a figure, in the order of the file.
+/// Combinations of `plan` that have a finished point with a metric, in the order of the file.
 #[must_use]
 pub fn combinations(plan: &Plan, rows: &[Row]) -> Vec<Combination> {
     let mut order: BTreeMap<&BTreeMap<String, String>, usize> = BTreeMap::new();
@@ -60,10 +61,10 @@ pub fn combinations(plan: &Plan, rows: &[Row]) -> Vec<Combination> {
     combinations
 }
 
-/// The best of `combinations` and the choice by the one-standard-error rule.
+/// Best of `combinations`, and the choice by the one-standard-error rule.
 #[must_use]
 pub fn choose(combinations: &[Combination], better: Better) -> Option<Choice> {
-    // As errors, the smaller the better.
+    // As costs: smaller is better.
     let cost = |one: &Combination| match better {
         Better::Smaller => one.mean,
         Better::Larger => one.mean.map(|mean| -mean),

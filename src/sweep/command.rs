@@ -1,10 +1,10 @@
-//! The commands that can be swept, and what an engine must know of each.
+//! Commands that support sweeps, with the properties that an engine needs.
 
 use super::Metric;
 use serde_json::Value;
 use strsim::levenshtein;
 
-/// A command whose points can be run.
+/// A command that supports sweeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SweptCommand {
     /// `klasktron fit-actuator`
@@ -19,17 +19,17 @@ pub enum SweptCommand {
     Eval,
 }
 
-/// Which of two figures is the better one.
+/// Direction of a metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Better {
-    /// An error, a gap.
+    /// Smaller is better: an error.
     Smaller,
-    /// A share of games, a rate.
+    /// Larger is better: a rate.
     Larger,
 }
 
 impl Better {
-    /// As it is typed.
+    /// Name as typed.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -39,42 +39,42 @@ impl Better {
     }
 }
 
-/// What an option of a command takes, as the command line defines it.
+/// Arguments of an option, as defined by the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OptionKind {
-    /// Nothing: it is there or not.
+    /// No argument: a flag.
     Flag,
     /// One value.
     One,
-    /// Several values in one word, with this character between them.
+    /// Several values in one word, separated by this character.
     Delimited(char),
-    /// So many words.
+    /// This number of words.
     Words(usize),
 }
 
 /// An option of a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OptionSpec {
-    /// Its name without dashes.
+    /// Name without dashes.
     pub name: String,
-    /// What it takes.
+    /// Arguments.
     pub kind: OptionKind,
 }
 
-/// Options that belong to the engine, or that make no sense for one point among many.
+/// Options that belong to the engine, or that make no sense for a point of a sweep.
 const RESERVED: [(&str, &str); 19] = [
-    ("output", "the sweep decides the output folder"),
-    ("out", "the sweep decides the output folder"),
-    ("json", "the sweep asks for it itself"),
-    ("without-times", "the sweep asks for it itself"),
-    ("threads", "its result does not depend on them; use --workers, or --cores on Slurm"),
+    ("output", "the sweep sets the output folder"),
+    ("out", "the sweep sets the output folder"),
+    ("json", "the sweep sets it"),
+    ("without-times", "the sweep sets it"),
+    ("threads", "results do not depend on it; use --workers, or --cores on Slurm"),
     ("seed", "write `seeds = 5` or `seeds = [1, 2]` above the first table"),
-    ("resume", "an interrupted point is continued by itself"),
+    ("resume", "an interrupted point is resumed automatically"),
     ("overwrite", "a finished point is never run again"),
     ("tensorboard", "all points would write into one folder"),
-    ("print-settings", "it does no work"),
-    ("ablate", "name history and width in [grid]"),
-    ("help", "it does no work"),
+    ("print-settings", "it runs nothing"),
+    ("ablate", "list history and width in [grid]"),
+    ("help", "it runs nothing"),
     ("engine", SWEEPS_OWN),
     ("partition", SWEEPS_OWN),
     ("time", SWEEPS_OWN),
@@ -87,11 +87,11 @@ const RESERVED: [(&str, &str); 19] = [
 const SWEEPS_OWN: &str = "it is an option of the sweep itself";
 
 impl SweptCommand {
-    /// Every one.
+    /// All commands.
     pub const ALL: [Self; 5] =
         [Self::FitActuator, Self::TuneEkf, Self::Gap, Self::Train, Self::Eval];
 
-    /// As it is typed after `klasktron`.
+    /// Name as typed after `klasktron`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -109,19 +109,19 @@ impl SweptCommand {
         Self::ALL.into_iter().find(|command| command.name() == name)
     }
 
-    /// Whether it draws random numbers from `--seed`.
+    /// Return whether the command draws random numbers from `--seed`.
     #[must_use]
     pub fn has_seed(self) -> bool {
         matches!(self, Self::FitActuator | Self::Train | Self::Eval)
     }
 
-    /// Whether it has `--threads`.
+    /// Return whether the command has `--threads`.
     #[must_use]
     pub fn has_threads(self) -> bool {
         self.has_seed()
     }
 
-    /// Why `option` cannot be swept or fixed; `None` when it can.
+    /// Reason why `option` cannot be swept or fixed; `None` if it can.
     #[must_use]
     pub fn reserved(self, option: &str) -> Option<&'static str> {
         if self == Self::Train && option == "seeds" {
@@ -130,7 +130,8 @@ impl SweptCommand {
         RESERVED.iter().find(|(name, _)| *name == option).map(|(_, why)| *why)
     }
 
-    /// Whether `value` of `option` names a file or folder, whose content then belongs to the point.
+    /// Return whether `value` of `option` is a file or folder, whose content then belongs to the
+    /// point.
     #[must_use]
     pub fn is_file(self, option: &str, value: &str) -> bool {
         match (self, option) {
@@ -140,7 +141,7 @@ impl SweptCommand {
         }
     }
 
-    /// Words for one seed, beside `--seed`.
+    /// Words for a single seed, in addition to `--seed`.
     #[must_use]
     pub fn words_of_one_seed(self) -> &'static [&'static str] {
         match self {
@@ -149,7 +150,7 @@ impl SweptCommand {
         }
     }
 
-    /// Words that decide no result: how it is printed.
+    /// Words that affect only the output format.
     #[must_use]
     pub fn printing_words(self) -> &'static [&'static str] {
         match self {
@@ -158,8 +159,8 @@ impl SweptCommand {
         }
     }
 
-    /// How it goes on with what an interrupted run has left in its folder: the file that must be there,
-    /// and the word to add. `None` where every run starts anew.
+    /// How the command resumes an interrupted run in its folder: required file, and word to add.
+    /// `None` for a command that starts anew.
     #[must_use]
     pub fn continues(self) -> Option<(&'static str, Option<&'static str>)> {
         match self {
@@ -169,8 +170,8 @@ impl SweptCommand {
         }
     }
 
-    /// Whether `result`, the printed document, is of a run that came to its end: Ctrl-C leaves status 3
-    /// as well.
+    /// Return whether `result`, the printed document, is that of a complete run; Ctrl-C also gives
+    /// status 3.
     #[must_use]
     pub fn is_complete(self, result: &Value) -> bool {
         match self {
@@ -180,18 +181,18 @@ impl SweptCommand {
         }
     }
 
-    /// The figure that is compared when nobody names one.
+    /// Default metric.
     #[must_use]
     pub fn metric(self) -> Metric {
         let (path, title, better) = match self {
             Self::FitActuator => (
                 "free_running_rmse_m_per_s.2.median",
-                "free-running error over 2 s on held-out runs (m/s)",
+                "free-running error over 2 s on validation runs (m/s)",
                 Better::Smaller,
             ),
             Self::TuneEkf => (
                 "evaluation.0.velocity_rmse_m_per_s",
-                "error of the ball's velocity on held-out runs (m/s)",
+                "RMS error of the ball's velocity on validation runs (m/s)",
                 Better::Smaller,
             ),
             Self::Gap => (
@@ -201,18 +202,18 @@ impl SweptCommand {
             ),
             Self::Train => (
                 "evaluation.opponents.*.win_rate",
-                "share of decided games won, mean over opponents",
+                "win rate of decided games, mean over opponents",
                 Better::Larger,
             ),
             Self::Eval => {
-                ("summary.scoring_rate_per_min.mean", "points per minute of play", Better::Larger)
+                ("summary.scoring_rate_per_min.mean", "goals per minute of play", Better::Larger)
             }
         };
         Metric { path: path.to_owned(), title: title.to_owned(), better }
     }
 }
 
-/// The name among `names` that is nearest to `typed`, when it is near enough to be meant.
+/// Element of `names` that is nearest to `typed`, if near enough to be meant.
 #[must_use]
 pub fn nearest<'a>(typed: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let near = |name: &&str| levenshtein(typed, name) <= 1 + typed.chars().count() / 4;

@@ -1,4 +1,4 @@
-//! What can be wrong with a sweep, each with the place and the way out.
+//! Errors of a sweep, each with its location and the way out.
 
 use super::Better;
 use crate::recording::RecordingError;
@@ -7,29 +7,29 @@ use std::{io, path::PathBuf};
 /// Failure of a sweep.
 #[derive(Debug, thiserror::Error)]
 pub enum SweepError {
-    /// Something in the sweep file is not right.
+    /// A fault in the sweep file.
     #[error("{}:{line}: {fault}", path.display())]
     File {
         /// The sweep file.
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What is wrong.
+        /// The fault.
         fault: Box<FileFault>,
     },
-    /// The operating system refused.
+    /// An input or output error.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried, as a verb.
+        /// Attempted action, as a verb.
         action: &'static str,
-        /// The system's reason.
+        /// Reason of the operating system.
         source: io::Error,
     },
     /// The disk under the results is full.
     #[error(
-        "{}: the disk is full; every finished point is kept, so free space and give the same command again",
+        "{}: the disk is full; every finished point is kept, so free space and run the same command again",
         path.display()
     )]
     DiskFull {
@@ -39,31 +39,31 @@ pub enum SweepError {
     /// A file of the store could not be written.
     #[error(transparent)]
     Write(#[from] RecordingError),
-    /// Another sweep works in the folder.
+    /// Another sweep is running in the folder.
     #[error(
-        "{}: another sweep is at work here: {holder}; wait for it, end it, or choose another --output",
+        "{}: another sweep is running in this folder: {holder}; wait for it, end it, or choose another --output",
         path.display()
     )]
     Held {
         /// The folder.
         path: PathBuf,
-        /// Who.
+        /// Process that holds the lock.
         holder: String,
     },
-    /// Jobs of this sweep are still in the queue of Slurm.
+    /// Tasks of this sweep are still in the queue of Slurm.
     #[error(
-        "{}: {tasks} tasks of this sweep are with Slurm; follow them with --engine slurm, or cancel them first: \
+        "{}: {tasks} tasks of this sweep are in Slurm's queue; follow them with --engine slurm, or cancel them first: \
          scancel {jobs}", path.display()
     )]
     InQueue {
         /// The folder.
         path: PathBuf,
-        /// How many.
+        /// Number of tasks.
         tasks: usize,
         /// Job ids with spaces between them.
         jobs: String,
     },
-    /// A folder with the name of a point holds something else.
+    /// The folder of a point holds other results.
     #[error(
         "{}: holds results of other settings or inputs; choose another --output, or remove it", path.display()
     )]
@@ -71,32 +71,32 @@ pub enum SweepError {
         /// The folder.
         path: PathBuf,
     },
-    /// A program of Slurm cannot be started.
+    /// A Slurm program cannot be started.
     #[error(
         "{program}: cannot be started: {source}; is Slurm installed here? --engine local needs none"
     )]
     NoSlurm {
-        /// Its name.
+        /// Name of the program.
         program: &'static str,
-        /// The system's reason.
+        /// Reason of the operating system.
         source: io::Error,
     },
-    /// A program of Slurm refused.
-    #[error("{program} refused: {said}")]
+    /// A Slurm program reported an error.
+    #[error("{program} failed: {said}")]
     Refused {
-        /// Its name.
+        /// Name of the program.
         program: &'static str,
-        /// What it said.
+        /// Its message.
         said: String,
     },
-    /// What a program of Slurm printed was not understood.
-    #[error("{program}: printed '{printed}', which is no {expected}")]
+    /// Unexpected output of a Slurm program.
+    #[error("{program}: printed '{printed}', which is not a {expected}")]
     Unexpected {
-        /// Its name.
+        /// Name of the program.
         program: &'static str,
-        /// The text.
+        /// Its output.
         printed: String,
-        /// What was expected.
+        /// Expected kind of output.
         expected: &'static str,
     },
     /// A path cannot be written into a batch script.
@@ -105,7 +105,7 @@ pub enum SweepError {
         /// The path.
         path: PathBuf,
     },
-    /// A task was asked for that no list has.
+    /// A task with an index beyond its list of points.
     #[error("{}: has no line {index}; submit the sweep again", path.display())]
     NoTask {
         /// The list of points.
@@ -115,30 +115,30 @@ pub enum SweepError {
     },
 }
 
-/// What is wrong in a sweep file.
+/// A fault in a sweep file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FileFault {
-    /// Not TOML.
+    /// The text is not TOML.
     #[error("not valid TOML: {0}")]
     Syntax(String),
-    /// A key that means nothing here.
+    /// An unknown key.
     #[error("unknown key '{key}' in {place}{}; {place} takes {known}", meant(nearest.as_deref()))]
     UnknownKey {
         /// The key.
         key: String,
-        /// Where: the sweep itself, or its table for Slurm.
+        /// Place of the key: the sweep itself, or its table for Slurm.
         place: &'static str,
-        /// What may have been meant.
+        /// Nearest known key.
         nearest: Option<String>,
-        /// All of them.
+        /// Known keys.
         known: String,
     },
-    /// A needed key is missing.
+    /// A missing key.
     #[error("'{key}' is missing; {example}")]
     Missing {
         /// The key.
         key: &'static str,
-        /// What to write.
+        /// Example of the key.
         example: &'static str,
     },
     /// A value of the wrong kind.
@@ -146,19 +146,19 @@ pub enum FileFault {
     WrongKind {
         /// The key.
         key: String,
-        /// What stands there.
+        /// Value found.
         found: String,
-        /// What may stand there.
+        /// Allowed values.
         expected: String,
     },
     /// A command that cannot be swept.
     #[error("'{name}' cannot be swept{}; the commands are {known}", meant(nearest.as_deref()))]
     UnknownCommand {
-        /// What was written.
+        /// Name of the command.
         name: String,
-        /// What may have been meant.
+        /// Nearest command.
         nearest: Option<String>,
-        /// All of them.
+        /// All commands.
         known: String,
     },
     /// An option that the command does not have.
@@ -166,9 +166,9 @@ pub enum FileFault {
     UnknownOption {
         /// The command.
         command: &'static str,
-        /// What was written.
+        /// Name of the option.
         option: String,
-        /// What may have been meant.
+        /// Nearest option.
         nearest: Option<String>,
     },
     /// An option that belongs to the engine.
@@ -176,47 +176,47 @@ pub enum FileFault {
     Reserved {
         /// The option.
         option: String,
-        /// Why.
+        /// Reason.
         why: &'static str,
     },
-    /// An option that is given at two places.
+    /// An option given in two places.
     #[error("'{option}' is in {first} and in {second}; leave it in one of them")]
     Twice {
         /// The option.
         option: String,
-        /// The one place.
+        /// First place.
         first: &'static str,
-        /// The other place.
+        /// Second place.
         second: &'static str,
     },
-    /// Seeds for a command without any.
+    /// Seeds for a command without random numbers.
     #[error("{command} draws no random numbers, so it has no seeds; leave 'seeds' out")]
     NoSeeds {
         /// The command.
         command: &'static str,
     },
-    /// More combinations than can be meant.
-    #[error("{points} points; at most {most} are taken")]
+    /// Too many combinations.
+    #[error("{points} points; at most {most} are allowed")]
     TooMany {
-        /// How many.
+        /// Number of points.
         points: u128,
         /// The limit.
         most: usize,
     },
-    /// An option with a value that the command refuses.
-    #[error("{command} refuses a point: {said}")]
+    /// An option value that the command rejects.
+    #[error("{command} rejects a point: {said}")]
     RefusedPoint {
         /// The command.
         command: &'static str,
-        /// What the command line said.
+        /// Message of the command line.
         said: String,
     },
-    /// An input file that cannot be read.
+    /// An input file cannot be read.
     #[error("{0}")]
     Input(String),
 }
 
-/// What Linux says of a full disk.
+/// Linux message of a full disk.
 pub(super) const NO_SPACE: &str = "No space left on device";
 
 fn meant(nearest: Option<&str>) -> String {
@@ -224,7 +224,7 @@ fn meant(nearest: Option<&str>) -> String {
 }
 
 impl SweepError {
-    /// For `map_err`: `action` on `path`.
+    /// Build an error for `map_err`: `action` on `path`.
     pub(super) fn io(
         path: impl Into<PathBuf>,
         action: &'static str,
@@ -236,7 +236,7 @@ impl SweepError {
         }
     }
 
-    /// Whether the disk is full.
+    /// Return whether the disk is full.
     #[must_use]
     pub fn is_disk_full(&self) -> bool {
         match self {
@@ -244,7 +244,7 @@ impl SweepError {
             Self::Write(RecordingError::Io { source, .. }) => {
                 source.kind() == io::ErrorKind::StorageFull
             }
-            // Other libraries pass the system's words on.
+            // Other libraries pass the system's message on.
             Self::Write(RecordingError::Table { reason, .. }) => reason.contains(NO_SPACE),
             _ => false,
         }

@@ -1,4 +1,4 @@
-//! The sweep file: TOML to settings, every mistake with its line.
+//! The sweep file: TOML to settings, with the line of every fault.
 //!
 //! ```toml
 //! command = "fit-actuator"                 # or tune-ekf, gap, train, eval
@@ -36,7 +36,7 @@ use toml::{
     de::{DeArray, DeTable, DeValue},
 };
 
-/// The value of an option as the file has it.
+/// Value of an option in the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Setting {
     /// `true` or `false`.
@@ -47,12 +47,12 @@ pub enum Setting {
     Many(Vec<String>),
 }
 
-/// Something with the line where it stands.
+/// A value with its line in the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Located<T> {
     /// Line, from 1.
     pub line: usize,
-    /// What.
+    /// The value.
     pub value: T,
 }
 
@@ -62,20 +62,20 @@ pub type NamedSetting = (String, Located<Setting>);
 /// An axis of the grid: the option and its values.
 pub type NamedAxis = (String, Vec<Located<Setting>>);
 
-/// A sweep file, read but not yet held against the command's options.
+/// A parsed sweep file, before its options are checked against the command.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepFile {
-    /// Where it was read.
+    /// Path of the file.
     pub path: PathBuf,
     /// The command.
     pub command: SweptCommand,
-    /// Recordings or matches, as written.
+    /// Recordings or matches, as in the file.
     pub inputs: Vec<Located<String>>,
-    /// The seeds; `None` leaves the command's own default.
+    /// Seeds; `None` for the command's own default.
     pub seeds: Option<Vec<u64>>,
-    /// Path into the result.
+    /// Path of the metric in the result.
     pub metric: Option<String>,
-    /// Its direction.
+    /// Direction of the metric.
     pub better: Option<Better>,
     /// Options of every point.
     pub options: Vec<NamedSetting>,
@@ -83,29 +83,29 @@ pub struct SweepFile {
     pub grid: Vec<NamedAxis>,
     /// Further points.
     pub points: Vec<Vec<NamedSetting>>,
-    /// What to ask of Slurm.
+    /// Resources for Slurm.
     pub slurm: SlurmRequest,
 }
 
 const KEYS: [&str; 9] =
     ["command", "inputs", "seeds", "metric", "better", "options", "grid", "points", "slurm"];
 const SLURM_KEYS: [&str; 5] = ["partition", "time", "cores", "mem", "lines"];
-/// More seeds than this are a slip.
+/// Maximum number of seeds; more are taken for a mistake.
 const MOST_SEEDS: i128 = 100_000;
 
-/// Reads the sweep file at `path`.
+/// Read the sweep file at `path`.
 ///
 /// # Errors
-/// When it cannot be read, is no TOML, or holds a key or value that means nothing.
+/// When it cannot be read, is not TOML, or has an unknown key or invalid value.
 pub fn read_file(path: &Path) -> Result<SweepFile, SweepError> {
     let text = fs::read_to_string(path).map_err(SweepError::io(path, "read"))?;
     parse(path, &text)
 }
 
-/// Reads the text of a sweep file; `path` is for messages.
+/// Parse the text of a sweep file; `path` is used in messages.
 ///
 /// # Errors
-/// As [`read_file`], but for reading.
+/// As [`read_file`], except for reading.
 pub fn parse(path: &Path, text: &str) -> Result<SweepFile, SweepError> {
     Reader { path, text }.file()
 }
@@ -117,7 +117,7 @@ struct Reader<'a> {
     text: &'a str,
 }
 
-/// The entries of `table` in the order of the file.
+/// Entries of `table` in the order of the file.
 fn entries<'a, 'i>(table: &'a DeTable<'i>) -> Vec<Entry<'a, 'i>> {
     let mut entries: Vec<Entry<'a, 'i>> =
         table.iter().map(|(key, value)| (key.get_ref().as_ref(), key.span(), value)).collect();
@@ -142,7 +142,7 @@ fn integer(value: &DeValue<'_>) -> Option<i128> {
     i128::from_str_radix(number.as_str(), number.radix()).ok()
 }
 
-/// A number or text as one word: 20e6 is 20000000.
+/// A number or text as one word: 20e6 becomes 20000000.
 fn word(value: &DeValue<'_>) -> Option<String> {
     match value {
         DeValue::String(text) => Some(text.clone().into_owned()),

@@ -1,4 +1,4 @@
-//! The local engine: as many workers as asked for, one child process each.
+//! Local engine: worker threads with one child process each.
 
 use super::{
     Ended, Point, SweepError,
@@ -11,20 +11,20 @@ use std::sync::{
     atomic::{AtomicBool, Ordering},
 };
 
-/// What an engine tells while it works.
+/// Receiver of an engine's progress.
 pub trait SweepObserver: Sync {
-    /// `point` is begun.
+    /// `point` was started.
     fn point_begun(&self, point: &Point);
-    /// `point` was finished, failed or stopped.
+    /// `point` finished, failed or was stopped.
     fn point_ended(&self, point: &Point, ended: &Ended);
-    /// Something that a person should read.
+    /// A message for the user.
     fn remark(&self, text: &str);
-    /// How far everything is.
+    /// Progress of the whole sweep.
     fn remark_progress(&self, text: &str);
 }
 
-/// Runs every one of `points` on `workers` workers until all are done, or `stop` is raised. What fails
-/// stands in the store; a full disk ends everything, because every further point would fail as well.
+/// Run all `points` on `workers` workers until all are done, or `stop` is set. Failures are
+/// recorded in the store; a full disk stops everything, because every further point would fail too.
 ///
 /// # Errors
 /// When the disk is full, the program cannot be started or the store cannot be written.
@@ -36,7 +36,7 @@ pub fn run_local(
     observer: &dyn SweepObserver,
 ) -> Result<Vec<(String, Failure)>, SweepError> {
     let error = Mutex::new(None);
-    // Raised by Ctrl-C as by an error; only the former is the caller's.
+    // Set by Ctrl-C or by an error; only the former is visible to the caller.
     let halted = AtomicBool::new(false);
     let ended = in_parallel_on(workers, points, |point| {
         if stop.load(Ordering::Relaxed) || halted.load(Ordering::Relaxed) {

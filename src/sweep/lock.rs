@@ -1,7 +1,7 @@
-//! One sweep at a time in a folder: a locked file that says who holds it.
+//! Folder lock: one sweep at a time, with a locked file that names the holder.
 //!
-//! The lock is the operating system's and ends with the process, however that ends. Where a file system
-//! knows no locks, the file alone must do: it is honoured until its process, on this host, is gone.
+//! The lock is the operating system's and ends with the process. On a file system without locks the
+//! file alone is used: it is respected until its process, on this host, has ended.
 
 use super::SweepError;
 use std::{
@@ -11,17 +11,17 @@ use std::{
     process,
 };
 
-/// The lock of a folder; dropped, it is free.
+/// Lock of a folder; released on drop.
 #[derive(Debug)]
 pub struct FolderLock {
     file: File,
 }
 
 impl FolderLock {
-    /// Takes the lock of `folder`, which exists.
+    /// Take the lock of `folder`, which exists.
     ///
     /// # Errors
-    /// When another process has it, or the file cannot be written.
+    /// When another process holds it, or the file cannot be written.
     pub fn take(folder: &Path) -> Result<Self, SweepError> {
         let path = folder.join(".sweep.lock");
         let mut options = OpenOptions::new();
@@ -49,12 +49,12 @@ impl FolderLock {
 
 impl Drop for FolderLock {
     fn drop(&mut self) {
-        // The file stays: removed, it could be locked by one process and made anew by another.
+        // The file remains: if removed, one process could lock it while another creates it anew.
         self.file.set_len(0).ok();
     }
 }
 
-/// Whether `process PID on HOST` may still be there: one of another host always may.
+/// Return whether `process PID on HOST` may still run; one of another host always may.
 fn is_alive(holder: &str) -> bool {
     let Some((pid, place)) =
         holder.strip_prefix("process ").and_then(|rest| rest.split_once(" on "))

@@ -1,4 +1,4 @@
-//! Finished points as one table: a row each.
+//! Finished points as a table with one row each.
 
 use super::{Plan, Point, Store, SweepError};
 use crate::{
@@ -17,15 +17,15 @@ use std::{
 
 use super::Better;
 
-/// The figure that is compared.
+/// Metric of a comparison.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Metric {
-    /// Names and positions into the result document, with dots between them; `*` is every element of a
-    /// list, of which the mean is taken; `a/b` at the end divides one figure by the one beside it.
+    /// Path into the result document: names and indices separated by dots. `*` averages over all
+    /// elements of a list; `a/b` at the end divides a value by its neighbour.
     pub path: String,
-    /// What it is, with its unit, for people.
+    /// Description with the unit.
     pub title: String,
-    /// Its direction.
+    /// Direction.
     #[serde(serialize_with = "as_name")]
     pub better: Better,
 }
@@ -35,7 +35,7 @@ fn as_name<S: serde::Serializer>(better: &Better, to: S) -> Result<S::Ok, S::Err
 }
 
 impl Metric {
-    /// The figure in `result`; `None` when it is not there or no number.
+    /// Value of the metric in `result`; `None` if it is missing or not a number.
     #[must_use]
     pub fn of(&self, result: &Value) -> Option<f64> {
         let parts: Vec<&str> = self.path.split('.').collect();
@@ -71,30 +71,30 @@ fn figures(value: &Value, path: &[&str]) -> Vec<f64> {
 /// A finished point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
-    /// Position among the points of the plan.
+    /// Index among the points of the plan.
     pub index: usize,
     /// Exit status, 0 or 3.
     pub status: i32,
-    /// What it said last when its status is 3.
+    /// Last message, if the status is 3.
     pub remark: Option<String>,
     /// Commit of the program that made it.
     pub git_hash: String,
-    /// The figure that is compared.
+    /// Value of the metric.
     pub metric: Option<f64>,
-    /// Every single figure of its result by its path.
+    /// All values of its result by path.
     pub figures: BTreeMap<String, Value>,
 }
 
-/// Elements of a list that are taken into the table; a longer list is data, not figures.
+/// Maximum number of list elements in the table; longer lists are data.
 const MOST_ELEMENTS: usize = 8;
-/// Longest text that is taken into the table; a longer one is a story.
+/// Maximum length of a text in the table.
 const LONGEST_TEXT: usize = 80;
-/// Parts of results that tell how they were made, which the table has columns for.
+/// Parts of results about provenance, which have columns of their own or none.
 const LEFT_OUT: [&str; 6] =
     ["provenance", "settings", "command_line", "git_hash", "schema_version", "crate_version"];
 
-/// The rows of the points of `plan` that are in `finished`, in the order of the plan, and the points whose
-/// files cannot be read.
+/// Rows of the points of `plan` that are in `finished`, in the order of the plan, and the points
+/// whose files cannot be read.
 #[must_use]
 pub fn rows<'a>(
     plan: &'a Plan,
@@ -120,7 +120,7 @@ pub fn rows<'a>(
     (read.into_iter().flatten().collect(), unreadable)
 }
 
-/// Whether a list is part of another one: lists of lists are data.
+/// Nesting of a list: lists of lists are data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ListKind {
     Outer,
@@ -153,10 +153,10 @@ fn flatten(value: &Value, path: String, kind: ListKind, figures: &mut BTreeMap<S
     }
 }
 
-/// Writes `table.csv` and `table.parquet` into `folder`.
+/// Write `table.csv` and `table.parquet` into `folder`.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When a file cannot be written.
 pub fn write_tables(plan: &Plan, rows: &[Row], folder: &Path) -> Result<(), SweepError> {
     let columns = columns(plan, rows);
     for (name, format) in
@@ -167,7 +167,7 @@ pub fn write_tables(plan: &Plan, rows: &[Row], folder: &Path) -> Result<(), Swee
     Ok(())
 }
 
-/// Point, options, seed, status, the metric, then every figure by its path.
+/// Columns: point, options, seed, status, metric, then every value by its path.
 fn columns(plan: &Plan, rows: &[Row]) -> Vec<Column> {
     let points: Vec<&Point> = rows.iter().map(|row| &plan.points[row.index]).collect();
     let text = |of: &dyn Fn(&Point) -> Option<String>| {
@@ -195,7 +195,7 @@ fn columns(plan: &Plan, rows: &[Row]) -> Vec<Column> {
     columns
 }
 
-/// Numbers where every word is one.
+/// Numbers if every word is one, otherwise text.
 fn of_words(words: &[Option<&str>]) -> Values {
     let numbers: Option<Vec<Option<f64>>> = words
         .iter()

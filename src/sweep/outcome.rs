@@ -1,4 +1,4 @@
-//! What is known of a sweep at a moment: finished rows, failures, the choice, and the files that tell it.
+//! Merged state of a sweep: finished rows, failures, choice, and the files that report them.
 
 use super::{
     Choice, Combination, Metric, Plan, Point, Row, Store, SweepError, choose, combinations, merge,
@@ -15,41 +15,41 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// A point without a result, and why.
+/// A point without a result, with the reason.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct FailedPoint {
-    /// Its hash.
+    /// Hash of the point.
     pub hash: String,
-    /// What tells it from others.
+    /// Title of the point.
     pub title: String,
-    /// Its last words, or how its task ended.
+    /// Last line of its log, or the end of its task.
     pub reason: String,
-    /// Where more is said.
+    /// Path of the log.
     pub log: PathBuf,
     /// The Slurm task that ran it.
     pub task: Option<String>,
 }
 
 impl FailedPoint {
-    /// `point`, of which the store has `failure` and its `log`.
+    /// Failure of `point`, from `failure` in the store and its `log`.
     pub(super) fn new(point: &Point, failure: Failure, log: PathBuf) -> Self {
         let Failure { reason, task, .. } = failure;
         Self { hash: point.hash.clone(), title: point.title(), reason, log, task }
     }
 }
 
-/// Everything that is known of the points.
+/// Merged state of all points.
 #[derive(Debug, Clone)]
 pub struct Merged {
     /// Finished points, in the order of the plan.
     pub rows: Vec<Row>,
     /// Failed points, in the order of the plan.
     pub failures: Vec<FailedPoint>,
-    /// Finished points by combination.
+    /// Combinations of finished points.
     pub combinations: Vec<Combination>,
-    /// The best and the chosen one.
+    /// Best and chosen combination.
     pub choice: Option<Choice>,
-    /// What a reader must know.
+    /// Warnings, as sentences.
     pub warnings: Vec<String>,
 }
 
@@ -70,7 +70,7 @@ struct Document<'a> {
 }
 
 impl Merged {
-    /// Reads what `store` holds of `plan`; `failures` are what an engine knows beside.
+    /// Read the results of `plan` in `store`; `known` are further failures reported by an engine.
     ///
     /// # Errors
     /// When the store cannot be read.
@@ -85,7 +85,7 @@ impl Merged {
         warnings.extend(unreadable.into_iter().map(|point| {
             let folder = store.folder(point);
             let folder = folder.display();
-            format!("{folder}: cannot be read; remove this folder and give the same command again")
+            format!("{folder}: cannot be read; remove this folder and run the same command again")
         }));
         let recorded = store.failed()?;
         let mut failures = Vec::new();
@@ -122,10 +122,11 @@ impl Merged {
         })
     }
 
-    /// Writes `table.csv`, `table.parquet`, `sweep.json` and `page` as `index.html` beside the points.
+    /// Write `table.csv`, `table.parquet`, `sweep.json`, and `page` as `index.html`, next to the
+    /// points.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When a file cannot be written.
     pub fn write(
         &self,
         (plan, store): (&Plan, &Store),
@@ -154,7 +155,7 @@ impl Merged {
         Ok(())
     }
 
-    /// The table for people.
+    /// Table for people.
     #[must_use]
     pub fn table(&self, plan: &Plan) -> String {
         const MOST: usize = 30;
@@ -172,13 +173,13 @@ impl Merged {
             let [best, chosen] =
                 [choice.best, choice.chosen].map(|index| page::title(&self.combinations[index]));
             lines.push(format!("best: {best}"));
-            lines.push(format!("chosen by one standard error: {chosen}"));
+            lines.push(format!("chosen by the one-standard-error rule: {chosen}"));
         }
         lines.join("\n")
     }
 }
 
-/// What a reader of `rows` must know.
+/// Warnings about `rows`.
 fn warnings(plan: &Plan, rows: &[Row]) -> Vec<String> {
     let mut warnings = Vec::new();
     let others: BTreeSet<&str> =
@@ -192,7 +193,7 @@ fn warnings(plan: &Plan, rows: &[Row]) -> Vec<String> {
     }
     if !rows.is_empty() && rows.iter().all(|row| row.metric.is_none()) {
         warnings.push(format!(
-            "no finished point has a number at '{}' of its result; name another with --metric, see the columns of \
+            "no finished point has a number at '{}' of its result; choose another with --metric, see the columns of \
              table.csv",
             plan.metric.path
         ));

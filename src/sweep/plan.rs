@@ -1,4 +1,4 @@
-//! From a sweep file to its points: every combination of the grid and every listed point, for every seed.
+//! Expansion of a sweep file into points: grid and listed points, for every seed.
 
 use super::{
     Better, Metric, OptionKind, OptionSpec, Point, SlurmRequest, SweepError, SweepFile,
@@ -14,40 +14,40 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// More points than this are a slip.
+/// Maximum number of points; more are taken for a mistake.
 pub const MOST_POINTS: usize = 100_000;
 
 /// An axis of the grid.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GridAxis {
-    /// The option.
+    /// Name of the option.
     pub name: String,
-    /// Its values in the order of the file.
+    /// Values in the order of the file.
     pub values: Vec<String>,
 }
 
-/// What is to be run, and how it is compared.
+/// Plan of a sweep: points and metric.
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// The command of every point.
     pub command: SweptCommand,
-    /// The folder in which the points are run: that of the sweep file.
+    /// Folder in which the points are run: that of the sweep file.
     pub working_folder: PathBuf,
     /// Axes of the grid.
     pub axes: Vec<GridAxis>,
     /// Every point once.
     pub points: Vec<Point>,
-    /// The figure that is compared.
+    /// Metric of the comparison.
     pub metric: Metric,
-    /// What the file asks of Slurm.
+    /// Resources for Slurm.
     pub slurm: SlurmRequest,
 }
 
-/// What the command line knows of a command: its options, and whether it takes these words.
+/// Options of a command, and a check of its arguments.
 pub struct CommandLine<'a> {
-    /// Every option.
+    /// All options.
     pub options: &'a [OptionSpec],
-    /// Refuses words with a sentence.
+    /// Check of a command line; the error is a sentence.
     pub check: &'a dyn Fn(&[String]) -> Result<(), String>,
 }
 
@@ -55,10 +55,10 @@ pub struct CommandLine<'a> {
 type Options = BTreeMap<String, Located<Setting>>;
 
 impl Plan {
-    /// The points of `file`, whose options and values the command line knows.
+    /// Expand `file`, with the options and checks of the command line.
     ///
     /// # Errors
-    /// When the command does not have an option or refuses a value, or an input cannot be read.
+    /// When the command does not have an option or rejects a value, or an input cannot be read.
     pub fn new(file: &SweepFile, line: &CommandLine<'_>) -> Result<Self, SweepError> {
         let parent = file.path.parent().filter(|parent| !parent.as_os_str().is_empty());
         let folder = parent.unwrap_or(Path::new("."));
@@ -73,7 +73,7 @@ impl Plan {
             values: values.iter().map(|value| planner.shown(name, &value.value)).collect(),
         });
         let metric = match &file.metric {
-            // A figure that somebody names is an error, until somebody says more.
+            // A metric given by the user is an error (smaller is better) unless stated otherwise.
             Some(path) => Metric {
                 path: path.clone(),
                 title: path.clone(),
@@ -170,7 +170,7 @@ impl Planner<'_> {
         Err(self.fault(setting.line, FileFault::WrongKind { key, found, expected }))
     }
 
-    /// Every combination of the grid, the first axis outermost, then every listed point.
+    /// Combinations of the grid, the first axis outermost, then all listed points.
     fn combinations(&self) -> Result<Vec<Options>, SweepError> {
         let file = self.file;
         let grid: u128 = file.grid.iter().map(|(_, axis)| axis.len() as u128).product();
@@ -199,7 +199,7 @@ impl Planner<'_> {
         Ok(all)
     }
 
-    /// Lets the command line judge each value once: of the grid those of its first combination with one
+    /// Check each value once with the command line: the first combination of the grid with one
     /// value changed, and every listed point.
     fn check_values(&self, combinations: &[Options]) -> Result<(), SweepError> {
         let listed = combinations.len() - self.file.points.len();
@@ -222,7 +222,7 @@ impl Planner<'_> {
     fn check_words(&self, options: &Options, line: usize) -> Result<(), SweepError> {
         let seed = self.file.seeds.as_ref().and_then(|seeds| seeds.first().copied());
         (self.line.check)(&self.words(options, seed)).map_err(|said| {
-            // The line of the option that is complained about, where it is one of this point.
+            // Line of the option in the message, if it is one of this point.
             let named =
                 |(name, _): &(&String, &Located<Setting>)| said.contains(&format!("'--{name} "));
             let line = options.iter().find(named).map_or(line, |(_, setting)| setting.line);
@@ -231,7 +231,7 @@ impl Planner<'_> {
         })
     }
 
-    /// What is typed after `klasktron`, options by name.
+    /// Words typed after `klasktron`, options by name.
     fn words(&self, options: &Options, seed: Option<u64>) -> Vec<String> {
         let command = self.file.command;
         let mut words = vec![command.name().to_owned()];
@@ -257,7 +257,7 @@ impl Planner<'_> {
         words
     }
 
-    /// The value for people and tables.
+    /// Value for people and tables.
     fn shown(&self, name: &str, setting: &Setting) -> String {
         match setting {
             Setting::Flag(flag) => flag.to_string(),
@@ -296,7 +296,7 @@ impl Planner<'_> {
                 let mut point = Point::new(self.words(options, *seed), &inputs);
                 point.settings.clone_from(&settings);
                 point.seed = *seed;
-                // A listed point may be one of the grid.
+                // A listed point may be in the grid too.
                 if known.insert(point.hash.clone()) {
                     points.push(point);
                 }
@@ -305,7 +305,7 @@ impl Planner<'_> {
         Ok(points)
     }
 
-    /// Hashes of the inputs and of the files that options name.
+    /// Hashes of the inputs and of the files in options.
     fn inputs_of(
         &self,
         options: &Options,
@@ -338,7 +338,7 @@ impl Planner<'_> {
     }
 }
 
-/// A value that looks like an option is held to its name.
+/// Words of an option; a value that looks like an option is attached with `=`.
 fn option_words(name: &str, value: &str) -> Vec<String> {
     if value.starts_with('-') {
         vec![format!("--{name}={value}")]

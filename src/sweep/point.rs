@@ -1,4 +1,4 @@
-//! A point: one command line, known by the hash of its settings and inputs.
+//! A point: one command line, identified by the hash of its settings and inputs.
 
 use super::{SweepError, SweptCommand};
 use crate::{
@@ -12,7 +12,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Digits of a hash that are kept: 96 bits, so that no two of a million points are alike.
+/// Number of hash digits kept: 96 bits, so that collisions among a million points are negligible.
 const HASH_DIGITS: usize = 24;
 
 /// One run of a command.
@@ -20,20 +20,20 @@ const HASH_DIGITS: usize = 24;
 pub struct Point {
     /// Hash of its settings, the content of its inputs and the version of this crate.
     pub hash: String,
-    /// Folder of its results, from that of the sweep.
+    /// Folder of its results, relative to that of the sweep.
     pub folder: PathBuf,
-    /// What is typed after `klasktron`, without the place of results and the number of threads.
+    /// Words typed after `klasktron`, without output folder and number of threads.
     pub words: Vec<String>,
-    /// The same as a command line for people and shells, wherever the sweep lies.
+    /// The same as a command line for people and shells, independent of the sweep's folder.
     pub command_line: String,
-    /// What differs from point to point, by option.
+    /// Options that differ between points, with their values.
     pub settings: BTreeMap<String, String>,
-    /// Its seed.
+    /// Seed of the point.
     pub seed: Option<u64>,
 }
 
 impl Point {
-    /// A point in `points/HASH` of `words`, whose `inputs` have these hashes.
+    /// Point of `words` in `points/HASH`; `inputs` are the hashes of its inputs.
     #[must_use]
     pub fn new(words: Vec<String>, inputs: &[String]) -> Self {
         let hash = hash_of(&words, inputs);
@@ -43,7 +43,7 @@ impl Point {
         Self { hash, folder, words, command_line, settings: BTreeMap::new(), seed: None }
     }
 
-    /// What tells it from others: `width 64, history 5, seed 2`.
+    /// Title of the point: `width 64, history 5, seed 2`.
     #[must_use]
     pub fn title(&self) -> String {
         let seed = self.seed.map(|seed| format!("seed {seed}"));
@@ -52,14 +52,14 @@ impl Point {
         if parts.is_empty() { "the only point".to_owned() } else { parts.join(", ") }
     }
 
-    /// The command.
+    /// Command of the point.
     #[must_use]
     pub fn command(&self) -> Option<SweptCommand> {
         SweptCommand::named(self.words.first()?)
     }
 }
 
-/// The hash of a point of `words`, whose `inputs` have these hashes.
+/// Hash of a point of `words`; `inputs` are the hashes of its inputs.
 #[must_use]
 pub fn hash_of(words: &[String], inputs: &[String]) -> String {
     let mut hash = Sha256::new();
@@ -78,7 +78,7 @@ pub fn hash_of(words: &[String], inputs: &[String]) -> String {
     digits
 }
 
-/// `word` for a shell: as it is where that is safe, in single quotes else.
+/// Quote `word` for a shell: unchanged where that is safe, otherwise in single quotes.
 #[must_use]
 pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,+@%".contains(c);
@@ -88,17 +88,17 @@ pub fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', "'\\''"))
 }
 
-/// Hashes of files, each read once.
+/// Cache of file hashes; each file is read once.
 #[derive(Debug, Default)]
 pub struct InputHashes {
     known: BTreeMap<PathBuf, String>,
 }
 
 impl InputHashes {
-    /// The hash of the file at `path`, or of every `.mcap` file in the folder there.
+    /// Hash of the file at `path`, or of every `.mcap` file in the folder there.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// When a file cannot be read.
     pub fn of(&mut self, path: &Path) -> Result<String, SweepError> {
         if let Some(hash) = self.known.get(path) {
             return Ok(hash.clone());

@@ -1,4 +1,4 @@
-//! Running one point: a child process of the same program, and what came of it.
+//! Running one point: a child process of the same program, and its result.
 
 use super::{
     Point, SweepError,
@@ -16,39 +16,39 @@ use std::{
     time::Duration,
 };
 
-/// What a point is run with.
+/// Environment of a point's run.
 #[derive(Debug, Clone)]
 pub struct Runner {
-    /// The program.
+    /// Path of the program.
     pub program: PathBuf,
     /// The folder in which it is run.
     pub working_folder: PathBuf,
-    /// Threads of every point, where its command can be told.
+    /// Number of threads per point, for commands with that option.
     pub threads: usize,
-    /// The Slurm task that it runs in.
+    /// Slurm task of the run.
     pub task: Option<String>,
 }
 
-/// How the run of a point ended.
+/// End of a point's run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Ended {
-    /// Its results are in the store, with a remark where its status was 3.
+    /// The results are in the store, with a message if the status was 3.
     Finished(Option<String>),
-    /// It failed, and the store says why.
+    /// The run failed; the store has the reason.
     Failed(Failure),
-    /// It was stopped before its end; what it has left is taken up again where the command can.
+    /// The run was stopped; commands that can resume continue from its files.
     Interrupted,
 }
 
-/// Exit status of a command that has finished, but lost something or did not meet a gate.
+/// Exit status of a command that finished but lost data or missed a gate.
 const STATUS_LOSSY: i32 = 3;
-/// Longest time between two looks at a child (ms).
+/// Maximum polling interval of a child (ms).
 const LONGEST_LOOK_MS: u64 = 20;
-/// Time between two looks at a point that another process has claimed.
+/// Polling interval of a point claimed by another process.
 const CLAIMED_LOOK: Duration = Duration::from_millis(200);
-/// End of a log that is searched for last words (bytes).
+/// Length of the end of a log that is searched for the last line (bytes).
 const LOG_TAIL: u64 = 16 * 1024;
-/// Signals that are known by name.
+/// Names of signals.
 const SIGNALS: [(i32, &str); 7] = [
     (1, "SIGHUP"),
     (2, "SIGINT"),
@@ -59,7 +59,7 @@ const SIGNALS: [(i32, &str); 7] = [
     (24, "SIGXCPU"),
 ];
 
-/// Runs `point` into `store`, unless it is finished meanwhile, until `stop` is raised.
+/// Run `point` into `store`, unless it is finished meanwhile, until `stop` is set.
 ///
 /// # Errors
 /// When the program cannot be started or the store cannot be written.
@@ -78,8 +78,8 @@ pub fn run_point(
             None => thread::sleep(CLAIMED_LOOK),
         }
     };
-    // The child holds the claim as its standard input, so that it lasts as long as the child, even when
-    // this process is killed.
+    // The child holds the claim as its standard input, so that it lasts as long as the child, even
+    // if this process is killed.
     let held = claim.file.try_clone().map_err(SweepError::io(store.folder(point), "claim"))?;
     let ended = if store.holds(point)? {
         Ok(Ended::Finished(None))
@@ -112,7 +112,7 @@ fn run_claimed(
         File::create(&path).map_err(SweepError::io(path, "create"))
     };
     let mut command = Command::new(&runner.program);
-    // Settings of a file in the working folder are no part of a point.
+    // A settings file in the working folder is not part of a point.
     command.arg("--no-config").args(&words).current_dir(&runner.working_folder);
     command.stdin(claim).stdout(create(RESULT_FILE)?).stderr(create(LOG_FILE)?);
     own_group(&mut command);
@@ -122,7 +122,8 @@ fn run_claimed(
     judge(point, store, runner, (status, stop))
 }
 
-/// Ctrl-C in the terminal is for the engine, which ends its children itself.
+/// Own process group: Ctrl-C in the terminal reaches only the engine, which ends its children
+/// itself.
 fn own_group(command: &mut Command) {
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(command, 0);
@@ -130,7 +131,8 @@ fn own_group(command: &mut Command) {
     let _ = command;
 }
 
-/// Makes the partial folder: empty, or with what the command can go on with, and the word for that.
+/// Prepare the partial folder: empty, or with the files to resume from; returns the word for
+/// resuming.
 fn prepare(point: &Point, partial: &Path) -> Result<Option<String>, SweepError> {
     let continues = point.command().and_then(super::SweptCommand::continues);
     let kept = continues.filter(|(file, _)| partial.join(file).exists());
@@ -141,8 +143,8 @@ fn prepare(point: &Point, partial: &Path) -> Result<Option<String>, SweepError> 
     Ok(kept.and_then(|(_, word)| word).map(str::to_owned))
 }
 
-/// Waits for `child`, which is killed when `stop` is raised. A short one is looked at often, a long one
-/// seldom.
+/// Wait for `child`, which is killed when `stop` is set. The polling interval grows with the run
+/// time.
 fn wait(mut child: Child, stop: &AtomicBool) -> io::Result<ExitStatus> {
     let mut looks = 0_u64;
     loop {
@@ -195,7 +197,7 @@ fn judge(
 }
 
 impl Failure {
-    /// Whether its last words are that the disk is full.
+    /// Return whether the last line reports a full disk.
     #[must_use]
     pub fn is_disk_full(&self) -> bool {
         self.reason.contains(NO_SPACE) || self.reason.contains("the disk is full")
@@ -209,12 +211,12 @@ fn reason(status: ExitStatus, last: Option<&str>) -> String {
         return format!("killed by {name}");
     }
     match (status.code(), last) {
-        (Some(STATUS_LOSSY), Some(last)) => format!("ended before it was finished: {last}"),
-        (Some(STATUS_LOSSY), None) => "ended before it was finished".to_owned(),
+        (Some(STATUS_LOSSY), Some(last)) => format!("ended before completion: {last}"),
+        (Some(STATUS_LOSSY), None) => "ended before completion".to_owned(),
         (Some(0), _) => "printed no result document".to_owned(),
         (_, Some(last)) => last.to_owned(),
-        (Some(code), None) => format!("status {code}, and it said nothing"),
-        (None, None) => "it said nothing".to_owned(),
+        (Some(code), None) => format!("status {code} without a message"),
+        (None, None) => "no message".to_owned(),
     }
 }
 
@@ -228,7 +230,7 @@ fn signal_of(_status: ExitStatus) -> Option<i32> {
     None
 }
 
-/// The last line of a log, without the word for what it is.
+/// Last line of a log, without its level prefix.
 pub(super) fn last_words(path: &Path) -> Option<String> {
     let mut file = File::open(path).ok()?;
     let length = file.metadata().ok()?.len();

@@ -1,15 +1,16 @@
-//! The Slurm engine: job arrays of one task per point, over a shared folder.
+//! Slurm engine: job arrays of one task per point, over a shared folder.
 //!
 //! ```text
-//! OUT/slurm/sweep.sbatch      the script; every array runs it
-//! OUT/slurm/points-001.jsonl  the points of a submission, a line each
-//! OUT/slurm/jobs.json         arrays and the lines that they run
-//! OUT/slurm/log/JOB_TASK.log  what a task said, and .exit, how its script ended
+//! OUT/slurm/sweep.sbatch      the script of every array
+//! OUT/slurm/points-001.jsonl  the points of a submission, one per line
+//! OUT/slurm/jobs.json         arrays and their lines
+//! OUT/slurm/log/JOB_TASK.log  log of a task; .exit has the exit status of its script
 //! ```
 //!
-//! Task k of an array that begins at line n runs line n + k, by `klasktron sweep-task`, which puts the point
-//! into the store of the local engine. The submitting process only looks: at the store, and with `squeue` at
-//! what has no result yet. It may leave and come back at any time. Nothing here needs accounting.
+//! Task k of an array that begins at line n runs line n + k, by `klasktron sweep-task`, which puts
+//! the point into the store of the local engine. The submitting process polls the store, and
+//! `squeue` for points without a result. It may end and be started again at any time. Accounting is
+//! not needed.
 
 mod jobs;
 mod scheduler;
@@ -32,26 +33,26 @@ use std::{
 };
 use verdict::{Verdict, verdict};
 
-/// Folder of what belongs to Slurm.
+/// Folder of the Slurm files.
 pub(super) const SLURM: &str = "slurm";
 
-/// Exit status of a task whose point failed; the store says why.
+/// Exit status of a task whose point failed; the store has the reason.
 pub const TASK_FAILED: u8 = 1;
-/// Exit status of a task that was told to end.
+/// Exit status of a task that was terminated.
 pub const TASK_INTERRUPTED: u8 = 75;
-/// Exit status of a task that found the disk full: the number of that error on Linux.
+/// Exit status of a task that found the disk full: the error number on Linux.
 pub const TASK_DISK_FULL: u8 = 28;
 /// Exit status of a script that did not find the program.
 pub(crate) const PROGRAM_MISSING: u8 = 127;
 
-/// What to ask of Slurm, as typed or written.
+/// Resources for Slurm, as typed or from the sweep file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SlurmRequest {
     /// `--partition`
     pub partition: Option<String>,
     /// `--time`, as `sbatch` takes it.
     pub time: Option<String>,
-    /// Cores of a task, which are its threads.
+    /// Cores of a task; equal to its threads.
     pub cores: Option<usize>,
     /// `--mem` of a task.
     pub mem: Option<String>,
@@ -60,7 +61,7 @@ pub struct SlurmRequest {
 }
 
 impl SlurmRequest {
-    /// This request, with that of `file` where it says nothing.
+    /// This request, completed by that of `file`.
     #[must_use]
     pub fn or(self, file: &Self) -> Self {
         let lines = if self.lines.is_empty() { file.lines.clone() } else { self.lines };
@@ -74,30 +75,30 @@ impl SlurmRequest {
     }
 }
 
-/// How a sweep on Slurm is when this process leaves it.
+/// State of a sweep on Slurm when this process ends.
 #[derive(Debug, Clone, Default)]
 pub struct SlurmOutcome {
-    /// Points whose task ended without a result, and why, by hash.
+    /// Points whose task ended without a result, with the reason, by hash.
     pub lost: BTreeMap<String, FailedPoint>,
-    /// Tasks that are still with Slurm.
+    /// Number of tasks in Slurm's queue.
     pub in_queue: usize,
-    /// Jobs of these, to be cancelled by.
+    /// Jobs of these tasks, for cancelling.
     pub jobs: Vec<String>,
-    /// Points that are not submitted yet, because Slurm takes no more at a time.
+    /// Number of points not yet submitted because of Slurm's limits.
     pub waiting: usize,
 }
 
-/// Shortest and longest time between two looks at the queue (s).
+/// Range of the polling interval of the queue (s).
 const LOOK_S: (f64, f64) = (0.5, 10.0);
-/// Looks after which a task that Slurm calls done but that has no result is lost: a shared folder may show
-/// new files late.
+/// Number of polls after which a task that Slurm reports as completed, but without a result, is
+/// lost: a shared folder may show new files late.
 const PATIENT_LOOKS: usize = 20;
-/// The same for a task that Slurm says has failed, or no longer knows.
+/// The same for a task that Slurm reports as failed or no longer knows.
 const HASTY_LOOKS: usize = 2;
-/// Step in which a wait is broken off.
+/// Step in which a wait can be interrupted.
 const NAP: Duration = Duration::from_millis(50);
 
-/// The engine at work.
+/// The running engine.
 struct Engine<'a> {
     plan: &'a Plan,
     store: &'a Store,
@@ -109,24 +110,24 @@ struct Engine<'a> {
     observer: &'a dyn SweepObserver,
 }
 
-/// Where the points stand.
+/// State of all points.
 #[derive(Default)]
 struct Standing {
     finished: BTreeSet<String>,
     failed: BTreeSet<String>,
     in_queue: BTreeMap<String, TaskState>,
     lost: BTreeMap<String, FailedPoint>,
-    /// Neither submitted nor finished.
+    /// Points neither submitted nor finished.
     todo: Vec<usize>,
-    /// Ended by Slurm's account, but without a result so far.
+    /// Number of points that Slurm reports as ended, but without a result so far.
     unclear: usize,
 }
 
-/// Submits what is neither finished nor with Slurm, and follows until nothing is left to wait for or `stop`
-/// is raised. `retry` takes what has failed or was lost as well.
+/// Submit all points that are neither finished nor in Slurm's queue, and follow them until all have
+/// ended or `stop` is set. `retry` includes failed and lost points.
 ///
 /// # Errors
-/// When Slurm is not there or refuses, or the store cannot be written.
+/// When Slurm is not available or reports an error, or the store cannot be written.
 pub fn run_slurm(
     plan: &Plan,
     store: &Store,
@@ -151,20 +152,20 @@ pub fn run_slurm(
     engine.run(retry, stop)
 }
 
-/// Whether failed and lost points are tried again.
+/// Policy for failed and lost points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RetryPolicy {
-    /// They stay as they are.
+    /// Keep them as they are.
     Keep,
-    /// Once more.
+    /// Run them again.
     Again,
 }
 
-/// Tasks of the sweep in `root` that are still with Slurm, and their jobs; `None` when none was ever
-/// submitted.
+/// Tasks of the sweep in `root` that are in Slurm's queue, and their jobs; `None` without any
+/// submission.
 ///
 /// # Errors
-/// When there were some and Slurm cannot be asked.
+/// When tasks were submitted and Slurm cannot be queried.
 pub fn tasks_in_queue(
     root: &Path,
     plan: &Plan,
@@ -210,14 +211,14 @@ impl Engine<'_> {
         }
     }
 
-    /// Reads the store and asks the queue for what has no result.
+    /// Read the store, and query the queue for points without a result.
     fn look(
         &self,
         unseen: &mut BTreeMap<String, usize>,
         kind: LookKind,
     ) -> Result<Standing, SweepError> {
         let tasks = self.jobs.tasks(&self.folder);
-        // The queue before the store: what ends in between then has its result.
+        // The queue before the store: a task that ends in between has its result.
         let states = match tasks.is_empty() {
             true => Some(States::new()),
             false => self.scheduler.states(&self.jobs.job_ids())?,
@@ -248,7 +249,8 @@ impl Engine<'_> {
         Ok(standing)
     }
 
-    /// Where `point` stands, whose task Slurm knows as `state`, at the `looks`-th look since it was there.
+    /// State of `point`, whose task has Slurm's `state`, at poll number `looks` since it was in the
+    /// queue.
     fn ask(
         &self,
         point: &Point,
@@ -266,7 +268,8 @@ impl Engine<'_> {
                 let patience = if hasty { HASTY_LOOKS } else { PATIENT_LOOKS };
                 let may_come = match kind {
                     LookKind::Again => *looks <= patience,
-                    // Who comes back has waited, unless it has ended well a moment ago.
+                    // On a restart of the engine the shared folder has had time, unless the task
+                    // completed a moment ago.
                     LookKind::First => !hasty,
                 };
                 if may_come {
@@ -292,7 +295,7 @@ impl Engine<'_> {
         }
     }
 
-    /// What has failed or was lost is to be done again.
+    /// Schedule failed and lost points again.
     fn forget(&self, standing: &mut Standing) {
         for (index, point) in self.plan.points.iter().enumerate() {
             if standing.failed.remove(&point.hash) || standing.lost.remove(&point.hash).is_some() {
@@ -303,7 +306,7 @@ impl Engine<'_> {
         standing.todo.sort_unstable();
     }
 
-    /// New failures, and how far everything is.
+    /// Report new failures and the progress.
     fn tell(&self, standing: &Standing, told: &mut BTreeSet<String>) {
         for lost in standing.lost.values().filter(|lost| told.insert(lost.hash.clone())) {
             self.tell_failure("ended without a result", lost);
@@ -320,8 +323,8 @@ impl Engine<'_> {
             if 0 < state.restarts && told.insert(format!("{hash} {}", state.restarts)) {
                 let TaskState { job, task, reason, .. } = state;
                 self.observer.remark(&format!(
-                    "task {job}_{task} was put back into the queue by Slurm, as it does when a node goes down \
-                     ({reason}); it starts again by itself"
+                    "task {job}_{task} was requeued by Slurm, as after the failure of a node \
+                     ({reason}); it restarts automatically"
                 ));
             }
         }
@@ -335,7 +338,7 @@ impl Engine<'_> {
             .remark(&format!("task {task} ({title}) {what}: {reason}; log {}", log.display()));
     }
 
-    /// Submits as many of what is to be done as Slurm takes.
+    /// Submit as many scheduled points as Slurm accepts.
     fn submit(&mut self, standing: &mut Standing) -> Result<(), SweepError> {
         let room =
             self.limits.most_tasks.saturating_sub(standing.in_queue.len() + standing.unclear);
@@ -353,9 +356,9 @@ impl Engine<'_> {
             match self.scheduler.submit(&self.script, &list, (offset, count))? {
                 Submitted::Job(job) => self.note(job, (offset, count))?,
                 Submitted::Full(said) if 0 < offset + standing.in_queue.len() => {
-                    // Slurm takes no more now; the rest follows when some have ended.
+                    // Slurm accepts no more now; the rest follows when some have ended.
                     self.limits.most_tasks = standing.in_queue.len() + offset;
-                    self.observer.remark(&format!("Slurm takes no more tasks for now: {said}"));
+                    self.observer.remark(&format!("Slurm accepts no more tasks for now: {said}"));
                     break;
                 }
                 Submitted::Full(said) => {
@@ -371,7 +374,7 @@ impl Engine<'_> {
         Ok(())
     }
 
-    /// Keeps the array of a submission, before anything else can happen to this process.
+    /// Record the array of a submission before anything else can happen to this process.
     fn note(&mut self, job: String, (offset, count): (usize, usize)) -> Result<(), SweepError> {
         self.observer.remark(&format!("submitted job {job}: an array of {count}"));
         if let Some(submission) = self.jobs.submissions.last_mut() {

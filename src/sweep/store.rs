@@ -1,12 +1,13 @@
-//! The store: every finished point in a folder of its own, there when it is complete.
+//! Result store: every finished point in a folder of its own, which appears when complete.
 //!
 //! ```text
 //! OUT/points/HASH/         files of the command
-//!                result.json   the document that it printed
-//!                log.txt       what it said
-//!                point.json    how it was made
-//! OUT/points/.HASH.partial/    a point under way, or what an interrupted one has left
-//! OUT/failed/HASH.json, .log   a point that failed
+//!                result.json   document that it printed
+//!                log.txt       its log
+//!                point.json    provenance
+//! OUT/points/.HASH.partial/    a running or interrupted point
+//! OUT/failed/HASH.json, .log   a failed point
+//! ```
 //! ```
 
 use super::{Point, SweepError};
@@ -26,35 +27,35 @@ use std::{
 /// Folder of finished points.
 pub(super) const POINTS: &str = "points";
 const FAILED: &str = "failed";
-/// The document that a point's command printed.
+/// Document that a point's command printed.
 pub const RESULT_FILE: &str = "result.json";
-/// What it said beside.
+/// Its log.
 pub const LOG_FILE: &str = "log.txt";
 const POINT_FILE: &str = "point.json";
 
-/// How a finished point was made: `point.json`.
+/// Provenance of a finished point: `point.json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointRecord {
     /// [`Point::hash`].
     pub hash: String,
-    /// The command, without the place of its results.
+    /// Command line without the output folder.
     pub command_line: String,
     /// Commit of the program.
     pub git_hash: String,
-    /// Exit status: 0, or 3 where something was lost or a gate was not met.
+    /// Exit status: 0, or 3 if data was lost or a gate was missed.
     pub status: i32,
-    /// What it said last when its status is 3.
+    /// Last message, if the status is 3.
     pub remark: Option<String>,
 }
 
-/// Why a point has no result: `failed/HASH.json`.
+/// Reason of a failed point: `failed/HASH.json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failure {
-    /// The command.
+    /// Command line.
     pub command_line: String,
-    /// Its last words, or how it ended.
+    /// Last line of its log, or its end.
     pub reason: String,
-    /// The Slurm task that ran it, such as `12_3`.
+    /// Slurm task that ran it, such as `12_3`.
     pub task: Option<String>,
 }
 
@@ -64,7 +65,7 @@ pub struct Store {
     root: PathBuf,
 }
 
-/// The right to work on a point; whoever holds the file, its child included, keeps others away.
+/// Claim on a point; it lasts as long as a process, child processes included, holds the file.
 #[derive(Debug)]
 pub(super) struct Claim {
     path: PathBuf,
@@ -78,10 +79,10 @@ impl Claim {
 }
 
 impl Store {
-    /// The store in `root`, which is made when it is not there.
+    /// Open the store in `root`, which is created if missing.
     ///
     /// # Errors
-    /// When it cannot be made.
+    /// When it cannot be created.
     pub fn open(root: &Path) -> Result<Self, SweepError> {
         for folder in [POINTS, FAILED] {
             let path = root.join(folder);
@@ -96,16 +97,16 @@ impl Store {
         &self.root
     }
 
-    /// Where the results of `point` are when it is finished.
+    /// Folder of the results of `point` when it is finished.
     #[must_use]
     pub fn folder(&self, point: &Point) -> PathBuf {
         self.root.join(&point.folder)
     }
 
-    /// Those of `points` that are finished, by their hash.
+    /// Hashes of those `points` that are finished.
     ///
     /// # Errors
-    /// When the folder cannot be read, or that of a named point holds another one.
+    /// When the folder cannot be read, or that of a point holds another one.
     pub fn finished(&self, points: &[Point]) -> Result<BTreeSet<String>, SweepError> {
         let path = self.root.join(POINTS);
         let mut there = BTreeSet::new();
@@ -126,7 +127,7 @@ impl Store {
         Ok(finished)
     }
 
-    /// Whether the folder of one point holds it.
+    /// Return whether the folder of a point holds its results.
     pub(super) fn holds(&self, point: &Point) -> Result<bool, SweepError> {
         let folder = self.folder(point);
         if !folder.exists() {
@@ -138,7 +139,7 @@ impl Store {
         }
     }
 
-    /// Record and result of a finished point; `None` when they cannot be read.
+    /// Record and result of a finished point; `None` if they cannot be read.
     #[must_use]
     pub fn read(&self, point: &Point) -> Option<(PointRecord, Value)> {
         let folder = self.folder(point);
@@ -149,19 +150,19 @@ impl Store {
         self.root.join(FAILED).join(format!("{}.{extension}", point.hash))
     }
 
-    /// Where the log of a failed point is.
+    /// Path of the log of a failed point.
     #[must_use]
     pub fn failed_log(&self, point: &Point) -> PathBuf {
         self.failed_file(point, "log")
     }
 
-    /// Why `point` failed, when it did.
+    /// Failure of `point`, if it failed.
     #[must_use]
     pub fn failure(&self, point: &Point) -> Option<Failure> {
         read_json(&self.failed_file(point, "json"))
     }
 
-    /// Hashes of the points that have failed.
+    /// Hashes of failed points.
     ///
     /// # Errors
     /// When the folder cannot be read.
@@ -177,14 +178,14 @@ impl Store {
         Ok(failed)
     }
 
-    /// Forgets that `point` has failed, so that it is tried again.
+    /// Remove the failure of `point`, so that it is run again.
     pub fn forget_failure(&self, point: &Point) {
         for extension in ["json", "log"] {
             fs::remove_file(self.failed_file(point, extension)).ok(); // most have none
         }
     }
 
-    /// Where `point` is made: beside the place of its results.
+    /// Folder of a running `point`, next to that of its results.
     pub(super) fn partial(&self, point: &Point) -> PathBuf {
         self.beside(point, "partial")
     }
@@ -195,8 +196,8 @@ impl Store {
         folder.with_file_name(format!(".{name}.{what}"))
     }
 
-    /// Claims `point`; `None` when a process is at work on it. Where the file system knows no locks
-    /// everybody is given the claim, and the first result counts.
+    /// Claim `point`; `None` if another process works on it. On a file system without locks every
+    /// process gets the claim, and the first result counts.
     pub(super) fn claim(&self, point: &Point) -> Result<Option<Claim>, SweepError> {
         let path = self.beside(point, "lock");
         let file = File::create(&path).map_err(SweepError::io(&path, "create"))?;
@@ -206,13 +207,14 @@ impl Store {
         }
     }
 
-    /// Gives the partial folder of `point` its name.
+    /// Rename the partial folder of `point` to its final name.
     pub(super) fn finish(&self, point: &Point, record: &PointRecord) -> Result<(), SweepError> {
         let (partial, folder) = (self.partial(point), self.folder(point));
         let text = to_json(record);
         write_bytes(&partial.join(POINT_FILE), ExistingFile::Replace, text.as_bytes())?;
         if let Err(error) = fs::rename(&partial, &folder) {
-            // On a file system without locks somebody else may have been first, with the same bytes.
+            // On a file system without locks another process may have been first, with the same
+            // bytes.
             if !self.holds(point)? {
                 return Err(SweepError::io(folder, "rename")(error));
             }
@@ -222,7 +224,7 @@ impl Store {
         Ok(())
     }
 
-    /// Notes why `point` failed, with the log of its partial folder.
+    /// Record the failure of `point`, with the log of its partial folder.
     pub(super) fn fail(&self, point: &Point, failure: &Failure) -> Result<(), SweepError> {
         let log = self.failed_log(point);
         match fs::copy(self.partial(point).join(LOG_FILE), &log) {
@@ -237,7 +239,7 @@ impl Store {
 }
 
 impl PointRecord {
-    /// Of a point that ended with `status`.
+    /// Record of a point that ended with `status`.
     pub(super) fn new(point: &Point, status: i32, remark: Option<String>) -> Self {
         Self {
             hash: point.hash.clone(),

@@ -1,5 +1,5 @@
-//! The gradient of the whole loss against central differences of a loss that is written out plainly,
-//! in double precision, and shares no line with the learner's.
+//! Gradient of the whole loss against central differences of an independent loss in double
+//! precision, which shares no line with the learner's.
 
 #![expect(clippy::needless_range_loop, reason = "indices stand as in the formulas")]
 
@@ -68,7 +68,7 @@ impl Network64 {
     }
 }
 
-/// The minibatch's loss as the papers write it, mean over samples.
+/// Loss of the minibatch as defined in the papers, mean over samples.
 fn plain_loss(settings: &PpoSettings, plain: &Plain, rollout: &Rollout, targets: &[f32]) -> f64 {
     let clip = f64::from(settings.clip_coef);
     let mut sum = 0.0;
@@ -106,7 +106,7 @@ fn plain_loss(settings: &PpoSettings, plain: &Plain, rollout: &Rollout, targets:
     sum / SAMPLES as f64 - f64::from(settings.entropy_coef) * entropy
 }
 
-/// A model whose means exceed the bounds now and then, from weights that are not orthogonal.
+/// A model whose means sometimes exceed the bounds, from weights that are not orthogonal.
 fn model(settings: &PpoSettings) -> Model {
     let (mut policy, mut critic, _) = Model::new(settings, SPACES, 1).parts();
     let mut stream = Stream::new(2, "weights");
@@ -130,7 +130,7 @@ fn plain(model: &Model) -> Plain {
     }
 }
 
-/// Samples on both sides of every clip, away from the kinks; advantages stand in the rewards.
+/// Samples on both sides of every clip, away from the kinks; the rewards hold the advantages.
 fn samples(plain: &Plain) -> (Rollout, Vec<f32>) {
     let shape = RolloutShape { horizon: 1, environments: SAMPLES, spaces: SPACES };
     let mut rollout = Rollout::new(shape);

@@ -1,4 +1,4 @@
-//! Same bytes for any number of threads and after a restart; errors that leave the learner alone.
+//! Equal bytes for any number of threads and after a restart; errors leave the learner unchanged.
 
 use super::{SPACES, made_up_rollout, small_settings, threads};
 use crate::ppo::{
@@ -11,7 +11,7 @@ fn settings() -> PpoSettings {
     PpoSettings { hidden: vec![48, 48], minibatch: 1200, epochs: 2, ..PpoSettings::paper() }
 }
 
-/// Upstream's choices with small networks.
+/// Upstream's settings with small networks.
 fn upstream() -> PpoSettings {
     PpoSettings { hidden: vec![40, 24], minibatch: 1200, epochs: 2, ..PpoSettings::upstream() }
 }
@@ -27,7 +27,7 @@ fn train(learner: &mut Learner, updates: std::ops::Range<u64>, count: usize) -> 
     last.unwrap()
 }
 
-/// Equality that tells zeros and signs apart is that of the bytes of the text.
+/// Debug text of the state, which also distinguishes the signs of zeros.
 fn bytes(state: &LearnerState) -> String {
     format!("{state:?}")
 }
@@ -123,7 +123,7 @@ fn a_policy_on_its_own_decides_like_the_learner() {
         let mut means = vec![0.0; 2 * rows];
         policy.act_mean(&rollout.observations, &mut means, &mut scratch);
         assert_eq!(means, rollout.means);
-        // Plainly, observation by observation.
+        // Reference: observation by observation.
         for row in [0, 1, rows - 1] {
             let mut x = [0.0; 3];
             policy.standardizer().apply(&rollout.observations[3 * row..3 * row + 3], &mut x);
@@ -131,7 +131,7 @@ fn a_policy_on_its_own_decides_like_the_learner() {
                 assert!((found - plain).abs() < 1e-5, "{found} {plain}");
             }
         }
-        // Drawn actions scatter around the means with the deviations.
+        // Sampled actions have the standard deviations of the policy around the means.
         let mut drawn = vec![0.0; 2 * rows];
         let place = StepIndex { step: 3, first_environment: 0 };
         policy.act_random((1, "opponent", place), &rollout.observations, &mut drawn, &mut scratch);
@@ -139,7 +139,7 @@ fn a_policy_on_its_own_decides_like_the_learner() {
             let errors = drawn.iter().zip(&means).skip(action).step_by(2);
             let squares: f32 = errors.map(|(a, mean)| (a - mean).powi(2)).sum();
             let deviation = (squares / rows as f32).sqrt() / policy.gaussian().deviation(action);
-            // Of 3300 draws the deviation is known within 1.2 %.
+            // The standard deviation of 3300 samples is known within 1.2 %.
             assert!((deviation - 1.0).abs() < 0.06, "{deviation}");
         }
     }
@@ -202,14 +202,14 @@ fn numbers_that_are_not_finite_stop_learning_and_change_nothing() {
         broken.final_values[5] = bad;
         let text = refused(&mut learner, &broken, &last_values).to_string();
         assert!(text.contains("a final value of environment 5 at step 0"), "{text}");
-        // Elsewhere it is not read.
+        // Otherwise it is not read.
         broken.ends[5] = End::Terminal;
         Learner::resume(&small_settings(), SPACES, &learner.state())
             .unwrap()
             .learn(&broken, &last_values, threads(1))
             .unwrap();
     }
-    // The same learner still learns from what is sound.
+    // The same learner still learns from a valid rollout.
     learner.learn(&rollout, &last_values, threads(2)).unwrap();
 }
 

@@ -1,5 +1,5 @@
-//! Tasks with a known best policy. Each is also run with the rewards' sign turned, which is the
-//! gradient's sign, and must then fail.
+//! Tasks with a known best policy. Each also runs with reversed rewards, which reverse the
+//! gradient, and must then fail.
 
 use super::threads;
 use crate::{
@@ -11,11 +11,11 @@ use crate::{
 
 const ENVIRONMENTS: usize = 64;
 
-/// A carriage on a line is to be held at a mark. Observation: its distance to the mark (m). Action:
-/// its velocity (m/s), limited to 1, held for 0.1 s. Reward: minus the distance after the step. An
-/// episode is cut off after 20 steps.
+/// Position control of a carriage on a line. Observation: its distance to the target (m). Action:
+/// its velocity (m/s), limited to 1, constant for 0.1 s. Reward: minus the distance after the step.
+/// An episode is truncated after 20 steps.
 ///
-/// The best policy goes at full speed and then stays: a distance `d` is 0.1 less after each step.
+/// The best policy moves at full speed and then stops: a distance `d` is 0.1 less after each step.
 struct Reaching {
     distances: Vec<f32>,
     ages: Vec<usize>,
@@ -31,7 +31,7 @@ impl Reaching {
         for environment in 0..ENVIRONMENTS {
             let start = reaching.start();
             reaching.distances.push(start);
-            // Not all at the same age, so that an update sees every age.
+            // Not all at the same age, so that an update contains every age.
             reaching.ages.push(environment % Self::STEPS);
         }
         reaching
@@ -70,7 +70,7 @@ impl Reaching {
     }
 }
 
-/// Mean return of 20 steps from places between -1 and 1, of `action(distance)`.
+/// Mean return of 20 steps from positions between -1 and 1, of the policy `action(distance)`.
 fn judged(mut action: impl FnMut(f32) -> f32) -> f32 {
     const STARTS: usize = 41;
     let starts = (0..STARTS).map(|i| -1.0 + i as f32 / 20.0);
@@ -109,7 +109,7 @@ fn train_reaching(settings: &PpoSettings, sign: f32) -> f32 {
 fn reaching_is_learned_to_near_the_best_and_not_with_the_sign_turned() {
     let best = judged(|distance| (-10.0 * distance).clamp(-1.0, 1.0));
     let idle = judged(|_| 0.0);
-    // By hand: idle costs 20 steps of a mean distance of 0.51.
+    // By hand: idling costs 20 steps of a mean distance of 0.51.
     assert!((idle + 20.0 * 0.512_195).abs() < 1e-3, "{idle}");
     for settings in [
         PpoSettings {
@@ -135,8 +135,9 @@ fn reaching_is_learned_to_near_the_best_and_not_with_the_sign_turned() {
     }
 }
 
-/// One step, a reward of 300 less the squared distance of the action from half the observation: the
-/// best action and its value are known, and the value is far from what a fresh critic says.
+/// One step with a reward of 300 minus the squared distance of the action from half the
+/// observation. The best action and its value are known, and the value is far from that of a new
+/// critic.
 fn train_bandit(settings: &PpoSettings, sign: f32) -> (f32, f32) {
     let spaces = Spaces { observations: 1, actions: 1 };
     let mut learner = Learner::new(settings, spaces, 3).unwrap();

@@ -11,81 +11,82 @@ ranged! {
     /// One drive with its motor. Source of the defaults: ODrive S1 with M8325s motor; the gains are
     /// tuned to the paper's step response.
     DriveConfig {
-        /// Time without food after which an enabled watchdog bites (s).
+        /// Timeout of an enabled watchdog (s).
         watchdog_timeout_s: 0.2 in [0.001, 60.0];
-        /// From the request to closed loop (s).
+        /// Time from the request to closed loop (s).
         arming_s: 0.010 in [0.0, 5.0];
-        /// Velocity gain (N m/(turn/s)); near ODrive's 1/6.
+        /// Velocity gain (N m/(turn/s)); close to ODrive's 1/6.
         velocity_gain_nm_s_per_turn: 0.2 in [0.0, 100.0];
-        /// Integrator of the velocity loop (N m/turn).
+        /// Integral gain of the velocity loop (N m/turn).
         velocity_integrator_nm_per_turn: 0.6 in [0.0, 1e4];
         /// Position gain ((turn/s)/turn).
         position_gain_per_s: 20.0 in [0.0, 1e3];
-        /// Torque per current (N m/A); 8.27/100 of the M8325s.
+        /// Torque constant (N m/A); 8.27/100 of the M8325s.
         torque_constant_nm_per_a: 0.0827 in [1e-4, 10.0];
         /// Current limit until `Set_Limits` (A).
         current_limit_a: 15.0 in [0.0, 150.0];
         /// Velocity limit until `Set_Limits` (turn/s).
         velocity_limit_turns_per_s: 40.0 in [0.1, 1e3];
-        /// Speed above the limit at which the drive disarms (ratio).
+        /// Ratio of speed to velocity limit at which the drive disarms.
         overspeed_ratio: 1.2 in [1.0, 100.0];
-        /// Ramp of VEL_RAMP (turn/s^2).
+        /// Acceleration limit of VEL_RAMP (turn/s^2).
         ramp_turns_per_s2: 250.0 in [0.0, 1e6];
-        /// From the frame to the controller (s); tuned to the paper's stop.
+        /// Dead time from the frame to the controller (s); tuned to the paper's stop.
         command_delay_s: 0.008 in [0.0, 0.2];
-        /// Setpoints are multiplied by 1 plus this.
+        /// Relative error of setpoints: they are multiplied by 1 plus this.
         gain_error: 0.0 in [-0.5, 0.5];
-        /// Added to every setpoint (turn/s).
+        /// Offset of every setpoint (turn/s).
         offset_turns_per_s: 0.0 in [-10.0, 10.0];
-        /// Setpoints smaller than this are taken as zero (turn/s).
+        /// Dead band: smaller setpoints are taken as zero (turn/s).
         deadband_turns_per_s: 0.0 in [0.0, 10.0];
-        /// Largest change of the setpoint that the controller sees (turn/s^2); 0 is no limit. 9.6 m/s^2 along an
-        /// axis by default.
+        /// Slew limit of the setpoint at the controller (turn/s^2); 0 for none. By default 9.6
+        /// m/s^2 along an axis.
         slew_turns_per_s2: 240.0 in [0.0, 1e6];
-        /// First-order lag of the setpoint (s).
+        /// Time constant of the first-order lag of the setpoint (s).
         lag_s: 0.0 in [0.0, 0.5];
-        /// First-order lag of the torque: the current loop (s).
+        /// Time constant of the first-order lag of the torque, i.e. of the current loop (s).
         current_lag_s: 0.0005 in [0.0, 0.1];
-        /// Resistance of a phase (ohm): torque falls with speed when the supply is exhausted.
+        /// Phase resistance (ohm): torque decreases with speed when the supply voltage is
+        /// exhausted.
         phase_resistance_ohm: 0.03 in [1e-4, 100.0];
         /// Bandwidth of the estimator of position and velocity (1/s).
         encoder_bandwidth_per_s: 1000.0 in [1.0, 1e5];
-        /// Step of the encoder (turn); 0 is none.
+        /// Encoder resolution (turn); 0 for none.
         encoder_step_turns: 0.000_015_26 in [0.0, 0.01];
-        /// Error once per turn (turn).
+        /// Amplitude of the encoder error once per turn (turn).
         encoder_eccentricity_turns: 0.0 in [0.0, 0.05];
         /// Rotor inertia (kg m^2).
         rotor_inertia_kg_m2: 0.0004 in [1e-6, 1.0];
-        /// Least supply voltage (V).
+        /// Minimum supply voltage (V).
         least_supply_volts: 10.5 in [0.0, 60.0];
     }
     other {
-        /// Version of the firmware: major, minor, revision. 0.5.x behaves as 0.5.6 does.
+        /// Firmware version: major, minor, revision. 0.5.x behaves as 0.5.6 does.
         firmware: [u8; 3] = [0, 6, 11];
-        /// Version of the hardware: major, minor, variant; S1 is 5.2.x.
+        /// Hardware version: major, minor, variant; S1 is 5.2.x.
         hardware: [u8; 3] = [5, 2, 0];
         /// Periods of the cyclic messages.
         cyclic_ms: CyclicMs = CyclicMs::default();
-        /// What watches over the drive.
+        /// Protections of the drive.
         guards: Guards = Guards::default();
         /// Friction at the motor shaft.
         friction: MotorFriction = MotorFriction::default();
-        /// Torque that depends on the angle of the rotor.
+        /// Cogging torque.
         cogging: Vec<Ripple> = vec![Ripple { amplitude_nm: 0.004, periods_per_turn: 24.0, phase_turns: 0.0 }];
-        /// Temperatures.
+        /// Thermal model.
         thermal: ThermalConfig = ThermalConfig::default();
     }
 }
 
-/// What watches over a drive.
+/// Protections of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Guards {
-    /// Whether the watchdog is on.
+    /// Enable the watchdog.
     pub watchdog_enabled: bool,
-    /// Whether a motor that pushes without turning disarms its drive (`SPINOUT_DETECTED`).
+    /// Disarm a drive whose motor pushes without turning (`SPINOUT_DETECTED`).
     pub spinout_enabled: bool,
-    /// Whether the motor has a thermistor; without one its temperature reads 0.
+    /// The motor has a thermistor; without one its temperature reads 0.
     pub motor_thermistor: bool,
 }
 
@@ -95,7 +96,7 @@ impl Default for Guards {
     }
 }
 
-/// Periods (ms) of the cyclic messages; 0 is off.
+/// Periods (ms) of the cyclic messages; 0 for off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[expect(missing_docs, reason = "named after the settings of the drive")]
@@ -126,26 +127,26 @@ impl Default for CyclicMs {
 }
 
 ranged! {
-    /// Friction at the shaft of a motor; see [`crate::rig`] for the law.
+    /// Friction at the shaft of a motor; [`crate::rig`] has the law.
     MotorFriction {
-        /// Coulomb (N m).
+        /// Coulomb friction (N m).
         coulomb_nm: 0.015 in [0.0, 10.0];
-        /// At standstill (N m); a Stribeck bump when it is above Coulomb, none when it is below.
+        /// Breakaway friction (N m); Stribeck friction when above Coulomb, none when below.
         breakaway_nm: 0.0 in [0.0, 10.0];
-        /// Speed over which the bump decays (turn/s).
+        /// Stribeck speed (turn/s).
         stribeck_turns_per_s: 0.3 in [1e-3, 100.0];
-        /// Viscous (N m/(turn/s)).
+        /// Viscous friction (N m/(turn/s)).
         viscous_nm_s_per_turn: 0.0005 in [0.0, 10.0];
-        /// Quadratic (N m/(turn/s)^2).
+        /// Quadratic friction (N m/(turn/s)^2).
         quadratic_nm_s2_per_turn2: 0.0 in [0.0, 1.0];
-        /// Friction when it turns backwards, as a multiple of forwards.
+        /// Ratio of backward to forward friction.
         backward_ratio: 1.0 in [0.1, 10.0];
-        /// Further friction as a share of the belt's tension.
+        /// Additional friction as a fraction of the belt's tension.
         load_fraction: 0.0 in [0.0, 0.5];
     }
 }
 
-/// A torque that repeats with the angle.
+/// Torque ripple: a torque that repeats with the rotor angle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ripple {
@@ -153,54 +154,54 @@ pub struct Ripple {
     pub amplitude_nm: f64,
     /// Periods per turn.
     pub periods_per_turn: f64,
-    /// Place of the zero (turns of one period).
+    /// Phase (turns of one period).
     #[serde(default)]
     pub phase_turns: f64,
 }
 
 ranged! {
-    /// First-order temperatures: `T' = (ambient + rise I^2 - T) / time`.
+    /// First-order thermal model: `T' = (ambient + rise I^2 - T) / time`.
     ThermalConfig {
-        /// Ambient (C).
+        /// Ambient temperature (C).
         ambient_celsius: 25.0 in [-40.0, 80.0];
-        /// Rise of the power stage (C/A^2).
+        /// Temperature rise of the power stage (C/A^2).
         fet_rise_celsius_per_a2: 0.15 in [0.0, 100.0];
-        /// Its time constant (s).
+        /// Time constant of the power stage (s).
         fet_time_s: 20.0 in [0.1, 1e5];
-        /// Temperature at which the drive disarms (C).
+        /// Power stage temperature at which the drive disarms (C).
         fet_limit_celsius: 100.0 in [0.0, 200.0];
-        /// Rise of the motor (C/A^2).
+        /// Temperature rise of the motor (C/A^2).
         motor_rise_celsius_per_a2: 0.3 in [0.0, 100.0];
-        /// Its time constant (s).
+        /// Time constant of the motor (s).
         motor_time_s: 300.0 in [0.1, 1e5];
-        /// Temperature at which the drive disarms, with a thermistor (C).
+        /// Motor temperature at which a drive with a thermistor disarms (C).
         motor_limit_celsius: 120.0 in [0.0, 300.0];
     }
 }
 
-/// Which drive turns which motor.
+/// Assignment of a drive to a motor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Seat {
     /// Node id, 0 to 62.
     pub node: u8,
-    /// Whose gantry.
+    /// Player of the gantry.
     pub player: Player,
-    /// Which motor.
+    /// Motor of the gantry.
     pub motor: Motor,
-    /// +1 or -1: own turns times this are turns of the gantry.
+    /// Direction, +1 or -1: turns of the drive times this are turns of the gantry.
     pub sign: i8,
     /// Serial number (48 bits).
     #[serde(default)]
     pub serial: u64,
-    /// This drive alone, instead of the common `drive`.
+    /// Settings of this drive alone, instead of the common `drive`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own: Option<Box<DriveConfig>>,
 }
 
 impl Seat {
-    /// The KlaskTron table: nodes 0 and 1 turn the right player's motors a and b, 2 and 3 the left
-    /// player's with reversed sign. Source: the upstream motor launch file.
+    /// The KlaskTron table: nodes 0 and 1 drive the right player's motors a and b, 2 and 3 the left
+    /// player's with reversed direction. Source: the upstream motor launch file.
     #[must_use]
     pub fn klasktron() -> Vec<Self> {
         [

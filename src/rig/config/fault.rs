@@ -1,48 +1,48 @@
-//! Faults that the rig is told to have.
+//! Configuration of simulated faults.
 
 use super::{ConfigError, Seat, ranged::within};
 use crate::recording::topic::Player;
 use serde::{Deserialize, Serialize, de::Error as _};
 use serde_json::{Map, Value};
 
-/// When a fault begins.
+/// Start of a fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FaultStart {
-    /// So long after the rig's start (s).
+    /// Time after the rig's start (s).
     AtSeconds(f64),
-    /// So long after any drive first enters closed loop (s).
+    /// Time after a drive first enters closed loop (s).
     AfterArmingSeconds(f64),
 }
 
-/// What goes wrong.
+/// Kind of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 #[expect(missing_docs, reason = "fields carry their unit in the name; node is a node id")]
 pub enum FaultKind {
-    /// The drive sends no heartbeat any more.
+    /// The drive stops sending heartbeats.
     HeartbeatStops { node: u8 },
     /// The drive disarms with these error flags.
     AxisFault { node: u8, errors: u32 },
-    /// The drive sends no position any more.
+    /// The drive stops sending positions.
     EncoderStops { node: u8 },
-    /// The power stage takes this temperature.
+    /// The power stage reaches this temperature.
     Overheat { node: u8, fet_celsius: f64 },
     /// Frames are lost between bus and program, in both directions, each with this probability.
     FramesDropped { probability: f64 },
-    /// Frames reach the program so much later than they were on the bus.
+    /// Frames reach the program with an additional delay.
     FramesDelayed {
         #[serde(alias = "seconds")]
         delay_s: f64,
     },
-    /// The drive sends and hears nothing; it goes on with what it was told last.
+    /// The drive neither sends nor receives; it continues with its last command.
     DriveSilent { node: u8 },
     /// The program's controller leaves the bus.
     BusOff,
-    /// The program's interface goes down.
+    /// The program's CAN interface goes down.
     LinkDown,
     /// The magnet no longer pulls the striker.
     PegLost { player: Player },
-    /// No pictures any more.
+    /// The camera sends no frames.
     CameraStops,
     /// Another controller on the bus commands a velocity.
     ForeignCommand {
@@ -55,24 +55,23 @@ pub enum FaultKind {
 }
 
 /// A fault with its time. In JSON: `{"at_s": 2.0, "kind": "heartbeat_stops", "node": 1}`, with
-/// `after_arming_s` instead of `at_s` when it counts from the first arming, and `for_s` when it ends
-/// by itself.
+/// `after_arming_s` instead of `at_s` when the time counts from the first arming, and `for_s` for a
+/// limited duration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Fields", into = "Fields")]
 pub struct FaultPlan {
-    /// When it begins.
+    /// Start of the fault.
     pub start: FaultStart,
-    /// How long it lasts (s); for ever when absent. An axis fault and a foreign command are over at
-    /// once.
+    /// Duration (s); unlimited if absent. An axis fault and a foreign command are instantaneous.
     pub for_s: Option<f64>,
-    /// What it is.
+    /// Kind of the fault.
     pub kind: FaultKind,
 }
 
-/// A fault as the file spells it.
+/// JSON fields of a fault.
 type Fields = Map<String, Value>;
 
-/// Takes the number called `name` out of `fields`.
+/// Remove the number called `name` from `fields`.
 fn take_number(fields: &mut Fields, name: &str) -> Result<Option<f64>, serde_json::Error> {
     fields.remove(name).map(serde_json::from_value).transpose()
 }
@@ -113,7 +112,7 @@ impl From<FaultPlan> for Fields {
 }
 
 impl FaultKind {
-    /// The node that it is about, if it is about one.
+    /// Node of the fault, if it has one.
     #[must_use]
     pub fn node(self) -> Option<u8> {
         match self {

@@ -1,8 +1,8 @@
-//! Declares a part of the configuration once: its fields, their defaults and their ranges.
+//! Macro that declares a part of the configuration: its fields, defaults and ranges.
 
 use super::ConfigError;
 
-/// Refuses a number outside `low` to `high`, both included; NaN is always refused.
+/// Check that `value` is in `[low, high]`; NaN is always an error.
 pub(in crate::rig) fn within(
     name: &str,
     value: f64,
@@ -16,7 +16,7 @@ pub(in crate::rig) fn within(
     }
 }
 
-/// Declares a struct of numbers, each `name: default in [least, most]`, and of `other` fields.
+/// Declare a struct of numbers, each `name: default in [low, high]`, and of `other` fields.
 macro_rules! ranged {
     (
         $(#[$meta:meta])*
@@ -42,7 +42,7 @@ macro_rules! ranged {
         }
 
         impl $name {
-            /// Checks the numbers against their ranges; `path` stands before each name.
+            /// Check the numbers against their ranges; `path` precedes each name.
             pub(in crate::rig) fn check_numbers(
                 &self,
                 path: &str,

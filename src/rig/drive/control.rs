@@ -1,9 +1,9 @@
-//! The control loop of a drive: estimator, velocity loop, current, temperatures, guards.
+//! Control loop of a drive: estimator, velocity loop, current, temperatures, protections.
 //!
 //! Estimator: a second-order phase-locked loop of bandwidth `w`, `p' = v + 2 w e`, `v' = w^2 e`.
 //! Velocity loop: `torque = Kv e + Ki int(e) + feed-forward`, bounded by the current limit and by
-//! what the supply leaves at this speed, `I <= (V - Kt omega)/R`; the integrator rests while bounded.
-//! Source of the structure: ODrive's documentation of its controller.
+//! the voltage reserve at this speed, `I <= (V - Kt omega)/R`; the integrator stops while bounded
+//! (anti-windup). Source of the structure: ODrive's documentation of its controller.
 
 use super::{Drive, NANOS};
 use crate::{
@@ -17,14 +17,14 @@ const OVER_TEMPERATURE_MOTOR: u32 = 0x2000;
 const UNDER_VOLTAGE: u32 = 0x200;
 const OVERSPEED: u32 = 0x8000;
 const SPINOUT: u32 = 0x400_0000;
-/// A motor that pushes with more than this share of its limit...
+/// Spinout: minimum torque, as a fraction of the limit.
 const SPINOUT_FRACTION: f64 = 0.9;
-/// ... turns slower than this (turn/s) ...
+/// Spinout: maximum speed (turn/s).
 const SPINOUT_SPEED: f64 = 0.2;
-/// ... for so long (s) has spun out.
+/// Spinout: minimum duration (s).
 const SPINOUT_TIME: f64 = 0.2;
 
-/// Whether the simulated controller knows these modes.
+/// Return whether the simulated controller supports these modes.
 pub(super) fn can_control((control, input): (ControlMode, InputMode)) -> bool {
     match control {
         ControlMode::Velocity => matches!(input, InputMode::Passthrough | InputMode::VelRamp),
@@ -33,11 +33,11 @@ pub(super) fn can_control((control, input): (ControlMode, InputMode)) -> bool {
     }
 }
 
-/// What the loop remembers between its ticks.
+/// State of the loop.
 #[derive(Debug, Clone)]
 pub(super) struct Loop {
     dt: f64,
-    /// Declared position less true position (turn).
+    /// Declared minus true position (turn).
     zero: f64,
     position: f64,
     velocity: f64,
@@ -103,7 +103,7 @@ impl Loop {
         self.motor_celsius
     }
 
-    /// Current that gives the torque wanted, and that gives the torque there is (A).
+    /// Current of the requested torque and of the actual torque (A).
     pub(super) fn currents(&self) -> [f64; 2] {
         [self.target / self.torque_constant, self.torque / self.torque_constant]
     }
@@ -113,7 +113,7 @@ impl Loop {
         [self.supply_current * self.supply_volts, self.torque * self.speed * TAU]
     }
 
-    /// Position (turn) and velocity (turn/s) as the drive believes them.
+    /// Estimated position (turn) and velocity (turn/s).
     pub(super) fn estimates(&self) -> [f64; 2] {
         [self.position + self.zero, self.velocity]
     }
@@ -149,7 +149,7 @@ impl Loop {
         }
     }
 
-    /// Approaches the torque wanted, within `current_limit` (A) and what the supply leaves.
+    /// Approach the requested torque, within `current_limit` (A) and the voltage reserve.
     fn push(&mut self, config: &DriveConfig, wanted: f64, current_limit: f64) {
         let back_emf = self.torque_constant * self.speed * TAU;
         let most = ((self.supply_volts - back_emf) / self.resistance).clamp(0.0, current_limit);
@@ -159,7 +159,7 @@ impl Loop {
         self.draw();
     }
 
-    /// Without current.
+    /// Reset the torque: no current.
     fn release(&mut self) {
         (self.target, self.integral, self.wanted, self.pushing_s) = (0.0, 0.0, 0.0, 0.0);
         self.torque = 0.0;
@@ -174,8 +174,8 @@ impl Loop {
 }
 
 impl Drive {
-    /// One tick: from the true `turns` and `speed` (turn/s) of the motor and the supply's voltage to
-    /// the torque on the shaft (N m), cogging included.
+    /// One control step: from the true `turns` and `speed` (turn/s) of the motor and the supply
+    /// voltage to the torque on the shaft (N m), cogging included.
     pub(in crate::rig) fn tick(&mut self, now_ns: u64, motion: [f64; 2], supply_volts: f64) -> f64 {
         let [turns, speed] = motion;
         self.control.speed = speed;
@@ -285,7 +285,7 @@ impl Drive {
     }
 }
 
-/// Time of a cyclic period (ns).
+/// Period of a cyclic message (ns).
 pub(super) fn period_ns(millis: u32) -> u64 {
     (f64::from(millis) * 1e-3 * NANOS) as u64
 }

@@ -1,4 +1,4 @@
-//! What a drive sends: cyclic messages, and answers to requests.
+//! Messages of a drive: cyclic messages, and answers to requests.
 
 use super::{Drive, Outgoing, control::period_ns};
 use crate::{
@@ -21,7 +21,7 @@ pub(super) struct Cyclic {
 }
 
 impl Cyclic {
-    /// Each message starts at a random phase of its period, as drives that were switched on by hand.
+    /// Each message starts at a random phase of its period, as drives that are switched on by hand.
     pub(super) fn new(periods: &CyclicMs, phases: &mut Stream) -> Self {
         let mut entries = Vec::new();
         for (command, millis) in [
@@ -46,7 +46,7 @@ impl Cyclic {
 }
 
 impl Drive {
-    /// Sends the cyclic messages that are due.
+    /// Send the cyclic messages that are due.
     pub(in crate::rig) fn report(&mut self, now_ns: u64, out: &mut Vec<Outgoing>) {
         if now_ns < self.cyclic.next_ns {
             return;
@@ -65,7 +65,7 @@ impl Drive {
         self.cyclic.next_ns = next_ns;
     }
 
-    /// Sends one message unless a fault keeps it back.
+    /// Send one message unless a fault blocks it.
     pub(super) fn send(&self, command: Command, ready_ns: u64, out: &mut Vec<Outgoing>) {
         let kept_back = self.faults.silent
             || (self.faults.heartbeat_off && command == Command::Heartbeat)

@@ -1,4 +1,4 @@
-//! The ball: conservation laws, contacts, cups.
+//! Tests of the ball: conservation laws, contacts, cups.
 
 use super::support::Host;
 use crate::{
@@ -27,7 +27,7 @@ fn no_cups() -> CupConfig {
     CupConfig { radius_m: 0.0, ..CupConfig::default() }
 }
 
-/// Strikers that nothing holds and nothing brakes.
+/// Uncoupled strikers without friction.
 fn loose_pegs(mass_kg: f64) -> [Peg; 2] {
     let config = PegConfig { mass_kg, friction_n: 0.0, ..PegConfig::default() };
     let magnet = MagnetConfig { caught_at_m: 1e-4, ..MagnetConfig::default() };
@@ -80,7 +80,7 @@ fn energy_never_grows_and_nothing_is_tunnelled_through() {
                 assert!(x.abs() <= 0.153 + 1e-9 && y.abs() <= 0.203 + 1e-9, "left the board");
                 for peg in &pegs {
                     let d = (x - peg.position[0]).hypot(y - peg.position[1]);
-                    // Squeezed against a wall it may overlap a little, never be inside.
+                    // Squeezed against a wall it may overlap a little, but never be inside.
                     assert!(0.0135 < d, "{d}");
                 }
             }
@@ -88,7 +88,7 @@ fn energy_never_grows_and_nothing_is_tunnelled_through() {
     }
 }
 
-/// A long step: at 5 m/s the ball passes more than its diameter in it.
+/// A long step, in which the ball at 5 m/s passes more than its diameter.
 #[test]
 fn contacts_are_found_in_long_steps() {
     let dt = 0.005;
@@ -155,7 +155,7 @@ fn rolling_resistance_and_tilt_are_those_of_the_configuration() {
     for idx in 0..800 {
         step(&mut ball, &mut pegs, idx);
     }
-    // 0.1 s of 5/7 g 0.004 downhill, less the share of the friction that points across.
+    // 0.1 s of 5/7 g 0.004 downhill, minus the component of the friction across.
     let [vx, vy] = ball.velocity;
     assert!((vx + 5.0 / 7.0 * 9.81 * 0.004 * 0.1).abs() < 1e-4, "{vx}");
     assert!((vy - (0.3 - 0.01 * 9.81 * 0.1)).abs() < 1e-4, "{vy}");
@@ -186,7 +186,7 @@ fn a_ball_at_rest_is_served_again_from_near_its_start() {
             r#"{{"seed": {seed}, "ball": {{"start": {{"x_m": 0.05}}, "put_back_still_after_s": 0.5{serve}}}}}"#
         )
     };
-    // Without a push it is put back to where it lies.
+    // Without a push the ball is returned to its position.
     let mut host = Host::from_json(&rig(1, ""));
     host.wait(2.0);
     let ball = host.link.truth().ball.unwrap();
@@ -195,7 +195,7 @@ fn a_ball_at_rest_is_served_again_from_near_its_start() {
     let served = |seed| {
         let mut host = Host::from_json(&rig(seed, serve));
         let first = host.link.truth().ball.unwrap();
-        // It rolls for at most 0.1 / (0.008 * 9.81) s, and 0.5 s later it is served once more.
+        // It rolls for at most 0.1 / (0.008 * 9.81) s, and 0.5 s later it is served again.
         host.wait(1.27 + 0.5 + 0.05);
         (first, host.link.truth().ball.unwrap())
     };
@@ -233,7 +233,7 @@ fn a_striker_hits_the_ball() {
     assert!(ball.vy < -0.4, "{ball:?}");
 }
 
-/// A ball that starts sliding without spin rolls at 5/7 of its speed, whatever the friction.
+/// A ball that starts sliding without spin rolls at 5/7 of its speed, for any friction.
 #[test]
 fn a_sliding_ball_ends_rolling_with_five_sevenths() {
     let launch = Launch { x_m: 0.0, y_m: 0.0, vx_m_per_s: 0.0, vy_m_per_s: 0.3 };

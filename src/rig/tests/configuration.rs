@@ -1,4 +1,4 @@
-//! Configurations: what is refused, and how it is said.
+//! Tests of invalid configurations and their messages.
 
 use crate::rig::RigConfig;
 

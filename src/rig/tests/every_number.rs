@@ -1,4 +1,4 @@
-//! No number of the configuration is dead: changing it changes what the rig says.
+//! Test that every number of the configuration has an effect on the rig's output.
 
 use super::support::START;
 use crate::{
@@ -44,8 +44,8 @@ fn busy(ball: [f64; 4]) -> Value {
     })
 }
 
-/// Numbers that only matter in a situation that the busy rig does not get into; each has a test of
-/// its own, or is plainly a threshold.
+/// Numbers that matter only in a situation that the busy rig does not reach. Each has its own test,
+/// or is plainly a threshold.
 const QUIET: [&str; 18] = [
     "drive.watchdog_timeout_s",
     "drive.position_gain_per_s",
@@ -100,7 +100,7 @@ fn digest(config: RigConfig) -> [u8; 32] {
     digest.finalize().into()
 }
 
-/// Pointers to every number below `value`.
+/// Pointers to all numbers below `value`.
 fn numbers(value: &Value, path: &str, found: &mut Vec<String>) {
     match value {
         Value::Number(_) => found.push(path.to_owned()),
@@ -136,7 +136,7 @@ fn changed(config: &Value, pointer: &str) -> RigConfig {
     panic!("{pointer} cannot be changed");
 }
 
-/// Of `pointers`, or of all numbers, those without effect on a rig whose ball starts as told.
+/// Numbers among `pointers`, or among all, without effect on a rig whose ball starts at `ball`.
 fn dead_numbers(ball: [f64; 4], pointers: Option<Vec<String>>) -> Vec<String> {
     let mut base = RigConfig::from_json(&busy(ball).to_string()).unwrap();
     base.drive.least_supply_volts = 0.0;

@@ -1,4 +1,4 @@
-//! Each fault, as the program sees it.
+//! Tests of each fault, as the program observes it.
 
 use super::support::Host;
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     link::{BusFault, Link, LinkError},
 };
 
-/// A host whose rig has the faults of `list`, armed; then half a second of commands.
+/// An armed host whose rig has the faults of `list`, after half a second of commands.
 fn run(list: &str) -> Host {
     let mut host = Host::from_json(&format!(r#"{{"faults": [{list}]}}"#));
     host.arm();
@@ -16,7 +16,7 @@ fn run(list: &str) -> Host {
                 velocity_turns_per_s: if node < 2 { 1.0 } else { 0.0 },
                 torque_newton_metres: 0.0,
             };
-            // Refusals are part of some faults.
+            // Refused frames are part of some faults.
             let _ = host.link.send(&encode(node, &message));
         }
         host.wait(0.02);
@@ -89,7 +89,7 @@ fn frames_are_dropped_and_delayed() {
 fn a_silent_drive_neither_speaks_nor_listens() {
     let host = run(r#"{"after_arming_s": 0.1, "kind": "drive_silent", "node": 1}"#);
     assert!(last_heard(&host, 1, Command::EncoderEstimates) < 0.2);
-    // It hears no setpoints either, so its watchdog bites.
+    // It receives no setpoints either, so its watchdog expires.
     assert_eq!(host.link.truth().drives[1].errors.0, 0x100_0000);
 }
 
@@ -102,7 +102,7 @@ fn bus_off_and_link_down_are_reported_and_refuse_frames() {
     let frame = encode(0, &Message::Estop);
     assert!(matches!(host.link.send(&frame), Err(LinkError::Full { .. })));
     assert!(host.messages.iter().all(|(at, _)| *at < 0.301));
-    // Nothing feeds the watchdogs any more.
+    // No frames feed the watchdogs any more.
     assert!(host.link.truth().drives.iter().all(|drive| drive.errors.0 == 0x100_0000));
     assert!(host.pictures.iter().any(|(at, _)| 0.5 < *at), "the camera has its own cable");
 

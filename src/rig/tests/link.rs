@@ -1,4 +1,4 @@
-//! The link itself: the bus model, determinism, clocks, and the rig on a transport.
+//! Tests of the link: bus model, determinism, clocks, and the rig on a transport.
 
 use super::support::{Host, START};
 use crate::{
@@ -16,7 +16,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Everything that a second of driving yields, as text.
+/// All output of a second of driving, as text.
 fn record(config: &str) -> String {
     let config = RigConfig::from_json(config).unwrap();
     let mut link = VirtualLink::new(config, Speed::Maximum, START).unwrap();
@@ -160,7 +160,7 @@ fn the_rig_serves_a_transport() {
         |change| changes.push(change),
     )
     .unwrap();
-    // It armed and, as nobody fed it, its watchdog bit 0.2 s after the request.
+    // It armed and, without frames, its watchdog expired 0.2 s after the request.
     let seen: Vec<(u8, u8, u32)> =
         changes.iter().map(|c| (c.node, c.state.number(), c.errors.0)).collect();
     assert_eq!(seen, [(1, 8, 0), (1, 1, 0x100_0000)]);

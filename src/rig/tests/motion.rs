@@ -1,9 +1,10 @@
-//! Steps, stops and reversals against the figures of the KlaskTron paper; CoreXY; friction; grip.
+//! Steps, stops and reversals against the measurements of the KlaskTron paper; CoreXY; friction;
+//! coupling.
 
 use super::support::{Host, PERIOD};
 use crate::{recording::topic::Player, rig::Truth};
 
-/// Share by which a figure may miss the paper's.
+/// Relative tolerance to the paper's values.
 const TOLERANCE: f64 = 0.2;
 /// A speed within 5 % of 0.5 m/s counts as reached.
 const REACHED: f64 = 0.025;
@@ -82,14 +83,14 @@ fn turns_and_carriage_agree() {
             after.player(player).carriage.y - before.player(player).carriage.y,
         ];
         assert!(0.5 < turns(usize::from(node)) * sign, "{a} {b}");
-        // The belts are stretched by the friction of the rails: some tens of micrometres.
+        // The friction of the guides stretches the belts by some tens of micrometres.
         assert!((moved[0] - 0.02 * (a + b)).abs() < 1e-4, "{moved:?} {a} {b}");
         assert!((moved[1] - 0.02 * (a - b)).abs() < 1e-4, "{moved:?} {a} {b}");
         assert!(0.01 < moved[0].abs().min(moved[1].abs()));
     }
 }
 
-/// Share of the time at which the right carriage stands although it is told to creep, and its mean
+/// Fraction of the time at which the right carriage is at rest during a slow command, and its mean
 /// speed (m/s), after three seconds.
 fn creep(friction: &str) -> (f64, f64) {
     let text = format!(
@@ -126,7 +127,7 @@ fn friction_that_depends_on_direction_shows_in_the_torque() {
         host.link.truth().drives[0].torque_newton_metres.abs()
     };
     let (forwards, backwards) = (torque(0.1), torque(-0.1));
-    // Twice the Coulomb friction of the motor, 0.015 N m, but the same of the rail.
+    // Twice the Coulomb friction of the motor, 0.015 N m, but the same of the guide.
     assert!((backwards - forwards - 0.015).abs() < 0.002, "{forwards} {backwards}");
 }
 
@@ -139,14 +140,14 @@ fn the_magnet_holds_at_10_m_per_s2_and_loses_its_grip_beyond_its_pull() {
         host.drive([speed, 0.0], 0.14);
         assert!(host.link.truth().right.coupled);
     }
-    // A striker of fifty times the mass needs more than the magnet can give.
+    // A striker of fifty times the mass needs more force than the magnet has.
     let mut host = Host::from_json(r#"{"peg": {"right": {"mass_kg": 0.5}}}"#);
     host.arm();
     host.drive([0.6, 0.0], 0.2);
     assert!(!host.link.truth().right.coupled);
     let lost = host.link.truth().right;
     assert!(0.02 < (lost.carriage.x - lost.peg.x).hypot(lost.carriage.y - lost.peg.y));
-    // It stays lost until the magnet comes near it again.
+    // It stays decoupled until the magnet is near it again.
     host.drive([0.0, 0.0], 2.0);
     let still = host.link.truth().right;
     assert!(!still.coupled && still.peg.speed() < 1e-9);
@@ -170,7 +171,7 @@ fn a_jammed_carriage_stands_while_its_motor_pushes() {
     let after = host.link.truth();
     assert_eq!(before.right.carriage.x, after.right.carriage.x);
     assert!(0.1 < after.drives[0].torque_newton_metres);
-    // With the detection switched on it ends in SPINOUT_DETECTED.
+    // With the detection enabled it ends in SPINOUT_DETECTED.
     host.drive([0.5, 0.0], 1.5);
     assert_eq!(host.link.truth().drives[0].errors.0, 0x400_0000);
 }

@@ -1,4 +1,4 @@
-//! What the drives do and do not do on the bus.
+//! Tests of the drives' behaviour on the bus.
 
 use super::support::Host;
 use crate::{
@@ -81,7 +81,7 @@ fn estop_disarms_and_is_remembered_until_cleared() {
         let wanted = if node == 1 { [false, true, false, false] } else { [true; 4] };
         assert_eq!(stopped, wanted);
         assert_eq!(host.heartbeat(1), (1, 0x200_0000, 3));
-        // Without current friction alone brakes.
+        // Without current only friction brakes.
         let truth = host.link.truth();
         assert_eq!(truth.drives[1].torque_newton_metres, 0.0);
         host.send(1, Message::SetAxisState { state: 8 });
@@ -162,7 +162,7 @@ fn modes_take_effect_at_the_next_arming() {
     host.send(0, torque);
     host.send(0, push);
     host.wait(0.05);
-    // Still velocity control: the torque is only a feed-forward that the loop works against.
+    // Still velocity control: the torque is only a feed-forward that the loop counteracts.
     assert!(host.link.truth().drives[0].velocity_turns_per_s.abs() < 0.5);
     host.send(0, Message::SetAxisState { state: 1 });
     host.wait(0.01);

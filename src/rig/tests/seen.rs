@@ -1,10 +1,10 @@
-//! What the camera delivers.
+//! Tests of the camera's output.
 
 use super::support::{Host, START};
 use crate::units::Nanos;
 use serde_json::Value;
 
-/// Arrival (s), stamp (s), ball, left and right (m) of every picture.
+/// Arrival (s), timestamp (s), ball, left and right (m) of a frame.
 struct Picture {
     arrival: f64,
     stamp: f64,
@@ -70,7 +70,7 @@ fn a_moving_striker_is_seen_where_it_was_at_capture() {
                 continue;
             };
             let seen = picture.objects[2].unwrap()[0];
-            // Truth is a millisecond apart and up to a step ahead of its time.
+            // Truth samples are a millisecond apart and up to a step ahead of their time.
             let peg = pair[0].1.right.peg;
             let wanted = scale * (peg.x + peg.vx * (when - pair[0].0));
             assert!((seen - wanted).abs() < 1e-4, "{seen} {wanted}{more}");

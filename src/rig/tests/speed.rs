@@ -1,4 +1,4 @@
-//! How fast the rig is computed. Run it optimised and alone:
+//! Speed of the rig's simulation. Run it optimized and alone:
 //! `cargo test --release --lib -- rig::tests::speed --ignored --nocapture`.
 
 use super::support::Host;

@@ -1,4 +1,4 @@
-//! A small host: sends messages, lets time pass, keeps what was said.
+//! A small host: sends messages, advances time, stores the received messages.
 
 use crate::{
     can::{Decoded, Message, decode, encode},
@@ -79,8 +79,8 @@ impl Host {
         self.wait(0.02);
     }
 
-    /// Commands the right player's carriage (m/s) for `seconds` at 50 Hz, the left one to stand;
-    /// returns what was true every millisecond.
+    /// Command the right player's carriage (m/s) for `seconds` at 50 Hz, and the left one to stop;
+    /// returns the truth every millisecond.
     pub(super) fn drive(&mut self, [vx, vy]: [f64; 2], seconds: f64) -> Vec<(f64, Truth)> {
         let mut truths = Vec::new();
         for _ in 0..(seconds / PERIOD).round() as usize {
@@ -96,7 +96,7 @@ impl Host {
         truths
     }
 
-    /// The last message of a node that `pick` takes.
+    /// The last message of a node that matches `pick`.
     pub(super) fn last<T>(&self, node: u8, pick: impl Fn(&Message) -> Option<T>) -> Option<T> {
         let mut from_node = self.messages.iter().rev().filter(|(_, d)| d.node == node);
         from_node.find_map(|(_, decoded)| pick(&decoded.message))

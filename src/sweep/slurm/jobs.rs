@@ -1,4 +1,4 @@
-//! What was submitted: `jobs.json` and the lists of points.
+//! Record of submissions: `jobs.json` and the lists of points.
 
 use super::SweepError;
 use crate::{
@@ -17,7 +17,7 @@ use std::{
 
 const JOBS_FILE: &str = "jobs.json";
 
-/// Id of an array, and the position of a task in it.
+/// Id of an array, and index of a task in it.
 pub(super) type Task = (String, usize);
 
 /// An array of jobs.
@@ -25,13 +25,13 @@ pub(super) type Task = (String, usize);
 pub(super) struct Array {
     /// Id of the array.
     pub(super) job: String,
-    /// Line of the list that task 0 runs.
+    /// Line of the list of task 0.
     pub(super) offset: usize,
-    /// Tasks.
+    /// Number of tasks.
     pub(super) count: usize,
 }
 
-/// A list of points and the arrays that run it.
+/// A list of points with the arrays that run it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Submission {
     /// File name of the list.
@@ -39,14 +39,14 @@ pub(super) struct Submission {
     pub(super) arrays: Vec<Array>,
 }
 
-/// Everything that was submitted, oldest first.
+/// All submissions, oldest first.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Jobs {
     pub(super) submissions: Vec<Submission>,
 }
 
 impl Jobs {
-    /// What `folder` knows; nothing when nothing was submitted.
+    /// Read the submissions recorded in `folder`; empty without any.
     pub(super) fn read(folder: &Path) -> Self {
         read_json(&folder.join(JOBS_FILE)).unwrap_or_default()
     }
@@ -70,7 +70,7 @@ impl Jobs {
         format!("points-{:03}.jsonl", self.submissions.len() + 1)
     }
 
-    /// The newest task of every point: array and position in it.
+    /// Newest task of every point: array and index in it.
     pub(super) fn tasks(&self, folder: &Path) -> BTreeMap<String, Task> {
         let mut tasks = BTreeMap::new();
         for submission in &self.submissions {
@@ -87,14 +87,14 @@ impl Jobs {
     }
 }
 
-/// Every line of a list begins with its hash, so that nobody needs to parse it all.
+/// Hashes in a list. Every line begins with its hash, so that it need not be parsed completely.
 fn hashes(list: &Path) -> Vec<String> {
     let text = fs::read_to_string(list).unwrap_or_default();
     let hash = |line: &str| line.strip_prefix("{\"hash\":\"")?.split('"').next().map(str::to_owned);
     text.lines().filter_map(hash).collect()
 }
 
-/// Writes the points of a submission, and gives the name of the file.
+/// Write the points of a submission; returns the name of the file.
 pub(super) fn write_list(
     folder: &Path,
     name: String,
@@ -110,10 +110,10 @@ pub(super) fn write_list(
     Ok(name)
 }
 
-/// The point in line `index`, from 0, of `list`.
+/// Read the point in line `index`, from 0, of `list`.
 ///
 /// # Errors
-/// When there is none.
+/// When there is no such line.
 pub fn read_task(list: &Path, index: usize) -> Result<Point, SweepError> {
     let text = fs::read_to_string(list).map_err(SweepError::io(list, "read"))?;
     let point = text.lines().nth(index).and_then(|line| serde_json::from_str(line).ok());

@@ -1,4 +1,4 @@
-//! Slurm's own programs: `sbatch`, `squeue`, `scontrol`.
+//! Interface to Slurm's programs: `sbatch`, `squeue`, `scontrol`.
 
 use super::{SweepError, jobs::Task};
 use std::{
@@ -7,41 +7,41 @@ use std::{
     process::{Command, Output},
 };
 
-/// How many tasks Slurm takes.
+/// Limits on tasks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Limits {
-    /// In one array.
+    /// Maximum number of tasks of one array.
     pub(super) array_size: usize,
-    /// Of one sweep at a time.
+    /// Maximum number of tasks of one sweep at a time.
     pub(super) most_tasks: usize,
 }
 
-/// What `MaxArraySize` and `MaxJobCount` are when Slurm does not say.
+/// Defaults of `MaxArraySize` and `MaxJobCount`.
 const USUAL_ARRAY_SIZE: usize = 1001;
 const USUAL_JOB_COUNT: usize = 10_000;
 
-/// What Slurm says of a task.
+/// State of a task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum State {
-    /// Not begun, or put back.
+    /// Not started, or requeued.
     Waiting,
-    /// At work, or just ending.
+    /// Running, or completing.
     Running,
     /// Ended with status 0.
     Completed,
     /// Ended with another status, or by a signal.
     Failed,
-    /// Over its time limit.
+    /// Time limit exceeded.
     TimedOut,
-    /// Over its memory.
+    /// Memory limit exceeded.
     OutOfMemory,
-    /// Its node went down, and it was not put back.
+    /// Node failed, and the task was not requeued.
     NodeFailed,
-    /// By `scancel`.
+    /// Cancelled by `scancel`.
     Cancelled,
-    /// For a job of a higher priority, and not put back.
+    /// Preempted by a job of a higher priority, and not requeued.
     Preempted,
-    /// Over the time by which it had to end, or not begun for an error of a node.
+    /// Deadline missed, or not started because of a node error.
     NotRun,
 }
 
@@ -58,18 +58,18 @@ impl State {
             "CANCELLED" => Self::Cancelled,
             "PREEMPTED" | "REVOKED" => Self::Preempted,
             "BOOT_FAIL" | "DEADLINE" => Self::NotRun,
-            // RUNNING, CONFIGURING, COMPLETING, SUSPENDED, and what is still to be invented.
+            // RUNNING, CONFIGURING, COMPLETING, SUSPENDED, and future states.
             _ => Self::Running,
         }
     }
 
-    /// Whether it may still bring a result.
+    /// Return whether it may still give a result.
     pub(super) fn is_alive(self) -> bool {
         matches!(self, Self::Waiting | Self::Running)
     }
 }
 
-/// A task as `squeue` has it.
+/// A task as reported by `squeue`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct TaskState {
     pub(super) job: String,
@@ -77,16 +77,16 @@ pub(super) struct TaskState {
     pub(super) state: State,
     /// Exit status of its script.
     pub(super) exit_status: i32,
-    /// Signal that ended it; 0 for none.
+    /// Signal that ended it; 0 without a signal.
     pub(super) signal: i32,
-    /// How often it was put back.
+    /// Number of requeues.
     pub(super) restarts: usize,
-    /// Why it waits or has ended, in Slurm's words.
+    /// Reason of its waiting or end, in Slurm's words.
     pub(super) reason: String,
 }
 
 impl TaskState {
-    /// Of a task that was submitted a moment ago.
+    /// State of a task that was just submitted.
     pub(super) fn submitted() -> Self {
         Self {
             job: String::new(),
@@ -103,20 +103,20 @@ impl TaskState {
 /// Tasks by array and position.
 pub(super) type States = BTreeMap<Task, TaskState>;
 
-/// What came of a submission.
+/// Result of a submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Submitted {
     /// Id of the array.
     Job(String),
-    /// Not now: Slurm, or the user's account, has enough.
+    /// Limit of Slurm or of the user's account reached.
     Full(String),
 }
 
-/// What is asked of `squeue`, each so wide that nothing is cut.
+/// Fields requested from `squeue`, wide enough that no value is cut.
 const FIELDS: &str =
     "ArrayJobID:.24,ArrayTaskID:.24,State:.24,exit_code:.24,RestartCnt:.24,Reason:.80";
 
-/// Words in what `sbatch` says when it would take the array at another time.
+/// Phrases in the message of `sbatch` for a temporary limit.
 const FULL: [&str; 5] = [
     "MaxSubmitJob",
     "MaxJobCount",
@@ -124,13 +124,13 @@ const FULL: [&str; 5] = [
     "job submit limit",
     "Resource temporarily unavailable",
 ];
-/// Words in what `squeue` says when it no longer knows a job.
+/// Phrase in the message of `squeue` for an unknown job.
 const UNKNOWN_JOB: &str = "Invalid job id";
-/// Words when the controller does not answer.
+/// Phrases in messages when the controller does not answer.
 const NO_ANSWER: [&str; 4] =
     ["Unable to contact", "Connection refused", "timed out", "Zero Bytes were transmitted"];
 
-/// The programs on the path.
+/// The programs on the PATH.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scheduler;
 
@@ -145,7 +145,7 @@ fn said(output: &Output) -> String {
 }
 
 impl Scheduler {
-    /// The limits of this Slurm.
+    /// Limits of this Slurm installation.
     pub(super) fn limits(self) -> Result<Limits, SweepError> {
         let output = run("scontrol", Command::new("scontrol").args(["show", "config"]))?;
         if !output.status.success() {
@@ -154,7 +154,7 @@ impl Scheduler {
         Ok(limits_of(&String::from_utf8_lossy(&output.stdout)))
     }
 
-    /// Submits an array of `count` tasks that run the lines of `list` from `offset`.
+    /// Submit an array of `count` tasks that run the lines of `list` from `offset`.
     pub(super) fn submit(
         self,
         script: &Path,
@@ -183,8 +183,8 @@ impl Scheduler {
         Ok(Submitted::Job(job.to_owned()))
     }
 
-    /// Every task of `jobs` that Slurm knows, ended ones for as long as it does; `None` when it does not
-    /// answer.
+    /// States of all tasks of `jobs` that Slurm knows, including recently ended ones; `None` if it
+    /// does not answer.
     pub(super) fn states(self, jobs: &BTreeSet<String>) -> Result<Option<States>, SweepError> {
         let list = jobs.iter().cloned().collect::<Vec<_>>().join(",");
         let mut command = Command::new("squeue");
@@ -224,7 +224,7 @@ fn limits_of(config: &str) -> Limits {
         .and_then(|rest| rest.split(|c: char| !c.is_ascii_digit()).next()?.parse::<usize>().ok());
     let array_size = number("MaxArraySize").unwrap_or(USUAL_ARRAY_SIZE);
     let array_size = most_in_array.map_or(array_size, |most| most.clamp(1, array_size));
-    // Ended jobs count as well for some minutes, and others have jobs too: half is left to them.
+    // Ended jobs count for some minutes too, and other sweeps have jobs: half is left to them.
     let most_tasks = (number("MaxJobCount").unwrap_or(USUAL_JOB_COUNT) / 2).max(1);
     Limits { array_size: array_size.min(most_tasks), most_tasks }
 }
@@ -238,7 +238,7 @@ fn states_of(printed: &str) -> States {
         let code: i32 = words.next()?.parse().ok()?;
         let restarts = words.next()?.parse().ok()?;
         let reason = words.collect::<Vec<_>>().join(" ");
-        // As wait(2) has it: the status above eight bits, the signal below.
+        // As in wait(2): the status above eight bits, the signal below.
         let (exit_status, signal) = (code >> 8, code & 0x7f);
         let key = (job.clone(), task);
         Some((key, TaskState { job, task, state, exit_status, signal, restarts, reason }))

@@ -1,10 +1,10 @@
-//! The batch script. Every path in it is quoted, for `sbatch` and for the shell.
+//! Batch script. Every path in it is quoted for `sbatch` and for the shell.
 
 use super::{PROGRAM_MISSING, SlurmRequest, SweepError};
 use crate::sweep::{Runner, SweptCommand, point::quoted};
 use std::path::Path;
 
-/// The script that every array of a sweep in `root` runs, with the first line and the list as arguments.
+/// Script of every array of a sweep in `root`, with the first line and the list as arguments.
 ///
 /// # Errors
 /// When a path has a line break.
@@ -19,7 +19,7 @@ pub fn batch_script(
     let mut directives = vec![
         format!("--job-name=klasktron-{}", command.name()),
         format!("--chdir={}", for_sbatch(&runner.working_folder)?),
-        // Of %A_%a, array and task.
+        // %A_%a: array and task.
         format!("--output={}", for_sbatch_pattern(&log, "/%A_%a.log")?),
         "--ntasks=1".to_owned(),
         format!("--cpus-per-task={cores}"),
@@ -62,7 +62,7 @@ exit "$status"
     Ok(text)
 }
 
-/// What of `request` no batch script can hold: lines with breaks, empty words.
+/// First part of `request` that a batch script cannot contain: lines with breaks, empty words.
 #[must_use]
 pub fn request_faults(request: &SlurmRequest) -> Option<String> {
     let words = [&request.partition, &request.time, &request.mem];
@@ -79,7 +79,7 @@ fn for_sbatch(path: &Path) -> Result<String, SweepError> {
     Ok(in_double_quotes(one_line(path)?))
 }
 
-/// A folder in which a percent sign is none of a pattern, and a pattern below it.
+/// A path for `sbatch`: percent signs of the folder are escaped, `pattern` is appended as it is.
 fn for_sbatch_pattern(path: &Path, pattern: &str) -> Result<String, SweepError> {
     Ok(in_double_quotes(&format!("{}{pattern}", one_line(path)?.replace('%', "%%"))))
 }

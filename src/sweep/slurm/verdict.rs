@@ -1,4 +1,5 @@
-//! Why a task has no result: by what Slurm still knows of it, its log and how its script ended.
+//! Reasons of tasks without a result: from Slurm's state, the log and the exit status of the
+//! script.
 
 use super::{
     PROGRAM_MISSING, TASK_DISK_FULL, TASK_INTERRUPTED,
@@ -7,22 +8,22 @@ use super::{
 use crate::sweep::{error::NO_SPACE, run::last_words};
 use std::{fs, path::Path};
 
-/// Where a task without a result stands.
+/// State of a task without a result.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// With Slurm.
+    /// In Slurm's queue.
     InQueue(TaskState),
-    /// Ended, for this reason; `hasty` when no result can be on its way.
+    /// Ended with this reason; `hasty` if no result can be on its way.
     Ended { reason: String, hasty: bool },
 }
 
-const TIME: &str = "it was over its time limit; ask for more with --time and --retry";
-const NODE: &str = "its node failed; --retry runs it on another";
+const TIME: &str = "time limit exceeded; request more with --time and --retry";
+const NODE: &str = "node failure; --retry runs it on another node";
 const DISK: &str = "the disk of the results is full; free space, then --retry";
-const MEMORY: &str = "it was over its memory; ask for more with --mem and --retry";
-const CANCELLED: &str = "it was cancelled; --retry runs it again";
+const MEMORY: &str = "memory limit exceeded; request more with --mem and --retry";
+const CANCELLED: &str = "cancelled; --retry runs it again";
 
-/// The verdict on a task that Slurm knows as `state`, with its log.
+/// State of a task that Slurm reports as `state`, with its log.
 pub(super) fn verdict(state: Option<&TaskState>, log: &Path) -> Verdict {
     let Some(state) = state else {
         return Verdict::Ended { reason: of_files(log), hasty: true };
@@ -30,7 +31,7 @@ pub(super) fn verdict(state: Option<&TaskState>, log: &Path) -> Verdict {
     let reason = match state.state {
         State::Waiting | State::Running => return Verdict::InQueue(state.clone()),
         State::Completed => {
-            let reason = "Slurm says that it is done, but its results are not here; is the folder of results the \
+            let reason = "Slurm reports it as completed, but its results are missing; is the output folder the \
                           same on every node? --retry runs it again";
             return Verdict::Ended { reason: reason.to_owned(), hasty: false };
         }
@@ -38,44 +39,44 @@ pub(super) fn verdict(state: Option<&TaskState>, log: &Path) -> Verdict {
         State::OutOfMemory => MEMORY.to_owned(),
         State::NodeFailed => NODE.to_owned(),
         State::Cancelled => CANCELLED.to_owned(),
-        State::Preempted => "it made room for another job; --retry runs it again".to_owned(),
+        State::Preempted => "preempted by another job; --retry runs it again".to_owned(),
         State::NotRun => format!("Slurm could not run it ({}); --retry tries again", state.reason),
         State::Failed if state.signal != 0 => {
-            format!("it was killed by signal {}; --retry runs it again", state.signal)
+            format!("killed by signal {}; --retry runs it again", state.signal)
         }
         State::Failed => of_status(state.exit_status, log),
     };
     Verdict::Ended { reason, hasty: true }
 }
 
-/// By the status of the script.
+/// Reason by the exit status of the script.
 fn of_status(status: i32, log: &Path) -> String {
     let said = last_words(log);
     if status == i32::from(PROGRAM_MISSING) {
-        let said = said.unwrap_or_else(|| "the program is not on its node".to_owned());
+        let said = said.unwrap_or_else(|| "the program is missing on its node".to_owned());
         return format!("{said}; put it into a folder that every node has, then --retry");
     }
     if status == i32::from(TASK_DISK_FULL) {
         return DISK.to_owned();
     }
     if status == i32::from(TASK_INTERRUPTED) {
-        return "it was told to end; --retry runs it again".to_owned();
+        return "terminated; --retry runs it again".to_owned();
     }
     // Shells add the number of a signal to this.
     const SIGNALLED: i32 = 128;
     if SIGNALLED < status {
-        return format!("it was killed by signal {}; --retry runs it again", status - SIGNALLED);
+        return format!("killed by signal {}; --retry runs it again", status - SIGNALLED);
     }
     match said {
         Some(said) => format!("status {status}: {said}; --retry runs it again"),
         None if fs::metadata(log).is_err() => format!(
             "status {status} and no log: could its node write there, and is the disk full? --retry runs it again"
         ),
-        None => format!("status {status}, and it said nothing; --retry runs it again"),
+        None => format!("status {status} without a message; --retry runs it again"),
     }
 }
 
-/// By log and exit file, when Slurm has forgotten the task.
+/// Reason by log and exit file, when Slurm no longer knows the task.
 fn of_files(log: &Path) -> String {
     let text = fs::read_to_string(log).unwrap_or_default();
     let marks = [
@@ -92,7 +93,7 @@ fn of_files(log: &Path) -> String {
     if let Some(status) = status.ok().and_then(|text| text.trim().parse().ok()) {
         return of_status(status, log);
     }
-    "Slurm no longer knows it, and it left no result: killed, or its node failed; --retry runs it again".to_owned()
+    "Slurm no longer knows it, and it has no result: killed, or a node failure; --retry runs it again".to_owned()
 }
 
 #[cfg(test)]

@@ -64,7 +64,7 @@ fn the_program_holds_options_against_the_command() {
         ),
         (
             "command = \"train\"\n[options]\nsteps = 1.5",
-            ":3: train refuses a point: invalid value '1.5' for '--steps",
+            ":3: train rejects a point: invalid value '1.5' for '--steps",
         ),
         (
             "command = \"train\"\n[options]\nthreads = 2",
@@ -87,11 +87,11 @@ fn the_program_holds_options_against_the_command() {
         ("command = \"eval\"\ninputs = [\"no.mcap\"]", ":2: "),
         (
             "command = \"eval\"",
-            "eval refuses a point: the following required arguments were not provided: <MATCH>",
+            "eval rejects a point: the following required arguments were not provided: <MATCH>",
         ),
         (
             "command = \"train\"\nseeds = 100000\n[grid]\nenvs = [1, 2]",
-            "200000 points; at most 100000 are taken",
+            "200000 points; at most 100000 are allowed",
         ),
     ] {
         fs::write(bench.file(), text).unwrap();

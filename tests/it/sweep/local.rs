@@ -17,7 +17,7 @@ fn a_finished_point_is_never_run_again_and_workers_do_not_matter() {
     let [one, two] = ["one", "two"].map(|name| bench.out(name));
     let (stdout, stderr, status) = bench.run(&one, &["--workers", "1"]);
     assert_eq!(status, 0, "{stderr}");
-    assert!(stdout.contains("chosen by one standard error"), "{stdout}");
+    assert!(stdout.contains("chosen by the one-standard-error rule"), "{stdout}");
     assert_eq!(bench.run(&two, &["--workers", "2"]).2, 0);
     assert!(files(&one) == files(&two), "1 and 2 workers differ");
     let before = made(&one);
@@ -135,7 +135,7 @@ fn killed_it_goes_on_and_a_second_one_is_told_who_is_first() {
     wait_for_points(&out, 1);
     let (_, stderr, status) = bench.run(&out, &[]);
     assert_eq!(status, 1);
-    let holder = format!("another sweep is at work here: process {} on ", first.id());
+    let holder = format!("another sweep is running in this folder: process {} on ", first.id());
     assert!(stderr.contains(&holder), "{stderr}");
     first.kill().unwrap();
     first.wait().unwrap();

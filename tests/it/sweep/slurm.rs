@@ -102,11 +102,11 @@ fn arrays_keep_to_the_limit_and_the_results_are_those_of_a_local_run() {
 #[test]
 fn a_task_without_a_result_is_named_with_the_way_out_and_retried_when_asked() {
     for (skip, part) in [
-        ("1 TIMEOUT 15", "it was over its time limit; ask for more with --time and --retry"),
+        ("1 TIMEOUT 15", "time limit exceeded; request more with --time and --retry"),
         ("1 OUT_OF_MEMORY 9", "--mem"),
-        ("1 NODE_FAIL 256", "its node failed; --retry"),
-        ("1 CANCELLED 15", "it was cancelled"),
-        ("1 FAILED 9", "it was killed by signal 9"),
+        ("1 NODE_FAIL 256", "node failure; --retry"),
+        ("1 CANCELLED 15", ": cancelled"),
+        ("1 FAILED 9", ": killed by signal 9"),
         ("1 FAILED 7168", "the disk of the results is full"),
     ] {
         let bench = Bench::new(3, "");
@@ -161,7 +161,7 @@ fn the_submitting_process_may_leave_and_come_back() {
     let (_, refused, status) =
         crate::support::said(&here.env("PATH", fake.path()).output().unwrap());
     assert_eq!(status, 1, "{refused}");
-    assert!(refused.contains("2 tasks of this sweep are with Slurm"), "{refused}");
+    assert!(refused.contains("2 tasks of this sweep are in Slurm's queue"), "{refused}");
     // Meanwhile the tasks have come to their end: both failed by Slurm's account.
     fake.write(
         "states",
@@ -180,7 +180,7 @@ fn what_slurm_refuses_is_told_in_its_own_words() {
     fake.write("refuse", "sbatch: error: invalid partition specified: nope\n");
     let (_, stderr, status) = fake.run(&bench, &bench.out("out"), &["--partition", "nope"]);
     assert_eq!(status, 1);
-    assert!(stderr.contains("sbatch refused: sbatch: error: invalid partition"), "{stderr}");
+    assert!(stderr.contains("sbatch failed: sbatch: error: invalid partition"), "{stderr}");
     let mut command = bench.command(&bench.out("none"), &["--engine", "slurm"]);
     let (_, stderr, status) = said(&command.env("PATH", "/nowhere").output().unwrap());
     assert_eq!(status, 1);
