@@ -17,6 +17,7 @@ pub(crate) mod play;
 pub(crate) mod recover;
 mod results;
 pub(crate) mod rig;
+mod search;
 mod session;
 pub(crate) mod sweep;
 mod table;

@@ -78,6 +78,7 @@ mod upstream;
 pub use data::{Data, Frame, FrameRun, TRUTH_TOPIC};
 pub use document::{
     Amount, Document, Input, SCHEMA_VERSION, Tuned, read_settings, tune_recordings,
+    tune_recordings_observed,
 };
 pub use error::EkfError;
 pub use evaluate::{
@@ -94,5 +95,5 @@ pub use rise::{Hit, LONGEST_FRAMES, Response, Rise, RiseTimes, responses, rises}
 pub use settings::{BallSettings, BoardSettings, FilterSettings, Object, ObjectSettings};
 pub use slope::{Impact, impacts, velocities};
 pub use track::{BoardFilter, Detections, LOST_AFTER_S, Observed, REMEMBERED_FRAMES, Step, Track};
-pub use tune::{LEAST_SAMPLES, LEAST_VISITS, RegionTuning, Tuning, tune};
+pub use tune::{LEAST_SAMPLES, LEAST_VISITS, RegionTuning, TuneObserver, Tuning, tune};
 pub use upstream::UpstreamFilter;

@@ -1,9 +1,18 @@
 //! Parallel work on independent items, with results independent of the number of threads.
 
 use std::{
+    num::NonZeroUsize,
     sync::atomic::{AtomicUsize, Ordering},
     thread,
 };
+
+/// Limit of the threads of [`in_parallel`]; 0 for none.
+static LIMIT: AtomicUsize = AtomicUsize::new(0);
+
+/// Limit the threads of [`in_parallel`] for the whole process. Results do not depend on it.
+pub fn limit_threads(threads: NonZeroUsize) {
+    LIMIT.store(threads.get(), Ordering::Relaxed);
+}
 
 /// Return the number of threads that run at once; 1 where it is unknown.
 #[must_use]
@@ -14,7 +23,11 @@ pub fn cores() -> usize {
 /// Apply `work` to every item on all cores. The results are in the order of the items for any
 /// number of cores. A panic in `work` propagates to the caller.
 pub fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    in_parallel_on(cores(), items, work)
+    let threads = match LIMIT.load(Ordering::Relaxed) {
+        0 => cores(),
+        limit => limit,
+    };
+    in_parallel_on(threads, items, work)
 }
 
 /// Apply `work` to every item on `threads` threads, at least one; items start in their order.

@@ -48,7 +48,10 @@ pub use machine::{Machine, machine_of};
 pub use noise::Estimate;
 pub use path::MeasuredPath;
 pub use plant::{Plant, PlantState};
-pub use session::{Run, Session, SessionError, check_machine, divide, runs_of, sessions_of};
+pub use session::{
+    Mask, Run, Session, SessionError, SessionOptions, check_machine, divide, runs_of, sessions_of,
+    sessions_with,
+};
 pub use stage::{Channel, Stage, StageKind};
 
 use crate::effects::{Axis, Effect, Physics, Spring};

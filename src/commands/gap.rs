@@ -3,6 +3,7 @@
 use super::{
     Outcome, loss_sentence, note, print,
     results::{OverwriteArgs, Results, refuse_existing_file, write_file},
+    search::{SearchArgs, SearchView},
     tell,
 };
 use klasktron::{
@@ -36,6 +37,8 @@ pub(crate) struct Args {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
+    #[command(flatten)]
+    search: SearchArgs,
     /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
@@ -56,6 +59,8 @@ pub(crate) struct CalibrateArgs {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
+    #[command(flatten)]
+    search: SearchArgs,
     /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
@@ -87,8 +92,8 @@ impl Inputs {
         Ok(Self { recordings: opened, start, lost })
     }
 
-    fn sessions(&self) -> Result<Vec<twin::Session>, SessionError> {
-        let sessions = twin::sessions_of(&self.recordings)?;
+    fn sessions(&self, search: &SearchArgs) -> Result<Vec<twin::Session>, SessionError> {
+        let sessions = twin::sessions_with(&self.recordings, &search.of_sessions())?;
         twin::check_machine(&sessions, self.start.as_ref())?;
         Ok(sessions)
     }
@@ -97,10 +102,14 @@ impl Inputs {
 /// Run `klasktron gap`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
-    let sessions = inputs.sessions()?;
+    let sessions = inputs.sessions(&args.search)?;
+    let options = args.search.of_search(twin::machine_of(&sessions))?;
     let results = Results::begin(&args.output, &FILES, args.overwrite)?;
     note(&format!("comparing {} sessions with the twin", sessions.len()));
-    let found = gap::find(&sessions, inputs.start.as_ref(), Task::CloseGap);
+    let view = SearchView::new();
+    let context = view.context(&options);
+    let found = gap::find(&sessions, inputs.start.as_ref(), Task::CloseGap, context);
+    view.close();
     let provenance = Provenance::new(args.command_line());
     write_outcome(&found, &provenance, &inputs, &sessions, &results)?;
     results.finish()?;
@@ -123,8 +132,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     refuse_existing_file(&args.output, args.overwrite)?;
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
-    let sessions = inputs.sessions()?;
-    let found = gap::find(&sessions, inputs.start.as_ref(), Task::Calibrate);
+    let sessions = inputs.sessions(&args.search)?;
+    let options = args.search.of_search(twin::machine_of(&sessions))?;
+    let view = SearchView::new();
+    let context = view.context(&options);
+    let found = gap::find(&sessions, inputs.start.as_ref(), Task::Calibrate, context);
+    view.close();
     if let Some(parent) = args.output.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent)?;
     }
@@ -152,7 +165,7 @@ impl Args {
         if let Some(twin) = &self.twin {
             line.push_str(&format!(" --twin {}", twin.display()));
         }
-        line
+        line + &self.search.words()
     }
 }
 

@@ -3,10 +3,11 @@
 use super::{
     Outcome, loss_sentence, print,
     results::{OverwriteArgs, Results},
-    tell,
+    tell, terminal,
 };
+use indicatif::ProgressBar;
 use klasktron::{
-    ekf::{self, Document, Tuned},
+    ekf::{self, Document, Object, TuneObserver, Tuned},
     provenance::Provenance,
     recording::{ExistingFile, Recording, write_bytes},
 };
@@ -14,6 +15,9 @@ use std::path::PathBuf;
 
 /// Files that the command writes.
 const FILES: [&str; 3] = ["ekf.mcap", "index.html", "ekf.json"];
+
+/// Template of the progress bar.
+const TEMPLATE: &str = "{msg} {wide_bar} {pos}/{len} stages, {elapsed_precise} elapsed, {eta} left";
 
 /// Arguments of `klasktron tune-ekf`.
 #[derive(Debug, clap::Args)]
@@ -45,7 +49,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let results = Results::begin(&args.output, &FILES, args.overwrite)?;
     let damaged = || recordings.iter().filter(|recording| !recording.loss.is_none());
-    let tuned = ekf::tune_recordings(&recordings, Provenance::new(args.command_line()))?;
+    let provenance = Provenance::new(args.command_line());
+    let view = TuneView { bar: terminal::bar(Some(0), TEMPLATE) };
+    let tuned = ekf::tune_recordings_observed(&recordings, provenance, &view);
+    view.bar.finish_and_clear();
+    let tuned = tuned?;
     write_outcome(&tuned, &results)?;
     results.finish()?;
     for recording in damaged() {
@@ -61,6 +69,22 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&format!("wrote ekf.json, index.html and ekf.mcap in {}", args.output.display()))?;
     }
     Ok(if damaged().next().is_none() { Outcome::Done } else { Outcome::Lossy })
+}
+
+/// Progress bar of the stages of all objects.
+struct TuneView {
+    bar: ProgressBar,
+}
+
+impl TuneObserver for TuneView {
+    fn object_begun(&self, _object: Object, stages: usize) {
+        self.bar.inc_length(stages as u64);
+    }
+
+    fn stage_done(&self, object: Object) {
+        self.bar.set_message(format!("tuning {}", object.name()));
+        self.bar.inc(1);
+    }
 }
 
 impl Args {

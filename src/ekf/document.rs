@@ -20,7 +20,7 @@ use super::{
     evaluate::{Consistency, ConsistencyVerdict, EvaluatedRun, ObjectEvaluation, evaluate, follow},
     rise::{RiseTimes, responses, rises},
     settings::{FilterSettings, Object},
-    tune::{Tuning, tune},
+    tune::{TuneObserver, Tuning, tune},
 };
 use crate::{
     provenance::Provenance,
@@ -95,8 +95,20 @@ pub fn tune_recordings(
     recordings: &[Recording],
     provenance: Provenance,
 ) -> Result<Tuned, EkfError> {
+    tune_recordings_observed(recordings, provenance, &())
+}
+
+/// As [`tune_recordings`], with an observer of the progress.
+///
+/// # Errors
+/// As [`tune_recordings`].
+pub fn tune_recordings_observed(
+    recordings: &[Recording],
+    provenance: Provenance,
+    observer: &dyn TuneObserver,
+) -> Result<Tuned, EkfError> {
     let data = Data::from_recordings(recordings)?;
-    let (mut settings, tuning) = tune(&FilterSettings::default(), &data);
+    let (mut settings, tuning) = tune(&FilterSettings::default(), &data, observer);
     settings.latency_s = data.latency_s.unwrap_or(0.0);
     let runs = follow(&settings, data.runs_for(Split::Validation));
     let evaluation: Vec<ObjectEvaluation> = Object::ALL

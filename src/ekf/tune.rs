@@ -72,13 +72,29 @@ pub struct RegionTuning {
     pub reason: String,
 }
 
+/// Observer of the tuning. It cannot change the result; calls come from several threads.
+pub trait TuneObserver: Sync {
+    /// The tuning of `object` begins, in this number of stages.
+    fn object_begun(&self, _object: Object, _stages: usize) {}
+
+    /// One stage of `object` is complete.
+    fn stage_done(&self, _object: Object) {}
+}
+
+/// Observer that shows nothing.
+impl TuneObserver for () {}
+
 /// Tune all objects that move in the training runs of `data`, each in its own thread. The result
 /// does not depend on the number of threads.
 #[must_use]
-pub fn tune(start: &FilterSettings, data: &Data) -> (FilterSettings, Vec<Tuning>) {
+pub fn tune(
+    start: &FilterSettings,
+    data: &Data,
+    observer: &dyn TuneObserver,
+) -> (FilterSettings, Vec<Tuning>) {
     let tuned = std::thread::scope(|scope| {
-        let threads =
-            Object::ALL.map(|object| scope.spawn(move || tune_object(start, object, data)));
+        let threads = Object::ALL
+            .map(|object| scope.spawn(move || tune_object(start, object, data, observer)));
         threads.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     });
     let mut settings = *start;
@@ -91,7 +107,12 @@ pub fn tune(start: &FilterSettings, data: &Data) -> (FilterSettings, Vec<Tuning>
 }
 
 /// Tuned settings and tuning record of one object.
-fn tune_object(start: &FilterSettings, object: Object, data: &Data) -> (ObjectSettings, Tuning) {
+fn tune_object(
+    start: &FilterSettings,
+    object: Object,
+    data: &Data,
+    observer: &dyn TuneObserver,
+) -> (ObjectSettings, Tuning) {
     let problem = Problem::new(start, object, data);
     let before = problem.score(start.object(object));
     let mut own = *start.object(object);
@@ -102,12 +123,17 @@ fn tune_object(start: &FilterSettings, object: Object, data: &Data) -> (ObjectSe
         }
     }
     let is_tuned = |region: Region| regions.iter().any(|own| own.region == region && own.tuned);
+    let has_ball = own.ball.is_some();
+    let applies = |stage: &&Stage| {
+        is_tuned(stage.region) && (has_ball || stage.knobs.iter().all(|knob| knob.everywhere))
+    };
+    let stages: Vec<&Stage> = STAGES.iter().filter(applies).collect();
+    observer.object_begun(object, ROUNDS * stages.len());
     let mut evaluations = 1;
     for _ in 0..ROUNDS {
-        for stage in STAGES.iter().filter(|stage| is_tuned(stage.region)) {
-            if own.ball.is_some() || stage.knobs.iter().all(|knob| knob.everywhere) {
-                evaluations += problem.improve(stage, &mut own);
-            }
+        for stage in &stages {
+            evaluations += problem.improve(stage, &mut own);
+            observer.stage_done(object);
         }
     }
     let after = problem.score(&own);

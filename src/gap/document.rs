@@ -13,6 +13,7 @@ use super::{
     incident::Incident,
     journal::{JournalEntry, MoveKind},
     locate,
+    options::FAMILY_ERROR,
     rounds::{self, Added, Outcome, Reason},
     verdict::{Answer, Findings},
 };
@@ -172,7 +173,9 @@ fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
 /// the final twin. The limit is corrected for the number of parameters that could have changed (Bonferroni).
 fn parameter_changes(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<ParameterChange> {
     let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
-    let beyond_chance = 1.0 - 0.5 * rounds::FAMILY_ERROR / tries.max(1) as f64;
+    let family_error =
+        outcomes.first().map_or(FAMILY_ERROR, |own| own.train.context.options.family_error());
+    let beyond_chance = 1.0 - 0.5 * family_error / tries.max(1) as f64;
     let plain = Twin::nominal(start.machine);
     let mut changes = Vec::new();
     for (index, after) in twin.instances.iter().enumerate() {

@@ -8,6 +8,7 @@ use super::{
     floor::{self, Floor},
     journal::{JournalEntry, MoveKind},
     known,
+    options::Context,
     rounds::{self, Held, Link, Outcome, Task},
     scatter,
 };
@@ -25,6 +26,23 @@ use crate::{
 const BEHIND_GANTRY: [StageKind; 4] =
     [StageKind::Estimator, StageKind::Ball, StageKind::WholeRolls, StageKind::Axis];
 
+/// All stages, in the order in which they are searched.
+const STAGES: [StageKind; 6] = [
+    StageKind::Drive,
+    StageKind::Camera,
+    StageKind::Estimator,
+    StageKind::Ball,
+    StageKind::WholeRolls,
+    StageKind::Axis,
+];
+
+/// Task of a search and its context.
+#[derive(Clone, Copy)]
+struct Request<'a> {
+    task: Task,
+    context: Context<'a>,
+}
+
 /// Most searches of the drives: with what the camera's link alone shows to pull at them, without, and with what it
 /// shows behind the drives as they were found.
 const MOST_DRIVE_SEARCHES: usize = 3;
@@ -41,19 +59,27 @@ pub struct Found<'a> {
     pub floors: Vec<Vec<Floor>>,
 }
 
-/// Runs the workflow on `sessions` from `given`, or from the plain twin.
+/// Run the workflow on `sessions` from the `given` twin, or from the nominal one, in a `context` of options and
+/// observer.
 #[must_use]
-pub fn find<'a>(sessions: &'a [Session], given: Option<&Twin>, task: Task) -> Found<'a> {
+pub fn find<'a>(
+    sessions: &'a [Session],
+    given: Option<&Twin>,
+    task: Task,
+    context: Context<'a>,
+) -> Found<'a> {
     let start = given.cloned().unwrap_or_else(|| Twin::nominal_of(sessions));
+    let start = context.options.applied_to(start);
     let refusal = checks::check(sessions).or_else(|| checks::check_twin(&start, sessions));
     if let Some(objection) = refusal {
         let document = document::refused(&start, &objection);
         return Found { document, twin: start, outcomes: Vec::new(), floors: Vec::new() };
     }
+    let request = Request { task, context };
     let mut journal = Vec::new();
-    let (mut outcomes, mut twin) = gantry_links(sessions, &start, task, &mut journal);
+    let (mut outcomes, mut twin) = gantry_links(sessions, &start, request, &mut journal);
     for kind in BEHIND_GANTRY {
-        if let Some(outcome) = search_link(sessions, kind, &twin, task, &outcomes) {
+        if let Some(outcome) = search_link(sessions, kind, &twin, request, &outcomes) {
             twin = stated(&start, &outcome);
             outcomes.push(outcome);
         }
@@ -96,13 +122,32 @@ fn search_link<'a>(
     sessions: &'a [Session],
     kind: StageKind,
     twin: &Twin,
-    task: Task,
+    Request { task, context }: Request<'a>,
     before: &[Outcome<'_>],
 ) -> Option<Outcome<'a>> {
-    let link = link_of(sessions, kind, before);
+    let mut link = link_of(sessions, kind, context, before);
     let judges = kind != StageKind::WholeRolls || !link.held_out.is_empty();
-    (!link.train.is_empty() && judges)
-        .then(|| rounds::search(&link, twin, task_of(kind, task, before)))
+    if link.train.is_empty() || !judges {
+        return None;
+    }
+    if task == Task::Calibrate {
+        link.held.extend(not_selected(twin, context));
+    }
+    let has = |kind: &StageKind| stages(sessions, *kind, Split::Train).next().is_some();
+    let kinds: Vec<StageKind> = STAGES.into_iter().filter(has).collect();
+    let done = kinds.iter().position(|own| *own == kind).unwrap_or(0);
+    context.observer.stage_begun(kind, done, kinds.len());
+    Some(rounds::search(&link, twin, task_of(kind, task, before)))
+}
+
+/// Parameters of the effects in `twin` that are not selected: a calibration keeps them.
+fn not_selected(twin: &Twin, context: Context<'_>) -> Vec<Held> {
+    let instances = twin.instances.iter().enumerate();
+    let kept = instances.filter(|(_, own)| !context.options.selects(own.effect));
+    kept.flat_map(|(instance, own)| {
+        (0..own.values.len()).map(move |parameter| Held::of(twin, Slot { instance, parameter }))
+    })
+    .collect()
 }
 
 /// What the camera's link has added that is behind the carriage and felt by what drives it.
@@ -121,13 +166,15 @@ fn pull_of(camera: &Outcome<'_>) -> Option<Instance> {
 fn gantry_links<'a>(
     sessions: &'a [Session],
     start: &Twin,
-    task: Task,
+    request: Request<'a>,
     journal: &mut Vec<JournalEntry>,
 ) -> (Vec<Outcome<'a>>, Twin) {
-    let of =
-        |kind, twin: &Twin, before: &[Outcome<'_>]| search_link(sessions, kind, twin, task, before);
+    let of = |kind, twin: &Twin, before: &[Outcome<'_>]| {
+        search_link(sessions, kind, twin, request, before)
+    };
     let has_drives = stages(sessions, StageKind::Drive, Split::Train).next().is_some();
-    let scout = (task == Task::CloseGap && has_drives).then(|| of(StageKind::Camera, start, &[]));
+    let scout =
+        (request.task == Task::CloseGap && has_drives).then(|| of(StageKind::Camera, start, &[]));
     let scout = scout.flatten();
     journal.extend(scout.iter().flat_map(|outcome| outcome.journal.clone()));
     let mut pull = scout.as_ref().and_then(pull_of);
@@ -166,7 +213,12 @@ fn gantry_links<'a>(
 }
 
 /// One link in all sessions, after those `before` it.
-fn link_of<'a>(sessions: &'a [Session], kind: StageKind, before: &[Outcome<'_>]) -> Link<'a> {
+fn link_of<'a>(
+    sessions: &'a [Session],
+    kind: StageKind,
+    context: Context<'a>,
+    before: &[Outcome<'_>],
+) -> Link<'a> {
     let of = |kind: StageKind, split: Split| -> Vec<&'a dyn Stage> {
         stages(sessions, kind, split).map(|(_, stage)| stage).collect()
     };
@@ -185,6 +237,7 @@ fn link_of<'a>(sessions: &'a [Session], kind: StageKind, before: &[Outcome<'_>])
         // What an effect of the pieces is off grows along a whole roll; they say whether more is there.
         may_be_disturbed: kind != StageKind::WholeRolls
             || before.last().is_none_or(|pieces| pieces.added.is_empty()),
+        context,
     }
 }
 

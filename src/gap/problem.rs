@@ -5,6 +5,7 @@ use super::{
     evidence::Blocks,
     incident::Incident,
     nuisance::{Elimination, eliminate},
+    options::Context,
     outliers::without_spikes,
     whiten::{self, Filter, Filters, Layout, Residual},
 };
@@ -129,6 +130,8 @@ pub(super) type Prediction = Vec<Vec<Vec<f64>>>;
 pub struct Problem<'a> {
     /// The sessions.
     pub parts: Vec<Part<'a>>,
+    /// Options and observer of the search.
+    pub context: Context<'a>,
 }
 
 /// A point with what is predicted there.
@@ -151,7 +154,14 @@ impl<'a> Problem<'a> {
     /// The problem of `stages`, on what `twin` can predict.
     #[must_use]
     pub fn new(stages: &[&'a dyn Stage], twin: &Twin) -> Self {
-        Self { parts: stages.iter().map(|stage| Part::new(*stage, twin)).collect() }
+        let parts = stages.iter().map(|stage| Part::new(*stage, twin)).collect();
+        Self { parts, context: Context::default() }
+    }
+
+    /// The same problem in the `context` of a search.
+    #[must_use]
+    pub fn within(self, context: Context<'a>) -> Self {
+        Self { context, ..self }
     }
 
     /// `twin` with first guesses of all nuisances.

@@ -5,8 +5,9 @@ use super::{
     evidence::{Amplitude, Blocks, LogScoreGain},
     fit::{self, Fit},
     known::{BESIDE_NAMED, Worth},
+    observer::SearchStep,
     problem::{Point, Problem, dot},
-    rounds::{Added, Contestant, FAMILY_ERROR, LEVEL, Reason, Rejected, is_in},
+    rounds::{Added, Contestant, LEVEL, Reason, Rejected, is_in},
     screen::{self, Candidate},
     steady::{self, Seen},
     whiten::{self, Filters},
@@ -153,7 +154,7 @@ impl Round {
         let train = problems.train;
         let candidates = screen::screen(train, base, filters);
         let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
-        let threshold = FAMILY_ERROR / tries.max(1) as f64;
+        let threshold = train.context.options.family_error() / tries.max(1) as f64;
         let (mut rejected, mut short) = short_list(candidates, threshold);
         if let Some((given, filters)) = given {
             let nearest = direct::nearest(train, (given, filters), &base.point);
@@ -170,6 +171,9 @@ impl Round {
             }
         }
         // First in the metric of the base residual, then in that of the best candidate's.
+        let observer = train.context.observer;
+        // Each is fitted twice: roughly, and in the metric of the best.
+        observer.step_begun(SearchStep::Trial, 2 * short.len());
         let rough = rough_fits(train, stand, &short);
         let sound = |fit: &&Fit| fit.loss.is_finite() && on_bound(fit).is_none();
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
@@ -180,8 +184,11 @@ impl Round {
         let bench = Bench::new(problems, base, (&sharp, &worth), tries);
         let items: Vec<(Candidate, Fit)> =
             short.into_iter().zip(rough).filter(|(_, fit)| fit.loss.is_finite()).collect();
-        let mut trials =
-            in_parallel(&items, |(candidate, rough)| bench.trial(candidate, rough, &known));
+        let mut trials = in_parallel(&items, |(candidate, rough)| {
+            let trial = bench.trial(candidate, rough, &known);
+            observer.candidate_done();
+            trial
+        });
         in_order(&mut trials);
         bench.give_second_chances(&mut trials, &known);
         in_order(&mut trials);
@@ -212,7 +219,11 @@ fn rough_fits(train: &Problem<'_>, stand: &Stand<'_>, short: &[Candidate]) -> Ve
         |fit: &Fit| train.columns(&train.evaluated(fit.point.clone()), &fit.slots, stand.filters);
     let mut bases = vec![(stand.base, columns(stand.base))];
     bases.extend(stand.given.map(|(given, _)| (given, columns(given))));
-    in_parallel(short, |candidate| fitted(train, &bases, candidate, stand.filters))
+    in_parallel(short, |candidate| {
+        let fit = fitted(train, &bases, candidate, stand.filters);
+        train.context.observer.candidate_done();
+        fit
+    })
 }
 
 /// Who is simulated again, and why the others are not.
@@ -603,7 +614,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         if let Some(name) = wrong_sign(&trial.fit) {
             return Some(Reason::OnBound(name));
         }
-        if FAMILY_ERROR < self.p_value(trial) {
+        if self.train.context.options.family_error() < self.p_value(trial) {
             return Some(Reason::NotSignificant);
         }
         if !is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {

@@ -8,6 +8,8 @@ use super::{
     journal::{JournalEntry, MoveKind},
     known::{BESIDE_NAMED, Excess, Worth, excess, is_nothing_new, least_worth},
     numbers::{ParameterEstimate, numbers},
+    observer::SearchStep,
+    options::Context,
     problem::{Point, Problem},
     round::{Problems, Round, Stand, numbers_of_last},
     scatter,
@@ -24,9 +26,6 @@ use crate::{
 mod note;
 mod part;
 mod take_back;
-
-/// Probability of a false name over all tries of one screen (Bonferroni).
-pub(super) const FAMILY_ERROR: f64 = 0.01;
 
 /// Most effects that are added to one link.
 const MOST_ADDED: usize = 6;
@@ -55,6 +54,8 @@ pub struct Link<'a> {
     pub held: Vec<Held>,
     /// Whether more than is known to be left may be a disturbance, and not what grows along a whole roll.
     pub may_be_disturbed: bool,
+    /// Options and observer of the search.
+    pub context: Context<'a>,
 }
 
 /// A number of a twin, at whichever place of it.
@@ -285,7 +286,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     let judged = fit::on(&held_out, &best.point.twin, &filters);
     let uncertainty = fit::uncertainty(&train, &held_out, (&best, &judged), &filters)
         .whatever_the_metric(&train, &best)
-        .whatever_is_beside(&best, &shifts(&rejected));
+        .whatever_is_beside(&best, &shifts(&rejected, link.context.options.family_error()));
     best.point = fit::told(&train, &best.point);
     Outcome {
         kind: link.kind,
@@ -310,10 +311,10 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
 /// How far each known parameter would move with each effect that was screened last, is in the data beyond chance and
 /// was not added all the same (scaled). What was fitted and is not in them, with the wrong sign, or not on judging
 /// sessions, moves none.
-fn shifts(rejected: &[Rejected]) -> Vec<&[f64]> {
+fn shifts(rejected: &[Rejected], family_error: f64) -> Vec<&[f64]> {
     let tries: usize = rejected.iter().map(|own| own.candidate.tries).sum();
     let is_there = |own: &&Rejected| {
-        own.candidate.p_value * (tries as f64) < FAMILY_ERROR
+        own.candidate.p_value * (tries as f64) < family_error
             && !matches!(own.reason, Reason::NotSignificant | Reason::OnBound(_) | Reason::HeldOut)
     };
     rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
@@ -412,8 +413,10 @@ struct Opening {
 impl<'a> Search<'a> {
     /// The given twin on `link`, and its refit, what is off the rest left out.
     fn opened(link: &Link<'a>, start: &Twin) -> (Self, Opening) {
-        let mut train = Problem::new(&link.train, start);
-        let mut held_out = Problem::new(&link.held_out, start);
+        let context = link.context;
+        context.observer.step_begun(SearchStep::Fit, 0);
+        let mut train = Problem::new(&link.train, start).within(context);
+        let mut held_out = Problem::new(&link.held_out, start).within(context);
         let given = train.start(start.clone());
         let scales = train.filters(&given, whiten::scale_filters);
         let given = fit::adapt(&train, given, &scales);
@@ -439,7 +442,7 @@ impl<'a> Search<'a> {
             may_be_disturbed: link.may_be_disturbed,
             train,
             held_out,
-            witness: Problem::new(&link.witnesses, start),
+            witness: Problem::new(&link.witnesses, start).within(context),
             best,
             filters,
             added: vec![],
@@ -740,6 +743,6 @@ mod tests {
             rejected(1e-6, Reason::HeldOut, 5.0),
             rejected(0.5, Reason::TooSmall, 6.0),
         ];
-        assert_eq!(shifts(&all), [[1.0], [2.0]]);
+        assert_eq!(shifts(&all, 0.01), [[1.0], [2.0]]);
     }
 }

@@ -9,7 +9,7 @@
 use super::{
     known::Excess,
     problem::{Point, Problem},
-    rounds::{Added, FAMILY_ERROR, LEVEL, Unstated},
+    rounds::{Added, LEVEL, Unstated},
 };
 use crate::{
     effects::{self, Axis, Effect, Noise, Physics},
@@ -129,10 +129,10 @@ impl Change {
     }
 
     /// Whether both kinds of sessions show it, with one sign.
-    fn is_in(&self) -> bool {
+    fn is_in(&self, family_error: f64) -> bool {
         let (t, _) = self.t(0);
         let (judged, freedom) = self.t(1);
-        self.p_value() < FAMILY_ERROR && t_quantile(1.0 - LEVEL, freedom) < judged * t.signum()
+        self.p_value() < family_error && t_quantile(1.0 - LEVEL, freedom) < judged * t.signum()
     }
 
     fn named(self, given: &Twin, rms: Vec<f64>) -> Named {
@@ -282,13 +282,15 @@ pub(super) fn find(
     let Some(known) = stated(given, link) else { return Vec::new() };
     let found = [&fitted, &judged];
     let scatter = [jitter(given, &known, found), size(&known, found)];
-    let mut changes: Vec<Change> = scatter.into_iter().flatten().filter(Change::is_in).collect();
+    let options = problems[0].context.options;
+    let is_in = |own: &Change| options.selects(own.effect) && own.is_in(options.family_error());
+    let mut changes: Vec<Change> = scatter.into_iter().flatten().filter(is_in).collect();
     let accounted: f64 = changes.iter().map(|own| own.unstated.variance()).sum();
     if excess.is_some_and(|own| accounted < ACCOUNTS_FOR * own.most * known.total_variance_m2.value)
     {
         changes.clear();
     }
-    changes.extend(losses(given, &known, problems).filter(Change::is_in));
+    changes.extend(losses(given, &known, problems).filter(is_in));
     let rms = problems[1].rms(points[1]);
     changes.into_iter().map(|own| own.named(given, rms.clone())).collect()
 }

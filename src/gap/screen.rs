@@ -9,6 +9,7 @@
 use super::{
     evidence::{joint, least_squares},
     fit::{Fit, Normal},
+    observer::SearchStep,
     problem::{Evaluated, Linear, Problem, dot},
     whiten::Filters,
 };
@@ -142,12 +143,16 @@ impl Screen<'_, '_> {
     fn run(&self, tries: Vec<(&'static Effect, Axis, Vec<f64>)>) -> Vec<Candidate> {
         let twin = &self.found.point.twin;
         let total = dot(&self.linear.residual, &self.linear.residual);
+        let observer = self.problem.context.observer;
+        observer.step_begun(SearchStep::Screen, tries.len());
         let tested = in_parallel(&tries, |(effect, axis, probe)| {
             let mut variants = vec![with(twin, effect, *axis, probe)];
             let singles = amplitudes(effect, probe);
             variants.extend(singles.iter().map(|values| with(twin, effect, *axis, values)));
             let columns = self.problem.contrasts(&self.base, &variants, self.filters);
-            test(&self.linear, &self.normal, total, columns)
+            let tested = test(&self.linear, &self.normal, total, columns);
+            observer.candidate_done();
+            tested
         });
         let mut best: Vec<Candidate> = Vec::new();
         for ((effect, axis, probe), tested) in tries.into_iter().zip(tested) {
@@ -247,7 +252,7 @@ pub(super) fn is_shared(axis: Axis) -> bool {
 pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
     let mut pairs = Vec::new();
     for effect in CATALOGUE {
-        if effect.is_noise() {
+        if effect.is_noise() || !problem.context.options.selects(effect) {
             continue;
         }
         for axis in twin.machine.axes(effect.site) {

@@ -12,7 +12,6 @@ use super::{
     evidence::{joint, least_squares, without},
     fit::Fit,
     problem::{Linear, Part, Point, Problem, dot},
-    rounds::FAMILY_ERROR,
     whiten::{self, Filters},
 };
 use std::f64::consts::TAU;
@@ -87,7 +86,10 @@ pub(super) fn strongest(
         let carried = explained_by(&elsewhere, &weights, &held.residual) / held_total;
         let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
-        if p_value < FAMILY_ERROR && WORTH_SAYING < share && CARRIES_OVER * share < carried {
+        if p_value < train.context.options.family_error()
+            && WORTH_SAYING < share
+            && CARRIES_OVER * share < carried
+        {
             let name = format!("unknown.{}[{}]", own.name, band(&edges));
             let signal = train.parts[0].stage.channels()[own.channel].signal.clone();
             consider(Unknown { name, signal, share, statistic, p_value, comparisons: tries });
@@ -105,7 +107,7 @@ pub(super) fn strongest(
             .map_or(0.0, |own| explained(&elsewhere, &own, &held.residual) / held_total);
         let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
-        if p_value < FAMILY_ERROR && CARRIES_OVER * share < carried {
+        if p_value < train.context.options.family_error() && CARRIES_OVER * share < carried {
             let name = format!("unknown.time[{frequency:.2} Hz]");
             let signal = train.parts[0].stage.channels()[signal].signal.clone();
             consider(Unknown { name, signal, share, statistic, p_value, comparisons: tries });
@@ -263,7 +265,7 @@ pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknow
     };
     let blocks = problem.blocks().count as f64;
     let p_value = f_tail(most, blocks, blocks);
-    (p_value < FAMILY_ERROR).then(|| Unknown {
+    (p_value < problem.context.options.family_error()).then(|| Unknown {
         name: format!("unknown.time[{:.1} to {:.1} Hz]", edge(0.1), edge(0.9)),
         signal: channels[signal].signal.clone(),
         share: 1.0 - 1.0 / most,

@@ -118,7 +118,7 @@ impl SweptCommand {
     /// Return whether the command has `--threads`.
     #[must_use]
     pub fn has_threads(self) -> bool {
-        self.has_seed()
+        self.has_seed() || self == Self::Gap
     }
 
     /// Reason why `option` cannot be swept or fixed; `None` if it can.

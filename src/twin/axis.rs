@@ -70,6 +70,11 @@ pub struct AxisStage {
 }
 
 impl AxisStage {
+    /// Measured signals, to exclude samples.
+    pub(super) fn channels_mut(&mut self) -> &mut [Channel] {
+        &mut self.channels
+    }
+
     /// The stage of `measured`, cut into the runs `spans` (s since the session began).
     pub(super) fn new(measured: Measured, spans: &[Range<f64>]) -> Self {
         let Measured { name, unit, start, dt, input: raw_input, position: raw } = measured;

@@ -38,6 +38,11 @@ pub struct BallStage {
 }
 
 impl BallStage {
+    /// Measured signals, to exclude samples.
+    pub(super) fn channels_mut(&mut self) -> &mut [Channel] {
+        &mut self.channels
+    }
+
     /// The free rolls in `recording`, in pieces, and whole as well where any was cut; nothing without
     /// any. Only what lies in one of `spans` (seconds since the recording began) counts, and no roll
     /// goes on beyond its end.

@@ -97,6 +97,11 @@ struct Instant {
 }
 
 impl EstimatorStage {
+    /// Measured signals, to exclude samples.
+    pub(super) fn channels_mut(&mut self) -> &mut [Channel] {
+        &mut self.channels
+    }
+
     /// The stage of a recording with detections of the camera and states; `None` where it lacks one
     /// of them, or nothing moves. Its runs are `spans` (seconds since the recording began): positions
     /// beyond them only prepare the estimator, and no state beyond them is compared. `carriage` is the

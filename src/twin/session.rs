@@ -2,6 +2,7 @@
 
 mod gantry;
 mod links;
+mod options;
 mod readings;
 #[cfg(test)]
 mod tests;
@@ -15,6 +16,7 @@ use crate::{
     recording::{MarkedRun, Recording, RecordingError, Split, topic},
 };
 use gantry::Gantry;
+pub use options::{Mask, SessionOptions};
 use readings::Readings;
 use std::ops::Range;
 
@@ -54,6 +56,22 @@ pub enum SessionError {
         other: String,
         /// Its belt per motor turn (m).
         expected: f64,
+    },
+    /// A name is that of no session.
+    #[error("'{name}' is none of the recordings; the sessions are {known}")]
+    UnknownSession {
+        /// Name as it was given.
+        name: String,
+        /// Names of the sessions.
+        known: String,
+    },
+    /// A mask begins behind the end of its session.
+    #[error("the mask {mask} begins behind the end of the session, which is {length:.1} s long")]
+    MaskBehindEnd {
+        /// Mask as it was given.
+        mask: String,
+        /// Length of the longest session that it concerns (s).
+        length: f64,
     },
     /// None of the links has both input and output.
     #[error(
@@ -162,8 +180,20 @@ const HELD_OUT_EVERY: usize = 3;
 /// # Errors
 /// When a message does not decode, or a recording has no link that can be compared.
 pub fn sessions_of(recordings: &[Recording]) -> Result<Vec<Session>, SessionError> {
+    sessions_with(recordings, &SessionOptions::default())
+}
+
+/// As [`sessions_of`], with validation sessions and masks that the user chooses.
+///
+/// # Errors
+/// As [`sessions_of`]; or an option names no session, or a mask lies behind the end.
+pub fn sessions_with(
+    recordings: &[Recording],
+    options: &SessionOptions,
+) -> Result<Vec<Session>, SessionError> {
     let mut runs: Vec<Vec<Run>> =
         recordings.iter().map(runs_of).collect::<Result<_, RecordingError>>()?;
+    options.divide(recordings, &mut runs)?;
     divide(&mut runs);
     let mut sessions = Vec::new();
     for (recording, runs) in recordings.iter().zip(&runs) {
@@ -185,6 +215,7 @@ pub fn sessions_of(recordings: &[Recording]) -> Result<Vec<Session>, SessionErro
             return Err(SessionError::NoLink { path: recording.path.display().to_string() });
         }
     }
+    options.mask(recordings, &mut sessions)?;
     Ok(sessions)
 }
 

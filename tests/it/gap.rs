@@ -1,5 +1,7 @@
 //! `calibrate` and `gap` on recordings whose makers share no code with the twin: the formulas below.
 
+mod options;
+
 use crate::support::{START, klasktron, said, writer};
 use klasktron::{
     recording::{

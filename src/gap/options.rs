@@ -1,0 +1,323 @@
+//! Options of the search: the effects that it may add, parameters that are known, and the error that it may make.
+
+use super::observer::{SILENT, SearchObserver};
+use crate::{
+    effects::{self, CATALOGUE, Effect},
+    twin::{Instance, Machine, Source, Twin, Value},
+};
+use std::{fmt, str::FromStr};
+use strsim::levenshtein;
+
+/// Family-wise error of the search unless the user gives another: probability of a false effect over all comparisons
+/// of one screen (Bonferroni).
+pub const FAMILY_ERROR: f64 = 0.01;
+
+/// Reason why an option cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OptionError {
+    /// No effect and no group of effects has this name.
+    #[error("'{name}' is no effect and no group of effects{}", hint(nearest))]
+    UnknownEffect {
+        /// Name as it was given.
+        name: String,
+        /// Nearest known name.
+        nearest: Option<String>,
+    },
+    /// The text is no assignment to a parameter.
+    #[error(
+        "'{text}' is no assignment; write EFFECT.PARAMETER=VALUE, such as drive.delay.delay_s=0.012"
+    )]
+    Syntax {
+        /// Text as it was given.
+        text: String,
+    },
+    /// The effect does not have this parameter.
+    #[error("{effect} has no parameter '{name}'; its parameters are {}", known.join(", "))]
+    UnknownParameter {
+        /// Name of the effect.
+        effect: &'static str,
+        /// Parameter as it was given.
+        name: String,
+        /// Parameters of the effect.
+        known: Vec<&'static str>,
+    },
+    /// The value is outside of the bounds.
+    #[error("{name} is {value}; allowed are {} to {} {unit}", bounds.0, bounds.1)]
+    OutOfBounds {
+        /// Dotted name of the parameter.
+        name: String,
+        /// Value as it was given.
+        value: f64,
+        /// Smallest and largest value.
+        bounds: (f64, f64),
+        /// Unit of all three.
+        unit: &'static str,
+    },
+    /// The machine cannot have the effect.
+    #[error("a {machine} cannot have the effect {effect}")]
+    NotOnMachine {
+        /// Kind of machine.
+        machine: Machine,
+        /// Name of the effect.
+        effect: &'static str,
+    },
+    /// No effect is left to be tried.
+    #[error("every effect is excluded; nothing is left to search for")]
+    NothingLeft,
+}
+
+fn hint(nearest: &Option<String>) -> String {
+    let known = "`klasktron effects` lists them";
+    nearest.as_ref().map_or_else(
+        || format!("; {known}"),
+        |nearest| format!("; did you mean '{nearest}'? {known}"),
+    )
+}
+
+/// Parameter of an effect with a value that is known and never fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FixedParameter {
+    effect: &'static Effect,
+    parameter: usize,
+    value: f64,
+}
+
+impl FromStr for FixedParameter {
+    type Err = OptionError;
+
+    fn from_str(text: &str) -> Result<Self, OptionError> {
+        let syntax = || OptionError::Syntax { text: text.to_owned() };
+        let (name, value) = text.split_once('=').ok_or_else(syntax)?;
+        let value: f64 =
+            value.trim().parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(syntax)?;
+        let (effect, parameter) = name.trim().rsplit_once('.').ok_or_else(syntax)?;
+        let effect = effects::find(effect).ok_or_else(|| unknown(effect))?;
+        let index = effect.parameters.iter().position(|own| own.name == parameter);
+        let index = index.ok_or_else(|| OptionError::UnknownParameter {
+            effect: effect.name,
+            name: parameter.to_owned(),
+            known: effect.parameters.iter().map(|own| own.name).collect(),
+        })?;
+        let own = &effect.parameters[index];
+        let (low, high) = own.bounds;
+        if !(low..=high).contains(&value) {
+            return Err(OptionError::OutOfBounds {
+                name: name.trim().to_owned(),
+                value,
+                bounds: own.bounds,
+                unit: own.unit,
+            });
+        }
+        Ok(Self { effect, parameter: index, value })
+    }
+}
+
+impl fmt::Display for FixedParameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parameter = self.effect.parameters[self.parameter].name;
+        write!(f, "{}.{parameter}={}", self.effect.name, self.value)
+    }
+}
+
+impl FixedParameter {
+    /// Set the parameter in `twin` at every location of the effect, which is added where the twin lacks it. Other
+    /// parameters of an added effect begin at its first probe.
+    fn apply(&self, twin: &mut Twin) {
+        if twin.instances.iter().all(|own| own.effect != self.effect) {
+            let location = twin.machine.axes(self.effect.site).first().copied();
+            let probe = self.effect.probes.first().copied().unwrap_or(self.effect.null);
+            twin.instances.extend(
+                location
+                    .map(|location| Instance::new(self.effect, location, probe, Source::Nominal)),
+            );
+        }
+        for own in twin.instances.iter_mut().filter(|own| own.effect == self.effect) {
+            own.values[self.parameter] =
+                Value { value: self.value, ci95: None, source: Source::Known };
+        }
+    }
+}
+
+/// Options of a search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SearchOptions {
+    /// Selected effects; `None` for all.
+    selected: Option<Vec<&'static Effect>>,
+    fixed: Vec<FixedParameter>,
+    family_error: f64,
+}
+
+/// Options without any choice.
+static PLAIN: SearchOptions =
+    SearchOptions { selected: None, fixed: Vec::new(), family_error: FAMILY_ERROR };
+
+impl Default for SearchOptions {
+    fn default() -> Self {
+        PLAIN.clone()
+    }
+}
+
+impl SearchOptions {
+    /// Select the effects in `only` (all, if it is empty) that are not in `exclude`. A name is that of an effect, or of
+    /// a group such as `drive.friction`. Only selected effects are added by [`Task::CloseGap`](super::Task::CloseGap),
+    /// and only their parameters are fitted by [`Task::Calibrate`](super::Task::Calibrate).
+    ///
+    /// # Errors
+    /// A name is unknown, or no effect is left.
+    pub fn select(mut self, only: &[String], exclude: &[String]) -> Result<Self, OptionError> {
+        let of = |names: &[String]| -> Result<Vec<Vec<&'static Effect>>, OptionError> {
+            names.iter().map(|name| group(name)).collect()
+        };
+        let (only, exclude) = (of(only)?.concat(), of(exclude)?.concat());
+        if only.is_empty() && exclude.is_empty() {
+            return Ok(self);
+        }
+        let is_selected = |effect: &&'static Effect| {
+            (only.is_empty() || only.contains(effect)) && !exclude.contains(effect)
+        };
+        let selected: Vec<&'static Effect> =
+            CATALOGUE.iter().copied().filter(is_selected).collect();
+        if selected.is_empty() {
+            return Err(OptionError::NothingLeft);
+        }
+        self.selected = Some(selected);
+        Ok(self)
+    }
+
+    /// Set parameters that are known.
+    ///
+    /// # Errors
+    /// The `machine` cannot have one of the effects.
+    pub fn fix(mut self, fixed: &[FixedParameter], machine: Machine) -> Result<Self, OptionError> {
+        let impossible = fixed.iter().find(|own| machine.axes(own.effect.site).is_empty());
+        if let Some(own) = impossible {
+            return Err(OptionError::NotOnMachine { machine, effect: own.effect.name });
+        }
+        self.fixed = fixed.to_vec();
+        Ok(self)
+    }
+
+    /// Set the family-wise error, 0 to 1 (default [`FAMILY_ERROR`]). A larger one finds weaker effects and more false
+    /// ones.
+    #[must_use]
+    pub fn with_family_error(mut self, family_error: f64) -> Self {
+        self.family_error = family_error;
+        self
+    }
+
+    /// Family-wise error.
+    #[must_use]
+    pub fn family_error(&self) -> f64 {
+        self.family_error
+    }
+
+    /// Return whether `effect` is selected.
+    #[must_use]
+    pub fn selects(&self, effect: &Effect) -> bool {
+        self.selected
+            .as_ref()
+            .is_none_or(|selected| selected.iter().any(|own| own.name == effect.name))
+    }
+
+    /// `twin` with the known parameters.
+    #[must_use]
+    pub(super) fn applied_to(&self, mut twin: Twin) -> Twin {
+        self.fixed.iter().for_each(|own| own.apply(&mut twin));
+        twin
+    }
+}
+
+/// Options of a search and the observer of its progress.
+#[derive(Clone, Copy)]
+pub struct Context<'a> {
+    /// Options.
+    pub options: &'a SearchOptions,
+    /// Observer, which does not change the result.
+    pub observer: &'a dyn SearchObserver,
+}
+
+impl Default for Context<'_> {
+    fn default() -> Self {
+        Self { options: &PLAIN, observer: &SILENT }
+    }
+}
+
+/// Effects called `name`, or of the group of that name.
+///
+/// # Errors
+/// No effect has this name.
+fn group(name: &str) -> Result<Vec<&'static Effect>, OptionError> {
+    let name = name.trim_end_matches(".*");
+    let is_in = |effect: &&'static Effect| {
+        effect.name == name
+            || effect.name.strip_prefix(name).is_some_and(|rest| rest.starts_with('.'))
+    };
+    let found: Vec<&'static Effect> = CATALOGUE.iter().copied().filter(is_in).collect();
+    if found.is_empty() { Err(unknown(name)) } else { Ok(found) }
+}
+
+fn unknown(name: &str) -> OptionError {
+    let groups = CATALOGUE.iter().flat_map(|effect| {
+        effect.name.match_indices('.').map(|(end, _)| &effect.name[..end]).chain([effect.name])
+    });
+    let near = |other: &&str| levenshtein(name, other) <= 1 + name.chars().count() / 4;
+    let nearest = groups.filter(near).min_by_key(|other| levenshtein(name, other));
+    OptionError::UnknownEffect { name: name.to_owned(), nearest: nearest.map(str::to_owned) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn select(only: &[&str], exclude: &[&str]) -> Result<SearchOptions, OptionError> {
+        let own = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+        SearchOptions::default().select(&own(only), &own(exclude))
+    }
+
+    fn selects(options: &SearchOptions, name: &str) -> bool {
+        options.selects(effects::find(name).unwrap())
+    }
+
+    #[test]
+    fn a_name_selects_an_effect_or_a_group() {
+        let friction = select(&["drive.friction"], &["drive.friction.asymmetric"]).unwrap();
+        assert!(selects(&friction, "drive.friction.viscous"));
+        assert!(!selects(&friction, "drive.friction.asymmetric"));
+        assert!(!selects(&friction, "drive.delay"));
+        let all_but = select(&[], &["drive.delay"]).unwrap();
+        assert!(selects(&all_but, "drive.gain") && !selects(&all_but, "drive.delay"));
+        assert_eq!(select(&["drive.delay"], &["drive"]), Err(OptionError::NothingLeft));
+        assert_eq!(select(&[], &[]).unwrap(), SearchOptions::default());
+    }
+
+    #[test]
+    fn an_unknown_name_has_the_nearest_one() {
+        let said = |name: &str| select(&[name], &[]).unwrap_err().to_string();
+        assert!(said("drive.dealy").contains("did you mean 'drive.delay'?"));
+        assert!(said("drive.frction").contains("did you mean 'drive.friction'?"));
+        // A part of a word is no group.
+        assert!(said("drive.fric").starts_with("'drive.fric' is no effect"));
+    }
+
+    #[test]
+    fn a_fixed_parameter_is_known_in_the_twin() {
+        let fixed: FixedParameter = "drive.delay.delay_s=0.012".parse().unwrap();
+        assert_eq!(fixed.to_string(), "drive.delay.delay_s=0.012");
+        let options = SearchOptions::default().fix(&[fixed], Machine::Table).unwrap();
+        let twin = options.applied_to(Twin::nominal(Machine::Table));
+        let own = twin.instances.iter().find(|own| own.effect.name == "drive.delay").unwrap();
+        assert_eq!((own.values[0].value, own.values[0].source), (0.012, Source::Known));
+        let again = options.applied_to(twin.clone());
+        assert_eq!(again.instances.len(), twin.instances.len());
+    }
+
+    #[test]
+    fn a_wrong_assignment_is_refused_with_the_way_out() {
+        let said = |text: &str| text.parse::<FixedParameter>().unwrap_err().to_string();
+        assert!(said("drive.delay").contains("write EFFECT.PARAMETER=VALUE"));
+        assert!(said("drive.delay.delay_s=fast").contains("write EFFECT.PARAMETER=VALUE"));
+        assert!(said("drive.dealy.delay_s=0.01").contains("did you mean 'drive.delay'?"));
+        assert!(said("drive.delay.delay=0.01").contains("its parameters are delay_s"));
+        assert!(said("drive.delay.delay_s=7").contains("is 7; allowed are -0.02 to 0.2 s"));
+    }
+}
