@@ -1,4 +1,4 @@
-// Pictures of result pages, each from one heading to another, and of what terminals showed:
+// Pictures of result pages, each from one heading to another, and of terminal output:
 //   node make_docs_pictures.cjs CHROMIUM FOLDER PICTURES
 'use strict';
 const fs = require('node:fs');
@@ -7,54 +7,54 @@ const { chromium } = require('playwright-core');
 
 const [program, folder, pictures] = process.argv.slice(2);
 
-// Pages are laid out for this width (px) and drawn smaller.
-const PAGE_WIDTH = 1080;
-const PICTURE_WIDTH = 900;
+// Width of a page and of a terminal (px); pictures have twice as many pixels.
+const PAGE_WIDTH = 940;
 const TERMINAL_WIDTH = 900;
+const DENSITY = 2;
+// Greatest height of a picture (px).
+const TALLEST = 1250;
 
 // Name of the picture: page, heading with which it begins (none: the top), heading before which it ends.
 const PAGES = {
-  'collect': ['plan/index.html', null, 2],
+  'calibrate': ['twin.html', null, 'Residuals'],
+  'collect': ['plan/index.html', null, 'Commanded velocities'],
+  'demo': ['demo/index.html', null, 'Fit the actuator'],
+  'eval': ['demo/eval/index.html', null, 'Replay'],
   'fit-actuator': ['demo/actuator/index.html', 'Measured and predicted', 'Error against horizon'],
   'fit-actuator-judgement': ['demo/actuator/index.html', null, 'Measured and predicted'],
-  'tune-ekf': ['demo/ekf/index.html', null, 'Covariance'],
   'gap': ['demo/gap/index.html', null, '2. '],
-  'gap-signals': ['demo/gap/index.html', 'The gap, signal by signal', 'Where it sits'],
-  'eval': ['demo/eval/index.html', null, 'Where'],
-  'train': ['demo/learned/index.html', null, 3],
-  'demo': ['demo/index.html', null, 'Fit the actuator'],
-  'play': ['scored/index.html', 'Replay', 'Where'],
+  'gap-signals': ['demo/gap/index.html', 'Residuals', 'Localization'],
+  'play': ['scored/index.html', 'Replay', 'Positions'],
+  'sweep': ['sweep/index.html', null, 'Selection'],
+  'train': ['demo/learned/index.html', null, 'Provenance'],
+  'tune-ekf': ['demo/ekf/index.html', null, 'Covariance'],
 };
 
 async function shoot(browser, name, [file, from, to]) {
-  const scale = PICTURE_WIDTH / PAGE_WIDTH;
-  const page = await browser.newPage({ viewport: { width: PAGE_WIDTH, height: 1000 }, deviceScaleFactor: scale });
+  const page = await browser.newPage({ viewport: { width: PAGE_WIDTH, height: 1000 }, deviceScaleFactor: DENSITY });
   await page.goto('file://' + path.resolve(folder, file));
-  const play = page.locator('#replay-play');
-  if (await play.count()) {
-    // A moment of the match instead of its first picture.
-    await page.locator('#replay-next').click().catch(() => {});
+  await page.addStyleTag({ content: '.hint{display:none}' });
+  await page.waitForTimeout(500);
+  if (name === 'play') {
+    // A goal of the match instead of its first frame.
+    await page.locator('#replay-events button[data-kind=goal]').first().click().catch(() => {});
   }
-  const [top, bottom, height] = await page.evaluate(([from, to]) => {
+  const [top, bottom] = await page.evaluate(([from, to]) => {
     const headings = [...document.querySelectorAll('h2, h3')];
-    const place = (text) => headings.find((heading) => heading.textContent.startsWith(text));
-    const y = (element) => element.getBoundingClientRect().top + window.scrollY;
-    const height = document.documentElement.scrollHeight;
-    const top = from === null ? 0 : y(place(from)) - 12;
-    // A number counts rows of pictures below the first one.
-    const svgs = [...document.querySelectorAll('svg')];
-    const rows = [...new Set(svgs.map((svg) => Math.round(y(svg))))].sort((a, b) => a - b);
-    const end = typeof to === 'number' ? rows[Math.min(to, rows.length - 1)] : y(place(to));
-    return [top, end - 16, height];
+    const y = (text) => {
+      const found = headings.find((heading) => heading.textContent.startsWith(text));
+      return found ? found.getBoundingClientRect().top + window.scrollY : document.documentElement.scrollHeight;
+    };
+    return [from === null ? 0 : y(from) - 12, y(to) - 16];
   }, [from, to]);
-  const clip = { x: 0, y: top, width: PAGE_WIDTH, height: Math.min(bottom, height) - top };
-  await page.screenshot({ path: path.join(pictures, name + '.png'), clip, fullPage: true });
+  const height = Math.min(bottom - top, TALLEST);
+  await page.screenshot({ path: path.join(pictures, name + '.png'), clip: { x: 0, y: top, width: PAGE_WIDTH, height }, fullPage: true });
   await page.close();
 }
 
 async function shootTerminal(browser, name) {
   const text = fs.readFileSync(path.join(folder, 'shown', name + '.txt'), 'utf8').trimEnd();
-  const page = await browser.newPage({ viewport: { width: TERMINAL_WIDTH, height: 100 } });
+  const page = await browser.newPage({ viewport: { width: TERMINAL_WIDTH, height: 100 }, deviceScaleFactor: DENSITY });
   await page.setContent('<pre id="shown"></pre>');
   await page.addStyleTag({
     content: 'body{margin:0;background:#1d2733}' +

@@ -1,14 +1,11 @@
 //! Reports: a page is a list of sections, each of which knows only its own data.
 //!
-//! Rooms produce sections from their results; nothing here knows what an actuator is. Everything
-//! returns text, and only the binary writes files. Pages are self-contained: pictures are inline
-//! SVG, and nothing is loaded from anywhere.
+//! Modules produce sections from their results; nothing here knows the meaning of an actuator. Everything
+//! returns text, and only the binary writes files. A page is self-contained: its charts are data that a
+//! script in the page draws, and the browser loads nothing from elsewhere.
 
+mod chart;
 mod html;
-mod plot;
 
-pub use html::{Page, Table, escape};
-pub use plot::{
-    Axis, Band, Curve, HeatMap, LinePlot, Scale, StepPlot, Stroke, heat_map, heat_map_within,
-    line_plot, path_plot, step_plot,
-};
+pub use chart::{Axis, Chart, Colour, Grid, Points, Ranges, Scale, Series, with_same_y};
+pub use html::{Badge, Page, Table, escape};

@@ -1,4 +1,4 @@
-//! `index.html` of `fit-actuator`: what a person wants to see before trusting the model.
+//! `index.html` of `fit-actuator`: accuracy of the model on held-out runs.
 
 use super::{
     Ablation, Cell, Run,
@@ -7,27 +7,20 @@ use super::{
     study::{Study, Summary},
 };
 use crate::report::{
-    Axis, Band, Curve, HeatMap, LinePlot, Page, Scale, Stroke, Table, heat_map, line_plot,
+    Axis, Badge, Chart, Colour, Grid, Page, Points, Ranges, Series, Table, with_same_y,
 };
 
-const INK: [u8; 3] = [29, 39, 51];
-const GREY: [u8; 3] = [160, 168, 178];
-const BLUE: [u8; 3] = [31, 105, 180];
-const ORANGE: [u8; 3] = [208, 112, 24];
-const GREEN: [u8; 3] = [52, 140, 86];
-const RED: [u8; 3] = [190, 60, 60];
-
-const WIDE: (u32, u32) = (980, 300);
-const HALF: (u32, u32) = (480, 380);
-/// Length of the traces that are drawn (s); the file holds the whole runs.
+/// Length of the drawn traces (s); `actuator.mcap` holds the whole runs.
 const TRACE_SECONDS: f64 = 6.0;
 
-/// The page.
+/// Page of a study.
 #[must_use]
 pub fn page(study: &Study, summary: &Summary) -> String {
     let mut page = Page::new("Actuator model");
+    badge(&mut page, summary);
     page.lead(&lead(summary));
     page.paragraph(&format!("On held-out runs, {}.", summary.verdict));
+    page.key_figures(&key_figures(summary));
     for warning in &summary.warnings {
         page.warning(&capitalised(warning));
     }
@@ -40,6 +33,30 @@ pub fn page(study: &Study, summary: &Summary) -> String {
     patterns(&mut page, summary);
     provenance(&mut page, summary);
     page.finish()
+}
+
+/// Compare the network with the best simpler model.
+fn badge(page: &mut Page, summary: &Summary) {
+    match summary.verdict.ci95_m_per_s {
+        Some(ci) if ci.high < 0.0 => {
+            page.badge("more accurate than the simpler models", Badge::Good);
+        }
+        Some(ci) if 0.0 < ci.low => page.badge("less accurate than a simpler model", Badge::Bad),
+        _ => page.badge("no significant difference from a simpler model", Badge::Warn),
+    }
+}
+
+fn key_figures(summary: &Summary) -> [(&'static str, String); 4] {
+    let free = summary.free_running_rmse_m_per_s.last();
+    [
+        ("one-step RMSE", format!("{} mm/s", speed(summary.one_step_rmse_m_per_s.median))),
+        (
+            "simulation RMSE over 2 s",
+            free.map_or_else(|| "–".to_owned(), |own| format!("{} mm/s", speed(own.spread.median))),
+        ),
+        ("held-out / training RMSE, one step", format!("{:.2}", summary.overfit_ratio)),
+        ("training data", format!("{:.0} s", summary.train.duration_s)),
+    ]
 }
 
 fn capitalised(sentence: &str) -> String {
@@ -66,18 +83,14 @@ fn count(number: usize, noun: &str) -> String {
 
 fn lead(summary: &Summary) -> String {
     let chosen = &summary.chosen;
-    let free = summary.free_running_rmse_m_per_s.last();
     format!(
-        "{} of history, {} x {} units, layout {}: one step ahead the median of {} is {} mm/s off, \
-         free-running over {} s {} mm/s, on {} ({:.0} s).",
+        "Network with {} of command and velocity history, {} hidden layers of {} units, layout {}; \
+         {}, evaluated on {} ({:.0} s).",
         count(chosen.history_steps, "step"),
         chosen.hidden_layers,
         chosen.width,
         chosen.layout,
         count(summary.seeds.len(), "seed"),
-        speed(summary.one_step_rmse_m_per_s.median),
-        free.map_or(0.0, |f| f.horizon_s),
-        free.map_or_else(String::new, |f| speed(f.spread.median)),
         count(summary.held_out.runs, "held-out run"),
         summary.held_out.duration_s,
     )
@@ -85,10 +98,10 @@ fn lead(summary: &Summary) -> String {
 
 fn model_title(model: &str) -> &str {
     match model {
-        "network" => "network (its median seed)",
-        "fopdt" => "first order plus dead time",
+        "network" => "network (median seed)",
+        "lag_delay" => "first order plus dead time (FOPDT)",
         "arx" => "linear ARX",
-        "ideal" => "ideal (v = command)",
+        "ideal" => "ideal drive (velocity = command)",
         other => other,
     }
 }
@@ -96,24 +109,24 @@ fn model_title(model: &str) -> &str {
 fn with_interval(row: &ErrorRow) -> String {
     match row.ci95_m_per_s {
         Some(ci) if row.rmse_m_per_s.is_finite() => {
-            format!("{} ({} – {})", speed(row.rmse_m_per_s), speed(ci.low), speed(ci.high))
+            format!("{} ({} to {})", speed(row.rmse_m_per_s), speed(ci.low), speed(ci.high))
         }
         _ => speed(row.rmse_m_per_s),
     }
 }
 
 fn errors(page: &mut Page, summary: &Summary) {
-    page.section("How wrong it is, beside simpler models");
+    page.section("Accuracy compared with simpler models");
     page.paragraph(
-        "Root mean square error in mm/s on held-out runs, both axes; in brackets the 95 % interval \
-         by bootstrap over runs. Free-running: the model gets the measured history once, then only \
-         commands.",
+        "Root mean square error (RMSE) of the velocity in mm/s on held-out runs, both axes. Brackets hold 95 % \
+         intervals by bootstrap over runs. In simulation the model receives the measured history once, \
+         then commands only.",
     );
     let rows =
         || summary.errors.iter().filter(|r| r.pattern == "all" && r.component == Component::Both);
     let mut head = vec!["model".to_owned(), "one step".to_owned()];
-    head.extend(HORIZONS_S.map(|horizon| format!("over {horizon} s")));
-    head.push(format!("peak over {} s", LONGEST_HORIZON_S));
+    head.extend(HORIZONS_S.map(|horizon| format!("simulation over {horizon} s")));
+    head.push(format!("peak error over {} s", LONGEST_HORIZON_S));
     let mut table = Table { head, rows: Vec::new() };
     for model in ["network", "arx", "fopdt", "ideal"] {
         let of_model: Vec<&ErrorRow> = rows().filter(|row| row.model == model).collect();
@@ -130,143 +143,122 @@ fn errors(page: &mut Page, summary: &Summary) {
         .map(|f| format!("{} s {} to {}", f.horizon_s, speed(f.spread.min), speed(f.spread.max)))
         .collect();
     page.paragraph(&format!(
-        "Over {}: one step {} to {}; free-running over {} (mm/s). Held-out over training \
-         error, one step: {:.1}.",
+        "Range over {}: one step {} to {} mm/s; simulation over {} (mm/s).",
         count(summary.seeds.len(), "seed"),
         speed(spread.min),
         speed(spread.max),
         free.join(", "),
-        summary.overfit_ratio
     ));
     let lag = |axis: usize| {
         let lag = &summary.fopdt[axis];
         format!(
-            "gain {:.3}, time constant {:.1} ms, delay {:.1} ms",
+            "gain {:.3}, time constant {:.1} ms, dead time {:.1} ms",
             lag.gain,
             1e3 * lag.tau_s,
             1e3 * lag.delay_s
         )
     };
-    page.paragraph(&format!("The fitted first order plus dead time: x {}; y {}.", lag(0), lag(1)));
+    page.paragraph(&format!("Fitted FOPDT model: x axis {}; y axis {}.", lag(0), lag(1)));
 }
 
 fn traces(page: &mut Page, study: &Study) {
     page.section("Measured and predicted");
     page.paragraph(&format!(
-        "The first held-out run of each pattern, its first {TRACE_SECONDS} s, free-running \
-         throughout: after the history the model sees only commands."
+        "First {TRACE_SECONDS} s of the first held-out run of each pattern. After the history the model \
+         receives commands only."
     ));
-    page.legend(&[
-        ("measured", INK),
-        ("network, median seed (band: all seeds)", BLUE),
-        ("command", GREY),
-    ]);
     let mut seen: Vec<&str> = Vec::new();
     for run in &study.dataset.held_out {
         if seen.contains(&run.pattern.as_str()) || run.len() <= study.history {
             continue;
         }
         seen.push(&run.pattern);
-        let pictures = [0, 1].map(|axis| trace(study, run, axis));
+        let charts = with_same_y([0, 1].map(|axis| trace(study, run, axis)).into());
         let title = format!("{} (run {})", run.pattern, run.number);
         if seen.len() <= 2 {
-            page.paragraph(&title);
-            pictures.iter().for_each(|picture| page.picture(picture));
+            page.subsection(&title);
+            page.charts(&charts);
         } else {
-            page.folded_pictures(&title, &pictures);
+            page.folded_charts(&title, &charts);
         }
     }
 }
 
-fn trace(study: &Study, run: &Run, axis: usize) -> String {
+fn trace(study: &Study, run: &Run, axis: usize) -> Chart {
     let (dt, first) = (study.dataset.dt(), study.history);
     let shown = run.len().min((TRACE_SECONDS / dt) as usize);
-    let points = |values: &[[f64; 2]], from: usize| -> Vec<(f64, f64)> {
+    let points = |values: &[[f64; 2]], from: usize| -> Points {
         let timed = values.iter().enumerate();
         let timed = timed.map(|(k, pair)| ((from + k) as f64 * dt, pair[axis]));
         timed.take(shown.saturating_sub(from)).collect()
     };
-    let seeds: Vec<Vec<(f64, f64)>> = study
+    let seeds: Vec<Points> = study
         .seeds
         .iter()
         .map(|seed| points(&study.whole_run(&seed.fit.model, run), first))
         .collect();
-    let band = (0..seeds[0].len())
-        .map(|k| {
-            let values = || seeds.iter().map(|seed| seed[k].1);
-            let (low, high) =
-                (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
-            (seeds[0][k].0, low, high)
-        })
-        .collect();
-    let curve = |colour, stroke, points| Curve { colour, stroke, points };
-    line_plot(&LinePlot {
-        title: format!("{} velocity, {}", ["x", "y"][axis], run.pattern),
-        x: "time in the run (s)".to_owned(),
-        y: Axis { label: "velocity (m/s)".to_owned(), scale: Scale::Linear },
-        bands: vec![Band { colour: BLUE, points: band }],
-        curves: vec![
-            curve(GREY, Stroke::Solid, points(&run.commands, 0)),
-            curve(INK, Stroke::Solid, points(&run.velocities, 0)),
-            curve(BLUE, Stroke::Dashed, seeds[study.chosen].clone()),
-        ],
-        size: WIDE,
-    })
+    let predicted =
+        Series::dashed("network, median seed", Colour::Blue, seeds[study.chosen].clone());
+    Chart::of_lines(
+        &format!("Velocity along {}", ["x", "y"][axis]),
+        Axis::new("time in the run", "s"),
+        Axis::new("velocity", "m/s"),
+    )
+    .in_group(&format!("run-{}", run.number))
+    .with(Series::line("command", Colour::Grey, points(&run.commands, 0)))
+    .with(Series::line("measured", Colour::Ink, points(&run.velocities, 0)))
+    .with(predicted.with_band(extremes(&seeds, 1.0)))
+}
+
+/// Range over seeds at each point of their common x, times `scale`.
+fn extremes(seeds: &[Points], scale: f64) -> Ranges {
+    let range = |k: usize| {
+        let values = || seeds.iter().map(|seed| scale * seed[k].1);
+        let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
+        (seeds[0][k].0, low, high)
+    };
+    (0..seeds[0].len()).map(range).collect()
 }
 
 fn growth(page: &mut Page, study: &Study) {
     page.section("Error against horizon");
-    page.legend(&[
-        ("network, median seed (band: all seeds)", BLUE),
-        ("linear ARX", GREEN),
-        ("first order plus dead time", ORANGE),
-        ("ideal", GREY),
-    ]);
-    let curve = |colour, evaluation: &Evaluation| {
-        let points = evaluation.growth().into_iter().map(|(t, error)| (t, 1e3 * error)).collect();
-        Curve { colour, stroke: Stroke::Solid, points }
+    let points = |evaluation: &Evaluation| -> Points {
+        evaluation.growth().into_iter().map(|(t, error)| (t, 1e3 * error)).collect()
     };
-    let by_seed: Vec<Vec<(f64, f64)>> =
-        study.seeds.iter().map(|seed| seed.evaluation.growth()).collect();
-    let band = (0..by_seed[0].len())
-        .map(|k| {
-            let values = || by_seed.iter().map(|seed| seed[k].1);
-            let (low, high) =
-                (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
-            (by_seed[0][k].0, 1e3 * low, 1e3 * high)
-        })
-        .collect();
+    let by_seed: Vec<Points> =
+        study.seeds.iter().map(|judged| judged.evaluation.growth()).collect();
     let [ideal, lag, arx] = &study.baselines.evaluations;
-    page.picture(&line_plot(&LinePlot {
-        title: "Free-running error at each time after the start".to_owned(),
-        x: "time since the last measurement (s)".to_owned(),
-        y: Axis { label: "RMS error (mm/s)".to_owned(), scale: Scale::Logarithmic },
-        bands: vec![Band { colour: BLUE, points: band }],
-        curves: vec![
-            curve(GREY, ideal),
-            curve(ORANGE, lag),
-            curve(GREEN, arx),
-            curve(BLUE, &study.chosen().evaluation),
-        ],
-        size: (980, 340),
-    }));
+    let network =
+        Series::line("network, median seed", Colour::Blue, points(&study.chosen().evaluation));
+    page.chart(
+        &Chart::of_lines(
+            "Simulation error by time since the last measurement",
+            Axis::new("time since the last measurement", "s"),
+            Axis::new("RMSE", "mm/s").logarithmic(),
+        )
+        .with(Series::line("ideal drive", Colour::Grey, points(ideal)))
+        .with(Series::line("FOPDT", Colour::Orange, points(lag)))
+        .with(Series::line("linear ARX", Colour::Green, points(arx)))
+        .with(network.with_band(extremes(&by_seed, 1e3)))
+        .with_height(340),
+    );
 }
 
 fn ablation(page: &mut Page, summary: &Summary) {
     let Some(ablation) = &summary.ablation else { return };
-    page.section("Ablation");
+    page.section("Ablation: history and width");
     let chosen = &ablation.cells[ablation.chosen];
     let best = &ablation.cells[ablation.best];
     let cross = ablation.cross_fitted_rmse_m_per_s.map_or_else(String::new, |error| {
         format!(
-            " Chosen on one half of the held-out runs and evaluated on the other, both ways, the \
-             error is {} mm/s.",
+            " Selected on one half of the held-out runs and evaluated on the other half, in both \
+             directions, the error is {} mm/s.",
             speed(error)
         )
     });
     page.paragraph(&format!(
-        "Smallest free-running error: {}, {} units ({} mm/s). Chosen, as the smallest network \
-         within one standard error of it: {}, {} units ({} mm/s).{cross}",
+        "Smallest simulation error: {}, {} units ({} mm/s). Selected, as the smallest network within \
+         one standard error of it: {}, {} units ({} mm/s).{cross}",
         count(best.history_steps, "step"),
         best.width,
         speed(best.mean_rmse_m_per_s),
@@ -274,11 +266,11 @@ fn ablation(page: &mut Page, summary: &Summary) {
         chosen.width,
         speed(chosen.mean_rmse_m_per_s),
     ));
-    page.picture(&ablation_map(ablation));
+    page.chart(&ablation_map(ablation));
     page.table(&ablation_table(ablation));
 }
 
-fn ablation_map(ablation: &Ablation) -> String {
+fn ablation_map(ablation: &Ablation) -> Chart {
     let sorted = |value: fn(&Cell) -> usize| {
         let mut values: Vec<usize> = ablation.cells.iter().map(value).collect();
         values.sort_unstable();
@@ -289,30 +281,42 @@ fn ablation_map(ablation: &Ablation) -> String {
     let cell = |history: usize, width: usize| {
         ablation.cells.iter().find(|c| (c.history_steps, c.width) == (history, width))
     };
-    let shade = |cell: Option<&Cell>| cell.map_or(f64::NAN, |c| c.mean_rmse_m_per_s.log10());
-    let text = |cell: Option<&Cell>| {
-        cell.map_or_else(String::new, |cell| {
-            let history = count(cell.history_steps, "step");
-            format!("{history}, {} units: {}", cell.width, speed(cell.mean_rmse_m_per_s))
-        })
-    };
+    let shade =
+        |cell: Option<&Cell>| cell.map_or(f64::NAN, |c| (1e3 * c.mean_rmse_m_per_s).log10());
+    let text =
+        |cell: Option<&Cell>| cell.map_or_else(String::new, |cell| speed(cell.mean_rmse_m_per_s));
     let row = |history: &usize| widths.iter().map(|width| cell(*history, *width)).collect();
     let rows: Vec<Vec<Option<&Cell>>> = histories.iter().map(row).collect();
-    heat_map(&HeatMap {
-        title: "Free-running error (mm/s), mean over seeds; shade: log10 of m/s".to_owned(),
-        x: "width".to_owned(),
-        y: "history".to_owned(),
-        x_range: (0.0, widths.len() as f64),
-        y_range: (0.0, histories.len() as f64),
-        values: rows.iter().map(|row| row.iter().map(|cell| shade(*cell)).collect()).collect(),
-        cells: rows.iter().map(|row| row.iter().map(|cell| text(*cell)).collect()).collect(),
-        size: (760, 320),
-    })
+    let names = |values: &[usize]| values.iter().map(ToString::to_string).collect();
+    // Categories stand at 0, 1, 2 ..., in the middle of their cells.
+    let edges = |count: usize| (-0.5, count as f64 - 0.5);
+    let cells = rows.iter().map(|row| row.iter().map(|cell| text(*cell)).collect()).collect();
+    let values = rows.iter().map(|row| row.iter().map(|cell| shade(*cell)).collect()).collect();
+    let grid = Grid::of_numbers(
+        values,
+        edges(widths.len()),
+        edges(histories.len()),
+        "simulation RMSE (mm/s)",
+    );
+    Chart::of_plane(
+        "Simulation RMSE over 2 s (mm/s), mean over seeds",
+        Axis::of_categories("hidden units per layer", names(&widths)),
+        Axis::of_categories("history (steps)", names(&histories)),
+    )
+    .with_grid(grid.of_logarithms().with_text(cells))
+    .with_height(340)
 }
 
 fn ablation_table(ablation: &Ablation) -> Table {
-    let head =
-        ["history", "width", "parameters", "seeds", "one step", "free-running", "std. error"];
+    let head = [
+        "history (steps)",
+        "hidden units",
+        "parameters",
+        "seeds",
+        "one step (mm/s)",
+        "simulation (mm/s)",
+        "standard error",
+    ];
     let rows = ablation.cells.iter().map(|cell| {
         vec![
             cell.history_steps.to_string(),
@@ -329,63 +333,64 @@ fn ablation_table(ablation: &Ablation) -> Table {
 
 fn curves(page: &mut Page, study: &Study) {
     page.section("Learning curves");
-    page.legend(&[("training runs", BLUE), ("held-out runs", RED)]);
-    let mut drawn = Vec::new();
-    for seed in &study.seeds {
-        let curve = &seed.fit.curve;
-        drawn.push(Curve {
-            colour: BLUE,
-            stroke: Stroke::Solid,
-            points: curve.iter().map(|e| (e.epoch as f64, 1e3 * e.train_rmse_m_per_s)).collect(),
-        });
-        let held_out =
+    let (mut train, mut held_out) = (Vec::new(), Vec::new());
+    for judged in &study.seeds {
+        let curve = &judged.fit.curve;
+        train.push(curve.iter().map(|e| (e.epoch as f64, 1e3 * e.train_rmse_m_per_s)).collect());
+        let known =
             curve.iter().filter_map(|e| Some((e.epoch as f64, 1e3 * e.held_out_rmse_m_per_s?)));
-        drawn.push(Curve { colour: RED, stroke: Stroke::Solid, points: held_out.collect() });
+        held_out.push(known.collect());
     }
-    page.picture(&line_plot(&LinePlot {
-        title: "One step ahead, every seed".to_owned(),
-        x: "epoch".to_owned(),
-        y: Axis { label: "RMS error (mm/s)".to_owned(), scale: Scale::Logarithmic },
-        bands: Vec::new(),
-        curves: drawn,
-        size: (980, 320),
-    }));
+    page.chart(
+        &Chart::of_lines(
+            "One-step RMSE of every seed",
+            Axis::new("epoch", ""),
+            Axis::new("RMSE", "mm/s").logarithmic(),
+        )
+        .with(Series::lines("training runs", Colour::Blue, train))
+        .with(Series::lines("held-out runs", Colour::Orange, held_out)),
+    );
 }
 
 fn coverage(page: &mut Page, study: &Study, summary: &Summary) {
     page.section("Coverage");
     page.paragraph(&format!(
-        "Where the fitted samples lie; blank cells were never seen, and there the model \
-         extrapolates. Outside lie {:.2} % of the held-out samples.",
+        "Density of the training samples. The model extrapolates in blank cells, which hold {:.2} % of the \
+         held-out samples.",
         100.0 * summary.held_out_fraction_outside_coverage
     ));
-    let maps = ["x", "y"].into_iter().zip(&study.coverage.axes);
-    let maps: Vec<String> = maps.map(|(axis, coverage)| coverage_map(axis, coverage)).collect();
-    page.pictures_in_row(&maps);
+    let span = |of: fn(&AxisCoverage) -> f64| {
+        study.coverage.axes.iter().map(of).fold(f64::MIN_POSITIVE, f64::max)
+    };
+    let spans = [span(|own| own.command_span_m_per_s), span(|own| own.velocity_span_m_per_s)];
+    let charts = ["x", "y"].into_iter().zip(&study.coverage.axes);
+    let charts: Vec<Chart> =
+        charts.map(|(axis, coverage)| coverage_map(axis, coverage, spans)).collect();
+    page.charts(&charts);
 }
 
-fn coverage_map(axis: &str, coverage: &AxisCoverage) -> String {
-    let (command, velocity) = (coverage.command_span_m_per_s, coverage.velocity_span_m_per_s);
+/// Map of one axis; `spans` are the largest command and velocity of both, so that their maps compare.
+fn coverage_map(axis: &str, coverage: &AxisCoverage, spans: [f64; 2]) -> Chart {
     let shade = |count: u32| if count == 0 { f64::NAN } else { f64::from(count).log10() };
     let values = (0..CELLS)
         .map(|row| (0..CELLS).map(|column| shade(coverage.counts[column][row])).collect())
         .collect();
-    heat_map(&HeatMap {
-        title: format!("{axis}: log10 of the samples in each cell"),
-        x: format!("{axis} command (m/s)"),
-        y: format!("{axis} velocity (m/s)"),
-        x_range: (-command, command),
-        y_range: (-velocity, velocity),
-        values,
-        cells: Vec::new(),
-        size: HALF,
-    })
+    let (command, velocity) = (coverage.command_span_m_per_s, coverage.velocity_span_m_per_s);
+    let grid =
+        Grid::of_numbers(values, (-command, command), (-velocity, velocity), "samples in a cell");
+    Chart::of_plane(
+        &format!("Training samples, {axis} axis"),
+        Axis::new("command", "m/s").within(-spans[0], spans[0]),
+        Axis::new("velocity", "m/s").within(-spans[1], spans[1]),
+    )
+    .with_grid(grid.of_logarithms())
+    .with_height(380)
 }
 
 fn patterns(page: &mut Page, summary: &Summary) {
-    page.section("By pattern and axis");
-    page.paragraph("The median seed, in mm/s.");
-    let head = ["pattern", "axis", "one step", "free-running", "peak free-running"];
+    page.section("Accuracy by pattern and axis");
+    page.paragraph("RMSE of the median seed in mm/s, with 95 % intervals.");
+    let head = ["pattern", "axis", "one step", "simulation over 2 s", "peak error"];
     let mut rows = Vec::new();
     let network = || summary.errors.iter().filter(|row| row.model == "network");
     for row in network().filter(|row| row.horizon_s == 0.0) {
@@ -406,10 +411,10 @@ fn patterns(page: &mut Page, summary: &Summary) {
 }
 
 fn provenance(page: &mut Page, summary: &Summary) {
-    page.section("How it was made");
+    page.section("Provenance");
     page.code(&summary.provenance.command_line);
     page.paragraph(&format!(
-        "klasktron {} ({}); {} player, {:.0} Hz; fitted to {} runs, {} samples ({:.0} s).",
+        "klasktron {} ({}); {} player, {:.0} Hz; trained on {} runs, {} samples ({:.0} s).",
         summary.provenance.crate_version,
         summary.provenance.git_hash,
         summary.player,

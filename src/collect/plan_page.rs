@@ -1,41 +1,19 @@
-//! What a dry run shows: where the carriages would go, how fast, and every run of the plan.
+//! Result of a dry run: commanded paths, velocities, and every run of the plan.
 //!
-//! Everything is text; only the binary writes files. `plan.json` is the plan itself and can be
-//! given back.
+//! Everything is text; only the binary writes files. `plan.json` is the plan itself; `collect` reads it.
 
 use super::{CheckedPlan, CheckedRun, MotionExtremes, PlanError};
 use crate::{
     gantry::{Pattern, Rectangle, Reference, Robot},
     recording::Split,
-    report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, line_plot, path_plot},
+    report::{Axis, Badge, Chart, Colour, Page, Points, Series, Table, with_same_y},
 };
 use std::fmt::Write as _;
 
-const INK: [u8; 3] = [29, 39, 51];
-const GREY: [u8; 3] = [160, 168, 178];
-const BLUE: [u8; 3] = [31, 105, 180];
-const ORANGE: [u8; 3] = [208, 112, 24];
-/// Of the paths, one for each pattern in the order of [`Pattern::ALL`].
-const COLOURS: [[u8; 3]; 10] = [
-    BLUE,
-    ORANGE,
-    [52, 140, 86],
-    [190, 60, 60],
-    [126, 84, 170],
-    [120, 184, 210],
-    [214, 160, 40],
-    [200, 90, 150],
-    [90, 110, 60],
-    [110, 80, 60],
-];
-
-/// Points of a path closer than this (m) are drawn as one.
+/// Smallest distance of two drawn points of a path (m).
 const DRAWN_STEP: f64 = 0.002;
-/// The board stands upright.
-const PATHS: (u32, u32) = (640, 800);
-const WIDE: (u32, u32) = (980, 260);
 
-/// The files of a dry run.
+/// Files of a dry run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanPage {
     /// `index.html`.
@@ -46,13 +24,15 @@ pub struct PlanPage {
     pub plan_json: String,
 }
 
-/// Shows what was checked for `robot`.
+/// Page of a plan that was checked for `robot`.
 ///
 /// # Errors
 /// When the plan cannot be written as JSON.
 pub fn plan_page(checked: &CheckedPlan, robot: &Robot) -> Result<PlanPage, PlanError> {
     let mut page = Page::new(&format!("Plan: {}", checked.plan().name));
+    page.badge("safety-checked, nothing has moved", Badge::Good);
     page.lead(&lead(checked));
+    page.key_figures(&key_figures(checked, robot));
     page.paragraph(&safety_summary(checked, robot));
     paths(&mut page, checked, robot);
     speeds(&mut page, checked);
@@ -63,9 +43,9 @@ pub fn plan_page(checked: &CheckedPlan, robot: &Robot) -> Result<PlanPage, PlanE
 }
 
 /// Names of the patterns of the plan, in the order of [`Pattern::ALL`], with their colours.
-fn kinds(checked: &CheckedPlan) -> Vec<(&'static str, [u8; 3])> {
-    let all = Pattern::ALL.into_iter().zip(COLOURS);
-    all.map(|(pattern, colour)| (pattern.name(), colour))
+fn kinds(checked: &CheckedPlan) -> Vec<(&'static str, Colour)> {
+    let all = Pattern::ALL.into_iter().enumerate();
+    all.map(|(index, pattern)| (pattern.name(), Colour::of_series(index)))
         .filter(|(name, _)| of_kind(checked, name).next().is_some())
         .collect()
 }
@@ -86,25 +66,43 @@ fn lead(checked: &CheckedPlan) -> String {
     let plan = checked.plan();
     let judging = plan.runs.iter().filter(|run| run.split == Split::Validation).count();
     format!(
-        "{} runs ({judging} held out) for {}, {} samples at {} Hz: {:.1} min of runs, {:.1} min with \
-         the moves between them. Nothing has moved.",
+        "{} runs ({judging} held out for validation) for {}: {} samples at {} Hz.",
         plan.runs.len(),
         players(checked),
         plan.samples(),
         plan.rate_hz,
-        plan.samples() as f64 / plan.rate_hz / 60.0,
-        checked.duration_s() / 60.0,
     )
+}
+
+fn key_figures(checked: &CheckedPlan, robot: &Robot) -> [(&'static str, String); 4] {
+    let (plan, limits, extremes) = (checked.plan(), &robot.limits, checked.extremes());
+    let minutes = plan.samples() as f64 / plan.rate_hz / 60.0;
+    [
+        ("recorded time", format!("{minutes:.1} min")),
+        ("total time with moves between runs", format!("{:.1} min", checked.duration_s() / 60.0)),
+        (
+            "largest speed (limit)",
+            format!("{:.2} m/s ({})", extremes.max_speed_m_per_s, limits.total_speed_m_per_s),
+        ),
+        (
+            "smallest distance to the soft limits (required)",
+            format!(
+                "{:.1} mm ({:.1})",
+                1e3 * extremes.edge_distance_m,
+                1e3 * limits.tracking_margin_m
+            ),
+        ),
+    ]
 }
 
 fn safety_summary(checked: &CheckedPlan, robot: &Robot) -> String {
     let (limits, extremes) = (&robot.limits, checked.extremes());
     let [x, y] = extremes.max_axis_speed_m_per_s;
     format!(
-        "Every sample was checked. Largest speed {:.3} m/s (x {x:.3}, y {y:.3}; limits {} in all, \
-         {} along an axis); largest acceleration {:.1} m/s^2 along an axis (limit {}); fastest \
-         motor {:.1} turns/s. Nearest to the workspace's edge, stopping distance included: {:.1} mm \
-         (at least {:.1} mm are kept). The workspace is the field less {:.1} mm.",
+        "All samples passed the safety check. Largest speed {:.3} m/s (x {x:.3}, y {y:.3}; limits: total {}, per \
+         axis {}). Largest acceleration {:.1} m/s² along an axis (limit {}). Fastest motor {:.1} turns/s. \
+         Smallest distance to the soft limits {:.1} mm with the stopping distance included (required: {:.1} mm). \
+         The soft limits are the workspace minus {:.1} mm on each side.",
         extremes.max_speed_m_per_s,
         limits.total_speed_m_per_s,
         limits.speed_m_per_s,
@@ -117,14 +115,14 @@ fn safety_summary(checked: &CheckedPlan, robot: &Robot) -> String {
     )
 }
 
-fn outline(rectangle: &Rectangle, colour: [u8; 3], stroke: Stroke) -> Curve {
+fn outline(rectangle: &Rectangle) -> Points {
     let Rectangle { x_min_m, x_max_m, y_min_m, y_max_m } = *rectangle;
     let corners = [(x_min_m, y_min_m), (x_max_m, y_min_m), (x_max_m, y_max_m), (x_min_m, y_max_m)];
-    Curve { colour, stroke, points: corners.into_iter().chain([corners[0]]).collect() }
+    corners.into_iter().chain([corners[0]]).collect()
 }
 
-fn path(reference: &Reference, colour: [u8; 3]) -> Curve {
-    let mut points: Vec<(f64, f64)> = Vec::new();
+fn path(reference: &Reference) -> Points {
+    let mut points: Points = Vec::new();
     for setpoint in reference.setpoints() {
         let [x, y] = setpoint.position;
         let far = |last: &(f64, f64)| DRAWN_STEP <= (x - last.0).hypot(y - last.1);
@@ -132,73 +130,75 @@ fn path(reference: &Reference, colour: [u8; 3]) -> Curve {
             points.push((x, y));
         }
     }
-    Curve { colour, stroke: Stroke::Solid, points }
+    points
 }
 
 fn paths(page: &mut Page, checked: &CheckedPlan, robot: &Robot) {
-    page.section("Where the carriages go");
-    let kinds = kinds(checked);
-    let mut legend = vec![("board", INK), ("field; dashed: workspace", GREY)];
-    legend.extend(kinds.iter().copied());
-    page.legend(&legend);
-    // What fills the workspace is drawn first, so that the rest lies over it.
-    let mut curves = Vec::new();
-    for (name, colour) in kinds.iter().rev() {
-        for run in of_kind(checked, name) {
-            curves.extend(run.references().iter().map(|reference| path(reference, *colour)));
-        }
-    }
+    page.section("Commanded paths");
+    // Patterns that fill the workspace are drawn first, so that the others lie over them.
+    let paths = kinds(checked).into_iter().rev().map(|(name, colour)| {
+        let runs = of_kind(checked, name).flat_map(CheckedRun::references);
+        Series::lines(name, colour, runs.map(path).collect()).with_width(1.2)
+    });
     let (x, y) = (robot.board.short_side_m / 2.0, robot.board.long_side_m / 2.0);
     let board = Rectangle { x_min_m: -x, x_max_m: x, y_min_m: -y, y_max_m: y };
-    curves.push(outline(&board, INK, Stroke::Solid));
-    for (player, workspace) in checked.players().iter().zip(checked.soft_limits()) {
-        curves.push(outline(robot.workspace.of(*player), GREY, Stroke::Solid));
-        curves.push(outline(workspace, GREY, Stroke::Dashed));
-    }
-    page.picture(&path_plot(&LinePlot {
-        title: "Commanded paths of all runs, seen from above".to_owned(),
-        x: "x, across (m)".to_owned(),
-        y: Axis { label: "y, goal to goal (m)".to_owned(), scale: Scale::Linear },
-        bands: Vec::new(),
-        curves,
-        size: PATHS,
-    }));
+    let workspaces = checked.players().iter().map(|player| {
+        let edge = outline(robot.workspace.of(*player));
+        Series::line(&format!("workspace, {player} player"), Colour::Grey, edge).quiet()
+    });
+    let limits = checked.players().iter().zip(checked.soft_limits()).map(|(player, limits)| {
+        let name = format!("soft limits, {player} player");
+        Series::dashed(&name, Colour::Grey, outline(limits)).quiet()
+    });
+    page.chart(
+        &Chart::of_plane(
+            "Commanded paths of all runs, seen from above",
+            Axis::new("x, across the board", "m"),
+            Axis::new("y, goal to goal", "m"),
+        )
+        .with_equal_axes()
+        .with_height(640)
+        .with(Series::line("board", Colour::Ink, outline(&board)).quiet())
+        .with_all(paths)
+        .with_all(workspaces)
+        .with_all(limits),
+    );
 }
 
 fn speeds(page: &mut Page, checked: &CheckedPlan) {
-    page.section("Velocity against time");
+    page.section("Commanded velocities");
     let Some(player) = checked.players().first() else { return };
-    page.paragraph(&format!("The fastest run of each pattern, {player} player."));
-    page.legend(&[("x", BLUE), ("y", ORANGE)]);
-    for (name, _) in kinds(checked) {
-        let speed = |run: &CheckedRun| run.extremes().max_speed_m_per_s;
-        let fastest = of_kind(checked, name).max_by(|a, b| speed(a).total_cmp(&speed(b)));
-        let Some(run) = fastest else { continue };
-        let Some(reference) = run.references().first() else { continue };
-        let curve = |axis: usize, colour| {
+    page.paragraph(&format!("Fastest run of each pattern, {player} player."));
+    let chart = |run: &CheckedRun| {
+        let reference = run.references().first()?;
+        let curve = |axis: usize| {
             let timed = reference.setpoints().iter().enumerate();
-            let points = timed.map(|(k, s)| (k as f64 * reference.dt(), s.velocity[axis]));
-            Curve { colour, stroke: Stroke::Solid, points: points.collect() }
+            timed.map(|(k, s)| (k as f64 * reference.dt(), s.velocity[axis])).collect()
         };
         let planned = run.planned();
-        page.picture(&line_plot(&LinePlot {
-            title: format!("Run {}, {}", planned.number, planned.pattern),
-            x: "time in the run (s)".to_owned(),
-            y: Axis { label: "velocity (m/s)".to_owned(), scale: Scale::Linear },
-            bands: Vec::new(),
-            curves: vec![curve(0, BLUE), curve(1, ORANGE)],
-            size: WIDE,
-        }));
-    }
+        let chart = Chart::of_lines(
+            &format!("{}, run {}", planned.pattern.name(), planned.number),
+            Axis::new("time in the run", "s"),
+            Axis::new("velocity", "m/s"),
+        );
+        let chart = chart.with(Series::line("x", Colour::Blue, curve(0)));
+        Some(chart.with(Series::line("y", Colour::Orange, curve(1))).with_height(240))
+    };
+    let speed = |run: &CheckedRun| run.extremes().max_speed_m_per_s;
+    let kinds = kinds(checked);
+    let fastest = kinds.iter().filter_map(|(name, _)| {
+        of_kind(checked, name).max_by(|a, b| speed(a).total_cmp(&speed(b)))
+    });
+    page.charts(&with_same_y(fastest.filter_map(chart).collect()));
 }
 
 fn patterns(page: &mut Page, checked: &CheckedPlan) {
-    page.section("What each pattern is for");
+    page.section("Purpose of each pattern");
     for (name, _) in kinds(checked) {
         let of_split = |split| of_kind(checked, name).filter(move |r| r.planned().split == split);
         if let Some(run) = of_kind(checked, name).next() {
             page.paragraph(&format!(
-                "{name} ({} to fit, {} held out): {}",
+                "{name} ({} for training, {} held out): {}",
                 of_split(Split::Train).count(),
                 of_split(Split::Validation).count(),
                 run.planned().pattern.purpose()
@@ -250,10 +250,10 @@ fn cells(checked: &CheckedPlan, run: &CheckedRun) -> Vec<String> {
 fn runs(page: &mut Page, checked: &CheckedPlan) {
     page.section("Runs");
     page.paragraph(
-        "Speeds, acceleration and the distance to the workspace's edge (stopping distance included) \
-         are the extremes over all players.",
+        "Speeds, acceleration and distance to the soft limits (stopping distance included) are the extremes over all \
+         players.",
     );
-    // The other columns are in the CSV table; more would not fit a page.
+    // The CSV table has the other columns too.
     let shown = |name: &str| HEADS.iter().position(|head| *head == name);
     let columns = [
         ("run", "run"),
@@ -262,7 +262,7 @@ fn runs(page: &mut Page, checked: &CheckedPlan) {
         ("duration_s", "duration (s)"),
         ("max_speed_m_per_s", "speed (m/s)"),
         ("max_acceleration_m_per_s2", "acceleration (m/s²)"),
-        ("edge_distance_m", "to edge (m)"),
+        ("edge_distance_m", "distance to limit (m)"),
     ];
     let mut head: Vec<String> = columns.iter().map(|(_, title)| (*title).to_owned()).collect();
     head.push("parameters".to_owned());
@@ -308,8 +308,8 @@ mod tests {
         for pattern in Pattern::ALL {
             assert!(page.index_html.contains(&crate::report::escape(pattern.purpose())));
         }
-        // The paths and one picture for each pattern.
-        assert_eq!(page.index_html.matches("<svg").count(), 11);
+        // The paths and one chart for each pattern.
+        assert_eq!(page.index_html.matches("<figure class=\"chart\"").count(), 11);
         assert_eq!(plan_page(&checked, &robot).unwrap(), page);
     }
 }

@@ -1,61 +1,56 @@
-//! `index.html` of the demo: the story with its numbers and pictures.
+//! `index.html` of the demo: every step with its results, and the comparison of the policies.
 
 use super::{
-    experiment::{Estimate, Experiment},
+    experiment::{Contest, Estimate, Experiment},
     plan::{Chapter, HIDDEN, OPPONENTS, POLICIES, Plan, Stage},
     record::Record,
 };
 use crate::{
+    board::{BoardSize, CUP_DISTANCE, CUP_RADIUS},
     provenance::Provenance,
-    report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, line_plot, path_plot},
+    report::{Axis, Badge, Chart, Colour, Page, Points, Series, Table, with_same_y},
 };
 use serde_json::Value;
-use std::collections::BTreeMap;
-
-const BLUE: [u8; 3] = [31, 105, 180];
-const ORANGE: [u8; 3] = [217, 130, 43];
-const GREEN: [u8; 3] = [52, 140, 80];
-const PURPLE: [u8; 3] = [130, 80, 160];
-const GREY: [u8; 3] = [120, 128, 140];
+use std::{collections::BTreeMap, f64::consts::TAU};
 
 /// Colours of the policies, in their order.
-const POLICY_COLOURS: [[u8; 3]; 4] = [GREY, ORANGE, BLUE, GREEN];
+const POLICY_COLOURS: [Colour; 4] = [Colour::Grey, Colour::Orange, Colour::Blue, Colour::Green];
 
-const SIZE: (u32, u32) = (480, 280);
-
-/// Curves that the story shows, read from the recordings.
+/// Curves of the page, read from the recordings.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Pictures {
     /// Score against the pool over million transitions, of each policy.
-    pub learning: Vec<Vec<(f64, f64)>>,
+    pub learning: Vec<Points>,
     /// Command and carriage velocity along x (m/s) over time (s), on Monday.
-    pub command: Vec<(f64, f64)>,
+    pub command: Points,
     /// See [`command`](Self::command).
-    pub carriage: Vec<(f64, f64)>,
+    pub carriage: Points,
     /// Tracks of left striker, right striker and ball in a match (m).
-    pub tracks: [Vec<(f64, f64)>; 3],
+    pub tracks: [Points; 3],
 }
 
-/// What the page is made of.
+/// Content of the page.
 #[derive(Debug, Clone)]
 pub struct Story<'a> {
     /// The commands.
     pub plan: &'a Plan,
-    /// What came of them, by name.
+    /// Results of the commands, by name.
     pub records: &'a BTreeMap<String, Record>,
     /// The comparison of the policies.
     pub experiment: Option<&'a Experiment>,
     /// Curves.
     pub pictures: &'a Pictures,
-    /// How the demo was made.
+    /// Provenance of the demo.
     pub provenance: &'a Provenance,
 }
 
-/// The page.
+/// Page of the demo.
 #[must_use]
 pub fn page(story: &Story<'_>) -> String {
     let mut page = Page::new("klasktron demo");
+    badge(&mut page, story);
     page.lead(&lead(story));
+    key_figures(&mut page, story);
     hidden(&mut page);
     for stage in &story.plan.stages {
         page.section(stage.chapter.title());
@@ -71,10 +66,10 @@ pub fn page(story: &Story<'_>) -> String {
         }
         commands(&mut page, stage, story.records);
     }
-    page.section("How it was made");
+    page.section("Provenance");
     page.code(&story.provenance.command_line);
     page.paragraph(&format!(
-        "klasktron {}, commit {}. Every command above can be typed in this folder.",
+        "klasktron {}, commit {}. All commands above run in this folder.",
         story.provenance.crate_version, story.provenance.git_hash
     ));
     page.finish()
@@ -84,30 +79,61 @@ fn texts(cells: &[&str]) -> Vec<String> {
     cells.iter().map(|cell| (*cell).to_owned()).collect()
 }
 
+fn badge(page: &mut Page, story: &Story<'_>) {
+    let Some(experiment) = story.experiment else {
+        page.badge("not finished", Badge::Note);
+        return;
+    };
+    let better = |one: &&super::experiment::Difference| {
+        one.net_goals_per_min.ci95.is_some_and(|ci| 0.0 < ci.low)
+    };
+    let count = experiment.differences.iter().filter(better).count();
+    let all = experiment.differences.len();
+    let tone = if count == all { Badge::Good } else { Badge::Note };
+    page.badge(&format!("actuator knowledge helps in {count} of {all} comparisons"), tone);
+}
+
 fn lead(story: &Story<'_>) -> String {
     let seconds: f64 = story.records.values().map(|record| record.elapsed_s).sum();
     let start = format!(
-        "From a table that nobody has measured to a match, without hardware: {} commands, {:.0} s of work.",
+        "From an unidentified table to a match, without hardware: {} commands, {:.0} s of computation.",
         story.records.len(),
         seconds
     );
     let Some(experiment) = story.experiment else { return start };
-    let said: Vec<String> = experiment
+    let results: Vec<String> = experiment
         .differences
         .iter()
-        .map(|one| format!("{} against {}: {}", one.better, one.worse, one.summary()))
+        .map(|one| format!("{} versus {}: {}", one.better, one.worse, one.summary()))
         .collect();
-    format!("{start} Does knowing the actuator help on the rig? {}.", said.join("; "))
+    format!("{start} Net goals per minute on the rig, {}.", results.join("; "))
+}
+
+/// Transfer ratio of each policy against the opponent that moves.
+fn key_figures(page: &mut Page, story: &Story<'_>) {
+    let Some(experiment) = story.experiment else { return };
+    let Some(opponent) = OPPONENTS.last() else { return };
+    let of_opponent = experiment.contests.iter().filter(|one| one.opponent == *opponent);
+    let names: Vec<(String, String)> = of_opponent
+        .map(|one| {
+            let name =
+                format!("goals per minute on the rig, {} policy against {opponent}", one.policy);
+            (name, shown(one.goals_per_min))
+        })
+        .collect();
+    let figures: Vec<(&str, String)> =
+        names.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
+    page.key_figures(&figures);
 }
 
 fn hidden(page: &mut Page) {
-    page.section("What is hidden");
+    page.section("Hidden effects");
     page.paragraph(
-        "The virtual rig shares no line of dynamics with the simulations below. These effects were put into \
-         it; no later command is told.",
+        "The virtual rig shares no dynamics code with the simulations below. The rig contains these effects; no \
+         later command receives them.",
     );
-    let rows = HIDDEN.map(|(what, says)| texts(&[what, says])).into();
-    page.table_of_words(&Table { head: texts(&["in the rig", "what it does"]), rows });
+    let rows = HIDDEN.map(|(setting, effect)| texts(&[setting, effect])).into();
+    page.table_of_words(&Table { head: texts(&["setting of the rig", "effect"]), rows });
 }
 
 fn result<'a>(story: &Story<'a>, name: &str) -> Option<&'a Value> {
@@ -131,23 +157,21 @@ fn collected(page: &mut Page, story: &Story<'_>) {
         rows: names.into_iter().filter_map(row).collect(),
     });
     if !story.pictures.command.is_empty() {
-        page.legend(&[("command", GREY), ("carriage", BLUE)]);
-        page.picture(&line_plot(&LinePlot {
-            title: "Steps on Monday: the carriage comes late".to_owned(),
-            x: "time (s)".to_owned(),
-            y: Axis { label: "velocity along x (m/s)".to_owned(), scale: Scale::Linear },
-            bands: Vec::new(),
-            curves: vec![
-                curve(GREY, &story.pictures.command),
-                curve(BLUE, &story.pictures.carriage),
-            ],
-            size: (980, 260),
-        }));
+        let points = |points: &Points| points.clone();
+        page.chart(
+            &Chart::of_lines(
+                "Steps on Monday: the carriage follows with a delay",
+                Axis::new("time", "s"),
+                Axis::new("velocity along x", "m/s"),
+            )
+            .with(Series::line("command", Colour::Grey, points(&story.pictures.command)))
+            .with(Series::line(
+                "carriage",
+                Colour::Blue,
+                points(&story.pictures.carriage),
+            )),
+        );
     }
-}
-
-fn curve(colour: [u8; 3], points: &[(f64, f64)]) -> Curve {
-    Curve { colour, stroke: Stroke::Solid, points: points.to_vec() }
 }
 
 fn fitted(page: &mut Page, story: &Story<'_>) {
@@ -155,8 +179,8 @@ fn fitted(page: &mut Page, story: &Story<'_>) {
     let models = [
         ("network", "network"),
         ("arx", "linear ARX"),
-        ("fopdt", "first order plus dead time"),
-        ("ideal", "ideal"),
+        ("lag_delay", "first order plus dead time"),
+        ("ideal", "ideal drive"),
     ];
     let errors = document["errors"].as_array().map_or(&[][..], Vec::as_slice);
     let error = |model: &str, horizon: f64| {
@@ -173,10 +197,15 @@ fn fitted(page: &mut Page, story: &Story<'_>) {
         vec![name.to_owned(), error(model, 0.0), error(model, 0.5), error(model, 2.0)]
     });
     page.table(&Table {
-        head: texts(&["RMSE on held-out runs (mm/s)", "one step", "0.5 s", "2 s"]),
+        head: texts(&[
+            "RMSE on held-out runs (mm/s)",
+            "one step",
+            "simulation, 0.5 s",
+            "simulation, 2 s",
+        ]),
         rows: rows.into(),
     });
-    page.link("actuator/index.html", "All of it");
+    page.link("actuator/index.html", "Full report");
 }
 
 fn tuned(page: &mut Page, story: &Story<'_>) {
@@ -192,25 +221,16 @@ fn tuned(page: &mut Page, story: &Story<'_>) {
         vec![one["object"].as_str().unwrap_or("-").to_owned(), own, upstream]
     };
     page.table(&Table {
-        head: texts(&["velocity RMSE (mm/s)", "tuned", "upstream's filter"]),
+        head: texts(&["velocity RMSE (mm/s)", "tuned filter", "upstream settings"]),
         rows: judged.iter().map(row).collect(),
     });
-    page.link("ekf/index.html", "All of it");
+    page.link("ekf/index.html", "Full report");
 }
 
 fn closed(page: &mut Page, story: &Story<'_>) {
     let Some(document) = result(story, "gap") else { return };
     page.paragraph(document["summary"].as_str().unwrap_or_default());
     let list = |key: &str| document[key].as_array().map_or(&[][..], Vec::as_slice);
-    let parameter = |one: &Value| {
-        let number = one["value"].as_f64().map_or_else(String::new, |value| format!("{value:.4}"));
-        let range = one["ci95"]
-            .as_array()
-            .and_then(|ci| Some((ci.first()?.as_f64()?, ci.get(1)?.as_f64()?)));
-        let range =
-            range.map_or_else(String::new, |(low, high)| format!(" ({low:.4} to {high:.4})"));
-        format!("{} {number}{range}", one["name"].as_str().unwrap_or_default())
-    };
     let effect = |one: &Value| {
         let parameters = one["parameters"].as_array().map_or(&[][..], Vec::as_slice);
         let parameters: Vec<String> = parameters.iter().map(parameter).collect();
@@ -218,37 +238,51 @@ fn closed(page: &mut Page, story: &Story<'_>) {
         vec![text("name"), text("location"), parameters.join("; ")]
     };
     page.table_of_words(&Table {
-        head: texts(&["added", "location", "parameters (95 %)"]),
+        head: texts(&["added effect", "location", "parameters (95 % interval)"]),
         rows: list("effects").iter().map(effect).collect(),
     });
-    let residual = |one: &Value| {
-        let number = |key: &str| one[key].as_f64();
-        let share = number("validation_before").zip(number("validation_after"));
-        let text = |value: Option<f64>| {
-            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2e}"))
-        };
-        vec![
-            format!("{} ({})", one["signal"].as_str()?, one["unit"].as_str()?),
-            text(number("noise_floor")),
-            text(number("validation_before")),
-            text(number("validation_after")),
-            share.map_or_else(String::new, |(before, after)| {
-                format!("{:.0} %", 1e2 * (1.0 - after / before))
-            }),
-        ]
-        .into()
-    };
     page.table(&Table {
         head: texts(&[
-            "residual on the validation sessions, RMS",
-            "noise",
+            "residual RMS on validation data",
+            "noise floor",
             "before",
             "after",
-            "closed",
+            "reduction",
         ]),
         rows: list("residuals").iter().filter_map(residual).collect(),
     });
-    page.link("gap/index.html", "All of it");
+    page.link("gap/index.html", "Full report");
+}
+
+/// Parameter of an added effect with its unit and interval.
+fn parameter(one: &Value) -> String {
+    let number = one["value"].as_f64().map_or_else(String::new, |value| format!("{value:.4}"));
+    let range =
+        one["ci95"].as_array().and_then(|ci| Some((ci.first()?.as_f64()?, ci.get(1)?.as_f64()?)));
+    let range = range.map_or_else(String::new, |(low, high)| format!(" ({low:.4} to {high:.4})"));
+    let text = |key: &str| one[key].as_str().unwrap_or_default();
+    let unit = match text("unit") {
+        "" | "1" => String::new(),
+        unit => format!(" {unit}"),
+    };
+    format!("{} {number}{range}{unit}", text("name"))
+}
+
+/// Row of one signal: residual RMS and its reduction.
+fn residual(one: &Value) -> Option<Vec<String>> {
+    let number = |key: &str| one[key].as_f64();
+    let both = number("validation_before").zip(number("validation_after"));
+    let text =
+        |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.2e}"));
+    Some(vec![
+        format!("{} ({})", one["signal"].as_str()?, one["unit"].as_str()?),
+        text(number("noise_floor")),
+        text(number("validation_before")),
+        text(number("validation_after")),
+        both.map_or_else(String::new, |(before, after)| {
+            format!("{:.0} %", 1e2 * (1.0 - after / before))
+        }),
+    ])
 }
 
 fn trained(page: &mut Page, story: &Story<'_>) {
@@ -274,45 +308,66 @@ fn trained(page: &mut Page, story: &Story<'_>) {
         head: texts(&[
             "policy",
             "transitions (million)",
-            "thousand per s",
-            "random (%)",
-            "goalkeeper (%)",
-            "chaser (%)",
-            "what its simulation knew",
+            "thousand transitions/s",
+            "win rate, random (%)",
+            "win rate, goalkeeper (%)",
+            "win rate, chaser (%)",
+            "simulation for training",
         ]),
         rows: rows.collect(),
     });
-    page.paragraph("In per cent: decided games won in its own simulation.");
+    page.paragraph("Win rate of decided games in the simulation of the training.");
     if story.pictures.learning.iter().any(|points| !points.is_empty()) {
-        let names: Vec<(&str, [u8; 3])> =
-            POLICIES.iter().map(|kind| kind.name).zip(POLICY_COLOURS).collect();
-        page.legend(&names);
-        let curves = story.pictures.learning.iter().zip(POLICY_COLOURS);
-        page.picture(&line_plot(&LinePlot {
-            title: "Learning".to_owned(),
-            x: "transitions (million)".to_owned(),
-            y: Axis { label: "hits of the ball per minute".to_owned(), scale: Scale::Linear },
-            bands: Vec::new(),
-            curves: curves.map(|(points, colour)| curve(colour, points)).collect(),
-            size: (980, 260),
-        }));
+        let kinds = POLICIES.iter().zip(POLICY_COLOURS).zip(&story.pictures.learning);
+        page.chart(
+            &Chart::of_lines(
+                "Learning curves",
+                Axis::new("transitions", "million"),
+                Axis::new("hits of the ball per minute", "1/min"),
+            )
+            .with_all(
+                kinds.map(|((kind, colour), points)| {
+                    Series::line(kind.name, colour, points.clone())
+                }),
+            ),
+        );
     }
 }
 
 fn played(page: &mut Page, story: &Story<'_>) {
     let [left, right, ball] = &story.pictures.tracks;
-    if !ball.is_empty() {
-        page.legend(&[("left striker", BLUE), ("right striker", PURPLE), ("ball", ORANGE)]);
-        page.picture(&path_plot(&LinePlot {
-            title: "The learned policy (left) against the chaser, some seconds by the camera"
-                .to_owned(),
-            x: "y, from goal to goal (m)".to_owned(),
-            y: Axis { label: "x, across (m)".to_owned(), scale: Scale::Linear },
-            bands: Vec::new(),
-            curves: vec![curve(ORANGE, ball), curve(BLUE, left), curve(PURPLE, right)],
-            size: (720, 560),
+    if ball.is_empty() {
+        return;
+    }
+    page.chart(
+        &Chart::of_plane(
+            "Learned policy (left) against the chaser: a few seconds, seen by the camera",
+            Axis::new("y, goal to goal", "m"),
+            Axis::new("x, across the board", "m").reversed(),
+        )
+        .with_equal_axes()
+        .with_height(560)
+        .with(Series::line("board", Colour::Ink, outline()).quiet())
+        .with(Series::line("ball", Colour::Gold, ball.clone()))
+        .with(Series::line("left striker", Colour::Blue, left.clone()))
+        .with(Series::line("right striker", Colour::Orange, right.clone())),
+    );
+}
+
+/// Edge of the board and the goals, with y across as in the replay.
+fn outline() -> Points {
+    let size = BoardSize::default();
+    let (x, y) = (size.short_side / 2.0, size.long_side / 2.0);
+    let mut points = vec![(-y, -x), (y, -x), (y, x), (-y, x), (-y, -x)];
+    for middle in [-CUP_DISTANCE, CUP_DISTANCE] {
+        // A break between the edge and the circle.
+        points.push((f64::NAN, f64::NAN));
+        points.extend((0..=32).map(|k| {
+            let (sin, cos) = (TAU * f64::from(k) / 32.0).sin_cos();
+            (middle + CUP_RADIUS * cos, CUP_RADIUS * sin)
         }));
     }
+    points
 }
 
 /// `2.31 (1.90 to 2.75)`
@@ -336,11 +391,11 @@ fn scored(page: &mut Page, story: &Story<'_>) {
     });
     page.table(&Table {
         head: texts(&[
-            "points per min",
-            "against",
+            "policy, goals per minute",
+            "opponent",
             "in its own simulation",
             "on the rig",
-            "kept (share)",
+            "transfer ratio (rig / simulation)",
             "conceded on the rig",
         ]),
         rows: rows.collect(),
@@ -357,55 +412,53 @@ fn scored(page: &mut Page, story: &Story<'_>) {
     });
     page.table(&Table {
         head: texts(&[
-            "on the rig",
-            "against",
-            "points won (share)",
-            "episode (s)",
+            "policy, on the rig",
+            "opponent",
+            "win rate",
+            "seconds per episode",
             "contacts per episode",
             "episodes",
         ]),
         rows: rows.collect(),
     });
-    page.paragraph("In brackets: 95 % intervals over whole episodes or games.");
-    page.legend(&[("in its own simulation", BLUE), ("on the rig", ORANGE)]);
-    page.pictures_in_row(&OPPONENTS.map(|opponent| rates(experiment, opponent)));
-    page.subsection("Does the order hold?");
+    page.paragraph("Brackets hold 95 % intervals over whole episodes or games.");
+    page.charts(&with_same_y(OPPONENTS.map(|opponent| rates(experiment, opponent)).into()));
+    page.subsection("Comparison of the policies");
     let rows = experiment.differences.iter().map(|one| {
         let pair = format!("{} minus {}", one.better, one.worse);
         vec![pair, shown(one.net_goals_per_min), one.summary().to_owned()]
     });
     page.table_of_words(&Table {
-        head: texts(&["on the rig, both opponents", "net points per min", "the first one is"]),
+        head: texts(&[
+            "on the rig, both opponents",
+            "net goals per minute",
+            "result for the first policy",
+        ]),
         rows: rows.collect(),
     });
-    page.link("eval/index.html", "All matches, with a replay");
+    page.link("eval/index.html", "All matches, with replay");
 }
 
-/// Points per minute of each policy, simulated beside real, with whiskers.
-fn rates(experiment: &Experiment, opponent: &str) -> String {
-    let mut curves = Vec::new();
-    let contests = experiment.contests.iter().filter(|one| one.opponent == opponent);
-    for (number, one) in (1..).zip(contests) {
-        let at = f64::from(number);
-        for (x, colour, figure) in
-            [(at - 0.08, BLUE, one.simulated_goals_per_min), (at + 0.08, ORANGE, one.goals_per_min)]
-        {
-            let (low, high) =
-                figure.ci95.map_or((figure.value, figure.value), |ci| (ci.low, ci.high));
-            curves.push(curve(colour, &[(x, low), (x, high)]));
-            curves.push(curve(colour, &[(x - 0.06, figure.value), (x + 0.06, figure.value)]));
-        }
-    }
-    // The frame begins at zero.
-    curves.push(curve(GREY, &[(0.5, 0.0), (4.5, 0.0)]));
-    line_plot(&LinePlot {
-        title: format!("Against the {opponent}"),
-        x: "policy: 1 ideal, 2 randomized, 3 twin, 4 learned".to_owned(),
-        y: Axis { label: "points per minute".to_owned(), scale: Scale::Linear },
-        bands: Vec::new(),
-        curves,
-        size: SIZE,
-    })
+/// Goals per minute of each policy in simulation and on the rig, with error bars.
+fn rates(experiment: &Experiment, opponent: &str) -> Chart {
+    let contests = || experiment.contests.iter().filter(|one| one.opponent == opponent);
+    let series = |name: &str, colour, shift: f64, of: fn(&Contest) -> Estimate| {
+        let at = |index: usize| index as f64 + shift;
+        let points = contests().enumerate().map(|(k, one)| (at(k), of(one).value)).collect();
+        let ranges = contests().enumerate().filter_map(|(k, one)| {
+            let ci = of(one).ci95?;
+            Some((at(k), ci.low, ci.high))
+        });
+        Series::dots(name, colour, points).with_whiskers(ranges.collect())
+    };
+    let names = contests().map(|one| one.policy.to_owned()).collect();
+    Chart::of_lines(
+        &format!("Against the {opponent} opponent"),
+        Axis::of_categories("policy", names),
+        Axis::new("goals per minute", "1/min").including(0.0),
+    )
+    .with(series("in its own simulation", Colour::Blue, -0.08, |one| one.simulated_goals_per_min))
+    .with(series("on the rig", Colour::Orange, 0.08, |one| one.goals_per_min))
 }
 
 fn commands(page: &mut Page, stage: &Stage, records: &BTreeMap<String, Record>) {
@@ -418,7 +471,7 @@ fn commands(page: &mut Page, stage: &Stage, records: &BTreeMap<String, Record>) 
     page.folded_table_of_words(
         "Commands",
         &Table {
-            head: texts(&["took (s)", "command"]),
+            head: texts(&["time (s)", "command"]),
             rows: stage.steps.iter().map(row).collect(),
         },
     );

@@ -67,7 +67,7 @@ fn steps(path: &Path) -> Option<[Vec<(f64, f64)>; 2]> {
     Some([commands.filter(shown).collect(), states.filter(shown).collect()])
 }
 
-/// Left striker, right striker and ball as detected: y to the right, x upwards (m).
+/// Left striker, right striker and ball as detected: y and x (m).
 fn tracks(path: &Path) -> Option<[Vec<(f64, f64)>; 3]> {
     let recording = Recording::open(path).ok()?;
     let pictures = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS).ok()?;

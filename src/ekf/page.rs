@@ -1,4 +1,4 @@
-//! `index.html` of `tune-ekf`: what a person wants to see before trusting an estimate.
+//! `index.html` of `tune-ekf`: tuning, consistency and accuracy of the state estimate.
 
 use super::{
     document::{Document, Tuned},
@@ -8,43 +8,34 @@ use super::{
     settings::{FilterSettings, Object},
 };
 use crate::{
-    report::{
-        Axis, Band, Curve, HeatMap, LinePlot, Page, Scale, Stroke, Table, heat_map, line_plot,
-        path_plot,
-    },
+    report::{Axis, Badge, Chart, Colour, Grid, Page, Points, Series, Table, with_same_y},
     stats::median,
 };
 use std::f64::consts::TAU;
 
-const INK: [u8; 3] = [29, 39, 51];
-const GREY: [u8; 3] = [160, 168, 178];
-const BLUE: [u8; 3] = [31, 105, 180];
-const ORANGE: [u8; 3] = [208, 112, 24];
-const GREEN: [u8; 3] = [52, 140, 86];
-
-const WIDE: (u32, u32) = (980, 300);
-const BOARD: (u32, u32) = (480, 560);
 /// Columns and rows of the map of regions.
 const CELLS: [usize; 2] = [64, 84];
-/// Where the strikers stand on the map (m): the home positions of the platform.
+/// Positions of both strikers on the map (m): the home positions of the platform.
 const HOME: [Option<[f64; 2]>; 2] = [Some([0.0, -0.1]), Some([0.0, 0.1])];
 /// Frames on the map of ellipses.
 const ELLIPSE_FRAMES: usize = 180;
-/// Standard deviations of an ellipse that holds 95 % of a normal distribution in the plane.
+/// Semi-axis of the 95 % ellipse of a normal distribution in the plane (standard deviations).
 const ELLIPSE_SIGMAS: f64 = 2.447_746_83;
-/// Ellipses are drawn larger by this, or they would be dots.
+/// Magnification of the ellipses, which would otherwise be dots.
 const ELLIPSE_SCALE: f64 = 10.0;
 /// Length of the velocity traces (s).
 const TRACE_SECONDS: f64 = 3.0;
-/// Time after an impact that is drawn (s).
+/// Length of the step responses after an impact (s).
 const RESPONSE_SECONDS: f64 = 0.25;
 
-/// The page.
+/// Page of a tuned filter.
 #[must_use]
 pub fn page(tuned: &Tuned) -> String {
     let document = &tuned.document;
     let mut page = Page::new("State estimate");
+    badge(&mut page, document);
     page.lead(&lead(document));
+    page.key_figures(&key_figures(document));
     for warning in &document.warnings {
         page.warning(warning);
     }
@@ -59,23 +50,42 @@ pub fn page(tuned: &Tuned) -> String {
     page.finish()
 }
 
+/// State how many regions have a consistent NIS.
+fn badge(page: &mut Page, document: &Document) {
+    let checks: Vec<bool> = document
+        .evaluation
+        .iter()
+        .flat_map(|own| &own.regions)
+        .filter_map(|region| region.nis?.verdict)
+        .map(|verdict| verdict == ConsistencyVerdict::Consistent)
+        .collect();
+    let within = checks.iter().filter(|within| **within).count();
+    let tone = if within == checks.len() { Badge::Good } else { Badge::Warn };
+    match checks.len() {
+        0 => page.badge("consistency not tested: too few detections", Badge::Warn),
+        all => page.badge(&format!("NIS consistent in {within} of {all} regions"), tone),
+    }
+}
+
+fn key_figures(document: &Document) -> Vec<(&'static str, String)> {
+    let Some(own) = document.evaluation.first() else { return Vec::new() };
+    let speed = |value| format!("{} mm/s", milli(value));
+    vec![
+        ("object", own.object.name().to_owned()),
+        ("velocity RMSE, tuned filter", speed(own.velocity_rmse_m_per_s)),
+        ("velocity RMSE, upstream settings", speed(own.upstream_velocity_rmse_m_per_s)),
+        ("gated measurements", format!("{:.2} %", 100.0 * own.gated_fraction)),
+    ]
+}
+
 /// Millimetres or mm/s with two digits behind the point.
 fn milli(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{:.2}", 1e3 * value))
 }
 
 fn lead(document: &Document) -> String {
-    let ball = document.evaluation.first();
-    let velocity = ball.map_or_else(String::new, |own| {
-        format!(
-            " The velocity of the {} is {} mm/s off (upstream's settings: {} mm/s).",
-            own.object.name(),
-            milli(own.velocity_rmse_m_per_s),
-            milli(own.upstream_velocity_rmse_m_per_s)
-        )
-    });
     format!(
-        "Tuned on {} runs ({:.0} s), judged on {} others ({:.0} s).{velocity}",
+        "Extended Kalman filter tuned on {} runs ({:.0} s) and evaluated on {} held-out runs ({:.0} s).",
         document.train.runs,
         document.train.duration_s,
         document.validation.runs,
@@ -83,30 +93,61 @@ fn lead(document: &Document) -> String {
     )
 }
 
+/// Colours of the regions, in the order of [`Region::ALL`].
+const REGION_COLOURS: [Colour; 5] =
+    [Colour::Grey, Colour::Blue, Colour::Teal, Colour::Orange, Colour::Purple];
+
 fn regions(page: &mut Page, document: &Document) {
     let filter = &document.filter;
-    page.section("Regions");
+    page.section("Process noise by region");
     let Some(ball) = &filter.ball.ball else { return };
     page.paragraph(
-        "Process noise by the ball's predicted path, with both strikers at home. Where regions overlap \
-         their noise is added; near a wall it acts across that wall only. The bounce itself is in \
-         the transition, with its own scatter.",
+        "Process noise along the predicted path of the ball, with both strikers at home. Noise adds where regions \
+         overlap; near a wall it acts across that wall only. The transition model covers the impact itself, \
+         with its own noise.",
     );
     let regions = Regions::new(&filter.board, filter.ball.open_psd_m2_per_s3, ball);
     let density = |place: [f64; 2]| {
         let (_, [qx, qy]) = regions.along(place, place, &HOME);
         (qx + qy).log10()
     };
-    let name = |place: [f64; 2]| region_at(filter, place, &HOME) as usize as f64;
-    let maps = [
-        board_map(filter, "log10 of the noise density, x plus y (m2/s3)", &density),
-        board_map(filter, "0 open, 1 wall x, 2 wall y, 3 striker, 4 goal", &name),
-    ];
-    page.pictures_in_row(&maps);
+    let class = |place: [f64; 2]| region_at(filter, place, &HOME) as usize as f64;
+    let names = Region::ALL.iter().map(|region| region.title().to_owned());
+    let (x, y) = board_edges(filter);
+    let noise = Grid::of_numbers(cells(filter, &density), x, y, "noise density (m²/s³)");
+    let classes = names.zip(REGION_COLOURS).collect();
+    page.charts(&[
+        on_board("Process noise, x plus y", filter).with_grid(noise.of_logarithms()),
+        on_board("Regions", filter).with_grid(Grid::of_classes(
+            cells(filter, &class),
+            x,
+            y,
+            classes,
+        )),
+    ]);
     page.table(&region_table(document));
 }
 
-fn board_map(filter: &FilterSettings, title: &str, value: &dyn Fn([f64; 2]) -> f64) -> String {
+/// Edges of the board along x and y (m).
+fn board_edges(filter: &FilterSettings) -> ((f64, f64), (f64, f64)) {
+    let half = [filter.board.short_side_m / 2.0, filter.board.long_side_m / 2.0];
+    ((-half[0], half[0]), (-half[1], half[1]))
+}
+
+/// Empty chart of the board.
+fn on_board(title: &str, filter: &FilterSettings) -> Chart {
+    let (x, y) = board_edges(filter);
+    Chart::of_plane(
+        title,
+        Axis::new("x", "m").within(x.0, x.1),
+        Axis::new("y", "m").within(y.0, y.1),
+    )
+    .with_equal_axes()
+    .with_height(520)
+}
+
+/// `value` at the centre of each cell of the board, `[row][column]`.
+fn cells(filter: &FilterSettings, value: &dyn Fn([f64; 2]) -> f64) -> Vec<Vec<f64>> {
     let half = [filter.board.short_side_m / 2.0, filter.board.long_side_m / 2.0];
     let centre = |axis: usize, cell: usize| {
         half[axis] * (2.0 * (cell as f64 + 0.5) / CELLS[axis] as f64 - 1.0)
@@ -114,20 +155,12 @@ fn board_map(filter: &FilterSettings, title: &str, value: &dyn Fn([f64; 2]) -> f
     let row = |row: usize| {
         (0..CELLS[0]).map(|column| value([centre(0, column), centre(1, row)])).collect()
     };
-    heat_map(&HeatMap {
-        title: title.to_owned(),
-        x: "x (m)".to_owned(),
-        y: "y (m)".to_owned(),
-        x_range: (-half[0], half[0]),
-        y_range: (-half[1], half[1]),
-        values: (0..CELLS[1]).map(row).collect(),
-        cells: Vec::new(),
-        size: BOARD,
-    })
+    (0..CELLS[1]).map(row).collect()
 }
 
 fn region_table(document: &Document) -> Table {
-    let head = ["object, region", "train detections", "visits", "added noise (m2/s3)", "tuned"];
+    let head =
+        ["object, region", "training detections", "visits", "process noise (m²/s³)", "tuned"];
     let mut rows = Vec::new();
     for tuning in &document.tuning {
         for region in &tuning.regions {
@@ -172,37 +205,36 @@ fn ellipses(page: &mut Page, tuned: &Tuned) {
     let Some(run) = longest(&tuned.runs, object) else { return };
     page.section("Covariance");
     page.paragraph(&format!(
-        "The {} in the first 1.5 s of {}: places with their 95 % ellipses, drawn {ELLIPSE_SCALE} times \
-         as large as they are.",
+        "Position of the {} in the first 1.5 s of {}, with 95 % ellipses magnified {ELLIPSE_SCALE} times.",
         object.name(),
         run.name
     ));
-    page.legend(&[("estimate", BLUE), ("detections", GREY), ("95 %, ten times", ORANGE)]);
     let frames = &run.frames[..run.frames.len().min(ELLIPSE_FRAMES)];
     let estimates: Vec<_> = frames.iter().filter_map(|f| f.estimates[object.index()]).collect();
     let seen = frames.iter().filter_map(|f| f.frame.seen.positions[object.index()]);
-    let curve = |colour, points| Curve { colour, stroke: Stroke::Solid, points };
-    let mut curves = vec![curve(INK, outline(&tuned.document.filter))];
-    curves.extend(estimates.iter().skip(1).step_by(3).map(|own| curve(ORANGE, ellipse(own))));
-    curves.push(curve(GREY, seen.map(|[x, y]| (x, y)).collect()));
-    curves.push(curve(BLUE, estimates.iter().map(|own| (own.mean[0], own.mean[1])).collect()));
-    page.picture(&path_plot(&LinePlot {
-        title: "Board".to_owned(),
-        x: "x (m)".to_owned(),
-        y: Axis { label: "y (m)".to_owned(), scale: Scale::Linear },
-        bands: Vec::new(),
-        curves,
-        size: (620, 720),
-    }));
+    let drawn = estimates.iter().skip(1).step_by(3).map(ellipse).collect();
+    let track = estimates.iter().map(|own| (own.mean[0], own.mean[1])).collect();
+    page.chart(
+        &on_board("Detections and estimates", &tuned.document.filter)
+            .with(Series::line("", Colour::Ink, outline(&tuned.document.filter)).quiet())
+            .with(
+                Series::lines("95 % ellipse, magnified", Colour::Orange, drawn)
+                    .with_width(1.0)
+                    .quiet(),
+            )
+            .with(Series::rings("detection", Colour::Grey, seen.map(|[x, y]| (x, y)).collect()))
+            .with(Series::line("estimate", Colour::Blue, track))
+            .with_height(640),
+    );
 }
 
-fn outline(filter: &FilterSettings) -> Vec<(f64, f64)> {
+fn outline(filter: &FilterSettings) -> Points {
     let (x, y) = (filter.board.short_side_m / 2.0, filter.board.long_side_m / 2.0);
     vec![(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)]
 }
 
-/// Points of the ellipse of the place: the lower triangle of its covariance times a circle.
-fn ellipse(own: &super::Estimate) -> Vec<(f64, f64)> {
+/// Points of the position ellipse: the Cholesky factor of the covariance times a circle.
+fn ellipse(own: &super::Estimate) -> Points {
     let [xx, xy, yy] = [own.covariance[0][0], own.covariance[0][1], own.covariance[1][1]];
     let a = xx.sqrt();
     let b = xy / a;
@@ -219,19 +251,25 @@ fn ellipse(own: &super::Estimate) -> Vec<(f64, f64)> {
 fn consistency(page: &mut Page, document: &Document) {
     page.section("Consistency and accuracy on held-out runs");
     page.paragraph(
-        "NIS is the squared innovation over its covariance (2 when the filter is as sure as it may be), \
-         NEES the squared error of the state over its covariance (4), where the truth is known. In \
-         brackets where the mean of a consistent filter lies in 95 % of cases. Velocities are compared \
-         with the truth, or else with the slope of the detections on both sides.",
+        "NIS is the normalized innovation squared, with the expected value 2. NEES is the normalized estimation \
+         error squared, with the expected value 4; it needs ground truth. Brackets hold the 95 % acceptance \
+         interval of a consistent filter. Above the interval the filter is overconfident, below it is conservative. \
+         The velocity reference is ground truth, or else the slope of the detections on both sides.",
     );
-    let head =
-        ["object, region", "detections", "NIS", "NEES", "velocity RMSE (mm/s)", "upstream (mm/s)"];
+    let head = [
+        "object, region",
+        "detections",
+        "NIS",
+        "NEES",
+        "velocity RMSE (mm/s)",
+        "upstream RMSE (mm/s)",
+    ];
     let mut rows = Vec::new();
     for own in &document.evaluation {
         rows.push(vec![
             format!("{}, all", own.object.name()),
             own.detections.to_string(),
-            format!("{:.2} % refused", 100.0 * own.gated_fraction),
+            format!("{:.2} % gated", 100.0 * own.gated_fraction),
             String::new(),
             milli(own.velocity_rmse_m_per_s),
             milli(own.upstream_velocity_rmse_m_per_s),
@@ -253,8 +291,7 @@ fn consistency(page: &mut Page, document: &Document) {
             (own.predicted_position_rmse_m, own.unpredicted_position_rmse_m)
         {
             page.paragraph(&format!(
-                "{}: moved ahead by the latency of {:.1} ms the place is {:.2} mm off; left as it was, \
-                 {:.2} mm.",
+                "{}: latency {:.1} ms. Position error with prediction over the latency: {:.2} mm; without: {:.2} mm.",
                 own.object.name(),
                 1e3 * document.filter.latency_s,
                 1e3 * predicted,
@@ -269,61 +306,52 @@ fn checked(consistency: Option<&Consistency>) -> String {
     let word = match own.verdict {
         Some(ConsistencyVerdict::Consistent) => "",
         Some(verdict) => &format!(" {}", verdict.name()),
-        None => " too few",
+        None => " not tested: few samples",
     };
-    format!("{:.2} ({:.2} – {:.2}){word}", own.mean, own.band95[0], own.band95[1])
+    format!("{:.2} ({:.2} to {:.2}){word}", own.mean, own.band95[0], own.band95[1])
 }
 
 fn whiteness(page: &mut Page, document: &Document) {
-    page.section("Innovations");
+    page.section("Whiteness of innovations");
     page.paragraph(
-        "Autocorrelation of normalised innovations; those of a filter that takes everything out of the \
-         detections are white, with 95 % of the values in the band.",
+        "Autocorrelation of normalized innovations. The innovations of an optimal filter are white: 95 % of the \
+         values lie in the band.",
     );
-    let pictures: Vec<String> = document.evaluation.iter().map(autocorrelation).collect();
-    page.legend(&[("x", BLUE), ("y", ORANGE)]);
-    page.pictures_in_row(&pictures);
+    page.charts(&with_same_y(document.evaluation.iter().map(autocorrelation).collect()));
 }
 
-fn autocorrelation(own: &ObjectEvaluation) -> String {
+fn autocorrelation(own: &ObjectEvaluation) -> Chart {
     let white = &own.whiteness;
-    let curve = |colour, values: &[f64]| Curve {
-        colour,
-        stroke: Stroke::Solid,
-        points: values.iter().enumerate().map(|(k, value)| (k as f64 + 1.0, *value)).collect(),
+    let points = |values: &[f64]| -> Points {
+        values.iter().enumerate().map(|(k, value)| (k as f64 + 1.0, *value)).collect()
     };
     let limit = white.limit95;
-    line_plot(&LinePlot {
-        title: format!("{}: {:.0} % within", own.object.name(), 100.0 * white.fraction_within),
-        x: "lag (detections)".to_owned(),
-        y: Axis { label: "autocorrelation".to_owned(), scale: Scale::Linear },
-        bands: vec![Band {
-            colour: GREY,
-            points: vec![(1.0, -limit, limit), (LONGEST_LAG as f64, -limit, limit)],
-        }],
-        curves: vec![
-            curve(BLUE, &white.autocorrelation[0]),
-            curve(ORANGE, &white.autocorrelation[1]),
-        ],
-        size: (480, 300),
-    })
+    let band = vec![(1.0, -limit, limit), (LONGEST_LAG as f64, -limit, limit)];
+    Chart::of_lines(
+        &format!("{}: {:.0} % within the band", own.object.name(), 100.0 * white.fraction_within),
+        Axis::new("lag", "detections"),
+        Axis::new("autocorrelation", ""),
+    )
+    .with(Series::band("95 % of white noise", Colour::Grey, band))
+    .with(Series::marked("x", Colour::Blue, points(&white.autocorrelation[0])))
+    .with(Series::marked("y", Colour::Orange, points(&white.autocorrelation[1])))
 }
 
 fn bounces(page: &mut Page, tuned: &Tuned) {
     let document = &tuned.document;
-    page.section("Velocity after a bounce");
+    page.section("Step response of the velocity after an impact");
     if document.bounces.is_empty() {
-        page.paragraph("No bounce of the ball was found in the held-out runs.");
+        page.paragraph("The held-out runs contain no impact of the ball.");
         return;
     }
     let head = [
         "ball against",
         "impacts",
-        "frames to 63 %",
-        "95 % within",
-        "ms",
-        "upstream: frames",
-        "ms",
+        "rise time to 63 %, median (frames)",
+        "95th percentile (frames)",
+        "median (ms)",
+        "upstream, median (frames)",
+        "upstream, median (ms)",
     ];
     let rows = document.bounces.iter().map(|own| {
         vec![
@@ -338,14 +366,9 @@ fn bounces(page: &mut Page, tuned: &Tuned) {
     });
     page.table(&Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect() });
     let all = responses(&tuned.runs, &document.filter);
-    page.legend(&[
-        ("this filter, median", BLUE),
-        ("upstream's settings, median", GREY),
-        ("63 %", GREEN),
-    ]);
-    let pictures: Vec<String> =
-        document.bounces.iter().map(|own| response_plot(&all, own.hit)).collect();
-    page.pictures_in_row(&pictures);
+    let charts: Vec<Chart> =
+        document.bounces.iter().map(|own| response_chart(&all, own.hit)).collect();
+    page.charts(&with_same_y(charts));
 }
 
 fn hit_title(hit: Hit) -> &'static str {
@@ -355,73 +378,68 @@ fn hit_title(hit: Hit) -> &'static str {
     }
 }
 
-/// Medians over all impacts, by the frame after the impact.
-fn response_plot(all: &[Response], hit: Hit) -> String {
+/// Median over all impacts, by the frame after the impact.
+fn response_chart(all: &[Response], hit: Hit) -> Chart {
     let of_kind: Vec<&Response> = all.iter().filter(|own| own.hit == hit).collect();
     let at = |k: usize, of: fn(&Response) -> &[f64]| {
         let values: Vec<f64> = of_kind.iter().filter_map(|own| of(own).get(k).copied()).collect();
         median(&values)
     };
-    let curve = |colour, of: fn(&Response) -> &[f64]| Curve {
-        colour,
-        stroke: Stroke::Solid,
-        points: (0..super::rise::LONGEST_FRAMES)
+    let points = |of: fn(&Response) -> &[f64]| -> Points {
+        (0..super::rise::LONGEST_FRAMES)
             .map_while(|k| Some((at(k, |own| &own.times_s)?, at(k, of)?)))
             .take_while(|(time, _)| *time < RESPONSE_SECONDS)
-            .map(|(time, share)| (1e3 * time, share))
-            .collect(),
+            .map(|(time, part)| (1e3 * time, part))
+            .collect()
     };
-    let level = vec![(0.0, 0.632), (1e3 * RESPONSE_SECONDS, 0.632)];
-    line_plot(&LinePlot {
-        title: format!("Ball against {}", hit_title(hit)),
-        x: "time since the impact (ms)".to_owned(),
-        y: Axis { label: "share of the change".to_owned(), scale: Scale::Linear },
-        bands: Vec::new(),
-        curves: vec![
-            Curve { colour: GREEN, stroke: Stroke::Dashed, points: level },
-            curve(GREY, |own| &own.upstream),
-            curve(BLUE, |own| &own.own),
-        ],
-        size: (480, 320),
-    })
+    Chart::of_lines(
+        &format!("Ball against {}, median of {} impacts", hit_title(hit), of_kind.len()),
+        Axis::new("time since the impact", "ms"),
+        Axis::new("fraction of the velocity change", ""),
+    )
+    .with(Series::level("63 %", Colour::Grey, 0.632))
+    .with(Series::marked("upstream settings", Colour::Orange, points(|own| &own.upstream)))
+    .with(Series::marked("tuned filter", Colour::Blue, points(|own| &own.own)))
+    .with_height(320)
 }
 
 fn trace(page: &mut Page, tuned: &Tuned) {
     let object = shown(&tuned.document);
     let Some(run) = longest(&tuned.runs, object) else { return };
-    page.section("Velocity of a held-out run");
-    page.paragraph(&format!("{}, {}.", object.name(), run.name));
-    page.legend(&[("truth or slope", INK), ("this filter", BLUE), ("upstream's settings", GREY)]);
+    page.section("Velocity in a held-out run");
+    page.paragraph(&format!("Object: {}. Run: {}.", object.name(), run.name));
     for axis in 0..2 {
-        page.picture(&velocity_plot(run, object, axis));
+        if let Some(chart) = velocity_chart(run, object, axis) {
+            page.chart(&chart);
+        }
     }
 }
 
-fn velocity_plot(run: &EvaluatedRun, object: Object, axis: usize) -> String {
+fn velocity_chart(run: &EvaluatedRun, object: Object, axis: usize) -> Option<Chart> {
     let index = object.index();
-    let Some(began) = run.frames.first().map(|frame| frame.frame.seen.time) else {
-        return String::new();
-    };
-    let points = |of: &dyn Fn(&super::evaluate::EvaluatedFrame) -> Option<f64>| -> Vec<(f64, f64)> {
+    let began = run.frames.first()?.frame.seen.time;
+    let points = |of: &dyn Fn(&super::evaluate::EvaluatedFrame) -> Option<f64>| -> Points {
         run.frames
             .iter()
             .filter_map(|frame| Some((frame.frame.seen.time.seconds_since(began), of(frame)?)))
             .take_while(|(time, _)| *time < TRACE_SECONDS)
             .collect()
     };
-    let curve = |colour, points| Curve { colour, stroke: Stroke::Solid, points };
-    line_plot(&LinePlot {
-        title: format!("v{}", ["x", "y"][axis]),
-        x: "time (s)".to_owned(),
-        y: Axis { label: "velocity (m/s)".to_owned(), scale: Scale::Linear },
-        bands: Vec::new(),
-        curves: vec![
-            curve(GREY, points(&|frame| Some(frame.upstream[index]?[axis + 2]))),
-            curve(INK, points(&|frame| Some(frame.velocity[index]?[axis]))),
-            curve(BLUE, points(&|frame| Some(frame.estimates[index]?.mean[axis + 2]))),
-        ],
-        size: WIDE,
-    })
+    let upstream = points(&|frame| Some(frame.upstream[index]?[axis + 2]));
+    let reference = points(&|frame| Some(frame.velocity[index]?[axis]));
+    let own = points(&|frame| Some(frame.estimates[index]?.mean[axis + 2]));
+    let chart = Chart::of_lines(
+        &format!("Velocity along {}", ["x", "y"][axis]),
+        Axis::new("time", "s"),
+        Axis::new("velocity", "m/s"),
+    );
+    let chart = chart.in_group("velocity").with(Series::line(
+        "upstream settings",
+        Colour::Orange,
+        upstream,
+    ));
+    let chart = chart.with(Series::line("reference velocity", Colour::Ink, reference));
+    Some(chart.with(Series::dashed("tuned filter", Colour::Blue, own).with_width(2.2)))
 }
 
 fn settings(page: &mut Page, document: &Document) {
@@ -450,7 +468,7 @@ fn flatten(path: &str, value: &serde_json::Value, rows: &mut Vec<Vec<String>>) {
 }
 
 fn provenance(page: &mut Page, document: &Document) {
-    page.section("How it was made");
+    page.section("Provenance");
     page.code(&document.provenance.command_line);
     page.paragraph(&format!(
         "klasktron {} ({})",

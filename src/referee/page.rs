@@ -1,4 +1,4 @@
-//! `index.html`: the score, what it is made of, and the matches themselves.
+//! `index.html` of `eval`: the score, its metrics, and a replay of the matches.
 
 mod maps;
 mod replay;
@@ -14,15 +14,14 @@ use super::{
 use crate::{
     provenance::Provenance,
     recording::topic::Player,
-    report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, escape, line_plot},
+    report::{Axis, Badge, Chart, Colour, Page, Series, Table, escape},
 };
 
-/// Width of a bar of the histogram of speeds (m/s), and where it ends.
+/// Width of a bin of the speed histogram, and its upper end (m/s).
 const SPEED_BIN: f64 = 0.05;
 const FASTEST: f64 = 2.0;
-const INK: [u8; 3] = [29, 39, 51];
 
-/// The page of `matches`, in the order of `score`; `lost` are the files that could not be judged.
+/// Page of `matches`, in the order of `score`; `lost` are the files that could not be analysed.
 #[must_use]
 pub fn page(
     matches: &[ScoredMatch],
@@ -31,11 +30,13 @@ pub fn page(
     provenance: &Provenance,
 ) -> String {
     let mut page = Page::new("Score of the matches");
+    badge(&mut page, matches);
     page.lead(&lead(matches));
+    key_figures(&mut page, score);
     for sentence in lost {
-        page.warning(&format!("Not judged: {sentence}."));
+        page.warning(&format!("Not analysed: {sentence}."));
     }
-    doubts(&mut page, matches);
+    quality(&mut page, matches);
     if let Some(comparison) = &score.comparison {
         compared(&mut page, comparison);
     }
@@ -43,22 +44,43 @@ pub fn page(
     if !matches.is_empty() {
         page.section("Replay");
         page.paragraph(
-            "The timeline shows episodes as bands that end in the colour of who scored, and events \
-             as marks: the left player's above the middle, the right player's below. A click on it, \
-             or on an event, goes there.",
+            "The timeline shows each episode as a band that ends in the colour of the scorer. Marks above the middle are \
+             events of the left player, marks below are events of the right player. Click the timeline or an event \
+             to jump there.",
         );
         page.widget(&replay::replay(matches));
         maps_and_speeds(&mut page, matches);
     }
     per_match(&mut page, matches, score);
     definitions(&mut page);
-    page.section("How it was made");
+    page.section("Provenance");
     page.code(&provenance.command_line);
     page.paragraph(&format!(
         "klasktron {}, commit {}.",
         provenance.crate_version, provenance.git_hash
     ));
     page.finish()
+}
+
+/// State the points of both players.
+fn badge(page: &mut Page, matches: &[ScoredMatch]) {
+    let points = matches.iter().map(|scored| scored.analysis.points());
+    let [left, right] = points.fold([0, 0], |sum, [l, r]| [sum[0] + l, sum[1] + r]);
+    let tone = if left + right == 0 { Badge::Warn } else { Badge::Note };
+    page.badge(&format!("left {left} : {right} right"), tone);
+}
+
+/// The first metrics of the score with their intervals.
+fn key_figures(page: &mut Page, score: &Score) {
+    let figures: Vec<(&str, String)> = Metric::ALL
+        .into_iter()
+        .filter(|metric| score.summary[metric.name()].mean.is_some())
+        .take(4)
+        .map(|metric| (metric.title(), figure(&score.summary[metric.name()])))
+        .collect();
+    if !figures.is_empty() {
+        page.key_figures(&figures);
+    }
 }
 
 fn count(number: usize, noun: &str) -> String {
@@ -71,7 +93,7 @@ fn lead(matches: &[ScoredMatch]) -> String {
     let [left, right] = points.fold([0, 0], |sum, [l, r]| [sum[0] + l, sum[1] + r]);
     let episodes = matches.iter().map(|scored| scored.analysis.episodes.len()).sum();
     format!(
-        "{}, {}, {:.1} min of play: {left} points for the left player, {right} for the right.",
+        "{}, {}, {:.1} min of play: {left} points for the left player, {right} points for the right player.",
         matches_of(matches.len()),
         count(episodes, "episode"),
         play / 60.0
@@ -82,16 +104,19 @@ fn matches_of(number: usize) -> String {
     if number == 1 { "1 match".to_owned() } else { format!("{number} matches") }
 }
 
-fn doubts(page: &mut Page, matches: &[ScoredMatch]) {
+fn quality(page: &mut Page, matches: &[ScoredMatch]) {
     for scored in matches {
         let file = scored.path.display();
         if !scored.loss.is_none() {
-            page.warning(&format!("{file} is damaged ({}); the rest was judged.", scored.loss));
+            page.warning(&format!(
+                "{file} is damaged ({}); the analysis covers the rest.",
+                scored.loss
+            ));
         }
         if scored.source == Source::BoardState {
             page.warning(&format!(
-                "{file} holds no detections of the camera: it was judged by the filtered state of \
-                 the board, whose lag smears and delays contacts."
+                "{file} contains no camera detections. The analysis uses the filtered board state, whose lag smears \
+                 and delays contacts."
             ));
         }
     }
@@ -113,9 +138,9 @@ fn words(texts: &[&str]) -> Vec<String> {
 fn summary(page: &mut Page, score: &Score) {
     page.section("Score");
     page.paragraph(
-        "95 % intervals by bootstrap over episodes. The paper's column is table I, ten games of a \
-         human against the robot; its possession and win rate are the robot's, and its definitions of \
-         block, strike and possession are not given, so they may differ from ours.",
+        "Brackets hold 95 % intervals by bootstrap over episodes. The column of the paper is its table I: ten games of a \
+         human against the robot, with possession and win rate of the robot. The paper does not define block, strike \
+         and possession, so its values may not be comparable.",
     );
     let rows = Metric::ALL.into_iter().map(|metric| {
         let found = &score.summary[metric.name()];
@@ -123,21 +148,21 @@ fn summary(page: &mut Page, score: &Score) {
         vec![metric.title().to_owned(), figure(found), found.n.to_string(), paper]
     });
     page.table(&Table {
-        head: words(&["figure", "mean (95 %)", "episodes", "paper"]),
+        head: words(&["metric", "mean (95 % interval)", "episodes", "paper"]),
         rows: rows.collect(),
     });
 }
 
 fn compared(page: &mut Page, comparison: &Comparison) {
     let [a, b] = &comparison.groups;
-    page.section(&format!("{b} against {a}"));
+    page.section(&format!("{b} compared with {a}"));
     let mut sentence = comparison.summary.clone();
     sentence.push('.');
     page.lead(&sentence);
     page.paragraph(&format!(
-        "{a}: {}, {}. {b}: {}, {}. Difference is {b} minus {a}, with its 95 % interval by bootstrap \
-         over episodes; p by permutation of episodes, corrected for the number of figures (Holm). \
-         Episodes of one match are taken for independent.",
+        "{a}: {}, {}. {b}: {}, {}. The difference is {b} minus {a}, with its 95 % interval by bootstrap \
+         over episodes. p-values by permutation of episodes, Holm-corrected over all metrics. Episodes of \
+         one match are assumed to be independent.",
         matches_of(comparison.matches[0]),
         count(comparison.episodes[0], "episode"),
         matches_of(comparison.matches[1]),
@@ -159,10 +184,10 @@ fn compared(page: &mut Page, comparison: &Comparison) {
     };
     page.table(&Table {
         head: vec![
-            "figure".to_owned(),
+            "metric".to_owned(),
             a.clone(),
             b.clone(),
-            "difference (95 %)".to_owned(),
+            "difference (95 % interval)".to_owned(),
             "p, corrected".to_owned(),
         ],
         rows: comparison.metrics.iter().map(row).collect(),
@@ -171,29 +196,26 @@ fn compared(page: &mut Page, comparison: &Comparison) {
 
 fn maps_and_speeds(page: &mut Page, matches: &[ScoredMatch]) {
     let board = matches.first().map(|scored| scored.rules.board).unwrap_or_default();
-    page.section("Where");
+    page.section("Positions");
     page.paragraph(
-        "The left player plays from the left. Strikes are lines from the contact along the ball's way, \
-         as long as it moves in 0.05 s; thick ones are goal-directed. Rings are blocks, crosses goals. \
-         Darker is longer.",
+        "The left player defends the goal on the left. A strike is a line along the path of the ball, as long as the \
+         ball moves in 0.05 s.",
     );
-    page.legend(&[("left", [31, 105, 180]), ("right", [208, 112, 24]), ("goals", [176, 48, 48])]);
-    let striker = |player: Player| {
-        maps::heat(matches, board, &format!("{player} striker"), &move |frame| {
-            frame.strikers[player as usize]
-        })
-    };
-    page.pictures_in_row(&[
+    page.charts(&[
         maps::shot_map(matches, board),
-        maps::heat(matches, board, "ball", &|frame| frame.ball),
-        striker(Player::Left),
-        striker(Player::Right),
+        maps::heat(matches, board, "Position of the ball", &|frame| frame.ball),
+        maps::heat(matches, board, "Position of the left striker", &|frame| {
+            frame.strikers[Player::Left as usize]
+        }),
+        maps::heat(matches, board, "Position of the right striker", &|frame| {
+            frame.strikers[Player::Right as usize]
+        }),
     ]);
-    page.section("Speed of the ball in play");
-    page.picture(&speed_histogram(matches));
+    page.section("Speed of the ball");
+    page.chart(&speed_histogram(matches));
 }
 
-fn speed_histogram(matches: &[ScoredMatch]) -> String {
+fn speed_histogram(matches: &[ScoredMatch]) -> Chart {
     let bins = (FASTEST / SPEED_BIN) as usize;
     let mut counts = vec![0_usize; bins];
     let speeds = matches.iter().flat_map(|scored| &scored.analysis.speeds);
@@ -202,19 +224,17 @@ fn speed_histogram(matches: &[ScoredMatch]) -> String {
         counts[((speed / SPEED_BIN) as usize).min(bins - 1)] += 1;
         total += 1;
     }
-    let share = |count: usize| 100.0 * count as f64 / total.max(1) as f64;
-    let points = counts.iter().enumerate().flat_map(|(bin, count)| {
-        let left = bin as f64 * SPEED_BIN;
-        [(left, share(*count)), (left + SPEED_BIN, share(*count))]
-    });
-    line_plot(&LinePlot {
-        title: String::new(),
-        x: "speed (m/s); the last bin holds all above".to_owned(),
-        y: Axis { label: "share of play (%)".to_owned(), scale: Scale::Linear },
-        bands: vec![],
-        curves: vec![Curve { colour: INK, stroke: Stroke::Solid, points: points.collect() }],
-        size: (980, 280),
-    })
+    let percent = |count: usize| 100.0 * count as f64 / total.max(1) as f64;
+    let steps = counts.iter().enumerate();
+    let mut points: Vec<(f64, f64)> =
+        steps.map(|(bin, count)| (bin as f64 * SPEED_BIN, percent(*count))).collect();
+    points.push((FASTEST, percent(counts[bins - 1])));
+    Chart::of_lines(
+        "Histogram of the ball speed in play; the last bin holds all larger speeds",
+        Axis::new("speed", "m/s"),
+        Axis::new("fraction of play", "%").including(0.0),
+    )
+    .with(Series::steps("", Colour::Blue, points))
 }
 
 fn per_match(page: &mut Page, matches: &[ScoredMatch], score: &Score) {
@@ -246,14 +266,14 @@ fn per_match(page: &mut Page, matches: &[ScoredMatch], score: &Score) {
             "blocks",
             "strikes",
             "goal-directed",
-            "noise (mm)",
+            "measurement noise (mm)",
         ]),
         rows: rows.collect(),
     });
 }
 
 fn definitions(page: &mut Page) {
-    page.section("What the words mean");
+    page.section("Definitions");
     let figures: String = DEFINITIONS
         .iter()
         .map(|definition| {

@@ -1,29 +1,23 @@
-//! `index.html` of a sweep: the metric over the grid, the choice, what failed, how it was made.
+//! `index.html` of a sweep: the metric over the grid, the selection, failures and provenance.
 
 use super::{Better, Choice, Combination, GridAxis, Merged, Plan, Point, point::quoted};
 use crate::{
     provenance::Provenance,
-    report::{
-        Axis, Band, Curve, HeatMap, LinePlot, Page, Scale, Stroke, Table, heat_map, line_plot,
-    },
+    report::{Axis, Badge, Chart, Colour, Grid, Page, Points, Ranges, Series, Table},
 };
 use std::collections::{BTreeMap, BTreeSet};
 
-const BLUE: [u8; 3] = [31, 105, 180];
-const GREY: [u8; 3] = [160, 168, 178];
-const PLOT: (u32, u32) = (860, 360);
-/// Rows of the table of combinations that are shown at once; `table.csv` has all.
+/// Most rows of the table of combinations; `table.csv` has all.
 const MOST_ROWS: usize = 200;
-/// Points that are listed with their failure.
+/// Most failures in the table.
 const MOST_FAILURES: usize = 100;
-/// Rows and columns of a heat map whose cells can hold words.
-const MOST_LABELLED: (usize, usize) = (16, 8);
-
-/// The page.
+/// Page of a sweep.
 #[must_use]
 pub fn page(plan: &Plan, merged: &Merged, provenance: &Provenance) -> String {
     let mut page = Page::new(&format!("Sweep of {}", plan.command.name()));
+    badge(&mut page, plan, merged);
     page.lead(&lead(plan, merged));
+    key_figures(&mut page, plan, merged);
     for warning in &merged.warnings {
         page.warning(warning);
     }
@@ -34,6 +28,26 @@ pub fn page(plan: &Plan, merged: &Merged, provenance: &Provenance) -> String {
     remarks(&mut page, plan, merged);
     how(&mut page, plan, provenance);
     page.finish()
+}
+
+fn badge(page: &mut Page, plan: &Plan, merged: &Merged) {
+    let rest = plan.points.len() - merged.rows.len() - merged.failures.len();
+    match (merged.failures.len(), rest) {
+        (0, 0) => page.badge("complete", Badge::Good),
+        (0, rest) => page.badge(&format!("{rest} points pending"), Badge::Note),
+        (failed, _) => page.badge(&format!("{failed} points failed"), Badge::Bad),
+    }
+}
+
+fn key_figures(page: &mut Page, plan: &Plan, merged: &Merged) {
+    let Some(choice) = merged.choice else { return };
+    let chosen = &merged.combinations[choice.chosen];
+    page.key_figures(&[
+        ("selected", title(chosen)),
+        (plan.metric.title.as_str(), estimate(chosen)),
+        ("combinations", merged.combinations.len().to_string()),
+        ("finished points", format!("{} of {}", merged.rows.len(), plan.points.len())),
+    ]);
 }
 
 fn lead(plan: &Plan, merged: &Merged) -> String {
@@ -61,7 +75,7 @@ fn sentence(plan: &Plan, chosen: &Combination, choice: Choice) -> String {
     if choice.best == choice.chosen {
         format!("Best: {name}; {figure}.")
     } else {
-        format!("Chosen: {name}, the first within one standard error of the best; {figure}.")
+        format!("Selected: {name}, the first within one standard error of the best; {figure}.")
     }
 }
 
@@ -83,7 +97,7 @@ pub(super) fn estimate(combination: &Combination) -> String {
     }
 }
 
-/// Four digits that matter.
+/// Four significant digits.
 pub(super) fn digits(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
@@ -103,27 +117,26 @@ fn over_the_grid(page: &mut Page, plan: &Plan, merged: &Merged) {
     let wide: Vec<&GridAxis> = plan.axes.iter().filter(|axis| 1 < axis.values.len()).collect();
     match wide[..] {
         [axis] => {
-            page.section("Over the grid");
-            page.paragraph("Mean over seeds; the band goes from the smallest to the largest seed.");
-            page.legend(&[("mean", BLUE), ("every seed", GREY)]);
-            page.picture(&lines(plan, merged, axis));
+            page.section("Metric over the grid");
+            page.paragraph("Mean over seeds; the band is the range over seeds.");
+            page.chart(&lines(plan, merged, axis));
         }
         [rows, columns] => {
-            page.section("Over the grid");
-            page.paragraph("Mean over seeds; a cell without a number has no finished point.");
-            page.picture(&map(plan, merged, rows, columns));
+            page.section("Metric over the grid");
+            page.paragraph("Mean over seeds; a blank cell has no finished point.");
+            page.chart(&map(plan, merged, rows, columns));
         }
         _ => {}
     }
 }
 
 /// Combinations of the grid by their values on all axes.
-struct Grid<'a> {
+struct Cells<'a> {
     plan: &'a Plan,
     by_values: BTreeMap<Vec<&'a str>, &'a Combination>,
 }
 
-impl<'a> Grid<'a> {
+impl<'a> Cells<'a> {
     fn new(plan: &'a Plan, merged: &'a Merged) -> Self {
         let mut by_values = BTreeMap::new();
         for one in &merged.combinations {
@@ -137,7 +150,7 @@ impl<'a> Grid<'a> {
         Self { plan, by_values }
     }
 
-    /// Where `axes` have these values; every other axis has one only.
+    /// Combination at which `axes` have these values; every other axis has one value only.
     fn at(&self, axes: &[(&GridAxis, usize)]) -> Option<&'a Combination> {
         let value = |axis: &'a GridAxis| {
             let given = axes.iter().find(|(other, _)| other.name == axis.name);
@@ -148,7 +161,7 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// Positions on an axis: its values where all are numbers, else 1, 2, 3.
+/// Positions on an axis: its values where all are numbers, else 0, 1, 2.
 fn positions(axis: &GridAxis) -> (Vec<f64>, bool) {
     let numbers: Option<Vec<f64>> = axis
         .values
@@ -157,12 +170,12 @@ fn positions(axis: &GridAxis) -> (Vec<f64>, bool) {
         .collect();
     match numbers {
         Some(numbers) => (numbers, true),
-        None => ((1..=axis.values.len()).map(|index| index as f64).collect(), false),
+        None => ((0..axis.values.len()).map(|index| index as f64).collect(), false),
     }
 }
 
-fn lines(plan: &Plan, merged: &Merged, axis: &GridAxis) -> String {
-    let grid = Grid::new(plan, merged);
+fn lines(plan: &Plan, merged: &Merged, axis: &GridAxis) -> Chart {
+    let grid = Cells::new(plan, merged);
     let (positions, numeric) = positions(axis);
     let mut found: Vec<(f64, &Combination)> = positions
         .iter()
@@ -172,79 +185,63 @@ fn lines(plan: &Plan, merged: &Merged, axis: &GridAxis) -> String {
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     let low = |one: &Combination| one.values.iter().copied().fold(f64::INFINITY, f64::min);
     let high = |one: &Combination| one.values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let band = found.iter().map(|(x, one)| (*x, low(one), high(one))).collect();
+    let band: Ranges = found.iter().map(|(x, one)| (*x, low(one), high(one))).collect();
     let mean = found.iter().filter_map(|(x, one)| Some((*x, one.mean?))).collect();
     let seeds: BTreeSet<Option<u64>> =
         found.iter().flat_map(|(_, one)| one.seeds.iter().copied()).collect();
-    let mut curves: Vec<Curve> = seeds
+    let several = 1 < seeds.len();
+    let curves: Vec<Points> = seeds
         .iter()
         .map(|seed| {
             let value = |(x, one): &(f64, &Combination)| {
                 let place = one.seeds.iter().position(|other| other == seed)?;
                 Some((*x, one.values[place]))
             };
-            let points = found.iter().filter_map(value).collect();
-            Curve { colour: GREY, stroke: Stroke::Solid, points }
+            found.iter().filter_map(value).collect()
         })
         .collect();
-    curves.push(Curve { colour: BLUE, stroke: Stroke::Solid, points: mean });
     let x = if numeric {
-        axis.name.clone()
+        Axis::new(&axis.name, "")
     } else {
-        let names = axis.values.iter().enumerate();
-        let names: Vec<String> =
-            names.map(|(index, name)| format!("{}: {name}", index + 1)).collect();
-        format!("{} ({})", axis.name, names.join(", "))
+        Axis::of_categories(&axis.name, axis.values.clone())
     };
-    line_plot(&LinePlot {
-        title: plan.metric.title.clone(),
-        x,
-        y: Axis { label: plan.metric.title.clone(), scale: Scale::Linear },
-        bands: vec![Band { colour: BLUE, points: band }],
-        curves,
-        size: PLOT,
-    })
+    let every = several.then(|| Series::lines("every seed", Colour::Grey, curves).with_width(1.2));
+    Chart::of_lines(&plan.metric.title, x, Axis::new(&plan.metric.title, ""))
+        .with_all(every)
+        .with(Series::marked("mean", Colour::Blue, mean).with_band(band))
+        .with_height(360)
 }
 
-fn map(plan: &Plan, merged: &Merged, rows: &GridAxis, columns: &GridAxis) -> String {
-    let grid = Grid::new(plan, merged);
+fn map(plan: &Plan, merged: &Merged, rows: &GridAxis, columns: &GridAxis) -> Chart {
+    let grid = Cells::new(plan, merged);
     let cell = |row: usize, column: usize| grid.at(&[(rows, row), (columns, column)]);
-    let table = |of: &dyn Fn(usize, usize) -> f64| -> Vec<Vec<f64>> {
-        (0..rows.values.len())
-            .map(|row| (0..columns.values.len()).map(|column| of(row, column)).collect())
-            .collect()
-    };
-    let mark = |row: usize, column: usize| {
-        let chosen = merged.choice.map(|choice| &merged.combinations[choice.chosen]);
-        if cell(row, column).is_some_and(|one| Some(one) == chosen) { " *" } else { "" }
-    };
+    let (height, width) = (rows.values.len(), columns.values.len());
+    let chosen = merged.choice.map(|choice| &merged.combinations[choice.chosen]);
     let text = |row: usize, column: usize| {
         let mean = cell(row, column).and_then(|one| one.mean).map_or_else(String::new, digits);
-        let (above, across) = (&rows.values[row], &columns.values[column]);
-        format!("{above} × {across}: {mean}{}", mark(row, column))
+        let mark = if chosen.is_some() && cell(row, column) == chosen { " *" } else { "" };
+        format!("{mean}{mark}")
     };
-    let (height, width) = (rows.values.len(), columns.values.len());
-    let few = height <= MOST_LABELLED.0 && width <= MOST_LABELLED.1;
-    let cells = (0..if few { height } else { 0 })
-        .map(|row| (0..width).map(|column| text(row, column)).collect())
-        .collect();
-    heat_map(&HeatMap {
-        title: format!("{}; * is the choice", plan.metric.title),
-        x: columns.name.clone(),
-        y: rows.name.clone(),
-        x_range: (0.0, columns.values.len() as f64),
-        y_range: (0.0, rows.values.len() as f64),
-        values: table(&|row, column| {
-            cell(row, column).and_then(|one| one.mean).unwrap_or(f64::NAN)
-        }),
-        cells,
-        size: (900, 120 + 48 * rows.values.len().clamp(3, 12) as u32),
-    })
+    let mean =
+        |row: usize, column: usize| cell(row, column).and_then(|one| one.mean).unwrap_or(f64::NAN);
+    let values = (0..height).map(|row| (0..width).map(|column| mean(row, column)).collect());
+    let texts = (0..height).map(|row| (0..width).map(|column| text(row, column)).collect());
+    // Categories stand at 0, 1, 2 ..., in the middle of their cells.
+    let edges = |count: usize| (-0.5, count as f64 - 0.5);
+    let cells =
+        Grid::of_numbers(values.collect(), edges(width), edges(height), &*plan.metric.title);
+    Chart::of_plane(
+        &format!("{}; * marks the selection", plan.metric.title),
+        Axis::of_categories(&columns.name, columns.values.clone()),
+        Axis::of_categories(&rows.name, rows.values.clone()),
+    )
+    .with_grid(cells.with_text(texts.collect()))
+    .with_height(120 + 48 * height.clamp(3, 12) as u32)
 }
 
 fn choice(page: &mut Page, plan: &Plan, merged: &Merged) {
     let Some(choice) = merged.choice else { return };
-    page.section("The choice");
+    page.section("Selection");
     let [best, chosen] = [choice.best, choice.chosen].map(|index| &merged.combinations[index]);
     let direction = match plan.metric.better {
         Better::Smaller => "smallest",
@@ -258,13 +255,13 @@ fn choice(page: &mut Page, plan: &Plan, merged: &Merged) {
     ));
     if best.standard_error.is_none() {
         page.paragraph(
-            "It has one seed, so nothing says how far chance carries it; with several seeds the simplest \
-             combination within one standard error would be chosen.",
+            "One seed gives no standard error. With several seeds the sweep selects the simplest combination within one \
+             standard error of the best.",
         );
     } else {
         page.paragraph(&format!(
-            "Chosen is the first combination in the order of the sweep file whose mean is within one standard \
-             error of it (lists should run from the simplest to the most complex): {}, {}.",
+            "Selected is the first combination in the order of the sweep file whose mean lies within one standard error \
+             of the best: {}, {}. Lists should therefore run from the simplest value to the most complex.",
             title(chosen),
             estimate(chosen)
         ));
@@ -272,9 +269,9 @@ fn choice(page: &mut Page, plan: &Plan, merged: &Merged) {
 }
 
 fn combinations(page: &mut Page, plan: &Plan, merged: &Merged) {
-    page.section("Every combination");
+    page.section("Combinations");
     page.link("table.csv", "table.csv");
-    page.link("table.parquet", "table.parquet has the same, a row for each finished point");
+    page.link("table.parquet", "table.parquet: the same, with a row for each finished point");
     if merged.combinations.is_empty() {
         page.paragraph(&format!("No finished point has a number at {}.", plan.metric.path));
         return;
@@ -294,7 +291,7 @@ fn combinations(page: &mut Page, plan: &Plan, merged: &Merged) {
         cells
     });
     let head = ["combination", "seeds", "mean", "standard error", "smallest", "largest"];
-    page.paragraph(&format!("By {}, the best first.", plan.metric.title));
+    page.paragraph(&format!("Sorted by {}, the best first.", plan.metric.title));
     page.table(&Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect() });
     if MOST_ROWS < order.len() {
         page.paragraph(&format!("and {} more in table.csv", order.len() - MOST_ROWS));
@@ -306,7 +303,7 @@ fn failures(page: &mut Page, plan: &Plan, merged: &Merged) {
         return;
     }
     page.section("Failed points");
-    page.paragraph("They are tried again with --retry.");
+    page.paragraph("The option --retry runs failed points again.");
     let point = |hash: &str| plan.points.iter().find(|point| point.hash == hash);
     let rows = merged.failures.iter().take(MOST_FAILURES).map(|failed| {
         let title = point(&failed.hash).map_or_else(|| failed.hash.clone(), Point::title);
@@ -330,18 +327,18 @@ fn remarks(page: &mut Page, plan: &Plan, merged: &Merged) {
     let head = ["point", "remark"].map(str::to_owned).to_vec();
     let table = Table { head, rows: rows.collect() };
     let count = remarked().count();
-    let summary = format!("{count} finished points have lost something or did not meet a gate");
+    let summary = format!("{count} finished points report data loss or a missed requirement");
     page.folded_table_of_words(&summary, &table);
 }
 
 fn how(page: &mut Page, plan: &Plan, provenance: &Provenance) {
-    page.section("How it was made");
+    page.section("Provenance");
     page.code(&provenance.command_line);
-    page.paragraph(&format!("Compared is {} of each result:", plan.metric.title));
+    page.paragraph(&format!("Metric: {}, read from each result at", plan.metric.title));
     page.code(&plan.metric.path);
     if let Some(point) = plan.points.first() {
-        page.paragraph("The first point, as it can be typed in the folder of the sweep file:");
-        page.code(&format!("{} --output {}", point.command_line, quoted(&point.hash)));
+        page.paragraph("Command of the first point, for the folder of the sweep file:");
+        page.code(&format!("{} --out {}", point.command_line, quoted(&point.hash)));
     }
     page.facts(provenance.facts());
 }

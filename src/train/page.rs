@@ -1,4 +1,4 @@
-//! `index.html` of `train`: how it went, how good it is, how it was made.
+//! `index.html` of `train`: learning curves, evaluation and provenance.
 
 use super::{
     CurvePoint,
@@ -6,62 +6,101 @@ use super::{
     file::Summary,
 };
 use crate::{
-    report::{Axis, Curve, LinePlot, Page, Scale, Stroke, Table, line_plot},
+    report::{Axis, Badge, Chart, Colour, Page, Points, Series, Table},
     stats::Interval,
 };
 
-pub(super) const BLUE: [u8; 3] = [31, 105, 180];
-pub(super) const SIZE: (u32, u32) = (480, 260);
+/// Height of a learning curve (px).
+const HEIGHT: u32 = 260;
 
-/// The pictures: title, figure, unit.
-pub(super) const PICTURES: [(&str, &str, &str); 10] = [
-    ("Score against the pool", "play/score", "won minus lost, share of games"),
-    ("Running Elo", "play/elo", "Elo"),
-    ("Return of an episode", "play/return", "reward"),
-    ("Hits of the ball", "play/hits_per_minute", "per minute"),
-    ("Length of an episode", "play/episode_s", "s"),
-    ("Lost by own mistake", "play/own_goal_fraction", "share of games"),
-    ("Entropy of the policy", "losses/entropy", "nat"),
-    ("Divergence by an update", "losses/kl", "nat"),
-    ("Value loss", "losses/value", "reward squared"),
-    ("Explained variance", "losses/explained_variance", "share"),
+/// Learning curves: title, metric, quantity, unit.
+const CURVES: [(&str, &str, &str, &str); 10] = [
+    ("Score against the pool", "play/score", "won minus lost games", "fraction"),
+    ("Running Elo", "play/elo", "Elo", ""),
+    ("Episode return", "play/return", "return", ""),
+    ("Hits of the ball", "play/hits_per_minute", "rate", "1/min"),
+    ("Episode length", "play/episode_s", "length", "s"),
+    ("Own goals", "play/own_goal_fraction", "games lost by own goal", "fraction"),
+    ("Policy entropy", "losses/entropy", "entropy", "nat"),
+    ("Approximate KL per update", "losses/kl", "KL divergence", "nat"),
+    ("Value loss", "losses/value", "loss", ""),
+    ("Explained variance", "losses/explained_variance", "fraction", ""),
 ];
 
-/// The page.
+/// Page of one training run.
 #[must_use]
 pub fn page(summary: &Summary, curve: &[CurvePoint]) -> String {
     let mut page = Page::new("Training");
+    badge(&mut page, summary);
     page.lead(&lead(summary));
+    page.key_figures(&key_figures(summary));
     for warning in &summary.warnings {
         page.warning(warning);
     }
     if let Some(verdict) = &summary.evaluation {
-        strength(&mut page, verdict);
+        evaluation(&mut page, verdict);
     }
-    page.section("Learning");
+    page.section("Learning curves");
     page.paragraph(
-        "Over millions of transitions of all boards together. Whenever the score against the pool passes the \
-         update score the policy joins the pool, and the score falls.",
+        "All metrics cover all environments together. When the score against the pool passes the update score, \
+         the policy joins the pool and the score falls.",
     );
-    page.pictures_in_row(&PICTURES.map(|picture| plot(curve, picture)));
+    let series = |metric: &str| vec![Series::line("", Colour::Blue, learning(curve, metric))];
+    page.charts(&learning_charts(&series));
     how(&mut page, summary);
     page.finish()
 }
 
+/// Points of one metric over million transitions.
+pub(super) fn learning(curve: &[CurvePoint], metric: &str) -> Points {
+    let value = |point: &CurvePoint| {
+        point.figures().iter().find(|(name, _)| *name == metric).map(|(_, value)| *value)
+    };
+    let points = curve.iter();
+    points.filter_map(|point| Some((point.transitions as f64 / 1e6, value(point)?))).collect()
+}
+
+/// Charts of all metrics with a shared cursor; `series` draws one metric.
+pub(super) fn learning_charts(series: &dyn Fn(&str) -> Vec<Series>) -> Vec<Chart> {
+    let chart = |(title, metric, quantity, unit): (&str, &str, &str, &str)| {
+        Chart::of_lines(title, Axis::new("transitions", "million"), Axis::new(quantity, unit))
+            .with_all(series(metric))
+            .with_height(HEIGHT)
+            .in_group("learning")
+    };
+    CURVES.map(chart).into()
+}
+
+fn badge(page: &mut Page, summary: &Summary) {
+    let Some(verdict) = &summary.evaluation else {
+        page.badge("not evaluated", Badge::Note);
+        return;
+    };
+    let better = |judged: &&OpponentEvaluation| judged.win_rate_ci95.is_some_and(|ci| 0.5 < ci.low);
+    let count = verdict.opponents.iter().filter(better).count();
+    let all = verdict.opponents.len();
+    let tone = if count == all { Badge::Good } else { Badge::Warn };
+    page.badge(&format!("better than {count} of {all} opponents"), tone);
+}
+
+fn key_figures(summary: &Summary) -> Vec<(&'static str, String)> {
+    let mut figures = vec![
+        ("transitions", format!("{:.1} million", summary.transitions as f64 / 1e6)),
+        ("updates", summary.updates.to_string()),
+    ];
+    let opponents = summary.evaluation.iter().flat_map(|verdict| &verdict.opponents);
+    let rates: Vec<String> = opponents
+        .filter_map(|judged| Some(format!("{:.0} % {}", 100.0 * judged.win_rate?, judged.opponent)))
+        .collect();
+    if !rates.is_empty() {
+        figures.push(("win rate of decided games against", rates.join(", ")));
+    }
+    figures
+}
+
 fn lead(summary: &Summary) -> String {
-    let against = |judged: &OpponentEvaluation| {
-        judged.win_rate.map(|share| format!("{:.1} % against {}", 100.0 * share, judged.opponent))
-    };
-    let verdict = summary.evaluation.as_ref();
-    let shares: Vec<String> =
-        verdict.iter().flat_map(|verdict| &verdict.opponents).filter_map(against).collect();
-    let shares = if shares.is_empty() {
-        String::new()
-    } else {
-        format!(" Of decided games it wins {}.", shares.join(", "))
-    };
     format!(
-        "{} updates, {:.1} million transitions, actuator {}.{shares}",
+        "Self-play PPO: {} updates, {:.1} million transitions, actuator model {}.",
         summary.updates,
         summary.transitions as f64 / 1e6,
         summary.actuator.kind
@@ -81,12 +120,12 @@ fn estimate(estimate: &Estimate) -> String {
     format!("{:.1}{}", estimate.mean, range.unwrap_or_default())
 }
 
-fn strength(page: &mut Page, verdict: &Evaluation) {
+fn evaluation(page: &mut Page, verdict: &Evaluation) {
     let texts = |cells: &[&str]| cells.iter().map(|cell| (*cell).to_owned()).collect();
-    page.section("Strength");
+    page.section("Evaluation");
     page.paragraph(
-        "The policy plays the means of its actions; every board plays one episode, half of them from each \
-         seat. A game that nobody wins in time is drawn and not decided. In brackets: 95 % intervals.",
+        "The policy plays its mean actions. Each environment plays one episode, half of them from each side. A game \
+         without a winner at the time limit is drawn and not decided. Brackets hold 95 % intervals.",
     );
     let share = |share: Option<f64>| {
         share.map_or_else(|| "-".to_owned(), |share| format!("{:.1}", 100.0 * share))
@@ -114,51 +153,33 @@ fn strength(page: &mut Page, verdict: &Evaluation) {
             "won",
             "drawn",
             "lost",
-            "won of decided (%)",
-            "95 %",
-            "from the left (%)",
-            "from the right (%)",
-            "scored per min",
-            "conceded per min",
-            "length (s)",
-            "own hits",
+            "win rate (%)",
+            "95 % interval",
+            "as left player (%)",
+            "as right player (%)",
+            "goals per minute",
+            "conceded per minute",
+            "episode length (s)",
+            "own hits per episode",
         ]),
         rows: rows.collect(),
     });
     if verdict.elo.is_empty() {
         return;
     }
-    page.subsection("Elo, K = 10, base 1200");
+    page.subsection("Elo rating (K = 10, base 1200)");
     let rows = verdict.elo.iter().map(|row| {
         let rating = format!("{:.0}", row.rating);
         vec![row.player.clone(), rating, interval(row.ci95, 1.0), row.games.to_string()]
     });
     page.table(&Table {
-        head: texts(&["player", "rating", "95 %", "games"]),
+        head: texts(&["player", "rating", "95 % interval", "games"]),
         rows: rows.collect(),
     });
 }
 
-fn plot(curve: &[CurvePoint], (title, figure, unit): (&str, &str, &str)) -> String {
-    let value = |point: &CurvePoint| {
-        point.figures().iter().find(|(name, _)| *name == figure).map(|(_, value)| *value)
-    };
-    let points = curve
-        .iter()
-        .filter_map(|point| Some((point.transitions as f64 / 1e6, value(point)?)))
-        .collect();
-    line_plot(&LinePlot {
-        title: title.to_owned(),
-        x: "transitions (million)".to_owned(),
-        y: Axis { label: unit.to_owned(), scale: Scale::Linear },
-        bands: Vec::new(),
-        curves: vec![Curve { colour: BLUE, stroke: Stroke::Solid, points }],
-        size: SIZE,
-    })
-}
-
 fn how(page: &mut Page, summary: &Summary) {
-    page.section("How it was made");
+    page.section("Provenance");
     page.code(&summary.provenance.command_line);
     let sha256 = summary.actuator.sha256.clone().unwrap_or_else(|| "-".to_owned());
     let asked = summary.actuator_extrapolation_fraction.map_or_else(
@@ -171,8 +192,8 @@ fn how(page: &mut Page, summary: &Summary) {
         commit,
         ("seed", summary.settings.seed.to_string()),
         ("actuator", summary.actuator.file.clone().unwrap_or(summary.actuator.kind.clone())),
-        ("its SHA-256", sha256),
-        ("asked outside of its training data", asked),
+        ("SHA-256 of the actuator", sha256),
+        ("actuator queries out of distribution", asked),
     ]);
     page.subsection("Settings");
     page.code(&summary.settings.to_json());

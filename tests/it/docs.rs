@@ -10,7 +10,7 @@ use std::{
 };
 
 /// Largest picture (bytes).
-const LARGEST_PICTURE: u64 = 120_000;
+const LARGEST_PICTURE: u64 = 300_000;
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -76,6 +76,10 @@ fn links_and_pictures_are_there_and_every_picture_is_shown() {
     }
     for entry in fs::read_dir(root().join("docs/pictures")).unwrap() {
         let path = entry.unwrap().path();
+        // Beside the pictures lie the hashes of the code that drew them.
+        if path.extension().is_some_and(|extension| extension == "json") {
+            continue;
+        }
         let bytes = fs::metadata(&path).unwrap().len();
         assert!(bytes <= LARGEST_PICTURE, "{}: {bytes} bytes", path.display());
         assert!(shown.contains(&path.canonicalize().unwrap()), "{} is on no page", path.display());

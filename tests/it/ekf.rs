@@ -97,7 +97,12 @@ fn the_command_writes_what_can_be_read_back_and_the_same_every_time() {
     near(settings.ball.measurement_sigma_m, sigma, 1e-12);
     near(settings.ball.measurement_sigma_m, 5e-4, 0.1);
     let page = fs::read_to_string(out("one").join("index.html")).unwrap();
-    for section in ["Regions", "Covariance", "Innovations", "Velocity after a bounce"] {
+    for section in [
+        "Process noise by region",
+        "Covariance",
+        "Whiteness of innovations",
+        "Step response of the velocity after an impact",
+    ] {
         assert!(page.contains(&format!("<h2>{section}</h2>")), "{section}");
     }
     assert!(!page.contains("picture not drawn"));

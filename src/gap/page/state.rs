@@ -1,11 +1,11 @@
-//! The residual over the state of the machine: motion, or place on the board.
+//! Residual over the state of the machine: motion, or position on the board.
 
 use super::{
-    text::{number, shown_unit},
+    text::shown_unit,
     view::{PartView, View},
 };
 use crate::{
-    report::{HeatMap, heat_map_within},
+    report::{Axis, Chart, Grid},
     stats::quantile,
     twin::Channel,
 };
@@ -35,18 +35,16 @@ struct Sample {
 
 /// Maps of one signal over one pair of coordinates.
 pub(super) struct Maps {
-    /// What the coordinates are, in words.
+    /// Coordinates, in words.
     pub(super) over: &'static str,
-    /// The colour scale, in words.
-    pub(super) scale: String,
-    /// Before and after.
-    pub(super) pictures: [String; 2],
+    /// Before and after, with one colour scale.
+    pub(super) charts: [Chart; 2],
 }
 
-/// Coordinates of a map: labels, and the state at each sample of a channel.
+/// Coordinates of a map: quantities with units, and the state at each sample of a channel.
 struct Coordinates {
     over: &'static str,
-    labels: [String; 2],
+    labels: Labels,
     states: Vec<[f64; 2]>,
 }
 
@@ -55,11 +53,14 @@ pub(super) fn maps(view: &View<'_>, signal: &str) -> Vec<Maps> {
     [board, motion].into_iter().filter_map(|kind| map(view, signal, kind)).collect()
 }
 
+/// Quantity and unit of both axes.
+type Labels = [(String, String); 2];
+
 type Kind = fn(&PartView<'_>, usize) -> Option<Coordinates>;
 
 fn map(view: &View<'_>, signal: &str, kind: Kind) -> Option<Maps> {
     let mut samples: Vec<Sample> = Vec::new();
-    let mut named: Option<(&'static str, [String; 2], &'static str)> = None;
+    let mut named: Option<(&'static str, Labels, &'static str)> = None;
     for (part, channel) in view.channels_of(signal) {
         let Some(coordinates) = kind(part, channel) else { continue };
         for sample in part.channel(channel).runs.iter().flat_map(Clone::clone) {
@@ -83,24 +84,15 @@ fn map(view: &View<'_>, signal: &str, kind: Kind) -> Option<Maps> {
         grids[0].iter().flatten().copied().filter(|value| value.is_finite()).collect();
     cells.sort_by(f64::total_cmp);
     let darkest = rounded_up(quantile(&cells, WITHIN_SHADES).filter(|value| 0.0 < *value)?);
-    let picture = |column: usize, when: &str| {
-        let map = HeatMap {
-            title: format!("{signal}, {when}: RMS ({unit})"),
-            x: labels[0].clone(),
-            y: labels[1].clone(),
-            x_range: ranges[0],
-            y_range: ranges[1],
-            values: grids[column].clone(),
-            cells: Vec::new(),
-            size: (480, 380),
-        };
-        heat_map_within(&map, (0.0, darkest))
+    let chart = |column: usize, when: &str| {
+        let [x, y] = &labels;
+        let label = format!("residual RMS ({unit})");
+        let grid = Grid::of_numbers(grids[column].clone(), ranges[0], ranges[1], label);
+        Chart::of_plane(&format!("{signal}, {when}"), Axis::new(&x.0, &x.1), Axis::new(&y.0, &y.1))
+            .with_grid(grid.within(0.0, darkest))
+            .with_height(380)
     };
-    Some(Maps {
-        over,
-        scale: format!("the darkest colour is {} {unit} or more in both", number(darkest)),
-        pictures: [picture(0, "before"), picture(1, "after")],
-    })
+    Some(Maps { over, charts: [chart(0, "before"), chart(1, "after")] })
 }
 
 /// The range of one coordinate without its few outermost samples.
@@ -150,14 +142,19 @@ fn board(part: &PartView<'_>, channel: usize) -> Option<Coordinates> {
     };
     let (x, y) = (coordinate("x")?, coordinate("y")?);
     let states = x.measured.iter().zip(&y.measured).map(|(x, y)| [*x, *y]).collect();
-    let labels = ["x on the board (m)", "y on the board (m)"].map(str::to_owned);
-    Some(Coordinates { over: "the place on the board", labels, states })
+    let labels = ["x", "y"].map(|axis| (axis.to_owned(), "m".to_owned()));
+    Some(Coordinates { over: "the position on the board", labels, states })
 }
 
 /// Velocity and acceleration along the signal's own axis.
 fn motion(part: &PartView<'_>, channel: usize) -> Option<Coordinates> {
     let own = part.channel(channel);
-    let rates = |unit: &str| [format!("velocity ({unit}/s)"), format!("acceleration ({unit}/s²)")];
+    let rates = |unit: &str| {
+        [
+            ("velocity".to_owned(), format!("{unit}/s")),
+            ("acceleration".to_owned(), format!("{unit}/s²")),
+        ]
+    };
     let over = "velocity and acceleration";
     if let Some(unit) = length_of_velocity(own.unit) {
         return Some(Coordinates { over, labels: rates(unit), states: of_velocity(own) });
@@ -185,7 +182,10 @@ fn motion(part: &PartView<'_>, channel: usize) -> Option<Coordinates> {
 fn own_slope(own: &Channel) -> Coordinates {
     let slopes = slopes(own, &own.measured, half_steps(own, SLOPE_TIME.0));
     let states = own.measured.iter().zip(slopes).map(|(value, slope)| [*value, slope]).collect();
-    let labels = [format!("{} ({})", own.signal, own.unit), format!("its slope ({}/s)", own.unit)];
+    let labels = [
+        (own.signal.clone(), own.unit.to_owned()),
+        ("slope".to_owned(), format!("{}/s", own.unit)),
+    ];
     Coordinates { over: "the signal itself and its slope", labels, states }
 }
 

@@ -1,12 +1,11 @@
-//! The gap of each signal after each step of the search, in units of its noise floor.
+//! Residual RMS of each signal after each step of the search, in multiples of its noise floor.
 
-use super::PALETTE;
 use crate::{
     gap::{
         floor::{Floor, FloorSource},
         rounds::Outcome,
     },
-    report::{Curve, StepPlot, Stroke, step_plot},
+    report::{Axis, Chart, Colour, Series},
 };
 
 /// RMS of each signal after each step.
@@ -16,9 +15,6 @@ pub(super) struct Steps {
     /// `[step][signal]`.
     pub(super) rms: Vec<Vec<f64>>,
 }
-
-/// Name and colour of each curve.
-pub(super) type Legend = Vec<(String, [u8; 3])>;
 
 /// The steps of `outcome`: as given, all known parameters fitted, and each effect added. On the
 /// held-out sessions, or on the fitted ones without any, where only the ends are known.
@@ -47,36 +43,33 @@ pub(super) fn steps(outcome: &Outcome<'_>) -> Steps {
     Steps { names, rms }
 }
 
-/// The picture with its legend; `None` where no signal has a floor.
-pub(super) fn picture(outcome: &Outcome<'_>, floors: &[Floor]) -> Option<(String, Legend)> {
+/// Chart of the steps; `None` where no signal has a noise floor.
+pub(super) fn chart(outcome: &Outcome<'_>, floors: &[Floor]) -> Option<Chart> {
     let steps = steps(outcome);
     let channels = outcome.train.parts.first()?.stage.channels();
-    let mut curves = Vec::new();
-    let mut legend = Vec::new();
+    let mut series = Vec::new();
     for (index, (channel, floor)) in channels.iter().zip(floors).enumerate() {
         if floor.source == FloorSource::Unknown || floor.rms <= 0.0 {
             continue;
         }
-        let colour = PALETTE[legend.len() % PALETTE.len()];
         let points = steps
             .rms
             .iter()
             .enumerate()
             .filter_map(|(step, rms)| rms.get(index).map(|rms| (step as f64, rms / floor.rms)));
-        curves.push(Curve { colour, stroke: Stroke::Solid, points: points.collect() });
-        legend.push((channel.signal.clone(), colour));
+        let colour = Colour::of_series(series.len());
+        series.push(Series::marked(&channel.signal, colour, points.collect()));
     }
-    let held_out = !outcome.held_out.parts.is_empty();
-    let plot = StepPlot {
-        title: format!(
-            "Gap on {} data after each step",
-            if held_out { "held-out" } else { "fitted" }
-        ),
-        y: "RMS / noise floor".to_owned(),
-        steps: steps.names,
-        level: 1.0,
-        curves,
-        size: (980, 360),
-    };
-    (!legend.is_empty()).then(|| (step_plot(&plot), legend))
+    if series.is_empty() {
+        return None;
+    }
+    let data = if outcome.held_out.parts.is_empty() { "training" } else { "validation" };
+    let names = steps.names.into_iter().map(|lines| lines.join("\n")).collect();
+    let chart = Chart::of_lines(
+        &format!("Residual RMS on {data} data after each step"),
+        Axis::of_categories("step", names),
+        Axis::new("residual RMS / noise floor", "").logarithmic(),
+    );
+    let chart = chart.with(Series::level("noise floor", Colour::Grey, 1.0));
+    Some(chart.with_all(series).with_height(380))
 }

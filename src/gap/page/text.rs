@@ -1,4 +1,4 @@
-//! Numbers and words as a person reads them.
+//! Numbers, labels and sentences of the page.
 
 /// `value` with `count` significant digits, with a power of ten where that is shorter.
 pub(super) fn digits(value: f64, count: usize) -> String {
@@ -17,12 +17,12 @@ pub(super) fn digits(value: f64, count: usize) -> String {
     format!("{value:.*}", decimals as usize)
 }
 
-/// Three digits, which is what a gap is worth.
+/// `value` with three significant digits.
 pub(super) fn number(value: f64) -> String {
     digits(value, 3)
 }
 
-/// A probability.
+/// Probability.
 pub(super) fn probability(value: f64) -> String {
     if value.is_finite() && value < 1e-99 {
         "< 1e-99".to_owned()
@@ -33,9 +33,9 @@ pub(super) fn probability(value: f64) -> String {
     }
 }
 
-/// A share as a percentage.
-pub(super) fn percent(share: f64) -> String {
-    let value = 100.0 * share;
+/// Fraction as a percentage.
+pub(super) fn percent(fraction: f64) -> String {
+    let value = 100.0 * fraction;
     if 9.95 < value.abs() || value == 0.0 {
         format!("{value:.0} %")
     } else {
@@ -43,7 +43,7 @@ pub(super) fn percent(share: f64) -> String {
     }
 }
 
-/// A value and its interval, with the digits that the interval is worth.
+/// Value and interval with as many digits as the interval supports.
 pub(super) fn with_interval(value: f64, interval: Option<[f64; 2]>) -> [String; 2] {
     let Some([low, high]) = interval else { return [number(value), "–".to_owned()] };
     let half = 0.5 * (high - low);
@@ -74,13 +74,34 @@ pub(super) fn sentence(text: &str) -> String {
     written
 }
 
-/// The unit in which a gap is shown, and how many of it make one of `unit`.
+/// Factor from `unit` to the unit of the page, and that unit.
 pub(super) fn shown_unit(unit: &str) -> (f64, String) {
     match unit {
         "m" | "m/s" | "rad" | "rad/s" => (1e3, format!("m{unit}")),
         "N m" => (1e3, "mN m".to_owned()),
         "" => (1.0, "1".to_owned()),
         other => (1.0, other.to_owned()),
+    }
+}
+
+/// Units at the end of parameter names.
+const UNITS: [&str; 16] = [
+    "m", "s", "n", "kg", "hz", "rad", "deg", "per", "s2", "m2", "s3", "nm", "a", "v", "turn",
+    "turns",
+];
+
+/// Name of a parameter or a regressor as text: `unknown.speed[above 1 m/s]` is `speed (above 1 m/s)`, and the unit at
+/// the end of `delay_s` is left out.
+pub(super) fn label(name: &str) -> String {
+    let name = name.strip_prefix("unknown.").unwrap_or(name);
+    let (words, band) = name.split_once('[').unwrap_or((name, ""));
+    let words: Vec<&str> = words.split('_').collect();
+    let is_unit = |word: &&&str| UNITS.contains(*word);
+    let units = words.iter().rev().take_while(is_unit).count().min(words.len() - 1);
+    let words = words[..words.len() - units].join(" ");
+    match band.trim_end_matches(']') {
+        "" => words,
+        band => format!("{words} ({band})"),
     }
 }
 
@@ -108,6 +129,13 @@ mod tests {
     fn small_intervals_have_powers_of_ten() {
         let found = with_interval(4.24e-6, Some([1.24e-6, 7.24e-6]));
         assert_eq!(found, ["4.2e-6", "1.2e-6 to 7.2e-6"]);
+    }
+
+    #[test]
+    fn names_become_labels() {
+        let names = ["delay_s", "limit_m_per_s2", "m", "unknown.speed[above 1 m/s]", "mass_kg"];
+        let labels = ["delay", "limit", "m", "speed (above 1 m/s)", "mass"];
+        assert_eq!(names.map(label), labels);
     }
 
     #[test]

@@ -1,62 +1,54 @@
-//! A signal over time, where the gap is largest: measured, before, after, and what is left.
+//! Signal over time at its largest residual: measured, simulated before and after, and the residuals.
 
 use super::{
-    BLUE, GREY, INK, ORANGE,
     text::shown_unit,
     view::{PartView, View},
 };
-use crate::report::{Axis, Band, Curve, LinePlot, Scale, Stroke, line_plot};
+use crate::report::{Axis, Chart, Colour, Points, Ranges, Series};
 use std::ops::Range;
 
-/// Length of the window that is drawn (s).
+/// Length of the drawn window (s).
 const WINDOW: f64 = 3.0;
 
-/// Length over which the worst moment is looked for (s).
+/// Length of the moving average that finds the largest residual (s).
 const MOMENT: f64 = 0.5;
 
-/// Shortest run that is drawn while there are longer ones (s).
+/// Shortest run that is preferred (s).
 const LEAST_RUN: f64 = 0.5;
 
-/// The pictures of one signal with what they show.
+/// Charts of one signal with their place in the data.
 pub(super) struct Trace {
     /// Index of the session among those of the view.
     pub(super) part: usize,
     /// Start and end of the window (s since the session began).
     pub(super) window: Range<f64>,
-    /// The signal, below it the residuals, and the residual after alone where the one before hides
-    /// it.
-    pub(super) pictures: Vec<String>,
+    /// Signal and residuals, with a shared cursor.
+    pub(super) charts: Vec<Chart>,
 }
 
-/// How many times larger the residual before must be to hide the one after.
-const HIDDEN: f64 = 5.0;
+/// Name of the group of these charts.
+const GROUP: &str = "trace";
 
-/// Where a window lies: session, its channel, and its samples.
+/// Window of a channel: session, channel and samples.
 struct Place {
     part: usize,
     channel: usize,
     samples: Range<usize>,
 }
 
-/// The pictures of `signal`; `None` where nothing of it counts. `floor` is its noise floor.
+/// Charts of `signal`; `None` without usable samples. `floor` is its noise floor.
 pub(super) fn trace(view: &View<'_>, signal: &str, floor: Option<f64>) -> Option<Trace> {
     let place = worst(view, signal)?;
     let part = &view.parts[place.part];
     let channel = part.channel(place.channel);
     let at = |sample: usize| channel.times[sample];
     let window = at(place.samples.start)..at(place.samples.end - 1);
-    let mut pictures = vec![
-        signal_picture(part, &place, signal, channel.unit),
-        residual_picture(part, &place, floor, &[(ORANGE, 0), (BLUE, 1)]),
-    ];
-    let [before, after] = [0, 1].map(|column| largest(part, &place, column));
-    if HIDDEN * after < before {
-        pictures.push(residual_picture(part, &place, floor, &[(BLUE, 1)]));
-    }
-    Some(Trace { part: place.part, window, pictures })
+    let charts =
+        vec![signal_chart(part, &place, signal, channel.unit), residual_chart(part, &place, floor)];
+    Some(Trace { part: place.part, window, charts })
 }
 
-/// The run with the largest mean squared gap, and in it the window about the worst moment.
+/// Run with the largest mean squared residual, and in it the window around the largest moving average.
 fn worst(view: &View<'_>, signal: &str) -> Option<Place> {
     let mut best: Option<(bool, f64, Place)> = None;
     for (index, part) in view.parts.iter().enumerate() {
@@ -82,7 +74,7 @@ fn worst(view: &View<'_>, signal: &str) -> Option<Place> {
     Some(place)
 }
 
-/// The samples of `run` in a window about the moment with the largest squared gap.
+/// Samples of `run` in a window around the largest moving average of the squared residual.
 fn around_worst(part: &PartView<'_>, channel: usize, run: Range<usize>) -> Range<usize> {
     let times = &part.channel(channel).times;
     let mut worst = (0.0, times[run.start]);
@@ -107,75 +99,53 @@ fn around_worst(part: &PartView<'_>, channel: usize, run: Range<usize>) -> Range
     index(start)..(index(end) + 1).min(run.end)
 }
 
-fn points(place: &Place, times: &[f64], value: impl Fn(usize) -> f64) -> Vec<(f64, f64)> {
+fn points(place: &Place, times: &[f64], value: impl Fn(usize) -> f64) -> Points {
     place.samples.clone().map(|sample| (times[sample], value(sample))).collect()
 }
 
-fn signal_picture(part: &PartView<'_>, place: &Place, signal: &str, unit: &str) -> String {
+fn signal_chart(part: &PartView<'_>, place: &Place, signal: &str, unit: &str) -> Chart {
     let channel = part.channel(place.channel);
-    let curve = |colour, stroke, values: &[f64]| Curve {
-        colour,
-        stroke,
-        points: points(place, &channel.times, |sample| values[sample]),
-    };
-    line_plot(&LinePlot {
-        title: signal.to_owned(),
-        x: "time in the session (s)".to_owned(),
-        y: Axis { label: format!("{signal} ({unit})"), scale: Scale::Linear },
-        bands: Vec::new(),
-        curves: vec![
-            curve(INK, Stroke::Solid, &channel.measured),
-            curve(ORANGE, Stroke::Solid, &part.before[place.channel]),
-            curve(BLUE, Stroke::Dashed, &part.after[place.channel]),
-        ],
-        size: (980, 320),
-    })
+    let points = |values: &[f64]| points(place, &channel.times, |sample| values[sample]);
+    Chart::of_lines(
+        &format!("{signal}: measured and simulated"),
+        Axis::new("time in the session", "s"),
+        Axis::new(signal, unit),
+    )
+    .in_group(&format!("{GROUP}-{signal}"))
+    .with_height(320)
+    .with(Series::line("measured", Colour::Ink, points(&channel.measured)))
+    .with(Series::line("simulated before", Colour::Orange, points(&part.before[place.channel])))
+    .with(Series::dashed("simulated after", Colour::Blue, points(&part.after[place.channel])))
 }
 
-/// Largest residual of one column in the window.
-fn largest(part: &PartView<'_>, place: &Place, column: usize) -> f64 {
-    let values = place.samples.clone().map(|sample| part.residual(place.channel, sample)[column]);
-    values.map(f64::abs).fold(0.0, f64::max)
-}
-
-/// The residuals of `columns`, each in its colour.
-fn residual_picture(
-    part: &PartView<'_>,
-    place: &Place,
-    floor: Option<f64>,
-    columns: &[([u8; 3], usize)],
-) -> String {
+fn residual_chart(part: &PartView<'_>, place: &Place, floor: Option<f64>) -> Chart {
     let channel = part.channel(place.channel);
     let (factor, unit) = shown_unit(channel.unit);
     let counts = |sample: &usize| part.usable[place.channel][*sample];
     let counted = place.samples.clone().find(counts).unwrap_or(place.samples.end);
-    let curve = |(colour, column): ([u8; 3], usize)| Curve {
-        colour,
-        stroke: Stroke::Solid,
-        points: points(place, &channel.times, |sample| {
-            // The first samples of a run do not count, but they are no outliers either.
+    let residual = |column: usize| {
+        points(place, &channel.times, |sample| {
+            // The first samples of a run are not used, but they are no outliers either.
             let both = if sample < counted {
                 part.difference(place.channel, sample)
             } else {
                 part.residual(place.channel, sample)
             };
             factor * both[column]
-        }),
+        })
     };
-    let band = |floor: f64| {
-        let points = [place.samples.start, place.samples.end - 1]
-            .map(|sample| (channel.times[sample], -factor * floor, factor * floor));
-        Band { colour: GREY, points: points.to_vec() }
+    let band = |floor: f64| -> Ranges {
+        let ends = [place.samples.start, place.samples.end - 1];
+        ends.map(|sample| (channel.times[sample], -factor * floor, factor * floor)).into()
     };
-    line_plot(&LinePlot {
-        title: match columns {
-            [_] => "measured less simulated after, enlarged".to_owned(),
-            _ => "measured less simulated".to_owned(),
-        },
-        x: "time in the session (s)".to_owned(),
-        y: Axis { label: format!("residual ({unit})"), scale: Scale::Linear },
-        bands: floor.map(band).into_iter().collect(),
-        curves: columns.iter().copied().map(curve).collect(),
-        size: (980, 240),
-    })
+    Chart::of_lines(
+        "Residual: measured minus simulated",
+        Axis::new("time in the session", "s"),
+        Axis::new("residual", &unit),
+    )
+    .in_group(&format!("{GROUP}-{}", channel.signal))
+    .with_height(260)
+    .with_all(floor.map(|floor| Series::band("noise floor", Colour::Grey, band(floor))))
+    .with(Series::line("before", Colour::Orange, residual(0)))
+    .with(Series::line("after", Colour::Blue, residual(1)))
 }

@@ -1,136 +1,128 @@
-//! Shot map and heat maps on a drawn board, left player on the left as in the replay.
+//! Shot map and heat maps on the board, with the left player on the left as in the replay.
 
 use crate::{
     board::{BoardSize, CUP_DISTANCE, CUP_RADIUS},
     recording::topic::Player,
     referee::{Event, EventKind, Frame, ScoredMatch},
+    report::{Axis, Chart, Colour, Grid, Points, Series},
 };
-use std::fmt::Write as _;
+use std::f64::consts::TAU;
 
-/// Pixels per metre.
-const SCALE: f64 = 1100.0;
-/// Side of a heat map's cell (m).
+/// Side of a cell of a heat map (m).
 const CELL: f64 = 0.02;
-/// Most shots that are drawn.
+/// Most events in the shot map.
 const SHOTS: usize = 600;
-/// An arrow is as long as the ball moves in this time (s).
-const ARROW_SECONDS: f64 = 0.05;
+/// Length of a drawn strike in travel time of the ball (s).
+const STRIKE_SECONDS: f64 = 0.05;
+
+/// Break between the lines of one series.
+const BREAK: (f64, f64) = (f64::NAN, f64::NAN);
 
 /// Colour of a player.
-pub(super) fn colour(player: Player) -> &'static str {
+fn colour(player: Player) -> Colour {
     match player {
-        Player::Left => "#1f69b4",
-        Player::Right => "#d07018",
+        Player::Left => Colour::Blue,
+        Player::Right => Colour::Orange,
     }
 }
 
-/// Across and down (px) of a place on the board.
-fn at(board: BoardSize, place: [f64; 2]) -> (f64, f64) {
-    (SCALE * (place[1] + board.long_side / 2.0), SCALE * (place[0] + board.short_side / 2.0))
+/// Chart coordinates of a board position: y to the right, x downwards.
+fn at(position: [f64; 2]) -> (f64, f64) {
+    (position[1], position[0])
 }
 
-fn drawn_board(board: BoardSize, title: &str, content: &str) -> String {
-    let (width, height) = (SCALE * board.long_side, SCALE * board.short_side);
-    let cups: String = Player::BOTH
-        .into_iter()
-        .map(|player| {
-            let y = if player == Player::Left { -CUP_DISTANCE } else { CUP_DISTANCE };
-            let (cx, cy) = at(board, [0.0, y]);
-            format!(
-                "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"{:.1}\" fill=\"none\" stroke=\"#5c6874\"/>",
-                SCALE * CUP_RADIUS
-            )
-        })
-        .collect();
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 -24 {width:.0} {:.0}\" width=\"{width:.0}\" \
-         height=\"{:.0}\" role=\"img\" aria-label=\"{title}\"><text x=\"2\" y=\"-8\" \
-         font-family=\"sans-serif\" font-size=\"15\">{title}</text><rect width=\"{width:.0}\" \
-         height=\"{height:.0}\" fill=\"#f7f9f7\" stroke=\"#8a949f\"/><path d=\"M{:.1} 0V{height:.0}\" \
-         stroke=\"#c5ccd4\"/>{content}{cups}</svg>",
-        height + 26.0,
-        height + 26.0,
-        width / 2.0,
+fn on_board(title: &str, board: BoardSize) -> Chart {
+    let (x, y) = (board.short_side / 2.0, board.long_side / 2.0);
+    Chart::of_plane(
+        title,
+        Axis::new("y", "m").within(-1.02 * y, 1.02 * y),
+        Axis::new("x", "m").within(-1.02 * x, 1.02 * x).reversed(),
     )
+    .with_equal_axes()
+    .with_height(420)
 }
 
-/// Strikes as arrows (thick and dark when goal-directed), blocks as rings, goals as crosses.
-pub(super) fn shot_map(matches: &[ScoredMatch], board: BoardSize) -> String {
-    let mut content = String::new();
+/// Edge of the board, centre line and goals.
+fn outline(board: BoardSize) -> Vec<Series> {
+    let (x, y) = (board.short_side / 2.0, board.long_side / 2.0);
+    let mut edge = vec![(-y, -x), (y, -x), (y, x), (-y, x), (-y, -x)];
+    edge.extend([BREAK, (0.0, -x), (0.0, x)]);
+    let goal = |player: Player| {
+        let middle = if player == Player::Left { -CUP_DISTANCE } else { CUP_DISTANCE };
+        let circle = (0..=32).map(|k| {
+            let (sin, cos) = (TAU * f64::from(k) / 32.0).sin_cos();
+            (middle + CUP_RADIUS * cos, CUP_RADIUS * sin)
+        });
+        Series::line("", colour(player), circle.collect()).quiet()
+    };
+    let mut all = vec![Series::line("", Colour::Grey, edge).with_width(1.2).quiet()];
+    all.extend(Player::BOTH.map(goal));
+    all
+}
+
+/// Strikes as lines (thick where goal-directed), blocks as rings, goals as crosses.
+pub(super) fn shot_map(matches: &[ScoredMatch], board: BoardSize) -> Chart {
     let events = matches.iter().flat_map(|scored| &scored.analysis.events);
-    let shots = events.filter(|event| {
-        matches!(event.kind, EventKind::Strike | EventKind::Block | EventKind::Goal)
-    });
-    for event in shots.take(SHOTS) {
-        write_shot(&mut content, event, board)
-            .unwrap_or_else(|_grows| unreachable!("a String grows"));
-    }
-    drawn_board(board, "strikes, blocks, goals", &content)
-}
-
-fn write_shot(svg: &mut String, event: &Event, board: BoardSize) -> std::fmt::Result {
-    let Some(player) = event.player else { return Ok(()) };
-    let (x, y) = at(board, event.position);
-    let colour = colour(player);
-    match event.kind {
-        EventKind::Strike => {
-            let [vx, vy] = event.velocity_out;
-            let tip =
-                [event.position[0] + ARROW_SECONDS * vx, event.position[1] + ARROW_SECONDS * vy];
-            let (to_x, to_y) = at(board, tip);
-            let (width, opacity) = if event.goal_directed { (2.6, 1.0) } else { (1.2, 0.6) };
-            write!(
-                svg,
-                "<path d=\"M{x:.1} {y:.1}L{to_x:.1} {to_y:.1}\" stroke=\"{colour}\" \
-                 stroke-width=\"{width}\" opacity=\"{opacity}\"/><circle cx=\"{x:.1}\" \
-                 cy=\"{y:.1}\" r=\"2.2\" fill=\"{colour}\" opacity=\"{opacity}\"/>"
-            )
+    let shots: Vec<&Event> = events
+        .filter(|event| {
+            event.player.is_some()
+                && matches!(event.kind, EventKind::Strike | EventKind::Block | EventKind::Goal)
+        })
+        .take(SHOTS)
+        .collect();
+    let of = |kind: EventKind, player: Player| {
+        let own = move |event: &&&Event| event.kind == kind && event.player == Some(player);
+        shots.iter().filter(own)
+    };
+    let mut series = outline(board);
+    for player in Player::BOTH {
+        for (directed, word, width) in [(false, "strike", 1.2), (true, "goal-directed strike", 3.0)]
+        {
+            let strikes = of(EventKind::Strike, player).filter(|one| one.goal_directed == directed);
+            let lines: Points = strikes.flat_map(|event| strike(event)).collect();
+            let name = format!("{word}, {player}");
+            series.push(Series::line(&name, colour(player), lines).with_width(width));
         }
-        EventKind::Block => write!(
-            svg,
-            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\" fill=\"none\" stroke=\"{colour}\"/>"
-        ),
-        _ => write!(
-            svg,
-            "<path d=\"M{0:.1} {1:.1}l8 8m0 -8l-8 8\" stroke=\"#b03030\" stroke-width=\"2\"/>",
-            x - 4.0,
-            y - 4.0
-        ),
+        let blocks = of(EventKind::Block, player).map(|event| at(event.position)).collect();
+        series.push(Series::rings(&format!("block, {player}"), colour(player), blocks));
     }
+    let goals = shots.iter().filter(|event| event.kind == EventKind::Goal);
+    let goals = goals.map(|event| at(event.position)).collect();
+    series.push(Series::crosses("goal", Colour::Red, goals).with_width(2.2));
+    on_board("Strikes, blocks and goals", board).with_all(series)
 }
 
-/// Where `of` was: the darker, the longer.
+/// Line of one strike, from the contact along the path of the ball.
+fn strike(event: &Event) -> [(f64, f64); 3] {
+    let ([x, y], [vx, vy]) = (event.position, event.velocity_out);
+    [at([x, y]), at([x + STRIKE_SECONDS * vx, y + STRIKE_SECONDS * vy]), BREAK]
+}
+
+/// Time that an object spends in each cell of the board.
 pub(super) fn heat(
     matches: &[ScoredMatch],
     board: BoardSize,
     title: &str,
     of: &dyn Fn(&Frame) -> Option<[f64; 2]>,
-) -> String {
-    let (columns, rows) =
-        ((board.long_side / CELL).ceil() as usize, (board.short_side / CELL).ceil() as usize);
-    let mut counts = vec![0_u32; columns * rows];
-    let frames = matches.iter().flat_map(|scored| &scored.analysis.track);
-    for place in frames.filter_map(of) {
-        let column = ((place[1] + board.long_side / 2.0) / CELL).clamp(0.0, columns as f64 - 1.0);
-        let row = ((place[0] + board.short_side / 2.0) / CELL).clamp(0.0, rows as f64 - 1.0);
-        counts[row as usize * columns + column as usize] += 1;
+) -> Chart {
+    let columns = (board.long_side / CELL).round().max(1.0) as usize;
+    let rows = (board.short_side / CELL).round().max(1.0) as usize;
+    let mut seconds = vec![vec![0.0_f64; columns]; rows];
+    let cell = |value: f64, side: f64, count: usize| {
+        let part = (value / side + 0.5) * count as f64;
+        part.clamp(0.0, count as f64 - 1.0) as usize
+    };
+    for scored in matches {
+        let analysis = &scored.analysis;
+        let frame_time = analysis.duration() / analysis.track.len().max(1) as f64;
+        for position in analysis.track.iter().filter_map(of) {
+            let row = cell(position[0], board.short_side, rows);
+            seconds[row][cell(position[1], board.long_side, columns)] += frame_time;
+        }
     }
-    let most = counts.iter().copied().max().unwrap_or(0).max(1);
-    let side = SCALE * CELL;
-    let cells: String = counts
-        .iter()
-        .enumerate()
-        .filter(|(_, count)| 0 < **count)
-        .map(|(idx, count)| {
-            // The root shows what is rare as well.
-            let opacity = (f64::from(*count) / f64::from(most)).sqrt();
-            format!(
-                "<rect x=\"{:.0}\" y=\"{:.0}\" width=\"{side:.0}\" height=\"{side:.0}\" \
-                 fill=\"#7a1f5c\" fill-opacity=\"{opacity:.2}\"/>",
-                (idx % columns) as f64 * side,
-                (idx / columns) as f64 * side
-            )
-        })
-        .collect();
-    drawn_board(board, title, &cells)
+    let shade = |value: &f64| if 0.0 < *value { value.log10() } else { f64::NAN };
+    let values = seconds.iter().map(|row| row.iter().map(shade).collect()).collect();
+    let (x, y) = (board.short_side / 2.0, board.long_side / 2.0);
+    let grid = Grid::of_numbers(values, (-y, y), (-x, x), "time (s)").of_logarithms();
+    on_board(title, board).with_grid(grid).with_all(outline(board))
 }

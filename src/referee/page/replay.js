@@ -1,11 +1,18 @@
-// Replay of judged matches. The data stand in the element #replay-data.
+// Replay of matches. The data stand in the element #replay-data.
 (function () {
   'use strict';
   const root = document.getElementById('replay');
   const data = JSON.parse(document.getElementById('replay-data').textContent);
   const by = (id) => document.getElementById('replay-' + id);
   const canvas = by('board'), line = by('timeline');
-  const colours = { left: '#1f69b4', right: '#d07018', none: '#5c6874' };
+  const style = () => getComputedStyle(document.documentElement);
+  let colours = {};
+  const readColours = () => {
+    const own = style(), of = (name) => own.getPropertyValue('--' + name).trim();
+    colours = { left: of('blue'), right: of('orange'), none: of('soft'), ball: of('gold'), field: of('head'), wall: of('brown'), line: of('line'), paper: of('paper'), ink: of('ink'), now: of('red') };
+  };
+  // Width of the drawn walls (m).
+  const WALL = 0.012;
   const marks = { block: 5, strike: 9, touch: 3, wall_bounce: 2, goal: 14, rim_out: 8, striker_in_goal: 14, timeout: 12, ball_lost: 12, restart: 12 };
   const names = { block: 'block', strike: 'strike', touch: 'touch', wall_bounce: 'wall', goal: 'goal', rim_out: 'rim-out', striker_in_goal: 'striker in goal', timeout: 'timeout', ball_lost: 'ball lost', restart: 'restart' };
   let match = data.matches[0], time = 0, playing = false, shown = [], last = null;
@@ -41,24 +48,28 @@
   }
 
   function drawBoard() {
-    const [width] = size(canvas), ink = canvas.getContext('2d');
-    const [short, long] = data.board, px = width / long;
-    const at = (p) => [(p[1] + long / 2) * px, (p[0] + short / 2) * px];
-    const disc = (p, radius, fill, stroke) => {
+    const [width, , ratio] = size(canvas), ink = canvas.getContext('2d');
+    const [short, long] = data.board, px = width / (long + 2 * WALL);
+    const at = (p) => [(p[1] + long / 2 + WALL) * px, (p[0] + short / 2 + WALL) * px];
+    const disc = (p, radius, fill, stroke, line) => {
       ink.beginPath(); ink.arc(...at(p), radius * px, 0, 7); ink.fillStyle = fill; ink.fill();
-      if (stroke) { ink.strokeStyle = stroke; ink.lineWidth = 1.5; ink.stroke(); }
+      if (stroke) { ink.strokeStyle = stroke; ink.lineWidth = (line || 1.5) * ratio; ink.stroke(); }
     };
-    ink.fillStyle = '#eef3ee'; ink.fillRect(0, 0, canvas.width, canvas.height);
-    ink.strokeStyle = '#c5ccd4'; ink.lineWidth = 1; ink.beginPath();
+    // Walls, field, centre line, and each player's own goal in that player's colour.
+    ink.fillStyle = colours.wall; ink.fillRect(0, 0, canvas.width, canvas.height);
+    ink.fillStyle = colours.field; ink.fillRect(WALL * px, WALL * px, long * px, short * px);
+    ink.strokeStyle = colours.line; ink.lineWidth = 1.5 * ratio; ink.beginPath();
     ink.moveTo(...at([-short / 2, 0])); ink.lineTo(...at([short / 2, 0])); ink.stroke();
-    for (const y of [-data.cup[0], data.cup[0]]) { disc([0, y], data.cup[1], '#ffffff', '#8a949f'); }
+    disc([0, -data.cup[0]], data.cup[1], colours.paper, colours.left, 3);
+    disc([0, data.cup[0]], data.cup[1], colours.paper, colours.right, 3);
     // The last half second of the ball.
     let before = null;
     for (let k = 30; 0 <= k; k--) {
       const p = place(match.ball, Math.max(0, time - k / 60));
       if (p && before) {
-        ink.strokeStyle = 'rgba(180,140,0,' + (0.7 * (1 - k / 31)).toFixed(2) + ')'; ink.lineWidth = 3;
+        ink.strokeStyle = colours.ball; ink.globalAlpha = 0.7 * (1 - k / 31); ink.lineWidth = 3 * ratio;
         ink.beginPath(); ink.moveTo(...at(before)); ink.lineTo(...at(p)); ink.stroke();
+        ink.globalAlpha = 1;
       }
       before = p;
     }
@@ -67,16 +78,16 @@
       if (p) { disc(p, data.radii[1], colours[side]); }
     }
     const ball = place(match.ball, time);
-    if (ball) { disc(ball, data.radii[0], '#e8b923', '#8a6d00'); }
+    if (ball) { disc(ball, data.radii[0], colours.ball, colours.ink, 1); }
     for (const event of match.events) {
       const age = time - event.t;
       if (0 <= age && age < 0.6 && event.kind !== 'restart') {
         ink.strokeStyle = colours[event.player] || colours.none; ink.globalAlpha = 1 - age / 0.6; ink.lineWidth = 2;
         ink.beginPath(); ink.arc(...at([event.x, event.y]), (0.012 + 0.02 * age) * px, 0, 7); ink.stroke();
-        ink.fillStyle = ink.strokeStyle; ink.font = Math.round(0.013 * px) + 'px sans-serif';
+        ink.fillStyle = ink.strokeStyle; ink.font = Math.round(Math.max(12 * ratio, 0.013 * px)) + 'px sans-serif';
         const [x, y] = at([event.x, event.y]);
         ink.textAlign = width * 0.8 < x ? 'right' : 'left';
-        ink.fillText(names[event.kind], x + (width * 0.8 < x ? -1 : 1) * 0.016 * px, Math.max(0.016 * px, y - 0.014 * px));
+        ink.fillText(names[event.kind], x + (width * 0.8 < x ? -1 : 1) * 0.016 * px, Math.max(18 * ratio, y - 0.014 * px));
         ink.globalAlpha = 1;
       }
     }
@@ -85,10 +96,10 @@
   function drawTimeline() {
     const [width, height, scale] = size(line), ink = line.getContext('2d');
     const x = (t) => 4 + (width - 8) * t / match.duration;
-    ink.fillStyle = '#ffffff'; ink.fillRect(0, 0, width, height);
+    ink.fillStyle = colours.paper; ink.fillRect(0, 0, width, height);
     match.episodes.forEach((episode, k) => {
-      ink.fillStyle = k % 2 ? '#e2e8ef' : '#eef1f5'; ink.fillRect(x(episode.start), 0, Math.max(1, x(episode.end) - x(episode.start)), height);
-      ink.fillStyle = colours[episode.scorer] || '#b8c0ca'; ink.fillRect(x(episode.end) - 2, 0, 3, height);
+      ink.fillStyle = k % 2 ? colours.line : colours.field; ink.fillRect(x(episode.start), 0, Math.max(1, x(episode.end) - x(episode.start)), height);
+      ink.fillStyle = colours[episode.scorer] || colours.none; ink.fillRect(x(episode.end) - 2, 0, 3, height);
     });
     for (const event of shown) {
       const long = (marks[event.kind] || 4) * scale, middle = height / 2;
@@ -96,7 +107,15 @@
       ink.fillStyle = colours[event.player] || colours.none;
       ink.fillRect(x(event.t), event.player ? y : middle - long / 2, Math.max(1, scale), long);
     }
-    ink.fillStyle = '#c0392b'; ink.fillRect(x(time) - 1, 0, 2 * scale, height);
+    ink.fillStyle = colours.now; ink.fillRect(x(time) - 1, 0, 2 * scale, height);
+  }
+
+  // Points of both players up to now.
+  function score() {
+    const points = (side) => match.episodes.filter((episode) => episode.scorer === side && episode.end <= time + 1e-6).length;
+    by('score').innerHTML = '<span class="left">left <b>' + points('left') + '</b></span>:<span class="right"><b>' + points('right') +
+      '</b> right</span><span class="ball">ball: yellow</span>';
+    root.dataset.score = points('left') + ':' + points('right');
   }
 
   function show() {
@@ -104,7 +123,7 @@
     by('time').textContent = seconds(time) + ' of ' + seconds(match.duration);
     root.dataset.time = time.toFixed(3);
     root.dataset.playing = String(playing);
-    drawBoard(); drawTimeline();
+    score(); drawBoard(); drawTimeline();
   }
 
   function go(t) { time = Math.min(match.duration, Math.max(0, t)); show(); }
@@ -172,6 +191,8 @@
     go((click.clientX - box.left - 4) / (box.width - 8) * match.duration);
   });
   window.addEventListener('resize', show);
-  canvas.style.aspectRatio = data.board[1] + ' / ' + data.board[0];
+  canvas.style.aspectRatio = (data.board[1] + 2 * WALL) + ' / ' + (data.board[0] + 2 * WALL);
+  window.matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => { readColours(); show(); });
+  readColours();
   choose(0);
 })();

@@ -1,4 +1,4 @@
-//! The replay: a drawn board, its controls, and its data.
+//! Replay of the matches: board, controls and data.
 
 use crate::{
     board::{BALL_RADIUS, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
@@ -11,9 +11,9 @@ use serde::Serialize;
 const STYLE: &str = include_str!("replay.css");
 const SCRIPT: &str = include_str!("replay.js");
 
-/// Frames that the page holds of all matches together; of longer ones every n-th is shown.
+/// Most frames on the page; longer matches are decimated.
 const FRAMES: usize = 40_000;
-/// More frames per second than this are not shown (Hz).
+/// Highest frame rate on the page (Hz).
 const RATE: f64 = 60.0;
 
 #[derive(Serialize)]
@@ -59,7 +59,7 @@ struct EventMark<'a> {
     goal_directed: bool,
 }
 
-/// The replay of `matches`, markup with script and data; at least one match.
+/// Markup of the replay with its script and data; `matches` holds at least one.
 pub(super) fn replay(matches: &[ScoredMatch]) -> String {
     let frames: usize = matches.iter().map(|scored| scored.analysis.track.len()).sum();
     let budget = frames.div_ceil(FRAMES).max(1);
@@ -76,8 +76,8 @@ pub(super) fn replay(matches: &[ScoredMatch]) -> String {
         .enumerate()
         .map(|(idx, one)| format!("<option value=\"{idx}\">{}</option>", escape(&one.name)))
         .collect();
-    // A script ends at the first "</", whatever it stands in.
-    let json = serde_json::to_string(&data).unwrap_or_default().replace("</", "<\\/");
+    // No character of the data can end the script.
+    let json = serde_json::to_string(&data).unwrap_or_default().replace('<', "\\u003c");
     format!(
         "<style>{STYLE}</style>\n<div class=\"replay\" id=\"replay\">\n\
          <div class=\"bar\"><label>match <select id=\"replay-match\">{options}</select></label>\n\
@@ -85,6 +85,7 @@ pub(super) fn replay(matches: &[ScoredMatch]) -> String {
          <option value=\"touches\">touches</option><option value=\"strike\">strikes</option>\
          <option value=\"block\">blocks</option><option value=\"goal\">goals</option>\
          <option value=\"wall_bounce\">wall bounces</option></select></label></div>\n\
+         <div class=\"score\" id=\"replay-score\"></div>\n\
          <div class=\"stage\"><canvas class=\"board\" id=\"replay-board\"></canvas>\
          <div class=\"events\" id=\"replay-events\"></div></div>\n\
          <div class=\"bar\"><button type=\"button\" id=\"replay-play\">play</button>\
@@ -130,7 +131,7 @@ fn replayed(scored: &ScoredMatch, budget: usize) -> Match<'_> {
     }
 }
 
-/// Of how many frames one is shown.
+/// Decimation of the frames.
 fn step(judgement: &MatchAnalysis) -> usize {
     let rate = judgement.track.len() as f64 / judgement.duration().max(f64::MIN_POSITIVE);
     (rate / RATE).round().max(1.0) as usize

@@ -119,7 +119,7 @@ fn a_broken_file_is_told_and_does_not_stop_the_rest() {
     assert!(stderr.contains("cut.mcap: cut off at byte"), "{stderr}");
     assert_eq!(json(&out.join("score.json"))["matches"].as_array().unwrap().len(), 2);
     let page = fs::read_to_string(out.join("index.html")).unwrap();
-    assert!(page.contains("Not judged") && page.contains("is damaged"));
+    assert!(page.contains("Not analysed") && page.contains("is damaged"));
     // Alone, its error is that of the command.
     let (_, stderr, status) =
         said(&klasktron(&["eval", text(&broken), "--output", text(&out), "--overwrite"]));
@@ -198,7 +198,7 @@ fn the_filtered_state_is_judged_where_there_are_no_detections() {
         let out = dir.path().join("out");
         assert_eq!(said(&klasktron(&["eval", text(path), "-o", text(&out), "--overwrite"])).2, 0);
         let page = fs::read_to_string(out.join("index.html")).unwrap();
-        let warned = page.contains("no detections of the camera");
+        let warned = page.contains("no camera detections");
         let score = json(&out.join("score.json"));
         let episodes = score["matches"][0]["episodes"].as_array().unwrap().clone();
         let sum: u64 = episodes.iter().map(|e| e["contacts"].as_u64().unwrap()).sum();

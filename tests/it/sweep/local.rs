@@ -79,7 +79,7 @@ fn the_table_and_the_document_have_every_point() {
         assert!((metric - document["chosen"]["mean"].as_f64().unwrap()).abs() < 1e-12, "{line}");
     }
     let page = fs::read_to_string(out.join("index.html")).unwrap();
-    for part in ["3 of 3 points are finished", "table.parquet", "How it was made"] {
+    for part in ["3 of 3 points are finished", "table.parquet", "Provenance"] {
         assert!(page.contains(part), "{part}");
     }
 }

@@ -91,7 +91,7 @@ fn several_seeds_of_a_training_are_the_single_ones_and_a_page() {
         assert!(a == b, "{name} of seed 1 differs from a single run");
     }
     let page = fs::read_to_string(here.join("index.html")).unwrap();
-    for part in ["2 seeds are finished", "seed-1/index.html", "every seed", "<svg"] {
+    for part in ["2 seeds are finished", "seed-1/index.html", "every seed", "class=\"chart\""] {
         assert!(page.contains(part), "{part}");
     }
     let fake = FakeSlurm::new(dir.path());
