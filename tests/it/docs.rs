@@ -56,6 +56,18 @@ fn every_subcommand_has_a_page_with_a_picture_and_is_in_both_lists() {
     }
 }
 
+/// Anchors of the headings of a page, as GitHub and MkDocs make them.
+fn anchors(page: &Path) -> BTreeSet<String> {
+    let text = fs::read_to_string(page).unwrap();
+    let headings = text.lines().filter(|line| line.starts_with('#'));
+    let anchor = |heading: &str| -> String {
+        let words = heading.trim_start_matches('#').trim().to_lowercase();
+        let kept = words.chars().filter(|own| own.is_alphanumeric() || " -_".contains(*own));
+        kept.map(|own| if own == ' ' { '-' } else { own }).collect()
+    };
+    headings.map(anchor).collect()
+}
+
 #[test]
 fn links_and_pictures_are_there_and_every_picture_is_shown() {
     let mut shown = BTreeSet::new();
@@ -65,8 +77,17 @@ fn links_and_pictures_are_there_and_every_picture_is_shown() {
             if link.starts_with("https://") {
                 continue;
             }
-            let target = page.parent().unwrap().join(link);
+            let (file, heading) = link.split_once('#').unwrap_or((link, ""));
+            let target = match file {
+                "" => page.clone(),
+                file => page.parent().unwrap().join(file),
+            };
             assert!(target.exists(), "{}: {link} is not there", page.display());
+            assert!(
+                heading.is_empty() || anchors(&target).contains(heading),
+                "{}: {link} has no such heading",
+                page.display()
+            );
             shown.insert(target.canonicalize().unwrap());
         }
         for report in text.split("`reports/").skip(1) {
