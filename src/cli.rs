@@ -96,6 +96,20 @@ pub(crate) enum Command {
     /// several recordings is held out, or every third run of a single one. OUTPUT receives gap.json, twin.json
     /// (with the effects), index.html and gap.mcap.
     Gap(commands::gap::Args),
+    /// List the physical effects that `gap` can identify
+    ///
+    /// Each entry has the equation, the parameters with units and typical ranges, the signals that show the
+    /// effect, the motion that excites it and the effects that it is confused with.
+    Effects(commands::effects::Args),
+    /// Simulate a twin open loop from recorded or tabulated commands
+    ///
+    /// OUTPUT is a recording of the data contract, which `info`, `gap` and Foxglove read; the same motion is
+    /// written as CSV next to it. The simulation is deterministic and free of noise.
+    Simulate(commands::simulate::Args),
+    /// Compare the effects and parameters of two twins
+    ///
+    /// Effects are compared by name and location, parameters by value and 95 % confidence interval.
+    Diff(commands::diff::Args),
     /// Tune the Kalman filter by its innovations and validate it
     ///
     /// Runs whose recording or run marker says split=validation are held out. Without such a mark, the last of
@@ -234,6 +248,9 @@ impl Command {
             Self::FitActuator(args) => commands::fit_actuator::run(&args),
             Self::Calibrate(args) => commands::gap::calibrate(&args),
             Self::Gap(args) => commands::gap::run(&args),
+            Self::Effects(args) => commands::effects::run(&args),
+            Self::Simulate(args) => commands::simulate::run(&args),
+            Self::Diff(args) => commands::diff::run(&args),
             Self::TuneEkf(args) => commands::tune_ekf::run(&args),
             Self::Eval(args) => commands::eval::run(&args),
             Self::Train(args) => commands::train::run(&args),

@@ -3,6 +3,8 @@
 pub(crate) mod collect;
 pub(crate) mod completions;
 pub(crate) mod demo;
+pub(crate) mod diff;
+pub(crate) mod effects;
 mod engine;
 pub(crate) mod eval;
 pub(crate) mod export;
@@ -19,6 +21,7 @@ mod results;
 pub(crate) mod rig;
 mod search;
 mod session;
+pub(crate) mod simulate;
 pub(crate) mod sweep;
 mod table;
 pub(crate) mod terminal;

@@ -4,7 +4,7 @@
 //! plain function of its physics, observable signals, excitation, confounded effects and reference. The
 //! simulators of the [`twin`](crate::twin) module call the function at the place in the measured chain
 //! that [`Physics`] defines. No other code refers to an effect by name. To add an effect, write its file,
-//! and add its line to [`CATALOGUE`].
+//! add its line to [`CATALOGUE`] and run `scripts/make_effects_page`.
 //!
 //! The chain, with the place of each kind of physics:
 //!
@@ -19,7 +19,10 @@
 //! coordinates. [`Site`] defines the coordinates; an effect can also act on one axis alone.
 
 mod ball;
+mod block;
 mod coupling;
+mod diagram;
+pub mod document;
 mod drive;
 mod estimator;
 mod first_order;
@@ -29,6 +32,8 @@ mod oscillator;
 mod physics;
 mod sensor;
 
+pub use block::Block;
+pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
 pub use drive::scan::{SCANS, Scan, periods};
 pub(crate) use oscillator::Oscillator;
@@ -325,7 +330,7 @@ pub struct Effect {
     pub domain: Domain,
     /// Coordinates in which it may act.
     pub site: Site,
-    /// Equation in plain text, with the symbols of the parameters.
+    /// Equation in plain text, with the symbols of the parameters and of [`document::SYMBOLS`].
     pub equation: &'static str,
     /// Parameters, in the order in which `physics` takes them.
     pub parameters: &'static [Parameter],

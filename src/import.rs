@@ -48,7 +48,7 @@ mod tape;
 mod topics;
 
 pub use candump::import_candump;
-pub use csv::{AxisColumns, ColumnError, PositionUnit, import_csv};
+pub use csv::{AxisColumns, ColumnError, PositionUnit, column_names, import_csv, read_columns};
 pub use error::ImportError;
 pub use npz::{GRID_SECONDS, import_npz};
 pub use report::{ImportReport, Notice, SkipReason, TopicCount};

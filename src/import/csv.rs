@@ -177,6 +177,36 @@ fn push_rows(tape: &mut Tape, columns: &AxisColumns, unit: &str, rows: &[Row]) {
     }
 }
 
+/// Column names of the CSV table at `path`, in order.
+///
+/// # Errors
+/// When the file cannot be read or has no rows.
+pub fn column_names(path: &Path) -> Result<Vec<String>, ImportError> {
+    let bytes = fs::read(path).map_err(ImportError::io(path, "read"))?;
+    Ok(Table::parse(path, &String::from_utf8_lossy(&bytes))?.header)
+}
+
+/// Values of `columns` of the CSV table at `path`, row by row; the first column is the time.
+///
+/// # Errors
+/// When a column is missing, a cell is empty or not a finite number, times do not increase, or the file
+/// cannot be read.
+pub fn read_columns(path: &Path, columns: &[&str]) -> Result<Vec<Vec<f64>>, ImportError> {
+    let bytes = fs::read(path).map_err(ImportError::io(path, "read"))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let table = Table::parse(path, &text)?;
+    let mut tape = Tape::default();
+    let rows = table.numbers(columns, &mut tape)?;
+    if let Some(Notice::EmptyCells { rows, first_row }) = tape.notices.first() {
+        let (path, count, row) = (path.to_owned(), *rows, *first_row);
+        return Err(ImportError::EmptyCells { path, count, row });
+    }
+    if let Some(time) = columns.first() {
+        table.check_times(time, &rows)?;
+    }
+    Ok(rows.into_iter().map(|row| row.values).collect())
+}
+
 /// Wanted numbers of one row.
 struct Row {
     /// Row number from 1; the header is row 1.

@@ -170,6 +170,16 @@ pub enum ImportError {
         /// Number of occurrences.
         count: usize,
     },
+    /// Rows with an empty cell, where every row is needed.
+    #[error("{}: {count} rows with an empty cell, the first is row {row}; fill or remove them", path.display())]
+    EmptyCells {
+        /// The file.
+        path: PathBuf,
+        /// Number of such rows.
+        count: usize,
+        /// The first one, from 1, the header being row 1.
+        row: usize,
+    },
     /// Cell that is not a number.
     #[error("{}: row {row}, column '{column}': '{found}' is not a number", path.display())]
     NotANumber {

@@ -16,7 +16,9 @@ mod forward;
 mod load;
 
 pub use forward::FreeRun;
+pub(super) use forward::respond;
 pub use load::AxisError;
+pub(super) use load::{resampled, unit_of};
 
 use super::{Channel, Stage, StageKind, Twin};
 use crate::effects::{Domain, Effect, Motion, Physics, Regressor};

@@ -52,6 +52,8 @@ pub struct RunStart {
 /// An output of the plant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Output {
+    /// Position of a motor by its encoder, in metres of belt.
+    Position(usize),
     /// Velocity of a motor, in metres of belt.
     Velocity(usize),
     /// Torque of a motor.
@@ -150,6 +152,8 @@ impl DriveStage {
 struct Outputs {
     /// End of the step (s).
     time: f64,
+    /// Position of each motor then, as its encoder reports it (m of belt).
+    position: [f64; 2],
     /// Velocity of each motor then, as its encoder reports it (m/s of belt).
     velocity: [f64; 2],
     /// Middle of the step (s).
@@ -168,6 +172,7 @@ impl Outputs {
         let middle = state.time - 0.5 * dt;
         Self {
             time: state.time,
+            position: plant.reported_position(state),
             velocity: plant.reported(state),
             middle,
             told: plant.torque_ages().map(|age| middle + age),
@@ -179,6 +184,7 @@ impl Outputs {
     /// Time and value of `output` (m/s of belt, or N m with pulleys of `radius` metres).
     fn get(&self, output: Output, radius: f64) -> (f64, f64) {
         match output {
+            Output::Position(motor) => (self.time, self.position[motor]),
             Output::Velocity(motor) => (self.time, self.velocity[motor]),
             Output::Torque(motor) => (self.told[motor], self.force[motor] * radius),
         }
@@ -188,6 +194,7 @@ impl Outputs {
     /// known: a force is read between the middles of two steps, across whatever bends it.
     fn bend(&self, before: &Self, output: Output) -> f64 {
         match output {
+            Output::Position(motor) => self.acceleration[motor],
             Output::Velocity(motor) => {
                 (self.acceleration[motor] - before.acceleration[motor])
                     / (self.middle - before.middle)

@@ -290,6 +290,16 @@ impl Plant {
         *state = PlantState { position, memory, ..PlantState::default() };
     }
 
+    /// Position of each motor (m of belt) as its encoder reports it.
+    #[must_use]
+    pub fn reported_position(&self, state: &PlantState) -> [f64; 2] {
+        let position = belts(state.position);
+        both(|index| {
+            let encoders = self.motors.get(index).map_or(&[][..], |motor| &motor.encoders);
+            encoders.iter().fold(position[index], |at, part| (part.call)(part.p(), at))
+        })
+    }
+
     /// Velocity of each motor (m/s of belt) as its encoder reports it.
     #[must_use]
     pub fn reported(&self, state: &PlantState) -> [f64; 2] {

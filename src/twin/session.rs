@@ -16,6 +16,7 @@ use crate::{
     recording::{MarkedRun, Recording, RecordingError, Split, topic},
 };
 use gantry::Gantry;
+pub(super) use links::STRIKER_HEIGHT;
 pub use options::{Mask, SessionOptions};
 use readings::Readings;
 use std::ops::Range;

@@ -50,6 +50,33 @@ impl AxisStage {
     }
 }
 
+/// Response of `twin` to the `input` at equal steps: position and velocity at each of them.
+///
+/// `start` and `dt` are the time of the first input and the step (s), `state` is the initial position and
+/// velocity.
+pub(in crate::twin) fn respond(
+    twin: &Twin,
+    (start, dt): (f64, f64),
+    input: &[f64],
+    state: [f64; 2],
+) -> Vec<[f64; 2]> {
+    let chain = Chain::new(twin);
+    // The input in the middle of each step.
+    let middle = shifted(input, 0.5 - chain.delay / dt);
+    let mut memory = chain.memory();
+    let [position, velocity] = state;
+    let mut motion = Motion { time: start, dt, position, velocity, ..Motion::default() };
+    chain.settle_input(&mut memory, middle.first().copied().unwrap_or(0.0), &motion);
+    let mut states = Vec::with_capacity(input.len());
+    for (index, input) in middle.iter().enumerate() {
+        states.push([motion.position, motion.velocity]);
+        motion.time = start + dt * index as f64;
+        motion.force = chain.force(&mut memory, *input, &motion);
+        step(&chain, &mut memory, &mut motion);
+    }
+    states
+}
+
 /// One step: friction takes away at most the whole velocity.
 fn step(chain: &Chain, memory: &mut super::chain::Memory, motion: &mut Motion) {
     motion.mass = chain.mass(motion).max(f64::MIN_POSITIVE);

@@ -133,7 +133,7 @@ fn measured(recording: &Recording, name: String) -> Result<Measured, AxisError> 
 }
 
 /// The unit of a force-like input.
-fn unit_of(recorded: &str, name: &str) -> Result<&'static str, AxisError> {
+pub(in crate::twin) fn unit_of(recorded: &str, name: &str) -> Result<&'static str, AxisError> {
     let not_force =
         |what| AxisError::NotForce { name: name.to_owned(), what, unit: recorded.to_owned() };
     match recorded {
@@ -163,7 +163,12 @@ fn integrated(velocities: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
 }
 
 /// Samples at equal steps, on the straight lines between those recorded.
-fn resampled(samples: &[(f64, f64)], start: f64, dt: f64, count: usize) -> Vec<f64> {
+pub(in crate::twin) fn resampled(
+    samples: &[(f64, f64)],
+    start: f64,
+    dt: f64,
+    count: usize,
+) -> Vec<f64> {
     let mut k = 0;
     (0..count)
         .map(|index| {

@@ -27,7 +27,7 @@ const FEWEST_COMMANDS: usize = 10;
 const FEWEST_PICTURES: usize = 20;
 
 /// Height of the striker's mark above the board (m).
-const STRIKER_HEIGHT: f64 = 0.02;
+pub(in crate::twin) const STRIKER_HEIGHT: f64 = 0.02;
 
 /// The drive's link of `gantry`.
 ///

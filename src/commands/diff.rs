@@ -1,0 +1,151 @@
+//! `klasktron diff`: effects and parameters in which two twins differ.
+
+use super::{Outcome, print};
+use klasktron::twin::{self, Change, EffectDiff, ParameterDiff, TwinDiff};
+use std::path::PathBuf;
+
+/// Arguments of `klasktron diff`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  klasktron diff monday/twin.json tuesday/twin.json
+  klasktron diff --json monday/twin.json tuesday/twin.json")]
+pub(crate) struct Args {
+    /// The first twin
+    #[arg(value_name = "BEFORE")]
+    before: PathBuf,
+    /// The second twin
+    #[arg(value_name = "AFTER")]
+    after: PathBuf,
+    /// Print the JSON document instead of tables
+    #[arg(long)]
+    json: bool,
+}
+
+/// Run `klasktron diff`.
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let diff = TwinDiff::new(&twin::read_twin(&args.before)?, &twin::read_twin(&args.after)?);
+    if args.json {
+        print(&serde_json::to_string_pretty(&diff)?)?;
+    } else {
+        print(&table(&diff))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Differences as a table for people.
+fn table(diff: &TwinDiff) -> String {
+    let mut rows: Vec<[String; 5]> = Vec::new();
+    for own in &diff.properties {
+        rows.push([
+            own.name.to_owned(),
+            number(own.before, None),
+            number(own.after, None),
+            own.unit.to_owned(),
+            "machine".to_owned(),
+        ]);
+    }
+    for effect in diff.effects.iter().filter(|effect| effect.change != Change::Equal) {
+        let shown =
+            |own: &&ParameterDiff| effect.change != Change::Changed || own.before != own.after;
+        rows.extend(effect.parameters.iter().filter(shown).map(|own| row(effect, own)));
+    }
+    let mut lines = Vec::new();
+    let [before, after] = diff.machines;
+    if before != after {
+        lines.push(format!(
+            "different machines: the first twin is a {before}, the second a {after}"
+        ));
+    }
+    if rows.is_empty() {
+        lines.push(format!("no difference in {} effects", diff.effects.len()));
+        return lines.join("\n");
+    }
+    let head = ["parameter", "before", "after", "unit", "change"].map(ToOwned::to_owned);
+    rows.insert(0, head);
+    let width =
+        |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let widths = [0, 1, 2, 3, 4].map(width);
+    for row in &rows {
+        let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}"));
+        lines.push(cells.collect::<Vec<_>>().join("  ").trim_end().to_owned());
+    }
+    let count = |change: Change| diff.effects.iter().filter(|own| own.change == change).count();
+    lines.push(format!(
+        "{} added, {} removed, {} changed, {} equal",
+        count(Change::Added),
+        count(Change::Removed),
+        count(Change::Changed),
+        count(Change::Equal)
+    ));
+    lines.join("\n")
+}
+
+/// One parameter of one effect.
+fn row(effect: &EffectDiff, own: &ParameterDiff) -> [String; 5] {
+    let change = match (effect.change, own.intervals_overlap) {
+        (Change::Added, _) => "added",
+        (Change::Removed, _) => "removed",
+        (_, Some(true)) => "changed, intervals overlap",
+        (_, Some(false)) => "changed, intervals disjoint",
+        (_, None) => "changed",
+    };
+    [
+        format!("{} {} {}", effect.name, effect.location, own.name),
+        number(own.before, own.ci95_before),
+        number(own.after, own.ci95_after),
+        own.unit.to_owned(),
+        change.to_owned(),
+    ]
+}
+
+/// A value with its interval; `-` for none.
+fn number(value: Option<f64>, ci95: Option<[f64; 2]>) -> String {
+    let Some(value) = value else { return "-".to_owned() };
+    let interval = ci95
+        .map_or_else(String::new, |[low, high]| format!(" ({} to {})", short(low), short(high)));
+    format!("{}{interval}", short(value))
+}
+
+/// Four significant digits, without an exponent where a person would write none.
+fn short(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 || (1e-3..1e6).contains(&size) {
+        let digits = if value == 0.0 { 0 } else { (3 - size.log10().floor() as i32).clamp(0, 6) };
+        let text = format!("{value:.*}", usize::try_from(digits).unwrap_or(0));
+        if text.contains('.') {
+            return text.trim_end_matches('0').trim_end_matches('.').to_owned();
+        }
+        return text;
+    }
+    format!("{value:.3e}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use klasktron::{
+        effects::{self, Axis},
+        twin::{Instance, Machine, Source, Twin},
+    };
+
+    #[test]
+    fn the_table_names_what_changed_and_counts() {
+        let before = Twin::nominal(Machine::Table);
+        let mut after = before.clone();
+        let delay = effects::find("drive.delay").unwrap();
+        after.instances.push(Instance::new(delay, Axis::Motors, &[0.0083], Source::Fitted));
+        let text = table(&TwinDiff::new(&before, &after));
+        assert!(text.contains("drive.delay a+b delay_s  -       0.0083  s     added"), "{text}");
+        assert!(text.ends_with("1 added, 0 removed, 0 changed, 10 equal"), "{text}");
+        assert_eq!(table(&TwinDiff::new(&before, &before)), "no difference in 10 effects");
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        assert_eq!(short(0.00123456), "0.001235");
+        assert_eq!(short(1234.56), "1235");
+        assert_eq!(short(2.0), "2");
+        assert_eq!(short(1e-5), "1.000e-5");
+        assert_eq!(short(0.0), "0");
+    }
+}

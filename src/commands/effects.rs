@@ -1,0 +1,142 @@
+//! `klasktron effects`: the catalogue of physical effects.
+
+use super::{Outcome, print};
+use clap::builder::NonEmptyStringValueParser;
+use clap::builder::TypedValueParser as _;
+use klasktron::effects::{
+    self, CATALOGUE, Effect,
+    document::{DOMAINS, Document, SYMBOLS, capitalized, markdown, select, similar, title},
+};
+use std::fmt::Write as _;
+
+/// Arguments of `klasktron effects`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  klasktron effects
+  klasktron effects drive.friction
+  klasktron effects drive.backlash
+  klasktron effects --json")]
+pub(crate) struct Args {
+    /// Effect, or group of effects such as drive.friction [default: all effects by domain]
+    #[arg(value_name = "NAME", value_parser = NonEmptyStringValueParser::new().try_map(known))]
+    name: Option<String>,
+    /// Print the catalogue as one JSON document
+    #[arg(long, conflicts_with_all = ["markdown", "diagram"])]
+    json: bool,
+    /// Print the page docs/effects.md
+    #[arg(long, hide = true, conflicts_with_all = ["name", "diagram"])]
+    markdown: bool,
+    /// Print the diagram docs/pictures/effects.svg
+    #[arg(long, hide = true, conflicts_with = "name")]
+    diagram: bool,
+}
+
+/// Check a typed name against the catalogue.
+fn known(name: String) -> Result<String, String> {
+    if !select(&name).is_empty() {
+        return Ok(name);
+    }
+    Err(match similar(&name).as_slice() {
+        [] => "no such effect; `klasktron effects` lists all".to_owned(),
+        names => {
+            format!("no such effect; similar: {}; `klasktron effects` lists all", names.join(", "))
+        }
+    })
+}
+
+/// Run `klasktron effects`.
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let chosen = args.name.as_deref().map_or_else(|| CATALOGUE.to_vec(), select);
+    if args.markdown {
+        print(markdown().trim_end())?;
+    } else if args.diagram {
+        print(effects::diagram().trim_end())?;
+    } else if args.json {
+        print(&serde_json::to_string_pretty(&Document::of(&chosen))?)?;
+    } else if let [only] = chosen[..] {
+        print(&entry(only))?;
+    } else {
+        print(&table(&chosen))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Effects by domain, with description, parameters and signals.
+fn table(chosen: &[&Effect]) -> String {
+    let mut text = String::new();
+    for domain in DOMAINS {
+        let own: Vec<_> = chosen.iter().filter(|effect| effect.domain == domain).collect();
+        if own.is_empty() {
+            continue;
+        }
+        writeln!(text, "{}", title(domain)).ok();
+        for effect in own {
+            let parameters = effect.parameters.iter().map(|own| own.name);
+            let signals = effect.signals.iter().map(ToString::to_string);
+            writeln!(text, "  {:<32}{}", effect.name, effect.summary).ok();
+            writeln!(text, "{:34}parameters: {}", "", parameters.collect::<Vec<_>>().join(", "))
+                .ok();
+            writeln!(text, "{:34}signals: {}", "", signals.collect::<Vec<_>>().join(", ")).ok();
+        }
+        text.push('\n');
+    }
+    text.push_str(
+        "`klasktron effects NAME` prints equation, excitation and reference of one effect",
+    );
+    text
+}
+
+/// Full entry of one effect.
+fn entry(effect: &Effect) -> String {
+    let mut text = format!("{}\n{}\n\n", effect.name, capitalized(effect.summary));
+    let mut line = |label: &str, value: &str| {
+        if !value.is_empty() {
+            writeln!(text, "{label:<16}{value}").ok();
+        }
+    };
+    line("equation", effect.equation);
+    for (index, (own, null)) in effect.parameters.iter().zip(effect.null).enumerate() {
+        let (low, high) = own.plausible;
+        let value = format!(
+            "{} = {} ({}): typically {low} to {high}; {null} without effect{}",
+            own.symbol,
+            own.name,
+            own.unit,
+            if own.per_session { "; one value per session" } else { "" }
+        );
+        line(if index == 0 { "parameters" } else { "" }, &value);
+    }
+    let joined = |names: Vec<String>| names.join(", ");
+    line("locations", &joined(effect.site.axes().iter().map(ToString::to_string).collect()));
+    let signal = |own: &effects::Signal| format!("{own} ({})", own.topic());
+    line("signals", &joined(effect.signals.iter().map(signal).collect()));
+    line("excitation", effect.excitation);
+    if !effect.experiment.is_empty() {
+        line("experiment", &format!("klasktron collect --pattern {}", effect.experiment));
+    }
+    line("confused with", &effect.confused_with.join(", "));
+    line("reference", effect.reference);
+    let shared = SYMBOLS.map(|(symbol, meaning)| format!("{symbol}: {meaning}"));
+    line("symbols", &shared.join("; "));
+    text.trim_end().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_entry_has_every_field() {
+        let text = entry(effects::find("drive.backlash").unwrap());
+        for label in ["equation", "b = width_m (m)", "signals", "confused with", "Nordin"] {
+            assert!(text.contains(label), "{text}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_is_refused_with_similar_names() {
+        let error = known("drive.backlsh".to_owned()).unwrap_err();
+        assert!(error.contains("similar: drive.backlash"), "{error}");
+        assert!(known("drive.friction".to_owned()).is_ok());
+    }
+}
