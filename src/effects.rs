@@ -210,7 +210,7 @@ pub struct Parameter {
     pub bounds: (f64, f64),
     /// Typical range, an estimate; a fitted value outside of it is flagged.
     pub plausible: (f64, f64),
-    /// Whether the value belongs to a session (a phase, an offset) and not to the machine.
+    /// True for a value of a session (a phase, an offset), false for a value of the machine.
     pub per_session: bool,
 }
 

@@ -65,7 +65,7 @@ pub struct ParameterEntry {
     pub bounds: [f64; 2],
     /// Value without effect.
     pub without_effect: f64,
-    /// Whether the value belongs to a session and not to the machine.
+    /// True for a value of a session, false for a value of the machine.
     pub per_session: bool,
 }
 

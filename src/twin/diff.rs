@@ -75,7 +75,7 @@ pub struct ParameterDiff {
     pub after: Option<f64>,
     /// 95 % confidence interval in the second twin, if it was fitted.
     pub ci95_after: Option<[f64; 2]>,
-    /// Whether the intervals overlap; absent without two intervals.
+    /// Overlap of the two intervals; absent without two intervals.
     pub intervals_overlap: Option<bool>,
 }
 

@@ -81,7 +81,7 @@ pub enum SimulationError {
     TooFew {
         /// The file.
         path: PathBuf,
-        /// How many there are.
+        /// Number of inputs.
         found: usize,
     },
 }

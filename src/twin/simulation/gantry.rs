@@ -42,7 +42,7 @@ impl TableCommands {
     /// Check commands of the file `path` and set the end of the simulation to the last of them.
     ///
     /// # Errors
-    /// When there are none, a value is not finite, or they last too long.
+    /// No command, a value that is not finite, or a duration beyond the longest simulation.
     pub fn new(
         path: &Path,
         player: Player,
