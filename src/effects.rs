@@ -492,7 +492,7 @@ mod tests {
         }
     }
 
-    /// Whether `symbol` occurs in `equation` as a word of its own.
+    /// Return whether `symbol` is a separate word of `equation`.
     fn mentions(equation: &str, symbol: &str) -> bool {
         equation.split(|c: char| !(c.is_alphanumeric() || c == '_')).any(|word| word == symbol)
     }

@@ -295,6 +295,18 @@ const END: &str = "
 mod tests {
     use super::*;
 
+    /// The page and its diagram in the documentation are those of the program.
+    #[test]
+    fn the_documentation_is_current() {
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs");
+        for (file, text) in
+            [("effects.md", markdown()), ("pictures/effects.svg", crate::effects::diagram())]
+        {
+            let written = std::fs::read_to_string(root.join(file)).unwrap_or_default();
+            assert!(written == text, "docs/{file} is old: run scripts/make_effects_page");
+        }
+    }
+
     #[test]
     fn groups_and_names_select_their_effects() {
         assert_eq!(select("drive.backlash").len(), 1);

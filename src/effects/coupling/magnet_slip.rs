@@ -5,8 +5,8 @@ use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Si
 /// `coupling.magnet_slip`: slip between magnet and striker.
 ///
 /// The striker follows exactly while that needs less than F_max. Above it the striker slides over
-/// the magnet, until both have the same velocity again, and keeps the offset. The damping c stands
-/// for eddy currents and grease.
+/// the magnet, until both have the same velocity again, and keeps the offset. The damping c
+/// represents eddy currents and grease.
 pub(crate) static MAGNET_SLIP: Effect = Effect {
     name: "coupling.magnet_slip",
     summary: "under high acceleration the magnet loses the striker, which keeps an offset afterwards",
