@@ -5,7 +5,7 @@ use clap::builder::NonEmptyStringValueParser;
 use clap::builder::TypedValueParser as _;
 use klasktron::effects::{
     self, CATALOGUE, Effect,
-    document::{DOMAINS, Document, SYMBOLS, capitalized, markdown, select, similar, title},
+    document::{DOMAINS, Document, capitalized, markdown, select, similar, symbols_in, title},
 };
 use std::fmt::Write as _;
 
@@ -116,8 +116,9 @@ fn entry(effect: &Effect) -> String {
     }
     line("confused with", &effect.confused_with.join(", "));
     line("reference", effect.reference);
-    let shared = SYMBOLS.map(|(symbol, meaning)| format!("{symbol}: {meaning}"));
-    line("symbols", &shared.join("; "));
+    for (index, (symbols, meaning)) in symbols_in(effect.equation).enumerate() {
+        line(if index == 0 { "symbols" } else { "" }, &format!("{symbols}: {meaning}"));
+    }
     text.trim_end().to_owned()
 }
 

@@ -104,7 +104,7 @@ impl Block {
     #[must_use]
     pub fn recorded(self) -> &'static [&'static str] {
         match self {
-            Self::Command => &["commands (before it)"],
+            Self::Command => &["commands (input)"],
             Self::Drive => &["motor torque"],
             Self::Encoder => &["motor position", "motor velocity"],
             Self::Camera => &["striker position", "ball position"],

@@ -68,9 +68,14 @@ pub fn diagram() -> String {
          fill=\"#44546a\"/></marker></defs>\n<rect width=\"{width}\" height=\"{height}\" \
          fill=\"#ffffff\"/>\n"
     );
-    heading(&mut svg, 34, "Drive and gantry: from the command to the load");
-    heading(&mut svg, 350, "Sensors and striker: from the load to the state estimate");
-    heading(&mut svg, 594, "Ball");
+    heading(&mut svg, [LEFT, 34], "Drive and gantry: from the command to the load");
+    heading(
+        &mut svg,
+        [LEFT + PITCH, 356],
+        "Striker and sensors: from the load to the state estimate",
+    );
+    heading(&mut svg, [LEFT + 3 * PITCH, 600], "Ball and walls");
+    heading(&mut svg, [LEFT, 628], "● recorded signal");
     for arrow in arrows() {
         writeln!(
             svg,
@@ -86,9 +91,9 @@ pub fn diagram() -> String {
     svg
 }
 
-fn heading(svg: &mut String, baseline: i32, text: &str) {
+fn heading(svg: &mut String, [left, baseline]: [i32; 2], text: &str) {
     let text = escape(text);
-    writeln!(svg, "<text x=\"{LEFT}\" y=\"{baseline}\" fill=\"#5a6474\">{text}</text>").ok();
+    writeln!(svg, "<text x=\"{left}\" y=\"{baseline}\" fill=\"#5a6474\">{text}</text>").ok();
 }
 
 fn draw(svg: &mut String, block: Block) {

@@ -12,6 +12,9 @@ const SUGGESTIONS: usize = 3;
 /// Least Jaro-Winkler similarity of a suggestion.
 const SIMILAR: f64 = 0.75;
 
+/// Largest difference of a suggestion's similarity from the best one.
+const LESS_SIMILAR: f64 = 0.06;
+
 /// The JSON document of `klasktron effects --json`.
 #[derive(Debug, Serialize)]
 pub struct Document {
@@ -134,6 +137,20 @@ pub const SYMBOLS: [(&str, &str); 9] = [
     ("u′, p′, q′, v′", "the quantity after the effect"),
 ];
 
+/// Shared symbols that occur in `equation`, with their meaning.
+pub fn symbols_in(equation: &str) -> impl Iterator<Item = (&'static str, &'static str)> + use<'_> {
+    let is_part = |letter: char| letter.is_alphanumeric() || letter == '_';
+    let occurs = move |symbol: &str| {
+        let mut places = equation.match_indices(symbol);
+        places.any(|(at, _)| {
+            let before = equation[..at].chars().next_back();
+            let after = equation[at + symbol.len()..].chars().next();
+            !before.is_some_and(is_part) && !after.is_some_and(is_part)
+        })
+    };
+    SYMBOLS.into_iter().filter(move |(symbols, _)| symbols.split(", ").any(&occurs))
+}
+
 /// Effects with the name `pattern`, or in the group `pattern` such as `drive.friction`.
 #[must_use]
 pub fn select(pattern: &str) -> Vec<&'static Effect> {
@@ -161,6 +178,8 @@ pub fn similar(typed: &str) -> Vec<&'static str> {
         .filter(|(score, ..)| SIMILAR <= *score)
         .collect();
     names.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let best = names.first().map_or(1.0, |first| first.0);
+    names.retain(|(score, ..)| best - LESS_SIMILAR <= *score);
     names.into_iter().take(SUGGESTIONS).map(|(_, _, name)| name).collect()
 }
 
