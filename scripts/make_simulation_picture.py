@@ -8,7 +8,7 @@ import csv
 import sys
 
 WIDTH, HEIGHT = 860, 470
-LEFT, RIGHT, TOP, GAP, BOTTOM = 70, 12, 34, 44, 42
+LEFT, RIGHT, TOP, GAP, BOTTOM = 70, 24, 34, 56, 42
 PLOT = (HEIGHT - TOP - GAP - BOTTOM) // 2
 TEXT, GRID = "#24292f", "#d8dee4"
 VELOCITY = [
@@ -54,7 +54,7 @@ def panel(rows, columns, top, label, span):
     parts.append(f'<text x="{LEFT}" y="{top - 10}">{label}</text>')
     at = WIDTH - RIGHT
     for _, name, color in reversed(columns):
-        at -= 8 * len(name) + 34
+        at -= 7 * len(name) + 56
         parts.append(f'<path d="M{at} {top - 14}h22" stroke="{color}" stroke-width="3"/>')
         parts.append(f'<text x="{at + 28}" y="{top - 10}">{name}</text>')
     return parts

@@ -1,7 +1,7 @@
 //! `klasktron diff`: effects and parameters in which two twins differ.
 
 use super::{Outcome, print};
-use klasktron::twin::{self, Change, EffectDiff, ParameterDiff, TwinDiff};
+use klasktron::twin::{self, Change, ParameterDiff, TwinDiff};
 use std::path::PathBuf;
 
 /// Arguments of `klasktron diff`.
@@ -32,70 +32,93 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// A line of the table.
+enum Line {
+    /// Heading of an effect or of the machine.
+    Heading(String),
+    /// Parameter, value before, value after, unit, relation of the intervals.
+    Cells([String; 5]),
+}
+
 /// Differences as a table for people.
 fn table(diff: &TwinDiff) -> String {
-    let mut rows: Vec<[String; 5]> = Vec::new();
-    for own in &diff.properties {
-        rows.push([
-            own.name.to_owned(),
-            number(own.before, None),
-            number(own.after, None),
-            own.unit.to_owned(),
-            "machine".to_owned(),
-        ]);
-    }
-    for effect in diff.effects.iter().filter(|effect| effect.change != Change::Equal) {
-        let shown =
-            |own: &&ParameterDiff| effect.change != Change::Changed || own.before != own.after;
-        rows.extend(effect.parameters.iter().filter(shown).map(|own| row(effect, own)));
-    }
-    let mut lines = Vec::new();
+    let lines = lines(diff);
+    let mut text = Vec::new();
     let [before, after] = diff.machines;
     if before != after {
-        lines.push(format!(
+        text.push(format!(
             "different machines: the first twin is a {before}, the second a {after}"
         ));
     }
-    if rows.is_empty() {
-        lines.push(format!("no difference in {} effects", diff.effects.len()));
-        return lines.join("\n");
+    if lines.is_empty() {
+        text.push(format!("no difference in {} effects", diff.effects.len()));
+        return text.join("\n");
     }
-    let head = ["parameter", "before", "after", "unit", "change"].map(ToOwned::to_owned);
-    rows.insert(0, head);
-    let width =
-        |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let head = ["  parameter", "before", "after", "unit", "intervals"].map(ToOwned::to_owned);
+    let lines: Vec<Line> = std::iter::once(Line::Cells(head)).chain(lines).collect();
+    let width = |column: usize| {
+        let cells = lines.iter().map(|line| match line {
+            Line::Heading(_) => 0,
+            Line::Cells(cells) => cells[column].chars().count(),
+        });
+        cells.max().unwrap_or(0)
+    };
     let widths = [0, 1, 2, 3, 4].map(width);
-    for row in &rows {
-        let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}"));
-        lines.push(cells.collect::<Vec<_>>().join("  ").trim_end().to_owned());
+    for line in &lines {
+        text.push(match line {
+            Line::Heading(heading) => heading.clone(),
+            Line::Cells(cells) => {
+                let cells = cells.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}"));
+                cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+            }
+        });
     }
     let count = |change: Change| diff.effects.iter().filter(|own| own.change == change).count();
-    lines.push(format!(
-        "{} added, {} removed, {} changed, {} equal",
+    text.push(format!(
+        "effects: {} added, {} removed, {} changed, {} equal",
         count(Change::Added),
         count(Change::Removed),
         count(Change::Changed),
         count(Change::Equal)
     ));
-    lines.join("\n")
+    text.join("\n")
 }
 
-/// One parameter of one effect.
-fn row(effect: &EffectDiff, own: &ParameterDiff) -> [String; 5] {
-    let change = match (effect.change, own.intervals_overlap) {
-        (Change::Added, _) => "added",
-        (Change::Removed, _) => "removed",
-        (_, Some(true)) => "changed, intervals overlap",
-        (_, Some(false)) => "changed, intervals disjoint",
-        (_, None) => "changed",
+/// Lines of what differs: properties of the machine, then effect by effect.
+fn lines(diff: &TwinDiff) -> Vec<Line> {
+    let mut lines = Vec::new();
+    if !diff.properties.is_empty() {
+        lines.push(Line::Heading("machine: changed".to_owned()));
+    }
+    for own in &diff.properties {
+        let values = [number(own.before, None), number(own.after, None)];
+        lines.push(cells(own.name, values, own.unit, None));
+    }
+    for effect in diff.effects.iter().filter(|effect| effect.change != Change::Equal) {
+        let change = match effect.change {
+            Change::Added => "added",
+            Change::Removed => "removed",
+            Change::Changed | Change::Equal => "changed",
+        };
+        lines.push(Line::Heading(format!("{} on {}: {change}", effect.name, effect.location)));
+        let is_shown =
+            |own: &&ParameterDiff| effect.change != Change::Changed || own.before != own.after;
+        for own in effect.parameters.iter().filter(is_shown) {
+            let values = [number(own.before, own.ci95_before), number(own.after, own.ci95_after)];
+            lines.push(cells(own.name, values, own.unit, own.intervals_overlap));
+        }
+    }
+    lines
+}
+
+/// Line of one parameter.
+fn cells(name: &str, [before, after]: [String; 2], unit: &str, overlap: Option<bool>) -> Line {
+    let relation = match overlap {
+        Some(true) => "overlap",
+        Some(false) => "disjoint",
+        None => "",
     };
-    [
-        format!("{} {} {}", effect.name, effect.location, own.name),
-        number(own.before, own.ci95_before),
-        number(own.after, own.ci95_after),
-        own.unit.to_owned(),
-        change.to_owned(),
-    ]
+    Line::Cells([format!("  {name}"), before, after, unit.to_owned(), relation.to_owned()])
 }
 
 /// A value with its interval; `-` for none.
@@ -135,8 +158,11 @@ mod tests {
         let delay = effects::find("drive.delay").unwrap();
         after.instances.push(Instance::new(delay, Axis::Motors, &[0.0083], Source::Fitted));
         let text = table(&TwinDiff::new(&before, &after));
-        assert!(text.contains("drive.delay a+b delay_s  -       0.0083  s     added"), "{text}");
-        assert!(text.ends_with("1 added, 0 removed, 0 changed, 10 equal"), "{text}");
+        assert!(
+            text.contains("drive.delay on a+b: added\n  delay_s    -       0.0083  s"),
+            "{text}"
+        );
+        assert!(text.ends_with("effects: 1 added, 0 removed, 0 changed, 10 equal"), "{text}");
         assert_eq!(table(&TwinDiff::new(&before, &before)), "no difference in 10 effects");
     }
 

@@ -104,6 +104,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
     }
     for path in [&args.output, &csv_path] {
+        if [&args.commands, &args.twin].iter().any(|input| is_same_file(input, path)) {
+            bail!("{}: is an input; give another --output", path.display());
+        }
         refuse_existing_file(path, args.overwrite)?;
     }
     let twin = twin::read_twin(&args.twin)?;
@@ -133,6 +136,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         csv_path.display()
     ));
     Ok(outcome)
+}
+
+/// Return whether two paths lead to the same existing file.
+fn is_same_file(one: &Path, other: &Path) -> bool {
+    matches!((one.canonicalize(), other.canonicalize()), (Ok(one), Ok(other)) if one == other)
 }
 
 /// Simulate a table and write the recording; the CSV and the duration (s).

@@ -157,6 +157,16 @@ fn existing_results_are_replaced_only_on_request() {
     let words = [&words[..], &["--overwrite"]].concat();
     assert_eq!(said(&klasktron(&words)).2, 0);
     assert!(fs::read_to_string(at("out.csv")).unwrap().starts_with("time_s,"));
+    // The commands are never replaced by the CSV of the result.
+    let output = at("table.mcap");
+    let commands = at("table.csv");
+    let words =
+        ["simulate", &at("table.json"), "--commands", &commands, "-o", &output, "--overwrite"];
+    let (_, stderr, status) = said(&klasktron(&words));
+    assert!(
+        status == 1 && stderr.contains("table.csv: is an input; give another --output"),
+        "{stderr}"
+    );
 }
 
 #[test]
@@ -170,8 +180,11 @@ fn two_twins_are_compared() {
     let (stdout, stderr, status) =
         said(&klasktron(&["diff", &at("table.json"), &at("after.json")]));
     assert_eq!((stderr.as_str(), status), ("", 0));
-    assert!(stdout.contains("drive.delay a+b delay_s"), "{stdout}");
-    assert!(stdout.trim_end().ends_with("1 added, 0 removed, 1 changed, 9 equal"), "{stdout}");
+    assert!(stdout.contains("drive.delay on a+b: added"), "{stdout}");
+    assert!(
+        stdout.trim_end().ends_with("effects: 1 added, 0 removed, 1 changed, 9 equal"),
+        "{stdout}"
+    );
     let words = ["diff", "--json", &at("table.json"), &at("after.json")];
     let document: serde_json::Value = serde_json::from_str(&said(&klasktron(&words)).0).unwrap();
     assert_eq!(document["schema_version"], 1);
