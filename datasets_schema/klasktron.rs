@@ -434,7 +434,7 @@ impl ::prost::Name for TrainingPoint {
 /// Error of one model on held-out runs.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ModelError {
-    /// "network", "arx", "lag_delay" or "ideal"
+    /// "network", "arx", "fopdt" or "ideal"
     #[prost(string, tag = "1")]
     pub model: ::prost::alloc::string::String,
     /// "all" or the pattern of the runs

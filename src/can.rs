@@ -1,7 +1,7 @@
 //! CAN bus of the drives: frames, the ODrive CANSimple codec and its enumerations, and logs of
 //! `candump`.
 //!
-//! Everything here is pure: bytes or text in, values out. Transports are in [`crate::link`].
+//! Everything here is pure: bytes or text in, values out. Transports are in the module `link`.
 //!
 //! ```
 //! use klasktron::can::{Message, candump};

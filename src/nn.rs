@@ -1,5 +1,5 @@
-//! Small multi-layer perceptrons: plain data, batched kernels, gradients with Adam, and the file
-//! formats in which other software reads them.
+//! Small multi-layer perceptrons: plain data, batched kernels, gradients with Adam, and file
+//! formats for other software.
 
 mod denormal;
 mod kernel;

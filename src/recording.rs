@@ -1,9 +1,9 @@
 //! Messages in and out of MCAP files, by the data contract in `datasets_schema/`.
 //!
-//! [`Recording::open`] reads any MCAP file into memory, a damaged one as far as it goes;
-//! [`RecordingWriter`] writes one beside its final name and renames it when it is complete;
-//! [`inspect`] says what is in a recording and what is doubtful; [`recover`] saves what a cut-off
-//! file still holds; [`table`] turns topics into columns for other software.
+//! [`Recording::open`] reads any MCAP file into memory, a damaged one as far as possible.
+//! [`RecordingWriter`] writes to a temporary name and renames the complete file. [`inspect`]
+//! summarizes a recording and checks its data quality. [`recover`] saves the readable part of a
+//! truncated file. [`table`] converts topics into columns for other software.
 //!
 //! ```
 //! use klasktron::recording::{ExistingFile, FlushPolicy, Recording, RecordingWriter, topic};
@@ -24,8 +24,8 @@
 //! ```
 
 mod arrival;
+mod atomic;
 mod belt;
-mod beside;
 mod error;
 mod folder;
 mod frame_times;
@@ -41,8 +41,8 @@ pub mod topic;
 mod writer;
 
 pub use arrival::arrival_key;
+pub use atomic::{ExistingFile, partial_name, write_atomically, write_bytes};
 pub use belt::BELT_KEY;
-pub use beside::{ExistingFile, partial_name, write_beside, write_bytes};
 pub use error::RecordingError;
 pub use folder::files_in;
 pub use frame_times::FrameTimes;

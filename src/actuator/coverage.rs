@@ -123,7 +123,7 @@ impl Coverage {
 
     /// Return whether the training data holds a nearby sample in both axes.
     ///
-    /// Where this is `false`, a model extrapolates.
+    /// For `false`, a model extrapolates.
     #[must_use]
     pub fn contains(&self, command: [f64; AXES], velocity: [f64; AXES]) -> bool {
         (0..AXES).all(|axis| self.axes[axis].contains(command[axis], velocity[axis]))

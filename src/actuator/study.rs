@@ -257,7 +257,7 @@ impl Study {
         let baselines = self.baselines.evaluations.iter();
         let errors = [&self.chosen().evaluation].into_iter().chain(baselines);
         Summary {
-            schema_version: 1,
+            schema_version: 2,
             provenance,
             inputs: self.dataset.inputs.clone(),
             robot: self.dataset.robot.clone(),
@@ -479,7 +479,7 @@ impl SeedSummary {
 /// Result of a study as a document.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
-    /// Version of the document, 1.
+    /// Version of the document, 2.
     pub schema_version: u32,
     /// Provenance of the result.
     #[serde(flatten)]

@@ -32,8 +32,8 @@ pub struct Progress<'a> {
     pub now: Nanos,
 }
 
-/// Image-to-command latency: from the capture time of the newest camera frame to the command. Where
-/// the camera's clock is not the host's, it starts at the arrival of the frame.
+/// Image-to-command latency: from the capture time of the newest camera frame to the command. With
+/// a camera clock other than the host's, it starts at the arrival of the frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ImageToCommand {
     /// Median (ms).

@@ -241,7 +241,7 @@ impl<'a> Session<'a> {
         self.follow(&Leg { run: None, references })
     }
 
-    /// Stand at these points (m) for a moment.
+    /// Hold the carriages at these points (m) for a moment.
     fn stand(&mut self, points: &[(Player, [f64; 2])]) -> Result<(), StopReason> {
         let rate = self.config.rate_hz;
         let still = vec![[0.0; 2]; (SETTLE_SECONDS * rate).round() as usize];

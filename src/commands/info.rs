@@ -6,7 +6,7 @@ use super::{Outcome, one_line, print, tell};
 use anyhow::bail;
 use klasktron::recording::{
     Recording,
-    inspect::{self, Inspection, StatedDoubt},
+    inspect::{self, Inspection, QualityWarning},
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -31,8 +31,8 @@ struct Document {
     schema_version: u32,
     /// Files that could be read, in the order of the arguments.
     files: Vec<Inspection>,
-    /// What is doubtful about the files together.
-    doubts: Vec<StatedDoubt>,
+    /// Warnings about the files together.
+    warnings: Vec<QualityWarning>,
 }
 
 /// Run `klasktron info`.
@@ -58,14 +58,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if files.is_empty() {
         bail!("none of the {} files could be read", args.files.len());
     }
-    let doubts = inspect::compare(&files);
+    let warnings = inspect::compare(&files);
     if args.json {
-        let document = Document { schema_version: inspect::SCHEMA_VERSION, files, doubts };
+        let document = Document { schema_version: inspect::SCHEMA_VERSION, files, warnings };
         print(&serde_json::to_string_pretty(&document)?)?;
     } else {
         let mut text: Vec<String> = files.iter().map(layout::inspection).collect();
-        if !doubts.is_empty() {
-            text.push(layout::doubts("the files together", &doubts));
+        if !warnings.is_empty() {
+            text.push(layout::warnings("warnings about the files together", &warnings));
         }
         print(&text.join("\n\n"))?;
     }

@@ -123,7 +123,7 @@ impl Limits {
     }
 
     /// Return the velocity (m/s) that follows `previous` after `dt` seconds on the way to `wanted`.
-    /// Each axis changes as far as the slew limit allows. Where the total speed would be too large,
+    /// Each axis changes as far as the slew limit allows. If the total speed would be too large,
     /// both axes follow the straight line, which violates no limit that `previous` keeps.
     #[must_use]
     pub fn next_velocity(&self, previous: [f64; 2], wanted: [f64; 2], dt: f64) -> [f64; 2] {

@@ -1,7 +1,7 @@
 //! Definitions of the KlaskTron stack's messages, for bags without definitions (ROS 2 Humble and
 //! older).
 //!
-//! Where a type exists in several variants, all are listed, and the first that matches a payload
+//! If a type has several variants, all are listed, and the first that matches a payload
 //! exactly is used. Source: the upstream interface packages (field lists, not code) and the common
 //! ROS 2 interfaces.
 

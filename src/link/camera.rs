@@ -321,15 +321,15 @@ fn bind_unix(_path: &std::path::Path) -> io::Result<Bound> {
 fn bind_error(bus: String, error: &io::Error) -> LinkError {
     let (what, remedy) = match error.kind() {
         ErrorKind::AddrInUse => (
-            "another program receives on it".to_owned(),
-            "end it first, or take another address and tell the camera's program",
+            "another program receives there".to_owned(),
+            "end it first, or use another address here and in the camera program",
         ),
         ErrorKind::AlreadyExists => {
-            ("there is a file of that name".to_owned(), "take another path; nothing was deleted")
+            ("there is a file of that name".to_owned(), "use another path; nothing was deleted")
         }
         ErrorKind::Unsupported => (
             "this system has no such sockets".to_owned(),
-            "take udp:127.0.0.1:5600 and tell the camera's program",
+            "use udp:127.0.0.1:5600 here and in the camera program",
         ),
         _ => (
             format!("the address cannot be bound ({error})"),

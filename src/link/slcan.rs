@@ -59,7 +59,7 @@ pub struct Slcan {
     role: Role,
     reader: Mutex<Reader>,
     outbox: Mutex<Outbox<SerialPort>>,
-    /// Whether the host has opened the channel; relevant for a device only.
+    /// State of the channel, opened by the host; relevant for a device only.
     channel_open: AtomicBool,
 }
 

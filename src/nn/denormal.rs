@@ -1,19 +1,19 @@
-//! Denormal numbers as zeros, for one thread and one piece of work.
+//! Flushing of denormal numbers to zero, for one thread and one computation.
 //!
 //! A value below 1.2e-38 costs a processor some hundred cycles. Decaying moments and saturated
-//! units make such values, and nothing here can use them. The flags are those of the manuals:
+//! units produce such values, and no result depends on them. The flags are those of the manuals:
 //! x86 `MXCSR`, flush to zero (bit 15) and denormals are zero (bit 6) (Intel SDM volume 1, section
-//! 10.2.3); AArch64 `FPCR`, flush to zero (bit 24). Elsewhere the work runs as it is: slower where
-//! denormals come up, and with other last digits there.
+//! 10.2.3); AArch64 `FPCR`, flush to zero (bit 24). On other processors the computation runs
+//! unchanged: slower with denormals, and with different last digits.
 
-/// Runs `work` with denormal numbers flushed to zero in this thread, then sets things back, also
-/// when `work` panics. Threads that `work` starts are not concerned.
+/// Run `work` with denormal numbers flushed to zero in this thread, then restore the mode, also
+/// when `work` panics. Threads started by `work` are not affected.
 pub fn flushing_denormals<R>(work: impl FnOnce() -> R) -> R {
     let _restored_at_the_end = Flushing::begin();
     work()
 }
 
-/// The control register as it was.
+/// Previous value of the control register.
 struct Flushing(control::Register);
 
 impl Flushing {

@@ -1,10 +1,10 @@
-//! Dense-layer kernels for small networks, written once for every vector width.
+//! Dense-layer kernels for small networks, generic over the vector width.
 //!
 //! At 64 units a general matrix product spends much of its time on packing and dispatch. Here the
-//! weights already lie as the micro-kernel wants them, bias, activation and its derivative are
-//! applied while results are in the cache, and nothing is allocated. The register tile
-//! is that of Goto and van de Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008):
-//! `ROWS` x `COLS` accumulators, `COLS` vectors of the right factor, one broadcast of the left.
+//! weights are stored in the layout of the micro-kernel. Bias, activation and its derivative are
+//! applied while results are in the cache, and nothing is allocated. The register tile is that of
+//! Goto and van de Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008): `ROWS` x
+//! `COLS` accumulators, `COLS` vectors of the right factor, one broadcast of the left.
 //!
 //! Shapes: `x` is `[batch][x_stride]`, `y` is `[batch][columns]`, weights are `[depth][columns]`,
 //! all row-major; `columns` is a multiple of [`PAD`]. Padded columns hold zeros and stay zero.
@@ -13,10 +13,10 @@
 use super::network::Activation;
 use pulp::Simd;
 
-/// Widths are padded to a multiple of this many `f32`, the widest vector there is.
+/// Padding of widths: a multiple of this many `f32`, the widest vector.
 pub const PAD: usize = 16;
 
-/// Rounds a width up to a multiple of [`PAD`].
+/// Round a width up to a multiple of [`PAD`].
 #[must_use]
 pub fn padded(width: usize) -> usize {
     width.div_ceil(PAD) * PAD
@@ -28,8 +28,8 @@ const ROWS: usize = 6;
 /// Depth of one pass over the weights: `64 x 64` floats stay in a first-level cache of 32 KiB.
 const DEPTH_BLOCK: usize = 64;
 
-/// Repeats `$body` for the constants `$i` = 0 to 5 below `$end`. Written out, because the compiler
-/// keeps an array in registers only when every index is a constant from the start.
+/// Repeats `$body` for the constants `$i` = 0 to 5 below `$end`. It is unrolled by hand, because
+/// the compiler keeps an array in registers only when every index is a constant.
 macro_rules! unrolled {
     ($i:ident < $end:expr, $body:expr) => {
         unrolled!(@ $i, $end, $body, 0 1 2 3 4 5)
@@ -44,34 +44,34 @@ macro_rules! unrolled {
     }};
 }
 
-/// What happens to the results of some columns when they are complete.
+/// Operation on the complete results of some columns.
 #[derive(Clone, Copy)]
 pub(super) enum Epilogue<'a> {
-    /// Nothing.
+    /// No operation.
     Linear,
-    /// The activation.
+    /// Activation function.
     Activate(Activation),
-    /// Times the activation's derivative, told from the activation's own value (same shape as
-    /// the result): 1 or 0 for ReLU, `(1 - |a|)^2` for softsign, 1 or `1 + a` for ELU, `1 - a^2` for
-    /// tanh.
+    /// Multiplication with the activation's derivative, computed from the activation's own value
+    /// (same shape as the result): 1 or 0 for ReLU, `(1 - |a|)^2` for softsign, 1 or `1 + a` for
+    /// ELU, `1 - a^2` for tanh.
     Derivative(Activation, &'a [f32]),
 }
 
 /// One matrix product with its start value and epilogue.
 #[derive(Clone, Copy)]
 pub(super) struct Product<'a> {
-    /// `[batch][x_stride]`, of which the first `depth` of each row count.
+    /// Left factor `[batch][x_stride]`, of which the first `depth` of each row are used.
     pub(super) x: &'a [f32],
     pub(super) x_stride: usize,
     pub(super) depth: usize,
-    /// `[depth][columns]`
+    /// Right factor `[depth][columns]`.
     pub(super) weights: &'a [f32],
-    /// `[columns]`, added to every row; zeros when absent.
+    /// Start value `[columns]`, added to every row; zeros when absent.
     pub(super) bias: Option<&'a [f32]>,
     pub(super) epilogue: Epilogue<'a>,
 }
 
-/// `y = epilogue(bias + x w)`, with `y` `[batch][columns]`.
+/// Compute `y = epilogue(bias + x w)`, with `y` `[batch][columns]`.
 #[inline(always)]
 pub(super) fn product<S: Simd>(simd: S, y: &mut [f32], columns: usize, p: Product<'_>) {
     let vectors = columns / S::F32_LANES;
@@ -89,7 +89,7 @@ pub(super) fn product<S: Simd>(simd: S, y: &mut [f32], columns: usize, p: Produc
     }
 }
 
-/// Whether four vectors a row fit the register file.
+/// Return whether four vectors per row fit the register file.
 #[inline(always)]
 fn wide_tile<S: Simd>() -> bool {
     32 <= S::REGISTER_COUNT
@@ -132,7 +132,7 @@ fn product_columns<S: Simd, const COLS: usize>(
     }
 }
 
-/// The part of a product that one pass covers.
+/// Part of a product covered by one pass.
 #[derive(Clone, Copy)]
 struct Block {
     first_column: usize,
@@ -186,8 +186,8 @@ fn product_tile<S: Simd, const R: usize, const C: usize>(
     });
 }
 
-/// Applies the epilogue to `C` vectors of every row. Rows are a loop of their own: within the
-/// register tile, the compiler would spread the exponentials over its accumulators and spill them.
+/// Apply the epilogue to `C` vectors of every row. Rows are a separate loop: within the register
+/// tile, the compiler would spread the exponentials over its accumulators and spill them.
 #[inline(always)]
 fn finish<S: Simd, const C: usize>(
     simd: S,
@@ -215,7 +215,7 @@ fn finish<S: Simd, const C: usize>(
     }
 }
 
-/// Replaces values by their activations.
+/// Replace values by their activations.
 #[inline(always)]
 fn activate<S: Simd, A: Curve, const C: usize>(
     simd: S,
@@ -229,7 +229,7 @@ fn activate<S: Simd, A: Curve, const C: usize>(
     }
 }
 
-/// Multiplies values by the activation's derivative where its values are `of`.
+/// Multiply values by the activation's derivative where its values are `of`.
 #[inline(always)]
 fn slope<S: Simd, A: Curve, const C: usize>(
     simd: S,
@@ -245,12 +245,12 @@ fn slope<S: Simd, A: Curve, const C: usize>(
     }
 }
 
-/// An activation as a type, so that it is chosen outside of the loops.
+/// Activation as a type, so that it is selected outside of the loops.
 pub(super) trait Curve {
-    /// At `z`.
+    /// Return the activation at `z`.
     fn value<S: Simd>(simd: S, z: S::f32s) -> S::f32s;
 
-    /// The derivative at a point where the value is `a`.
+    /// Return the derivative at a point where the value is `a`.
     fn derivative<S: Simd>(simd: S, a: S::f32s) -> S::f32s;
 }
 
@@ -301,7 +301,7 @@ impl Curve for Elu {
 }
 
 impl Curve for Tanh {
-    /// `tanh |z| = -e / (2 + e)` with `e = exp(-2 |z|) - 1`.
+    /// Compute `tanh |z| = -e / (2 + e)` with `e = exp(-2 |z|) - 1`.
     #[inline(always)]
     fn value<S: Simd>(simd: S, z: S::f32s) -> S::f32s {
         let twice = simd.mul_f32s(simd.splat_f32s(-2.0), simd.abs_f32s(z));
@@ -317,18 +317,19 @@ impl Curve for Tanh {
     }
 }
 
-/// `exp(x) - 1` for `x` up to 0, within 2e-7 of the true value and accurate near 0.
+/// Return `exp(x) - 1` for `x` up to 0, within 2e-7 of the true value and accurate near 0.
 ///
 /// `x = n ln 2 + r`, and `exp(x) - 1 = 2^n (exp(r) - 1) + (2^n - 1)`. The polynomial for `exp(r)` on
 /// `|r| < ln 2 / 2` and the split of `ln 2` are those of Cephes (Moshier, 1989), `expf.c`.
 #[inline(always)]
 fn exp_m1<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
-    /// 1.5 times 2^23: added to a small number, it leaves the nearest integer in the low bits.
+    /// Rounding constant, 1.5 times 2^23: added to a small number, it leaves the nearest integer in
+    /// the low bits.
     const ROUND: f32 = 12_582_912.0;
     const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
     const POLYNOMIAL: [f32; 6] =
         [1.987_569_1e-4, 1.398_2e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5];
-    /// Below, the result is -1 in single precision, and 2^n would be denormal.
+    /// Lower bound: below it, the result is -1 in single precision, and 2^n would be denormal.
     const LOWEST: f32 = -87.0;
     let x = simd.max_f32s(simd.splat_f32s(LOWEST), x);
     let shifted =
@@ -348,7 +349,7 @@ fn exp_m1<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     simd.mul_add_e_f32s(power, p, simd.sub_f32s(power, simd.splat_f32s(1.0)))
 }
 
-/// `dw += x^T dy` and `db += sum over the batch of dy`; `x` `[batch][x_stride]`, `dy`
+/// Accumulate `dw += x^T dy` and `db += sum over the batch of dy`; `x` `[batch][x_stride]`, `dy`
 /// `[batch][columns]`, `dw` `[depth][columns]`, `db` `[columns]`.
 #[inline(always)]
 pub(super) fn gradient<S: Simd>(
@@ -438,8 +439,9 @@ fn gradient_tile<S: Simd, const R: usize, const C: usize>(
     });
 }
 
-/// The narrow last layer, `y = bias + w x` with `OUT` outputs: weights are `[OUT][columns]`, so
-/// that each output is one long dot product; a wide product would waste most of its vector.
+/// Compute the narrow last layer, `y = bias + w x` with `OUT` outputs. Weights are
+/// `[OUT][columns]`, so that each output is one long dot product; a wide product would waste most
+/// of its vector.
 #[inline(always)]
 pub(super) fn narrow<S: Simd, const OUT: usize>(
     simd: S,
@@ -464,8 +466,8 @@ pub(super) fn narrow<S: Simd, const OUT: usize>(
     }
 }
 
-/// Backward pass of [`narrow`] in one sweep: `dw += dy^T x`, `db += sum dy`, and
-/// `dx = (dy w) * activation'(x)`.
+/// Backward pass of [`narrow`] in one sweep: `dw += dy^T x`, `db += sum dy`, and `dx = (dy w) *
+/// activation'(x)`.
 #[inline(always)]
 pub(super) fn narrow_backward<S: Simd, A: Curve, const OUT: usize>(
     simd: S,

@@ -1,12 +1,12 @@
-//! The network as plain data: dense layers with PyTorch's weight order, and a plain forward pass.
+//! Network as plain data: dense layers with PyTorch's weight order, and a plain forward pass.
 //!
-//! This is the form in which networks are stored, exported and compared. Training uses the padded
-//! copy in [`super::Trainer`], batched inference the one in [`super::Stack`]; both are tested
-//! against [`Network::forward`] here.
+//! Networks are stored, exported and compared in this form. Training uses the padded copy in
+//! [`super::Trainer`], batched inference the one in [`super::Stack`]; both are tested against
+//! [`Network::forward`].
 
 use serde::{Deserialize, Serialize};
 
-/// The non-linearity between two dense layers; the last layer is always linear.
+/// Activation between two dense layers; the last layer is always linear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Activation {
@@ -21,7 +21,7 @@ pub enum Activation {
 }
 
 impl Activation {
-    /// The activation of one pre-activation `z`.
+    /// Return the activation of one pre-activation `z`.
     #[must_use]
     pub fn apply(self, z: f32) -> f32 {
         match self {
@@ -33,7 +33,7 @@ impl Activation {
         }
     }
 
-    /// The name in files: `relu`, `softsign`, `elu` or `tanh`.
+    /// Return the name in files: `relu`, `softsign`, `elu` or `tanh`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -44,7 +44,7 @@ impl Activation {
         }
     }
 
-    /// Every activation, in the order of the enum.
+    /// All activations, in the order of the enum.
     pub const ALL: [Self; 4] = [Self::Relu, Self::Softsign, Self::Elu, Self::Tanh];
 }
 
@@ -57,40 +57,40 @@ pub struct Dense {
     pub outputs: usize,
     /// Row-major `[outputs][inputs]`, as PyTorch's `nn.Linear.weight`.
     pub weight: Vec<f32>,
-    /// `[outputs]`
+    /// Bias `[outputs]`.
     pub bias: Vec<f32>,
 }
 
-/// A multi-layer perceptron: dense layers with one activation between them.
+/// Multi-layer perceptron: dense layers with one activation between them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
-    /// Applied after every layer except the last.
+    /// Activation after every layer except the last.
     pub activation: Activation,
-    /// At least one; the outputs of each are the inputs of the next.
+    /// Layers, at least one; the outputs of each are the inputs of the next.
     pub layers: Vec<Dense>,
 }
 
 impl Network {
-    /// Names of the layers as upstream stores them: `fc1`, `fc2`, ..., `fc_out`.
+    /// Return the names of the layers in upstream's files: `fc1`, `fc2`, ..., `fc_out`.
     #[must_use]
     pub fn layer_names(&self) -> Vec<String> {
         let hidden = self.layers.len() - 1;
         (1..=hidden).map(|i| format!("fc{i}")).chain(["fc_out".to_owned()]).collect()
     }
 
-    /// Number of inputs of the first layer.
+    /// Return the number of inputs of the first layer.
     #[must_use]
     pub fn inputs(&self) -> usize {
         self.layers[0].inputs
     }
 
-    /// Number of outputs of the last layer.
+    /// Return the number of outputs of the last layer.
     #[must_use]
     pub fn outputs(&self) -> usize {
         self.layers[self.layers.len() - 1].outputs
     }
 
-    /// The output for one input vector, computed plainly; the reference for every faster path.
+    /// Compute the output for one input vector; the reference for every faster path.
     #[must_use]
     pub fn forward(&self, input: &[f32]) -> Vec<f32> {
         let last = self.layers.len() - 1;

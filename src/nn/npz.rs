@@ -1,14 +1,14 @@
-//! Weights as an npz archive of numpy arrays: `fc1.weight`, `fc1.bias`, ..., `fc_out.bias`.
+//! Weights as an npz archive of NumPy arrays: `fc1.weight`, `fc1.bias`, ..., `fc_out.bias`.
 
 use super::Network;
 use ndarray::{ArrayView1, ArrayView2};
 use ndarray_npy::{NpzWriter, WriteNpzError};
 use std::io::Cursor;
 
-/// The archive; weights are `[outputs][inputs]`, float32.
+/// Write the archive; weights are `[outputs][inputs]`, float32.
 ///
 /// # Errors
-/// Only when an array cannot be encoded, which would be a fault of this function.
+/// Only when an array cannot be encoded, which is a bug of this function.
 pub fn to_npz(network: &Network) -> Result<Vec<u8>, WriteNpzError> {
     let mut npz = NpzWriter::new(Cursor::new(Vec::new()));
     for (name, layer) in network.layer_names().iter().zip(&network.layers) {

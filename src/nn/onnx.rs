@@ -1,12 +1,12 @@
-//! ONNX export: the network as one `ModelProto`, for onnxruntime and everything that reads ONNX.
+//! ONNX export: the network as one `ModelProto`, for onnxruntime and other ONNX readers.
 //!
-//! Each dense layer is a `Gemm` node with `transB = 1`, so weights keep PyTorch's order; `Relu` or
-//! `Softsign`, `Elu` or `Tanh` nodes stand between them; a standardisation before them is `Sub`, `Mul`
-//! and `Clip`. The messages below are the needed subset of `onnx.proto3`
-//! (onnx/onnx, release 1.8: IR version 7, operator set 13), field numbers as there. Old versions
-//! are chosen on purpose: every runtime of the last years reads them, and no newer operator is used.
+//! Each dense layer is a `Gemm` node with `transB = 1`, so weights keep PyTorch's order. `Relu`,
+//! `Softsign`, `Elu` or `Tanh` nodes are between them; a standardisation before them is `Sub`,
+//! `Mul` and `Clip`. The messages below are the required subset of `onnx.proto3` (onnx/onnx,
+//! release 1.8: IR version 7, operator set 13), with the same field numbers. Old versions are used
+//! on purpose: every recent runtime reads them, and no newer operator is needed.
 //!
-//! Left out: reading ONNX, external data files, training information, every other operator.
+//! Not supported: reading ONNX, external data files, training information, other operators.
 
 use super::{
     network::{Activation, Dense, Network},
@@ -36,23 +36,23 @@ const FLOAT: i32 = 1;
 /// `AttributeProto.AttributeType.INT`
 const INT: i32 = 2;
 
-/// How a model meets the world: names of its only input and output, and what comes first.
+/// Interface of a model: names of its input and output, and preprocessing.
 #[derive(Debug, Clone, Copy)]
 pub struct Interface<'a> {
     /// Name of the input, float32 `[batch, inputs]`.
     pub input: &'a str,
     /// Name of the output, float32 `[batch, outputs]`.
     pub output: &'a str,
-    /// Applied to the input before the network.
+    /// Standardisation of the input before the network.
     pub standardizer: Option<&'a Standardizer>,
 }
 
 impl Interface<'static> {
-    /// That of an actuator's model.
+    /// Interface of an actuator model.
     pub const ACTUATOR: Self = Self { input: INPUT_NAME, output: OUTPUT_NAME, standardizer: None };
 }
 
-/// The network as the bytes of an ONNX file, from `history` to `velocity`.
+/// Write the network as the bytes of an ONNX file, from `history` to `velocity`.
 ///
 /// `metadata` becomes `metadata_props`, in the map's order: normalisation, history length, origin.
 /// Equal arguments give equal bytes.
@@ -61,7 +61,7 @@ pub fn to_onnx(network: &Network, metadata: &BTreeMap<String, String>) -> Vec<u8
     to_onnx_with(network, &Interface::ACTUATOR, metadata)
 }
 
-/// [`to_onnx`] with another interface.
+/// Write the network as [`to_onnx`] does, with another interface.
 #[must_use]
 pub fn to_onnx_with(
     network: &Network,
@@ -83,7 +83,8 @@ pub fn to_onnx_with(
     model.encode_to_vec()
 }
 
-/// The chain of nodes; every value is named after the node that makes it, the last is the output.
+/// Build the chain of nodes. Every value is named after the node that produces it; the last is the
+/// output.
 fn graph(network: &Network, interface: &Interface<'_>) -> Graph {
     let last = network.layers.len() - 1;
     let mut nodes = Vec::new();
@@ -113,7 +114,7 @@ fn graph(network: &Network, interface: &Interface<'_>) -> Graph {
     }
 }
 
-/// `clamp((input - mean) * scale, -limit, limit)`; returns the name of its result.
+/// Add the nodes of `clamp((input - mean) * scale, -limit, limit)`; return the name of the result.
 fn standardize(
     standardizer: &Standardizer,
     input: String,
@@ -148,7 +149,7 @@ fn standardize(
     value
 }
 
-/// `output = input weight^T + bias`
+/// Return the node of `output = input weight^T + bias`.
 fn gemm(layer: &str, input: String, output: String) -> Node {
     Node {
         inputs: vec![input, format!("{layer}.weight"), format!("{layer}.bias")],
@@ -191,7 +192,7 @@ fn tensor(name: String, shape: &[usize], values: &[f32]) -> Tensor {
     }
 }
 
-/// A float32 value of shape `[batch, width]`.
+/// Return a float32 value of shape `[batch, width]`.
 fn value_info(name: &str, width: usize) -> ValueInfo {
     let batch = Dimension { size: None, name: Some(BATCH_NAME.to_owned()) };
     let width = Dimension { size: Some(width as i64), name: None };
@@ -216,7 +217,7 @@ struct Model {
     metadata_props: Vec<StringEntry>,
 }
 
-/// The domain, field 1, stays empty: the default operator set.
+/// Operator set. The domain, field 1, stays empty: the default operator set.
 #[derive(Clone, PartialEq, Message)]
 struct OperatorSet {
     #[prost(int64, tag = "2")]
@@ -309,7 +310,7 @@ struct TensorShape {
     dims: Vec<Dimension>,
 }
 
-/// A number or a name, a oneof in `onnx.proto3`: exactly one is set.
+/// Number or name, a oneof in `onnx.proto3`: exactly one is set.
 #[derive(Clone, PartialEq, Message)]
 struct Dimension {
     #[prost(int64, optional, tag = "1")]
@@ -416,7 +417,7 @@ mod tests {
         assert_eq!(graph.nodes[0].outputs, ["velocity"]);
     }
 
-    /// The decoding tests share the field numbers with the code, this one does not. Renew the
+    /// The decoding tests share the field numbers with the code; this test does not. Renew the
     /// number only after `scripts/check_weights.py` has accepted a new file.
     #[test]
     fn bytes_are_those_that_onnx_accepted() {

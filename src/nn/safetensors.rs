@@ -1,14 +1,14 @@
-//! Weights as safetensors: the form in which networks are kept, and in which upstream's come in.
+//! Weights as safetensors: the format in which networks are stored, and upstream's are imported.
 //!
 //! A file is an 8-byte little-endian header length, a JSON header, and raw little-endian values
 //! (format: huggingface/safetensors, `README.md`, section "Format"). Tensors are `fc1.weight`,
-//! `fc1.bias`, ..., `fc_out.bias`, all F32; the header's string map carries the activation and what
-//! the caller adds (normalisation, history length, origin).
+//! `fc1.bias`, ..., `fc_out.bias`, all F32. The header's string map holds the activation and the
+//! caller's entries (normalisation, history length, origin).
 //!
 //! The header is written here because the crate takes its metadata as a hash map, whose order
 //! differs from run to run. For reading, the crate parses and validates the header.
 //!
-//! Left out: other element types (a file in F16, BF16 or F64 is refused, not converted), and
+//! Not supported: other element types (a file in F16, BF16 or F64 is refused, not converted), and
 //! Python pickles (`.pt`), which run code when read; convert them once with Python.
 
 use super::network::{Activation, Dense, Network};
@@ -20,10 +20,10 @@ use std::collections::BTreeMap;
 /// Header key of the activation: its [`Activation::name`].
 pub const ACTIVATION_KEY: &str = "activation";
 
-/// Multiple to which the header is padded with spaces, so that values lie aligned (bytes).
+/// Alignment of the values: the header is padded with spaces to this multiple (bytes).
 const ALIGNMENT: usize = 8;
 
-/// Why bytes are not a network. Shapes are in PyTorch's order, `[outputs, inputs]`.
+/// Error of reading a network. Shapes are in PyTorch's order, `[outputs, inputs]`.
 #[derive(Debug, thiserror::Error)]
 pub enum SafetensorsError {
     /// The file ends within its header.
@@ -35,7 +35,7 @@ pub enum SafetensorsError {
     /// The header is not valid JSON, or its offsets, types and shapes contradict each other.
     #[error("safetensors header is invalid: {0}")]
     Header(#[source] serde_json::Error),
-    /// The header describes more or fewer values than the file holds.
+    /// Header that describes more or fewer values than the file holds.
     #[error("safetensors file holds {found} bytes of values, its header describes {expected}")]
     DataLength {
         /// Bytes after the header.
@@ -72,7 +72,7 @@ pub enum SafetensorsError {
         tensor: String,
         /// The shape in the file.
         found: Vec<usize>,
-        /// The shape that fits, as text since a free size has no number: `[above 0, 64]`.
+        /// Expected shape as text, since a free size has no number: `[above 0, 64]`.
         expected: String,
     },
     /// A value is infinite or not a number.
@@ -80,12 +80,12 @@ pub enum SafetensorsError {
     NonFinite {
         /// Name of the tensor.
         tensor: String,
-        /// Position in row-major order.
+        /// Index in row-major order.
         index: usize,
         /// The value.
         value: f32,
     },
-    /// The metadata name an activation that is not known here.
+    /// Unknown activation in the metadata.
     #[error(
         "metadata activation is {found:?}, expected \"relu\", \"softsign\", \"elu\" or \"tanh\""
     )]
@@ -95,10 +95,10 @@ pub enum SafetensorsError {
     },
 }
 
-/// The network as the bytes of a safetensors file.
+/// Write the network as the bytes of a safetensors file.
 ///
-/// `metadata` goes into the header together with [`ACTIVATION_KEY`], which always tells the
-/// network's own activation, whatever the map says. Equal arguments give equal bytes.
+/// `metadata` goes into the header together with [`ACTIVATION_KEY`], which is always the network's
+/// own activation and overrides an entry of the map. Equal arguments give equal bytes.
 #[must_use]
 pub fn to_safetensors(network: &Network, metadata: &BTreeMap<String, String>) -> Vec<u8> {
     let mut metadata = metadata.clone();
@@ -114,25 +114,26 @@ pub fn to_safetensors(network: &Network, metadata: &BTreeMap<String, String>) ->
     assemble(header, &data)
 }
 
-/// A file of a header and the values that it describes.
+/// Return a file of a header and the values that it describes.
 pub(super) fn assemble(header: BTreeMap<String, Value>, data: &[u8]) -> Vec<u8> {
     let mut header = json!(header).to_string().into_bytes();
     header.resize(header.len().next_multiple_of(ALIGNMENT), b' ');
     [&(header.len() as u64).to_le_bytes(), header.as_slice(), data].concat()
 }
 
-/// Appends the values and returns their header entry. Keys are in alphabetical order, so that the
-/// text does not depend on whether `serde_json` sorts its maps or keeps the order of insertion.
+/// Append the values and return their header entry. Keys are in alphabetical order, so that the
+/// text is independent of the map type of `serde_json`.
 fn append(data: &mut Vec<u8>, shape: &[usize], values: &[f32]) -> Value {
     let start = data.len();
     data.extend(values.iter().flat_map(|value| value.to_le_bytes()));
     json!({ "data_offsets": [start, data.len()], "dtype": "F32", "shape": shape })
 }
 
-/// The network and the remaining metadata of a safetensors file, ours or a converted upstream one.
+/// Read the network and the remaining metadata of a safetensors file, ours or a converted upstream
+/// one.
 ///
-/// `default_activation` applies when the file has no [`ACTIVATION_KEY`]. That key is taken out of
-/// the returned map, so that reading undoes [`to_safetensors`].
+/// `default_activation` applies when the file has no [`ACTIVATION_KEY`]. That key is removed from
+/// the returned map, so that reading is the inverse of [`to_safetensors`].
 ///
 /// # Errors
 /// Any byte string that is not exactly one chain of finite F32 layers is refused; it never panics.
@@ -152,7 +153,7 @@ pub fn from_safetensors(
     Ok((Network { activation, layers }, metadata))
 }
 
-/// The validated header and the values.
+/// Return the validated header and the values.
 ///
 /// Not `SafeTensors::deserialize`: safetensors 0.8.0 adds the described length to the header's
 /// before it compares, which overflows on a crafted header and panics where overflow is checked.
@@ -178,14 +179,14 @@ pub(crate) fn parse_activation(name: String) -> Result<Activation, SafetensorsEr
     known.ok_or(SafetensorsError::UnknownActivation { found: name })
 }
 
-/// The tensors of a file that no layer has claimed yet.
+/// Tensors of a file that are not assigned to a layer yet.
 struct Tensors<'a> {
     infos: BTreeMap<String, &'a TensorInfo>,
     data: &'a [u8],
 }
 
 impl Tensors<'_> {
-    /// `fc1`, `fc2`, ... as far as they go, then `fc_out`, each fitting the one before.
+    /// Take the layers `fc1`, `fc2`, ... and then `fc_out`; each must fit the previous one.
     fn take_layers(mut self) -> Result<Vec<Dense>, SafetensorsError> {
         let mut layers: Vec<Dense> = Vec::new();
         loop {
@@ -207,7 +208,7 @@ impl Tensors<'_> {
         ["weight", "bias"].iter().any(|part| self.infos.contains_key(&format!("{name}.{part}")))
     }
 
-    /// One layer; `inputs` is `None` for the first, whose width is free.
+    /// Take one layer; `inputs` is `None` for the first, whose width is free.
     fn take_layer(&mut self, name: &str, inputs: Option<usize>) -> Result<Dense, SafetensorsError> {
         let (shape, weight) = self.take(format!("{name}.weight"), &[None, inputs])?;
         let (outputs, inputs) = (shape[0], shape[1]);
@@ -215,8 +216,8 @@ impl Tensors<'_> {
         Ok(Dense { inputs, outputs, weight, bias })
     }
 
-    /// Shape and values of one tensor, which must be F32, finite, and of the `expected` shape, in
-    /// which `None` stands for any size but 0.
+    /// Return shape and values of one tensor. It must be F32, finite, and of the `expected` shape,
+    /// in which `None` is any size but 0.
     fn take(
         &mut self,
         tensor: String,
@@ -251,7 +252,7 @@ fn fits(shape: &[usize], expected: &[Option<usize>]) -> bool {
     shape.len() == expected.len() && shape.iter().zip(expected).all(same)
 }
 
-/// `[above 0, 64]`
+/// Format an expected shape such as `[above 0, 64]`.
 fn describe(expected: &[Option<usize>]) -> String {
     let size = |size: &Option<usize>| size.map_or("above 0".to_owned(), |size| size.to_string());
     format!("[{}]", expected.iter().map(size).collect::<Vec<_>>().join(", "))
@@ -267,7 +268,7 @@ mod tests {
         pairs.map(|(key, value)| (key.to_owned(), value.to_owned())).into()
     }
 
-    /// A file with this header and so many bytes of zeros.
+    /// Return a file with this header and the given number of zero bytes.
     fn file(header: &str, n_data: usize) -> Vec<u8> {
         let length = (header.len() as u64).to_le_bytes();
         [length.as_slice(), header.as_bytes(), &vec![0; n_data]].concat()

@@ -1,4 +1,4 @@
-//! A network laid out for the kernels: padded, contiguous, ready for batches.
+//! Network in the memory layout of the kernels: padded, contiguous, ready for batches.
 
 use super::{
     kernel::{self, Epilogue, Product, padded},
@@ -7,23 +7,23 @@ use super::{
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
-/// Most outputs that a network may have; the last, narrow layer is a kernel of its own.
+/// Largest number of outputs of a network; the narrow last layer has its own kernel.
 pub const MAX_OUTPUTS: usize = 4;
 
-/// Where one layer lies in the flat parameter vector.
+/// Location of one layer in the flat parameter vector.
 #[derive(Debug, Clone)]
 pub(super) struct Span {
     pub(super) inputs: usize,
     pub(super) outputs: usize,
-    /// Floats from one row of `weights` to the next: padded outputs of a hidden layer, padded
-    /// inputs of the last.
+    /// Number of floats from one row of `weights` to the next: padded outputs of a hidden layer,
+    /// padded inputs of the last.
     pub(super) stride: usize,
     /// Hidden: `[inputs][stride]`. Last: `[outputs][stride]`.
     pub(super) weights: Range<usize>,
     pub(super) bias: Range<usize>,
 }
 
-/// The parameters of a network in one flat vector, with the padding the kernels want.
+/// Parameters of a network in one flat vector, with the padding of the kernels.
 #[derive(Debug, Clone)]
 pub struct Stack {
     pub(super) activation: Activation,
@@ -32,7 +32,7 @@ pub struct Stack {
     pub(super) values: Vec<f32>,
 }
 
-/// Everything one forward pass leaves for the backward pass; reused from batch to batch.
+/// Intermediate values of a forward pass for the backward pass; reused from batch to batch.
 #[derive(Debug, Clone, Default)]
 pub struct Tape {
     /// Inputs, `[batch][inputs]`; filled by the caller.
@@ -44,7 +44,7 @@ pub struct Tape {
 }
 
 impl Stack {
-    /// Lays out `network`; at least one hidden layer and at most [`MAX_OUTPUTS`] outputs.
+    /// Lay out `network`, with at least one hidden layer and at most [`MAX_OUTPUTS`] outputs.
     ///
     /// # Panics
     /// When the network has another shape.
@@ -93,13 +93,13 @@ impl Stack {
         }
     }
 
-    /// The network as plain data.
+    /// Return the network as plain data.
     #[must_use]
     pub fn network(&self) -> Network {
         self.unpack(&self.values)
     }
 
-    /// Plain data of a vector laid out like the parameters.
+    /// Return the plain data of a vector with the layout of the parameters.
     pub(super) fn unpack(&self, values: &[f32]) -> Network {
         let dense = |span: &Span, place: &dyn Fn(usize, usize) -> usize| Dense {
             inputs: span.inputs,
@@ -115,19 +115,19 @@ impl Stack {
         Network { activation: self.activation, layers: hidden.chain([last]).collect() }
     }
 
-    /// Number of inputs of the network.
+    /// Return the number of inputs of the network.
     #[must_use]
     pub fn inputs(&self) -> usize {
         self.hidden[0].inputs
     }
 
-    /// Number of outputs of the network.
+    /// Return the number of outputs of the network.
     #[must_use]
     pub fn outputs(&self) -> usize {
         self.last.outputs
     }
 
-    /// Computes `tape.y` from `tape.x`.
+    /// Compute `tape.y` from `tape.x`.
     pub fn forward(&self, tape: &mut Tape) {
         let batch = tape.x.len() / self.inputs();
         tape.activations.resize_with(self.hidden.len(), Vec::new);

@@ -1,7 +1,7 @@
-//! Any named tensors as a safetensors file: what training continues from, and policies.
+//! Arbitrary named tensors as a safetensors file: training states and policies.
 //!
 //! The format is that of [`super::safetensors`], without its chain of layers. Equal tensors give
-//! equal bytes; values of every type come back bit by bit.
+//! equal bytes; values of every type are restored bit by bit.
 
 use super::safetensors::{SafetensorsError, assemble, split};
 use safetensors::Dtype;
@@ -15,16 +15,16 @@ pub enum Values {
     F32(Vec<f32>),
     /// Double precision.
     F64(Vec<f64>),
-    /// Whole numbers.
+    /// Unsigned integers.
     U64(Vec<u64>),
 }
 
-/// Shape and values.
+/// Tensor: shape and values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tensor {
-    /// Sizes, slowest first; none for a single number.
+    /// Sizes, slowest first; empty for a single number.
     pub shape: Vec<usize>,
-    /// As many as the product of the sizes.
+    /// Values, as many as the product of the sizes.
     pub values: Values,
 }
 
@@ -32,7 +32,7 @@ pub struct Tensor {
 pub type Tensors = BTreeMap<String, Tensor>;
 
 impl Values {
-    /// The type in the file's header.
+    /// Return the type in the file's header.
     #[must_use]
     pub fn dtype(&self) -> Dtype {
         match self {
@@ -50,7 +50,7 @@ impl Values {
         }
     }
 
-    /// `None` for a type that is not kept here.
+    /// Decode values; `None` for an unsupported type.
     fn read(dtype: Dtype, bytes: &[u8]) -> Option<Self> {
         let (fours, _) = bytes.as_chunks::<4>();
         let (eights, _) = bytes.as_chunks::<8>();
@@ -63,7 +63,7 @@ impl Values {
     }
 }
 
-/// The tensors as the bytes of a safetensors file.
+/// Write the tensors as the bytes of a safetensors file.
 #[must_use]
 pub fn to_bytes(tensors: &Tensors, metadata: &BTreeMap<String, String>) -> Vec<u8> {
     let mut header = BTreeMap::from([("__metadata__".to_owned(), json!(metadata))]);
@@ -79,10 +79,10 @@ pub fn to_bytes(tensors: &Tensors, metadata: &BTreeMap<String, String>) -> Vec<u
     assemble(header, &data)
 }
 
-/// The tensors and the metadata of a safetensors file.
+/// Read the tensors and the metadata of a safetensors file.
 ///
 /// # Errors
-/// Bytes that are no such file, and tensors of other types than F32, F64 and U64; it never panics.
+/// For bytes that are not such a file, and for types other than F32, F64 and U64; it never panics.
 pub fn from_bytes(bytes: &[u8]) -> Result<(Tensors, BTreeMap<String, String>), SafetensorsError> {
     let (header, data) = split(bytes)?;
     let metadata =

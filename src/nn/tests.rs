@@ -1,4 +1,4 @@
-//! The fast path against the plain one, and gradients against finite differences.
+//! Tests of the fast path against the plain one, and of gradients against finite differences.
 
 use super::{Activation, Adam, Dense, InputGradient, Network, Stack, Tape, Trainer, padded};
 use crate::seed::Stream;
@@ -40,8 +40,8 @@ fn tape_of(inputs: Vec<f32>) -> Tape {
     Tape { x: inputs, ..Tape::default() }
 }
 
-/// Shapes that touch every tile: widths below, at and above one vector and one block of depth,
-/// batches that leave 0 to 5 rows over.
+/// Shapes that exercise every tile: widths below, at and above one vector and one block of depth,
+/// batches with 0 to 5 remaining rows.
 const SHAPES: [(&[usize], usize); 7] = [
     (&[40, 64, 64, 64, 2], 256),
     (&[38, 64, 64, 64, 2], 7),
@@ -90,13 +90,13 @@ fn activations_are_accurate_over_their_whole_range() {
     }
 }
 
-/// Loss `sum of c y` in double precision, with one parameter or input moved.
+/// Loss `sum of c y` in double precision, with one parameter or input changed.
 fn loss(network: &Network, inputs: &[f32], weights_of_outputs: &[f32]) -> f64 {
     let outputs = inputs.chunks_exact(network.inputs()).flat_map(|x| forward_f64(network, x));
     outputs.zip(weights_of_outputs).map(|(y, c)| y * f64::from(*c)).sum()
 }
 
-/// [`Network::forward`] in double precision, so that differences mean something.
+/// [`Network::forward`] in double precision, so that finite differences are accurate.
 fn forward_f64(network: &Network, input: &[f32]) -> Vec<f64> {
     let last = network.layers.len() - 1;
     let mut values: Vec<f64> = input.iter().map(|x| f64::from(*x)).collect();
@@ -231,7 +231,7 @@ fn training_continues_from_its_state_with_the_same_bytes() {
     step(&mut trainer, &mut tape);
     step(&mut again, &mut tape);
     assert_eq!(trainer.state(), again.state());
-    // Without the moments it would go elsewhere.
+    // Without the moments the training would diverge from it.
     let mut fresh = Trainer::new(&trainer.stack().network(), adam);
     step(&mut trainer, &mut tape);
     step(&mut fresh, &mut tape);
@@ -257,8 +257,7 @@ fn a_scaled_update_is_one_with_a_scaled_gradient() {
 
 #[test]
 fn padding_never_wakes_up() {
-    // 17 units are padded to 32; after training, laying out the plain network again must give the
-    // very same outputs.
+    // 17 units are padded to 32; after training, laying out the plain network again must give the same outputs.
     let network = random_network(&[5, 17, 17, 2], Activation::Relu, 11);
     let mut trainer = Trainer::new(&network, Adam::default());
     let (mut tape, mut dx) = (tape_of(random_inputs(5 * 9, 12)), Vec::new());

@@ -1,36 +1,50 @@
-//! TorchScript export: an archive for `torch.jit.load`, as Isaac Lab's `ActuatorNetMLP` reads its
-//! `network_file`.
+//! TorchScript export: the network as a scripted module for `torch.jit.load`.
+//!
+//! The loaded module is a `torch.jit.ScriptModule` whose `forward(input)` maps a float32 tensor of
+//! shape `[batch, inputs]` to one of shape `[batch, outputs]`. For an actuator model, the inputs are
+//! past velocity commands and measured velocities (m/s, board frame), ordered as in
+//! `actuator::Layout`. The output is the next velocity (vx, vy) in m/s.
+//!
+//! | inputs of 10 steps | `klasktron` layout: 40 | `klask-rl` layout: 38 |
+//! |---|---|---|
+//! | commands (vx, vy), newest first | 20 | 20 |
+//! | velocities (vx, vy), newest first | 20 | 18 |
+//!
+//! Isaac Lab's `ActuatorNetMLP` cannot use this module: that class supplies joint position errors
+//! and velocities and expects joint torques. Isaac Lab needs a custom actuator class for it (a
+//! subclass of `ActuatorBase`). That class keeps the history of commands and velocities, evaluates
+//! the module once per control period, and returns joint velocities.
 //!
 //! The archive is a zip of stored (never compressed) files: `data.pkl`, the module tree in pickle
 //! protocol 2; `data/<n>`, one raw little-endian tensor each, aligned to 64 bytes; `code/`, the
 //! source of the classes; `constants.pkl`, `version`, `byteorder`. Sources: PyTorch
 //! `torch/csrc/jit/docs/serialization.md` and `caffe2/serialize/inline_container.cc`, the zip
-//! `APPNOTE` sections 4.3.7 to 4.3.16, and archives written by torch 2.15, whose layout is followed.
-//! The module has submodules `fc1` ... `fc_out` of class `Linear`, so that `state_dict` carries
-//! upstream's names; parameters do not require gradients.
+//! `APPNOTE` sections 4.3.7 to 4.3.16, and archives written by torch 2.15 with the same layout. The
+//! module has submodules `fc1` ... `fc_out` of class `Linear`, so that `state_dict` has upstream's
+//! names; parameters do not require gradients.
 //!
-//! Left out: reading archives, debug records, zip64 (4 GiB and more), the normalisation constants
-//! (put them in the safetensors file; the module takes the network's own inputs).
+//! Not supported: reading archives, debug records, zip64 (4 GiB and more), and normalisation
+//! constants (they are in the safetensors file; the module takes the network's own inputs).
 
 use super::network::{Activation, Network};
 
-/// Directory of all records; torch takes whatever name comes first.
+/// Directory of all records; torch accepts any name.
 const ARCHIVE: &str = "network";
 
-/// Where each record's data begins, in bytes; torch's `kFieldAlignment`.
+/// Alignment of each record's data in bytes; torch's `kFieldAlignment`.
 const ALIGNMENT: usize = 64;
 
-/// Archive format, torch's `kProducedFileFormatVersion`. `true_divide` instead of `div` in the code
-/// keeps version 3 true: `div` changed its meaning in version 4.
+/// Version of the archive format, torch's `kProducedFileFormatVersion`. `true_divide` instead of
+/// `div` in the code keeps version 3 correct, because `div` changed its meaning in version 4.
 const VERSION: &[u8] = b"3\n";
 
-/// An empty tuple: the code uses no constant tensors.
+/// Empty tuple: the code uses no constant tensors.
 const CONSTANTS: &[u8] = b"\x80\x02).";
 
-/// Where torch keeps the class of a layer, so that its `original_name` reads `Linear`.
+/// Module of the class of a layer in torch, so that its `original_name` is `Linear`.
 const LINEAR_MODULE: &str = "__torch__.torch.nn.modules.linear";
 
-/// The class of every layer; sizes come from its tensors.
+/// Source of the class of every layer; sizes come from its tensors.
 const LINEAR_CODE: &str = "\
 class Linear(Module):
   __parameters__ = [\"weight\", \"bias\", ]
@@ -45,7 +59,7 @@ class Linear(Module):
     return torch.linear(input, weight, bias)
 ";
 
-/// The network as the bytes of a TorchScript archive, usually named `.pt`.
+/// Write the network as the bytes of a TorchScript archive, usually named `.pt`.
 ///
 /// The loaded module maps float32 `[batch, inputs]` to `[batch, outputs]`. Equal networks give
 /// equal bytes: time stamps are fixed to 1980-01-01.
@@ -69,7 +83,7 @@ pub fn to_torchscript(network: &Network) -> Vec<u8> {
     archive.finish()
 }
 
-/// The class of the whole network, in TorchScript's own serialised form.
+/// Return the source of the class of the whole network, in TorchScript's own serialised form.
 fn network_code(network: &Network) -> String {
     let names = network.layer_names();
     let last = names.len() - 1;
@@ -100,7 +114,7 @@ fn activation_code(activation: Activation, z: &str) -> String {
     }
 }
 
-/// The module tree with its tensors, as pickle.
+/// Return the module tree with its tensors, as pickle.
 fn module_pickle(network: &Network) -> Vec<u8> {
     let mut pickle = Pickle::new();
     pickle.begin_module("__torch__", "Network");
@@ -117,7 +131,7 @@ fn module_pickle(network: &Network) -> Vec<u8> {
     pickle.finish()
 }
 
-/// A pickle of protocol 2 in the making; the letters are its opcodes (Python `pickletools`).
+/// Writer of a pickle of protocol 2; the letters are its opcodes (Python `pickletools`).
 struct Pickle {
     bytes: Vec<u8>,
 }
@@ -131,25 +145,25 @@ impl Pickle {
         self.bytes.extend_from_slice(opcodes);
     }
 
-    /// GLOBAL
+    /// Append GLOBAL.
     fn global(&mut self, module: &str, name: &str) {
         self.bytes.extend_from_slice(format!("c{module}\n{name}\n").as_bytes());
     }
 
-    /// BINUNICODE
+    /// Append BINUNICODE.
     fn text(&mut self, text: &str) {
         self.ops(b"X");
         self.ops(&to_u32(text.len()).to_le_bytes());
         self.ops(text.as_bytes());
     }
 
-    /// BININT, a signed number of four bytes; sizes stay far below its range.
+    /// Append BININT, a signed number of four bytes; sizes stay far below its range.
     fn int(&mut self, value: usize) {
         self.ops(b"J");
         self.ops(&to_u32(value).to_le_bytes());
     }
 
-    /// MARK, the numbers, TUPLE
+    /// Append MARK, the numbers, TUPLE.
     fn ints(&mut self, values: &[usize]) {
         self.ops(b"(");
         for &value in values {
@@ -158,7 +172,7 @@ impl Pickle {
         self.ops(b"t");
     }
 
-    /// Class, EMPTY_TUPLE, NEWOBJ, EMPTY_DICT, MARK: its attributes follow as key and value.
+    /// Append class, EMPTY_TUPLE, NEWOBJ, EMPTY_DICT, MARK; its attributes follow as key and value.
     fn begin_module(&mut self, module: &str, class: &str) {
         self.global(module, class);
         self.ops(b")\x81}(");
@@ -166,12 +180,12 @@ impl Pickle {
         self.ops(b"\x89");
     }
 
-    /// SETITEMS, BUILD
+    /// Append SETITEMS, BUILD.
     fn end_module(&mut self) {
         self.ops(b"ub");
     }
 
-    /// `_rebuild_tensor_v2(storage, offset 0, shape, strides, requires_grad, hooks)`, where the
+    /// Append `_rebuild_tensor_v2(storage, offset 0, shape, strides, requires_grad, hooks)`. The
     /// storage is the persistent id `("storage", FloatStorage, key, "cpu", count)`.
     fn tensor(&mut self, key: usize, shape: &[usize]) {
         self.global("torch._utils", "_rebuild_tensor_v2");
@@ -190,7 +204,7 @@ impl Pickle {
         self.ops(b")RtR");
     }
 
-    /// STOP
+    /// Append STOP.
     fn finish(mut self) -> Vec<u8> {
         self.ops(b".");
         self.bytes
@@ -201,7 +215,7 @@ fn row_major_strides(shape: &[usize]) -> Vec<usize> {
     (0..shape.len()).map(|axis| shape[axis + 1..].iter().product()).collect()
 }
 
-/// A zip of stored files in the making.
+/// Writer of a zip of stored files.
 #[derive(Default)]
 struct Archive {
     bytes: Vec<u8>,
@@ -210,7 +224,7 @@ struct Archive {
 }
 
 impl Archive {
-    /// Appends one record; a padding field of PyTorch's kind moves its data to the next multiple of
+    /// Append one record; a padding field of PyTorch's kind moves its data to the next multiple of
     /// [`ALIGNMENT`].
     fn add(&mut self, name: &str, data: &[u8]) {
         const HEADER: usize = 30;
@@ -238,7 +252,7 @@ impl Archive {
         self.n_records += 1;
     }
 
-    /// The records, the directory and the end record.
+    /// Return the records, the directory and the end record.
     fn finish(mut self) -> Vec<u8> {
         let offset = to_u32(self.bytes.len());
         let n_records = to_u16(self.n_records).to_le_bytes();
@@ -253,8 +267,8 @@ impl Archive {
     }
 }
 
-/// What a record's own header and its directory entry share, from the version needed (2.0) to the
-/// length of the path: no flags, stored, midnight of 1980-01-01, checksum, size twice.
+/// Return the common fields of a record's header and its directory entry, from the version needed
+/// (2.0) to the length of the path: no flags, stored, midnight of 1980-01-01, checksum, size twice.
 fn common_fields(path: &str, data: &[u8]) -> Vec<u8> {
     let size = to_u32(data.len()).to_le_bytes();
     let mut fields = b"\x14\0\0\0\0\0\0\0\x21\0".to_vec();
@@ -286,7 +300,7 @@ mod tests {
         u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize
     }
 
-    /// Path, offset of the data, and data of each record, found through the directory.
+    /// Return path, offset of the data, and data of each record, found through the directory.
     fn records(zip: &[u8]) -> Vec<(String, usize, Vec<u8>)> {
         let end = zip.len() - 22;
         assert_eq!(&zip[end..end + 4], b"PK\x05\x06");

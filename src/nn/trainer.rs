@@ -1,4 +1,4 @@
-//! Gradients by reverse accumulation, and Adam.
+//! Gradients by reverse-mode differentiation, and Adam.
 //!
 //! Adam: Kingma and Ba, "Adam: A Method for Stochastic Optimization" (2015), algorithm 1, with the
 //! order of operations of PyTorch's `torch.optim.Adam`.
@@ -17,7 +17,7 @@ pub struct Adam {
     pub beta1: f32,
     /// Decay of the second moment, 0 to 1; 0.999 as in the paper.
     pub beta2: f32,
-    /// Added to the root of the second moment; 1e-8 as in the paper.
+    /// Constant added to the root of the second moment; 1e-8 as in the paper.
     pub epsilon: f32,
 }
 
@@ -27,48 +27,49 @@ impl Default for Adam {
     }
 }
 
-/// Whether a backward pass also computes the gradient with respect to the network's inputs.
+/// Option of a backward pass to compute the gradient with respect to the network's inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InputGradient {
-    /// Only parameters.
+    /// Gradient of the parameters only.
     Skip,
-    /// Inputs as well, for training through several steps.
+    /// Gradient of the inputs as well, for training through several steps.
     Compute,
 }
 
-/// A network in training: parameters, gradients and the moments of Adam.
+/// Network in training: parameters, gradients and the moments of Adam.
 #[derive(Debug, Clone)]
 pub struct Trainer {
     stack: Stack,
     gradient: Vec<f32>,
     moment1: Vec<f32>,
     moment2: Vec<f32>,
-    /// `[outputs][padded inputs]` of each hidden layer, for the way back.
+    /// Transposed weights `[outputs][padded inputs]` of each hidden layer, for the backward pass.
     transposed: Vec<Vec<f32>>,
     back: BackwardScratch,
     adam: Adam,
     steps: i32,
 }
 
-/// Gradients of the activations on the way back, `[batch][padded width]`, two in turn; reused.
+/// Scratch memory of the backward pass: gradients of the activations, `[batch][padded width]`, two
+/// in turn; reused.
 #[derive(Debug, Clone, Default)]
 pub struct BackwardScratch([Vec<f32>; 2]);
 
-/// Everything that training continues from.
+/// State from which training continues.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainerState {
-    /// The parameters.
+    /// Parameters.
     pub network: Network,
-    /// Adam's first moment of each parameter, at its place.
+    /// Adam's first moment of each parameter, at the parameter's place.
     pub moment1: Network,
-    /// Adam's second moment of each parameter, at its place.
+    /// Adam's second moment of each parameter, at the parameter's place.
     pub moment2: Network,
-    /// Updates done so far.
+    /// Number of updates so far.
     pub steps: i32,
 }
 
 impl Trainer {
-    /// Starts from `network`.
+    /// Start training from `network`.
     #[must_use]
     pub fn new(network: &Network, adam: Adam) -> Self {
         let stack = Stack::new(network);
@@ -89,7 +90,7 @@ impl Trainer {
         trainer
     }
 
-    /// Continues from `state`, with the bytes that an uninterrupted training would have.
+    /// Resume from `state`, with the bytes of an uninterrupted training.
     ///
     /// # Panics
     /// When the three networks of the state differ in shape.
@@ -104,7 +105,7 @@ impl Trainer {
         trainer
     }
 
-    /// Parameters, moments and number of updates.
+    /// Return parameters, moments and number of updates.
     #[must_use]
     pub fn state(&self) -> TrainerState {
         TrainerState {
@@ -115,49 +116,49 @@ impl Trainer {
         }
     }
 
-    /// The parameters as they stand.
+    /// Return the present parameters.
     #[must_use]
     pub fn stack(&self) -> &Stack {
         &self.stack
     }
 
-    /// The gradient accumulated since the last [`update`](Self::update), each value at the place
-    /// of its parameter.
+    /// Return the gradient accumulated since the last [`update`](Self::update), each value at the
+    /// place of its parameter.
     #[must_use]
     pub fn gradient(&self) -> Network {
         self.stack.unpack(&self.gradient)
     }
 
-    /// Updates done so far.
+    /// Return the number of updates so far.
     #[must_use]
     pub fn steps(&self) -> i32 {
         self.steps
     }
 
-    /// Number of places in the flat gradient, padding included.
+    /// Return the length of the flat gradient, padding included.
     #[must_use]
     pub fn parameter_count(&self) -> usize {
         self.gradient.len()
     }
 
-    /// The flat gradient that the next update uses, laid out like what
-    /// [`accumulate`](Self::accumulate) fills; padding must stay zero.
+    /// Return the flat gradient of the next update, with the layout of
+    /// [`accumulate`](Self::accumulate); padding must stay zero.
     pub fn gradient_mut(&mut self) -> &mut [f32] {
         &mut self.gradient
     }
 
-    /// Whether every parameter is a finite number.
+    /// Return whether every parameter is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.stack.values.iter().all(|value| value.is_finite())
     }
 
-    /// Computes `tape.y` from `tape.x`.
+    /// Compute `tape.y` from `tape.x`.
     pub fn forward(&self, tape: &mut Tape) {
         self.stack.forward(tape);
     }
 
-    /// Adds the gradient of a loss whose derivative with respect to the outputs of `tape` is `dy`
+    /// Add the gradient of a loss whose derivative with respect to the outputs of `tape` is `dy`
     /// (`[batch][outputs]`). With [`InputGradient::Compute`], `dx` becomes `[batch][padded
     /// inputs]`, the derivative with respect to the inputs.
     pub fn backward(&mut self, tape: &Tape, dy: &[f32], want: InputGradient, dx: &mut Vec<f32>) {
@@ -181,8 +182,8 @@ impl Trainer {
         });
     }
 
-    /// Like [`backward`](Self::backward), but adds to a gradient of the caller's, of
-    /// [`parameter_count`](Self::parameter_count) places; for several threads at one network.
+    /// Add to a gradient of the caller's, of length [`parameter_count`](Self::parameter_count), as
+    /// [`backward`](Self::backward) does; for several threads at one network.
     pub fn accumulate(
         &self,
         tape: &Tape,
@@ -201,12 +202,12 @@ impl Trainer {
         });
     }
 
-    /// One step of Adam with the accumulated gradient, which it then clears.
+    /// Apply one step of Adam with the accumulated gradient, and clear the gradient.
     pub fn update(&mut self, learning_rate: f32) {
         self.update_scaled(learning_rate, 1.0);
     }
 
-    /// [`update`](Self::update) with `scale` times the accumulated gradient.
+    /// Apply [`update`](Self::update) with `scale` times the accumulated gradient.
     pub fn update_scaled(&mut self, learning_rate: f32, scale: f32) {
         self.steps += 1;
         let Adam { beta1, beta2, epsilon } = self.adam;
@@ -230,7 +231,7 @@ impl Trainer {
 }
 
 impl BackwardScratch {
-    /// Room for the widest layer of `stack` and as many rows as `dy` has.
+    /// Return buffers for the widest layer of `stack` and as many rows as `dy` has.
     fn sized(&mut self, stack: &Stack, dy: &[f32]) -> &mut [Vec<f32>; 2] {
         let batch = dy.len() / stack.outputs();
         let widest = stack.hidden.iter().map(|span| span.stride).max().unwrap_or(0);
@@ -241,7 +242,7 @@ impl BackwardScratch {
     }
 }
 
-/// Refreshes the transposed weights.
+/// Update of the transposed weights.
 struct Transpose<'a> {
     stack: &'a Stack,
     transposed: &'a mut [Vec<f32>],
@@ -253,7 +254,7 @@ const BLOCK: usize = 8;
 impl WithSimd for Transpose<'_> {
     type Output = ();
 
-    /// Needs no vectors of its own, only the instructions that come with them.
+    /// Uses no explicit vectors, only the instruction set that comes with them.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
         for (span, transposed) in self.stack.hidden.iter().zip(self.transposed) {
@@ -346,7 +347,7 @@ impl WithSimd for Backward<'_> {
     }
 }
 
-/// The way back through the narrow last layer.
+/// Backward pass of the narrow last layer.
 #[inline(always)]
 fn last<S: Simd, A: Curve>(
     simd: S,
@@ -366,19 +367,19 @@ fn last<S: Simd, A: Curve>(
 struct Update<'a> {
     parameters: &'a mut [f32],
     gradient: &'a mut [f32],
-    /// Multiplies the gradient first: 1, or less when it is clipped.
+    /// Factor on the gradient: 1, or less when it is clipped.
     gradient_scale: f32,
     moments: [&'a mut [f32]; 2],
     betas: [f32; 2],
-    /// Learning rate over the first moment's correction.
+    /// Learning rate divided by the first moment's bias correction.
     step: f32,
-    /// One over the root of the second moment's correction.
+    /// Reciprocal of the root of the second moment's bias correction.
     scale: f32,
     epsilon: f32,
 }
 
-/// First moments below this are set to zero: they belong to units that no longer take part, and
-/// would decay into denormal numbers, which are a hundred times slower.
+/// Smallest first moment; smaller ones are set to zero. They belong to units that no longer
+/// contribute, and would decay into denormal numbers, which are a hundred times slower.
 const MOMENT_FLOOR: f32 = 1e-30;
 
 impl WithSimd for Update<'_> {

@@ -1,15 +1,15 @@
-//! When each motor hears a command: the setpoint frames of one period leave one after another, so that
-//! the second motor of a gantry hears its command a frame later than the first.
+//! Command latency of each motor on the bus. The setpoint frames of one period leave one after
+//! another, so the second motor of a gantry receives its command one frame later than the first.
 
 use super::{
     Recording, RecordingError,
     topic::{Motor, Player},
 };
 
-/// Longest time from a command to its arrival that is believed (s): a period of 10 Hz.
+/// Longest plausible time from a command to its arrival (s): a period of 10 Hz.
 const LONGEST_SECONDS: f64 = 0.1;
 
-/// Key of the metadata that hold the time from a recorded command of `player` to the end of `motor`'s
+/// Return the metadata key of the time from a recorded command of `player` to the end of `motor`'s
 /// setpoint frame on the bus (s).
 #[must_use]
 pub fn arrival_key(player: Player, motor: Motor) -> String {
@@ -17,11 +17,11 @@ pub fn arrival_key(player: Player, motor: Motor) -> String {
 }
 
 impl Recording {
-    /// Time from a command of `player` as recorded to its arrival at each motor (s), as the metadata
-    /// tell it; 0 where they do not.
+    /// Return the time from a recorded command of `player` to its arrival at each motor (s), from
+    /// the metadata; 0 without an entry.
     ///
     /// # Errors
-    /// When what they tell is not a time from 0 to 0.1 s.
+    /// When an entry is not a time from 0 to 0.1 s.
     pub fn command_arrivals(&self, player: Player) -> Result<[f64; 2], RecordingError> {
         let mut seconds = [0.0; 2];
         for (own, motor) in seconds.iter_mut().zip(Motor::BOTH) {

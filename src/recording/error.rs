@@ -1,40 +1,40 @@
-//! What can be wrong with a recording, each with the file, the place and the way out.
+//! Errors of a recording, each with the file, the location and the remedy.
 
 use super::schema::SchemaDifference;
 use std::{io, path::PathBuf};
 
-/// Failure to read, write or understand a recording.
+/// Failure to read, write or decode a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The operating system refused.
+    /// Failure of the operating system.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried, as a verb: "open", "read", "write".
+        /// Failed action, as a verb: "open", "read", "write".
         action: &'static str,
-        /// The system's reason.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The file has no bytes.
+    /// Empty file.
     #[error("{}: the file is empty; record or copy it again", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
     },
-    /// The file does not begin with the MCAP magic bytes.
+    /// File that does not start with the MCAP magic bytes.
     #[error(
-        "{}: not an MCAP file (it begins with {begins}); bring ROS 2 bags, npz, CSV and candump \
+        "{}: not an MCAP file (it starts with {begins}); bring ROS 2 bags, npz, CSV and candump \
          logs in with `klasktron import`", path.display()
     )]
     NotMcap {
         /// The file.
         path: PathBuf,
-        /// Its first bytes, in hexadecimal.
+        /// First bytes, in hexadecimal.
         begins: String,
     },
-    /// A known topic carries a schema that the contract does not allow.
-    #[error("{}: topic {topic} carries schema '{found}', the contract has '{expected}'", path.display())]
+    /// Known topic with a schema that the contract does not allow.
+    #[error("{}: topic {topic} has schema '{found}', the contract has '{expected}'", path.display())]
     WrongSchema {
         /// The file.
         path: PathBuf,
@@ -42,10 +42,10 @@ pub enum RecordingError {
         topic: String,
         /// Schema name and encoding in the file.
         found: String,
-        /// Schema name that the contract demands.
+        /// Schema name in the contract.
         expected: String,
     },
-    /// A known topic carries a schema of the right name whose fields differ.
+    /// Known topic with a schema of the right name but different fields.
     #[error("{}: topic {topic}, schema {schema}: {difference}", path.display())]
     SchemaDiffers {
         /// The file.
@@ -54,42 +54,42 @@ pub enum RecordingError {
         topic: String,
         /// Schema name.
         schema: String,
-        /// The first difference.
+        /// First difference.
         difference: Box<SchemaDifference>,
     },
-    /// A message does not decode as its schema says.
-    #[error("{}: topic {topic}, message {index}: does not decode as {schema}: {reason}", path.display())]
+    /// Message that cannot be decoded with its schema.
+    #[error("{}: topic {topic}, message {index}: cannot be decoded as {schema}: {reason}", path.display())]
     BadMessage {
         /// The file.
         path: PathBuf,
         /// The topic.
         topic: String,
-        /// Position among the topic's messages, from 0.
+        /// Index among the topic's messages, from 0.
         index: usize,
         /// Schema name.
         schema: String,
-        /// The decoder's reason.
+        /// Error of the decoder.
         reason: String,
     },
-    /// A value of the metadata record `klasktron.recording` is not what its key stands for.
-    #[error("{}: the metadata say {key} = '{value}', which must be {expected}", path.display())]
+    /// Invalid value in the metadata record `klasktron.recording`.
+    #[error("{}: the metadata have {key} = '{value}', which must be {expected}", path.display())]
     BadMetadata {
         /// The file.
         path: PathBuf,
-        /// Its key.
+        /// Key of the entry.
         key: String,
-        /// The value.
+        /// Value of the entry.
         value: String,
-        /// What it may be.
+        /// Allowed values.
         expected: String,
     },
-    /// The output exists already.
+    /// Output that exists already.
     #[error("{}: exists already; give another name or pass --overwrite", path.display())]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// Another session is writing this recording, or one was cut off while it did.
+    /// Recording that another session is writing, or that was interrupted.
     #[error(
         "{}: holds a recording that is being written or was cut off; save it with `klasktron recover \
          {} -o OUT`, then remove it, or give another name", partial.display(), partial.display()
@@ -98,17 +98,17 @@ pub enum RecordingError {
         /// The partial file.
         partial: PathBuf,
     },
-    /// A topic was asked for that the recording does not have.
+    /// Missing topic.
     #[error("{}: no topic {topic}; it has {}", path.display(), list(topics))]
     NoSuchTopic {
         /// The file.
         path: PathBuf,
-        /// What was asked for.
+        /// Requested topic.
         topic: String,
-        /// What there is.
+        /// Topics of the recording.
         topics: Vec<String>,
     },
-    /// A topic whose messages have no columns that this crate can find.
+    /// Topic without columns for a table.
     #[error(
         "{}: topic {topic} is encoded as '{encoding}' with schema '{schema}', and tables are made \
          of protobuf messages with their descriptor only; bring ROS 2 bags in with `klasktron \
@@ -124,30 +124,30 @@ pub enum RecordingError {
         /// Full name of the schema.
         schema: String,
     },
-    /// A topic carries messages of several types, which make no single table.
-    #[error("{}: topic {topic} carries several schemas: {}", path.display(), list(schemas))]
+    /// Topic with messages of several types, which do not form one table.
+    #[error("{}: topic {topic} has several schemas: {}", path.display(), list(schemas))]
     MixedSchemas {
         /// The file.
         path: PathBuf,
         /// The topic.
         topic: String,
-        /// Full names.
+        /// Full names of the schemas.
         schemas: Vec<String>,
     },
-    /// A table could not be written.
+    /// Table that could not be written.
     #[error("{}: cannot write the table: {reason}", path.display())]
     Table {
         /// The file.
         path: PathBuf,
-        /// The writer's reason.
+        /// Error of the writer.
         reason: String,
     },
-    /// The MCAP writer refused.
+    /// Failure of the MCAP writer.
     #[error("{}: cannot write: {source}", path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// The writer's reason.
+        /// Error of the writer.
         source: mcap::McapError,
     },
 }
@@ -157,7 +157,7 @@ fn list(names: &[String]) -> String {
 }
 
 impl RecordingError {
-    /// Wraps an I/O error with the file and the verb.
+    /// Wrap an I/O error with the file and the verb.
     pub fn io(path: impl Into<PathBuf>, action: &'static str) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         move |source| Self::Io { path, action, source }

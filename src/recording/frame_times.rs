@@ -1,49 +1,53 @@
-//! When the camera's frames were taken and when they arrived, on the recording's clock.
+//! Capture and arrival times of the camera's frames, on the recording's clock.
 
 use super::{Series, message::CameraDetections};
 use crate::{stats::median, units::Nanos};
 
-/// Stamps that typically differ less than this from the arrivals (s) count from the same instant: a
-/// camera's pictures come within half a second, and unset clocks are hours apart.
+/// Largest typical difference between stamps and arrivals on a common clock (s). Camera frames
+/// arrive within half a second, and unset clocks are hours apart.
 const SAME_EPOCH_S: f64 = 1.0;
 
-/// A stamp further than this from where the clock puts its frame's arrival (s) is an error of the
-/// camera; its frame goes by its arrival.
+/// Largest deviation of a stamp from the fitted clock (s); beyond it, the stamp is an error of the
+/// camera and the arrival time is used.
 const WRONG_STAMP_S: f64 = 1.0;
 
-/// A clock that gains or loses more than this share is none: quartz keeps 1e-4.
+/// Largest drift of a clock, as a fraction; a quartz clock keeps 1e-4.
 const LARGEST_DRIFT: f64 = 0.01;
 
-/// Stamps this close together stand (s).
+/// Largest step between stamps that counts as no advance (s).
 const STANDING_S: f64 = 1e-6;
 
-/// Largest share of frames whose stamp does not advance: above, the clock is too coarse to tell
-/// frames apart.
+/// Largest fraction of frames whose stamp does not advance; above it, the clock is too coarse to
+/// distinguish frames.
 const LARGEST_STANDING_SHARE: f64 = 0.01;
 
-/// When each frame was taken and when it arrived, on the recording's clock.
+/// Capture and arrival time of each frame, on the recording's clock.
 ///
-/// Messages carry the host's time of arrival (`log_time`) and the camera's stamp
-/// (`capture_time_ns`). What the stamp is worth depends on the clock behind it:
+/// Messages have the host's time of arrival (`log_time`) and the camera's stamp
+/// (`capture_time_ns`). The use of the stamp depends on its clock:
 ///
-/// | clock of the stamps | taken | latency of the stamps |
+/// | clock of the stamps | capture time | latency of the stamps |
 /// |---|---|---|
-/// | the recording's: typically within 1 s of the arrivals | the stamp, untouched | observable, and so is drift |
-/// | one of its own, such as the time since the camera's boot | the stamp, mapped to the arrivals by offset and drift | not observable, nor is drift |
-/// | none: no stamps, or stamps that stand or run 1 % too fast or slow | the arrival | not observable |
+/// | the recording's: typically within 1 s of the arrivals | the stamp, unchanged | observable, and
+/// so is drift |
+/// | a separate clock, such as the time since the camera's boot | the stamp, mapped to the arrivals
+/// by offset and drift | not observable, nor is drift |
+/// | none: no stamps, or stamps that do not advance or run 1 % too fast or slow | the arrival | not
+/// observable |
 ///
-/// In the last two rows nothing tells the time from exposure to arrival apart from the rest. What a
-/// fit then calls the camera's latency is that whole time, transport and processing included.
+/// In the last two rows the time from exposure to arrival is not identifiable. The camera latency
+/// of a fit then includes transport and processing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FrameTimes {
-    /// When each was taken, as the table says.
+    /// Capture time of each frame, as in the table.
     pub taken: Vec<Nanos>,
-    /// When each arrived, freed from the scatter of arrivals by the camera's clock where it has one.
+    /// Arrival time of each frame, without the jitter of arrivals where the camera has a clock.
     pub arrived: Vec<Nanos>,
 }
 
 impl FrameTimes {
-    /// Of detections in order of their arrival; both times are as many as `detections`.
+    /// Compute the times of detections in order of their arrival; both lists are as long as
+    /// `detections`.
     #[must_use]
     pub fn of(detections: &Series<CameraDetections>) -> Self {
         let stamps: Vec<Option<Nanos>> = detections
@@ -64,7 +68,7 @@ impl FrameTimes {
     }
 }
 
-/// Age of each stamp at the arrival of its frame (s); NaN without a stamp.
+/// Return the age of each stamp at the arrival of its frame (s); NaN without a stamp.
 fn ages(arrivals: &[Nanos], stamps: &[Option<Nanos>]) -> Vec<f64> {
     let age = |(arrival, stamp): (&Nanos, &Option<Nanos>)| {
         stamp.map_or(f64::NAN, |stamp| arrival.seconds_since(stamp))
@@ -72,21 +76,22 @@ fn ages(arrivals: &[Nanos], stamps: &[Option<Nanos>]) -> Vec<f64> {
     arrivals.iter().zip(stamps).map(age).collect()
 }
 
-/// Medians of the first and of the last third of `values`.
+/// Return the medians of the first and of the last third of `values`.
 fn ends(values: &[f64]) -> Option<[f64; 2]> {
     let third = values.len().div_ceil(3);
     Some([median(&values[..third])?, median(&values[values.len() - third..])?])
 }
 
-/// Median age of the stamps (s) where they count from the same instant as the arrivals, at the
-/// beginning and at the end.
+/// Return the median age of the stamps (s) at the start and at the end, where they share the clock
+/// of the arrivals.
 fn same_epoch(arrivals: &[Nanos], stamps: &[Option<Nanos>]) -> Option<f64> {
     let ages = ages(arrivals, stamps);
     let same = ends(&ages)?.iter().all(|age| age.abs() <= SAME_EPOCH_S);
     median(&ages).filter(|_| same)
 }
 
-/// The stamps; a frame with a missing or wrong one was taken `age` (s) before it arrived.
+/// Return the stamps; a frame with a missing or wrong stamp was captured `age` (s) before it
+/// arrived.
 fn stamped_times(arrivals: &[Nanos], stamps: &[Option<Nanos>], age: f64) -> Vec<Nanos> {
     let right = |arrival: Nanos, stamp: &Nanos| {
         (arrival.seconds_since(*stamp) - age).abs() <= WRONG_STAMP_S
@@ -97,8 +102,8 @@ fn stamped_times(arrivals: &[Nanos], stamps: &[Option<Nanos>], age: f64) -> Vec<
     arrivals.iter().zip(stamps).map(time).collect()
 }
 
-/// The camera's clock against the arrivals: a stamp `c` seconds after the first arrived
-/// `c + offset + drift * (c - at)` seconds after the first arrival.
+/// Camera clock relative to the arrivals: a stamp `c` seconds after the first arrived `c + offset +
+/// drift * (c - at)` seconds after the first arrival.
 struct Clock {
     first: Nanos,
     first_arrival: Nanos,
@@ -108,7 +113,8 @@ struct Clock {
 }
 
 impl Clock {
-    /// By the medians of the first and of the last third; `None` where the stamps are no clock.
+    /// Fit by the medians of the first and of the last third; `None` where the stamps are not a
+    /// clock.
     fn of(arrivals: &[Nanos], stamps: &[Option<Nanos>]) -> Option<Self> {
         let first = (*stamps.iter().find(|stamp| stamp.is_some())?)?;
         let first_arrival = *arrivals.first()?;
@@ -120,7 +126,7 @@ impl Clock {
             .zip(&stamped)
             .map(|(arrival, stamp)| arrival.seconds_since(first_arrival) - stamp)
             .collect();
-        // A missing stamp does not stand: it is not finite, and neither is its step.
+        // A missing stamp is not finite, and neither is its step.
         let steps = stamped.windows(2).map(|pair| pair[1] - pair[0]);
         let standing = steps.filter(|step| *step <= STANDING_S).count() as f64;
         let [at, at_late] = ends(&stamped)?;
@@ -136,7 +142,8 @@ impl Clock {
         })
     }
 
-    /// Arrivals by this clock; of frames with a missing or wrong stamp as they were recorded.
+    /// Return the arrivals by this clock; frames with a missing or wrong stamp keep the recorded
+    /// arrival.
     fn arrivals(&self, arrivals: &[Nanos], stamps: &[Option<Nanos>]) -> Vec<Nanos> {
         let by_clock = |stamp: Nanos| {
             let c = stamp.seconds_since(self.first);
@@ -157,18 +164,17 @@ mod tests {
 
     const BEGAN: Nanos = Nanos(1_700_000_000_000_000_000);
 
-    /// Frame `k` is exposed this long after the first (s).
+    /// Exposure time of frame `k` after the first (s).
     fn exposed(k: u32) -> f64 {
         f64::from(k) / 120.0
     }
 
-    /// Scatter of the arrivals (s).
+    /// Jitter of the arrivals (s).
     fn scatter(k: u32) -> f64 {
         0.002 * (f64::from(k) * 2.399_963).sin()
     }
 
-    /// A minute of frames that arrive 30 ms after their exposure, with scatter, and carry
-    /// `stamp(k)`.
+    /// A minute of frames that arrive 30 ms after their exposure, with jitter, and have `stamp(k)`.
     fn frames(stamp: impl Fn(u32) -> Nanos) -> Series<CameraDetections> {
         let detections =
             |k| CameraDetections { capture_time_ns: stamp(k).0, ..CameraDetections::default() };

@@ -1,11 +1,11 @@
-//! What is in a recording, and what is doubtful about it.
+//! Summary of a recording and checks of its data quality.
 //!
-//! Works on every MCAP file: topics, rates and gaps of any, ranges of every number of protobuf
-//! topics, and for recordings of the contract the runs, the speeds and whether motion follows
-//! command. Every limit is a constant with its reason, beside the judgement that it serves; they
-//! are wide on purpose, so that a healthy recording with the jitter of real devices has no doubt.
+//! Every MCAP file is supported: topics, rates and dropouts of any file, and ranges of every number
+//! of protobuf topics. Recordings of the contract also get runs, speeds, and the relation of motion
+//! to command. Every limit is a constant with its reason, next to its check. The limits are wide on
+//! purpose, so that a healthy recording with the jitter of real devices has no warning.
 
-mod doubt;
+mod issue;
 mod motion;
 mod runs;
 mod timing;
@@ -18,41 +18,43 @@ use super::{
     topic::{self, Motor, Player},
 };
 use crate::units::Nanos;
-pub use doubt::{Doubt, StatedDoubt};
+pub use issue::{DataQualityIssue, QualityWarning};
 use motion::GantryTracks;
 pub use motion::SpeedReport;
 pub use runs::RunReport;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 pub use timing::Timing;
-use topics::Studied;
+use topics::TopicStudy;
 pub use topics::{FieldReport, TopicReport};
 use track::Track;
 
 /// Version of the [`Inspection`] document.
-pub const SCHEMA_VERSION: u32 = 1;
+pub const SCHEMA_VERSION: u32 = 2;
 
-/// Belt per turn of a motor (m) where the recording's metadata do not tell: GT2, 20 teeth.
+/// Belt per turn of a motor (m) without metadata of the recording: GT2, 20 teeth.
 const BELT_METRES_PER_TURN: f64 = 0.04;
 /// Metadata that must agree between files that are used together.
 const ROBOT_KEYS: [&str; 2] = ["robot", "belt_metres_per_turn"];
-/// A topic may be silent this long at the end (s): recorders flush once a second, and a crash of
-/// one writer costs up to that; twice it is something else.
+/// Longest silence of a topic at the end (s). Recorders flush once a second, and the crash of one
+/// writer costs up to that; twice that time has another cause.
 const EARLY_STOP_S: f64 = 2.0;
-/// And this many of its own intervals.
+/// Longest silence at the end in intervals of the topic.
 const EARLY_STOP_INTERVALS: f64 = 10.0;
-/// And this many times its own largest gap, for topics that pause between runs.
-const EARLY_STOP_GAPS: f64 = 2.0;
-/// As many equal detections are no coincidence: one second at 120 Hz, with noise or rounding.
+/// Longest silence at the end in multiples of the topic's longest dropout, for topics that pause
+/// between runs.
+const EARLY_STOP_DROPOUTS: f64 = 2.0;
+/// Number of equal detections that excludes a coincidence: one second at 120 Hz, with noise or
+/// rounding.
 const MIN_CONSTANT_DETECTIONS: u64 = 120;
 
-/// Everything that `klasktron info` tells about one file. Times are relative to the earliest
-/// message (s).
+/// Summary of one file, as written by `klasktron info`. Times are relative to the earliest message
+/// (s).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Inspection {
     /// Version of this document, [`SCHEMA_VERSION`].
     pub schema_version: u32,
-    /// Path as it was given.
+    /// Path as given.
     pub file: String,
     /// Size of the file.
     pub bytes: u64,
@@ -60,17 +62,17 @@ pub struct Inspection {
     pub sha256: String,
     /// Profile of the header: `klasktron` for the contract, `ros2` for bags.
     pub profile: String,
-    /// Software that wrote it.
+    /// Software that wrote the file.
     pub library: String,
     /// `hardware`, `virtual`, `simulation` or `import`.
     pub source: Option<String>,
-    /// Session it belongs to.
+    /// Session of the recording.
     pub session: Option<String>,
     /// `train` or `validation`.
     pub split: Option<String>,
     /// Name of the robot.
     pub robot: Option<String>,
-    /// The whole metadata record `klasktron.recording`.
+    /// Metadata record `klasktron.recording`.
     pub metadata: BTreeMap<String, String>,
     /// Log time of the earliest message (ns); 0 without messages.
     pub start_ns: u64,
@@ -80,7 +82,7 @@ pub struct Inspection {
     pub messages: u64,
     /// Each topic, in alphabetical order.
     pub topics: Vec<TopicReport>,
-    /// Binary parts.
+    /// Attachments of the file.
     pub attachments: Vec<AttachmentReport>,
     /// Scripted runs by their start.
     pub runs: Vec<RunReport>,
@@ -88,18 +90,18 @@ pub struct Inspection {
     pub speeds: Vec<SpeedReport>,
     /// Ranges on `/axis/...`.
     pub axes: Vec<AxisReport>,
-    /// What is doubtful.
-    pub doubts: Vec<StatedDoubt>,
+    /// Warnings about the data quality.
+    pub warnings: Vec<QualityWarning>,
 }
 
-/// A binary part of the file.
+/// Attachment of the file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AttachmentReport {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its media type.
+    /// Media type.
     pub media_type: String,
-    /// Its size.
+    /// Size.
     pub bytes: u64,
 }
 
@@ -118,13 +120,13 @@ pub struct AxisReport {
     pub max: f64,
 }
 
-/// Looks at a whole recording.
+/// Inspect a whole recording.
 ///
 /// # Errors
-/// When a run marker or an axis message does not decode as the contract says.
+/// When a run marker or an axis message cannot be decoded.
 pub fn inspect(recording: &Recording) -> Result<Inspection, RecordingError> {
     let (start, end) = recording.time_range().unwrap_or_default();
-    let mut doubts = file_doubts(recording);
+    let mut issues = file_issues(recording);
     let mut gantries: BTreeMap<Player, GantryTracks> = BTreeMap::new();
     let mut studied = Vec::new();
     for channels in by_topic_and_schema(recording) {
@@ -132,18 +134,18 @@ pub fn inspect(recording: &Recording) -> Result<Inspection, RecordingError> {
         if let Some(table) = topic.table.take() {
             keep_tracks(&mut gantries, &table, start);
         }
-        doubts.append(&mut topic.doubts);
+        issues.append(&mut topic.issues);
         studied.push(topic);
     }
-    let (runs, run_doubts) = runs::find_runs(recording, (start, end))?;
-    doubts.extend(early_stops(&studied));
-    doubts.extend(large_gaps(&studied, &runs));
-    doubts.extend(constant_ball(&studied));
+    let (runs, run_issues) = runs::find_runs(recording, (start, end))?;
+    issues.extend(early_stops(&studied));
+    issues.extend(dropouts(&studied, &runs));
+    issues.extend(constant_ball(&studied));
     let axes = axis_reports(recording, &studied)?;
-    doubts.extend(run_doubts);
-    let (speeds, speed_doubts) = judge_gantries(recording, &gantries);
-    doubts.extend(speed_doubts);
-    doubts.extend(contract_doubts(recording, &studied, &speeds, &axes));
+    issues.extend(run_issues);
+    let (speeds, speed_issues) = check_gantries(recording, &gantries);
+    issues.extend(speed_issues);
+    issues.extend(contract_issues(recording, &studied, &speeds, &axes));
     let info = |key| recording.info(key).map(ToOwned::to_owned);
     Ok(Inspection {
         schema_version: SCHEMA_VERSION,
@@ -165,31 +167,31 @@ pub fn inspect(recording: &Recording) -> Result<Inspection, RecordingError> {
         runs,
         speeds,
         axes,
-        doubts: doubts.into_iter().map(StatedDoubt::from).collect(),
+        warnings: issues.into_iter().map(QualityWarning::from).collect(),
     })
 }
 
-/// What is doubtful about files that are used together: [`Doubt::MixedRobots`].
+/// Compare files that are used together: [`DataQualityIssue::MixedRobots`].
 #[must_use]
-pub fn compare(files: &[Inspection]) -> Vec<StatedDoubt> {
+pub fn compare(files: &[Inspection]) -> Vec<QualityWarning> {
     let differs = |key: &&str| {
         let values: BTreeSet<String> =
             files.iter().filter_map(|file| file.metadata.get(*key)).cloned().collect();
-        (1 < values.len()).then(|| Doubt::MixedRobots {
+        (1 < values.len()).then(|| DataQualityIssue::MixedRobots {
             key: (*key).to_owned(),
             values: values.into_iter().collect(),
         })
     };
-    ROBOT_KEYS.iter().filter_map(differs).map(StatedDoubt::from).collect()
+    ROBOT_KEYS.iter().filter_map(differs).map(QualityWarning::from).collect()
 }
 
-/// Whether `topic` carries what a machine is told to do.
+/// Return whether `topic` has the commands of a machine.
 fn is_command(topic: &str) -> bool {
     matches!(topic::schema_of(topic), Some("klasktron.VelocityCommand" | "klasktron.AxisInput"))
         && !topic.starts_with("/truth/")
 }
 
-/// Whether `topic` carries what a machine does.
+/// Return whether `topic` has the motion of a machine.
 fn is_motion(topic: &str) -> bool {
     matches!(
         topic::schema_of(topic),
@@ -197,7 +199,7 @@ fn is_motion(topic: &str) -> bool {
     ) && !topic.starts_with("/truth/")
 }
 
-/// Whether messages of `topic` come when something happens, so that it has no rate.
+/// Return whether `topic` has events, without a rate.
 fn is_event(topic: &str) -> bool {
     matches!(topic::schema_of(topic), Some("klasktron.RunMarker" | "klasktron.MatchEvent"))
 }
@@ -235,26 +237,26 @@ fn keep_tracks(gantries: &mut BTreeMap<Player, GantryTracks>, table: &Table, sta
     }
 }
 
-fn judge_gantries(
+fn check_gantries(
     recording: &Recording,
     gantries: &BTreeMap<Player, GantryTracks>,
-) -> (Vec<SpeedReport>, Vec<Doubt>) {
+) -> (Vec<SpeedReport>, Vec<DataQualityIssue>) {
     let belt = recording.info("belt_metres_per_turn").and_then(|text| text.parse().ok());
     let mut speeds = Vec::new();
-    let mut doubts = Vec::new();
+    let mut issues = Vec::new();
     for (player, tracks) in gantries {
-        let judged = motion::judge(*player, tracks, belt.unwrap_or(BELT_METRES_PER_TURN));
-        speeds.extend(judged.0);
-        doubts.extend(judged.1);
+        let found = motion::check(*player, tracks, belt.unwrap_or(BELT_METRES_PER_TURN));
+        speeds.extend(found.0);
+        issues.extend(found.1);
     }
-    (speeds, doubts)
+    (speeds, issues)
 }
 
-fn file_doubts(recording: &Recording) -> Vec<Doubt> {
+fn file_issues(recording: &Recording) -> Vec<DataQualityIssue> {
     let loss = &recording.loss;
-    let mut doubts = Vec::new();
+    let mut issues = Vec::new();
     if !loss.is_none() {
-        doubts.push(Doubt::Damaged {
+        issues.push(DataQualityIssue::Damaged {
             lost: loss.to_string(),
             cut_off_at_byte: loss.cut_off_at,
             bad_chunks: loss.bad_chunks,
@@ -262,42 +264,42 @@ fn file_doubts(recording: &Recording) -> Vec<Doubt> {
             bytes_lost: loss.bytes,
         });
     } else if !recording.ends_whole {
-        doubts.push(Doubt::NoSummary);
+        issues.push(DataQualityIssue::NoSummary);
     }
     if recording.channels.iter().all(|channel| channel.messages.is_empty()) {
-        doubts.push(Doubt::NoMessages);
+        issues.push(DataQualityIssue::NoMessages);
     }
     let session = recording.metadata.get(super::SESSION_METADATA);
     if let Some(session) = session
         && session.get("stop").is_some_and(|stop| stop != super::SESSION_COMPLETED)
     {
         let reason = session.get("stop_text").cloned().unwrap_or_default();
-        doubts.push(Doubt::SessionStopped { reason });
+        issues.push(DataQualityIssue::SessionStopped { reason });
     }
     let mut schemas: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for channel in &recording.channels {
         schemas.entry(&channel.topic).or_default().insert(&channel.schema);
     }
     for (topic, names) in schemas.iter().filter(|(_, names)| 1 < names.len()) {
-        doubts.push(Doubt::SeveralSchemas {
+        issues.push(DataQualityIssue::SeveralSchemas {
             topic: (*topic).to_owned(),
             schemas: names.iter().map(|name| (*name).to_owned()).collect(),
         });
     }
-    doubts
+    issues
 }
 
-fn early_stops(studied: &[Studied]) -> Vec<Doubt> {
+fn early_stops(studied: &[TopicStudy]) -> Vec<DataQualityIssue> {
     let with_rate = || studied.iter().filter(|topic| topic.rhythm.period_s.is_some());
     let end_s = with_rate().map(|topic| topic.report.timing.last_s).fold(0.0, f64::max);
     let stops = with_rate().filter_map(|topic| {
         let last_s = topic.report.timing.last_s;
         let missing_s = end_s - last_s;
-        let own_gap = topic.report.timing.largest_gap_s.unwrap_or_default();
+        let own_dropout = topic.report.timing.longest_dropout_s.unwrap_or_default();
         let limit = EARLY_STOP_S
             .max(EARLY_STOP_INTERVALS * topic.rhythm.period_s.unwrap_or_default())
-            .max(EARLY_STOP_GAPS * own_gap);
-        (limit < missing_s).then(|| Doubt::StopsEarly {
+            .max(EARLY_STOP_DROPOUTS * own_dropout);
+        (limit < missing_s).then(|| DataQualityIssue::StopsEarly {
             topic: topic.report.topic.clone(),
             last_s,
             missing_s,
@@ -306,42 +308,42 @@ fn early_stops(studied: &[Studied]) -> Vec<Doubt> {
     stops.collect()
 }
 
-/// Gaps during runs; of a recording without runs all gaps, but those of commands, which pause when
-/// nobody commands.
-fn large_gaps(studied: &[Studied], runs: &[RunReport]) -> Vec<Doubt> {
-    let longest_during_run = |gap: &timing::Gap| {
+/// Find dropouts during runs. Without runs, all dropouts count, except those of commands, which
+/// pause when nothing is commanded.
+fn dropouts(studied: &[TopicStudy], runs: &[RunReport]) -> Vec<DataQualityIssue> {
+    let longest_during_run = |dropout: &timing::Dropout| {
         let overlaps = runs.iter().map(|run| {
             let end_s = run.start_s + run.duration_s.unwrap_or_default();
-            end_s.min(gap.at_s + gap.length_s) - run.start_s.max(gap.at_s)
+            end_s.min(dropout.at_s + dropout.length_s) - run.start_s.max(dropout.at_s)
         });
         overlaps.fold(0.0, f64::max)
     };
-    let doubt = |topic: &Studied| {
+    let issue = |topic: &TopicStudy| {
         let name = &topic.report.topic;
-        let counts = |gap: &&timing::Gap| match runs {
+        let counts = |dropout: &&timing::Dropout| match runs {
             [] => !is_command(name),
-            _ => topic.rhythm.large_gap_s < longest_during_run(gap),
+            _ => topic.rhythm.dropout_s < longest_during_run(dropout),
         };
-        let gaps: Vec<_> = topic.rhythm.gaps.iter().filter(counts).collect();
-        let largest = gaps.iter().max_by(|a, b| a.length_s.total_cmp(&b.length_s))?;
-        Some(Doubt::LargeGap {
+        let dropouts: Vec<_> = topic.rhythm.dropouts.iter().filter(counts).collect();
+        let longest = dropouts.iter().max_by(|a, b| a.length_s.total_cmp(&b.length_s))?;
+        Some(DataQualityIssue::Dropouts {
             topic: name.clone(),
-            count: gaps.len() as u64,
-            largest_s: largest.length_s,
-            at_s: largest.at_s,
-            usual_ms: topic.rhythm.period_s? * 1e3,
+            count: dropouts.len() as u64,
+            longest_s: longest.length_s,
+            longest_at_s: longest.at_s,
+            median_interval_ms: topic.rhythm.period_s? * 1e3,
         })
     };
-    studied.iter().filter(|topic| !is_event(&topic.report.topic)).filter_map(doubt).collect()
+    studied.iter().filter(|topic| !is_event(&topic.report.topic)).filter_map(issue).collect()
 }
 
-/// A ball that has one and the same place in every frame. Pegs are judged by their commands: they
-/// may be parked.
-fn constant_ball(studied: &[Studied]) -> Vec<Doubt> {
+/// Find a ball at a constant position in every frame. Pegs are checked by their commands, because
+/// they may be parked.
+fn constant_ball(studied: &[TopicStudy]) -> Vec<DataQualityIssue> {
     let is_constant = |field: &FieldReport| {
         MIN_CONSTANT_DETECTIONS <= field.messages && field.min == field.max && field.min.is_some()
     };
-    let mut doubts = Vec::new();
+    let mut issues = Vec::new();
     for report in studied.iter().map(|topic| &topic.report) {
         if report.topic != topic::CAMERA_DETECTIONS {
             continue;
@@ -349,14 +351,14 @@ fn constant_ball(studied: &[Studied]) -> Vec<Doubt> {
         let of =
             |name| report.fields.iter().find(|field| field.field == name && is_constant(field));
         if let (Some(x), Some(_)) = (of("ball.x"), of("ball.y")) {
-            doubts.push(Doubt::SensorConstant {
+            issues.push(DataQualityIssue::SensorConstant {
                 topic: report.topic.clone(),
                 field: "ball".to_owned(),
                 messages: x.messages,
             });
         }
     }
-    doubts
+    issues
 }
 
 fn attachment_reports(recording: &Recording) -> Vec<AttachmentReport> {
@@ -370,7 +372,7 @@ fn attachment_reports(recording: &Recording) -> Vec<AttachmentReport> {
 
 fn axis_reports(
     recording: &Recording,
-    studied: &[Studied],
+    studied: &[TopicStudy],
 ) -> Result<Vec<AxisReport>, RecordingError> {
     use super::message::{AxisInput, AxisOutput};
     let mut reports = Vec::new();
@@ -397,49 +399,49 @@ fn axis_reports(
     Ok(reports)
 }
 
-/// What a recording of the contract should have and has not.
-fn contract_doubts(
+/// Find missing content of a recording of the contract.
+fn contract_issues(
     recording: &Recording,
-    studied: &[Studied],
+    studied: &[TopicStudy],
     speeds: &[SpeedReport],
     axes: &[AxisReport],
-) -> Vec<Doubt> {
+) -> Vec<DataQualityIssue> {
     let has = |wanted: fn(&str) -> bool| {
         studied.iter().map(|topic| &topic.report).find(|r| wanted(&r.topic) && 0 < r.messages)
     };
-    let mut doubts = stuck_axes(axes);
+    let mut issues = stuck_axes(axes);
     let Some(command) = has(is_command) else {
         if let Some(motion) = has(is_motion) {
             let expected = match motion.topic.strip_suffix("/output") {
                 Some(axis) => format!("{axis}/input"),
                 None => "/striker/{left,right}/command".to_owned(),
             };
-            doubts.push(Doubt::NoCommands { expected });
+            issues.push(DataQualityIssue::NoCommands { expected });
         }
-        return doubts;
+        return issues;
     };
     let varies = |range: [f64; 2]| range[0] < range[1];
     let excited = speeds.iter().filter_map(|speed| speed.commanded_m_per_s).any(varies)
         || axes.iter().any(|axis| axis.quantity == "input" && axis.min < axis.max);
     if !excited && 1 < command.messages {
-        doubts.push(Doubt::NoExcitation);
+        issues.push(DataQualityIssue::NoExcitation);
     }
     let is_match = 0 < recording.count(topic::MATCH_EVENT);
     if recording.count(topic::RUN_MARKER) == 0 && !is_match {
-        doubts.push(Doubt::NoRunMarkers);
+        issues.push(DataQualityIssue::NoRunMarkers);
     }
-    doubts
+    issues
 }
 
-/// Single axes whose motion stands still while their input varies.
-fn stuck_axes(axes: &[AxisReport]) -> Vec<Doubt> {
+/// Find single axes whose motion is constant while their input varies.
+fn stuck_axes(axes: &[AxisReport]) -> Vec<DataQualityIssue> {
     let driven =
         |name: &str| axes.iter().any(|a| a.axis == name && a.quantity == "input" && a.min < a.max);
     let stuck = axes
         .iter()
         .filter(|axis| axis.quantity != "input" && axis.max <= axis.min && driven(&axis.axis));
     stuck
-        .map(|axis| Doubt::AxisStuck {
+        .map(|axis| DataQualityIssue::AxisStuck {
             topic: topic::axis_output(&axis.axis),
             field: axis.quantity.to_owned(),
         })

@@ -1,4 +1,4 @@
-//! A recording in memory: every message as bytes by topic, decoded when it is asked for.
+//! Recording in memory: every message as bytes by topic, decoded on demand.
 
 use super::{
     error::RecordingError,
@@ -19,38 +19,38 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Time stamps and place of one message among its channel's bytes.
+/// Time stamps and location of one message among its channel's bytes.
 #[derive(Debug, Clone)]
 pub struct MessageIndex {
-    /// The host's clock when it was received, or sent for a command.
+    /// Time of reception on the host's clock, or of sending for a command.
     pub log_time: Nanos,
-    /// The source's own time; equals `log_time` where it has none.
+    /// Time of the source's clock; equals `log_time` without such a clock.
     pub publish_time: Nanos,
     range: Range<usize>,
 }
 
-/// All messages of one topic with one schema, in file order.
+/// Messages of one topic with one schema, in file order.
 #[derive(Debug, Clone, Default)]
 pub struct Channel {
     /// Topic name.
     pub topic: String,
-    /// Full name of the schema; empty when there is none.
+    /// Full name of the schema; empty without a schema.
     pub schema: String,
     /// Encoding of the schema record, such as `protobuf` or `ros2msg`.
     pub schema_encoding: String,
-    /// The schema record.
+    /// Content of the schema record.
     pub schema_data: Vec<u8>,
     /// Encoding of the messages, such as `protobuf` or `cdr`.
     pub encoding: String,
     /// Key and value pairs of the channel record.
     pub metadata: BTreeMap<String, String>,
-    /// Where each message is.
+    /// Location of each message.
     pub messages: Vec<MessageIndex>,
     bytes: Vec<u8>,
 }
 
 impl Channel {
-    /// The bytes of each message with its time stamps, in file order.
+    /// Return the bytes of each message with its time stamps, in file order.
     pub fn raw(&self) -> impl Iterator<Item = (&MessageIndex, &[u8])> {
         self.messages.iter().map(|message| (message, &self.bytes[message.range.clone()]))
     }
@@ -66,37 +66,37 @@ impl Channel {
     }
 }
 
-/// A binary part of a file.
+/// Attachment of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Attachment {
-    /// Its name, such as `weights/seed_0.safetensors`.
+    /// Name, such as `weights/seed_0.safetensors`.
     pub name: String,
-    /// Its media type.
+    /// Media type.
     pub media_type: String,
-    /// Its bytes.
+    /// Content.
     pub data: Vec<u8>,
 }
 
 /// Decoded messages of one topic in order of their log time.
 #[derive(Debug, Clone, Default)]
 pub struct Series<M> {
-    /// When each was received, or sent for a command; never decreasing.
+    /// Time of reception, or of sending for a command; never decreasing.
     pub times: Vec<Nanos>,
-    /// The messages.
+    /// Messages.
     pub values: Vec<M>,
 }
 
 impl<M> Series<M> {
-    /// Time and message of each, in order.
+    /// Return time and message of each, in order.
     pub fn iter(&self) -> impl Iterator<Item = (Nanos, &M)> {
         self.times.iter().copied().zip(&self.values)
     }
 }
 
-/// Everything that one MCAP file holds, be it a recording of the contract or any other.
+/// Content of one MCAP file, of the contract or any other.
 #[derive(Debug, Clone, Default)]
 pub struct Recording {
-    /// Where it was read from.
+    /// Path of the file.
     pub path: PathBuf,
     /// Size of the file (bytes).
     pub bytes: u64,
@@ -104,7 +104,7 @@ pub struct Recording {
     pub sha256: String,
     /// Profile of the header: `klasktron` for the contract, `ros2` for bags.
     pub profile: String,
-    /// Software that wrote it.
+    /// Software that wrote the file.
     pub library: String,
     /// Metadata records by name; of two with one name the later counts.
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
@@ -112,19 +112,19 @@ pub struct Recording {
     pub channels: Vec<Channel>,
     /// Attachments in file order.
     pub attachments: Vec<Attachment>,
-    /// What a damaged file no longer holds.
+    /// Losses of a damaged file.
     pub loss: Loss,
-    /// Whether the file ends with the magic bytes; where it does not, its summary is missing.
+    /// True when the file ends with the magic bytes; otherwise its summary is missing.
     pub ends_whole: bool,
 }
 
 impl Recording {
-    /// Reads a whole file, whatever its topics; a cut-off or damaged one as far as it goes (see
+    /// Read a whole file with any topics; a truncated or damaged one as far as possible (see
     /// [`Recording::loss`]).
     ///
     /// # Errors
-    /// When the file cannot be read, is empty, is not MCAP, or carries a topic of the contract
-    /// with another schema.
+    /// When the file cannot be read, is empty, is not MCAP, or has a topic of the contract with
+    /// another schema.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
         let mut source = HashingReader {
@@ -156,7 +156,7 @@ impl Recording {
         log::debug!("{path}: sha256 {}", self.sha256);
     }
 
-    /// Refuses a topic of the contract whose schema is another one.
+    /// Refuse a topic of the contract with another schema.
     fn check_schemas(&self) -> Result<(), RecordingError> {
         for channel in &self.channels {
             let Some(expected) = topic::schema_of(&channel.topic) else { continue };
@@ -180,21 +180,21 @@ impl Recording {
         Ok(())
     }
 
-    /// All channels of `topic`; more than one when the file was written in parts.
+    /// Return all channels of `topic`; more than one when the file was written in parts.
     pub fn channels_of<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = &'a Channel> {
         self.channels.iter().filter(move |channel| channel.topic == topic)
     }
 
-    /// How many messages `topic` has.
+    /// Return the number of messages of `topic`.
     #[must_use]
     pub fn count(&self, topic: &str) -> usize {
         self.channels_of(topic).map(|channel| channel.messages.len()).sum()
     }
 
-    /// The messages of `topic` by log time; empty when the topic is not there.
+    /// Return the messages of `topic` by log time; empty for a missing topic.
     ///
     /// # Errors
-    /// When the topic has another schema than `M`, or a message does not decode.
+    /// When the topic has another schema than `M`, or a message cannot be decoded.
     pub fn series<M: Message + Name + Default>(
         &self,
         topic: &str,
@@ -225,10 +225,10 @@ impl Recording {
         Ok(Series { times, values })
     }
 
-    /// The first message of `topic` in file order; `None` when there is none.
+    /// Return the first message of `topic` in file order; `None` without messages.
     ///
     /// # Errors
-    /// When it does not decode.
+    /// When it cannot be decoded.
     pub fn first<M: Message + Name + Default>(
         &self,
         topic: &str,
@@ -246,29 +246,29 @@ impl Recording {
         })
     }
 
-    /// A value of the metadata record `klasktron.recording`.
+    /// Return a value of the metadata record `klasktron.recording`.
     #[must_use]
     pub fn info(&self, key: &str) -> Option<&str> {
         self.metadata.get(RECORDING_METADATA)?.get(key).map(String::as_str)
     }
 
-    /// The attachment called `name`.
+    /// Return the attachment called `name`.
     #[must_use]
     pub fn attachment(&self, name: &str) -> Option<&Attachment> {
         self.attachments.iter().find(|attachment| attachment.name == name)
     }
 
-    /// First and last log time of all messages; `None` without messages.
+    /// Return the first and last log time of all messages; `None` without messages.
     #[must_use]
     pub fn time_range(&self) -> Option<(Nanos, Nanos)> {
         let times = || self.channels.iter().flat_map(|c| c.messages.iter().map(|m| m.log_time));
         Some((times().min()?, times().max()?))
     }
 
-    /// The run markers by log time.
+    /// Return the run markers by log time.
     ///
     /// # Errors
-    /// When one does not decode.
+    /// When one cannot be decoded.
     pub fn markers(&self) -> Result<Series<RunMarker>, RecordingError> {
         self.series(topic::RUN_MARKER)
     }
@@ -285,13 +285,13 @@ fn scan_error(path: &Path, error: ScanError) -> RecordingError {
     }
 }
 
-/// Lower-case hexadecimal digits of `bytes`.
+/// Return lower-case hexadecimal digits of `bytes`.
 #[must_use]
 pub fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// SHA-256 of a file, in hexadecimal.
+/// Return the SHA-256 of a file, in hexadecimal.
 ///
 /// # Errors
 /// When the file cannot be read.
@@ -302,12 +302,12 @@ pub fn sha256_of_file(path: &Path) -> Result<String, RecordingError> {
     Ok(hexadecimal(&source.sha256.finalize()))
 }
 
-/// Passes bytes through and keeps their hash, count and end.
+/// Reader that passes bytes through and computes their hash, count and end.
 struct HashingReader<R> {
     inner: R,
     sha256: Sha256,
     bytes: u64,
-    /// The last bytes that passed.
+    /// Last bytes read.
     tail: [u8; 8],
 }
 
@@ -324,12 +324,12 @@ impl<R: Read> Read for HashingReader<R> {
     }
 }
 
-/// Collects the records of one file.
+/// Collector of the records of one file.
 #[derive(Default)]
 struct Load {
     recording: Recording,
     schemas: HashMap<u16, (records::SchemaHeader, Vec<u8>)>,
-    /// Position in `recording.channels` by the file's own channel id.
+    /// Index in `recording.channels` by the file's own channel id.
     position_by_id: HashMap<u16, usize>,
 }
 
@@ -345,8 +345,7 @@ impl Load {
             }
             Record::Channel(channel) => self.add_channel(channel),
             Record::Message { header, data } => {
-                // A message without channel record cannot be understood by anyone; a damaged
-                // chunk that held the channel record is counted in `loss` already.
+                // A message without a channel record cannot be decoded; a damaged chunk with the channel record is counted in `loss` already.
                 if let Some(position) = self.position_by_id.get(&header.channel_id) {
                     self.recording.channels[*position].push(&header, &data);
                 }

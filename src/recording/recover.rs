@@ -1,17 +1,17 @@
-//! Saving what a cut-off or damaged file still holds.
+//! Recovery of the readable part of a truncated or damaged file.
 
 use super::{
     Recording, RecordingError,
-    beside::ExistingFile,
+    atomic::ExistingFile,
     writer::{FlushPolicy, RawSchema, RecordingWriter},
 };
 use std::path::Path;
 
-/// Writes everything that `recording` holds to `path`, with summary and indexes: messages by log
-/// time (file order among equals), then metadata and attachments. Unknown topics pass untouched.
+/// Write the content of `recording` to `path`, with summary and indexes: messages by log time (file
+/// order among equals), then metadata and attachments. Unknown topics are copied unchanged.
 ///
 /// # Errors
-/// When the name is taken and `existing` refuses, or the disk does.
+/// When the file exists and `existing` refuses, or writing to disk fails.
 pub fn write_copy(
     recording: &Recording,
     path: &Path,

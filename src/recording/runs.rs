@@ -1,11 +1,11 @@
-//! The scripted runs of a recording, paired from its markers in one way for everybody.
+//! Scripted runs of a recording, paired from its markers.
 //!
-//! At any time one run is under way at most, so that runs never overlap and no sample belongs to a
-//! fitted run and to a held-out one:
-//! - a START begins a run and ends one that is still under way, be it another or an earlier attempt
-//!   with the same number, which then counts as a run of its own;
-//! - an END ends the run under way if it has its number; any other END means nothing;
-//! - a run that nothing ends reaches to the end of the recording, its last message included.
+//! At most one run is in progress at any time. Runs therefore never overlap, and no sample belongs
+//! to both a training run and a held-out run:
+//! - a START begins a run and ends a run in progress; an earlier attempt with the same number
+//!   counts as a separate run;
+//! - an END ends the run in progress if it has its number; any other END is ignored;
+//! - a run without an end extends to the end of the recording, including its last message.
 
 use super::{
     Recording, RecordingError, Series, Split,
@@ -14,34 +14,34 @@ use super::{
 use crate::units::Nanos;
 use std::ops::Range;
 
-/// One scripted run as the markers tell it.
+/// One scripted run from the markers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MarkedRun {
-    /// Its number, not necessarily its own alone.
+    /// Number, not necessarily unique.
     pub number: u32,
-    /// What was commanded, such as `circle`.
+    /// Commanded pattern, such as `circle`.
     pub pattern: String,
-    /// What it is for: its marker's word, else that of the file's metadata; `None` where neither
-    /// says `train` or `validation`.
+    /// Split of its marker, or else of the file's metadata; `None` where neither is `train` or
+    /// `validation`.
     pub split: Option<Split>,
-    /// From its START up to its end, in log time; never empty.
+    /// Log times from its START up to its end; never empty.
     pub span: Range<Nanos>,
 }
 
 impl MarkedRun {
-    /// Its span in seconds since `origin`.
+    /// Return the span in seconds since `origin`.
     #[must_use]
     pub fn seconds_since(&self, origin: Nanos) -> Range<f64> {
         self.span.start.seconds_since(origin)..self.span.end.seconds_since(origin)
     }
 }
 
-/// Markers that belong together, as positions in the series.
+/// Paired markers, as indices in the series.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Pairs {
-    /// Every START in order, with its END where it has one.
+    /// Every START in order, with its END if it has one.
     pub(super) runs: Vec<(usize, Option<usize>)>,
-    /// Every END of a run that was not under way.
+    /// Every END of a run that was not in progress.
     pub(super) stray_ends: Vec<usize>,
 }
 
@@ -63,7 +63,8 @@ impl Pairs {
         pairs
     }
 
-    /// From START up to the end of the `run`th run of a recording whose last message is at `last`.
+    /// Return the time from START up to the end of the `run`th run of a recording whose last
+    /// message is at `last`.
     pub(super) fn span(&self, run: usize, times: &[Nanos], last: Nanos) -> Range<Nanos> {
         let (start, end) = self.runs[run];
         let next = self.runs.get(run + 1).map(|(start, _)| *start);
@@ -73,13 +74,13 @@ impl Pairs {
 }
 
 impl Recording {
-    /// The runs between the markers, in order of time. They never overlap: a START ends a run that
-    /// is still under way, also one of the same number; an END of a run that is not under way means
-    /// nothing; and a run that nothing ends reaches to the end of the recording, its last message
-    /// included. Empty without markers; a run without length is left out.
+    /// Return the runs between the markers, in order of time. They never overlap: a START ends a
+    /// run in progress, also one of the same number, and an END of a run that is not in progress is
+    /// ignored. A run without an end extends to the end of the recording, including its last
+    /// message. The result is empty without markers; a run without length is skipped.
     ///
     /// # Errors
-    /// When a marker does not decode.
+    /// When a marker cannot be decoded.
     pub fn marked_runs(&self) -> Result<Vec<MarkedRun>, RecordingError> {
         let markers = self.markers()?;
         let Some((_, last)) = self.time_range() else { return Ok(Vec::new()) };

@@ -1,12 +1,12 @@
-//! A forward pass over the bytes of an MCAP file that survives damage.
+//! Damage-tolerant forward pass over the bytes of an MCAP file.
 //!
 //! The layout is that of the MCAP specification (<https://mcap.dev/spec>): magic, then records of
 //! one opcode byte, a little-endian `u64` length and that many bytes; chunks hold further records,
-//! compressed. The public readers stop at the first fault. This one hands out every complete
-//! record of a file that was cut off at any byte, those of the last, cut-off chunk included, and
-//! passes over chunks whose checksum does not hold, counting what was lost.
+//! compressed. The public readers stop at the first fault. This one returns every complete record
+//! of a file that was truncated at any byte, including those of the last, truncated chunk. It skips
+//! chunks with a wrong checksum and counts the loss.
 //!
-//! Left out on purpose: indexes. A forward pass needs none, and a cut-off file has none.
+//! Indexes are ignored on purpose. A forward pass needs none, and a truncated file has none.
 
 use mcap::records::{ChunkHeader, Record};
 use std::{
@@ -17,30 +17,30 @@ use std::{
 /// First and last eight bytes of an MCAP file.
 pub const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
-/// Largest record outside a chunk and largest chunk, packed or unpacked, that is believed (bytes);
-/// guards against lengths that a damaged or hostile file claims.
+/// Largest accepted record outside a chunk and largest chunk, compressed or decompressed (bytes).
+/// It guards against wrong lengths in a damaged or hostile file.
 const MAX_RECORD_BYTES: u64 = 1 << 30;
 
 const RECORD_PREFIX_BYTES: usize = 9;
 const OPCODE_ATTACHMENT: u8 = 0x09;
-/// Two time stamps, two string lengths, the data length and the checksum.
+/// Length of two time stamps, two string lengths, the data length and the checksum.
 const MIN_ATTACHMENT_BYTES: usize = 8 + 8 + 4 + 4 + 8 + 4;
 
-/// What a damaged file no longer holds.
+/// Losses of a damaged file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Loss {
-    /// The file ends here, in the middle of its data (bytes).
+    /// Offset at which the file ends in the middle of its data (bytes).
     pub cut_off_at: Option<u64>,
-    /// Chunks passed over because they do not unpack or their checksum does not hold.
+    /// Number of chunks skipped because they cannot be decompressed or have a wrong checksum.
     pub bad_chunks: u64,
-    /// Other records that could not be understood.
+    /// Number of other records that could not be decoded.
     pub bad_records: u64,
-    /// Bytes of the file that yielded nothing.
+    /// Number of bytes without content.
     pub bytes: u64,
 }
 
 impl Loss {
-    /// Whether everything was read.
+    /// Return whether everything was read.
     #[must_use]
     pub fn is_none(&self) -> bool {
         *self == Self::default()
@@ -63,22 +63,22 @@ impl fmt::Display for Loss {
     }
 }
 
-/// How the bytes begin when they are no MCAP file.
+/// Error of a source that is not an MCAP file.
 #[derive(Debug)]
 pub(super) enum ScanError {
-    /// No bytes at all.
+    /// Empty source.
     Empty,
-    /// Other magic bytes; these were found.
+    /// Other magic bytes.
     NotMcap(Vec<u8>),
-    /// The source failed.
+    /// Read error of the source.
     Io(io::Error),
 }
 
-/// Hands every complete record of `source` to `visit`, those of chunks included, in file order,
-/// and tells what was lost. Summary, index and chunk records are not handed out.
+/// Pass every complete record of `source` to `visit`, including those of chunks, in file order, and
+/// return the losses. Summary, index and chunk records are not passed.
 ///
 /// # Errors
-/// When the source fails or does not begin as an MCAP file.
+/// When the source fails or does not start as an MCAP file.
 pub(super) fn scan(
     source: impl Read,
     visit: &mut dyn FnMut(Record<'_>),
@@ -91,14 +91,14 @@ pub(super) fn scan(
 
 struct Scan<R> {
     source: R,
-    /// Bytes taken from the source so far.
+    /// Number of bytes read from the source so far.
     offset: u64,
     loss: Loss,
-    /// Reused for the content of each chunk.
+    /// Content of the present chunk; the memory is reused.
     unpacked: Vec<u8>,
 }
 
-/// Whether all bytes of a chunk are there.
+/// Completeness of the bytes of a chunk.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Extent {
     Whole,
@@ -120,7 +120,7 @@ impl<R: Read> Scan<R> {
         }
     }
 
-    /// Reads `length` bytes, or what is left when that is less.
+    /// Read `length` bytes, or the remaining bytes when fewer.
     fn take_up_to(&mut self, length: u64) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::with_capacity(length.min(1 << 16) as usize);
         self.source.by_ref().take(length).read_to_end(&mut bytes)?;
@@ -178,8 +178,8 @@ impl<R: Read> Scan<R> {
         Next::Continue
     }
 
-    /// Visits the records of a chunk. A whole chunk counts only when its checksum holds; of a
-    /// cut-off chunk, which cannot be checked, every complete record counts.
+    /// Visit the records of a chunk. A complete chunk counts only with a correct checksum. A
+    /// truncated chunk cannot be checked, so every complete record counts.
     fn visit_chunk(&mut self, body: &[u8], extent: Extent, visit: &mut dyn FnMut(Record<'_>)) {
         let mut unpacked = std::mem::take(&mut self.unpacked);
         unpacked.clear();
@@ -209,7 +209,7 @@ fn parse_prefix(prefix: &[u8]) -> Option<(u8, u64)> {
     Some((*opcode, u64::from_le_bytes(length.try_into().ok()?)))
 }
 
-/// The first record of `bytes` and what follows it; `None` when it is incomplete.
+/// Return the first record of `bytes` and the bytes after it; `None` when it is incomplete.
 fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (opcode, length) = parse_prefix(bytes.get(..RECORD_PREFIX_BYTES)?)?;
     let body = bytes.get(RECORD_PREFIX_BYTES..)?;
@@ -217,7 +217,8 @@ fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     Some((opcode, body.get(..length)?, body.get(length..)?))
 }
 
-/// As `mcap::read::parse_record`, which must not be given an attachment shorter than its fields.
+/// Parse a record as `mcap::read::parse_record` does, which must not get an attachment shorter than
+/// its fields.
 fn parse_record(opcode: u8, body: &[u8]) -> Option<Record<'_>> {
     if opcode == OPCODE_ATTACHMENT && !attachment_fits(body) {
         return None;
@@ -225,7 +226,7 @@ fn parse_record(opcode: u8, body: &[u8]) -> Option<Record<'_>> {
     mcap::read::parse_record(opcode, body).ok()
 }
 
-/// Whether the two strings and the checksum of an attachment lie within its bytes.
+/// Return whether the two strings and the checksum of an attachment lie within its bytes.
 fn attachment_fits(body: &[u8]) -> bool {
     let string_end = |at: usize| -> Option<usize> {
         let length = u32::from_le_bytes(body.get(at..at + 4)?.try_into().ok()?);
@@ -235,7 +236,7 @@ fn attachment_fits(body: &[u8]) -> bool {
     MIN_ATTACHMENT_BYTES <= body.len() && end.is_some_and(|end| end + 8 + 4 <= body.len())
 }
 
-/// The header of a chunk and its packed bytes, as many as there are.
+/// Return the header of a chunk and its compressed bytes, as many as there are.
 fn parse_chunk(body: &[u8]) -> Option<(ChunkHeader, &[u8])> {
     const FIXED_BYTES: usize = 8 + 8 + 8 + 4;
     let u64_at = |at: usize| -> Option<u64> {
@@ -259,10 +260,10 @@ fn parse_chunk(body: &[u8]) -> Option<(ChunkHeader, &[u8])> {
     Some((header, &packed[..length]))
 }
 
-/// Unpacks as much as there is into `unpacked`; whether that is the size the header tells.
+/// Decompress the available bytes into `unpacked`; return whether their size is that of the header.
 fn unpack(header: &ChunkHeader, packed: &[u8], unpacked: &mut Vec<u8>) -> bool {
     let limit = header.uncompressed_size.min(MAX_RECORD_BYTES);
-    // A decoder that meets the end of a cut-off chunk fails after it has handed out what it had.
+    // A decoder that reaches the end of a truncated chunk fails after it has returned its content.
     let decoded = match header.compression.as_str() {
         "" => packed.take(limit).read_to_end(unpacked),
         "zstd" => zstd::Decoder::new(packed).and_then(|d| drain(d.take(limit), unpacked)),

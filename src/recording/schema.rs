@@ -1,35 +1,35 @@
-//! The messages of the data contract, generated from `datasets_schema/klasktron.proto`, and the
-//! check that a file's own schema means the same.
+//! Messages of the data contract, generated from `datasets_schema/klasktron.proto`, and the
+//! compatibility check of a file's own schema.
 
 use prost::Message as _;
 use prost_types::{DescriptorProto, FileDescriptorSet};
 
-/// Rust types of `datasets_schema/klasktron.proto`; units stand at each field there and here.
+/// Rust types of `datasets_schema/klasktron.proto`; each field states its unit.
 #[expect(missing_docs, reason = "generated code repeats the comments of the proto file")]
 #[expect(clippy::doc_markdown, reason = "generated code")]
 pub mod message {
     include!("../../datasets_schema/klasktron.rs");
 }
 
-/// The serialised `FileDescriptorSet` that every schema record of a recording carries.
+/// Serialised `FileDescriptorSet` in every schema record of a recording.
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("../../datasets_schema/klasktron.fds");
 
-/// The `encoding` of schema records and of channels.
+/// Encoding of schema records and of channels.
 pub const PROTOBUF: &str = "protobuf";
 
-/// How a file's schema differs from the contract's schema of the same name.
+/// Difference between a file's schema and the contract's schema of the same name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SchemaDifference {
-    /// The bytes are no `FileDescriptorSet`.
+    /// Schema record that is not a `FileDescriptorSet`.
     #[error("its schema record is not a FileDescriptorSet")]
     NotADescriptor,
-    /// The set does not define the message.
+    /// Schema record without the message.
     #[error("its schema record does not define {message}")]
     MessageMissing {
         /// Full name of the message.
         message: String,
     },
-    /// A field number means something else.
+    /// Field number with another meaning.
     #[error(
         "field {number} is '{found}' ({found_type}), the contract has '{expected}' ({expected_type})"
     )]
@@ -47,9 +47,9 @@ pub enum SchemaDifference {
     },
 }
 
-/// Checks that `descriptors`, a file's schema record for `message` (full name), agrees with the
-/// contract in every field number that both know. Missing and additional fields are fine, since
-/// the contract only ever adds fields.
+/// Check that `descriptors`, a file's schema record for `message` (full name), agrees with the
+/// contract in every common field number. Missing and additional fields are allowed, since the
+/// contract only ever adds fields.
 ///
 /// # Errors
 /// The first field that differs.

@@ -1,20 +1,20 @@
-//! What a run is for, as markers and metadata spell it.
+//! Split of a run into training or validation, in the words of markers and metadata.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// What a run is for.
+/// Split of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
-    /// May be fitted.
+    /// Training data, which may be fitted.
     Train,
-    /// Judges; is never fitted.
+    /// Validation data, which is never fitted.
     Validation,
 }
 
 impl Split {
-    /// The split that `text` spells; `None` for any other text.
+    /// Parse a split; `None` for any other text.
     #[must_use]
     pub fn from_text(text: &str) -> Option<Self> {
         match text {

@@ -1,10 +1,10 @@
-//! Topics as columns, for other software: a data frame, Parquet, CSV or npz.
+//! Topics as columns for other software: Parquet, CSV or npz.
 //!
-//! The columns are found from the descriptor that the recording itself carries, so any protobuf
-//! MCAP file gives tables: `log_time_ns` and `publish_time_ns` first, then every field under the
-//! name that its schema has (`ball.x` for a field of a nested message), whose units stand in the
-//! schema's comments. Absent optional fields are null, enumerations are numbers, bytes are
-//! hexadecimal digits. Rows are in order of log time.
+//! The columns come from the descriptor in the recording, so that any protobuf MCAP file can be
+//! converted: `log_time_ns` and `publish_time_ns` first, then every field under its name in the
+//! schema (`ball.x` for a field of a nested message). The units are in the schema's comments.
+//! Absent optional fields are null, enumerations are numbers, bytes are hexadecimal digits. Rows
+//! are in order of log time.
 
 mod csv;
 mod parquet;
@@ -20,7 +20,7 @@ use std::collections::BTreeSet;
 use wire::Cell;
 pub use write::{ColumnFormat, TableFormat, write_columns, write_table};
 
-/// The values of one column; `None` is null.
+/// Values of one column; `None` is null.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Values {
     /// Double precision.
@@ -31,14 +31,14 @@ pub enum Values {
     Int(Vec<Option<i64>>),
     /// Unsigned integers.
     Unsigned(Vec<Option<u64>>),
-    /// Truth values.
+    /// Booleans.
     Bool(Vec<Option<bool>>),
     /// Text; bytes as hexadecimal digits; repeated fields as a list in brackets.
     Text(Vec<Option<String>>),
 }
 
 impl Values {
-    /// Number of rows.
+    /// Return the number of rows.
     #[must_use]
     pub fn len(&self) -> usize {
         match self {
@@ -51,7 +51,7 @@ impl Values {
         }
     }
 
-    /// Whether there are no rows.
+    /// Return whether the column has no rows.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -61,14 +61,14 @@ impl Values {
 /// One column of a [`Table`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
-    /// Name of the field in the schema, with those around it: `ball.x`.
+    /// Name of the field in the schema, with its parents: `ball.x`.
     pub name: String,
-    /// One per row.
+    /// Values, one per row.
     pub values: Values,
 }
 
 impl Column {
-    /// Hands out every number that is not null, in order; of text nothing.
+    /// Visit every number that is not null, in order; text has no numbers.
     pub fn for_each_number(&self, visit: &mut dyn FnMut(f64)) {
         match &self.values {
             Values::F64(values) => values.iter().flatten().for_each(|value| visit(*value)),
@@ -84,7 +84,7 @@ impl Column {
         }
     }
 
-    /// The numbers of the column, NaN where it is null; `None` when it is text.
+    /// Return the numbers of the column, NaN for null; `None` for text.
     #[must_use]
     pub fn numbers(&self) -> Option<Vec<f64>> {
         fn all<T: Copy>(values: &[Option<T>], number: impl Fn(T) -> f64) -> Vec<f64> {
@@ -101,32 +101,32 @@ impl Column {
     }
 }
 
-/// All messages of one topic as columns, in order of their log time.
+/// Messages of one topic as columns, in order of their log time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// The topic.
+    /// Topic.
     pub topic: String,
-    /// When each message was received, or sent for a command (ns).
+    /// Time of reception of each message, or of sending for a command (ns).
     pub log_time_ns: Vec<u64>,
-    /// The source's own time of each message (ns).
+    /// Time of each message on the source's clock (ns).
     pub publish_time_ns: Vec<u64>,
-    /// One per field, in the order of the schema.
+    /// Columns, one per field, in the order of the schema.
     pub columns: Vec<Column>,
 }
 
 impl Table {
-    /// The column called `name`.
+    /// Return the column called `name`.
     #[must_use]
     pub fn column(&self, name: &str) -> Option<&Column> {
         self.columns.iter().find(|column| column.name == name)
     }
 }
 
-/// The messages of `topic` as a table.
+/// Read the messages of `topic` as a table.
 ///
 /// # Errors
-/// When the recording does not have the topic, its messages are not protobuf with a descriptor, it
-/// carries several schemas, or a message does not decode.
+/// When the topic is missing, its messages are not protobuf with a descriptor, it has several
+/// schemas, or a message cannot be decoded.
 pub fn read_table(recording: &Recording, topic: &str) -> Result<Table, RecordingError> {
     let channels: Vec<&Channel> = recording.channels_of(topic).collect();
     let Some(first) = channels.first() else {
@@ -147,7 +147,7 @@ pub fn read_table(recording: &Recording, topic: &str) -> Result<Table, Recording
     read_channels(recording, &channels, Selection::Everything)
 }
 
-/// As [`read_table`], for channels of one topic and schema.
+/// Read channels of one topic and schema, as [`read_table`] does.
 pub(in crate::recording) fn read_channels(
     recording: &Recording,
     channels: &[&Channel],
@@ -182,7 +182,7 @@ fn plan_of(
     })
 }
 
-/// Collects rows.
+/// Builder of a table from rows.
 struct Builder {
     table: Table,
     row: Vec<Cell>,
@@ -210,7 +210,7 @@ impl Builder {
         channel: &Channel,
         plan: &Plan,
     ) -> Result<(), RecordingError> {
-        // Two channels of one schema name may still carry different descriptors.
+        // Two channels of one schema name may still have different descriptors.
         let is_same = plan.leaves.len() == self.table.columns.len()
             && plan.leaves.iter().zip(&self.table.columns).all(|(leaf, column)| {
                 leaf.name == column.name
@@ -247,7 +247,7 @@ impl Builder {
         }
     }
 
-    /// The table with its rows by log time; file order among equals.
+    /// Return the table with its rows by log time; file order among equals.
     fn finish(self) -> Table {
         let mut table = self.table;
         if table.log_time_ns.is_sorted() {

@@ -1,15 +1,15 @@
-//! The topics of the data contract and the schema that each must carry.
+//! Topics of the data contract and their schemas.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// One of the two players; `left` owns y < 0 and `right` y > 0 of the board frame.
+/// Player; `left` owns y < 0 and `right` y > 0 of the board frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Player {
-    /// Owns y < 0.
+    /// Player at y < 0.
     Left,
-    /// Owns y > 0.
+    /// Player at y > 0.
     Right,
 }
 
@@ -17,7 +17,7 @@ impl Player {
     /// Both players, left first.
     pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
 
-    /// `left` or `right`, as topics spell it.
+    /// Return `left` or `right`, as in topics.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -33,13 +33,13 @@ impl fmt::Display for Player {
     }
 }
 
-/// One of the two motors of a CoreXY gantry: `a` reads (x + y), `b` (x - y) per turn of belt.
+/// Motor of a CoreXY gantry: `a` measures (x + y), `b` (x - y) per turn of belt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Motor {
-    /// Moves x + y.
+    /// Motor of x + y.
     A,
-    /// Moves x - y.
+    /// Motor of x - y.
     B,
 }
 
@@ -47,7 +47,7 @@ impl Motor {
     /// Both motors.
     pub const BOTH: [Self; 2] = [Self::A, Self::B];
 
-    /// `a` or `b`, as topics spell it.
+    /// Return `a` or `b`, as in topics.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -57,25 +57,25 @@ impl Motor {
     }
 }
 
-/// Topic of the commanded striker velocity (`VelocityCommand`).
+/// Return the topic of the commanded striker velocity (`VelocityCommand`).
 #[must_use]
 pub fn command(player: Player) -> String {
     format!("/striker/{player}/command")
 }
 
-/// Topic of the carriage under the board (`CarriageState`).
+/// Return the topic of the carriage under the board (`CarriageState`).
 #[must_use]
 pub fn carriage(player: Player) -> String {
     format!("/striker/{player}/carriage")
 }
 
-/// Topic of one motor as its drive reports it (`MotorState`).
+/// Return the topic of one motor's motion (`MotorState`).
 #[must_use]
 pub fn motor(player: Player, motor: Motor) -> String {
     format!("/motor/{player}/{}", motor.name())
 }
 
-/// Topic of the health of one drive (`DriveStatus`).
+/// Return the topic of the health of one drive (`DriveStatus`).
 #[must_use]
 pub fn drive(player: Player, motor: Motor) -> String {
     format!("/drive/{player}/{}", motor.name())
@@ -83,36 +83,36 @@ pub fn drive(player: Player, motor: Motor) -> String {
 
 /// Raw frames on the bus (`CanFrame`).
 pub const CAN_FRAMES: &str = "/can/frames";
-/// What the camera saw in each frame (`CameraDetections`).
+/// Detections in each camera frame (`CameraDetections`).
 pub const CAMERA_DETECTIONS: &str = "/camera/detections";
-/// The filtered state of the board (`BoardState`).
+/// Filtered state of the board (`BoardState`).
 pub const BOARD_STATE: &str = "/board/state";
-/// The state of the board as a simulator knows it (`BoardState`).
+/// True state of the board from a simulator (`BoardState`).
 pub const TRUE_BOARD_STATE: &str = "/truth/board/state";
 /// Start and end of each scripted run (`RunMarker`).
 pub const RUN_MARKER: &str = "/run/marker";
-/// What the referee saw (`MatchEvent`).
+/// Events seen by the referee (`MatchEvent`).
 pub const MATCH_EVENT: &str = "/match/event";
 
-/// Every period of the control loop (`ControlTick`).
+/// Periods of the control loop (`ControlTick`).
 pub const CONTROL_TICK: &str = "/collect/tick";
-/// What happened in a session of collecting (`SessionEvent`).
+/// Events of a collection session (`SessionEvent`).
 pub const SESSION_EVENT: &str = "/collect/event";
 
-/// Topic of a single axis' input (`AxisInput`).
+/// Return the topic of a single axis' input (`AxisInput`).
 #[must_use]
 pub fn axis_input(name: &str) -> String {
     format!("/axis/{name}/input")
 }
 
-/// Topic of a single axis' measured motion (`AxisOutput`).
+/// Return the topic of a single axis' measured motion (`AxisOutput`).
 #[must_use]
 pub fn axis_output(name: &str) -> String {
     format!("/axis/{name}/output")
 }
 
-/// Full name of the schema that the contract demands on `topic`; `None` for a topic that the
-/// contract does not know, which then passes untouched. `/truth/...` mirrors the topic behind it.
+/// Return the full name of the contract's schema of `topic`; `None` for an unknown topic, which is
+/// copied unchanged. `/truth/...` mirrors the topic behind it.
 ///
 /// ```
 /// use klasktron::recording::topic::schema_of;

@@ -1,7 +1,7 @@
-//! Writing a recording: beside its final name, renamed when it is complete.
+//! Writer of recordings: to a temporary name, renamed when complete.
 
 use super::{
-    beside::{ExistingFile, partial_name},
+    atomic::{ExistingFile, partial_name},
     error::RecordingError,
     schema::{FILE_DESCRIPTOR_SET, PROTOBUF},
 };
@@ -21,29 +21,29 @@ use std::{
 
 /// Profile of every file that klasktron writes.
 pub const PROFILE: &str = "klasktron";
-/// Name of the metadata record that every recording carries.
+/// Name of the metadata record of every recording.
 pub const RECORDING_METADATA: &str = "klasktron.recording";
 
-/// Name of the metadata record that says how a session of collecting went: `stop`, `stop_text`,
+/// Name of the metadata record with the outcome of a collection session: `stop`, `stop_text`,
 /// `report_json`.
 pub const SESSION_METADATA: &str = "klasktron.collect";
-/// Its `stop` when everything was done.
+/// Value of `stop` for a complete session.
 pub const SESSION_COMPLETED: &str = "completed";
 
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// When messages reach the disk.
+/// Policy for flushing messages to the disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FlushPolicy {
-    /// Whenever the recorded time has advanced by a second: for live recording, where a crash may
-    /// cost at most that much.
+    /// Flush whenever the recorded time has advanced by a second: for live recording, where a crash
+    /// loses at most that much.
     EverySecond,
-    /// Whenever a chunk of 1 MiB is full: for files made from data that already lie on disk.
+    /// Flush whenever a chunk of 1 MiB is full: for files made from data on disk.
     WhenFull,
 }
 
-/// Writes one MCAP file. Everything goes to `.NAME.partial` beside the final name until
-/// [`finish`](Self::finish) renames it; a partial file is itself readable by `klasktron recover`.
+/// Writer of one MCAP file. Everything goes to `.NAME.partial` in the same folder until
+/// [`finish`](Self::finish) renames it. `klasktron recover` reads a partial file.
 pub struct RecordingWriter {
     writer: mcap::Writer<BufWriter<File>>,
     path: PathBuf,
@@ -57,11 +57,11 @@ pub struct RecordingWriter {
 }
 
 impl RecordingWriter {
-    /// Starts a file that will be called `path`.
+    /// Start a file with the final name `path`.
     ///
     /// # Errors
-    /// When the name is taken and `existing` refuses, the folder cannot be written, or, for a live
-    /// recording, an unfinished one lies there.
+    /// When the file exists and `existing` refuses, the folder is not writable, or, for a live
+    /// recording, an unfinished file exists.
     pub fn create(
         path: &Path,
         existing: ExistingFile,
@@ -70,7 +70,7 @@ impl RecordingWriter {
         Self::with_profile(path, PROFILE, existing, flush)
     }
 
-    /// As [`create`](Self::create), for a copy of a file with another profile.
+    /// Start a copy of a file with another profile, as [`create`](Self::create) does.
     ///
     /// # Errors
     /// As [`create`](Self::create).
@@ -85,7 +85,7 @@ impl RecordingWriter {
         }
         let partial = partial_name(path);
         let file = match flush {
-            // What a live session wrote cannot be had again.
+            // Data of a live session cannot be recorded again.
             FlushPolicy::EverySecond => File::create_new(&partial),
             FlushPolicy::WhenFull => File::create(&partial),
         };
@@ -118,10 +118,10 @@ impl RecordingWriter {
         move |source| RecordingError::Write { path, source }
     }
 
-    /// Writes one message of the contract whose source has no clock of its own.
+    /// Write one message of the contract whose source has no clock.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When writing to disk fails.
     pub fn write<M: Message + Name>(
         &mut self,
         topic: &str,
@@ -131,10 +131,10 @@ impl RecordingWriter {
         self.write_published(topic, log_time, log_time, message)
     }
 
-    /// Writes one message of the contract, with the source's own time as `publish_time`.
+    /// Write one message of the contract, with the source's own time as `publish_time`.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When writing to disk fails.
     pub fn write_published<M: Message + Name>(
         &mut self,
         topic: &str,
@@ -157,10 +157,10 @@ impl RecordingWriter {
         result
     }
 
-    /// Writes one message as bytes, with whatever schema it has. `times` are log and publish time.
+    /// Write one message as bytes, with any schema. `times` are log and publish time.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When writing to disk fails.
     pub fn write_raw(
         &mut self,
         topic: &str,
@@ -204,10 +204,10 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Adds a metadata record.
+    /// Add a metadata record.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When writing to disk fails.
     pub fn metadata(
         &mut self,
         name: &str,
@@ -217,10 +217,10 @@ impl RecordingWriter {
         self.writer.write_metadata(&record).map_err(self.write_error())
     }
 
-    /// Adds an attachment.
+    /// Add an attachment.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When writing to disk fails.
     pub fn attach(
         &mut self,
         name: &str,
@@ -237,10 +237,10 @@ impl RecordingWriter {
         self.writer.attach(&attachment).map_err(self.write_error())
     }
 
-    /// Writes summary and indexes, makes sure the bytes are on disk, and gives the file its name.
+    /// Write summary and indexes, sync the bytes to disk, and rename the file to its final name.
     ///
     /// # Errors
-    /// When the disk refuses; the partial file then stays.
+    /// When writing to disk fails; the partial file remains.
     pub fn finish(mut self) -> Result<(), RecordingError> {
         self.writer.finish().map_err(self.write_error())?;
         let file = self.writer.into_inner();
@@ -257,11 +257,11 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Gives up: removes the partial file. For conversions, whose source is still there.
+    /// Remove the partial file. For conversions, whose source still exists.
     pub fn discard(self) {
         let partial = self.partial.clone();
         drop(self);
-        // Nothing is lost when this fails: the file is a copy, and its name says so.
+        // A failure loses nothing: the file is a copy, and its name marks it as partial.
         fs::remove_file(partial).ok();
     }
 }
@@ -273,7 +273,7 @@ pub struct RawSchema<'a> {
     pub name: &'a str,
     /// Schema encoding, such as `protobuf` or `ros2msg`.
     pub encoding: &'a str,
-    /// The definition.
+    /// Definition of the schema.
     pub data: &'a [u8],
     /// Message encoding, such as `protobuf` or `cdr`.
     pub message_encoding: &'a str,

@@ -80,7 +80,7 @@ fn a_fit_writes_a_model_a_page_and_a_document() {
     let (stdout, stderr, status) = fit(&pair(dir.path()), &out, &["--seeds", "3", "--json"]);
     assert_eq!(status, 0, "{stderr}");
     let document: Value = serde_json::from_str(&stdout).unwrap();
-    assert_eq!(document["schema_version"], 1);
+    assert_eq!(document["schema_version"], 2);
     assert_eq!(document["train"]["runs"], 6);
     assert_eq!(document["held_out"]["samples"], 500);
     assert_eq!(document["seeds"].as_array().unwrap().len(), 3);

@@ -1,4 +1,4 @@
-//! `klasktron info` as a process: exit statuses, the document, and a doubt for each planted fault.
+//! `klasktron info` as a process: exit statuses, the document, and a warning for each planted fault.
 
 use crate::support::{Rig, klasktron, period, said, writer};
 use klasktron::{
@@ -20,12 +20,12 @@ fn document(files: &[&Path]) -> Value {
     serde_json::from_str(&stdout).unwrap()
 }
 
-/// Kinds of the doubts about one file.
+/// Kinds of the warnings about one file.
 fn kinds(path: &Path) -> Vec<String> {
     let document = document(&[path]);
-    let doubts = document["files"][0]["doubts"].as_array().unwrap().clone();
-    assert!(doubts.iter().all(|doubt| doubt["sentence"].is_string()));
-    doubts.iter().map(|doubt| doubt["kind"].as_str().unwrap().to_owned()).collect()
+    let warnings = document["files"][0]["warnings"].as_array().unwrap().clone();
+    assert!(warnings.iter().all(|warning| warning["message"].is_string()));
+    warnings.iter().map(|warning| warning["kind"].as_str().unwrap().to_owned()).collect()
 }
 
 fn kinds_of(rig: &Rig) -> Vec<String> {
@@ -34,12 +34,12 @@ fn kinds_of(rig: &Rig) -> Vec<String> {
 }
 
 #[test]
-fn a_healthy_recording_is_described_and_has_no_doubt() {
+fn a_healthy_recording_is_described_and_has_no_warning() {
     let dir = tempfile::tempdir().unwrap();
     let path = Rig::default().write(dir.path(), "good.mcap");
     let document = document(&[&path]);
     let file = &document["files"][0];
-    assert_eq!(document["schema_version"], 1);
+    assert_eq!(document["schema_version"], 2);
     assert_eq!((&file["robot"], &file["split"]), (&"klasktron".into(), &"train".into()));
     assert_eq!(file["messages"], 1002);
     assert_eq!(file["duration_s"], 10.0);
@@ -50,7 +50,7 @@ fn a_healthy_recording_is_described_and_has_no_doubt() {
     assert_eq!((&run["pattern"], &run["samples"]), (&"sines".into(), &500.into()));
     let speed = &file["speeds"][0];
     assert!((speed["velocity_per_command"].as_f64().unwrap() - 1.0).abs() < 0.05, "{speed}");
-    assert_eq!(file["doubts"].as_array().unwrap().len(), 0, "{}", file["doubts"]);
+    assert_eq!(file["warnings"].as_array().unwrap().len(), 0, "{}", file["warnings"]);
 }
 
 #[test]
@@ -60,13 +60,13 @@ fn the_table_fits_its_columns() {
     let (stdout, _, status) = said(&klasktron(&["info", path.to_str().unwrap()]));
     assert_eq!(status, 0);
     assert!(stdout.contains("/striker/left/command"), "{stdout}");
-    assert!(stdout.trim_end().ends_with("nothing doubtful"), "{stdout}");
+    assert!(stdout.trim_end().ends_with("no warnings"), "{stdout}");
     let table = stdout.lines().filter(|line| !line.contains("good.mcap"));
     assert!(table.map(|line| line.chars().count()).max() <= Some(100), "{stdout}");
 }
 
 #[test]
-fn each_planted_fault_has_its_doubt() {
+fn each_planted_fault_has_its_warning() {
     let healthy = Rig::default();
     let twice = Rig { gain: [2.0, 0.0, 0.0, 2.0], ..healthy.clone() };
     assert_eq!(kinds_of(&twice), ["twice_the_command", "twice_the_command"]);
@@ -81,18 +81,22 @@ fn each_planted_fault_has_its_doubt() {
     assert_eq!(kinds_of(&Rig { carriage: nan, ..healthy.clone() }), ["non_finite"]);
     let silent: fn(usize, CarriageState) -> _ = |k, state| (k < 300).then_some(state);
     assert_eq!(kinds_of(&Rig { carriage: silent, ..healthy.clone() }), ["stops_early"]);
-    let gap: fn(usize, CarriageState) -> _ = |k, state| (!(200..250).contains(&k)).then_some(state);
-    assert_eq!(kinds_of(&Rig { carriage: gap, ..healthy.clone() }), ["large_gap"]);
-    let unrelated: fn(usize, CarriageState) -> _ = |k, state| {
+    let dropout: fn(usize, CarriageState) -> _ =
+        |k, state| (!(200..250).contains(&k)).then_some(state);
+    assert_eq!(kinds_of(&Rig { carriage: dropout, ..healthy.clone() }), ["dropouts"]);
+    let uncorrelated: fn(usize, CarriageState) -> _ = |k, state| {
         let t = k as f64 / 50.0;
         let (vx, vy) = (0.1 * (2.3 * t * t).sin(), 0.1 * (1.7 * t * t).cos());
         Some(CarriageState { vx, vy, ..state })
     };
-    assert_eq!(kinds_of(&Rig { carriage: unrelated, ..healthy }), ["unrelated", "unrelated"]);
+    assert_eq!(
+        kinds_of(&Rig { carriage: uncorrelated, ..healthy }),
+        ["uncorrelated", "uncorrelated"]
+    );
 }
 
 #[test]
-fn time_running_backwards_is_a_doubt_and_jitter_is_none() {
+fn time_running_backwards_is_a_warning_and_jitter_is_none() {
     let backwards: fn(u64) -> Nanos = |k| period(if k % 100 == 50 { k - 10 } else { k });
     let found = kinds_of(&Rig { time: backwards, ..Rig::default() });
     assert_eq!(found, ["time_backwards", "time_backwards"]);
@@ -103,7 +107,7 @@ fn time_running_backwards_is_a_doubt_and_jitter_is_none() {
 }
 
 #[test]
-fn doubts_about_runs_commands_and_copies() {
+fn warnings_about_runs_commands_and_copies() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("odd.mcap");
     let mut made = writer(&path, "klasktron");
@@ -155,8 +159,8 @@ fn several_robots_are_named() {
     let one = Rig::default().write(dir.path(), "one.mcap");
     let two = Rig { robot: "other", ..Rig::default() }.write(dir.path(), "two.mcap");
     let document = document(&[&one, &two]);
-    assert_eq!(document["doubts"][0]["kind"], "mixed_robots");
-    assert_eq!(document["doubts"][0]["key"], "robot");
+    assert_eq!(document["warnings"][0]["kind"], "mixed_robots");
+    assert_eq!(document["warnings"][0]["key"], "robot");
 }
 
 #[test]

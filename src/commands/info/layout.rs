@@ -1,6 +1,6 @@
 //! An [`Inspection`] as text for people, within 100 columns.
 
-use klasktron::recording::inspect::{Inspection, RunReport, StatedDoubt, Timing};
+use klasktron::recording::inspect::{Inspection, QualityWarning, RunReport, Timing};
 use std::collections::BTreeMap;
 
 /// Width that fits a terminal side by side with another window.
@@ -17,17 +17,17 @@ pub(super) fn inspection(file: &Inspection) -> String {
     parts.extend(speeds(file));
     parts.extend(axes(file));
     parts.extend(attachments(file));
-    if file.doubts.is_empty() {
-        parts.push("  nothing doubtful".to_owned());
+    if file.warnings.is_empty() {
+        parts.push("  no warnings".to_owned());
     } else {
-        parts.push(doubts("  doubts", &file.doubts));
+        parts.push(warnings("  warnings", &file.warnings));
     }
     parts.join("\n\n")
 }
 
 /// A titled list of sentences.
-pub(super) fn doubts(title: &str, doubts: &[StatedDoubt]) -> String {
-    let lines = doubts.iter().map(|stated| wrapped(&stated.sentence));
+pub(super) fn warnings(title: &str, warnings: &[QualityWarning]) -> String {
+    let lines = warnings.iter().map(|warning| wrapped(&warning.message));
     std::iter::once(format!("{title}:")).chain(lines).collect::<Vec<_>>().join("\n")
 }
 
@@ -67,7 +67,7 @@ fn topics(file: &Inspection) -> String {
         "count",
         "Hz",
         "jitter ms",
-        "gap s",
+        "dropout s",
         "at s",
         "first s",
         "last s",
@@ -81,8 +81,8 @@ fn topics(file: &Inspection) -> String {
             topic.messages.to_string(),
             number(timing.measured_rate_hz, 2),
             number(timing.jitter_ms, 3),
-            number(timing.largest_gap_s, 3),
-            number(timing.largest_gap_at_s, 1),
+            number(timing.longest_dropout_s, 3),
+            number(timing.longest_dropout_at_s, 1),
             number((0 < topic.messages).then_some(first_s), 1),
             number((0 < topic.messages).then_some(last_s), 1),
         ]);
@@ -129,7 +129,9 @@ fn speeds(file: &Inspection) -> Option<String> {
             range(speed.commanded_m_per_s),
             range(speed.measured_m_per_s),
             number(speed.velocity_per_command, 3),
-            speed.explained.map_or_else(dash, |share| format!("{:.1} %", 100.0 * share)),
+            speed
+                .variance_explained
+                .map_or_else(dash, |fraction| format!("{:.1} %", 100.0 * fraction)),
             number(speed.lag_s.map(|lag| lag * 1e3), 0),
             number(speed.camera_scale, 4),
         ]);

@@ -1,49 +1,49 @@
-//! The scripted runs of a recording, from its markers.
+//! Scripted runs of a recording, from its markers.
 
 use super::{
     super::{Recording, RecordingError, runs::Pairs},
-    doubt::Doubt,
+    issue::DataQualityIssue,
 };
 use crate::units::Nanos;
 use serde::Serialize;
 use std::ops::Range;
 
-/// A velocity needs two samples.
+/// Least number of samples of a run, for a velocity.
 const MIN_RUN_SAMPLES: u64 = 2;
 
 /// One scripted run. Times are relative to the recording's first message.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunReport {
-    /// Its number.
+    /// Number.
     pub run: u32,
-    /// What was commanded, such as `circle`.
+    /// Commanded pattern, such as `circle`.
     pub pattern: String,
     /// `train` or `validation`.
     pub split: String,
-    /// Its START (s).
+    /// Time of its START (s).
     pub start_s: f64,
-    /// From START to END (s); `None` without END.
+    /// Duration from START to END (s); `None` without END.
     pub duration_s: Option<f64>,
-    /// Most messages within it that a command topic has; of a recording without commands, that
-    /// any topic has.
+    /// Number of messages of the command topic with the most messages in the run; in a recording
+    /// without commands, of any topic.
     pub samples: u64,
 }
 
-/// The runs in order of their start, and what is doubtful about the markers. They are paired as
-/// [`Recording::marked_runs`] does it.
+/// Return the runs in order of their start, and the issues of the markers. They are paired as in
+/// [`Recording::marked_runs`].
 pub(super) fn find_runs(
     recording: &Recording,
     (start, last): (Nanos, Nanos),
-) -> Result<(Vec<RunReport>, Vec<Doubt>), RecordingError> {
+) -> Result<(Vec<RunReport>, Vec<DataQualityIssue>), RecordingError> {
     let markers = recording.markers()?;
     let pairs = Pairs::of(&markers);
     let at_s = |index: usize| markers.times[index].seconds_since(start);
-    let stray = |index: &usize| Doubt::RunWithoutStart {
+    let stray = |index: &usize| DataQualityIssue::RunWithoutStart {
         run: markers.values[*index].run,
         pattern: markers.values[*index].pattern.clone(),
         end_s: at_s(*index),
     };
-    let mut doubts: Vec<Doubt> = pairs.stray_ends.iter().map(stray).collect();
+    let mut issues: Vec<DataQualityIssue> = pairs.stray_ends.iter().map(stray).collect();
     let times = counted_times(recording);
     let mut runs = Vec::new();
     for (index, (begins, ends)) in pairs.runs.iter().enumerate() {
@@ -57,23 +57,27 @@ pub(super) fn find_runs(
             samples: most_within(&times, &pairs.span(index, &markers.times, last)),
         });
     }
-    doubts.extend(runs.iter().filter_map(doubt_of));
-    Ok((runs, doubts))
+    issues.extend(runs.iter().filter_map(issue_of));
+    Ok((runs, issues))
 }
 
-fn doubt_of(run: &RunReport) -> Option<Doubt> {
+fn issue_of(run: &RunReport) -> Option<DataQualityIssue> {
     let pattern = run.pattern.clone();
     if run.duration_s.is_none() {
-        return Some(Doubt::RunWithoutEnd { run: run.run, pattern, start_s: run.start_s });
+        return Some(DataQualityIssue::RunWithoutEnd {
+            run: run.run,
+            pattern,
+            start_s: run.start_s,
+        });
     }
-    (run.samples < MIN_RUN_SAMPLES).then_some(Doubt::RunTooShort {
+    (run.samples < MIN_RUN_SAMPLES).then_some(DataQualityIssue::RunTooShort {
         run: run.run,
         pattern,
         samples: run.samples,
     })
 }
 
-/// Log times of the channels that count samples, each in order: those of commands where there are
+/// Return the log times of the channels that count samples, each in order: those of commands, if
 /// any.
 fn counted_times(recording: &Recording) -> Vec<Vec<Nanos>> {
     let filled = || recording.channels.iter().filter(|channel| !channel.messages.is_empty());
@@ -91,7 +95,7 @@ fn counted_times(recording: &Recording) -> Vec<Vec<Nanos>> {
         .collect()
 }
 
-/// Most of `times` of one channel that lie in `span`.
+/// Return the largest number of `times` of one channel in `span`.
 fn most_within(times: &[Vec<Nanos>], span: &Range<Nanos>) -> u64 {
     let within = |times: &Vec<Nanos>| {
         let before = |end: Nanos| times.partition_point(|time| *time < end);

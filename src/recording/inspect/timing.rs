@@ -1,4 +1,4 @@
-//! When the messages of one topic arrived: rate, jitter, gaps and steps back.
+//! Timing of the messages of one topic: rate, jitter, dropouts and steps back.
 
 use crate::{
     stats::{half_central_spread, median, quantile},
@@ -6,61 +6,61 @@ use crate::{
 };
 use serde::Serialize;
 
-/// Fewer messages than this do not tell whether a topic has a rate.
+/// Least number of messages for the estimate of a rate.
 const MIN_PERIODIC_MESSAGES: usize = 20;
-/// A topic has a rate when 95 of 100 intervals are at most this many times the middle one; a
-/// topic of events is far above it.
+/// Largest ratio of the 95 % quantile of intervals to their median for a topic with a rate; a topic
+/// of events is far above it.
 const PERIODIC_SPREAD: f64 = 4.0;
-/// A gap of a topic with a rate counts above this (s): a dozen control periods of 20 ms, and longer
-/// than a busy computer delays a process.
-const LARGE_GAP_S: f64 = 0.25;
-/// And above this many intervals of the topic itself, for slow topics.
-const LARGE_GAP_INTERVALS: f64 = 10.0;
+/// Least length of a dropout of a topic with a rate (s): a dozen control periods of 20 ms, and
+/// longer than a loaded computer delays a process.
+const DROPOUT_S: f64 = 0.25;
+/// Least length of a dropout in intervals of the topic, for slow topics.
+const DROPOUT_INTERVALS: f64 = 10.0;
 
-/// Arrival of the messages of one topic. Times are relative to the recording's first message.
+/// Timing of the messages of one topic. Times are relative to the recording's first message.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Timing {
     /// Earliest log time (s).
     pub first_s: f64,
     /// Latest log time (s).
     pub last_s: f64,
-    /// One over the middle interval (Hz); of a topic whose stamps often coincide, messages over
-    /// time. `None` below three messages, and for topics of events, as are the next three.
+    /// Reciprocal of the median interval (Hz); messages over time for a topic whose stamps often
+    /// coincide. `None` below three messages and for topics of events, like the next three.
     pub measured_rate_hz: Option<f64>,
-    /// Half the width of the central 68 % of the intervals (ms): their standard deviation where
-    /// they are normal.
+    /// Half the width of the central 68 % of the intervals (ms): the standard deviation of a normal
+    /// distribution.
     pub jitter_ms: Option<f64>,
-    /// Longest time between two messages (s).
-    pub largest_gap_s: Option<f64>,
-    /// When that began (s).
-    pub largest_gap_at_s: Option<f64>,
-    /// Messages in file order whose log time is before that of the one before.
+    /// Longest dropout (s).
+    pub longest_dropout_s: Option<f64>,
+    /// Start of the longest dropout (s).
+    pub longest_dropout_at_s: Option<f64>,
+    /// Number of messages in file order with a log time before that of the previous one.
     pub backward_steps: u64,
-    /// The largest such step (s); 0 when there is none.
+    /// Largest such step (s); 0 without steps.
     pub largest_backward_step_s: f64,
 }
 
-/// A time without messages.
+/// Time without messages.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Gap {
-    /// When it began (s).
+pub(super) struct Dropout {
+    /// Start (s).
     pub(super) at_s: f64,
-    /// How long it was (s).
+    /// Length (s).
     pub(super) length_s: f64,
 }
 
-/// What [`Timing`] leaves out since it serves other judgements only.
+/// Intermediate results of [`Timing`] for other checks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rhythm {
-    /// Middle interval (s); `None` for a topic without a rate.
+    /// Median interval (s); `None` for a topic without a rate.
     pub(super) period_s: Option<f64>,
-    /// A time without messages counts above this (s).
-    pub(super) large_gap_s: f64,
-    /// Gaps that are unusually large for the topic, by time; of a topic without a rate none.
-    pub(super) gaps: Vec<Gap>,
+    /// Least length of a dropout of this topic (s).
+    pub(super) dropout_s: f64,
+    /// Dropouts by time; empty for a topic without a rate.
+    pub(super) dropouts: Vec<Dropout>,
 }
 
-/// Measures `times`, in file order, relative to `start`.
+/// Measure `times`, in file order, relative to `start`.
 pub(super) fn measure(times: &[Nanos], start: Nanos) -> (Timing, Rhythm) {
     let mut timing = Timing::default();
     for pair in times.windows(2).filter(|pair| pair[1] < pair[0]) {
@@ -81,8 +81,8 @@ pub(super) fn measure(times: &[Nanos], start: Nanos) -> (Timing, Rhythm) {
         .collect();
     let largest = intervals.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
     if let Some((at, length)) = largest {
-        timing.largest_gap_s = Some(*length);
-        timing.largest_gap_at_s = Some(sorted[at].seconds_since(start));
+        timing.longest_dropout_s = Some(*length);
+        timing.longest_dropout_at_s = Some(sorted[at].seconds_since(start));
     }
     if intervals.len() < 2 {
         return (timing, Rhythm::default());
@@ -101,14 +101,14 @@ fn rhythm(sorted: &[Nanos], intervals: &[f64], middle: f64, start: Nanos) -> Rhy
     {
         return Rhythm::default();
     }
-    let limit = LARGE_GAP_S.max(LARGE_GAP_INTERVALS * middle);
-    let gaps = intervals
+    let limit = DROPOUT_S.max(DROPOUT_INTERVALS * middle);
+    let dropouts = intervals
         .iter()
         .zip(sorted)
         .filter(|(length, _)| limit < **length)
-        .map(|(length, time)| Gap { at_s: time.seconds_since(start), length_s: *length })
+        .map(|(length, time)| Dropout { at_s: time.seconds_since(start), length_s: *length })
         .collect();
-    Rhythm { period_s: Some(middle), large_gap_s: limit, gaps }
+    Rhythm { period_s: Some(middle), dropout_s: limit, dropouts }
 }
 
 #[cfg(test)]
@@ -120,23 +120,23 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_topic_has_its_rate_and_no_gap() {
+    fn a_steady_topic_has_its_rate_and_no_dropout() {
         let (timing, rhythm) = measure(&every_20_ms(100), Nanos(1_000_000_000));
         assert_eq!(timing.measured_rate_hz, Some(50.0));
         assert_eq!((timing.first_s, timing.last_s, timing.jitter_ms), (0.0, 1.98, Some(0.0)));
-        assert_eq!((rhythm.period_s, rhythm.gaps.len()), (Some(0.02), 0));
+        assert_eq!((rhythm.period_s, rhythm.dropouts.len()), (Some(0.02), 0));
     }
 
     #[test]
-    fn a_gap_and_a_step_back_are_found_where_they_are() {
+    fn a_dropout_and_a_step_back_are_found_where_they_are() {
         let mut times = every_20_ms(100);
         times.drain(40..60);
         times.swap(10, 11);
         let (timing, rhythm) = measure(&times, times[0]);
         assert_eq!(timing.backward_steps, 1);
         assert_eq!(timing.largest_backward_step_s, 0.02);
-        assert_eq!(rhythm.gaps, [Gap { at_s: 0.78, length_s: 0.42 }]);
-        assert_eq!(timing.largest_gap_at_s, Some(0.78));
+        assert_eq!(rhythm.dropouts, [Dropout { at_s: 0.78, length_s: 0.42 }]);
+        assert_eq!(timing.longest_dropout_at_s, Some(0.78));
     }
 
     #[test]

@@ -1,34 +1,34 @@
-//! One topic: how many messages, when, and the range of each of its numbers.
+//! Report of one topic: number and timing of messages, and the range of each number.
 
 use super::{
     super::{
         Channel, PROTOBUF, Recording, RecordingError,
         table::{self, Column, Selection, Table},
     },
-    doubt::Doubt,
+    issue::DataQualityIssue,
     timing::{self, Rhythm, Timing},
 };
 use crate::units::Nanos;
 use serde::Serialize;
 
-/// A smaller step back is the order in which threads of one recorder reach the file (s).
+/// Largest step back that is due to the order of threads of one recorder (s).
 const BACKWARD_TOLERANCE_S: f64 = 1e-3;
 
-/// All messages of one topic with one schema.
+/// Report of all messages of one topic with one schema.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TopicReport {
     /// Topic name.
     pub topic: String,
-    /// Full name of the schema; empty when there is none.
+    /// Full name of the schema; empty without a schema.
     pub schema: String,
     /// Encoding of the messages, such as `protobuf` or `cdr`.
     pub encoding: String,
-    /// How many messages.
+    /// Number of messages.
     pub messages: u64,
-    /// When they arrived.
+    /// Timing of the messages.
     #[serde(flatten)]
     pub timing: Timing,
-    /// Messages whose log time and bytes an earlier one has already.
+    /// Number of messages with the log time and bytes of an earlier one.
     pub duplicates: u64,
     /// Range of each number, of protobuf topics; units are those of the schema.
     pub fields: Vec<FieldReport>,
@@ -37,38 +37,42 @@ pub struct TopicReport {
 /// Range of one number of a topic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FieldReport {
-    /// Its name, `ball.x` for one in a nested message.
+    /// Name of the field, `ball.x` for one in a nested message.
     pub field: String,
-    /// Messages that carry it.
+    /// Number of messages with the field.
     pub messages: u64,
     /// Smallest finite value.
     pub min: Option<f64>,
     /// Largest finite value.
     pub max: Option<f64>,
-    /// Messages in which it is NaN or infinite.
+    /// Number of messages with NaN or infinity.
     pub non_finite: u64,
 }
 
-/// A topic that was looked at, with what the other judgements need.
-pub(super) struct Studied {
+/// Report of a topic with intermediate results for other checks.
+pub(super) struct TopicStudy {
     pub(super) report: TopicReport,
     pub(super) rhythm: Rhythm,
-    /// Its numbers, when it is a protobuf topic that decodes.
+    /// Numbers of a decodable protobuf topic.
     pub(super) table: Option<Table>,
-    pub(super) doubts: Vec<Doubt>,
+    pub(super) issues: Vec<DataQualityIssue>,
 }
 
-/// Looks at `channels`, which have one topic and one schema.
-pub(super) fn study(recording: &Recording, channels: &[&Channel], start: Nanos) -> Option<Studied> {
+/// Inspect `channels`, which have one topic and one schema.
+pub(super) fn study(
+    recording: &Recording,
+    channels: &[&Channel],
+    start: Nanos,
+) -> Option<TopicStudy> {
     let first = channels.first()?;
     let times: Vec<Nanos> =
         channels.iter().flat_map(|c| c.messages.iter().map(|m| m.log_time)).collect();
     let (mut timing, rhythm) = timing::measure(&times, start);
     if super::is_event(&first.topic) {
         (timing.measured_rate_hz, timing.jitter_ms) = (None, None);
-        (timing.largest_gap_s, timing.largest_gap_at_s) = (None, None);
+        (timing.longest_dropout_s, timing.longest_dropout_at_s) = (None, None);
     }
-    let (table, fields, mut doubts) = study_values(recording, channels);
+    let (table, fields, mut issues) = study_values(recording, channels);
     let report = TopicReport {
         topic: first.topic.clone(),
         schema: first.schema.clone(),
@@ -78,14 +82,14 @@ pub(super) fn study(recording: &Recording, channels: &[&Channel], start: Nanos) 
         duplicates: count_duplicates(channels),
         fields,
     };
-    doubts.extend(doubts_of(&report));
-    Some(Studied { report, rhythm, table, doubts })
+    issues.extend(issues_of(&report));
+    Some(TopicStudy { report, rhythm, table, issues })
 }
 
 fn study_values(
     recording: &Recording,
     channels: &[&Channel],
-) -> (Option<Table>, Vec<FieldReport>, Vec<Doubt>) {
+) -> (Option<Table>, Vec<FieldReport>, Vec<DataQualityIssue>) {
     match table::read_channels(recording, channels, Selection::Numbers) {
         Ok(table) => {
             let fields = table.columns.iter().map(field_report).collect();
@@ -102,7 +106,7 @@ fn study_values(
             let reason = error.to_string();
             let file = format!("{}: ", recording.path.display());
             let reason = reason.strip_prefix(&file).unwrap_or(&reason).to_owned();
-            (None, vec![], vec![Doubt::NotDecodable { topic, reason }])
+            (None, vec![], vec![DataQualityIssue::NotDecodable { topic, reason }])
         }
     }
 }
@@ -127,30 +131,30 @@ fn field_report(column: &Column) -> FieldReport {
     report
 }
 
-fn doubts_of(report: &TopicReport) -> Vec<Doubt> {
+fn issues_of(report: &TopicReport) -> Vec<DataQualityIssue> {
     let topic = || report.topic.clone();
-    let mut doubts = Vec::new();
+    let mut issues = Vec::new();
     if BACKWARD_TOLERANCE_S < report.timing.largest_backward_step_s {
-        doubts.push(Doubt::TimeBackwards {
+        issues.push(DataQualityIssue::TimeBackwards {
             topic: topic(),
             steps: report.timing.backward_steps,
             largest_step_s: report.timing.largest_backward_step_s,
         });
     }
     if 0 < report.duplicates {
-        doubts.push(Doubt::Duplicates { topic: topic(), count: report.duplicates });
+        issues.push(DataQualityIssue::Duplicates { topic: topic(), count: report.duplicates });
     }
     for field in report.fields.iter().filter(|field| 0 < field.non_finite) {
-        doubts.push(Doubt::NonFinite {
+        issues.push(DataQualityIssue::NonFinite {
             topic: topic(),
             field: field.field.clone(),
             count: field.non_finite,
         });
     }
-    doubts
+    issues
 }
 
-/// Messages whose log time and bytes an earlier one has already.
+/// Count the messages with the log time and bytes of an earlier one.
 fn count_duplicates(channels: &[&Channel]) -> u64 {
     let mut stamped: Vec<(Nanos, &[u8])> = channels
         .iter()

@@ -1,18 +1,18 @@
-//! Numbers over time, and the relation between two of them.
+//! Signals over time, and the relation between two of them.
 
 use super::super::table::Table;
 use crate::units::Nanos;
 
-/// Some columns of a topic over time, rows with a value that is not finite left out.
+/// Columns of a topic over time, without rows with non-finite values.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Track<const N: usize> {
-    /// Since the recording's first message (s), never decreasing.
+    /// Time since the recording's first message (s), never decreasing.
     pub(super) times_s: Vec<f64>,
     pub(super) values: Vec<[f64; N]>,
 }
 
 impl<const N: usize> Track<N> {
-    /// The columns called `names`; empty when one is missing.
+    /// Return the columns called `names`; empty when one is missing.
     pub(super) fn new(table: &Table, names: [&str; N], start: Nanos) -> Self {
         let columns: Vec<Vec<f64>> =
             names.iter().filter_map(|name| table.column(name)?.numbers()).collect();
@@ -30,30 +30,30 @@ impl<const N: usize> Track<N> {
         track
     }
 
-    /// Smallest and largest value of column `at`; `None` when empty.
+    /// Return the smallest and largest value of column `at`; `None` when empty.
     pub(super) fn range(&self, at: usize) -> Option<(f64, f64)> {
         let values = || self.values.iter().map(|value| value[at]);
         Some((values().min_by(f64::total_cmp)?, values().max_by(f64::total_cmp)?))
     }
 
-    /// The value in force at `time_s`, unless it is older than `max_age_s`.
+    /// Return the value in force at `time_s`, unless it is older than `max_age_s`.
     pub(super) fn held(&self, time_s: f64, max_age_s: f64) -> Option<[f64; N]> {
         let at = self.times_s.partition_point(|time| *time <= time_s).checked_sub(1)?;
         (time_s - self.times_s[at] <= max_age_s).then(|| self.values[at])
     }
 
-    /// The value at `time_s` on the line between its neighbours, unless these are further apart
-    /// than `max_gap_s`.
-    pub(super) fn between(&self, time_s: f64, max_gap_s: f64) -> Option<[f64; N]> {
+    /// Interpolate the value at `time_s` between its neighbours, unless these are further apart
+    /// than `max_interval_s`.
+    pub(super) fn between(&self, time_s: f64, max_interval_s: f64) -> Option<[f64; N]> {
         let after = self.times_s.partition_point(|time| *time < time_s);
         let before = after.checked_sub(1)?;
         let (t0, t1) = (self.times_s[before], *self.times_s.get(after)?);
-        if !(t1 - t0 <= max_gap_s && t0 < t1) {
+        if !(t1 - t0 <= max_interval_s && t0 < t1) {
             return None;
         }
-        let share = (time_s - t0) / (t1 - t0);
+        let fraction = (time_s - t0) / (t1 - t0);
         let (v0, v1) = (self.values[before], self.values[after]);
-        Some(std::array::from_fn(|at| v0[at] + share * (v1[at] - v0[at])))
+        Some(std::array::from_fn(|at| v0[at] + fraction * (v1[at] - v0[at])))
     }
 }
 
@@ -85,12 +85,12 @@ impl<const N: usize> Covariance<N> {
         Self { count, matrix }
     }
 
-    /// Standard deviation of variable `at`.
+    /// Return the standard deviation of variable `at`.
     pub(super) fn deviation(&self, at: usize) -> f64 {
         self.matrix[at][at].sqrt()
     }
 
-    /// Slope of variable `of` on variable `on`, and the share of the variance that it explains;
+    /// Return the slope of variable `of` on variable `on`, and the fraction of variance explained;
     /// zeros when `on` does not vary.
     pub(super) fn slope(&self, of: usize, on: usize) -> (f64, f64) {
         let (variance, shared) = (self.matrix[on][on], self.matrix[of][on]);
@@ -100,14 +100,15 @@ impl<const N: usize> Covariance<N> {
         (shared / variance, shared * shared / (variance * self.matrix[of][of]))
     }
 
-    /// Slopes of variable `of` on the variables 0 and 1 together, and the share of the variance
-    /// that they explain; `None` when the two hardly differ.
+    /// Return the slopes of variable `of` on the variables 0 and 1 together, and the fraction of
+    /// variance explained; `None` when the two are nearly collinear.
     pub(super) fn slopes(&self, of: usize) -> Option<([f64; 2], f64)> {
-        /// Of the product of both variances; below it the two run along one diagonal.
-        const MIN_DETERMINANT_SHARE: f64 = 0.02;
+        /// Least determinant as a fraction of the product of both variances; below it the two are
+        /// collinear.
+        const MIN_DETERMINANT_FRACTION: f64 = 0.02;
         let m = &self.matrix;
         let determinant = m[0][0] * m[1][1] - m[0][1] * m[0][1];
-        if determinant <= MIN_DETERMINANT_SHARE * m[0][0] * m[1][1] || m[of][of] <= 0.0 {
+        if determinant <= MIN_DETERMINANT_FRACTION * m[0][0] * m[1][1] || m[of][of] <= 0.0 {
             return None;
         }
         let first = (m[of][0] * m[1][1] - m[of][1] * m[0][1]) / determinant;

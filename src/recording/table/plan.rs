@@ -1,8 +1,8 @@
-//! Which columns a protobuf message gives, from the descriptor that the recording carries.
+//! Columns of a protobuf message, from the descriptor in the recording.
 //!
 //! Nested messages are flattened with a dot (`ball.x`). A repeated field becomes one column of
-//! text, its elements in brackets. A message that contains itself is not followed: the inner one
-//! stays bytes.
+//! text, with its elements in brackets. A recursive message is not followed: the inner one stays
+//! bytes.
 
 use prost::Message as _;
 use prost_types::{
@@ -11,10 +11,10 @@ use prost_types::{
 };
 use std::collections::BTreeMap;
 
-/// Deeper nesting than this stays bytes; no schema in use comes near.
+/// Largest depth of nesting; deeper messages stay bytes. Schemas in use are far below.
 const MAX_DEPTH: usize = 16;
 
-/// How a scalar lies on the wire and what it becomes.
+/// Encoding of a scalar on the wire, with its resulting type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Scalar {
     F64,
@@ -32,16 +32,16 @@ pub(super) enum Scalar {
     SignedFixed32,
     SignedFixed64,
     Text,
-    /// Bytes, groups and messages that are not followed; shown as hexadecimal digits.
+    /// Bytes, groups and recursive messages; shown as hexadecimal digits.
     Bytes,
 }
 
-/// What stands in a column before its field was met in a message that is present.
+/// Initial value of a column in a present message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Presence {
-    /// Null until it is met.
+    /// Null until the field occurs.
     Explicit,
-    /// The default value, which the wire leaves out.
+    /// Default value, which is omitted on the wire.
     Implicit,
 }
 
@@ -54,26 +54,26 @@ pub(super) struct Leaf {
     pub(super) repeated: Repeated,
 }
 
-/// Whether a field may stand several times in a message.
+/// Repetition of a field in a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Repeated {
     Never,
     Often,
 }
 
-/// Where a field of one message goes.
+/// Destination of a field of one message.
 #[derive(Debug, Clone)]
 pub(super) enum Target {
-    /// Position among the leaves.
+    /// Index among the leaves.
     Column(usize),
-    /// A message inside.
+    /// Nested message.
     Inside(Node),
 }
 
-/// One message: where each of its fields goes.
+/// One message with the destination of each field.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Node {
-    /// Sorted by field number.
+    /// Destinations sorted by field number.
     pub(super) targets: Vec<(u32, Target)>,
 }
 
@@ -91,12 +91,12 @@ impl Node {
     }
 }
 
-/// Which fields become columns.
+/// Selection of the fields that become columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::recording) enum Selection {
-    /// All of them.
+    /// All fields.
     Everything,
-    /// Single numbers and truth values; no text, bytes and repeated fields.
+    /// Single numbers and booleans; no text, bytes and repeated fields.
     Numbers,
 }
 
@@ -108,8 +108,8 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// The plan of message `full_name` as `descriptors`, a serialised `FileDescriptorSet`, defines
-    /// it; `None` when it does not.
+    /// Create the plan of message `full_name` from `descriptors`, a serialised `FileDescriptorSet`;
+    /// `None` when it does not define the message.
     pub(super) fn new(full_name: &str, descriptors: &[u8], select: Selection) -> Option<Self> {
         let set = FileDescriptorSet::decode(descriptors).ok()?;
         let mut messages = BTreeMap::new();
@@ -150,7 +150,7 @@ struct Planner<'a> {
     messages: Messages<'a>,
     select: Selection,
     leaves: Vec<Leaf>,
-    /// Messages that are being planned, outermost first.
+    /// Messages in progress, outermost first.
     path: Vec<String>,
 }
 

@@ -1,6 +1,6 @@
-//! The protobuf wire format, read by a [`Plan`]: no generated code, so that any schema is read.
+//! Decoder of the protobuf wire format by a [`Plan`], without generated code, for any schema.
 //!
-//! Format: <https://protobuf.dev/programming-guides/encoding/>. Unknown fields are passed over.
+//! Format: <https://protobuf.dev/programming-guides/encoding/>. Unknown fields are skipped.
 
 use super::plan::{Leaf, Node, Plan, Presence, Repeated, Scalar, Target};
 use crate::recording::hexadecimal;
@@ -18,7 +18,7 @@ pub(super) enum Cell {
     Text(String),
 }
 
-/// Why the bytes of a message are not what its schema says.
+/// Error of a message that does not match its schema.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum WireError {
     #[error("it ends in the middle of a field")]
@@ -31,7 +31,7 @@ pub(super) enum WireError {
     NotUtf8(u32),
 }
 
-/// Decodes one message into `row`, which has one cell per leaf of `plan`.
+/// Decode one message into `row`, which has one cell per leaf of `plan`.
 pub(super) fn decode_row(plan: &Plan, bytes: &[u8], row: &mut [Cell]) -> Result<(), WireError> {
     row.fill(Cell::Null);
     decode_node(plan, &plan.root, bytes, row)
@@ -65,7 +65,7 @@ fn decode_node(
 fn set_defaults(plan: &Plan, node: &Node, row: &mut [Cell]) {
     for (_, target) in &node.targets {
         if let Target::Column(at) = target {
-            // A message that comes in two parts keeps what the first part said.
+            // A message in two parts keeps the content of the first part.
             if row[*at] == Cell::Null {
                 row[*at] = default_of(&plan.leaves[*at]);
             }
@@ -87,7 +87,7 @@ fn default_of(leaf: &Leaf) -> Cell {
     }
 }
 
-/// A value as the wire has it.
+/// Value on the wire.
 #[derive(Clone, Copy)]
 enum Value<'a> {
     Varint(u64),
@@ -187,7 +187,7 @@ fn scalar(scalar: Scalar, number: u32, value: Value<'_>) -> Result<Cell, WireErr
     })
 }
 
-/// Adds an element to the text of a repeated field: `[]`, `[1]`, `[1, 2]`.
+/// Append an element to the text of a repeated field: `[]`, `[1]`, `[1, 2]`.
 fn append(cell: &mut Cell, element: &Cell) {
     let Cell::Text(text) = cell else { return };
     text.pop();

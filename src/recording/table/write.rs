@@ -1,25 +1,25 @@
-//! Tables as files: written beside the final name and renamed when complete.
+//! Writer of table files: to a temporary name, renamed when complete.
 
 use super::{Column, Table, Values, csv::write_csv, parquet::write_parquet};
-use crate::recording::{ExistingFile, RecordingError, write_beside};
+use crate::recording::{ExistingFile, RecordingError, write_atomically};
 use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
 use std::{collections::BTreeSet, fs::File, path::Path};
 
-/// How a table is written.
+/// Format of a table file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TableFormat {
     /// Apache Parquet, zstd pages.
     Parquet,
     /// Comma-separated text with a header line; null is empty.
     Csv,
-    /// numpy arrays by column name. Null is NaN, in integer columns too, which then are floats;
+    /// NumPy arrays by column name. Null is NaN, in integer columns too, which then are floats;
     /// text is an array of bytes, one row each, padded with zeros.
     Npz,
 }
 
 impl Table {
-    /// `log_time_ns`, `publish_time_ns`, then the fields.
+    /// Return `log_time_ns`, `publish_time_ns`, then the fields.
     fn all_columns(&self) -> Vec<Column> {
         let times =
             [("log_time_ns", &self.log_time_ns), ("publish_time_ns", &self.publish_time_ns)];
@@ -31,7 +31,7 @@ impl Table {
     }
 }
 
-/// How columns that belong to no topic are written.
+/// Format of a file with columns of no topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColumnFormat {
     /// Apache Parquet, zstd pages.
@@ -40,11 +40,11 @@ pub enum ColumnFormat {
     Csv,
 }
 
-/// Writes `columns` of `rows` rows each, which belong to no topic, to `path`.
+/// Write `columns` of `rows` rows each, which belong to no topic, to `path`.
 ///
 /// # Errors
-/// When two columns have one name or another number of rows, the name is taken and `existing`
-/// refuses, or the disk does; nothing is left behind then.
+/// When two columns have one name or another number of rows, the file exists and `existing`
+/// refuses, or writing to disk fails; nothing remains then.
 pub fn write_columns(
     columns: &[Column],
     rows: usize,
@@ -52,7 +52,7 @@ pub fn write_columns(
     format: ColumnFormat,
     existing: ExistingFile,
 ) -> Result<(), RecordingError> {
-    write_beside(path, existing, |file| {
+    write_atomically(path, existing, |file| {
         let written = check(columns, rows).and_then(|()| match format {
             ColumnFormat::Parquet => write_parquet(columns, rows, file),
             ColumnFormat::Csv => write_csv(columns, rows, file),
@@ -76,10 +76,10 @@ fn check(columns: &[Column], rows: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// Writes `table` to `path`.
+/// Write `table` to `path`.
 ///
 /// # Errors
-/// When the name is taken and `existing` refuses, or the disk does; nothing is left behind then.
+/// When the file exists and `existing` refuses, or writing to disk fails; nothing remains then.
 pub fn write_table(
     table: &Table,
     path: &Path,
@@ -90,7 +90,7 @@ pub fn write_table(
         TableFormat::Parquet => ColumnFormat::Parquet,
         TableFormat::Csv => ColumnFormat::Csv,
         TableFormat::Npz => {
-            return write_beside(path, existing, |file| {
+            return write_atomically(path, existing, |file| {
                 write_npz(table, file)
                     .map_err(|reason| RecordingError::Table { path: path.to_owned(), reason })
             });
@@ -139,7 +139,8 @@ fn add_npy(npz: &mut NpzWriter<File>, column: &Column) -> Result<(), ndarray_npy
     }
 }
 
-/// UTF-8 bytes, one row per text, padded with zeros: `array.view(f"S{array.shape[1]}")` in numpy.
+/// Return UTF-8 bytes, one row per text, padded with zeros: `array.view(f"S{array.shape[1]}")` in
+/// NumPy.
 fn padded(values: &[Option<String>]) -> Array2<u8> {
     let text = |row: usize| values[row].as_deref().unwrap_or_default().as_bytes();
     let width = (0..values.len()).map(|row| text(row).len()).max().unwrap_or(0).max(1);

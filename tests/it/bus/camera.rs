@@ -15,8 +15,8 @@ fn camera_over_udp() {
     assert_eq!(
         taken,
         format!(
-            "camera udp:{address}: another program receives there; end it first, or take another \
-             address and tell the camera's program"
+            "camera udp:{address}: another program receives there; end it first, or use another \
+             address here and in the camera program"
         )
     );
     let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -48,7 +48,7 @@ fn camera_in_the_file_system() {
 
     std::fs::write(&path, "precious").unwrap();
     let refused = CameraSocket::bind(&spec).unwrap_err().to_string();
-    assert!(refused.contains("there is a file of that name; take another path"), "{refused}");
+    assert!(refused.contains("there is a file of that name; use another path"), "{refused}");
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
 }
 

@@ -1,4 +1,4 @@
-//! Files that are whole or not there: written beside their name, renamed when complete.
+//! Atomic writing of files: to a temporary name in the same folder, renamed when complete.
 
 use super::error::RecordingError;
 use std::{
@@ -7,28 +7,28 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What happens when the output's name is taken.
+/// Policy for an output that exists already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ExistingFile {
-    /// Refuse, so that nothing recorded is lost.
+    /// Refuse, so that no recorded data is lost.
     Refuse,
-    /// Replace it once the new file is complete.
+    /// Replace the file once the new one is complete.
     Replace,
 }
 
-/// `.NAME.partial` in the same folder as `path`.
+/// Return `.NAME.partial` in the same folder as `path`.
 #[must_use]
 pub fn partial_name(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!(".{name}.partial"))
 }
 
-/// Lets `write` fill a file that gets the name `path` when it succeeds; nothing is left behind
-/// when it does not.
+/// Let `write` fill a file that gets the name `path` when it succeeds; nothing remains after a
+/// failure.
 ///
 /// # Errors
-/// When the name is taken and `existing` refuses, the disk does, or `write` fails.
-pub fn write_beside(
+/// When the file exists and `existing` refuses, writing to disk fails, or `write` fails.
+pub fn write_atomically(
     path: &Path,
     existing: ExistingFile,
     write: impl FnOnce(File) -> Result<(), RecordingError>,
@@ -46,16 +46,16 @@ pub fn write_beside(
     named
 }
 
-/// As [`write_beside`], for bytes that are at hand.
+/// Write bytes in memory, as [`write_atomically`] does.
 ///
 /// # Errors
-/// As [`write_beside`].
+/// As [`write_atomically`].
 pub fn write_bytes(
     path: &Path,
     existing: ExistingFile,
     bytes: &[u8],
 ) -> Result<(), RecordingError> {
-    write_beside(path, existing, |mut file| {
+    write_atomically(path, existing, |mut file| {
         file.write_all(bytes).map_err(RecordingError::io(path, "write"))
     })?;
     log::info!("wrote {}: {} bytes", path.display(), bytes.len());
