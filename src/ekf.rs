@@ -7,11 +7,11 @@
 //!
 //! - **Rolling.** v' = v (1 - b dt - c dt / (|v| + v0)), p' = p + (v + v') dt/2, with its Jacobian
 //!   F. c is rolling resistance, b drag, v0 = 0.02 m/s; strikers have b = c = 0.
-//! - **Process noise.** White acceleration of spectral density q (m2/s3) in each axis, P' = F P F'
-//!   + Q with Q = q \[\[dt^3/3, dt^2/2\], \[dt^2/2, dt\]\]. Where F is the constant-velocity model,
+//! - **Process noise.** White acceleration of spectral density q (m2/s3) in each axis. Covariance:
+//!   P' = F P F' + Q with Q = q \[\[dt^3/3, dt^2/2\], \[dt^2/2, dt\]\]. With the constant-velocity F,
 //!   two half steps equal one full step. q is the value of the open board plus that of each
-//!   [`Region`] that the predicted path touches: near a wall (across it), near a striker, over a
-//!   goal and its rim (figure 4 of the paper).
+//!   [`Region`] on the predicted path. Regions are near a wall (across it), near a striker, and
+//!   over a goal and its rim (figure 4 of the paper).
 //! - **Walls.** A prediction beyond a wall is reflected with restitution e. The standard deviations
 //!   of e and of the tangential velocity change enter as noise. Within the width of the estimate it
 //!   is uncertain whether the ball has reached the wall. There the two truncated halves of the

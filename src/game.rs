@@ -29,9 +29,9 @@
 //!
 //! # Frames, units, shapes
 //!
-//! SI units and radians. The board frame of [`crate::board`] is used inside; players use their own
-//! frame: the board frame for the left player (y < 0), the board frame turned by 180 degrees for
-//! the right player.
+//! SI units and radians. The simulation uses the board frame of [`crate::board`]; players use their
+//! own frame. That of the left player (y < 0) is the board frame, that of the right player is turned
+//! by 180 degrees.
 //!
 //! | quantity | shape | unit |
 //! |---|---|---|
@@ -42,9 +42,9 @@
 //! # Order of computation in a control period
 //!
 //! 1. Commands are clamped to 0.4 m/s, slew-limited, and reduced near walls ([`CommandLimits`]).
-//! 2. The actuator ([`Actuation`]) moves each striker's magnet through the period: instantaneously;
-//!    by a fitted network, with one matrix product per layer for all carriages of 64 environments;
-//!    or by the drives, gantry and coupling of a [`crate::twin::Twin`].
+//! 2. The actuator ([`Actuation`]) moves each striker's magnet through the period. It is ideal, a
+//!    fitted network, or the drives, gantry and coupling of a [`crate::twin::Twin`]. The network
+//!    takes one matrix product per layer for all carriages of 64 environments.
 //! 3. The period is divided into [`GameSettings::pieces`]. In each, the forces of the catalogue
 //!    ([`crate::effects`]) accelerate the ball, and all contacts on its straight path are solved in
 //!    order of time: walls, moving strikers, biscuits, rims of cups. No contact is missed
@@ -66,10 +66,10 @@
 //!
 //! # Not modelled
 //!
-//! The third dimension (jumping balls, heights of strikers); the shape of the cup below its rim;
-//! rotation of strikers; reaction of an impact on the carriage; contacts between biscuits, and
-//! biscuits in cups; wear. Observations are exact and current: a camera model would be applied to
-//! [`Observation`].
+//! - The third dimension: jumping balls, heights of strikers, the shape of the cup below its rim.
+//! - Rotation of strikers, reaction of an impact on the carriage, and wear.
+//! - Contacts between biscuits, and biscuits in cups.
+//! - The camera: observations are exact and current. A camera model would change [`Observation`].
 
 mod actuation;
 mod biscuit;

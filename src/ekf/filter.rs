@@ -187,8 +187,10 @@ impl ObjectFilter {
     }
 }
 
-/// Joseph form (I - K H) P (I - K H)' + r K K' for H = [I 0]: A = (I - K H) P by rows, then A minus
-/// its first two columns times K', plus the noise.
+/// Joseph form (I - K H) P (I - K H)' + r K K' for H = [I 0].
+///
+/// With A = (I - K H) P by rows, the result is A minus its first two columns times K', plus the
+/// noise.
 #[inline]
 fn joseph(p: &Matrix4, gain: &[[f64; 2]; 4], r: f64) -> Matrix4 {
     let a: Matrix4 = std::array::from_fn(|i| {

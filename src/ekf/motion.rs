@@ -100,9 +100,10 @@ fn transform(p: &mut Matrix4, velocities: [f64; 3], dt: f64) {
     }
 }
 
-/// Add the noise of a white acceleration with density `psd` (m2/s3) in each axis over `dt` (s): q
-/// [[dt^3/3, dt^2/2], [dt^2/2, dt]] (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications
-/// to Tracking and Navigation", 2001, section 6.2.2).
+/// Add the noise of a white acceleration with density `psd` (m2/s3) in each axis over `dt` (s).
+///
+/// Q = q [[dt^3/3, dt^2/2], [dt^2/2, dt]] (Bar-Shalom, Li and Kirubarajan, "Estimation with
+/// Applications to Tracking and Navigation", 2001, section 6.2.2).
 #[inline]
 pub(super) fn add_acceleration_noise(p: &mut Matrix4, psd: [f64; 2], dt: f64) {
     for (axis, q) in psd.into_iter().enumerate() {

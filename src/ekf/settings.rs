@@ -117,10 +117,11 @@ pub struct BallSettings {
 }
 
 impl Default for FilterSettings {
-    /// Start values of the tuning, kept where the data do not determine a parameter: a detection
-    /// error of half a millimetre; strikers that accelerate at 6 m/s2 for 50 ms (density about a^2
-    /// t); a ball that rolls nearly straight and changes by metres per second within 50 ms near a
-    /// striker. Geometry as in the platform's simulator (klask_rl, `klask_params.py`).
+    /// Start values of the tuning, kept where the data do not determine a parameter.
+    ///
+    /// A detection error of half a millimetre; strikers that accelerate at 6 m/s2 for 50 ms (density
+    /// about a^2 t). The ball rolls nearly straight and changes by metres per second within 50 ms near
+    /// a striker. Geometry as in the platform's simulator (klask_rl, `klask_params.py`).
     fn default() -> Self {
         let size = BoardSize::default();
         let striker = ObjectSettings {

@@ -4,11 +4,11 @@
 //! root of a linear equation (walls) or of `|d + w t| = R` (round bodies, with distance `d` and
 //! relative velocity `w`). No body can pass through another at any speed.
 //!
-//! An impact changes the normal velocity `u` into `-e u` and the tangential one by Coulomb's law
-//! with the ball's spin about the vertical, by the functions of the catalogue
-//! (`impact.wall_restitution`, `impact.wall_restitution_speed`, `impact.wall_friction_spin`), here
-//! for the velocity of the ball relative to the other body. A striker or a biscuit of mass `M`
-//! takes the fraction `m / (M + m)` of that change in the opposite direction, so that momentum is
+//! An impact changes the normal velocity `u` into `-e u`. The tangential velocity follows Coulomb's
+//! law with the ball's spin about the vertical. Both use the functions of the catalogue
+//! (`impact.wall_restitution`, `impact.wall_restitution_speed`, `impact.wall_friction_spin`), applied
+//! to the velocity of the ball relative to the other body. A striker or a biscuit of mass `M` takes
+//! the fraction `m / (M + m)` of that change in the opposite direction, so that momentum is
 //! conserved; a wall takes all of it.
 
 use super::{

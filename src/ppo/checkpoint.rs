@@ -1,10 +1,15 @@
 //! States and policies as safetensors, and policies as ONNX.
 //!
-//! Tensors of a state: `policy.fc1.weight`, ..., with `policy.moment1.` and `policy.moment2.` for
-//! Adam, the same for `critic`, `log_deviation` (three rows: value and moments), `observed` and
-//! `targets` (rows mean and sum of squares), `counts` of both, `learning_rate`, and `counters`
-//! (seed, updates, steps of Adam). A policy has the tensors of a network, `standardize.mean`,
-//! `standardize.scale`, `standardize.limit` and `log_deviation`.
+//! Tensors of a state:
+//!
+//! - `policy.fc1.weight`, ..., with `policy.moment1.` and `policy.moment2.` for Adam; the same for
+//!   `critic`;
+//! - `log_deviation` (three rows: value and moments);
+//! - `observed` and `targets` (rows mean and sum of squares), with the `counts` of both;
+//! - `learning_rate`, and `counters` (seed, updates, steps of Adam).
+//!
+//! A policy has the tensors of a network, `standardize.mean`, `standardize.scale`,
+//! `standardize.limit` and `log_deviation`.
 
 use super::{Deviations, Gaussian, LearnerState, Moments, Policy};
 use crate::nn::{

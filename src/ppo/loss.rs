@@ -1,12 +1,16 @@
 //! Loss of one sample and its derivatives.
 //!
-//! Schulman et al., "Proximal Policy Optimization Algorithms" (2017), equation 7, with ratio `rho =
-//! p(a) / p_old(a)`, advantage `A`, value `v`, target `R`, clip `c`: `L = -min(rho A, clamp(rho, 1
-//! - c, 1 + c) A) + value_coef l_v - entropy_coef H + bounds_coef b`. `l_v` is half the squared
-//! error `(v - R)^2`, or the larger of it and of `(v_old + clamp(v - v_old, -c, c) - R)^2 / 2`. `b`
-//! is the squared excess of each mean over 1.1 in magnitude (rl_games, `a2c_continuous.py`,
-//! `bound_loss`). The loss of a minibatch is the mean. The entropy does not depend on the sample
-//! and is added once per minibatch.
+//! Schulman et al., "Proximal Policy Optimization Algorithms" (2017), equation 7, with ratio
+//! `rho = p(a) / p_old(a)`, advantage `A`, value `v`, target `R` and clip `c`:
+//!
+//! ```text
+//! L = -min(rho A, clamp(rho, 1 - c, 1 + c) A) + value_coef l_v - entropy_coef H + bounds_coef b
+//! ```
+//!
+//! `l_v` is half the squared error `(v - R)^2`, or the larger of it and of
+//! `(v_old + clamp(v - v_old, -c, c) - R)^2 / 2`. `b` is the squared excess of each mean over 1.1 in
+//! magnitude (rl_games, `a2c_continuous.py`, `bound_loss`). The loss of a minibatch is the mean. The
+//! entropy does not depend on the sample and is added once per minibatch.
 
 use super::{Gaussian, PpoSettings, ValueLoss};
 use crate::nn::MAX_OUTPUTS;

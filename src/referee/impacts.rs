@@ -1,11 +1,11 @@
 //! Time, position and cause of each impact on the ball.
 //!
 //! Around a velocity change the ball's track is two straight lines that meet. Position and both
-//! velocities follow by least squares for every impact time, and each possible cause has a misfit:
-//! a wall has a fixed position and reduces the speed; a striker, at its interpolated position, is
-//! one contact distance away and pushes outwards. The time and the cause with the least misfit are
-//! selected. The confidence is the normalized likelihood of the selected cause, relative to all
-//! causes and to no impact.
+//! velocities follow by least squares for every impact time. Each possible cause has a misfit. A wall
+//! has a fixed position and reduces the speed. A striker, at its interpolated position, is one contact
+//! distance away and pushes outwards. The time and the cause with the least misfit are selected. The
+//! confidence is the normalized likelihood of the selected cause, relative to all causes and to no
+//! impact.
 
 use super::{
     rolls::{Sample, Stretch},

@@ -2,8 +2,8 @@
 //!
 //! Rolling without slip: deceleration `c g + b v + k v^2` against the motion, and `5/7 g` times the
 //! slope of the board (tilt, crown). Impacts: `u' = -e u` along the normal with `e = e0 - e1 u`.
-//! Along the tangent a Coulomb impulse of at most `mu` times the normal one, and at most 2/7 of the
-//! impulse that would end the sliding (a solid sphere that leaves the contact rolling). After an
+//! The tangential impulse is at most `mu` times the normal one (Coulomb). It is also at most 2/7 of
+//! the impulse that would end the sliding: a solid sphere leaves the contact rolling. After an
 //! impact the ball may slide until it rolls again, and the magnets may attract it. Spin about the
 //! vertical is neglected. Motion within a step is swept: the earliest contact is found by solving
 //! for its time, so no contact is missed.

@@ -1,10 +1,11 @@
 //! Camera model: capture, detection errors, latency.
 //!
-//! A frame is captured at each multiple of the period. An object at position `p` is detected at `R
-//! (p (1 + k |p|^2) s (1 + parallax)) + offset + noise`, rounded to the quantization, with the
+//! A frame is captured at each multiple of the period. An object at position `p` is detected at
+//! `R (p (1 + k |p|^2) s (1 + parallax)) + offset + noise`, rounded to the quantization, with the
 //! rotation `R` and the scales `s`. Detections may be missing or outliers. The datagram is one JSON
-//! object in the board frame: `{"capture_time_ns":N,"ball":{"x":m,"y":m},"left":...,"right":...}`,
-//! with `null` for an undetected object.
+//! object in the board frame:
+//! `{"capture_time_ns":N,"ball":{"x":m,"y":m},"left":...,"right":...}`, with `null` for an undetected
+//! object.
 
 use super::config::{CameraConfig, StampMode};
 use crate::{seed::Stream, units::Nanos};

@@ -1,10 +1,10 @@
 //! Configuration of the virtual rig: all parameters of physics, drives, bus and camera.
 //!
 //! Every field has a default and a range; a file contains only the changed fields, and an unknown
-//! name is an error. The defaults reproduce the measurements of the KlaskTron paper (RSS 2026):
-//! mean acceleration 6.25 m/s^2, a stop from 0.5 m/s within 77 ms and 2 cm, a reversal in 111 ms,
-//! and a striker that lags its magnet by about 4 mm. Masses, friction and belts are not in the
-//! paper; they are engineering estimates.
+//! name is an error. The defaults reproduce the measurements of the KlaskTron paper (RSS 2026). Its mean
+//! acceleration is 6.25 m/s^2; a stop from 0.5 m/s takes 77 ms and 2 cm, a reversal 111 ms. The
+//! striker lags its magnet by about 4 mm. Masses, friction and belts are not in the paper; they are
+//! engineering estimates.
 
 mod ball;
 mod camera;

@@ -2,11 +2,11 @@
 //!
 //! Friction at speed `v`: `Fc + (Fs - Fc) exp(-(v/vs)^2) + Fv |v| + Fq v^2`, the dry part
 //! multiplied by a ratio when `v < 0`. Over a step the friction may remove at most the whole
-//! velocity, so a resting body stays at rest until the other forces exceed `Fs` (a discrete form of
-//! Coulomb's law; the idea of non-smooth time stepping, e.g. Stewart and Trinkle 1996). With a
-//! presliding stiffness `k` the dry part is a spring that slips at the force `F(v)`: the Jenkins
-//! element of Iwan's models (1966), which gives hysteresis within `2 F/k`. A load adds a fraction
-//! of its force to the dry part.
+//! velocity. A resting body therefore stays at rest until the other forces exceed `Fs`, a discrete
+//! form of Coulomb's law (non-smooth time stepping, e.g. Stewart and Trinkle 1996). With a presliding
+//! stiffness `k` the dry part is a spring that slips at the force `F(v)`: the Jenkins element of
+//! Iwan's models (1966), which gives hysteresis within `2 F/k`. A load adds a fraction of its force to
+//! the dry part.
 
 use super::config::{GuideFriction, MotorFriction};
 

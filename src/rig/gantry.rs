@@ -1,11 +1,18 @@
 //! Dynamics of one CoreXY gantry: two rotors, two elastic belts, bridge and carriage on guides.
 //!
-//! In metres of belt, with the rotors at `q_a`, `q_b` and the carriage displaced by `(x, y)` from
-//! its start, belt `a` is stretched by `s_a = q_a - (x/g_x + y/g_y)` and belt `b` by `s_b = q_b -
-//! (x/g_x - y/g_y)`, where `g` is 1 plus the scale errors. Tensions `T = k s + c s'` act on the
-//! rotors with `-T` and on the carriage, by virtual work, with `F_x = (T_a + T_b)/g_x`, `F_y = (T_a
-//! - T_b)/g_y`. With stiff belts this is `x = d/2 (a + b)`, `y = d/2 (a - b)`. Integration by
-//! semi-implicit Euler; friction as in `friction`.
+//! Coordinates are metres of belt: rotors at `q_a`, `q_b`, and the carriage displaced by `(x, y)`
+//! from its start. `g_x` and `g_y` are 1 plus the scale errors.
+//!
+//! ```text
+//! stretch of belt a   s_a = q_a - (x/g_x + y/g_y)
+//! stretch of belt b   s_b = q_b - (x/g_x - y/g_y)
+//! tension             T = k s + c s'
+//! on the rotors       -T
+//! on the carriage     F_x = (T_a + T_b)/g_x,  F_y = (T_a - T_b)/g_y
+//! ```
+//!
+//! The forces follow by virtual work. With stiff belts this is `x = d/2 (a + b)`,
+//! `y = d/2 (a - b)`. Integration by semi-implicit Euler; friction as in `friction`.
 //!
 //! Independent of the kinematics of the rest of the crate on purpose: see [`crate::rig`]. Racking:
 //! a yawing bridge pushes the carriage in x with `-c x a_y`. Not modelled: position-dependent mass.

@@ -159,8 +159,8 @@ impl SweptCommand {
         }
     }
 
-    /// How the command resumes an interrupted run in its folder: required file, and word to add.
-    /// `None` for a command that starts anew.
+    /// Required file and additional word for resuming an interrupted run in its folder; `None` for a
+    /// command that starts anew.
     #[must_use]
     pub fn continues(self) -> Option<(&'static str, Option<&'static str>)> {
         match self {

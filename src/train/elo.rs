@@ -1,8 +1,8 @@
 //! Elo ratings: base 1200, K = 10, scale 400, half a point for a draw.
 //!
 //! Source: the KlaskTron repository (`evaluate_agents.py`) and the paper; the formula is Elo's. The
-//! expected score of A against B is `1 / (1 + 10^((R_B - R_A) / 400))`, and after a game `R_A += K
-//! (score - expected)`.
+//! expected score of A against B is `1 / (1 + 10^((R_B - R_A) / 400))`. After a game the rating
+//! changes by `R_A += K (score - expected)`.
 //!
 //! Unlike upstream, every pair plays the same number of games from both seats, and ratings have
 //! intervals: games are resampled with replacement and in a new order ([`bootstrap_ci95`]).
