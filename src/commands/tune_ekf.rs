@@ -111,7 +111,7 @@ fn write_outcome(tuned: &Tuned, results: &Results) -> anyhow::Result<()> {
 fn table(document: &Document) -> String {
     let mut lines = vec![format!(
         "{:<24}{:>12}{:>8}{:>8}{:>16}{:>16}",
-        "held out", "detections", "NIS", "NEES", "velocity mm/s", "upstream mm/s"
+        "validation runs", "detections", "NIS", "NEES", "velocity mm/s", "upstream mm/s"
     )];
     let figure = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
     for own in &document.evaluation {

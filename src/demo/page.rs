@@ -210,7 +210,7 @@ fn fitted(page: &mut Page, story: &Story<'_>) {
 
 fn tuned(page: &mut Page, story: &Story<'_>) {
     let Some(document) = result(story, "tune-ekf") else { return };
-    let judged = document["judgement"].as_array().map_or(&[][..], Vec::as_slice);
+    let judged = document["evaluation"].as_array().map_or(&[][..], Vec::as_slice);
     let row = |one: &Value| {
         let speed = |key: &str| {
             let rmse = one[key].as_f64();

@@ -68,7 +68,7 @@ fn the_program_holds_options_against_the_command() {
         ),
         (
             "command = \"train\"\n[options]\nthreads = 2",
-            ":3: 'threads' cannot be set in a sweep: its result does not",
+            ":3: 'threads' cannot be set in a sweep: results do not depend",
         ),
         (
             "command = \"train\"\n[options]\nrandomize = 1",

@@ -103,7 +103,7 @@ fn several_seeds_of_a_training_are_the_single_ones_and_a_page() {
     // One seed more is one run more; other settings are refused.
     let ((_, stderr, status), _) = train("here", &["--seeds", "3"], None);
     assert_eq!(status, 0, "{stderr}");
-    assert!(stderr.contains("2 of 3 points are kept"), "{stderr}");
+    assert!(stderr.contains("2 of 3 points are finished already"), "{stderr}");
     let ((_, stderr, status), _) = train("here", &["--seeds", "3", "--envs", "8"], None);
     assert_eq!(status, 1);
     assert!(stderr.contains("seed-0: holds results of other settings"), "{stderr}");
