@@ -52,8 +52,8 @@ pub use noise::Estimate;
 pub use path::MeasuredPath;
 pub use plant::{Plant, PlantState};
 pub use session::{
-    Mask, Run, Session, SessionError, SessionOptions, check_machine, divide, runs_of, sessions_of,
-    sessions_with,
+    Mask, RecordedSource, Run, Session, SessionError, SessionOptions, check_machine, divide,
+    runs_of, sessions_of, sessions_with,
 };
 pub use stage::{Channel, Stage, StageKind};
 

@@ -2,7 +2,7 @@
 
 use super::{
     checks::Objection,
-    experiment,
+    experiment::{self, Setup},
     explain::identified,
     find::{FIDELITY, changed, stages},
     findings::{
@@ -46,7 +46,7 @@ pub(super) struct Material<'f, 'a> {
 }
 
 /// The document of recordings that were refused before any fit.
-pub(super) fn refused(twin: &Twin, objection: &Objection) -> Document {
+pub(super) fn refused(twin: &Twin, sessions: &[Session], objection: &Objection) -> Document {
     Document {
         schema_version: SCHEMA_VERSION,
         verdict: objection.verdict,
@@ -58,7 +58,7 @@ pub(super) fn refused(twin: &Twin, objection: &Objection) -> Document {
         residuals: Vec::new(),
         parameter_changes: Vec::new(),
         description: None,
-        next_experiment: Some(experiment::after_refusal(twin.machine)),
+        next_experiment: Some(experiment::after_refusal(Setup::of(twin.machine, sessions))),
         warnings: vec![objection.says.clone()],
         journal: vec![JournalEntry::new(MoveKind::Refuse, None, objection.says.clone())],
     }
@@ -94,8 +94,8 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
         outcomes,
     });
     let effects = if answer.verdict == Verdict::DifferentMachine { Vec::new() } else { effects };
-    let next_experiment =
-        experiment::next_experiment(start.machine, &indistinguishable, outcomes, unseen);
+    let setup = Setup::of(start.machine, sessions);
+    let next_experiment = experiment::next_experiment(setup, &indistinguishable, outcomes, unseen);
     journal.extend(outcomes.iter().flat_map(|outcome| outcome.journal.clone()));
     Document {
         schema_version: SCHEMA_VERSION,

@@ -6,11 +6,14 @@ use super::{
 };
 use crate::{
     effects::{self, Domain, Effect},
-    twin::{Machine, StageKind},
+    twin::{Machine, Session, StageKind},
 };
 
 /// Address of the camera's detections unless the user gives another.
 const CAMERA: &str = " --camera udp:127.0.0.1:9870";
+
+/// Bus of a real table whose recordings do not state it.
+const BUS: &str = "socketcan:can0";
 
 /// Most patterns of one experiment.
 const MOST_PATTERNS: usize = 4;
@@ -18,17 +21,45 @@ const MOST_PATTERNS: usize = 4;
 /// Most effects that a question lists.
 const MOST_NAMES: usize = 4;
 
-/// A `collect` command that drives `patterns` twice each.
-fn collect_command(patterns: &[&str]) -> String {
-    let patterns: Vec<String> = patterns.iter().map(|name| format!("--pattern {name}")).collect();
-    format!("klasktron collect {} --seconds 10 --repeat 2 --output next.mcap", patterns.join(" "))
+/// Machine on which an experiment is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Setup<'a> {
+    machine: Machine,
+    /// Bus of a real table; `None` for the virtual one and for simulations.
+    bus: Option<&'a str>,
+    has_camera: bool,
 }
 
-/// The experiment for a `machine` whose recordings were refused.
-pub(super) fn after_refusal(machine: Machine) -> NextExperiment {
-    let is_driven = machine == Machine::Table;
+impl<'a> Setup<'a> {
+    /// Setup with which `sessions` were recorded.
+    pub(super) fn of(machine: Machine, sessions: &'a [Session]) -> Self {
+        let is_real = sessions.iter().any(|session| session.source.is_real());
+        let stated = sessions.iter().find_map(|session| session.source.bus.as_deref());
+        Self {
+            machine,
+            bus: is_real.then(|| stated.unwrap_or(BUS)),
+            has_camera: sessions.iter().any(|session| session.camera.is_some()),
+        }
+    }
+
+    /// A `collect` command that drives `patterns` twice each.
+    fn command(&self, patterns: &[&str], needs_camera: bool) -> String {
+        let bus = self.bus.map_or_else(String::new, |bus| format!(" --bus {bus}"));
+        let patterns: String = patterns.iter().map(|name| format!(" --pattern {name}")).collect();
+        // The virtual table has its own camera.
+        let camera =
+            if needs_camera || self.bus.is_some() && self.has_camera { CAMERA } else { "" };
+        format!(
+            "klasktron collect{bus}{patterns} --seconds 10 --repeat 2 --output next.mcap{camera}"
+        )
+    }
+}
+
+/// The experiment for a machine whose recordings were refused.
+pub(super) fn after_refusal(setup: Setup<'_>) -> NextExperiment {
+    let is_driven = setup.machine == Machine::Table;
     NextExperiment {
-        command: is_driven.then(|| collect_command(&["x_line", "y_line", "random_walk"])),
+        command: is_driven.then(|| setup.command(&["x_line", "y_line", "random_walk"], false)),
         motion: "moves in both directions at several speeds, with command and motion on one clock, in at least two \
                  sessions"
             .to_owned(),
@@ -39,17 +70,17 @@ pub(super) fn after_refusal(machine: Machine) -> NextExperiment {
 /// The experiment that answers the first open question: indistinguishable effects, then effects that this motion does
 /// not show, then effects that no signal shows. `None` where nothing is open.
 pub(super) fn next_experiment(
-    machine: Machine,
+    setup: Setup<'_>,
     indistinguishable: &[Indistinguishable],
     outcomes: &[Outcome<'_>],
     unseen: &[&'static Effect],
 ) -> Option<NextExperiment> {
-    let is_driven = machine == Machine::Table
+    let is_driven = setup.machine == Machine::Table
         && outcomes.iter().any(|outcome| outcome.kind == StageKind::Drive);
     if let Some(first) = indistinguishable.first() {
         let of_set = first.names.iter().filter_map(|name| effects::find(name)).collect::<Vec<_>>();
         let decides = format!("which of {} is present", first.names.join(" and "));
-        return Some(experiment(&of_set, decides, is_driven, ""));
+        return Some(experiment(&of_set, decides, is_driven.then_some(setup), false));
     }
     let rejected = outcomes.iter().flat_map(|outcome| &outcome.rejected);
     let hidden = rejected.filter(|own| own.reason == Reason::NotTestable);
@@ -64,7 +95,7 @@ pub(super) fn next_experiment(
         .copied()
         .filter(|effect| is_driven && effect.domain == Domain::Coupling)
         .collect();
-    let camera = if without_camera.is_empty() { "" } else { CAMERA };
+    let needs_camera = !without_camera.is_empty();
     open.extend(without_camera);
     let fits = |effect: &&'static Effect| !is_driven || !effect.experiment.is_empty();
     if open.iter().any(|effect| fits(effect)) {
@@ -72,16 +103,16 @@ pub(super) fn next_experiment(
     }
     (!open.is_empty()).then(|| {
         let decides = format!("whether {} act", listed(&open));
-        experiment(&open, decides, is_driven, camera)
+        experiment(&open, decides, is_driven.then_some(setup), needs_camera)
     })
 }
 
-/// Motion and command that show `effects`, the first before the others.
+/// Motion that shows `effects`, the first before the others, and its command on a `setup` that klasktron drives.
 fn experiment(
     effects: &[&'static Effect],
     decides: String,
-    is_driven: bool,
-    camera: &str,
+    setup: Option<Setup<'_>>,
+    needs_camera: bool,
 ) -> NextExperiment {
     let mut patterns: Vec<&str> = Vec::new();
     let mut motions: Vec<&str> = Vec::new();
@@ -95,9 +126,10 @@ fn experiment(
     }
     patterns.truncate(MOST_PATTERNS);
     motions.truncate(MOST_PATTERNS);
-    let is_collected = is_driven && !patterns.is_empty();
     NextExperiment {
-        command: is_collected.then(|| collect_command(&patterns) + camera),
+        command: setup
+            .filter(|_| !patterns.is_empty())
+            .map(|setup| setup.command(&patterns, needs_camera)),
         motion: motions.join("; "),
         decides,
     }
@@ -116,6 +148,9 @@ fn listed(effects: &[&'static Effect]) -> String {
 mod tests {
     use super::*;
 
+    const VIRTUAL: Setup<'_> = Setup { machine: Machine::Table, bus: None, has_camera: true };
+    const AXIS: Setup<'_> = Setup { machine: Machine::Axis, ..VIRTUAL };
+
     fn set(names: &[&str]) -> Indistinguishable {
         let names = names.iter().map(|name| (*name).to_owned()).collect();
         Indistinguishable { names, experiment: String::new() }
@@ -124,7 +159,7 @@ mod tests {
     #[test]
     fn no_carriage_moves_for_a_wall_or_a_ball_and_none_for_an_axis() {
         let walls = set(&["impact.wall_restitution_speed", "impact.wall_friction_spin"]);
-        let next = next_experiment(Machine::Table, &[walls], &[], &[]).unwrap();
+        let next = next_experiment(VIRTUAL, &[walls], &[], &[]).unwrap();
         assert_eq!(next.command, None);
         assert!(next.motion.starts_with("impacts over a factor of two"), "{next:?}");
         assert!(
@@ -132,10 +167,20 @@ mod tests {
             "{next:?}"
         );
         let friction = set(&["drive.friction.stribeck", "drive.friction.coulomb"]);
-        let next = next_experiment(Machine::Axis, &[friction], &[], &[]).unwrap();
+        let next = next_experiment(AXIS, &[friction], &[], &[]).unwrap();
         assert!(next.command.is_none() && next.motion.contains("slow reversals"), "{next:?}");
-        assert_eq!(next_experiment(Machine::Axis, &[], &[], &[]), None);
-        assert!(after_refusal(Machine::Axis).command.is_none());
-        assert!(after_refusal(Machine::Table).command.is_some());
+        assert_eq!(next_experiment(AXIS, &[], &[], &[]), None);
+        assert!(after_refusal(AXIS).command.is_none());
+        assert!(after_refusal(VIRTUAL).command.is_some());
+    }
+
+    #[test]
+    fn the_command_drives_the_machine_that_was_recorded() {
+        let command = |setup: Setup<'_>| after_refusal(setup).command.unwrap();
+        assert!(!command(VIRTUAL).contains("--bus") && !command(VIRTUAL).contains("--camera"));
+        let real = Setup { bus: Some("slcan:/dev/ttyACM0"), ..VIRTUAL };
+        assert!(command(real).starts_with("klasktron collect --bus slcan:/dev/ttyACM0 --pattern"));
+        assert!(command(real).ends_with(CAMERA), "{}", command(real));
+        assert!(!command(Setup { has_camera: false, ..real }).contains("--camera"));
     }
 }

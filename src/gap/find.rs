@@ -72,7 +72,7 @@ pub fn find<'a>(
     let start = context.options.applied_to(start);
     let refusal = checks::check(sessions).or_else(|| checks::check_twin(&start, sessions));
     if let Some(objection) = refusal {
-        let document = document::refused(&start, &objection);
+        let document = document::refused(&start, sessions, &objection);
         return Found { document, twin: start, outcomes: Vec::new(), floors: Vec::new() };
     }
     let request = Request { task, context };

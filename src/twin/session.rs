@@ -97,6 +97,31 @@ pub struct Run {
     pub split: Option<Split>,
 }
 
+/// Source of a recording, as its metadata state it.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RecordedSource {
+    /// `hardware`, `import`, `virtual` or `simulation`; `None` where it is not stated.
+    pub kind: Option<String>,
+    /// Live bus of a real table, such as `socketcan:can0`.
+    pub bus: Option<String>,
+}
+
+impl RecordedSource {
+    fn of(recording: &Recording) -> Self {
+        let is_live = |bus: &&str| *bus != "virtual" && !bus.starts_with("replay:");
+        Self {
+            kind: recording.info("source").map(str::to_owned),
+            bus: recording.info("bus").filter(is_live).map(str::to_owned),
+        }
+    }
+
+    /// Return whether a real machine was recorded.
+    #[must_use]
+    pub fn is_real(&self) -> bool {
+        self.bus.is_some() || matches!(self.kind.as_deref(), Some("hardware" | "import"))
+    }
+}
+
 /// One recording, or the part of it that has one purpose.
 pub struct Session {
     /// File name without folder and ending, or the session's name from the metadata.
@@ -111,6 +136,8 @@ pub struct Session {
     pub length: f64,
     /// How many commands were recorded.
     pub commands: usize,
+    /// Machine and bus, as the recording states them.
+    pub source: RecordedSource,
     /// Belt per motor turn (m): from the metadata, or that of the KlaskTron gantry.
     pub belt_metres_per_turn: f64,
     /// Commands to motors.
@@ -302,6 +329,7 @@ fn session_of(
         length: recording.time_range().map_or(0.0, |(start, end)| end.seconds_since(start)),
         commands,
         belt_metres_per_turn: belt,
+        source: RecordedSource::of(recording),
         runs,
         drive,
         camera,

@@ -4,10 +4,11 @@ use crate::support::{klasktron, said};
 use std::{
     fs,
     path::Path,
-    process::{Command, Stdio},
-    thread,
+    process::Command,
     time::{Duration, Instant},
 };
+#[cfg(target_os = "linux")]
+use std::{process::Stdio, thread};
 
 const TRAIN: &str = "tests/data/example-train.mcap";
 const VALIDATION: &str = "tests/data/example-validation.mcap";
@@ -85,10 +86,12 @@ fn a_folder_and_a_file_are_not_confused() {
     }
 }
 
-/// The program on its way, stopped by Ctrl-C when `is_running` says so: standard error and status.
-#[cfg(unix)]
+/// Run the program and press Ctrl-C when `is_running` holds; returns standard error and status.
+#[cfg(target_os = "linux")]
 fn interrupted(words: &[&str], is_running: impl Fn() -> bool) -> (String, Option<i32>) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_klasktron"));
+    // The program respects signals that its parent ignores, as those of background jobs and of nohup.
+    let mut command = Command::new("env");
+    command.args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_klasktron")]);
     let piped = command.args(words).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = piped.spawn().unwrap();
     let begun = Instant::now();
@@ -102,7 +105,7 @@ fn interrupted(words: &[&str], is_running: impl Fn() -> bool) -> (String, Option
     (String::from_utf8(output.stderr).unwrap(), output.status.code())
 }
 
-#[cfg(unix)]
+#[cfg(target_os = "linux")]
 #[test]
 fn ctrl_c_ends_with_130_a_sentence_and_no_half_written_result() {
     let dir = tempfile::tempdir().unwrap();
