@@ -43,17 +43,18 @@ pub(crate) struct Cli {
 const AFTER_HELP: &str = "\
 Exit status:
   0    success
-  1    failure: one sentence on stderr says what happened, and no result is half written
+  1    failure: one sentence on stderr gives the reason; no result is half written
   2    usage error: an option, a value or a line of the settings file is wrong
-  3    finished, but data were lost or a check failed: a damaged input, a refused verdict, a session
-       that ended early
-  130  ended by Ctrl-C (or SIGTERM) before the work was complete; stderr says what was written and
-       how to continue. A session of `collect` or `play` saves its recording and ends with 3
+  3    finished, but data were lost or a check failed: a damaged input, a refused
+       verdict, a session that ended early
+  130  ended by Ctrl-C (or SIGTERM) before the work was complete; stderr says what
+       was written and how to continue. A session of `collect` or `play` saves its
+       recording and ends with status 3
 
-Results go to stdout and to files, everything else to stderr. Existing results are replaced only with
---overwrite.
+Results go to stdout and to files, everything else to stderr. Existing results are
+replaced only with --overwrite.
 
-Settings, the first one wins:
+Settings, in order of precedence:
   1. options on the command line
   2. KLASKTRON_BUS, KLASKTRON_CAMERA, KLASKTRON_ROBOT for --bus, --camera, --robot
   3. klasktron.toml in the working folder, one table for each subcommand
@@ -65,7 +66,7 @@ Examples:
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Drive the carriages along scripted trajectories and record everything
+    /// Drive the carriages along planned trajectories and record
     ///
     /// Every plan is checked against the workspace before a drive is armed. The first Ctrl-C ramps down and
     /// disarms (status 3), the second is an emergency stop of every drive. The default --bus virtual needs no

@@ -37,11 +37,11 @@ pub(crate) struct Args {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
-    #[command(flatten)]
-    search: SearchArgs,
     /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    search: SearchArgs,
 }
 
 /// Arguments of `klasktron calibrate`.
@@ -59,11 +59,11 @@ pub(crate) struct CalibrateArgs {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
-    #[command(flatten)]
-    search: SearchArgs,
     /// Print only the result document, on stdout
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    search: SearchArgs,
 }
 
 /// Recordings and initial twin.

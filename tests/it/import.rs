@@ -268,7 +268,7 @@ fn messages_that_do_not_decode_are_counted_and_the_rest_is_kept() {
     // The name is taken now.
     let run = klasktron(&["bag", bag.to_str().unwrap(), "-o", output.to_str().unwrap()]);
     assert_eq!(run.status.code(), Some(1));
-    assert!(said(&run).contains("pass --overwrite"), "{}", said(&run));
+    assert!(said(&run).contains("--overwrite"), "{}", said(&run));
     let run =
         klasktron(&["bag", bag.to_str().unwrap(), "--overwrite", "-o", output.to_str().unwrap()]);
     assert_eq!(run.status.code(), Some(3));

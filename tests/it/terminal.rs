@@ -113,7 +113,7 @@ fn the_log_of_a_fit_tells_files_seeds_and_steps() {
     let words = ["--epochs", "2", "--seeds", "2", "--width", "8", "-v", "--output", out];
     let (stdout, stderr, status) = said(&run(&[&["fit-actuator"], &files[..], &words].concat()));
     assert_eq!(status, 0, "{stderr}");
-    for expected in ["opened tests/data/example-train.mcap", "fit of seed 1 begins", "wrote "] {
+    for expected in ["opened tests/data/example-train.mcap", "fit of seed 1 starts", "wrote "] {
         assert!(stderr.contains(expected), "{expected}: {stderr}");
         assert!(!stdout.contains("fit of seed"), "{stdout}");
     }
