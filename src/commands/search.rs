@@ -96,7 +96,7 @@ pub(super) struct SearchView {
 impl SearchView {
     /// Begin the progress.
     pub(super) fn new() -> Self {
-        let bar = terminal::bar(None, "{msg} {elapsed_precise}");
+        let bar = terminal::bar(None, "{msg} {elapsed} elapsed");
         bar.enable_steady_tick(TICK);
         Self { bar, stage: Mutex::default() }
     }
@@ -124,16 +124,16 @@ impl SearchObserver for SearchView {
     fn step_begun(&self, step: SearchStep, candidates: usize) {
         let stage = self.stage.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let template = match candidates {
-            0 => "{msg}, {elapsed_precise} elapsed",
-            _ => "{msg} {wide_bar} {pos}/{len} candidates, {elapsed_precise} elapsed, {eta} left",
+            0 => "{msg}, {elapsed} elapsed",
+            _ => "{msg} {pos}/{len}, {elapsed} elapsed, {eta} left",
         };
-        if let Ok(style) = ProgressStyle::with_template(template) {
-            self.bar.set_style(style);
-        }
-        self.bar.set_message(format!("{stage}: {step}"));
         self.bar.set_length(candidates as u64);
         self.bar.set_position(0);
         self.bar.reset_eta();
+        self.bar.set_message(format!("{stage}: {step}"));
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            self.bar.set_style(style);
+        }
     }
 
     fn candidate_done(&self) {
@@ -146,10 +146,10 @@ fn stage_name(kind: StageKind) -> &'static str {
     match kind {
         StageKind::Drive => "drives",
         StageKind::Camera => "camera",
-        StageKind::Ball => "ball, pieces of rolls",
-        StageKind::WholeRolls => "ball, whole rolls",
+        StageKind::Ball => "ball, segments",
+        StageKind::WholeRolls => "ball, rolls",
         StageKind::Axis => "axis",
-        StageKind::Estimator => "velocity estimator",
+        StageKind::Estimator => "estimator",
     }
 }
 

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 const FILES: [&str; 3] = ["ekf.mcap", "index.html", "ekf.json"];
 
 /// Template of the progress bar.
-const TEMPLATE: &str = "{msg} {wide_bar} {pos}/{len} stages, {elapsed_precise} elapsed, {eta} left";
+const TEMPLATE: &str = "{msg}, stage {pos}/{len}, {elapsed} elapsed, {eta} left";
 
 /// Arguments of `klasktron tune-ekf`.
 #[derive(Debug, clap::Args)]

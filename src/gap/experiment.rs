@@ -15,6 +15,16 @@ const CAMERA: &str = " --camera udp:127.0.0.1:9870";
 /// Bus of a real table whose recordings do not state it.
 const BUS: &str = "socketcan:can0";
 
+/// Effects between two axes or two motors, which no motion of a single axis shows.
+const OF_TWO_AXES: [&str; 6] = [
+    "gantry.cross_coupling",
+    "gantry.racking",
+    "gantry.squareness",
+    "gantry.belt_asymmetry",
+    "drive.supply_sag",
+    "sensor.camera_scale_rotation",
+];
+
 /// Most patterns of one experiment.
 const MOST_PATTERNS: usize = 4;
 
@@ -40,6 +50,11 @@ impl<'a> Setup<'a> {
             bus: is_real.then(|| stated.unwrap_or(BUS)),
             has_camera: sessions.iter().any(|session| session.camera.is_some()),
         }
+    }
+
+    /// Return whether a motion of this machine can show `effect`.
+    fn can_show(&self, effect: &Effect) -> bool {
+        self.machine == Machine::Table || !OF_TWO_AXES.contains(&effect.name)
     }
 
     /// A `collect` command that drives `patterns` twice each.
@@ -86,7 +101,7 @@ pub(super) fn next_experiment(
     let hidden = rejected.filter(|own| own.reason == Reason::NotTestable);
     let mut open: Vec<&'static Effect> = Vec::new();
     for effect in hidden.map(|own| own.candidate.effect) {
-        if !open.contains(&effect) {
+        if setup.can_show(effect) && !open.contains(&effect) {
             open.push(effect);
         }
     }
@@ -178,6 +193,10 @@ mod tests {
     fn the_command_drives_the_machine_that_was_recorded() {
         let command = |setup: Setup<'_>| after_refusal(setup).command.unwrap();
         assert!(!command(VIRTUAL).contains("--bus") && !command(VIRTUAL).contains("--camera"));
+        for name in OF_TWO_AXES {
+            let effect = effects::find(name).unwrap();
+            assert!(VIRTUAL.can_show(effect) && !AXIS.can_show(effect), "{name}");
+        }
         let real = Setup { bus: Some("slcan:/dev/ttyACM0"), ..VIRTUAL };
         assert!(command(real).starts_with("klasktron collect --bus slcan:/dev/ttyACM0 --pattern"));
         assert!(command(real).ends_with(CAMERA), "{}", command(real));

@@ -17,9 +17,9 @@ pub enum SearchStep {
 impl fmt::Display for SearchStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Fit => "fit of the known parameters",
-            Self::Screen => "screen of the catalogue",
-            Self::Trial => "fit of the best candidates",
+            Self::Fit => "fitting known parameters",
+            Self::Screen => "screening candidates",
+            Self::Trial => "fitting candidates",
         })
     }
 }
