@@ -38,6 +38,8 @@ pub(super) struct Setup<'a> {
     /// Bus of a real table; `None` for the virtual one and for simulations.
     bus: Option<&'a str>,
     has_camera: bool,
+    /// `true` where the experiment adds a camera that the recordings lack.
+    adds_camera: bool,
 }
 
 impl<'a> Setup<'a> {
@@ -49,6 +51,7 @@ impl<'a> Setup<'a> {
             machine,
             bus: is_real.then(|| stated.unwrap_or(BUS)),
             has_camera: sessions.iter().any(|session| session.camera.is_some()),
+            adds_camera: false,
         }
     }
 
@@ -58,12 +61,12 @@ impl<'a> Setup<'a> {
     }
 
     /// A `collect` command that drives `patterns` twice each.
-    fn command(&self, patterns: &[&str], needs_camera: bool) -> String {
+    fn command(&self, patterns: &[&str]) -> String {
         let bus = self.bus.map_or_else(String::new, |bus| format!(" --bus {bus}"));
         let patterns: String = patterns.iter().map(|name| format!(" --pattern {name}")).collect();
         // The virtual table has its own camera.
         let camera =
-            if needs_camera || self.bus.is_some() && self.has_camera { CAMERA } else { "" };
+            if self.adds_camera || self.bus.is_some() && self.has_camera { CAMERA } else { "" };
         format!(
             "klasktron collect{bus}{patterns} --seconds 10 --repeat 2 --output next.mcap{camera}"
         )
@@ -74,7 +77,7 @@ impl<'a> Setup<'a> {
 pub(super) fn after_refusal(setup: Setup<'_>) -> NextExperiment {
     let is_driven = setup.machine == Machine::Table;
     NextExperiment {
-        command: is_driven.then(|| setup.command(&["x_line", "y_line", "random_walk"], false)),
+        command: is_driven.then(|| setup.command(&["x_line", "y_line", "random_walk"])),
         motion: "moves in both directions at several speeds, with command and motion on one clock, in at least two \
                  sessions"
             .to_owned(),
@@ -95,7 +98,7 @@ pub(super) fn next_experiment(
     if let Some(first) = indistinguishable.first() {
         let of_set = first.names.iter().filter_map(|name| effects::find(name)).collect::<Vec<_>>();
         let decides = format!("which of {} is present", first.names.join(" and "));
-        return Some(experiment(&of_set, decides, is_driven.then_some(setup), false));
+        return Some(experiment(&of_set, decides, is_driven.then_some(setup)));
     }
     let rejected = outcomes.iter().flat_map(|outcome| &outcome.rejected);
     let hidden = rejected.filter(|own| own.reason == Reason::NotTestable);
@@ -110,15 +113,15 @@ pub(super) fn next_experiment(
         .copied()
         .filter(|effect| is_driven && effect.domain == Domain::Coupling)
         .collect();
-    let needs_camera = !without_camera.is_empty();
+    let setup = Setup { adds_camera: !without_camera.is_empty(), ..setup };
     open.extend(without_camera);
     let fits = |effect: &&'static Effect| !is_driven || !effect.experiment.is_empty();
-    if open.iter().any(|effect| fits(effect)) {
+    if open.iter().any(&fits) {
         open.retain(fits);
     }
     (!open.is_empty()).then(|| {
         let decides = format!("whether {} act", listed(&open));
-        experiment(&open, decides, is_driven.then_some(setup), needs_camera)
+        experiment(&open, decides, is_driven.then_some(setup))
     })
 }
 
@@ -127,7 +130,6 @@ fn experiment(
     effects: &[&'static Effect],
     decides: String,
     setup: Option<Setup<'_>>,
-    needs_camera: bool,
 ) -> NextExperiment {
     let mut patterns: Vec<&str> = Vec::new();
     let mut motions: Vec<&str> = Vec::new();
@@ -142,9 +144,7 @@ fn experiment(
     patterns.truncate(MOST_PATTERNS);
     motions.truncate(MOST_PATTERNS);
     NextExperiment {
-        command: setup
-            .filter(|_| !patterns.is_empty())
-            .map(|setup| setup.command(&patterns, needs_camera)),
+        command: setup.filter(|_| !patterns.is_empty()).map(|setup| setup.command(&patterns)),
         motion: motions.join("; "),
         decides,
     }
@@ -163,7 +163,8 @@ fn listed(effects: &[&'static Effect]) -> String {
 mod tests {
     use super::*;
 
-    const VIRTUAL: Setup<'_> = Setup { machine: Machine::Table, bus: None, has_camera: true };
+    const VIRTUAL: Setup<'_> =
+        Setup { machine: Machine::Table, bus: None, has_camera: true, adds_camera: false };
     const AXIS: Setup<'_> = Setup { machine: Machine::Axis, ..VIRTUAL };
 
     fn set(names: &[&str]) -> Indistinguishable {
