@@ -156,7 +156,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         let (asked, finished) = (configs.len(), fits.len());
         let document = serde_json::json!({"fits_requested": asked, "fits_finished": finished});
         print(&document.to_string())?;
-        return Ok(outcome(asked == finished));
+        return Ok(outcome(asked - finished));
     }
     let Some(study) = Study::new(dataset, fits, configs.len(), kind) else {
         return Err(Interrupted(
@@ -179,12 +179,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(outcome(whole))
 }
 
-/// Outcome of fits that are `whole` or not; they are not where Ctrl-C has ended the fitting.
-fn outcome(whole: bool) -> Outcome {
-    match (whole, interrupt::is_raised()) {
-        (true, _) => Outcome::Done,
-        (false, true) => Outcome::Interrupted,
-        (false, false) => Outcome::Lossy,
+/// Outcome where this number of fits or inputs is `lost`, for example because Ctrl-C has ended the fitting.
+fn outcome(lost: usize) -> Outcome {
+    match (lost, interrupt::is_raised()) {
+        (0, _) => Outcome::Done,
+        (_, true) => Outcome::Interrupted,
+        (_, false) => Outcome::Lossy,
     }
 }
 

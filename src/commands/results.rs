@@ -188,41 +188,44 @@ mod tests {
 
     const NAMES: [&str; 2] = ["a.json", "b.html"];
 
-    fn begin(folder: &Path, overwrite: bool) -> anyhow::Result<Results> {
-        Results::begin(folder, &NAMES, OverwriteArgs { overwrite })
+    const REFUSE: OverwriteArgs = OverwriteArgs { overwrite: false };
+    const REPLACE: OverwriteArgs = OverwriteArgs { overwrite: true };
+
+    fn begin(folder: &Path, overwrite: OverwriteArgs) -> anyhow::Result<Results> {
+        Results::begin(folder, &NAMES, overwrite)
     }
 
     #[test]
     fn results_appear_together_and_are_replaced_only_on_request() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("deep/out");
-        let results = begin(&folder, false).unwrap();
+        let results = begin(&folder, REFUSE).unwrap();
         for name in NAMES {
             fs::write(results.path(name), "first").unwrap();
         }
         assert!(!folder.join("a.json").exists());
         results.finish().unwrap();
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
-        let refused = begin(&folder, false).unwrap_err().to_string();
+        let refused = begin(&folder, REFUSE).unwrap_err().to_string();
         assert!(refused.contains("holds a.json, b.html already; replace them with --overwrite"));
         fs::remove_file(folder.join("b.html")).unwrap();
-        let refused = begin(&folder, false).unwrap_err().to_string();
+        let refused = begin(&folder, REFUSE).unwrap_err().to_string();
         assert!(refused.contains("a.json: exists already"), "{refused}");
-        drop(begin(&folder, true).unwrap());
+        drop(begin(&folder, REPLACE).unwrap());
         assert_eq!(fs::read_to_string(folder.join("a.json")).unwrap(), "first");
     }
 
     #[test]
     fn unfinished_results_leave_nothing() {
         let dir = tempfile::tempdir().unwrap();
-        let results = begin(&dir.path().join("deep/out"), false).unwrap();
+        let results = begin(&dir.path().join("deep/out"), REFUSE).unwrap();
         fs::write(results.path("a.json"), "half").unwrap();
         assert!(results.finish().is_err(), "b.html is missing");
         assert!(!dir.path().join("deep").exists());
-        drop(begin(&dir.path().join("other/out"), false).unwrap());
+        drop(begin(&dir.path().join("other/out"), REFUSE).unwrap());
         assert!(!dir.path().join("other").exists());
         let file = dir.path().join("file");
         fs::write(&file, "").unwrap();
-        assert!(begin(&file, true).unwrap_err().to_string().contains("--output takes a folder"));
+        assert!(begin(&file, REPLACE).unwrap_err().to_string().contains("--output takes a folder"));
     }
 }
