@@ -175,8 +175,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         print(&table(&summary, &args.output))?;
     }
-    let whole = study.finished == study.requested && !study.dataset.is_damaged();
-    Ok(outcome(whole))
+    let damaged = usize::from(study.dataset.is_damaged());
+    Ok(outcome(study.requested - study.finished + damaged))
 }
 
 /// Outcome where this number of fits or inputs is `lost`, for example because Ctrl-C has ended the fitting.
