@@ -188,7 +188,7 @@ impl Arx {
     pub fn fit(runs: &[&Run], history_steps: usize) -> Self {
         let layout = Layout { kind: LayoutKind::Klasktron, history_steps };
         let size = layout.inputs() + 1;
-        // Normal equations, accumulated run by run: 41 columns, whatever the length.
+        // Normal equations, accumulated run by run: 41 columns for any length.
         let mut gram = Mat::<f64>::zeros(size, size);
         let mut right = Mat::<f64>::zeros(size, AXES);
         let mut input = vec![0.0f32; layout.inputs()];

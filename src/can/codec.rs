@@ -16,7 +16,7 @@ const COMMAND_MASK: u32 = 0x1F;
 /// Resolution of a feed-forward field of `Set_Input_Pos` with the drive's default scales.
 const FEED_FORWARD_STEP: f64 = 0.001;
 
-/// Declares the command ids: the enum, its numbers and its names.
+/// Declaration of the command ids: the enum, its numbers and its names.
 macro_rules! commands {
     ($($(#[$doc:meta])* $name:ident = $id:literal, $spelled:literal;)*) => {
         /// Command id: the lower five bits of a frame's id.

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-/// Declares an open enumeration: its variants, their numbers and their names.
+/// Declaration of an open enumeration: its variants, their numbers and their names.
 macro_rules! open_enum {
     ($(#[$doc:meta])* $kind:ident: $($name:ident = $number:literal, $spelled:literal;)*) => {
         $(#[$doc])*

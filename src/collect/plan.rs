@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn every_so_many_th_repeat_judges() {
+    fn every_nth_repeat_is_for_validation() {
         let patterns = [Pattern::ALL[0], Pattern::ALL[5]];
         let schedule = Schedule { repeat: 4, validation_every: Some(2), ..Schedule::default() };
         let plan = Plan::from_patterns(&patterns, &schedule).unwrap();

@@ -392,7 +392,7 @@ impl<'a> Station<'a> {
                     log::debug!("node {node}: the transmit queue is full; retrying");
                     let again = self.link.now().after_seconds(RETRY_SECONDS).min(give_up);
                     if let Err(reason) = self.wait_until(again) {
-                        self.raise(reason); // the next wait of the control loop tells it
+                        self.raise(reason); // returned by the next wait of the control loop
                     }
                 }
                 result => return result,

@@ -93,7 +93,7 @@ impl DriveWatch {
     }
 }
 
-/// Pairs values of the two motors of a gantry on arrival. A pair is complete when both values are
+/// Pairing of values of the two motors of a gantry on arrival. A pair is complete when both values are
 /// new since the last pair and at most [`MOST_PAIR_SECONDS`] apart.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pairing<T> {

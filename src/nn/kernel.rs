@@ -28,7 +28,7 @@ const ROWS: usize = 6;
 /// Depth of one pass over the weights: `64 x 64` floats stay in a first-level cache of 32 KiB.
 const DEPTH_BLOCK: usize = 64;
 
-/// Repeats `$body` for the constants `$i` = 0 to 5 below `$end`. It is unrolled by hand, because
+/// Repetition of `$body` for the constants `$i` = 0 to 5 below `$end`. It is unrolled by hand, because
 /// the compiler keeps an array in registers only when every index is a constant.
 macro_rules! unrolled {
     ($i:ident < $end:expr, $body:expr) => {

@@ -1,7 +1,7 @@
 //! Topics as columns for other software: Parquet, CSV or npz.
 //!
 //! The columns come from the descriptor in the recording, so that any protobuf MCAP file can be
-//! converted: `log_time_ns` and `publish_time_ns` first, then every field under its name in the
+//! converted. They are `log_time_ns` and `publish_time_ns` first, then every field under its name in the
 //! schema (`ball.x` for a field of a nested message). The units are in the schema's comments.
 //! Absent optional fields are null, enumerations are numbers, bytes are hexadecimal digits. Rows
 //! are in order of log time.

@@ -16,7 +16,7 @@ fn check_both(plan: &Plan) -> Result<CheckedPlan, PlanError> {
 }
 
 #[test]
-fn the_papers_plan_is_proven_for_both_players() {
+fn the_papers_plan_is_safe_for_both_players() {
     let plan = Plan::paper(50.0, 1).unwrap();
     let checked = check_both(&plan).unwrap();
     let extremes = checked.extremes();
@@ -26,7 +26,7 @@ fn the_papers_plan_is_proven_for_both_players() {
 }
 
 #[test]
-fn every_default_pattern_is_proven() {
+fn every_default_pattern_is_safe() {
     for pattern in Pattern::ALL {
         if let Err(error) = check_both(&plan_of(pattern)) {
             panic!("{pattern}: {error}");
@@ -192,7 +192,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(192))]
 
     #[test]
-    fn what_is_proven_obeys_the_limits(pattern in pattern()) {
+    fn checked_motions_obey_the_limits(pattern in pattern()) {
         let robot = Robot::default();
         // A refusal is fine; a violation would mean that a pattern broke its own promise.
         match check_both(&plan_of(pattern)) {

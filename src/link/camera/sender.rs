@@ -1,10 +1,10 @@
-//! The other end of the camera socket: what sends datagrams.
+//! Sending end of the camera socket.
 
 use super::CameraSpec;
 use crate::link::LinkError;
 use std::{io, net::UdpSocket};
 
-/// Sends datagrams to where a collector listens, or will listen.
+/// Sender of datagrams to the address of a collector.
 #[derive(Debug)]
 pub struct CameraSender {
     target: Target,
@@ -18,10 +18,10 @@ enum Target {
 }
 
 impl CameraSender {
-    /// A sender to `spec`. Nobody needs to listen there yet.
+    /// Create a sender to `spec`; the receiver may start later.
     ///
     /// # Errors
-    /// When the system gives no socket.
+    /// When the system cannot create a socket.
     pub fn connect(spec: &CameraSpec) -> Result<Self, LinkError> {
         Self::open(spec).map(|target| Self { target }).map_err(|error| LinkError::Unusable {
             bus: spec.to_string(),
@@ -44,7 +44,7 @@ impl CameraSender {
         }
     }
 
-    /// Sends one datagram; it is lost when nobody listens, as every datagram may be.
+    /// Send one datagram; it is lost without a receiver, as any datagram may be.
     pub fn send(&self, datagram: &[u8]) {
         match &self.target {
             Target::Udp(socket, address) => socket.send_to(datagram, address).ok(),

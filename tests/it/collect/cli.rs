@@ -130,7 +130,7 @@ fn listening_names_nodes_firmware_and_errors() {
 }
 
 #[test]
-fn mistakes_are_told_in_one_sentence() {
+fn mistakes_are_reported_in_one_sentence() {
     let dir = tempfile::tempdir().unwrap();
     let robot = file(dir.path(), "robot.json");
     fs::write(&robot, r#"{"limits": {"speed_m_per_s": 9}}"#).unwrap();
@@ -174,7 +174,7 @@ fn an_unfinished_recording_is_never_written_over() {
 }
 
 #[test]
-fn a_bad_log_is_told() {
+fn a_bad_log_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     for (name, text, expected) in [
         ("mid.log", format!("{LOG}this is no frame\n"), "1 lines of the log could not be parsed"),
