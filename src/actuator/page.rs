@@ -99,7 +99,7 @@ fn lead(summary: &Summary) -> String {
 fn model_title(model: &str) -> &str {
     match model {
         "network" => "network (median seed)",
-        "lag_delay" => "first order plus dead time (FOPDT)",
+        "fopdt" => "first order plus dead time (FOPDT)",
         "arx" => "linear ARX",
         "ideal" => "ideal drive (velocity = command)",
         other => other,

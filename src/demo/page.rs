@@ -179,7 +179,7 @@ fn fitted(page: &mut Page, story: &Story<'_>) {
     let models = [
         ("network", "network"),
         ("arx", "linear ARX"),
-        ("lag_delay", "first order plus dead time"),
+        ("fopdt", "first order plus dead time"),
         ("ideal", "ideal drive"),
     ];
     let errors = document["errors"].as_array().map_or(&[][..], Vec::as_slice);
