@@ -39,6 +39,7 @@
 //! - Rivals by the same amplitude between two simulated changes: the better one's must be above one half.
 //! - The noise floor from measurements alone, never from a residual.
 
+mod calibrate_page;
 mod checks;
 mod direct;
 mod document;
@@ -70,6 +71,7 @@ mod unknown;
 mod verdict;
 mod whiten;
 
+pub use calibrate_page::calibration_page;
 pub use checks::{Objection, check};
 pub use evidence::LogScoreGain;
 pub use find::{Found, find};

@@ -54,7 +54,7 @@ pub(crate) struct CalibrateArgs {
     /// Initial twin [default: the built-in nominal twin]
     #[arg(long, value_name = "FILE")]
     twin: Option<PathBuf>,
-    /// Twin to write
+    /// Twin to write; the report with the same name and the extension .html goes beside it
     #[arg(short, long, alias = "out", value_name = "FILE", default_value = "twin.json")]
     output: PathBuf,
     #[command(flatten)]
@@ -130,7 +130,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 /// Run `klasktron calibrate`.
 pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
-    refuse_existing_file(&args.output, args.overwrite)?;
+    let report = args.output.with_extension("html");
+    for file in [&args.output, &report] {
+        refuse_existing_file(file, args.overwrite)?;
+    }
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
     let sessions = inputs.sessions(&args.search)?;
     let options = args.search.of_search(twin::machine_of(&sessions))?;
@@ -141,7 +144,13 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     if let Some(parent) = args.output.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent)?;
     }
+    let name = args.output.file_name().unwrap_or_default().to_string_lossy();
+    let provenance = Provenance::new(args.command_line());
+    let page = gap::calibration_page(&found, &name, &provenance, &sessions);
     write_file(&args.output, args.overwrite, |_| Ok(twin::write_twin(&found.twin, &args.output)?))?;
+    write_file(&report, args.overwrite, |existing| {
+        Ok(write_bytes(&report, existing, page.as_bytes())?)
+    })?;
     for warning in &found.document.warnings {
         tell(&format!("warning: {warning}"));
     }
@@ -150,7 +159,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     } else {
         print(&parameters(&found.twin))?;
         print(&residuals(&found.document))?;
-        print(&format!("wrote {}", args.output.display()))?;
+        print(&format!("wrote {} and {}", args.output.display(), report.display()))?;
     }
     Ok(outcome(&found.document, &inputs))
 }
@@ -158,15 +167,31 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
 impl Args {
     /// Command line without the output folder, so that equal results are equal files.
     fn command_line(&self) -> String {
-        let mut line = "klasktron gap".to_owned();
-        for path in &self.recordings {
-            line.push_str(&format!(" {}", path.display()));
-        }
-        if let Some(twin) = &self.twin {
-            line.push_str(&format!(" --twin {}", twin.display()));
-        }
-        line + &self.search.words()
+        command_line("klasktron gap", &self.recordings, self.twin.as_deref(), &self.search)
     }
+}
+
+impl CalibrateArgs {
+    /// Command line without the output file, so that equal results are equal files.
+    fn command_line(&self) -> String {
+        command_line("klasktron calibrate", &self.recordings, self.twin.as_deref(), &self.search)
+    }
+}
+
+fn command_line(
+    command: &str,
+    recordings: &[PathBuf],
+    twin: Option<&Path>,
+    search: &SearchArgs,
+) -> String {
+    let mut line = command.to_owned();
+    for path in recordings {
+        line.push_str(&format!(" {}", path.display()));
+    }
+    if let Some(twin) = twin {
+        line.push_str(&format!(" --twin {}", twin.display()));
+    }
+    line + &search.words()
 }
 
 fn write_outcome(

@@ -409,6 +409,17 @@ impl Uncertainty {
     }
 }
 
+/// Correlations of the estimates of `found` on `problem`, from the Gauss-Newton covariance: the inverse of the normal
+/// matrix. NaN for a parameter without influence.
+#[must_use]
+pub(super) fn correlations(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Vec<f64>> {
+    let linear = problem.linear(&found.point, &found.slots, filters);
+    let inverse = Normal::new(&linear).inverse();
+    let count = found.slots.len();
+    let scaled = |i: usize, j: usize| inverse[(i, j)] / (inverse[(i, i)] * inverse[(j, j)]).sqrt();
+    (0..count).map(|i| (0..count).map(|j| scaled(i, j)).collect()).collect()
+}
+
 /// Covariance of the parameters on one problem, by blocks of time, in scaled units.
 struct Sandwich {
     variances: Vec<f64>,

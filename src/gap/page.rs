@@ -1,11 +1,11 @@
 //! `index.html` of `gap`: verdict, missing effects, residuals, evidence and decisions.
 
 mod evidence;
-mod localization;
+pub(in crate::gap) mod localization;
 mod spectrum;
 mod state;
 mod steps;
-mod text;
+pub(in crate::gap) mod text;
 mod trace;
 pub(in crate::gap) mod view;
 
@@ -50,7 +50,9 @@ pub fn page(
     changes(&mut page, &document.parameter_changes);
     evidence::journal(&mut page, &document.journal);
     evidence::rejected(&mut page, &document.rejected);
-    making(&mut page, provenance, sessions);
+    let files = "Files in this folder: gap.json with the findings, twin.json with the final twin, gap.mcap with \
+                 measured, simulated and residual signals.";
+    provenance_section(&mut page, provenance, sessions, files);
     page.finish()
 }
 
@@ -264,11 +266,11 @@ fn interval_chart(document: &Document) -> Option<Chart> {
 }
 
 /// Unit as text; a ratio has none.
-fn unit(unit: &str) -> String {
+pub(in crate::gap) fn unit(unit: &str) -> String {
     if unit == "1" || unit.is_empty() { "–".to_owned() } else { unit.to_owned() }
 }
 
-fn residuals(page: &mut Page, found: &Found<'_>) {
+pub(in crate::gap) fn residuals(page: &mut Page, found: &Found<'_>) {
     let residuals = &found.document.residuals;
     if residuals.is_empty() {
         return;
@@ -331,7 +333,7 @@ fn residual_table(residuals: &[SignalResidual]) -> Table {
     Table::new(&head, rows.collect())
 }
 
-fn stage_name(kind: StageKind) -> &'static str {
+pub(in crate::gap) fn stage_name(kind: StageKind) -> &'static str {
     match kind {
         StageKind::Drive => "Drive: command to motor motion",
         StageKind::Camera => "Camera: carriage to detected striker",
@@ -363,12 +365,17 @@ fn changes(page: &mut Page, changes: &[ParameterChange]) {
     page.table(&Table::new(&head, rows.collect()));
 }
 
-fn making(page: &mut Page, provenance: &Provenance, sessions: &[Session]) {
+/// Add the provenance; `files` lists the files in the same folder.
+pub(in crate::gap) fn provenance_section(
+    page: &mut Page,
+    provenance: &Provenance,
+    sessions: &[Session],
+    files: &str,
+) {
     page.section("Provenance");
     page.code(&provenance.command_line);
     page.paragraph(&format!(
-        "klasktron {} ({}). Files beside this page: gap.json with the findings, twin.json with the final twin, gap.mcap \
-         with measured, simulated and residual signals.",
+        "klasktron {} ({}). {files}",
         provenance.crate_version, provenance.git_hash
     ));
     let rows = sessions.iter().map(|session| {

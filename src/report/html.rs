@@ -110,7 +110,7 @@ impl Page {
         part.write_fmt(html).unwrap_or_else(|_grows| unreachable!("a String grows"));
     }
 
-    /// Set the result in a word or two, shown beside the title.
+    /// Set the result in a word or two, shown next to the title.
     pub fn badge(&mut self, text: &str, tone: Badge) {
         self.badge = format!("<span class=\"badge {}\">{}</span>", tone.class(), escape(text));
     }

@@ -240,6 +240,11 @@ fn a_calibrated_twin_states_the_truth_within_its_intervals() {
     assert!((value("gantry.inertia") - Axis::MASS_KG).abs() < 0.01 * Axis::MASS_KG);
     assert!((value("drive.friction.viscous") - 100.0).abs() < 3.0);
     assert!((value("drive.friction.coulomb") - Axis::COULOMB_N).abs() < 0.03 * Axis::COULOMB_N);
+    let page = fs::read_to_string(dir.path().join("twin.html")).unwrap();
+    for section in ["Parameters", "Correlations", "Residuals", "Localization", "Provenance"] {
+        assert!(page.contains(&format!("<h2>{section}</h2>")), "{section}");
+    }
+    assert!(page.contains("klasktron calibrate ") && page.contains("drive.friction.viscous"));
 }
 
 /// A table: its command at a time (s), and what the carriage makes of it.

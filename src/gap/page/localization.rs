@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// Add the section.
-pub(super) fn section(page: &mut Page, found: &Found<'_>, sessions: &[Session]) {
+pub(in crate::gap) fn section(page: &mut Page, found: &Found<'_>, sessions: &[Session]) {
     if found.outcomes.is_empty() {
         return;
     }

@@ -1,7 +1,7 @@
-//! Where in frequency a residual sits: Welch's periodogram (P. Welch, IEEE Trans. Audio
-//! Electroacoust. 15, 1967). Stretches of evenly spaced samples are cut into halfway overlapping
-//! segments, each is weighted with a Hann window and transformed (a plain discrete Fourier
-//! transform, which needs no library at these lengths), and the squared magnitudes are averaged.
+//! Power spectral density of a residual: Welch's periodogram (P. Welch, IEEE Trans. Audio Electroacoust. 15,
+//! 1967). Evenly spaced samples are divided into segments that overlap by half. Each segment is weighted with a Hann
+//! window and transformed; the squared magnitudes are averaged. A plain discrete Fourier transform is fast enough at
+//! these lengths.
 //!
 //! The density is one-sided and scaled so that its sum over all bins, times the width of a bin, is
 //! the mean square of the weighted samples (Parseval). White noise of standard deviation s, sampled
@@ -12,8 +12,8 @@ use std::f64::consts::TAU;
 /// Lengths of a segment (samples), the one with the finest bins first.
 const LENGTHS: [usize; 5] = [512, 256, 128, 64, 32];
 
-/// Fewest segments over which a length is averaged; below it, the scatter of a bin is as large as
-/// the bin.
+/// Fewest segments over which a length is averaged; below it, the standard
+/// deviation of a bin is as large as its value.
 const LEAST_SEGMENTS: usize = 8;
 
 /// The mean square per frequency of some stretches of one signal.
@@ -23,7 +23,7 @@ pub(super) struct Spectrum {
     pub(super) bin_hz: f64,
     /// Mean square per hertz in each bin, from 0 Hz to half the rate.
     pub(super) density: Vec<f64>,
-    /// How many segments were averaged.
+    /// Number of averaged segments.
     pub(super) segments: usize,
 }
 

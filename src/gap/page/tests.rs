@@ -69,3 +69,14 @@ fn nothing_that_was_found_becomes_markup() {
 fn the_same_findings_make_the_same_page() {
     assert_eq!(html("one"), html("one"));
 }
+
+#[test]
+fn the_verdict_is_a_badge() {
+    let html = html("one");
+    assert!(html.contains("<span class=\"badge warn\">ambiguous</span>"));
+    assert!(html.contains("<h2>Missing effects</h2>") && html.contains("Next experiment: Steps."));
+    // What the document does not have is no section.
+    for section in ["Residuals", "Parameter changes", "Rejected candidates"] {
+        assert!(!html.contains(&format!("<h2>{section}</h2>")), "{section}");
+    }
+}

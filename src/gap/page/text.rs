@@ -1,7 +1,7 @@
 //! Numbers, labels and sentences of the page.
 
 /// `value` with `count` significant digits, with a power of ten where that is shorter.
-pub(super) fn digits(value: f64, count: usize) -> String {
+pub(in crate::gap) fn digits(value: f64, count: usize) -> String {
     if !value.is_finite() {
         return "–".to_owned();
     }
@@ -18,12 +18,12 @@ pub(super) fn digits(value: f64, count: usize) -> String {
 }
 
 /// `value` with three significant digits.
-pub(super) fn number(value: f64) -> String {
+pub(in crate::gap) fn number(value: f64) -> String {
     digits(value, 3)
 }
 
 /// Probability.
-pub(super) fn probability(value: f64) -> String {
+pub(in crate::gap) fn probability(value: f64) -> String {
     if value.is_finite() && value < 1e-99 {
         "< 1e-99".to_owned()
     } else if (0.01..).contains(&value) {
@@ -34,7 +34,7 @@ pub(super) fn probability(value: f64) -> String {
 }
 
 /// Fraction as a percentage.
-pub(super) fn percent(fraction: f64) -> String {
+pub(in crate::gap) fn percent(fraction: f64) -> String {
     let value = 100.0 * fraction;
     if 9.95 < value.abs() || value == 0.0 {
         format!("{value:.0} %")
@@ -44,7 +44,7 @@ pub(super) fn percent(fraction: f64) -> String {
 }
 
 /// Value and interval with as many digits as the interval supports.
-pub(super) fn with_interval(value: f64, interval: Option<[f64; 2]>) -> [String; 2] {
+pub(in crate::gap) fn with_interval(value: f64, interval: Option<[f64; 2]>) -> [String; 2] {
     let Some([low, high]) = interval else { return [number(value), "–".to_owned()] };
     let half = 0.5 * (high - low);
     if !(half.is_finite() && 0.0 < half) {
@@ -64,7 +64,7 @@ pub(super) fn with_interval(value: f64, interval: Option<[f64; 2]>) -> [String; 
 }
 
 /// `sentence` with a capital at its start and a stop at its end.
-pub(super) fn sentence(text: &str) -> String {
+pub(in crate::gap) fn sentence(text: &str) -> String {
     let mut characters = text.trim().chars();
     let first = characters.next().into_iter().flat_map(char::to_uppercase);
     let mut written: String = first.chain(characters).collect();
@@ -75,7 +75,7 @@ pub(super) fn sentence(text: &str) -> String {
 }
 
 /// Factor from `unit` to the unit of the page, and that unit.
-pub(super) fn shown_unit(unit: &str) -> (f64, String) {
+pub(in crate::gap) fn shown_unit(unit: &str) -> (f64, String) {
     match unit {
         "m" | "m/s" | "rad" | "rad/s" => (1e3, format!("m{unit}")),
         "N m" => (1e3, "mN m".to_owned()),
@@ -92,7 +92,7 @@ const UNITS: [&str; 16] = [
 
 /// Name of a parameter or a regressor as text: `unknown.speed[above 1 m/s]` is `speed (above 1 m/s)`, and the unit at
 /// the end of `delay_s` is left out.
-pub(super) fn label(name: &str) -> String {
+pub(in crate::gap) fn label(name: &str) -> String {
     let name = name.strip_prefix("unknown.").unwrap_or(name);
     let (words, band) = name.split_once('[').unwrap_or((name, ""));
     let words: Vec<&str> = words.split('_').collect();
@@ -106,7 +106,7 @@ pub(super) fn label(name: &str) -> String {
 }
 
 /// `1 run`, `2 runs`.
-pub(super) fn count(number: usize, noun: &str) -> String {
+pub(in crate::gap) fn count(number: usize, noun: &str) -> String {
     if number == 1 { format!("1 {noun}") } else { format!("{number} {noun}s") }
 }
 

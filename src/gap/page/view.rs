@@ -1,4 +1,4 @@
-//! One link as the pictures see it: what was measured, and what the twin says before and after.
+//! Data of one stage for the charts: measurements, and predictions of the twin before and after.
 
 use crate::{
     gap::{
@@ -12,21 +12,21 @@ use std::ops::Range;
 /// Longest hole in a signal that is bridged by a straight line for a spectrum (samples).
 const LONGEST_BRIDGE: usize = 3;
 
-/// One link on the sessions that judge, or on the fitted ones where none judge.
+/// One stage on the validation sessions, or on the training sessions where there are none.
 pub(in crate::gap) struct View<'f> {
-    /// Which link.
+    /// Stage.
     pub(in crate::gap) kind: StageKind,
-    /// Whether these sessions were held out.
+    /// True for validation sessions.
     pub(in crate::gap) held_out: bool,
-    /// One by session.
+    /// Data of each session.
     pub(in crate::gap) parts: Vec<PartView<'f>>,
 }
 
-/// One session of a link.
+/// One session of a stage.
 pub(in crate::gap) struct PartView<'f> {
-    /// The link in this session.
+    /// The stage in this session.
     pub(in crate::gap) stage: &'f dyn Stage,
-    /// What counts: `[channel][sample]`.
+    /// Samples that are used: `[channel][sample]`.
     pub(in crate::gap) usable: Vec<Vec<bool>>,
     /// Prediction of the given twin: `[channel][sample]`.
     pub(in crate::gap) before: Vec<Vec<f64>>,
@@ -92,18 +92,18 @@ impl PartView<'_> {
         &self.stage.channels()[channel]
     }
 
-    /// What was measured less what is predicted, before and after; not finite where nothing counts.
+    /// Measured minus predicted, before and after; not finite for samples that are not used.
     pub(super) fn residual(&self, channel: usize, sample: usize) -> [f64; 2] {
         if self.usable[channel][sample] { self.difference(channel, sample) } else { [f64::NAN; 2] }
     }
 
-    /// The same of any sample, whether it counts or not.
+    /// Measured minus predicted for any sample, also for one that is not used.
     pub(super) fn difference(&self, channel: usize, sample: usize) -> [f64; 2] {
         let measured = self.channel(channel).measured[sample];
         [&self.before, &self.after].map(|predicted| measured - predicted[channel][sample])
     }
 
-    /// Mean squared residual before, over what counts in `samples`; `None` where nothing does.
+    /// Mean squared residual before, over the used samples of `samples`; `None` without any.
     pub(super) fn mean_square(&self, channel: usize, samples: Range<usize>) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0_usize);
         for sample in samples {
