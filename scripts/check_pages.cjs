@@ -27,7 +27,7 @@ async function open(browser, file, width, scheme) {
   page.on('pageerror', (error) => complaints.push(String(error)));
   page.on('request', (request) => { if (!request.url().startsWith('file:')) { complaints.push('asks for ' + request.url()); } });
   await page.goto('file://' + path.resolve(folder, file));
-  await page.waitForTimeout(250);
+  await page.waitForTimeout(100);
   return [page, complaints];
 }
 
@@ -56,6 +56,8 @@ function smallText(smallest) {
 
 // Number of visible charts; every one of them must have been drawn.
 async function drawn(page, what) {
+  const all = () => [...document.querySelectorAll('figure.chart')].every((figure) => !figure.offsetParent || figure.dataset.view);
+  await page.waitForFunction(all, null, { timeout: 20000 }).catch(() => {});
   const states = await page.locator('figure.chart:visible').evaluateAll((figures) => figures.map((figure) => {
     const canvas = figure.querySelector('canvas');
     if (!canvas || !figure.dataset.view) { return (figure.querySelector('figcaption') || figure).textContent.slice(0, 60); }
@@ -116,11 +118,10 @@ async function checkPage(browser, file) {
   for (const width of WIDTHS) {
     const [page, complaints] = await open(browser, file, width, 'light');
     await page.evaluate(() => { for (const details of document.querySelectorAll('details')) { details.open = true; } });
-    await page.waitForTimeout(250);
     const what = file + ' at ' + width + ' px';
+    charts = await drawn(page, what);
     assert.deepStrictEqual(await page.evaluate(cutOff), [], what + ': cut off');
     assert.deepStrictEqual(await page.evaluate(smallText, SMALLEST_TEXT), [], what + ': small text');
-    charts = await drawn(page, what);
     if (pictures) { await page.screenshot({ path: path.join(pictures, file.replace(/\//g, '-').replace('.html', '') + '-' + width + '.png'), fullPage: true }); }
     if (width !== 390) {
       for (let k = 0; k < charts; k++) { await tryChart(page, page.locator('figure.chart:visible').nth(k), what + ', chart ' + (k + 1)); }

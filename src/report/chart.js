@@ -54,7 +54,13 @@
         if (low * 0.9999 <= mark && mark <= high * 1.0001) { marks.push(mark); }
       }
     }
-    return 2 <= marks.length ? marks : [low, high].map((value) => Number(value.toPrecision(2)));
+    if (2 <= marks.length) { return marks; }
+    // Less than a decade: even steps of 1, 2 or 5.
+    const rough = (high - low) / 4, power = Math.pow(10, Math.floor(Math.log10(rough)));
+    const step = [1, 2, 5, 10].map((k) => k * power).find((one) => rough <= one);
+    const even = [];
+    for (let mark = Math.ceil(low / step) * step; mark <= high; mark += step) { even.push(Number(mark.toPrecision(6))); }
+    return even;
   }
 
   // ---- One chart -----------------------------------------------------------------------------------------------
@@ -192,7 +198,7 @@
       } else if (axis.log) {
         made.splits = (u, _, low, high) => decades(low, high);
         made.filter = (u, splits) => splits;
-        made.values = (u, splits) => splits.map((value) => text(value, 2));
+        made.values = (u, splits) => splits.map((value) => text(value, 4));
       } else {
         made.values = (u, splits) => splits.map((value) => text(value, 6));
       }
