@@ -273,7 +273,7 @@ fn runs(page: &mut Page, checked: &CheckedPlan) {
         let parameters = text.split_once(':').map_or("", |(_, rest)| rest).replace(',', ", ");
         chosen.cloned().chain([parameters]).collect()
     });
-    page.table(&Table { head, rows: rows.collect() });
+    page.table_of_words(&Table { head, rows: rows.collect() });
 }
 
 fn csv(checked: &CheckedPlan) -> String {

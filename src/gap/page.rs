@@ -9,7 +9,7 @@ pub(in crate::gap) mod text;
 mod trace;
 pub(in crate::gap) mod view;
 
-use self::text::{number, percent, probability, sentence, shown_unit, with_interval};
+use self::text::{number, sentence, shown_unit, with_interval};
 use super::{
     find::Found,
     findings::{
@@ -17,7 +17,6 @@ use super::{
     },
 };
 use crate::{
-    effects::{self, Effect},
     provenance::Provenance,
     recording::Split,
     report::{Axis, Badge, Chart, Colour, Page, Series, Table},
@@ -184,31 +183,10 @@ fn effects(page: &mut Page, document: &Document) {
     for (index, effect) in document.effects.iter().enumerate() {
         page.subsection(&format!("{}. {} on {}", index + 1, effect.name, effect.location));
         page.paragraph(&effect.explanation);
-        page.paragraph(&evidence_words(effect));
         page.table_of_words(&parameters(effect));
     }
     let intervals = interval_chart(document);
     intervals.iter().for_each(|chart| page.chart(chart));
-}
-
-fn evidence_words(effect: &IdentifiedEffect) -> String {
-    let is_noise = effects::find(&effect.name).is_some_and(Effect::is_noise);
-    let gain = effect.validation_gain.map_or_else(String::new, |gain| {
-        let gain = percent(gain);
-        match is_noise {
-            true => format!("It explains {gain} of that variance on the validation sessions. "),
-            false => {
-                format!("It removes {gain} of the squared whitened residual on the validation sessions. ")
-            }
-        }
-    });
-    let evidence = &effect.evidence;
-    format!(
-        "{gain}p = {} on the {}, corrected for {}.",
-        probability(evidence.p_value),
-        evidence.data,
-        text::count(evidence.comparisons, "comparison")
-    )
 }
 
 fn parameters(effect: &IdentifiedEffect) -> Table {

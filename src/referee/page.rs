@@ -93,10 +93,12 @@ fn lead(matches: &[ScoredMatch]) -> String {
     let [left, right] = points.fold([0, 0], |sum, [l, r]| [sum[0] + l, sum[1] + r]);
     let episodes = matches.iter().map(|scored| scored.analysis.episodes.len()).sum();
     format!(
-        "{}, {}, {:.1} min of play: {left} points for the left player, {right} points for the right player.",
+        "{}, {}, {:.1} min of play: {} for the left player, {} for the right player.",
         matches_of(matches.len()),
         count(episodes, "episode"),
-        play / 60.0
+        play / 60.0,
+        count(left, "point"),
+        count(right, "point")
     )
 }
 
