@@ -494,7 +494,9 @@ mod tests {
 
     /// Return whether `symbol` is a separate word of `equation`.
     fn mentions(equation: &str, symbol: &str) -> bool {
-        equation.split(|c: char| !(c.is_alphanumeric() || c == '_')).any(|word| word == symbol)
+        // An exponent such as ² ends a word.
+        let is_part = |c: char| c.is_alphabetic() || c.is_ascii_digit() || c == '_';
+        equation.split(|c: char| !is_part(c)).any(|word| word == symbol)
     }
 
     #[test]

@@ -20,6 +20,8 @@ use klasktron::{
 };
 use std::path::{Path, PathBuf};
 
+/// Farthest initial position (m or rad).
+const FARTHEST: f64 = 100.0;
 /// Column of the time in a CSV file of commands (s).
 const TIME: &str = "time_s";
 /// Columns of the velocity commands of a table.
@@ -61,7 +63,8 @@ pub(crate) struct Args {
         value_name = "X,Y",
         value_delimiter = ',',
         num_args = 1,
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        value_parser = parse_position
     )]
     start: Vec<f64>,
     /// Rate of motors and carriage (Hz)
@@ -77,6 +80,15 @@ pub(crate) struct Args {
 enum PlayerArg {
     Left,
     Right,
+}
+
+fn parse_position(text: &str) -> Result<f64, String> {
+    let position = text.parse::<f64>().map_err(|error| error.to_string())?;
+    if position.abs() <= FARTHEST {
+        Ok(position)
+    } else {
+        Err(format!("allowed are -{FARTHEST} to {FARTHEST}"))
+    }
 }
 
 fn parse_rate(text: &str) -> Result<f64, String> {

@@ -139,7 +139,7 @@ pub const SYMBOLS: [(&str, &str); 9] = [
 
 /// Shared symbols that occur in `equation`, with their meaning.
 pub fn symbols_in(equation: &str) -> impl Iterator<Item = (&'static str, &'static str)> + use<'_> {
-    let is_part = |letter: char| letter.is_alphanumeric() || letter == '_';
+    let is_part = |c: char| c.is_alphabetic() || c.is_ascii_digit() || c == '_';
     let occurs = move |symbol: &str| {
         let mut places = equation.match_indices(symbol);
         places.any(|(at, _)| {

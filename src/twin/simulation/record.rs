@@ -100,21 +100,28 @@ enum Outgoing {
 /// Messages by time, written in the order of their times.
 struct Messages {
     origin: Nanos,
-    all: Vec<(Nanos, String, Outgoing)>,
+    topics: Vec<String>,
+    /// Time, index of the topic, message.
+    all: Vec<(Nanos, usize, Outgoing)>,
 }
 
 impl Messages {
     fn new(info: &RecordInfo) -> Self {
-        let mut messages = Self { origin: info.origin, all: Vec::new() };
-        for (time, marker) in &info.markers {
-            let marker = Outgoing::Marker(marker.clone());
-            messages.all.push((*time, topic::RUN_MARKER.to_owned(), marker));
+        let markers = info.markers.iter();
+        Self {
+            origin: info.origin,
+            topics: vec![topic::RUN_MARKER.to_owned()],
+            all: markers.map(|(time, own)| (*time, 0, Outgoing::Marker(own.clone()))).collect(),
         }
-        messages
     }
 
     fn push(&mut self, topic: &str, seconds: f64, message: Outgoing) {
-        self.all.push((self.origin.after_seconds(seconds), topic.to_owned(), message));
+        let known = self.topics.iter().position(|own| own == topic);
+        let index = known.unwrap_or_else(|| {
+            self.topics.push(topic.to_owned());
+            self.topics.len() - 1
+        });
+        self.all.push((self.origin.after_seconds(seconds), index, message));
     }
 
     fn write(
@@ -127,7 +134,8 @@ impl Messages {
         self.all.sort_by_key(|message| message.0);
         let mut writer = RecordingWriter::create(path, existing, FlushPolicy::WhenFull)?;
         writer.metadata(RECORDING_METADATA, metadata)?;
-        for (time, topic, message) in &self.all {
+        for (time, index, message) in &self.all {
+            let topic = self.topics[*index].as_str();
             match message {
                 Outgoing::Command(own) => writer.write(topic, *time, own)?,
                 Outgoing::Carriage(own) => writer.write(topic, *time, own)?,
