@@ -217,7 +217,7 @@ fn what_cannot_be_read_is_one_sentence_and_status_1() {
         ("text.mcap", "not an MCAP file"),
         ("missing.mcap", "cannot open"),
         ("", "cannot read"),
-        ("wrong.mcap", "topic /striker/left/command carries schema 'klasktron.CarriageState"),
+        ("wrong.mcap", "topic /striker/left/command has schema 'klasktron.CarriageState"),
     ];
     for (name, reason) in expected {
         let (stdout, stderr, status) = said(&klasktron(&["info", &path(name)]));

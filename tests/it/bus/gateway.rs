@@ -108,7 +108,7 @@ fn socketcand_without_server_or_interface_says_so() {
         client.say("< error could not open bus >");
     });
     let refused = Socketcand::open(&address, "can9").unwrap_err().to_string();
-    assert!(refused.contains("the server refuses: could not open bus; look at"), "{refused}");
+    assert!(refused.contains("the server refuses: could not open bus; check"), "{refused}");
     serving.join().unwrap();
     let nobody = Socketcand::open(&address, "can0").unwrap_err().to_string();
     assert!(nobody.contains(&format!("no answer from {address} (")), "{nobody}");
