@@ -151,6 +151,8 @@ pub(crate) enum Command {
     Demo(commands::demo::Args),
     /// Export weights or tables for other software
     Export(commands::export::Args),
+    /// Print the JSON Schema of a result document
+    Schema(commands::schema::Args),
     /// Print a completion script for a shell
     Completions(commands::completions::Args),
     /// Print the manual page, or write one for every subcommand
@@ -260,6 +262,7 @@ impl Command {
             Self::SweepTask(args) => commands::sweep::run_task(&args),
             Self::Demo(args) => commands::demo::run(&args),
             Self::Export(args) => commands::export::run(&args),
+            Self::Schema(args) => commands::schema::run(&args),
             Self::Completions(args) => commands::completions::run(&args),
             Self::Man(args) => commands::man::run(&args),
         }

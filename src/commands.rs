@@ -19,6 +19,7 @@ pub(crate) mod play;
 pub(crate) mod recover;
 mod results;
 pub(crate) mod rig;
+pub(crate) mod schema;
 mod search;
 mod session;
 pub(crate) mod simulate;

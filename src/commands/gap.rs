@@ -104,13 +104,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
     let sessions = inputs.sessions(&args.search)?;
     let options = args.search.of_search(twin::machine_of(&sessions))?;
-    let results = Results::begin(&args.output, &FILES, args.overwrite)?;
+    let mut results = Results::begin(&args.output, &FILES, args.overwrite)?;
     note(&format!("comparing {} sessions with the twin", sessions.len()));
     let view = SearchView::new();
     let context = view.context(&options);
     let found = gap::find(&sessions, inputs.start.as_ref(), Task::CloseGap, context);
     view.close();
     let provenance = Provenance::new(args.command_line());
+    if !found.has_twin() {
+        results.omit("twin.json");
+    }
     write_outcome(&found, &provenance, &inputs, &sessions, &results)?;
     results.finish()?;
     for warning in &found.document.warnings {
@@ -121,7 +124,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         print(&summary(&found.document))?;
         print(&format!(
-            "wrote gap.json, twin.json, index.html and gap.mcap in {}",
+            "wrote gap.json, {}index.html and gap.mcap in {}",
+            if found.has_twin() { "twin.json, " } else { "" },
             args.output.display()
         ))?;
     }
@@ -141,6 +145,13 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     let context = view.context(&options);
     let found = gap::find(&sessions, inputs.start.as_ref(), Task::Calibrate, context);
     view.close();
+    if !found.has_twin() {
+        tell(&format!("error: {}", found.document.summary));
+        if args.json {
+            print(&serde_json::to_string_pretty(&found.document)?)?;
+        }
+        return Ok(Outcome::Lossy);
+    }
     if let Some(parent) = args.output.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent)?;
     }
@@ -207,7 +218,9 @@ fn write_outcome(
     let page = gap::page(found, &names.join(", "), provenance, sessions);
     gap::write_tape(found, provenance, sessions, &results.path("gap.mcap"))?;
     write_bytes(&results.path("index.html"), ExistingFile::Replace, page.as_bytes())?;
-    twin::write_twin(&found.twin, &results.path("twin.json"))?;
+    if found.has_twin() {
+        twin::write_twin(&found.twin, &results.path("twin.json"))?;
+    }
     write_bytes(&results.path("gap.json"), ExistingFile::Replace, document.as_bytes())?;
     Ok(())
 }

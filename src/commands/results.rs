@@ -73,6 +73,11 @@ impl Results {
         Ok(results)
     }
 
+    /// Leave out the announced result called `name`.
+    pub(crate) fn omit(&mut self, name: &str) {
+        self.names.retain(|own| own != name);
+    }
+
     /// Path at which the result called `name` is written.
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         debug_assert!(self.names.iter().any(|own| own == name), "{name} is not announced");

@@ -1,9 +1,11 @@
-//! The check of the data, before any physics: is the command connected to the motion, is there
-//! enough of it, in both directions?
+//! Checks of the data before any fit: enough motion, in both directions, connected to the input.
+
+mod axis;
 
 use super::{findings::Verdict, problem};
 use crate::{
     gantry::belts,
+    recording::Split,
     twin::{CameraStage, DriveStage, Output, Session, Stage, Twin},
 };
 use std::ops::Range;
@@ -11,7 +13,7 @@ use std::ops::Range;
 /// Shortest time of runs in all sessions together on which anything is said (s).
 const LEAST_TIME: f64 = 4.0;
 
-/// Command below which a motor is told to stand (m/s of belt).
+/// Command below which a motor stands (m/s of belt).
 const STANDING: f64 = 0.005;
 
 /// Share of the commanded speed below which a motor does not follow at all.
@@ -23,7 +25,7 @@ const LEAST_EXPLAINED: f64 = 0.1;
 /// Longest delay that is tried (s).
 const LONGEST_DELAY: f64 = 0.3;
 
-/// Share of the moving time, or of the way of an axis, that each direction needs.
+/// Fraction of the moving time that each direction needs.
 const LEAST_DIRECTION: f64 = 0.05;
 
 /// Change of the delay between first and last part of a session that only a clock explains (s): patterns
@@ -42,7 +44,7 @@ const LAST_PART: Range<f64> = 0.75..1.0;
 const OLDEST: f64 = 1.0;
 const AGE_STEP: f64 = 0.01;
 
-/// Spread of a striker below which it does not tell how old its pictures are (m).
+/// Spread of the striker below which the latency of its frames cannot be estimated (m).
 const LEAST_SPREAD: f64 = 0.005;
 
 /// Why nothing can be said, with what to do.
@@ -69,8 +71,11 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
     if time < LEAST_TIME {
         return objection(
             Verdict::NotTestable,
-            format!("{time:.1} s of runs are too short to tell anything; record at least 20 s"),
+            format!("{time:.1} s of runs are too short for a comparison; record at least 20 s"),
         );
+    }
+    if let Some(found) = check_directions(sessions) {
+        return Some(found);
     }
     for session in sessions {
         let found = match &session.drive {
@@ -86,14 +91,36 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
             None => None,
         };
         let camera = || session.camera.as_ref().and_then(|own| check_camera(&session.name, own));
-        let found = found.or_else(camera).or_else(|| {
-            session.axes.iter().find_map(|axis| check_axis(&session.name, axis.ways()))
-        });
+        let found = found.or_else(camera);
         if found.is_some() {
             return found;
         }
     }
-    None
+    axis::check_axes(sessions).or_else(|| check_splits(sessions))
+}
+
+/// Why nothing may be fitted, if no session is for training.
+fn check_splits(sessions: &[Session]) -> Option<Objection> {
+    let is_fitted =
+        |session: &Session| session.split == Split::Train && !session.stages().is_empty();
+    if sessions.iter().any(is_fitted) {
+        return None;
+    }
+    objection(
+        Verdict::NotTestable,
+        "every recording is marked split=validation, so nothing may be fitted; add a recording for training, or mark one \
+         with split=train",
+    )
+}
+
+/// The refusal where a search has compared nothing.
+pub(super) fn nothing_compared() -> Objection {
+    Objection {
+        verdict: Verdict::NotTestable,
+        says: "no sample of any signal could be compared with the simulation; record longer, at a higher rate, or with \
+               more motion"
+            .to_owned(),
+    }
 }
 
 /// Why nothing may be said of the session `name` where camera and encoders do not keep time together.
@@ -155,20 +182,6 @@ fn spread(places: impl Iterator<Item = [f64; 2]>) -> f64 {
     (square / f64::max(count, 1.0) - mean[0] * mean[0] - mean[1] * mean[1]).max(0.0).sqrt()
 }
 
-/// Why nothing may be said of the axis of the session `name`, which went so far in each direction (m).
-fn check_axis(name: &str, [up, down]: [f64; 2]) -> Option<Objection> {
-    if LEAST_DIRECTION * (up + down) <= up.min(down) {
-        return None;
-    }
-    objection(
-        Verdict::NotTestable,
-        format!(
-            "{name}: the axis went {up:.3} m up and {down:.3} m down: from one direction no friction, offset or \
-             play can be told from another; record moves both ways"
-        ),
-    )
-}
-
 /// Why nothing may be said with `twin`, if its numbers make a link of `sessions` diverge: what it does not predict would
 /// be left out, and nothing would seem to be missing.
 #[must_use]
@@ -189,11 +202,31 @@ fn silent(twin: &Twin, stage: &dyn Stage) -> Option<String> {
     let (mut measured, mut compared) = (0, 0);
     for (channel, values) in stage.channels().iter().zip(&predicted) {
         let finite = channel.measured.iter().zip(values).filter(|(own, _)| own.is_finite());
-        let told = finite.clone().filter(|(_, value)| value.is_finite());
-        (measured, compared) = (measured + finite.count(), compared + told.count());
+        let predicted = finite.clone().filter(|(_, value)| value.is_finite());
+        (measured, compared) = (measured + finite.count(), compared + predicted.count());
     }
     let names: Vec<&str> = stage.channels().iter().map(|channel| channel.signal.as_str()).collect();
     (0 < measured && compared == 0).then(|| names.join(", "))
+}
+
+/// Why nothing may be said, if the motors of all training sessions together were driven in one direction.
+fn check_directions(sessions: &[Session]) -> Option<Objection> {
+    let train = sessions.iter().filter(|session| session.split == Split::Train);
+    let (mut forward, mut backward) = (0.0, 0.0);
+    for drive in train.filter_map(|session| session.drive.as_ref()) {
+        for value in Pairs::of(drive).commanded() {
+            forward += f64::from(u8::from(STANDING < value));
+            backward += f64::from(u8::from(value < -STANDING));
+        }
+    }
+    if LEAST_DIRECTION * (forward + backward) <= f64::min(forward, backward) {
+        return None;
+    }
+    objection(
+        Verdict::NotTestable,
+        "the motors of the training sessions were driven in one direction only, so friction, offset and backlash cannot be \
+         distinguished; record moves both ways, such as x_line and y_line",
+    )
 }
 
 fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
@@ -214,17 +247,6 @@ fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
             format!(
                 "{name}: commands of {commanded:.3} m/s RMS were logged and the motors moved \
                  {moved:.4} m/s: they were off, or unplugged; arm the drives and record again"
-            ),
-        );
-    }
-    let forward = pairs.commanded().filter(|value| STANDING < *value).count() as f64;
-    let backward = pairs.commanded().filter(|value| *value < -STANDING).count() as f64;
-    if forward.min(backward) < LEAST_DIRECTION * (forward + backward) {
-        return objection(
-            Verdict::NotTestable,
-            format!(
-                "{name}: the motors were driven in one direction only, so no friction, offset or play \
-                 can be told from another; record moves both ways, such as x_line and y_line"
             ),
         );
     }
@@ -331,10 +353,10 @@ mod tests {
         twin::{Channel, Machine, StageKind},
     };
 
-    /// A link whose prediction is what it is told.
-    struct Told(Vec<Channel>, f64);
+    /// A stage with a constant prediction.
+    struct Constant(Vec<Channel>, f64);
 
-    impl Stage for Told {
+    impl Stage for Constant {
         fn kind(&self) -> StageKind {
             StageKind::Drive
         }
@@ -353,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulation_that_diverges_is_told_from_one_that_is_right() {
+    fn a_simulation_that_diverges_is_refused_and_one_that_is_right_is_not() {
         let channel = |measured: f64| Channel {
             signal: "motor_a.velocity".into(),
             unit: "m/s",
@@ -365,7 +387,7 @@ mod tests {
             runs: std::iter::once(0..2).collect(),
         };
         let twin = Twin::nominal(Machine::Table);
-        let of = |measured, predicted| silent(&twin, &Told(vec![channel(measured)], predicted));
+        let of = |measured, predicted| silent(&twin, &Constant(vec![channel(measured)], predicted));
         assert_eq!(of(0.1, f64::NAN), Some("motor_a.velocity".to_owned()));
         assert_eq!(of(0.1, 0.1), None);
         // What was not measured need not be predicted.

@@ -86,7 +86,6 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
     let localization = locate::localization(outcomes, &effects);
     let answer = Answer::of(&Findings {
         start,
-        is_given: material.is_given,
         effects: &effects,
         indistinguishable: &indistinguishable,
         parameter_changes: &parameter_changes,
@@ -262,6 +261,10 @@ fn signal_residuals(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalResidu
                 FloorSource::Smoothness => {
                     format!("third differences of the measured signal, {} samples", floor.samples)
                 }
+                FloorSource::Reference => {
+                    "reference residual of the given twin (measurement noise and model error)"
+                        .to_owned()
+                }
                 FloorSource::Unknown => "too few samples".to_owned(),
             },
             train_before: at(0, k),
@@ -291,6 +294,13 @@ fn warnings(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
                 100.0 * unknown.share
             ));
         }
+        let known: Vec<Slot> =
+            outcome.last.slots.iter().copied().filter(|slot| is_known(outcome, slot)).collect();
+        if let Some(name) = rounds::known_on_bound(&outcome.last.point.twin, &known) {
+            warnings.push(format!(
+                "{name} is on its bound: the twin cannot describe this machine with it (unit of the input, or structure?)"
+            ));
+        }
         if outcome.held_out.parts.is_empty() {
             let stage = outcome.kind;
             warnings
@@ -298,6 +308,13 @@ fn warnings(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
         }
     }
     warnings
+}
+
+/// Return whether `slot` is a parameter of the given twin.
+fn is_known(outcome: &Outcome<'_>, slot: &Slot) -> bool {
+    let instance = &outcome.last.point.twin.instances[slot.instance];
+    let is_same = |step: &Added| step.effect == instance.effect && step.axis == instance.axis;
+    !outcome.added.iter().any(is_same)
 }
 
 /// Parameters that no stage determines.

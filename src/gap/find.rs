@@ -2,9 +2,9 @@
 //! document.
 
 use super::{
-    checks,
+    checks::{self, Objection},
     document::{self, Material},
-    findings::Document,
+    findings::{Document, Verdict},
     floor::{self, Floor},
     journal::{JournalEntry, MoveKind},
     known,
@@ -51,12 +51,21 @@ const MOST_DRIVE_SEARCHES: usize = 3;
 pub struct Found<'a> {
     /// The contract's document.
     pub document: Document,
-    /// The twin with the effects in it.
+    /// The twin with the effects in it; that of the start where the data were refused.
     pub twin: Twin,
     /// Link by link.
     pub outcomes: Vec<Outcome<'a>>,
     /// The floor of each signal: `[outcome][channel]`.
     pub floors: Vec<Vec<Floor>>,
+}
+
+impl Found<'_> {
+    /// Return whether there is a twin to write: none where nothing could be fitted.
+    #[must_use]
+    pub fn has_twin(&self) -> bool {
+        let verdict = self.document.verdict;
+        !matches!(verdict, Verdict::NotTestable | Verdict::InputNotConnected)
+    }
 }
 
 /// Run the workflow on `sessions` from the `given` twin, or from the nominal one, in a `context` of options and
@@ -72,8 +81,7 @@ pub fn find<'a>(
     let start = context.options.applied_to(start);
     let refusal = checks::check(sessions).or_else(|| checks::check_twin(&start, sessions));
     if let Some(objection) = refusal {
-        let document = document::refused(&start, sessions, &objection);
-        return Found { document, twin: start, outcomes: Vec::new(), floors: Vec::new() };
+        return refused(start, sessions, &objection);
     }
     let request = Request { task, context };
     let mut journal = Vec::new();
@@ -83,6 +91,9 @@ pub fn find<'a>(
             twin = stated(&start, &outcome);
             outcomes.push(outcome);
         }
+    }
+    if outcomes.iter().all(|outcome| outcome.train.rows() == 0) {
+        return refused(start, sessions, &checks::nothing_compared());
     }
     for session in sessions.iter().filter(|session| session.split == Split::Train) {
         if !twin.fitted_to.contains(&session.sha256) {
@@ -115,6 +126,12 @@ pub fn find<'a>(
     };
     let document = document::document(&material, journal);
     Found { document, twin, outcomes, floors }
+}
+
+/// A refusal for the reason of `objection`: nothing was fitted.
+fn refused<'a>(twin: Twin, sessions: &[Session], objection: &Objection) -> Found<'a> {
+    let document = document::refused(&twin, sessions, objection);
+    Found { document, twin, outcomes: Vec::new(), floors: Vec::new() }
 }
 
 /// Searches one link from `twin`, after those `before` it; `None` where the sessions do not have it.
@@ -338,9 +355,18 @@ pub(super) fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
     }
 }
 
+/// Noise floor of each signal: from the measurement, or the reference residual of the given twin where that is larger.
 fn floors_of(outcome: &Outcome<'_>) -> Vec<Floor> {
     let Some(part) = outcome.train.parts.first() else { return Vec::new() };
-    part.stage.channels().iter().map(|channel| floor::floor(channel, &[])).collect()
+    let references = &outcome.start.twin.reference_residuals;
+    let channels = part.stage.channels().iter();
+    channels
+        .map(|channel| {
+            let is_known = |own: &&ReferenceResidual| own.signal == channel.signal && own.searched;
+            let reference = references.iter().find(is_known).map(|own| own.residual_rms);
+            floor::floor(channel, &[]).at_least(reference)
+        })
+        .collect()
 }
 
 /// Note the residual of each signal on the recordings to which the twin was fitted.

@@ -21,10 +21,12 @@ const MEDIAN_OF_HALF_NORMAL: f64 = 0.674_489_750_196_081_7;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FloorSource {
-    /// Scatter while nothing moves.
+    /// Standard deviation at rest.
     Rest,
-    /// Scatter about a smooth course.
+    /// Third differences of the measured signal.
     Smoothness,
+    /// Reference residual of the given twin: measurement noise and model error.
+    Reference,
     /// Too few samples.
     Unknown,
 }
@@ -38,6 +40,17 @@ pub struct Floor {
     pub source: FloorSource,
     /// On how many samples.
     pub samples: usize,
+}
+
+impl Floor {
+    /// The floor, or the `reference` residual of the given twin where that is larger or the only one.
+    #[must_use]
+    pub(super) fn at_least(self, reference: Option<f64>) -> Self {
+        match reference.filter(|rms| rms.is_finite() && self.rms < *rms) {
+            Some(rms) => Self { rms, source: FloorSource::Reference, samples: self.samples },
+            None => self,
+        }
+    }
 }
 
 /// The floor of `channel`, where `at_rest[sample]` says when nothing moved.
@@ -124,6 +137,15 @@ mod tests {
         let found = floor(&channel(moving), &[]);
         assert_eq!(found.source, FloorSource::Smoothness);
         assert!((found.rms - 1.0).abs() < 0.05, "{}", found.rms);
+    }
+
+    #[test]
+    fn a_larger_reference_residual_is_the_floor() {
+        let found = Floor { rms: 1.0, source: FloorSource::Rest, samples: 200 };
+        assert_eq!(found.at_least(None), found);
+        assert_eq!(found.at_least(Some(0.5)), found);
+        let higher = found.at_least(Some(1.2));
+        assert_eq!((higher.rms, higher.source), (1.2, FloorSource::Reference));
     }
 
     #[test]

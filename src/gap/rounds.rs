@@ -27,6 +27,8 @@ mod note;
 mod part;
 mod take_back;
 
+pub(in crate::gap) use take_back::known_on_bound;
+
 /// Most effects that are added to one link.
 const MOST_ADDED: usize = 6;
 
@@ -267,6 +269,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         Task::Calibrate | Task::Follow => None,
         Task::CloseGap => search.close(&given, excess),
     };
+    let known = search.without_indistinct();
     let Search { train, held_out, mut best, mut filters, added, rejected, mut journal, .. } =
         search;
     let twins = (start, &best.point.twin);
@@ -283,10 +286,10 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         true => Vec::new(),
         false => numbers(&fit::plainly(&train, &refitted)),
     };
-    let judged = fit::on(&held_out, &best.point.twin, &filters);
-    let uncertainty = fit::uncertainty(&train, &held_out, (&best, &judged), &filters)
-        .whatever_the_metric(&train, &best)
-        .whatever_is_beside(&best, &shifts(&rejected, link.context.options.family_error()));
+    let alpha = link.context.options.family_error();
+    let (judged, uncertainty) = known.unwrap_or_else(|| {
+        uncertainty_of((&train, &held_out), &best, &filters, (&rejected, alpha))
+    });
     best.point = fit::told(&train, &best.point);
     Outcome {
         kind: link.kind,
@@ -306,6 +309,20 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         unexplained,
         journal,
     }
+}
+
+/// The twin of `best` on the validation sessions, and the uncertainty of its parameters.
+fn uncertainty_of(
+    (train, held_out): (&Problem<'_>, &Problem<'_>),
+    best: &Fit,
+    filters: &Filters,
+    (rejected, alpha): (&[Rejected], f64),
+) -> (Point, Uncertainty) {
+    let judged = fit::on(held_out, &best.point.twin, filters);
+    let uncertainty = fit::uncertainty(train, held_out, (best, &judged), filters)
+        .whatever_the_metric(train, best)
+        .whatever_is_beside(best, &shifts(rejected, alpha));
+    (judged, uncertainty)
 }
 
 /// How far each known parameter would move with each effect that was screened last, is in the data beyond chance and
@@ -507,7 +524,8 @@ impl Search<'_> {
         self.note_end_of_rounds(most);
         let worth = Worth::new(&given.twin, self.kind, excess, 0.0);
         let is_less = self.take_back_what_is_not_missed(&worth, usize::from(!has_parted));
-        if self.take_back_what_is_none() || is_less {
+        let is_fewer = self.take_back_what_is_none();
+        if self.remove_beside_bound() || is_fewer || is_less {
             excess = self.excess(judged.insert(self.judged()));
         }
         let judged = judged.unwrap_or_else(|| self.judged());

@@ -7,7 +7,7 @@
 //! | `/gap/SIGNAL/residual_before`, `/residual_after` | `AxisInput` | measured less simulated |
 //! | `/gap/train/SIGNAL/...` | `AxisInput` | the same in the first fitted session |
 //!
-//! Times are those since the session's recording began. Attachments: `gap.json`, `twin.json`.
+//! Times are those since the session's recording began. Attachments: `gap.json`, and `twin.json` where there is one.
 
 use super::{find::Found, page::view::View};
 use crate::{
@@ -45,8 +45,10 @@ pub fn write_tape(
     }
     let document = serde_json::to_string_pretty(&found.document).unwrap_or_default() + "\n";
     writer.attach("gap.json", "application/json", document.as_bytes())?;
-    let twin = found.twin.to_json().unwrap_or_default();
-    writer.attach("twin.json", "application/json", twin.as_bytes())?;
+    if found.has_twin() {
+        let twin = found.twin.to_json().unwrap_or_default();
+        writer.attach("twin.json", "application/json", twin.as_bytes())?;
+    }
     writer.finish()
 }
 

@@ -16,16 +16,14 @@ const JUMP: f64 = 0.25;
 /// Fewest parameters that change so much together in another machine.
 const LEAST_JUMPS: usize = 4;
 
-/// Ratio of residual and noise floor from which a twin without reference residuals is incomplete. Floors come from the
-/// measured signal alone and can be low where the noise is coloured.
-const FAR_ABOVE_FLOOR: f64 = 3.0;
+/// Ratio of residual and noise floor up to which a residual is at its floor. Floors come from the measured signal alone
+/// and are low where the noise is coloured. A larger value answers `none` where more is left.
+const AT_FLOOR: f64 = 1.5;
 
 /// Everything behind a verdict.
 pub(super) struct Findings<'f, 'a> {
     /// The twin at the start.
     pub(super) start: &'f Twin,
-    /// Whether the user gave it.
-    pub(super) is_given: bool,
     pub(super) effects: &'f [IdentifiedEffect],
     pub(super) indistinguishable: &'f [Indistinguishable],
     pub(super) parameter_changes: &'f [ParameterChange],
@@ -47,13 +45,16 @@ impl Answer {
 }
 
 fn verdict(findings: &Findings<'_, '_>) -> Verdict {
-    let Findings { start, effects, indistinguishable, parameter_changes, outcomes, .. } = *findings;
+    let Findings { start, effects, indistinguishable, parameter_changes, residuals, outcomes } =
+        *findings;
     if is_other_machine(start, parameter_changes) {
         Verdict::DifferentMachine
     } else if !effects.is_empty() {
         if indistinguishable.len() == effects.len() { Verdict::Ambiguous } else { Verdict::Named }
+    } else if residuals.is_empty() {
+        Verdict::NotTestable
     } else if outcomes.iter().any(|outcome| outcome.unexplained.is_some())
-        || far_above_floor(findings).is_some()
+        || above_floor(residuals).is_some()
     {
         Verdict::Unexplained
     } else if parameter_changes.is_empty() {
@@ -63,14 +64,20 @@ fn verdict(findings: &Findings<'_, '_>) -> Verdict {
     }
 }
 
-/// The signal farthest above its floor and the ratio, where it is far above and the user gave no twin.
-fn far_above_floor<'f>(findings: &Findings<'f, '_>) -> Option<(&'f SignalResidual, f64)> {
-    let ratio =
-        |own: &SignalResidual| Some(own.validation_after.or(own.train_after)? / own.noise_floor?);
-    let of_all = findings.residuals.iter().filter_map(|own| Some((own, ratio(own)?)));
+/// The signal farthest above its floor, and its residual over the floor; a signal without residual or floor counts as
+/// above it, without a ratio. `None` where every residual is at its floor.
+fn above_floor(residuals: &[SignalResidual]) -> Option<(&SignalResidual, Option<f64>)> {
+    let ratio = |own: &SignalResidual| {
+        let after =
+            [own.train_after, own.validation_after].into_iter().flatten().reduce(f64::max)?;
+        let floor = own.noise_floor.filter(|floor| 0.0 < *floor);
+        // A signal without noise that is predicted exactly is at its floor.
+        if after == 0.0 { Some(0.0) } else { floor.map(|floor| after / floor) }
+    };
+    let of_all = residuals.iter().map(|own| (own, ratio(own)));
     of_all
-        .filter(|(_, ratio)| !findings.is_given && FAR_ABOVE_FLOOR < *ratio)
-        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .filter(|(_, ratio)| ratio.is_none_or(|ratio| AT_FLOOR < ratio))
+        .max_by(|a, b| a.1.unwrap_or(0.0).total_cmp(&b.1.unwrap_or(0.0)))
 }
 
 /// Return whether at least half of the fitted parameters changed, and several of them far.
@@ -121,7 +128,7 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
         }
         Verdict::Unexplained => {
             let unknown = outcomes.iter().find_map(|outcome| outcome.unexplained.as_ref());
-            unexplained(unknown, far_above_floor(findings))
+            unexplained(unknown, above_floor(findings.residuals))
         }
         Verdict::DifferentMachine => {
             let names: Vec<&str> = parameter_changes.iter().map(|own| own.name.as_str()).collect();
@@ -131,14 +138,17 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
                 names.join(", ")
             )
         }
-        _ => "No effect is missing: every residual is at its floor.".to_owned(),
+        Verdict::NotTestable | Verdict::InputNotConnected => {
+            "No signal could be compared with the simulation.".to_owned()
+        }
+        Verdict::None => "No effect is missing: every residual is at its floor.".to_owned(),
     }
 }
 
 /// Summary where no effect of the catalogue explains the residual.
-fn unexplained(unknown: Option<&Unknown>, far: Option<(&SignalResidual, f64)>) -> String {
+fn unexplained(unknown: Option<&Unknown>, above: Option<(&SignalResidual, Option<f64>)>) -> String {
     let lead = "No effect of the catalogue explains the residual";
-    match (unknown, far) {
+    match (unknown, above) {
         (Some(unknown), _) => format!(
             "{lead}: {} of {} holds {:.0} % of its square on the training sessions (F = {:.0}, p = {:.1e}, corrected \
              for {} comparisons).",
@@ -149,8 +159,11 @@ fn unexplained(unknown: Option<&Unknown>, far: Option<(&SignalResidual, f64)>) -
             unknown.p_value,
             unknown.comparisons
         ),
-        (None, Some((own, ratio))) => {
+        (None, Some((own, Some(ratio)))) => {
             format!("{lead} of {}, which is {ratio:.1} times its noise floor.", own.signal)
+        }
+        (None, Some((own, None))) => {
+            format!("{lead} of {}, of which no noise floor could be measured.", own.signal)
         }
         (None, None) => format!("{lead}."),
     }
@@ -165,5 +178,59 @@ mod tests {
         let names =
             [("drive.delay", Axis::A), ("drive.gain", Axis::Motors), ("drive.delay", Axis::B)];
         assert_eq!(each_once(names.into_iter()), "drive.delay on a and b, drive.gain");
+    }
+
+    fn residual(after: Option<f64>, noise_floor: Option<f64>) -> SignalResidual {
+        SignalResidual {
+            stage: crate::effects::Domain::Drive,
+            signal: "axis.q.force".to_owned(),
+            unit: "N".to_owned(),
+            band: "all".to_owned(),
+            noise_floor,
+            noise_floor_source: String::new(),
+            train_before: None,
+            train_after: after,
+            validation_before: None,
+            validation_after: after,
+        }
+    }
+
+    fn answer(residuals: &[SignalResidual], effects: &[IdentifiedEffect]) -> Answer {
+        Answer::of(&Findings {
+            start: &Twin::nominal(crate::twin::Machine::Axis),
+            effects,
+            indistinguishable: &[],
+            parameter_changes: &[],
+            residuals,
+            outcomes: &[],
+        })
+    }
+
+    #[test]
+    fn nothing_compared_is_no_verdict_about_the_machine() {
+        let answer = answer(&[], &[]);
+        assert_eq!(answer.verdict, Verdict::NotTestable);
+        assert!(!answer.verdict.is_about_the_machine() && !answer.summary.is_empty());
+    }
+
+    proptest::proptest! {
+        /// `none` only where every residual is at its floor and there is one.
+        #[test]
+        fn none_needs_every_residual_at_its_floor(
+            values in proptest::collection::vec(
+                (proptest::option::of(0.0..10.0_f64), proptest::option::of(0.0..3.0_f64)),
+                0..6,
+            )
+        ) {
+            let residuals: Vec<SignalResidual> =
+                values.iter().map(|(after, floor)| residual(*after, *floor)).collect();
+            let is_at_floor = |(after, floor): &(Option<f64>, Option<f64>)| match (after, floor) {
+                (Some(after), Some(floor)) => *after <= AT_FLOOR * floor,
+                (Some(after), None) => *after == 0.0,
+                (None, _) => false,
+            };
+            let all = !values.is_empty() && values.iter().all(is_at_floor);
+            proptest::prop_assert_eq!(answer(&residuals, &[]).verdict == Verdict::None, all);
+        }
     }
 }

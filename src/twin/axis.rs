@@ -36,6 +36,10 @@ const ENDS: usize = 5;
 const REST_DEVIATIONS: f64 = 3.0;
 /// Least duration of a rest (s): a reversal that does not stick passes through zero faster.
 const REST_S: f64 = 0.01;
+/// Fraction of moving samples below which the noise estimate is checked against the range of the position.
+const LEAST_MOVING: f64 = 0.02;
+/// Range of the position, in standard deviations of its noise, that is motion and no noise.
+const MOTION_DEVIATIONS: f64 = 30.0;
 
 /// What was measured on one axis, at equal steps.
 #[derive(Debug, Clone)]
@@ -61,6 +65,8 @@ pub struct AxisStage {
     dt: f64,
     factor: usize,
     decimation: LowPass,
+    /// Samples that were recorded without interruption: no filter crosses their borders.
+    segments: Vec<Range<usize>>,
     /// Input as recorded, and behind the first filter.
     raw_input: Vec<f64>,
     input: Vec<f64>,
@@ -77,22 +83,38 @@ impl AxisStage {
         &mut self.channels
     }
 
-    /// The stage of `measured`, cut into the runs `spans` (s since the session began).
+    /// The stage of `measured`, recorded without interruption, cut into the runs `spans` (s since the session began).
+    #[cfg(test)]
     pub(super) fn new(measured: Measured, spans: &[Range<f64>]) -> Self {
+        let whole = 0..measured.position.len();
+        Self::in_segments(measured, vec![whole], spans)
+    }
+
+    /// The stage of `measured`, of which each of `segments` was recorded without interruption, cut into the runs
+    /// `spans` (s since the session began).
+    pub(super) fn in_segments(
+        measured: Measured,
+        segments: Vec<Range<usize>>,
+        spans: &[Range<f64>],
+    ) -> Self {
         let Measured { name, unit, start, dt, input: raw_input, position: raw } = measured;
         let cutoff = (CUTOFF_HZ * dt).min(CUTOFF_SHARE);
         let low_pass = LowPass::butterworth(cutoff);
         let factor = ((1.0 / cutoff).round() as usize).max(1);
-        let position = low_pass.apply(&raw);
-        let velocity = derivative(&position, dt);
-        let acceleration = derivative(&velocity, dt);
-        let resting = rests(&velocity, velocity_noise(&raw, &position, cutoff, dt), dt);
+        let filtered = |values: &[f64]| each_segment(&segments, values, |own| low_pass.apply(own));
+        let slope = |values: &[f64]| each_segment(&segments, values, |own| derivative(own, dt));
+        let position = filtered(&raw);
+        let velocity = slope(&position);
+        let acceleration = slope(&velocity);
+        let resting = resting(&segments, (&raw, &position, &velocity), cutoff, dt);
+        let input = filtered(&raw_input);
         let mut stage = Self {
             start,
             dt,
             factor,
             decimation: LowPass::before_decimation(factor),
-            input: low_pass.apply(&raw_input),
+            segments,
+            input,
             raw_input,
             position,
             velocity,
@@ -107,6 +129,10 @@ impl AxisStage {
     fn channel(&self, name: &str, unit: &'static str, spans: &[Range<f64>]) -> Channel {
         let mut measured = self.compared(&self.raw_input);
         for (value, index) in measured.iter_mut().zip(self.kept()) {
+            if !self.is_inside(index) {
+                *value = f64::NAN;
+                continue;
+            }
             let beside = index.saturating_sub(self.factor)
                 ..(index + self.factor + 1).min(self.resting.len());
             if self.resting[beside].iter().any(|rests| *rests) {
@@ -145,9 +171,15 @@ impl AxisStage {
         (ENDS..count.saturating_sub(ENDS)).map(move |index| index * factor)
     }
 
+    /// Return whether the filters know both sides of the sample `index`.
+    fn is_inside(&self, index: usize) -> bool {
+        let margin = ENDS * self.factor;
+        self.segments.iter().any(|own| own.start + margin <= index && index + margin < own.end)
+    }
+
     /// `values` of all samples as they are compared: filtered and decimated.
     fn compared(&self, values: &[f64]) -> Vec<f64> {
-        let smooth = self.decimation.apply(values);
+        let smooth = each_segment(&self.segments, values, |own| self.decimation.apply(own));
         self.kept().map(|index| smooth[index]).collect()
     }
 
@@ -157,12 +189,46 @@ impl AxisStage {
         1.0 / (self.dt * self.factor as f64)
     }
 
-    /// How far it went towards positive and towards negative positions (m), rests aside.
+    /// Distance that the axis moved towards positive and towards negative positions (m), rests aside.
     #[must_use]
     pub fn ways(&self) -> [f64; 2] {
         let moving = self.velocity.iter().zip(&self.resting).filter(|(_, rests)| !**rests);
         let steps = moving.map(|(velocity, _)| velocity * self.dt);
         steps.fold([0.0; 2], |[up, down], step| [up + step.max(0.0), down + (-step).max(0.0)])
+    }
+
+    /// Input of the compared samples with the motion behind it: input, acceleration, velocity, direction, position.
+    #[must_use]
+    pub fn motion_and_input(&self) -> Vec<[f64; 5]> {
+        let direction: Vec<f64> = self.velocity.iter().map(|velocity| sign(*velocity)).collect();
+        let columns = [&self.acceleration, &self.velocity, &direction, &self.position]
+            .map(|own| self.compared(own));
+        let channel = &self.channels[0];
+        let samples = channel.runs.iter().flat_map(Clone::clone);
+        samples
+            .filter(|k| channel.measured[*k].is_finite())
+            .map(|k| {
+                let [a, v, s, q] = &columns;
+                [channel.measured[k], a[k], v[k], s[k], q[k]]
+            })
+            .collect()
+    }
+
+    /// Variation of the input within the runs and its mean square, each summed over the samples of the runs.
+    #[must_use]
+    pub fn input_variation(&self) -> [f64; 2] {
+        let channel = &self.channels[0];
+        let (mut within, mut square) = (0.0, 0.0);
+        for run in &channel.runs {
+            let from = self.kept().nth(run.start);
+            let to = self.kept().nth(run.end.saturating_sub(1));
+            let (Some(from), Some(to)) = (from, to) else { continue };
+            let values = &self.raw_input[from..=to];
+            let mean = values.iter().sum::<f64>() / values.len() as f64;
+            within += values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+            square += values.iter().map(|value| value * value).sum::<f64>();
+        }
+        [within, square]
     }
 
     /// The measured motion at one sample; `force` is the input as it was measured.
@@ -183,6 +249,7 @@ impl AxisStage {
         let mut memory = chain.memory();
         let mut inputs = Vec::with_capacity(self.position.len());
         for index in 0..self.position.len() {
+            let begins = index == 0 || self.segments.iter().any(|own| own.start == index);
             let mut motion = self.motion(index);
             motion.mass = chain.mass(&motion);
             let (forces, level) = chain.loads(&mut memory, &motion);
@@ -194,7 +261,7 @@ impl AxisStage {
                 level * sign(motion.velocity)
             };
             let force = frictionless + friction;
-            if index == 0 {
+            if begins {
                 chain.settle(&mut memory, force, &motion);
             }
             inputs.push(chain.input(&mut memory, force, motion.force, &motion));
@@ -242,12 +309,70 @@ impl Stage for AxisStage {
         let chain = Chain::new(twin);
         let mut inputs = self.inverse(&chain);
         if chain.delay != 0.0 {
-            inputs = shifted(&inputs, chain.delay / self.dt);
+            let samples = chain.delay / self.dt;
+            inputs = each_segment(&self.segments, &inputs, |own| shifted(own, samples));
         }
         if let Some(values) = predicted.first_mut() {
             *values = self.compared(&inputs);
         }
     }
+}
+
+/// `change` of `values` in each of `segments` by itself; zero outside of them.
+fn each_segment(
+    segments: &[Range<usize>],
+    values: &[f64],
+    change: impl Fn(&[f64]) -> Vec<f64>,
+) -> Vec<f64> {
+    let mut changed = vec![0.0; values.len()];
+    for segment in segments {
+        changed[segment.clone()].copy_from_slice(&change(&values[segment.clone()]));
+    }
+    changed
+}
+
+/// Samples at rest; all samples outside of `segments` are. Where the filter takes the motion for noise, since samples are
+/// too few for it, and nearly everything would be rest, third differences of the position give the noise.
+fn resting(
+    segments: &[Range<usize>],
+    (raw, position, velocity): (&[f64], &[f64], &[f64]),
+    cutoff: f64,
+    dt: f64,
+) -> Vec<bool> {
+    let inside = |values: &[f64]| -> Vec<f64> {
+        segments.iter().flat_map(|own| values[own.clone()].iter().copied()).collect()
+    };
+    let of = |noise: f64| {
+        let mut resting = vec![true; velocity.len()];
+        for own in segments {
+            let rests = rests(&velocity[own.clone()], noise, dt);
+            resting[own.clone()].copy_from_slice(&rests);
+        }
+        resting
+    };
+    let spread = noise_of(inside(raw).iter().zip(inside(position)).map(|(a, b)| a - b));
+    let found = of(velocity_noise(spread, cutoff, dt));
+    let moving = found.iter().filter(|rests| !**rests).count() as f64;
+    let thirds = segments.iter().flat_map(|own| {
+        raw[own.clone()].windows(4).map(|four| four[3] - 3.0 * (four[2] - four[1]) - four[0])
+    });
+    let smooth = noise_of(thirds) / THIRD_DIFFERENCE;
+    let all = inside(raw);
+    let range = all.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        - all.iter().copied().fold(f64::INFINITY, f64::min);
+    let is_motion =
+        moving < LEAST_MOVING * inside(velocity).len() as f64 && MOTION_DEVIATIONS * smooth < range;
+    if is_motion { of(velocity_noise(smooth, cutoff, dt)) } else { found }
+}
+
+/// Factor by which third differences enlarge the standard deviation of white noise: the root of 1 + 9 + 9 + 1.
+const THIRD_DIFFERENCE: f64 = 4.472_135_954_999_58;
+
+/// Standard deviation of normal values from their median magnitude.
+fn noise_of(values: impl Iterator<Item = f64>) -> f64 {
+    let mut magnitudes: Vec<f64> = values.map(f64::abs).collect();
+    magnitudes.sort_by(f64::total_cmp);
+    magnitudes.get(magnitudes.len() / 2).copied().unwrap_or(0.0) / 0.6745
 }
 
 /// Sign of a velocity, zero at rest.
@@ -272,12 +397,9 @@ fn shifted(values: &[f64], samples: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Standard deviation of the velocity's noise: the position's, from what the filter removed of it,
-/// taken as white.
-fn velocity_noise(raw: &[f64], smooth: &[f64], cutoff: f64, dt: f64) -> f64 {
-    let mut removed: Vec<f64> = raw.iter().zip(smooth).map(|(a, b)| (a - b).abs()).collect();
-    removed.sort_by(f64::total_cmp);
-    let spread = removed.get(removed.len() / 2).copied().unwrap_or(0.0) / 0.6745;
+/// Standard deviation of the velocity's noise for white noise of the position of which the filter removes the standard
+/// deviation `spread`.
+fn velocity_noise(spread: f64, cutoff: f64, dt: f64) -> f64 {
     let passed = spread * (cutoff / (0.5 - cutoff)).sqrt();
     passed * TAU * cutoff / dt / 3.0_f64.sqrt()
 }

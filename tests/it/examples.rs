@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 /// Subcommands whose examples are run, each in a folder of its own, in which a later one reads what an earlier
 /// one wrote.
-const RUN: [&str; 11] = [
+const RUN: [&str; 12] = [
     "info",
     "recover",
     "import",
@@ -21,6 +21,7 @@ const RUN: [&str; 11] = [
     "export",
     "collect",
     "play",
+    "schema",
     "completions",
     "man",
 ];

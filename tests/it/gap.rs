@@ -2,16 +2,21 @@
 
 mod options;
 
-use crate::support::{START, klasktron, said, writer};
+use crate::{
+    schema,
+    support::{START, klasktron, said, writer},
+};
 use klasktron::{
     recording::{
+        ExistingFile, FlushPolicy, RECORDING_METADATA, Recording, RecordingWriter,
         message::{
-            AxisInput, AxisOutput, CameraDetections, CarriageState, Point, RunMarker,
+            AxisInput, AxisOutput, CameraDetections, CarriageState, MotorState, Point, RunMarker,
             VelocityCommand, run_marker::Phase,
         },
-        topic::{self, Player},
+        topic::{self, Motor, Player},
     },
     seed::Stream,
+    twin::{self, Stage as _},
     units::Nanos,
 };
 use std::{
@@ -130,7 +135,15 @@ fn gap(recordings: &[String], twin: Option<&str>, out: &Path) -> (serde_json::Va
     }
     let (text, errors, status) = said(&klasktron(&args));
     let document = serde_json::from_str(&text);
-    (document.unwrap_or_else(|_| panic!("no document: {text} {errors}")), status)
+    let document = document.unwrap_or_else(|_| panic!("no document: {text} {errors}"));
+    schema::assert_valid("gap", &document);
+    let twin = Path::new(&out).join("twin.json");
+    assert_eq!(twin.exists(), status == 0, "{document:#}");
+    if twin.exists() {
+        let twin = serde_json::from_str(&fs::read_to_string(twin).unwrap()).unwrap();
+        schema::assert_valid("twin", &twin);
+    }
+    (document, status)
 }
 
 fn names(document: &serde_json::Value) -> Vec<&str> {
@@ -504,8 +517,9 @@ fn what_cannot_be_judged_has_its_verdict_and_no_name() {
     ];
     for (name, seconds, machine, verdict) in cases {
         let file = table(dir.path(), &format!("{name}.mcap"), seconds, machine);
-        let (document, status) = gap(&[file], None, &dir.path().join(name));
+        let (document, status) = gap(std::slice::from_ref(&file), None, &dir.path().join(name));
         assert_eq!(document["verdict"], verdict, "{name}: {document:#}");
+        assert_eq!(calibrated(dir.path(), &[file]).1, 3, "{name}");
         assert!(names(&document).is_empty());
         assert!(!document["next_experiment"].is_null(), "{name}");
         assert_eq!(status, 3, "{name}");
@@ -572,4 +586,154 @@ fn a_broken_twin_is_refused_in_one_sentence() {
         assert_eq!(errors.trim().lines().count(), 1, "{errors}");
     }
     assert!(!Path::new("nowhere").exists());
+}
+
+/// What `calibrate` says of `recordings`, and its status; nothing may be written where it refuses.
+fn calibrated(dir: &Path, recordings: &[String]) -> (String, i32) {
+    let twin = dir.join("calibrated.json").display().to_string();
+    let mut args = vec!["calibrate", "-o", &twin];
+    args.extend(recordings.iter().map(String::as_str));
+    let (_, errors, status) = said(&klasktron(&args));
+    assert_eq!(Path::new(&twin).exists(), status == 0, "{errors}");
+    fs::remove_file(twin).ok();
+    (errors, status)
+}
+
+#[test]
+fn without_a_training_session_nothing_is_answered_and_no_twin_is_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let held_out = Axis { split: "validation", ..Axis::session([80.0, 140.0]) };
+    let recordings = [held_out.write(dir.path(), "one.mcap").display().to_string()];
+    let (document, status) = gap(&recordings, None, &dir.path().join("out"));
+    assert_eq!((document["verdict"].as_str(), status), (Some("not_testable"), 3), "{document:#}");
+    assert!(document["summary"].as_str().unwrap().contains("split=validation"), "{document:#}");
+    let (errors, status) = calibrated(dir.path(), &recordings);
+    assert!(status == 3 && errors.contains("split=validation"), "{errors}");
+}
+
+/// A session of 20 s of an axis whose input and position (m) are those of `motion` at a time (s), in N.
+fn free_axis(dir: &Path, name: &str, split: &str, motion: impl Fn(f64) -> [f64; 2]) -> String {
+    let path = dir.join(name);
+    let mut writer = writer(&path, "axis");
+    let at = |k: u64| Nanos(START.0 + k * 2_000_000);
+    let marker = |phase: Phase| RunMarker {
+        run: 0,
+        pattern: "free".into(),
+        phase: phase.into(),
+        split: split.into(),
+    };
+    writer.write(topic::RUN_MARKER, at(0), &marker(Phase::Start)).unwrap();
+    for k in 0..10_000 {
+        let [force, position] = motion(k as f64 * 0.002);
+        let input = AxisInput { value: force, unit: "N".into() };
+        let output =
+            AxisOutput { position: Some(position), velocity: None, position_unit: "m".into() };
+        writer.write(&topic::axis_input("slide"), at(k), &input).unwrap();
+        writer.write(&topic::axis_output("slide"), at(k), &output).unwrap();
+    }
+    writer.write(topic::RUN_MARKER, at(10_000), &marker(Phase::End)).unwrap();
+    writer.finish().unwrap();
+    path.display().to_string()
+}
+
+#[test]
+fn an_axis_that_does_not_answer_its_input_is_not_connected() {
+    let dir = tempfile::tempdir().unwrap();
+    let moved = |t: f64| 0.05 * (3.0 * t).sin() + 0.01 * (11.0 * t).sin();
+    let other = |t: f64| 40.0 * (1.9 * t).sin() + 25.0 * (7.7 * t).cos();
+    let cases: [(&str, fn(f64, f64) -> [f64; 2], &str); 3] = [
+        ("off", |force, _| [force, 0.2], "input_not_connected"),
+        ("hand", |force, position| [force, position], "input_not_connected"),
+        ("constant", |_, position| [5.0, position], "not_testable"),
+    ];
+    for (name, of, verdict) in cases {
+        let recordings = ["train", "validation"].map(|split| {
+            let file = format!("{name}-{split}.mcap");
+            free_axis(dir.path(), &file, split, |t| of(other(t), moved(t)))
+        });
+        let (document, status) = gap(&recordings, None, &dir.path().join(name));
+        assert_eq!((document["verdict"].as_str(), status), (Some(verdict), 3), "{document:#}");
+        assert_eq!(calibrated(dir.path(), &recordings).1, 3, "{name}");
+    }
+}
+
+#[test]
+fn one_way_sessions_that_together_go_both_ways_are_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    let one_way = |direction: f64| {
+        move |t: f64| {
+            let (phase, speed) = (1.3 * t, 0.02);
+            let position = speed * (t - phase.sin() / 1.3);
+            let velocity = speed * (1.0 - phase.cos());
+            let acceleration = speed * 1.3 * phase.sin();
+            let force = 40.0 * acceleration + 90.0 * velocity + 12.0 * (velocity / 1e-4).tanh();
+            let ripple = 0.5 * (37.0 * t).sin();
+            [direction * (force + ripple), direction * position]
+        }
+    };
+    let file = |name: &str, split: &str, direction: f64| {
+        free_axis(dir.path(), name, split, one_way(direction))
+    };
+    let up = file("up.mcap", "train", 1.0);
+    let down = file("down.mcap", "train", -1.0);
+    let last = file("last.mcap", "validation", 1.0);
+    let (document, status) = gap(&[up.clone(), last.clone()], None, &dir.path().join("up"));
+    assert_eq!((document["verdict"].as_str(), status), (Some("not_testable"), 3), "{document:#}");
+    let (document, status) = gap(&[up, down, last], None, &dir.path().join("both"));
+    assert_eq!(status, 0, "{document:#}");
+}
+
+/// A recording of 20 s of both motors of the left gantry with so much belt per turn in the metadata (m), which the
+/// carriage follows at the commanded velocity.
+fn with_belt(dir: &Path, name: &str, belt: &str) -> PathBuf {
+    let path = dir.join(name);
+    let metadata = [("schema_version", "1"), ("split", "train"), ("belt_metres_per_turn", belt)];
+    let metadata = metadata.map(|(key, value)| (key.to_owned(), value.to_owned()));
+    let mut writer =
+        RecordingWriter::create(&path, ExistingFile::Refuse, FlushPolicy::WhenFull).unwrap();
+    writer.metadata(RECORDING_METADATA, metadata.into()).unwrap();
+    let metres: f64 = belt.parse().unwrap_or(1.0);
+    for k in 0..1000_u64 {
+        let (t, at) = (k as f64 / 50.0, Nanos(START.0 + k * 20_000_000));
+        let vx = both_ways(t);
+        let command = VelocityCommand { vx, vy: 0.0 };
+        writer.write(&topic::command(Player::Left), at, &command).unwrap();
+        // Both belts move with the carriage along x.
+        let state = MotorState {
+            position_turns: 0.2 / 1.7 * (1.0 - (1.7 * t).cos()) / metres,
+            velocity_turns_per_s: vx / metres,
+            ..MotorState::default()
+        };
+        for motor in Motor::BOTH {
+            writer.write(&topic::motor(Player::Left, motor), at, &state).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+    path
+}
+
+#[test]
+fn the_belt_of_the_metadata_turns_turns_into_metres() {
+    let dir = tempfile::tempdir().unwrap();
+    for belt in ["0.04", "0.05"] {
+        let path = with_belt(dir.path(), &format!("{belt}.mcap"), belt);
+        let sessions = twin::sessions_of(&[Recording::open(&path).unwrap()]).unwrap();
+        let drive = sessions[0].drive.as_ref().unwrap();
+        let channel = &drive.channels()[0];
+        let last = channel.times.len() - 1;
+        for k in (0..last).step_by(50) {
+            let expected = both_ways(channel.times[k]);
+            assert!((channel.measured[k] - expected).abs() < 1e-9, "{belt}: {k}");
+        }
+        let metres: f64 = belt.parse().unwrap();
+        assert_eq!(sessions[0].belt_metres_per_turn, metres);
+        assert_eq!(twin::Twin::nominal_of(&sessions).belt_metres_per_turn, metres);
+    }
+    let name = |belt: &str| dir.path().join(format!("{belt}.mcap")).display().to_string();
+    let (_, errors, status) =
+        said(&klasktron(&["gap", &name("0.04"), &name("0.05"), "-o", "nowhere"]));
+    assert!(status == 1 && errors.contains("these are different machines"), "{errors}");
+    let wrong = with_belt(dir.path(), "wrong.mcap", "wide").display().to_string();
+    let (_, errors, status) = said(&klasktron(&["calibrate", &wrong, "-o", "nowhere.json"]));
+    assert!(status == 1 && errors.contains("belt_metres_per_turn = 'wide'"), "{errors}");
 }

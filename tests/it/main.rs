@@ -25,6 +25,7 @@ mod play;
 mod policy_out;
 mod recover;
 mod recover_actuator;
+mod schema;
 mod settings;
 mod shell;
 mod simulate;

@@ -14,7 +14,7 @@ use crate::{
 /// Checks that an effect has passed when it is added.
 const CHECKS: [&str; 6] = [
     "no parameter on a bound, no wrong sign",
-    "p-value below 0.01 after Bonferroni correction",
+    "p-value below the family-wise error after Bonferroni correction",
     "the training sessions follow the change beyond chance",
     "the validation sessions follow the change beyond chance, at a consistent magnitude",
     "magnitude consistent between low and high speeds",
@@ -43,11 +43,15 @@ impl Search<'_> {
             ),
             ..MoveComparison::default()
         };
+        let counted = |count: usize, what: &str| match count {
+            1 => format!("1 {what}"),
+            count => format!("{count} {what}s"),
+        };
         let reason = format!(
-            "{count} known parameters are fitted to {} training sessions and validated on {}; the residual of the given \
-             twin {}",
-            self.train.parts.len(),
-            self.held_out.parts.len(),
+            "{} fitted to {} and validated on {}; the residual of the given twin {}",
+            counted(count, "known parameter"),
+            counted(self.train.parts.len(), "training session"),
+            counted(self.held_out.parts.len(), "validation session"),
             if is_new { "is above its reference, or has none" } else { "is at its reference" }
         );
         self.journal

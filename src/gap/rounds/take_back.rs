@@ -1,11 +1,12 @@
 //! Effects that turn out not to be needed, taken back.
 
-use super::{Added, Search, is_in};
+use super::{Added, Search, is_in, uncertainty_of};
 use crate::{
     effects::Effect,
     gap::{
-        fit::{self, Fit},
+        fit::{self, Fit, Uncertainty},
         known::Worth,
+        problem::Point,
         round::on_bound_of,
         unknown::Unknown,
         whiten::Filters,
@@ -148,6 +149,70 @@ impl Search<'_> {
         self.added.len() < before
     }
 
+    /// Remove the effects that were added while a parameter of the given twin is on a bound: the twin cannot describe
+    /// the machine then, and an added effect compensates for that. Give whether any was removed.
+    pub(super) fn remove_beside_bound(&mut self) -> bool {
+        let before = self.added.len();
+        while let Some(name) = self.known_on_bound()
+            && let Some(step) = self.added.iter().rfind(|step| step.unstated.is_none()).cloned()
+        {
+            let reason =
+                format!("The known parameter {name} is on its bound, so no effect is identified");
+            let rest = self.without(&step);
+            self.go_back(&step, rest, &reason);
+        }
+        self.added.len() < before
+    }
+
+    /// The first fitted parameter of the given twin that is on a bound.
+    fn known_on_bound(&self) -> Option<String> {
+        let twin = &self.best.point.twin;
+        let is_added = |slot: &Slot| {
+            self.added.iter().any(|step| instance_of(twin, step) == Some(slot.instance))
+        };
+        let known: Vec<Slot> =
+            self.best.slots.iter().copied().filter(|slot| !is_added(slot)).collect();
+        known_on_bound(twin, &known)
+    }
+
+    /// Remove, one after the other, effects of which every confidence interval contains "no effect" in the end. Give the
+    /// twin on the validation sessions and the uncertainty of the fit, where effects remain.
+    pub(super) fn without_indistinct(&mut self) -> Option<(Point, Uncertainty)> {
+        while !self.added.is_empty() {
+            let problems = (&self.train, &self.held_out);
+            let rejected = (&self.rejected[..], self.train.context.options.family_error());
+            let found = uncertainty_of(problems, &self.best, &self.filters, rejected);
+            let Some(step) = self.indistinct(&found.1) else { return Some(found) };
+            let reason =
+                "Every confidence interval of its parameters contains the value without the effect";
+            log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);
+            let rest = self.without(&step);
+            self.go_back(&step, rest, reason);
+        }
+        None
+    }
+
+    /// The first step of which every interval contains the value without the effect; parameters that the data do not
+    /// determine have none.
+    fn indistinct(&self, uncertainty: &Uncertainty) -> Option<Added> {
+        let twin = &self.best.point.twin;
+        let quantile = t_quantile(0.975, uncertainty.freedom);
+        let is_indistinct = |step: &&Added| {
+            let index = instance_of(twin, step);
+            let fitted = self.best.slots.iter().enumerate();
+            let own = fitted
+                .filter(|(k, slot)| Some(slot.instance) == index && !uncertainty.undetermined[*k]);
+            let mut contains = own
+                .map(|(k, slot)| {
+                    let away = twin.get(*slot) - step.effect.null[slot.parameter];
+                    away.abs() < quantile * uncertainty.standard_errors[k]
+                })
+                .peekable();
+            step.unstated.is_none() && contains.peek().is_some() && contains.all(|own| own)
+        };
+        self.added.iter().find(is_indistinct).cloned()
+    }
+
     /// The first step whose effect may as well be none, whose size has run to its bound since it was added, or which is
     /// the end of a play.
     fn nothing(&self) -> Option<Added> {
@@ -250,6 +315,20 @@ fn is_end_of_a_play(twin: &Twin, index: usize) -> bool {
         .any(|gap| 0.0 < gap.backlash && gap.stiffness < BEYOND_ENDS * belt.stiffness)
 }
 
+/// The first of the `known` parameters of `twin` that is on a bound, unless it has no effect there.
+pub(in crate::gap) fn known_on_bound(twin: &Twin, known: &[Slot]) -> Option<String> {
+    let acts = |slot: &&Slot| {
+        let effect = twin.instances[slot.instance].effect;
+        twin.get(**slot) != effect.null[slot.parameter]
+            && !effect.parameters[slot.parameter].per_session
+    };
+    let acting = known.iter().filter(acts).copied();
+    on_bound_of(twin, acting).map(|(slot, name)| {
+        let instance = &twin.instances[slot.instance];
+        format!("{}.{name} on {}", instance.effect.name, instance.axis)
+    })
+}
+
 /// Takes the effect of a step out of the twin; the rest stays as it is.
 fn take_out(best: &mut Fit, step: &Added) {
     let Some(index) = instance_of(&best.point.twin, step) else { return };
@@ -271,6 +350,18 @@ mod tests {
         effects::{Axis, find},
         twin::{Machine, Source},
     };
+
+    #[test]
+    fn a_known_parameter_on_its_bound_is_found_unless_it_has_no_effect_there() {
+        let mut twin = Twin::nominal(Machine::Axis);
+        let at = |name: &str| twin.instances.iter().position(|own| own.effect.name == name);
+        let mass = Slot { instance: at("gantry.inertia").unwrap(), parameter: 0 };
+        let coulomb = Slot { instance: at("drive.friction.coulomb").unwrap(), parameter: 0 };
+        assert_eq!(known_on_bound(&twin, &[mass, coulomb]), None);
+        twin.set(mass, 0.0);
+        let found = known_on_bound(&twin, &[coulomb, mass]).unwrap();
+        assert!(found.starts_with("gantry.inertia.mass_kg on"), "{found}");
+    }
 
     #[test]
     fn a_belt_beside_a_play_is_more_than_its_ends() {

@@ -2,6 +2,7 @@
 
 use super::{AxisStage, chain::Chain, shifted, sign};
 use crate::{effects::Motion, twin::Twin};
+use std::ops::Range;
 
 /// How far a free-running axis strays from its measured position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +31,10 @@ impl AxisStage {
         let first = super::ENDS * self.factor;
         let end = (self.position.len() + 1).saturating_sub(first + length);
         for begin in (first..end).step_by(length) {
+            let is_whole = |own: &Range<usize>| own.start <= begin && begin + length <= own.end;
+            if !self.segments.iter().any(is_whole) {
+                continue;
+            }
             let mut motion = self.motion(begin);
             for (index, input) in inputs.iter().enumerate().skip(begin).take(length) {
                 let error = motion.position - self.position[index];

@@ -16,8 +16,12 @@ use std::{collections::BTreeSet, ops::Range};
 const PIECE_S: f64 = 2.5;
 /// Runs longer than this are cut (s).
 const LONG_RUN_S: f64 = 2.0 * PIECE_S;
-/// Fewest samples from which an axis can be told.
+/// Fewest samples of an axis that is compared.
 const LEAST_SAMPLES: usize = 200;
+/// Steps of missing samples that are a pause.
+const PAUSE_STEPS: f64 = 10.0;
+/// Fewest samples of a segment that is filtered by itself.
+const LEAST_SEGMENT: usize = 30;
 
 /// Why an axis of a recording cannot be compared.
 #[derive(Debug, thiserror::Error)]
@@ -62,9 +66,14 @@ impl AxisStage {
         spans: &[Range<f64>],
     ) -> Result<Vec<Self>, AxisError> {
         let runs: Vec<Range<f64>> = spans.iter().flat_map(pieces).collect();
+        let origin = recording.time_range().map_or(Nanos(0), |(first, _)| first);
+        let marked: Vec<Range<f64>> =
+            recording.marked_runs()?.iter().map(|run| run.seconds_since(origin)).collect();
         let mut stages = Vec::new();
         for name in names(recording) {
-            stages.push(Self::new(measured(recording, name)?, &runs));
+            let (measured, pauses) = measured(recording, name)?;
+            let segments = segments(&measured, &marked, &pauses);
+            stages.push(Self::in_segments(measured, segments, &runs));
         }
         Ok(stages)
     }
@@ -90,8 +99,8 @@ fn pieces(run: &Range<f64>) -> Vec<Range<f64>> {
     (0..count as usize).map(|k| border(k)..border(k + 1)).collect()
 }
 
-/// Input and position of axis `name` at the equal steps of its output.
-fn measured(recording: &Recording, name: String) -> Result<Measured, AxisError> {
+/// Input and position of axis `name` at the equal steps of its output, and the pauses of the recording (s).
+fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<f64>>), AxisError> {
     let origin = recording.time_range().map_or(Nanos(0), |(first, _)| first);
     let inputs = recording.series::<AxisInput>(&topic::axis_input(&name))?;
     let outputs = recording.series::<AxisOutput>(&topic::axis_output(&name))?;
@@ -122,14 +131,63 @@ fn measured(recording: &Recording, name: String) -> Result<Measured, AxisError> 
     if count < LEAST_SAMPLES {
         return Err(AxisError::TooShort { name, found: count });
     }
-    Ok(Measured {
+    let pauses = [&position, &input].into_iter().flat_map(|samples| pauses(samples, dt)).collect();
+    let measured = Measured {
         input: resampled(&input, start, dt, count),
         position: resampled(&position, start, dt, count),
         name,
         unit,
         start,
         dt,
-    })
+    };
+    Ok((measured, pauses))
+}
+
+/// Steps of `samples` that are pauses, given the usual step `dt` (s).
+fn pauses(samples: &[(f64, f64)], dt: f64) -> Vec<Range<f64>> {
+    let usual = dt.max(median_step(samples));
+    let steps = samples.windows(2).map(|pair| pair[0].0..pair[1].0);
+    steps.filter(|step| PAUSE_STEPS * usual < step.end - step.start).collect()
+}
+
+/// Median step of `samples` (s).
+fn median_step(samples: &[(f64, f64)]) -> f64 {
+    let steps: Vec<f64> = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    median(&steps).unwrap_or(0.0)
+}
+
+/// Samples of `measured` without interruption: each marked run by itself, or everything where there are no marks, cut
+/// at `pauses` (s). Too short segments are left out.
+fn segments(
+    measured: &Measured,
+    marked: &[Range<f64>],
+    pauses: &[Range<f64>],
+) -> Vec<Range<usize>> {
+    let count = measured.position.len();
+    let at = |time: f64| ((time - measured.start) / measured.dt - 1e-6).ceil().max(0.0) as usize;
+    let mut segments: Vec<Range<usize>> = match marked {
+        [] => std::iter::once(0..count).collect(),
+        runs => runs.iter().map(|run| at(run.start).min(count)..at(run.end).min(count)).collect(),
+    };
+    segments.sort_by_key(|own| own.start);
+    for pause in pauses {
+        // The last sample before it, and the first one after it.
+        let (before, after) = (at(pause.start) + 1, at(pause.end));
+        segments = segments
+            .into_iter()
+            .flat_map(|own| {
+                let cut = before.clamp(own.start, own.end);
+                [own.start..cut, after.clamp(cut, own.end)..own.end]
+            })
+            .collect();
+    }
+    let mut end = 0;
+    for own in &mut segments {
+        own.start = own.start.max(end);
+        end = end.max(own.end);
+    }
+    segments.retain(|own| own.start + LEAST_SEGMENT <= own.end);
+    segments
 }
 
 /// The unit of a force-like input.
@@ -198,6 +256,32 @@ mod tests {
     fn samples_between_stamps_lie_on_the_line() {
         let samples = [(0.0, 1.0), (0.1, 2.0), (0.3, 4.0)];
         assert_eq!(resampled(&samples, 0.05, 0.1, 3), [1.5, 2.5, 3.5]);
+    }
+
+    #[test]
+    fn segments_end_at_runs_and_pauses() {
+        let measured = |count: usize| Measured {
+            name: "slide".into(),
+            unit: "N",
+            start: 0.0,
+            dt: 0.01,
+            input: vec![0.0; count],
+            position: vec![0.0; count],
+        };
+        assert_eq!(segments(&measured(1000), &[], &[]), [0..1000]);
+        let pause = 2.0..3.0;
+        let cut = segments(&measured(1000), &[], std::slice::from_ref(&pause));
+        assert_eq!(cut, [0..201, 300..1000]);
+        let marked = [1.0..4.0, 4.0..8.0];
+        assert_eq!(segments(&measured(1000), &marked, &[]), [100..400, 400..800]);
+        assert_eq!(
+            segments(&measured(1000), &marked, std::slice::from_ref(&pause)),
+            [100..201, 300..400, 400..800]
+        );
+        let samples: Vec<(f64, f64)> = (0..100)
+            .map(|k| (0.01 * f64::from(k) + if 50 <= k { 1.0 } else { 0.0 }, 0.0))
+            .collect();
+        assert_eq!(pauses(&samples, 0.01).len(), 1);
     }
 
     #[test]

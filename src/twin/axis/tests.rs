@@ -137,3 +137,42 @@ fn a_shift_reads_ahead() {
     assert!((ahead[5] - 6.25).abs() < 1e-12);
     assert!((shifted(&line, -0.5)[5] - 4.5).abs() < 1e-12);
 }
+
+#[test]
+fn a_position_that_restarts_at_a_run_is_no_acceleration() {
+    let at = |index: usize| {
+        let t = DT * index as f64;
+        (0.05 * (3.0 * t).sin(), -0.45 * (3.0 * t).sin())
+    };
+    let restarted = |index: usize| if index < 4000 { 0.0 } else { 0.7 };
+    let measured = Measured {
+        name: "slide".into(),
+        unit: "N",
+        start: 0.0,
+        dt: DT,
+        input: (0..8000).map(|index| 3.0 * at(index).1).collect(),
+        position: (0..8000).map(|index| at(index).0 + restarted(index)).collect(),
+    };
+    let stage = AxisStage::in_segments(measured, vec![0..4000, 4000..8000], &[0.0..4.0, 4.0..8.0]);
+    let right = twin(&[("gantry.inertia", &[3.0])]);
+    assert!(rms(&stage, &right) < 0.01, "{}", rms(&stage, &right));
+    let [within, square] = stage.input_variation();
+    assert!(0.9 * square < within, "{within} {square}");
+    assert!(stage.motion_and_input().len() > 500);
+}
+
+#[test]
+fn slow_samples_of_a_fast_motion_are_no_rest() {
+    let position = |k: usize| 0.3 * (TAU * 8.0 * k as f64 / 60.0).sin();
+    let measured = Measured {
+        name: "slide".into(),
+        unit: "N",
+        start: 0.0,
+        dt: 1.0 / 60.0,
+        input: (0..1200).map(|k| -position(k)).collect(),
+        position: (0..1200).map(position).collect(),
+    };
+    let stage = AxisStage::new(measured, &[0.0..20.0]);
+    let moving = stage.resting.iter().filter(|rests| !**rests).count();
+    assert!(moving > 100, "{moving}");
+}

@@ -1,0 +1,190 @@
+//! Checks of single axes, over all sessions of one axis: motion, both directions, a varying input, and a motion that the
+//! input explains.
+
+use super::{Objection, objection};
+use crate::{
+    gap::{evidence::least_squares, findings::Verdict},
+    recording::Split,
+    twin::{AxisStage, Session, Stage as _},
+};
+
+/// Fraction of the distance that each direction needs.
+const LEAST_DIRECTION: f64 = 0.05;
+
+/// Standard deviation of the input within the runs, as a fraction of its RMS, below which it does not vary.
+const LEAST_VARIATION: f64 = 0.02;
+
+/// Fewest compared samples.
+const LEAST_COMPARED: usize = 40;
+
+/// Fraction of the input's variance that acceleration, velocity, direction and position must explain.
+const LEAST_EXPLAINED: f64 = 0.05;
+
+/// The same where the inertia would be below zero.
+const LEAST_EXPLAINED_AGAINST: f64 = 0.5;
+
+/// Fraction of the input's variance that belongs to the acceleration alone.
+const LEAST_OF_INERTIA: f64 = 0.1;
+
+/// The first reason for which nothing may be said about the axes of `sessions`.
+pub(super) fn check_axes(sessions: &[Session]) -> Option<Objection> {
+    let mut names: Vec<&str> = Vec::new();
+    for axis in sessions.iter().flat_map(|session| &session.axes) {
+        let name = axis.channels()[0].signal.as_str();
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names.into_iter().find_map(|name| {
+        let of = |split: Split| -> Vec<&AxisStage> {
+            let own = sessions.iter().filter(|session| session.split == split);
+            own.flat_map(|session| &session.axes)
+                .filter(|axis| axis.channels()[0].signal == name)
+                .collect()
+        };
+        check(name, &of(Split::Train))
+    })
+}
+
+/// Why nothing may be said about the axis with the signal `name`, from its training sessions.
+fn check(name: &str, train: &[&AxisStage]) -> Option<Objection> {
+    if train.is_empty() {
+        return None;
+    }
+    let sums = train.iter().map(|axis| axis.input_variation());
+    let [within, square] = sums.fold([0.0; 2], |all, own| [all[0] + own[0], all[1] + own[1]]);
+    if within <= LEAST_VARIATION.powi(2) * square {
+        return objection(
+            Verdict::NotTestable,
+            format!(
+                "{name}: the input does not vary within the runs, so inertia and friction cannot be determined; record \
+                 moves with accelerations in both directions"
+            ),
+        );
+    }
+    let ways = train.iter().map(|axis| axis.ways());
+    let [up, down] = ways.fold([0.0; 2], |all, own| [all[0] + own[0], all[1] + own[1]]);
+    if up + down == 0.0 {
+        return objection(
+            Verdict::InputNotConnected,
+            format!(
+                "{name}: the input varies and the axis does not move: the motor was off, or input and position belong to \
+                 different axes; record again with the drive armed"
+            ),
+        );
+    }
+    if up.min(down) < LEAST_DIRECTION * (up + down) {
+        return objection(
+            Verdict::NotTestable,
+            format!(
+                "{name}: the training sessions went {up:.3} m up and {down:.3} m down: from one direction, friction and \
+                 offset cannot be distinguished; record moves both ways"
+            ),
+        );
+    }
+    let samples: Vec<[f64; 5]> = train.iter().flat_map(|axis| axis.motion_and_input()).collect();
+    if samples.len() < LEAST_COMPARED {
+        return objection(
+            Verdict::NotTestable,
+            format!(
+                "{name}: only {} samples in motion remain after filtering, at least {LEAST_COMPARED} are needed; record \
+                 longer, or at a higher rate",
+                samples.len()
+            ),
+        );
+    }
+    check_connection(name, &samples)
+}
+
+/// Why input and motion are not those of one axis; `samples` are input, acceleration, velocity, direction and position.
+fn check_connection(name: &str, samples: &[[f64; 5]]) -> Option<Objection> {
+    let column = |k: usize| -> Vec<f64> {
+        let mean = samples.iter().map(|own| own[k]).sum::<f64>() / samples.len() as f64;
+        let centred: Vec<f64> = samples.iter().map(|own| own[k] - mean).collect();
+        let size = centred.iter().map(|value| value * value).sum::<f64>().sqrt();
+        centred.into_iter().map(|value| value / size.max(f64::MIN_POSITIVE)).collect()
+    };
+    let input = column(0);
+    let motion: Vec<Vec<f64>> =
+        (1..5).map(column).filter(|own| own.iter().any(|value| *value != 0.0)).collect();
+    let weights = least_squares(&motion, &input)?;
+    let explained = explained_by(&motion, &input);
+    let of_inertia = explained - explained_by(&motion[1..], &input);
+    let percent = 100.0 * explained.max(0.0);
+    if explained < LEAST_EXPLAINED {
+        return objection(
+            Verdict::InputNotConnected,
+            format!(
+                "{name}: acceleration, velocity, direction and position explain {percent:.0} % of the input: the axis was \
+                 moved by something else, or input and position belong to different axes or clocks"
+            ),
+        );
+    }
+    let is_against =
+        weights[0] < 0.0 && (explained < LEAST_EXPLAINED_AGAINST || LEAST_OF_INERTIA < of_inertia);
+    is_against
+        .then(|| {
+            objection(
+                Verdict::NotTestable,
+                format!(
+                    "{name}: the axis accelerates against its input, so its inertia would be below zero: the input is not \
+                     the force that moves it, or one sign is wrong; check the signs of input and position"
+                ),
+            )
+        })
+        .flatten()
+}
+
+/// Fraction of the squared length of `values` (one) that `columns` explain.
+fn explained_by(columns: &[Vec<f64>], values: &[f64]) -> f64 {
+    let Some(weights) = least_squares(columns, values) else { return 0.0 };
+    let explained = |k: usize| -> f64 {
+        columns.iter().zip(&weights).map(|(column, weight)| weight * column[k]).sum()
+    };
+    1.0 - values.iter().enumerate().map(|(k, value)| (value - explained(k)).powi(2)).sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed::Stream;
+
+    /// Samples of an axis in a sum of two sines whose input is what `input` says of acceleration, velocity, position
+    /// and a random number.
+    fn samples(input: impl Fn([f64; 3], f64) -> f64) -> Vec<[f64; 5]> {
+        let mut random = Stream::new(1, "input");
+        (0..2000)
+            .map(|k| {
+                let t = 0.01 * f64::from(k);
+                let [mut q, mut v, mut a] = [0.0; 3];
+                for (size, rate) in [(0.05, 3.0), (0.01, 11.0)] {
+                    let (sine, cosine) = (rate * t).sin_cos();
+                    q += size * sine;
+                    v += size * rate * cosine;
+                    a -= size * rate * rate * sine;
+                }
+                [input([a, v, q], f64::from(random.uniform_f32(-1.0, 1.0))), a, v, v.signum(), q]
+            })
+            .collect()
+    }
+
+    fn verdict(input: impl Fn([f64; 3], f64) -> f64) -> Option<Verdict> {
+        check_connection("axis.slide.force", &samples(input)).map(|own| own.verdict)
+    }
+
+    #[test]
+    fn an_input_that_the_motion_explains_is_connected_whatever_its_unit() {
+        for unit in [1e-3, 1.0, 1e3] {
+            let force = |[a, v, q]: [f64; 3], noise: f64| {
+                unit * (3.0 * a + 8.0 * v + 1.5 * v.signum() + 20.0 * q + 2.0 * noise)
+            };
+            assert_eq!(verdict(force), None);
+        }
+    }
+
+    #[test]
+    fn a_random_input_is_not_connected_and_one_of_the_wrong_sign_is_refused() {
+        assert_eq!(verdict(|_, noise| noise), Some(Verdict::InputNotConnected));
+        assert_eq!(verdict(|[a, v, _], _| -3.0 * a - 8.0 * v), Some(Verdict::NotTestable));
+    }
+}
