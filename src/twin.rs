@@ -60,7 +60,7 @@ pub use stage::{Channel, Stage, StageKind};
 use crate::effects::{Axis, Effect, Physics, Spring};
 use serde::{Deserialize, Serialize};
 
-/// Where a value comes from.
+/// Source of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
@@ -79,16 +79,16 @@ pub struct Value {
     pub value: f64,
     /// 95 % interval, where it was fitted.
     pub ci95: Option<[f64; 2]>,
-    /// Where it comes from.
+    /// Source.
     pub source: Source,
 }
 
 /// An effect that is switched on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Instance {
-    /// Which one.
+    /// Effect of the catalogue.
     pub effect: &'static Effect,
-    /// Where it acts.
+    /// Axis on which it acts.
     pub axis: Axis,
     /// Its numbers, in the order of the effect's parameters.
     pub values: Vec<Value>,
@@ -115,7 +115,7 @@ impl Instance {
         self.values.iter().map(|value| value.value).collect()
     }
 
-    /// What is soft between a motor and its load.
+    /// Spring between a motor and its load.
     #[must_use]
     pub fn spring(&self) -> Option<Spring> {
         let equations = self.effect.physics.equations();
@@ -126,7 +126,7 @@ impl Instance {
         call(&self.numbers()).filter(|_| self.axis.is_motor())
     }
 
-    /// Whether it leaves a motor room to move without its load.
+    /// Return whether it lets a motor move without its load.
     #[must_use]
     pub fn rattles(&self) -> bool {
         self.spring().is_some_and(|spring| 0.0 < spring.backlash)
@@ -164,7 +164,7 @@ pub struct ReferenceResidual {
     pub signal: String,
     /// RMS of the residual, in the signal's unit.
     pub residual_rms: f64,
-    /// Whether a search for missing effects ended there. If so, recordings with the same residual hold nothing new.
+    /// A search for missing effects ended there: recordings with the same residual hold nothing new.
     #[serde(default)]
     pub searched: bool,
 }

@@ -52,7 +52,7 @@ const LEAST_SPREAD: f64 = 0.005;
 pub struct Objection {
     /// The verdict that it forces.
     pub verdict: Verdict,
-    /// What is wrong and what would help.
+    /// Reason, and the way out.
     pub says: String,
 }
 

@@ -33,7 +33,7 @@ pub(super) struct Material<'f, 'a> {
     pub(super) sessions: &'a [Session],
     /// The twin at the start.
     pub(super) start: &'f Twin,
-    /// Whether the user gave it.
+    /// Given by the user, not the nominal one.
     pub(super) is_given: bool,
     /// The final twin.
     pub(super) twin: &'f Twin,

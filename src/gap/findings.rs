@@ -65,7 +65,7 @@ pub struct IdentifiedParameter {
     pub unit: String,
     /// 95 % interval; null where the data do not determine the parameter.
     pub ci95: Option<[f64; 2]>,
-    /// Whether the value is outside the catalogue's plausible range, which is an estimate.
+    /// The value is outside the catalogue's plausible range, which is an estimate.
     pub outside_plausible_range: bool,
 }
 
@@ -90,7 +90,7 @@ pub struct Evidence {
 pub struct IdentifiedEffect {
     /// Dotted name from the catalogue.
     pub name: String,
-    /// Where it acts.
+    /// Axis on which it acts.
     pub location: Axis,
     /// Its parameters.
     pub parameters: Vec<IdentifiedParameter>,
@@ -128,7 +128,7 @@ pub struct Indistinguishable {
 pub struct RejectedEffect {
     /// Dotted name from the catalogue.
     pub name: String,
-    /// Where it was tried.
+    /// Axis on which it was tried.
     pub location: Axis,
     /// Reason of the rejection.
     pub reason: String,
@@ -171,7 +171,7 @@ pub struct SignalResidual {
 pub struct ParameterChange {
     /// Dotted name of the effect, then the parameter.
     pub name: String,
-    /// Where the effect acts.
+    /// Axis on which the effect acts.
     pub location: Axis,
     /// Value in the given twin.
     pub before: f64,

@@ -1,9 +1,8 @@
-//! The noise floor of a signal, from measurements alone: never from the residual of a model.
+//! Noise floor of a signal, from measurements alone: never from the residual of a model.
 //!
-//! In this order: the scatter at rest; where there is too little rest, the scatter of the measured
-//! signal about a smooth course, by its third differences (a cubic has none; white noise of standard
-//! deviation s gives them the standard deviation s sqrt(20)), of which the median is taken so that
-//! starts and stops do not count.
+//! The standard deviation at rest is preferred. Without enough rest, the floor follows from the third differences of the
+//! measured signal: a cubic has none, and white noise of standard deviation s gives them s sqrt(20). Their median is
+//! taken, so that starts and stops do not count.
 
 use crate::{stats::median, twin::Channel};
 use serde::{Deserialize, Serialize};
@@ -17,7 +16,7 @@ const REST_WINDOW: usize = 25;
 /// Median of |z| of a standard normal variable.
 const MEDIAN_OF_HALF_NORMAL: f64 = 0.674_489_750_196_081_7;
 
-/// How a floor was found.
+/// Method of a noise floor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FloorSource {
@@ -36,9 +35,9 @@ pub enum FloorSource {
 pub struct Floor {
     /// Standard deviation, in the signal's unit; zero when unknown.
     pub rms: f64,
-    /// How it was found.
+    /// Method.
     pub source: FloorSource,
-    /// On how many samples.
+    /// Number of samples.
     pub samples: usize,
 }
 

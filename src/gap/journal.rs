@@ -37,7 +37,7 @@ pub struct Move {
     pub stage: Option<StageKind>,
     /// Dotted name of the effect, where one is concerned.
     pub effect: Option<String>,
-    /// Where the effect acts.
+    /// Axis on which the effect acts.
     pub location: Option<Axis>,
 }
 

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub struct ParameterEstimate {
     /// Dotted name of the effect, then that of the parameter.
     pub name: String,
-    /// Where it acts.
+    /// Axis on which the effect acts.
     pub location: Axis,
     /// Estimate.
     pub value: f64,

@@ -43,7 +43,7 @@ pub enum TwinError {
     Version {
         /// The file.
         path: String,
-        /// Its version as it stands in the file.
+        /// Version in the file.
         found: String,
     },
     /// A constant of the machine is out of range.
@@ -279,7 +279,7 @@ fn from_text(text: &str, path: &str) -> Result<Twin, TwinError> {
     document.into_twin(path)
 }
 
-/// Writes `twin.json` beside and renames it.
+/// Write `twin.json` to a temporary file and rename it.
 ///
 /// # Errors
 /// When it cannot be written.

@@ -27,7 +27,7 @@ struct Validator<'a> {
 }
 
 impl Validator<'_> {
-    /// What of `value` at `place` departs from `schema`.
+    /// Departures of `value` at `place` from `schema`.
     fn faults(&self, schema: &Value, value: &Value, place: &str) -> Vec<String> {
         let keywords = schema.as_object().unwrap();
         let each = keywords.iter().filter(|(keyword, _)| !DESCRIBING.contains(&keyword.as_str()));
