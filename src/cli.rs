@@ -99,8 +99,8 @@ pub(crate) enum Command {
     Gap(commands::gap::Args),
     /// List the physical effects that `gap` can identify
     ///
-    /// Each entry has the equation, the parameters with units and typical ranges, the signals that show the
-    /// effect, the motion that excites it and the effects that it is confused with.
+    /// Each entry has the equation, the parameters with units and typical ranges, and the signals that show the
+    /// effect. It also names the motion that excites the effect, and the effects that it is confused with.
     Effects(commands::effects::Args),
     /// Simulate a twin open loop from recorded or tabulated commands
     ///
