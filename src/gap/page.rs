@@ -35,7 +35,7 @@ pub fn page(
     sessions: &[Session],
 ) -> String {
     let document = &found.document;
-    let mut page = Page::new(title);
+    let mut page = Page::new(&format!("Gap report: {title}"));
     let (words, tone) = verdict_badge(document);
     page.badge(&words, tone);
     page.lead(&document.summary);
@@ -155,9 +155,9 @@ fn notes(page: &mut Page, document: &Document) {
     }
     if let Some(NextExperiment { command, motion, decides }) = &document.next_experiment {
         page.paragraph(&format!(
-            "Next experiment: {} It decides: {}",
+            "Next experiment: {} It decides {}.",
             sentence(motion),
-            sentence(decides)
+            decides.trim_end_matches('.')
         ));
         command.iter().for_each(|command| page.code(command));
     }

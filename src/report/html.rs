@@ -53,12 +53,13 @@ pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Return the identifier of a section: small letters and digits of its title, joined by hyphens.
+/// Return the identifier of a section: the small letters and digits of its title, joined by hyphens, after a prefix that
+/// no widget uses.
 fn anchor(title: &str) -> String {
     let words = title.split(|letter: char| !letter.is_ascii_alphanumeric());
     let words: Vec<String> =
         words.filter(|word| !word.is_empty()).map(str::to_ascii_lowercase).collect();
-    words.join("-")
+    format!("section-{}", words.join("-"))
 }
 
 impl Table {
@@ -278,8 +279,8 @@ mod tests {
             page.section(title);
         }
         let html = page.finish();
-        assert!(html.contains("<a href=\"#one-two\">One &amp; two</a>"));
-        assert!(html.contains("<section id=\"one-two\"><h2>One &amp; two</h2>"));
+        assert!(html.contains("<a href=\"#section-one-two\">One &amp; two</a>"));
+        assert!(html.contains("<section id=\"section-one-two\"><h2>One &amp; two</h2>"));
         assert_eq!(html.matches("<section").count(), html.matches("</section>").count());
         assert!(html.find("first").unwrap() < html.find("<nav").unwrap());
     }
