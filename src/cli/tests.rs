@@ -75,6 +75,8 @@ fn every_visible_subcommand_is_in_one_group_of_the_help() {
         let times = grouped.iter().filter(|grouped| *grouped == name).count();
         assert_eq!(times, 1, "{name} is in {times} groups of src/cli/groups.rs");
     }
+    let unknown: Vec<&&str> = grouped.iter().filter(|name| !visible.contains(name)).collect();
+    assert!(unknown.is_empty(), "no subcommand is called {unknown:?}");
     let help = Cli::command().render_long_help().to_string();
     for name in visible {
         let line = help.lines().find(|line| line.starts_with(&format!("  {name} ")));

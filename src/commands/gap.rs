@@ -6,6 +6,7 @@ use super::{
     search::{SearchArgs, SearchView},
     tell,
 };
+use anyhow::bail;
 use klasktron::{
     gap::{self, Document, Found, Task},
     provenance::Provenance,
@@ -54,7 +55,7 @@ pub(crate) struct CalibrateArgs {
     /// Initial twin [default: the built-in nominal twin]
     #[arg(long, value_name = "FILE")]
     twin: Option<PathBuf>,
-    /// Twin to write; the report with the same name and the extension .html goes beside it
+    /// Twin to write; its report gets the same name with the extension .html
     #[arg(short, long, alias = "out", value_name = "FILE", default_value = "twin.json")]
     output: PathBuf,
     #[command(flatten)]
@@ -135,6 +136,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// Run `klasktron calibrate`.
 pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     let report = args.output.with_extension("html");
+    if report == args.output {
+        bail!("{}: --output is the twin; name it *.json, the report gets .html", report.display());
+    }
     for file in [&args.output, &report] {
         refuse_existing_file(file, args.overwrite)?;
     }

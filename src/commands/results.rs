@@ -35,6 +35,7 @@ pub(crate) struct Results {
     folder: PathBuf,
     partial: PathBuf,
     names: Vec<String>,
+    omitted: Vec<String>,
     /// Folders that did not exist, the outermost first.
     created: Vec<PathBuf>,
     is_finished: bool,
@@ -62,6 +63,7 @@ impl Results {
             folder: folder.to_owned(),
             partial,
             names: names.iter().map(|name| (*name).to_owned()).collect(),
+            omitted: Vec::new(),
             created,
             is_finished: false,
         };
@@ -73,9 +75,11 @@ impl Results {
         Ok(results)
     }
 
-    /// Leave out the announced result called `name`.
+    /// Leave out the announced result called `name`. An old one, which may be replaced, does not stay beside the new
+    /// results: it is removed with them.
     pub(crate) fn omit(&mut self, name: &str) {
         self.names.retain(|own| own != name);
+        self.omitted.push(name.to_owned());
     }
 
     /// Path at which the result called `name` is written.
@@ -97,6 +101,9 @@ impl Results {
             for (name, to) in self.names.iter().zip(&to) {
                 fs::rename(self.partial.join(name), to)
                     .with_context(|| format!("{}: cannot write", to.display()))?;
+            }
+            for name in &self.omitted {
+                fs::remove_file(self.folder.join(name)).ok();
             }
             fs::remove_dir_all(&self.partial).ok();
             Ok(())
@@ -218,6 +225,20 @@ mod tests {
         assert!(refused.contains("a.json: exists already"), "{refused}");
         drop(begin(&folder, REPLACE).unwrap());
         assert_eq!(fs::read_to_string(folder.join("a.json")).unwrap(), "first");
+    }
+
+    #[test]
+    fn an_old_result_does_not_stay_beside_new_ones_that_omit_it() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in NAMES {
+            fs::write(dir.path().join(name), "old").unwrap();
+        }
+        let mut results = begin(dir.path(), REPLACE).unwrap();
+        fs::write(results.path("a.json"), "new").unwrap();
+        results.omit("b.html");
+        results.finish().unwrap();
+        assert_eq!(fs::read_to_string(dir.path().join("a.json")).unwrap(), "new");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 
     #[test]
