@@ -202,7 +202,12 @@
       } else {
         made.values = (u, splits) => splits.map((value) => text(value, 6));
       }
-      if (side === 1 && axis.categories) { made.size = Math.min(150, 14 + 7.4 * Math.max(...axis.categories.map((one) => one.length))); }
+      if (side === 1 && axis.categories) {
+        // Long names get as much room as the width allows, and end in an ellipsis beyond it.
+        const most = Math.min(260, 0.4 * this.box.getBoundingClientRect().width), letters = Math.floor((most - 16) / 7.4);
+        made.size = Math.min(most, 16 + 7.4 * Math.max(...axis.categories.map((one) => one.length)));
+        made.values = () => axis.categories.map((one) => one.length <= letters ? one : one.slice(0, letters - 1) + '…');
+      }
       return made;
     }
 
