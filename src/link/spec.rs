@@ -271,7 +271,7 @@ mod tests {
         let held = bus.lock().unwrap();
         let refused = bus.lock().unwrap_err().to_string();
         assert!(refused.ends_with(
-            ": another klasktron is driving this bus; end it first, or take another bus"
+            ": another klasktron is driving this bus; end it first, or use another bus"
         ));
         drop(held);
         bus.lock().unwrap();
