@@ -141,6 +141,7 @@ fn grid(end: f64, rate: f64) -> Vec<f64> {
 
 /// A channel without measurements at `times`.
 fn channel(times: &[f64], domain: Domain) -> Channel {
+    let run = 0..times.len();
     Channel {
         signal: String::new(),
         unit: "",
@@ -149,7 +150,7 @@ fn channel(times: &[f64], domain: Domain) -> Channel {
         rate_hz: 0.0,
         times: times.to_vec(),
         measured: vec![f64::NAN; times.len()],
-        runs: vec![0..times.len()],
+        runs: vec![run],
     }
 }
 
