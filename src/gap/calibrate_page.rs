@@ -93,7 +93,7 @@ fn parameters(found: &Found<'_>) -> Vec<Row> {
             location: location.clone(),
             parameter: parameter.name,
             unit: parameter.unit,
-            after: after.clone(),
+            after: *after,
         }));
     }
     rows
@@ -185,7 +185,8 @@ fn interval_chart(rows: &[Row]) -> Option<Chart> {
 }
 
 fn correlations(page: &mut Page, found: &Found<'_>) {
-    let all: Vec<(Vec<String>, Vec<Vec<f64>>, &Outcome<'_>)> = found
+    type Correlated<'a, 'b> = (Vec<String>, Vec<Vec<f64>>, &'a Outcome<'b>);
+    let all: Vec<Correlated<'_, '_>> = found
         .outcomes
         .iter()
         .filter(|outcome| 1 < outcome.last.slots.len())

@@ -467,7 +467,9 @@ impl<'a> Search<'a> {
             journal: vec![],
             masked: vec![],
         };
-        search.note_refit(&given, slots.len(), is_new);
+        let reference =
+            if is_new { "is above its reference, or has none" } else { "is at its reference" };
+        search.note_refit(&given, slots.len(), reference);
         search.note_masked();
         (search, Opening { given, scales, excess, slots })
     }

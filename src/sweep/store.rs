@@ -8,7 +8,6 @@
 //! OUT/points/.HASH.partial/    a running or interrupted point
 //! OUT/failed/HASH.json, .log   a failed point
 //! ```
-//! ```
 
 use super::{Point, SweepError};
 use crate::{

@@ -641,7 +641,8 @@ fn an_axis_that_does_not_answer_its_input_is_not_connected() {
     let dir = tempfile::tempdir().unwrap();
     let moved = |t: f64| 0.05 * (3.0 * t).sin() + 0.01 * (11.0 * t).sin();
     let other = |t: f64| 40.0 * (1.9 * t).sin() + 25.0 * (7.7 * t).cos();
-    let cases: [(&str, fn(f64, f64) -> [f64; 2], &str); 3] = [
+    type Case<'a> = (&'a str, fn(f64, f64) -> [f64; 2], &'a str);
+    let cases: [Case<'_>; 3] = [
         ("off", |force, _| [force, 0.2], "input_not_connected"),
         ("hand", |force, position| [force, position], "input_not_connected"),
         ("constant", |_, position| [5.0, position], "not_testable"),

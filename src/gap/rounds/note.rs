@@ -28,7 +28,7 @@ impl Search<'_> {
     }
 
     /// Note the first fit of all `count` known parameters from `given`.
-    pub(super) fn note_refit(&mut self, given: &Point, count: usize, is_new: bool) {
+    pub(super) fn note_refit(&mut self, given: &Point, count: usize, reference: &str) {
         let squares = |problem: &Problem<'_>, point: &Point| {
             fit::squared(&problem.whitened(point, &self.filters))
         };
@@ -52,7 +52,7 @@ impl Search<'_> {
             counted(count, "known parameter"),
             counted(self.train.parts.len(), "training session"),
             counted(self.held_out.parts.len(), "validation session"),
-            if is_new { "is above its reference, or has none" } else { "is at its reference" }
+            reference
         );
         self.journal
             .push(JournalEntry::new(MoveKind::Refit, Some(self.kind), reason).compared(comparison));

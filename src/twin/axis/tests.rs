@@ -163,7 +163,7 @@ fn a_position_that_restarts_at_a_run_is_no_acceleration() {
 
 #[test]
 fn slow_samples_of_a_fast_motion_are_no_rest() {
-    let position = |k: usize| 0.3 * (TAU * 8.0 * k as f64 / 60.0).sin();
+    let position = |k: usize| 0.3 * (TAU * 3.0 * k as f64 / 60.0).sin();
     let measured = Measured {
         name: "slide".into(),
         unit: "N",
