@@ -87,7 +87,7 @@ pub use journal::{JournalEntry, Move, MoveComparison, MoveKind};
 pub use numbers::ParameterEstimate;
 pub use observer::{SearchObserver, SearchStep};
 pub use options::{Context, FAMILY_ERROR, FixedParameter, OptionError, SearchOptions};
-pub use page::page;
+pub use page::{page, residual_figure};
 pub use problem::{Part, Point, Problem};
 pub use rounds::{Added, Held, Link, Outcome, Reason, Rejected, Task, search};
 pub use screen::Candidate;

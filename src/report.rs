@@ -7,5 +7,5 @@
 mod chart;
 mod html;
 
-pub use chart::{Axis, Chart, Colour, Grid, Points, Ranges, Scale, Series, with_same_y};
+pub use chart::{Axis, Chart, Colour, Grid, Points, Ranges, Scale, Series, figure, with_same_y};
 pub use html::{Badge, Page, Table, escape};

@@ -19,7 +19,7 @@ use std::{
 };
 
 /// Files that `klasktron gap` writes.
-const FILES: [&str; 4] = ["gap.mcap", "index.html", "twin.json", "gap.json"];
+const FILES: [&str; 5] = ["gap.mcap", "index.html", "residuals.svg", "twin.json", "gap.json"];
 
 /// Arguments of `klasktron gap`.
 #[derive(Debug, clap::Args)]
@@ -115,7 +115,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if !found.has_twin() {
         results.omit("twin.json");
     }
-    write_outcome(&found, &provenance, &inputs, &sessions, &results)?;
+    write_outcome(&found, &provenance, &inputs, &sessions, &mut results)?;
     results.finish()?;
     for warning in &found.document.warnings {
         tell(&format!("warning: {warning}"));
@@ -214,7 +214,7 @@ fn write_outcome(
     provenance: &Provenance,
     inputs: &Inputs,
     sessions: &[twin::Session],
-    results: &Results,
+    results: &mut Results,
 ) -> anyhow::Result<()> {
     let document = serde_json::to_string_pretty(&found.document)? + "\n";
     let names: Vec<String> =
@@ -222,6 +222,13 @@ fn write_outcome(
     let page = gap::page(found, &names.join(", "), provenance, sessions);
     gap::write_tape(found, provenance, sessions, &results.path("gap.mcap"))?;
     write_bytes(&results.path("index.html"), ExistingFile::Replace, page.as_bytes())?;
+    match gap::residual_figure(found) {
+        None => results.omit("residuals.svg"),
+        Some(figure) => {
+            let svg = figure.map_err(|reason| anyhow::anyhow!("residuals.svg: {reason}"))?;
+            write_bytes(&results.path("residuals.svg"), ExistingFile::Replace, svg.as_bytes())?;
+        }
+    }
     if found.has_twin() {
         twin::write_twin(&found.twin, &results.path("twin.json"))?;
     }

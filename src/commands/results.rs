@@ -75,7 +75,7 @@ impl Results {
         Ok(results)
     }
 
-    /// Leave out the announced result called `name`. An old one, which may be replaced, does not stay beside the new
+    /// Leave out the announced result called `name`. An old one, which may be replaced, does not stay next to the new
     /// results: it is removed with them.
     pub(crate) fn omit(&mut self, name: &str) {
         self.names.retain(|own| own != name);

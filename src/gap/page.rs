@@ -19,7 +19,7 @@ use super::{
 use crate::{
     provenance::Provenance,
     recording::Split,
-    report::{Axis, Badge, Chart, Colour, Page, Series, Table},
+    report::{Axis, Badge, Chart, Colour, Page, Series, Table, figure},
     twin::{Session, StageKind},
 };
 
@@ -273,6 +273,21 @@ pub(in crate::gap) fn residuals(page: &mut Page, found: &Found<'_>) {
             low.join(", ")
         ));
     }
+}
+
+/// Figure of the residuals after each step, one chart for each stage, as SVG; `None` where no signal has a noise floor.
+///
+/// # Errors
+/// A sentence that says why it cannot be drawn.
+pub fn residual_figure(found: &Found<'_>) -> Option<Result<String, String>> {
+    let stages = found.outcomes.iter().zip(&found.floors);
+    let charts: Vec<Chart> = stages
+        .filter_map(|(outcome, floors)| {
+            let chart = steps::chart(outcome, floors)?;
+            Some(chart.titled(&format!("{} (residual after each step)", stage_name(outcome.kind))))
+        })
+        .collect();
+    (!charts.is_empty()).then(|| figure(&charts))
 }
 
 /// Return whether a final residual is clearly smaller than its noise floor.

@@ -4,7 +4,10 @@
 //! uPlot: values under the cursor, zoom by drag, curves that can be hidden, dark mode. Numbers are rounded to what a
 //! screen can show, so pages stay small and the same data give the same bytes.
 
+mod figure;
+
 use super::html::escape;
+pub use figure::figure;
 use serde_json::{Map, Value, json};
 
 /// Colour by role; the page has one shade for light mode and one for dark mode.
@@ -548,6 +551,12 @@ impl Chart {
     #[must_use]
     pub fn of_plane(title: &str, x: Axis, y: Axis) -> Self {
         Self { height: 400, ..Self::new(title, Kind::Plane, x, y) }
+    }
+
+    /// The same chart with another title.
+    #[must_use]
+    pub fn titled(self, title: &str) -> Self {
+        Self { title: title.to_owned(), ..self }
     }
 
     /// The same chart with one scale for both axes, so that a circle is round.

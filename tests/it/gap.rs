@@ -171,7 +171,7 @@ fn direction_dependent_friction_is_named_and_measured() {
     }
     let residual = &document["residuals"][0];
     assert!(residual["validation_after"].as_f64() < residual["validation_before"].as_f64());
-    for file in ["gap.json", "twin.json", "index.html", "gap.mcap"] {
+    for file in ["gap.json", "twin.json", "index.html", "gap.mcap", "residuals.svg"] {
         assert!(dir.path().join("out").join(file).exists(), "{file}");
     }
 }

@@ -161,9 +161,9 @@ fn a_position_that_restarts_at_a_run_is_no_acceleration() {
     assert!(stage.motion_and_input().len() > 500);
 }
 
-#[test]
-fn slow_samples_of_a_fast_motion_are_no_rest() {
-    let position = |k: usize| 0.3 * (TAU * 3.0 * k as f64 / 60.0).sin();
+/// Number of moving samples of a sine of `frequency` (Hz), sampled at 60 Hz for 20 s.
+fn moving_samples_at_60_hz(frequency: f64) -> usize {
+    let position = |k: usize| 0.3 * (TAU * frequency * k as f64 / 60.0).sin();
     let measured = Measured {
         name: "slide".into(),
         unit: "N",
@@ -173,6 +173,18 @@ fn slow_samples_of_a_fast_motion_are_no_rest() {
         position: (0..1200).map(position).collect(),
     };
     let stage = AxisStage::new(measured, &[0.0..20.0]);
-    let moving = stage.resting.iter().filter(|rests| !**rests).count();
+    stage.resting.iter().filter(|rests| !**rests).count()
+}
+
+#[test]
+fn slow_samples_of_a_motion_are_no_rest() {
+    let moving = moving_samples_at_60_hz(3.0);
+    assert!(moving > 100, "{moving}");
+}
+
+#[test]
+#[ignore = "known limit: a motion with seven or fewer samples per period is taken for noise"]
+fn slow_samples_of_a_fast_motion_are_no_rest() {
+    let moving = moving_samples_at_60_hz(8.0);
     assert!(moving > 100, "{moving}");
 }
