@@ -12,7 +12,11 @@ const PAGE_WIDTH = 940;
 const TERMINAL_WIDTH = 900;
 const DENSITY = 2;
 // Greatest height of a picture (px).
-const TALLEST = 1250;
+const TALLEST = 1400;
+
+// Pictures with tables that need more room, and their width (px).
+const WIDE = new Set(['fit-actuator-judgement', 'train', 'tune-ekf']);
+const WIDE_WIDTH = 1200;
 
 // Name of the picture: page, heading with which it begins (none: the top), heading before which it ends.
 const PAGES = {
@@ -26,12 +30,12 @@ const PAGES = {
   'gap-signals': ['demo/gap/index.html', 'Residuals', 'Localization'],
   'play': ['scored/index.html', 'Replay', 'Positions'],
   'sweep': ['sweep/index.html', null, 'Selection'],
-  'train': ['demo/learned/index.html', null, 'Provenance'],
-  'tune-ekf': ['demo/ekf/index.html', null, 'Covariance'],
+  'train': ['demo/learned/index.html', null, 'Learning curves'],
+  'tune-ekf': ['demo/ekf/index.html', 'Process noise by region', 'Covariance'],
 };
 
 async function shoot(browser, name, [file, from, to]) {
-  const page = await browser.newPage({ viewport: { width: PAGE_WIDTH, height: 1000 }, deviceScaleFactor: DENSITY });
+  const page = await browser.newPage({ viewport: { width: WIDE.has(name) ? WIDE_WIDTH : PAGE_WIDTH, height: 1000 }, deviceScaleFactor: DENSITY });
   await page.goto('file://' + path.resolve(folder, file));
   await page.addStyleTag({ content: '.hint{display:none}' });
   await page.waitForTimeout(500);
@@ -39,16 +43,26 @@ async function shoot(browser, name, [file, from, to]) {
     // A goal of the match instead of its first frame.
     await page.locator('#replay-events button[data-kind=goal]').first().click().catch(() => {});
   }
-  const [top, bottom] = await page.evaluate(([from, to]) => {
+  const [top, bottom] = await page.evaluate(([from, to, tallest]) => {
     const headings = [...document.querySelectorAll('h2, h3')];
     const y = (text) => {
       const found = headings.find((heading) => heading.textContent.startsWith(text));
       return found ? found.getBoundingClientRect().top + window.scrollY : document.documentElement.scrollHeight;
     };
-    return [from === null ? 0 : y(from) - 12, y(to) - 16];
-  }, [from, to]);
-  const height = Math.min(bottom - top, TALLEST);
-  await page.screenshot({ path: path.join(pictures, name + '.png'), clip: { x: 0, y: top, width: PAGE_WIDTH, height }, fullPage: true });
+    const top = from === null ? 0 : y(from) - 12;
+    const bottom = y(to) - 16;
+    if (bottom - top <= tallest) {
+      return [top, bottom];
+    }
+    // A tall picture ends between two blocks, so that none is cut.
+    const blocks = [...document.querySelectorAll('main > *, main > section > *')]
+      .filter((block) => !/^H[23]$/.test(block.tagName) && !/^H[23]$/.test(block.lastElementChild?.tagName ?? ''));
+    const ends = blocks.map((block) => block.getBoundingClientRect().bottom + window.scrollY + 8);
+    const fitting = ends.filter((end) => top + 200 < end && end <= top + tallest);
+    return [top, fitting.length ? Math.max(...fitting) : top + tallest];
+  }, [from, to, TALLEST]);
+  const height = bottom - top;
+  await page.screenshot({ path: path.join(pictures, name + '.png'), clip: { x: 0, y: top, width: page.viewportSize().width, height }, fullPage: true });
   await page.close();
 }
 

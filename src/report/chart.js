@@ -3,7 +3,7 @@
 (function () {
   'use strict';
   const LEFT = 52, BOTTOM = 34, LABEL = 22, PADDING = [10, 16, 0, 0], TALLEST = 640;
-  const NEAR = 28, NARROW_CATEGORY = 110, FONT = '13px system-ui, sans-serif', LABEL_FONT = '13.5px system-ui, sans-serif';
+  const NEAR = 28, NARROW_CATEGORY = 110, FONT = '13px system-ui, sans-serif', LABEL_FONT = '14px system-ui, sans-serif';
   const root = document.documentElement;
   const groups = new Map();
   let colours = {};

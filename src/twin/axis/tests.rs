@@ -183,7 +183,7 @@ fn slow_samples_of_a_motion_are_no_rest() {
 }
 
 #[test]
-#[ignore = "known limit: a motion with seven or fewer samples per period is taken for noise"]
+#[ignore = "known limit: a sine of 7.5 samples per period is taken for noise"]
 fn slow_samples_of_a_fast_motion_are_no_rest() {
     let moving = moving_samples_at_60_hz(8.0);
     assert!(moving > 100, "{moving}");
