@@ -174,7 +174,7 @@ def check_disk_full(klasktron):
         said = ended.stderr.strip()
         expect(ended.returncode == 3, "status 3", ended.returncode, said)
         expect("the recording failed" in said, "the reason", said)
-        partial = re.search(r"what was written is in (\S+);", said)
+        partial = re.search(r"the unfinished recording is (\S+);", said)
         expect(partial and os.path.getsize(partial[1]) > 100_000, "what was written is kept", said)
         saved = subprocess.run([klasktron, "recover", partial[1], "-o", f"{folder}/saved.mcap"],
                                capture_output=True, text=True)
