@@ -26,7 +26,7 @@ VISCOUS_N_S_PER_M = 110.0
 COULOMB_N = 16.0
 
 # Hidden effects. The force is held between two samples, which adds half a sample of delay. The ripple has the period
-# of one turn of a belt pulley.
+# of one turn of the motor's pulley.
 LOAD_FRACTION = 0.1
 RIPPLE_N, RIPPLE_PERIOD_M = 4.0, 0.04
 DELAY_SAMPLES = 3
@@ -35,7 +35,7 @@ TRUTH = {
     "drive.delay": [(DELAY_SAMPLES + 0.5) / RATE_HZ],
     "drive.friction.load": [LOAD_FRACTION],
     "drive.friction.presliding": [COULOMB_N, PRESLIDING_M],
-    "drive.ripple.pulley": [RIPPLE_N],
+    "drive.ripple.motor": [RIPPLE_N],
 }
 
 # Noise: an encoder with 0.1 um, and a correlated force (AR(1)) that no model explains.

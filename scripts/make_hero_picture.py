@@ -22,7 +22,7 @@ LABELS = {
     "drive.delay": "command delay",
     "drive.friction.load": "load-dependent friction",
     "drive.friction.presliding": "presliding friction",
-    "drive.ripple.pulley": "pulley ripple",
+    "drive.ripple.motor": "motor ripple",
 }
 
 
@@ -36,7 +36,7 @@ def size(effect):
     name, parameters = effect["name"], effect["parameters"]
     truth = TRUTH[name][0]
     first = parameters[0]
-    if name == "drive.ripple.pulley":
+    if name == "drive.ripple.motor":
         amplitude = math.hypot(*(parameter["value"] for parameter in parameters[:2]))
         return f"{amplitude:.2f} N amplitude, true {truth:.2f} N"
     if name == "drive.friction.presliding":

@@ -18,6 +18,7 @@
 //! Motor-side physics acts in belt coordinates (`a` = x + y, `b` = x - y), guides and tilt in board
 //! coordinates. [`Site`] defines the coordinates; an effect can also act on one axis alone.
 
+mod axis_scales;
 mod ball;
 mod block;
 mod coupling;
@@ -32,6 +33,7 @@ mod oscillator;
 mod physics;
 mod sensor;
 
+pub use axis_scales::{AxisScales, TABLE_SCALES};
 pub use block::Block;
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
@@ -168,8 +170,12 @@ pub enum Site {
     OneMotor,
     /// Belt coordinates, one motor at a time: each motor has its own phase.
     EachMotor,
+    /// Belt coordinates of a table, one motor at a time: the effect has a length of the table's belt or pulley.
+    EachBelt,
     /// Board coordinates, one guide at a time: each guide has its own parameters.
     OneGuide,
+    /// The guide of a single axis; a table does not have the effect.
+    SingleAxis,
     /// The whole machine.
     Whole,
 }
@@ -184,8 +190,9 @@ impl Site {
             Self::MotorsAndGuides => {
                 &[Axis::Guides, Axis::X, Axis::Y, Axis::Motors, Axis::A, Axis::B]
             }
-            Self::OneMotor | Self::EachMotor => &[Axis::A, Axis::B],
+            Self::OneMotor | Self::EachMotor | Self::EachBelt => &[Axis::A, Axis::B],
             Self::OneGuide => &[Axis::X, Axis::Y],
+            Self::SingleAxis => &[],
             Self::Whole => &[Axis::Whole],
         }
     }
@@ -371,6 +378,12 @@ impl Effect {
         self.null[0] == 0.0 && !shape.is_empty() && shape.iter().all(|null| *null != 0.0)
     }
 
+    /// Index of the parameter that needs a global search.
+    #[must_use]
+    pub fn scanned_parameter(&self) -> Option<usize> {
+        SCANS.iter().find(|(own, _)| own.name == self.name).map(|(_, scan)| scan.parameter)
+    }
+
     /// Return whether it acts at one unknown position: its probes have one magnitude at many positions.
     #[must_use]
     pub fn is_localized(&self) -> bool {
@@ -409,6 +422,7 @@ pub static CATALOGUE: &[&Effect] = &[
     &gantry::racking::RACKING,
     &gantry::belt_asymmetry::BELT_ASYMMETRY,
     &gantry::mass_position::MASS_POSITION,
+    &gantry::stiffness::STIFFNESS,
     &gantry::tilt::TILT,
     &gantry::endstop::ENDSTOP,
     &gantry::squareness::SQUARENESS,
@@ -538,6 +552,10 @@ mod tests {
     #[test]
     fn the_signals_are_those_that_the_physics_changes() {
         for effect in CATALOGUE {
+            if effect.site == Site::SingleAxis {
+                assert_eq!(effect.signals, [Signal::AxisInput], "{}", effect.name);
+                continue;
+            }
             for signal in effect.physics.equations().iter().filter_map(changed) {
                 assert!(effect.signals.contains(&signal), "{}: {signal}", effect.name);
             }

@@ -74,6 +74,7 @@ mod whiten;
 pub use calibrate_page::calibration_page;
 pub use checks::{Objection, check};
 pub use evidence::LogScoreGain;
+pub use explain::significant;
 pub use find::{Found, find};
 pub use findings::{
     Description, DescriptionTerm, Document, Evidence, IdentifiedEffect, IdentifiedParameter,

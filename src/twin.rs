@@ -20,6 +20,7 @@
 //! | [`EstimatorStage`] | positions of the camera | velocities of `/board/state` |
 
 mod axis;
+mod axis_frame;
 mod ball;
 mod camera;
 mod contact;
@@ -40,6 +41,7 @@ mod stage;
 mod transmission;
 
 pub use axis::{AxisError, AxisStage, FreeRun};
+pub use axis_frame::AxisFrame;
 pub use ball::{BallStage, WallImpact};
 pub use camera::CameraStage;
 pub use diff::{Change, EffectDiff, ParameterDiff, PropertyDiff, TwinDiff};
@@ -145,6 +147,8 @@ pub struct Twin {
     /// Mean moving mass for which the gains of the velocity loops were tuned (kg): a drive keeps its gains when the
     /// mass changes. Without it, the gains follow the mass.
     pub controller_reference_mass: Option<f64>,
+    /// Coordinate of a single axis; `None` before it was compared with a recording.
+    pub axis_frame: Option<AxisFrame>,
     /// The effects in it, in the order in which they were added.
     pub instances: Vec<Instance>,
     /// Residual of each signal on the recordings to which the twin was fitted.

@@ -274,7 +274,7 @@ fn residuals(document: &Document) -> String {
         "{:<24}{:>6}{:>12}{:>12}{:>12}",
         "residual (validation)", "unit", "floor", "before", "after"
     )];
-    let figure = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3e}"));
+    let figure = |value: Option<f64>| value.map_or("-".to_owned(), gap::significant);
     for own in &document.residuals {
         lines.push(format!(
             "{:<24}{:>6}{:>12}{:>12}{:>12}",

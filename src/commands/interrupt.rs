@@ -17,7 +17,8 @@ use std::{
 static STOP: AtomicBool = AtomicBool::new(false);
 static PRESSES: AtomicUsize = AtomicUsize::new(0);
 static MODE: Mutex<Mode> = Mutex::new(Mode::End);
-static FILES: Mutex<Files> = Mutex::new(Files { unfinished: Vec::new(), written: Vec::new() });
+static FILES: Mutex<Files> =
+    Mutex::new(Files { unfinished: Vec::new(), created: Vec::new(), written: Vec::new() });
 
 /// Exit status after Ctrl-C: 128 plus the number of SIGINT, as shells report it.
 pub(crate) const EXIT_INTERRUPTED: u8 = 130;
@@ -38,6 +39,8 @@ enum Mode {
 struct Files {
     /// Partial files and folders, removed on Ctrl-C.
     unfinished: Vec<PathBuf>,
+    /// Folders that did not exist before, the outermost first; removed on Ctrl-C where they are empty.
+    created: Vec<PathBuf>,
     /// Complete results.
     written: Vec<PathBuf>,
 }
@@ -89,6 +92,11 @@ pub(crate) fn is_raised() -> bool {
 /// Note a partial file or folder, which Ctrl-C then removes.
 pub(super) fn begun(partial: &Path) {
     files().unfinished.push(partial.to_owned());
+}
+
+/// Note folders that did not exist before, the outermost first.
+pub(super) fn created(folders: &[PathBuf]) {
+    files().created.extend_from_slice(folders);
 }
 
 /// Let `complete` give the partial file its name; Ctrl-C waits until that is done.
@@ -145,6 +153,7 @@ fn end() {
         let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
         removed.ok();
     }
+    files.created.iter().rev().for_each(|folder| drop(fs::remove_dir(folder)));
     tell(&sentence(&files.written));
     abort();
 }

@@ -72,6 +72,7 @@ impl Results {
         fs::create_dir_all(&results.partial)
             .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
         interrupt::begun(&results.partial);
+        interrupt::created(&results.created);
         Ok(results)
     }
 

@@ -7,4 +7,5 @@ pub(super) mod inertia;
 pub(super) mod mass_position;
 pub(super) mod racking;
 pub(super) mod squareness;
+pub(super) mod stiffness;
 pub(super) mod tilt;

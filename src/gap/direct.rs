@@ -75,6 +75,7 @@ pub(super) fn nearest(
             tries: count,
             lean: Vec::new(),
             shift: Vec::new(),
+            other_starts: Vec::new(),
         }
     });
     found.sort_by(|a, b| b.share.total_cmp(&a.share));

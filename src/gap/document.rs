@@ -312,9 +312,8 @@ fn warnings(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
 
 /// Return whether `slot` is a parameter of the given twin.
 fn is_known(outcome: &Outcome<'_>, slot: &Slot) -> bool {
-    let instance = &outcome.last.point.twin.instances[slot.instance];
-    let is_same = |step: &Added| step.effect == instance.effect && step.axis == instance.axis;
-    !outcome.added.iter().any(is_same)
+    let twin = &outcome.last.point.twin;
+    !outcome.added.iter().any(|step| rounds::instance_of(twin, step) == Some(slot.instance))
 }
 
 /// Parameters that no stage determines.

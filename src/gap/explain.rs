@@ -2,7 +2,7 @@
 
 use super::{
     findings::{Evidence, IdentifiedEffect, IdentifiedParameter},
-    rounds::{Added, Contestant, Outcome, Unstated},
+    rounds::{self, Added, Contestant, Outcome, Unstated},
 };
 use crate::{
     effects::Parameter,
@@ -20,7 +20,7 @@ struct Reduction {
 
 /// The effect of `step` of `outcome`, with its parameters in the final `twin`.
 pub(super) fn identified(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> IdentifiedEffect {
-    let instance = twin.instance(step.effect.name, step.axis);
+    let instance = rounds::instance_of(twin, step).map(|index| &twin.instances[index]);
     let parameters: Vec<IdentifiedParameter> = instance
         .map(|instance| {
             step.effect.parameters.iter().zip(&instance.values).map(parameter).collect()
@@ -122,8 +122,12 @@ fn explanation(
 /// Name, value and 95 % interval of a parameter that the data determine.
 fn with_interval(parameter: &IdentifiedParameter) -> Option<String> {
     let [low, high] = parameter.ci95?;
+    let unit = match parameter.unit.as_str() {
+        "1" => String::new(),
+        unit => format!(" {unit}"),
+    };
     Some(format!(
-        "{} {} ({} to {})",
+        "{} {}{unit} ({} to {})",
         parameter.name,
         significant(parameter.value),
         significant(low),
@@ -134,16 +138,16 @@ fn with_interval(parameter: &IdentifiedParameter) -> Option<String> {
 /// Sentence about the validation sessions.
 fn reduction_sentence(step: &Added, reduction: &Reduction) -> Option<String> {
     let Reduction { signal, unit, before, after } = reduction;
-    let (before, after) = ((*before)?, (*after)?);
+    let (before, after) = (significant((*before)?), significant((*after)?));
     Some(match step.unstated {
         Some(Unstated::FramesLost(..)) => format!(
-            " On the validation sessions it reduces the unexplained {signal} from {before:.3e} to {after:.3e}."
+            " On the validation sessions it reduces the unexplained {signal} from {before} to {after}."
         ),
         Some(Unstated::Variance(..)) => format!(
-            " On the validation sessions it reduces the unexplained {signal} from {before:.3e} to {after:.3e} {unit} RMS."
+            " On the validation sessions it reduces the unexplained {signal} from {before} to {after} {unit} RMS."
         ),
         None => format!(
-            " On the validation sessions it reduces the residual of {signal} from {before:.3e} to {after:.3e} {unit} RMS."
+            " On the validation sessions it reduces the residual of {signal} from {before} to {after} {unit} RMS."
         ),
     })
 }
@@ -179,7 +183,8 @@ fn derived_estimates(step: &Added) -> String {
 }
 
 /// Four significant digits, without an exponent where it is not needed.
-fn significant(value: f64) -> String {
+#[must_use]
+pub fn significant(value: f64) -> String {
     let size = value.abs();
     if size == 0.0 || (1e-3..1e5).contains(&size) {
         let before = if size == 0.0 { 1 } else { size.log10().floor() as i32 + 1 };

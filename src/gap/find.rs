@@ -78,7 +78,7 @@ pub fn find<'a>(
     context: Context<'a>,
 ) -> Found<'a> {
     let start = given.cloned().unwrap_or_else(|| Twin::nominal_of(sessions));
-    let start = context.options.applied_to(start);
+    let start = context.options.applied_to(start).framed(sessions);
     let refusal = checks::check(sessions).or_else(|| checks::check_twin(&start, sessions));
     if let Some(objection) = refusal {
         return refused(start, sessions, &objection);

@@ -7,14 +7,14 @@ use super::{
     known::{BESIDE_NAMED, Worth},
     observer::SearchStep,
     problem::{Point, Problem, dot},
-    rounds::{Added, Contestant, LEVEL, Reason, Rejected, is_in},
+    rounds::{Added, Contestant, LEVEL, Reason, Rejected, is_in, known_on_bound},
     screen::{self, Candidate},
     steady::{self, Seen},
     whiten::{self, Filters},
 };
 use crate::{
     parallel::in_parallel,
-    twin::{Slot, StageKind, Twin},
+    twin::{Instance, Slot, StageKind, Twin},
 };
 use std::mem;
 
@@ -286,6 +286,7 @@ fn fitted(
     });
     let best = fits.min_by(|a, b| a.0.loss.total_cmp(&b.0.loss));
     let (found, how) = best.expect("there is a base, and sizes to start from");
+    let found = from_other_starts(train, found, candidate, &how);
     if candidate.effect.probes.len() < MANY_PROBES {
         return found;
     }
@@ -296,6 +297,23 @@ fn fitted(
         false => found,
     };
     across_steps(train, found, &how)
+}
+
+/// The fit, or a better one from the other values of a parameter that was scanned for.
+fn from_other_starts(
+    train: &Problem<'_>,
+    found: Fit,
+    candidate: &Candidate,
+    how: &fit::How<'_>,
+) -> Fit {
+    let last = slots_of_last(&found.point.twin);
+    let fits = candidate.other_starts.iter().map(|(_, start)| {
+        let mut point = found.point.clone();
+        last.iter().zip(start).for_each(|(slot, value)| point.twin.set(*slot, *value));
+        fit::fit_with(train, point, &found.slots, how)
+    });
+    let best = fits.min_by(|a, b| a.loss.total_cmp(&b.loss));
+    best.filter(|best| best.loss < found.loss).unwrap_or(found)
 }
 
 /// The fit, or a better one from another place of an effect that sits in one: from afar nothing leads there.
@@ -368,6 +386,9 @@ struct Bench<'a, 'b> {
     worth: &'b Worth<'b>,
     /// How many tries each p-value is corrected for.
     tries: usize,
+    /// The twin so far, and its parameters that are fitted.
+    base: &'b Twin,
+    known: Vec<Slot>,
     base_train_rows: Vec<f64>,
     base_held: Point,
     base_held_rows: Vec<f64>,
@@ -398,7 +419,7 @@ impl<'a, 'b> View<'a, 'b> {
 impl<'a, 'b> Bench<'a, 'b> {
     fn new(
         problems: Problems<'a, 'b>,
-        base: &Fit,
+        base: &'b Fit,
         (filters, worth): (&'b Filters, &'b Worth<'b>),
         tries: usize,
     ) -> Self {
@@ -414,6 +435,8 @@ impl<'a, 'b> Bench<'a, 'b> {
             scales: train.filters(&base.point, whiten::scale_filters),
             worth,
             tries,
+            base: &base.point.twin,
+            known: base.slots.clone(),
             base_train_rows: train.whitened(&base.point, filters),
             base_held_rows: held_out.whitened(&base_held, filters),
             base_held,
@@ -487,6 +510,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         Added {
             effect: own.candidate.effect,
             axis: own.candidate.axis,
+            scanned: scanned(own.fit.point.twin.instances.last()),
             p_value: self.p_value(own),
             statistic: own.candidate.statistic,
             data: training_blocks(self.train),
@@ -611,7 +635,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         {
             return Some(Reason::OnBound(name));
         }
-        if let Some(name) = wrong_sign(&trial.fit) {
+        if let Some(name) = wrong_sign(&trial.fit).or_else(|| self.drives_on_bound(trial)) {
             return Some(Reason::OnBound(name));
         }
         if self.train.context.options.family_error() < self.p_value(trial) {
@@ -628,7 +652,10 @@ impl<'a, 'b> Bench<'a, 'b> {
             return Some(Reason::NotSignificant);
         }
         if self.held_out.parts.is_empty() {
-            return None;
+            let worth =
+                self.worth.of(trial.candidate.effect, &numbers_of_last(&trial.fit.point.twin));
+            let gain = self.removes(self.train, &self.base_train_rows, &trial.train_rows);
+            return (gain < worth).then_some(Reason::TooSmall);
         }
         let (before, blocks) = (&self.base_held_rows, self.held_out.blocks());
         let amplitude = Amplitude::of(before, &trial.held_rows, &blocks);
@@ -644,6 +671,13 @@ impl<'a, 'b> Bench<'a, 'b> {
         let is_old = size_of_last(&trial.fit.point.twin)
             .is_some_and(|size| self.worth.was_there_before(trial.candidate.effect, size));
         (is_old || !self.is_worth_naming(trial)).then_some(Reason::TooSmall)
+    }
+
+    /// The known parameter that only this effect drives onto a bound: what takes the inertia from an axis takes its place.
+    fn drives_on_bound(&self, trial: &Trial) -> Option<String> {
+        let known = &self.known;
+        let is_free = known_on_bound(self.base, known).is_none();
+        is_free.then(|| known_on_bound(&trial.fit.point.twin, known)).flatten()
     }
 
     /// The one to add, with what explains the data as well; all others are rejected.
@@ -775,10 +809,18 @@ impl<'a, 'b> Bench<'a, 'b> {
     }
 }
 
+/// Value of the parameter of `instance` that is scanned for.
+fn scanned(instance: Option<&Instance>) -> Option<f64> {
+    let instance = instance?;
+    let parameter = instance.effect.scanned_parameter()?;
+    Some(instance.values[parameter].value)
+}
+
 /// Data of a test on the training sessions of `train`, in words.
 fn training_blocks(train: &Problem<'_>) -> String {
     let blocks = train.parts.iter().map(|part| part.layout.blocks).sum::<usize>();
-    format!("training sessions, {blocks} blocks of {} s", whiten::BLOCK_SECONDS)
+    let seconds = train.parts.first().map_or(0.0, |part| part.stage.block_seconds());
+    format!("training sessions, {blocks} blocks of {} s", (1e6 * seconds).round() * 1e-6)
 }
 
 /// The size of the added effect where it is below nothing though the effect has one sign only: commands do not

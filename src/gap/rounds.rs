@@ -27,7 +27,7 @@ mod note;
 mod part;
 mod take_back;
 
-pub(in crate::gap) use take_back::known_on_bound;
+pub(in crate::gap) use take_back::{instance_of, known_on_bound};
 
 /// Most effects that are added to one link.
 const MOST_ADDED: usize = 6;
@@ -129,6 +129,9 @@ pub struct Added {
     pub effect: &'static Effect,
     /// Where it acts.
     pub axis: Axis,
+    /// Value of the parameter that was scanned for, such as a period, when the effect was added: it distinguishes several
+    /// instances of one effect.
+    pub scanned: Option<f64>,
     /// Probability of such a gain by chance, corrected for all tries.
     pub p_value: f64,
     /// The block statistic behind it.
@@ -749,6 +752,7 @@ mod tests {
             tries: 1,
             lean: vec![1e-4],
             shift: vec![shift],
+            other_starts: Vec::new(),
         };
         Rejected { candidate, reason, validation_gain: None }
     }

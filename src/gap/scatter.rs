@@ -144,6 +144,7 @@ impl Change {
         let step = (!has(given, self.effect)).then(|| Added {
             effect: self.effect,
             axis: Axis::Whole,
+            scanned: None,
             p_value: self.p_value(),
             statistic: self.t(0).0.powi(2),
             data: format!(

@@ -16,8 +16,9 @@ use super::{
 use crate::{
     effects::{Axis, CATALOGUE, Effect, SCANS},
     parallel::in_parallel,
-    twin::{Instance, Source, Twin},
+    twin::{Instance, Machine, Source, Twin},
 };
+use std::mem;
 
 /// One effect on one axis, tried.
 #[derive(Debug, Clone)]
@@ -48,11 +49,17 @@ pub struct Candidate {
     pub lean: Vec<f64>,
     /// How far each known parameter would move with it, as the line of the screen says (scaled).
     pub shift: Vec<f64>,
+    /// Starts at other values of a parameter that is scanned for, with the share that each explains: the line of the
+    /// screen knows little of what a wrong base model hides.
+    pub other_starts: Vec<(f64, Vec<f64>)>,
 }
 
 /// Share of a column's length that must be left when the known parameters are taken out; below it
 /// the effect is the same as a change of known parameters.
 const IMITATED: f64 = 0.02;
+
+/// Most waves of one effect on one axis.
+const MOST_WAVES: usize = 5;
 
 /// How many effects are tried on single axes, after the screen of the shared ones.
 const TRIED_ALONE: usize = 20;
@@ -72,7 +79,7 @@ pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> V
     let tries = shared
         .iter()
         .flat_map(|(effect, axis)| {
-            let probes = probes(problem, &linear_residual, effect);
+            let probes = probes(problem, &linear_residual, found.point.twin.machine, effect);
             probes.into_iter().map(|probe| (*effect, *axis, probe))
         })
         .collect();
@@ -108,7 +115,12 @@ pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> V
 
 /// The probes of `effect`; where one of its numbers must be scanned for, with the values that the
 /// residual of the first part proposes for it.
-fn probes(problem: &Problem<'_>, residual: &[Vec<f64>], effect: &'static Effect) -> Vec<Vec<f64>> {
+fn probes(
+    problem: &Problem<'_>,
+    residual: &[Vec<f64>],
+    machine: Machine,
+    effect: &'static Effect,
+) -> Vec<Vec<f64>> {
     let listed: Vec<Vec<f64>> = effect.probes.iter().map(|probe| probe.to_vec()).collect();
     let scan = SCANS.iter().find(|(own, _)| *own == effect).map(|(_, scan)| scan);
     let (Some(scan), Some(part), Some(first)) = (scan, problem.parts.first(), listed.first())
@@ -117,7 +129,7 @@ fn probes(problem: &Problem<'_>, residual: &[Vec<f64>], effect: &'static Effect)
     };
     let Some(regressor) = part.stage.regressor(scan.regressor) else { return listed };
     let residual = residual.first().map_or(&[][..], Vec::as_slice);
-    let proposed: Vec<Vec<f64>> = (scan.propose)(&regressor, residual)
+    let proposed: Vec<Vec<f64>> = (scan.propose)(&regressor, residual, longest_period(machine))
         .into_iter()
         .map(|value| {
             let mut probe = first.clone();
@@ -126,6 +138,15 @@ fn probes(problem: &Problem<'_>, residual: &[Vec<f64>], effect: &'static Effect)
         })
         .collect();
     if proposed.is_empty() { listed } else { proposed }
+}
+
+/// Longest period that is looked for along a position, in ranges of that position. A motor of a table makes many turns
+/// in its travel; the arm on a single axis may make less than one.
+fn longest_period(machine: Machine) -> f64 {
+    match machine {
+        Machine::Table => 0.5,
+        Machine::Axis => 4.0,
+    }
 }
 
 /// What all tries of one screen share.
@@ -164,6 +185,7 @@ impl Screen<'_, '_> {
                 is_as_good_as_refit: false,
                 lean: tested.lean(effect, &probe),
                 shift: tested.shift,
+                other_starts: Vec::new(),
                 probe,
                 share: tested.share,
                 statistic: tested.statistic,
@@ -174,9 +196,15 @@ impl Screen<'_, '_> {
                 Some(other) => {
                     let tries = other.tries + 1;
                     let visibility = other.visibility.max(candidate.visibility);
-                    if other.share < candidate.share {
-                        *other = candidate;
+                    let mut other_starts = mem::take(&mut other.other_starts);
+                    let worse = match other.share < candidate.share {
+                        true => mem::replace(other, candidate),
+                        false => candidate,
+                    };
+                    if effect.scanned_parameter().is_some() {
+                        other_starts.push((worse.share, worse.start));
                     }
+                    other.other_starts = other_starts;
                     other.tries = tries;
                     other.visibility = visibility;
                 }
@@ -257,12 +285,21 @@ pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect,
         }
         for axis in twin.machine.axes(effect.site) {
             let is_felt = problem.parts.iter().any(|part| part.stage.feels(effect, axis));
-            if is_felt && !twin.has(effect.name, axis) {
-                pairs.push((*effect, axis));
+            if is_felt && may_be_added(twin, effect, axis) {
+                pairs.push((twin.in_own_units(effect), axis));
             }
         }
     }
     pairs
+}
+
+/// Return whether `effect` may be added on `axis`: once, or several times with different values of the parameter that
+/// is scanned for.
+fn may_be_added(twin: &Twin, effect: &Effect, axis: Axis) -> bool {
+    let present =
+        twin.instances.iter().filter(|own| own.effect == effect && own.axis.overlaps(axis));
+    let most = if effect.scanned_parameter().is_some() { MOST_WAVES } else { 1 };
+    present.count() < most
 }
 
 /// `twin` with `effect` at `values`.

@@ -22,9 +22,6 @@ const SOFTENING: f64 = 1.0;
 /// Longest gap of a signal that is bridged for the filter (samples); beyond it the filter restarts.
 const LONGEST_BRIDGE: usize = 8;
 
-/// Length of the blocks over which tests and intervals treat errors as dependent (s).
-pub(super) const BLOCK_SECONDS: f64 = 0.5;
-
 /// The inverse of one signal's autoregressive model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filter {
@@ -97,7 +94,8 @@ impl Layout {
                     let row = layout.rows.len();
                     for sample in samples.clone().skip(MOST_ORDER) {
                         if usable[index][sample] {
-                            let block = ((channel.times[sample] - begin) / BLOCK_SECONDS) as usize;
+                            let block =
+                                ((channel.times[sample] - begin) / stage.block_seconds()) as usize;
                             last_block = last_block.max(block + 1);
                             layout.rows.push(Row {
                                 channel: index as u32,

@@ -20,26 +20,25 @@ pub(super) use forward::respond;
 pub use load::AxisError;
 pub(super) use load::{resampled, unit_of};
 
-use super::{Channel, Stage, StageKind, Twin};
+use super::{Channel, Stage, StageKind, Twin, axis_frame::MotionSums};
 use crate::effects::{Domain, Effect, Motion, Physics, Regressor};
 use chain::Chain;
 use filter::{LowPass, derivative};
 use std::{f64::consts::TAU, ops::Range};
 
-/// Edge of the low-pass filter for position and input (Hz), where the samples allow.
-const CUTOFF_HZ: f64 = 100.0;
-/// Its edge at most, in cycles per sample.
-const CUTOFF_SHARE: f64 = 0.1;
+/// Edges of the low-pass filter for position and input that are tried, in cycles per sample, the widest first.
+const EDGES: [f64; 7] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125];
+/// Standard deviation of the acceleration's noise over the RMS of the acceleration, up to which an edge is taken: noise
+/// of a regressor biases its coefficient by the square of this ratio.
+const ACCELERATION_NOISE: f64 = 0.1;
 /// Compared samples left out at both ends, where the filters know one side only.
 const ENDS: usize = 5;
+/// Compared samples of a block over which errors count as dependent: twice the memory of the noise model.
+const BLOCK: usize = 25;
 /// Standard deviations of its noise within which a velocity counts as rest.
 const REST_DEVIATIONS: f64 = 3.0;
-/// Least duration of a rest (s): a reversal that does not stick passes through zero faster.
-const REST_S: f64 = 0.01;
-/// Fraction of moving samples below which the noise estimate is checked against the range of the position.
-const LEAST_MOVING: f64 = 0.02;
-/// Range of the position, in standard deviations of its noise, that is motion and no noise.
-const MOTION_DEVIATIONS: f64 = 30.0;
+/// Least duration of a rest (samples): a reversal that does not stick passes through zero faster.
+const REST: usize = 10;
 
 /// What was measured on one axis, at equal steps.
 #[derive(Debug, Clone)]
@@ -48,6 +47,8 @@ pub(super) struct Measured {
     pub name: String,
     /// Unit of the input.
     pub unit: &'static str,
+    /// Unit of the position.
+    pub position_unit: &'static str,
     /// Time of the first sample since the session began (s).
     pub start: f64,
     /// Step (s).
@@ -63,6 +64,7 @@ pub(super) struct Measured {
 pub struct AxisStage {
     start: f64,
     dt: f64,
+    position_unit: &'static str,
     factor: usize,
     decimation: LowPass,
     /// Samples that were recorded without interruption: no filter crosses their borders.
@@ -97,8 +99,10 @@ impl AxisStage {
         segments: Vec<Range<usize>>,
         spans: &[Range<f64>],
     ) -> Self {
-        let Measured { name, unit, start, dt, input: raw_input, position: raw } = measured;
-        let cutoff = (CUTOFF_HZ * dt).min(CUTOFF_SHARE);
+        let Measured { name, unit, position_unit, start, dt, input: raw_input, position: raw } =
+            measured;
+        let noise = position_noise(&segments, &raw);
+        let cutoff = edge(&segments, &raw, noise);
         let low_pass = LowPass::butterworth(cutoff);
         let factor = ((1.0 / cutoff).round() as usize).max(1);
         let filtered = |values: &[f64]| each_segment(&segments, values, |own| low_pass.apply(own));
@@ -106,11 +110,12 @@ impl AxisStage {
         let position = filtered(&raw);
         let velocity = slope(&position);
         let acceleration = slope(&velocity);
-        let resting = resting(&segments, (&raw, &position, &velocity), cutoff, dt);
+        let resting = resting(&segments, &velocity, velocity_noise(noise, cutoff, dt));
         let input = filtered(&raw_input);
         let mut stage = Self {
             start,
             dt,
+            position_unit,
             factor,
             decimation: LowPass::before_decimation(factor),
             segments,
@@ -197,6 +202,30 @@ impl AxisStage {
         steps.fold([0.0; 2], |[up, down], step| [up + step.max(0.0), down + (-step).max(0.0)])
     }
 
+    /// Units of input and position.
+    #[must_use]
+    pub fn units(&self) -> (&'static str, &'static str) {
+        (self.channels[0].unit, self.position_unit)
+    }
+
+    /// Sums over the recorded samples, from which the typical sizes of the axis follow.
+    pub(super) fn motion_sums(&self) -> MotionSums {
+        let inside = || self.segments.iter().flat_map(Clone::clone);
+        let moving = || inside().filter(|index| !self.resting[*index]);
+        let square = |values: &[f64]| moving().map(|index| values[index].powi(2)).sum();
+        let positions = inside().map(|index| self.position[index]);
+        let (low, high) = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| {
+            (low.min(own), high.max(own))
+        });
+        MotionSums {
+            positions: low..high,
+            squares: [square(&self.input), square(&self.velocity), square(&self.acceleration)],
+            count: moving().count() as f64,
+            sample_period: self.dt,
+            duration: self.dt * self.position.len() as f64,
+        }
+    }
+
     /// Input of the compared samples with the motion behind it: input, acceleration, velocity, direction, position.
     #[must_use]
     pub fn motion_and_input(&self) -> Vec<[f64; 5]> {
@@ -231,12 +260,12 @@ impl AxisStage {
         [within, square]
     }
 
-    /// The measured motion at one sample; `force` is the input as it was measured.
-    fn motion(&self, index: usize) -> Motion {
+    /// The measured motion at one sample, with the position from `origin`; `force` is the input as it was measured.
+    fn motion(&self, index: usize, origin: f64) -> Motion {
         Motion {
             time: self.time(index),
             dt: self.dt,
-            position: self.position[index],
+            position: self.position[index] - origin,
             velocity: self.velocity[index],
             acceleration: self.acceleration[index],
             force: self.input[index],
@@ -250,7 +279,7 @@ impl AxisStage {
         let mut inputs = Vec::with_capacity(self.position.len());
         for index in 0..self.position.len() {
             let begins = index == 0 || self.segments.iter().any(|own| own.start == index);
-            let mut motion = self.motion(index);
+            let mut motion = self.motion(index, chain.origin);
             motion.mass = chain.mass(&motion);
             let (forces, level) = chain.loads(&mut memory, &motion);
             let frictionless = motion.mass * motion.acceleration - forces;
@@ -305,6 +334,10 @@ impl Stage for AxisStage {
         }
     }
 
+    fn block_seconds(&self) -> f64 {
+        BLOCK as f64 * self.factor as f64 * self.dt
+    }
+
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
         let chain = Chain::new(twin);
         let mut inputs = self.inverse(&chain);
@@ -331,42 +364,50 @@ fn each_segment(
     changed
 }
 
-/// Samples at rest; all samples outside of `segments` are. Where the filter takes the motion for noise, since samples are
-/// too few for it, and nearly everything would be rest, third differences of the position give the noise.
-fn resting(
-    segments: &[Range<usize>],
-    (raw, position, velocity): (&[f64], &[f64], &[f64]),
-    cutoff: f64,
-    dt: f64,
-) -> Vec<bool> {
-    let inside = |values: &[f64]| -> Vec<f64> {
-        segments.iter().flat_map(|own| values[own.clone()].iter().copied()).collect()
-    };
-    let of = |noise: f64| {
-        let mut resting = vec![true; velocity.len()];
-        for own in segments {
-            let rests = rests(&velocity[own.clone()], noise, dt);
-            resting[own.clone()].copy_from_slice(&rests);
-        }
-        resting
-    };
-    let spread = noise_of(inside(raw).iter().zip(inside(position)).map(|(a, b)| a - b));
-    let found = of(velocity_noise(spread, cutoff, dt));
-    let moving = found.iter().filter(|rests| !**rests).count() as f64;
-    let thirds = segments.iter().flat_map(|own| {
-        raw[own.clone()].windows(4).map(|four| four[3] - 3.0 * (four[2] - four[1]) - four[0])
-    });
-    let smooth = noise_of(thirds) / THIRD_DIFFERENCE;
-    let all = inside(raw);
-    let range = all.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-        - all.iter().copied().fold(f64::INFINITY, f64::min);
-    let is_motion =
-        moving < LEAST_MOVING * inside(velocity).len() as f64 && MOTION_DEVIATIONS * smooth < range;
-    if is_motion { of(velocity_noise(smooth, cutoff, dt)) } else { found }
+/// Samples at rest, with `noise` of the velocity; all samples outside of `segments` are.
+fn resting(segments: &[Range<usize>], velocity: &[f64], noise: f64) -> Vec<bool> {
+    let mut resting = vec![true; velocity.len()];
+    for own in segments {
+        resting[own.clone()].copy_from_slice(&rests(&velocity[own.clone()], noise));
+    }
+    resting
 }
 
-/// Factor by which third differences enlarge the standard deviation of white noise: the root of 1 + 9 + 9 + 1.
-const THIRD_DIFFERENCE: f64 = 4.472_135_954_999_58;
+/// The widest edge at which the acceleration of `position` is measured above its `noise`, in cycles per sample; the
+/// narrowest where there is none.
+fn edge(segments: &[Range<usize>], position: &[f64], noise: f64) -> f64 {
+    let is_measured = |edge: &f64| {
+        let low_pass = LowPass::butterworth(*edge);
+        let second = each_segment(segments, position, |own| {
+            derivative(&derivative(&low_pass.apply(own), 1.0), 1.0)
+        });
+        let inside = segments.iter().map(|own| own.len()).sum::<usize>().max(1) as f64;
+        let rms = (second.iter().map(|value| value * value).sum::<f64>() / inside).sqrt();
+        // White noise below the edge, differentiated twice: 2 times the integral of (2 pi f)^4.
+        let of_noise = noise * TAU * TAU * (2.0 * edge.powi(5) / 5.0).sqrt();
+        of_noise <= ACCELERATION_NOISE * rms
+    };
+    let narrowest = EDGES[EDGES.len() - 1];
+    EDGES.into_iter().find(is_measured).unwrap_or(narrowest)
+}
+
+/// Standard deviation of the white noise of a position: from its sixth differences, which hardly show motion (a wave of
+/// eight samples counts as a fiftieth of noise of its size), and at least that of its quantization.
+fn position_noise(segments: &[Range<usize>], position: &[f64]) -> f64 {
+    let own = || segments.iter().map(|own| &position[own.clone()]);
+    let sixth = own().flat_map(|values| {
+        values
+            .windows(7)
+            .map(|seven| seven.iter().zip(SIXTH).map(|(value, weight)| value * weight).sum::<f64>())
+    });
+    let white = noise_of(sixth) / SIXTH.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
+    let steps = own().flat_map(|values| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()));
+    let quantum = steps.filter(|step| 0.0 < *step).fold(f64::INFINITY, f64::min);
+    if quantum.is_finite() { white.max(quantum / 12.0_f64.sqrt()) } else { white }
+}
+
+/// Weights of a sixth difference.
+const SIXTH: [f64; 7] = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
 
 /// Standard deviation of normal values from their median magnitude.
 fn noise_of(values: impl Iterator<Item = f64>) -> f64 {
@@ -397,15 +438,13 @@ fn shifted(values: &[f64], samples: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Standard deviation of the velocity's noise for white noise of the position of which the filter removes the standard
-/// deviation `spread`.
-fn velocity_noise(spread: f64, cutoff: f64, dt: f64) -> f64 {
-    let passed = spread * (cutoff / (0.5 - cutoff)).sqrt();
-    passed * TAU * cutoff / dt / 3.0_f64.sqrt()
+/// Standard deviation of the velocity (per second) for white noise of the position of standard deviation `noise`.
+fn velocity_noise(noise: f64, cutoff: f64, dt: f64) -> f64 {
+    noise * TAU * (2.0 * cutoff.powi(3) / 3.0).sqrt() / dt
 }
 
-/// Samples of rests: stretches of at least [`REST_S`] without a velocity beyond the noise.
-fn rests(velocity: &[f64], noise: f64, dt: f64) -> Vec<bool> {
+/// Samples of rests: stretches of at least [`REST`] samples without a velocity beyond the noise.
+fn rests(velocity: &[f64], noise: f64) -> Vec<bool> {
     let mut resting = vec![false; velocity.len()];
     let still = |index: usize| velocity[index].abs() <= REST_DEVIATIONS * noise;
     let mut begin = 0;
@@ -413,7 +452,7 @@ fn rests(velocity: &[f64], noise: f64, dt: f64) -> Vec<bool> {
         if index < velocity.len() && still(index) {
             continue;
         }
-        if REST_S <= (index - begin) as f64 * dt {
+        if begin + REST <= index {
             resting[begin..index].fill(true);
         }
         begin = index + 1;

@@ -1,10 +1,11 @@
 //! `twin.json`: the effects that are switched on, each number with unit, bounds, source and interval.
 
 use super::{
-    Discrepancy, Instance, Machine, MeasurementNoise, ReferenceResidual, Source, Twin, Value,
+    AxisFrame, Discrepancy, Instance, Machine, MeasurementNoise, ReferenceResidual, Source, Twin,
+    Value,
 };
 use crate::{
-    effects::{self, Axis},
+    effects::{self, Axis, AxisScales},
     recording::{ExistingFile, RecordingError, write_bytes},
 };
 use serde::{Deserialize, Serialize};
@@ -15,6 +16,10 @@ const SCHEMA_VERSION: u32 = 2;
 
 /// Longest belt per motor turn (m), as for recordings and robot files.
 const LONGEST_BELT: f64 = 1.0;
+
+/// Units of the input and of the position of a single axis.
+const INPUT_UNITS: &[&str] = &["N", "N m", "A", "V"];
+const POSITION_UNITS: &[&str] = &["m", "rad"];
 
 /// Why a twin could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -66,6 +71,18 @@ pub enum TwinError {
         /// The name.
         name: String,
     },
+    /// A unit that an axis cannot have.
+    #[error("{path}: {key} is '{found}'; known are {known}")]
+    Unit {
+        /// The file.
+        path: String,
+        /// The key.
+        key: &'static str,
+        /// What it holds.
+        found: String,
+        /// What it may hold.
+        known: String,
+    },
     /// A parameter is missing, unknown or out of its bounds.
     #[error("{path}: {effect}.{parameter} {problem}")]
     Parameter {
@@ -88,6 +105,8 @@ struct Document {
     belt_metres_per_turn: f64,
     #[serde(default)]
     controller_reference_mass_kg: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    axis: Option<AxisEntry>,
     effects: Vec<EffectEntry>,
     #[serde(default)]
     reference_residuals: Vec<ReferenceResidual>,
@@ -97,6 +116,78 @@ struct Document {
     measurement_noise: Vec<MeasurementNoise>,
     #[serde(default)]
     fitted_to_sha256: Vec<String>,
+}
+
+/// Coordinate of a single axis and its typical sizes, in the units of its recordings.
+#[derive(Serialize, Deserialize)]
+struct AxisEntry {
+    position_origin: f64,
+    input_unit: String,
+    position_unit: String,
+    input_rms: f64,
+    position_half_range: f64,
+    velocity_rms: f64,
+    acceleration_rms: f64,
+    sample_period_s: f64,
+    duration_s: f64,
+}
+
+impl AxisEntry {
+    fn of(frame: &AxisFrame) -> Self {
+        let AxisFrame { position_origin, scales } = *frame;
+        Self {
+            position_origin,
+            input_unit: scales.input_unit.to_owned(),
+            position_unit: scales.position_unit.to_owned(),
+            input_rms: scales.input,
+            position_half_range: scales.position,
+            velocity_rms: scales.velocity,
+            acceleration_rms: scales.acceleration,
+            sample_period_s: scales.sample_period,
+            duration_s: scales.duration,
+        }
+    }
+
+    fn frame(&self, path: &str) -> Result<AxisFrame, TwinError> {
+        let unit = |key: &'static str, found: &str, known: &[&'static str]| {
+            let unknown = || TwinError::Unit {
+                path: path.to_owned(),
+                key,
+                found: found.to_owned(),
+                known: known.join(", "),
+            };
+            known.iter().copied().find(|unit| *unit == found).ok_or_else(unknown)
+        };
+        let sizes = [
+            ("axis.input_rms", self.input_rms),
+            ("axis.position_half_range", self.position_half_range),
+            ("axis.velocity_rms", self.velocity_rms),
+            ("axis.acceleration_rms", self.acceleration_rms),
+            ("axis.sample_period_s", self.sample_period_s),
+            ("axis.duration_s", self.duration_s),
+        ];
+        if let Some((key, found)) = sizes.into_iter().find(|(_, size)| *size <= 0.0) {
+            return Err(TwinError::Constant {
+                path: path.to_owned(),
+                key,
+                found,
+                limit: String::new(),
+            });
+        }
+        Ok(AxisFrame {
+            position_origin: self.position_origin,
+            scales: AxisScales {
+                input: self.input_rms,
+                position: self.position_half_range,
+                velocity: self.velocity_rms,
+                acceleration: self.acceleration_rms,
+                sample_period: self.sample_period_s,
+                duration: self.duration_s,
+                input_unit: unit("axis.input_unit", &self.input_unit, INPUT_UNITS)?,
+                position_unit: unit("axis.position_unit", &self.position_unit, POSITION_UNITS)?,
+            },
+        })
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -149,6 +240,7 @@ impl Document {
             striker_mass_kg: twin.striker_mass,
             belt_metres_per_turn: twin.belt_metres_per_turn,
             controller_reference_mass_kg: twin.controller_reference_mass,
+            axis: twin.axis_frame.as_ref().map(AxisEntry::of),
             effects,
             reference_residuals: twin.reference_residuals.clone(),
             discrepancy: twin.discrepancy.clone(),
@@ -174,16 +266,18 @@ impl Document {
 
     fn into_twin(self, path: &str) -> Result<Twin, TwinError> {
         self.check(path)?;
+        let axis_frame = self.axis.as_ref().map(|own| own.frame(path)).transpose()?;
         let instances = self
             .effects
             .into_iter()
-            .map(|entry| entry.into_instance(path))
+            .map(|entry| entry.into_instance(path, axis_frame.as_ref()))
             .collect::<Result<_, _>>()?;
         Ok(Twin {
             machine: self.machine,
             striker_mass: self.striker_mass_kg,
             belt_metres_per_turn: self.belt_metres_per_turn,
             controller_reference_mass: self.controller_reference_mass_kg,
+            axis_frame,
             instances,
             reference_residuals: self.reference_residuals,
             discrepancy: self.discrepancy,
@@ -194,10 +288,11 @@ impl Document {
 }
 
 impl EffectEntry {
-    fn into_instance(self, path: &str) -> Result<Instance, TwinError> {
+    fn into_instance(self, path: &str, frame: Option<&AxisFrame>) -> Result<Instance, TwinError> {
         let Some(effect) = effects::find(&self.name) else {
             return Err(TwinError::UnknownEffect { path: path.to_owned(), name: self.name });
         };
+        let effect = frame.map_or(effect, |frame| effect.on_axis(&frame.scales));
         let wrong = |parameter: &str, problem: String| TwinError::Parameter {
             path: path.to_owned(),
             effect: effect.name.to_owned(),

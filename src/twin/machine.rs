@@ -41,8 +41,10 @@ impl Machine {
             // One motor is one rail: the place is written one way.
             Self::Axis => match site {
                 Site::Motors | Site::EachMotor => vec![Axis::Motors],
-                Site::OneMotor => Vec::new(),
-                Site::Guides | Site::OneGuide | Site::MotorsAndGuides => vec![Axis::Guides],
+                Site::OneMotor | Site::EachBelt => Vec::new(),
+                Site::Guides | Site::OneGuide | Site::SingleAxis | Site::MotorsAndGuides => {
+                    vec![Axis::Guides]
+                }
                 Site::Whole => vec![Axis::Whole],
             },
         }

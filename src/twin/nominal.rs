@@ -72,6 +72,7 @@ impl Twin {
             striker_mass: STRIKER_MASS_KG,
             belt_metres_per_turn: BELT_METRES_PER_TURN,
             controller_reference_mass: None,
+            axis_frame: None,
             instances,
             reference_residuals: Vec::new(),
             discrepancy: Vec::new(),

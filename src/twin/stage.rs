@@ -94,6 +94,11 @@ pub trait Stage: Sync {
         None
     }
 
+    /// Length of the blocks of time over which tests and intervals treat errors as dependent (s).
+    fn block_seconds(&self) -> f64 {
+        0.5
+    }
+
     /// Which frames of the camera were lost; `None` where none measures this link.
     fn frame_losses(&self) -> Option<&FrameLosses> {
         None

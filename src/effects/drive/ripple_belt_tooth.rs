@@ -10,7 +10,7 @@ pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     name: "drive.ripple.belt_tooth",
     summary: "a small force repeats with every tooth of the belt",
     domain: Domain::Drive,
-    site: Site::EachMotor,
+    site: Site::EachBelt,
     equation: "F = A · sin(2π · q / p) + B · cos(2π · q / p), p = 2 mm",
     parameters: &[
         Parameter {
@@ -37,7 +37,7 @@ pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     memory: 0,
     physics: Physics::Force(|p, _, motion| wave(p, motion.position, PITCH)),
     regressors: &[Regressor::Phase, Regressor::Position],
-    signals: Signal::DRIVE,
+    signals: Signal::MOTOR,
     excitation: "slow moves at several positions",
     experiment: "creep",
     confused_with: &["drive.ripple.motor", "drive.friction.position"],

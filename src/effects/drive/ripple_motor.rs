@@ -36,7 +36,7 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
             symbol: "p",
             unit: "m",
             scale: 2.5e-5,
-            bounds: (1e-4, 0.5),
+            bounds: (1e-4, 5.0),
             plausible: (0.0005, 0.05),
             per_session: false,
         },

@@ -10,7 +10,7 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     name: "drive.ripple.pulley",
     summary: "a small force repeats with every turn of the pulley",
     domain: Domain::Drive,
-    site: Site::EachMotor,
+    site: Site::EachBelt,
     equation: "F = A · sin(2π · q / p) + B · cos(2π · q / p), p = 40 mm",
     parameters: &[
         Parameter {
@@ -37,7 +37,7 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     memory: 0,
     physics: Physics::Force(|p, _, motion| wave(p, motion.position, TURN)),
     regressors: &[Regressor::Phase, Regressor::Position],
-    signals: Signal::DRIVE,
+    signals: Signal::MOTOR,
     excitation: "slow diagonals over many turns",
     experiment: "diagonal",
     confused_with: &[

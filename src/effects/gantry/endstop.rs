@@ -62,13 +62,17 @@ pub(crate) static ENDSTOP: Effect = Effect {
     ],
     memory: 0,
     physics: Physics::Force(|p, _, motion| {
+        // Ends that have passed each other are no ends.
+        if p[2] <= p[1] {
+            return 0.0;
+        }
         p[0] * ((p[1] - motion.position).max(0.0) - (motion.position - p[2]).max(0.0))
     }),
     regressors: &[Regressor::Position],
     signals: Signal::DRIVE,
     excitation: "approaches to the ends of the travel at several speeds",
     experiment: "y_line",
-    confused_with: &["drive.friction.position"],
+    confused_with: &["drive.friction.position", "gantry.stiffness"],
     reference: "penalty model of a unilateral contact: Brogliato 2016, Nonsmooth Mechanics",
 };
 

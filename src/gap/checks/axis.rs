@@ -3,7 +3,7 @@
 
 use super::{Objection, objection};
 use crate::{
-    gap::{evidence::least_squares, findings::Verdict},
+    gap::{evidence::least_squares, explain::significant, findings::Verdict},
     recording::Split,
     twin::{AxisStage, Session, Stage as _},
 };
@@ -73,12 +73,15 @@ fn check(name: &str, train: &[&AxisStage]) -> Option<Objection> {
             ),
         );
     }
+    let (_, unit) = train[0].units();
     if up.min(down) < LEAST_DIRECTION * (up + down) {
         return objection(
             Verdict::NotTestable,
             format!(
-                "{name}: the training sessions went {up:.3} m up and {down:.3} m down: from one direction, friction and \
-                 offset cannot be distinguished; record moves both ways"
+                "{name}: the training sessions went {} {unit} up and {} {unit} down: from one direction, friction and \
+                 offset cannot be distinguished; record moves both ways",
+                significant(up),
+                significant(down)
             ),
         );
     }

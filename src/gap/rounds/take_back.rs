@@ -275,7 +275,9 @@ impl Search<'_> {
     /// Remove `step` for `reason`; `rest` is the fit of everything else.
     fn go_back(&mut self, step: &Added, rest: (Fit, Filters), reason: &str) {
         self.note_removed(step, reason);
-        self.added.retain(|own| own.effect != step.effect || own.axis != step.axis);
+        self.added.retain(|own| {
+            own.effect != step.effect || own.axis != step.axis || own.scanned != step.scanned
+        });
         (self.best, self.filters) = rest;
     }
 }
@@ -296,9 +298,17 @@ impl Absence {
     }
 }
 
-/// Where in the twin the effect of a step is.
-pub(super) fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
-    twin.instances.iter().position(|own| own.effect == step.effect && own.axis == step.axis)
+/// Where in the twin the effect of a step is: of several instances, the one nearest to the scanned value of the step.
+pub(in crate::gap) fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
+    let same = |own: &Instance| own.effect == step.effect && own.axis == step.axis;
+    let apart = |index: &usize| match (step.scanned, step.effect.scanned_parameter()) {
+        (Some(value), Some(parameter)) => {
+            (twin.instances[*index].values[parameter].value / value).ln().abs()
+        }
+        _ => 0.0,
+    };
+    let all = (0..twin.instances.len()).filter(|index| same(&twin.instances[*index]));
+    all.min_by(|one, other| apart(one).total_cmp(&apart(other)))
 }
 
 /// How many times what the ends of a play are taken to give way by a spring beside it must give way to be one: how hard

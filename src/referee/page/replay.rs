@@ -103,9 +103,9 @@ pub(super) fn replay(matches: &[ScoredMatch]) -> String {
 }
 
 fn replayed(scored: &ScoredMatch, budget: usize) -> Match<'_> {
-    let judgement = &scored.analysis;
-    let start = judgement.track.first().map_or(0.0, |frame| frame.time);
-    let kept: Vec<&Frame> = judgement.track.iter().step_by(step(judgement).max(budget)).collect();
+    let analysis = &scored.analysis;
+    let start = analysis.track.first().map_or(0.0, |frame| frame.time);
+    let kept: Vec<&Frame> = analysis.track.iter().step_by(step(analysis).max(budget)).collect();
     let track = |of: &dyn Fn(&Frame) -> Option<[f64; 2]>| {
         let places = kept.iter().map(|frame| of(frame));
         let tenths = |metres: f64| (metres * 1e4).round() as i32;
@@ -113,12 +113,12 @@ fn replayed(scored: &ScoredMatch, budget: usize) -> Match<'_> {
     };
     Match {
         name: scored.path.display().to_string(),
-        duration: rounded(judgement.duration()),
+        duration: rounded(analysis.duration()),
         t: kept.iter().map(|frame| (1e3 * (frame.time - start)).round().max(0.0) as u64).collect(),
         ball: track(&|frame| frame.ball),
         left: track(&|frame| frame.strikers[0]),
         right: track(&|frame| frame.strikers[1]),
-        episodes: judgement
+        episodes: analysis
             .episodes
             .iter()
             .map(|episode| EpisodeMark {
@@ -127,13 +127,13 @@ fn replayed(scored: &ScoredMatch, budget: usize) -> Match<'_> {
                 scorer: episode.span.scorer,
             })
             .collect(),
-        events: judgement.events.iter().map(|event| mark(event, start)).collect(),
+        events: analysis.events.iter().map(|event| mark(event, start)).collect(),
     }
 }
 
 /// Decimation of the frames.
-fn step(judgement: &MatchAnalysis) -> usize {
-    let rate = judgement.track.len() as f64 / judgement.duration().max(f64::MIN_POSITIVE);
+fn step(analysis: &MatchAnalysis) -> usize {
+    let rate = analysis.track.len() as f64 / analysis.duration().max(f64::MIN_POSITIVE);
     (rate / RATE).round().max(1.0) as usize
 }
 

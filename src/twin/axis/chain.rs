@@ -8,9 +8,9 @@ use crate::{
 /// Numbers of memory that all effects on the way of the command may have together.
 const MOST_MEMORY: usize = 32;
 
-/// Steps and their length (s) after which no lag remembers its start.
+/// Steps and their length (sample periods) after which no lag remembers its start.
 const SETTLING_STEPS: usize = 300;
-const SETTLING_STEP: f64 = 0.02;
+const SETTLING_STEP: f64 = 20.0;
 
 /// One function of one instance, with its numbers and the place of its memory.
 #[derive(Debug, Clone)]
@@ -37,6 +37,10 @@ type MassPart = Part<fn(&[f64], &Motion) -> f64>;
 pub(super) struct Chain {
     /// Dead time of the input (s).
     pub(super) delay: f64,
+    /// Position from which the positions in effects count.
+    pub(super) origin: f64,
+    /// Typical size of the input.
+    input_size: f64,
     commands: Vec<CommandPart>,
     efforts: Vec<MotionPart>,
     forces: Vec<MotionPart>,
@@ -59,7 +63,11 @@ impl Chain {
     /// The functions of the instances in `twin`. Motor and rail of a single axis are one
     /// coordinate.
     pub(super) fn new(twin: &Twin) -> Self {
-        let mut chain = Self::default();
+        let mut chain = Self {
+            origin: twin.position_origin(),
+            input_size: twin.axis_frame.map_or(1.0, |frame| frame.scales.input),
+            ..Self::default()
+        };
         for instance in twin.instances.iter().filter(|instance| instance.axis.covers(0)) {
             for equation in instance.effect.physics.equations() {
                 chain.add(instance, *equation);
@@ -173,8 +181,8 @@ impl Chain {
         if self.commands.is_empty() && self.efforts.is_empty() {
             return force;
         }
-        let tolerance = 1e-13 * (1.0 + force.abs() + near.abs());
-        let step = 1e-3 * (1.0 + near.abs());
+        let tolerance = 1e-13 * (self.input_size + force.abs() + near.abs());
+        let step = 1e-3 * (self.input_size + near.abs());
         let given = |input: f64| self.through(&mut memory.way.clone(), input, motion);
         let at_near = given(near);
         let (mut from, mut lacking) = (near, force - at_near);
@@ -196,7 +204,7 @@ impl Chain {
 
     /// Brings the memory of the way to where the motor has given `force` for long.
     pub(super) fn settle(&self, memory: &mut Memory, force: f64, motion: &Motion) {
-        let motion = Motion { dt: SETTLING_STEP, ..*motion };
+        let motion = Motion { dt: SETTLING_STEP * motion.dt, ..*motion };
         let mut input = force;
         for _ in 0..SETTLING_STEPS {
             input += 0.5 * (force - self.through(&mut memory.way, input, &motion));
@@ -205,7 +213,7 @@ impl Chain {
 
     /// Brings the memory of the way to where `input` has stood for long.
     pub(super) fn settle_input(&self, memory: &mut Memory, input: f64, motion: &Motion) {
-        let motion = Motion { dt: SETTLING_STEP, ..*motion };
+        let motion = Motion { dt: SETTLING_STEP * motion.dt, ..*motion };
         for _ in 0..SETTLING_STEPS {
             self.through(&mut memory.way, input, &motion);
         }

@@ -26,7 +26,7 @@ impl AxisStage {
         // The input in the middle of each step.
         let inputs = shifted(&self.raw_input, 0.5 - chain.delay / self.dt);
         let mut memory = chain.memory();
-        chain.settle_input(&mut memory, inputs.first().copied()?, &self.motion(0));
+        chain.settle_input(&mut memory, inputs.first().copied()?, &self.motion(0, chain.origin));
         let (mut squares, mut worst, mut count, mut windows) = (0.0_f64, 0.0_f64, 0, 0);
         let first = super::ENDS * self.factor;
         let end = (self.position.len() + 1).saturating_sub(first + length);
@@ -35,9 +35,9 @@ impl AxisStage {
             if !self.segments.iter().any(is_whole) {
                 continue;
             }
-            let mut motion = self.motion(begin);
+            let mut motion = self.motion(begin, chain.origin);
             for (index, input) in inputs.iter().enumerate().skip(begin).take(length) {
-                let error = motion.position - self.position[index];
+                let error = motion.position + chain.origin - self.position[index];
                 squares += error * error;
                 worst = worst.max(error.abs());
                 count += 1;
@@ -70,11 +70,12 @@ pub(in crate::twin) fn respond(
     let middle = shifted(input, 0.5 - chain.delay / dt);
     let mut memory = chain.memory();
     let [position, velocity] = state;
+    let position = position - chain.origin;
     let mut motion = Motion { time: start, dt, position, velocity, ..Motion::default() };
     chain.settle_input(&mut memory, middle.first().copied().unwrap_or(0.0), &motion);
     let mut states = Vec::with_capacity(input.len());
     for (index, input) in middle.iter().enumerate() {
-        states.push([motion.position, motion.velocity]);
+        states.push([motion.position + chain.origin, motion.velocity]);
         motion.time = start + dt * index as f64;
         motion.force = chain.force(&mut memory, *input, &motion);
         step(&chain, &mut memory, &mut motion);

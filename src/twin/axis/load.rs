@@ -12,10 +12,11 @@ use crate::{
 };
 use std::{collections::BTreeSet, ops::Range};
 
-/// Length of the pieces into which long runs are cut (s).
-const PIECE_S: f64 = 2.5;
-/// Runs longer than this are cut (s).
-const LONG_RUN_S: f64 = 2.0 * PIECE_S;
+/// Length of the pieces into which long runs are cut (samples): an eighth of the run within these limits.
+const PIECE: std::ops::RangeInclusive<f64> = 500.0..=2500.0;
+/// Pieces of a run, and fewest of them into which a run is cut.
+const PIECES: f64 = 8.0;
+const LEAST_PIECES: f64 = 2.0;
 /// Fewest samples of an axis that is compared.
 const LEAST_SAMPLES: usize = 200;
 /// Steps of missing samples that are a pause.
@@ -57,7 +58,7 @@ pub enum AxisError {
 
 impl AxisStage {
     /// Every axis of `recording` that has both input and output, in `spans` (seconds since the
-    /// recording began), of which long ones are cut into pieces of about 2.5 s.
+    /// recording began), of which long ones are cut into pieces.
     ///
     /// # Errors
     /// When messages do not decode, an input is no force, or an axis is too short.
@@ -65,7 +66,6 @@ impl AxisStage {
         recording: &Recording,
         spans: &[Range<f64>],
     ) -> Result<Vec<Self>, AxisError> {
-        let runs: Vec<Range<f64>> = spans.iter().flat_map(pieces).collect();
         let origin = recording.time_range().map_or(Nanos(0), |(first, _)| first);
         let marked: Vec<Range<f64>> =
             recording.marked_runs()?.iter().map(|run| run.seconds_since(origin)).collect();
@@ -73,6 +73,8 @@ impl AxisStage {
         for name in names(recording) {
             let (measured, pauses) = measured(recording, name)?;
             let segments = segments(&measured, &marked, &pauses);
+            let runs: Vec<Range<f64>> =
+                spans.iter().flat_map(|run| pieces(run, measured.dt)).collect();
             stages.push(Self::in_segments(measured, segments, &runs));
         }
         Ok(stages)
@@ -91,10 +93,11 @@ fn names(recording: &Recording) -> Vec<String> {
     with("/input").intersection(&with("/output")).cloned().collect()
 }
 
-/// A run, or the equal pieces of a long one.
-fn pieces(run: &Range<f64>) -> Vec<Range<f64>> {
+/// A run, or the equal pieces of a long one, of samples that are `dt` apart (s).
+fn pieces(run: &Range<f64>, dt: f64) -> Vec<Range<f64>> {
     let length = run.end - run.start;
-    let count = if LONG_RUN_S < length { (length / PIECE_S).round() } else { 1.0 };
+    let piece = dt * (length / dt / PIECES).clamp(*PIECE.start(), *PIECE.end());
+    let count = if LEAST_PIECES * piece < length { (length / piece).round() } else { 1.0 };
     let border = |k: usize| run.start + length * k as f64 / count;
     (0..count as usize).map(|k| border(k)..border(k + 1)).collect()
 }
@@ -106,6 +109,12 @@ fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<
     let outputs = recording.series::<AxisOutput>(&topic::axis_output(&name))?;
     let recorded = inputs.values.first().map_or("", |first| first.unit.as_str());
     let unit = unit_of(recorded, &name)?;
+    let position_unit =
+        match outputs.values.first().map_or("", |first| first.position_unit.as_str()) {
+            "rad" => "rad",
+            "" if unit == "N m" => "rad",
+            _ => "m",
+        };
     let input: Vec<(f64, f64)> =
         inputs.iter().map(|(time, message)| (time.seconds_since(origin), message.value)).collect();
     let mut position: Vec<(f64, f64)> = outputs
@@ -137,6 +146,7 @@ fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<
         position: resampled(&position, start, dt, count),
         name,
         unit,
+        position_unit,
         start,
         dt,
     };
@@ -247,9 +257,11 @@ mod tests {
 
     #[test]
     fn long_runs_are_cut_and_short_ones_kept() {
-        assert_eq!(pieces(&(1.0..5.0)), [1.0..5.0]);
-        let cut = pieces(&(10.0..20.0));
-        assert_eq!(cut, [10.0..12.5, 12.5..15.0, 15.0..17.5, 17.5..20.0]);
+        assert_eq!(pieces(&(1.0..1.9), 1e-3), [1.0..1.9]);
+        assert_eq!(pieces(&(10.0..20.0), 1e-3).len(), 8);
+        assert_eq!(pieces(&(10.0..70.0), 1e-3).len(), 24);
+        let slow = pieces(&(10.0..50.0), 0.02);
+        assert_eq!(slow, [10.0..20.0, 20.0..30.0, 30.0..40.0, 40.0..50.0]);
     }
 
     #[test]
@@ -263,6 +275,7 @@ mod tests {
         let measured = |count: usize| Measured {
             name: "slide".into(),
             unit: "N",
+            position_unit: "m",
             start: 0.0,
             dt: 0.01,
             input: vec![0.0; count],

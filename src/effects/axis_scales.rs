@@ -1,0 +1,254 @@
+//! The catalogue in the units of one axis.
+//!
+//! Scales, bounds and start values of the catalogue are those of a belt-driven table: newtons, decimetres, samples
+//! of a millisecond. A single axis may be a wheel driven by volts or a press driven by kilonewtons, and its user may
+//! log millinewtons. So every quantity of the catalogue is multiplied by the ratio of its typical sizes on the axis and
+//! on the table. Nothing that the search compares a value with is then an absolute number, and its answers do not
+//! depend on the units of the recording.
+
+use super::{COMMAND_UNIT, Effect, Parameter, find};
+use std::sync::{Mutex, PoisonError};
+
+/// Typical size of each quantity on an axis, in the units of its recording.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisScales {
+    /// RMS of the input.
+    pub input: f64,
+    /// Half the range of the position.
+    pub position: f64,
+    /// RMS of the velocity, per second.
+    pub velocity: f64,
+    /// RMS of the acceleration, per second squared.
+    pub acceleration: f64,
+    /// Sample period (s).
+    pub sample_period: f64,
+    /// Duration of a session (s).
+    pub duration: f64,
+    /// Unit of the input.
+    pub input_unit: &'static str,
+    /// Unit of the position.
+    pub position_unit: &'static str,
+}
+
+/// Typical sizes on the table for which the catalogue is written.
+pub const TABLE_SCALES: AxisScales = AxisScales {
+    input: 5.0,
+    position: 0.15,
+    velocity: 0.3,
+    acceleration: 3.0,
+    sample_period: 1e-3,
+    duration: 60.0,
+    input_unit: "N",
+    position_unit: "m",
+};
+
+/// Parameter scale (s) from which a time belongs to a session, as a warm-up does, and not to the samples.
+const SESSION_TIME: f64 = 1.0;
+
+/// Effects in the units of an axis. They are kept for the life of the program, one set for each set of scales.
+static POOL: Mutex<Vec<(AxisScales, &'static Effect)>> = Mutex::new(Vec::new());
+
+impl AxisScales {
+    /// Typical size of the quantity of `parameter`.
+    fn size(&self, parameter: &Parameter) -> f64 {
+        let Self { input, position, velocity, acceleration, sample_period, duration, .. } = *self;
+        match parameter.unit {
+            "N" => input,
+            "m" => position,
+            "m/s" => velocity,
+            "m/s^2" => acceleration,
+            "kg" => input / acceleration,
+            "kg/m" => input / acceleration / position,
+            "kg/m^2" => input / acceleration / position.powi(2),
+            "N s/m" => input / velocity,
+            "N s^2/m^2" => input / velocity.powi(2),
+            "N/m" => input / position,
+            "N/m^2" => input / position.powi(2),
+            "m/N" => position / input,
+            "1/W" => 1.0 / (input * velocity),
+            "s" if SESSION_TIME <= parameter.scale => duration,
+            "s" => sample_period,
+            "Hz" | "1/s" => 1.0 / sample_period,
+            _ => 1.0,
+        }
+    }
+
+    /// Ratio of the typical sizes of `parameter` on this axis and on the table.
+    #[must_use]
+    pub fn factor(&self, parameter: &Parameter) -> f64 {
+        // The command of a table is a velocity, that of an axis is its input.
+        if parameter.unit == COMMAND_UNIT {
+            return self.input / TABLE_SCALES.velocity;
+        }
+        self.size(parameter) / TABLE_SCALES.size(parameter)
+    }
+
+    /// `unit` of the catalogue in the units of this axis, such as `N m s/rad` for `N s/m`.
+    #[must_use]
+    pub fn unit(&self, unit: &str) -> String {
+        let (input, position) = (self.input_unit, self.position_unit);
+        let inertia = match (input, position) {
+            ("N", "m") => "kg".to_owned(),
+            ("N m", "rad") => "kg m^2".to_owned(),
+            _ => format!("{input} s^2/{position}"),
+        };
+        let per = |power: u32| match power {
+            1 => position.to_owned(),
+            _ => format!("{position}^{power}"),
+        };
+        match unit {
+            "N" | COMMAND_UNIT => input.to_owned(),
+            "m" => position.to_owned(),
+            "m/s" => format!("{position}/s"),
+            "m/s^2" => format!("{position}/s^2"),
+            "kg" => inertia,
+            "kg/m" if inertia.contains('/') => format!("{input} s^2/{}", per(2)),
+            "kg/m^2" if inertia.contains('/') => format!("{input} s^2/{}", per(3)),
+            "kg/m" => format!("{inertia}/{position}"),
+            "kg/m^2" => format!("{inertia}/{}", per(2)),
+            "N s/m" => format!("{input} s/{position}"),
+            "N s^2/m^2" => format!("{input} s^2/{}", per(2)),
+            "N/m" => format!("{input}/{position}"),
+            "N/m^2" => format!("{input}/{}", per(2)),
+            "m/N" => format!(
+                "{position}/{}",
+                if input.contains(' ') { format!("({input})") } else { input.to_owned() }
+            ),
+            "1/W" if (input, position) != ("N", "m") => format!("s/({input} {position})"),
+            other => other.to_owned(),
+        }
+    }
+}
+
+impl Effect {
+    /// The effect with scales, bounds, start values and units of an axis. Name and physics stay.
+    #[must_use]
+    pub fn on_axis(&'static self, scales: &AxisScales) -> &'static Self {
+        let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, own)) = pool.iter().find(|(at, own)| at == scales && own.name == self.name)
+        {
+            return own;
+        }
+        // What is scaled already is scaled from the catalogue again.
+        let original = find(self.name).unwrap_or(self);
+        let own: &'static Self = Box::leak(Box::new(original.scaled(scales)));
+        pool.push((*scales, own));
+        own
+    }
+
+    fn scaled(&self, scales: &AxisScales) -> Self {
+        let factors: Vec<f64> = self.parameters.iter().map(|own| scales.factor(own)).collect();
+        let all = |values: &[f64]| -> &'static [f64] {
+            values
+                .iter()
+                .zip(&factors)
+                .map(|(value, factor)| value * factor)
+                .collect::<Vec<_>>()
+                .leak()
+        };
+        let parameters: Vec<Parameter> = self
+            .parameters
+            .iter()
+            .zip(&factors)
+            .map(|(own, factor)| Parameter {
+                unit: scales.unit(own.unit).leak(),
+                scale: own.scale * factor,
+                bounds: (own.bounds.0 * factor, own.bounds.1 * factor),
+                plausible: (own.plausible.0 * factor, own.plausible.1 * factor),
+                ..*own
+            })
+            .collect();
+        Self {
+            parameters: parameters.leak(),
+            null: all(self.null),
+            probes: self.probes.iter().map(|probe| all(probe)).collect::<Vec<_>>().leak(),
+            ..*self
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::CATALOGUE;
+
+    /// A wheel of volts and radians, 50 samples per second.
+    const WHEEL: AxisScales = AxisScales {
+        input: 3.0,
+        position: 40.0,
+        velocity: 12.0,
+        acceleration: 90.0,
+        sample_period: 0.02,
+        duration: 30.0,
+        input_unit: "V",
+        position_unit: "rad",
+    };
+
+    #[test]
+    fn the_table_keeps_its_catalogue() {
+        let is_of_command =
+            |effect: &Effect| effect.parameters.iter().any(|own| own.unit == COMMAND_UNIT);
+        for effect in CATALOGUE.iter().filter(|effect| !is_of_command(effect)) {
+            let own = effect.on_axis(&TABLE_SCALES);
+            assert_eq!(
+                (own.parameters, own.null),
+                (effect.parameters, effect.null),
+                "{}",
+                own.name
+            );
+            assert_eq!(own.probes, effect.probes, "{}", own.name);
+        }
+    }
+
+    #[test]
+    fn equal_scales_have_equal_effects_and_scaling_twice_is_scaling_once() {
+        let viscous = find("drive.friction.viscous").unwrap();
+        let own = viscous.on_axis(&WHEEL);
+        assert!(std::ptr::eq(own, viscous.on_axis(&WHEEL)));
+        assert!(std::ptr::eq(own, viscous.on_axis(&TABLE_SCALES).on_axis(&WHEEL)));
+        let [parameter] = own.parameters else { panic!("one number") };
+        assert_eq!(parameter.unit, "V s/rad");
+        let factor = (3.0 / 12.0) / (5.0 / 0.3);
+        assert!(
+            (parameter.bounds.1 / (viscous.parameters[0].bounds.1 * factor) - 1.0).abs() < 1e-12
+        );
+    }
+
+    #[test]
+    fn a_change_of_units_scales_every_size_of_an_axis_alike() {
+        let (by_input, by_position, by_time) = (1e3, 1e-3, 4.0);
+        let other = AxisScales {
+            input: WHEEL.input * by_input,
+            position: WHEEL.position * by_position,
+            velocity: WHEEL.velocity * by_position / by_time,
+            acceleration: WHEEL.acceleration * by_position / (by_time * by_time),
+            sample_period: WHEEL.sample_period * by_time,
+            duration: WHEEL.duration * by_time,
+            ..WHEEL
+        };
+        let mass = find("gantry.inertia").unwrap().parameters[0];
+        let expected = by_input * by_time * by_time / by_position;
+        assert!((other.factor(&mass) / WHEEL.factor(&mass) / expected - 1.0).abs() < 1e-12);
+        let delay = find("drive.delay").unwrap().parameters[0];
+        assert!((other.factor(&delay) / WHEEL.factor(&delay) - by_time).abs() < 1e-12);
+    }
+
+    #[test]
+    fn units_are_those_of_the_axis() {
+        let rotary = AxisScales { input_unit: "N m", ..WHEEL };
+        for (unit, wheel, torque) in [
+            ("N", "V", "N m"),
+            ("kg", "V s^2/rad", "kg m^2"),
+            ("kg/m", "V s^2/rad^2", "kg m^2/rad"),
+            ("N s/m", "V s/rad", "N m s/rad"),
+            ("N/m^2", "V/rad^2", "N m/rad^2"),
+            ("m/N", "rad/V", "rad/(N m)"),
+            ("m/s^2", "rad/s^2", "rad/s^2"),
+            ("s", "s", "s"),
+            ("1", "1", "1"),
+        ] {
+            assert_eq!((WHEEL.unit(unit).as_str(), rotary.unit(unit).as_str()), (wheel, torque));
+            assert_eq!(TABLE_SCALES.unit(unit), unit);
+        }
+    }
+}
