@@ -77,10 +77,12 @@ impl Chapter {
             }
             Self::Train => "The same learner with the same settings, in four simulations.",
             Self::Play => {
-                "Each policy plays on the rig, unchanged, against the same opponents, from both seats."
+                "Each policy plays on the rig and in its own simulation, unchanged, against the same opponents, \
+                 from both seats, with the same serves."
             }
             Self::Score => {
-                "Contacts, goals and episode lengths, computed from the recordings alone."
+                "Contacts, goals and episode lengths of rig and simulation, computed by one referee from \
+                 the recordings alone."
             }
         }
     }
@@ -366,13 +368,26 @@ impl Plan {
                          --seconds {seconds} --seed {seed} --output matches/{name}.mcap --overwrite --json"
                     );
                     steps.push(Step::new(&format!("play-{name}"), &line));
+                    // The same serves, in the policy's own simulation.
+                    let line = format!(
+                        "play --simulation {} --speed max --rig {file} --left {left} --right {right} \
+                         --seconds {seconds} --seed {seed} --output simulated/{name}.mcap --overwrite --json",
+                        kind.actuator
+                    );
+                    steps.push(Step::new(&format!("simulate-{name}"), &line));
                 }
             }
         }
         self.stages.push(Stage { chapter: Chapter::Play, steps, side_by_side: true });
         self.stage(
             Chapter::Score,
-            vec![Step::new("eval", "eval matches --output eval --overwrite --json")],
+            vec![
+                Step::new("eval", "eval matches --output eval --overwrite --json"),
+                Step::new(
+                    "eval-simulated",
+                    "eval simulated --output eval-simulated --overwrite --json",
+                ),
+            ],
         );
     }
 }
