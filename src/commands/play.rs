@@ -14,7 +14,7 @@ use klasktron::{
     link::BusSpec,
     play::{Match, Seat, SimulatedGoals, SimulatedMatch, Who, label},
     rig::{RigConfig, Truth, config::BallConfig},
-    train::{ActuatorSource, game_with_actuator},
+    train::{ActuatorSource, TrainSettings, game_with_actuator},
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -144,7 +144,8 @@ impl Args {
         self.table.read_files(rig)
     }
 
-    /// Play in the simulation `model`; the domain randomization is that of the policy's training.
+    /// Play in the simulation `model`; domain randomization and sensors are those of the policy's
+    /// training.
     fn simulate(
         &self,
         model: &Path,
@@ -153,10 +154,12 @@ impl Args {
     ) -> anyhow::Result<Outcome> {
         refuse_existing_file(&self.output, self.session.overwrite)?;
         let (mut game, source) = game_with_actuator(model)?;
-        game.randomization = seats.iter().flatten().find_map(|seat| match seat {
-            Seat::Policy { policy, .. } => policy.settings.randomization_ranges(),
+        let trained = seats.iter().flatten().find_map(|seat| match seat {
+            Seat::Policy { policy, .. } => Some(&policy.settings),
             Seat::Scripted(_) => None,
         });
+        game.randomization = trained.and_then(TrainSettings::randomization_ranges);
+        game.sensors = trained.and_then(|settings| settings.sensors);
         let mut played = SimulatedMatch::new(seats, &game, (&files.robot, &files.rig), self.seed)?;
         let entries = [
             ("schema_version", "1".to_owned()),

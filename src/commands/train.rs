@@ -10,8 +10,7 @@ use super::{
 use anyhow::{Context as _, bail};
 use indicatif::ProgressBar;
 use klasktron::{
-    ekf::read_settings,
-    game::{GameSettings, ObservationKind, SensorSettings},
+    game::{GameSettings, ObservationKind},
     opponent::Scripted,
     parallel::cores,
     provenance::Provenance,

@@ -91,9 +91,17 @@ pub struct Experiment {
 /// Seed of the bootstrap.
 const SEED: u64 = 0;
 
-/// Pairs ordered by the paper's claim: a policy with an actuator model should beat one without.
-const CLAIMS: [(&str, &str); 4] =
-    [("twin", "ideal"), ("learned", "ideal"), ("twin", "randomized"), ("learned", "randomized")];
+/// Pairs ordered by the claims: a policy whose simulation models the actuator should beat one
+/// without (the paper), and one whose simulation models the sensors too.
+const CLAIMS: [(&str, &str); 7] = [
+    ("twin", "ideal"),
+    ("learned", "ideal"),
+    ("twin", "randomized"),
+    ("learned", "randomized"),
+    ("ideal-sensors", "ideal"),
+    ("twin-sensors", "twin"),
+    ("twin-sensors", "ideal"),
+];
 
 impl Experiment {
     /// Compute the experiment from the result documents of `eval` (rig) and `eval-simulated`, which
@@ -276,7 +284,7 @@ mod tests {
     #[test]
     fn rates_are_points_per_minute_of_the_policys_own_seat() {
         let experiment = Experiment::new(&results(|_| (4, 1))).unwrap();
-        assert_eq!(experiment.contests.len(), 8);
+        assert_eq!(experiment.contests.len(), 12);
         for contest in &experiment.contests {
             // 8 goals and 2 of the other one in 20 episodes, 10 minutes.
             assert!((contest.goals_per_min.value - 0.8).abs() < 1e-12, "{contest:?}");
@@ -304,7 +312,7 @@ mod tests {
         let said: Vec<&str> = experiment.differences.iter().map(Difference::summary).collect();
         let [better, same] =
             ["better, as expected", "no significant difference (95 % interval contains 0)"];
-        assert_eq!(said, [better, better, same, same]);
+        assert_eq!(said, [better, better, same, same, better, same, better]);
         let points = |name: &str| if name == "twin" { (0, 9) } else { (8, 1) };
         let experiment = Experiment::new(&results(points)).unwrap();
         assert_eq!(experiment.differences[0].summary(), "worse, against the expectation");

@@ -14,7 +14,8 @@ use serde_json::Value;
 use std::{collections::BTreeMap, f64::consts::TAU};
 
 /// Colours of the policies, in their order.
-const POLICY_COLOURS: [Colour; 4] = [Colour::Grey, Colour::Orange, Colour::Blue, Colour::Green];
+const POLICY_COLOURS: [Colour; 6] =
+    [Colour::Grey, Colour::Orange, Colour::Blue, Colour::Green, Colour::Red, Colour::Purple];
 
 /// Curves of the page, read from the recordings.
 #[derive(Debug, Clone, Default, PartialEq)]
