@@ -2,7 +2,7 @@
 //! results.
 //!
 //! [`Plan`] lists the commands as typed: collect, fit the actuator, tune the filter, close the gap,
-//! train four policies in four simulations, let each play on the rig, score. The binary runs them
+//! train six policies in six simulations, let each play on the rig, score. The binary runs them
 //! and keeps the printed documents as [`Record`]s. [`Experiment`] computes the comparison from the
 //! records; [`page()`] writes the report.
 //!

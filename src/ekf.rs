@@ -94,6 +94,8 @@ pub use region::{Region, Strikers, region_at};
 pub use rise::{Hit, LONGEST_FRAMES, Response, Rise, RiseTimes, responses, rises};
 pub use settings::{BallSettings, BoardSettings, FilterSettings, Object, ObjectSettings};
 pub use slope::{Impact, impacts, velocities};
-pub use track::{BoardFilter, Detections, LOST_AFTER_S, Observed, REMEMBERED_FRAMES, Step, Track};
+pub use track::{
+    BoardFilter, Detections, LOST_AFTER_S, LastFrame, Observed, REMEMBERED_FRAMES, Step, Track,
+};
 pub use tune::{LEAST_SAMPLES, LEAST_VISITS, RegionTuning, TuneObserver, Tuning, tune};
 pub use upstream::UpstreamFilter;

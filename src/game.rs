@@ -69,7 +69,8 @@
 //! - The third dimension: jumping balls, heights of strikers, the shape of the cup below its rim.
 //! - Rotation of strikers, reaction of an impact on the carriage, and wear.
 //! - Contacts between biscuits, and biscuits in cups.
-//! - The camera: observations are exact and current. A camera model would change [`Observation`].
+//! - Blur, distortion and outliers of the camera. Observations are exact and current without
+//!   [`GameSettings::sensors`], and those of a camera model with the state estimator with it.
 
 mod actuation;
 mod biscuit;
@@ -85,6 +86,7 @@ mod observation;
 mod outcome;
 mod period;
 mod randomization;
+mod sensing;
 mod settings;
 mod state;
 
@@ -95,6 +97,7 @@ pub use games::{ActuatorQueries, ClockFn, Games, Snapshot, StepTimes};
 pub use observation::{Observation, ObservationKind, turned};
 pub use outcome::{Ending, Outcomes};
 pub use randomization::{BoardPhysics, Randomization, Surface};
+pub use sensing::{Estimator, IN_CUP_SECONDS, Seen, SensorSettings, Sensors};
 pub use settings::{
     BallSettings, BiscuitSettings, CONTROL_PERIOD, CommandLimits, CupRule, CupSettings,
     EpisodeSettings, GameSettings, LimiterPlace, StrikerSettings,

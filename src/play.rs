@@ -3,8 +3,8 @@
 //! [`Match`] is the [`Pilot`](crate::collect::Pilot) of a session of [`collect`](crate::collect),
 //! which homes, arms, guards and records as in a collection. In every control period (50 Hz):
 //!
-//! 1. Camera frames since the last period update one [`BoardFilter`](crate::ekf::BoardFilter); its
-//!    estimates of ball and strikers are predicted to the current time.
+//! 1. Camera frames since the last period update one [`Estimator`](crate::game::Estimator), the same
+//!    as in training with sensors; its estimates are predicted to the current time.
 //! 2. Each player gets an observation in its own frame ([`Observation`](crate::game::Observation)):
 //!    the board turned by 180 degrees for the right player.
 //! 3. The player returns a velocity: the mean action of a policy times its scale, or the rule of a
@@ -50,9 +50,12 @@
 mod error;
 mod pilot;
 mod seat;
+mod simulated;
 #[cfg(test)]
 mod tests;
 
+pub use crate::game::IN_CUP_SECONDS;
 pub use error::PlayError;
-pub use pilot::{IN_CUP_SECONDS, Match, label};
+pub use pilot::{Match, label};
 pub use seat::{Seat, Who, WhoError};
+pub use simulated::{SimulatedGoals, SimulatedMatch};

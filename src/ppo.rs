@@ -59,6 +59,7 @@
 //! | C7 observation clipping | 10 standard deviations, upstream 5 | [`Normalization`], [`nn::Standardizer`](crate::nn::Standardizer) |
 //! | C8, C9 reward scaling and clipping | not used; instead the critic can use normalized values (rl_games, `normalize_value`) | [`PpoSettings::values`] |
 //! | early stopping by KL | before a minibatch above 1.5 times the limit (Stable-Baselines3, `target_kl`) | [`PpoSettings::kl_stop`] |
+//! | mirrored experience | half of each minibatch is reflected where the task is symmetric (Mittal et al. 2024) | [`Reflection`] |
 //! | KL divergence | analytic, from means and standard deviations, not estimated from ratios | [`Gaussian::divergence_from`] |
 //! | non-finite numbers | the whole update is discarded | `Learner::keep`, [`PpoError`] |
 //!
@@ -87,6 +88,7 @@ mod moments;
 mod noise;
 mod orthogonal;
 mod policy;
+mod reflection;
 mod rollout;
 mod settings;
 mod state;
@@ -100,6 +102,7 @@ pub use learner::{Learner, StepIndex, UpdateReport};
 pub use model::{Deviations, Scratch};
 pub use moments::Moments;
 pub use policy::Policy;
+pub use reflection::Reflection;
 pub use rollout::{End, Rollout, RolloutPart, RolloutShape, RolloutStep};
 pub use settings::{
     AdvantageNormalization, NetworkLayout, Normalization, PpoSettings, Schedule, Spaces, ValueLoss,

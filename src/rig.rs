@@ -52,6 +52,7 @@ mod world;
 #[cfg(test)]
 mod tests;
 
+pub use ball::Serves;
 pub use config::{ConfigError, FaultKind, FaultPlan, FaultStart, RigConfig};
 pub use serve::{DriveReport, ServeError, ServeReport, serve};
 pub use truth::{Body, DriveTruth, PlayerTruth, Truth};

@@ -76,7 +76,7 @@ mod stored;
 mod table;
 mod tensorboard;
 
-pub use actuator::{ActuatorSource, IDEAL, game_with_actuator};
+pub use actuator::{ActuatorSource, IDEAL, game_with_actuator, sensors_of};
 pub use arena::{Arena, Count, GameResult, Games, MatchScore};
 pub use curve::{CurvePoint, TimeShares};
 pub use elo::{
@@ -87,13 +87,13 @@ pub use evaluate::{Estimate, Evaluation, LEARNER_NAME, OpponentEvaluation, evalu
 pub use file::{POLICY_METADATA, Summary, UPDATE_TOPIC, write_policy};
 pub use page::page;
 pub use pool::{Choice, Member, Opponent};
-pub use reward::{Curriculum, RewardSettings, Step};
+pub use reward::{Curriculum, RewardSettings, ShapingForm, Step};
 pub use run::{Checkpoint, Machine, Run};
 pub use sample::{Moment, SampleGame, play_samples};
 pub use seeds_page::{SeedRun, seeds_page};
 pub use settings::{
     ACTIONS, EvaluationSettings, OpponentMode, OpponentSettings, Preset, RandomizationKind,
-    TrainSettings,
+    StartSettings, TrainSettings,
 };
 pub use stored::{StoredPolicy, read_checkpoint, read_curve, read_policy};
 pub use tensorboard::EventFile;

@@ -9,7 +9,19 @@ use std::fmt;
 pub const NANOS_PER_SECOND: u64 = 1_000_000_000;
 
 /// Recorded time: nanoseconds since the Unix epoch, or since any other fixed start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Default,
+    serde::Serialize,
+    serde::Deserialize,
+)]
 pub struct Nanos(pub u64);
 
 impl Nanos {

@@ -8,7 +8,7 @@ use super::{
 };
 use anyhow::{Context as _, bail};
 use klasktron::{
-    demo::{Experiment, Plan, Record, Size, Stage, Step, Story, begin, page, pictures},
+    demo::{Estimate, Experiment, Plan, Record, Size, Stage, Step, Story, begin, page, pictures},
     parallel::{cores, in_parallel_on},
     provenance::Provenance,
     recording::{ExistingFile, SESSION_COMPLETED, write_bytes},
@@ -131,7 +131,7 @@ impl Args {
 impl Demo<'_> {
     /// Create the folders and the input files of the commands.
     fn prepare(&self, plan: &Plan) -> anyhow::Result<()> {
-        for folder in ["steps", "rigs", "matches"] {
+        for folder in ["steps", "rigs", "matches", "simulated"] {
             let path = self.folder.join(folder);
             fs::create_dir_all(&path)
                 .with_context(|| format!("{}: cannot create the folder", path.display()))?;
@@ -281,6 +281,13 @@ fn table(experiment: Option<&Experiment>) -> String {
             one.goals_per_min.value,
             ratio.unwrap_or_else(|| "-".to_owned())
         ));
+    }
+    for (policy, ratio) in &experiment.transfer_ratios {
+        let Estimate { value, ci95 } = ratio;
+        let range =
+            ci95.map(|ci| format!(" (95 %: {:.0} to {:.0} %)", 1e2 * ci.low, 1e2 * ci.high));
+        let range = range.unwrap_or_default();
+        lines.push(format!("transfer ratio of {policy}: {:.0} %{range}", 1e2 * value));
     }
     for one in &experiment.differences {
         lines.push(format!("{} against {}: {}", one.better, one.worse, one.summary()));

@@ -2,6 +2,7 @@
 
 use super::{
     Outcome, note, print,
+    results::refuse_existing_file,
     session::{self, Motion, SessionArgs},
     table::{TableArgs, TableFiles, parse_within},
     tell,
@@ -11,11 +12,12 @@ use klasktron::{
     collect::{FreeStretch, SessionReport, Work, run_session},
     ekf::read_settings,
     link::BusSpec,
-    play::{Match, Seat, Who, label},
+    play::{Match, Seat, SimulatedGoals, SimulatedMatch, Who, label},
     rig::{RigConfig, Truth, config::BallConfig},
+    train::{ActuatorSource, TrainSettings, game_with_actuator},
 };
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Gain of the position hold in the moves before a match ((m/s)/m).
 const HOLD_GAIN_PER_S: f64 = 1.0;
@@ -40,6 +42,10 @@ pub(crate) struct Args {
     /// Settings of the Kalman filter from `klasktron tune-ekf` [default: untuned]
     #[arg(long, value_name = "FILE")]
     ekf: Option<PathBuf>,
+    /// Play in this simulation, not on a table: ideal, a twin.json or an actuator.mcap. Serves and
+    /// waiting times are those of --rig
+    #[arg(long, value_name = "ideal|FILE", conflicts_with = "ekf")]
+    simulation: Option<PathBuf>,
     /// Seed of the random player, and of the virtual rig without --rig
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -62,6 +68,16 @@ struct MatchReport<'a> {
     /// True goals of the virtual rig by the scorer; absent on a real table.
     #[serde(skip_serializing_if = "Option::is_none")]
     truth_goals: Option<Goals>,
+}
+
+/// Result document of a simulated match.
+#[derive(Serialize)]
+struct SimulatedReport {
+    left: String,
+    right: String,
+    actuator: ActuatorSource,
+    seconds: f64,
+    truth_goals: SimulatedGoals,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -88,6 +104,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let names = seats.each_ref().map(|seat| seat.as_ref().map_or_else(none, Seat::to_string));
     let filter = args.ekf.as_deref().map(read_settings).transpose()?;
     let files = args.read_files()?;
+    if let Some(model) = &args.simulation {
+        return args.simulate(model, seats, (names, &files));
+    }
     if let BusSpec::Replay(_) = args.table.bus {
         bail!("{} is a log; a match needs a live bus or --bus virtual", args.table.bus);
     }
@@ -123,6 +142,53 @@ impl Args {
         let rig =
             RigConfig { seed: self.seed, ball: BallConfig::in_a_match(), ..RigConfig::default() };
         self.table.read_files(rig)
+    }
+
+    /// Play in the simulation `model`; domain randomization and sensors are those of the policy's
+    /// training.
+    fn simulate(
+        &self,
+        model: &Path,
+        seats: [Option<Seat>; 2],
+        ([left, right], files): ([String; 2], &TableFiles),
+    ) -> anyhow::Result<Outcome> {
+        refuse_existing_file(&self.output, self.session.overwrite)?;
+        let (mut game, source) = game_with_actuator(model)?;
+        let trained = seats.iter().flatten().find_map(|seat| match seat {
+            Seat::Policy { policy, .. } => Some(&policy.settings),
+            Seat::Scripted(_) => None,
+        });
+        game.randomization = trained.and_then(TrainSettings::randomization_ranges);
+        game.sensors = trained.and_then(|settings| settings.sensors);
+        let mut played = SimulatedMatch::new(seats, &game, (&files.robot, &files.rig), self.seed)?;
+        let entries = [
+            ("schema_version", "1".to_owned()),
+            ("source", "simulation".to_owned()),
+            ("session", "match".to_owned()),
+            ("robot", "simulated".to_owned()),
+            ("player_left", left.clone()),
+            ("player_right", right.clone()),
+            ("actuator", source.kind.clone()),
+            ("actuator_sha256", source.sha256.clone().unwrap_or_default()),
+            ("seed", self.seed.to_string()),
+        ];
+        let metadata = entries.map(|(key, value)| (key.to_owned(), value)).into();
+        let place = (self.output.as_path(), self.session.overwrite.existing());
+        let goals = played.record(self.seconds, metadata, place)?;
+        if self.session.json {
+            let document = SimulatedReport {
+                left,
+                right,
+                actuator: source,
+                seconds: self.seconds,
+                truth_goals: goals,
+            };
+            print(&serde_json::to_string_pretty(&document)?)?;
+        } else {
+            print(&format!("{left} against {right}: {} : {}", goals.left, goals.right))?;
+            print(&format!("wrote {}", self.output.display()))?;
+        }
+        Ok(Outcome::Done)
     }
 
     fn tell(

@@ -20,7 +20,7 @@ use klasktron::{
         ActuatorSource, Choice, Curriculum, CurvePoint, EventFile, Machine, Opponent, OpponentMode,
         Preset, RandomizationKind, RewardSettings, Run, SeedRun, Summary, TimeShares, TrainError,
         TrainSettings, evaluate, game_with_actuator, page, play_samples, read_checkpoint,
-        read_curve, seeds_page, write_policy,
+        read_curve, read_policy, seeds_page, sensors_of, write_policy,
     },
 };
 use serde::Serialize;
@@ -44,19 +44,19 @@ pub(crate) struct Args {
     /// Transitions of all environments, such as 20e6 [default: 20e6]
     #[arg(long, value_name = "COUNT", value_parser = parse_steps)]
     steps: Option<u64>,
-    /// Parallel environments [default: 4096]
+    /// Parallel environments [default: from the preset]
     #[arg(long, value_name = "COUNT")]
     envs: Option<usize>,
     /// Widths of the hidden layers, such as 256,128,64 [default: from the preset]
     #[arg(long, value_name = "UNITS", value_delimiter = ',')]
     hidden: Vec<usize>,
-    /// Hyperparameters: table II of the paper, or upstream's rl_games configuration
-    #[arg(long, value_enum, default_value_t = Preset::Paper)]
+    /// Recipe: the strongest known, table II of the paper, or upstream's rl_games configuration
+    #[arg(long, value_enum, default_value_t = Preset::Tuned)]
     preset: Preset,
     /// Settings file (JSON from --print-settings) instead of a preset; options take precedence
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     settings: Option<PathBuf>,
-    /// Reward shaping [default: dense-ball-to-goal]
+    /// Reward shaping [default: from the preset]
     #[arg(long, value_enum)]
     curriculum: Option<Curriculum>,
     /// Opponents: earlier policies (enhanced self-play, uniform, best) or a script [default: enhanced]
@@ -65,13 +65,16 @@ pub(crate) struct Args {
     /// Actuator model: ideal, a twin.json or an actuator.mcap
     #[arg(long, value_name = "ideal|FILE", default_value = "ideal")]
     actuator: PathBuf,
+    /// Train through the camera and the state estimator of an ekf.json, as `play --ekf` uses them
+    #[arg(long, value_name = "FILE")]
+    ekf: Option<PathBuf>,
     /// Domain randomization: draw the physics of every episode from table III of the paper
     #[arg(long)]
     randomize: bool,
     /// Play with three magnets, which stick to strikers; two of them lose the point
     #[arg(long)]
     biscuits: bool,
-    /// Observation: 12 standard values, or 20 with angles and distances [default: 20]
+    /// Observation: 12 standard values, 20 with angles and distances, 29 with the geometry of a shot [default: from the preset]
     #[arg(long, value_enum)]
     observations: Option<ObservationsArg>,
     /// Evaluation games against each scripted player, an even number; 0: none [default: 1000]
@@ -142,6 +145,8 @@ enum ObservationsArg {
     Standard,
     #[value(name = "20")]
     Augmented,
+    #[value(name = "29")]
+    Aiming,
 }
 
 fn parse_steps(text: &str) -> Result<u64, String> {
@@ -197,6 +202,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let threads = args.threads.or_else(|| NonZeroUsize::new(cores()));
     let threads = threads.unwrap_or(NonZeroUsize::MIN);
     let places = args.places();
+    let settings = args.continued(settings, &places.policy)?;
     let task = Task { settings, game, actuator, places, provenance, threads };
     let mut run = task.begin(args)?;
     let stop = interrupt::raised_by_ctrl_c("finishing the current update")?;
@@ -311,6 +317,9 @@ impl Args {
             None => TrainSettings::preset(self.preset),
         };
         settings.steps = self.steps.unwrap_or(settings.steps);
+        if self.settings.is_none() && settings.anneal_transitions.is_some() {
+            settings.anneal_transitions = Some(settings.steps);
+        }
         settings.environments = self.envs.unwrap_or(settings.environments);
         settings.seed = self.seed.unwrap_or(settings.seed);
         if !self.hidden.is_empty() {
@@ -321,11 +330,15 @@ impl Args {
         }
         if let Some(opponents) = self.opponents {
             settings.opponents.mode = opponents.mode();
+            if matches!(settings.opponents.mode, OpponentMode::Scripted(_)) {
+                settings.opponents.scripted_fraction = 0.0;
+            }
         }
         if let Some(observations) = self.observations {
             settings.observations = match observations {
                 ObservationsArg::Standard => ObservationKind::Standard12,
                 ObservationsArg::Augmented => ObservationKind::Augmented20,
+                ObservationsArg::Aiming => ObservationKind::Aiming29,
             };
         }
         if let Some(games) = self.games {
@@ -335,10 +348,23 @@ impl Args {
             }
         }
         settings.biscuits |= self.biscuits;
+        if let Some(path) = &self.ekf {
+            settings.sensors = Some(sensors_of(path, &self.actuator)?);
+        }
         if self.randomize {
             settings.randomization = RandomizationKind::Paper;
         }
         Ok(settings)
+    }
+
+    /// Settings of a run that may continue the one in `policy`: its learning rate goes on as planned
+    /// there, also with another number of steps.
+    fn continued(&self, settings: TrainSettings, policy: &Path) -> anyhow::Result<TrainSettings> {
+        if !self.resume || self.settings.is_some() || !policy.exists() {
+            return Ok(settings);
+        }
+        let stored = read_policy(&Recording::open(policy)?)?.settings;
+        Ok(TrainSettings { anneal_transitions: stored.anneal_transitions, ..settings })
     }
 
     /// Command line with every option that decides the result; the settings are in their own file.

@@ -31,7 +31,7 @@ pub struct Contest {
     pub policy: &'static str,
     /// Name of the opponent.
     pub opponent: &'static str,
-    /// Goals of the policy per minute in its own simulation.
+    /// Goals of the policy per minute in its own simulation, under the conditions of the rig.
     pub simulated_goals_per_min: Estimate,
     /// Win rate of decided games in its own simulation, 0 to 1.
     pub simulated_win_rate: Option<f64>,
@@ -45,8 +45,8 @@ pub struct Contest {
     pub episode_length_s: Estimate,
     /// Contacts of both strikers with the ball per episode on the rig.
     pub contacts_per_episode: Estimate,
-    /// Transfer ratio: scoring rate on the rig over that in simulation. The interval combines both
-    /// intervals conservatively.
+    /// Transfer ratio: scoring rate on the rig over that in simulation (bootstrap over the episodes
+    /// of both).
     pub transfer_ratio: Option<Estimate>,
     /// Number of episodes on the rig.
     pub episodes: usize,
@@ -80,6 +80,8 @@ impl Difference {
 pub struct Experiment {
     /// Results of every policy against every opponent.
     pub contests: Vec<Contest>,
+    /// Transfer ratio of each policy, of the scoring rates against all opponents together.
+    pub transfer_ratios: Vec<(&'static str, Estimate)>,
     /// Net goals per minute of each policy on the rig, against all opponents together.
     pub net_goals_per_min: Vec<(&'static str, Estimate)>,
     /// Differences between the pairs that the paper's claim orders.
@@ -89,32 +91,46 @@ pub struct Experiment {
 /// Seed of the bootstrap.
 const SEED: u64 = 0;
 
-/// Pairs ordered by the paper's claim: a policy with an actuator model should beat one without.
-const CLAIMS: [(&str, &str); 4] =
-    [("twin", "ideal"), ("learned", "ideal"), ("twin", "randomized"), ("learned", "randomized")];
+/// Pairs ordered by the claims: a policy whose simulation models the actuator should beat one
+/// without (the paper), and one whose simulation models the sensors too.
+const CLAIMS: [(&str, &str); 7] = [
+    ("twin", "ideal"),
+    ("learned", "ideal"),
+    ("twin", "randomized"),
+    ("learned", "randomized"),
+    ("ideal-sensors", "ideal"),
+    ("twin-sensors", "twin"),
+    ("twin-sensors", "ideal"),
+];
 
 impl Experiment {
-    /// Compute the experiment from the result documents of `train-*` and of `eval`; `None` if
-    /// values are missing.
+    /// Compute the experiment from the result documents of `eval` (rig) and `eval-simulated`, which
+    /// the same referee has scored; `None` if values are missing.
     #[must_use]
     pub fn new(results: &BTreeMap<String, Value>) -> Option<Self> {
-        let score = results.get("eval")?;
+        let (score, simulated) = (results.get("eval")?, results.get("eval-simulated")?);
         let mut contests = Vec::new();
-        let mut of_policy: BTreeMap<&str, Vec<Episode>> = BTreeMap::new();
+        let mut of_policy: BTreeMap<&str, Arms> = BTreeMap::new();
         for policy in POLICIES.map(|kind| kind.name) {
-            let trained = results.get(&format!("train-{policy}"))?;
             for opponent in OPPONENTS {
-                let episodes: Vec<Episode> = SEATS
-                    .iter()
-                    .flat_map(|seat| episodes(score, &match_name(policy, opponent, seat), seat))
-                    .collect();
-                contests.push(contest((policy, opponent), trained, &episodes)?);
-                of_policy.entry(policy).or_default().extend(episodes);
+                let of = |score: &Value| -> Vec<Episode> {
+                    let names = SEATS.map(|seat| (match_name(policy, opponent, seat), seat));
+                    names.iter().flat_map(|(name, seat)| episodes(score, name, seat)).collect()
+                };
+                let arms = Arms { rig: of(score), simulated: of(simulated) };
+                if arms.simulated.is_empty() {
+                    return None;
+                }
+                contests.push(contest((policy, opponent), &arms));
+                let all = of_policy.entry(policy).or_default();
+                all.rig.extend(arms.rig);
+                all.simulated.extend(arms.simulated);
             }
         }
-        let net = |policy: &'static str| (policy, rate(&of_policy[policy], net_goals, minutes));
+        let ratio = |policy| Some((policy, of_policy[policy].transfer_ratio()?));
+        let net = |policy: &'static str| (policy, rate(&of_policy[policy].rig, net_goals, minutes));
         let difference = |(better, worse): (&'static str, &'static str)| {
-            let [a, b] = [&of_policy[worse], &of_policy[better]];
+            let [a, b] = [&of_policy[worse].rig, &of_policy[better].rig];
             let ci95 = bootstrap_difference_ci95(a, b, SEED, net_rate);
             let [value_a, value_b] = [a, b].map(|all| net_rate(&all.iter().collect::<Vec<_>>()));
             let value = value_b - value_a;
@@ -122,10 +138,42 @@ impl Experiment {
         };
         Some(Self {
             contests,
+            transfer_ratios: POLICIES.iter().filter_map(|kind| ratio(kind.name)).collect(),
             net_goals_per_min: POLICIES.map(|kind| net(kind.name)).into(),
             differences: CLAIMS.map(difference).into(),
         })
     }
+}
+
+/// Episodes of a policy on the rig and in its simulation.
+#[derive(Debug, Clone, Default)]
+struct Arms {
+    rig: Vec<Episode>,
+    simulated: Vec<Episode>,
+}
+
+impl Arms {
+    /// Transfer ratio of the scoring rates; `None` without a goal in simulation. The interval is
+    /// that of the difference of the logarithms.
+    fn transfer_ratio(&self) -> Option<Estimate> {
+        let logarithm = |drawn: &[&Episode]| {
+            let sum = |part: fn(&Episode) -> f64| drawn.iter().map(|one| part(one)).sum::<f64>();
+            (sum(scored) / sum(minutes)).ln()
+        };
+        let [rig, simulated] =
+            [&self.rig, &self.simulated].map(|arm| logarithm(&arm.iter().collect::<Vec<_>>()));
+        if !simulated.is_finite() {
+            return None;
+        }
+        let ci95 = bootstrap_difference_ci95(&self.simulated, &self.rig, SEED, logarithm)
+            .map(|ci| Interval { low: ci.low.exp(), high: ci.high.exp() })
+            .filter(|ci| ci.low.is_finite() && ci.high.is_finite());
+        Some(Estimate { value: (rig - simulated).exp(), ci95 })
+    }
+}
+
+fn scored(episode: &Episode) -> f64 {
+    episode.scored
 }
 
 fn minutes(episode: &Episode) -> f64 {
@@ -168,50 +216,32 @@ fn episodes(score: &Value, name: &str, seat: &str) -> Vec<Episode> {
     found.map_or(&[][..], Vec::as_slice).iter().map(episode).collect()
 }
 
-/// Estimate in a result document of `train`.
-fn figure(value: &Value) -> Option<Estimate> {
-    let ci95 = value.get("ci95").and_then(|ci| serde_json::from_value(ci.clone()).ok());
-    Some(Estimate { value: value["mean"].as_f64()?, ci95 })
-}
-
-fn contest(
-    (policy, opponent): (&'static str, &'static str),
-    trained: &Value,
-    episodes: &[Episode],
-) -> Option<Contest> {
-    let judged = trained.pointer("/evaluation/opponents")?.as_array()?;
-    let judged = judged.iter().find(|one| one["opponent"] == opponent)?;
-    let simulated = figure(&judged["goals_per_min"])?;
+fn contest((policy, opponent): (&'static str, &'static str), arms: &Arms) -> Contest {
     let one = |_: &Episode| 1.0;
-    let scored = rate(episodes, |episode| episode.scored, minutes);
-    let sum = |part: fn(&Episode) -> f64| episodes.iter().map(part).sum::<f64>() as u64;
-    let (won, lost) = (sum(|episode| episode.scored), sum(|episode| episode.conceded));
-    let win_rate = (0 < won + lost).then(|| Estimate {
-        value: won as f64 / (won + lost) as f64,
-        ci95: wilson_ci95(won, won + lost),
-    });
-    Some(Contest {
+    let goals = |episodes: &[Episode], part: fn(&Episode) -> f64| {
+        episodes.iter().map(part).sum::<f64>() as u64
+    };
+    let decided = |episodes: &[Episode]| {
+        (goals(episodes, scored), goals(episodes, |episode| episode.conceded))
+    };
+    let share = |(won, lost): (u64, u64)| won as f64 / (won + lost) as f64;
+    let (won, lost) = decided(&arms.rig);
+    let win_rate = (0 < won + lost)
+        .then(|| Estimate { value: share((won, lost)), ci95: wilson_ci95(won, won + lost) });
+    let simulated = decided(&arms.simulated);
+    Contest {
         policy,
         opponent,
-        simulated_goals_per_min: simulated,
-        simulated_win_rate: judged["win_rate"].as_f64(),
-        goals_per_min: scored,
-        conceded_goals_per_min: rate(episodes, |episode| episode.conceded, minutes),
+        simulated_goals_per_min: rate(&arms.simulated, scored, minutes),
+        simulated_win_rate: (0 < simulated.0 + simulated.1).then(|| share(simulated)),
+        goals_per_min: rate(&arms.rig, scored, minutes),
+        conceded_goals_per_min: rate(&arms.rig, |episode| episode.conceded, minutes),
         win_rate,
-        episode_length_s: rate(episodes, |episode| 60.0 * episode.minutes, one),
-        contacts_per_episode: rate(episodes, |episode| episode.contacts, one),
-        transfer_ratio: transfer_ratio(scored, simulated),
-        episodes: episodes.len(),
-    })
-}
-
-/// Transfer ratio of a rate; `None` for a simulated rate of zero.
-fn transfer_ratio(measured: Estimate, simulated: Estimate) -> Option<Estimate> {
-    let both = measured.ci95.zip(simulated.ci95);
-    let ci95 = both.filter(|(_, simulated)| 0.0 < simulated.low).map(|(measured, simulated)| {
-        Interval { low: measured.low / simulated.high, high: measured.high / simulated.low }
-    });
-    (0.0 < simulated.value).then(|| Estimate { value: measured.value / simulated.value, ci95 })
+        episode_length_s: rate(&arms.rig, |episode| 60.0 * episode.minutes, one),
+        contacts_per_episode: rate(&arms.rig, |episode| episode.contacts, one),
+        transfer_ratio: arms.transfer_ratio(),
+        episodes: arms.rig.len(),
+    }
 }
 
 #[cfg(test)]
@@ -236,31 +266,25 @@ mod tests {
 
     fn results(points: impl Fn(&str) -> (usize, usize)) -> BTreeMap<String, Value> {
         let mut results = BTreeMap::new();
-        let mut matches = Vec::new();
+        let (mut matches, mut simulated) = (Vec::new(), Vec::new());
         for kind in POLICIES {
-            let judged = OPPONENTS.map(|opponent| {
-                let rate = json!({"mean": 1.0, "ci95": {"low": 0.8, "high": 1.25}});
-                json!({"opponent": opponent, "win_rate": 0.9, "goals_per_min": rate})
-            });
-            results.insert(
-                format!("train-{}", kind.name),
-                json!({"evaluation": {"opponents": judged}}),
-            );
             for opponent in OPPONENTS {
                 for seat in SEATS {
                     let name = match_name(kind.name, opponent, seat);
                     matches.push(played(&name, seat, points(kind.name)));
+                    simulated.push(played(&name, seat, (5, 0)));
                 }
             }
         }
         results.insert("eval".to_owned(), json!({"matches": matches}));
+        results.insert("eval-simulated".to_owned(), json!({"matches": simulated}));
         results
     }
 
     #[test]
     fn rates_are_points_per_minute_of_the_policys_own_seat() {
         let experiment = Experiment::new(&results(|_| (4, 1))).unwrap();
-        assert_eq!(experiment.contests.len(), 8);
+        assert_eq!(experiment.contests.len(), 12);
         for contest in &experiment.contests {
             // 8 goals and 2 of the other one in 20 episodes, 10 minutes.
             assert!((contest.goals_per_min.value - 0.8).abs() < 1e-12, "{contest:?}");
@@ -269,8 +293,9 @@ mod tests {
             assert!((contest.episode_length_s.value - 30.0).abs() < 1e-9);
             let kept = contest.transfer_ratio.unwrap();
             assert!((kept.value - 0.8).abs() < 1e-12);
-            let (kept, own) = (kept.ci95.unwrap(), contest.goals_per_min.ci95.unwrap());
-            assert!((kept.low - own.low / 1.25).abs() < 1e-12);
+            let kept = kept.ci95.unwrap();
+            assert!(0.3 < kept.low && kept.low < 0.8 && 0.8 < kept.high, "{kept:?}");
+            assert!((contest.simulated_goals_per_min.value - 1.0).abs() < 1e-12);
         }
         assert!(
             experiment
@@ -287,7 +312,7 @@ mod tests {
         let said: Vec<&str> = experiment.differences.iter().map(Difference::summary).collect();
         let [better, same] =
             ["better, as expected", "no significant difference (95 % interval contains 0)"];
-        assert_eq!(said, [better, better, same, same]);
+        assert_eq!(said, [better, better, same, same, better, same, better]);
         let points = |name: &str| if name == "twin" { (0, 9) } else { (8, 1) };
         let experiment = Experiment::new(&results(points)).unwrap();
         assert_eq!(experiment.differences[0].summary(), "worse, against the expectation");
@@ -296,7 +321,7 @@ mod tests {
     #[test]
     fn without_a_score_there_is_no_experiment() {
         let mut results = results(|_| (4, 1));
-        results.remove("eval");
+        results.remove("eval-simulated");
         assert_eq!(Experiment::new(&results), None);
     }
 }

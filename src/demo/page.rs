@@ -14,7 +14,8 @@ use serde_json::Value;
 use std::{collections::BTreeMap, f64::consts::TAU};
 
 /// Colours of the policies, in their order.
-const POLICY_COLOURS: [Colour; 4] = [Colour::Grey, Colour::Orange, Colour::Blue, Colour::Green];
+const POLICY_COLOURS: [Colour; 6] =
+    [Colour::Grey, Colour::Orange, Colour::Blue, Colour::Green, Colour::Red, Colour::Purple];
 
 /// Curves of the page, read from the recordings.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -51,6 +52,7 @@ pub fn page(story: &Story<'_>) -> String {
     badge(&mut page, story);
     page.lead(&lead(story));
     key_figures(&mut page, story);
+    transfer(&mut page, story);
     hidden(&mut page);
     for stage in &story.plan.stages {
         page.section(stage.chapter.title());
@@ -124,6 +126,33 @@ fn key_figures(page: &mut Page, story: &Story<'_>) {
     let figures: Vec<(&str, String)> =
         names.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
     page.key_figures(&figures);
+}
+
+/// Transfer ratio of each policy over all opponents, with error bars.
+fn transfer(page: &mut Page, story: &Story<'_>) {
+    let Some(experiment) = story.experiment else { return };
+    let ratios = &experiment.transfer_ratios;
+    let percent = |value: f64| 100.0 * value;
+    let points = ratios.iter().enumerate().map(|(at, (_, one))| (at as f64, percent(one.value)));
+    let ranges = ratios.iter().enumerate().filter_map(|(at, (_, one))| {
+        let ci = one.ci95?;
+        Some((at as f64, percent(ci.low), percent(ci.high)))
+    });
+    let dots = Series::dots("transfer ratio", Colour::Blue, points.collect());
+    let names = ratios.iter().map(|(policy, _)| (*policy).to_owned()).collect();
+    page.chart(
+        &Chart::of_lines(
+            "Transfer ratio: scoring rate on the rig relative to that in the policy's simulation",
+            Axis::of_categories("policy", names),
+            Axis::new("rig / simulation", "%").including(0.0),
+        )
+        .with(dots.with_whiskers(ranges.collect()))
+        .with(Series::level("equal rates", Colour::Grey, 100.0)),
+    );
+    page.paragraph(
+        "All opponents and both seats together. Rig and simulation have the same serves, rules, time and referee. \
+         Whiskers are 95 % intervals over episodes; they do not contain the variance between training seeds.",
+    );
 }
 
 fn hidden(page: &mut Page) {
@@ -436,7 +465,8 @@ fn scored(page: &mut Page, story: &Story<'_>) {
         ]),
         rows: rows.collect(),
     });
-    page.link("eval/index.html", "All matches, with replay");
+    page.link("eval/index.html", "All matches on the rig, with replay");
+    page.link("eval-simulated/index.html", "All matches in simulation, with replay");
 }
 
 /// Goals per minute of each policy in simulation and on the rig, with error bars.

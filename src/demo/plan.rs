@@ -75,12 +75,14 @@ impl Chapter {
             Self::CloseGap => {
                 "Effects missing from the plain simulation are identified and added to the twin."
             }
-            Self::Train => "The same learner with the same settings, in four simulations.",
+            Self::Train => "The same learner with the same settings, in six simulations.",
             Self::Play => {
-                "Each policy plays on the rig, unchanged, against the same opponents, from both seats."
+                "Each policy plays on the rig and in its own simulation, unchanged, against the same opponents, \
+                 from both seats, with the same serves."
             }
             Self::Score => {
-                "Contacts, goals and episode lengths, computed from the recordings alone."
+                "Contacts, goals and episode lengths of rig and simulation, computed by one referee from \
+                 the recordings alone."
             }
         }
     }
@@ -117,33 +119,53 @@ pub struct PolicyKind {
     pub summary: &'static str,
     actuator: &'static str,
     randomized: bool,
+    /// Trained through the camera and the estimator of `tune-ekf`.
+    sensors: bool,
 }
 
-/// The policies, in the order of the paper's claim, worst first.
-pub const POLICIES: [PolicyKind; 4] = [
+/// The policies: those of the paper's claim, worst first, then those with sensors in training.
+pub const POLICIES: [PolicyKind; 6] = [
     PolicyKind {
         name: "ideal",
         summary: "ideal actuators: the velocity equals the command",
         actuator: "ideal",
         randomized: false,
+        sensors: false,
     },
     PolicyKind {
         name: "randomized",
         summary: "ideal actuators with domain randomization",
         actuator: "ideal",
         randomized: true,
+        sensors: false,
     },
     PolicyKind {
         name: "twin",
         summary: "the twin with the effects that gap identified",
         actuator: "gap/twin.json",
         randomized: false,
+        sensors: false,
     },
     PolicyKind {
         name: "learned",
         summary: "the actuator network fitted to the recordings",
         actuator: "actuator/actuator.mcap",
         randomized: false,
+        sensors: false,
+    },
+    PolicyKind {
+        name: "ideal-sensors",
+        summary: "ideal actuators; camera and state estimator between game and policy",
+        actuator: "ideal",
+        randomized: false,
+        sensors: true,
+    },
+    PolicyKind {
+        name: "twin-sensors",
+        summary: "the twin; camera and state estimator between game and policy",
+        actuator: "gap/twin.json",
+        randomized: false,
+        sensors: true,
     },
 ];
 
@@ -328,8 +350,9 @@ impl Plan {
         let Amounts { steps, games, .. } = amounts;
         let policy = |kind: &PolicyKind| {
             let randomize = if kind.randomized { "--randomize " } else { "" };
+            let sensors = if kind.sensors { "--ekf ekf/ekf.json " } else { "" };
             let line = format!(
-                "train --actuator {} {randomize}--steps {steps} --games {games} --seed {seed} --output {} \
+                "train --actuator {} {randomize}{sensors}--steps {steps} --games {games} --seed {seed} --output {} \
                  --overwrite --json",
                 kind.actuator, kind.name
             );
@@ -366,13 +389,26 @@ impl Plan {
                          --seconds {seconds} --seed {seed} --output matches/{name}.mcap --overwrite --json"
                     );
                     steps.push(Step::new(&format!("play-{name}"), &line));
+                    // The same serves, in the policy's own simulation.
+                    let line = format!(
+                        "play --simulation {} --speed max --rig {file} --left {left} --right {right} \
+                         --seconds {seconds} --seed {seed} --output simulated/{name}.mcap --overwrite --json",
+                        kind.actuator
+                    );
+                    steps.push(Step::new(&format!("simulate-{name}"), &line));
                 }
             }
         }
         self.stages.push(Stage { chapter: Chapter::Play, steps, side_by_side: true });
         self.stage(
             Chapter::Score,
-            vec![Step::new("eval", "eval matches --output eval --overwrite --json")],
+            vec![
+                Step::new("eval", "eval matches --output eval --overwrite --json"),
+                Step::new(
+                    "eval-simulated",
+                    "eval simulated --output eval-simulated --overwrite --json",
+                ),
+            ],
         );
     }
 }

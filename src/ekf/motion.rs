@@ -2,9 +2,10 @@
 
 use super::matrix::{Matrix4, add_outer, congruence};
 use crate::stats::{normal_cdf, normal_density};
+use serde::{Deserialize, Serialize};
 
 /// State estimate of one object: (x, y, vx, vy) in the board frame, m and m/s.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Mean.
     pub mean: [f64; 4],

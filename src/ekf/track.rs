@@ -10,6 +10,7 @@ use crate::{
     recording::message::{CameraDetections, Point},
     units::Nanos,
 };
+use serde::{Deserialize, Serialize};
 
 /// Time without an accepted detection after which a track is lost (s).
 pub const LOST_AFTER_S: f64 = 0.25;
@@ -20,7 +21,7 @@ pub const REMEMBERED_FRAMES: usize = 32;
 const FASTEST: f64 = 4.0;
 
 /// Detections of one frame: positions (m) of ball, left and right striker.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Detections {
     /// Capture time.
     pub time: Nanos,
@@ -29,7 +30,7 @@ pub struct Detections {
 }
 
 /// Track of one object.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Track {
     /// Time of `estimate`.
     pub time: Nanos,
@@ -142,13 +143,18 @@ enum Dropped {
 }
 
 /// A frame and the tracks after it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Remembered {
     seen: Detections,
     tracks: [Option<Track>; 3],
     /// Last detected positions, this frame included.
     strikers: Strikers,
 }
+
+/// The newest frame of a [`BoardFilter`] with the tracks after it: all that later frames depend on,
+/// if they arrive in order.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LastFrame(Remembered);
 
 /// Result of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -179,6 +185,23 @@ impl BoardFilter {
             count: 0,
             dropped: Dropped::None,
         }
+    }
+
+    /// Filters that continue after `last`, as if it were their first frame.
+    #[must_use]
+    pub fn resume(settings: &FilterSettings, last: Option<LastFrame>) -> Self {
+        let mut filter = Self::new(settings);
+        if let Some(LastFrame(frame)) = last {
+            filter.ring[0] = frame;
+            filter.count = 1;
+        }
+        filter
+    }
+
+    /// The newest frame, for [`resume`](Self::resume).
+    #[must_use]
+    pub fn last_frame(&self) -> Option<LastFrame> {
+        Some(LastFrame(*self.frame(self.count.checked_sub(1)?)))
     }
 
     /// Process a frame, late or not.

@@ -15,11 +15,14 @@ use super::{
 use crate::{
     board::{BALL_RADIUS, STRIKER_RADIUS},
     gantry::PerPlayer,
-    recording::topic::Player,
+    recording::{
+        message::{BoardState, ObjectState},
+        topic::Player,
+    },
     seed::Stream,
 };
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
+use std::{f64::consts::TAU, ops::Range};
 
 /// Number of environments that are stepped together, so that their state stays in the processor's
 /// caches.
@@ -61,6 +64,18 @@ pub struct Snapshot {
     pub biscuits_held: [u8; 2],
     /// Physics of this episode.
     pub physics: BoardPhysics,
+}
+
+impl Snapshot {
+    /// Message of the state, as on `/board/state`.
+    #[must_use]
+    pub fn message(&self) -> BoardState {
+        let object = |[x, y]: [f64; 2], [vx, vy]: [f64; 2]| Some(ObjectState { x, y, vx, vy });
+        let [left, right] = [0, 1]
+            .map(|player| object(self.striker_positions[player], self.striker_velocities[player]));
+        let ball = object(self.ball_position, self.ball_velocity);
+        BoardState { ball, left, right, status: 0 }
+    }
 }
 
 /// Environments that are stepped together.
@@ -352,6 +367,18 @@ impl Games {
         self.stand(board, striker_positions);
     }
 
+    /// Begin the next episode of `board` with the ball at `ball_position` (m), moving at
+    /// `ball_velocity` (m/s); the strikers go on. As when a person serves at a table.
+    ///
+    /// # Panics
+    /// When there is no such environment.
+    pub fn serve(&mut self, board: usize, ball_position: [f64; 2], ball_velocity: [f64; 2]) {
+        let episode = self.clocks[board].episode + 1;
+        self.clocks[board] = Clock { episode, ..Clock::default() };
+        self.draw_physics(board);
+        self.balls[board] = BallState { velocity: ball_velocity, ..BallState::at(ball_position) };
+    }
+
     /// Both strikers of `board`.
     #[cfg(test)]
     pub(super) fn strikers_of(&self, board: usize) -> &[StrikerState; 2] {
@@ -441,10 +468,30 @@ impl Games {
     /// Begin an episode, drawn from seed, environment and episode alone.
     fn begin(&mut self, board: usize) {
         let mut stream = self.stream("game.start", board);
-        let (strikers, ball) = draw_start(&self.settings.episode, &mut stream);
+        let (mut strikers, ball) = self.draw_start(board, &mut stream);
+        align(&self.settings, &mut strikers, ball, &mut stream);
         self.draw_physics(board);
-        self.balls[board] = BallState::at(ball);
+        let velocity = draw_velocity(&self.settings.episode, &mut stream);
+        self.balls[board] = BallState { velocity, ..BallState::at(ball) };
         self.stand(board, strikers);
+    }
+
+    /// Start positions of the strikers and of the ball, in the half that the serve favours.
+    fn draw_start(&self, board: usize, stream: &mut Stream) -> ([[f64; 2]; 2], [f64; 2]) {
+        let episode = &self.settings.episode;
+        let (strikers, ball) = draw_start(episode, stream);
+        if episode.served_fraction == 0.0 {
+            return (strikers, ball);
+        }
+        let share = f64::from(stream.uniform_f32(0.0, 1.0));
+        let is_left = (self.first + board).is_multiple_of(2) == (0.0 < episode.served_fraction);
+        let is_own = is_left == (ball[1] < 0.0);
+        if is_own || episode.served_fraction.abs() <= share {
+            return (strikers, ball);
+        }
+        // The same start seen from the other seat.
+        let turn = |[x, y]: [f64; 2]| [-x, -y];
+        ([turn(strikers[1]), turn(strikers[0])], turn(ball))
     }
 
     /// Draw the physics of the current episode of `board`.
@@ -472,6 +519,54 @@ impl Games {
             *all = BiscuitState::start(settings);
         }
     }
+}
+
+/// Distances of an aligned striker behind the ball (m), from just clear of it on.
+const ALIGNED_DISTANCE: [f64; 2] = [BALL_RADIUS + STRIKER_RADIUS + 0.005, 0.08];
+/// Largest lateral error of an aligned striker (m).
+const ALIGNED_ERROR: f64 = 0.01;
+
+/// Put the striker of the half of the ball behind it, in the drawn fraction of the episodes.
+fn align(
+    settings: &GameSettings,
+    strikers: &mut [[f64; 2]; 2],
+    ball: [f64; 2],
+    stream: &mut Stream,
+) {
+    let (fraction, cup) = (settings.episode.aligned_fraction, &settings.cup);
+    if fraction == 0.0 {
+        return;
+    }
+    let mut draw =
+        |low: f64, high: f64| low + (high - low) * f64::from(stream.uniform_f32(0.0, 1.0));
+    let [near, far] = ALIGNED_DISTANCE;
+    let (share, behind) = (draw(0.0, 1.0), draw(near, far));
+    let beside = draw(-ALIGNED_ERROR, ALIGNED_ERROR);
+    let player = usize::from(0.0 < ball[1]);
+    let other_cup = [0.0, -cup.distance.copysign(ball[1])];
+    let way = subtract(other_cup, ball);
+    let unit = [way[0] / length(way), way[1] / length(way)];
+    let striker = [
+        ball[0] - behind * unit[0] + beside * unit[1],
+        ball[1] - behind * unit[1] - beside * unit[0],
+    ];
+    let own_cup = [0.0, cup.distance.copysign(ball[1])];
+    if share < fraction && cup.radius + STRIKER_RADIUS < length(subtract(striker, own_cup)) {
+        strikers[player] = striker;
+    }
+}
+
+/// Start velocity of the ball.
+fn draw_velocity(settings: &EpisodeSettings, stream: &mut Stream) -> [f64; 2] {
+    if settings.moving_fraction == 0.0 {
+        return [0.0; 2];
+    }
+    let mut draw = |high: f64| high * f64::from(stream.uniform_f32(0.0, 1.0));
+    let (share, speed, angle) = (draw(1.0), draw(settings.ball_speed), draw(TAU));
+    if settings.moving_fraction <= share {
+        return [0.0; 2];
+    }
+    [speed * angle.cos(), speed * angle.sin()]
 }
 
 /// Start positions of the strikers and of the ball.

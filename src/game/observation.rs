@@ -1,4 +1,4 @@
-//! Observations of a player: 12 standard values and 8 features computed from them.
+//! Observations of a player: 12 standard values, and features computed from them.
 //!
 //! Source: the upstream observation configuration; the order is part of every policy file. All
 //! values are in the player's own frame (that of the left player; the board turned by 180 degrees
@@ -13,12 +13,22 @@
 //! | 8, 9 | ball | 16, 17 | distance from the ball to the own, the other cup |
 //! | 10, 11 | its velocity | 18, 19 | distance from the ball to the own, the other striker |
 //!
+//! The first 20 are upstream's. The larger set adds the geometry of a shot, by signed values. The hit
+//! line leads from the ball to the other cup; across it is positive to its right.
+//!
+//! | index | value |
+//! |---|---|
+//! | 20, 21 | ball relative to the own striker (m) |
+//! | 22, 23 | own striker relative to the ball: across the hit line, distance behind the ball along it (m) |
+//! | 24 | `a / (|a| + 5 mm)` of value 22, which resolves the last millimetres |
+//! | 25, 26 | velocity of the own striker across and along the hit line (m/s) |
+//! | 27, 28 | velocity of the ball across and along the hit line (m/s) |
+//!
 //! Angles are `acos(a b / (|a| |b| + 1e-8))`, from 0 to pi. One version of upstream's table
 //! software computed value 16 relative to the own striker; here it is the cup.
 //!
-//! The state is exact and current. A camera model (noise, latency, state estimation) belongs
-//! between [`Observation::of`] and [`Observation::write`]: it changes an [`Observation`], and the
-//! eight features are computed from the changed values.
+//! The state is exact and current, or that of the state estimator behind a camera
+//! ([`Sensors`](super::Sensors)); all features are computed from the same values.
 
 use super::body::{BallState, StrikerState};
 use crate::recording::topic::Player;
@@ -33,16 +43,38 @@ pub enum ObservationKind {
     /// Positions and velocities with angles and distances: 20 values.
     #[serde(rename = "augmented20")]
     Augmented20,
+    /// These and the geometry of a shot: 29 values.
+    #[serde(rename = "aiming29")]
+    Aiming29,
 }
 
+/// Lateral offset at which value 24 is one half (m): a ball that is hit 1.4 mm off its middle
+/// leaves 0.1 rad off, which is half a cup at the other end.
+const AIM_SCALE: f32 = 0.005;
+
 impl ObservationKind {
+    /// Number of values of the largest set.
+    pub const MOST: usize = 29;
+
     /// Number of values.
     #[must_use]
     pub const fn len(self) -> usize {
         match self {
             Self::Standard12 => 12,
             Self::Augmented20 => 20,
+            Self::Aiming29 => Self::MOST,
         }
+    }
+
+    /// Sign of each value when the board is mirrored across its long axis (x to -x), `[len]`: -1
+    /// for values along x or across the hit line; angles and distances are the same.
+    #[must_use]
+    pub fn mirror_signs(self) -> Vec<i8> {
+        let is_x = |index: &usize| match index {
+            0..12 => index.is_multiple_of(2),
+            _ => [20, 22, 24, 25, 27].contains(index),
+        };
+        (0..self.len()).map(|index| if is_x(&index) { -1 } else { 1 }).collect()
     }
 
     /// Always false: no set is empty.
@@ -97,9 +129,36 @@ impl Observation {
     pub fn write(&self, kind: ObservationKind, cup_distance: f32, row: &mut [f32]) {
         let (standard, augmented) = row.split_at_mut(12);
         standard.copy_from_slice(&self.0);
-        if kind == ObservationKind::Augmented20 {
-            augmented.copy_from_slice(&self.features(cup_distance));
+        if kind != ObservationKind::Standard12 {
+            let (features, aiming) = augmented.split_at_mut(8);
+            features.copy_from_slice(&self.features(cup_distance));
+            if kind == ObservationKind::Aiming29 {
+                aiming.copy_from_slice(&self.aiming(cup_distance));
+            }
         }
+    }
+
+    fn aiming(&self, cup_distance: f32) -> [f32; 9] {
+        let [own, own_velocity, ball, ball_velocity] =
+            [0, 2, 8, 10].map(|index| [self.0[index], self.0[index + 1]]);
+        let way = [-ball[0], cup_distance - ball[1]];
+        let size = (way[0] * way[0] + way[1] * way[1]).sqrt() + GUARD;
+        let hit = way.map(|part| part / size);
+        let across = |[x, y]: [f32; 2]| x * hit[1] - y * hit[0];
+        let along = |[x, y]: [f32; 2]| x * hit[0] + y * hit[1];
+        let from_ball = [own[0] - ball[0], own[1] - ball[1]];
+        let beside = across(from_ball);
+        [
+            -from_ball[0],
+            -from_ball[1],
+            beside,
+            -along(from_ball),
+            beside / (beside.abs() + AIM_SCALE),
+            across(own_velocity),
+            along(own_velocity),
+            across(ball_velocity),
+            along(ball_velocity),
+        ]
     }
 
     fn features(&self, cup_distance: f32) -> [f32; 8] {
@@ -145,6 +204,7 @@ fn angle(at: [f32; 2], a: [f32; 2], b: [f32; 2]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::board::CUP_DISTANCE;
     use std::f32::consts::{FRAC_PI_2, PI};
 
     #[test]
@@ -168,6 +228,44 @@ mod tests {
             assert!((found - wanted).abs() < 1e-5, "{}: {found} {wanted}", index + 12);
         }
         assert_eq!(row[..12], seen);
+    }
+
+    #[test]
+    fn a_shot_is_described_along_its_hit_line() {
+        // The ball is 0.1 m before the middle of the other cup's line, 0.07 m to its left; the
+        // striker 30 mm behind it and 5 mm to the right of the line.
+        let hit = [0.6_f32, 0.8];
+        let ball = [-0.06, 0.17 - 0.08];
+        let own =
+            [ball[0] - 0.03 * hit[0] + 0.005 * hit[1], ball[1] - 0.03 * hit[1] - 0.005 * hit[0]];
+        let mut seen = [0.0; 12];
+        (seen[0], seen[1], seen[2], seen[3]) = (own[0], own[1], 0.3, 0.4);
+        (seen[8], seen[9], seen[10], seen[11]) = (ball[0], ball[1], 0.0, 1.0);
+        let mut row = [0.0; ObservationKind::MOST];
+        Observation(seen).write(ObservationKind::Aiming29, 0.17, &mut row);
+        let [bx, by] = [ball[0] - own[0], ball[1] - own[1]];
+        let wanted = [bx, by, 0.005, 0.03, 0.5, 0.0, 0.5, -0.6, 0.8];
+        for (index, (found, wanted)) in row[20..].iter().zip(wanted).enumerate() {
+            assert!((found - wanted).abs() < 1e-5, "{}: {found} {wanted}", index + 20);
+        }
+    }
+
+    #[test]
+    fn the_mirrored_board_is_seen_with_the_signs() {
+        let kind = ObservationKind::Aiming29;
+        let row = |mirror: f64| {
+            let strikers =
+                [[mirror * 0.02, -0.1, mirror * 0.3, 0.1], [mirror * -0.05, 0.12, 0.0, 0.3]];
+            let ball = [mirror * 0.07, 0.03, mirror * -0.2, 0.4];
+            let mut row = vec![0.0; kind.len()];
+            let seen = Observation::of_board(Player::Right, &strikers, ball);
+            seen.write(kind, CUP_DISTANCE as f32, &mut row);
+            row
+        };
+        let signs = kind.mirror_signs();
+        for ((value, mirrored), sign) in row(1.0).into_iter().zip(row(-1.0)).zip(signs) {
+            assert!((f32::from(sign) * value - mirrored).abs() < 1e-6, "{value} {mirrored}");
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::{
     actuation::Actuation,
     error::{GameError, within},
     randomization::Randomization,
+    sensing::SensorSettings,
 };
 use crate::{
     actuator::Coverage,
@@ -41,6 +42,8 @@ pub struct GameSettings {
     pub biscuits: Option<BiscuitSettings>,
     /// Domain randomization; `None` by default.
     pub randomization: Option<Randomization>,
+    /// Camera and state estimator of the players; `None` by default: exact and current.
+    pub sensors: Option<SensorSettings>,
     /// Number of pieces of a control period, 1 to 40; 4 by default. Within a piece all bodies move
     /// on straight lines and every contact is solved; more pieces follow curved paths more closely.
     /// A period without a possible contact is always one piece.
@@ -60,6 +63,7 @@ impl Default for GameSettings {
             episode: EpisodeSettings::default(),
             biscuits: None,
             randomization: None,
+            sensors: None,
             pieces: 4,
         }
     }
@@ -215,6 +219,19 @@ pub struct EpisodeSettings {
     /// Range of |y| of the ball (m); 0.03 to 0.1. Upstream draws from 0 on, but behind the wall
     /// limiter no striker reaches a ball that is nearer to the middle.
     pub ball_y: [f64; 2],
+    /// Fraction of the episodes that begin with a moving ball, 0 to 1; 0. Training with moving
+    /// balls shows a policy more of what it meets in a rally.
+    pub moving_fraction: f64,
+    /// Fraction of the episodes, beyond the half that chance gives, that serve into the half of one
+    /// seat: left on boards of even number, right on the others; -1 to 1; 0. Training seats the
+    /// learner so: no opponent that never returns a ball from its half then wastes an episode.
+    pub served_fraction: f64,
+    /// Fraction of the episodes that begin with one striker close behind the ball on its line to
+    /// the other cup, 0 to 1; 0. The fraction counts draws: a start that would put the striker over
+    /// its own cup stays as it was.
+    pub aligned_fraction: f64,
+    /// Maximum speed of a moving ball at the start (m/s), drawn uniformly, as is the direction; 1.
+    pub ball_speed: f64,
 }
 
 impl Default for EpisodeSettings {
@@ -226,6 +243,10 @@ impl Default for EpisodeSettings {
             striker_y: [0.03, 0.14],
             ball_x: 0.15,
             ball_y: [0.03, 0.1],
+            moving_fraction: 0.0,
+            served_fraction: 0.0,
+            aligned_fraction: 0.0,
+            ball_speed: 1.0,
         }
     }
 }
@@ -322,6 +343,9 @@ impl GameSettings {
         if let Some(randomization) = &self.randomization {
             randomization.check()?;
         }
+        if let Some(sensors) = &self.sensors {
+            sensors.check()?;
+        }
         self.actuation.check(limits.limiter)
     }
 
@@ -359,7 +383,11 @@ impl GameSettings {
         within("episode.ball_x_m", episode.ball_x, 0.0, half[0] - crate::board::BALL_RADIUS)?;
         let [near, far] = episode.ball_y;
         within("episode.ball_y_m[1]", far, 0.0, self.cup.distance - self.cup.radius)?;
-        within("episode.ball_y_m[0]", near, 0.0, far)
+        within("episode.ball_y_m[0]", near, 0.0, far)?;
+        within("episode.moving_fraction", episode.moving_fraction, 0.0, 1.0)?;
+        within("episode.served_fraction", episode.served_fraction, -1.0, 1.0)?;
+        within("episode.aligned_fraction", episode.aligned_fraction, 0.0, 1.0)?;
+        within("episode.ball_speed_m_per_s", episode.ball_speed, 0.0, 10.0)
     }
 }
 

@@ -4,6 +4,7 @@ mod actuation;
 mod determinism;
 mod physics;
 mod rules;
+mod starts;
 mod symmetry;
 
 use super::{

@@ -1,6 +1,8 @@
 //! Errors before a match.
 
-use crate::{recording::RecordingError, recording::topic::Player, train::TrainError};
+use crate::{
+    game::GameError, recording::RecordingError, recording::topic::Player, train::TrainError,
+};
 
 /// Error of setting up a match.
 #[derive(Debug, thiserror::Error)]
@@ -11,6 +13,17 @@ pub enum PlayError {
     /// The file holds no policy, or a policy for something else.
     #[error(transparent)]
     Policy(#[from] TrainError),
+    /// A simulated match with an empty seat.
+    #[error("a simulated match needs two players, but a side is `none`; name a player for it")]
+    EmptySeat,
+    /// A rig without a ball to serve.
+    #[error(
+        "the rig file has no ball.start, so there is no serve; add it, such as {{\"y_m\": 0.065}}"
+    )]
+    NoServe,
+    /// A setting of the simulation, or a state that is not finite.
+    #[error(transparent)]
+    Game(#[from] GameError),
     /// Both seats are empty.
     #[error("nobody plays; name a player or a policy for at least one side")]
     NobodyPlays,

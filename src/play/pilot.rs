@@ -2,10 +2,9 @@
 
 use super::{PlayError, Seat};
 use crate::{
-    board::{CUP_DISTANCE, CUP_RADIUS},
-    collect::{Decision, Moment, Pilot, RunLabel},
-    ekf::{BoardFilter, Detections, FilterSettings, Object, board_state},
-    game::{CONTROL_PERIOD, CommandLimits, GameSettings, Observation, turned},
+    collect::{Carriage, Decision, Moment, Pilot, RunLabel},
+    ekf::{Detections, FilterSettings, board_state},
+    game::{CONTROL_PERIOD, CommandLimits, Estimator, GameSettings, Observation, turned},
     gantry::Robot,
     opponent,
     ppo::Scratch,
@@ -15,8 +14,6 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-/// Time over a cup after which the ball is out of play (s); upstream ends a game after 30 frames.
-pub const IN_CUP_SECONDS: f64 = 0.25;
 /// Pattern name in the markers of a match.
 const PATTERN: &str = "match";
 
@@ -32,13 +29,10 @@ pub struct Match {
     seed: u64,
     /// Speed of scripted players (m/s).
     speed: f32,
-    filter: BoardFilter,
+    estimator: Estimator,
     filter_settings: FilterSettings,
     /// Wall limiters with the workspace of training and that of the robot.
     limits: [CommandLimits; 2],
-    /// Last known state of each striker (m, m/s).
-    strikers: [[f64; 4]; 2],
-    in_cup_since: Option<Nanos>,
     scratch: Scratch,
 }
 
@@ -68,17 +62,15 @@ impl Match {
             .map(|g| g.limits);
         let home = |player| {
             let home = robot.home.of(player);
-            [home.x_m, home.y_m, 0.0, 0.0]
+            [home.x_m, home.y_m]
         };
         Ok(Self {
             seats,
             seed,
-            speed: limits[0].speed.min(robot.limits.speed_m_per_s) as f32,
-            filter: BoardFilter::new(filter_settings),
+            speed: scripted_speed(&limits[0], robot),
+            estimator: Estimator::new(filter_settings, Player::BOTH.map(home)),
             filter_settings: *filter_settings,
             limits,
-            strikers: Player::BOTH.map(home),
-            in_cup_since: None,
             scratch: Scratch::default(),
         })
     }
@@ -124,36 +116,15 @@ impl Match {
         entries
     }
 
-    /// Update the states of the strikers; see [`crate::play`] for undetected ones.
-    fn find_strikers(&mut self, estimates: &[Option<[f64; 4]>; 3], moment: &Moment) {
-        for player in Player::BOTH {
-            let index = player as usize;
-            let object = [Object::Left, Object::Right][index];
-            let by_encoders = moment.carriages[index].map(|carriage| {
-                let ([x, y], [vx, vy]) = (carriage.position, carriage.velocity);
-                [x, y, vx, vy]
-            });
-            let [x, y, ..] = self.strikers[index];
-            self.strikers[index] =
-                estimates[object.index()].or(by_encoders).unwrap_or([x, y, 0.0, 0.0]);
-        }
-    }
-
-    /// The ball, unless it has been in a cup for [`IN_CUP_SECONDS`].
-    fn in_play(&mut self, ball: Option<[f64; 4]>, now: Nanos) -> Option<[f64; 4]> {
-        let [x, y, ..] = ball?;
-        if x.hypot(y.abs() - CUP_DISTANCE) < CUP_RADIUS {
-            let since = *self.in_cup_since.get_or_insert(now);
-            return ball.filter(|_| now.seconds_since(since) < IN_CUP_SECONDS);
-        }
-        self.in_cup_since = None;
-        ball
-    }
-
     /// Velocity that `player` commands, before wall limits (m/s, board frame).
-    fn wanted(&mut self, player: Player, ball: [f64; 4], step: u64) -> [f64; 2] {
+    fn wanted(
+        &mut self,
+        player: Player,
+        (strikers, ball): (&[[f64; 4]; 2], [f64; 4]),
+        step: u64,
+    ) -> [f64; 2] {
         let Some(seat) = &self.seats[player as usize] else { return [0.0; 2] };
-        let seen = Observation::of_board(player, &self.strikers, ball);
+        let seen = Observation::of_board(player, strikers, ball);
         let velocity = match seat {
             Seat::Scripted(script) => {
                 let moment = opponent::Moment { seed: self.seed, board: player as u64, step };
@@ -163,6 +134,11 @@ impl Match {
         };
         turned(player, velocity.map(f64::from))
     }
+}
+
+/// Speed of scripted players (m/s): that of the game, as far as the robot permits it.
+pub(super) fn scripted_speed(limits: &CommandLimits, robot: &Robot) -> f32 {
+    limits.speed.min(robot.limits.speed_m_per_s) as f32
 }
 
 /// Check that the full action of a policy is within the robot's speed limit, which would clamp it
@@ -186,23 +162,24 @@ fn check_speed(seat: &Seat, robot: &Robot) -> Result<(), PlayError> {
 
 impl Pilot for Match {
     fn see(&mut self, shown: Nanos, picture: &CameraDetections) {
-        self.filter.observe(&Detections::of(shown, picture));
+        self.estimator.see(&Detections::of(shown, picture));
     }
 
     fn decide(&mut self, moment: &Moment) -> Decision {
-        let estimates = Object::ALL
-            .map(|object| self.filter.estimate_at(object, moment.now).map(|belief| belief.mean));
-        self.find_strikers(&estimates, moment);
-        let ball = self.in_play(estimates[Object::Ball.index()], moment.now);
+        let carriages = moment.carriages.map(|carriage| {
+            let Carriage { position: [x, y], velocity: [vx, vy] } = carriage?;
+            Some([x, y, vx, vy])
+        });
+        let seen = self.estimator.look(moment.now, carriages);
         let velocities = Player::BOTH.map(|player| {
-            let Some(ball) = ball else { return [0.0; 2] };
-            let wanted = self.wanted(player, ball, moment.step);
+            let Some(ball) = seen.ball else { return [0.0; 2] };
+            let wanted = self.wanted(player, (&seen.strikers, ball), moment.step);
             let Some(carriage) = moment.carriages[player as usize] else { return wanted };
             self.limits.iter().fold(wanted, |velocity, limits| {
                 let velocity = velocity.map(|v| v.clamp(-limits.speed, limits.speed));
                 limits.before_walls(limits.field.of(player), carriage.position, velocity)
             })
         });
-        Decision { velocities, belief: Some(board_state(estimates)) }
+        Decision { velocities, belief: Some(board_state(seen.estimates)) }
     }
 }

@@ -4,15 +4,16 @@ use super::{IN_CUP_SECONDS, Match, PlayError, Seat, Who};
 use crate::{
     board::CUP_DISTANCE,
     collect::{Carriage, Moment, Pilot},
-    ekf::FilterSettings,
-    game::ObservationKind,
+    ekf::{Detections, FilterSettings},
+    game::{Estimator, Observation, ObservationKind, turned},
     gantry::{PerPlayer, Rectangle, Robot},
     nn::Network,
     opponent::Scripted,
-    ppo::{Learner, Policy, PpoSettings, Spaces},
+    ppo::{Learner, Policy, PpoSettings, Scratch, Spaces},
     recording::{
+        Recording,
         message::{CameraDetections, Point},
-        topic::Player,
+        topic::{CAMERA_DETECTIONS, Player},
     },
     train::{Preset, StoredPolicy, TrainSettings},
     units::{NANOS_PER_SECOND, Nanos},
@@ -86,6 +87,58 @@ fn decide(game: &mut Match, now: Nanos, carriages: [Option<[f64; 2]>; 2]) -> [[f
 
 fn turn(place: [f64; 2]) -> [f64; 2] {
     place.map(|v| -v)
+}
+
+/// A recorded match, shown to the pilot of a match and to the estimator of training: a policy gets
+/// the same observations, so it decides the same.
+#[test]
+fn a_policy_sees_a_recorded_match_as_training_would_show_it() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/example-match.mcap");
+    let recording = Recording::open(std::path::Path::new(path)).unwrap();
+    let frames = recording.series::<CameraDetections>(CAMERA_DETECTIONS).unwrap();
+    let (filter, robot) = (FilterSettings::default(), symmetric());
+    let seats = [policy(1, strong), policy(2, strong)];
+    let policies = seats.clone().map(|seat| match seat {
+        Some(Seat::Policy { policy, .. }) => policy,
+        _ => unreachable!("both are policies"),
+    });
+    let mut game = play(seats);
+    let home = Player::BOTH.map(|player| [robot.home.of(player).x_m, robot.home.of(player).y_m]);
+    let mut estimator = Estimator::new(&filter, home);
+    let mut scratch = Scratch::default();
+    let (mut decided, mut moved) = (0, 0);
+    for (number, (arrival, frame)) in frames.iter().enumerate() {
+        let shown = Nanos(frame.capture_time_ns);
+        game.see(shown, frame);
+        estimator.see(&Detections::of(shown, frame));
+        if !number.is_multiple_of(3) {
+            continue;
+        }
+        let now = arrival.max(shown);
+        let decision = game.decide(&Moment { now, step: 0, carriages: [None, None] });
+        let seen = estimator.look(now, [None, None]);
+        for player in Player::BOTH {
+            let found = decision.velocities[player as usize];
+            let Some(ball) = seen.ball else {
+                assert_eq!(found, [0.0; 2]);
+                continue;
+            };
+            // As in training: observation, normalized network, clamp, scale.
+            let mut row = [0.0; 20];
+            Observation::of_board(player, &seen.strikers, ball).write(
+                ObservationKind::Augmented20,
+                CUP_DISTANCE as f32,
+                &mut row,
+            );
+            let mut action = [0.0; 2];
+            policies[player as usize].policy.act_mean(&row, &mut action, &mut scratch);
+            let velocity = action.map(|a| f64::from(0.4 * a.clamp(-1.0, 1.0)));
+            assert_eq!(found, turned(player, velocity), "frame {number}");
+            decided += 1;
+            moved += usize::from(1e-3 < found[0].hypot(found[1]));
+        }
+    }
+    assert!(100 < decided && decided / 2 < moved, "{decided} {moved}");
 }
 
 #[test]

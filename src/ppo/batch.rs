@@ -5,9 +5,16 @@
 
 use super::{
     AdvantageNormalization, End, Moments, PpoError, PpoSettings, Rollout, RolloutShape,
-    loss::Sample, workers::for_each,
+    loss::Sample,
+    reflection::{
+        MOST_SAMPLES, Reflection, StandardReflection, index_of, is_reflected, reflect_half,
+    },
+    workers::for_each,
 };
-use crate::{nn::Standardizer, seed::Stream};
+use crate::{
+    nn::{MAX_OUTPUTS, Standardizer},
+    seed::Stream,
+};
 use std::{num::NonZeroUsize, ops::Range};
 
 /// Added to the standard deviation of advantages, as in CleanRL and rl_games.
@@ -20,7 +27,12 @@ pub(super) struct Batch {
     values: Vec<f32>,
     observations: usize,
     actions: usize,
+    /// Reflection of marked samples; without one no sample is marked.
+    reflection: StandardReflection,
 }
+
+/// Signs of the actions of a sample that is not reflected.
+const UNREFLECTED: [f32; MAX_OUTPUTS] = [1.0; MAX_OUTPUTS];
 
 /// Advantages and targets of a rollout, and the normalizations of the networks' inputs and values.
 pub(super) struct Units<'a> {
@@ -28,6 +40,7 @@ pub(super) struct Units<'a> {
     pub(super) targets: &'a [f32],
     pub(super) observations: &'a Standardizer,
     pub(super) values: &'a Standardizer,
+    pub(super) reflection: Option<&'a Reflection>,
 }
 
 /// One step of the rollout, processed by one thread.
@@ -42,21 +55,33 @@ impl Batch {
         self.observations + 2 * self.actions + 4
     }
 
-    /// Standardised observation of one sample.
-    pub(super) fn observation(&self, index: usize) -> &[f32] {
-        &self.values[index * self.stride()..][..self.observations]
+    /// Append the standardised observation of an entry of an epoch to `out`.
+    #[inline]
+    pub(super) fn observe(&self, entry: u32, out: &mut Vec<f32>) {
+        let observation = &self.values[index_of(entry) * self.stride()..][..self.observations];
+        if is_reflected(entry) {
+            self.reflection.observe(observation, out);
+        } else {
+            out.extend_from_slice(observation);
+        }
     }
 
-    /// All other values of one sample.
+    /// All other values of an entry of an epoch.
     #[inline]
-    pub(super) fn sample(&self, index: usize) -> Sample<'_> {
-        let stride = self.stride();
+    pub(super) fn sample(&self, entry: u32) -> Sample {
+        let (stride, index) = (self.stride(), index_of(entry));
+        let signs = if is_reflected(entry) { self.reflection.actions() } else { &UNREFLECTED };
         let record = &self.values[index * stride..][self.observations..stride];
         let (actions, record) = record.split_at(self.actions);
         let (old_means, record) = record.split_at(self.actions);
+        let signed = |values: &[f32]| {
+            let mut signed = *signs;
+            signed.iter_mut().zip(values).for_each(|(sign, value)| *sign *= value);
+            signed
+        };
         Sample {
-            actions,
-            old_means,
+            actions: signed(actions),
+            old_means: signed(old_means),
             old_log_probability: record[0],
             advantage: record[1],
             target: record[2],
@@ -74,6 +99,8 @@ impl Batch {
     ) -> Result<Moments, PpoError> {
         let RolloutShape { horizon, environments, spaces } = rollout.shape;
         (self.observations, self.actions) = (spaces.observations, spaces.actions);
+        let reflect = |own| StandardReflection::new(own, units.observations);
+        self.reflection = units.reflection.map(reflect).unwrap_or_default();
         let stride = self.stride();
         self.values.resize(rollout.shape.samples() * stride, 0.0);
         let mut observed = vec![Ok(Moments::new(0)); horizon];
@@ -196,18 +223,22 @@ impl Epoch {
 pub(super) fn epochs(
     settings: &PpoSettings,
     advantages: &[f32],
-    (seed, update): (u64, u64),
+    (seed, update, reflected): (u64, u64, bool),
     threads: NonZeroUsize,
 ) -> Vec<Epoch> {
+    debug_assert!(advantages.len() <= MOST_SAMPLES, "an index leaves room for its mark");
     let over_all = scaling(advantages.iter().copied());
     let mut epochs = vec![Epoch::default(); settings.epochs];
     for_each(threads, epochs.iter_mut().enumerate().collect(), |(number, epoch)| {
         let mut order: Vec<u32> = (0..advantages.len() as u32).collect();
         Stream::new(seed, &format!("minibatches {update} {number}")).shuffle(&mut order);
+        if reflected {
+            reflect_half(&mut order);
+        }
         epoch.minibatches = parts(order.len(), settings.minibatch)
             .into_iter()
             .map(|range| {
-                let own = order[range.clone()].iter().map(|index| advantages[*index as usize]);
+                let own = order[range.clone()].iter().map(|index| advantages[index_of(*index)]);
                 let (advantage_mean, advantage_scale) = match settings.advantages {
                     AdvantageNormalization::Off => (0.0, 1.0),
                     AdvantageNormalization::Batch => over_all,
@@ -250,7 +281,7 @@ mod tests {
         let settings = PpoSettings { epochs: 3, minibatch: 40, ..PpoSettings::paper() };
         let advantages: Vec<f32> = (0..100).map(|i| (i * i) as f32).collect();
         let make = |update, threads| {
-            epochs(&settings, &advantages, (9, update), NonZeroUsize::new(threads).unwrap())
+            epochs(&settings, &advantages, (9, update, false), NonZeroUsize::new(threads).unwrap())
         };
         let found = make(4, 1);
         assert_eq!(found.len(), 3);
@@ -275,7 +306,7 @@ mod tests {
         ] {
             let settings =
                 PpoSettings { epochs: 1, minibatch: 3, advantages: kind, ..PpoSettings::paper() };
-            let epoch = &epochs(&settings, &advantages, (1, 1), NonZeroUsize::MIN)[0];
+            let epoch = &epochs(&settings, &advantages, (1, 1, false), NonZeroUsize::MIN)[0];
             for minibatch in &epoch.minibatches {
                 let own: Vec<f32> =
                     epoch.samples(minibatch).iter().map(|i| advantages[*i as usize]).collect();

@@ -8,6 +8,7 @@ use super::{
     model::Model,
     noise::Noise,
     policy::Policy,
+    reflection::Reflection,
     state::LearnerState,
     update::{Passed, Passes, Totals},
 };
@@ -34,6 +35,8 @@ pub struct Learner {
     learning_rate: f32,
     updates: u64,
     noise: Noise,
+    /// Reflection under which the task is symmetric.
+    reflection: Option<Reflection>,
     /// Buffer reused between updates.
     advantages: Advantages,
     batch: Batch,
@@ -101,11 +104,24 @@ impl Learner {
             learning_rate: settings.learning_rate,
             updates: 0,
             noise: Noise::new(seed, "actions"),
+            reflection: None,
             advantages: Advantages::default(),
             batch: Batch::default(),
             settings: settings.clone(),
         };
         Ok(learner)
+    }
+
+    /// Learn from mirrored experience too: the task is symmetric under `reflection`.
+    ///
+    /// # Panics
+    /// When the reflection has other widths than the learner.
+    #[must_use]
+    pub fn with_reflection(self, reflection: Reflection) -> Self {
+        let found = (reflection.observations.len(), reflection.actions.len());
+        let expected = (self.spaces.observations, self.spaces.actions);
+        assert!(found == expected, "a reflection of {expected:?} values, not of {found:?}");
+        Self { reflection: Some(reflection), ..self }
     }
 
     /// Resume from a state, with the bytes of uninterrupted training.
@@ -270,10 +286,11 @@ impl Learner {
             targets: &self.advantages.targets,
             observations: &self.observations,
             values: &values,
+            reflection: self.reflection.as_ref(),
         };
         let seen = self.batch.fill(rollout, &units, (threads, update))?;
-        let epochs =
-            epochs(&self.settings, &self.advantages.advantages, (self.seed, update), threads);
+        let keys = (self.seed, update, self.reflection.is_some());
+        let epochs = epochs(&self.settings, &self.advantages.advantages, keys, threads);
         let passes = Passes {
             settings: &self.settings,
             batch: &self.batch,

@@ -54,9 +54,10 @@ impl LossTerms {
 
 /// One sample as recorded when the policy acted; values are in the critic's own unit.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sample<'a> {
-    pub(super) actions: &'a [f32],
-    pub(super) old_means: &'a [f32],
+pub(super) struct Sample {
+    /// The first ones are used, as many as the policy has actions; so for the means.
+    pub(super) actions: [f32; MAX_OUTPUTS],
+    pub(super) old_means: [f32; MAX_OUTPUTS],
     pub(super) old_log_probability: f32,
     pub(super) advantage: f32,
     pub(super) target: f32,
@@ -104,7 +105,7 @@ impl LossSums {
 #[inline]
 pub(super) fn sample_loss(
     terms: &LossTerms,
-    sample: Sample<'_>,
+    sample: Sample,
     means: &[f32],
     value: f32,
     sums: &mut LossSums,
@@ -125,7 +126,7 @@ pub(super) fn sample_loss(
         sums.log_deviation_slopes[action] +=
             f64::from(log_slope * (scores[action] * scores[action] - 1.0));
     }
-    sums.divergence += f64::from(terms.new.divergence_from(&terms.old, sample.old_means, means));
+    sums.divergence += f64::from(terms.new.divergence_from(&terms.old, &sample.old_means, means));
     slopes.value = terms.value_coef * terms.weight * value_loss(terms, sample, value, sums);
     slopes
 }
@@ -134,7 +135,7 @@ pub(super) fn sample_loss(
 #[inline]
 fn policy_loss(
     terms: &LossTerms,
-    sample: Sample<'_>,
+    sample: Sample,
     log_probability: f32,
     sums: &mut LossSums,
 ) -> f32 {
@@ -150,7 +151,7 @@ fn policy_loss(
 
 /// Critic's loss; returns its derivative with respect to the value.
 #[inline]
-fn value_loss(terms: &LossTerms, sample: Sample<'_>, value: f32, sums: &mut LossSums) -> f32 {
+fn value_loss(terms: &LossTerms, sample: Sample, value: f32, sums: &mut LossSums) -> f32 {
     let error = value - sample.target;
     let moved = value - sample.old_value;
     let held = sample.old_value + moved.clamp(-terms.clip_coef, terms.clip_coef) - sample.target;

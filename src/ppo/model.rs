@@ -148,10 +148,10 @@ impl Model {
     }
 
     /// Add losses and gradient of the samples whose observations are in `scratch.policy.x`.
-    pub(super) fn accumulate<'a>(
+    pub(super) fn accumulate(
         &self,
         terms: &LossTerms,
-        samples: impl Iterator<Item = Sample<'a>>,
+        samples: impl Iterator<Item = Sample>,
         (gradient, sums): (&mut [f32], &mut LossSums),
         scratch: &mut Scratch,
     ) {
@@ -167,10 +167,10 @@ impl Model {
     }
 
     /// Derivatives of the loss with respect to the outputs.
-    fn slopes<'a>(
+    fn slopes(
         &self,
         terms: &LossTerms,
-        samples: impl Iterator<Item = Sample<'a>>,
+        samples: impl Iterator<Item = Sample>,
         sums: &mut LossSums,
         scratch: &mut Scratch,
     ) {

@@ -257,13 +257,11 @@ impl<'a> Worker<'a> {
         lane.gradient.fill(0.0);
         lane.sums = LossSums::default();
         for tile in parts(samples.len(), TILE_ROWS) {
-            let samples = samples[tile].iter().map(|index| *index as usize);
+            let samples = samples[tile].iter().copied();
             let x = &mut self.scratch.policy.x;
             x.clear();
-            for index in samples.clone() {
-                x.extend_from_slice(batch.observation(index));
-            }
-            let samples = samples.map(|index| batch.sample(index));
+            samples.clone().for_each(|entry| batch.observe(entry, x));
+            let samples = samples.map(|entry| batch.sample(entry));
             let target = (lane.gradient.as_mut_slice(), &mut lane.sums);
             self.model.accumulate(terms, samples, target, &mut self.scratch);
         }

@@ -47,7 +47,51 @@ pub(super) struct Ball {
     /// when rolling.
     spin: [f64; 2],
     launches: Stream,
-    serves: Stream,
+    serves: Serves,
+}
+
+/// Serves of a ball: first position and velocity, from the start in the configuration with its
+/// random displacement. Equal configurations and seeds give equal serves, so that a simulated
+/// match begins every episode as a match on the rig does.
+#[derive(Debug, Clone)]
+pub struct Serves {
+    start: Option<Launch>,
+    spread_m: f64,
+    top_m_per_s: f64,
+    stream: Stream,
+}
+
+impl Serves {
+    /// Serves of a rig with the ball `config` and this seed.
+    #[must_use]
+    pub fn new(config: &BallConfig, seed: u64) -> Self {
+        Self {
+            start: config.start,
+            spread_m: config.serve_spread_m,
+            top_m_per_s: config.serve_speed_m_per_s,
+            stream: Stream::new(seed, "rig.ball.serve"),
+        }
+    }
+}
+
+impl Iterator for Serves {
+    /// Position (m) and velocity (m/s).
+    type Item = [[f64; 2]; 2];
+
+    /// The next serve; `None` for a ball without a start.
+    fn next(&mut self) -> Option<Self::Item> {
+        let Launch { x_m, y_m, vx_m_per_s, vy_m_per_s } = self.start?;
+        let (mut place, mut velocity) = ([x_m, y_m], [vx_m_per_s, vy_m_per_s]);
+        let (spread, top) = (self.spread_m, self.top_m_per_s);
+        if 0.0 < spread {
+            place = place.map(|at| at + draw(&mut self.stream, [-spread, spread]));
+        }
+        if 0.0 < top {
+            let given = push(&mut self.stream, top / 2.0, top);
+            velocity = [velocity[0] + given[0], velocity[1] + given[1]];
+        }
+        Some([place, velocity])
+    }
 }
 
 /// Obstacle of the next impact.
@@ -83,7 +127,7 @@ impl Ball {
             reach,
             spin: [0.0; 2],
             launches: Stream::new(seed, "rig.ball.launch"),
-            serves: Stream::new(seed, "rig.ball.serve"),
+            serves: Serves::new(config, seed),
         };
         ball.put_back();
         ball
@@ -149,17 +193,7 @@ impl Ball {
     fn put_back(&mut self) {
         self.in_cup_s = None;
         self.still_since_s = None;
-        let Some(Launch { x_m, y_m, vx_m_per_s, vy_m_per_s }) = self.config.start else { return };
-        let (mut place, mut velocity) = ([x_m, y_m], [vx_m_per_s, vy_m_per_s]);
-        let spread = self.config.serve_spread_m;
-        if 0.0 < spread {
-            place = place.map(|at| at + draw(&mut self.serves, [-spread, spread]));
-        }
-        let top = self.config.serve_speed_m_per_s;
-        if 0.0 < top {
-            let given = push(&mut self.serves, top / 2.0, top);
-            velocity = [velocity[0] + given[0], velocity[1] + given[1]];
-        }
+        let Some([place, velocity]) = self.serves.next() else { return };
         self.place =
             Some([0, 1].map(|axis| place[axis].clamp(self.reach[axis][0], self.reach[axis][1])));
         self.velocity = velocity;

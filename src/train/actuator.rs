@@ -3,12 +3,16 @@
 use super::{Mismatch, TrainError};
 use crate::{
     actuator::read_actuator,
-    game::{Actuation, CONTROL_PERIOD, GameSettings},
+    ekf::read_settings,
+    game::{Actuation, CONTROL_PERIOD, GameSettings, SensorSettings},
     recording::{Recording, sha256_of_file},
     twin::read_twin,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+/// Effect of lost frames; its first parameter is their fraction.
+const FRAME_DROP: &str = "sensor.frame_drop";
 
 /// The name of the ideal actuator.
 pub const IDEAL: &str = "ideal";
@@ -54,6 +58,22 @@ pub fn game_with_actuator(choice: &Path) -> Result<(GameSettings, ActuatorSource
         sha256: Some(sha256_of_file(choice)?),
     };
     Ok((game, source))
+}
+
+/// Sensors of training: noise, latency and filter of the `ekf.json` at `path`, and the fraction of
+/// lost frames of the twin, if `actuator` is one that has identified it.
+///
+/// # Errors
+/// When a file cannot be read, or a value is outside its range.
+pub fn sensors_of(path: &Path, actuator: &Path) -> Result<SensorSettings, TrainError> {
+    let mut sensors = SensorSettings::of(read_settings(path)?);
+    if actuator.extension().is_some_and(|extension| extension == "json") {
+        let twin = read_twin(actuator)?;
+        let dropped = twin.instances.iter().find(|own| own.effect.name == FRAME_DROP);
+        sensors.lost_fraction = dropped.map_or(0.0, |own| own.values[0].value);
+    }
+    sensors.check()?;
+    Ok(sensors)
 }
 
 fn with_network(game: GameSettings, path: &Path) -> Result<GameSettings, TrainError> {

@@ -95,6 +95,8 @@ pub struct GameResult {
     pub periods: u32,
     /// Number of hits of the ball by the first player's striker.
     pub hits: u32,
+    /// Lost by an own goal: striker over the own cup, or two biscuits on it.
+    pub own_goal: bool,
 }
 
 /// Results of all games, and the queries of the actuator models.
@@ -171,8 +173,9 @@ impl Arena<'_> {
         let [all_first, all_second] = [0, 1].map(|player| vec![player; results.len()]);
         for step in 0..u64::from(self.game.most_steps()) {
             let moment = (self.seed, step);
-            tables.ask(players, &all_first, moment, |row| seat(first + row));
-            tables.ask(players, &all_second, moment, |row| across(seat(first + row)));
+            let player = |index: u32| &players[index as usize];
+            tables.ask(&player, &all_first, moment, |row| seat(first + row));
+            tables.ask(&player, &all_second, moment, |row| across(seat(first + row)));
             tables.advance()?;
             for (row, (result, open)) in results.iter_mut().zip(&mut open).enumerate() {
                 if !*open {
@@ -184,6 +187,7 @@ impl Arena<'_> {
                 if let Some(ending) = tables.outcomes.ended[row] {
                     *open = false;
                     result.score = score_of(ending, player);
+                    result.own_goal = result.score < 0 && !matches!(ending, Ending::Goal { .. });
                 }
             }
             if !open.contains(&true) {

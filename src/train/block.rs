@@ -5,8 +5,8 @@
 
 use super::{
     curve::Tally,
-    pool::{GameResult, Pool, velocity_of},
-    reward::{RewardSettings, Step},
+    pool::{GameResult, Pool, is_scripted, velocity_of},
+    reward::{RewardSettings, ShapingForm, Step},
     table::{Tables, across},
 };
 use crate::{
@@ -53,6 +53,8 @@ pub(super) struct Block {
     returns: Vec<f32>,
     /// Length of the current episode (control periods).
     lengths: Vec<u32>,
+    /// Potential of the shaping in each environment; unused without one.
+    potentials: Vec<f32>,
     pub(super) tally: Tally,
     finals: Finals,
 }
@@ -72,6 +74,9 @@ pub(super) struct BlockState {
     /// Length of the current episode (control periods).
     #[prost(uint32, repeated, tag = "4")]
     pub(super) lengths: Vec<u32>,
+    /// As saved by [`Sensors::save`](crate::game::Sensors::save); empty without sensors.
+    #[prost(bytes = "vec", tag = "5")]
+    pub(super) sensors: Vec<u8>,
 }
 
 /// Last observations of truncated episodes.
@@ -92,6 +97,7 @@ impl Block {
             drawn,
             returns: vec![0.0; count],
             lengths: vec![0; count],
+            potentials: vec![0.0; count],
             tally: Tally::default(),
             finals: Finals::default(),
             tables,
@@ -100,7 +106,7 @@ impl Block {
 
     /// Restore the environments of `tables` from a checkpoint.
     pub(super) fn restore(mut tables: Tables, state: &BlockState) -> Result<Self, GameError> {
-        tables.restore(&state.games)?;
+        tables.restore(&state.games, &state.sensors)?;
         for found in [state.drawn.len(), state.returns.len(), state.lengths.len()] {
             let (what, expected) = ("the environments of a checkpoint", tables.len());
             if found != expected {
@@ -109,13 +115,15 @@ impl Block {
         }
         let BlockState { drawn, returns, lengths, .. } = state.clone();
         let (tally, finals) = (Tally::default(), Finals::default());
-        Ok(Self { drawn, returns, lengths, tally, finals, tables })
+        let potentials = vec![0.0; tables.len()];
+        Ok(Self { drawn, returns, lengths, potentials, tally, finals, tables })
     }
 
     /// State of the environments for a checkpoint.
     pub(super) fn state(&self) -> BlockState {
         BlockState {
             games: self.tables.games.save(),
+            sensors: self.tables.save_sensors(),
             drawn: self.drawn.clone(),
             returns: self.returns.clone(),
             lengths: self.lengths.clone(),
@@ -125,7 +133,10 @@ impl Block {
     /// Remove the oldest `count` opponents; the oldest remaining one replaces them in running
     /// episodes.
     pub(super) fn forget_opponents(&mut self, count: usize) {
-        self.drawn.iter_mut().for_each(|own| *own = own.saturating_sub(count as u32));
+        self.drawn
+            .iter_mut()
+            .filter(|own| !is_scripted(**own))
+            .for_each(|own| *own = own.saturating_sub(count as u32));
     }
 
     /// Play this block's part of the rollout. `last_values` receives the learner's values of the
@@ -137,17 +148,32 @@ impl Block {
         last_values: &mut [f32],
     ) -> Result<(), GameError> {
         let mut rows = Vec::new();
+        self.weigh_states(scene, |_row| true);
         for (number, mut step) in part.steps.into_iter().enumerate() {
             let number = scene.first_step + number as u64;
             self.decide(scene, number, &mut step);
             self.tables.advance()?;
             self.pay(scene, number, &mut step);
             self.tables.begin_ended()?;
+            self.weigh_states(scene, |ended| ended);
             rows.resize(step.observations.len(), 0.0);
         }
         self.tables.copy_first_seats(&mut rows);
         scene.learner.values(&rows, last_values, &mut self.tables.scratch);
         Ok(())
+    }
+
+    /// Compute the potentials of environments by whether their episode has ended in the last step.
+    fn weigh_states(&mut self, scene: &Scene<'_>, chosen: impl Fn(bool) -> bool) {
+        if scene.reward.form != ShapingForm::Potential {
+            return;
+        }
+        for row in 0..self.tables.len() {
+            if chosen(self.tables.outcomes.ended[row].is_some()) {
+                let seen = self.tables.exact(row, self.tables.seat(row));
+                self.potentials[row] = scene.reward.closeness(seen);
+            }
+        }
     }
 
     /// Choose the commands of learner and opponents.
@@ -163,7 +189,7 @@ impl Block {
         }
         let first = tables.first;
         let other = |row: usize| across(super::table::seat(first + row));
-        tables.ask(&scene.pool.opponents, &self.drawn, (scene.seed, number), other);
+        tables.ask(&|drawn| scene.pool.opponent(drawn), &self.drawn, (scene.seed, number), other);
         self.tally.spent.policy += (scene.clock)() - begun;
     }
 
@@ -171,14 +197,20 @@ impl Block {
     fn pay(&mut self, scene: &Scene<'_>, number: u64, step: &mut RolloutStep<'_>) {
         let transitions = number * scene.environments as u64;
         let left = scene.reward.shaping_left(transitions);
+        let gamma = scene.learner.settings().gamma;
         self.finals.boards.clear();
         self.finals.rows.clear();
         for row in 0..self.tables.len() {
             let player = self.tables.seat(row);
-            let seen = self.tables.seen(row, player);
+            let seen = self.tables.exact(row, player);
             let ended = self.tables.outcomes.ended[row];
             let hit_speed = self.tables.outcomes.hit_speeds[row][player as usize];
-            let reward = scene.reward.of_step(&Step { seen, ended, player, hit_speed }, left);
+            let potential = (self.potentials[row], gamma);
+            let made = Step { seen, ended, player, hit_speed, potential };
+            let reward = scene.reward.of_step(&made, left);
+            if scene.reward.form == ShapingForm::Potential {
+                self.potentials[row] = scene.reward.closeness(seen);
+            }
             step.rewards[row] = reward;
             step.ends[row] = match ended {
                 None => End::Running,
@@ -187,7 +219,7 @@ impl Block {
             };
             if step.ends[row] == End::Truncated {
                 self.finals.boards.push(row);
-                self.finals.rows.extend_from_slice(seen);
+                self.finals.rows.extend_from_slice(self.tables.seen(row, player));
             }
             self.returns[row] += reward;
             self.lengths[row] += 1;

@@ -4,7 +4,7 @@
 
 use super::{
     block::BlockState,
-    pool::{Choice, Member, Opponent, PoolState},
+    pool::{Choice, Member, Opponent, PoolState, is_scripted},
     run::Checkpoint,
     settings::{OpponentMode, TrainSettings},
 };
@@ -141,7 +141,9 @@ impl Checkpoint {
             .map_err(|reason| (BOARDS.to_owned(), reason))?
             .blocks;
         let members = counters.members.len() as u32;
-        if boards.iter().any(|own| own.drawn.iter().any(|opponent| members <= *opponent)) {
+        if boards.iter().any(|own| {
+            own.drawn.iter().any(|opponent| members <= *opponent && !is_scripted(*opponent))
+        }) {
             let reason =
                 format!("an environment has an opponent outside the pool of {members} members");
             return Err((BOARDS.to_owned(), reason));

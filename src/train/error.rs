@@ -9,6 +9,9 @@ use std::path::PathBuf;
 /// Error of starting or continuing a run.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
+    /// The settings of the state estimator cannot be read.
+    #[error(transparent)]
+    Ekf(#[from] crate::ekf::EkfError),
     /// A setting is outside its range.
     #[error("setting {name} is {value}; it must be {range}")]
     Setting {

@@ -38,6 +38,8 @@ pub struct OpponentEvaluation {
     pub episode_length_s: Estimate,
     /// Number of hits of the ball by the policy per game.
     pub hits_per_episode: Estimate,
+    /// Fraction of the games that the policy loses by an own goal, 0 to 1.
+    pub own_goal_fraction: Estimate,
 }
 
 /// Mean over games with its interval.
@@ -70,6 +72,7 @@ impl OpponentEvaluation {
             conceded_goals_per_min: ratio(lost, minutes),
             episode_length_s: ratio(seconds, one),
             hits_per_episode: ratio(|result| f64::from(result.hits), one),
+            own_goal_fraction: ratio(|result| f64::from(u8::from(result.own_goal)), one),
             score,
         }
     }

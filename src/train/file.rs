@@ -23,7 +23,7 @@ use crate::{
     provenance::Provenance,
     recording::{
         ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingError, RecordingWriter,
-        message::{BoardState, EloRating, MatchScore, ObjectState, VelocityCommand},
+        message::{EloRating, MatchScore, VelocityCommand},
         topic::{self, Player},
     },
     units::Nanos,
@@ -248,23 +248,16 @@ fn write_samples(
                 let [vx, vy] = moment.commands[player as usize];
                 writer.write(&topic::command(player), time, &VelocityCommand { vx, vy })?;
             }
-            writer.write(topic::BOARD_STATE, time, &state_of(&moment.board))?;
+            writer.write(topic::BOARD_STATE, time, &moment.board.message())?;
             time = time.after_seconds(CONTROL_PERIOD);
         }
         let Some(last) = game.moments.last() else { continue };
         let standing =
             Snapshot { ball_velocity: [0.0; 2], striker_velocities: [[0.0; 2]; 2], ..last.board };
         for _ in 0..(STAND / CONTROL_PERIOD) as usize {
-            writer.write(topic::BOARD_STATE, time, &state_of(&standing))?;
+            writer.write(topic::BOARD_STATE, time, &standing.message())?;
             time = time.after_seconds(CONTROL_PERIOD);
         }
     }
     Ok(())
-}
-
-fn state_of(board: &Snapshot) -> BoardState {
-    let object = |[x, y]: [f64; 2], [vx, vy]: [f64; 2]| Some(ObjectState { x, y, vx, vy });
-    let [left, right] = [0, 1]
-        .map(|player| object(board.striker_positions[player], board.striker_velocities[player]));
-    BoardState { ball: object(board.ball_position, board.ball_velocity), left, right, status: 0 }
 }

@@ -15,7 +15,7 @@ const HEIGHT: u32 = 260;
 
 /// Learning curves: title, metric, quantity, unit.
 const CURVES: [(&str, &str, &str, &str); 10] = [
-    ("Score against the pool", "play/score", "won minus lost games", "fraction"),
+    ("Score against the opponents", "play/score", "won minus lost games", "fraction"),
     ("Running Elo", "play/elo", "Elo", ""),
     ("Episode return", "play/return", "return", ""),
     ("Hits of the ball", "play/hits_per_minute", "rate", "1/min"),
@@ -145,6 +145,7 @@ fn evaluation(page: &mut Page, verdict: &Evaluation) {
             estimate(&judged.conceded_goals_per_min),
             estimate(&judged.episode_length_s),
             estimate(&judged.hits_per_episode),
+            format!("{:.1}", 100.0 * judged.own_goal_fraction.mean),
         ]
     });
     page.table(&Table {
@@ -161,6 +162,7 @@ fn evaluation(page: &mut Page, verdict: &Evaluation) {
             "conceded per minute",
             "episode length (s)",
             "own hits per episode",
+            "own goals (% of games)",
         ]),
         rows: rows.collect(),
     });

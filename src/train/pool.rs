@@ -126,6 +126,26 @@ pub(super) struct GameResult {
     pub(super) score: i8,
 }
 
+/// Indices from here on are those of scripted players, in the order of [`TRAINERS`]; they are equal
+/// for all sizes of the pool.
+const FIRST_SCRIPTED: u32 = 1 << 31;
+
+/// Scripted players beside the pool, drawn with equal weights: the stronger ones stand twice. The
+/// random one is left out: every untrained policy resembles
+/// it.
+const TRAINERS: [Opponent; 5] = [
+    Opponent::Scripted(Scripted::Stationary),
+    Opponent::Scripted(Scripted::Goalkeeper),
+    Opponent::Scripted(Scripted::Goalkeeper),
+    Opponent::Scripted(Scripted::Chaser),
+    Opponent::Scripted(Scripted::Chaser),
+];
+
+/// Return whether `drawn` is the index of a scripted player beside the pool.
+pub(super) fn is_scripted(drawn: u32) -> bool {
+    (FIRST_SCRIPTED..FIRST_SCRIPTED + TRAINERS.len() as u32).contains(&drawn)
+}
+
 /// Opponents with their sampling weights.
 #[derive(Debug, Clone)]
 pub(super) struct Pool {
@@ -174,22 +194,37 @@ impl Pool {
             .collect();
     }
 
+    /// Opponent of an index that [`draw`](Self::draw) returned.
+    pub(super) fn opponent(&self, drawn: u32) -> &Opponent {
+        if is_scripted(drawn) {
+            &TRAINERS[(drawn - FIRST_SCRIPTED) as usize]
+        } else {
+            &self.opponents[drawn as usize]
+        }
+    }
+
     /// Sample the opponent of the episode that begins in environment `board` at control period
     /// `step`.
     pub(super) fn draw(&self, seed: u64, board: u64, step: u64) -> u32 {
-        if self.opponents.len() < 2 {
+        let scripted = self.settings.scripted_fraction;
+        if self.opponents.len() < 2 && scripted == 0.0 {
             return 0;
         }
         let mut stream = Stream::numbered(seed, "train.opponent", &[board, step]);
+        if 0.0 < scripted && f64::from(stream.uniform_f32(0.0, 1.0)) < scripted {
+            return FIRST_SCRIPTED + stream.below(TRAINERS.len()) as u32;
+        }
         let draw = f64::from(stream.uniform_f32(0.0, 1.0));
         let last = self.cumulative.len() - 1;
         self.cumulative.iter().position(|sum| draw < *sum).unwrap_or(last) as u32
     }
 
-    /// Add finished games; returns the mean of the learner's rating over them.
+    /// Add finished games; returns the mean of the learner's rating over them. Games against
+    /// scripted players beside the pool do not count.
     pub(super) fn take_in(&mut self, results: impl Iterator<Item = GameResult>) -> f64 {
         let (mut sum, mut count) = (0.0, 0u32);
-        for GameResult { opponent, score } in results {
+        let own = |result: &GameResult| !is_scripted(result.opponent);
+        for GameResult { opponent, score } in results.filter(own) {
             let state = &mut self.state;
             if state.window.len() == self.settings.window_games {
                 state.window.pop_front();
@@ -299,6 +334,25 @@ mod tests {
             assert!((found - 1.0 / 3.0).abs() < 0.012, "{found}");
         }
         assert_eq!(shares(OpponentMode::Best), [0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn scripted_players_beside_the_pool_are_drawn_and_do_not_count() {
+        let mut pool = pool(OpponentMode::Best, 2, 1);
+        pool.settings.scripted_fraction = 0.4;
+        let drawn: Vec<u32> = (0..30_000).map(|board| pool.draw(5, board, 7)).collect();
+        let share = |wanted: &dyn Fn(u32) -> bool| {
+            drawn.iter().filter(|drawn| wanted(**drawn)).count() as f64 / 30_000.0
+        };
+        assert!((share(&is_scripted) - 0.4).abs() < 0.012);
+        let is = |script| move |pool: &Pool, drawn| matches!(pool.opponent(drawn), Opponent::Scripted(own) if *own == script);
+        for (script, expected) in [(Scripted::Stationary, 0.08), (Scripted::Chaser, 0.16)] {
+            let found = share(&|drawn| is(script)(&pool, drawn));
+            assert!((found - expected).abs() < 0.012, "{script}: {found}");
+        }
+        let opponent = drawn.iter().copied().find(|drawn| is_scripted(*drawn)).unwrap();
+        pool.take_in([GameResult { opponent, score: 1 }; 3].into_iter());
+        assert_eq!((pool.score(), pool.state.rating), (None, elo::BASE));
     }
 
     #[test]

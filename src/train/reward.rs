@@ -14,10 +14,14 @@
 //! before the other cup earns more than a goal (0.04 per step, so 2.8 goals at gamma 0.99). Here
 //! the maximum discounted shaping, `R / (1 - gamma)`, stays below the one goal that ends it.
 
-use crate::{board::CUP_DISTANCE, game::Ending, recording::topic::Player};
+use crate::{
+    board::CUP_DISTANCE,
+    game::{CONTROL_PERIOD, Ending},
+    recording::topic::Player,
+};
 use serde::{Deserialize, Serialize};
 
-/// The paper's three curricula.
+/// The paper's three curricula, and one of ours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Curriculum {
@@ -28,6 +32,22 @@ pub enum Curriculum {
     CollisionOnly,
     /// Results alone.
     Sparse,
+    /// Reward shaping by the motion of the striker towards the ball and of the ball towards the
+    /// other cup, which soon decays. Ours; a ball that is held earns nothing.
+    Motion,
+}
+
+/// Form of the shaping by closeness.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ShapingForm {
+    /// The weighted closeness is earned in every step, as in the paper.
+    #[default]
+    PerStep,
+    /// Potential-based: a step earns `gamma` times the weighted closeness after it, minus that
+    /// before it (Ng, Harada and Russell, "Policy Invariance Under Reward Transformations", 1999).
+    /// The best policy is that of the results alone: a ball that is held earns nothing.
+    Potential,
 }
 
 /// Weights and scales of the reward.
@@ -42,6 +62,9 @@ pub struct RewardSettings {
     pub own_goal: f32,
     /// Reward of an own goal of the opponent; 0.
     pub opponent_own_goal: f32,
+    /// Form of the three terms by closeness.
+    #[serde(default)]
+    pub form: ShapingForm,
     /// Weight of the ball's closeness to the other cup, per step; 0.006.
     pub progress: f32,
     /// Weight of the ball's closeness to the own cup, subtracted per step; 0.006.
@@ -54,6 +77,14 @@ pub struct RewardSettings {
     pub ball_scale_m: f32,
     /// Weight of the ball's speed (s/m), per step; 0.004.
     pub ball_speed_s_per_m: f32,
+    /// Weight of the striker's motion towards the ball (1/m): velocity along the line to the ball,
+    /// times the control period. Unlike closeness it is not lost when the ball is hit away.
+    #[serde(default)]
+    pub approach_per_m: f32,
+    /// Weight of the ball's motion towards the other cup (1/m): velocity along the line to the cup,
+    /// times the control period.
+    #[serde(default)]
+    pub ball_to_cup_per_m: f32,
     /// Weight of a hit of the ball by the own striker, per step with a hit; 0.02 in the collision
     /// curriculum.
     pub collision: f32,
@@ -74,6 +105,8 @@ pub struct Step<'a> {
     pub player: Player,
     /// Largest closing speed of the player's hits of the ball (m/s); 0 without one.
     pub hit_speed: f32,
+    /// Potential before the step and discount factor; read for [`ShapingForm::Potential`].
+    pub potential: (f32, f32),
 }
 
 impl RewardSettings {
@@ -85,18 +118,27 @@ impl RewardSettings {
             goal_conceded: -1.0,
             own_goal: -1.0,
             opponent_own_goal: 0.0,
+            form: ShapingForm::PerStep,
             progress: 0.0,
             defence: 0.0,
             cup_scale_m: 0.2,
             proximity: 0.0,
             ball_scale_m: 0.1,
             ball_speed_s_per_m: 0.0,
+            approach_per_m: 0.0,
+            ball_to_cup_per_m: 0.0,
             collision: 0.0,
             collision_scale_m_per_s: 0.1,
             decay_transitions: 1e7,
         };
         match curriculum {
             Curriculum::Sparse => sparse,
+            Curriculum::Motion => Self {
+                approach_per_m: 0.5,
+                ball_to_cup_per_m: 0.5,
+                decay_transitions: 6e6,
+                ..sparse
+            },
             Curriculum::CollisionOnly => Self { collision: 0.02, ..sparse },
             Curriculum::DenseBallToGoal => Self {
                 progress: 0.006,
@@ -135,7 +177,35 @@ impl RewardSettings {
     }
 
     fn shaping(&self, step: &Step<'_>) -> f32 {
+        let closeness = match self.form {
+            ShapingForm::PerStep => self.closeness(step.seen),
+            ShapingForm::Potential => {
+                let (before, gamma) = step.potential;
+                let runs = matches!(step.ended, None | Some(Ending::TimeLimit));
+                let after = if runs { self.closeness(step.seen) } else { 0.0 };
+                gamma * after - before
+            }
+        };
         let seen = step.seen;
+        let mut sum = closeness + self.ball_speed_s_per_m * seen[10].hypot(seen[11]);
+        if self.approach_per_m != 0.0 {
+            let to_ball = [seen[8] - seen[0], seen[9] - seen[1]];
+            sum += self.approach_per_m * covered([seen[2], seen[3]], to_ball);
+        }
+        if self.ball_to_cup_per_m != 0.0 {
+            let to_cup = [-seen[8], CUP_DISTANCE as f32 - seen[9]];
+            sum += self.ball_to_cup_per_m * covered([seen[10], seen[11]], to_cup);
+        }
+        if 0.0 < step.hit_speed {
+            sum += self.collision * (-self.collision_scale_m_per_s / step.hit_speed).exp();
+        }
+        sum
+    }
+
+    /// Weighted closeness of ball, cups and own striker: the shaping of a step, or the potential,
+    /// of the observation `seen`.
+    #[must_use]
+    pub fn closeness(&self, seen: &[f32]) -> f32 {
         let (own, ball) = ([seen[0], seen[1]], [seen[8], seen[9]]);
         let cup = CUP_DISTANCE as f32;
         let closeness =
@@ -147,10 +217,6 @@ impl RewardSettings {
         }
         if self.proximity != 0.0 {
             sum += self.proximity * closeness(own, self.ball_scale_m);
-        }
-        sum += self.ball_speed_s_per_m * seen[10].hypot(seen[11]);
-        if 0.0 < step.hit_speed {
-            sum += self.collision * (-self.collision_scale_m_per_s / step.hit_speed).exp();
         }
         sum
     }
@@ -174,6 +240,8 @@ impl RewardSettings {
             ("reward.defence", self.defence),
             ("reward.proximity", self.proximity),
             ("reward.ball_speed_s_per_m", self.ball_speed_s_per_m),
+            ("reward.approach_per_m", self.approach_per_m),
+            ("reward.ball_to_cup_per_m", self.ball_to_cup_per_m),
             ("reward.collision", self.collision),
         ];
         let positive = positive.into_iter().find(|(_, value)| !(0.0 < *value && value.is_finite()));
@@ -184,6 +252,12 @@ impl RewardSettings {
     }
 }
 
+/// Distance (m) covered in one control period along `way` (m) at `velocity` (m/s).
+fn covered([vx, vy]: [f32; 2], [x, y]: [f32; 2]) -> f32 {
+    let length = x.hypot(y).max(1e-6);
+    CONTROL_PERIOD as f32 * (vx * x + vy * y) / length
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -192,12 +266,13 @@ mod tests {
     fn seen() -> [f32; 12] {
         let mut seen = [0.0; 12];
         (seen[0], seen[1], seen[8], seen[9]) = (0.03, -0.1, 0.03, -0.05);
+        (seen[2], seen[3]) = (0.1, 0.3);
         (seen[10], seen[11]) = (0.3, -0.4);
         seen
     }
 
     fn step(seen: &[f32], ended: Option<Ending>, hit_speed: f32) -> Step<'_> {
-        Step { seen, ended, player: Player::Right, hit_speed }
+        Step { seen, ended, player: Player::Right, hit_speed, potential: (0.0, 0.99) }
     }
 
     fn only(change: impl Fn(&mut RewardSettings)) -> RewardSettings {
@@ -221,7 +296,9 @@ mod tests {
             (Ending::TimeLimit, 0.0, 0.0),
         ] {
             for (player, expected) in [(left, of_left), (right, of_right)] {
-                let step = Step { seen: &seen, ended: Some(ending), player, hit_speed: 0.0 };
+                let potential = (0.0, 0.99);
+                let step =
+                    Step { seen: &seen, ended: Some(ending), player, hit_speed: 0.0, potential };
                 assert_eq!(sparse.of_step(&step, 1.0), expected, "{ending:?} {player}");
                 assert_eq!(settings.of_step(&step, 0.0), expected, "{ending:?} {player}");
             }
@@ -239,6 +316,10 @@ mod tests {
             (only(|s| s.proximity = 1.0), 0.606_531), // exp(-0.05 / 0.1)
             (only(|s| s.ball_speed_s_per_m = 1.0), 0.5),
             (only(|s| s.collision = 1.0), 0.367_879), // exp(-0.1 / 0.1)
+            // 0.3 m/s of the striker, straight ahead to the ball; 0.02 s.
+            (only(|s| s.approach_per_m = 1.0), 0.006),
+            // (0.3 (-0.03) + (-0.4) 0.22) / 0.222036 = -0.436866 m/s along the line to the cup.
+            (only(|s| s.ball_to_cup_per_m = 1.0), -0.008_737),
         ] {
             let found = settings.of_step(&step(&seen, None, 0.1), 1.0);
             assert!((found - expected).abs() < 2e-5, "{settings:?}: {found} {expected}");
@@ -255,6 +336,31 @@ mod tests {
         assert_eq!(settings.shaping_left(0), 1.0);
         assert!((settings.shaping_left(10_000_000) - 0.367_879).abs() < 1e-6);
         assert!((settings.shaping_left(20_000_000) - 0.135_335).abs() < 1e-6);
+    }
+
+    #[test]
+    fn potential_shaping_sums_to_the_difference_of_its_ends() {
+        const GAMMA: f32 = 0.9;
+        let settings = only(|s| (s.form, s.progress) = (ShapingForm::Potential, 1.0));
+        let mut sum = 0.0;
+        let rows: Vec<[f32; 12]> = (0..4)
+            .map(|step| {
+                let mut seen = seen();
+                seen[9] += 0.05 * step as f32;
+                seen
+            })
+            .collect();
+        let [first, .., last] = [0, 1, 2, 3].map(|row| settings.closeness(&rows[row]));
+        for (number, pair) in rows.windows(2).enumerate() {
+            let potential = (settings.closeness(&pair[0]), GAMMA);
+            let step = Step { potential, ..step(&pair[1], None, 0.0) };
+            sum += GAMMA.powi(number as i32) * settings.of_step(&step, 1.0);
+        }
+        assert!((sum - (GAMMA.powi(3) * last - first)).abs() < 1e-6, "{sum}");
+        // A goal ends the sum: the potential afterwards is zero.
+        let goal = Some(Ending::Goal { scorer: Player::Right });
+        let step = Step { potential: (last, GAMMA), ..step(&rows[3], goal, 0.0) };
+        assert!((settings.of_step(&step, 1.0) - (1.0 - last)).abs() < 1e-6);
     }
 
     #[test]

@@ -94,7 +94,7 @@ impl Run {
     ) -> Result<Self, TrainError> {
         settings.check()?;
         let game = game_of(settings, game);
-        let mut learner = Learner::new(&settings.ppo, settings.spaces(), settings.seed)?;
+        let mut learner = Learner::new(&settings.learner(), settings.spaces(), settings.seed)?;
         look_around(&mut learner, settings, &game)?;
         let pool = Pool::new(settings.opponents, learner.policy());
         let checkpoint = Checkpoint {
@@ -141,8 +141,12 @@ impl Run {
             spaces,
         };
         let Checkpoint { opponents, pool, queries, curve, .. } = checkpoint.clone();
+        let learner = Learner::resume(&settings.learner(), spaces, &checkpoint.learner)?;
         Ok(Self {
-            learner: Learner::resume(&settings.ppo, spaces, &checkpoint.learner)?,
+            learner: match settings.reflection() {
+                Some(reflection) => learner.with_reflection(reflection),
+                None => learner,
+            },
             pool: Pool::from_parts(settings.opponents, opponents, pool),
             blocks: Vec::new(),
             rollout: Rollout::new(shape),
@@ -169,11 +173,19 @@ impl Run {
         &self.game
     }
 
-    /// The game of the evaluation, with its time limit.
+    /// The game of the evaluation, with its time limit; the ball begins at rest.
     #[must_use]
     pub fn evaluation_game(&self) -> GameSettings {
         let time_limit = self.settings.evaluation.time_limit_s;
-        let episode = EpisodeSettings { time_limit, ..self.game.episode };
+        let EpisodeSettings { moving_fraction, served_fraction, aligned_fraction, .. } =
+            EpisodeSettings::default();
+        let episode = EpisodeSettings {
+            time_limit,
+            moving_fraction,
+            served_fraction,
+            aligned_fraction,
+            ..self.game.episode
+        };
         GameSettings { episode, ..self.game.clone() }
     }
 
@@ -382,8 +394,17 @@ impl Run {
 
 /// The game with the randomization of the settings.
 fn game_of(settings: &TrainSettings, game: &GameSettings) -> GameSettings {
+    let starts = settings.starts;
     GameSettings {
+        episode: EpisodeSettings {
+            moving_fraction: starts.moving_fraction,
+            ball_speed: starts.ball_speed_m_per_s,
+            served_fraction: starts.served_fraction,
+            aligned_fraction: starts.aligned_fraction,
+            ..game.episode
+        },
         randomization: settings.randomization_ranges(),
+        sensors: settings.sensors,
         biscuits: settings.biscuits.then(BiscuitSettings::default),
         ..game.clone()
     }

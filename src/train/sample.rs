@@ -51,8 +51,9 @@ fn play_one(
     let own = seat(number);
     let mut moments = Vec::new();
     for step in 0.. {
-        tables.ask(players, &[0], (seed, step), |_row| own);
-        tables.ask(players, &[1], (seed, step), |_row| across(own));
+        let player = |index: u32| &players[index as usize];
+        tables.ask(&player, &[0], (seed, step), |_row| own);
+        tables.ask(&player, &[1], (seed, step), |_row| across(own));
         let commands = Player::BOTH
             .map(|player| turned(player, tables.commands[0][player as usize].map(f64::from)));
         moments.push(Moment { board: tables.games.snapshot(0), commands });

@@ -41,7 +41,7 @@ impl StoredPolicy {
     /// Velocity (m/s, own frame) of its mean action for the observation `seen`.
     #[must_use]
     pub fn velocity(&self, seen: &Observation, scratch: &mut Scratch) -> [f32; 2] {
-        let mut row = [0.0; ObservationKind::Augmented20.len()];
+        let mut row = [0.0; ObservationKind::MOST];
         let row = &mut row[..self.observations.len()];
         seen.write(self.observations, CUP_DISTANCE as f32, row);
         let mut action = [0.0; ACTIONS];

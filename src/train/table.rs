@@ -4,7 +4,10 @@
 
 use super::pool::{Opponent, Question};
 use crate::{
-    game::{ActuatorQueries, ClockFn, GameError, GameSettings, Games, ObservationKind, Outcomes},
+    game::{
+        ActuatorQueries, ClockFn, GameError, GameSettings, Games, ObservationKind, Outcomes,
+        Sensors,
+    },
     ppo::Scratch,
     recording::topic::Player,
 };
@@ -24,6 +27,9 @@ pub(super) fn seat(board: usize) -> Player {
     if board.is_multiple_of(2) { Player::Left } else { Player::Right }
 }
 
+/// Values that rewards are computed from.
+const EXACT: ObservationKind = ObservationKind::Standard12;
+
 /// A range of environments with its buffers.
 #[derive(Debug)]
 pub(super) struct Tables {
@@ -31,6 +37,10 @@ pub(super) struct Tables {
     pub(super) first: usize,
     pub(super) games: Games,
     pub(super) outcomes: Outcomes,
+    /// Camera and estimator; `None` for exact observations.
+    sensors: Option<Sensors>,
+    /// Exact standard values of left and right player, `[boards][12]`, with sensors only.
+    exact: [Vec<f32>; 2],
     kind: ObservationKind,
     /// Observations of left and right player, `[boards][width]`.
     seen: [Vec<f32>; 2],
@@ -63,8 +73,15 @@ impl Tables {
         let count = range.len();
         let mut games = Games::range(range.clone(), settings, seed)?;
         games.set_clock(clock);
+        let sensors = settings
+            .sensors
+            .as_ref()
+            .map(|sensors| Sensors::new(sensors, &games, (range.start, seed)));
+        let exact = if sensors.is_some() { count * EXACT.len() } else { 0 };
         let mut tables = Self {
             first: range.start,
+            sensors,
+            exact: [vec![0.0; exact], vec![0.0; exact]],
             games,
             outcomes: Outcomes::new(count),
             kind,
@@ -78,10 +95,18 @@ impl Tables {
         Ok(tables)
     }
 
-    /// Restore saved environments.
-    pub(super) fn restore(&mut self, games: &[u8]) -> Result<(), GameError> {
+    /// Restore saved environments and sensors.
+    pub(super) fn restore(&mut self, games: &[u8], sensors: &[u8]) -> Result<(), GameError> {
         self.games.restore(games)?;
+        if let Some(own) = &mut self.sensors {
+            own.restore(sensors, &self.games)?;
+        }
         self.look()
+    }
+
+    /// State of the sensors for a checkpoint; empty without sensors.
+    pub(super) fn save_sensors(&self) -> Vec<u8> {
+        self.sensors.as_ref().map_or_else(Vec::new, Sensors::save)
     }
 
     pub(super) fn len(&self) -> usize {
@@ -99,6 +124,15 @@ impl Tables {
         &self.seen[player as usize][row * width..(row + 1) * width]
     }
 
+    /// Exact standard values of `player` in the `row`-th environment, for rewards.
+    pub(super) fn exact(&self, row: usize, player: Player) -> &[f32] {
+        if self.sensors.is_none() {
+            return self.seen(row, player);
+        }
+        let width = EXACT.len();
+        &self.exact[player as usize][row * width..(row + 1) * width]
+    }
+
     /// Observations of the first players, `[boards][width]`.
     pub(super) fn copy_first_seats(&self, rows: &mut [f32]) {
         for (row, out) in rows.chunks_exact_mut(self.kind.len()).enumerate() {
@@ -106,11 +140,11 @@ impl Tables {
         }
     }
 
-    /// Let `opponents` decide for the players given by `seat_of` in every environment; `drawn` is
-    /// the index of the opponent in each environment.
-    pub(super) fn ask(
+    /// Let opponents decide for the players given by `seat_of` in every environment; `drawn` is
+    /// the index of the opponent in each environment, and `opponent_of` finds it.
+    pub(super) fn ask<'a>(
         &mut self,
-        opponents: &[Opponent],
+        opponent_of: &dyn Fn(u32) -> &'a Opponent,
         drawn: &[u32],
         (seed, step): (u64, u64),
         seat_of: impl Fn(usize) -> Player,
@@ -128,7 +162,7 @@ impl Tables {
                 rows.extend_from_slice(self.seen(row, seat_of(row)));
             }
             velocities.resize(group.len(), [0.0; 2]);
-            let opponent = &opponents[drawn[group[0] as usize] as usize];
+            let opponent = opponent_of(drawn[group[0] as usize]);
             let question = Question { seed, step, boards, rows, speed: self.speed };
             opponent.decide(&question, velocities, (&mut self.scratch, actions));
             for (row, velocity) in group.iter().zip(velocities.iter()) {
@@ -141,19 +175,32 @@ impl Tables {
     /// Step all environments by one control period; environments whose episode has ended keep their
     /// final state.
     pub(super) fn advance(&mut self) -> Result<(), GameError> {
+        if let Some(sensors) = &self.sensors {
+            // As in a match at a table, nobody moves while the ball is not seen.
+            for (row, commands) in self.commands.iter_mut().enumerate() {
+                if !sensors.is_in_play(row) {
+                    *commands = [[0.0; 2]; 2];
+                }
+            }
+        }
         self.games.advance(&self.commands, &mut self.outcomes)?;
+        if let Some(sensors) = &mut self.sensors {
+            sensors.advance(&self.games);
+        }
         self.look()
     }
 
     /// Begin the next episode in environments whose episode has ended.
     pub(super) fn begin_ended(&mut self) -> Result<(), GameError> {
         self.games.restart_ended(&self.outcomes)?;
-        let width = self.kind.len();
-        for row in (0..self.len()).filter(|row| self.outcomes.ended[*row].is_some()) {
-            for player in Player::BOTH {
-                let seen = &mut self.seen[player as usize][row * width..(row + 1) * width];
-                self.games.observe_board(row, player, self.kind, seen);
+        for row in 0..self.len() {
+            if self.outcomes.ended[row].is_none() {
+                continue;
             }
+            if let Some(sensors) = &mut self.sensors {
+                sensors.begin(row, &self.games);
+            }
+            self.look_at(row);
         }
         Ok(())
     }
@@ -163,7 +210,27 @@ impl Tables {
         self.games.queries()
     }
 
+    /// Observations of both players in one environment.
+    fn look_at(&mut self, row: usize) {
+        let (width, exact) = (self.kind.len(), EXACT.len());
+        for player in Player::BOTH {
+            let seen = &mut self.seen[player as usize][row * width..(row + 1) * width];
+            let Some(sensors) = &self.sensors else {
+                self.games.observe_board(row, player, self.kind, seen);
+                continue;
+            };
+            let cup_distance = self.games.settings().cup.distance as f32;
+            sensors.observation(row, player).write(self.kind, cup_distance, seen);
+            let exact = &mut self.exact[player as usize][row * exact..(row + 1) * exact];
+            self.games.observe_board(row, player, EXACT, exact);
+        }
+    }
+
     fn look(&mut self) -> Result<(), GameError> {
+        if self.sensors.is_some() {
+            (0..self.len()).for_each(|row| self.look_at(row));
+            return Ok(());
+        }
         for player in Player::BOTH {
             self.games.observe(player, self.kind, &mut self.seen[player as usize])?;
         }

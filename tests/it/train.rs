@@ -8,8 +8,8 @@ use klasktron::{
     game::GameSettings,
     opponent::Scripted,
     train::{
-        Choice, Curriculum, Machine, Opponent, OpponentMode, RewardSettings, Run, TrainSettings,
-        play_samples,
+        Choice, Curriculum, Machine, Opponent, OpponentMode, RewardSettings, Run, StartSettings,
+        TrainSettings, play_samples,
     },
 };
 use std::num::NonZeroUsize;
@@ -58,6 +58,10 @@ fn distance_to_ball(run: &Run) -> f64 {
 fn a_policy_learns_what_it_is_paid_for() {
     let mut settings = tiny();
     settings.opponents.mode = OpponentMode::Scripted(Scripted::Stationary);
+    settings.opponents.scripted_fraction = 0.0;
+    settings.anneal_transitions = None;
+    settings.starts = StartSettings::default();
+    settings.sensors = None;
     settings.reward = RewardSettings { proximity: 1.0, ..RewardSettings::of(Curriculum::Sparse) };
     settings.environments = 64;
     settings.ppo.horizon = 32;

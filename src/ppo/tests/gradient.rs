@@ -192,6 +192,7 @@ fn check(settings: &PpoSettings) {
         targets: &targets,
         observations: &Standardizer::identity(3),
         values: &Standardizer::identity(1),
+        reflection: None,
     };
     let mut batch = Batch::default();
     batch.fill(&rollout, &units, (NonZeroUsize::MIN, 1)).unwrap();
@@ -205,10 +206,10 @@ fn check(settings: &PpoSettings) {
     let mut gradient = vec![0.0; model.parameter_count()];
     let mut sums = LossSums::default();
     let mut scratch = Scratch::default();
-    for index in 0..SAMPLES {
-        scratch.policy.x.extend_from_slice(batch.observation(index));
+    for index in 0..SAMPLES as u32 {
+        batch.observe(index, &mut scratch.policy.x);
     }
-    let all = (0..SAMPLES).map(|index| batch.sample(index));
+    let all = (0..SAMPLES as u32).map(|index| batch.sample(index));
     model.accumulate(&terms, all, (&mut gradient, &mut sums), &mut scratch);
 
     // The losses themselves.

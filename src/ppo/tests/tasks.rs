@@ -4,7 +4,8 @@
 use super::threads;
 use crate::{
     ppo::{
-        End, Learner, Normalization, PpoSettings, Rollout, RolloutShape, Scratch, Spaces, StepIndex,
+        End, Learner, Normalization, PpoSettings, Reflection, Rollout, RolloutShape, Scratch,
+        Spaces, StepIndex,
     },
     seed::Stream,
 };
@@ -85,9 +86,12 @@ fn judged(mut action: impl FnMut(f32) -> f32) -> f32 {
     returns.sum::<f32>() / STARTS as f32
 }
 
-fn train_reaching(settings: &PpoSettings, sign: f32) -> f32 {
+fn train_reaching(settings: &PpoSettings, sign: f32, reflection: Option<Reflection>) -> f32 {
     let spaces = Spaces { observations: 1, actions: 1 };
     let mut learner = Learner::new(settings, spaces, 1).unwrap();
+    if let Some(reflection) = reflection {
+        learner = learner.with_reflection(reflection);
+    }
     let shape = RolloutShape { horizon: 32, environments: ENVIRONMENTS, spaces };
     let mut rollout = Rollout::new(shape);
     let mut reaching = Reaching::new(2);
@@ -127,12 +131,33 @@ fn reaching_is_learned_to_near_the_best_and_not_with_the_sign_turned() {
             ..PpoSettings::upstream()
         },
     ] {
-        let good = train_reaching(&settings, 1.0);
-        let turned = train_reaching(&settings, -1.0);
+        let good = train_reaching(&settings, 1.0, None);
+        let turned = train_reaching(&settings, -1.0, None);
         println!("best {best}, learned {good}, idle {idle}, turned {turned}");
         assert!(best - 0.1 * (best - idle) < good, "best {best}, learned {good}, idle {idle}");
         assert!(turned < idle, "idle {idle}, with the sign turned {turned}");
     }
+}
+
+#[test]
+fn mirrored_experience_teaches_a_symmetric_task_and_spoils_one_that_is_not() {
+    let settings = PpoSettings {
+        hidden: vec![16, 16],
+        learning_rate: 4e-3,
+        minibatch: 256,
+        ..PpoSettings::paper()
+    };
+    let [best, idle] =
+        [-10.0, 0.0].map(|gain: f32| judged(|distance| (gain * distance).clamp(-1.0, 1.0)));
+    let trained = |sign| {
+        let reflection = Reflection { observations: vec![-1], actions: vec![sign] };
+        train_reaching(&settings, 1.0, Some(reflection))
+    };
+    // The task is the same with distance and velocity reversed, but not with the distance alone.
+    let (right, wrong) = (trained(-1), trained(1));
+    println!("best {best}, right {right}, wrong {wrong}, idle {idle}");
+    assert!(best - 0.1 * (best - idle) < right, "best {best}, learned {right}, idle {idle}");
+    assert!(wrong < best - 0.5 * (best - idle), "best {best}, learned {wrong}, idle {idle}");
 }
 
 /// One step with a reward of 300 minus the squared distance of the action from half the
