@@ -39,6 +39,7 @@
 //! - Rivals by the same amplitude between two simulated changes: the better one's must be above one half.
 //! - The noise floor from measurements alone, never from a residual.
 
+mod batch;
 mod calibrate_page;
 mod checks;
 mod direct;
@@ -54,6 +55,7 @@ mod incident;
 mod journal;
 mod known;
 mod locate;
+mod memo;
 mod nuisance;
 mod numbers;
 mod observer;

@@ -23,11 +23,16 @@ pub fn cores() -> usize {
 /// Apply `work` to every item on all cores. The results are in the order of the items for any
 /// number of cores. A panic in `work` propagates to the caller.
 pub fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    let threads = match LIMIT.load(Ordering::Relaxed) {
+    in_parallel_on(threads(), items, work)
+}
+
+/// Return the number of threads of [`in_parallel`].
+#[must_use]
+pub fn threads() -> usize {
+    match LIMIT.load(Ordering::Relaxed) {
         0 => cores(),
         limit => limit,
-    };
-    in_parallel_on(threads, items, work)
+    }
 }
 
 /// Apply `work` to every item on `threads` threads, at least one; items start in their order.

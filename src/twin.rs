@@ -28,6 +28,7 @@ mod diff;
 mod document;
 mod drive;
 mod estimator;
+mod lanes;
 mod linkage;
 mod machine;
 pub mod noise;

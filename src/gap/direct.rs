@@ -5,6 +5,7 @@
 //! join the short list. Nothing is linearised here, so that effects that bend are found from far away.
 
 use super::{
+    batch::in_parallel,
     evidence::Amplitude,
     fit::{self, Fit},
     problem::{Point, Problem, dot},
@@ -15,7 +16,6 @@ use super::{
 };
 use crate::{
     effects::{Axis, Effect},
-    parallel::in_parallel,
     stats::f_tail,
 };
 

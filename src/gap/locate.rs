@@ -2,7 +2,6 @@
 
 use super::{
     findings::{IdentifiedEffect, Localization},
-    problem,
     rounds::Outcome,
 };
 use crate::{effects::find, twin::Channel};
@@ -38,7 +37,7 @@ fn places_of(outcome: &Outcome<'_>, effects: &[IdentifiedEffect]) -> Vec<(f64, L
         let least = known.map_or(after[k], |own| own.residual_rms.min(after[k]));
         ((before[k] / least.max(f64::MIN_POSITIVE)).powi(2) - 1.0).max(0.0)
     };
-    let residual = problem::predict(part.stage, given, &outcome.start.nuisance[0]);
+    let residual = part.predict(given, &outcome.start.nuisance[0]);
     let residual = part.residual(&residual);
     let named = effects
         .iter()

@@ -2,17 +2,16 @@
 //! numbers that belong to a session or a run and are eliminated.
 
 use super::{
+    batch::{self, in_parallel},
     evidence::Blocks,
     incident::Incident,
+    memo::{self, Memo},
     nuisance::{Elimination, eliminate},
     options::Context,
     outliers::without_spikes,
     whiten::{self, Filter, Filters, Layout, Residual},
 };
-use crate::{
-    parallel::in_parallel,
-    twin::{Slot, Stage, Twin},
-};
+use crate::twin::{Slot, Stage, Twin};
 
 /// One stage of one session, with what was measured there.
 pub struct Part<'a> {
@@ -24,14 +23,18 @@ pub struct Part<'a> {
     pub incidents: Vec<Incident>,
     /// Rows of each nuisance group.
     groups: Vec<std::ops::Range<usize>>,
+    /// What was predicted before.
+    memo: Memo,
 }
 
 impl<'a> Part<'a> {
     /// A part of everything finite that `stage` measured and `twin` predicts.
     #[must_use]
     pub fn new(stage: &'a dyn Stage, twin: &Twin) -> Self {
-        let nuisance = starts(stage);
-        let predicted = predict(stage, twin, &nuisance);
+        let memo = Memo::default();
+        let mut part =
+            Self { stage, layout: Layout::default(), incidents: vec![], groups: vec![], memo };
+        let predicted = part.predict(twin, &starts(stage));
         let usable: Vec<Vec<bool>> = stage
             .channels()
             .iter()
@@ -45,10 +48,44 @@ impl<'a> Part<'a> {
                     .collect()
             })
             .collect();
-        let mut part =
-            Self { stage, layout: Layout::default(), incidents: Vec::new(), groups: Vec::new() };
         part.count(&usable);
         part
+    }
+
+    /// What the stage predicts for `twin`.
+    #[must_use]
+    pub(super) fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        self.predict_each(&[twin], nuisance).swap_remove(0)
+    }
+
+    /// What the stage predicts for each of `twins`: `[twin][channel][sample]`.
+    #[must_use]
+    fn predict_each(&self, twins: &[&Twin], nuisance: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
+        let Some(offsets) = self.stage.offsets(nuisance) else {
+            return self.remembered(twins, nuisance);
+        };
+        let mut predicted = self.remembered(twins, &starts(self.stage));
+        for channels in &mut predicted {
+            for (channel, offset) in channels.iter_mut().zip(&offsets) {
+                channel.iter_mut().for_each(|value| *value += offset);
+            }
+        }
+        predicted
+    }
+
+    /// The same, each of them simulated once.
+    fn remembered(&self, twins: &[&Twin], nuisance: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
+        let key = |twin: &&Twin| memo::key(twin, nuisance);
+        let keys: Vec<memo::Key> = twins.iter().map(key).collect();
+        let mut known: Vec<Option<_>> = keys.iter().map(|key| self.memo.get(key)).collect();
+        let new: Vec<usize> = (0..twins.len()).filter(|own| known[*own].is_none()).collect();
+        let asked: Vec<&Twin> = new.iter().map(|own| twins[*own]).collect();
+        let predicted = batch::predict_each(self.stage, &asked, nuisance);
+        for (index, predicted) in new.into_iter().zip(predicted) {
+            self.memo.put(keys[index].clone(), &predicted);
+            known[index] = Some(predicted);
+        }
+        known.into_iter().flatten().collect()
     }
 
     /// Counts from now on what `usable[channel][sample]` says, but for incidents.
@@ -105,10 +142,7 @@ pub(super) fn starts(stage: &dyn Stage) -> Vec<Vec<f64>> {
 /// The stage's prediction.
 #[must_use]
 pub(super) fn predict(stage: &dyn Stage, twin: &Twin, nuisance: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let mut predicted: Vec<Vec<f64>> =
-        stage.channels().iter().map(|channel| vec![f64::NAN; channel.times.len()]).collect();
-    stage.predict(twin, nuisance, &mut predicted);
-    predicted
+    batch::predict_each(stage, &[twin], nuisance).swap_remove(0)
 }
 
 /// Whitened residual and columns of all parts at one point, nuisances eliminated.
@@ -183,7 +217,7 @@ impl<'a> Problem<'a> {
         self.parts
             .iter()
             .zip(&point.nuisance)
-            .map(|(part, nuisance)| predict(part.stage, &point.twin, nuisance))
+            .map(|(part, nuisance)| part.predict(&point.twin, nuisance))
             .collect()
     }
 
@@ -277,23 +311,24 @@ impl<'a> Problem<'a> {
     ) -> Vec<Vec<f64>> {
         let orders: Vec<Vec<Filter>> =
             self.parts.iter().map(|part| whiten::in_order(part.stage, filters)).collect();
-        in_parallel(variants, |twin| {
-            let mut column = Vec::with_capacity(self.rows());
-            for (index, part) in self.parts.iter().enumerate() {
-                let mut change = predict(part.stage, twin, &at.point.nuisance[index]);
+        let twins: Vec<&Twin> = variants.iter().collect();
+        let mut columns = vec![Vec::with_capacity(self.rows()); variants.len()];
+        for (index, part) in self.parts.iter().enumerate() {
+            let predicted = part.predict_each(&twins, &at.point.nuisance[index]);
+            for (column, mut change) in columns.iter_mut().zip(predicted) {
                 for (values, from) in change.iter_mut().zip(&at.prediction[index]) {
-                    for (value, from) in values.iter_mut().zip(from) {
-                        *value -= from;
-                    }
+                    values.iter_mut().zip(from).for_each(|(value, from)| *value -= from);
                 }
                 column.extend(part.layout.whitened(&change, &orders[index]));
             }
+        }
+        for column in &mut columns {
             // A variant that the simulator cannot carry through says nothing.
             if column.iter().any(|value| !value.is_finite()) {
                 column.fill(0.0);
             }
-            column
-        })
+        }
+        columns
     }
 
     /// The same at a point that is evaluated already, with `columns` that are known: the nuisance directions are
@@ -336,7 +371,7 @@ impl<'a> Problem<'a> {
             let step = 1e-3 * scales[*number];
             let mut moved = point.nuisance[index].clone();
             moved.iter_mut().for_each(|group| group[*number] += step);
-            let mut change = predict(part.stage, &point.twin, &moved);
+            let mut change = part.predict(&point.twin, &moved);
             for (values, from) in change.iter_mut().zip(&at.prediction[index]) {
                 for (value, from) in values.iter_mut().zip(from) {
                     *value = (*value - from) / step;
@@ -395,7 +430,7 @@ impl Problem<'_> {
         let nuisance: Vec<Vec<Vec<f64>>> =
             self.parts.iter().zip(&point.nuisance).map(|(_, nuisance)| nuisance.clone()).collect();
         for (part, nuisance) in self.parts.iter_mut().zip(nuisance) {
-            let residual = part.residual(&predict(part.stage, &point.twin, &nuisance));
+            let residual = part.residual(&part.predict(&point.twin, &nuisance));
             let usable: Vec<Vec<bool>> =
                 residual.iter().map(|values| without_spikes(values)).collect();
             part.count(&usable);

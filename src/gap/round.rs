@@ -1,6 +1,7 @@
 //! One round of the search on one link: screen, simulate the best again, judge, choose.
 
 use super::{
+    batch::in_parallel,
     direct,
     evidence::{Amplitude, Blocks, LogScoreGain},
     fit::{self, Fit},
@@ -12,10 +13,7 @@ use super::{
     steady::{self, Seen},
     whiten::{self, Filters},
 };
-use crate::{
-    parallel::in_parallel,
-    twin::{Instance, Slot, StageKind, Twin},
-};
+use crate::twin::{Instance, Slot, StageKind, Twin};
 use std::mem;
 
 /// Candidates that are simulated again in one round.

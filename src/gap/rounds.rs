@@ -1,6 +1,7 @@
 //! The rounds of the search on one link: refit, screen, re-simulate the best, decide, add, repeat.
 
 use super::{
+    batch::in_parallel,
     evidence::LogScoreGain,
     evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
@@ -19,7 +20,6 @@ use super::{
 };
 use crate::{
     effects::{Axis, Effect},
-    parallel::in_parallel,
     twin::{Instance, Slot, Stage, StageKind, Twin},
 };
 

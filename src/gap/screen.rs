@@ -7,6 +7,7 @@
 //! power.
 
 use super::{
+    batch::in_parallel,
     evidence::{joint, least_squares},
     fit::{Fit, Normal},
     observer::SearchStep,
@@ -15,7 +16,6 @@ use super::{
 };
 use crate::{
     effects::{Axis, CATALOGUE, Effect, SCANS},
-    parallel::in_parallel,
     twin::{Instance, Machine, Source, Twin},
 };
 use std::mem;

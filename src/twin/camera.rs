@@ -117,6 +117,10 @@ impl Stage for CameraStage {
         vec![1e-3; 2]
     }
 
+    fn offsets(&self, nuisance: &[Vec<f64>]) -> Option<Vec<f64>> {
+        nuisance.first().cloned()
+    }
+
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
         let mut chain = Chain::new(twin);
         let offset = nuisance.first().map_or([0.0; 2], |both| [both[0], both[1]]);

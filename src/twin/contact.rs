@@ -1,61 +1,134 @@
 //! Dry friction over one step of a simulation.
 
+use super::lanes::{Lanes, Mask};
 use crate::effects::Bristles;
+use pulp::Simd;
 
-/// What rubs on one coordinate during a step.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Contact {
-    /// Largest friction (N).
-    pub(super) level: f64,
-    /// The part of it that bends before it slides, and where its bend is remembered.
-    pub(super) bristles: Option<(Bristles, usize)>,
+/// Ratio of speed to creep speed below which it is rest.
+const CREEPING: f64 = 1e-6;
+
+/// Ratio of speed to creep speed from which its hyperbolic tangent is 1 to the last bit.
+const SATURATED: f64 = 22.0;
+
+/// Bristles of one coordinate, of each simulation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BristleLanes<S: Simd> {
+    /// Where there are any.
+    exist: Mask<S>,
+    /// As [`Bristles`] has them.
+    force: Lanes<S>,
+    distance: Lanes<S>,
+    velocity: Lanes<S>,
+    damping: Lanes<S>,
 }
 
-impl Contact {
-    /// Friction (N) over a step of `dt` seconds in which a coordinate of `mass` would come from `velocity` to
-    /// `free` without it; moves the bend in `memory` on.
+impl<S: Simd> BristleLanes<S> {
+    /// The bristles `of` each simulation; `None` where none has any.
+    #[inline(always)]
+    pub(super) fn new(simd: S, of: impl Fn(usize) -> Option<Bristles>) -> Option<Self> {
+        if (0..S::F64_LANES).all(|lane| of(lane).is_none()) {
+            return None;
+        }
+        let number =
+            |get: fn(Bristles) -> f64| Lanes::from_fn(simd, |lane| of(lane).map_or(1.0, get));
+        Some(Self {
+            exist: Mask::from_fn(simd, |lane| of(lane).is_some()),
+            force: number(|own| own.force),
+            distance: number(|own| own.distance),
+            velocity: number(|own| own.velocity),
+            damping: number(|own| own.damping),
+        })
+    }
+
+    /// Relaxation speed of the deflection (m/s) at a `speed`; see [`Bristles::pace`].
+    #[inline(always)]
+    fn pace(&self, simd: S, speed: Lanes<S>) -> Lanes<S> {
+        let ratio = speed / self.velocity;
+        let creeps = ratio.less_than(Lanes::splat(simd, CREEPING));
+        let saturates = Lanes::splat(simd, SATURATED).less_than(ratio);
+        let mut tanh = Lanes::splat(simd, 1.0);
+        if !creeps.or(saturates).all() {
+            for lane in 0..S::F64_LANES {
+                let ratio = ratio.get(lane);
+                if (CREEPING..=SATURATED).contains(&ratio) {
+                    tanh.set(lane, ratio.tanh());
+                }
+            }
+        }
+        creeps.select(self.velocity, speed / tanh)
+    }
+}
+
+/// What rubs on one coordinate during a step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Contact<S: Simd> {
+    /// Largest friction (N).
+    pub(super) level: Lanes<S>,
+    /// The part of it that bends before it slides.
+    pub(super) bristles: Option<BristleLanes<S>>,
+}
+
+/// How a coordinate would move over a step without friction.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Free<S: Simd> {
+    /// Its mass (kg).
+    pub(super) mass: Lanes<S>,
+    /// Its velocity before and after the step (m/s).
+    pub(super) velocity: [Lanes<S>; 2],
+    /// Length of the step (s).
+    pub(super) dt: Lanes<S>,
+}
+
+impl<S: Simd> Contact<S> {
+    /// Friction (N) over a step of a coordinate that would move as `free` says without it; moves the `bend` on.
     ///
     /// Rigid friction is the impulse that would stop the motion, held within its level (Coulomb's law without
     /// chatter). Bristles follow the velocity at the end of the step (implicit Euler): stable however stiff they
     /// are, and still a quadratic equation in that velocity.
-    pub(super) fn force(
-        self,
-        memory: &mut [f64],
-        mass: f64,
-        [velocity, free]: [f64; 2],
-        dt: f64,
-    ) -> f64 {
+    #[inline(always)]
+    pub(super) fn force(&self, simd: S, bend: &mut Lanes<S>, motion: Free<S>) -> Lanes<S> {
+        let Free { mass, velocity: [velocity, free], dt } = motion;
         let inertia = mass / dt;
-        let Some((bristles, place)) = self.bristles.filter(|_| 0.0 < self.level) else {
-            return -(inertia * free).clamp(-self.level, self.level);
-        };
-        let bend = &mut memory[place];
-        let bristles = bristles.held_to(self.level);
-        let rigid = self.level - bristles.force;
-        let per_speed = dt / bristles.distance;
-        let relaxed = 1.0 + per_speed * (bristles.pace(velocity) - velocity.abs());
-        let damped = bristles.damping * bristles.distance / dt;
-        let elastic = bristles.force + damped;
-        let pull = inertia * free - elastic * *bend / relaxed + damped * *bend;
-        if pull.abs() <= rigid {
-            *bend /= relaxed;
-            return -inertia * free;
+        let stopping = inertia * free;
+        let rigid_force = -stopping.clamp(-self.level, self.level);
+        let Some(own) = &self.bristles else { return rigid_force };
+        let acts = own.exist & Lanes::splat(simd, 0.0).less_than(self.level);
+        if !acts.any() {
+            return rigid_force;
         }
-        // (inertia (u - w) + rigid - damped s) (relaxed + per_speed u) + elastic (s + per_speed u) = 0 for the
-        // speed u > 0 in the direction of the pull, with w and s the free velocity and the bend along it.
-        let (w, s) = (pull.signum() * free, pull.signum() * *bend);
-        let still = rigid - inertia * w - damped * s;
-        let square = inertia * per_speed;
-        let linear = inertia * relaxed + per_speed * (still + elastic);
-        let constant = relaxed * still + elastic * s;
-        let root = (linear * linear - 4.0 * square * constant).sqrt();
-        let speed = if linear < 0.0 {
-            0.5 * (root - linear) / square
-        } else {
-            -2.0 * constant / (linear + root)
-        };
-        *bend = pull.signum() * (s + per_speed * speed) / (relaxed + per_speed * speed);
-        inertia * (pull.signum() * speed - free)
+        // At most the level is dry friction: see `Bristles::held_to`.
+        let fits = own.force.at_most(self.level);
+        let force = fits.select(own.force, self.level);
+        let shorter =
+            (own.distance * self.level / own.force).max(Lanes::splat(simd, f64::MIN_POSITIVE));
+        let distance = fits.select(own.distance, shorter);
+        let rigid = self.level - force;
+        let per_speed = dt / distance;
+        let relaxed = 1.0 + per_speed * (own.pace(simd, velocity.abs()) - velocity.abs());
+        let damped = own.damping * distance / dt;
+        let elastic = force + damped;
+        let pull = stopping - elastic * *bend / relaxed + damped * *bend;
+        let holds = pull.abs().at_most(rigid);
+        let mut found = (-stopping, *bend / relaxed);
+        if !holds.all() {
+            // (inertia (u - w) + rigid - damped s) (relaxed + per_speed u) + elastic (s + per_speed u) = 0 for the
+            // speed u > 0 in the direction of the pull, with w and s the free velocity and the bend along it.
+            let sign = Lanes::splat(simd, 1.0).copysign(pull);
+            let (w, s) = (sign * free, sign * *bend);
+            let still = rigid - inertia * w - damped * s;
+            let square = inertia * per_speed;
+            let linear = inertia * relaxed + per_speed * (still + elastic);
+            let constant = relaxed * still + elastic * s;
+            let root = (linear * linear - 4.0 * square * constant).sqrt();
+            let falls = linear.less_than(Lanes::splat(simd, 0.0));
+            let numerator = falls.select(0.5 * (root - linear), -2.0 * constant);
+            let speed = numerator / falls.select(square, linear + root);
+            let slid_bend = sign * (s + per_speed * speed) / (relaxed + per_speed * speed);
+            let slid = inertia * (sign * speed - free);
+            found = (holds.select(found.0, slid), holds.select(found.1, slid_bend));
+        }
+        *bend = acts.select(found.1, *bend);
+        acts.select(found.0, rigid_force)
     }
 }
 
@@ -63,7 +136,26 @@ impl Contact {
 mod tests {
     use super::*;
 
+    use pulp::Scalar;
+
     const DT: f64 = 1e-4;
+
+    /// Friction over a step of `dt` seconds in one simulation.
+    fn friction(
+        (level, bristles): (f64, Option<Bristles>),
+        bend: &mut f64,
+        (mass, velocity): (f64, [f64; 2]),
+        dt: f64,
+    ) -> f64 {
+        let of = |value| Lanes::splat(Scalar, value);
+        let contact =
+            Contact { level: of(level), bristles: BristleLanes::new(Scalar, |_| bristles) };
+        let free = Free { mass: of(mass), velocity: velocity.map(of), dt: of(dt) };
+        let mut bent = of(*bend);
+        let friction = contact.force(Scalar, &mut bent, free);
+        *bend = bent.get(0);
+        friction.get(0)
+    }
 
     /// Drives 2 kg with `force(time)` for `seconds`: place, velocity and bend at the end.
     fn driven(
@@ -72,21 +164,20 @@ mod tests {
         seconds: f64,
         force: impl Fn(f64) -> f64,
     ) -> [f64; 3] {
-        let (mut place, mut velocity, mut bend) = (0.0, 0.0, [0.0]);
+        let (mut place, mut velocity, mut bend) = (0.0, 0.0, 0.0);
         for step in 0..(seconds / DT).round() as usize {
             let free = velocity + DT * force(step as f64 * DT) / 2.0;
-            let contact = Contact { level, bristles: Some((bristles, 0)) };
-            let friction = contact.force(&mut bend, 2.0, [velocity, free], DT);
+            let friction =
+                friction((level, Some(bristles)), &mut bend, (2.0, [velocity, free]), DT);
             velocity = free + DT * friction / 2.0;
             place += DT * velocity;
         }
-        [place, velocity, bend[0]]
+        [place, velocity, bend]
     }
 
     #[test]
     fn rigid_friction_holds_up_to_its_level() {
-        let of =
-            |free| Contact { level: 3.0, bristles: None }.force(&mut [], 2.0, [0.0, free], 1e-3);
+        let of = |free| friction((3.0, None), &mut 0.0, (2.0, [0.0, free]), 1e-3);
         assert!((of(1e-3) + 2.0).abs() < 1e-12);
         assert_eq!(of(1.0), -3.0);
     }
@@ -124,13 +215,12 @@ mod tests {
     #[test]
     fn after_a_reversal_at_speed_the_bend_follows_dahls_law() {
         let own = Bristles { force: 4.0, distance: 1e-3, velocity: 1e-6, damping: 0.0 };
-        let mut bend = [1.0];
+        let mut bend = 1.0;
         let mut velocity = -0.05;
         for _ in 0..100 {
-            let contact = Contact { level: 4.0, bristles: Some((own, 0)) };
-            let friction = contact.force(&mut bend, 1e6, [velocity, velocity], DT);
+            let friction = friction((4.0, Some(own)), &mut bend, (1e6, [velocity; 2]), DT);
             velocity += DT * friction / 1e6;
         }
-        assert!((bend[0] - own.bent(1.0, -0.05, 100.0 * DT)).abs() < 5e-3, "{bend:?}");
+        assert!((bend - own.bent(1.0, -0.05, 100.0 * DT)).abs() < 5e-3, "{bend:?}");
     }
 }

@@ -1,21 +1,18 @@
 //! Commands to motor motion: the plant, driven by the recorded commands.
 
-use super::{
-    Channel, Plant, PlantState, Stage, StageKind, Twin,
-    plant::{self, LONGEST_STEP},
-};
+mod march;
+
+use super::{Channel, Plant, Stage, StageKind, Twin, plant};
 use crate::{
     effects::{Axis, Effect, both},
     gantry::belts,
 };
+use march::Job;
 use std::f64::consts::TAU;
 
 /// Time after the start of a run in which the recorded command may stem from before it (s): there
 /// the plant runs but nothing is compared.
 pub(super) const SETTLING: f64 = 0.1;
-
-/// The first steps after a command (s), which takes effect within the first of them.
-const FIRST_STEPS: [f64; 4] = [2e-5, 1e-4, 2e-4, 4e-4];
 
 /// One gantry of one session: commands in, motor velocities and torques out.
 #[derive(Debug, Clone)]
@@ -77,55 +74,39 @@ impl Stage for DriveStage {
         plant::feels(&effect.physics, axis)
     }
 
-    fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-        let plant = Plant::new(twin);
-        let mut state = plant.start();
-        let radius = twin.belt_metres_per_turn / TAU;
-        let mut reader = Reader { stage: self, radius, next: vec![0; self.channels.len()] };
-        for values in predicted.iter_mut() {
-            values.fill(f64::NAN);
-        }
-        let dead = plant.delays();
-        let delays = both(|motor| self.arrivals[motor] + dead[motor]);
-        let mut cursors = [0_usize; 2];
-        for (index, run) in self.starts.iter().enumerate() {
-            if run.fresh || index == 0 {
-                state = plant.start();
-                state.time = run.time;
-                state.place(run.position, run.velocity);
-                cursors = [0; 2];
-            } else {
-                state.position = run.position;
-            }
-            reader.begin(index);
-            let mut before = Outputs::of(&plant, &state, 0.0);
-            while state.time < run.end {
-                let (command, until) = self.command_at(state.time, delays, &mut cursors);
-                let span = (until.min(run.end) - state.time).max(1e-9);
-                for dt in steps(span) {
-                    plant.step(&mut state, command, dt);
-                    let after = Outputs::of(&plant, &state, dt);
-                    reader.read(index, [&before, &after], predicted);
-                    before = after;
-                }
-            }
-            reader.finish(index, &before, predicted);
-        }
+    fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+        let mut all = [predicted.iter_mut().map(std::mem::take).collect()];
+        self.predict_each(&[twin], nuisance, &mut all);
+        let [all] = all;
+        predicted.iter_mut().zip(all).for_each(|(to, own)| *to = own);
     }
-}
 
-/// Steps (s) that make up `span` seconds after a command: short ones first, for there the force bends, and what is
-/// read between the middles of two steps would be rounded off.
-fn steps(span: f64) -> impl Iterator<Item = f64> {
-    let mut left = span;
-    let first = FIRST_STEPS.map(|step| {
-        let step = step.min(left);
-        left -= step;
-        step
-    });
-    let count = (left / LONGEST_STEP).ceil();
-    let rest = std::iter::repeat_n(left / count.max(1.0), count as usize);
-    first.into_iter().filter(|step| 0.0 < *step).chain(rest)
+    fn predict_each(
+        &self,
+        twins: &[&Twin],
+        _nuisance: &[Vec<f64>],
+        predicted: &mut [Vec<Vec<f64>>],
+    ) {
+        let plants: Vec<Plant> = twins.iter().map(|twin| Plant::new(twin)).collect();
+        let all = plants.iter().zip(twins).zip(predicted);
+        let (soft, rigid): (Vec<_>, Vec<_>) = all
+            .map(|((plant, twin), predicted)| Job {
+                plant,
+                radius: twin.belt_metres_per_turn / TAU,
+                predicted,
+            })
+            .partition(|job| job.plant.is_soft());
+        march::side_by_side(self, soft);
+        march::side_by_side(self, rigid);
+    }
+
+    fn lot(&self, twin: &Twin) -> usize {
+        usize::from(twin.instances.iter().any(|own| own.spring().is_some()))
+    }
+
+    fn width(&self) -> usize {
+        march::width()
+    }
 }
 
 impl DriveStage {
@@ -167,17 +148,19 @@ struct Outputs {
 }
 
 impl Outputs {
-    /// Of `state` after a step of `dt` seconds.
-    fn of(plant: &Plant, state: &PlantState, dt: f64) -> Self {
-        let middle = state.time - 0.5 * dt;
+    /// Of `plant` at `time` (s) after a step of `dt` seconds, in which it got to this place with this velocity,
+    /// acceleration and forces of the motors.
+    fn of(plant: &Plant, [time, dt]: [f64; 2], motion: [[f64; 2]; 4]) -> Self {
+        let [position, velocity, acceleration, force] = motion;
+        let middle = time - 0.5 * dt;
         Self {
-            time: state.time,
-            position: plant.reported_position(state),
-            velocity: plant.reported(state),
+            time,
+            position: plant.reported_position(position),
+            velocity: plant.reported(position, velocity),
             middle,
             told: plant.torque_ages().map(|age| middle + age),
-            acceleration: belts(state.acceleration),
-            force: state.force,
+            acceleration: belts(acceleration),
+            force,
         }
     }
 
@@ -208,13 +191,44 @@ impl Outputs {
 struct Reader<'a> {
     stage: &'a DriveStage,
     radius: f64,
+    /// The next sample of each channel.
     next: Vec<usize>,
+    /// Time of the next one of a position or velocity, and of each torque (s).
+    due: f64,
+    torque_due: [f64; 2],
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
+    fn new(stage: &'a DriveStage, radius: f64) -> Self {
+        let next = vec![0; stage.channels.len()];
+        Self { stage, radius, next, due: f64::INFINITY, torque_due: [f64::INFINITY; 2] }
+    }
+
     fn begin(&mut self, run: usize) {
         for (next, channel) in self.next.iter_mut().zip(&self.stage.channels) {
             *next = channel.runs[run].start;
+        }
+        self.look_ahead(run);
+    }
+
+    /// Whether a sample lies before the end of a step at `time`, whose middle the motors report at `told` (s).
+    #[inline(always)]
+    fn is_due(&self, time: f64, told: [f64; 2]) -> bool {
+        self.due <= time || self.torque_due[0] <= told[0] || self.torque_due[1] <= told[1]
+    }
+
+    /// Looks for the next samples of `run`.
+    fn look_ahead(&mut self, run: usize) {
+        (self.due, self.torque_due) = (f64::INFINITY, [f64::INFINITY; 2]);
+        let channels = self.stage.channels.iter().zip(&self.stage.outputs);
+        for ((channel, output), next) in channels.zip(&self.next) {
+            let due = match *output {
+                Output::Position(_) | Output::Velocity(_) => &mut self.due,
+                Output::Torque(motor) => &mut self.torque_due[motor],
+            };
+            if *next < channel.runs[run].end {
+                *due = due.min(channel.times[*next]);
+            }
         }
     }
 
@@ -232,6 +246,7 @@ impl Reader<'_> {
                 *next += 1;
             }
         }
+        self.look_ahead(run);
     }
 
     /// Reads what is left of a run after its last step.

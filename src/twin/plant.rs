@@ -10,15 +10,20 @@
 //!
 //! A single axis is a plant with one motor and one rail, which are the same coordinate.
 
+mod step;
+
 use super::{
     Instance, Twin,
-    contact::Contact,
-    transmission::{self, Answer, Rubbing, Tie, TwoMasses},
+    contact::{BristleLanes, Contact, Free},
+    lanes::Lanes,
+    transmission::{self, Tie},
 };
 use crate::{
     effects::{Axis, Bristles, Carriage, CrossMotion, LoopGains, Motion, Physics, Spring, both},
-    gantry::{belts, rails},
+    gantry::belts,
 };
+use pulp::Scalar;
+pub(super) use step::{Aside, PlantLanes, StateLanes};
 
 /// Most parameters that one effect has.
 const MOST_PARAMETERS: usize = 8;
@@ -62,7 +67,6 @@ type CommandPart = Part<fn(&[f64], &mut [f64], f64, f64) -> f64>;
 type MotionPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
 type ReactionPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
-type BristlesPart = Part<fn(&[f64]) -> Bristles>;
 type EncoderPart = Part<fn(&[f64], f64) -> f64>;
 
 /// Way over which the slope of an encoder's reading is taken (m).
@@ -96,19 +100,8 @@ struct RailParts {
 #[derive(Debug, Clone, Default)]
 struct Rubs {
     levels: Vec<MotionPart>,
-    /// Of several the last.
-    bristles: Option<BristlesPart>,
-}
-
-impl Rubs {
-    /// What rubs at `motion`.
-    fn contact(&self, memory: &mut [f64], motion: &Motion) -> Contact {
-        let bent = |part: &BristlesPart| ((part.call)(part.p()), part.memory);
-        Contact {
-            level: sum(&self.levels, memory, motion).max(0.0),
-            bristles: self.bristles.as_ref().map(bent),
-        }
-    }
+    /// Of several the last, and where its bend is remembered.
+    bristles: Option<(Bristles, usize)>,
 }
 
 /// The drives and the gantry of a twin, ready to step.
@@ -177,15 +170,6 @@ impl PlantState {
             }
         }
     }
-
-    /// Moves the carriage on by `dt`, at the end of which it has `velocity`.
-    fn arrive(&mut self, velocity: [f64; 2], dt: f64) {
-        self.acceleration = both(|index| (velocity[index] - self.velocity[index]) / dt);
-        for (index, position) in self.position.iter_mut().enumerate() {
-            *position += 0.5 * dt * (velocity[index] + self.velocity[index]);
-        }
-        self.velocity = velocity;
-    }
 }
 
 impl Plant {
@@ -247,7 +231,8 @@ impl Plant {
             }
             Physics::Bristles(call) => {
                 let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
-                rubs.bristles = Some(Part::new(call, instance, memory));
+                let part = Part::new(call, instance, memory);
+                rubs.bristles = Some((call(part.p()), part.memory));
             }
             // What lies between a rail and its load is behind all that the motors feel.
             Physics::Transmission(call) if at_motor => {
@@ -279,7 +264,13 @@ impl Plant {
     /// A state at rest in the origin.
     #[must_use]
     pub fn start(&self) -> PlantState {
-        PlantState { memory: vec![0.0; self.memory], ..PlantState::default() }
+        PlantState { memory: self.memory(), ..PlantState::default() }
+    }
+
+    /// The memory of all effects after a long rest.
+    #[must_use]
+    pub(super) fn memory(&self) -> Vec<f64> {
+        vec![0.0; self.memory]
     }
 
     /// Puts `state` at rest in `position` (m), as [`start`](Self::start) does, without allocating.
@@ -290,20 +281,21 @@ impl Plant {
         *state = PlantState { position, memory, ..PlantState::default() };
     }
 
-    /// Position of each motor (m of belt) as its encoder reports it.
+    /// Position of each motor (m of belt) as its encoder reports it, with the carriage at `position` (m).
     #[must_use]
-    pub fn reported_position(&self, state: &PlantState) -> [f64; 2] {
-        let position = belts(state.position);
+    pub fn reported_position(&self, position: [f64; 2]) -> [f64; 2] {
+        let position = belts(position);
         both(|index| {
             let encoders = self.motors.get(index).map_or(&[][..], |motor| &motor.encoders);
             encoders.iter().fold(position[index], |at, part| (part.call)(part.p(), at))
         })
     }
 
-    /// Velocity of each motor (m/s of belt) as its encoder reports it.
+    /// Velocity of each motor (m/s of belt) as its encoder reports it, with the carriage at `position` (m) and with
+    /// `velocity` (m/s).
     #[must_use]
-    pub fn reported(&self, state: &PlantState) -> [f64; 2] {
-        let (position, velocity) = (belts(state.position), belts(state.velocity));
+    pub fn reported(&self, position: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
+        let (position, velocity) = (belts(position), belts(velocity));
         let of = |index: usize| match self.motors.get(index) {
             Some(motor) => motor.reported(position[index], velocity[index]),
             None => velocity[index],
@@ -311,100 +303,34 @@ impl Plant {
         both(of)
     }
 
+    /// Whether a belt is soft: only such plants, or only others, step side by side.
+    #[must_use]
+    pub(super) fn is_soft(&self) -> bool {
+        self.ties.is_some()
+    }
+
     /// One step of `dt` seconds with each motor's `command` (m/s of belt), at most
     /// 1 ms for the accuracy that the tests state.
     pub fn step(&self, state: &mut PlantState, command: [f64; 2], dt: f64) {
-        if self.motors.len() == 1 {
-            self.step_single(state, command[0], dt);
-        } else {
-            self.step_gantry(state, command, dt);
-        }
-        state.time += dt;
-    }
-
-    fn step_gantry(&self, state: &mut PlantState, command: [f64; 2], dt: f64) {
-        let step = GantryStep::new(self, state, dt);
-        let seen = self.reported(state);
-        let memory = &mut state.memory;
-        // Loads on the rails, with the motors' forces of the step before where one depends on them.
-        let load = self.loads(&step, state.force, memory);
-        let setpoint = both(|index| self.motors[index].setpoint(command[index], memory, dt));
-        let middle =
-            both(|index| self.motors[index].middle(state.setpoint[index], setpoint[index]));
-        let resisted = both(|index| load[index] + state.friction[index]);
-        let answer = step.answer(resisted).rubbed(state.rubbed);
-        let asked = both(|index| {
-            let now = state.setpoint[index] - seen[index];
-            let motor = &self.motors[index];
-            let error = middle[index] - seen[index] - motor.ahead(dt) * answer.drag[index];
-            motor.asked([now, error], state.integral[index], self.gain_mass, dt)
-        });
-        let gives_way = both(|index| self.motors[index].gives_way(self.gain_mass, dt));
-        let demand = answer.demand(asked, gives_way);
-        let force = self.efforts(&step, demand, memory);
-        let forces = [self.driven(&step, force, memory), load];
-        let rubs = self.rubs(&step, force, memory);
-        let slid = match &step.two_masses {
-            Some(two) => {
-                let moved = two.step(forces, &rubs, memory);
-                let velocity = rails(moved.motor);
-                state.gaining = both(|index| moved.load[index] - velocity[index]);
-                state.ahead = moved.ahead;
-                Slid { velocity, friction: moved.friction, rubbed: moved.rubbed }
-            }
-            None => step.slide(forces, &rubs, state.friction, memory),
+        let plants = [self];
+        let lanes = PlantLanes::new(Scalar, &plants);
+        let mut all = StateLanes::new(Scalar);
+        let mut memory = std::mem::take(&mut state.memory);
+        all.put(0, state);
+        all.put_bends(0, self, &memory);
+        let command = command.map(|own| Lanes::splat(Scalar, own));
+        let mut aside = Aside {
+            memories: std::slice::from_mut(&mut memory),
+            rails: &mut [[Motion::default(); 2]],
+            belts: &mut [[Motion::default(); 2]],
         };
-        state.arrive(slid.velocity, dt);
-        let seen_after = self.reported(state);
-        for (index, motor) in self.motors.iter().enumerate() {
-            let middle = middle[index] - 0.5 * (seen[index] + seen_after[index]);
-            let travelled = motor.travelled(middle, seen_after[index] - seen[index], dt);
-            let gained = self.gain_mass * motor.gains.integral_per_s2 * travelled;
-            state.integral[index] += motor.taken(gained, demand[index]);
-        }
-        (state.friction, state.rubbed) = (slid.friction, slid.rubbed);
-        (state.force, state.setpoint) = (force, setpoint);
+        lanes.step(&mut all, &mut aside, command, Lanes::splat(Scalar, dt));
+        all.get(0, state);
+        all.get_bends(0, self, &mut memory);
+        state.memory = memory;
     }
 
-    /// The motors' `force` with what else pulls at them (N of belt).
-    fn driven(&self, step: &GantryStep, force: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
-        both(|index| {
-            force[index] + sum(&self.motors[index].forces, memory, &step.belt(index, force))
-        })
-    }
-
-    /// What rubs on motors and rails under the motors' `force`.
-    fn rubs(&self, step: &GantryStep, force: [f64; 2], memory: &mut [f64]) -> Rubbing {
-        Rubbing {
-            motors: both(|index| self.motors[index].rubs.contact(memory, &step.belt(index, force))),
-            rails: both(|index| self.rails[index].rubs.contact(memory, &step.rail(index, force))),
-        }
-    }
-
-    /// Force on each rail that is no motor's and no friction.
-    fn loads(&self, step: &GantryStep, force: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
-        let load = both(|index| {
-            let motion = step.rail(index, force);
-            sum(&self.rails[index].forces, memory, &motion)
-        });
-        self.reactions.iter().fold(load, |load, part| {
-            let held =
-                (part.call)(part.p(), part.memory(memory), &step.carriage(self.striker_mass));
-            both(|index| load[index] + held[index])
-        })
-    }
-
-    /// Force that each motor makes of what its loop demands.
-    fn efforts(&self, step: &GantryStep, demand: [f64; 2], memory: &mut [f64]) -> [f64; 2] {
-        both(|index| {
-            let mut motion = step.belt(index, demand);
-            for part in &self.motors[index].efforts {
-                motion.force = (part.call)(part.p(), part.memory(memory), &motion);
-            }
-            motion.force
-        })
-    }
-
+    /// One step of a single axis of `dt` seconds with its `command` (m/s); time stays.
     fn step_single(&self, state: &mut PlantState, command: f64, dt: f64) {
         let (motor, rail) = (&self.motors[0], &self.rails[0]);
         let memory = &mut state.memory;
@@ -434,12 +360,9 @@ impl Plant {
             motion.force = (part.call)(part.p(), part.memory(memory), &motion);
         }
         // Motor and rail are one coordinate; what bends on one of them bends for both.
-        let [on_rail, on_motor] =
-            [&rail.rubs, &motor.rubs].map(|rubs| rubs.contact(memory, &motion));
-        let contact = Contact {
-            level: on_rail.level + on_motor.level,
-            bristles: on_rail.bristles.or(on_motor.bristles),
-        };
+        let level = |rubs: &Rubs, memory: &mut [f64]| sum(&rubs.levels, memory, &motion).max(0.0);
+        let level = level(&rail.rubs, memory) + level(&motor.rubs, memory);
+        let contact = (level, rail.rubs.bristles.or(motor.rubs.bristles));
         let (velocity, friction) = slide(&motion, motion.force + load, contact, memory);
         let error = middle - 0.5 * (state.velocity[0] + velocity);
         let travelled = motor.travelled(error, velocity - state.velocity[0], dt);
@@ -454,176 +377,32 @@ impl Plant {
     }
 }
 
-/// How often friction on motors and rails is sought in turn, and the change of it from which on it is found (N).
-const MOST_SWEEPS: usize = 6;
-const FOUND: f64 = 1e-6;
-
-/// The carriage after a step.
-struct Slid {
-    /// Velocity of the rails (m/s).
-    velocity: [f64; 2],
-    /// Friction over the step: on each rail (N), and at each motor (N of belt).
-    friction: [f64; 2],
-    rubbed: [f64; 2],
-}
-
-/// How two coordinates, both rails or both belts, move at the start of a step.
-struct Frame {
-    time: f64,
-    dt: f64,
-    position: [f64; 2],
-    velocity: [f64; 2],
-    acceleration: [f64; 2],
-}
-
-impl Frame {
-    /// Motion of one coordinate with the `force` along both and the `mass` of its own.
-    fn motion(&self, index: usize, force: [f64; 2], mass: f64) -> Motion {
-        Motion {
-            index,
-            time: self.time,
-            dt: self.dt,
-            position: self.position[index],
-            velocity: self.velocity[index],
-            acceleration: self.acceleration[index],
-            force: force[index],
-            mass,
-            other: CrossMotion {
-                position: self.position[1 - index],
-                velocity: self.velocity[1 - index],
-                acceleration: self.acceleration[1 - index],
-                force: force[1 - index],
-            },
-        }
+impl Rubs {
+    /// The bend in the `memory` of a plant; 0 without bristles.
+    fn bend(&self, memory: &[f64]) -> f64 {
+        self.bristles.map_or(0.0, |(_, place)| memory[place])
     }
 }
 
-/// What a gantry is and does at the start of a step.
-struct GantryStep {
-    rails: Frame,
-    belts: Frame,
-    /// Mass on each rail (kg); without rotors where belts are soft.
-    mass: [f64; 2],
-    /// Mass that the force of each belt moves (kg).
-    belt_mass: [f64; 2],
-    /// Motors and load, where belts are soft.
-    two_masses: Option<TwoMasses>,
-}
-
-impl GantryStep {
-    fn new(plant: &Plant, state: &PlantState, dt: f64) -> Self {
-        let PlantState { time, position, velocity, acceleration, ahead, gaining, .. } = *state;
-        let mut rails = Frame { time, dt, position, velocity, acceleration };
-        let belts = Frame {
-            time,
-            dt,
-            position: belts(position),
-            velocity: belts(velocity),
-            acceleration: belts(acceleration),
-        };
-        let mass = both(|index| plant.rails[index].mass(&rails.motion(index, [0.0; 2], 0.0)));
-        let Some(ties) = &plant.ties else {
-            let belt_mass = [rigid_belt_mass(mass); 2];
-            return Self { rails, belts, mass, belt_mass, two_masses: None };
-        };
-        rails.position = both(|index| position[index] + ahead[index]);
-        rails.velocity = both(|index| velocity[index] + gaining[index]);
-        let (ties, load_mass) = transmission::parted(ties, mass);
-        let two =
-            TwoMasses { ties, load_mass, ahead, motor: belts.velocity, load: rails.velocity, dt };
-        let belt_mass = ties.map(|tie| match tie.spring {
-            Some(_) => tie.motor_mass,
-            None => tie.motor_mass + rigid_belt_mass(load_mass),
-        });
-        Self { rails, belts, mass: load_mass, belt_mass, two_masses: Some(two) }
-    }
-
-    /// How the motors answer to forces over the step, with `load` on the rails (N).
-    fn answer(&self, load: [f64; 2]) -> Answer {
-        if let Some(two) = &self.two_masses {
-            return two.answer(load);
-        }
-        let [along_x, along_y] = self.mass.map(|mass| 1.0 / mass);
-        let (own, other) = (along_x + along_y, along_x - along_y);
-        let drag = belts(both(|index| load[index] / self.mass[index]));
-        Answer { drag, gives: [[own, other], [other, own]] }
-    }
-
-    /// Motion of one rail under the motors' `force`.
-    fn rail(&self, index: usize, force: [f64; 2]) -> Motion {
-        self.rails.motion(index, belts(force), self.mass[index])
-    }
-
-    /// The carriage with a striker of `striker_mass` (kg).
-    fn carriage(&self, striker_mass: f64) -> Carriage {
-        let Frame { dt, position, velocity, acceleration, .. } = self.rails;
-        Carriage { dt, position, velocity, acceleration, striker_mass }
-    }
-
-    /// Motion of one belt under the motors' `force`.
-    fn belt(&self, index: usize, force: [f64; 2]) -> Motion {
-        self.belts.motion(index, force, self.belt_mass[index])
-    }
-
-    /// Velocity of the rails after the step under the `total` force on them, without friction.
-    fn free(&self, total: [f64; 2]) -> [f64; 2] {
-        let Frame { velocity, dt, .. } = self.rails;
-        both(|index| velocity[index] + dt * total[index] / self.mass[index])
-    }
-
-    /// The step of rigid belts under `forces` of the motors (N of belt) and on the rails (N), with what `rubs`, whose
-    /// bends are in `memory`. What is held on one coordinate need not be held on another: the frictions are sought in
-    /// turn (projected Gauss-Seidel), from the `friction` of the rails a step ago.
-    fn slide(
-        &self,
-        [driven, load]: [[f64; 2]; 2],
-        rubs: &Rubbing,
-        mut friction: [f64; 2],
-        memory: &mut [f64],
-    ) -> Slid {
-        let (dt, bends) = (self.rails.dt, rubs.bends(memory));
-        let mut rubbed = [0.0; 2];
-        for sweep in 1.. {
-            for (m, contact) in rubs.motors.iter().enumerate().filter(|(_, own)| 0.0 < own.level) {
-                let pull =
-                    both(|other| driven[other] + if other == m { 0.0 } else { rubbed[other] });
-                let free = self.free(total(pull, both(|rail| load[rail] + friction[rail])));
-                let velocity = [self.belts.velocity[m], belts(free)[m]];
-                rubbed[m] = contact.force(memory, self.belt_mass[m], velocity, dt);
-            }
-            let free = self.free(total(both(|m| driven[m] + rubbed[m]), load));
-            let before = friction;
-            friction = both(|rail| {
-                let velocity = [self.rails.velocity[rail], free[rail]];
-                rubs.rails[rail].force(memory, self.mass[rail], velocity, dt)
-            });
-            let is_found = (0..2).all(|rail| (friction[rail] - before[rail]).abs() < FOUND);
-            if is_found || sweep == MOST_SWEEPS || rubbed == [0.0; 2] {
-                let velocity = both(|rail| free[rail] + dt * friction[rail] / self.mass[rail]);
-                return Slid { velocity, friction, rubbed };
-            }
-            rubs.put_back(memory, bends);
-        }
-        unreachable!("the last sweep returns")
-    }
-}
-
-/// Mass that the force of one belt moves with this `mass` on the rails (kg).
-fn rigid_belt_mass(mass: [f64; 2]) -> f64 {
-    1.0 / (1.0 / mass[0] + 1.0 / mass[1])
-}
-
-/// Force on the rails of the belts' `pull` and the rails' `load`.
-fn total(pull: [f64; 2], load: [f64; 2]) -> [f64; 2] {
-    let along = belts(pull);
-    [along[0] + load[0], along[1] + load[1]]
-}
-
-/// Velocity after a step from `motion` under `force` and the friction of `contact`, and the friction force.
-fn slide(motion: &Motion, force: f64, contact: Contact, memory: &mut [f64]) -> (f64, f64) {
+/// Velocity after a step from `motion` under `force` and the friction of a contact (its level in N, and its bristles
+/// with where their bend is remembered), and the friction force.
+fn slide(
+    motion: &Motion,
+    force: f64,
+    (level, bristles): (f64, Option<(Bristles, usize)>),
+    memory: &mut [f64],
+) -> (f64, f64) {
     let Motion { velocity, mass, dt, .. } = *motion;
     let free = velocity + dt * force / mass;
-    let friction = contact.force(memory, mass, [velocity, free], dt);
+    let of = |value: f64| Lanes::splat(Scalar, value);
+    let bristles_of = |_| bristles.map(|(own, _)| own);
+    let contact = Contact { level: of(level), bristles: BristleLanes::new(Scalar, bristles_of) };
+    let step = Free { mass: of(mass), velocity: [of(velocity), of(free)], dt: of(dt) };
+    let mut bend = of(bristles.map_or(0.0, |(_, place)| memory[place]));
+    let friction = contact.force(Scalar, &mut bend, step).get(0);
+    if let Some((_, place)) = bristles {
+        memory[place] = bend.get(0);
+    }
     (free + dt * friction / mass, friction)
 }
 

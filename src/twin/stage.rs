@@ -88,6 +88,12 @@ pub trait Stage: Sync {
         Vec::new()
     }
 
+    /// What `nuisance` adds to every sample of each channel, where its numbers do nothing else; the prediction without
+    /// is that of zeros.
+    fn offsets(&self, _nuisance: &[Vec<f64>]) -> Option<Vec<f64>> {
+        None
+    }
+
     /// What a residual of the first channel may depend on, sample by sample; `None` where the stage
     /// does not know it.
     fn regressor(&self, _regressor: Regressor) -> Option<Vec<f64>> {
@@ -107,4 +113,26 @@ pub trait Stage: Sync {
     /// Predicts every sample of every channel: `predicted[channel][sample]`, not finite where the
     /// twin says nothing. `nuisance[group]` are the numbers of each group.
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]);
+
+    /// The same for several twins with the same nuisance numbers: `predicted[twin][channel][sample]`.
+    fn predict_each(
+        &self,
+        twins: &[&Twin],
+        nuisance: &[Vec<f64>],
+        predicted: &mut [Vec<Vec<f64>>],
+    ) {
+        for (twin, predicted) in twins.iter().zip(predicted) {
+            self.predict(twin, nuisance, predicted);
+        }
+    }
+
+    /// Twins of the same lot are best predicted at once.
+    fn lot(&self, _twin: &Twin) -> usize {
+        0
+    }
+
+    /// How many twins are best predicted at once on this processor; the predictions do not depend on it.
+    fn width(&self) -> usize {
+        1
+    }
 }

@@ -1,10 +1,11 @@
 //! Two masses with a spring between them, per motor: one step of a gantry whose belts are soft or have play.
 
-use super::contact::Contact;
-use crate::{
-    effects::{Spring, both},
-    gantry::{belts, rails},
+use super::{
+    contact::{Contact, Free},
+    lanes::{Lanes, Mask, belts, rails},
 };
+use crate::effects::{Spring, both};
+use pulp::Simd;
 
 /// Largest share of a rail's mass that is rotors.
 const MOST_ROTOR: f64 = 0.95;
@@ -29,310 +30,529 @@ pub(super) fn ties(soft: [Option<Spring>; 2]) -> Option<[Tie; 2]> {
     Some(soft.map(|spring| Tie { spring, motor_mass: spring.map_or(other, |own| own.motor_mass) }))
 }
 
-/// The ties with rotors that are no more than what moves on either rail, and the mass there that is no rotor (kg).
-pub(super) fn parted(ties: &[Tie; 2], mass: [f64; 2]) -> ([Tie; 2], [f64; 2]) {
-    let rotors = ties[0].motor_mass + ties[1].motor_mass;
-    let share = (MOST_ROTOR * mass[0].min(mass[1]) / rotors).min(1.0);
-    let ties = ties.map(|own| Tie { motor_mass: share * own.motor_mass, ..own });
-    (ties, mass.map(|mass| mass - share * rotors))
-}
-
-/// Motors and load at the start of a step.
+/// One motor and its tie to the load, of each simulation.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TwoMasses {
-    pub(super) ties: [Tie; 2],
-    /// Mass of the load on each rail (kg).
-    pub(super) load_mass: [f64; 2],
-    /// How far the load is ahead of the motors, in board coordinates (m).
-    pub(super) ahead: [f64; 2],
-    /// Velocity of the motors (m/s of belt).
-    pub(super) motor: [f64; 2],
-    /// Velocity of the load (m/s).
-    pub(super) load: [f64; 2],
-    /// Length of the step (s).
-    pub(super) dt: f64,
+pub(super) struct TieLanes<S: Simd> {
+    /// Where the belt is soft.
+    pub(super) is_soft: Mask<S>,
+    /// Of the spring (N/m, N s/m).
+    stiffness: Lanes<S>,
+    damping: Lanes<S>,
+    /// Width within which no force passes (m).
+    backlash: Lanes<S>,
+    /// Mass that stays with the motor (kg of belt).
+    pub(super) motor_mass: Lanes<S>,
 }
 
-/// What rubs on both sides of the springs.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Rubbing {
-    pub(super) motors: [Contact; 2],
-    pub(super) rails: [Contact; 2],
-}
-
-impl Rubbing {
-    /// Where the bends of all contacts are remembered.
-    fn places(&self) -> [Option<usize>; 4] {
-        let [a, b] = self.motors;
-        let [x, y] = self.rails;
-        [a, b, x, y].map(|contact| contact.bristles.map(|(_, place)| place))
-    }
-
-    pub(super) fn bends(&self, memory: &[f64]) -> [f64; 4] {
-        self.places().map(|place| place.map_or(0.0, |place| memory[place]))
-    }
-
-    pub(super) fn put_back(&self, memory: &mut [f64], bends: [f64; 4]) {
-        for (place, bend) in self.places().into_iter().zip(bends) {
-            if let Some(place) = place {
-                memory[place] = bend;
-            }
+impl<S: Simd> TieLanes<S> {
+    /// The tie `of` each simulation.
+    #[inline(always)]
+    pub(super) fn new(simd: S, of: impl Fn(usize) -> Tie) -> Self {
+        let number = |get: fn(&Spring) -> f64| {
+            Lanes::from_fn(simd, |lane| of(lane).spring.as_ref().map_or(0.0, get))
+        };
+        Self {
+            is_soft: Mask::from_fn(simd, |lane| of(lane).spring.is_some()),
+            stiffness: number(|spring| spring.stiffness),
+            damping: number(Spring::damping),
+            backlash: number(|spring| spring.backlash),
+            motor_mass: Lanes::from_fn(simd, |lane| of(lane).motor_mass),
         }
     }
 }
 
-/// Motors and load at the end of a step.
-pub(super) struct Moved {
-    /// Velocity of the motors (m/s of belt).
-    pub(super) motor: [f64; 2],
-    /// Velocity of the load (m/s).
-    pub(super) load: [f64; 2],
+/// The ties with rotors that are no more than what moves on either rail, and the mass there that is no rotor (kg).
+#[inline(always)]
+pub(super) fn parted<S: Simd>(
+    simd: S,
+    [a, b]: &[TieLanes<S>; 2],
+    mass: [Lanes<S>; 2],
+) -> ([TieLanes<S>; 2], [Lanes<S>; 2]) {
+    let rotors = a.motor_mass + b.motor_mass;
+    let share = (MOST_ROTOR * mass[0].min(mass[1]) / rotors).min(Lanes::splat(simd, 1.0));
+    let ties = [
+        TieLanes { motor_mass: share * a.motor_mass, ..*a },
+        TieLanes { motor_mass: share * b.motor_mass, ..*b },
+    ];
+    (ties, [mass[0] - share * rotors, mass[1] - share * rotors])
+}
+
+/// Motors and load at the start of a step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TwoMasses<S: Simd> {
+    pub(super) simd: S,
+    pub(super) ties: [TieLanes<S>; 2],
+    /// Mass of the load on each rail (kg).
+    pub(super) load_mass: [Lanes<S>; 2],
     /// How far the load is ahead of the motors, in board coordinates (m).
-    pub(super) ahead: [f64; 2],
+    pub(super) ahead: [Lanes<S>; 2],
+    /// Velocity of the motors (m/s of belt).
+    pub(super) motor: [Lanes<S>; 2],
+    /// Velocity of the load (m/s).
+    pub(super) load: [Lanes<S>; 2],
+    /// Length of the step (s).
+    pub(super) dt: Lanes<S>,
+}
+
+/// What rubs on both sides of the springs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rubbing<S: Simd> {
+    pub(super) motors: [Contact<S>; 2],
+    pub(super) rails: [Contact<S>; 2],
+}
+
+/// How far all contacts are bent: those at the motors, those on the rails.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bends<S: Simd> {
+    pub(super) motors: [Lanes<S>; 2],
+    pub(super) rails: [Lanes<S>; 2],
+}
+
+impl<S: Simd> Bends<S> {
+    /// These in the lanes in which `is_ours`, the `other` ones elsewhere.
+    #[inline(always)]
+    pub(super) fn or(self, is_ours: Mask<S>, other: Self) -> Self {
+        Self {
+            motors: select(is_ours, self.motors, other.motors),
+            rails: select(is_ours, self.rails, other.rails),
+        }
+    }
+}
+
+/// Both of `yes` where `mask` is true, both of `no` elsewhere.
+#[inline(always)]
+pub(super) fn select<S: Simd>(
+    mask: Mask<S>,
+    yes: [Lanes<S>; 2],
+    no: [Lanes<S>; 2],
+) -> [Lanes<S>; 2] {
+    [mask.select(yes[0], no[0]), mask.select(yes[1], no[1])]
+}
+
+/// Motors and load at the end of a step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Moved<S: Simd> {
+    /// Velocity of the motors (m/s of belt).
+    pub(super) motor: [Lanes<S>; 2],
+    /// Velocity of the load (m/s).
+    pub(super) load: [Lanes<S>; 2],
+    /// How far the load is ahead of the motors, in board coordinates (m).
+    pub(super) ahead: [Lanes<S>; 2],
     /// Friction, its mean over the step: on each rail (N), and at each motor (N of belt).
-    pub(super) friction: [f64; 2],
-    pub(super) rubbed: [f64; 2],
+    pub(super) friction: [Lanes<S>; 2],
+    pub(super) rubbed: [Lanes<S>; 2],
+}
+
+impl<S: Simd> Moved<S> {
+    /// This in the lanes in which `is_ours`, the `other` elsewhere.
+    #[inline(always)]
+    fn or(self, is_ours: Mask<S>, other: Self) -> Self {
+        Self {
+            motor: select(is_ours, self.motor, other.motor),
+            load: select(is_ours, self.load, other.load),
+            ahead: select(is_ours, self.ahead, other.ahead),
+            friction: select(is_ours, self.friction, other.friction),
+            rubbed: select(is_ours, self.rubbed, other.rubbed),
+        }
+    }
 }
 
 /// How the motors answer to forces over a step.
-pub(super) struct Answer {
+pub(super) struct Answer<S: Simd> {
     /// Acceleration of each motor without forces of the motors (m/s^2 of belt).
-    pub(super) drag: [f64; 2],
+    pub(super) drag: [Lanes<S>; 2],
     /// What a force of each motor (columns) adds to that of each (rows; 1/kg).
-    pub(super) gives: [[f64; 2]; 2],
+    pub(super) gives: [[Lanes<S>; 2]; 2],
 }
 
-impl Answer {
+impl<S: Simd> Answer<S> {
     /// The same where the motors are `rubbed` as well (N of belt).
-    pub(super) fn rubbed(self, rubbed: [f64; 2]) -> Self {
-        let slowed = |m: usize| self.gives[m][0] * rubbed[0] + self.gives[m][1] * rubbed[1];
-        Self { drag: both(|m| self.drag[m] + slowed(m)), ..self }
+    #[inline(always)]
+    pub(super) fn rubbed(self, rubbed: [Lanes<S>; 2]) -> Self {
+        let [own, other] = self.gives;
+        let drag = [
+            self.drag[0] + (own[0] * rubbed[0] + own[1] * rubbed[1]),
+            self.drag[1] + (other[0] * rubbed[0] + other[1] * rubbed[1]),
+        ];
+        Self { drag, ..self }
     }
 
     /// Forces of two loops (N of belt): what they `asked` for, less what each `gives_way` to the acceleration of its
     /// motor (N s^2/m), to which both forces add.
-    pub(super) fn demand(&self, asked: [f64; 2], gives_way: [f64; 2]) -> [f64; 2] {
-        let falls = |m: usize, of: usize| gives_way[m] * self.gives[m][of];
-        let own = both(|m| 1.0 + falls(m, m));
-        let other = both(|m| falls(m, 1 - m));
+    #[inline(always)]
+    pub(super) fn demand(&self, asked: [Lanes<S>; 2], gives_way: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
+        let falls = both(
+            #[inline(always)]
+            |m| [gives_way[m] * self.gives[m][0], gives_way[m] * self.gives[m][1]],
+        );
+        let own = [1.0 + falls[0][0], 1.0 + falls[1][1]];
+        let other = [falls[0][1], falls[1][0]];
         let determinant = own[0] * own[1] - other[0] * other[1];
-        both(|m| (own[1 - m] * asked[m] - other[m] * asked[1 - m]) / determinant)
+        [
+            (own[1] * asked[0] - other[0] * asked[1]) / determinant,
+            (own[0] * asked[1] - other[1] * asked[0]) / determinant,
+        ]
     }
 }
 
-/// Where the play of each tie ends that it touches (m from its middle, where the motor is ahead); `None` inside it.
-type Ends = [Option<f64>; 2];
+/// Where the play of each tie ends that it touches (m from its middle, where the motor is ahead), and whether it
+/// touches any.
+#[derive(Debug, Clone, Copy)]
+struct Ends<S: Simd> {
+    touch: [Mask<S>; 2],
+    at: [Lanes<S>; 2],
+}
+
+impl<S: Simd> Ends<S> {
+    /// Where both are the same.
+    #[inline(always)]
+    fn are(&self, other: &Self) -> Mask<S> {
+        let same = both(
+            #[inline(always)]
+            |m| {
+                let at_one = self.touch[m] & other.touch[m] & self.at[m].equals(other.at[m]);
+                at_one.or(self.touch[m].or(other.touch[m]).not())
+            },
+        );
+        same[0] & same[1]
+    }
+}
 
 /// What one tie makes of a step. With the velocities at its end, the motor's is that of the load for a `share`, and for
-/// the rest what it would be alone; with the motor eliminated the load gets `given - drag load` (N of belt).
-struct Link {
+/// the rest what it would be alone.
+#[derive(Debug, Clone, Copy)]
+struct Link<S: Simd> {
     /// Of the rotor (kg/s).
-    inertia: f64,
+    inertia: Lanes<S>,
     /// 1 of a rigid tie, less of a soft one, 0 inside a play.
-    share: f64,
+    share: Lanes<S>,
     /// What the tie pulls at its motor, were motor and load as fast (N of belt).
-    still: f64,
-    given: f64,
-    drag: f64,
+    still: Lanes<S>,
+    /// What the motor adds to the inertia of the load (kg/s).
+    drag: Lanes<S>,
 }
 
 /// What the load resists a change of its velocity over a step (kg/s): on each rail, and on one of the velocity along
 /// the other, where one motor is tied to it more firmly.
-struct Resistance {
-    own: [f64; 2],
-    across: f64,
+#[derive(Debug, Clone, Copy)]
+struct Resistance<S: Simd> {
+    own: [Lanes<S>; 2],
+    across: Lanes<S>,
+    determinant: Lanes<S>,
+    /// Inertia of the load alone (kg/s).
+    load: [Lanes<S>; 2],
 }
 
-impl Resistance {
+impl<S: Simd> Resistance<S> {
     /// Velocity along the rails (m/s) under a `push` over the step (N).
-    fn yields(&self, push: [f64; 2]) -> [f64; 2] {
-        let Self { own, across } = *self;
-        let determinant = own[0] * own[1] - across * across;
+    #[inline(always)]
+    fn yields(&self, push: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
+        let Self { own, across, determinant, .. } = *self;
         [
             (own[1] * push[0] - across * push[1]) / determinant,
             (own[0] * push[1] - across * push[0]) / determinant,
         ]
     }
 
-    /// What a push along `direction` meets (kg/s).
-    fn along(&self, direction: [f64; 2]) -> f64 {
-        let moved = self.yields(direction);
-        1.0 / (direction[0] * moved[0] + direction[1] * moved[1])
+    /// What a push along each rail meets (kg/s).
+    #[inline(always)]
+    fn along_rails(&self) -> [Lanes<S>; 2] {
+        let Self { own, determinant, .. } = *self;
+        [1.0 / (own[1] / determinant), 1.0 / (own[0] / determinant)]
+    }
+
+    /// What a push of each belt meets (kg/s).
+    #[inline(always)]
+    fn along_belts(&self) -> [Lanes<S>; 2] {
+        let Self { own, across, determinant, .. } = *self;
+        let a = [(own[1] - across) / determinant, (own[0] - across) / determinant];
+        let b = [(own[1] + across) / determinant, (-own[0] - across) / determinant];
+        [1.0 / (a[0] + a[1]), 1.0 / (b[0] - b[1])]
     }
 }
 
-/// One along the axis `index`.
-fn unit(index: usize) -> [f64; 2] {
-    both(|axis| if axis == index { 1.0 } else { 0.0 })
-}
-
-impl TwoMasses {
+impl<S: Simd> TwoMasses<S> {
     /// How the motors answer over the step with `pull` on the rails (N), while every play touches what it touches now.
-    pub(super) fn answer(&self, pull: [f64; 2]) -> Answer {
-        let links = self.links([0.0; 2], self.ends([0.0; 2]));
+    #[inline(always)]
+    pub(super) fn answer(&self, pull: [Lanes<S>; 2]) -> Answer<S> {
+        let nothing = Lanes::splat(self.simd, 0.0);
+        let links = self.links(self.ends([nothing; 2]));
         let resistance = self.resistance(&links);
-        let free = belts(self.free(&resistance, &links, pull));
-        let drag = both(|m| (self.motor(m, &links[m], 0.0, free[m]) - self.motor[m]) / self.dt);
-        let moved = both(|of| {
-            let arrives = belts(unit(of)).map(|own| links[of].share * own);
-            belts(resistance.yields(arrives))
-        });
-        let gives = |m: usize, of: usize| {
-            let alone = if m == of { 1.0 / links[m].inertia } else { 0.0 };
-            (alone + links[m].share * (moved[of][m] - alone)) / self.dt
-        };
-        Answer { drag, gives: both(|m| both(|of| gives(m, of))) }
+        let free = belts(self.free(&resistance, &links, [nothing; 2], pull));
+        let drag = both(
+            #[inline(always)]
+            |m| (self.motor(m, &links[m], nothing, free[m]) - self.motor[m]) / self.dt,
+        );
+        let [a, b] = [links[0].share, links[1].share];
+        let moved = [belts(resistance.yields([a, a])), belts(resistance.yields([b, -b]))];
+        let gives = both(
+            #[inline(always)]
+            |m| {
+                both(
+                    #[inline(always)]
+                    |of| {
+                        let alone = if m == of { 1.0 / links[m].inertia } else { nothing };
+                        (alone + links[m].share * (moved[of][m] - alone)) / self.dt
+                    },
+                )
+            },
+        );
+        Answer { drag, gives }
     }
 
     /// The ends that the ties touch when each motor has `gained` so much on the load (m of belt).
-    fn ends(&self, gained: [f64; 2]) -> Ends {
+    #[inline(always)]
+    fn ends(&self, gained: [Lanes<S>; 2]) -> Ends<S> {
         let ahead = belts(self.ahead);
-        both(|m| {
-            let half = 0.5 * self.ties[m].spring.map_or(0.0, |spring| spring.backlash);
-            let stretch = gained[m] - ahead[m];
-            (half == 0.0 || half < stretch.abs()).then(|| half.copysign(stretch))
-        })
+        let nothing = Lanes::splat(self.simd, 0.0);
+        let half = [0.5 * self.ties[0].backlash, 0.5 * self.ties[1].backlash];
+        let stretch = [gained[0] - ahead[0], gained[1] - ahead[1]];
+        Ends {
+            touch: both(
+                #[inline(always)]
+                |m| half[m].equals(nothing).or(half[m].less_than(stretch[m].abs())),
+            ),
+            at: [half[0].copysign(stretch[0]), half[1].copysign(stretch[1])],
+        }
     }
 
     /// How far each motor gets ahead of the load over a step at whose end they move with `motor` and `load`
     /// (m of belt).
-    fn gained(&self, motor: [f64; 2], load: [f64; 2]) -> [f64; 2] {
+    #[inline(always)]
+    fn gained(&self, motor: [Lanes<S>; 2], load: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
         let (before, load) = (self.rates(), belts(load));
-        both(|m| 0.5 * self.dt * (before[m] + motor[m] - load[m]))
+        both(
+            #[inline(always)]
+            |m| 0.5 * self.dt * (before[m] + motor[m] - load[m]),
+        )
     }
 
     /// How fast each motor runs ahead of the load (m/s of belt).
-    fn rates(&self) -> [f64; 2] {
+    #[inline(always)]
+    fn rates(&self) -> [Lanes<S>; 2] {
         let load = belts(self.load);
-        both(|m| self.motor[m] - load[m])
+        [self.motor[0] - load[0], self.motor[1] - load[1]]
     }
 
-    /// What the ties, which touch at `ends`, make of the step under `force` of the motors (N of belt). Springs follow
-    /// the motion through the step (the implicit midpoint rule), which neither damps nor feeds the swinging.
-    fn links(&self, force: [f64; 2], ends: Ends) -> [Link; 2] {
+    /// What the ties, which touch at `ends`, make of the step. Springs follow the motion through the step (the implicit
+    /// midpoint rule), which neither damps nor feeds the swinging.
+    #[inline(always)]
+    fn links(&self, ends: Ends<S>) -> [Link<S>; 2] {
         let (ahead, rate, dt) = (belts(self.ahead), self.rates(), self.dt);
-        let link = |m: usize| {
-            let inertia = self.ties[m].motor_mass / dt;
-            let driven = inertia * self.motor[m] + force[m];
-            let Some(spring) = self.ties[m].spring else {
-                return Link { inertia, share: 1.0, still: 0.0, given: driven, drag: inertia };
-            };
-            let (follow, still) = ends[m].map_or((0.0, 0.0), |end| {
-                let follow = 0.25 * spring.stiffness * dt + 0.5 * spring.damping();
-                (follow, follow * rate[m] - spring.stiffness * (ahead[m] + end))
-            });
-            let share = follow / (inertia + follow);
-            let given = still + share * (driven - still);
-            Link { inertia, share, still, given, drag: share * inertia }
-        };
-        [link(0), link(1)]
+        let nothing = Lanes::splat(self.simd, 0.0);
+        let one = Lanes::splat(self.simd, 1.0);
+        both(
+            #[inline(always)]
+            |m| {
+                let tie = &self.ties[m];
+                let inertia = tie.motor_mass / dt;
+                let pulls = ends.touch[m] & tie.is_soft;
+                let follow = 0.25 * tie.stiffness * dt + 0.5 * tie.damping;
+                let still = follow * rate[m] - tie.stiffness * (ahead[m] + ends.at[m]);
+                let (follow, still) = (pulls.select(follow, nothing), pulls.select(still, nothing));
+                let share = tie.is_soft.select(follow / (inertia + follow), one);
+                Link { inertia, share, still, drag: share * inertia }
+            },
+        )
+    }
+
+    /// What the load gets from the ties under `force` of the motors, with these eliminated: `given - drag load` (N of
+    /// belt).
+    #[inline(always)]
+    fn given(&self, links: &[Link<S>; 2], force: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
+        both(
+            #[inline(always)]
+            |m| {
+                let Link { inertia, share, still, .. } = links[m];
+                let driven = inertia * self.motor[m] + force[m];
+                let soft = still + share * (driven - still);
+                self.ties[m].is_soft.select(soft, driven)
+            },
+        )
     }
 
     /// What the load, with what the ties add to it, resists a change of its velocity.
-    fn resistance(&self, links: &[Link; 2]) -> Resistance {
+    #[inline(always)]
+    fn resistance(&self, links: &[Link<S>; 2]) -> Resistance<S> {
         let along = links[0].drag + links[1].drag;
-        Resistance {
-            own: self.load_mass.map(|mass| mass / self.dt + along),
-            across: links[0].drag - links[1].drag,
-        }
+        let across = links[0].drag - links[1].drag;
+        let load = [self.load_mass[0] / self.dt, self.load_mass[1] / self.dt];
+        let own = [load[0] + along, load[1] + along];
+        Resistance { own, across, determinant: own[0] * own[1] - across * across, load }
     }
 
-    /// Velocity of the load after the step without friction, under `pull` on the rails (N).
-    fn free(&self, resistance: &Resistance, links: &[Link; 2], pull: [f64; 2]) -> [f64; 2] {
-        let given = belts([links[0].given, links[1].given]);
-        resistance.yields(both(|rail| {
-            self.load_mass[rail] / self.dt * self.load[rail] + given[rail] + pull[rail]
-        }))
+    /// Velocity of the load after the step without friction, under `force` of the motors (N of belt) and `pull` on the
+    /// rails (N).
+    #[inline(always)]
+    fn free(
+        &self,
+        resistance: &Resistance<S>,
+        links: &[Link<S>; 2],
+        force: [Lanes<S>; 2],
+        pull: [Lanes<S>; 2],
+    ) -> [Lanes<S>; 2] {
+        let given = belts(self.given(links, force));
+        resistance.yields(both(
+            #[inline(always)]
+            |rail| resistance.load[rail] * self.load[rail] + given[rail] + pull[rail],
+        ))
     }
 
     /// Velocity of motor `m` after the step, of a load that then moves with `load` (m/s of belt) there.
-    fn motor(&self, m: usize, link: &Link, force: f64, load: f64) -> f64 {
+    #[inline(always)]
+    fn motor(&self, m: usize, link: &Link<S>, force: Lanes<S>, load: Lanes<S>) -> Lanes<S> {
         let alone = self.motor[m] + (force - link.still) / link.inertia;
         alone + link.share * (load - alone)
     }
 
     /// Motors and load after a step in which they `moved`.
-    fn after(&self, moved: &Moved) -> Self {
+    #[inline(always)]
+    fn after(&self, moved: &Moved<S>) -> Self {
         Self { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..*self }
     }
 
     /// The step under `forces` of the motors (N of belt) and on the rails (N), with what `rubs` on motors and rails,
-    /// whose bends are in `memory`.
-    pub(super) fn step(&self, forces: [[f64; 2]; 2], rubs: &Rubbing, memory: &mut [f64]) -> Moved {
-        let has_backlash = |tie: &Tie| tie.spring.is_some_and(|spring| 0.0 < spring.backlash);
-        if !self.ties.iter().any(has_backlash) {
-            return self.touching(forces, [Some(0.0); 2], rubs, memory);
+    /// which is bent so far.
+    #[inline(always)]
+    pub(super) fn step(
+        &self,
+        forces: [[Lanes<S>; 2]; 2],
+        rubs: &Rubbing<S>,
+        bends: &mut Bends<S>,
+    ) -> Moved<S> {
+        let simd = self.simd;
+        let nothing = Lanes::splat(simd, 0.0);
+        let [a, b] = &self.ties;
+        let has_backlash = nothing.less_than(a.backlash).or(nothing.less_than(b.backlash));
+        if !has_backlash.any() {
+            let links = self.links(self.ends([nothing; 2]));
+            return self.touching(forces, links, rubs, bends);
         }
-        let parts = (self.dt / LONGEST_WITH_PLAY).ceil().max(1.0);
+        let parts =
+            Lanes::from_fn(simd, |lane| (self.dt.get(lane) / LONGEST_WITH_PLAY).ceil().max(1.0));
+        let parts = has_backlash.select(parts, Lanes::splat(simd, 1.0));
+        self.in_parts(parts, forces, rubs, bends)
+    }
+
+    /// The same in `parts` of equal length.
+    #[inline(always)]
+    fn in_parts(
+        &self,
+        parts: Lanes<S>,
+        forces: [[Lanes<S>; 2]; 2],
+        rubs: &Rubbing<S>,
+        bends: &mut Bends<S>,
+    ) -> Moved<S> {
+        let nothing = Lanes::splat(self.simd, 0.0);
         let mut now = Self { dt: self.dt / parts, ..*self };
-        let (mut friction, mut rubbed) = ([0.0; 2], [0.0; 2]);
-        for _ in 0..parts as usize {
-            let moved = now.part(forces, rubs, memory);
-            now = now.after(&moved);
-            friction = both(|rail| friction[rail] + moved.friction[rail] / parts);
-            rubbed = both(|m| rubbed[m] + moved.rubbed[m] / parts);
+        let mut total = Moved {
+            motor: now.motor,
+            load: now.load,
+            ahead: now.ahead,
+            friction: [nothing; 2],
+            rubbed: [nothing; 2],
+        };
+        let mut part = nothing;
+        loop {
+            let goes_on = part.less_than(parts);
+            if !goes_on.any() {
+                return total;
+            }
+            let mut bent = *bends;
+            let moved = now.part(forces, rubs, &mut bent);
+            *bends = bent.or(goes_on, *bends);
+            let next = Moved {
+                friction: both(
+                    #[inline(always)]
+                    |rail| total.friction[rail] + moved.friction[rail] / parts,
+                ),
+                rubbed: both(
+                    #[inline(always)]
+                    |m| total.rubbed[m] + moved.rubbed[m] / parts,
+                ),
+                ..moved
+            };
+            total = next.or(goes_on, total);
+            now = now.after(&total);
+            part = 1.0 + part;
         }
-        Moved { motor: now.motor, load: now.load, ahead: now.ahead, friction, rubbed }
     }
 
     /// A part of the step, over which every play touches one end or none.
-    fn part(&self, forces: [[f64; 2]; 2], rubs: &Rubbing, memory: &mut [f64]) -> Moved {
-        let mut ends = self.ends(self.rates().map(|rate| 0.5 * self.dt * rate));
-        let bends = rubs.bends(memory);
-        let mut moved = self.touching(forces, ends, rubs, memory);
+    #[inline(always)]
+    fn part(
+        &self,
+        forces: [[Lanes<S>; 2]; 2],
+        rubs: &Rubbing<S>,
+        bends: &mut Bends<S>,
+    ) -> Moved<S> {
+        let rates = self.rates();
+        let mut ends = self.ends([0.5 * self.dt * rates[0], 0.5 * self.dt * rates[1]]);
+        let before = *bends;
+        let mut moved = self.touching(forces, self.links(ends), rubs, bends);
         for _ in 0..MOST_SEARCHES {
-            let touched =
-                self.ends(self.gained(moved.motor, moved.load).map(|gained| 0.5 * gained));
-            if touched == ends {
+            let gained = self.gained(moved.motor, moved.load);
+            let touched = self.ends([0.5 * gained[0], 0.5 * gained[1]]);
+            let settled = touched.are(&ends);
+            if settled.all() {
                 break;
             }
             ends = touched;
-            rubs.put_back(memory, bends);
-            moved = self.touching(forces, ends, rubs, memory);
+            let mut bent = before;
+            let again = self.touching(forces, self.links(ends), rubs, &mut bent);
+            moved = moved.or(settled, again);
+            *bends = bends.or(settled, bent);
         }
         moved
     }
 
-    /// The same with ties that touch at `ends`.
+    /// The same with ties that touch as `links` say.
+    #[inline(always)]
     fn touching(
         &self,
-        [mut force, pull]: [[f64; 2]; 2],
-        ends: Ends,
-        rubs: &Rubbing,
-        memory: &mut [f64],
-    ) -> Moved {
-        let dt = self.dt;
-        let mut links = self.links(force, ends);
+        [mut force, pull]: [[Lanes<S>; 2]; 2],
+        links: [Link<S>; 2],
+        rubs: &Rubbing<S>,
+        bends: &mut Bends<S>,
+    ) -> Moved<S> {
+        let (simd, dt) = (self.simd, self.dt);
+        let nothing = Lanes::splat(simd, 0.0);
         // Whatever the forces are.
         let resistance = self.resistance(&links);
-        let mut free = self.free(&resistance, &links, pull);
-        let mut rubbed = [0.0; 2];
-        if rubs.motors.iter().any(|contact| 0.0 < contact.level) {
-            let along = belts(free);
-            for (m, contact) in rubs.motors.iter().enumerate() {
-                let motor = self.motor(m, &links[m], force[m], along[m]);
-                let held = match self.ties[m].spring {
-                    Some(_) => links[m].inertia / (1.0 - links[m].share),
-                    None => resistance.along(belts(unit(m))),
-                };
-                rubbed[m] = contact.force(memory, held * dt, [self.motor[m], motor], dt);
-                force[m] += rubbed[m];
+        let mut free = self.free(&resistance, &links, force, pull);
+        let mut rubbed = [nothing; 2];
+        let [a, b] = &rubs.motors;
+        if nothing.less_than(a.level).or(nothing.less_than(b.level)).any() {
+            let (along, rigid) = (belts(free), resistance.along_belts());
+            for m in 0..2 {
+                let link = &links[m];
+                let motor = self.motor(m, link, force[m], along[m]);
+                let soft = link.inertia / (1.0 - link.share);
+                let held = self.ties[m].is_soft.select(soft, rigid[m]);
+                let motion = Free { mass: held * dt, velocity: [self.motor[m], motor], dt };
+                rubbed[m] = rubs.motors[m].force(simd, &mut bends.motors[m], motion);
+                force[m] = force[m] + rubbed[m];
             }
-            links = self.links(force, ends);
-            free = self.free(&resistance, &links, pull);
+            free = self.free(&resistance, &links, force, pull);
         }
-        let (mut load, mut friction) = (free, [0.0; 2]);
-        for (rail, contact) in rubs.rails.iter().enumerate() {
-            let mass = resistance.along(unit(rail)) * dt;
-            let force = contact.force(memory, mass, [self.load[rail], load[rail]], dt);
-            let slowed = resistance.yields(unit(rail).map(|own| own * force));
-            load = both(|other| load[other] + slowed[other]);
-            friction[rail] = force;
+        let (mut load, mut friction) = (free, [nothing; 2]);
+        let inertia = resistance.along_rails();
+        for rail in 0..2 {
+            let velocity = [self.load[rail], load[rail]];
+            let motion = Free { mass: inertia[rail] * dt, velocity, dt };
+            let held = rubs.rails[rail].force(simd, &mut bends.rails[rail], motion);
+            let push = if rail == 0 { [held, nothing] } else { [nothing, held] };
+            let slowed = resistance.yields(push);
+            load = [load[0] + slowed[0], load[1] + slowed[1]];
+            friction[rail] = held;
         }
         let along = belts(load);
-        let motor = both(|m| self.motor(m, &links[m], force[m], along[m]));
+        let motor = both(
+            #[inline(always)]
+            |m| self.motor(m, &links[m], force[m], along[m]),
+        );
         let gained = rails(self.gained(motor, load));
-        let ahead = both(|rail| self.ahead[rail] - gained[rail]);
+        let ahead = [self.ahead[0] - gained[0], self.ahead[1] - gained[1]];
         Moved { motor, load, ahead, friction, rubbed }
     }
 }
@@ -340,15 +560,47 @@ impl TwoMasses {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulp::Scalar;
 
     const DT: f64 = 1e-3;
     /// As `drive.backlash` says of a millimetre.
     const BACKLASH_OF_A_MM: Spring =
         Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, backlash: 1e-3 };
 
-    /// A step of 1 ms.
-    fn stepped(two: &TwoMasses, force: [f64; 2]) -> Moved {
-        two.step([force, [0.0; 2]], &Rubbing::default(), &mut [])
+    /// One simulation alone.
+    fn alone(values: [f64; 2]) -> [Lanes<Scalar>; 2] {
+        values.map(|value| Lanes::splat(Scalar, value))
+    }
+
+    fn number(values: [Lanes<Scalar>; 2]) -> [f64; 2] {
+        values.map(|value| value.get(0))
+    }
+
+    /// Motors and load that are as far apart as they rest.
+    fn two_masses(
+        soft: [Option<Spring>; 2],
+        load_mass: [f64; 2],
+        [motor, load]: [[f64; 2]; 2],
+        dt: f64,
+    ) -> TwoMasses<Scalar> {
+        TwoMasses {
+            simd: Scalar,
+            ties: ties(soft).unwrap().map(|tie| TieLanes::new(Scalar, |_| tie)),
+            load_mass: alone(load_mass),
+            ahead: alone([0.0; 2]),
+            motor: alone(motor),
+            load: alone(load),
+            dt: Lanes::splat(Scalar, dt),
+        }
+    }
+
+    /// A step without friction.
+    fn stepped(two: &TwoMasses<Scalar>, force: [f64; 2]) -> Moved<Scalar> {
+        let nothing = alone([0.0; 2]);
+        let contacts = nothing.map(|level| Contact { level, bristles: None });
+        let rubs = Rubbing { motors: contacts, rails: contacts };
+        let mut bends = Bends { motors: nothing, rails: nothing };
+        two.step([alone(force), nothing], &rubs, &mut bends)
     }
 
     fn soft(stiffness: f64) -> Spring {
@@ -357,15 +609,14 @@ mod tests {
 
     /// Velocity of motor a and of the load along x after `steps`, from motors that run at 0.1 m/s and a load at rest.
     fn swung(steps: usize, dt: f64) -> (f64, f64) {
-        let ties = ties([Some(soft(2e4)); 2]).unwrap();
-        let (ahead, motor, load) = ([0.0; 2], [0.1; 2], [0.0; 2]);
-        let mut two = TwoMasses { ties, load_mass: [0.5; 2], ahead, motor, load, dt };
+        let mut two = two_masses([Some(soft(2e4)); 2], [0.5; 2], [[0.1; 2], [0.0; 2]], dt);
         for _ in 0..steps {
             let moved = stepped(&two, [0.0; 2]);
             two = two.after(&moved);
         }
-        assert!((two.motor[0] - two.motor[1]).abs() < 1e-12);
-        (two.motor[0], two.load[0])
+        let (motor, load) = (number(two.motor), number(two.load));
+        assert!((motor[0] - motor[1]).abs() < 1e-12);
+        (motor[0], load[0])
     }
 
     #[test]
@@ -388,13 +639,13 @@ mod tests {
     #[test]
     fn stiff_belts_answer_as_rigid_ones_and_inside_their_play_each_motor_for_itself() {
         let answer = |spring: Spring| {
-            let ties = ties([Some(spring); 2]).unwrap();
-            let (ahead, motor, load) = ([0.0; 2], [0.0; 2], [0.0; 2]);
-            TwoMasses { ties, load_mass: [0.5, 1.0], ahead, motor, load, dt: DT }.answer([1.0, 2.0])
+            let two = two_masses([Some(spring); 2], [0.5, 1.0], [[0.0; 2]; 2], DT);
+            let Answer { drag, gives } = two.answer(alone([1.0, 2.0]));
+            (number(drag), gives.map(number))
         };
         // Two rotors of 1 kg on each rail: 2.5 kg move along x and 3 kg along y.
         let [along_x, along_y] = [1.0 / 2.5, 1.0 / 3.0];
-        let Answer { drag, gives } = answer(soft(1e12));
+        let (drag, gives) = answer(soft(1e12));
         let near = |own: [f64; 2], wanted: [f64; 2]| {
             assert!(
                 own.iter().zip(wanted).all(|(own, wanted)| (own - wanted).abs() < 1e-5),
@@ -404,7 +655,7 @@ mod tests {
         near(drag, [along_x + 2.0 * along_y, along_x - 2.0 * along_y]);
         near(gives[0], [along_x + along_y, along_x - along_y]);
         near(gives[1], [along_x - along_y, along_x + along_y]);
-        let Answer { drag, gives } = answer(Spring { backlash: 1e-3, ..soft(1e12) });
+        let (drag, gives) = answer(Spring { backlash: 1e-3, ..soft(1e12) });
         near(drag, [0.0; 2]);
         near(gives[0], [1.0, 0.0]);
         near(gives[1], [0.0, 1.0]);
@@ -412,11 +663,12 @@ mod tests {
 
     #[test]
     fn loops_that_give_way_demand_what_is_left_of_what_they_asked() {
-        let answer = Answer { drag: [0.0; 2], gives: [[0.7, 0.1], [0.1, 0.7]] };
+        let gives = [[0.7, 0.1], [0.1, 0.7]];
+        let answer = Answer { drag: alone([0.0; 2]), gives: gives.map(alone) };
         let (asked, gives_way) = ([3.0, -1.0], [0.5, 0.2]);
-        let demand = answer.demand(asked, gives_way);
+        let demand = number(answer.demand(alone(asked), alone(gives_way)));
         for m in 0..2 {
-            let along: f64 = (0..2).map(|of| answer.gives[m][of] * demand[of]).sum();
+            let along: f64 = (0..2).map(|of| gives[m][of] * demand[of]).sum();
             assert!((demand[m] - (asked[m] - gives_way[m] * along)).abs() < 1e-12, "{demand:?}");
         }
     }
@@ -424,64 +676,64 @@ mod tests {
     #[test]
     fn inside_its_play_a_motor_moves_alone_and_then_takes_the_load_along() {
         let spring = Spring { stiffness: 5e5, damping_ratio: 0.5, motor_mass: 1.0, backlash: 2e-3 };
-        let ties = ties([Some(spring); 2]).unwrap();
-        let (ahead, motor, load) = ([0.0; 2], [0.0; 2], [0.0; 2]);
-        let mut two = TwoMasses { ties, load_mass: [0.5; 2], ahead, motor, load, dt: DT };
+        let mut two = two_masses([Some(spring); 2], [0.5; 2], [[0.0; 2]; 2], DT);
         for step in 0..200 {
             // 1 N on each motor of 1 kg: it has crossed 1 mm after sqrt(2 mm / (1 m/s^2)), 45 ms.
             let moved = stepped(&two, [1.0; 2]);
             if step < 44 {
-                assert_eq!(moved.load, [0.0; 2], "{step}");
+                assert_eq!(number(moved.load), [0.0; 2], "{step}");
             }
             two = two.after(&moved);
         }
         // All forces are inside: 2 N for 0.2 s on 2.5 kg, and the load is behind by half the play and a little more.
-        let momentum = 0.5 * two.load[0] + two.motor[0] + two.motor[1];
+        let (motor, load) = (number(two.motor), number(two.load));
+        let momentum = 0.5 * load[0] + motor[0] + motor[1];
         assert!((momentum - 0.4).abs() < 1e-9, "{momentum}");
-        assert!((two.load[0] - 0.16).abs() < 1e-3, "{:?}", two.load);
-        let behind = -two.ahead[0];
+        assert!((load[0] - 0.16).abs() < 1e-3, "{load:?}");
+        let behind = -number(two.ahead)[0];
         assert!((0.99e-3..1.01e-3).contains(&behind), "{behind}");
     }
 
     #[test]
     fn at_the_end_of_a_play_half_of_the_speed_comes_back() {
         // On this table: a rotor of 0.98 kg against what each belt moves of the load.
-        let ties = ties([BACKLASH_OF_A_MM; 2].map(Some)).unwrap();
-        let (ahead, motor, load) = ([0.0; 2], [0.05; 2], [0.0; 2]);
-        let mut two = TwoMasses { ties, load_mass: [0.48; 2], ahead, motor, load, dt: DT };
+        let soft = [Some(BACKLASH_OF_A_MM); 2];
+        let mut two = two_masses(soft, [0.48; 2], [[0.05; 2], [0.0; 2]], DT);
         for _ in 0..30 {
             let moved = stepped(&two, [0.0; 2]);
             two = two.after(&moved);
         }
-        let apart = rails(two.motor)[0] - two.load[0];
+        let (motor, load) = (number(rails(two.motor))[0], number(two.load)[0]);
+        let apart = motor - load;
         assert!((-0.04..-0.02).contains(&apart), "{apart}");
-        let momentum = 2.0 * 0.98 * rails(two.motor)[0] + 0.48 * two.load[0];
+        let momentum = 2.0 * 0.98 * motor + 0.48 * load;
         assert!((momentum - 2.0 * 0.98 * 0.05).abs() < 1e-9, "{momentum}");
     }
 
     #[test]
     fn rotors_are_never_more_than_all_that_moves() {
-        let own = Tie { spring: None, motor_mass: 2.0 };
-        let (ties, load) = parted(&[own; 2], [2.0, 3.0]);
-        assert!((ties[0].motor_mass - 0.95).abs() < 1e-12);
+        let own = TieLanes::new(Scalar, |_| Tie { spring: None, motor_mass: 2.0 });
+        let (ties, load) = parted(Scalar, &[own; 2], alone([2.0, 3.0]));
+        let load = number(load);
+        assert!((ties[0].motor_mass.get(0) - 0.95).abs() < 1e-12);
         assert!((load[0] - 0.1).abs() < 1e-12 && (load[1] - 1.1).abs() < 1e-12);
     }
 
     #[test]
     fn beside_a_soft_belt_a_rigid_one_follows_at_once() {
         assert!(ties([None, None]).is_none());
-        let ties = ties([None, Some(soft(1e5))]).unwrap();
-        assert_eq!(ties[0].motor_mass, 1.0);
-        let (ahead, motor, load) = ([0.0; 2], [0.0; 2], [0.0; 2]);
-        let mut two = TwoMasses { ties, load_mass: [0.5, 0.7], ahead, motor, load, dt: DT };
+        let soft = [None, Some(soft(1e5))];
+        assert_eq!(ties(soft).unwrap()[0].motor_mass, 1.0);
+        let mut two = two_masses(soft, [0.5, 0.7], [[0.0; 2]; 2], DT);
         for _ in 0..100 {
             let moved = stepped(&two, [1.0; 2]);
             two = two.after(&moved);
-            assert!((two.motor[0] - belts(two.load)[0]).abs() < 1e-12);
-            assert!(belts(two.ahead)[0].abs() < 1e-12);
+            let off = number(two.motor)[0] - number(belts(two.load))[0];
+            assert!(off.abs() < 1e-12 && number(belts(two.ahead))[0].abs() < 1e-12);
         }
         // All forces are inside: what 2 N along x give in 0.1 s.
-        let momentum = 0.5 * two.load[0] + two.motor[0] + two.motor[1];
+        let (motor, load) = (number(two.motor), number(two.load));
+        let momentum = 0.5 * load[0] + motor[0] + motor[1];
         assert!((momentum - 0.2).abs() < 1e-9, "{momentum}");
     }
 }

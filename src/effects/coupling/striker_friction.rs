@@ -73,11 +73,11 @@ fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
         let away = [memory[0], memory[1]];
         let softened = softened(away, p[3]);
         let square = softened * stiffest * stiffest;
-        let speed = memory[2].hypot(memory[3]);
         let pull = both(|axis| {
             -square * away[axis] - 2.0 * p[2] * stiffest * (memory[2 + axis] - before[axis])
         });
-        if speed == 0.0 && pull[0].hypot(pull[1]) <= friction {
+        let is_at_rest = memory[2] == 0.0 && memory[3] == 0.0;
+        if is_at_rest && pull[0].hypot(pull[1]) <= friction {
             (0..2).for_each(|axis| memory[axis] -= 0.5 * h * (before[axis] + after[axis]));
             continue;
         }

@@ -2,7 +2,7 @@
 
 use crate::{
     gap::{
-        problem::{Point, Problem, predict},
+        problem::{Point, Problem},
         rounds::Outcome,
     },
     twin::{Channel, Stage, StageKind},
@@ -74,7 +74,7 @@ fn parts<'f>(problem: &'f Problem<'_>, points: [&Point; 2]) -> Vec<PartView<'f>>
         .map(|(index, part)| {
             let [before, after] = points.map(|point| {
                 let nuisance = point.nuisance.get(index).map_or(&[][..], Vec::as_slice);
-                predict(part.stage, &point.twin, nuisance)
+                part.predict(&point.twin, nuisance)
             });
             let mut usable: Vec<Vec<bool>> =
                 part.stage.channels().iter().map(|own| vec![false; own.times.len()]).collect();

@@ -4,13 +4,13 @@
 use super::{Added, Search, is_in, take_back::instance_of};
 use crate::{
     gap::{
+        batch::in_parallel,
         evidence::LogScoreGain,
         fit::{self, Fit},
         known::{Excess, least_worth},
         problem::Point,
         whiten::Filters,
     },
-    parallel::in_parallel,
     twin::Slot,
 };
 

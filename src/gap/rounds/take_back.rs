@@ -4,6 +4,7 @@ use super::{Added, Search, is_in, uncertainty_of};
 use crate::{
     effects::Effect,
     gap::{
+        batch::in_parallel,
         fit::{self, Fit, Uncertainty},
         known::Worth,
         problem::Point,
@@ -11,7 +12,6 @@ use crate::{
         unknown::Unknown,
         whiten::Filters,
     },
-    parallel::in_parallel,
     stats::t_quantile,
     twin::{Instance, Slot, Twin},
 };

@@ -1,0 +1,847 @@
+//! One step of several plants side by side.
+
+use super::{MotionPart, MotorParts, Plant, PlantState};
+use crate::{
+    effects::{Carriage, CrossMotion, Motion, both},
+    twin::{
+        contact::{BristleLanes, Contact, Free},
+        lanes::{Lanes, Mask, belts, rails},
+        transmission::{self, Answer, Bends, Rubbing, TieLanes, TwoMasses, select},
+    },
+};
+use pulp::Simd;
+
+/// How often friction on motors and rails is sought in turn, and the change of it from which on it is found (N).
+const MOST_SWEEPS: usize = 6;
+const FOUND: f64 = 1e-6;
+
+/// A number of both coordinates, of each plant.
+type Both<S> = [Lanes<S>; 2];
+
+/// Everything that changes while plants step but for the memories of their effects; see [`PlantState`].
+#[derive(Debug, Clone, Copy)]
+pub(in crate::twin) struct StateLanes<S: Simd> {
+    /// Time since the start (s).
+    pub(in crate::twin) time: Lanes<S>,
+    position: Both<S>,
+    velocity: Both<S>,
+    acceleration: Both<S>,
+    force: Both<S>,
+    setpoint: Both<S>,
+    integral: Both<S>,
+    friction: Both<S>,
+    rubbed: Both<S>,
+    ahead: Both<S>,
+    gaining: Both<S>,
+    bends: Bends<S>,
+}
+
+impl<S: Simd> StateLanes<S> {
+    /// All at rest in the origin.
+    #[inline(always)]
+    pub(in crate::twin) fn new(simd: S) -> Self {
+        let nothing = [Lanes::splat(simd, 0.0); 2];
+        Self {
+            time: nothing[0],
+            position: nothing,
+            velocity: nothing,
+            acceleration: nothing,
+            force: nothing,
+            setpoint: nothing,
+            integral: nothing,
+            friction: nothing,
+            rubbed: nothing,
+            ahead: nothing,
+            gaining: nothing,
+            bends: Bends { motors: nothing, rails: nothing },
+        }
+    }
+
+    /// Puts `state` into `lane`, without the memory.
+    #[inline(always)]
+    pub(in crate::twin) fn put(&mut self, lane: usize, state: &PlantState) {
+        let put = |to: &mut Both<S>, from: &[f64; 2]| {
+            to[0].set(lane, from[0]);
+            to[1].set(lane, from[1]);
+        };
+        put(&mut self.position, &state.position);
+        put(&mut self.velocity, &state.velocity);
+        put(&mut self.acceleration, &state.acceleration);
+        put(&mut self.force, &state.force);
+        put(&mut self.setpoint, &state.setpoint);
+        put(&mut self.integral, &state.integral);
+        put(&mut self.friction, &state.friction);
+        put(&mut self.rubbed, &state.rubbed);
+        put(&mut self.ahead, &state.ahead);
+        put(&mut self.gaining, &state.gaining);
+        self.time.set(lane, state.time);
+    }
+
+    /// Gets the state in `lane`, without the memory.
+    #[inline(always)]
+    pub(in crate::twin) fn get(&self, lane: usize, state: &mut PlantState) {
+        let get = |from: &Both<S>| [from[0].get(lane), from[1].get(lane)];
+        state.position = get(&self.position);
+        state.velocity = get(&self.velocity);
+        state.acceleration = get(&self.acceleration);
+        state.force = get(&self.force);
+        state.setpoint = get(&self.setpoint);
+        state.integral = get(&self.integral);
+        state.friction = get(&self.friction);
+        state.rubbed = get(&self.rubbed);
+        state.ahead = get(&self.ahead);
+        state.gaining = get(&self.gaining);
+        state.time = self.time.get(lane);
+    }
+
+    /// Puts the bends of bristles of `plant` into `lane`, from its `memory`.
+    #[inline(always)]
+    pub(in crate::twin) fn put_bends(&mut self, lane: usize, plant: &Plant, memory: &[f64]) {
+        for index in 0..plant.motors.len() {
+            self.bends.motors[index].set(lane, plant.motors[index].rubs.bend(memory));
+            self.bends.rails[index].set(lane, plant.rails[index].rubs.bend(memory));
+        }
+    }
+
+    /// Gets the bends in `lane` back into the `memory` of `plant`.
+    #[inline(always)]
+    pub(in crate::twin) fn get_bends(&self, lane: usize, plant: &Plant, memory: &mut [f64]) {
+        for index in 0..plant.motors.len() {
+            let motor = (&plant.motors[index].rubs, &self.bends.motors[index]);
+            let rail = (&plant.rails[index].rubs, &self.bends.rails[index]);
+            for (rubs, bend) in [motor, rail] {
+                if let Some((_, place)) = rubs.bristles {
+                    memory[place] = bend.get(lane);
+                }
+            }
+        }
+    }
+
+    /// Puts the carriage in `lane` to `position` (m).
+    #[inline(always)]
+    pub(in crate::twin) fn put_at(&mut self, lane: usize, position: [f64; 2]) {
+        self.position[0].set(lane, position[0]);
+        self.position[1].set(lane, position[1]);
+    }
+
+    /// Position and velocity of the carriage by the motors, its acceleration, and the forces of the motors, in `lane`.
+    #[inline(always)]
+    pub(in crate::twin) fn motion(&self, lane: usize) -> [[f64; 2]; 4] {
+        let all = [&self.position, &self.velocity, &self.acceleration, &self.force];
+        all.map(|own| [own[0].get(lane), own[1].get(lane)])
+    }
+
+    /// Moves the carriages on by `dt`, at the end of which they have `velocity`.
+    #[inline(always)]
+    fn arrive(&mut self, velocity: Both<S>, dt: Lanes<S>) {
+        let before = self.velocity;
+        self.acceleration = both(
+            #[inline(always)]
+            |index| (velocity[index] - before[index]) / dt,
+        );
+        self.position = both(
+            #[inline(always)]
+            |index| self.position[index] + 0.5 * dt * (velocity[index] + before[index]),
+        );
+        self.velocity = velocity;
+    }
+}
+
+/// Fixed numbers of one motor, of each plant.
+struct MotorLanes<S: Simd> {
+    /// As [`LoopGains`](crate::effects::LoopGains) has them.
+    proportional_per_s: Lanes<S>,
+    integral_per_s2: Lanes<S>,
+    feedback_delay_s: Lanes<S>,
+    has_ramps: Mask<S>,
+}
+
+/// Which kinds of functions any of the plants has: the others need no call.
+#[derive(Default)]
+struct Called {
+    encoders: bool,
+    commands: bool,
+    efforts: bool,
+    motor_forces: bool,
+    motor_levels: bool,
+    windups: bool,
+    rail_forces: bool,
+    reactions: bool,
+}
+
+impl Called {
+    /// Whether any function is told how a belt moves.
+    #[inline(always)]
+    fn on_belts(&self) -> bool {
+        self.efforts || self.motor_forces || self.motor_levels
+    }
+}
+
+impl Called {
+    #[inline(always)]
+    fn by(plants: &[&Plant]) -> Self {
+        let any =
+            |has: fn(&MotorParts) -> bool| plants.iter().any(|plant| plant.motors.iter().any(has));
+        Self {
+            encoders: any(|motor| !motor.encoders.is_empty()),
+            commands: any(|motor| !motor.commands.is_empty() || !motor.ramps.is_empty()),
+            efforts: any(|motor| !motor.efforts.is_empty()),
+            motor_forces: any(|motor| !motor.forces.is_empty()),
+            motor_levels: any(|motor| !motor.rubs.levels.is_empty()),
+            windups: any(|motor| !motor.windups.is_empty()),
+            rail_forces: plants
+                .iter()
+                .any(|plant| plant.rails.iter().any(|rail| !rail.forces.is_empty())),
+            reactions: plants.iter().any(|plant| !plant.reactions.is_empty()),
+        }
+    }
+}
+
+/// What plants need beside their lanes; one of each for every plant.
+pub(in crate::twin) struct Aside<'m> {
+    /// Memories of their effects.
+    pub(in crate::twin) memories: &'m mut [Vec<f64>],
+    /// Room for the motions of rails and belts.
+    pub(in crate::twin) rails: &'m mut [[Motion; 2]],
+    pub(in crate::twin) belts: &'m mut [[Motion; 2]],
+}
+
+/// Plants side by side, one in each lane.
+pub(in crate::twin) struct PlantLanes<'p, S: Simd> {
+    simd: S,
+    /// As many as there are lanes, or fewer; the other lanes step too, without any effect, and nobody looks.
+    plants: &'p [&'p Plant],
+    called: Called,
+    motors: [MotorLanes<S>; 2],
+    motor_bristles: [Option<BristleLanes<S>>; 2],
+    rail_bristles: [Option<BristleLanes<S>>; 2],
+    /// What lies between motors and load, where belts are soft.
+    ties: Option<[TieLanes<S>; 2]>,
+    gain_mass: Lanes<S>,
+}
+
+impl<'p, S: Simd> PlantLanes<'p, S> {
+    /// The `plants`, at most one for each lane, all with belts that are soft or all without.
+    #[inline(always)]
+    pub(in crate::twin) fn new(simd: S, plants: &'p [&'p Plant]) -> Self {
+        let plant = |lane: usize| plants[lane.min(plants.len() - 1)];
+        let is_gantry = |index: usize| index < plants[0].motors.len();
+        let motor = |index: usize| {
+            let number = |get: fn(&MotorParts) -> f64| {
+                Lanes::from_fn(simd, |lane| plant(lane).motors.get(index).map_or(0.0, get))
+            };
+            let has_ramps =
+                |lane: usize| is_gantry(index) && !plant(lane).motors[index].ramps.is_empty();
+            MotorLanes {
+                proportional_per_s: number(|motor| motor.gains.proportional_per_s),
+                integral_per_s2: number(|motor| motor.gains.integral_per_s2),
+                feedback_delay_s: number(|motor| motor.gains.feedback_delay_s),
+                has_ramps: Mask::from_fn(simd, has_ramps),
+            }
+        };
+        let at_motor = |index: usize| {
+            let of = |lane: usize| plant(lane).motors.get(index)?.rubs.bristles;
+            BristleLanes::new(simd, |lane| of(lane).map(|(own, _)| own))
+        };
+        let on_rail = |index: usize| {
+            let of = |lane: usize| plant(lane).rails.get(index)?.rubs.bristles;
+            BristleLanes::new(simd, |lane| of(lane).map(|(own, _)| own))
+        };
+        let tie = |m: usize, first: transmission::Tie| {
+            TieLanes::new(simd, |lane| plant(lane).ties.map_or(first, |ties| ties[m]))
+        };
+        Self {
+            simd,
+            plants,
+            called: Called::by(plants),
+            motors: [motor(0), motor(1)],
+            motor_bristles: [at_motor(0), at_motor(1)],
+            rail_bristles: [on_rail(0), on_rail(1)],
+            ties: plants[0].ties.map(|[a, b]| [tie(0, a), tie(1, b)]),
+            gain_mass: Lanes::from_fn(simd, |lane| plant(lane).gain_mass),
+        }
+    }
+
+    /// One step of `dt` seconds with each motor's `command` (m/s of belt).
+    #[inline(always)]
+    pub(in crate::twin) fn step(
+        &self,
+        state: &mut StateLanes<S>,
+        aside: &mut Aside<'_>,
+        command: Both<S>,
+        dt: Lanes<S>,
+    ) {
+        if self.plants[0].motors.len() == 2 {
+            self.step_gantry(state, aside, command, dt);
+        } else {
+            self.step_singles(state, aside.memories, command[0], dt);
+        }
+        state.time = state.time + dt;
+    }
+
+    #[inline(always)]
+    fn step_gantry(
+        &self,
+        state: &mut StateLanes<S>,
+        aside: &mut Aside<'_>,
+        command: Both<S>,
+        dt: Lanes<S>,
+    ) {
+        let step = GantryStep::new(self, state, aside, dt);
+        let seen = self.reported(state);
+        // Loads on the rails, with the motors' forces of the step before where one depends on them.
+        let load = self.loads(&step, state.force, aside);
+        let setpoint = self.setpoints(command, aside.memories, dt);
+        let resisted = [load[0] + state.friction[0], load[1] + state.friction[1]];
+        let answer = step.answer(resisted).rubbed(state.rubbed);
+        let loops = self.loops(state, setpoint, seen, (&answer, dt));
+        let demand = answer.demand(loops.asked, loops.gives_way);
+        let force = self.efforts(demand, aside);
+        let forces = [self.driven(force, aside), load];
+        let rubs = self.rubs(force, aside);
+        let slid = match &step.two_masses {
+            Some(two) => {
+                let moved = two.step(forces, &rubs, &mut state.bends);
+                let velocity = rails(moved.motor);
+                state.gaining = [moved.load[0] - velocity[0], moved.load[1] - velocity[1]];
+                state.ahead = moved.ahead;
+                Slid { velocity, friction: moved.friction, rubbed: moved.rubbed }
+            }
+            None => step.slide(forces, &rubs, state.friction, &mut state.bends),
+        };
+        state.arrive(slid.velocity, dt);
+        let seen_after = self.reported(state);
+        for index in 0..2 {
+            let motor = &self.motors[index];
+            let error = loops.middle[index] - 0.5 * (seen[index] + seen_after[index]);
+            let changed = seen_after[index] - seen[index];
+            let travelled = error * dt + motor.feedback_delay_s * changed;
+            let gained = self.gain_mass * motor.integral_per_s2 * travelled;
+            let taken = self.taken(index, gained, demand[index]);
+            state.integral[index] = state.integral[index] + taken;
+        }
+        (state.friction, state.rubbed) = (slid.friction, slid.rubbed);
+        (state.force, state.setpoint) = (force, setpoint);
+    }
+
+    /// Single axes, one after the other.
+    #[inline(always)]
+    fn step_singles(
+        &self,
+        state: &mut StateLanes<S>,
+        memories: &mut [Vec<f64>],
+        command: Lanes<S>,
+        dt: Lanes<S>,
+    ) {
+        let mut own = PlantState::default();
+        for (lane, plant) in self.plants.iter().enumerate() {
+            state.get(lane, &mut own);
+            own.memory = std::mem::take(&mut memories[lane]);
+            state.get_bends(lane, plant, &mut own.memory);
+            plant.step_single(&mut own, command.get(lane), dt.get(lane));
+            state.put(lane, &own);
+            state.put_bends(lane, plant, &own.memory);
+            memories[lane] = std::mem::take(&mut own.memory);
+        }
+    }
+
+    /// Mass on each rail (kg) in its motion; any but 0 in lanes without a plant.
+    #[inline(always)]
+    fn masses(&self, motions: &[[Motion; 2]]) -> Both<S> {
+        let mut masses = [Lanes::splat(self.simd, 1.0); 2];
+        put_masses(self.plants, motions, &mut masses);
+        masses
+    }
+
+    /// Velocity of each motor (m/s of belt) as its encoder reports it.
+    #[inline(always)]
+    fn reported(&self, state: &StateLanes<S>) -> Both<S> {
+        let mut reported = belts(state.velocity);
+        if self.called.encoders {
+            let position = belts(state.position);
+            for (lane, plant) in self.plants.iter().enumerate() {
+                for (index, motor) in plant.motors.iter().enumerate() {
+                    let velocity = reported[index].get(lane);
+                    let seen = motor.reported(position[index].get(lane), velocity);
+                    reported[index].set(lane, seen);
+                }
+            }
+        }
+        reported
+    }
+
+    /// Setpoints of the loops (m/s of belt) after a step with this `command`.
+    #[inline(always)]
+    fn setpoints(&self, mut command: Both<S>, memories: &mut [Vec<f64>], dt: Lanes<S>) -> Both<S> {
+        if self.called.commands {
+            put_setpoints(self.plants, memories, &dt, &mut command);
+        }
+        command
+    }
+
+    /// What the loops ask for over a step, as if their own forces moved nothing until its middle.
+    #[inline(always)]
+    fn loops(
+        &self,
+        state: &StateLanes<S>,
+        setpoint: Both<S>,
+        seen: Both<S>,
+        (answer, dt): (&Answer<S>, Lanes<S>),
+    ) -> Loops<S> {
+        let mass = self.gain_mass;
+        let mut loops = Loops { middle: setpoint, asked: setpoint, gives_way: setpoint };
+        for index in 0..2 {
+            let motor = &self.motors[index];
+            let before = state.setpoint[index];
+            // A ramp is half-way in the middle of the step, a jump has happened at its start.
+            let half_way = 0.5 * (before + setpoint[index]);
+            let middle = motor.has_ramps.select(half_way, setpoint[index]);
+            // From the start of a step to when the velocity was measured that the loop acts on in its middle.
+            let ahead = 0.5 * dt - motor.feedback_delay_s;
+            let now = before - seen[index];
+            let error = middle - seen[index] - ahead * answer.drag[index];
+            let halfway = state.integral[index] + 0.5 * dt * mass * motor.integral_per_s2 * now;
+            loops.middle[index] = middle;
+            loops.asked[index] = mass * motor.proportional_per_s * error + halfway;
+            loops.gives_way[index] = ahead * mass * motor.proportional_per_s;
+        }
+        loops
+    }
+
+    /// What the loop of motor `index` adds to its integral of the `gained` force while it makes this `demand` (N of
+    /// belt).
+    #[inline(always)]
+    fn taken(&self, index: usize, gained: Lanes<S>, demand: Lanes<S>) -> Lanes<S> {
+        let mut taken = gained;
+        if self.called.windups {
+            for (lane, plant) in self.plants.iter().enumerate() {
+                let own = plant.motors[index].taken(gained.get(lane), demand.get(lane));
+                taken.set(lane, own);
+            }
+        }
+        taken
+    }
+
+    /// The motors' `force` with what else pulls at them (N of belt).
+    #[inline(always)]
+    fn driven(&self, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
+        if !self.called.motor_forces {
+            return force;
+        }
+        let motions = (&mut *aside.belts, force);
+        let other = self.sums(aside.memories, motions, |plant, index| &plant.motors[index].forces);
+        [force[0] + other[0], force[1] + other[1]]
+    }
+
+    /// What rubs on motors and rails under the motors' `force`.
+    #[inline(always)]
+    fn rubs(&self, force: Both<S>, aside: &mut Aside<'_>) -> Rubbing<S> {
+        let nothing = Lanes::splat(self.simd, 0.0);
+        let mut at_motors = [nothing; 2];
+        if self.called.motor_levels {
+            let motions = (&mut *aside.belts, force);
+            at_motors =
+                self.sums(aside.memories, motions, |plant, index| &plant.motors[index].rubs.levels);
+        }
+        let motions = (&mut *aside.rails, belts(force));
+        let on_rails =
+            self.sums(aside.memories, motions, |plant, index| &plant.rails[index].rubs.levels);
+        let contact = |level: Lanes<S>, bristles| Contact { level: level.max(nothing), bristles };
+        Rubbing {
+            motors: [
+                contact(at_motors[0], self.motor_bristles[0]),
+                contact(at_motors[1], self.motor_bristles[1]),
+            ],
+            rails: [
+                contact(on_rails[0], self.rail_bristles[0]),
+                contact(on_rails[1], self.rail_bristles[1]),
+            ],
+        }
+    }
+
+    /// Force on each rail that is no motor's and no friction.
+    #[inline(always)]
+    fn loads(&self, step: &GantryStep<S>, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
+        let mut loads = [Lanes::splat(self.simd, 0.0); 2];
+        if self.called.rail_forces {
+            let motions = (&mut *aside.rails, belts(force));
+            loads = self.sums(aside.memories, motions, |plant, index| &plant.rails[index].forces);
+        }
+        if self.called.reactions {
+            for (lane, plant) in self.plants.iter().enumerate() {
+                for part in &plant.reactions {
+                    let memory = part.memory(&mut aside.memories[lane]);
+                    let carriage = step.rails.carriage(lane, plant.striker_mass);
+                    let held = (part.call)(part.p(), memory, &carriage);
+                    for (load, held) in loads.iter_mut().zip(held) {
+                        load.set(lane, load.get(lane) + held);
+                    }
+                }
+            }
+        }
+        loads
+    }
+
+    /// Force that each motor makes of what its loop demands.
+    #[inline(always)]
+    fn efforts(&self, mut demand: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
+        if self.called.efforts {
+            set_force(aside.belts, &demand);
+            put_efforts(self.plants, aside.memories, aside.belts, &mut demand);
+        }
+        demand
+    }
+
+    /// Sum of what the parts `of` each plant and coordinate say of its motion under `force`.
+    #[inline(always)]
+    fn sums(
+        &self,
+        memories: &mut [Vec<f64>],
+        (motions, force): (&mut [[Motion; 2]], Both<S>),
+        of: impl Fn(&Plant, usize) -> &[MotionPart],
+    ) -> Both<S> {
+        let mut sums = [Lanes::splat(self.simd, 0.0); 2];
+        set_force(motions, &force);
+        add_parts(self.plants, memories, motions, of, &mut sums);
+        sums
+    }
+}
+
+// Calls of effects, in functions of their own: around each call in the midst of vector code all vectors would be put
+// away.
+
+#[inline(never)]
+fn add_parts<S: Simd>(
+    plants: &[&Plant],
+    memories: &mut [Vec<f64>],
+    motions: &[[Motion; 2]],
+    of: impl Fn(&Plant, usize) -> &[MotionPart],
+    sums: &mut Both<S>,
+) {
+    for (lane, ((plant, motions), memory)) in plants.iter().zip(motions).zip(memories).enumerate() {
+        for (index, (sum, motion)) in sums.iter_mut().zip(motions).enumerate() {
+            let parts = of(plant, index);
+            if !parts.is_empty() {
+                let all = parts.iter();
+                let all = all.map(|part| (part.call)(part.p(), part.memory(memory), motion));
+                sum.set(lane, all.sum());
+            }
+        }
+    }
+}
+
+#[inline(never)]
+fn put_masses<S: Simd>(plants: &[&Plant], motions: &[[Motion; 2]], masses: &mut Both<S>) {
+    for (lane, (plant, motions)) in plants.iter().zip(motions).enumerate() {
+        for ((mass, rail), motion) in masses.iter_mut().zip(&plant.rails).zip(motions) {
+            mass.set(lane, rail.mass(motion));
+        }
+    }
+}
+
+#[inline(never)]
+fn put_setpoints<S: Simd>(
+    plants: &[&Plant],
+    memories: &mut [Vec<f64>],
+    dt: &Lanes<S>,
+    command: &mut Both<S>,
+) {
+    for (lane, (plant, memory)) in plants.iter().zip(memories).enumerate() {
+        for (command, motor) in command.iter_mut().zip(&plant.motors) {
+            let setpoint = motor.setpoint(command.get(lane), memory, dt.get(lane));
+            command.set(lane, setpoint);
+        }
+    }
+}
+
+#[inline(never)]
+fn put_efforts<S: Simd>(
+    plants: &[&Plant],
+    memories: &mut [Vec<f64>],
+    motions: &[[Motion; 2]],
+    force: &mut Both<S>,
+) {
+    for (lane, ((plant, motions), memory)) in plants.iter().zip(motions).zip(memories).enumerate() {
+        for ((force, motor), motion) in force.iter_mut().zip(&plant.motors).zip(motions) {
+            let mut motion = *motion;
+            for part in &motor.efforts {
+                motion.force = (part.call)(part.p(), part.memory(memory), &motion);
+            }
+            force.set(lane, motion.force);
+        }
+    }
+}
+
+/// What the velocity loops ask for over a step.
+struct Loops<S: Simd> {
+    /// Setpoint in its middle (m/s of belt).
+    middle: Both<S>,
+    /// Force (N of belt).
+    asked: Both<S>,
+    /// What that force falls by where the belt accelerates (N s^2/m).
+    gives_way: Both<S>,
+}
+
+/// The carriage after a step.
+#[derive(Clone, Copy)]
+struct Slid<S: Simd> {
+    /// Velocity of the rails (m/s).
+    velocity: Both<S>,
+    /// Friction over the step: on each rail (N), and at each motor (N of belt).
+    friction: Both<S>,
+    rubbed: Both<S>,
+}
+
+/// How two coordinates, both rails or both belts, move at the start of a step.
+#[derive(Clone, Copy)]
+struct Frame<S: Simd> {
+    time: Lanes<S>,
+    dt: Lanes<S>,
+    position: Both<S>,
+    velocity: Both<S>,
+    acceleration: Both<S>,
+}
+
+impl<S: Simd> Frame<S> {
+    /// Motions of both coordinates of each plant, without force and mass.
+    #[inline(never)]
+    fn put_into(&self, motions: &mut [[Motion; 2]]) {
+        for (lane, both) in motions.iter_mut().enumerate() {
+            let (time, dt) = (self.time.get(lane), self.dt.get(lane));
+            let own = [0, 1].map(|index: usize| CrossMotion {
+                position: self.position[index].get(lane),
+                velocity: self.velocity[index].get(lane),
+                acceleration: self.acceleration[index].get(lane),
+                force: 0.0,
+            });
+            for (index, motion) in both.iter_mut().enumerate() {
+                let CrossMotion { position, velocity, acceleration, force } = own[index];
+                let other = own[1 - index];
+                *motion = Motion {
+                    index,
+                    time,
+                    dt,
+                    position,
+                    velocity,
+                    acceleration,
+                    force,
+                    mass: 0.0,
+                    other,
+                };
+            }
+        }
+    }
+
+    /// The carriage in one `lane` with a striker of `striker_mass` (kg).
+    #[inline(always)]
+    fn carriage(&self, lane: usize, striker_mass: f64) -> Carriage {
+        let get = |both: &Both<S>| [both[0].get(lane), both[1].get(lane)];
+        Carriage {
+            dt: self.dt.get(lane),
+            position: get(&self.position),
+            velocity: get(&self.velocity),
+            acceleration: get(&self.acceleration),
+            striker_mass,
+        }
+    }
+}
+
+/// What gantries are and do at the start of a step.
+struct GantryStep<S: Simd> {
+    simd: S,
+    rails: Frame<S>,
+    belts: Frame<S>,
+    /// Mass on each rail (kg); without rotors where belts are soft.
+    mass: Both<S>,
+    /// Mass that the force of each belt moves (kg).
+    belt_mass: Both<S>,
+    /// Motors and load, where belts are soft.
+    two_masses: Option<TwoMasses<S>>,
+}
+
+impl<S: Simd> GantryStep<S> {
+    /// The step of `dt` seconds, and how it moves rails and belts put `aside`.
+    #[inline(always)]
+    fn new(
+        lanes: &PlantLanes<'_, S>,
+        state: &StateLanes<S>,
+        aside: &mut Aside<'_>,
+        dt: Lanes<S>,
+    ) -> Self {
+        let StateLanes { time, position, velocity, acceleration, ahead, gaining, .. } = *state;
+        let simd = lanes.simd;
+        let mut rails = Frame { time, dt, position, velocity, acceleration };
+        let belts = Frame {
+            time,
+            dt,
+            position: belts(position),
+            velocity: belts(velocity),
+            acceleration: belts(acceleration),
+        };
+        rails.put_into(aside.rails);
+        let mass = lanes.masses(aside.rails);
+        let mut step = Self { simd, rails, belts, mass, belt_mass: mass, two_masses: None };
+        if let Some(ties) = &lanes.ties {
+            rails.position = [position[0] + ahead[0], position[1] + ahead[1]];
+            rails.velocity = [velocity[0] + gaining[0], velocity[1] + gaining[1]];
+            rails.put_into(aside.rails);
+            let (ties, load_mass) = transmission::parted(simd, ties, mass);
+            let (motor, load) = (belts.velocity, rails.velocity);
+            let two = TwoMasses { simd, ties, load_mass, ahead, motor, load, dt };
+            (step.rails, step.mass) = (rails, load_mass);
+            step.belt_mass = soft_belt_mass(&ties, load_mass);
+            step.two_masses = Some(two);
+        } else {
+            step.belt_mass = [rigid_belt_mass(mass); 2];
+        }
+        set_mass(aside.rails, &step.mass);
+        if lanes.called.on_belts() {
+            belts.put_into(aside.belts);
+            set_mass(aside.belts, &step.belt_mass);
+        }
+        step
+    }
+
+    /// How the motors answer to forces over the step, with `load` on the rails (N).
+    #[inline(always)]
+    fn answer(&self, load: Both<S>) -> Answer<S> {
+        if let Some(two) = &self.two_masses {
+            return two.answer(load);
+        }
+        let [along_x, along_y] = [1.0 / self.mass[0], 1.0 / self.mass[1]];
+        let (own, other) = (along_x + along_y, along_x - along_y);
+        let drag = belts([load[0] / self.mass[0], load[1] / self.mass[1]]);
+        Answer { drag, gives: [[own, other], [other, own]] }
+    }
+
+    /// Velocity of the rails after the step under `pull` of the belts and `load` on the rails, without friction.
+    #[inline(always)]
+    fn free(&self, pull: Both<S>, load: Both<S>) -> Both<S> {
+        let Frame { velocity, dt, .. } = self.rails;
+        let along = belts(pull);
+        both(
+            #[inline(always)]
+            |rail| velocity[rail] + dt * (along[rail] + load[rail]) / self.mass[rail],
+        )
+    }
+
+    /// The step of rigid belts under `forces` of the motors (N of belt) and on the rails (N), with what `rubs`. What is
+    /// held on one coordinate need not be held on another: the frictions are sought in turn (projected Gauss-Seidel),
+    /// from the `friction` of the rails a step ago.
+    #[inline(always)]
+    fn slide(
+        &self,
+        [driven, load]: [Both<S>; 2],
+        rubs: &Rubbing<S>,
+        friction: Both<S>,
+        bends: &mut Bends<S>,
+    ) -> Slid<S> {
+        let nothing = Lanes::splat(self.simd, 0.0);
+        let before = *bends;
+        let mut slid = Slid { velocity: self.rails.velocity, friction, rubbed: [nothing; 2] };
+        let mut is_sought = nothing.equals(nothing);
+        for _ in 0..MOST_SWEEPS {
+            let mut bent = before;
+            let next = self.sweep([driven, load], rubs, &slid, &mut bent);
+            let is_near = both(
+                #[inline(always)]
+                |rail| {
+                    let change = (next.friction[rail] - slid.friction[rail]).abs();
+                    change.less_than(Lanes::splat(self.simd, FOUND))
+                },
+            );
+            let is_free = next.rubbed[0].equals(nothing) & next.rubbed[1].equals(nothing);
+            slid = Slid {
+                velocity: select(is_sought, next.velocity, slid.velocity),
+                friction: select(is_sought, next.friction, slid.friction),
+                rubbed: select(is_sought, next.rubbed, slid.rubbed),
+            };
+            *bends = bent.or(is_sought, *bends);
+            is_sought = is_sought & (is_near[0] & is_near[1]).or(is_free).not();
+            if !is_sought.any() {
+                break;
+            }
+        }
+        slid
+    }
+
+    /// One search for the frictions, from those of `last`.
+    #[inline(always)]
+    fn sweep(
+        &self,
+        [driven, load]: [Both<S>; 2],
+        rubs: &Rubbing<S>,
+        last: &Slid<S>,
+        bends: &mut Bends<S>,
+    ) -> Slid<S> {
+        let (simd, dt) = (self.simd, self.rails.dt);
+        let nothing = Lanes::splat(simd, 0.0);
+        let mut rubbed = last.rubbed;
+        for m in 0..2 {
+            let contact = &rubs.motors[m];
+            let acts = nothing.less_than(contact.level);
+            if !acts.any() {
+                continue;
+            }
+            let other = 1 - m;
+            let mut pull = driven;
+            pull[other] = driven[other] + rubbed[other];
+            let held = [load[0] + last.friction[0], load[1] + last.friction[1]];
+            let velocity = [self.belts.velocity[m], belts(self.free(pull, held))[m]];
+            let motion = Free { mass: self.belt_mass[m], velocity, dt };
+            let force = contact.force(simd, &mut bends.motors[m], motion);
+            rubbed[m] = acts.select(force, rubbed[m]);
+        }
+        let free = self.free([driven[0] + rubbed[0], driven[1] + rubbed[1]], load);
+        let friction = both(
+            #[inline(always)]
+            |rail| {
+                let velocity = [self.rails.velocity[rail], free[rail]];
+                let motion = Free { mass: self.mass[rail], velocity, dt };
+                rubs.rails[rail].force(simd, &mut bends.rails[rail], motion)
+            },
+        );
+        let velocity = both(
+            #[inline(always)]
+            |rail| free[rail] + dt * friction[rail] / self.mass[rail],
+        );
+        Slid { velocity, friction, rubbed }
+    }
+}
+
+/// Sets the `force` along both coordinates in all `motions`.
+#[inline(always)]
+fn set_force<S: Simd>(motions: &mut [[Motion; 2]], force: &Both<S>) {
+    for (lane, [one, other]) in motions.iter_mut().enumerate() {
+        let force = [force[0].get(lane), force[1].get(lane)];
+        (one.force, one.other.force) = (force[0], force[1]);
+        (other.force, other.other.force) = (force[1], force[0]);
+    }
+}
+
+/// Sets the `mass` of each coordinate in all `motions`.
+#[inline(always)]
+fn set_mass<S: Simd>(motions: &mut [[Motion; 2]], mass: &Both<S>) {
+    for (lane, [one, other]) in motions.iter_mut().enumerate() {
+        (one.mass, other.mass) = (mass[0].get(lane), mass[1].get(lane));
+    }
+}
+
+/// Mass that the force of each belt moves where some are soft, with this `load` on the rails (kg).
+#[inline(always)]
+fn soft_belt_mass<S: Simd>([a, b]: &[TieLanes<S>; 2], load: Both<S>) -> Both<S> {
+    if (a.is_soft & b.is_soft).all() {
+        return [a.motor_mass, b.motor_mass];
+    }
+    let rigid = rigid_belt_mass(load);
+    [
+        a.is_soft.select(a.motor_mass, a.motor_mass + rigid),
+        b.is_soft.select(b.motor_mass, b.motor_mass + rigid),
+    ]
+}
+
+/// Mass that the force of one belt moves with this `mass` on the rails (kg).
+#[inline(always)]
+fn rigid_belt_mass<S: Simd>(mass: Both<S>) -> Lanes<S> {
+    1.0 / (1.0 / mass[0] + 1.0 / mass[1])
+}
