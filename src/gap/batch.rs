@@ -68,7 +68,11 @@ fn simulated(stage: &dyn Stage, twins: &[&Twin], nuisance: &[Vec<f64>]) -> Vec<P
     let channels = stage.channels().iter();
     let nothing: Predicted = channels.map(|channel| vec![f64::NAN; channel.times.len()]).collect();
     let mut predicted = vec![nothing; twins.len()];
-    stage.predict_each(twins, nuisance, &mut predicted);
+    if !stage.predict_each(twins, nuisance, &mut predicted) {
+        for (twin, predicted) in twins.iter().zip(&mut predicted) {
+            stage.predict(twin, nuisance, predicted);
+        }
+    }
     predicted
 }
 
@@ -320,11 +324,12 @@ mod tests {
             twins: &[&Twin],
             nuisance: &[Vec<f64>],
             predicted: &mut [Vec<Vec<f64>>],
-        ) {
+        ) -> bool {
             let is_whole = twins.len().is_multiple_of(Self::WIDTH);
             self.whole.fetch_add(usize::from(is_whole), Ordering::Relaxed);
             let each = twins.iter().zip(predicted);
             each.for_each(|(twin, predicted)| self.predict(twin, nuisance, predicted));
+            true
         }
 
         fn width(&self) -> usize {

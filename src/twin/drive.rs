@@ -86,7 +86,7 @@ impl Stage for DriveStage {
         twins: &[&Twin],
         _nuisance: &[Vec<f64>],
         predicted: &mut [Vec<Vec<f64>>],
-    ) {
+    ) -> bool {
         let plants: Vec<Plant> = twins.iter().map(|twin| Plant::new(twin)).collect();
         let all = plants.iter().zip(twins).zip(predicted);
         let (soft, rigid): (Vec<_>, Vec<_>) = all
@@ -98,6 +98,7 @@ impl Stage for DriveStage {
             .partition(|job| job.plant.is_soft());
         march::side_by_side(self, soft);
         march::side_by_side(self, rigid);
+        true
     }
 
     fn lot(&self, twin: &Twin) -> usize {

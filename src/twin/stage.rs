@@ -114,16 +114,15 @@ pub trait Stage: Sync {
     /// twin says nothing. `nuisance[group]` are the numbers of each group.
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]);
 
-    /// The same for several twins with the same nuisance numbers: `predicted[twin][channel][sample]`.
+    /// The same for several twins side by side, with the same nuisance numbers: `predicted[twin][channel][sample]`. Gives
+    /// false, and predicts nothing, where the stage predicts one twin at a time.
     fn predict_each(
         &self,
-        twins: &[&Twin],
-        nuisance: &[Vec<f64>],
-        predicted: &mut [Vec<Vec<f64>>],
-    ) {
-        for (twin, predicted) in twins.iter().zip(predicted) {
-            self.predict(twin, nuisance, predicted);
-        }
+        _twins: &[&Twin],
+        _nuisance: &[Vec<f64>],
+        _predicted: &mut [Vec<Vec<f64>>],
+    ) -> bool {
+        false
     }
 
     /// Twins of the same lot are best predicted at once.

@@ -353,7 +353,7 @@ mod tests {
         let all: Vec<&Twin> = twins.iter().collect();
         let blank = || vec![vec![0.0; 140]; 3];
         let mut together = vec![blank(); all.len()];
-        stage.predict_each(&all, &[], &mut together);
+        assert!(stage.predict_each(&all, &[], &mut together));
         let bits = |all: &[Vec<f64>]| -> Vec<Vec<u64>> {
             all.iter().map(|own| own.iter().map(|value| value.to_bits()).collect()).collect()
         };
