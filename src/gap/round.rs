@@ -131,8 +131,18 @@ pub(super) struct Stand<'p> {
     pub(super) filters: &'p Filters,
     /// The given twin as it was, before anything was fitted or added.
     pub(super) given: Option<&'p (Fit, Filters)>,
+    /// Number of instances in the given twin.
+    pub(super) given_instances: usize,
     /// What makes an effect worth a name.
     pub(super) worth: Worth<'p>,
+}
+
+impl Stand<'_> {
+    /// Parameters of the given twin that are fitted.
+    fn known(&self) -> Vec<Slot> {
+        let slots = self.base.slots.iter().copied();
+        slots.filter(|slot| slot.instance < self.given_instances).collect()
+    }
 }
 
 /// What a round looks at.
@@ -148,7 +158,8 @@ pub(super) struct Problems<'a, 'b> {
 
 impl Round {
     pub(super) fn run(problems: Problems<'_, '_>, stand: &Stand<'_>) -> Self {
-        let Stand { base, filters, given, worth } = *stand;
+        let Stand { base, filters, given, worth, .. } = *stand;
+        let known_slots = stand.known();
         let train = problems.train;
         let candidates = screen::screen(train, base, filters);
         let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
@@ -173,13 +184,17 @@ impl Round {
         // Each is fitted twice: roughly, and in the metric of the best.
         observer.step_begun(SearchStep::Trial, 2 * short.len());
         let rough = rough_fits(train, stand, &short);
-        let sound = |fit: &&Fit| fit.loss.is_finite() && on_bound(fit).is_none();
+        // What is no effect is no metric either.
+        let is_driven = |fit: &Fit| known_on_bound(&fit.point.twin, &known_slots);
+        let sound = |fit: &&Fit| {
+            fit.loss.is_finite() && on_bound(fit).is_none() && is_driven(fit).is_none()
+        };
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(lead) = lead.or(rough.first()) else { return Self { winner: None, rejected } };
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
         let known = train.columns(&at_lead, &base.slots, &sharp);
-        let bench = Bench::new(problems, base, (&sharp, &worth), tries);
+        let bench = Bench::new(problems, (base, known_slots), (&sharp, &worth), tries);
         let items: Vec<(Candidate, Fit)> =
             short.into_iter().zip(rough).filter(|(_, fit)| fit.loss.is_finite()).collect();
         let mut trials = in_parallel(&items, |(candidate, rough)| {
@@ -384,8 +399,7 @@ struct Bench<'a, 'b> {
     worth: &'b Worth<'b>,
     /// How many tries each p-value is corrected for.
     tries: usize,
-    /// The twin so far, and its parameters that are fitted.
-    base: &'b Twin,
+    /// Parameters of the given twin that are fitted: what leaves one of them on a bound takes its place.
     known: Vec<Slot>,
     base_train_rows: Vec<f64>,
     base_held: Point,
@@ -417,7 +431,7 @@ impl<'a, 'b> View<'a, 'b> {
 impl<'a, 'b> Bench<'a, 'b> {
     fn new(
         problems: Problems<'a, 'b>,
-        base: &'b Fit,
+        (base, known): (&'b Fit, Vec<Slot>),
         (filters, worth): (&'b Filters, &'b Worth<'b>),
         tries: usize,
     ) -> Self {
@@ -433,8 +447,7 @@ impl<'a, 'b> Bench<'a, 'b> {
             scales: train.filters(&base.point, whiten::scale_filters),
             worth,
             tries,
-            base: &base.point.twin,
-            known: base.slots.clone(),
+            known,
             base_train_rows: train.whitened(&base.point, filters),
             base_held_rows: held_out.whitened(&base_held, filters),
             base_held,
@@ -633,7 +646,9 @@ impl<'a, 'b> Bench<'a, 'b> {
         {
             return Some(Reason::OnBound(name));
         }
-        if let Some(name) = wrong_sign(&trial.fit).or_else(|| self.drives_on_bound(trial)) {
+        if let Some(name) =
+            wrong_sign(&trial.fit).or_else(|| known_on_bound(&trial.fit.point.twin, &self.known))
+        {
             return Some(Reason::OnBound(name));
         }
         if self.train.context.options.family_error() < self.p_value(trial) {
@@ -669,13 +684,6 @@ impl<'a, 'b> Bench<'a, 'b> {
         let is_old = size_of_last(&trial.fit.point.twin)
             .is_some_and(|size| self.worth.was_there_before(trial.candidate.effect, size));
         (is_old || !self.is_worth_naming(trial)).then_some(Reason::TooSmall)
-    }
-
-    /// The known parameter that only this effect drives onto a bound: what takes the inertia from an axis takes its place.
-    fn drives_on_bound(&self, trial: &Trial) -> Option<String> {
-        let known = &self.known;
-        let is_free = known_on_bound(self.base, known).is_none();
-        is_free.then(|| known_on_bound(&trial.fit.point.twin, known)).flatten()
     }
 
     /// The one to add, with what explains the data as well; all others are rejected.

@@ -492,6 +492,7 @@ impl Search<'_> {
                 base: &self.best,
                 filters: &self.filters,
                 given: as_given.as_ref(),
+                given_instances: given.twin.instances.len(),
                 worth: Worth::new(&given.twin, self.kind, excess, self.removed()),
             };
             let problems =

@@ -41,6 +41,20 @@ struct Axis {
     /// It moves on besides (m/s).
     speed: f64,
     seed: u64,
+    /// Units of the recording.
+    units: Units,
+}
+
+/// Factors by which input, position and time are recorded.
+#[derive(Debug, Clone, Copy)]
+struct Units {
+    input: f64,
+    position: f64,
+    time: u64,
+}
+
+impl Units {
+    const SI: Self = Self { input: 1.0, position: 1.0, time: 1 };
 }
 
 impl Axis {
@@ -64,7 +78,8 @@ impl Axis {
         let path = dir.join(name);
         let mut writer = writer(&path, "axis");
         let mut noise = Stream::new(self.seed, "force");
-        let at = |k: u64| Nanos(START.0 + k * 1_000_000_000 / AXIS_HZ);
+        let Units { input: by_input, position: by_position, time: by_time } = self.units;
+        let at = |k: u64| Nanos(START.0 + by_time * k * 1_000_000_000 / AXIS_HZ);
         let marker = |phase: Phase| RunMarker {
             run: 0,
             pattern: "sines".into(),
@@ -81,9 +96,12 @@ impl Axis {
                 + (viscous + self.by_place[1] * q) * v
                 + if (6.0..6.2).contains(&(k as f64 / AXIS_HZ as f64)) { self.knock } else { 0.0 }
                 + Self::NOISE_N * f64::from(normal);
-            let input = AxisInput { value: force, unit: "N".into() };
-            let output =
-                AxisOutput { position: Some(q), velocity: None, position_unit: "m".into() };
+            let input = AxisInput { value: by_input * force, unit: "N".into() };
+            let output = AxisOutput {
+                position: Some(by_position * q),
+                velocity: None,
+                position_unit: "m".into(),
+            };
             writer.write(&topic::axis_input("screw"), at(k), &input).unwrap();
             writer.write(&topic::axis_output("screw"), at(k), &output).unwrap();
         }
@@ -103,6 +121,7 @@ impl Axis {
             knock: 0.0,
             speed: 0.0,
             seed: 1,
+            units: Units::SI,
         }
     }
 
@@ -173,6 +192,37 @@ fn direction_dependent_friction_is_named_and_measured() {
     assert!(residual["validation_after"].as_f64() < residual["validation_before"].as_f64());
     for file in ["gap.json", "twin.json", "index.html", "gap.mcap", "residuals.svg"] {
         assert!(dir.path().join("out").join(file).exists(), "{file}");
+    }
+}
+
+/// Relative difference of an estimate from the same one in other units: the search takes the same steps but for rounding.
+const UNIT_TOLERANCE: f64 = 1e-3;
+
+#[test]
+fn the_answer_does_not_depend_on_the_units_of_an_axis() {
+    let dir = tempfile::tempdir().unwrap();
+    let answer = |units: Units, name: &str| {
+        let folder = dir.path().join(name);
+        fs::create_dir(&folder).unwrap();
+        let axis = Axis { units, ..Axis::session([80.0, 140.0]) };
+        gap(&axis.written_twice(&folder), None, &folder.join("out")).0
+    };
+    let plain = answer(Units::SI, "si");
+    for (name, units) in [
+        ("millinewtons", Units { input: 1e3, ..Units::SI }),
+        ("kilometres", Units { position: 1e-3, ..Units::SI }),
+        ("slow", Units { time: 20, ..Units::SI }),
+        ("all", Units { input: 1e-3, position: 1e3, time: 7 }),
+    ] {
+        let other = answer(units, name);
+        assert_eq!(other["verdict"], plain["verdict"], "{name}: {other:#}");
+        assert_eq!(names(&other), names(&plain), "{name}");
+        let slope = |document: &serde_json::Value| {
+            document["effects"][0]["parameters"][0]["value"].as_f64().unwrap()
+        };
+        let factor = units.input * units.time as f64 / units.position;
+        let ratio = slope(&other) / (factor * slope(&plain));
+        assert!((ratio - 1.0).abs() < UNIT_TOLERANCE, "{name}: {ratio}");
     }
 }
 

@@ -18,7 +18,8 @@ pub(crate) static INPUT_DEADBAND: Effect = Effect {
             symbol: "u0",
             unit: COMMAND_UNIT,
             scale: 0.01,
-            bounds: (0.0, 100.0),
+            // Half the RMS of a command: a band that most samples are in explains them whatever the motion is.
+            bounds: (0.0, 0.15),
             plausible: (0.0, 0.1),
             per_session: false,
         },
