@@ -268,13 +268,13 @@ fn table(experiment: Option<&Experiment>) -> String {
         return "the results do not contain the data of the comparison".to_owned();
     };
     let mut lines = vec![format!(
-        "{:<12}{:<12}{:>22}{:>14}{:>16}",
+        "{:<15}{:<12}{:>22}{:>14}{:>16}",
         "policy", "opponent", "goals per min, sim", "on the rig", "transfer ratio"
     )];
     for one in &experiment.contests {
         let ratio = one.transfer_ratio.map(|ratio| format!("{:.0} %", 1e2 * ratio.value));
         lines.push(format!(
-            "{:<12}{:<12}{:>22.2}{:>14.2}{:>16}",
+            "{:<15}{:<12}{:>22.2}{:>14.2}{:>16}",
             one.policy,
             one.opponent,
             one.simulated_goals_per_min.value,

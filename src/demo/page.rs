@@ -451,6 +451,11 @@ fn scored(page: &mut Page, story: &Story<'_>) {
         rows: rows.collect(),
     });
     page.paragraph("Brackets hold 95 % intervals over whole episodes or games.");
+    compared(page, experiment);
+}
+
+/// Rates in simulation and on the rig, and the differences between policies.
+fn compared(page: &mut Page, experiment: &Experiment) {
     page.charts(&with_same_y(OPPONENTS.map(|opponent| rates(experiment, opponent)).into()));
     page.subsection("Comparison of the policies");
     let rows = experiment.differences.iter().map(|one| {
@@ -465,8 +470,9 @@ fn scored(page: &mut Page, story: &Story<'_>) {
         ]),
         rows: rows.collect(),
     });
-    page.link("eval/index.html", "All matches on the rig, with replay");
-    page.link("eval-simulated/index.html", "All matches in simulation, with replay");
+    for (folder, place) in [("eval", "on the rig"), ("eval-simulated", "in simulation")] {
+        page.link(&format!("{folder}/index.html"), &format!("All matches {place}, with replay"));
+    }
 }
 
 /// Goals per minute of each policy in simulation and on the rig, with error bars.

@@ -140,14 +140,7 @@ impl Checkpoint {
         let boards = Boards::from_bytes(&bytes(BOARDS)?)
             .map_err(|reason| (BOARDS.to_owned(), reason))?
             .blocks;
-        let members = counters.members.len() as u32;
-        if boards.iter().any(|own| {
-            own.drawn.iter().any(|opponent| members <= *opponent && !is_scripted(*opponent))
-        }) {
-            let reason =
-                format!("an environment has an opponent outside the pool of {members} members");
-            return Err((BOARDS.to_owned(), reason));
-        }
+        check_opponents(&boards, counters.members.len() as u32)?;
         if boards.is_empty() != (updates == 0) {
             let reason = format!("{} blocks of environments after {updates} updates", boards.len());
             return Err((BOARDS.to_owned(), reason));
@@ -180,6 +173,16 @@ impl Checkpoint {
             boards,
         })
     }
+}
+
+/// Check that every environment has an opponent of a pool of `members`, or a scripted one.
+fn check_opponents(boards: &[BlockState], members: u32) -> Result<(), Refusal> {
+    let is_outside = |opponent: &u32| members <= *opponent && !is_scripted(*opponent);
+    if !boards.iter().flat_map(|own| &own.drawn).any(is_outside) {
+        return Ok(());
+    }
+    let reason = format!("an environment has an opponent outside the pool of {members} members");
+    Err((BOARDS.to_owned(), reason))
 }
 
 impl MemberCounters {

@@ -6,7 +6,12 @@ use std::{collections::BTreeMap, fs, path::Path};
 /// Names and bytes of the finished recordings and results in a demo's folder.
 fn results(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let names = ["monday.mcap", "actuator/actuator.mcap", "ekf/ekf.json", "gap/twin.json"];
-    let more = ["twin/policy.mcap", "matches/learned-chaser-left.mcap", "eval/score.json"];
+    let more = [
+        "twin/policy.mcap",
+        "matches/learned-chaser-left.mcap",
+        "simulated/twin-sensors-chaser-left.mcap",
+        "eval/score.json",
+    ];
     names
         .into_iter()
         .chain(more)
@@ -26,8 +31,8 @@ fn the_demo_runs_every_command_keeps_what_is_finished_and_goes_on_after_a_failur
     assert_eq!(status, 0, "{told}");
     let document: serde_json::Value = serde_json::from_str(&printed).unwrap();
     let count = |value: &serde_json::Value| value.as_array().unwrap().len();
-    assert_eq!(count(&document["experiment"]["contests"]), 8);
-    assert_eq!(count(&document["experiment"]["differences"]), 4);
+    assert_eq!(count(&document["experiment"]["contests"]), 12);
+    assert_eq!(count(&document["experiment"]["differences"]), 7);
     let page = fs::read_to_string(demo.join("index.html")).unwrap();
     let line = "klasktron train --actuator gap/twin.json";
     for word in ["Close the gap", line, "class=\"chart\"", "Hidden effects"] {
