@@ -192,7 +192,7 @@ impl Site {
             }
             Self::OneMotor | Self::EachMotor | Self::EachBelt => &[Axis::A, Axis::B],
             Self::OneGuide => &[Axis::X, Axis::Y],
-            Self::SingleAxis => &[],
+            Self::SingleAxis => &[Axis::Guides],
             Self::Whole => &[Axis::Whole],
         }
     }

@@ -396,7 +396,9 @@ fn unseen(sessions: &[Session], start: &Twin) -> Vec<&'static Effect> {
         _ => stages.iter().any(|stage| stage.calls(effect)),
     };
     let is_known = |effect: &Effect| start.instances.iter().any(|own| own.effect == effect);
+    let is_possible = |effect: &Effect| !start.machine.axes(effect.site).is_empty();
     let all = CATALOGUE.iter().copied();
-    all.filter(|effect| start.machine == Machine::Table && !is_shown(effect) && !is_known(effect))
+    all.filter(|effect| start.machine == Machine::Table && is_possible(effect))
+        .filter(|effect| !is_shown(effect) && !is_known(effect))
         .collect()
 }

@@ -37,6 +37,7 @@ impl Machine {
     #[must_use]
     pub fn axes(self, site: Site) -> Vec<Axis> {
         match self {
+            Self::Table if site == Site::SingleAxis => Vec::new(),
             Self::Table => site.axes().to_vec(),
             // One motor is one rail: the place is written one way.
             Self::Axis => match site {
