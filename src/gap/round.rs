@@ -13,7 +13,7 @@ use super::{
     steady::{self, Seen},
     whiten::{self, Filters},
 };
-use crate::twin::{Instance, Slot, StageKind, Twin};
+use crate::twin::{Instance, Machine, Slot, StageKind, Twin};
 use std::mem;
 
 /// Candidates that are simulated again in one round.
@@ -138,8 +138,12 @@ pub(super) struct Stand<'p> {
 }
 
 impl Stand<'_> {
-    /// Parameters of the given twin that are fitted.
+    /// Fitted parameters of the given twin that no candidate may leave on a bound: those of the rigid body of a single
+    /// axis. On a table, an effect of the given twin may end there because another takes its place.
     fn known(&self) -> Vec<Slot> {
+        if self.base.point.twin.machine == Machine::Table {
+            return Vec::new();
+        }
         let slots = self.base.slots.iter().copied();
         slots.filter(|slot| slot.instance < self.given_instances).collect()
     }
@@ -399,7 +403,7 @@ struct Bench<'a, 'b> {
     worth: &'b Worth<'b>,
     /// How many tries each p-value is corrected for.
     tries: usize,
-    /// Parameters of the given twin that are fitted: what leaves one of them on a bound takes its place.
+    /// Fitted parameters of the given twin that a candidate may not leave on a bound.
     known: Vec<Slot>,
     base_train_rows: Vec<f64>,
     base_held: Point,
