@@ -444,6 +444,8 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
     let shift = (0..linear.columns.len())
         .map(|k| -imitating.iter().zip(&factors).map(|(weights, f)| weights[k] * f).sum::<f64>())
         .collect();
+    // Below zero by rounding only.
+    let statistic = statistic.max(0.0);
     Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors, shift }
 }
 

@@ -241,7 +241,7 @@ fn what_happens_once_is_told_and_hides_nothing() {
         warnings.iter().map(|own| own.as_str().unwrap()).find(|own| own.contains("left out"));
     let told = told.unwrap_or_else(|| panic!("{warnings:?}"));
     assert!(told.starts_with("s1: a one-off disturbance of axis.screw.force by up to 4"), "{told}");
-    assert!(told.contains("from 5.9 to 6.3 s"), "{told}");
+    assert!(told.contains("from 5.9 to 6.4 s"), "{told}");
     let beside = tempfile::tempdir().unwrap();
     let untouched = Axis::pair(beside.path(), [80.0, 140.0]);
     let (document, _) = gap(&untouched, None, &beside.path().join("out"));

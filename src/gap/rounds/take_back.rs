@@ -13,7 +13,7 @@ use crate::{
         whiten::Filters,
     },
     stats::t_quantile,
-    twin::{Instance, Slot, Twin},
+    twin::{Instance, Machine, Slot, Twin},
 };
 
 /// Effects that the data miss least, of which each is fitted away in earnest.
@@ -149,9 +149,13 @@ impl Search<'_> {
         self.added.len() < before
     }
 
-    /// Remove the effects that were added while a parameter of the given twin is on a bound: the twin cannot describe
-    /// the machine then, and an added effect compensates for that. Give whether any was removed.
+    /// Remove the effects that were added to a single axis while a parameter of the given twin is on a bound: the twin
+    /// cannot describe the machine then, and an added effect compensates for that. On a table, an effect of the given
+    /// twin may end there because another takes its place. Give whether any was removed.
     pub(super) fn remove_beside_bound(&mut self) -> bool {
+        if self.best.point.twin.machine == Machine::Table {
+            return false;
+        }
         let before = self.added.len();
         while let Some(name) = self.known_on_bound()
             && let Some(step) = self.added.iter().rfind(|step| step.unstated.is_none()).cloned()
@@ -358,7 +362,7 @@ mod tests {
     use super::*;
     use crate::{
         effects::{Axis, find},
-        twin::{Machine, Source},
+        twin::Source,
     };
 
     #[test]
