@@ -92,6 +92,12 @@ struct Trial {
 type Counted<'t> = (&'t Trial, usize);
 
 impl Trial {
+    fn log(&self) {
+        let Candidate { effect, axis, .. } = &self.candidate;
+        let (numbers, loss) = (numbers_of_last(&self.fit.point.twin), self.fit.loss);
+        log::debug!("{} on {axis}: {numbers:?} leave {loss}, {:?}", effect.name, self.objection);
+    }
+
     /// Takes another fit of the same where it is better.
     fn take(&mut self, again: Option<Self>) {
         if let Some(again) = again.filter(|again| again.fit.loss < self.fit.loss) {
@@ -213,13 +219,7 @@ impl Round {
         in_order(&mut trials);
         let worth_naming = bench.worth_naming(&trials);
         for trial in &trials {
-            let (own, loss) = (&trial.candidate, trial.fit.loss);
-            let (numbers, objection) = (numbers_of_last(&trial.fit.point.twin), &trial.objection);
-            log::debug!(
-                "{} on {}: {numbers:?} leave {loss}, {objection:?}",
-                own.effect.name,
-                own.axis
-            );
+            trial.log();
             let is_in = worth_naming.iter().any(|own| std::ptr::eq(*own, trial));
             if let Some(reason) = trial.objection.as_ref().filter(|_| !is_in) {
                 rejected.push(bench.rejected(trial, reason.clone()));

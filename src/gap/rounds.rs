@@ -495,13 +495,11 @@ impl Search<'_> {
                 given_instances: given.twin.instances.len(),
                 worth: Worth::new(&given.twin, self.kind, excess, self.removed()),
             };
-            let problems =
-                Problems { train: &self.train, held_out: &self.held_out, witness: &self.witness };
-            let round = Round::run(problems, &stand);
+            let round = Round::run(self.problems(), &stand);
             self.rejected = round.rejected;
             // A refit that led astray hides what the given twin shows.
-            if round.winner.is_none() && self.added.is_empty() && std::mem::take(&mut starts_again)
-            {
+            let is_lost = round.winner.is_none() && self.added.is_empty();
+            if is_lost && std::mem::take(&mut starts_again) {
                 let slots = std::mem::take(&mut self.best.slots);
                 (self.best, self.filters) = as_it_is(&self.train, given, &slots);
                 self.note(
@@ -664,6 +662,10 @@ impl Search<'_> {
         (FAR_MORE < trained.min(held) && BESIDE_NAMED * (before - trained) < trained)
             .then(|| unknown::disturbance(&self.train, &self.best.point))
             .flatten()
+    }
+
+    fn problems(&self) -> Problems<'_, '_> {
+        Problems { train: &self.train, held_out: &self.held_out, witness: &self.witness }
     }
 
     /// The best twin on the judging sessions.

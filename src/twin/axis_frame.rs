@@ -52,7 +52,7 @@ fn frame_of(axes: &[&AxisStage]) -> Option<AxisFrame> {
     let (input_unit, position_unit) = first.units();
     let sizes = [input, position, velocity, acceleration, sample_period, duration];
     let is_usable = sizes.iter().all(|size| size.is_finite() && 0.0 < *size);
-    is_usable.then(|| AxisFrame {
+    is_usable.then_some(AxisFrame {
         position_origin: 0.5 * (positions.end + positions.start),
         scales: AxisScales {
             input,
