@@ -50,7 +50,7 @@ class Table:
     def rig(self, klasktron):
         """The virtual rig on one end; its changes of state are lines of rig.log."""
         self.start([klasktron, "rig", "--bus", f"slcan:{self.path}/table"], "rig.log")
-        wait_for(lambda: "the rig runs" in self.read("rig.log"), "the rig")
+        wait_for(lambda: "the rig is running" in self.read("rig.log"), "the rig")
 
     def collect(self, klasktron, *more, log="collect.log", out="run.mcap", **options):
         """A collector on the other end."""
