@@ -33,7 +33,7 @@ mod oscillator;
 mod physics;
 mod sensor;
 
-pub use axis_scales::{AxisScales, TABLE_SCALES};
+pub use axis_scales::AxisScales;
 pub use block::Block;
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};

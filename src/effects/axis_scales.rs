@@ -31,7 +31,7 @@ pub struct AxisScales {
 }
 
 /// Typical sizes on the table for which the catalogue is written.
-pub const TABLE_SCALES: AxisScales = AxisScales {
+const TABLE_SCALES: AxisScales = AxisScales {
     input: 5.0,
     position: 0.15,
     velocity: 0.3,
@@ -92,28 +92,22 @@ impl AxisScales {
             ("N m", "rad") => "kg m^2".to_owned(),
             _ => format!("{input} s^2/{position}"),
         };
-        let per = |power: u32| match power {
-            1 => position.to_owned(),
-            _ => format!("{position}^{power}"),
-        };
         match unit {
             "N" | COMMAND_UNIT => input.to_owned(),
             "m" => position.to_owned(),
             "m/s" => format!("{position}/s"),
             "m/s^2" => format!("{position}/s^2"),
             "kg" => inertia,
-            "kg/m" if inertia.contains('/') => format!("{input} s^2/{}", per(2)),
-            "kg/m^2" if inertia.contains('/') => format!("{input} s^2/{}", per(3)),
+            "kg/m" if inertia.contains('/') => format!("{input} s^2/{position}^2"),
+            "kg/m^2" if inertia.contains('/') => format!("{input} s^2/{position}^3"),
             "kg/m" => format!("{inertia}/{position}"),
-            "kg/m^2" => format!("{inertia}/{}", per(2)),
+            "kg/m^2" => format!("{inertia}/{position}^2"),
             "N s/m" => format!("{input} s/{position}"),
-            "N s^2/m^2" => format!("{input} s^2/{}", per(2)),
+            "N s^2/m^2" => format!("{input} s^2/{position}^2"),
             "N/m" => format!("{input}/{position}"),
-            "N/m^2" => format!("{input}/{}", per(2)),
-            "m/N" => format!(
-                "{position}/{}",
-                if input.contains(' ') { format!("({input})") } else { input.to_owned() }
-            ),
+            "N/m^2" => format!("{input}/{position}^2"),
+            "m/N" if input.contains(' ') => format!("{position}/({input})"),
+            "m/N" => format!("{position}/{input}"),
             "1/W" if (input, position) != ("N", "m") => format!("s/({input} {position})"),
             other => other.to_owned(),
         }

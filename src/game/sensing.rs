@@ -19,7 +19,7 @@ use crate::{
     board::{CUP_DISTANCE, CUP_RADIUS},
     ekf::{BoardFilter, Detections, FilterSettings, LastFrame, Object},
     recording::topic::Player,
-    seed::Stream,
+    seed::{SPLITMIX64_INCREMENT, Stream, splitmix64},
     units::Nanos,
 };
 use serde::{Deserialize, Serialize};
@@ -349,13 +349,13 @@ struct Draws(u64);
 
 impl Draws {
     fn of(key: u64, numbers: [u64; 3]) -> Self {
-        Self(numbers.into_iter().fold(key, |key, number| mix(key ^ mix(number))))
+        Self(numbers.into_iter().fold(key, |key, number| splitmix64(key ^ splitmix64(number))))
     }
 
     /// A number from 0 to below 1.
     fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        (mix(self.0) >> 11) as f64 / (1u64 << 53) as f64
+        self.0 = self.0.wrapping_add(SPLITMIX64_INCREMENT);
+        (splitmix64(self.0) >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// Two independent standard normal numbers (Box-Muller).
@@ -364,13 +364,6 @@ impl Draws {
         let (sine, cosine) = (TAU * self.uniform()).sin_cos();
         [radius * cosine, radius * sine]
     }
-}
-
-/// SplitMix64's output function.
-fn mix(mut z: u64) -> u64 {
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }
 
 #[cfg(test)]

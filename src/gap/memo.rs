@@ -40,6 +40,7 @@ pub(super) fn key(twin: &Twin, nuisance: &[Vec<f64>]) -> Key {
         twin.belt_metres_per_turn.to_bits(),
         u64::from(mass.is_some()),
         mass.unwrap_or(0.0).to_bits(),
+        twin.position_origin().to_bits(),
     ];
     for instance in &twin.instances {
         // Names are those of the catalogue, each at its place.

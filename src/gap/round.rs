@@ -323,14 +323,9 @@ fn from_other_starts(
     candidate: &Candidate,
     how: &fit::How<'_>,
 ) -> Fit {
-    let last = slots_of_last(&found.point.twin);
-    let fits = candidate.other_starts.iter().map(|(_, start)| {
-        let mut point = found.point.clone();
-        last.iter().zip(start).for_each(|(slot, value)| point.twin.set(*slot, *value));
-        fit::fit_with(train, point, &found.slots, how)
-    });
-    let best = fits.min_by(|a, b| a.loss.total_cmp(&b.loss));
-    best.filter(|best| best.loss < found.loss).unwrap_or(found)
+    let starts: Vec<Point> =
+        candidate.other_starts.iter().map(|start| with_last(&found.point, start)).collect();
+    from_starts(train, found, starts, how)
 }
 
 /// The fit, or a better one from another place of an effect that sits in one: from afar nothing leads there.
@@ -340,16 +335,27 @@ fn from_other_places(
     candidate: &Candidate,
     how: &fit::How<'_>,
 ) -> Fit {
-    let last = slots_of_last(&found.point.twin);
     let tries = candidate.effect.probes.iter().map(|probe| {
-        let mut point = found.point.clone();
-        last.iter().zip(*probe).for_each(|(slot, value)| point.twin.set(*slot, *value));
+        let point = with_last(&found.point, probe);
         (fit::squared(&train.whitened(&point, how.filters)), point)
     });
     let mut tries: Vec<_> = tries.collect();
     tries.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let starts = tries.into_iter().take(OTHER_PLACES).map(|(_, point)| point);
-    let fits = starts.map(|point| fit::fit_with(train, point, &found.slots, how));
+    let starts = tries.into_iter().take(OTHER_PLACES).map(|(_, point)| point).collect();
+    from_starts(train, found, starts, how)
+}
+
+/// `point` with the numbers `values` of the effect that was added last.
+fn with_last(point: &Point, values: &[f64]) -> Point {
+    let mut point = point.clone();
+    let slots = slots_of_last(&point.twin);
+    slots.iter().zip(values).for_each(|(slot, value)| point.twin.set(*slot, *value));
+    point
+}
+
+/// The fit, or the best one from `starts` where that is better.
+fn from_starts(train: &Problem<'_>, found: Fit, starts: Vec<Point>, how: &fit::How<'_>) -> Fit {
+    let fits = starts.into_iter().map(|point| fit::fit_with(train, point, &found.slots, how));
     let best = fits.min_by(|a, b| a.loss.total_cmp(&b.loss));
     best.filter(|best| best.loss < found.loss).unwrap_or(found)
 }
@@ -830,7 +836,7 @@ fn scanned(instance: Option<&Instance>) -> Option<f64> {
 fn training_blocks(train: &Problem<'_>) -> String {
     let blocks = train.parts.iter().map(|part| part.layout.blocks).sum::<usize>();
     let seconds = train.parts.first().map_or(0.0, |part| part.stage.block_seconds());
-    format!("training sessions, {blocks} blocks of {} s", (1e6 * seconds).round() * 1e-6)
+    format!("training sessions, {blocks} blocks of {} s", (1e6 * seconds).round() / 1e6)
 }
 
 /// The size of the added effect where it is below nothing though the effect has one sign only: commands do not

@@ -49,9 +49,9 @@ pub struct Candidate {
     pub lean: Vec<f64>,
     /// How far each known parameter would move with it, as the line of the screen says (scaled).
     pub shift: Vec<f64>,
-    /// Starts at other values of a parameter that is scanned for, with the share that each explains: the line of the
-    /// screen knows little of what a wrong base model hides.
-    pub other_starts: Vec<(f64, Vec<f64>)>,
+    /// Starts at other values of a parameter that is scanned for: the line of the screen knows little of what a wrong
+    /// base model hides.
+    pub other_starts: Vec<Vec<f64>>,
 }
 
 /// Share of a column's length that must be left when the known parameters are taken out; below it
@@ -202,7 +202,7 @@ impl Screen<'_, '_> {
                         false => candidate,
                     };
                     if effect.scanned_parameter().is_some() {
-                        other_starts.push((worse.share, worse.start));
+                        other_starts.push(worse.start);
                     }
                     other.other_starts = other_starts;
                     other.tries = tries;

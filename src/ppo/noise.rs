@@ -6,11 +6,8 @@
 //! whose outputs can be computed at any position; the normal numbers use the Box-Muller transform
 //! (1958).
 
-use crate::seed::Stream;
+use crate::seed::{SPLITMIX64_INCREMENT, Stream, splitmix64};
 use std::f32::consts::TAU;
-
-/// SplitMix64's increment, the golden ratio of 2^64.
-const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// A source of normal random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +25,9 @@ impl Noise {
 
     /// Numbers of one step.
     pub(super) fn at(self, step: u64) -> StepNoise {
-        StepNoise { key: mix(self.key.wrapping_add(step.wrapping_mul(GOLDEN))) }
+        StepNoise {
+            key: splitmix64(self.key.wrapping_add(step.wrapping_mul(SPLITMIX64_INCREMENT))),
+        }
     }
 }
 
@@ -42,7 +41,9 @@ impl StepNoise {
     /// Two independent normal numbers, pair `index`.
     pub(super) fn pair(self, index: u64) -> [f32; 2] {
         const UNIT: f32 = 1.0 / (1u64 << 24) as f32;
-        let bits = mix(self.key.wrapping_add(index.wrapping_add(1).wrapping_mul(GOLDEN)));
+        let bits = splitmix64(
+            self.key.wrapping_add(index.wrapping_add(1).wrapping_mul(SPLITMIX64_INCREMENT)),
+        );
         // 24 bits each: above 0 and up to 1, so that the logarithm exists; 0 up to below 1.
         let radius_bits = (bits >> 40) as f32 + 1.0;
         let angle_bits = (bits & 0xff_ffff) as f32;
@@ -52,13 +53,6 @@ impl StepNoise {
     }
 }
 
-/// SplitMix64's output function.
-fn mix(mut z: u64) -> u64 {
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,7 +60,8 @@ mod tests {
     #[test]
     fn the_output_function_is_that_of_splitmix64() {
         // First outputs of the reference code (Vigna, splitmix64.c) from state 1234567.
-        let outputs = [1u64, 2, 3].map(|i| mix(1_234_567u64.wrapping_add(i.wrapping_mul(GOLDEN))));
+        let outputs = [1u64, 2, 3]
+            .map(|i| splitmix64(1_234_567u64.wrapping_add(i.wrapping_mul(SPLITMIX64_INCREMENT))));
         let expected =
             [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
         assert_eq!(outputs, expected);

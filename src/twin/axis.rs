@@ -18,7 +18,7 @@ mod load;
 pub use forward::FreeRun;
 pub(super) use forward::respond;
 pub use load::AxisError;
-pub(super) use load::{resampled, unit_of};
+pub(super) use load::{INPUT_UNITS, POSITION_UNITS, resampled, unit_of};
 
 use super::{Channel, Stage, StageKind, Twin, axis_frame::MotionSums};
 use crate::effects::{Domain, Effect, Motion, Physics, Regressor};

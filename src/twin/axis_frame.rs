@@ -109,7 +109,7 @@ impl Twin {
     }
 
     /// Position from which the positions in effects count.
-    pub(super) fn position_origin(&self) -> f64 {
+    pub(crate) fn position_origin(&self) -> f64 {
         self.axis_frame.map_or(0.0, |frame| frame.position_origin)
     }
 }

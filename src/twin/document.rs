@@ -3,6 +3,7 @@
 use super::{
     AxisFrame, Discrepancy, Instance, Machine, MeasurementNoise, ReferenceResidual, Source, Twin,
     Value,
+    axis::{INPUT_UNITS, POSITION_UNITS},
 };
 use crate::{
     effects::{self, Axis, AxisScales},
@@ -16,10 +17,6 @@ const SCHEMA_VERSION: u32 = 2;
 
 /// Longest belt per motor turn (m), as for recordings and robot files.
 const LONGEST_BELT: f64 = 1.0;
-
-/// Units of the input and of the position of a single axis.
-const INPUT_UNITS: &[&str] = &["N", "N m", "A", "V"];
-const POSITION_UNITS: &[&str] = &["m", "rad"];
 
 /// Why a twin could not be read.
 #[derive(Debug, thiserror::Error)]

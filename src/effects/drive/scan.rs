@@ -25,6 +25,8 @@ pub static SCANS: &[(&Effect, Scan)] =
 
 /// Frequencies per spectral line width, so that no line falls between two of them.
 const PER_LINE: f64 = 4.0;
+/// Fewest samples of a periodogram.
+const LEAST_SAMPLES: usize = 8;
 /// Largest number of frequencies.
 const MOST_FREQUENCIES: usize = 4000;
 /// Fraction of the travel that a sample must move to count.
@@ -54,7 +56,7 @@ pub fn periods(position: &[f64], residual: &[f64], longest: f64) -> Vec<f64> {
     let low = position.iter().copied().fold(f64::INFINITY, f64::min);
     let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let travel = high - low;
-    if position.len() < 8 || travel <= 0.0 {
+    if position.len() < LEAST_SAMPLES || travel <= 0.0 {
         return Vec::new();
     }
     let step = 1.0 / (PER_LINE * travel);
@@ -147,7 +149,10 @@ fn samples(position: &[f64], residual: &[f64]) -> Vec<Sample> {
 fn power(samples: &[Sample], frequency: f64) -> f64 {
     let resolved = || samples.iter().filter(|own| own.step * frequency <= RESOLVED);
     let n = resolved().count() as f64;
-    let mean = resolved().map(|own| own.residual).sum::<f64>() / n.max(1.0);
+    if n < LEAST_SAMPLES as f64 {
+        return 0.0;
+    }
+    let mean = resolved().map(|own| own.residual).sum::<f64>() / n;
     let [mut s, mut c, mut ss, mut cc, mut sc, mut ys, mut yc] = [0.0; 7];
     for Sample { position: q, residual: r, .. } in resolved() {
         let (sine, cosine) = (TAU * frequency * q).sin_cos();
@@ -158,9 +163,6 @@ fn power(samples: &[Sample], frequency: f64) -> f64 {
         sc += sine * cosine;
         ys += (r - mean) * sine;
         yc += (r - mean) * cosine;
-    }
-    if n < 8.0 {
-        return 0.0;
     }
     let (ss, cc, sc) = (ss - s * s / n, cc - c * c / n, sc - s * c / n);
     let determinant = ss * cc - sc * sc;

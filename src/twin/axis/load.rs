@@ -21,6 +21,10 @@ const LEAST_PIECES: f64 = 2.0;
 const LEAST_SAMPLES: usize = 200;
 /// Steps of missing samples that are a pause.
 const PAUSE_STEPS: f64 = 10.0;
+/// Units of the input of a single axis: those of a force, or of what makes one.
+pub(in crate::twin) const INPUT_UNITS: &[&str] = &["N", "N m", "A", "V"];
+/// Units of its position.
+pub(in crate::twin) const POSITION_UNITS: &[&str] = &["m", "rad"];
 /// Fewest samples of a segment that is filtered by itself.
 const LEAST_SEGMENT: usize = 30;
 
@@ -204,11 +208,11 @@ fn segments(
 pub(in crate::twin) fn unit_of(recorded: &str, name: &str) -> Result<&'static str, AxisError> {
     let not_force =
         |what| AxisError::NotForce { name: name.to_owned(), what, unit: recorded.to_owned() };
+    let written = if recorded == "Nm" { "N m" } else { recorded };
+    if let Some(unit) = INPUT_UNITS.iter().find(|unit| **unit == written) {
+        return Ok(unit);
+    }
     match recorded {
-        "N" => Ok("N"),
-        "N m" | "Nm" => Ok("N m"),
-        "A" => Ok("A"),
-        "V" => Ok("V"),
         "m/s" | "rad/s" => Err(not_force("velocity")),
         "m" | "rad" => Err(not_force("position")),
         _ => Err(not_force("quantity of another unit")),
