@@ -26,6 +26,8 @@ mod diagram;
 pub mod document;
 mod drive;
 mod estimator;
+mod expression;
+mod file;
 mod first_order;
 mod gantry;
 mod impact;
@@ -37,10 +39,15 @@ pub use axis_scales::AxisScales;
 pub use block::Block;
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
-pub use drive::scan::{SCANS, Scan, periods};
+pub use drive::scan::{PhaseSeries, SCANS, Scan, periods};
+pub use expression::{
+    Coordinates, Definition, DefinitionError, Expression, ParameterDefinition, Place, Sign,
+    VARIABLES, define,
+};
+pub use file::{EffectsFileError, read_effects};
 pub(crate) use oscillator::Oscillator;
 pub use physics::{
-    Ball, Bristles, Carriage, Change, CrossMotion, Impact, LoopGains, Motion, Noise, Physics,
+    Ball, Bristles, Carriage, Change, CrossMotion, Impact, Law, LoopGains, Motion, Noise, Physics,
     Sample, Spring, Wall,
 };
 
@@ -378,6 +385,15 @@ impl Effect {
         self.null[0] == 0.0 && !shape.is_empty() && shape.iter().all(|null| *null != 0.0)
     }
 
+    /// Return whether a parameter only comes beside the effect: it is zero without it, and at every start of a search.
+    #[must_use]
+    pub fn is_optional(&self, parameter: usize) -> bool {
+        0 < parameter
+            && self.null[parameter] == 0.0
+            && !self.parameters[parameter].per_session
+            && self.probes.iter().all(|probe| probe[parameter] == 0.0)
+    }
+
     /// Index of the parameter that needs a global search.
     #[must_use]
     pub fn scanned_parameter(&self) -> Option<usize> {
@@ -402,6 +418,7 @@ pub static CATALOGUE: &[&Effect] = &[
     &drive::input_deadband::INPUT_DEADBAND,
     &drive::torque_speed::TORQUE_SPEED,
     &drive::slew::SLEW,
+    &drive::speed::SPEED,
     &drive::supply_sag::SUPPLY_SAG,
     &drive::coulomb::COULOMB,
     &drive::viscous::VISCOUS,
@@ -467,7 +484,8 @@ pub(crate) fn both<T>(mut of: impl FnMut(usize) -> T) -> [T; 2] {
 /// Find the effect called `name`.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static Effect> {
-    CATALOGUE.iter().copied().find(|effect| effect.name == name)
+    let built_in = CATALOGUE.iter().copied().find(|effect| effect.name == name);
+    built_in.or_else(|| expression::known(name))
 }
 
 #[cfg(test)]

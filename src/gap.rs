@@ -52,6 +52,7 @@ mod findings;
 mod fit;
 mod floor;
 mod incident;
+mod isolability;
 mod journal;
 mod known;
 mod locate;
@@ -70,6 +71,7 @@ mod screen;
 mod steady;
 mod tape;
 mod unknown;
+mod user_effects;
 mod verdict;
 mod whiten;
 
@@ -86,6 +88,7 @@ pub use findings::{
 pub use fit::{Fit, Uncertainty};
 pub use floor::{Floor, FloorSource};
 pub use incident::Incident;
+pub use isolability::{Confusion, Isolability, SignalShare, Signature, isolability};
 pub use journal::{JournalEntry, Move, MoveComparison, MoveKind};
 pub use numbers::ParameterEstimate;
 pub use observer::{SearchObserver, SearchStep};

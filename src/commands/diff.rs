@@ -1,7 +1,10 @@
 //! `klasktron diff`: effects and parameters in which two twins differ.
 
 use super::{Outcome, print};
-use klasktron::twin::{self, Change, ParameterDiff, TwinDiff};
+use klasktron::{
+    gap::significant,
+    twin::{self, Change, ParameterDiff, TwinDiff},
+};
 use std::path::PathBuf;
 
 /// Arguments of `klasktron diff`.
@@ -124,23 +127,10 @@ fn cells(name: &str, [before, after]: [String; 2], unit: &str, overlap: Option<b
 /// A value with its interval; `-` for none.
 fn number(value: Option<f64>, ci95: Option<[f64; 2]>) -> String {
     let Some(value) = value else { return "-".to_owned() };
-    let interval = ci95
-        .map_or_else(String::new, |[low, high]| format!(" ({} to {})", short(low), short(high)));
-    format!("{}{interval}", short(value))
-}
-
-/// Four significant digits, without an exponent where a person would write none.
-fn short(value: f64) -> String {
-    let size = value.abs();
-    if value == 0.0 || (1e-3..1e6).contains(&size) {
-        let digits = if value == 0.0 { 0 } else { (3 - size.log10().floor() as i32).clamp(0, 6) };
-        let text = format!("{value:.*}", usize::try_from(digits).unwrap_or(0));
-        if text.contains('.') {
-            return text.trim_end_matches('0').trim_end_matches('.').to_owned();
-        }
-        return text;
-    }
-    format!("{value:.3e}")
+    let interval = ci95.map_or_else(String::new, |[low, high]| {
+        format!(" ({} to {})", significant(low), significant(high))
+    });
+    format!("{}{interval}", significant(value))
 }
 
 #[cfg(test)]
@@ -159,19 +149,10 @@ mod tests {
         after.instances.push(Instance::new(delay, Axis::Motors, &[0.0083], Source::Fitted));
         let text = table(&TwinDiff::new(&before, &after));
         assert!(
-            text.contains("drive.delay on a+b: added\n  delay_s    -       0.0083  s"),
+            text.contains("drive.delay on a+b: added\n  delay_s    -       0.008300  s"),
             "{text}"
         );
         assert!(text.ends_with("effects: 1 added, 0 removed, 0 changed, 10 equal"), "{text}");
         assert_eq!(table(&TwinDiff::new(&before, &before)), "no difference in 10 effects");
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        assert_eq!(short(0.00123456), "0.001235");
-        assert_eq!(short(1234.56), "1235");
-        assert_eq!(short(2.0), "2");
-        assert_eq!(short(1e-5), "1.000e-5");
-        assert_eq!(short(0.0), "0");
     }
 }

@@ -1,13 +1,21 @@
 //! `klasktron effects`: the catalogue of physical effects.
 
-use super::{Outcome, print};
+use super::{Outcome, print, tell};
 use clap::builder::NonEmptyStringValueParser;
 use clap::builder::TypedValueParser as _;
-use klasktron::effects::{
-    self, CATALOGUE, Effect,
-    document::{DOMAINS, Document, capitalized, markdown, select, similar, symbols_in, title},
+use klasktron::{
+    effects::{
+        self, CATALOGUE, Effect,
+        document::{DOMAINS, Document, capitalized, markdown, select, similar, symbols_in, title},
+    },
+    gap::{self, Isolability, Signature, Task},
+    recording::Recording,
+    twin::{self, SessionOptions},
 };
-use std::fmt::Write as _;
+use std::{fmt::Write as _, path::PathBuf};
+
+/// Fraction of a squared signature from which a signal is listed.
+const LEAST_SHARE: f64 = 0.05;
 
 /// Arguments of `klasktron effects`.
 #[derive(Debug, clap::Args)]
@@ -15,12 +23,19 @@ use std::fmt::Write as _;
   klasktron effects
   klasktron effects drive.friction
   klasktron effects drive.backlash
+  klasktron effects --for circle.mcap ramp.mcap
   klasktron effects --json")]
 pub(crate) struct Args {
     /// Effect, or group of effects such as drive.friction [default: all effects by domain]
     #[arg(value_name = "NAME", value_parser = NonEmptyStringValueParser::new().try_map(known))]
     name: Option<String>,
-    /// Print the catalogue as one JSON document
+    /// Print which effects the motion of these recordings can show and separate, in which signals
+    #[arg(long = "for", value_name = "RECORDING", num_args = 1.., conflicts_with_all = ["name", "markdown", "diagram"])]
+    recordings: Vec<PathBuf>,
+    /// Twin of the machine of these recordings [default: the built-in one, calibrated on them]
+    #[arg(long, value_name = "FILE", requires = "recordings")]
+    twin: Option<PathBuf>,
+    /// Print one JSON document
     #[arg(long, conflicts_with_all = ["markdown", "diagram"])]
     json: bool,
     /// Print the page docs/effects.md
@@ -46,6 +61,9 @@ fn known(name: String) -> Result<String, String> {
 
 /// Run `klasktron effects`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    if !args.recordings.is_empty() {
+        return isolability(args);
+    }
     let chosen = args.name.as_deref().map_or_else(|| CATALOGUE.to_vec(), select);
     if args.markdown {
         print(markdown().trim_end())?;
@@ -59,6 +77,66 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&table(&chosen))?;
     }
     Ok(Outcome::Done)
+}
+
+/// What the recordings can show.
+fn isolability(args: &Args) -> anyhow::Result<Outcome> {
+    let start = args.twin.as_deref().map(twin::read_twin).transpose()?;
+    let recordings: Vec<Recording> =
+        args.recordings.iter().map(|path| Recording::open(path)).collect::<Result<_, _>>()?;
+    let sessions = twin::sessions_with(&recordings, &SessionOptions::default())?;
+    twin::check_machine(&sessions, start.as_ref())?;
+    let found = gap::find(&sessions, start.as_ref(), Task::Calibrate, gap::Context::default());
+    if found.outcomes.is_empty() {
+        tell(&found.document.summary);
+        return Ok(Outcome::Lossy);
+    }
+    let stages = gap::isolability(&found);
+    if args.json {
+        print(&serde_json::to_string_pretty(&stages)?)?;
+    } else {
+        stages.iter().try_for_each(|stage| print(stage_table(stage).trim_end()))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Effects of one stage: detectability, signals and what the motion does not separate; then what it does not show.
+fn stage_table(stage: &Isolability) -> String {
+    let recordings = match stage.recordings {
+        1 => "1 recording".to_owned(),
+        count => format!("{count} recordings"),
+    };
+    let mut text = format!("stage {} ({recordings} to fit)\n", stage.stage);
+    let (shown, hidden): (Vec<&Signature>, Vec<&Signature>) =
+        stage.effects.iter().partition(|own| own.is_detectable);
+    writeln!(text, "  {:<34}{:<10}{:>14}  signals", "effect", "location", "detectability").ok();
+    for own in shown {
+        let signals: Vec<String> = own
+            .signals
+            .iter()
+            .filter(|own| LEAST_SHARE <= own.fraction)
+            .map(|own| format!("{} {:.0} %", own.signal, 100.0 * own.fraction))
+            .collect();
+        let (name, place) = (own.effect, own.location.to_string());
+        let signals = signals.join(", ");
+        writeln!(text, "  {name:<34}{place:<10}{:>14.0}  {signals}", own.detectability).ok();
+        if !own.inseparable.is_empty() {
+            let others: Vec<String> = own
+                .inseparable
+                .iter()
+                .map(|other| {
+                    format!("{} on {} ({:.2})", other.effect, other.location, other.cosine)
+                })
+                .collect();
+            writeln!(text, "{:6}not separable from {}", "", others.join(", ")).ok();
+        }
+    }
+    for own in hidden {
+        let (name, place) = (own.effect, own.location.to_string());
+        writeln!(text, "  {name:<34}{place:<10}{:>14}  it needs {}", "not shown", own.excitation)
+            .ok();
+    }
+    text
 }
 
 /// Effects by domain, with description, parameters and signals.

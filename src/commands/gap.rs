@@ -19,7 +19,7 @@ use std::{
 };
 
 /// Files that `klasktron gap` writes.
-const FILES: [&str; 5] = ["gap.mcap", "index.html", "residuals.svg", "twin.json", "gap.json"];
+const FILES: [&str; 5] = ["gap.json", "twin.json", "index.html", "residuals.svg", "gap.mcap"];
 
 /// Arguments of `klasktron gap`.
 #[derive(Debug, clap::Args)]
@@ -116,6 +116,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         results.omit("twin.json");
     }
     write_outcome(&found, &provenance, &inputs, &sessions, &mut results)?;
+    let written = results.listed();
     results.finish()?;
     for warning in &found.document.warnings {
         tell(&format!("warning: {warning}"));
@@ -124,11 +125,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&serde_json::to_string_pretty(&found.document)?)?;
     } else {
         print(&summary(&found.document))?;
-        print(&format!(
-            "wrote gap.json, {}index.html and gap.mcap in {}",
-            if found.has_twin() { "twin.json, " } else { "" },
-            args.output.display()
-        ))?;
+        print(&format!("wrote {written} in {}", args.output.display()))?;
     }
     Ok(outcome(&found.document, &inputs))
 }

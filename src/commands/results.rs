@@ -83,6 +83,15 @@ impl Results {
         self.omitted.push(name.to_owned());
     }
 
+    /// Names of the results that are written, with "and" before the last one.
+    pub(crate) fn listed(&self) -> String {
+        match self.names.split_last() {
+            Some((last, [])) => last.clone(),
+            Some((last, first)) => format!("{} and {last}", first.join(", ")),
+            None => String::new(),
+        }
+    }
+
     /// Path at which the result called `name` is written.
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         debug_assert!(self.names.iter().any(|own| own == name), "{name} is not announced");

@@ -3,6 +3,7 @@
 use super::{note, terminal};
 use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
+    effects::{Effect, EffectsFileError, read_effects},
     gap::{
         Context, FAMILY_ERROR, FixedParameter, OptionError, SearchObserver, SearchOptions,
         SearchStep,
@@ -12,6 +13,7 @@ use klasktron::{
 };
 use std::{
     num::NonZeroUsize,
+    path::Path,
     sync::{Mutex, PoisonError},
     time::Duration,
 };
@@ -23,6 +25,9 @@ const TICK: Duration = Duration::from_millis(250);
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Search")]
 pub(crate) struct SearchArgs {
+    /// Search the effects that this TOML file defines as well, and before the options that name them (repeatable)
+    #[arg(long, value_name = "FILE", value_parser = parse_effects)]
+    effects: Vec<EffectsFile>,
     /// Search only this effect or group, such as drive.friction (repeatable); `calibrate` fits only these
     #[arg(long, value_name = "EFFECT", value_parser = parse_effect)]
     only: Vec<String>,
@@ -44,6 +49,17 @@ pub(crate) struct SearchArgs {
     /// Threads; the result does not depend on their number [default: one per core]
     #[arg(long, value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
+}
+
+/// File of effects that the user defined.
+#[derive(Debug, Clone)]
+struct EffectsFile {
+    path: String,
+    effects: Vec<&'static Effect>,
+}
+
+fn parse_effects(text: &str) -> Result<EffectsFile, EffectsFileError> {
+    Ok(EffectsFile { path: text.to_owned(), effects: read_effects(Path::new(text))? })
 }
 
 fn parse_effect(text: &str) -> Result<String, OptionError> {
@@ -68,13 +84,16 @@ impl SearchArgs {
         if let Some(threads) = self.threads {
             parallel::limit_threads(threads);
         }
-        let options = SearchOptions::default().select(&self.only, &self.exclude)?;
+        let defined = self.effects.iter().flat_map(|file| file.effects.iter().copied()).collect();
+        let options =
+            SearchOptions::default().with_effects(defined).select(&self.only, &self.exclude)?;
         Ok(options.fix(&self.fix, machine)?.with_family_error(self.alpha))
     }
 
     /// Options that decide the result, as typed.
     pub(super) fn words(&self) -> String {
         let mut words = Vec::new();
+        words.extend(self.effects.iter().map(|file| format!("--effects {}", file.path)));
         words.extend(self.only.iter().map(|name| format!("--only {name}")));
         words.extend(self.exclude.iter().map(|name| format!("--exclude {name}")));
         words.extend(self.fix.iter().map(|fixed| format!("--fix {fixed}")));

@@ -118,6 +118,10 @@ impl Effect {
     /// The effect with scales, bounds, start values and units of an axis. Name and physics stay.
     #[must_use]
     pub fn on_axis(&'static self, scales: &AxisScales) -> &'static Self {
+        // A user states sizes in the units of the axis already.
+        if self.definition().is_some() {
+            return self;
+        }
         let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, own)) = pool.iter().find(|(at, own)| at == scales && own.name == self.name)
         {

@@ -1,6 +1,6 @@
 //! Blocks of the measured chain, for the diagram of the catalogue.
 
-use super::{Domain, Effect, Noise, Physics};
+use super::{Domain, Effect, Noise, Physics, Place};
 
 /// Block of the measured chain in which effects act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -52,7 +52,9 @@ impl Block {
     #[must_use]
     pub fn of(effect: &Effect) -> Self {
         match effect.physics.equations()[0] {
-            Physics::CommandDelay(_) | Physics::Command(_) => Self::Command,
+            Physics::CommandDelay(_)
+            | Physics::Command(_)
+            | Physics::Expression(Place::Input, _) => Self::Command,
             Physics::Ramp(_)
             | Physics::VelocityLoop(_)
             | Physics::Effort(_)
@@ -61,17 +63,16 @@ impl Block {
             Physics::Force(_)
             | Physics::Friction(_)
             | Physics::Bristles(_)
-            | Physics::Inertia(_) => {
-                if effect.domain == Domain::Gantry {
-                    Self::Gantry
-                } else {
-                    Self::Friction
-                }
+            | Physics::Inertia(_)
+            | Physics::Expression(Place::Force | Place::Friction, _) => {
+                if effect.domain == Domain::Gantry { Self::Gantry } else { Self::Friction }
             }
             Physics::Backlash(_) | Physics::Transmission(_) => Self::Transmission,
             Physics::Frame(_) => Self::Geometry,
             Physics::Coupling(_) | Physics::Reaction(_) => Self::Coupling,
-            Physics::Encoder(_) | Physics::Noise(Noise::EncoderStep) => Self::Encoder,
+            Physics::Encoder(_)
+            | Physics::Noise(Noise::EncoderStep)
+            | Physics::Expression(Place::Output, _) => Self::Encoder,
             Physics::Camera(_) | Physics::CameraDelay(_) | Physics::Noise(_) => Self::Camera,
             Physics::Estimator(_) => Self::Estimator,
             Physics::Roll(_) | Physics::Resistance(_) | Physics::Slide(_) | Physics::Launch(_) => {

@@ -19,6 +19,7 @@ pub(super) mod ripple_motor;
 pub(super) mod ripple_pulley;
 pub(super) mod scan;
 pub(super) mod slew;
+pub(super) mod speed;
 pub(super) mod stribeck;
 pub(super) mod supply_sag;
 pub(super) mod thermal_drift;

@@ -1,5 +1,7 @@
 //! Equations of the effects: where each acts in the measured chain, and the state that it receives.
 
+use super::expression::{Expression, Place};
+
 /// State of the perpendicular coordinate.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CrossMotion {
@@ -20,6 +22,13 @@ pub struct Motion {
     pub index: usize,
     /// Time since the session began (s).
     pub time: f64,
+    /// Time at which the run began, since the session began (s).
+    pub run_start_time: f64,
+    /// How far the measured position is ahead of `position` (m): a simulated position drifts by more than the period of
+    /// a ripple, which follows the rotor. Zero where nothing was measured.
+    pub measured_ahead: f64,
+    /// Position as it was recorded at which `position` is zero (m).
+    pub position_origin: f64,
     /// Length of the step (s).
     pub dt: f64,
     /// Position (m).
@@ -34,6 +43,14 @@ pub struct Motion {
     pub mass: f64,
     /// The perpendicular coordinate: b for a, y for x, and vice versa.
     pub other: CrossMotion,
+}
+
+impl Motion {
+    /// Position on which the phase of a ripple depends (m): the measured one where there is one.
+    #[must_use]
+    pub fn phase_position(&self) -> f64 {
+        self.position + self.measured_ahead
+    }
 }
 
 /// Bristle model of the dry friction that elastic contacts carry (LuGre).
@@ -296,8 +313,55 @@ pub enum Physics {
     Estimator(fn(p: &[f64], m: &mut [f64], sample: &Sample) -> f64),
     /// Change of the noise.
     Noise(Noise),
+    /// Expression of a user at its place.
+    Expression(Place, &'static Expression),
     /// Two equations at two places of the chain with the same parameters.
     Both(&'static [Self; 2]),
+}
+
+/// Function of the catalogue, or expression of a user, at one place of the chain.
+#[derive(Debug, Clone, Copy)]
+pub enum Law<F> {
+    /// Function.
+    Function(F),
+    /// Expression.
+    Expression(&'static Expression),
+    /// Expression of the level of a friction.
+    Level(&'static Expression),
+}
+
+impl Law<fn(&[f64], &mut [f64], &Motion) -> f64> {
+    /// Force or level of friction (N) with the parameters `p` and the memory `m`.
+    #[inline]
+    pub fn at(&self, p: &[f64], m: &mut [f64], motion: &Motion) -> f64 {
+        match self {
+            Self::Function(call) => call(p, m, motion),
+            Self::Expression(expression) => expression.value(p, motion),
+            Self::Level(expression) => expression.level(p, motion),
+        }
+    }
+}
+
+impl Law<fn(&[f64], &mut [f64], f64, f64) -> f64> {
+    /// What becomes of a `command` over `dt` seconds with the parameters `p` and the memory `m`.
+    #[inline]
+    pub fn at(&self, p: &[f64], m: &mut [f64], command: f64, dt: f64) -> f64 {
+        match self {
+            Self::Function(call) => call(p, m, command, dt),
+            Self::Expression(own) | Self::Level(own) => own.of_value(p, command),
+        }
+    }
+}
+
+impl Law<fn(&[f64], f64) -> f64> {
+    /// What is reported of a `position` with the parameters `p`.
+    #[inline]
+    pub fn at(&self, p: &[f64], position: f64) -> f64 {
+        match self {
+            Self::Function(call) => call(p, position),
+            Self::Expression(own) | Self::Level(own) => own.of_value(p, position),
+        }
+    }
 }
 
 impl Physics {

@@ -6,7 +6,7 @@ use super::{findings::Verdict, problem};
 use crate::{
     gantry::belts,
     recording::Split,
-    twin::{CameraStage, DriveStage, Output, Session, Stage, Twin},
+    twin::{CameraStage, Channel, DriveStage, Output, Session, Stage, Twin},
 };
 use std::ops::Range;
 
@@ -191,24 +191,31 @@ pub(super) fn check_twin(twin: &Twin, sessions: &[Session]) -> Option<Objection>
     sessions.iter().flat_map(Session::stages).find_map(|stage| {
         let signals = silent(twin, stage)?;
         let says = format!(
-            "the twin predicts no finite {signals}: with its numbers the simulation diverges; calibrate it anew \
+            "the twin predicts no finite {signals} for most of the recording: with its numbers the simulation diverges; calibrate it anew \
              with `klasktron calibrate`, or start without --twin"
         );
         objection(Verdict::NotTestable, says)
     })
 }
 
-/// The signals of `stage`, where something of it was measured and the twin predicts none of that.
+/// Fraction of the samples that the built-in twin predicts, below which another twin diverges.
+const LEAST_PREDICTED: f64 = 0.5;
+
+/// The signals of `stage`, where the twin predicts few of the samples that the built-in one predicts.
 fn silent(twin: &Twin, stage: &dyn Stage) -> Option<String> {
-    let predicted = problem::predict(stage, twin, &problem::starts(stage));
-    let (mut measured, mut compared) = (0, 0);
-    for (channel, values) in stage.channels().iter().zip(&predicted) {
-        let finite = channel.measured.iter().zip(values).filter(|(own, _)| own.is_finite());
-        let predicted = finite.clone().filter(|(_, value)| value.is_finite());
-        (measured, compared) = (measured + finite.count(), compared + predicted.count());
-    }
+    let compared = |twin: &Twin| -> usize {
+        let predicted = problem::predict(stage, twin, &problem::starts(stage));
+        let channels = stage.channels().iter().zip(&predicted);
+        let finite = |(channel, values): (&Channel, &Vec<f64>)| {
+            let pairs = channel.measured.iter().zip(values);
+            pairs.filter(|(own, value)| own.is_finite() && value.is_finite()).count()
+        };
+        channels.map(finite).sum()
+    };
+    let possible = compared(&Twin::nominal(twin.machine));
     let names: Vec<&str> = stage.channels().iter().map(|channel| channel.signal.as_str()).collect();
-    (0 < measured && compared == 0).then(|| names.join(", "))
+    let diverges = (compared(twin) as f64) < LEAST_PREDICTED * possible as f64;
+    diverges.then(|| names.join(", "))
 }
 
 /// Why nothing may be said, if the motors of all training sessions together were driven in one direction.

@@ -155,6 +155,7 @@ fn listed(effects: &[&'static Effect]) -> String {
     let names: Vec<&str> = effects.iter().take(MOST_NAMES).map(|effect| effect.name).collect();
     match effects.len().saturating_sub(MOST_NAMES) {
         0 => names.join(", "),
+        1 => format!("{} and 1 more effect", names.join(", ")),
         more => format!("{} and {more} more effects", names.join(", ")),
     }
 }

@@ -10,7 +10,7 @@ use super::{
     known,
     options::Context,
     rounds::{self, Held, Link, Outcome, Task},
-    scatter,
+    scatter, user_effects,
 };
 use crate::{
     effects::{CATALOGUE, Effect, Physics},
@@ -114,7 +114,7 @@ pub fn find<'a>(
             known::note_discrepancy(&mut twin, outcome);
         }
     }
-    let unseen = unseen(sessions, &start);
+    let unseen = unseen(sessions, &start, context);
     let material = Material {
         sessions,
         start: &start,
@@ -124,7 +124,11 @@ pub fn find<'a>(
         floors: &floors,
         unseen: &unseen,
     };
-    let document = document::document(&material, journal);
+    let mut document = document::document(&material, journal);
+    document.warnings.extend(context.options.defined().iter().filter_map(|effect| {
+        let stages = sessions.iter().flat_map(Session::stages);
+        user_effects::objection(effect, start.machine, stages)
+    }));
     Found { document, twin, outcomes, floors }
 }
 
@@ -248,7 +252,7 @@ fn link_of<'a>(
             _ => Vec::new(),
         },
         held: match kind {
-            StageKind::Camera => before.iter().flat_map(widths).collect(),
+            StageKind::Camera => before.iter().flat_map(determined).collect(),
             _ => Vec::new(),
         },
         // What an effect of the pieces is off grows along a whole roll; they say whether more is there.
@@ -258,15 +262,13 @@ fn link_of<'a>(
     }
 }
 
-/// Numbers of plays at motors that a link has determined: motors feel when they meet their load, and the camera only
-/// sees how far it lags, which other things change as well.
-fn widths(outcome: &Outcome<'_>) -> Vec<Held> {
+/// Parameters that a link has determined. Motors feel a soft belt or a backlash, and the camera only sees how far the
+/// striker lags, which other effects change as well.
+fn determined(outcome: &Outcome<'_>) -> Vec<Held> {
     let twin = &outcome.last.point.twin;
     let fitted = outcome.last.slots.iter().zip(&outcome.uncertainty.undetermined);
     fitted
-        .filter(|(slot, is_undetermined)| {
-            twin.instances[slot.instance].rattles() && !**is_undetermined
-        })
+        .filter(|(_, is_undetermined)| !**is_undetermined)
         .map(|(slot, _)| Held::of(twin, *slot))
         .collect()
 }
@@ -389,7 +391,7 @@ fn note_residuals(twin: &mut Twin, outcome: &Outcome<'_>, task: Task) {
 }
 
 /// Effects that no link of these recordings shows, whatever the motion: what takes a camera, where there was none.
-fn unseen(sessions: &[Session], start: &Twin) -> Vec<&'static Effect> {
+fn unseen(sessions: &[Session], start: &Twin, context: Context<'_>) -> Vec<&'static Effect> {
     let stages: Vec<&dyn Stage> = sessions.iter().flat_map(Session::stages).collect();
     let is_shown = |effect: &Effect| match effect.physics {
         Physics::Noise(_) => stages.iter().any(|stage| stage.kind() == StageKind::Camera),
@@ -397,7 +399,7 @@ fn unseen(sessions: &[Session], start: &Twin) -> Vec<&'static Effect> {
     };
     let is_known = |effect: &Effect| start.instances.iter().any(|own| own.effect == effect);
     let is_possible = |effect: &Effect| !start.machine.axes(effect.site).is_empty();
-    let all = CATALOGUE.iter().copied();
+    let all = CATALOGUE.iter().chain(context.options.defined()).copied();
     all.filter(|effect| start.machine == Machine::Table && is_possible(effect))
         .filter(|effect| !is_shown(effect) && !is_known(effect))
         .collect()

@@ -141,6 +141,8 @@ impl FixedParameter {
 /// Options of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SearchOptions {
+    /// Effects of the user, which are candidates beside those of the catalogue.
+    defined: Vec<&'static Effect>,
     /// Selected effects; `None` for all.
     selected: Option<Vec<&'static Effect>>,
     fixed: Vec<FixedParameter>,
@@ -148,8 +150,12 @@ pub struct SearchOptions {
 }
 
 /// Options without any choice.
-static PLAIN: SearchOptions =
-    SearchOptions { selected: None, fixed: Vec::new(), family_error: FAMILY_ERROR };
+static PLAIN: SearchOptions = SearchOptions {
+    defined: Vec::new(),
+    selected: None,
+    fixed: Vec::new(),
+    family_error: FAMILY_ERROR,
+};
 
 impl Default for SearchOptions {
     fn default() -> Self {
@@ -158,6 +164,25 @@ impl Default for SearchOptions {
 }
 
 impl SearchOptions {
+    /// Add effects that the user [defined](effects::define) to the candidates; before [`select`](Self::select).
+    #[must_use]
+    pub fn with_effects(mut self, defined: Vec<&'static Effect>) -> Self {
+        self.defined = defined;
+        self
+    }
+
+    /// Effects of the user.
+    #[must_use]
+    pub fn defined(&self) -> &[&'static Effect] {
+        &self.defined
+    }
+
+    /// The catalogue and the effects of the user, without what is not selected.
+    pub(super) fn candidates(&self) -> impl Iterator<Item = &'static Effect> {
+        let all = CATALOGUE.iter().chain(&self.defined).copied();
+        all.filter(|effect| self.selects(effect))
+    }
+
     /// Select the effects in `only` (all, if it is empty) that are not in `exclude`. A name is that of an effect, or of
     /// a group such as `drive.friction`. Only selected effects are added by [`Task::CloseGap`](super::Task::CloseGap),
     /// and only their parameters are fitted by [`Task::Calibrate`](super::Task::Calibrate).
@@ -176,7 +201,7 @@ impl SearchOptions {
             (only.is_empty() || only.contains(effect)) && !exclude.contains(effect)
         };
         let selected: Vec<&'static Effect> =
-            CATALOGUE.iter().copied().filter(is_selected).collect();
+            CATALOGUE.iter().chain(&self.defined).copied().filter(is_selected).collect();
         if selected.is_empty() {
             return Err(OptionError::NothingLeft);
         }
@@ -253,7 +278,10 @@ fn group(name: &str) -> Result<Vec<&'static Effect>, OptionError> {
             || effect.name.strip_prefix(name).is_some_and(|rest| rest.starts_with('.'))
     };
     let found: Vec<&'static Effect> = CATALOGUE.iter().copied().filter(is_in).collect();
-    if found.is_empty() { Err(unknown(name)) } else { Ok(found) }
+    if !found.is_empty() {
+        return Ok(found);
+    }
+    effects::find(name).map(|own| vec![own]).ok_or_else(|| unknown(name))
 }
 
 fn unknown(name: &str) -> OptionError {

@@ -5,7 +5,7 @@ use super::{
     direct,
     evidence::{Amplitude, Blocks, LogScoreGain},
     fit::{self, Fit},
-    known::{BESIDE_NAMED, Worth},
+    known::Worth,
     observer::SearchStep,
     problem::{Point, Problem, dot},
     rounds::{Added, Contestant, LEVEL, Reason, Rejected, is_in, known_on_bound},
@@ -61,13 +61,16 @@ const IN_ONE_SIGNAL: f64 = 4.0;
 
 /// Length of an effect's column at its largest plausible size, or at its usual one where it is not seen, in whitened
 /// standard deviations, below which this motion cannot show it: what a test at one in 10,000 can just see.
-const VISIBLE: f64 = 5.0;
+pub(super) const VISIBLE: f64 = 5.0;
 
 /// So many probes of an effect say that its size has no slope.
 const MANY_PROBES: usize = 6;
 
 /// Places at which an effect that sits in one is fitted beside the place to which the screen leads.
 const OTHER_PLACES: usize = 3;
+
+/// Iterations of a fit of an effect without some of its parameters.
+const PARTS_ITERATIONS: usize = 12;
 
 /// Share of the squared error by which a start must change it to do anything at all.
 const IDLE: f64 = 1e-9;
@@ -608,26 +611,43 @@ impl<'a, 'b> Bench<'a, 'b> {
     }
 
     /// Whether what makes the effect is hardly needed beside the numbers that shape it: with its size at nothing the
-    /// sessions are explained nearly as well, and it is another effect that they show.
+    /// others explain most of what it explains, and it is another effect that the sessions show.
     fn is_as_good_without_size(&self, trial: &Trial) -> bool {
-        let mut twin = trial.fit.point.twin.clone();
-        let size = slots_of_last(&twin).into_iter().next();
-        let Some(size) = size.filter(|_| trial.candidate.effect.has_shape_parameters()) else {
-            return false;
-        };
-        twin.set(size, 0.0);
+        let size = slots_of_last(&trial.fit.point.twin).into_iter().next();
+        match size.filter(|_| trial.candidate.effect.has_shape_parameters()) {
+            Some(size) => !self.carry_most(trial, &[size]),
+            None => false,
+        }
+    }
+
+    /// Whether a number that comes beside the effect, such as the friction of a striker on a soft magnet, carries most
+    /// of what the effect explains: then it is another effect that the sessions show.
+    fn is_carried_by_option(&self, trial: &Trial) -> bool {
+        let (twin, effect) = (&trial.fit.point.twin, trial.candidate.effect);
+        let is_used = |slot: &Slot| effect.is_optional(slot.parameter) && twin.get(*slot) != 0.0;
+        let optional: Vec<Slot> = slots_of_last(twin).into_iter().filter(is_used).collect();
+        !optional.is_empty() && self.carry_most(trial, &optional)
+    }
+
+    /// Whether most of what `trial` explains is lost without `parts` of its effect, when the others are fitted again.
+    fn carry_most(&self, trial: &Trial, parts: &[Slot]) -> bool {
+        let mut point = trial.fit.point.clone();
+        parts.iter().for_each(|slot| point.twin.set(*slot, 0.0));
+        let others: Vec<Slot> =
+            trial.fit.slots.iter().copied().filter(|slot| !parts.contains(slot)).collect();
+        let again = fit::fit(self.train, point, &others, self.filters, PARTS_ITERATIONS);
+        let twin = again.point.twin;
         let needs = |problem: &Problem<'_>, base: &[f64], with: &[f64]| {
             let point = fit::on(problem, &twin, self.filters);
             let without = problem.whitened(&point, self.filters);
             let removes = |rows: &[f64]| 1.0 - fit::squared(rows) / fit::squared(base);
-            let shape = removes(&without).max(0.0);
-            is_in(&without, with, &problem.blocks())
-                && BESIDE_NAMED * shape <= removes(with) - shape
+            let rest = removes(&without).max(0.0);
+            is_in(&without, with, &problem.blocks()) && rest <= removes(with) - rest
         };
         let held_out = self.held_out;
         let on_held_out =
             held_out.parts.is_empty() || needs(held_out, &self.base_held_rows, &trial.held_rows);
-        !(on_held_out && needs(self.train, &self.base_train_rows, &trial.train_rows))
+        on_held_out && needs(self.train, &self.base_train_rows, &trial.train_rows)
     }
 
     /// Whether what the effect does is rather in proportion to the speed, beside what its physics says.
@@ -671,7 +691,7 @@ impl<'a, 'b> Bench<'a, 'b> {
                 false => Reason::NotSignificant,
             });
         }
-        if self.is_as_good_without_size(trial) {
+        if self.is_as_good_without_size(trial) || self.is_carried_by_option(trial) {
             return Some(Reason::NotSignificant);
         }
         if self.held_out.parts.is_empty() {
@@ -746,13 +766,16 @@ impl<'a, 'b> Bench<'a, 'b> {
                 || self.is_rival(best, other)
                 || *numbers < free && self.is_nearly_as_good(best, other)
         };
-        let complexity =
-            |(own, needed): &Counted<'_>| (*needed, own.candidate.effect.parameters.len());
+        let complexity = |(own, needed): &Counted<'_>| {
+            let effect = own.candidate.effect;
+            let all = 0..effect.parameters.len();
+            (*needed, all.filter(|parameter| !effect.is_optional(*parameter)).count())
+        };
         passed.iter().copied().filter(stands).min_by_key(complexity)
     }
 
     /// How many numbers of the effect do something that is beyond chance: a spring that does not soften has no length
-    /// at which it does.
+    /// at which it does. Numbers that only come beside the effect do not count.
     fn free_numbers(&self, trial: &Trial) -> usize {
         let change = apart(&self.base_train_rows, &trial.train_rows);
         let does_something = |slot: &Slot| {
@@ -762,7 +785,9 @@ impl<'a, 'b> Bench<'a, 'b> {
             SAME_PREDICTION * change <= apart(&without, &trial.train_rows)
                 && is_in(&without, &trial.train_rows, &self.train.blocks())
         };
-        slots_of_last(&trial.fit.point.twin).iter().filter(|slot| does_something(slot)).count()
+        let effect = trial.candidate.effect;
+        let own = slots_of_last(&trial.fit.point.twin).into_iter();
+        own.filter(|slot| !effect.is_optional(slot.parameter) && does_something(slot)).count()
     }
 
     /// Whether `other` describes the same joint of the chain as `own`, may be confused with it, changes the prediction

@@ -12,10 +12,11 @@ use super::{
     fit::{Fit, Normal},
     observer::SearchStep,
     problem::{Evaluated, Linear, Problem, dot},
+    user_effects,
     whiten::Filters,
 };
 use crate::{
-    effects::{Axis, CATALOGUE, Effect, SCANS},
+    effects::{Axis, Effect, SCANS},
     twin::{Instance, Machine, Source, Twin},
 };
 use std::mem;
@@ -101,7 +102,7 @@ pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> V
                 Some(probe) => vec![probe],
                 // What is on one axis already, or exists on single axes only, was not tried yet.
                 None if !best.iter().any(|other| other.effect == *effect) => {
-                    effect.probes.iter().map(|probe| probe.to_vec()).collect()
+                    probes(problem, &linear_residual, found.point.twin.machine, effect)
                 }
                 None => Vec::new(),
             };
@@ -127,9 +128,8 @@ fn probes(
     else {
         return listed;
     };
-    let Some(regressor) = part.stage.regressor(scan.regressor) else { return listed };
-    let residual = residual.first().map_or(&[][..], Vec::as_slice);
-    let proposed: Vec<Vec<f64>> = (scan.propose)(&regressor, residual, longest_period(machine))
+    let series = part.stage.phase_series(residual);
+    let proposed: Vec<Vec<f64>> = (scan.propose)(&series, longest_period(machine))
         .into_iter()
         .map(|value| {
             let mut probe = first.clone();
@@ -216,7 +216,7 @@ impl Screen<'_, '_> {
 }
 
 /// How many times larger than at `probe` the effect can plausibly be.
-fn reach(effect: &Effect, probe: &[f64]) -> f64 {
+pub(super) fn reach(effect: &Effect, probe: &[f64]) -> f64 {
     let (low, high) = effect.parameters[0].plausible;
     let null = effect.null[0];
     let away = (probe[0] - null).abs();
@@ -279,8 +279,9 @@ pub(super) fn is_shared(axis: Axis) -> bool {
 /// Effect and axis of everything to try.
 pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
     let mut pairs = Vec::new();
-    for effect in CATALOGUE {
-        if effect.is_noise() || !problem.context.options.selects(effect) {
+    for effect in problem.context.options.candidates() {
+        let stages = problem.parts.iter().map(|part| part.stage);
+        if effect.is_noise() || user_effects::objection(effect, twin.machine, stages).is_some() {
             continue;
         }
         for axis in twin.machine.axes(effect.site) {
@@ -414,6 +415,22 @@ impl Tested {
     }
 }
 
+/// Takes out of `column` what nuisances and known parameters imitate.
+pub(super) fn beyond_known(linear: &Linear, normal: &Normal, column: &mut [f64]) {
+    linear.take_nuisances_from(column);
+    beyond_parameters(linear, normal, column);
+}
+
+/// Takes out of `column` what known parameters imitate, and returns how far they would move.
+fn beyond_parameters(linear: &Linear, normal: &Normal, column: &mut [f64]) -> Vec<f64> {
+    let products: Vec<f64> = linear.columns.iter().map(|known| dot(known, column)).collect();
+    let weights = normal.solve(&products);
+    for (known, weight) in linear.columns.iter().zip(&weights) {
+        column.iter_mut().zip(known).for_each(|(value, known)| *value -= weight * known);
+    }
+    weights
+}
+
 /// Tests the columns of one probe: the first is all parameters together, then each alone.
 fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) -> Tested {
     let mut original = Vec::with_capacity(own.len());
@@ -421,12 +438,7 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
     for column in &mut own {
         linear.take_nuisances_from(column);
         original.push(dot(column, column));
-        let products: Vec<f64> = linear.columns.iter().map(|known| dot(known, column)).collect();
-        let weights = normal.solve(&products);
-        for (known, weight) in linear.columns.iter().zip(&weights) {
-            column.iter_mut().zip(known).for_each(|(value, known)| *value -= weight * known);
-        }
-        imitating.push(weights);
+        imitating.push(beyond_parameters(linear, normal, column));
     }
     // Each parameter is an amplitude of its own where each alone does something.
     let amplitudes = 1 < own.len() && original[1..].iter().all(|size| 1e-12 < *size);

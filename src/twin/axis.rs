@@ -260,12 +260,20 @@ impl AxisStage {
         [within, square]
     }
 
+    /// When the segment of a sample began (s).
+    fn run_start_time(&self, index: usize) -> f64 {
+        let begins = self.segments.partition_point(|own| own.start <= index);
+        begins.checked_sub(1).map_or(0.0, |own| self.time(self.segments[own].start))
+    }
+
     /// The measured motion at one sample, with the position from `origin`; `force` is the input as it was measured.
     fn motion(&self, index: usize, origin: f64) -> Motion {
         Motion {
             time: self.time(index),
+            run_start_time: self.run_start_time(index),
             dt: self.dt,
             position: self.position[index] - origin,
+            position_origin: origin,
             velocity: self.velocity[index],
             acceleration: self.acceleration[index],
             force: self.input[index],

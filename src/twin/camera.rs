@@ -3,7 +3,7 @@
 use super::{
     Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, noise::FrameLosses, plant::Part,
 };
-use crate::effects::{Carriage, Effect, Physics, both};
+use crate::effects::{Carriage, Effect, Physics, Place, both};
 
 /// Step of a march along the measured path (s).
 pub(super) const STEP: f64 = 1e-3;
@@ -90,6 +90,7 @@ impl Stage for CameraStage {
                 equation,
                 Physics::Backlash(_)
                     | Physics::Encoder(_)
+                    | Physics::Expression(Place::Output, _)
                     | Physics::Frame(_)
                     | Physics::Coupling(_)
                     | Physics::Camera(_)

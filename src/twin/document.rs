@@ -6,7 +6,7 @@ use super::{
     axis::{INPUT_UNITS, POSITION_UNITS},
 };
 use crate::{
-    effects::{self, Axis, AxisScales},
+    effects::{self, Axis, AxisScales, Definition, DefinitionError},
     recording::{ExistingFile, RecordingError, write_bytes},
 };
 use serde::{Deserialize, Serialize};
@@ -68,6 +68,14 @@ pub enum TwinError {
         /// The name.
         name: String,
     },
+    /// A definition of an effect of the user is wrong.
+    #[error("{path}: defined_effects: {source}")]
+    Definition {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        source: DefinitionError,
+    },
     /// A unit that an axis cannot have.
     #[error("{path}: {key} is '{found}'; known are {known}")]
     Unit {
@@ -104,6 +112,9 @@ struct Document {
     controller_reference_mass_kg: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     axis: Option<AxisEntry>,
+    /// Definitions of the effects of the user among the effects.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    defined_effects: Vec<Definition>,
     effects: Vec<EffectEntry>,
     #[serde(default)]
     reference_residuals: Vec<ReferenceResidual>,
@@ -207,6 +218,17 @@ struct ParameterEntry {
     ci95: Option<[f64; 2]>,
 }
 
+/// Definitions of the effects of the user in `twin`, each once.
+fn defined_effects(twin: &Twin) -> Vec<Definition> {
+    let mut definitions: Vec<Definition> = Vec::new();
+    for own in twin.instances.iter().filter_map(|instance| instance.effect.definition()) {
+        if !definitions.contains(own) {
+            definitions.push(own.clone());
+        }
+    }
+    definitions
+}
+
 impl Document {
     fn of(twin: &Twin) -> Self {
         let effects = twin
@@ -238,6 +260,7 @@ impl Document {
             belt_metres_per_turn: twin.belt_metres_per_turn,
             controller_reference_mass_kg: twin.controller_reference_mass,
             axis: twin.axis_frame.as_ref().map(AxisEntry::of),
+            defined_effects: defined_effects(twin),
             effects,
             reference_residuals: twin.reference_residuals.clone(),
             discrepancy: twin.discrepancy.clone(),
@@ -264,6 +287,10 @@ impl Document {
     fn into_twin(self, path: &str) -> Result<Twin, TwinError> {
         self.check(path)?;
         let axis_frame = self.axis.as_ref().map(|own| own.frame(path)).transpose()?;
+        for definition in &self.defined_effects {
+            effects::define(definition)
+                .map_err(|source| TwinError::Definition { path: path.to_owned(), source })?;
+        }
         let instances = self
             .effects
             .into_iter()

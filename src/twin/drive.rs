@@ -2,9 +2,9 @@
 
 mod march;
 
-use super::{Channel, Plant, Stage, StageKind, Twin, plant};
+use super::{Channel, MeasuredPath, Plant, Stage, StageKind, Twin, plant};
 use crate::{
-    effects::{Axis, Effect, both},
+    effects::{Axis, Effect, PhaseSeries, both},
     gantry::belts,
 };
 use march::Job;
@@ -29,6 +29,8 @@ pub struct DriveStage {
     pub channels: Vec<Channel>,
     /// Which output each channel is.
     pub outputs: Vec<Output>,
+    /// Measured path of the carriage, by its motors; `None` where nothing was measured.
+    pub path: Option<MeasuredPath>,
 }
 
 /// The measured state at the start of a run.
@@ -55,6 +57,15 @@ pub enum Output {
     Velocity(usize),
     /// Torque of a motor.
     Torque(usize),
+}
+
+impl Output {
+    /// Index of the motor.
+    fn motor(self) -> usize {
+        match self {
+            Self::Position(motor) | Self::Velocity(motor) | Self::Torque(motor) => motor,
+        }
+    }
 }
 
 impl Stage for DriveStage {
@@ -99,6 +110,19 @@ impl Stage for DriveStage {
         march::side_by_side(self, soft);
         march::side_by_side(self, rigid);
         true
+    }
+
+    fn phase_series(&self, residual: &[Vec<f64>]) -> Vec<PhaseSeries> {
+        let Some(path) = &self.path else { return Vec::new() };
+        let channels = self.channels.iter().zip(&self.outputs).zip(residual);
+        let of = |((channel, output), residual): ((&Channel, &Output), &Vec<f64>)| {
+            let mut cursor = 0;
+            let mut at = |time: &f64| belts(path.carriage(*time, 0.0, 0.0, &mut cursor).position);
+            let motor = output.motor();
+            let position = channel.times.iter().map(|time| at(time)[motor]).collect();
+            PhaseSeries { position, residual: residual.clone(), is_filtered: false }.by_direction()
+        };
+        channels.flat_map(of).collect()
     }
 
     fn lot(&self, twin: &Twin) -> usize {
@@ -354,6 +378,7 @@ mod tests {
             }],
             channels: vec![channel("velocity", times), channel("torque", times)],
             outputs: vec![Output::Velocity(motor), Output::Torque(motor)],
+            path: None,
         };
         let mut predicted = vec![vec![0.0; times.len()]; 2];
         stage.predict(twin, &[], &mut predicted);

@@ -1,13 +1,14 @@
 //! Carriage to striker: encoders, play, geometry of the gantry, magnet.
 
-use super::{Instance, Twin, plant::Part};
+use super::{Instance, Twin, plant::Part, transmission};
 use crate::{
-    effects::{Carriage, Motion, Physics, both},
+    effects::{Carriage, Law, Motion, Physics, Place, Spring, both},
     gantry::{belts, rails},
 };
 
 type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
-type EncoderPart = Part<fn(&[f64], f64) -> f64>;
+type LoadPart = Part<Law<fn(&[f64], &mut [f64], &Motion) -> f64>>;
+type EncoderPart = Part<Law<fn(&[f64], f64) -> f64>>;
 type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
 type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
 
@@ -29,8 +30,14 @@ pub struct Linkage {
     frames: Vec<FramePart>,
     couplings: Vec<CouplingPart>,
     mass: [f64; 2],
+    /// Forces and levels of friction on each rail, which the belts transmit as well.
+    loads: [Vec<LoadPart>; 2],
+    rubs: [Vec<LoadPart>; 2],
     memory: usize,
 }
+
+/// Speed below which the direction of friction is not known (m/s).
+const RESTING: f64 = 2e-3;
 
 impl Linkage {
     /// The linkage of the instances in `twin` that act between carriage and striker.
@@ -43,6 +50,8 @@ impl Linkage {
             frames: Vec::new(),
             couplings: Vec::new(),
             mass: [0.0; 2],
+            loads: [Vec::new(), Vec::new()],
+            rubs: [Vec::new(), Vec::new()],
             memory: 0,
         };
         for instance in &twin.instances {
@@ -50,10 +59,25 @@ impl Linkage {
                 linkage.add(instance, *equation);
             }
         }
+        linkage.leave_rotors_out(twin);
         if places == Places::True {
             linkage.encoders = [Vec::new(), Vec::new()];
         }
         linkage
+    }
+
+    /// Rotors are on the motors' side of soft belts: no belt transmits the force that moves them.
+    fn leave_rotors_out(&mut self, twin: &Twin) {
+        let springs = both(|motor| {
+            let own =
+                twin.instances.iter().filter(|own| own.axis.is_motor() && own.axis.covers(motor));
+            own.filter_map(Instance::spring).reduce(Spring::in_series)
+        });
+        if let Some([a, b]) = transmission::ties(springs) {
+            let rotors = a.motor_mass + b.motor_mass;
+            let share = transmission::rotor_share(self.mass, rotors);
+            self.mass = self.mass.map(|mass| mass - share * rotors);
+        }
     }
 
     fn add(&mut self, instance: &Instance, equation: Physics) {
@@ -62,6 +86,11 @@ impl Linkage {
         let covered = (0..2).filter(|index| axis.covers(*index));
         match equation {
             Physics::Encoder(call) => {
+                let call = Law::Function(call);
+                covered.for_each(|k| self.encoders[k].push(Part::new(call, instance, memory)));
+            }
+            Physics::Expression(Place::Output, own) => {
+                let call = Law::Expression(own);
                 covered.for_each(|k| self.encoders[k].push(Part::new(call, instance, memory)));
             }
             Physics::Backlash(call) => {
@@ -74,6 +103,14 @@ impl Linkage {
             Physics::Inertia(call) => {
                 let mass = call(&instance.numbers(), &Motion::default());
                 covered.for_each(|k| self.mass[k] += mass);
+            }
+            Physics::Force(call) if !axis.is_motor() => {
+                let call = Law::Function(call);
+                covered.for_each(|k| self.loads[k].push(Part::new(call, instance, memory)));
+            }
+            Physics::Friction(call) if !axis.is_motor() => {
+                let call = Law::Function(call);
+                covered.for_each(|k| self.rubs[k].push(Part::new(call, instance, memory)));
             }
             _ => {}
         }
@@ -108,6 +145,25 @@ impl Linkage {
         })
     }
 
+    /// Force that moves the carriage along rail `k` (N): for its mass, and against forces and friction.
+    fn transmitted(&self, memory: &mut [f64], carriage: &Carriage, k: usize) -> f64 {
+        let motion = Motion {
+            index: k,
+            dt: carriage.dt,
+            position: carriage.position[k],
+            velocity: carriage.velocity[k],
+            acceleration: carriage.acceleration[k],
+            mass: self.mass[k],
+            ..Motion::default()
+        };
+        let mut sum = |parts: &[LoadPart]| -> f64 {
+            parts.iter().map(|part| part.call.at(part.p(), part.memory(memory), &motion)).sum()
+        };
+        let (load, level) = (sum(&self.loads[k]), sum(&self.rubs[k]));
+        let direction = (motion.velocity / RESTING).clamp(-1.0, 1.0);
+        motion.mass * motion.acceleration - load + level.max(0.0) * direction
+    }
+
     /// Striker (m) of a carriage at one time; `memory` is that of this carriage, [`memory`](Self::memory) numbers,
     /// all zero after a long rest.
     #[must_use]
@@ -116,10 +172,10 @@ impl Linkage {
         for (k, parts) in self.encoders.iter().enumerate() {
             for part in parts {
                 // The path holds the reported position: take away what the encoder adds.
-                belt[k] -= (part.call)(part.p(), belt[k]) - belt[k];
+                belt[k] -= part.call.at(part.p(), belt[k]) - belt[k];
             }
         }
-        let force = both(|k| self.mass[k] * carriage.acceleration[k]);
+        let force = both(|k| self.transmitted(memory, &carriage, k));
         let belt_force = belts(force).map(|sum| 0.5 * sum);
         let (belt_velocity, belt_acceleration) =
             (belts(carriage.velocity), belts(carriage.acceleration));

@@ -5,8 +5,7 @@
 //! at a time (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11). Values
 //! that are not finite mark gaps; nothing is differenced across them.
 
-use crate::seed::Stream;
-use crate::stats::{half_central_spread, median};
+use crate::stats::median;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -135,10 +134,8 @@ pub fn scattering(residual: &[f64], speed: &[f64], block: usize) -> Option<Scatt
 /// Frames that are missing from an even sequence or came twice, by blocks of time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameLosses {
-    /// Frames lost, and frames that there should be.
-    blocks: Vec<[f64; 2]>,
-    /// Fraction of frames that jitter alone makes look missing.
-    by_chance: Estimate,
+    /// Seconds and number of all intervals, seconds and number of those of about one period, and repeated frames.
+    blocks: Vec<[f64; 5]>,
 }
 
 /// Fraction of the frames that were lost.
@@ -151,11 +148,12 @@ pub struct LostFraction {
 }
 
 impl FrameLosses {
-    /// Of frames taken at `times` (s, increasing), some of which only repeat the one before.
+    /// Of frames taken at `times` (s, in the order of arrival), some of which only repeat the one before.
     ///
-    /// A frame is missing where an interval is longer than one and a half periods and neither interval
-    /// beside it makes up for that; a much longer one is a pause of the recording. How often white jitter of
-    /// the same spread looks so is drawn from a stream of random numbers of its own, the same at every call.
+    /// Jitter moves time from one interval to the next and takes none away, whatever its distribution; it is as often
+    /// early as late, as the difference of two equal errors is. So the mean of the intervals near the median is the
+    /// period of the camera, and the mean of all exceeds it by the lost frames. A much longer one is a pause of the
+    /// recording.
     #[must_use]
     pub fn new(times: &[f64], repeated: &[bool], block: usize) -> Option<Self> {
         let intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -163,81 +161,33 @@ impl FrameLosses {
         if period <= 0.0 {
             return None;
         }
-        let jitter = half_central_spread(&intervals)? / 2.0_f64.sqrt();
-        let by_chance = share_by_chance(jitter, period);
-        // The jitter itself is known to about one part in the root of the frames.
-        let wider = jitter * (1.0 + 1.0 / (intervals.len() as f64).sqrt());
-        let doubt = share_by_chance(wider, period) - by_chance;
-        let drawn = (by_chance / DRAWS as f64).sqrt();
-        let lost: Vec<[f64; 2]> = missing(&intervals, period)
-            .iter()
-            .zip(repeated.iter().skip(1))
-            .map(|(missing, repeated)| [missing + f64::from(*repeated), missing + 1.0])
-            .collect();
-        let sum = |frames: &[[f64; 2]]| {
-            frames.iter().fold([0.0; 2], |sum, own| [sum[0] + own[0], sum[1] + own[1]])
+        let sums = |intervals: &[(f64, bool)]| {
+            intervals.iter().filter(|(own, _)| own.abs() < PAUSE_PERIODS * period).fold(
+                [0.0; 5],
+                |[all, count, single, singles, again], (own, repeated)| {
+                    let is_single = (own - period).abs() < 0.5 * period;
+                    let weight = f64::from(u8::from(is_single));
+                    let again = again + f64::from(u8::from(*repeated));
+                    [all + own, count + 1.0, single + weight * own, singles + weight, again]
+                },
+            )
         };
-        let blocks = lost.chunks(block.max(1)).map(sum).collect();
-        let by_chance = Estimate { value: by_chance, standard_error: doubt.hypot(drawn) };
-        Some(Self { blocks, by_chance })
+        let intervals: Vec<(f64, bool)> =
+            intervals.into_iter().zip(repeated.iter().skip(1).copied()).collect();
+        Some(Self { blocks: intervals.chunks(block.max(1)).map(sums).collect() })
     }
 
-    /// Fraction of frames lost in all of `parts`, beyond the fraction that their jitter alone makes look missing;
-    /// `None` for too few frames.
+    /// Fraction of frames lost in all of `parts`; `None` for too few frames.
     #[must_use]
     pub fn fraction(parts: &[&Self]) -> Option<LostFraction> {
-        let blocks: Vec<[f64; 2]> = parts.iter().flat_map(|part| part.blocks.clone()).collect();
-        let count = parts.len().max(1) as f64;
-        let by_chance = parts.iter().map(|part| part.by_chance.value).sum::<f64>() / count;
-        let doubt = parts.iter().map(|part| part.by_chance.standard_error).sum::<f64>() / count;
-        let found = jackknife(&blocks, |[lost, all]| lost / all - by_chance)?;
-        let standard_error = found.standard_error.hypot(doubt);
-        Some(LostFraction { fraction: Estimate { standard_error, ..found }, blocks: blocks.len() })
+        let blocks: Vec<[f64; 5]> = parts.iter().flat_map(|part| part.blocks.clone()).collect();
+        let lost = |[all, count, single, singles, again]: &[f64; 5]| {
+            let period = single / singles;
+            1.0 - (count - again) * period / all
+        };
+        let fraction = jackknife(&blocks, lost)?;
+        Some(LostFraction { fraction, blocks: blocks.len() })
     }
-}
-
-/// Frames that are missing from each of `intervals`.
-fn missing(intervals: &[f64], period: f64) -> Vec<f64> {
-    (0..intervals.len())
-        .map(|k| {
-            let interval = intervals[k];
-            let beside =
-                |other: Option<&f64>| other.is_none_or(|other| 2.5 * period < interval + other);
-            let lonely = beside(intervals.get(k + 1)) && beside(intervals.get(k.wrapping_sub(1)));
-            let long = 1.5 * period < interval && interval < PAUSE_PERIODS * period && lonely;
-            if long { (interval / period).round() - 1.0 } else { 0.0 }
-        })
-        .collect()
-}
-
-/// Frames that are drawn to see what jitter alone does.
-const DRAWS: usize = 100_000;
-
-/// Share of frames that look missing although only the time stamps scatter.
-fn share_by_chance(jitter: f64, period: f64) -> f64 {
-    // Half a period is then more than four standard deviations of an interval.
-    if jitter < 0.08 * period {
-        return 0.0;
-    }
-    let mut stream = Stream::new(0, "frame jitter");
-    let mut before = 0.0;
-    let intervals: Vec<f64> = (0..DRAWS)
-        .map(|_| {
-            let late = jitter * normal(&mut stream);
-            let interval = period + late - before;
-            before = late;
-            interval
-        })
-        .collect();
-    let lost: f64 = missing(&intervals, period).iter().sum();
-    lost / (lost + DRAWS as f64)
-}
-
-/// A normal number (Box and Muller).
-fn normal(stream: &mut Stream) -> f64 {
-    let radius = f64::from(stream.uniform_f32(f32::MIN_POSITIVE, 1.0));
-    let angle = TAU * f64::from(stream.uniform_f32(0.0, 1.0));
-    (-2.0 * radius.ln()).sqrt() * angle.cos()
 }
 
 /// Step of the grid on which `positions` (m) lie; 0 where they lie on none. `t` is the root of

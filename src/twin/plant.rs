@@ -19,7 +19,10 @@ use super::{
     transmission::{self, Tie},
 };
 use crate::{
-    effects::{Axis, Bristles, Carriage, CrossMotion, LoopGains, Motion, Physics, Spring, both},
+    effects::{
+        Axis, Bristles, Carriage, CrossMotion, Law, LoopGains, Motion, Physics, Place, Regressor,
+        Spring, both,
+    },
     gantry::belts,
 };
 use pulp::Scalar;
@@ -63,11 +66,11 @@ impl<F> Part<F> {
     }
 }
 
-type CommandPart = Part<fn(&[f64], &mut [f64], f64, f64) -> f64>;
-type MotionPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
+type CommandPart = Part<Law<fn(&[f64], &mut [f64], f64, f64) -> f64>>;
+type MotionPart = Part<Law<fn(&[f64], &mut [f64], &Motion) -> f64>>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
 type ReactionPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
-type EncoderPart = Part<fn(&[f64], f64) -> f64>;
+type EncoderPart = Part<Law<fn(&[f64], f64) -> f64>>;
 
 /// Way over which the slope of an encoder's reading is taken (m).
 const SLOPE: f64 = 1e-6;
@@ -117,6 +120,8 @@ pub struct Plant {
     /// Scales the gains of the loops: mass on one belt for which they are stated (kg).
     gain_mass: f64,
     memory: usize,
+    /// Whether a ripple follows the position of a rotor.
+    follows_phase: bool,
 }
 
 /// Everything that changes while a plant steps. Rails are x, y; motors a, b.
@@ -185,6 +190,10 @@ impl Plant {
             striker_mass: twin.striker_mass,
             gain_mass: 0.0,
             memory: 0,
+            follows_phase: twin
+                .instances
+                .iter()
+                .any(|own| own.effect.regressors.contains(&Regressor::Phase)),
         };
         for instance in &twin.instances {
             for index in (0..count).filter(|index| instance.axis.covers(*index)) {
@@ -202,6 +211,12 @@ impl Plant {
         plant
     }
 
+    /// Whether an effect depends on the position of a rotor to a fraction of its turn.
+    #[must_use]
+    pub fn follows_phase(&self) -> bool {
+        self.follows_phase
+    }
+
     /// Mean moving mass of the rails in the origin (kg).
     #[must_use]
     pub fn mean_mass(&self) -> f64 {
@@ -216,18 +231,26 @@ impl Plant {
         let at_motor = instance.axis.is_motor();
         match equation {
             Physics::CommandDelay(call) => motor.delay += call(&instance.numbers()),
-            Physics::Command(call) => motor.commands.push(Part::new(call, instance, memory)),
-            Physics::Ramp(call) => motor.ramps.push(Part::new(call, instance, memory)),
+            Physics::Command(call) => {
+                motor.commands.push(Part::new(Law::Function(call), instance, memory))
+            }
+            Physics::Ramp(call) => {
+                motor.ramps.push(Part::new(Law::Function(call), instance, memory))
+            }
             Physics::VelocityLoop(call) => motor.gains = call(&instance.numbers()),
-            Physics::Effort(call) => motor.efforts.push(Part::new(call, instance, memory)),
+            Physics::Effort(call) => {
+                motor.efforts.push(Part::new(Law::Function(call), instance, memory))
+            }
             Physics::Windup(call) => motor.windups.push(call(&instance.numbers())),
             Physics::Force(call) if at_motor => {
-                motor.forces.push(Part::new(call, instance, memory));
+                motor.forces.push(Part::new(Law::Function(call), instance, memory));
             }
-            Physics::Force(call) => rail.forces.push(Part::new(call, instance, memory)),
+            Physics::Force(call) => {
+                rail.forces.push(Part::new(Law::Function(call), instance, memory))
+            }
             Physics::Friction(call) => {
                 let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
-                rubs.levels.push(Part::new(call, instance, memory));
+                rubs.levels.push(Part::new(Law::Function(call), instance, memory));
             }
             Physics::Bristles(call) => {
                 let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
@@ -239,12 +262,32 @@ impl Plant {
                 let springs = [motor.spring, call(&instance.numbers())];
                 motor.spring = springs.into_iter().flatten().reduce(Spring::in_series);
             }
-            Physics::Encoder(call) => motor.encoders.push(Part::new(call, instance, memory)),
+            Physics::Encoder(call) => {
+                motor.encoders.push(Part::new(Law::Function(call), instance, memory))
+            }
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
             // On both rails at once.
             Physics::Reaction(call) if index == 0 => {
                 self.reactions.push(Part::new(call, instance, memory));
             }
+            Physics::Expression(place, own) => match (place, at_motor) {
+                (Place::Force, true) => {
+                    motor.forces.push(Part::new(Law::Expression(own), instance, memory));
+                }
+                (Place::Force, false) => {
+                    rail.forces.push(Part::new(Law::Expression(own), instance, memory));
+                }
+                (Place::Friction, _) => {
+                    let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
+                    rubs.levels.push(Part::new(Law::Level(own), instance, memory));
+                }
+                (Place::Input, _) => {
+                    motor.commands.push(Part::new(Law::Expression(own), instance, memory));
+                }
+                (Place::Output, _) => {
+                    motor.encoders.push(Part::new(Law::Expression(own), instance, memory));
+                }
+            },
             _ => {}
         }
     }
@@ -287,7 +330,7 @@ impl Plant {
         let position = belts(position);
         both(|index| {
             let encoders = self.motors.get(index).map_or(&[][..], |motor| &motor.encoders);
-            encoders.iter().fold(position[index], |at, part| (part.call)(part.p(), at))
+            encoders.iter().fold(position[index], |at, part| part.call.at(part.p(), at))
         })
     }
 
@@ -337,6 +380,9 @@ impl Plant {
         let mut motion = Motion {
             index: 0,
             time: state.time,
+            run_start_time: 0.0,
+            measured_ahead: 0.0,
+            position_origin: 0.0,
             dt,
             position: state.position[0],
             velocity: state.velocity[0],
@@ -357,7 +403,7 @@ impl Plant {
         let demand = asked / (1.0 + motor.gives_way(self.gain_mass, dt) / mass);
         motion.force = demand;
         for part in &motor.efforts {
-            motion.force = (part.call)(part.p(), part.memory(memory), &motion);
+            motion.force = part.call.at(part.p(), part.memory(memory), &motion);
         }
         // Motor and rail are one coordinate; what bends on one of them bends for both.
         let level = |rubs: &Rubs, memory: &mut [f64]| sum(&rubs.levels, memory, &motion).max(0.0);
@@ -407,7 +453,7 @@ fn slide(
 }
 
 fn sum(parts: &[MotionPart], memory: &mut [f64], motion: &Motion) -> f64 {
-    parts.iter().map(|part| (part.call)(part.p(), part.memory(memory), motion)).sum()
+    parts.iter().map(|part| part.call.at(part.p(), part.memory(memory), motion)).sum()
 }
 
 impl RailParts {
@@ -421,16 +467,16 @@ impl MotorParts {
         let taken_in = self
             .commands
             .iter()
-            .fold(command, |value, part| (part.call)(part.p(), part.memory(memory), value, dt));
+            .fold(command, |value, part| part.call.at(part.p(), part.memory(memory), value, dt));
         self.ramps
             .iter()
-            .fold(taken_in, |value, part| (part.call)(part.p(), part.memory(memory), value, dt))
+            .fold(taken_in, |value, part| part.call.at(part.p(), part.memory(memory), value, dt))
     }
 
     /// What the encoder makes of a `velocity` (m/s of belt) at `position` (m of belt).
     fn reported(&self, mut position: f64, mut velocity: f64) -> f64 {
         for part in &self.encoders {
-            let read = |at: f64| (part.call)(part.p(), at);
+            let read = |at: f64| part.call.at(part.p(), at);
             velocity *= (read(position + SLOPE) - read(position - SLOPE)) / (2.0 * SLOPE);
             position = read(position);
         }
@@ -488,6 +534,7 @@ pub(super) fn calls(physics: &Physics) -> bool {
                 | Physics::Inertia(_)
                 | Physics::Encoder(_)
                 | Physics::Transmission(_)
+                | Physics::Expression(..)
         )
     };
     physics.equations().iter().any(is_called)

@@ -1,7 +1,7 @@
 //! One link of the chain: measured input, measured output, prediction between them.
 
 use super::{Twin, noise::FrameLosses};
-use crate::effects::{Axis, Domain, Effect, Regressor};
+use crate::effects::{Axis, Domain, Effect, PhaseSeries, Regressor};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -98,6 +98,16 @@ pub trait Stage: Sync {
     /// does not know it.
     fn regressor(&self, _regressor: Regressor) -> Option<Vec<f64>> {
         None
+    }
+
+    /// Residuals of the channels over the position on which the phase of a ripple depends.
+    fn phase_series(&self, residual: &[Vec<f64>]) -> Vec<PhaseSeries> {
+        let (Some(position), Some(residual)) =
+            (self.regressor(Regressor::Position), residual.first().cloned())
+        else {
+            return Vec::new();
+        };
+        vec![PhaseSeries { position, residual, is_filtered: true }]
     }
 
     /// Length of the blocks of time over which tests and intervals treat errors as dependent (s).

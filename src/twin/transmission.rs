@@ -61,6 +61,11 @@ impl<S: Simd> TieLanes<S> {
     }
 }
 
+/// Share of `rotors` (kg) that counts as rotor beside `mass` on the rails (kg): no more than moves on either rail.
+pub(super) fn rotor_share(mass: [f64; 2], rotors: f64) -> f64 {
+    (MOST_ROTOR * mass[0].min(mass[1]) / rotors).clamp(0.0, 1.0)
+}
+
 /// The ties with rotors that are no more than what moves on either rail, and the mass there that is no rotor (kg).
 #[inline(always)]
 pub(super) fn parted<S: Simd>(

@@ -1,6 +1,7 @@
 //! `calibrate` and `gap` on recordings whose makers share no code with the twin: the formulas below.
 
 mod options;
+mod user_effects;
 
 use crate::{
     schema,
@@ -38,6 +39,8 @@ struct Axis {
     by_place: [f64; 2],
     /// Somebody leans on the carriage from 6.0 to 6.2 s (N).
     knock: f64,
+    /// A spring that hardens pulls it to the middle (N/m^3).
+    hardening: f64,
     /// It moves on besides (m/s).
     speed: f64,
     seed: u64,
@@ -94,6 +97,7 @@ impl Axis {
             let force = Self::MASS_KG * a
                 + (Self::COULOMB_N + self.by_place[0] * q) * (v / 1e-4).tanh()
                 + (viscous + self.by_place[1] * q) * v
+                + self.hardening * q.powi(3)
                 + if (6.0..6.2).contains(&(k as f64 / AXIS_HZ as f64)) { self.knock } else { 0.0 }
                 + Self::NOISE_N * f64::from(normal);
             let input = AxisInput { value: by_input * force, unit: "N".into() };
@@ -119,6 +123,7 @@ impl Axis {
             viscous,
             by_place: [0.0; 2],
             knock: 0.0,
+            hardening: 0.0,
             speed: 0.0,
             seed: 1,
             units: Units::SI,
@@ -146,12 +151,15 @@ impl Axis {
 
 /// The document that `gap` prints, and its exit status.
 fn gap(recordings: &[String], twin: Option<&str>, out: &Path) -> (serde_json::Value, i32) {
+    gap_with(recordings, twin.map_or(vec![], |twin| vec!["--twin", twin]), out)
+}
+
+/// The same with more `options`.
+fn gap_with(recordings: &[String], options: Vec<&str>, out: &Path) -> (serde_json::Value, i32) {
     let out = out.display().to_string();
     let mut args = vec!["gap", "--json", "--output", &out];
     args.extend(recordings.iter().map(String::as_str));
-    if let Some(twin) = twin {
-        args.extend(["--twin", twin]);
-    }
+    args.extend(options);
     let (text, errors, status) = said(&klasktron(&args));
     let document = serde_json::from_str(&text);
     let document = document.unwrap_or_else(|_| panic!("no document: {text} {errors}"));

@@ -4,6 +4,17 @@ use super::magnet_spring::{DAMPING, SOFTENING, STIFFNESS, softened};
 use crate::effects::oscillator::Oscillator;
 use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Signal, Site, both};
 
+/// Friction of the striker.
+pub(super) const FRICTION: Parameter = Parameter {
+    name: "force_n",
+    symbol: "F_c",
+    unit: "N",
+    scale: 0.05,
+    bounds: (0.0, 20.0),
+    plausible: (0.005, 2.0),
+    per_session: false,
+};
+
 /// `coupling.striker_friction`: friction of the striker on the board.
 ///
 /// The magnet presses the striker on the board and holds it like the spring of
@@ -16,15 +27,7 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
     site: Site::Whole,
     equation: "m_s · dv_s/dt = k · d / (1 + (d / d0)²) + 2 ζ · √(k · m_s) · dd/dt − F_c · v_s / |v_s|, d = q_magnet − q_striker",
     parameters: &[
-        Parameter {
-            name: "force_n",
-            symbol: "F_c",
-            unit: "N",
-            scale: 0.05,
-            bounds: (0.0, 20.0),
-            plausible: (0.005, 2.0),
-            per_session: false,
-        },
+        FRICTION,
         Parameter { scale: 50.0, plausible: (20.0, 3000.0), ..STIFFNESS },
         Parameter { plausible: (0.0, 1.5), ..DAMPING },
         Parameter { plausible: (0.002, 1.0), ..SOFTENING },
@@ -61,7 +64,7 @@ const MOST_STEPS: f64 = 32.0;
 /// Position of the striker (m) after one step.
 ///
 /// `memory` holds the displacement of the striker from the magnet, then its velocity on the board.
-fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
+pub(super) fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
     let stiffest = (p[1] / carriage.striker_mass).sqrt();
     let steps = (stiffest * carriage.dt / TURN).ceil().clamp(1.0, MOST_STEPS);
     let h = carriage.dt / steps;

@@ -35,7 +35,7 @@ pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.2, 0.0], &[0.0, 0.2]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| wave(p, motion.position, PITCH)),
+    physics: Physics::Force(|p, _, motion| wave(p, motion.phase_position(), PITCH)),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::MOTOR,
     excitation: "slow moves at several positions",

@@ -44,7 +44,7 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     null: &[0.0, 0.0, 0.01],
     probes: &[&[0.2, 0.0, 0.04], &[0.2, 0.0, 0.01]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| wave(p, motion.position, p[2])),
+    physics: Physics::Force(|p, _, motion| wave(p, motion.phase_position(), p[2])),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::DRIVE,
     excitation: "slow constant speed over many turns",

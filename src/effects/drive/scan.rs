@@ -1,10 +1,7 @@
 //! Parameters that need a global search, because the cost has many local minima in them.
 
 use super::ripple_motor::RIPPLE_MOTOR;
-use crate::{
-    effects::{Effect, Regressor},
-    stats::quantile,
-};
+use crate::{effects::Effect, stats::quantile};
 use std::f64::consts::TAU;
 
 /// Global search over one parameter of an effect, in the residual of a twin.
@@ -12,16 +9,13 @@ use std::f64::consts::TAU;
 pub struct Scan {
     /// Index of the parameter.
     pub parameter: usize,
-    /// Quantity in the first argument of `propose`.
-    pub regressor: Regressor,
-    /// Function from regressor and residual at the same samples to start values, the best first; `longest` is the
-    /// longest period, in ranges of the regressor.
-    pub propose: fn(regressor: &[f64], residual: &[f64], longest: f64) -> Vec<f64>,
+    /// Function from residuals over positions to start values, the best first; `longest` is the longest period, in
+    /// ranges of the position.
+    pub propose: fn(series: &[PhaseSeries], longest: f64) -> Vec<f64>,
 }
 
 /// Effects with a scanned parameter; the proposals replace that parameter in each probe.
-pub static SCANS: &[(&Effect, Scan)] =
-    &[(&RIPPLE_MOTOR, Scan { parameter: 2, regressor: Regressor::Position, propose: periods })];
+pub static SCANS: &[(&Effect, Scan)] = &[(&RIPPLE_MOTOR, Scan { parameter: 2, propose: periods })];
 
 /// Frequencies per spectral line width, so that no line falls between two of them.
 const PER_LINE: f64 = 4.0;
@@ -39,36 +33,61 @@ const PROPOSALS: usize = 3;
 /// line is compared with its octave.
 const BACKGROUND: f64 = std::f64::consts::SQRT_2;
 
-/// Periods of `residual` along `position`, the strongest first, in the unit of the position.
+/// Residual of one signal over the position on which its phase depends, at the same samples.
+#[derive(Debug, Clone)]
+pub struct PhaseSeries {
+    /// Position.
+    pub position: Vec<f64>,
+    /// Residual.
+    pub residual: Vec<f64>,
+    /// Whether each sample is an average over its neighbours, so that it shows no period shorter than its steps.
+    pub is_filtered: bool,
+}
+
+impl PhaseSeries {
+    /// The moves forward and backward of this series, each by itself: the response of a loop to a wave turns its phase
+    /// with the direction.
+    #[must_use]
+    pub fn by_direction(self) -> [Self; 2] {
+        let part = |sign: f64| {
+            let kept: Vec<usize> = (1..self.position.len().min(self.residual.len()))
+                .filter(|k| 0.0 < sign * (self.position[*k] - self.position[*k - 1]))
+                .collect();
+            Self {
+                position: kept.iter().map(|k| self.position[*k]).collect(),
+                residual: kept.iter().map(|k| self.residual[*k]).collect(),
+                is_filtered: self.is_filtered,
+            }
+        };
+        [part(1.0), part(-1.0)]
+    }
+}
+
+/// Periods of the residuals along the positions of `series`, the strongest first, in the unit of the position.
 ///
 /// Lomb-Scargle periodogram with a floating mean (Lomb 1976, Scargle 1982): least squares of a sine, a
-/// cosine and a constant at every frequency. The range is from `longest` travels to the
-/// shortest period that the samples resolve where the motion is slow. Golden-section search refines
-/// the strongest lines that are not neighbours. Empty where the position does not change.
+/// cosine and a constant at every frequency, summed over the series as fractions of their squares. The range is from
+/// `longest` travels to the shortest period that the samples resolve where the motion is slow. Golden-section search
+/// refines the strongest lines that are not neighbours. Empty where the position does not change.
 #[must_use]
-pub fn periods(position: &[f64], residual: &[f64], longest: f64) -> Vec<f64> {
-    let (position, residual): (Vec<f64>, Vec<f64>) = position
-        .iter()
-        .zip(residual)
-        .filter(|(q, r)| q.is_finite() && r.is_finite())
-        .map(|(q, r)| (*q, *r))
-        .unzip();
-    let low = position.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let travel = high - low;
-    if position.len() < LEAST_SAMPLES || travel <= 0.0 {
+pub fn periods(series: &[PhaseSeries], longest: f64) -> Vec<f64> {
+    let waves: Vec<Samples> = series.iter().filter_map(Samples::of).collect();
+    let travel = waves.iter().map(|own| own.travel).fold(0.0, f64::max);
+    let slow = waves.iter().map(|own| own.slow_step).fold(f64::INFINITY, f64::min);
+    if waves.is_empty() {
         return Vec::new();
     }
     let step = 1.0 / (PER_LINE * travel);
     let first = 1.0 / (longest * travel);
-    let count = ((0.5 / slow_step(&position, travel) - first) / step) as usize;
+    let count = ((0.5 / slow - first) / step) as usize;
     let count = count.clamp(1, MOST_FREQUENCIES);
-    let samples = samples(&position, &residual);
-    let powers: Vec<f64> =
-        (0..count).map(|index| power(&samples, first + step * index as f64)).collect();
+    let mut powers = vec![0.0; count];
+    for own in &waves {
+        own.add_powers(first, step, &mut powers);
+    }
     let refine = |index: usize| {
         let middle = first + step * index as f64;
-        let height = |frequency| power(&samples, frequency);
+        let height = |frequency| waves.iter().map(|own| own.power(frequency)).sum();
         1.0 / highest(height, middle - 0.9 * step, middle + step)
     };
     let mut lines = strongest(&powers);
@@ -127,49 +146,123 @@ fn slow_step(position: &[f64], travel: f64) -> f64 {
 /// of any sampling.
 const RESOLVED: f64 = 0.4;
 
-/// One sample of a periodogram.
-struct Sample {
-    position: f64,
-    residual: f64,
-    /// Distance to the farther of its neighbours.
-    step: f64,
+/// Samples of a periodogram.
+struct Samples {
+    position: Vec<f64>,
+    /// Residual less its mean.
+    residual: Vec<f64>,
+    /// Distance to the farther of the neighbours; zero where that does not matter.
+    step: Vec<f64>,
+    /// Sum of the squares of the residual.
+    square: f64,
+    travel: f64,
+    slow_step: f64,
 }
 
-fn samples(position: &[f64], residual: &[f64]) -> Vec<Sample> {
-    let step = |k: usize| {
-        let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
-        let beside = beside.filter_map(|other| position.get(other));
-        beside.map(|other| (other - position[k]).abs()).fold(0.0, f64::max)
-    };
-    let pairs = position.iter().zip(residual).enumerate();
-    pairs.map(|(k, (q, r))| Sample { position: *q, residual: *r, step: step(k) }).collect()
+/// Sums of a least-squares fit of a constant, a sine and a cosine over the samples that resolve a frequency.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    n: f64,
+    s: f64,
+    c: f64,
+    ss: f64,
+    sc: f64,
+    y: f64,
+    ys: f64,
+    yc: f64,
 }
 
-/// Sum of squares that a sinusoid of `frequency` explains beyond a constant, over the samples that resolve it.
-fn power(samples: &[Sample], frequency: f64) -> f64 {
-    let resolved = || samples.iter().filter(|own| own.step * frequency <= RESOLVED);
-    let n = resolved().count() as f64;
-    if n < LEAST_SAMPLES as f64 {
-        return 0.0;
+impl Sums {
+    fn add(&mut self, weight: f64, sine: f64, cosine: f64, residual: f64) {
+        let (s, c, y) = (weight * sine, weight * cosine, weight * residual);
+        self.n += weight;
+        self.s += s;
+        self.c += c;
+        self.ss += s * sine;
+        self.sc += s * cosine;
+        self.y += y;
+        self.ys += y * sine;
+        self.yc += y * cosine;
     }
-    let mean = resolved().map(|own| own.residual).sum::<f64>() / n;
-    let [mut s, mut c, mut ss, mut cc, mut sc, mut ys, mut yc] = [0.0; 7];
-    for Sample { position: q, residual: r, .. } in resolved() {
-        let (sine, cosine) = (TAU * frequency * q).sin_cos();
-        s += sine;
-        c += cosine;
-        ss += sine * sine;
-        cc += cosine * cosine;
-        sc += sine * cosine;
-        ys += (r - mean) * sine;
-        yc += (r - mean) * cosine;
+
+    /// Sum of squares that the sinusoid explains beyond the constant.
+    fn power(&self) -> f64 {
+        let Self { n, s, c, ss, sc, y, ys, yc } = *self;
+        if n < LEAST_SAMPLES as f64 {
+            return 0.0;
+        }
+        let (ys, yc) = (ys - y * s / n, yc - y * c / n);
+        let (ss, cc, sc) = (ss - s * s / n, (n - ss) - c * c / n, sc - s * c / n);
+        let determinant = ss * cc - sc * sc;
+        if determinant <= 1e-9 * ss * cc {
+            return 0.0;
+        }
+        (ys * ys * cc - 2.0 * ys * yc * sc + yc * yc * ss) / determinant
     }
-    let (ss, cc, sc) = (ss - s * s / n, cc - c * c / n, sc - s * c / n);
-    let determinant = ss * cc - sc * sc;
-    if determinant <= 1e-9 * ss * cc {
-        return 0.0;
+}
+
+impl Samples {
+    /// The finite samples of `series`; `None` where there are too few, or nothing moves.
+    fn of(series: &PhaseSeries) -> Option<Self> {
+        let (position, mut residual): (Vec<f64>, Vec<f64>) = series
+            .position
+            .iter()
+            .zip(&series.residual)
+            .filter(|(q, r)| q.is_finite() && r.is_finite())
+            .map(|(q, r)| (*q, *r))
+            .unzip();
+        let low = position.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let travel = high - low;
+        if position.len() < LEAST_SAMPLES || travel <= 0.0 {
+            return None;
+        }
+        let mean = residual.iter().sum::<f64>() / residual.len() as f64;
+        residual.iter_mut().for_each(|own| *own -= mean);
+        let square = residual.iter().map(|own| own * own).sum::<f64>();
+        let step = |k: usize| {
+            let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
+            let beside = beside.filter_map(|other| position.get(other));
+            beside.map(|other| (other - position[k]).abs()).fold(0.0, f64::max)
+        };
+        let step = match series.is_filtered {
+            true => (0..position.len()).map(step).collect(),
+            false => vec![0.0; position.len()],
+        };
+        let slow_step = slow_step(&position, travel);
+        (0.0 < square).then_some(Self { position, residual, step, square, travel, slow_step })
     }
-    (ys * ys * cc - 2.0 * ys * yc * sc + yc * yc * ss) / determinant
+
+    /// Fraction of the square that a sinusoid of `frequency` explains, over the samples that resolve it.
+    fn power(&self, frequency: f64) -> f64 {
+        let mut sums = Sums::default();
+        for ((q, r), step) in self.position.iter().zip(&self.residual).zip(&self.step) {
+            if step * frequency <= RESOLVED {
+                let (sine, cosine) = (TAU * frequency * q).sin_cos();
+                sums.add(1.0, sine, cosine, *r);
+            }
+        }
+        sums.power() / self.square
+    }
+
+    /// Adds the power at `first`, `first + step` and so on to `powers`. The wave of each sample is turned on by its
+    /// step, which costs no sine.
+    fn add_powers(&self, first: f64, step: f64, powers: &mut [f64]) {
+        let wave = |frequency: f64| {
+            self.position.iter().map(move |q| (TAU * frequency * q).sin_cos()).collect::<Vec<_>>()
+        };
+        let (mut waves, turns) = (wave(first), wave(step));
+        for (index, power) in powers.iter_mut().enumerate() {
+            let frequency = first + step * index as f64;
+            let mut sums = Sums::default();
+            for (k, (own, (sine, cosine))) in waves.iter_mut().zip(&turns).enumerate() {
+                let weight = f64::from(u8::from(self.step[k] * frequency <= RESOLVED));
+                sums.add(weight, own.0, own.1, self.residual[k]);
+                *own = (own.0 * cosine + own.1 * sine, own.1 * cosine - own.0 * sine);
+            }
+            *power += sums.power() / self.square;
+        }
+    }
 }
 
 /// Maximum of the unimodal function `height` between `low` and `high`, by golden-section search.
@@ -187,6 +280,27 @@ fn highest(height: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
 mod tests {
     use super::*;
 
+    fn filtered(position: &[f64], residual: &[f64]) -> PhaseSeries {
+        PhaseSeries { position: position.to_vec(), residual: residual.to_vec(), is_filtered: true }
+    }
+
+    #[test]
+    fn a_wave_is_found_whose_phase_turns_with_the_direction() {
+        // Every step is longer than the period, and the wave of the way back is the negative of that of the way out.
+        let period = 0.0029;
+        let position: Vec<f64> =
+            (0..6000).map(|k| 0.15 * (1.0 - (k as f64 * 0.0371).cos())).collect();
+        let direction = |k: usize| (k as f64 * 0.0371).sin().signum();
+        let residual = position
+            .iter()
+            .enumerate()
+            .map(|(k, q)| direction(k) * (TAU * q / period).cos() + ((k * 7919) % 13) as f64 / 6.0)
+            .collect();
+        let series = PhaseSeries { position, residual, is_filtered: false };
+        let found = periods(&series.by_direction(), 0.5);
+        assert!((found[0] / period - 1.0).abs() < 1e-3, "{found:?}");
+    }
+
     #[test]
     fn the_period_of_a_wave_is_found_between_the_frequencies_tried() {
         let position: Vec<f64> = (0..4000).map(|k| 0.1 * (1.0 - (k as f64 * 0.01).cos())).collect();
@@ -195,7 +309,7 @@ mod tests {
             .enumerate()
             .map(|(k, q)| (TAU * q / 0.00731).sin() + 3.0 * q + ((k * 7919) % 13) as f64 / 13.0)
             .collect();
-        let found = periods(&position, &residual, 0.5);
+        let found = periods(&[filtered(&position, &residual)], 0.5);
         assert!(found.iter().any(|period| (period / 0.00731 - 1.0).abs() < 1e-3), "{found:?}");
     }
 
@@ -209,13 +323,15 @@ mod tests {
             position.push(position[k] + if up { step } else { -step });
         }
         let wave = |q: &f64| (TAU * q / 0.0025).sin();
-        let found = periods(&position, &position.iter().map(wave).collect::<Vec<f64>>(), 0.5);
+        let residual = position.iter().map(wave).collect::<Vec<f64>>();
+        let found = periods(&[filtered(&position, &residual)], 0.5);
         assert!(found.iter().any(|period| (period / 0.0025 - 1.0).abs() < 1e-3), "{found:?}");
     }
 
     #[test]
     fn a_constant_position_has_no_period() {
-        assert!(periods(&[0.1; 50], &[1.0; 50], 0.5).is_empty());
-        assert!(periods(&[], &[], 0.5).is_empty());
+        assert!(periods(&[filtered(&[0.1; 50], &[1.0; 50])], 0.5).is_empty());
+        assert!(periods(&[filtered(&[], &[])], 0.5).is_empty());
+        assert!(periods(&[], 0.5).is_empty());
     }
 }

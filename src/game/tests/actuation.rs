@@ -154,7 +154,7 @@ fn a_twin_in_the_game_is_its_plant_in_fine_steps() {
 fn a_magnet_spring_of_the_twin_makes_the_striker_lag_by_mass_times_acceleration_over_stiffness() {
     let mut twin = Twin::nominal(Machine::Table);
     let effect = effects::find("coupling.magnet_spring").unwrap();
-    let values = [30.0, 0.7, 1.0];
+    let values = [30.0, 0.7, 1.0, 0.0];
     twin.instances.push(Instance::new(effect, Axis::Whole, &values, Source::Nominal));
     let mut games = Games::new(1, &unlimited(Actuation::twin(twin)), 0).unwrap();
     games.set_positions(0, [0.14, 0.0], [0.0; 2], [[-0.1, -0.1], ASIDE[1]]);

@@ -1,7 +1,7 @@
 //! The functions of all instances that act on a single axis, by their place in the chain.
 
 use crate::{
-    effects::{Bristles, Motion, Physics},
+    effects::{Bristles, Law, Motion, Physics, Place},
     twin::{Instance, Twin},
 };
 
@@ -27,8 +27,8 @@ impl<F> Part<F> {
     }
 }
 
-type CommandPart = Part<fn(&[f64], &mut [f64], f64, f64) -> f64>;
-type MotionPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
+type CommandPart = Part<Law<fn(&[f64], &mut [f64], f64, f64) -> f64>>;
+type MotionPart = Part<Law<fn(&[f64], &mut [f64], &Motion) -> f64>>;
 type BristlesPart = Part<fn(&[f64]) -> Bristles>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
 
@@ -88,6 +88,7 @@ impl Chain {
                     | Physics::Friction(_)
                     | Physics::Bristles(_)
                     | Physics::Inertia(_)
+                    | Physics::Expression(Place::Force | Place::Friction | Place::Input, _)
             )
         };
         physics.equations().iter().all(is_called)
@@ -99,19 +100,19 @@ impl Chain {
         match equation {
             Physics::CommandDelay(call) => self.delay += call(&p),
             Physics::Command(call) if way + length <= MOST_MEMORY => {
-                self.commands.push(Part { call, p, memory: way, length });
+                self.commands.push(Part { call: Law::Function(call), p, memory: way, length });
                 self.way += length;
             }
             Physics::Effort(call) if way + length <= MOST_MEMORY => {
-                self.efforts.push(Part { call, p, memory: way, length });
+                self.efforts.push(Part { call: Law::Function(call), p, memory: way, length });
                 self.way += length;
             }
             Physics::Force(call) => {
-                self.forces.push(Part { call, p, memory: load, length });
+                self.forces.push(Part { call: Law::Function(call), p, memory: load, length });
                 self.load += length;
             }
             Physics::Friction(call) => {
-                self.frictions.push(Part { call, p, memory: load, length });
+                self.frictions.push(Part { call: Law::Function(call), p, memory: load, length });
                 self.load += length;
             }
             Physics::Bristles(call) => {
@@ -120,6 +121,21 @@ impl Chain {
             }
             Physics::Inertia(call) => {
                 self.masses.push(Part { call, p, memory: 0, length: 0 });
+            }
+            Physics::Expression(place, own) => {
+                let (memory, length) = (0, 0);
+                match place {
+                    Place::Force => {
+                        self.forces.push(Part { call: Law::Expression(own), p, memory, length });
+                    }
+                    Place::Friction => {
+                        self.frictions.push(Part { call: Law::Level(own), p, memory, length });
+                    }
+                    Place::Input => {
+                        self.commands.push(Part { call: Law::Expression(own), p, memory, length });
+                    }
+                    Place::Output => {}
+                }
             }
             _ => {}
         }
@@ -140,7 +156,7 @@ impl Chain {
         let mut sum = |parts: &[MotionPart]| -> f64 {
             parts
                 .iter()
-                .map(|part| (part.call)(&part.p, part.memory(&mut memory.load), motion))
+                .map(|part| part.call.at(&part.p, part.memory(&mut memory.load), motion))
                 .sum()
         };
         let (forces, rigid) = (sum(&self.forces), sum(&self.frictions));
@@ -165,13 +181,12 @@ impl Chain {
     }
 
     fn through(&self, memory: &mut [f64; MOST_MEMORY], input: f64, motion: &Motion) -> f64 {
-        let taken_in = self
-            .commands
-            .iter()
-            .fold(input, |value, part| (part.call)(&part.p, part.memory(memory), value, motion.dt));
+        let taken_in = self.commands.iter().fold(input, |value, part| {
+            part.call.at(&part.p, part.memory(memory), value, motion.dt)
+        });
         self.efforts.iter().fold(taken_in, |force, part| {
             let motion = Motion { force, ..*motion };
-            (part.call)(&part.p, part.memory(memory), &motion)
+            part.call.at(&part.p, part.memory(memory), &motion)
         })
     }
 

@@ -71,7 +71,15 @@ pub(in crate::twin) fn respond(
     let mut memory = chain.memory();
     let [position, velocity] = state;
     let position = position - chain.origin;
-    let mut motion = Motion { time: start, dt, position, velocity, ..Motion::default() };
+    let mut motion = Motion {
+        time: start,
+        run_start_time: start,
+        dt,
+        position,
+        velocity,
+        position_origin: chain.origin,
+        ..Motion::default()
+    };
     chain.settle_input(&mut memory, middle.first().copied().unwrap_or(0.0), &motion);
     let mut states = Vec::with_capacity(input.len());
     for (index, input) in middle.iter().enumerate() {

@@ -2,9 +2,10 @@
 
 use super::{DriveStage, Outputs, Reader};
 use crate::{
-    effects::Motion,
+    effects::{Motion, both},
+    gantry::belts,
     twin::{
-        Plant,
+        MeasuredPath, Plant,
         lanes::Lanes,
         plant::{Aside, LONGEST_STEP, PlantLanes, StateLanes},
     },
@@ -77,6 +78,12 @@ impl WithSimd for March<'_, '_> {
             let mut goes_on = false;
             for (lane, (walk, job)) in walks.iter_mut().zip(jobs.iter_mut()).enumerate() {
                 let next = walk.next(lane, &mut state, &mut aside.memories[lane], job);
+                if walk.before == 0.0 {
+                    aside.tell_run_start(lane, walk.run_start_time());
+                }
+                if let Some(path) = stage.path.as_ref().filter(|_| job.plant.follows_phase()) {
+                    aside.tell_measured(lane, walk.measured_ahead(lane, &state, path));
+                }
                 dt.set(lane, next.unwrap_or(LONGEST_STEP));
                 command[0].set(lane, walk.command[0]);
                 command[1].set(lane, walk.command[1]);
@@ -103,6 +110,8 @@ struct Walk<'a> {
     /// Age of the torque that each drive reports (s).
     torque_ages: [f64; 2],
     cursors: [usize; 2],
+    /// Place in the measured path.
+    path_cursor: usize,
     /// Number of runs that have begun, and whether the last of them goes on.
     begun: usize,
     is_running: bool,
@@ -122,6 +131,7 @@ impl<'a> Walk<'a> {
             delays: [stage.arrivals[0] + dead[0], stage.arrivals[1] + dead[1]],
             torque_ages: job.plant.torque_ages(),
             cursors: [0; 2],
+            path_cursor: 0,
             begun: 0,
             is_running: false,
             command: [0.0; 2],
@@ -158,6 +168,24 @@ impl<'a> Walk<'a> {
                 self.is_running = false;
             }
         }
+    }
+
+    /// How far each measured motor is ahead of the simulated one in `lane` (m of belt).
+    fn measured_ahead<S: Simd>(
+        &mut self,
+        lane: usize,
+        state: &StateLanes<S>,
+        path: &MeasuredPath,
+    ) -> [f64; 2] {
+        let time = state.time.get(lane);
+        let measured = path.carriage(time, LONGEST_STEP, 0.0, &mut self.path_cursor).position;
+        let [simulated, ..] = state.motion(lane);
+        belts(both(|index| measured[index] - simulated[index]))
+    }
+
+    /// Time at which the run began (s).
+    fn run_start_time(&self) -> f64 {
+        self.begun.checked_sub(1).map_or(0.0, |run| self.stage.starts[run].time)
     }
 
     /// Begins the next run; `None` after the last.
@@ -307,6 +335,7 @@ mod tests {
             channels: vec![channel(), channel(), channel()],
             outputs: vec![Output::Velocity(0), Output::Torque(1), Output::Position(1)],
             starts,
+            path: None,
         }
     }
 

@@ -232,7 +232,7 @@ fn a_striker_that_swings_on_its_magnet_is_told_from_a_slow_estimator() {
         assert!(300 < finite.len());
         (finite.iter().map(|error| error * error).sum::<f64>() / finite.len() as f64).sqrt()
     };
-    let spring = instance("coupling.magnet_spring", &[stiffness, damping, 1.0]);
+    let spring = instance("coupling.magnet_spring", &[stiffness, damping, 1.0, 0.0]);
     let (rigid, swinging) = (left(Vec::new()), left(vec![spring]));
     assert!(0.03 < rigid && 5.0 * swinging < rigid, "{rigid} {swinging}");
 }

@@ -1,6 +1,14 @@
 //! Against synthetic noise of known size, and against none.
 
 use super::*;
+use crate::seed::Stream;
+
+/// A normal number (Box and Muller).
+fn normal(stream: &mut Stream) -> f64 {
+    let radius = f64::from(stream.uniform_f32(f32::MIN_POSITIVE, 1.0));
+    let angle = TAU * f64::from(stream.uniform_f32(0.0, 1.0));
+    (-2.0 * radius.ln()).sqrt() * angle.cos()
+}
 
 /// `n` normal numbers of the stream `name`.
 fn normals(seed: u64, name: &str, n: usize) -> Vec<f64> {
@@ -101,7 +109,7 @@ fn lost_frames_are_counted_whatever_the_jitter() {
         let Estimate { value: share, standard_error: error } = found.fraction;
         assert!((share - 0.03).abs() < 0.006 && 5.0 * error < share, "{jitter} {found:?}");
     }
-    for jitter in [3e-4, 1e-3, 2e-3, 3e-3] {
+    for jitter in [3e-4, 1e-3, 2e-3, 3e-3, 5e-3] {
         let is_alarm = |seed: &u64| {
             let own = lost(&frame_times(*seed, jitter, 0.0)).fraction;
             let (share, error) = (own.value, own.standard_error);
@@ -119,7 +127,7 @@ fn pauses_of_the_recording_are_no_lost_frames() {
         .enumerate()
         .map(|(k, t)| t + 1.5 * (k / 300) as f64)
         .collect();
-    assert_eq!(lost(&paused).fraction.value, 0.0);
+    assert!(lost(&paused).fraction.value.abs() < 1e-4);
 }
 
 #[test]

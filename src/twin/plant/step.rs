@@ -206,6 +206,22 @@ pub(in crate::twin) struct Aside<'m> {
     pub(in crate::twin) belts: &'m mut [[Motion; 2]],
 }
 
+impl Aside<'_> {
+    /// Tells the effects of the plant in `lane` how far each measured motor is ahead of the simulated one (m of belt).
+    pub(in crate::twin) fn tell_measured(&mut self, lane: usize, ahead: [f64; 2]) {
+        for (motion, ahead) in self.belts[lane].iter_mut().zip(ahead) {
+            motion.measured_ahead = ahead;
+        }
+    }
+
+    /// Tells the effects of the plant in `lane` when its run began (s).
+    pub(in crate::twin) fn tell_run_start(&mut self, lane: usize, time: f64) {
+        for motion in self.rails[lane].iter_mut().chain(&mut self.belts[lane]) {
+            motion.run_start_time = time;
+        }
+    }
+}
+
 /// Plants side by side, one in each lane.
 pub(in crate::twin) struct PlantLanes<'p, S: Simd> {
     simd: S,
@@ -523,7 +539,7 @@ fn add_parts<S: Simd>(
             let parts = of(plant, index);
             if !parts.is_empty() {
                 let all = parts.iter();
-                let all = all.map(|part| (part.call)(part.p(), part.memory(memory), motion));
+                let all = all.map(|part| part.call.at(part.p(), part.memory(memory), motion));
                 sum.set(lane, all.sum());
             }
         }
@@ -565,7 +581,7 @@ fn put_efforts<S: Simd>(
         for ((force, motor), motion) in force.iter_mut().zip(&plant.motors).zip(motions) {
             let mut motion = *motion;
             for part in &motor.efforts {
-                motion.force = (part.call)(part.p(), part.memory(memory), &motion);
+                motion.force = part.call.at(part.p(), part.memory(memory), &motion);
             }
             force.set(lane, motion.force);
         }
@@ -620,6 +636,9 @@ impl<S: Simd> Frame<S> {
                 *motion = Motion {
                     index,
                     time,
+                    run_start_time: motion.run_start_time,
+                    measured_ahead: motion.measured_ahead,
+                    position_origin: 0.0,
                     dt,
                     position,
                     velocity,

@@ -71,6 +71,7 @@ pub(super) fn drive_stage(
         starts,
         channels,
         outputs,
+        path: Some(measured_path(gantry)),
     }))
 }
 
@@ -108,16 +109,21 @@ pub(super) fn camera_stage(
     let Some((origin, _)) = recording.time_range() else { return Ok(None) };
     let frames = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
     let taken = FrameTimes::of(&frames).taken;
-    let mut seen = Readings::<2>::collect(taken.iter().zip(&frames.values).map(|(time, frame)| {
+    let frames = taken.iter().zip(&frames.values).map(|(time, frame)| {
         let point = match gantry.player {
             Player::Left => &frame.left,
             Player::Right => &frame.right,
         };
         let place = point.as_ref().map_or([f64::NAN; 2], |point| [point.x, point.y]);
         (time.seconds_since(origin), place)
-    }));
+    });
+    // Every frame, in the order of arrival: one whose time stamp jitters before the last one is not lost.
+    let mut frames: Vec<(f64, [f64; 2])> = frames.collect();
+    let (stamps, places): (Vec<f64>, Vec<[f64; 2]>) = frames.iter().copied().unzip();
+    let losses = FrameLosses::new(&stamps, &repeats(&places), FRAMES_OF_A_BLOCK);
+    frames.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let mut seen = Readings::<2>::collect(frames.into_iter());
     let repeated = repeats(&seen.values);
-    let losses = FrameLosses::new(&seen.times, &repeated, FRAMES_OF_A_BLOCK);
     for (place, _) in seen.values.iter_mut().zip(repeated).filter(|(_, repeated)| *repeated) {
         *place = [f64::NAN; 2];
     }
@@ -129,10 +135,14 @@ pub(super) fn camera_stage(
     let x = ("camera.striker_x", "m", Domain::Sensor, "x");
     let y = ("camera.striker_y", "m", Domain::Sensor, "y");
     let channels = vec![seen.channel(0, &spans, x), seen.channel(1, &spans, y)];
-    let path = MeasuredPath::new(
-        gantry.carriage.times.clone(),
-        gantry.carriage.values.iter().map(|value| [value[0], value[1]]).collect(),
-        gantry.carriage.values.iter().map(|value| [value[2], value[3]]).collect(),
-    );
-    Ok(Some(CameraStage { carriage: path, channels, height: STRIKER_HEIGHT, losses }))
+    let carriage = measured_path(gantry);
+    Ok(Some(CameraStage { carriage, channels, height: STRIKER_HEIGHT, losses }))
+}
+
+/// Path of the carriage of `gantry`, by its motors.
+fn measured_path(gantry: &Gantry) -> MeasuredPath {
+    let column = |first: usize| {
+        gantry.carriage.values.iter().map(move |value| [value[first], value[first + 1]])
+    };
+    MeasuredPath::new(gantry.carriage.times.clone(), column(0).collect(), column(2).collect())
 }

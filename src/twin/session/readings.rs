@@ -1,7 +1,14 @@
 //! One measured signal of several columns, as times and values.
 
-use crate::{effects::Domain, stats::median, twin::Channel};
+use crate::{
+    effects::Domain,
+    stats::{mean, median},
+    twin::Channel,
+};
 use std::ops::Range;
+
+/// Periods without a reading that are a pause, which is not filled.
+const LONGEST_GAP: f64 = 1000.0;
 
 /// Readings of one signal, in order.
 #[derive(Debug, Clone, Default)]
@@ -30,24 +37,40 @@ impl<const N: usize> Readings<N> {
     }
 
     /// The same on an even index: where readings are missing, empty ones (NaN) are put in.
+    ///
+    /// Readings are missing where there are fewer than periods since the last pause: time stamps that jitter leave long
+    /// intervals and short ones, and nothing is missing.
     pub(super) fn evened(&self) -> Self {
-        let Some(period) = self.period() else { return self.clone() };
+        let Some(period) = self.mean_period() else { return self.clone() };
         let mut even = Self::default();
+        let (mut begin, mut count) = (0.0, 0);
         for (index, time) in self.times.iter().enumerate() {
-            if let Some(last) = even.times.last().copied() {
-                let gap: f64 = time - last;
-                let missing = (gap / period).round() as usize;
-                if missing < 1000 {
+            match even.times.last().copied() {
+                Some(last) if time - last < LONGEST_GAP * period => {
+                    let gap: f64 = time - last;
+                    let missing =
+                        (((time - begin) / period).round() as usize).saturating_sub(count);
+                    let missing = missing.min((gap / period).round() as usize);
                     for k in 1..missing {
                         even.times.push(last + gap * k as f64 / missing as f64);
                         even.values.push([f64::NAN; N]);
                     }
+                    count += missing.max(1);
                 }
+                _ => (begin, count) = (*time, 0),
             }
             even.times.push(*time);
             even.values.push(self.values[index]);
         }
         even
+    }
+
+    /// Mean distance of neighbours that are about one median apart (s); `None` below two readings.
+    fn mean_period(&self) -> Option<f64> {
+        let median = self.period()?;
+        let steps = self.times.windows(2).map(|pair| pair[1] - pair[0]);
+        let single: Vec<f64> = steps.filter(|step| (step - median).abs() < 0.5 * median).collect();
+        mean(&single).filter(|period| 0.0 < *period)
     }
 
     /// Indices of the readings in each of `spans`.

@@ -212,6 +212,7 @@ fn drive(
         }],
         channels,
         outputs,
+        path: None,
     };
     let mut predicted: [Vec<f64>; 10] = std::array::from_fn(|index| vec![0.0; at(index).len()]);
     stage.predict(twin, &[], &mut predicted);

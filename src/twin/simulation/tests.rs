@@ -29,7 +29,7 @@ fn table(delay: f64) -> Twin {
         Twin::nominal(Machine::Table),
         &[
             ("drive.delay", Axis::Motors, &[delay]),
-            ("coupling.magnet_spring", Axis::Whole, &[120.0, 0.4, 0.02]),
+            ("coupling.magnet_spring", Axis::Whole, &[120.0, 0.4, 0.02, 0.0]),
             ("sensor.camera_latency", Axis::Whole, &[0.012]),
         ],
     )
