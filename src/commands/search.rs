@@ -63,7 +63,7 @@ fn parse_effects(text: &str) -> Result<EffectsFile, EffectsFileError> {
 }
 
 fn parse_effect(text: &str) -> Result<String, OptionError> {
-    SearchOptions::default().select(&[text.to_owned()], &[]).map(|_| text.to_owned())
+    SearchOptions::check_name(text).map(|()| text.to_owned())
 }
 
 fn parse_alpha(text: &str) -> Result<f64, String> {

@@ -123,9 +123,11 @@ sign = "positive"
 
     #[test]
     fn a_file_defines_effects_that_are_found_by_name() {
-        let effects = from_text(CABLE, "own.toml".to_owned()).unwrap();
+        let effects =
+            from_text(&CABLE.replace("user.file_cable", "user.found_cable"), "own.toml".to_owned())
+                .unwrap();
         assert_eq!(effects.len(), 1);
-        assert!(std::ptr::eq(super::super::find("user.file_cable").unwrap(), effects[0]));
+        assert!(std::ptr::eq(super::super::find("user.found_cable").unwrap(), effects[0]));
         assert_eq!(effects[0].parameters[0].bounds, (0.0, 2000.0));
     }
 

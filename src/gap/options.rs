@@ -209,6 +209,14 @@ impl SearchOptions {
         Ok(self)
     }
 
+    /// Check that an effect or a group of effects is called `name`.
+    ///
+    /// # Errors
+    /// None is.
+    pub fn check_name(name: &str) -> Result<(), OptionError> {
+        group(name).map(|_| ())
+    }
+
     /// Set parameters that are known.
     ///
     /// # Errors

@@ -629,25 +629,39 @@ impl<'a, 'b> Bench<'a, 'b> {
         !optional.is_empty() && self.carry_most(trial, &optional)
     }
 
-    /// Whether most of what `trial` explains is lost without `parts` of its effect, when the others are fitted again.
+    /// Whether most of what `trial` explains is lost without `parts` of its effect, when all other parameters are fitted
+    /// again.
     fn carry_most(&self, trial: &Trial, parts: &[Slot]) -> bool {
-        let mut point = trial.fit.point.clone();
-        parts.iter().for_each(|slot| point.twin.set(*slot, 0.0));
-        let others: Vec<Slot> =
-            trial.fit.slots.iter().copied().filter(|slot| !parts.contains(slot)).collect();
-        let again = fit::fit(self.train, point, &others, self.filters, PARTS_ITERATIONS);
-        let twin = again.point.twin;
-        let needs = |problem: &Problem<'_>, base: &[f64], with: &[f64]| {
-            let point = fit::on(problem, &twin, self.filters);
-            let without = problem.whitened(&point, self.filters);
-            let removes = |rows: &[f64]| 1.0 - fit::squared(rows) / fit::squared(base);
-            let rest = removes(&without).max(0.0);
-            is_in(&without, with, &problem.blocks()) && rest <= removes(with) - rest
+        let own = slots_of_last(&trial.fit.point.twin);
+        let without = |gone: &[Slot]| {
+            let mut point = trial.fit.point.clone();
+            for slot in gone {
+                point.twin.set(*slot, trial.candidate.effect.null[slot.parameter]);
+            }
+            point
+        };
+        let (rest, nothing) = (without(parts), without(&own));
+        let rows = |point: &Point| self.train.whitened(point, self.filters);
+        let change = apart(&rows(&nothing), &trial.train_rows);
+        if apart(&rows(&rest), &rows(&nothing)) <= IDLE * change {
+            return true;
+        }
+        let refitted = |point: Point, gone: &[Slot]| {
+            let slots = trial.fit.slots.iter().copied();
+            let others: Vec<Slot> = slots.filter(|slot| !gone.contains(slot)).collect();
+            fit::fit(self.train, point, &others, self.filters, PARTS_ITERATIONS).point.twin
+        };
+        let (rest, nothing) = (refitted(rest, parts), refitted(nothing, &own));
+        let needs = |problem: &Problem<'_>, with: &[f64]| {
+            let rows =
+                |twin: &Twin| problem.whitened(&fit::on(problem, twin, self.filters), self.filters);
+            let without = rows(&rest);
+            let [nothing, rest, all] = [&rows(&nothing), &without, with].map(fit::squared);
+            is_in(&without, with, &problem.blocks()) && (nothing - rest).max(0.0) <= rest - all
         };
         let held_out = self.held_out;
-        let on_held_out =
-            held_out.parts.is_empty() || needs(held_out, &self.base_held_rows, &trial.held_rows);
-        on_held_out && needs(self.train, &self.base_train_rows, &trial.train_rows)
+        (held_out.parts.is_empty() || needs(held_out, &trial.held_rows))
+            && needs(self.train, &trial.train_rows)
     }
 
     /// Whether what the effect does is rather in proportion to the speed, beside what its physics says.

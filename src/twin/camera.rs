@@ -3,7 +3,7 @@
 use super::{
     Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, noise::FrameLosses, plant::Part,
 };
-use crate::effects::{Carriage, Effect, Physics, Place, both};
+use crate::effects::{Axis, Carriage, Effect, Physics, Place, Signal, both};
 
 /// Step of a march along the measured path (s).
 pub(super) const STEP: f64 = 1e-3;
@@ -20,6 +20,8 @@ pub struct CameraStage {
     pub channels: Vec<Channel>,
     /// Height of what the camera sees above the board (m).
     pub height: f64,
+    /// Whether the drives were recorded as well: then they show what the motors feel of their load.
+    pub has_drives: bool,
     /// Frames that did not come or came twice; `None` of too few.
     pub losses: Option<FrameLosses>,
 }
@@ -98,6 +100,12 @@ impl Stage for CameraStage {
             )
         };
         effect.physics.equations().iter().any(is_called)
+    }
+
+    fn feels(&self, effect: &Effect, axis: Axis) -> bool {
+        let is_felt =
+            self.has_drives && effect.signals.contains(&Signal::MotorTorque) && axis.is_motor();
+        self.calls(effect) && !is_felt
     }
 
     fn frame_losses(&self) -> Option<&FrameLosses> {
@@ -229,7 +237,8 @@ mod tests {
             runs: vec![10..200, 400..600],
         };
         let channels = vec![channel("x"), channel("y")];
-        let stage = CameraStage { carriage, channels, height: 0.0, losses: None };
+        let stage =
+            CameraStage { carriage, channels, height: 0.0, has_drives: false, losses: None };
         let mut twin = Twin::nominal(Machine::Table);
         twin.striker_mass = 0.012;
         let slip = find("coupling.magnet_slip").unwrap();

@@ -5,7 +5,7 @@
 //! at a time (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11). Values
 //! that are not finite mark gaps; nothing is differenced across them.
 
-use crate::stats::median;
+use crate::stats::{half_central_spread, median};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -14,6 +14,9 @@ pub(crate) const FRAMES_OF_A_BLOCK: usize = 60;
 
 /// Fewest blocks of which a standard error can be formed.
 const FEWEST_BLOCKS: usize = 5;
+
+/// Standard error of a median, in those of a mean (normal errors).
+const MEDIAN_ERROR: f64 = 1.2533;
 
 /// An interval of this many periods is a pause, and no loss of frames.
 const PAUSE_PERIODS: f64 = 30.0;
@@ -136,6 +139,8 @@ pub fn scattering(residual: &[f64], speed: &[f64], block: usize) -> Option<Scatt
 pub struct FrameLosses {
     /// Seconds and number of all intervals, seconds and number of those of about one period, and repeated frames.
     blocks: Vec<[f64; 5]>,
+    /// Standard error of the median interval, in periods: it is the middle of the intervals of about one period.
+    doubt: f64,
 }
 
 /// Fraction of the frames that were lost.
@@ -161,6 +166,8 @@ impl FrameLosses {
         if period <= 0.0 {
             return None;
         }
+        let spread = half_central_spread(&intervals)?;
+        let doubt = MEDIAN_ERROR * spread / (intervals.len() as f64).sqrt() / period;
         let sums = |intervals: &[(f64, bool)]| {
             intervals.iter().filter(|(own, _)| own.abs() < PAUSE_PERIODS * period).fold(
                 [0.0; 5],
@@ -174,7 +181,7 @@ impl FrameLosses {
         };
         let intervals: Vec<(f64, bool)> =
             intervals.into_iter().zip(repeated.iter().skip(1).copied()).collect();
-        Some(Self { blocks: intervals.chunks(block.max(1)).map(sums).collect() })
+        Some(Self { blocks: intervals.chunks(block.max(1)).map(sums).collect(), doubt })
     }
 
     /// Fraction of frames lost in all of `parts`; `None` for too few frames.
@@ -185,7 +192,11 @@ impl FrameLosses {
             let period = single / singles;
             1.0 - (count - again) * period / all
         };
-        let fraction = jackknife(&blocks, lost)?;
+        let found = jackknife(&blocks, lost)?;
+        let doubts = parts.iter().map(|part| part.doubt.powi(2)).sum::<f64>().sqrt();
+        let doubt = doubts / parts.len().max(1) as f64;
+        let standard_error = found.standard_error.hypot(doubt);
+        let fraction = Estimate { standard_error, ..found };
         Some(LostFraction { fraction, blocks: blocks.len() })
     }
 }

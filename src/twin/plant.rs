@@ -20,8 +20,8 @@ use super::{
 };
 use crate::{
     effects::{
-        Axis, Bristles, Carriage, CrossMotion, Law, LoopGains, Motion, Physics, Place, Regressor,
-        Spring, both,
+        Axis, Bristles, Carriage, CrossMotion, Expression, Law, LoopGains, Motion, Physics, Place,
+        Regressor, Spring, both,
     },
     gantry::belts,
 };
@@ -270,25 +270,39 @@ impl Plant {
             Physics::Reaction(call) if index == 0 => {
                 self.reactions.push(Part::new(call, instance, memory));
             }
-            Physics::Expression(place, own) => match (place, at_motor) {
-                (Place::Force, true) => {
-                    motor.forces.push(Part::new(Law::Expression(own), instance, memory));
-                }
-                (Place::Force, false) => {
-                    rail.forces.push(Part::new(Law::Expression(own), instance, memory));
-                }
-                (Place::Friction, _) => {
-                    let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
-                    rubs.levels.push(Part::new(Law::Level(own), instance, memory));
-                }
-                (Place::Input, _) => {
-                    motor.commands.push(Part::new(Law::Expression(own), instance, memory));
-                }
-                (Place::Output, _) => {
-                    motor.encoders.push(Part::new(Law::Expression(own), instance, memory));
-                }
-            },
+            Physics::Expression(place, own) => self.add_expression(instance, (place, own), index),
             _ => {}
+        }
+    }
+
+    /// Adds the expression of a user at its place.
+    fn add_expression(
+        &mut self,
+        instance: &Instance,
+        (place, own): (Place, &'static Expression),
+        index: usize,
+    ) {
+        let memory = &mut self.memory;
+        let motor = &mut self.motors[index];
+        let rail = &mut self.rails[index];
+        let at_motor = instance.axis.is_motor();
+        match (place, at_motor) {
+            (Place::Force, true) => {
+                motor.forces.push(Part::new(Law::Expression(own), instance, memory));
+            }
+            (Place::Force, false) => {
+                rail.forces.push(Part::new(Law::Expression(own), instance, memory));
+            }
+            (Place::Friction, _) => {
+                let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
+                rubs.levels.push(Part::new(Law::Level(own), instance, memory));
+            }
+            (Place::Input, _) => {
+                motor.commands.push(Part::new(Law::Expression(own), instance, memory));
+            }
+            (Place::Output, _) => {
+                motor.encoders.push(Part::new(Law::Expression(own), instance, memory));
+            }
         }
     }
 

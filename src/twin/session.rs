@@ -316,7 +316,7 @@ fn session_of(
     let (mut drive, mut camera, mut commands) = (None, None, 0);
     if let Some(gantry) = gantry {
         drive = links::drive_stage(recording, gantry, &runs)?;
-        camera = links::camera_stage(recording, gantry, &runs)?;
+        camera = links::camera_stage(recording, gantry, (&runs, drive.is_some()))?;
         commands = recording.count(&topic::command(gantry.player));
     }
     let spans: Vec<Range<f64>> = runs.iter().map(|run| run.span.clone()).collect();

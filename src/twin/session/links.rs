@@ -97,14 +97,15 @@ fn run_starts(runs: &[Run], carriage: &Readings<4>) -> Vec<RunStart> {
 }
 
 /// The link from the carriage of `gantry` to the camera. Where frames carry a clock of their own
-/// epoch or none, the camera's latency is the time up to their arrival (see [`FrameTimes`]).
+/// epoch or none, the camera's latency is the time up to their arrival (see [`FrameTimes`]). `has_drives` says whether
+/// the drives were recorded.
 ///
 /// # Errors
 /// When a message does not decode.
 pub(super) fn camera_stage(
     recording: &Recording,
     gantry: &Gantry,
-    runs: &[Run],
+    (runs, has_drives): (&[Run], bool),
 ) -> Result<Option<CameraStage>, RecordingError> {
     let Some((origin, _)) = recording.time_range() else { return Ok(None) };
     let frames = recording.series::<CameraDetections>(topic::CAMERA_DETECTIONS)?;
@@ -136,7 +137,7 @@ pub(super) fn camera_stage(
     let y = ("camera.striker_y", "m", Domain::Sensor, "y");
     let channels = vec![seen.channel(0, &spans, x), seen.channel(1, &spans, y)];
     let carriage = measured_path(gantry);
-    Ok(Some(CameraStage { carriage, channels, height: STRIKER_HEIGHT, losses }))
+    Ok(Some(CameraStage { carriage, channels, height: STRIKER_HEIGHT, has_drives, losses }))
 }
 
 /// Path of the carriage of `gantry`, by its motors.

@@ -225,6 +225,7 @@ fn striker(twin: &Twin, path: &MeasuredPath, times: &[f64]) -> Vec<[f64; 2]> {
         carriage: path.clone(),
         channels: vec![channel(times, Domain::Sensor), channel(times, Domain::Sensor)],
         height: STRIKER_HEIGHT,
+        has_drives: false,
         losses: None,
     };
     let mut predicted = [vec![0.0; times.len()], vec![0.0; times.len()]];

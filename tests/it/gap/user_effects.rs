@@ -51,7 +51,7 @@ fn an_effect_of_the_user_is_named_kept_in_the_twin_and_simulated() {
     let twin = dir.path().join("out/twin.json").display().to_string();
     let (again, _) = gap_with(&recordings, vec!["--twin", &twin], &dir.path().join("again"));
     assert_eq!(again["verdict"], "none", "{again:#}");
-    let motion = dir.path().join("motion.csv").display().to_string();
+    let motion = dir.path().join("motion.mcap").display().to_string();
     let simulate = ["simulate", &twin, "--commands", &recordings[0], "--output", &motion];
     let (_, errors, status) = said(&klasktron(&simulate));
     assert_eq!(status, 0, "{errors}");
