@@ -262,13 +262,15 @@ fn link_of<'a>(
     }
 }
 
-/// Parameters that a link has determined. Motors feel a soft belt or a backlash, and the camera only sees how far the
-/// striker lags, which other effects change as well.
+/// Parameters that the drives determine. Motors feel when they meet their load, and the camera only sees how far it lags,
+/// which other effects change as well; of a soft belt it sees the size, and nothing of the rotor.
 fn determined(outcome: &Outcome<'_>) -> Vec<Held> {
     let twin = &outcome.last.point.twin;
     let fitted = outcome.last.slots.iter().zip(&outcome.uncertainty.undetermined);
     fitted
-        .filter(|(_, is_undetermined)| !**is_undetermined)
+        .filter(|(slot, is_undetermined)| {
+            0 < slot.parameter || twin.instances[slot.instance].rattles() && !**is_undetermined
+        })
         .map(|(slot, _)| Held::of(twin, *slot))
         .collect()
 }

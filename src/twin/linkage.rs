@@ -7,7 +7,6 @@ use crate::{
 };
 
 type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
-type LoadPart = Part<Law<fn(&[f64], &mut [f64], &Motion) -> f64>>;
 type EncoderPart = Part<Law<fn(&[f64], f64) -> f64>>;
 type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
 type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
@@ -30,14 +29,8 @@ pub struct Linkage {
     frames: Vec<FramePart>,
     couplings: Vec<CouplingPart>,
     mass: [f64; 2],
-    /// Forces and levels of friction on each rail, which the belts transmit as well.
-    loads: [Vec<LoadPart>; 2],
-    rubs: [Vec<LoadPart>; 2],
     memory: usize,
 }
-
-/// Speed below which the direction of friction is not known (m/s).
-const RESTING: f64 = 2e-3;
 
 impl Linkage {
     /// The linkage of the instances in `twin` that act between carriage and striker.
@@ -50,8 +43,6 @@ impl Linkage {
             frames: Vec::new(),
             couplings: Vec::new(),
             mass: [0.0; 2],
-            loads: [Vec::new(), Vec::new()],
-            rubs: [Vec::new(), Vec::new()],
             memory: 0,
         };
         for instance in &twin.instances {
@@ -104,14 +95,6 @@ impl Linkage {
                 let mass = call(&instance.numbers(), &Motion::default());
                 covered.for_each(|k| self.mass[k] += mass);
             }
-            Physics::Force(call) if !axis.is_motor() => {
-                let call = Law::Function(call);
-                covered.for_each(|k| self.loads[k].push(Part::new(call, instance, memory)));
-            }
-            Physics::Friction(call) if !axis.is_motor() => {
-                let call = Law::Function(call);
-                covered.for_each(|k| self.rubs[k].push(Part::new(call, instance, memory)));
-            }
             _ => {}
         }
     }
@@ -145,25 +128,6 @@ impl Linkage {
         })
     }
 
-    /// Force that moves the carriage along rail `k` (N): for its mass, and against forces and friction.
-    fn transmitted(&self, memory: &mut [f64], carriage: &Carriage, k: usize) -> f64 {
-        let motion = Motion {
-            index: k,
-            dt: carriage.dt,
-            position: carriage.position[k],
-            velocity: carriage.velocity[k],
-            acceleration: carriage.acceleration[k],
-            mass: self.mass[k],
-            ..Motion::default()
-        };
-        let mut sum = |parts: &[LoadPart]| -> f64 {
-            parts.iter().map(|part| part.call.at(part.p(), part.memory(memory), &motion)).sum()
-        };
-        let (load, level) = (sum(&self.loads[k]), sum(&self.rubs[k]));
-        let direction = (motion.velocity / RESTING).clamp(-1.0, 1.0);
-        motion.mass * motion.acceleration - load + level.max(0.0) * direction
-    }
-
     /// Striker (m) of a carriage at one time; `memory` is that of this carriage, [`memory`](Self::memory) numbers,
     /// all zero after a long rest.
     #[must_use]
@@ -175,7 +139,7 @@ impl Linkage {
                 belt[k] -= part.call.at(part.p(), belt[k]) - belt[k];
             }
         }
-        let force = both(|k| self.transmitted(memory, &carriage, k));
+        let force = both(|k| self.mass[k] * carriage.acceleration[k]);
         let belt_force = belts(force).map(|sum| 0.5 * sum);
         let (belt_velocity, belt_acceleration) =
             (belts(carriage.velocity), belts(carriage.acceleration));
