@@ -8,7 +8,7 @@ RIG is a folder with `make_data.py`, a simulator that shares no code and no equa
 README for the fields of `truth` and `sensor`. `make` draws a machine per base, and per machine a recording pair
 without changes (for the base twin), pairs with one effect, with two, and with none but another course. Run it with a Python
 that has what RIG needs. `run` calibrates a twin for each base, compares every other pair with it, and prints per case
-what was hidden, found and named beside; RESULTS/cases.json and RESULTS/summary.json keep the figures.
+what was hidden, found and named beside; RESULTS/cases-results.json and RESULTS/summary.json keep the figures.
 
 A case counts as exact when every hidden effect is named (or, where the base twin already has it, its parameter
 changed) and nothing else is; as answered when the effects that are named or listed as indistinguishable include all

@@ -88,7 +88,9 @@ pub use findings::{
 pub use fit::{Fit, Uncertainty};
 pub use floor::{Floor, FloorSource};
 pub use incident::Incident;
-pub use isolability::{Confusion, Isolability, SignalShare, Signature, isolability};
+pub use isolability::{
+    Confusion, Isolability, SignalShare, Signature, StageIsolability, isolability,
+};
 pub use journal::{JournalEntry, Move, MoveComparison, MoveKind};
 pub use numbers::ParameterEstimate;
 pub use observer::{SearchObserver, SearchStep};

@@ -1,6 +1,10 @@
 //! `klasktron effects`: the catalogue of physical effects.
 
-use super::{Outcome, print, tell};
+use super::{
+    Outcome,
+    gap::{Inputs, outcome},
+    print, tell,
+};
 use clap::builder::NonEmptyStringValueParser;
 use clap::builder::TypedValueParser as _;
 use klasktron::{
@@ -8,9 +12,8 @@ use klasktron::{
         self, CATALOGUE, Effect,
         document::{DOMAINS, Document, capitalized, markdown, select, similar, symbols_in, title},
     },
-    gap::{self, Isolability, Signature, Task},
-    recording::Recording,
-    twin::{self, SessionOptions},
+    gap::{self, Signature, StageIsolability, Task},
+    twin::SessionOptions,
 };
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -79,29 +82,25 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What the recordings can show.
+/// Print what the motion of the recordings shows of each effect.
 fn isolability(args: &Args) -> anyhow::Result<Outcome> {
-    let start = args.twin.as_deref().map(twin::read_twin).transpose()?;
-    let recordings: Vec<Recording> =
-        args.recordings.iter().map(|path| Recording::open(path)).collect::<Result<_, _>>()?;
-    let sessions = twin::sessions_with(&recordings, &SessionOptions::default())?;
-    twin::check_machine(&sessions, start.as_ref())?;
-    let found = gap::find(&sessions, start.as_ref(), Task::Calibrate, gap::Context::default());
+    let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
+    let sessions = inputs.sessions(&SessionOptions::default())?;
+    let found =
+        gap::find(&sessions, inputs.start.as_ref(), Task::Calibrate, gap::Context::default());
     if found.outcomes.is_empty() {
         tell(&found.document.summary);
-        return Ok(Outcome::Lossy);
-    }
-    let stages = gap::isolability(&found);
-    if args.json {
-        print(&serde_json::to_string_pretty(&stages)?)?;
+    } else if args.json {
+        print(&serde_json::to_string_pretty(&gap::isolability(&found))?)?;
     } else {
+        let stages = gap::isolability(&found).stages;
         stages.iter().try_for_each(|stage| print(stage_table(stage).trim_end()))?;
     }
-    Ok(Outcome::Done)
+    Ok(outcome(&found.document, &inputs))
 }
 
 /// Effects of one stage: detectability, signals and what the motion does not separate; then what it does not show.
-fn stage_table(stage: &Isolability) -> String {
+fn stage_table(stage: &StageIsolability) -> String {
     let recordings = match stage.recordings {
         1 => "1 recording".to_owned(),
         count => format!("{count} recordings"),

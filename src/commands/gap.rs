@@ -11,7 +11,7 @@ use klasktron::{
     gap::{self, Document, Found, Task},
     provenance::Provenance,
     recording::{ExistingFile, Recording, write_bytes},
-    twin::{self, SessionError, Twin},
+    twin::{self, SessionError, SessionOptions, Twin},
 };
 use std::{
     fs,
@@ -68,14 +68,14 @@ pub(crate) struct CalibrateArgs {
 }
 
 /// Recordings and initial twin.
-struct Inputs {
+pub(super) struct Inputs {
     recordings: Vec<Recording>,
-    start: Option<Twin>,
+    pub(super) start: Option<Twin>,
     lost: bool,
 }
 
 impl Inputs {
-    fn read(recordings: &[PathBuf], start: Option<&Path>) -> anyhow::Result<Self> {
+    pub(super) fn read(recordings: &[PathBuf], start: Option<&Path>) -> anyhow::Result<Self> {
         let start = start.map(twin::read_twin).transpose()?;
         let mut opened: Vec<Recording> = Vec::new();
         for path in recordings {
@@ -93,8 +93,11 @@ impl Inputs {
         Ok(Self { recordings: opened, start, lost })
     }
 
-    fn sessions(&self, search: &SearchArgs) -> Result<Vec<twin::Session>, SessionError> {
-        let sessions = twin::sessions_with(&self.recordings, &search.of_sessions())?;
+    pub(super) fn sessions(
+        &self,
+        options: &SessionOptions,
+    ) -> Result<Vec<twin::Session>, SessionError> {
+        let sessions = twin::sessions_with(&self.recordings, options)?;
         twin::check_machine(&sessions, self.start.as_ref())?;
         Ok(sessions)
     }
@@ -103,7 +106,7 @@ impl Inputs {
 /// Run `klasktron gap`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
-    let sessions = inputs.sessions(&args.search)?;
+    let sessions = inputs.sessions(&args.search.of_sessions())?;
     let options = args.search.of_search(twin::machine_of(&sessions))?;
     let mut results = Results::begin(&args.output, &FILES, args.overwrite)?;
     note(&format!("comparing {} sessions with the twin", sessions.len()));
@@ -140,7 +143,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
         refuse_existing_file(file, args.overwrite)?;
     }
     let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
-    let sessions = inputs.sessions(&args.search)?;
+    let sessions = inputs.sessions(&args.search.of_sessions())?;
     let options = args.search.of_search(twin::machine_of(&sessions))?;
     let view = SearchView::new();
     let context = view.context(&options);
@@ -234,7 +237,7 @@ fn write_outcome(
 }
 
 /// A refused verdict is a failed check: the data say nothing about the machine.
-fn outcome(document: &Document, inputs: &Inputs) -> Outcome {
+pub(super) fn outcome(document: &Document, inputs: &Inputs) -> Outcome {
     if inputs.lost || !document.verdict.is_about_the_machine() {
         Outcome::Lossy
     } else {

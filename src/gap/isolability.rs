@@ -27,9 +27,21 @@ const INSEPARABLE: f64 = 0.95;
 /// Most effects that are listed as inseparable from another one.
 const MOST_LISTED: usize = 5;
 
-/// What a motion shows of the effects of one stage.
+/// Version of the document.
+const SCHEMA_VERSION: u32 = 1;
+
+/// What a motion shows of the effects of all stages: the document of `klasktron effects --for --json`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Isolability {
+    /// Version of this document.
+    pub schema_version: u32,
+    /// Stages of the measured chain that were recorded.
+    pub stages: Vec<StageIsolability>,
+}
+
+/// What a motion shows of the effects of one stage.
+#[derive(Debug, Clone, Serialize)]
+pub struct StageIsolability {
     /// Stage of the measured chain.
     pub stage: StageKind,
     /// Number of recordings with this stage that were used.
@@ -88,16 +100,17 @@ struct Column {
 
 /// Isolability of all effects on the recordings of `found`, stage by stage.
 #[must_use]
-pub fn isolability(found: &Found<'_>) -> Vec<Isolability> {
-    found.outcomes.iter().filter(|outcome| 0 < outcome.train.rows()).map(of_stage).collect()
+pub fn isolability(found: &Found<'_>) -> Isolability {
+    let compared = found.outcomes.iter().filter(|outcome| 0 < outcome.train.rows());
+    Isolability { schema_version: SCHEMA_VERSION, stages: compared.map(of_stage).collect() }
 }
 
-fn of_stage(outcome: &Outcome<'_>) -> Isolability {
+fn of_stage(outcome: &Outcome<'_>) -> StageIsolability {
     let columns = columns(outcome);
     let mut effects: Vec<Signature> =
         columns.iter().map(|own| signature(own, &columns, outcome)).collect();
     effects.sort_by(|a, b| b.detectability.total_cmp(&a.detectability));
-    Isolability { stage: outcome.kind, recordings: outcome.train.parts.len(), effects }
+    StageIsolability { stage: outcome.kind, recordings: outcome.train.parts.len(), effects }
 }
 
 /// Signature of every effect at every place, at the start of the search that shows it best.

@@ -3,7 +3,7 @@
 use super::{
     Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, noise::FrameLosses, plant::Part,
 };
-use crate::effects::{Axis, Carriage, Effect, Physics, Place, Signal, both};
+use crate::effects::{Axis, Carriage, Effect, Physics, Place, both};
 
 /// Step of a march along the measured path (s).
 pub(super) const STEP: f64 = 1e-3;
@@ -103,9 +103,9 @@ impl Stage for CameraStage {
     }
 
     fn feels(&self, effect: &Effect, axis: Axis) -> bool {
-        let is_felt =
-            self.has_drives && effect.signals.contains(&Signal::MotorTorque) && axis.is_motor();
-        self.calls(effect) && !is_felt
+        let is_between = |equation: &Physics| matches!(equation, Physics::Transmission(_));
+        let is_felt = axis.is_motor() && effect.physics.equations().iter().any(is_between);
+        self.calls(effect) && !(self.has_drives && is_felt)
     }
 
     fn frame_losses(&self) -> Option<&FrameLosses> {

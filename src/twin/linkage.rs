@@ -1,10 +1,11 @@
 //! Carriage to striker: encoders, play, geometry of the gantry, magnet.
 
-use super::{Instance, Twin, plant::Part, transmission};
+use super::{Instance, Twin, lanes::Lanes, plant::Part, transmission};
 use crate::{
     effects::{Carriage, Law, Motion, Physics, Place, Spring, both},
     gantry::{belts, rails},
 };
+use pulp::Scalar;
 
 type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type EncoderPart = Part<Law<fn(&[f64], f64) -> f64>>;
@@ -66,7 +67,8 @@ impl Linkage {
         });
         if let Some([a, b]) = transmission::ties(springs) {
             let rotors = a.motor_mass + b.motor_mass;
-            let share = transmission::rotor_share(self.mass, rotors);
+            let of = |value: f64| Lanes::splat(Scalar, value);
+            let share = transmission::rotor_share(Scalar, self.mass.map(of), of(rotors)).get(0);
             self.mass = self.mass.map(|mass| mass - share * rotors);
         }
     }

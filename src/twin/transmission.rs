@@ -62,8 +62,9 @@ impl<S: Simd> TieLanes<S> {
 }
 
 /// Share of `rotors` (kg) that counts as rotor beside `mass` on the rails (kg): no more than moves on either rail.
-pub(super) fn rotor_share(mass: [f64; 2], rotors: f64) -> f64 {
-    (MOST_ROTOR * mass[0].min(mass[1]) / rotors).clamp(0.0, 1.0)
+#[inline(always)]
+pub(super) fn rotor_share<S: Simd>(simd: S, mass: [Lanes<S>; 2], rotors: Lanes<S>) -> Lanes<S> {
+    (MOST_ROTOR * mass[0].min(mass[1]) / rotors).min(Lanes::splat(simd, 1.0))
 }
 
 /// The ties with rotors that are no more than what moves on either rail, and the mass there that is no rotor (kg).
@@ -74,7 +75,7 @@ pub(super) fn parted<S: Simd>(
     mass: [Lanes<S>; 2],
 ) -> ([TieLanes<S>; 2], [Lanes<S>; 2]) {
     let rotors = a.motor_mass + b.motor_mass;
-    let share = (MOST_ROTOR * mass[0].min(mass[1]) / rotors).min(Lanes::splat(simd, 1.0));
+    let share = rotor_share(simd, mass, rotors);
     let ties = [
         TieLanes { motor_mass: share * a.motor_mass, ..*a },
         TieLanes { motor_mass: share * b.motor_mass, ..*b },

@@ -122,20 +122,14 @@ impl Chain {
             Physics::Inertia(call) => {
                 self.masses.push(Part { call, p, memory: 0, length: 0 });
             }
-            Physics::Expression(place, own) => {
-                let (memory, length) = (0, 0);
-                match place {
-                    Place::Force => {
-                        self.forces.push(Part { call: Law::Expression(own), p, memory, length });
-                    }
-                    Place::Friction => {
-                        self.frictions.push(Part { call: Law::Level(own), p, memory, length });
-                    }
-                    Place::Input => {
-                        self.commands.push(Part { call: Law::Expression(own), p, memory, length });
-                    }
-                    Place::Output => {}
-                }
+            Physics::Expression(Place::Force, own) => {
+                self.forces.push(Part { call: Law::Expression(own), p, memory: 0, length: 0 });
+            }
+            Physics::Expression(Place::Friction, own) => {
+                self.frictions.push(Part { call: Law::Level(own), p, memory: 0, length: 0 });
+            }
+            Physics::Expression(Place::Input, own) => {
+                self.commands.push(Part { call: Law::Expression(own), p, memory: 0, length: 0 });
             }
             _ => {}
         }
