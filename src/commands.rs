@@ -72,11 +72,7 @@ pub(crate) fn loss_sentence(recording: &Recording) -> String {
 
 /// The same sentence for a file that has been closed.
 pub(crate) fn loss_sentence_of(path: &Path, loss: &Loss) -> String {
-    let file = path.display();
-    format!(
-        "{file}: {loss}; the rest was read; copy it into a whole file with `klasktron recover {file} \
-         -o OUTPUT`"
-    )
+    loss.sentence(path)
 }
 
 /// Chain of reasons on one line, without reasons that the text before them contains already.

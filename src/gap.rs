@@ -42,6 +42,7 @@
 mod batch;
 mod calibrate_page;
 mod checks;
+mod compare;
 mod direct;
 mod document;
 mod evidence;
@@ -77,6 +78,7 @@ mod whiten;
 
 pub use calibrate_page::calibration_page;
 pub use checks::{Objection, check};
+pub use compare::{ComparedSignal, compare};
 pub use evidence::LogScoreGain;
 pub use explain::significant;
 pub use find::{Found, find};

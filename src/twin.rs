@@ -46,7 +46,7 @@ pub use axis_frame::AxisFrame;
 pub use ball::{BallStage, WallImpact};
 pub use camera::CameraStage;
 pub use diff::{Change, EffectDiff, ParameterDiff, PropertyDiff, TwinDiff};
-pub use document::{TwinError, read_twin, write_twin};
+pub use document::{TwinError, parse_twin, read_twin, write_twin};
 pub use drive::{DriveStage, Output};
 pub use estimator::EstimatorStage;
 pub use linkage::{Linkage, Places};

@@ -12,6 +12,7 @@ use mcap::records::{ChunkHeader, Record};
 use std::{
     fmt,
     io::{self, Read},
+    path::Path,
 };
 
 /// First and last eight bytes of an MCAP file.
@@ -44,6 +45,16 @@ impl Loss {
     #[must_use]
     pub fn is_none(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// Sentence on the lost part of the recording at `path`, and the way to a whole file of the rest.
+    #[must_use]
+    pub fn sentence(&self, path: &Path) -> String {
+        let file = path.display();
+        format!(
+            "{file}: {self}; the rest was read; copy it into a whole file with `klasktron recover \
+             {file} -o OUTPUT`"
+        )
     }
 }
 

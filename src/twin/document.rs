@@ -379,11 +379,14 @@ pub fn read_twin(path: &Path) -> Result<Twin, TwinError> {
     let shown = path.display().to_string();
     let text =
         fs::read_to_string(path).map_err(|source| TwinError::Io { path: shown.clone(), source })?;
-    from_text(&text, &shown)
+    parse_twin(&text, &shown)
 }
 
-/// The twin in the text of the file `path`.
-fn from_text(text: &str, path: &str) -> Result<Twin, TwinError> {
+/// Read the twin in `text`, the content of a `twin.json`; errors call it `path`.
+///
+/// # Errors
+/// As [`read_twin`], but for reading.
+pub fn parse_twin(text: &str, path: &str) -> Result<Twin, TwinError> {
     let syntax = |source| TwinError::Syntax { path: path.to_owned(), source };
     // The version first: the keys of another version are no errors of syntax.
     let value: serde_json::Value = serde_json::from_str(text).map_err(syntax)?;
@@ -438,7 +441,7 @@ mod tests {
         let text = Twin::nominal(Machine::Table).to_json().unwrap();
         let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
         document[key] = value;
-        from_text(&document.to_string(), "twin.json")
+        parse_twin(&document.to_string(), "twin.json")
     }
 
     #[test]
@@ -468,7 +471,7 @@ mod tests {
             let said = format!("twin.json has schema_version {shown}; this program reads 2");
             assert!(error.starts_with(&said) && error.contains("klasktron calibrate"), "{error}");
         }
-        let error = from_text("{}", "twin.json").unwrap_err().to_string();
+        let error = parse_twin("{}", "twin.json").unwrap_err().to_string();
         assert!(error.contains("schema_version missing"), "{error}");
     }
 
@@ -496,6 +499,6 @@ mod tests {
             total_variance_m2: estimate(7e-8),
             lost_frame_fraction: None,
         });
-        assert_eq!(from_text(&twin.to_json().unwrap(), "twin.json").unwrap(), twin);
+        assert_eq!(parse_twin(&twin.to_json().unwrap(), "twin.json").unwrap(), twin);
     }
 }
