@@ -89,8 +89,7 @@ mod tests {
         };
         let plain = Twin::nominal(Machine::Table);
         let mut slow = plain.clone();
-        let ramp =
-            slow.instances.iter_mut().find(|own| own.effect.name == "drive.saturation.slew");
+        let ramp = slow.instances.iter_mut().find(|own| own.effect.name == "drive.saturation.slew");
         ramp.unwrap().values[0].value = 1.0;
         let (plain, slow) = (rms(&plain), rms(&slow));
         assert!(0.0 < plain && 1.5 * plain < slow, "{plain} {slow}");

@@ -97,11 +97,7 @@ impl ActuatorNet {
         &self.stored.model
     }
 
-    fn run_of(
-        &self,
-        commands: &Bound<'_, PyAny>,
-        velocities: &Bound<'_, PyAny>,
-    ) -> PyResult<Run> {
+    fn run_of(&self, commands: &Bound<'_, PyAny>, velocities: &Bound<'_, PyAny>) -> PyResult<Run> {
         let commands = floats(commands, "commands", &[Length::Any("n"), Length::Exactly(AXES)])?;
         let commands = pairs::<AXES>(&commands)?;
         let expected = [Length::Exactly(commands.len()), Length::Exactly(AXES)];

@@ -92,7 +92,9 @@ pub(crate) fn rows<'py, const N: usize, T: numpy::Element + Copy>(
 }
 
 /// A contiguous array as `[[f64; N]]`.
-pub(crate) fn pairs<const N: usize>(array: &PyReadonlyArrayDyn<'_, f64>) -> PyResult<Vec<[f64; N]>> {
+pub(crate) fn pairs<const N: usize>(
+    array: &PyReadonlyArrayDyn<'_, f64>,
+) -> PyResult<Vec<[f64; N]>> {
     let (rows, _) = array.as_slice()?.as_chunks::<N>();
     Ok(rows.to_vec())
 }

@@ -181,4 +181,3 @@ fn time_of(seconds: f64, index: usize) -> PyResult<Nanos> {
     }
     Err(refused(format!("time {index} is {seconds} s; allowed are 0 to 1e10 s")))
 }
-

@@ -265,8 +265,7 @@ fn step_all(
             tasks.map(|task| scope.spawn(move || task.step(rules, actions, now))).collect();
         let mut outcome = own.map_or(Ok(()), |task| task.step(rules, actions, now));
         for other in others {
-            let stepped =
-                other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            let stepped = other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             outcome = outcome.and(stepped);
         }
         outcome
@@ -451,7 +450,8 @@ impl Rules {
 fn script_of(name: &str) -> PyResult<Scripted> {
     let known = Scripted::ALL.map(Scripted::name).join(", ");
     let found = Scripted::ALL.into_iter().find(|own| own.name() == name);
-    found.ok_or_else(|| refused(format!("no scripted player is called '{name}'; known are {known}")))
+    found
+        .ok_or_else(|| refused(format!("no scripted player is called '{name}'; known are {known}")))
 }
 
 fn kind_of(name: &str) -> PyResult<ObservationKind> {

@@ -152,9 +152,9 @@ fn content_of(path: &Path, only: Option<&[String]>) -> Result<Content, ReadError
     for (name, table) in names.iter().zip(in_parallel(&names, |name| table_of(&recording, name))) {
         match table {
             Ok(topic) => topics.push(topic),
-            Err(error @ (RecordingError::NotTabular { .. } | RecordingError::MixedSchemas { .. }))
-                if only.is_none() =>
-            {
+            Err(
+                error @ (RecordingError::NotTabular { .. } | RecordingError::MixedSchemas { .. }),
+            ) if only.is_none() => {
                 skipped.push(format!("{name}: {error}"));
             }
             Err(error) => return Err(error.into()),
@@ -229,4 +229,3 @@ fn floats<'py, T: Copy>(
     let plain: Vec<f64> = values.iter().map(|own| own.map_or(f64::NAN, &number)).collect();
     PyArray1::from_vec(py, plain).into_any()
 }
-

@@ -20,7 +20,10 @@ use pyo3::{
     prelude::*,
     types::{PyDict, PyList},
 };
-use std::path::{Path, PathBuf};
+use std::{
+    cmp::Ordering,
+    path::{Path, PathBuf},
+};
 
 /// Name of commands that come from no file, in messages.
 const ARRAY: &str = "commands";
@@ -341,7 +344,8 @@ fn times_of(options: &Options<'_>, count: usize) -> PyResult<Vec<f64>> {
     };
     let times = floats(times, "times_s", &[Length::Exactly(count)])?;
     let times = times.as_slice()?;
-    let wrong = times.windows(2).position(|pair| !(pair[0] < pair[1]));
+    let in_order = |pair: &[f64]| pair[0].partial_cmp(&pair[1]) == Some(Ordering::Less);
+    let wrong = times.windows(2).position(|pair| !in_order(pair));
     if let Some(index) = wrong {
         let [before, after] = [times[index], times[index + 1]];
         return Err(refused(format!(
