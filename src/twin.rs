@@ -31,6 +31,7 @@ mod estimator;
 mod lanes;
 mod linkage;
 mod machine;
+pub mod mjcf;
 pub mod noise;
 mod nominal;
 mod path;

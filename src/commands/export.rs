@@ -1,7 +1,7 @@
-//! `klasktron export`: tables of any recording, weights of an `actuator.mcap`.
+//! `klasktron export`: tables of any recording, weights of an `actuator.mcap`, a twin for other simulators.
 
 use super::{
-    Outcome,
+    Outcome, note,
     results::{OverwriteArgs, refuse_existing, refuse_existing_file, write_file},
     tell,
 };
@@ -13,6 +13,7 @@ use klasktron::{
         table::{self, TableFormat},
         write_bytes,
     },
+    twin::{mjcf::mjcf, read_twin},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -28,12 +29,13 @@ const WEIGHTS_PREFIX: &str = "weights/";
 #[command(after_help = "Examples:
   klasktron export train.mcap --to parquet --topic /striker/left/command -o commands.parquet
   klasktron export train.mcap --to csv -o tables
-  klasktron export actuator/actuator.mcap --to onnx -o model.onnx")]
+  klasktron export actuator/actuator.mcap --to onnx -o model.onnx
+  klasktron export gap/twin.json --to mjcf -o gantry.xml")]
 pub(crate) struct Args {
-    /// Recording, or an actuator.mcap
+    /// Recording, an actuator.mcap, or a twin.json
     file: PathBuf,
     /// Format: onnx, safetensors or torchscript for the weights of an actuator.mcap; parquet or csv
-    /// for tables of any recording; npz for weights where the file has them, else tables
+    /// for tables of any recording; npz for weights where the file has them, else tables; mjcf for a twin
     #[arg(long)]
     to: Format,
     /// File to write; a folder with one file per topic, where there are several and no --topic
@@ -45,6 +47,9 @@ pub(crate) struct Args {
     /// Export the weights of this seed [default: the chosen one]
     #[arg(long)]
     seed: Option<u64>,
+    /// Fail if the format cannot express an effect of the twin
+    #[arg(long)]
+    strict: bool,
     #[command(flatten)]
     overwrite: OverwriteArgs,
 }
@@ -58,6 +63,7 @@ pub(crate) enum Format {
     Npz,
     Parquet,
     Csv,
+    Mjcf,
 }
 
 impl Format {
@@ -67,7 +73,7 @@ impl Format {
             Self::Npz => Some(TableFormat::Npz),
             Self::Parquet => Some(TableFormat::Parquet),
             Self::Csv => Some(TableFormat::Csv),
-            Self::Onnx | Self::Safetensors | Self::Torchscript => None,
+            Self::Onnx | Self::Safetensors | Self::Torchscript | Self::Mjcf => None,
         }
     }
 
@@ -79,12 +85,16 @@ impl Format {
             Self::Npz => "npz",
             Self::Parquet => "parquet",
             Self::Csv => "csv",
+            Self::Mjcf => "xml",
         }
     }
 }
 
 /// Run `klasktron export`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    if args.to == Format::Mjcf {
+        return export_mjcf(args);
+    }
     let recording = Recording::open(&args.file)?;
     let has_weights = recording.attachments.iter().any(|a| a.name.starts_with(WEIGHTS_PREFIX));
     let table_format = match args.to.of_table() {
@@ -117,13 +127,40 @@ fn export_weights(recording: &Recording, args: &Args) -> anyhow::Result<()> {
         Format::Onnx => WeightsFormat::Onnx,
         Format::Safetensors => WeightsFormat::Safetensors,
         Format::Torchscript => WeightsFormat::Torchscript,
-        Format::Npz | Format::Parquet | Format::Csv => WeightsFormat::Npz,
+        Format::Npz | Format::Parquet | Format::Csv | Format::Mjcf => WeightsFormat::Npz,
     };
     let stored = actuator::read_actuator(recording)?;
     let bytes = actuator::export_weights(&stored, format, args.seed)?;
     write_file(&args.output, args.overwrite, |existing| {
         Ok(write_bytes(&args.output, existing, &bytes)?)
     })
+}
+
+/// Write a twin as MJCF, and list what it cannot express.
+fn export_mjcf(args: &Args) -> anyhow::Result<Outcome> {
+    let file = args.file.display();
+    let twin = read_twin(&args.file)?;
+    let exported = mjcf(&twin).with_context(|| file.to_string())?;
+    if args.strict && !exported.inexpressible.is_empty() {
+        let listed: Vec<String> = exported.inexpressible.iter().map(ToString::to_string).collect();
+        bail!(
+            "{file}: MJCF cannot express {}; without --strict the rest is written",
+            listed.join("; ")
+        );
+    }
+    write_file(&args.output, args.overwrite, |existing| {
+        Ok(write_bytes(&args.output, existing, exported.xml.as_bytes())?)
+    })?;
+    if !exported.outside.is_empty() {
+        note(&format!(
+            "the file has drives and gantry of one player; outside of it: {}",
+            exported.outside.join(", ")
+        ));
+    }
+    for missing in &exported.inexpressible {
+        tell(&format!("warning: MJCF cannot express {missing}"));
+    }
+    Ok(if exported.inexpressible.is_empty() { Outcome::Done } else { Outcome::Lossy })
 }
 
 fn outcome_of(recording: &Recording) -> Outcome {

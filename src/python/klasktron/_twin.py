@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._klasktron import KlasktronError
 from ._klasktron import Twin as _Twin
+from ._warnings import warn_all
 
 StrPath = str | os.PathLike[str]
 
@@ -76,6 +78,17 @@ class Twin:
     def to_json(self) -> str:
         """Return the text of its `twin.json`."""
         return self._inner.to_json()
+
+    def to_mjcf(self, *, strict: bool = False) -> str:
+        """Return a MuJoCo model of drives and gantry of one player, or of the single axis.
+
+        An effect that MJCF cannot express gives a `UserWarning`; with `strict`, a `KlasktronError`.
+        """
+        xml, missing = self._inner.mjcf()
+        if strict and missing:
+            raise KlasktronError("; ".join(missing))
+        warn_all(missing)
+        return xml
 
     @property
     def machine(self) -> str:

@@ -90,6 +90,13 @@ impl Twin {
         write_bytes(&path, existing, self.to_json()?.as_bytes()).map_err(raised)
     }
 
+    /// Text of a MuJoCo model, and what it cannot express, as sentences.
+    fn mjcf(&self) -> PyResult<(String, Vec<String>)> {
+        let exported = twin::mjcf::mjcf(&self.inner).map_err(raised)?;
+        let missing = exported.inexpressible.iter().map(|own| format!("MJCF cannot express {own}"));
+        Ok((exported.xml, missing.collect()))
+    }
+
     /// `"table"` or `"axis"`.
     #[getter]
     fn machine(&self) -> &'static str {

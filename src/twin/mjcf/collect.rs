@@ -1,0 +1,194 @@
+//! What of a twin MJCF can express, as numbers of motors and slides.
+
+use super::Inexpressible;
+use crate::{
+    effects::{Domain, LoopGains, Physics},
+    twin::{Instance, Plant, Twin},
+};
+
+/// Displacement at which a magnetic spring has its largest force (m), from which on the spring counts as linear: the
+/// striker stays within some millimetres.
+const LINEAR_FROM: f64 = 0.1;
+
+/// Numbers of one motor.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Drive {
+    /// Dead time of the command (s).
+    pub(super) delay: f64,
+    /// Command u to `gain * u + offset`.
+    pub(super) gain: f64,
+    pub(super) offset: f64,
+    /// Time constant of a first-order lag (s); 0 for none.
+    pub(super) lag: f64,
+    /// Slew limit of the setpoint (m/s^2).
+    pub(super) slew: Option<f64>,
+    /// Velocity loop: force per velocity error (N s/m) and per its integral (N/m), in metres of belt.
+    pub(super) proportional: f64,
+    pub(super) integral: f64,
+    /// Largest force (N of belt).
+    pub(super) force_limit: Option<f64>,
+    /// Friction at the motor, in metres of belt.
+    pub(super) damping: f64,
+    pub(super) friction: f64,
+}
+
+/// Numbers of one guide.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Guide {
+    pub(super) damping: f64,
+    pub(super) friction: f64,
+    /// Constant force (N).
+    pub(super) force: f64,
+    /// Spring to the origin (N/m).
+    pub(super) stiffness: f64,
+}
+
+/// Linear spring of the striker on its magnet.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Coupling {
+    /// N/m.
+    pub(super) stiffness: f64,
+    /// N s/m.
+    pub(super) damping: f64,
+}
+
+/// Everything that the file has.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Mechanics {
+    pub(super) drives: [Drive; 2],
+    pub(super) guides: [Guide; 2],
+    /// Moving mass along x and y (kg).
+    pub(super) mass: [f64; 2],
+    pub(super) coupling: Option<Coupling>,
+    pub(super) inexpressible: Vec<Inexpressible>,
+    pub(super) outside: Vec<&'static str>,
+}
+
+impl Mechanics {
+    pub(super) fn of(twin: &Twin) -> Self {
+        let mut own = Self::default();
+        own.drives.iter_mut().for_each(|drive| drive.gain = 1.0);
+        for instance in &twin.instances {
+            own.add(twin, instance);
+        }
+        own
+    }
+
+    fn add(&mut self, twin: &Twin, instance: &Instance) {
+        use Domain::{Ball, Coupling, Drive, Estimator, Gantry, Impact, Sensor};
+        match instance.effect.domain {
+            Ball | Impact | Sensor | Estimator => {
+                if !self.outside.contains(&instance.effect.name) {
+                    self.outside.push(instance.effect.name);
+                }
+            }
+            Coupling => self.add_coupling(twin, instance),
+            Drive | Gantry => {
+                let motors = twin.machine.motors();
+                let mut missing: Option<Option<String>> = None;
+                for index in (0..motors).filter(|index| instance.axis.covers(*index)) {
+                    let at_drive = self.add_to_drive(twin, instance, index);
+                    let added = at_drive.or_else(|| self.add_to_guide(instance, index));
+                    match added {
+                        None => missing = Some(None),
+                        Some(Some(part)) => missing = Some(Some(part)),
+                        Some(None) => {}
+                    }
+                }
+                if let Some(part) = missing {
+                    self.miss(instance, part);
+                }
+            }
+        }
+    }
+
+    fn miss(&mut self, instance: &Instance, part: Option<String>) {
+        let axis = instance.axis.to_string();
+        self.inexpressible.push(Inexpressible { effect: instance.effect.name, axis, part });
+    }
+
+    /// Add an effect on the command, the loop or the force of motor `index`. `None` where it is another one, else the
+    /// part that is missing, if any.
+    fn add_to_drive(
+        &mut self,
+        twin: &Twin,
+        instance: &Instance,
+        index: usize,
+    ) -> Option<Option<String>> {
+        let p = instance.numbers();
+        let drive = &mut self.drives[index];
+        match instance.effect.name {
+            "drive.delay" if p[0] < 0.0 => {
+                return Some(Some(format!("a delay of {} s", p[0])));
+            }
+            "drive.delay" => drive.delay += p[0],
+            "drive.gain" => (drive.gain, drive.offset) = (drive.gain * p[0], drive.offset * p[0]),
+            "drive.offset" => drive.offset += p[0],
+            "drive.lag1" | "drive.current_loop" if 0.0 < drive.lag => {
+                return Some(Some("a second lag in series".to_owned()));
+            }
+            "drive.lag1" => drive.lag = p[0],
+            // The force of a single axis is its input.
+            "drive.current_loop" if twin.machine.motors() == 1 => drive.lag = p[0],
+            "drive.saturation.slew" => {
+                drive.slew = Some(drive.slew.map_or(p[0], |other| other.min(p[0])));
+            }
+            "drive.saturation.torque_speed" => {
+                drive.force_limit = Some(p[0]);
+                return Some(Some(format!(
+                    "the decrease of the force to zero at {} m/s, and the stop of the integration at the limit",
+                    p[1]
+                )));
+            }
+            "drive.velocity_loop" => return Some(self.add_loop(twin, instance, index)),
+            _ => return None,
+        }
+        Some(None)
+    }
+
+    fn add_loop(&mut self, twin: &Twin, instance: &Instance, index: usize) -> Option<String> {
+        let gains: LoopGains =
+            instance.effect.physics.equations().iter().find_map(|own| match own {
+                Physics::VelocityLoop(call) => Some(call(&instance.numbers())),
+                _ => None,
+            })?;
+        let reference =
+            twin.controller_reference_mass.unwrap_or_else(|| Plant::new(twin).mean_mass());
+        let mass = reference / twin.machine.motors() as f64;
+        self.drives[index].proportional = mass * gains.proportional_per_s;
+        self.drives[index].integral = mass * gains.integral_per_s2;
+        let delay = gains.feedback_delay_s;
+        (0.0 < delay).then(|| format!("the feedback delay of {delay} s"))
+    }
+
+    /// Add an effect on the motion along guide or belt `index`; as [`Self::add_to_drive`].
+    fn add_to_guide(&mut self, instance: &Instance, index: usize) -> Option<Option<String>> {
+        let p = instance.numbers();
+        let (drive, guide) = (&mut self.drives[index], &mut self.guides[index]);
+        let at_motor = instance.axis.is_motor();
+        match instance.effect.name {
+            "drive.friction.viscous" if at_motor => drive.damping += p[0],
+            "drive.friction.viscous" => guide.damping += p[0],
+            "drive.friction.coulomb" if at_motor => drive.friction += p[0],
+            "drive.friction.coulomb" => guide.friction += p[0],
+            "gantry.inertia" => self.mass[index] += p[0],
+            "gantry.tilt" => guide.force += p[0],
+            "gantry.stiffness" => guide.stiffness += p[0],
+            _ => return None,
+        }
+        Some(None)
+    }
+
+    fn add_coupling(&mut self, twin: &Twin, instance: &Instance) {
+        if instance.effect.name != "coupling.magnet_spring" {
+            self.miss(instance, None);
+            return;
+        }
+        let p = instance.numbers();
+        let damping = 2.0 * p[1] * (p[0] * twin.striker_mass).sqrt();
+        self.coupling = Some(Coupling { stiffness: p[0], damping });
+        if p[2] < LINEAR_FROM {
+            self.miss(instance, Some(format!("the softening beyond {} m", p[2])));
+        }
+    }
+}
