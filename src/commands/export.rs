@@ -13,7 +13,10 @@ use klasktron::{
         table::{self, TableFormat},
         write_bytes,
     },
-    twin::{mjcf::mjcf, read_twin},
+    twin::{
+        export::{Target, export},
+        read_twin,
+    },
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -30,12 +33,14 @@ const WEIGHTS_PREFIX: &str = "weights/";
   klasktron export train.mcap --to parquet --topic /striker/left/command -o commands.parquet
   klasktron export train.mcap --to csv -o tables
   klasktron export actuator/actuator.mcap --to onnx -o model.onnx
-  klasktron export gap/twin.json --to mjcf -o gantry.xml")]
+  klasktron export gap/twin.json --to mjcf -o gantry.xml
+  klasktron export gap/twin.json --to isaaclab -o gantry_actuator.py")]
 pub(crate) struct Args {
     /// Recording, an actuator.mcap, or a twin.json
     file: PathBuf,
     /// Format: onnx, safetensors or torchscript for the weights of an actuator.mcap; parquet or csv
-    /// for tables of any recording; npz for weights where the file has them, else tables; mjcf for a twin
+    /// for tables of any recording; npz for weights where the file has them, else tables; mjcf or
+    /// isaaclab for a twin
     #[arg(long)]
     to: Format,
     /// File to write; a folder with one file per topic, where there are several and no --topic
@@ -64,6 +69,7 @@ pub(crate) enum Format {
     Parquet,
     Csv,
     Mjcf,
+    Isaaclab,
 }
 
 impl Format {
@@ -73,7 +79,17 @@ impl Format {
             Self::Npz => Some(TableFormat::Npz),
             Self::Parquet => Some(TableFormat::Parquet),
             Self::Csv => Some(TableFormat::Csv),
-            Self::Onnx | Self::Safetensors | Self::Torchscript | Self::Mjcf => None,
+            Self::Onnx | Self::Safetensors | Self::Torchscript => None,
+            Self::Mjcf | Self::Isaaclab => None,
+        }
+    }
+
+    /// Simulator for which a twin is written; `None` for other formats.
+    fn of_twin(self) -> Option<Target> {
+        match self {
+            Self::Mjcf => Some(Target::Mjcf),
+            Self::Isaaclab => Some(Target::IsaacLab),
+            _ => None,
         }
     }
 
@@ -86,14 +102,15 @@ impl Format {
             Self::Parquet => "parquet",
             Self::Csv => "csv",
             Self::Mjcf => "xml",
+            Self::Isaaclab => "py",
         }
     }
 }
 
 /// Run `klasktron export`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
-    if args.to == Format::Mjcf {
-        return export_mjcf(args);
+    if let Some(target) = args.to.of_twin() {
+        return export_twin(args, target);
     }
     let recording = Recording::open(&args.file)?;
     let has_weights = recording.attachments.iter().any(|a| a.name.starts_with(WEIGHTS_PREFIX));
@@ -127,7 +144,7 @@ fn export_weights(recording: &Recording, args: &Args) -> anyhow::Result<()> {
         Format::Onnx => WeightsFormat::Onnx,
         Format::Safetensors => WeightsFormat::Safetensors,
         Format::Torchscript => WeightsFormat::Torchscript,
-        Format::Npz | Format::Parquet | Format::Csv | Format::Mjcf => WeightsFormat::Npz,
+        _ => WeightsFormat::Npz,
     };
     let stored = actuator::read_actuator(recording)?;
     let bytes = actuator::export_weights(&stored, format, args.seed)?;
@@ -136,20 +153,20 @@ fn export_weights(recording: &Recording, args: &Args) -> anyhow::Result<()> {
     })
 }
 
-/// Write a twin as MJCF, and list what it cannot express.
-fn export_mjcf(args: &Args) -> anyhow::Result<Outcome> {
+/// Write a twin for another simulator, and list what that cannot express.
+fn export_twin(args: &Args, target: Target) -> anyhow::Result<Outcome> {
     let file = args.file.display();
     let twin = read_twin(&args.file)?;
-    let exported = mjcf(&twin).with_context(|| file.to_string())?;
+    let exported = export(&twin, target).with_context(|| file.to_string())?;
     if args.strict && !exported.inexpressible.is_empty() {
         let listed: Vec<String> = exported.inexpressible.iter().map(ToString::to_string).collect();
         bail!(
-            "{file}: MJCF cannot express {}; without --strict the rest is written",
+            "{file}: {target} cannot express {}; without --strict the rest is written",
             listed.join("; ")
         );
     }
     write_file(&args.output, args.overwrite, |existing| {
-        Ok(write_bytes(&args.output, existing, exported.xml.as_bytes())?)
+        Ok(write_bytes(&args.output, existing, exported.text.as_bytes())?)
     })?;
     if !exported.outside.is_empty() {
         note(&format!(
@@ -158,7 +175,7 @@ fn export_mjcf(args: &Args) -> anyhow::Result<Outcome> {
         ));
     }
     for missing in &exported.inexpressible {
-        tell(&format!("warning: MJCF cannot express {missing}"));
+        tell(&format!("warning: {target} cannot express {missing}"));
     }
     Ok(if exported.inexpressible.is_empty() { Outcome::Done } else { Outcome::Lossy })
 }

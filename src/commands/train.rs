@@ -14,13 +14,17 @@ use klasktron::{
     opponent::Scripted,
     parallel::cores,
     provenance::Provenance,
-    recording::{ExistingFile, Recording, write_bytes},
+    recording::{
+        ExistingFile, Recording,
+        table::{TableFormat, read_table, write_table},
+        write_bytes,
+    },
     sweep::{InputHashes, Plan, Point, SlurmRequest, Store, SweptCommand},
     train::{
         ActuatorSource, Choice, Curriculum, CurvePoint, EventFile, Machine, Opponent, OpponentMode,
         Preset, RandomizationKind, RewardSettings, Run, SeedRun, Summary, TimeShares, TrainError,
-        TrainSettings, evaluate, game_with_actuator, page, play_samples, read_checkpoint,
-        read_curve, read_policy, seeds_page, sensors_of, write_policy,
+        TrainSettings, UPDATE_TOPIC, evaluate, game_with_actuator, page, play_samples,
+        read_checkpoint, read_curve, read_policy, seeds_page, sensors_of, write_policy,
     },
 };
 use serde::Serialize;
@@ -161,6 +165,8 @@ fn parse_steps(text: &str) -> Result<u64, String> {
 struct Places {
     policy: PathBuf,
     page: PathBuf,
+    /// Table of the updates.
+    curve: PathBuf,
 }
 
 /// One training run.
@@ -383,9 +389,15 @@ impl Args {
     fn places(&self) -> Places {
         if self.output.extension().is_some_and(|extension| extension == "mcap") {
             let page = self.output.with_extension("html");
-            return Places { policy: self.output.clone(), page };
+            let curve = self.output.with_extension("parquet");
+            return Places { policy: self.output.clone(), page, curve };
         }
-        Places { policy: self.output.join("policy.mcap"), page: self.output.join("index.html") }
+        let place = |name: &str| self.output.join(name);
+        Places {
+            policy: place("policy.mcap"),
+            page: place("index.html"),
+            curve: place("curve.parquet"),
+        }
     }
 }
 
@@ -405,7 +417,7 @@ impl Task {
                 policy.display()
             ));
         }
-        for existing in [policy, &self.places.page] {
+        for existing in [policy, &self.places.page, &self.places.curve] {
             if existing.exists() && !args.resume && !args.overwrite.overwrite {
                 bail!(
                     "{}: exists already; continue with --resume, replace it with --overwrite, or give \
@@ -476,6 +488,13 @@ impl Task {
         Ok(())
     }
 
+    /// Write the updates of the policy file as a table.
+    fn write_curve(&self) -> anyhow::Result<()> {
+        let Places { policy, curve, .. } = &self.places;
+        let updates = read_table(&Recording::open(policy)?, UPDATE_TOPIC)?;
+        Ok(write_table(&updates, curve, TableFormat::Parquet, ExistingFile::Replace)?)
+    }
+
     /// Evaluate the policy where training is complete, and write the results.
     fn finish(&self, run: &Run) -> anyhow::Result<Summary> {
         log::info!("trained after {:.1} s; evaluating", clock());
@@ -491,6 +510,9 @@ impl Task {
         )?;
         let summary = self.summary(run, evaluation);
         self.write(run, &summary, &samples)?;
+        if !run.curve().is_empty() {
+            self.write_curve()?;
+        }
         Ok(summary)
     }
 }
@@ -583,8 +605,8 @@ fn table(summary: &Summary, run: &Run, task: &Task) -> String {
             shares.join(", ")
         ));
     }
-    let Places { policy, page } = &task.places;
-    lines.push(format!("wrote {} and {}", show(policy), show(page)));
+    let Places { policy, page, curve } = &task.places;
+    lines.push(format!("wrote {}, {} and {}", show(policy), show(page), show(curve)));
     lines.join("\n")
 }
 

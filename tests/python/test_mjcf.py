@@ -1,12 +1,18 @@
 """The twin in MuJoCo: motion of the exported model next to that of the twin."""
 
+import json
+
 import numpy as np
 import pytest
 
 import klasktron
 from klasktron import KlasktronError, Twin
 
-mujoco = pytest.importorskip("mujoco")
+try:
+    import mujoco
+except ImportError:
+    mujoco = None
+pytestmark = pytest.mark.skipif(mujoco is None, reason="could not import 'mujoco'")
 
 RATE_HZ = 200.0
 
@@ -45,8 +51,6 @@ def random_commands(count=200):
 
 def with_effects(twin, *effects):
     """A twin with further effects: name, location, values."""
-    import json
-
     document = twin.document
     for name, location, values in effects:
         parameters = [{"name": own, "value": value, "source": "known"} for own, value in values.items()]

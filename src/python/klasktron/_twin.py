@@ -84,11 +84,22 @@ class Twin:
 
         An effect that MJCF cannot express gives a `UserWarning`; with `strict`, a `KlasktronError`.
         """
-        xml, missing = self._inner.mjcf()
+        text, missing = self._inner.export("mjcf")
         if strict and missing:
             raise KlasktronError("; ".join(missing))
         warn_all(missing)
-        return xml
+        return text
+
+    def to_isaaclab(self, *, strict: bool = False) -> str:
+        """Return a Python file in plain torch: the drives of a table as an explicit actuator for Isaac Lab.
+
+        Missing effects are reported as by `to_mjcf`.
+        """
+        text, missing = self._inner.export("isaaclab")
+        if strict and missing:
+            raise KlasktronError("; ".join(missing))
+        warn_all(missing)
+        return text
 
     @property
     def machine(self) -> str:

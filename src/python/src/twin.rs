@@ -9,13 +9,16 @@ use klasktron::{
     gap::compare,
     recording::{ExistingFile, Recording, topic::Player, write_bytes},
     twin::{
-        self, Instance, Machine, Source, sessions_of,
+        self, Instance, Machine, Plant, Source,
+        export::{Target, export},
+        sessions_of,
         simulation::{
             AxisInputs, AxisMotion, SimulationError, TableCommands, TableMotion, simulate_axis,
             simulate_table,
         },
     },
 };
+use numpy::PyArray2;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyList},
@@ -90,11 +93,20 @@ impl Twin {
         write_bytes(&path, existing, self.to_json()?.as_bytes()).map_err(raised)
     }
 
-    /// Text of a MuJoCo model, and what it cannot express, as sentences.
-    fn mjcf(&self) -> PyResult<(String, Vec<String>)> {
-        let exported = twin::mjcf::mjcf(&self.inner).map_err(raised)?;
-        let missing = exported.inexpressible.iter().map(|own| format!("MJCF cannot express {own}"));
-        Ok((exported.xml, missing.collect()))
+    /// Text of a file for `"mjcf"` or `"isaaclab"`, and what it cannot express, as sentences.
+    fn export(&self, target: &str) -> PyResult<(String, Vec<String>)> {
+        let target = match target {
+            "mjcf" => Target::Mjcf,
+            "isaaclab" => Target::IsaacLab,
+            other => {
+                return Err(refused(format!(
+                    "target is '{other}'; known are 'mjcf' and 'isaaclab'"
+                )));
+            }
+        };
+        let exported = export(&self.inner, target).map_err(raised)?;
+        let missing = exported.inexpressible.iter();
+        Ok((exported.text, missing.map(|own| format!("{target} cannot express {own}")).collect()))
     }
 
     /// `"table"` or `"axis"`.
@@ -177,6 +189,26 @@ impl Twin {
                 axis_columns(py, &inputs, motion)
             }
         }
+    }
+
+    /// Velocity of the carriage `[n + 1][2]` (m/s) after each of `n` steps of `dt_s` with `commands` `[n][2]` (m/s), from
+    /// rest and without the delays of the commands: one step of the plant each, as in the game.
+    fn step_plant<'py>(
+        &self,
+        py: Python<'py>,
+        commands: &Bound<'py, PyAny>,
+        dt_s: f64,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let array = floats(commands, ARRAY, &[Length::Any("n"), Length::Exactly(2)])?;
+        let commands = pairs::<2>(&array)?;
+        let plant = Plant::new(&self.inner);
+        let mut state = plant.start();
+        let mut velocities = vec![state.velocity];
+        for [x, y] in commands {
+            plant.step(&mut state, [x + y, x - y], dt_s);
+            velocities.push(state.velocity);
+        }
+        rows(py, &velocities)
     }
 
     /// Compare with recordings; a list of dictionaries, one per session and signal.

@@ -38,7 +38,7 @@ fn a_resumed_run_is_the_uninterrupted_one_byte_for_byte() {
     assert_eq!(half.count(UPDATE_TOPIC), 3);
     let (_, errors, status) = train(&settings, &parts, &["--resume", "--threads", "1"]);
     assert_eq!(status, 0, "{errors}");
-    for name in ["policy.mcap", "index.html"] {
+    for name in ["policy.mcap", "index.html", "curve.parquet"] {
         let [a, b] = [&whole, &parts].map(|folder| fs::read(folder.join(name)).unwrap());
         assert!(a == b, "{name} differs: {} and {} bytes", a.len(), b.len());
     }

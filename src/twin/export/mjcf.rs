@@ -1,8 +1,8 @@
-//! The text of the file.
+//! The text of a MuJoCo model.
 
 use super::{
     MJCF_TIMESTEP_S,
-    collect::{Coupling, Drive, Mechanics},
+    mechanics::{CARRIAGE_KG, Coupling, Drive, Mechanics},
 };
 use crate::{board::BoardSize, twin::Twin};
 use std::fmt::Write as _;
@@ -11,8 +11,6 @@ use std::fmt::Write as _;
 const SETPOINT_KG: f64 = 1e6;
 /// Time constant with which a setpoint takes its commanded velocity, in integration steps.
 const SETPOINT_STEPS: f64 = 0.05;
-/// Mass of the carriage (kg); the rest of what moves is armature.
-const CARRIAGE_KG: f64 = 0.25;
 /// Samples of the history of a delayed control beyond its delay.
 const SPARE_SAMPLES: f64 = 2.0;
 /// Largest fraction of the mass along an axis that is no armature.

@@ -1,6 +1,6 @@
-//! What of a twin MJCF can express, as numbers of motors and slides.
+//! Drives and slides of a twin as numbers, as far as other simulators have them.
 
-use super::Inexpressible;
+use super::{Inexpressible, Target};
 use crate::{
     effects::{Domain, LoopGains, Physics},
     twin::{Instance, Plant, Twin},
@@ -9,6 +9,9 @@ use crate::{
 /// Displacement at which a magnetic spring has its largest force (m), from which on the spring counts as linear: the
 /// striker stays within some millimetres.
 const LINEAR_FROM: f64 = 0.1;
+
+/// Mass of the carriage's body (kg) in other simulators; the rest of what moves is armature. The bridge has half of it.
+pub(super) const CARRIAGE_KG: f64 = 0.25;
 
 /// Numbers of one motor.
 #[derive(Debug, Clone, Copy, Default)]
@@ -25,6 +28,8 @@ pub(super) struct Drive {
     /// Velocity loop: force per velocity error (N s/m) and per its integral (N/m), in metres of belt.
     pub(super) proportional: f64,
     pub(super) integral: f64,
+    /// Delay of the velocity in the loop (s).
+    pub(super) feedback_delay: f64,
     /// Largest force (N of belt).
     pub(super) force_limit: Option<f64>,
     /// Friction at the motor, in metres of belt.
@@ -65,16 +70,16 @@ pub(super) struct Mechanics {
 }
 
 impl Mechanics {
-    pub(super) fn of(twin: &Twin) -> Self {
+    pub(super) fn of(twin: &Twin, target: Target) -> Self {
         let mut own = Self::default();
         own.drives.iter_mut().for_each(|drive| drive.gain = 1.0);
         for instance in &twin.instances {
-            own.add(twin, instance);
+            own.add((twin, target), instance);
         }
         own
     }
 
-    fn add(&mut self, twin: &Twin, instance: &Instance) {
+    fn add(&mut self, (twin, target): (&Twin, Target), instance: &Instance) {
         use Domain::{Ball, Coupling, Drive, Estimator, Gantry, Impact, Sensor};
         match instance.effect.domain {
             Ball | Impact | Sensor | Estimator => {
@@ -82,13 +87,13 @@ impl Mechanics {
                     self.outside.push(instance.effect.name);
                 }
             }
-            Coupling => self.add_coupling(twin, instance),
+            Coupling => self.add_coupling((twin, target), instance),
             Drive | Gantry => {
                 let motors = twin.machine.motors();
                 let mut missing: Option<Option<String>> = None;
                 for index in (0..motors).filter(|index| instance.axis.covers(*index)) {
-                    let at_drive = self.add_to_drive(twin, instance, index);
-                    let added = at_drive.or_else(|| self.add_to_guide(instance, index));
+                    let at_drive = self.add_to_drive((twin, target), instance, index);
+                    let added = at_drive.or_else(|| self.add_to_guide(target, instance, index));
                     match added {
                         None => missing = Some(None),
                         Some(Some(part)) => missing = Some(Some(part)),
@@ -111,7 +116,7 @@ impl Mechanics {
     /// part that is missing, if any.
     fn add_to_drive(
         &mut self,
-        twin: &Twin,
+        (twin, target): (&Twin, Target),
         instance: &Instance,
         index: usize,
     ) -> Option<Option<String>> {
@@ -133,43 +138,63 @@ impl Mechanics {
             "drive.saturation.slew" => {
                 drive.slew = Some(drive.slew.map_or(p[0], |other| other.min(p[0])));
             }
-            "drive.saturation.torque_speed" => {
+            "drive.saturation.torque_speed" if target == Target::Mjcf => {
                 drive.force_limit = Some(p[0]);
                 return Some(Some(format!(
                     "the decrease of the force to zero at {} m/s, and the stop of the integration at the limit",
                     p[1]
                 )));
             }
-            "drive.velocity_loop" => return Some(self.add_loop(twin, instance, index)),
+            "drive.velocity_loop" => {
+                let delay = self.add_loop(twin, instance, index);
+                let is_missing = 0.0 < delay && target == Target::Mjcf;
+                return Some(is_missing.then(|| format!("the feedback delay of {delay} s")));
+            }
             _ => return None,
         }
         Some(None)
     }
 
-    fn add_loop(&mut self, twin: &Twin, instance: &Instance, index: usize) -> Option<String> {
-        let gains: LoopGains =
-            instance.effect.physics.equations().iter().find_map(|own| match own {
-                Physics::VelocityLoop(call) => Some(call(&instance.numbers())),
-                _ => None,
-            })?;
+    /// Add the loop of motor `index`; the delay of its feedback (s).
+    fn add_loop(&mut self, twin: &Twin, instance: &Instance, index: usize) -> f64 {
+        let numbers = instance.numbers();
+        let gains = instance.effect.physics.equations().iter().find_map(|own| match own {
+            Physics::VelocityLoop(call) => Some(call(&numbers)),
+            _ => None,
+        });
+        let LoopGains { proportional_per_s, integral_per_s2, feedback_delay_s, .. } =
+            gains.unwrap_or_default();
         let reference =
             twin.controller_reference_mass.unwrap_or_else(|| Plant::new(twin).mean_mass());
         let mass = reference / twin.machine.motors() as f64;
-        self.drives[index].proportional = mass * gains.proportional_per_s;
-        self.drives[index].integral = mass * gains.integral_per_s2;
-        let delay = gains.feedback_delay_s;
-        (0.0 < delay).then(|| format!("the feedback delay of {delay} s"))
+        let drive = &mut self.drives[index];
+        drive.proportional = mass * proportional_per_s;
+        drive.integral = mass * integral_per_s2;
+        drive.feedback_delay = feedback_delay_s;
+        feedback_delay_s
     }
 
     /// Add an effect on the motion along guide or belt `index`; as [`Self::add_to_drive`].
-    fn add_to_guide(&mut self, instance: &Instance, index: usize) -> Option<Option<String>> {
+    fn add_to_guide(
+        &mut self,
+        target: Target,
+        instance: &Instance,
+        index: usize,
+    ) -> Option<Option<String>> {
         let p = instance.numbers();
         let (drive, guide) = (&mut self.drives[index], &mut self.guides[index]);
         let at_motor = instance.axis.is_motor();
         match instance.effect.name {
             "drive.friction.viscous" if at_motor => drive.damping += p[0],
             "drive.friction.viscous" => guide.damping += p[0],
-            "drive.friction.coulomb" if at_motor => drive.friction += p[0],
+            "drive.friction.coulomb" if at_motor && target == Target::Mjcf => {
+                drive.friction += p[0];
+            }
+            "drive.friction.coulomb" if at_motor => {
+                return Some(Some(
+                    "friction at the motor, which is no friction of a joint".to_owned(),
+                ));
+            }
             "drive.friction.coulomb" => guide.friction += p[0],
             "gantry.inertia" => self.mass[index] += p[0],
             "gantry.tilt" => guide.force += p[0],
@@ -179,8 +204,9 @@ impl Mechanics {
         Some(None)
     }
 
-    fn add_coupling(&mut self, twin: &Twin, instance: &Instance) {
-        if instance.effect.name != "coupling.magnet_spring" {
+    fn add_coupling(&mut self, (twin, target): (&Twin, Target), instance: &Instance) {
+        // An actuator moves the carriage; the striker is a body of the scene.
+        if instance.effect.name != "coupling.magnet_spring" || target == Target::IsaacLab {
             self.miss(instance, None);
             return;
         }

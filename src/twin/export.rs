@@ -1,6 +1,4 @@
-//! Twin as a model file of MuJoCo (MJCF): drives and gantry of one player, or a single axis.
-//!
-//! # Table
+//! Drives and gantry of one player, or a single axis.
 //!
 //! Two slides carry the striker: `y` moves the bridge, `x` the carriage on it. A drive is a `setpoint` slide: a mass so
 //! large that no other force moves it, driven to the commanded velocity. The limit of its force is the slew limit, and
@@ -14,32 +12,54 @@
 //! Friction is `damping` and `frictionloss` of slides and of belt tendons; moving masses are `inertial` and `armature`.
 //! Controls are the velocities of both belts (m/s): `vx + vy` and `vx - vy`, each held until the next.
 //!
-//! # Single axis
+//! A single axis is one joint with inertia, friction, spring, and an actuator with the input as control.
 //!
-//! One joint with inertia, friction, spring, and an actuator with the input as control.
+//! # Isaac Lab
+//!
+//! One Python file in plain torch: the drives as forces on the slides, and the integration of the same gantry, which
+//! reproduces the twin. Friction and armature are settings of the simulated joints.
 //!
 //! # What is missing
 //!
-//! [`Mjcf::inexpressible`] lists the effects that MJCF cannot express, and parameters of expressed effects that it
-//! cannot. Ball, impacts, camera and estimator are no part of the file ([`Mjcf::outside`]).
+//! [`Exported::inexpressible`] lists the effects that the target cannot express, and parts of expressed effects that it
+//! cannot. Ball, impacts, camera and estimator are no part of the file ([`Exported::outside`]).
 
-mod collect;
-mod text;
+mod isaaclab;
+mod mechanics;
+mod mjcf;
 
 use super::{Machine, Twin};
-use collect::Mechanics;
+use mechanics::Mechanics;
 use std::fmt;
+
+/// Simulator for which a twin is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// Model file of MuJoCo.
+    Mjcf,
+    /// Python file with an explicit actuator for Isaac Lab.
+    IsaacLab,
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mjcf => "MJCF",
+            Self::IsaacLab => "the actuator for Isaac Lab",
+        })
+    }
+}
 
 /// Integration step of the file (s). The error of the velocity is proportional to it: at 0.25 ms some 0.5 % of the
 /// velocity's RMS under random commands.
 pub const MJCF_TIMESTEP_S: f64 = 0.00025;
 
-/// Twin as MJCF.
+/// Twin for another simulator.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Mjcf {
+pub struct Exported {
     /// Content of the file.
-    pub xml: String,
-    /// Effects, or parts of them, that MJCF cannot express.
+    pub text: String,
+    /// Effects, or parts of them, that the target cannot express.
     pub inexpressible: Vec<Inexpressible>,
     /// Effects of ball, camera and estimator, which are no part of the file.
     pub outside: Vec<&'static str>,
@@ -65,7 +85,7 @@ impl fmt::Display for Inexpressible {
 
 /// Reason why a twin cannot become a file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MjcfError {
+pub enum ExportError {
     /// No inertia.
     #[error(
         "the twin has no moving mass along {axis} (gantry.inertia is {found} kg); calibrate it with \
@@ -77,25 +97,32 @@ pub enum MjcfError {
         /// Its mass (kg, or input unit per m/s^2).
         found: f64,
     },
+    /// A machine that the target does not have.
+    #[error(
+        "the actuator for Isaac Lab is that of a table, but the twin describes a single axis; export it with --to mjcf"
+    )]
+    NoTable,
 }
 
-/// Convert `twin` to MJCF.
+/// Write `twin` for `target`.
 ///
 /// # Errors
-/// When it has no moving mass.
-pub fn mjcf(twin: &Twin) -> Result<Mjcf, MjcfError> {
-    let mechanics = Mechanics::of(twin);
+/// When it has no moving mass, or the target cannot have the machine.
+pub fn export(twin: &Twin, target: Target) -> Result<Exported, ExportError> {
+    let mechanics = Mechanics::of(twin, target);
     let axes = ["x", "y"];
     for (axis, mass) in axes.into_iter().zip(mechanics.mass).take(twin.machine.motors()) {
         if !(0.0 < mass && mass.is_finite()) {
-            return Err(MjcfError::NoMass { axis, found: mass });
+            return Err(ExportError::NoMass { axis, found: mass });
         }
     }
-    let xml = match twin.machine {
-        Machine::Table => text::table(twin, &mechanics),
-        Machine::Axis => text::axis(twin, &mechanics),
+    let text = match (target, twin.machine) {
+        (Target::Mjcf, Machine::Table) => mjcf::table(twin, &mechanics),
+        (Target::Mjcf, Machine::Axis) => mjcf::axis(twin, &mechanics),
+        (Target::IsaacLab, Machine::Table) => isaaclab::table(twin, &mechanics),
+        (Target::IsaacLab, Machine::Axis) => return Err(ExportError::NoTable),
     };
-    Ok(Mjcf { xml, inexpressible: mechanics.inexpressible, outside: mechanics.outside })
+    Ok(Exported { text, inexpressible: mechanics.inexpressible, outside: mechanics.outside })
 }
 
 #[cfg(test)]
@@ -111,8 +138,12 @@ mod tests {
         twin.instances.push(Instance::new(effect, axis, values, Source::Fitted));
     }
 
+    fn mjcf(twin: &Twin) -> Exported {
+        export(twin, Target::Mjcf).unwrap()
+    }
+
     fn listed(twin: &Twin) -> Vec<String> {
-        mjcf(twin).unwrap().inexpressible.iter().map(ToString::to_string).collect()
+        mjcf(twin).inexpressible.iter().map(ToString::to_string).collect()
     }
 
     #[test]
@@ -120,7 +151,7 @@ mod tests {
         for machine in [Machine::Table, Machine::Axis] {
             assert_eq!(listed(&Twin::nominal(machine)), [""; 0]);
         }
-        let outside = mjcf(&Twin::nominal(Machine::Table)).unwrap().outside;
+        let outside = mjcf(&Twin::nominal(Machine::Table)).outside;
         assert_eq!(outside, ["ball.rolling_resistance", "impact.wall_restitution"]);
     }
 
@@ -128,7 +159,7 @@ mod tests {
     fn numbers_of_the_loop_are_those_of_its_equation() {
         let mut twin = Twin::nominal(Machine::Table);
         twin.controller_reference_mass = Some(2.0);
-        let xml = mjcf(&twin).unwrap().xml;
+        let xml = mjcf(&twin).text;
         let w = std::f64::consts::TAU * 20.0;
         let loop_a = format!("name=\"loop_a\" stiffness=\"{}\" damping=\"{}\"", w * w, 4.0 * w);
         assert!(xml.contains(&loop_a), "{loop_a}\n{xml}");
@@ -143,10 +174,14 @@ mod tests {
                 let Some(axis) = axes.first() else { continue };
                 let mut twin = Twin::nominal(machine);
                 twin.instances.retain(|own| own.effect.name != effect.name);
-                let before = mjcf(&twin);
-                with(&mut twin, effect.name, *axis, effect.probes[0]);
-                let after = mjcf(&twin);
-                assert_ne!(before, after, "{} leaves no trace", effect.name);
+                for target in [Target::Mjcf, Target::IsaacLab] {
+                    let mut twin = twin.clone();
+                    let before = export(&twin, target);
+                    with(&mut twin, effect.name, *axis, effect.probes[0]);
+                    let is_refused = target == Target::IsaacLab && machine == Machine::Axis;
+                    let after = export(&twin, target);
+                    assert!(is_refused || before != after, "{} leaves no trace", effect.name);
+                }
             }
         }
     }
@@ -165,10 +200,23 @@ mod tests {
     }
 
     #[test]
+    fn the_actuator_has_feedback_delays_and_no_striker() {
+        let mut twin = Twin::nominal(Machine::Table);
+        twin.instances[0].values[2].value = 2e-4;
+        assert!(listed(&twin)[0].contains("the feedback delay of 0.0002 s"));
+        with(&mut twin, "coupling.magnet_spring", Axis::Whole, &[100.0, 0.3, 1.0]);
+        let exported = export(&twin, Target::IsaacLab).unwrap();
+        assert!(exported.text.contains("FEEDBACK_DELAY_S = [0.0002, 0.0002]"));
+        assert!(!exported.text.contains('@'), "a place of the template is left");
+        let missing: Vec<String> = exported.inexpressible.iter().map(ToString::to_string).collect();
+        assert_eq!(missing, ["coupling.magnet_spring on all"]);
+    }
+
+    #[test]
     fn without_mass_there_is_no_file() {
         let mut twin = Twin::nominal(Machine::Table);
         twin.instances.retain(|own| own.effect.name != "gantry.inertia" || own.axis == Axis::X);
-        let error = mjcf(&twin).unwrap_err();
+        let error = export(&twin, Target::Mjcf).unwrap_err();
         assert!(error.to_string().contains("along y (gantry.inertia is 0 kg)"), "{error}");
     }
 }
