@@ -1,5 +1,5 @@
 //! Import of other software's files into recordings: ROS 2 bags, npz archives, CSV tables, candump
-//! logs.
+//! logs, logs of servo test benches.
 //!
 //! Every import writes one MCAP file of the data contract, in the board frame, with the original's
 //! name and SHA-256 in its metadata. An [`ImportReport`] lists what was written, skipped and lost.
@@ -10,6 +10,7 @@
 //! | bag (`.db3`, `.mcap`, a folder of parts) | [`import_bags`] | commands, motors, carriages, drives, board |
 //! | npz of the upstream actuator pipeline | [`import_npz`] | commands, carriage, board |
 //! | CSV of any single axis | [`import_csv`] | `/axis/NAME/{input,output}` |
+//! | raw log of BAM's servo test bench (JSON) | [`import_bam`] | `/axis/NAME/{input,output}` |
 //! | `candump -L` log of the drives' bus | [`import_candump`] | frames, motors, carriages, drives, commands |
 //!
 //! ```
@@ -32,6 +33,7 @@
 //! ```
 
 mod bag;
+mod bam;
 mod bus;
 mod candump;
 pub mod cdr;
@@ -47,6 +49,7 @@ mod sqlite;
 mod tape;
 mod topics;
 
+pub use bam::import_bam;
 pub use candump::import_candump;
 pub use csv::{AxisColumns, ColumnError, PositionUnit, column_names, import_csv, read_columns};
 pub use error::ImportError;

@@ -45,6 +45,8 @@ enum Kind {
     Csv(CsvArgs),
     /// Convert a `candump -L` log of the drives' bus
     Candump(CandumpArgs),
+    /// Convert a raw log of BAM's servo test bench (JSON): voltage to position
+    Bam(BamArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -173,6 +175,23 @@ struct CandumpArgs {
     belt: BeltArgs,
 }
 
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  klasktron import bam 2026-01-15.json --full-load 885 -o servo.mcap"
+)]
+struct BamArgs {
+    /// Raw log (JSON) with mass, length and entries
+    path: PathBuf,
+    #[command(flatten)]
+    output: OutputArgs,
+    /// Load at full duty, such as 885 for a Dynamixel XL330 [default: 1, for loads from -1 to 1]
+    #[arg(long, value_name = "LOAD", value_parser = parse_full_load)]
+    full_load: Option<f64>,
+    /// Name of the axis in the topics
+    #[arg(long, value_name = "NAME", default_value = "axis", value_parser = parse_axis)]
+    axis: String,
+}
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum SplitArg {
     Train,
@@ -210,6 +229,7 @@ impl Args {
             Some(Kind::Npz(npz)) => &npz.output,
             Some(Kind::Csv(csv)) => &csv.output,
             Some(Kind::Candump(log)) => &log.output,
+            Some(Kind::Bam(log)) => &log.output,
             None => {
                 let path = self.guessed.output.as_deref().unwrap_or(Path::new(""));
                 return (path, self.guessed.labels.overwrite);
@@ -237,8 +257,19 @@ impl Args {
                 let interface = log.interface.as_deref();
                 import::import_candump(&log.path, interface, &table, &log.output.config())?
             }
+            Some(Kind::Bam(log)) => {
+                let config = log.output.config();
+                import::import_bam(&log.path, &log.axis, log.full_load, &config)?
+            }
             None => run_guessed(&self.guessed)?,
         })
+    }
+}
+
+fn parse_full_load(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(load) if 0.0 < load && load.is_finite() => Ok(load),
+        _ => Err("must be a number above 0".to_owned()),
     }
 }
 

@@ -13,6 +13,14 @@ pub enum ImportError {
     /// Invalid column assignment.
     #[error(transparent)]
     Columns(#[from] ColumnError),
+    /// Not a raw log of a servo test bench.
+    #[error("{}: not a usable log of BAM's test bench: {reason}", path.display())]
+    Bam {
+        /// The file.
+        path: PathBuf,
+        /// Reason.
+        reason: String,
+    },
     /// Failure of the operating system.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
@@ -25,8 +33,8 @@ pub enum ImportError {
     },
     /// File name that does not determine the kind of source.
     #[error(
-        "{}: its kind is not clear from the name; use `klasktron import bag`, `npz`, `csv` or \
-         `candump`", path.display()
+        "{}: its kind is not clear from the name; use `klasktron import bag`, `npz`, `csv`, \
+         `candump` or `bam`", path.display()
     )]
     UnknownKind {
         /// The file.

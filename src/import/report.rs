@@ -94,6 +94,11 @@ pub enum Notice {
         /// First row, from 1; the header is row 1.
         first_row: usize,
     },
+    /// Entries of a servo's log with the motor off.
+    MotorOff {
+        /// Number of entries.
+        entries: usize,
+    },
     /// Frames of nodes that are not in the table.
     ForeignNodes {
         /// Number of frames.
@@ -201,6 +206,10 @@ impl fmt::Display for Notice {
             Self::EmptyCells { rows, first_row } => write!(
                 f,
                 "lost: {rows} rows with an empty cell were skipped, the first is row {first_row}"
+            ),
+            Self::MotorOff { entries } => write!(
+                f,
+                "skipped: {entries} entries with the motor off, whose input is no voltage"
             ),
             Self::ForeignNodes { frames, node } => write!(
                 f,

@@ -207,7 +207,7 @@ mod tests {
         with(&mut twin, "coupling.magnet_spring", Axis::Whole, &[100.0, 0.3, 1.0]);
         let exported = export(&twin, Target::IsaacLab).unwrap();
         assert!(exported.text.contains("FEEDBACK_DELAY_S = [0.0002, 0.0002]"));
-        assert!(!exported.text.contains('@'), "a place of the template is left");
+        assert!(!exported.text.contains("@CONSTANTS@"));
         let missing: Vec<String> = exported.inexpressible.iter().map(ToString::to_string).collect();
         assert_eq!(missing, ["coupling.magnet_spring on all"]);
     }

@@ -82,7 +82,8 @@ fn edges() -> BTreeMap<(String, String), String> {
     for entry in fs::read_dir(&src).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
-        if !["lib", "main", "cli", "commands"].contains(&name.as_str()) {
+        // The binary, and the Python module, which is a crate of its own.
+        if !["lib", "main", "cli", "commands", "python"].contains(&name.as_str()) {
             layer_of(&name);
             visit(&path, &name, &mut edges);
         }

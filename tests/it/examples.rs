@@ -2,6 +2,7 @@
 //! of them parse is tested in the program itself (`src/cli/tests.rs`).
 
 use crate::support::{klasktron, said};
+use ::klasktron::twin::{Machine, Twin};
 use std::{
     fs,
     path::Path,
@@ -60,6 +61,8 @@ fn folder(words: &str) -> TempDir {
     put("axis.csv", b"t_s,force_n,position_m\n0,0,0\n0.01,1,0.001\n0.02,1,0.003\n");
     let log = "(1.000000) can0 009#0000000000000000\n(1.010000) can0 009#0000803F00000000\n";
     put("bus.log", log.as_bytes());
+    fs::create_dir(dir.path().join("gap")).unwrap();
+    put("gap/twin.json", Twin::nominal(Machine::Table).to_json().unwrap().as_bytes());
     dir
 }
 

@@ -6,7 +6,21 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-StrPath = str | os.PathLike[str]
+__all__ = [
+    "GIT_HASH",
+    "ActuatorNet",
+    "Ekf",
+    "GameBatch",
+    "KlasktronError",
+    "Policy",
+    "Twin",
+    "__version__",
+    "read_columns",
+    "score_matches",
+    "search",
+]
+
+_StrPath = str | os.PathLike[str]
 
 __version__: str
 GIT_HASH: str
@@ -14,18 +28,18 @@ GIT_HASH: str
 class KlasktronError(ValueError):
     """Error of klasktron: one sentence that says what happened, where, the value, the allowed range and the way out."""
 
-def read_columns(path: StrPath, topics: list[str] | None = None) -> dict[str, Any]:
+def read_columns(path: _StrPath, topics: list[str] | None = None) -> dict[str, Any]:
     """Read a recording or a ROS 2 bag: a dictionary of its parts, for `klasktron.Recording`."""
 
 def search(
     task: str,
-    recordings: list[StrPath],
+    recordings: list[_StrPath],
     start: Twin | None,
     options: dict[str, Any],
 ) -> dict[str, Any]:
     """Task `gap` or `calibrate`: the document, the twin, and warnings."""
 
-def score_matches(matches: list[StrPath], seed: int) -> dict[str, Any]:
+def score_matches(matches: list[_StrPath], seed: int) -> dict[str, Any]:
     """Score of `matches`: the document `score.json`, the events of each match, and warnings."""
 
 @final
@@ -33,13 +47,13 @@ class Twin:
     """Simulator of a machine; `klasktron.Twin` is for users."""
 
     @staticmethod
-    def load(path: StrPath) -> Twin: ...
+    def load(path: _StrPath) -> Twin: ...
     @staticmethod
     def from_json(text: str) -> Twin: ...
     @staticmethod
     def nominal(machine: str) -> Twin: ...
     def to_json(self) -> str: ...
-    def save(self, path: StrPath, *, overwrite: bool = False) -> None: ...
+    def save(self, path: _StrPath, *, overwrite: bool = False) -> None: ...
     def export(self, target: str) -> tuple[str, list[str]]: ...
     @property
     def machine(self) -> str: ...
@@ -50,17 +64,17 @@ class Twin:
     def value(self, name: str, axis: str | None = None) -> float: ...
     def with_value(self, name: str, value: float, axis: str | None = None) -> Twin: ...
     def simulate(
-        self, commands: ArrayLike | StrPath, options: dict[str, Any]
+        self, commands: ArrayLike | _StrPath, options: dict[str, Any]
     ) -> dict[str, NDArray[np.float64]]: ...
     def step_plant(self, commands: ArrayLike, dt_s: float) -> NDArray[np.float64]: ...
-    def compare(self, recordings: list[StrPath]) -> list[dict[str, Any]]: ...
+    def compare(self, recordings: list[_StrPath]) -> list[dict[str, Any]]: ...
 
 @final
 class ActuatorNet:
     """Network of an `actuator.mcap`: past commands and velocities to the next velocity (m/s)."""
 
     @staticmethod
-    def load(path: StrPath) -> ActuatorNet:
+    def load(path: _StrPath) -> ActuatorNet:
         """Read an `actuator.mcap` of `klasktron fit-actuator`."""
 
     @property
@@ -101,7 +115,7 @@ class Ekf:
     late: a late frame is inserted in order of time.
     """
 
-    def __new__(cls, settings: StrPath | None = None) -> Ekf:
+    def __new__(cls, settings: _StrPath | None = None) -> Ekf:
         """Filter with the settings of an `ekf.json`, or with the built-in ones."""
 
     @property
@@ -129,7 +143,7 @@ class Policy:
     """Policy of a `policy.mcap` of `klasktron train`."""
 
     @staticmethod
-    def load(path: StrPath) -> Policy:
+    def load(path: _StrPath) -> Policy:
         """Read a `policy.mcap`."""
 
     @property

@@ -25,7 +25,8 @@ class Score:
     @property
     def summary(self) -> dict[str, Any]:
         """Mean, 95 % interval and n of each metric."""
-        return self.document["summary"]
+        summary: dict[str, Any] = self.document["summary"]
+        return summary
 
     @property
     def episodes(self) -> list[dict[str, Any]]:

@@ -27,17 +27,18 @@ class Calibration:
     @property
     def verdict(self) -> str:
         """Verdict, such as `named`, `none` or `not_testable`."""
-        return self.document["verdict"]
+        return str(self.document["verdict"])
 
     @property
     def summary(self) -> str:
         """Result in one or two sentences."""
-        return self.document["summary"]
+        return str(self.document["summary"])
 
     @property
     def residuals(self) -> list[dict[str, Any]]:
         """Residual RMS of each signal before and after, with its noise floor."""
-        return self.document["residuals"]
+        residuals: list[dict[str, Any]] = self.document["residuals"]
+        return residuals
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class GapResult(Calibration):
     @property
     def effects(self) -> list[dict[str, Any]]:
         """Effects that the initial twin lacks, the strongest first."""
-        return self.document["effects"]
+        effects: list[dict[str, Any]] = self.document["effects"]
+        return effects
 
 
 def calibrate(

@@ -230,11 +230,12 @@ class KlaskEnv(gymnasium.Env):
 
 def _parallel_base() -> type:
     try:
-        from pettingzoo import ParallelEnv
+        from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
     except ImportError:
         # Without PettingZoo the class has the same interface but is none of its own.
         return object
-    return ParallelEnv
+    base: type = ParallelEnv
+    return base
 
 
 class KlaskParallelEnv(_parallel_base()):  # type: ignore[misc]

@@ -21,13 +21,13 @@ fn attribute(name: &str, value: f64) -> String {
     if value == 0.0 { String::new() } else { format!(" {name}=\"{value}\"") }
 }
 
-/// Attributes of a delayed control.
-fn delayed(delay: f64) -> String {
+/// Attributes of a delayed control: held until the next (`zoh`), or linear between samples (`linear`).
+fn delayed(delay: f64, between: &str) -> String {
     if delay == 0.0 {
         return String::new();
     }
     let samples = (delay / MJCF_TIMESTEP_S).ceil() + SPARE_SAMPLES;
-    format!(" delay=\"{delay}\" nsample=\"{samples}\" interp=\"zoh\"")
+    format!(" delay=\"{delay}\" nsample=\"{samples}\" interp=\"{between}\"")
 }
 
 fn head(twin: &Twin, notes: &[&str]) -> String {
@@ -213,7 +213,7 @@ fn setpoint(name: &str, drive: &Drive) -> String {
         "    <general name=\"{name}\" joint=\"setpoint_{name}\" gainprm=\"{}\" biastype=\"affine\" biasprm=\"{} 0 -{kv}\"{lag}{limit}{}/>\n",
         kv * drive.gain,
         kv * drive.offset,
-        delayed(drive.delay)
+        delayed(drive.delay, "zoh")
     )
 }
 
@@ -272,7 +272,7 @@ pub(super) fn axis(twin: &Twin, mechanics: &Mechanics) -> String {
         "  <actuator>\n    <general name=\"input\" joint=\"axis\" gainprm=\"{}\" biastype=\"affine\" biasprm=\"{} 0 0\"{lag}{limit}{}/>",
         drive.gain,
         drive.offset,
-        delayed(drive.delay)
+        delayed(drive.delay, "linear")
     )
     .ok();
     constant_forces(mechanics, &["axis"], &mut text);
