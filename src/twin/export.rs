@@ -190,7 +190,7 @@ mod tests {
     fn parts_that_are_missing_are_named_with_their_value() {
         let mut twin = Twin::nominal(Machine::Table);
         with(&mut twin, "drive.friction.stribeck", Axis::X, &[1.0, 0.05]);
-        with(&mut twin, "coupling.magnet_spring", Axis::Whole, &[100.0, 0.3, 0.004]);
+        with(&mut twin, "coupling.magnet_spring", Axis::Whole, &[100.0, 0.3, 0.004, 0.0]);
         with(&mut twin, "drive.delay", Axis::A, &[-0.001]);
         let found = listed(&twin);
         assert_eq!(found.len(), 3, "{found:?}");
@@ -204,7 +204,7 @@ mod tests {
         let mut twin = Twin::nominal(Machine::Table);
         twin.instances[0].values[2].value = 2e-4;
         assert!(listed(&twin)[0].contains("the feedback delay of 0.0002 s"));
-        with(&mut twin, "coupling.magnet_spring", Axis::Whole, &[100.0, 0.3, 1.0]);
+        with(&mut twin, "coupling.magnet_spring", Axis::Whole, &[100.0, 0.3, 1.0, 0.0]);
         let exported = export(&twin, Target::IsaacLab).unwrap();
         assert!(exported.text.contains("FEEDBACK_DELAY_S = [0.0002, 0.0002]"));
         assert!(!exported.text.contains("@CONSTANTS@"));

@@ -99,7 +99,7 @@ EFFECTS = {
         (
             "coupling.magnet_spring",
             "all",
-            {"stiffness_n_per_m": 60.0, "damping_ratio": 0.2, "softening_m": 1.0},
+            {"stiffness_n_per_m": 60.0, "damping_ratio": 0.2, "softening_m": 1.0, "force_n": 0.0},
         )
     ],
 }

@@ -216,5 +216,12 @@ impl Mechanics {
         if p[2] < LINEAR_FROM {
             self.miss(instance, Some(format!("the softening beyond {} m", p[2])));
         }
+        // Friction on the board, not on the magnet, so no friction of the spring's joints.
+        if let Some(friction) = p.get(3).filter(|own| 0.0 < **own) {
+            self.miss(
+                instance,
+                Some(format!("the striker's friction on the board of {friction} N")),
+            );
+        }
     }
 }
