@@ -190,6 +190,13 @@ pub struct CameraDetections {
     pub left: ::core::option::Option<Point>,
     #[prost(message, optional, tag = "4")]
     pub right: ::core::option::Option<Point>,
+    /// Covariances of these positions, where the detector knows them.
+    #[prost(message, optional, tag = "5")]
+    pub ball_covariance: ::core::option::Option<Covariance>,
+    #[prost(message, optional, tag = "6")]
+    pub left_covariance: ::core::option::Option<Covariance>,
+    #[prost(message, optional, tag = "7")]
+    pub right_covariance: ::core::option::Option<Covariance>,
 }
 impl ::prost::Name for CameraDetections {
     const NAME: &'static str = "CameraDetections";
@@ -199,6 +206,66 @@ impl ::prost::Name for CameraDetections {
     }
     fn type_url() -> ::prost::alloc::string::String {
         "/klasktron.CameraDetections".into()
+    }
+}
+/// Covariance of a position.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct Covariance {
+    /// m^2
+    #[prost(double, tag = "1")]
+    pub xx: f64,
+    /// m^2
+    #[prost(double, tag = "2")]
+    pub xy: f64,
+    /// m^2
+    #[prost(double, tag = "3")]
+    pub yy: f64,
+}
+impl ::prost::Name for Covariance {
+    const NAME: &'static str = "Covariance";
+    const PACKAGE: &'static str = "klasktron";
+    fn full_name() -> ::prost::alloc::string::String {
+        "klasktron.Covariance".into()
+    }
+    fn type_url() -> ::prost::alloc::string::String {
+        "/klasktron.Covariance".into()
+    }
+}
+/// How one frame of the camera became detections.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct CameraFrame {
+    /// middle of the exposure
+    #[prost(uint64, tag = "1")]
+    pub capture_time_ns: u64,
+    /// the program got the frame
+    #[prost(uint64, tag = "2")]
+    pub received_time_ns: u64,
+    /// its detections were complete
+    #[prost(uint64, tag = "3")]
+    pub detected_time_ns: u64,
+    #[prost(message, repeated, tag = "4")]
+    pub biscuits: ::prost::alloc::vec::Vec<Point>,
+    /// in the last search of the whole field; 2 or more is a warning
+    #[prost(uint32, tag = "5")]
+    pub balls: u32,
+    /// brightness of the field, 0 to 255
+    #[prost(double, tag = "6")]
+    pub median_level: f64,
+    /// of the field
+    #[prost(double, tag = "7")]
+    pub saturated_fraction: f64,
+    /// otherwise regions around predictions
+    #[prost(bool, tag = "8")]
+    pub searched_everything: bool,
+}
+impl ::prost::Name for CameraFrame {
+    const NAME: &'static str = "CameraFrame";
+    const PACKAGE: &'static str = "klasktron";
+    fn full_name() -> ::prost::alloc::string::String {
+        "klasktron.CameraFrame".into()
+    }
+    fn type_url() -> ::prost::alloc::string::String {
+        "/klasktron.CameraFrame".into()
     }
 }
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

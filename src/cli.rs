@@ -74,6 +74,21 @@ pub(crate) enum Command {
     Collect(commands::collect::Args),
     /// Run the virtual rig on a real bus, as a table of its own
     Rig(commands::rig::Args),
+    /// Calibrate the lens of the camera and its pose above the table
+    ///
+    /// The lens is fitted to images of a checkerboard or read from a file of OpenCV or ROS. The pose comes from
+    /// AprilTags 36h11 at known places, or from the corners of the field. Without --board and --corner only the
+    /// lens is written.
+    CalibrateCamera(commands::calibrate_camera::Args),
+    /// Fit the colours of ball, strikers and biscuits
+    ///
+    /// Pixels of marked pieces give the colours of each kind; every other pixel of the field is background. So every
+    /// visible piece of a marked image must be marked. Five to ten images with hands and shadows are enough.
+    TuneDetector(commands::tune_detector::Args),
+    /// Detect the pieces in images; record and serve the positions
+    ///
+    /// Detections carry the covariance of each position. `collect` and `play` do the same with --camera v4l2:DEVICE.
+    Detect(commands::detect::Args),
     /// Summarize recordings and check data quality
     Info(commands::info::Args),
     /// Copy the readable part of a truncated or damaged recording
@@ -245,6 +260,9 @@ impl Command {
         match self {
             Self::Collect(args) => commands::collect::run(&args),
             Self::Rig(args) => commands::rig::run(&args),
+            Self::CalibrateCamera(args) => commands::calibrate_camera::run(&args),
+            Self::TuneDetector(args) => commands::tune_detector::run(&args),
+            Self::Detect(args) => commands::detect::run(&args),
             Self::Info(args) => commands::info::run(&args),
             Self::Recover(args) => commands::recover::run(&args),
             Self::Import(args) => commands::import::run(&args),

@@ -1,9 +1,12 @@
 //! Subcommands, one file each: the arguments, and a `run` that makes one call into the library.
 
+pub(crate) mod calibrate_camera;
 pub(crate) mod collect;
 pub(crate) mod completions;
 pub(crate) mod demo;
+pub(crate) mod detect;
 pub(crate) mod diff;
+mod drawn;
 pub(crate) mod effects;
 mod engine;
 pub(crate) mod eval;
@@ -27,6 +30,7 @@ pub(crate) mod sweep;
 mod table;
 pub(crate) mod terminal;
 pub(crate) mod train;
+pub(crate) mod tune_detector;
 pub(crate) mod tune_ekf;
 
 use klasktron::recording::{Loss, Recording};

@@ -48,6 +48,7 @@
 //! | | [`gantry`] | CoreXY kinematics, limits, the robot file |
 //! | | [`link`] | connection to a table: clock, bus, camera |
 //! | | [`rig`] | virtual rig: simulated drives, gantries, ball and camera behind a link |
+//! | | [`camera`] | images to positions: calibration, colours, detector, sources of frames |
 //! | | [`actuator`] | actuator models from command history to motion: fits and evaluation |
 //! | | [`effects`] | catalogue of physical effects, one small file each |
 //! | | [`twin`] | simulator composed of effects, and its stages in a recording |
@@ -68,8 +69,8 @@
 //! # Invariants
 //!
 //! - SI units inside; at every boundary (flag, field, plot) the unit is in the name.
-//! - Recorded time is an integer count of nanoseconds. Only `link`'s live connection and `rig` in real
-//!   time read the system's clock.
+//! - Recorded time is an integer count of nanoseconds. Only `link`'s live connection, `camera`'s live
+//!   sources and `rig` in real time read the system's clock.
 //! - Equal inputs and seeds give equal bytes for any number of threads.
 //! - An output file appears under its name only when it is complete.
 //! - A recording that is marked for validation is never fitted.
@@ -86,6 +87,7 @@ pub mod nn;
 pub mod recording;
 
 pub mod actuator;
+pub mod camera;
 pub mod can;
 pub mod effects;
 pub mod ekf;

@@ -35,7 +35,8 @@ mod spec;
 pub use self::socketcan::{IdFilter, SocketCan};
 pub use self::socketcand::Socketcand;
 pub use camera::{
-    CameraError, CameraSender, CameraSocket, CameraSpec, CameraSpecError, parse_detections,
+    CameraError, CameraFeed, CameraSender, CameraSocket, CameraSpec, CameraSpecError,
+    parse_detections,
 };
 pub use live::LiveLink;
 pub use replay::{Replay, ReplayLink};

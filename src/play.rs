@@ -38,7 +38,7 @@
 //! let mut game = Match::new(seats, &Robot::default(), &FilterSettings::default(), 0)?;
 //! let point = |x, y| Some(Point { x, y });
 //! let (ball, left, right) = (point(0.1, 0.05), point(0.0, -0.13), point(0.0, 0.1));
-//! game.see(Nanos(0), &CameraDetections { capture_time_ns: 0, ball, left, right });
+//! game.see(Nanos(0), &CameraDetections { ball, left, right, ..CameraDetections::default() });
 //! let own = Carriage { position: [0.0, -0.13], velocity: [0.0, 0.0] };
 //! let moment = Moment { now: Nanos(8_000_000), step: 0, carriages: [Some(own), None] };
 //! let decision = game.decide(&moment);

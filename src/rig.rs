@@ -39,6 +39,7 @@ mod ball;
 mod bus;
 mod camera;
 pub mod config;
+pub mod draw;
 mod drive;
 mod fault;
 mod friction;
@@ -54,7 +55,8 @@ mod tests;
 
 pub use ball::Serves;
 pub use config::{ConfigError, FaultKind, FaultPlan, FaultStart, RigConfig};
+pub use draw::{Artist, Scene};
 pub use serve::{DriveReport, ServeError, ServeReport, serve};
 pub use truth::{Body, DriveTruth, PlayerTruth, Truth};
-pub use virtual_link::{Speed, VirtualLink};
+pub use virtual_link::{Speed, VirtualLink, Vision};
 pub use world::World;

@@ -6,15 +6,16 @@ use clap::{
 };
 
 /// Heading of each group with its subcommands, in the order of the help.
-pub(super) const GROUPS: [(&str, &[&str]); 4] = [
+pub(super) const GROUPS: [(&str, &[&str]); 5] = [
     ("Data", &["collect", "rig", "info", "recover", "import", "export"]),
+    ("Camera", &["calibrate-camera", "tune-detector", "detect"]),
     ("Identify", &["fit-actuator", "calibrate", "gap", "effects", "simulate", "diff", "tune-ekf"]),
     ("Learn and play", &["train", "play", "eval", "sweep", "demo"]),
     ("Tools", &["schema", "completions", "man"]),
 ];
 
 /// Columns of a name, with the space on both sides.
-const NAME_COLUMNS: usize = 16;
+const NAME_COLUMNS: usize = 20;
 
 /// Template of the help of the whole program, with the visible subcommands of `root` by group.
 pub(super) fn help_template(root: Command) -> String {

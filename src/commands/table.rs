@@ -3,17 +3,19 @@
 use anyhow::{Context, bail};
 use clap::ValueEnum;
 use klasktron::{
+    camera::{CameraDocument, DetectingCamera, Detector, DetectorDocument, SourceSpec},
     gantry::Robot,
     link::{
-        BusLock, BusSpec, CameraSocket, CameraSpec, Link, LiveLink, Replay, ReplayLink,
+        BusLock, BusSpec, CameraFeed, CameraSocket, CameraSpec, Link, LiveLink, Replay, ReplayLink,
         TransportSpec,
     },
     rig::{RigConfig, Speed, Truth, VirtualLink},
     units::Nanos,
 };
 use std::{
-    env, fs,
+    env, fmt, fs,
     path::{Path, PathBuf},
+    str::FromStr,
     time::{SystemTime, UNIX_EPOCH},
 };
 
@@ -32,9 +34,12 @@ pub(crate) struct TableArgs {
     /// CAN bus: socketcan:can0, slcan:/dev/ttyACM0, socketcand:host:port, replay:FILE or virtual
     #[arg(long, value_name = "BUS", env = BUS_VARIABLE, hide_env_values = true, default_value = "virtual")]
     pub(crate) bus: BusSpec,
-    /// Address to receive camera detections on: udp:HOST:PORT or unix:PATH; the virtual rig has its own camera
+    /// Camera: v4l2:DEVICE detects in this program, udp:HOST:PORT or unix:PATH receives detections of another one;
+    /// virtual draws frames of the virtual rig and detects in them
     #[arg(long, value_name = "CAMERA", env = CAMERA_VARIABLE, hide_env_values = true)]
-    camera: Option<CameraSpec>,
+    camera: Option<CameraAddress>,
+    #[command(flatten)]
+    detector: DetectorArgs,
     /// Robot file (JSON): drives, workspace, limits, time-outs [default: the KlaskTron table]
     #[arg(long, value_name = "FILE", env = ROBOT_VARIABLE, hide_env_values = true)]
     robot: Option<PathBuf>,
@@ -44,6 +49,58 @@ pub(crate) struct TableArgs {
     /// Speed of the virtual rig
     #[arg(long, value_enum, default_value = "real")]
     speed: SpeedArg,
+}
+
+/// Files of a camera that detects in this program.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct DetectorArgs {
+    /// Calibration of a camera that detects in this program, from `klasktron calibrate-camera`
+    #[arg(long, value_name = "FILE", default_value = "camera.json")]
+    pub(crate) calibration: PathBuf,
+    /// Colours of its detector, from `klasktron tune-detector`
+    #[arg(long, value_name = "FILE", default_value = "detector.json")]
+    detector: PathBuf,
+}
+
+impl DetectorArgs {
+    /// Read both files and build the detector.
+    pub(crate) fn build(&self) -> anyhow::Result<Detector> {
+        let camera =
+            read_json(&self.calibration, |text| Ok(CameraDocument::from_json(text)?.camera()?))?;
+        let document = read_json(&self.detector, |text| Ok(DetectorDocument::from_json(text)?))?;
+        Ok(Detector::new(&camera, &document)?)
+    }
+}
+
+/// Value of `--camera`: detections of another program, or frames.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum CameraAddress {
+    /// Socket for detections.
+    Socket(CameraSpec),
+    /// Frames, detected in this program.
+    Frames(SourceSpec),
+}
+
+impl FromStr for CameraAddress {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let socket = text.parse().map(Self::Socket);
+        socket.or_else(|_no_socket| text.parse().map(Self::Frames)).map_err(|_no_source| {
+            format!(
+                "'{text}' names no camera; write v4l2:/dev/video0, virtual, udp:HOST:PORT or unix:PATH"
+            )
+        })
+    }
+}
+
+impl fmt::Display for CameraAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Socket(spec) => spec.fmt(f),
+            Self::Frames(spec) => spec.fmt(f),
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -94,10 +151,15 @@ impl TableArgs {
     pub(crate) fn open(&self, files: &TableFiles) -> anyhow::Result<OpenTable> {
         match &self.bus {
             BusSpec::Virtual => {
-                if self.camera.is_some() && !self.is_camera_of_environment() {
-                    bail!("the virtual rig has its own camera; omit --camera");
+                let link = self.virtual_link(files)?;
+                let draws = self.camera == Some(CameraAddress::Frames(SourceSpec::Virtual));
+                if self.camera.is_some() && !draws && !self.is_camera_of_environment() {
+                    bail!(
+                        "the virtual rig has its own camera; omit --camera, or give --camera virtual for drawn frames"
+                    );
                 }
-                Ok(OpenTable::Virtual(Box::new(self.virtual_link(files)?)))
+                let link = if draws { super::drawn::with_vision(link, &files.rig)? } else { link };
+                Ok(OpenTable::Virtual(Box::new(link)))
             }
             BusSpec::Replay(path) => {
                 let link = ReplayLink::new(Replay::open(path, None)?)?;
@@ -124,9 +186,21 @@ impl TableArgs {
     fn open_live(&self, transport: &TransportSpec, robot: &Robot) -> anyhow::Result<OpenTable> {
         let lock = transport.lock()?;
         let bus = transport.open(robot.can.bitrate)?;
-        let camera = self.camera.as_ref().map(CameraSocket::bind).transpose()?;
+        let camera = self.camera.as_ref().map(|own| self.open_camera(own)).transpose()?;
         let link = Box::new(LiveLink::start(bus, camera)?);
         Ok(OpenTable::Other { link, _lock: Some(lock) })
+    }
+}
+
+impl TableArgs {
+    fn open_camera(&self, address: &CameraAddress) -> anyhow::Result<Box<dyn CameraFeed>> {
+        match address {
+            CameraAddress::Socket(spec) => Ok(Box::new(CameraSocket::bind(spec)?)),
+            CameraAddress::Frames(spec) => {
+                let detector = self.detector.build()?;
+                Ok(Box::new(DetectingCamera::new(spec.open()?, detector)))
+            }
+        }
     }
 }
 

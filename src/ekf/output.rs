@@ -32,7 +32,13 @@ pub fn write_recording(tuned: &super::Tuned, path: &Path) -> Result<(), Recordin
     for judged in frames {
         let seen = judged.frame.seen;
         let [ball, left, right] = seen.positions.map(|p| p.map(|[x, y]| Point { x, y }));
-        let detections = CameraDetections { capture_time_ns: seen.time.0, ball, left, right };
+        let detections = CameraDetections {
+            capture_time_ns: seen.time.0,
+            ball,
+            left,
+            right,
+            ..CameraDetections::default()
+        };
         writer.write(topic::CAMERA_DETECTIONS, seen.time, &detections)?;
         let estimate = board_state(judged.estimates.map(|own| own.map(|own| own.mean)));
         writer.write(topic::BOARD_STATE, seen.time, &estimate)?;

@@ -28,14 +28,15 @@
 //! | `x`, `y` of these | number, required | position in the board frame of [`crate::board`] (m), at
 //! most 1 m from its centre |
 //!
-//! Other keys are ignored, so that a program may send additional values.
+//! An object may carry the covariance of its position as `xx`, `xy` and `yy` (m^2), all three or none. Other keys are
+//! ignored, so that a program may send additional values.
 
 mod sender;
 
 pub use sender::CameraSender;
 
 use super::LinkError;
-use crate::recording::message::{CameraDetections, Point};
+use crate::recording::message::{CameraDetections, Covariance, Point};
 use serde_json::{Map, Value};
 use std::{
     fmt,
@@ -156,7 +157,33 @@ pub fn parse_detections(datagram: &[u8]) -> Result<CameraDetections, CameraError
         ball: parse_point(object, "ball")?,
         left: parse_point(object, "left")?,
         right: parse_point(object, "right")?,
+        ball_covariance: parse_covariance(object, "ball")?,
+        left_covariance: parse_covariance(object, "left")?,
+        right_covariance: parse_covariance(object, "right")?,
     })
+}
+
+/// Covariance of an object; `None` without one.
+fn parse_covariance(
+    object: &Map<String, Value>,
+    name: &str,
+) -> Result<Option<Covariance>, CameraError> {
+    let Some(point) = object.get(name).and_then(Value::as_object) else { return Ok(None) };
+    let values = ["xx", "xy", "yy"].map(|key| point.get(key));
+    if values.iter().all(Option::is_none) {
+        return Ok(None);
+    }
+    let numbers = values.map(|value| value.and_then(Value::as_f64));
+    match numbers {
+        [Some(xx), Some(xy), Some(yy)] if 0.0 < xx && 0.0 < yy && xy * xy < xx * yy => {
+            Ok(Some(Covariance { xx, xy, yy }))
+        }
+        _ => Err(wrong(
+            &format!("{name}'s covariance"),
+            object.get(name),
+            "xx, xy and yy in m^2 of a positive definite matrix, or none of them",
+        )),
+    }
 }
 
 fn parse_point(object: &Map<String, Value>, name: &str) -> Result<Option<Point>, CameraError> {
@@ -197,6 +224,21 @@ fn shown(value: Option<&Value>) -> String {
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{}...", &text[..end]),
         None => text,
+    }
+}
+
+/// Source of datagrams with detections: a socket, or a camera with a detector in this program.
+pub trait CameraFeed: Send {
+    /// Return the next datagram within about `timeout`; `None` when none came.
+    ///
+    /// # Errors
+    /// When the source is broken permanently.
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Vec<u8>>, LinkError>;
+}
+
+impl CameraFeed for CameraSocket {
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Vec<u8>>, LinkError> {
+        Self::receive(self, timeout)
     }
 }
 

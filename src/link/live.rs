@@ -6,7 +6,7 @@
 //! jump. This is the only part of the library that reads a clock.
 
 use super::{
-    BusFault, Capabilities, Event, Link, LinkError, Received, Transport, camera::CameraSocket,
+    BusFault, Capabilities, Event, Link, LinkError, Received, Transport, camera::CameraFeed,
 };
 use crate::{can::Frame, units::Nanos};
 use std::{
@@ -84,7 +84,7 @@ impl LiveLink {
     /// When a thread cannot be started.
     pub fn start(
         transport: Arc<dyn Transport>,
-        camera: Option<CameraSocket>,
+        camera: Option<Box<dyn CameraFeed>>,
     ) -> Result<Self, LinkError> {
         let clock = Clock::start();
         let (sender, events) = mpsc::channel();
@@ -94,8 +94,8 @@ impl LiveLink {
             Self { transport: Arc::clone(&transport), clock, events, stop, threads: Vec::new() };
         let bus_inbox = inbox.clone();
         link.spawn("bus", move || listen_to_bus(transport.as_ref(), &bus_inbox))?;
-        if let Some(camera) = camera {
-            link.spawn("camera", move || listen_to_camera(&camera, &inbox))?;
+        if let Some(mut camera) = camera {
+            link.spawn("camera", move || listen_to_camera(camera.as_mut(), &inbox))?;
         }
         Ok(link)
     }
@@ -132,8 +132,8 @@ fn listen_to_bus(transport: &dyn Transport, inbox: &Inbox) {
     }
 }
 
-/// Receive until the link stops, or the socket is broken.
-fn listen_to_camera(camera: &CameraSocket, inbox: &Inbox) {
+/// Receive until the link stops, or the source is broken.
+fn listen_to_camera(camera: &mut dyn CameraFeed, inbox: &Inbox) {
     while !inbox.stopped() {
         match camera.receive(PATIENCE) {
             Ok(Some(datagram)) => {
@@ -188,7 +188,10 @@ impl Drop for LiveLink {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::can::{Direction, FrameKind, IdWidth, Payload};
+    use crate::{
+        can::{Direction, FrameKind, IdWidth, Payload},
+        link::CameraSocket,
+    };
 
     /// Bus with a limited number of frames, which then breaks.
     struct Short(Mutex<u32>);
@@ -255,7 +258,7 @@ mod tests {
         }
         let camera = CameraSocket::bind(&"udp:127.0.0.1:0".parse().unwrap()).unwrap();
         let address = camera.udp_address().unwrap();
-        let mut link = LiveLink::start(Arc::new(Silent), Some(camera)).unwrap();
+        let mut link = LiveLink::start(Arc::new(Silent), Some(Box::new(camera))).unwrap();
         assert_eq!(link.next_event(Nanos(0)).unwrap(), None);
         let before = link.now();
         assert_eq!(link.next_event(before.after_seconds(0.01)).unwrap(), None);

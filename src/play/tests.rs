@@ -67,7 +67,7 @@ fn strong(network: &mut Network) {
 
 fn picture(time: Nanos, [ball, left, right]: Places) -> CameraDetections {
     let [ball, left, right] = [ball, left, right].map(|p| p.map(|[x, y]| Point { x, y }));
-    CameraDetections { capture_time_ns: time.0, ball, left, right }
+    CameraDetections { capture_time_ns: time.0, ball, left, right, ..CameraDetections::default() }
 }
 
 /// Show `places` from `from` for `seconds`, at 120 Hz.

@@ -85,6 +85,10 @@ pub fn drive(player: Player, motor: Motor) -> String {
 pub const CAN_FRAMES: &str = "/can/frames";
 /// Detections in each camera frame (`CameraDetections`).
 pub const CAMERA_DETECTIONS: &str = "/camera/detections";
+/// Processing of each camera frame (`CameraFrame`).
+pub const CAMERA_FRAME: &str = "/camera/frame";
+/// Recorded camera frames (`foxglove.CompressedImage`).
+pub const CAMERA_IMAGE: &str = "/camera/image";
 /// Filtered state of the board (`BoardState`).
 pub const BOARD_STATE: &str = "/board/state";
 /// True state of the board from a simulator (`BoardState`).
@@ -132,6 +136,7 @@ pub fn schema_of(topic: &str) -> Option<&'static str> {
         ["drive", "left" | "right", "a" | "b"] => Some("klasktron.DriveStatus"),
         ["can", "frames"] => Some("klasktron.CanFrame"),
         ["camera", "detections"] => Some("klasktron.CameraDetections"),
+        ["camera", "frame"] => Some("klasktron.CameraFrame"),
         ["board", "state"] => Some("klasktron.BoardState"),
         ["run", "marker"] => Some("klasktron.RunMarker"),
         ["match", "event"] => Some("klasktron.MatchEvent"),

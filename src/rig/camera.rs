@@ -6,8 +6,12 @@
 //! object in the board frame:
 //! `{"capture_time_ns":N,"ball":{"x":m,"y":m},"left":...,"right":...}`, with `null` for an undetected
 //! object.
+//!
+//! With drawn frames ([`super::draw`]) the camera hands over the scene instead, and a detector makes the datagram. Its
+//! detection errors are then those of the detector: only rate, latency, exposure, losses and time stamps are modelled.
 
 use super::config::{CameraConfig, StampMode};
+use super::draw::Scene;
 use crate::{seed::Stream, units::Nanos};
 use std::{collections::VecDeque, io::Write as _};
 
@@ -27,6 +31,10 @@ pub(super) struct Camera {
     pub(super) stopped: bool,
     /// Datagrams by arrival time (ns since the start).
     waiting: VecDeque<(u64, Vec<u8>)>,
+    /// True if scenes are handed over instead of datagrams.
+    pub(super) draws: bool,
+    /// Scenes by arrival time (ns since the start).
+    scenes: VecDeque<(u64, Scene)>,
     noise: Stream,
     timing: Stream,
     loss: Stream,
@@ -41,6 +49,8 @@ impl Camera {
             next_capture_ns: 0,
             stopped: false,
             waiting: VecDeque::new(),
+            draws: false,
+            scenes: VecDeque::new(),
             noise: Stream::new(seed, "rig.camera.noise"),
             timing: Stream::new(seed, "rig.camera.timing"),
             loss: Stream::new(seed, "rig.camera.loss"),
@@ -68,6 +78,20 @@ impl Camera {
         let arrival_ns = (capture_ns + (latency * NANOS) as u64).max(now_ns);
         let back = now_ns.saturating_sub(shown_ns) as f64 / NANOS;
         let [ball, left, right] = sights;
+        if self.draws {
+            let moved = |(position, velocity): ([f64; 2], [f64; 2])| {
+                ([0, 1].map(|axis| position[axis] - velocity[axis] * back), velocity)
+            };
+            let nowhere = ([10.0, 10.0], [0.0; 2]);
+            let scene = Scene {
+                capture_time: Nanos(self.stamp(capture_ns, arrival_ns)),
+                exposure_s: self.config.exposure_s,
+                ball: ball.map(moved),
+                strikers: [left, right].map(|own| own.map_or(nowhere, moved)),
+            };
+            self.scenes.push_back((arrival_ns, scene));
+            return;
+        }
         let seen = [
             self.see(ball, self.config.ball_parallax, back),
             self.see(left, self.config.peg_parallax, back),
@@ -86,6 +110,11 @@ impl Camera {
     /// The next datagram that has arrived by `now_ns`, with its arrival time.
     pub(super) fn arrived(&mut self, now_ns: u64) -> Option<(u64, Vec<u8>)> {
         self.waiting.pop_front_if(|(arrival, _)| *arrival <= now_ns)
+    }
+
+    /// The next scene whose detections have arrived by `now_ns`, with their arrival time.
+    pub(super) fn arrived_scene(&mut self, now_ns: u64) -> Option<(u64, Scene)> {
+        self.scenes.pop_front_if(|(arrival, _)| *arrival <= now_ns)
     }
 
     fn uniform(&mut self) -> f64 {

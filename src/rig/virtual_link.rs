@@ -7,6 +7,7 @@
 use super::{
     bus::{Bus, Sender},
     config::{ConfigError, RigConfig},
+    draw::Artist,
     fault::LinkFaults,
     truth::Truth,
     world::World,
@@ -36,10 +37,14 @@ pub enum Speed {
     Maximum,
 }
 
+/// Detector of drawn frames: from the bytes of a frame (YUYV) and its time to a datagram of detections.
+pub type Vision = Box<dyn FnMut(&[u8], Nanos) -> Option<Vec<u8>>>;
+
 /// The virtual rig.
-#[derive(Debug)]
 pub struct VirtualLink {
     world: World,
+    /// Artist and detector, if frames are drawn.
+    vision: Option<(Artist, Vision)>,
     bus: Bus,
     start: Nanos,
     /// Reading of the monotonic clock at the start, in real time.
@@ -78,6 +83,7 @@ impl VirtualLink {
         let receive_jitter = config.bus.receive_jitter_s;
         Ok(Self {
             world: World::new(config, start)?,
+            vision: None,
             bus,
             start,
             origin: (speed == Speed::RealTime).then(Instant::now),
@@ -90,6 +96,16 @@ impl VirtualLink {
             transmit_queue,
             receive_jitter,
         })
+    }
+
+    /// Draw frames, and let `vision` detect the pieces in them.
+    #[must_use]
+    pub fn with_vision(mut self, vision: Vision) -> Self {
+        let config = self.world.config();
+        let half = [config.board.short_side_m / 2.0, config.board.long_side_m / 2.0];
+        self.vision = Some((Artist::new(half, config.seed), vision));
+        self.world.draw_frames();
+        self
     }
 
     /// Ground truth at the current time, up to one step ahead of [`Link::now`].
@@ -141,6 +157,12 @@ impl VirtualLink {
         }
         while let Some((at_ns, datagram)) = self.world.next_datagram() {
             self.push(at_ns, Event::Camera { received_at: self.stamp(at_ns), datagram });
+        }
+        while let Some((at_ns, scene)) = self.world.next_scene() {
+            let Some((artist, vision)) = &mut self.vision else { continue };
+            if let Some(datagram) = vision(artist.draw(&scene), scene.capture_time) {
+                self.push(at_ns, Event::Camera { received_at: self.stamp(at_ns), datagram });
+            }
         }
     }
 

@@ -8,6 +8,7 @@ use super::{
     ball::Ball,
     camera::{Camera, Sight},
     config::{ConfigError, FaultKind, RigConfig},
+    draw::Scene,
     drive::{Drive, Outgoing},
     fault::{Change, LinkFaults, Schedule},
     friction::Friction,
@@ -133,6 +134,16 @@ impl World {
     /// The next datagram of the camera that has arrived, with its arrival time (ns).
     pub(super) fn next_datagram(&mut self) -> Option<(u64, Vec<u8>)> {
         self.camera.arrived(self.now_ns)
+    }
+
+    /// Hand over scenes instead of datagrams.
+    pub(super) fn draw_frames(&mut self) {
+        self.camera.draws = true;
+    }
+
+    /// The next scene whose detections have arrived, with their arrival time (ns).
+    pub(super) fn next_scene(&mut self) -> Option<(u64, Scene)> {
+        self.camera.arrived_scene(self.now_ns)
     }
 
     /// Deliver a frame of the bus to the drives; unknown messages are ignored.

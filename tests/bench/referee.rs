@@ -34,6 +34,7 @@ fn write(game: &Game, path: &Path) {
             ball: point(picture.ball),
             left: point(picture.strikers[0]),
             right: point(picture.strikers[1]),
+            ..CameraDetections::default()
         };
         writer
             .write(CAMERA_DETECTIONS, capture.after_seconds(0.005), &message)

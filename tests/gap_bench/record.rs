@@ -187,6 +187,7 @@ pub(crate) fn write_ball(path: &Path, label: Label<'_>, rolls: &[Vec<BallFrame>]
             ball: point(*at),
             left: point([0.12, -0.19]),
             right: point([-0.12, 0.19]),
+            ..CameraDetections::default()
         };
         sheet.add(*time, Entry::Camera(message));
     }

@@ -209,7 +209,12 @@ fn every_message_type_comes_back_as_it_was_written() {
         "/motor/right/a" => motor,
         "/drive/right/b" => drive,
         "/can/frames" => CanFrame { id: 0x7ff, data: vec![0, 255], error: true, ..Default::default() },
-        "/camera/detections" => CameraDetections { capture_time_ns: u64::MAX, ball: point, left: None, right: point },
+        "/camera/detections" => CameraDetections {
+            capture_time_ns: u64::MAX,
+            ball: point,
+            right: point,
+            ..CameraDetections::default()
+        },
         "/board/state" => BoardState { ball: object, left: None, right: object, status: 31 },
         "/run/marker" => RunMarker { run: 3, pattern: "circle".into(), phase: 1, split: "train".into() },
         "/match/event" => MatchEvent { kind: "goal".into(), confidence: 0.5, ..Default::default() },

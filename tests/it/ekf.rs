@@ -141,7 +141,8 @@ fn pictures(path: &Path, frames: u64, place: impl Fn(f64) -> Option<f64>) {
     for k in 0..frames {
         let now = Nanos(1_000_000_000 + k * 1_000_000_000 / 120);
         let ball = place(k as f64 / 120.0).map(|x| Point { x, y: 0.0 });
-        let found = CameraDetections { capture_time_ns: now.0, ball, left: None, right: None };
+        let found =
+            CameraDetections { capture_time_ns: now.0, ball, ..CameraDetections::default() };
         writer.write(topic::CAMERA_DETECTIONS, now, &found).unwrap();
     }
     let command = VelocityCommand { vx: 0.0, vy: 0.0 };

@@ -31,7 +31,12 @@ fn exported(recording: &Recording, topic: &str, format: TableFormat) -> std::pat
 
 fn detections(capture_time_ns: u64, ball: Option<(f64, f64)>) -> CameraDetections {
     let ball = ball.map(|(x, y)| Point { x, y });
-    CameraDetections { capture_time_ns, ball, left: None, right: Some(Point { x: 0.0, y: 0.1 }) }
+    CameraDetections {
+        capture_time_ns,
+        ball,
+        right: Some(Point { x: 0.0, y: 0.1 }),
+        ..CameraDetections::default()
+    }
 }
 
 #[test]

@@ -187,7 +187,8 @@ pub fn write_table_recording(
         let seen = Some(Point { x, y });
         let (left, right) = if player == Player::Left { (seen, None) } else { (None, seen) };
         let capture_time_ns = info.origin.after_seconds(*time).0;
-        let frame = CameraDetections { capture_time_ns, ball: None, left, right };
+        let frame =
+            CameraDetections { capture_time_ns, left, right, ..CameraDetections::default() };
         messages.push(topic::CAMERA_DETECTIONS, *time, Outgoing::Camera(frame));
     }
     let mut metadata = info.metadata(twin);

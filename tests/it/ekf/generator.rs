@@ -194,7 +194,13 @@ impl Game {
     fn write_picture(&self, writer: &mut RecordingWriter, at: Nanos, picture: &Picture) {
         let point = |place: [f64; 2]| Point { x: place[0], y: place[1] };
         let [ball, left, right] = picture.seen.map(|place| place.map(point));
-        let seen = CameraDetections { capture_time_ns: at.0, ball, left, right };
+        let seen = CameraDetections {
+            capture_time_ns: at.0,
+            ball,
+            left,
+            right,
+            ..CameraDetections::default()
+        };
         let [ball, left, right] =
             picture.truth.map(|state| state.map(|[x, y, vx, vy]| ObjectState { x, y, vx, vy }));
         let truth = BoardState { ball, left, right, status: 0 };

@@ -36,6 +36,7 @@ pub(super) fn write_detections(pictures: &[Picture], dir: &Path, name: &str) -> 
             ball: picture.ball.map(point),
             left: picture.strikers[0].map(point),
             right: picture.strikers[1].map(point),
+            ..CameraDetections::default()
         };
         let arrival = capture.after_seconds(0.005);
         file.write_published(topic::CAMERA_DETECTIONS, arrival, capture, &message).unwrap();

@@ -1,0 +1,18 @@
+//! Calibration: lens from images of a checkerboard, board pose from AprilTags or marked corners.
+//!
+//! 1. [`find_checkerboard`] finds the inner corners of the board in an image, to a fraction of a pixel.
+//! 2. [`calibrate_lens`] fits focal lengths, principal point, distortion and the pose of each image by least squares
+//!    of the reprojection errors (Zhang, "A flexible new technique for camera calibration", IEEE TPAMI 22, 2000).
+//! 3. [`find_tags`] finds AprilTags of the family 36h11; [`fit_board_pose`] fits the pose of the table from their
+//!    centres, or from marked points of the field.
+
+mod checkerboard;
+mod import;
+mod least_squares;
+mod lens_fit;
+mod tags;
+
+pub use checkerboard::{Checkerboard, find_checkerboard};
+pub use import::{ImportError, lens_from_npz, lens_from_yaml};
+pub use lens_fit::{BoardPoint, CalibrateError, LensCalibration, calibrate_lens, fit_board_pose};
+pub use tags::{Tag, find_tags};

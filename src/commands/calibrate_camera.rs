@@ -1,0 +1,355 @@
+//! `klasktron calibrate-camera`: the lens from a checkerboard, the pose of the table from AprilTags or marked corners.
+
+use super::{
+    Outcome, note, print,
+    results::{OverwriteArgs, write_file},
+    tell,
+};
+use anyhow::{Context, bail};
+use klasktron::{
+    board::BoardSize,
+    camera::{
+        BoardFit, CameraDocument, Frame, FrameSource, Lens, LensFit, Next, SourceSpec,
+        calibrate::{
+            BoardPoint, CalibrateError, Checkerboard, LensCalibration, calibrate_lens,
+            find_checkerboard, find_tags, fit_board_pose, lens_from_npz, lens_from_yaml,
+        },
+    },
+    recording::write_bytes,
+};
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::BufReader,
+    path::{Path, PathBuf},
+};
+
+/// Largest reprojection error of a usable calibration (pixels).
+const LARGEST_REPROJECTION_PX: f64 = 1.0;
+
+/// Arguments of `klasktron calibrate-camera`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  klasktron calibrate-camera --images images:checkerboard --columns 9 --rows 6 --square-mm 22 -o lens.json
+  klasktron calibrate-camera --lens lens.json --board images:table \\
+      --tag 2:-0.140,-0.238 --tag 3:0.140,-0.238 --tag 4:0.140,0.238 --tag 5:-0.140,0.238 -o camera.json
+  klasktron calibrate-camera --lens camera_info.yaml \\
+      --corner 270,42 --corner 268,610 --corner 1016,612 --corner 1012,45 -o camera.json")]
+pub(crate) struct Args {
+    /// Images of a checkerboard: images:FOLDER, mcap:FILE or v4l2:DEVICE
+    #[arg(long, value_name = "SOURCE", required_unless_present = "lens", conflicts_with = "lens")]
+    images: Option<SourceSpec>,
+    /// Inner corners along the first side of the checkerboard
+    #[arg(long, value_name = "COUNT", default_value = "9", value_parser = clap::value_parser!(u8).range(3..=50))]
+    columns: u8,
+    /// Inner corners along its second side
+    #[arg(long, value_name = "COUNT", default_value = "6", value_parser = clap::value_parser!(u8).range(3..=50))]
+    rows: u8,
+    /// Side of a square (mm)
+    #[arg(long, value_name = "MM", default_value = "25", value_parser = parse_square)]
+    square_mm: f64,
+    /// Fit the sixth-order radial coefficient k3 too, for very wide lenses
+    #[arg(long)]
+    k3: bool,
+    /// Known lens: camera.json, a camera_info YAML of ROS or OpenCV, or calibration_data.npz
+    #[arg(long, value_name = "FILE")]
+    lens: Option<PathBuf>,
+    /// Columns and rows of the images, for a lens file that does not say them
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse_size)]
+    size: Option<Size>,
+    /// Images of the table with AprilTags 36h11
+    #[arg(long, value_name = "SOURCE", requires = "tag")]
+    board: Option<SourceSpec>,
+    /// Place of the centre of a tag in the board frame (m): ID:X,Y or ID:X,Y,Z (repeatable)
+    #[arg(long, value_name = "ID:X,Y", value_parser = parse_tag, allow_hyphen_values = true, requires = "board")]
+    tag: Vec<TagPlace>,
+    /// Pixel of a corner of the field (column,row), four times: x and y negative; x positive; both positive; y positive
+    #[arg(long, value_name = "COLUMN,ROW", value_parser = parse_pixel, conflicts_with = "board")]
+    corner: Vec<Pixel>,
+    /// Short side of the field (m)
+    #[arg(long, value_name = "M", default_value = "0.32")]
+    board_short_side_m: f64,
+    /// Long side of the field (m)
+    #[arg(long, value_name = "M", default_value = "0.42")]
+    board_long_side_m: f64,
+    /// Calibration to write
+    #[arg(short, long, alias = "out", value_name = "FILE", default_value = "camera.json")]
+    output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+    /// Print the calibration as JSON on stdout too
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Size([usize; 2]);
+
+#[derive(Debug, Clone, Copy)]
+struct TagPlace {
+    id: u32,
+    place: [f64; 3],
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Pixel([f64; 2]);
+
+fn parse_square(text: &str) -> Result<f64, String> {
+    super::table::parse_within(text, 1.0, 500.0, "mm")
+}
+
+fn parse_size(text: &str) -> Result<Size, String> {
+    let wrong = || "must be WIDTHxHEIGHT, such as 1280x720".to_owned();
+    let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+    let side = |text: &str| text.parse::<usize>().map_err(|_no_number| wrong());
+    Ok(Size([side(width)?, side(height)?]))
+}
+
+fn parse_tag(text: &str) -> Result<TagPlace, String> {
+    let wrong = || "must be ID:X,Y or ID:X,Y,Z in metres, such as 2:-0.140,-0.238".to_owned();
+    let (id, place) = text.split_once(':').ok_or_else(wrong)?;
+    let numbers: Option<Vec<f64>> = place.split(',').map(|own| own.parse().ok()).collect();
+    let place = match numbers.ok_or_else(wrong)?[..] {
+        [x, y] => [x, y, 0.0],
+        [x, y, z] => [x, y, z],
+        _ => return Err(wrong()),
+    };
+    if place.iter().any(|own| !(own.abs() <= 2.0)) {
+        return Err("must lie within 2 m of the board's centre".to_owned());
+    }
+    Ok(TagPlace { id: id.parse().map_err(|_no_number| wrong())?, place })
+}
+
+fn parse_pixel(text: &str) -> Result<Pixel, String> {
+    let wrong = || "must be COLUMN,ROW in pixels, such as 270,42".to_owned();
+    let (column, row) = text.split_once(',').ok_or_else(wrong)?;
+    let side = |text: &str| text.trim().parse::<f64>().ok().filter(|own| own.is_finite());
+    Ok(Pixel([side(column).ok_or_else(wrong)?, side(row).ok_or_else(wrong)?]))
+}
+
+/// Run `klasktron calibrate-camera`.
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let board = BoardSize::new(args.board_short_side_m, args.board_long_side_m)?;
+    let mut document = args.lens_document()?;
+    if let Some((pose, fit)) = args.board_pose(&document, board)? {
+        document.rotation_rad = Some(pose.camera_from_board.rotation_vector());
+        document.translation_m = Some(pose.camera_from_board.translation);
+        note(&format!(
+            "the camera is {:.0} mm above the field; {} points, reprojection error {:.2} px (RMS); positions on the \
+             field to {:.2} mm (95 %)",
+            1e3 * pose.height(),
+            fit.points,
+            fit.reprojection_rms_px,
+            1e3 * fit.ci95_half_width_m
+        ));
+        document.board_fit = Some(fit);
+    }
+    let text = serde_json::to_string_pretty(&document)? + "\n";
+    write_file(&args.output, args.overwrite, |existing| {
+        Ok(write_bytes(&args.output, existing, text.as_bytes())?)
+    })?;
+    if args.json {
+        print(text.trim_end())?;
+    }
+    note(&format!("wrote {}", args.output.display()));
+    Ok(args.verdict(&document))
+}
+
+impl Args {
+    /// The lens, fitted or read.
+    fn lens_document(&self) -> anyhow::Result<CameraDocument> {
+        if let Some(path) = &self.lens {
+            return self.read_lens(path);
+        }
+        let Some(spec) = &self.images else { bail!("give --images or --lens") };
+        let calibration = self.fit_lens(spec)?;
+        let LensCalibration { lens, fit, rms_px, .. } = &calibration;
+        tell_lens(lens, fit);
+        let worst = rms_px.iter().copied().fold(0.0, f64::max);
+        note(&format!("worst image: reprojection error {worst:.2} px (RMS)"));
+        let mut document = CameraDocument::new(calibration.size_px, lens, None);
+        document.lens_fit = Some(fit.clone());
+        Ok(document)
+    }
+
+    fn fit_lens(&self, spec: &SourceSpec) -> anyhow::Result<LensCalibration> {
+        let board = Checkerboard {
+            columns: self.columns.into(),
+            rows: self.rows.into(),
+            square_m: 1e-3 * self.square_mm,
+        };
+        let mut size = None;
+        let mut views = Vec::new();
+        let images = for_each_frame(spec, |frame| {
+            let own = [frame.width_px(), frame.height_px()];
+            if *size.get_or_insert(own) != own {
+                bail!("{spec}: the images differ in size; calibrate with images of one resolution");
+            }
+            views.extend(find_checkerboard(frame, &board));
+            Ok(())
+        })?;
+        note(&format!("{} of {images} images show the complete checkerboard", views.len()));
+        let calibrated = calibrate_lens(size.unwrap_or_default(), &board, &views, self.k3);
+        Ok(calibrated.map_err(|error| match error {
+            CalibrateError::FewImages { found, .. } => CalibrateError::FewImages { found, images },
+            other => other,
+        })?)
+    }
+
+    fn read_lens(&self, path: &Path) -> anyhow::Result<CameraDocument> {
+        let file = path.display();
+        let extension = path.extension().unwrap_or_default().to_string_lossy().into_owned();
+        if extension == "npz" {
+            let source = fs::File::open(path).with_context(|| format!("{file}: cannot open"))?;
+            let lens = lens_from_npz(BufReader::new(source)).with_context(|| file.to_string())?;
+            return self.sized(path, None, &lens);
+        }
+        let text = fs::read_to_string(path).with_context(|| format!("{file}: cannot read"))?;
+        if extension == "json" {
+            return CameraDocument::from_json(&text).with_context(|| file.to_string());
+        }
+        let (size, lens) = lens_from_yaml(&text).with_context(|| file.to_string())?;
+        self.sized(path, size, &lens)
+    }
+
+    fn sized(
+        &self,
+        path: &Path,
+        size: Option<[usize; 2]>,
+        lens: &Lens,
+    ) -> anyhow::Result<CameraDocument> {
+        let Some(size) = size.or(self.size.map(|own| own.0)) else {
+            bail!(
+                "{}: does not say the size of its images; give --size WIDTHxHEIGHT",
+                path.display()
+            );
+        };
+        Ok(CameraDocument::new(size, lens, None))
+    }
+
+    fn board_pose(
+        &self,
+        document: &CameraDocument,
+        board: BoardSize,
+    ) -> anyhow::Result<Option<(klasktron::camera::CameraModel, BoardFit)>> {
+        let half = [board.short_side / 2.0, board.long_side / 2.0];
+        let size = [document.width_px, document.height_px];
+        let points = if let Some(spec) = &self.board {
+            self.tag_points(spec, size)?
+        } else if self.corner.is_empty() {
+            return Ok(None);
+        } else {
+            if self.corner.len() != 4 {
+                bail!(
+                    "--corner is given {} times; give the four corners of the field",
+                    self.corner.len()
+                );
+            }
+            let signs = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+            let corners = signs.iter().zip(&self.corner);
+            corners
+                .map(|(sign, pixel)| BoardPoint {
+                    place: [sign[0] * half[0], sign[1] * half[1], 0.0],
+                    pixel: pixel.0,
+                })
+                .collect()
+        };
+        Ok(Some(fit_board_pose(size, &document.lens(), &points, half)?))
+    }
+
+    /// Mean pixels of the known tags.
+    fn tag_points(&self, spec: &SourceSpec, size: [usize; 2]) -> anyhow::Result<Vec<BoardPoint>> {
+        let mut sums: BTreeMap<u32, ([f64; 2], f64)> = BTreeMap::new();
+        let images = for_each_frame(spec, |frame| {
+            let own = [frame.width_px(), frame.height_px()];
+            if own != size {
+                bail!(
+                    "{spec}: the images have {} x {} pixels, the lens is for {} x {}; calibrate the lens at this \
+                     resolution",
+                    own[0],
+                    own[1],
+                    size[0],
+                    size[1]
+                );
+            }
+            for tag in find_tags(frame) {
+                let (sum, count) = sums.entry(tag.id).or_default();
+                (0..2).for_each(|axis| sum[axis] += tag.centre[axis]);
+                *count += 1.0;
+            }
+            Ok(())
+        })?;
+        let known = self.tag.iter().filter_map(|tag| {
+            let (sum, count) = sums.get(&tag.id)?;
+            Some(BoardPoint { place: tag.place, pixel: sum.map(|own| own / count) })
+        });
+        let known: Vec<BoardPoint> = known.collect();
+        note(&format!("{} of {} tags found in {images} images", known.len(), self.tag.len()));
+        Ok(known)
+    }
+
+    /// Status 3 where a reprojection error says that something is wrong.
+    fn verdict(&self, document: &CameraDocument) -> Outcome {
+        let lens = document.lens_fit.as_ref().filter(|_| self.images.is_some());
+        let errors = [
+            ("lens", lens.map(|fit| fit.reprojection_rms_px)),
+            ("board pose", document.board_fit.as_ref().map(|fit| fit.reprojection_rms_px)),
+        ];
+        let mut outcome = Outcome::Done;
+        for (name, error) in errors {
+            if let Some(error) = error.filter(|own| LARGEST_REPROJECTION_PX < *own) {
+                tell(&format!(
+                    "warning: the {name} has a reprojection error of {error:.2} px, allowed is \
+                     {LARGEST_REPROJECTION_PX} px; check the sizes and places that were given"
+                ));
+                outcome = Outcome::Lossy;
+            }
+        }
+        outcome
+    }
+}
+
+fn tell_lens(lens: &Lens, fit: &LensFit) {
+    let half = fit.ci95_half_width;
+    note(&format!(
+        "focal length {:.1} x {:.1} px (95 %: +-{:.1}), principal point {:.1}, {:.1} px (+-{:.1}), k1 {:.4} (+-{:.4}), \
+         k2 {:.4} (+-{:.4}); reprojection error {:.3} px (RMS of {} corners)",
+        lens.focal_px[0],
+        lens.focal_px[1],
+        half[0].max(half[1]),
+        lens.principal_point_px[0],
+        lens.principal_point_px[1],
+        half[2].max(half[3]),
+        lens.distortion.k1,
+        half[4],
+        lens.distortion.k2,
+        half[5],
+        fit.reprojection_rms_px,
+        fit.corners
+    ));
+}
+
+/// Pass every frame of a source to `visit`; damaged images are warnings. Return the number of images.
+pub(super) fn for_each_frame(
+    spec: &SourceSpec,
+    mut visit: impl FnMut(&Frame) -> anyhow::Result<()>,
+) -> anyhow::Result<usize> {
+    /// Frames of a live camera that one calibration takes.
+    const LIVE_FRAMES: usize = 60;
+    let mut source: Box<dyn FrameSource> = spec.open()?;
+    let mut frame = Frame::default();
+    let mut count = 0;
+    loop {
+        match source.next_frame(&mut frame) {
+            Ok(Next::Frame) => visit(&frame)?,
+            Ok(Next::Nothing) => continue,
+            Ok(Next::End) => return Ok(count),
+            Err(error) if error.is_single_frame() => tell(&format!("warning: {error}")),
+            Err(error) => return Err(error.into()),
+        }
+        count += 1;
+        if source.is_live() && LIVE_FRAMES <= count {
+            return Ok(count);
+        }
+    }
+}

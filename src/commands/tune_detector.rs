@@ -1,0 +1,250 @@
+//! `klasktron tune-detector`: the colours of the pieces from images in which they are marked.
+
+use super::{
+    Outcome,
+    calibrate_camera::for_each_frame,
+    note, print,
+    results::{OverwriteArgs, write_file},
+    table::parse_within,
+    tell,
+};
+use anyhow::{Context, bail};
+use klasktron::{
+    board::BoardSize,
+    camera::{
+        CameraDocument, CameraModel, ColorFit, Detection, Detector, DetectorDocument, Frame, Kind,
+        Mark, Pieces, Predictions, SourceSpec,
+    },
+    recording::write_bytes,
+};
+use serde::Serialize;
+use std::{collections::BTreeMap, fs, path::PathBuf};
+
+/// A detection within this distance of a mark has found it (pixels).
+const FOUND_WITHIN_PX: f64 = 6.0;
+/// Fraction of the marks that the detector must find.
+const FEWEST_FOUND: f64 = 0.9;
+
+/// Arguments of `klasktron tune-detector`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  klasktron tune-detector images:table --calibration camera.json --marks marks.csv -o detector.json
+  klasktron tune-detector images:table --calibration camera.json --mark ball@0:612,340 --mark striker@0:380,352 \\
+      --mark striker@0:871,347 --mark biscuit@0:640,210 -o detector.json")]
+pub(crate) struct Args {
+    /// Images: images:FOLDER or mcap:FILE
+    #[arg(value_name = "SOURCE")]
+    source: SourceSpec,
+    /// Calibration from `klasktron calibrate-camera`
+    #[arg(long, value_name = "FILE", default_value = "camera.json")]
+    calibration: PathBuf,
+    /// Middle of a piece in an image, counted from 0: ball, striker or biscuit (repeatable). Every visible piece of
+    /// an image that has a mark must be marked
+    #[arg(long, value_name = "KIND@IMAGE:COLUMN,ROW", value_parser = parse_mark)]
+    mark: Vec<ImageMark>,
+    /// Marks as CSV with the columns image, kind, column_px, row_px
+    #[arg(long, value_name = "FILE", required_unless_present = "mark")]
+    marks: Option<PathBuf>,
+    /// Height of the strikers above the field (mm)
+    #[arg(long, value_name = "MM", default_value = "25", value_parser = parse_height)]
+    striker_height_mm: f64,
+    /// Diameter of the biscuits (mm)
+    #[arg(long, value_name = "MM", default_value = "12", value_parser = parse_diameter)]
+    biscuit_diameter_mm: f64,
+    /// Short side of the field (m)
+    #[arg(long, value_name = "M", default_value = "0.32")]
+    board_short_side_m: f64,
+    /// Long side of the field (m)
+    #[arg(long, value_name = "M", default_value = "0.42")]
+    board_long_side_m: f64,
+    /// Detector file to write
+    #[arg(short, long, alias = "out", value_name = "FILE", default_value = "detector.json")]
+    output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+    /// Print the found fraction and the errors as JSON on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct ImageMark {
+    image: usize,
+    mark: Mark,
+}
+
+fn parse_height(text: &str) -> Result<f64, String> {
+    parse_within(text, 0.0, 100.0, "mm")
+}
+
+fn parse_diameter(text: &str) -> Result<f64, String> {
+    parse_within(text, 4.0, 100.0, "mm")
+}
+
+fn parse_mark(text: &str) -> Result<ImageMark, String> {
+    let wrong = || "must be KIND@IMAGE:COLUMN,ROW, such as ball@0:612,340".to_owned();
+    let (kind, place) = text.split_once('@').ok_or_else(wrong)?;
+    let (image, pixel) = place.split_once(':').ok_or_else(wrong)?;
+    let (column, row) = pixel.split_once(',').ok_or_else(wrong)?;
+    image_mark([image, kind, column, row]).ok_or_else(wrong)
+}
+
+fn image_mark([image, kind, column, row]: [&str; 4]) -> Option<ImageMark> {
+    let kind = Kind::ALL.into_iter().find(|own| own.name() == kind)?;
+    let number = |text: &str| text.parse::<f64>().ok().filter(|own| own.is_finite());
+    let mark = Mark { kind, pixel: [number(column)?, number(row)?] };
+    Some(ImageMark { image: image.parse().ok()?, mark })
+}
+
+/// How well the detector finds the marks it was fitted to.
+#[derive(Debug, Serialize)]
+struct Report {
+    marks: usize,
+    found: usize,
+    rms_px: f64,
+    pixels: Pixels,
+}
+
+#[derive(Debug, Serialize)]
+struct Pixels {
+    background: u64,
+    ball: u64,
+    striker: u64,
+    biscuit: u64,
+}
+
+/// Run `klasktron tune-detector`.
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let file = args.calibration.display();
+    let text =
+        fs::read_to_string(&args.calibration).with_context(|| format!("{file}: cannot read"))?;
+    let camera = CameraDocument::from_json(&text).and_then(|own| own.camera());
+    let camera = camera.with_context(|| file.to_string())?;
+    let board = BoardSize::new(args.board_short_side_m, args.board_long_side_m)?;
+    let pieces = Pieces {
+        striker_height_m: 1e-3 * args.striker_height_mm,
+        biscuit_radius_m: 0.5e-3 * args.biscuit_diameter_mm,
+        ..Pieces::default()
+    };
+    let marks = args.read_marks()?;
+    let mut fit = ColorFit::new(&camera, &pieces, board);
+    args.visit(&marks, &camera, |frame, marks| Ok(fit.add(frame, marks)?))?;
+    let [background, ball, striker, biscuit] = fit.pixels();
+    let document = fit.finish()?;
+    let pixels = Pixels { background, ball, striker, biscuit };
+    let report = args.check(&marks, &camera, &document, pixels)?;
+    let text = serde_json::to_string(&document)? + "\n";
+    write_file(&args.output, args.overwrite, |existing| {
+        Ok(write_bytes(&args.output, existing, text.as_bytes())?)
+    })?;
+    if args.json {
+        print(&serde_json::to_string_pretty(&report)?)?;
+    }
+    note(&format!(
+        "wrote {}: {} of {} marked pieces found, {:.1} px from their marks (RMS)",
+        args.output.display(),
+        report.found,
+        report.marks,
+        report.rms_px
+    ));
+    if (report.found as f64) < FEWEST_FOUND * report.marks as f64 {
+        tell(&format!(
+            "warning: the detector finds {} of {} marked pieces; check that every piece of the marked images is \
+             marked, at its middle, and mark more images",
+            report.found, report.marks
+        ));
+        return Ok(Outcome::Lossy);
+    }
+    Ok(Outcome::Done)
+}
+
+impl Args {
+    /// Marks by image.
+    fn read_marks(&self) -> anyhow::Result<BTreeMap<usize, Vec<Mark>>> {
+        let mut all: Vec<ImageMark> = self.mark.clone();
+        if let Some(path) = &self.marks {
+            let file = path.display();
+            let mut reader =
+                csv::Reader::from_path(path).with_context(|| format!("{file}: cannot read"))?;
+            let columns = ["image", "kind", "column_px", "row_px"];
+            let headers = reader.headers().with_context(|| format!("{file}: cannot read"))?.clone();
+            let places = columns.map(|name| headers.iter().position(|own| own.trim() == name));
+            let [Some(a), Some(b), Some(c), Some(d)] = places else {
+                bail!("{file}: needs the columns {}", columns.join(", "));
+            };
+            for (number, row) in reader.records().enumerate() {
+                let row = row.with_context(|| format!("{file}: row {}", number + 2))?;
+                let cell = |at: usize| row.get(at).unwrap_or_default().trim();
+                let Some(mark) = image_mark([cell(a), cell(b), cell(c), cell(d)]) else {
+                    bail!(
+                        "{file}: row {} is no mark; write an image from 0, one of ball, striker, biscuit, and two numbers",
+                        number + 2
+                    );
+                };
+                all.push(mark);
+            }
+        }
+        let mut by_image: BTreeMap<usize, Vec<Mark>> = BTreeMap::new();
+        all.into_iter().for_each(|own| by_image.entry(own.image).or_default().push(own.mark));
+        Ok(by_image)
+    }
+
+    /// Pass every marked image to `visit`.
+    fn visit(
+        &self,
+        marks: &BTreeMap<usize, Vec<Mark>>,
+        camera: &CameraModel,
+        mut visit: impl FnMut(&Frame, &[Mark]) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        let mut image = 0;
+        let images = for_each_frame(&self.source, |frame| {
+            camera.check_size([frame.width_px(), frame.height_px()])?;
+            if let Some(marks) = marks.get(&image) {
+                visit(frame, marks).with_context(|| format!("image {image}"))?;
+            }
+            image += 1;
+            Ok(())
+        })?;
+        if let Some(missing) = marks.keys().find(|own| images <= **own) {
+            bail!(
+                "{}: has {images} images, but image {missing} is marked; images count from 0",
+                self.source
+            );
+        }
+        Ok(())
+    }
+
+    /// Detect in the marked images.
+    fn check(
+        &self,
+        marks: &BTreeMap<usize, Vec<Mark>>,
+        camera: &CameraModel,
+        document: &DetectorDocument,
+        pixels: Pixels,
+    ) -> anyhow::Result<Report> {
+        let mut detector = Detector::new(camera, document)?;
+        let (mut all, mut found, mut sum) = (0, 0, 0.0);
+        self.visit(marks, camera, |frame, marks| {
+            let seen = detector.detect(frame, &Predictions::default())?;
+            for mark in marks {
+                let of_kind: Vec<Detection> = match mark.kind {
+                    Kind::Ball => seen.ball.into_iter().collect(),
+                    Kind::Striker => seen.left.into_iter().chain(seen.right).collect(),
+                    Kind::Biscuit => seen.biscuits.into_iter().flatten().collect(),
+                };
+                let distance = |own: &Detection| {
+                    (own.pixel[0] - mark.pixel[0]).hypot(own.pixel[1] - mark.pixel[1])
+                };
+                let nearest = of_kind.iter().map(distance).fold(f64::INFINITY, f64::min);
+                all += 1;
+                if nearest < FOUND_WITHIN_PX {
+                    found += 1;
+                    sum += nearest * nearest;
+                }
+            }
+            Ok(())
+        })?;
+        let rms_px = (sum / f64::from(found).max(1.0)).sqrt();
+        Ok(Report { marks: all, found: found as usize, rms_px, pixels })
+    }
+}
