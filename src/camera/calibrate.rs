@@ -14,5 +14,7 @@ mod tags;
 
 pub use checkerboard::{Checkerboard, find_checkerboard};
 pub use import::{ImportError, lens_from_npz, lens_from_yaml};
-pub use lens_fit::{BoardPoint, CalibrateError, LensCalibration, calibrate_lens, fit_board_pose};
+pub use lens_fit::{
+    BoardPoint, CalibrateError, LensCalibration, RadialOrder, calibrate_lens, fit_board_pose,
+};
 pub use tags::{Tag, find_tags};

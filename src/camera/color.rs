@@ -60,6 +60,9 @@ const UNKNOWN_WEIGHT: f64 = 0.05;
 const MAX_BACKGROUND_WEIGHT: f64 = 50.0;
 /// Colours whose table is renewed in each frame: the whole table follows the light within 16 frames.
 const RENEWED_PER_FRAME: usize = COLORS / 16;
+/// Change of the light (as a logarithm) that renews the whole table in one frame, which takes about 0.5 ms: somebody
+/// has switched a lamp.
+const LIGHT_JUMP: f64 = 0.06;
 /// Gains outside of this range are not followed: the frame is too dark or too bright anyway.
 const GAIN_RANGE: [f64; 2] = [0.4, 2.5];
 
@@ -160,6 +163,8 @@ pub(super) struct ColorTable {
     labels: Vec<u8>,
     /// Ratios of red, green and blue to those of the fit.
     gains: [f64; 3],
+    /// Those that the whole table was last renewed for.
+    table_gains: [f64; 3],
     /// First colour to be renewed in the next frame.
     next: usize,
 }
@@ -196,21 +201,22 @@ impl ColorTable {
             fitted,
             labels: vec![0; COLORS],
             gains: [1.0; 3],
+            table_gains: [1.0; 3],
             next: 0,
         };
         table.renew_all();
         Ok(table)
     }
 
-    /// Follow the light: `field_rgb` is the mean colour of the field in this frame. The first frame (`whole`) renews
-    /// the whole table.
-    pub(super) fn adapt(&mut self, field_rgb: [f64; 3], whole: bool) {
+    /// Follow the light: `field_rgb` is the mean colour of the field in this frame.
+    pub(super) fn adapt(&mut self, field_rgb: [f64; 3]) {
         let gains = [0, 1, 2].map(|k| field_rgb[k].max(1.0) / self.field_rgb[k]);
         if gains.iter().any(|gain| !(GAIN_RANGE[0]..=GAIN_RANGE[1]).contains(gain)) {
             return;
         }
+        let jump = (0..3).map(|k| (gains[k] / self.table_gains[k]).ln().abs()).fold(0.0, f64::max);
         self.gains = gains;
-        if whole {
+        if LIGHT_JUMP < jump {
             self.renew_all();
         } else {
             self.renew(RENEWED_PER_FRAME);
@@ -218,6 +224,7 @@ impl ColorTable {
     }
 
     fn renew_all(&mut self) {
+        self.table_gains = self.gains;
         self.next = 0;
         self.renew(COLORS);
     }
@@ -239,6 +246,9 @@ impl ColorTable {
             self.labels[at] = label;
         }
         self.next = (self.next + count) % COLORS;
+        if self.next == 0 {
+            self.table_gains = self.gains;
+        }
     }
 
     /// Return 0 for background, 1 + index of the kind otherwise.
@@ -271,7 +281,7 @@ fn density(class: &'static str, counts: &[ColorCount]) -> Result<Vec<f64>, Color
         histogram[(y << 10) | (u << 5) | v] += f64::from(*count);
     }
     let total: f64 = histogram.iter().sum();
-    if !(0.0 < total) {
+    if total <= 0.0 {
         // A table may be played without biscuits.
         return if class == Kind::Biscuit.name() {
             Ok(histogram)
@@ -346,12 +356,18 @@ mod tests {
         let mut table = ColorTable::new(&model()).unwrap();
         let dim = |rgb: [u8; 3]| yuv_of_rgb(rgb.map(|c| (f64::from(c) * 0.55).round() as u8));
         assert_eq!(table.label(dim([237, 158, 25])), 0);
-        table.adapt([16.5, 33.0, 66.0], false);
-        assert_eq!(table.label(dim([237, 158, 25])), 0, "one frame renews a part only");
+        // A slow drift: the table follows part by part.
+        for step in 0..200 {
+            let gain = 1.0 - 0.45 * f64::from(step) / 199.0;
+            table.adapt([30.0, 60.0, 120.0].map(|own| gain * own));
+        }
         for _ in 0..16 {
-            table.adapt([16.5, 33.0, 66.0], false);
+            table.adapt([16.5, 33.0, 66.0]);
         }
         assert_eq!(table.label(dim([237, 158, 25])), 1);
+        // A lamp is switched: one frame is enough.
+        table.adapt([30.0, 60.0, 120.0]);
+        assert_eq!(table.label(yuv_of_rgb([237, 158, 25])), 1);
         assert_eq!(table.label(dim([30, 60, 120])), 0);
     }
 

@@ -281,7 +281,6 @@ pub struct Detector {
     patch: Patch,
     radius_px: [f64; 3],
     field_pixels: Vec<[usize; 2]>,
-    frames: u64,
     since_full_search: u32,
     biscuits: [Option<Detection>; BISCUITS],
     balls: usize,
@@ -319,7 +318,6 @@ impl Detector {
             ),
             radius_px,
             field_pixels,
-            frames: 0,
             since_full_search: 0,
             biscuits: [None; BISCUITS],
             balls: 0,
@@ -400,8 +398,7 @@ impl Detector {
             Exposure::Good
         };
         if exposure == Exposure::Good {
-            self.table.adapt([red, green, blue], self.frames == 0);
-            self.frames += 1;
+            self.table.adapt([red, green, blue]);
         }
         Light { exposure, median_level, saturated_fraction }
     }

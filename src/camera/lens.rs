@@ -86,7 +86,7 @@ impl Distortion {
             }
             let [[a, b], [c, d]] = self.jacobian(ray);
             let determinant = a * d - b * c;
-            if !(0.0 < determinant) {
+            if determinant <= 0.0 || determinant.is_nan() {
                 return None;
             }
             ray[0] += (d * error[0] - b * error[1]) / determinant;

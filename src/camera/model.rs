@@ -68,7 +68,7 @@ impl CameraModel {
     #[must_use]
     pub fn pixel_by_position(&self, point: [f64; 3]) -> Option<[[f64; 2]; 2]> {
         let [x, y, z] = self.camera_from_board.apply(point);
-        if !(0.0 < z) {
+        if z <= 0.0 || z.is_nan() {
             return None;
         }
         let r = &self.camera_from_board.rotation;

@@ -11,7 +11,7 @@ use klasktron::{
     camera::{
         BoardFit, CameraDocument, Frame, FrameSource, Lens, LensFit, Next, SourceSpec,
         calibrate::{
-            BoardPoint, CalibrateError, Checkerboard, LensCalibration, calibrate_lens,
+            BoardPoint, CalibrateError, Checkerboard, LensCalibration, RadialOrder, calibrate_lens,
             find_checkerboard, find_tags, fit_board_pose, lens_from_npz, lens_from_yaml,
         },
     },
@@ -114,7 +114,7 @@ fn parse_tag(text: &str) -> Result<TagPlace, String> {
         [x, y, z] => [x, y, z],
         _ => return Err(wrong()),
     };
-    if place.iter().any(|own| !(own.abs() <= 2.0)) {
+    if !place.iter().all(|own| own.abs() <= 2.0) {
         return Err("must lie within 2 m of the board's centre".to_owned());
     }
     Ok(TagPlace { id: id.parse().map_err(|_no_number| wrong())?, place })
@@ -189,7 +189,8 @@ impl Args {
             Ok(())
         })?;
         note(&format!("{} of {images} images show the complete checkerboard", views.len()));
-        let calibrated = calibrate_lens(size.unwrap_or_default(), &board, &views, self.k3);
+        let order = if self.k3 { RadialOrder::Sixth } else { RadialOrder::Fourth };
+        let calibrated = calibrate_lens(size.unwrap_or_default(), &board, &views, order);
         Ok(calibrated.map_err(|error| match error {
             CalibrateError::FewImages { found, .. } => CalibrateError::FewImages { found, images },
             other => other,

@@ -15,7 +15,13 @@ use klasktron::{
     units::Nanos,
 };
 use serde::Serialize;
-use std::{collections::BTreeMap, fs, path::PathBuf, sync::atomic::Ordering, time::Instant};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::atomic::Ordering,
+    time::Instant,
+};
 
 /// Arguments of `klasktron detect`.
 #[derive(Debug, clap::Args)]
@@ -147,11 +153,11 @@ impl Tally {
 }
 
 impl Args {
-    fn recorder(&self, path: &PathBuf) -> anyhow::Result<RecordingWriter> {
+    fn recorder(&self, path: &Path) -> anyhow::Result<RecordingWriter> {
         refuse_existing_file(path, self.overwrite)?;
         let mut writer =
             RecordingWriter::create(path, self.overwrite.existing(), FlushPolicy::EverySecond)?;
-        let read = |path: &PathBuf| {
+        let read = |path: &Path| {
             fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display()))
         };
         let entries = [

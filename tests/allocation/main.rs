@@ -1,9 +1,13 @@
-//! Steps of thousands of boards allocate nothing: counted by an allocator of this process's own.
+//! Steps of thousands of boards and frames of a camera allocate nothing: counted by an allocator of this process's own.
 #![expect(unsafe_code, reason = "an allocator is unsafe by its trait; it only counts and hands on")]
 #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use klasktron::{
     actuator::{ActuatorNetwork, Layout, LayoutKind},
+    camera::{
+        CameraDocument, DetectingFrames, Detector, DetectorDocument, Frame, FrameSource,
+        ImageFolder,
+    },
     game::{
         Actuation, BiscuitSettings, EpisodeSettings, GameSettings, Games, ObservationKind,
         Outcomes, Randomization,
@@ -12,6 +16,7 @@ use klasktron::{
     recording::topic::Player,
     seed::Stream,
     twin::{Machine, Twin},
+    units::Nanos,
 };
 use std::{
     alloc::{GlobalAlloc, Layout as Memory, System},
@@ -125,4 +130,33 @@ fn learned_boards_allocate_nothing() {
 #[test]
 fn boards_of_a_twin_allocate_nothing() {
     check(Actuation::twin(Twin::nominal(Machine::Table)));
+}
+
+#[test]
+fn frames_of_a_camera_allocate_nothing_after_the_start() {
+    let data = std::path::Path::new("tests/data/camera");
+    let read = |name: &str| std::fs::read_to_string(data.join(name)).unwrap();
+    let camera = CameraDocument::from_json(&read("camera.json")).unwrap().camera().unwrap();
+    let document = DetectorDocument::from_json(&read("detector.json")).unwrap();
+    let mut frames = DetectingFrames::new(Detector::new(&camera, &document).unwrap());
+    let mut source = ImageFolder::open(&data.join("table")).unwrap();
+    let mut images = [Frame::default(), Frame::default()];
+    for frame in &mut images {
+        source.next_frame(frame).unwrap();
+    }
+    let mut searched = 0;
+    let mut found = 0;
+    let allocated = allocations(|| {
+        for step in 0..40_u64 {
+            // Ten frames of one scene, then ten of the other: regions, lost pieces, the whole field.
+            let frame = &mut images[(step / 10 % 2) as usize];
+            frame.capture_time = Nanos(step * 8_333_333);
+            let seen = frames.detect(frame).unwrap();
+            searched += u32::from(seen.searched_everything);
+            found += u32::from(seen.ball.is_some());
+        }
+    });
+    assert_eq!(allocated, 0);
+    assert!((4..40).contains(&searched), "{searched}");
+    assert_eq!(found, 40);
 }

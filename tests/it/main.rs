@@ -3,6 +3,7 @@
 
 mod architecture;
 mod bus;
+mod camera;
 mod codec;
 mod collect;
 mod contract;

@@ -206,7 +206,7 @@ fn neighbour(saddles: &[Saddle], from: usize, direction: [f64; 2]) -> Option<usi
     for (at, other) in saddles.iter().enumerate() {
         let offset = [other.pixel[0] - own.pixel[0], other.pixel[1] - own.pixel[1]];
         let distance = offset[0].hypot(offset[1]);
-        if distance < 5.0 || 400.0 < distance {
+        if !(5.0..=400.0).contains(&distance) {
             continue;
         }
         let along = (offset[0] * direction[0] + offset[1] * direction[1]) / distance;
@@ -332,7 +332,7 @@ fn refine(image: &Image, start: [f64; 2]) -> [f64; 2] {
             }
         }
         let determinant = a[0] * a[2] - a[1] * a[1];
-        if !(1e-9 < determinant) {
+        if determinant < 1e-9 || determinant.is_nan() {
             return corner;
         }
         let step =

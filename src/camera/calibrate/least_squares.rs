@@ -129,7 +129,7 @@ fn factor(matrix: &[f64], count: usize) -> Option<(Vec<f64>, Vec<f64>)> {
                 (0..column).map(|k| lower[row * count + k] * lower[column * count + k]).sum();
             let left = matrix[row * count + column] * scale[row] * scale[column] - known;
             lower[row * count + column] = if row < column + 1 {
-                if !(1e-14 < left) {
+                if left < 1e-14 || left.is_nan() {
                     return None;
                 }
                 left.sqrt()

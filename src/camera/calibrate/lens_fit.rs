@@ -55,6 +55,15 @@ pub enum CalibrateError {
     Degenerate,
 }
 
+/// Order of the radial distortion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RadialOrder {
+    /// k1 and k2; k3 is 0, which a usual lens allows.
+    Fourth,
+    /// k1, k2 and k3, as OpenCV does by default; for very wide lenses.
+    Sixth,
+}
+
 /// Calibrated lens.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LensCalibration {
@@ -74,7 +83,7 @@ pub struct LensCalibration {
 struct Views<'a> {
     object: Vec<[f64; 3]>,
     images: &'a [Vec<[f64; 2]>],
-    fits_k3: bool,
+    order: RadialOrder,
 }
 
 impl Problem for Views<'_> {
@@ -106,7 +115,10 @@ impl Problem for Views<'_> {
 
 impl Views<'_> {
     fn lens_parameters(&self) -> usize {
-        if self.fits_k3 { LENS } else { LENS - 1 }
+        match self.order {
+            RadialOrder::Fourth => LENS - 1,
+            RadialOrder::Sixth => LENS,
+        }
     }
 }
 
@@ -128,8 +140,7 @@ fn pose_of(p: &[f64]) -> Pose {
     Pose::from_vectors([p[0], p[1], p[2]], [p[3], p[4], p[5]])
 }
 
-/// Fit a lens to the corners of `board` in several images of `size_px`. With `fits_k3` the sixth-order radial
-/// coefficient is fitted too, as OpenCV does by default; without it k3 is 0, which a usual lens allows.
+/// Fit a lens to the corners of `board` in several images of `size_px`.
 ///
 /// # Errors
 /// When there are too few images, or they do not determine the lens.
@@ -137,7 +148,7 @@ pub fn calibrate_lens(
     size_px: [usize; 2],
     board: &Checkerboard,
     images: &[Vec<[f64; 2]>],
-    fits_k3: bool,
+    order: RadialOrder,
 ) -> Result<LensCalibration, CalibrateError> {
     if images.len() < FEWEST_IMAGES {
         return Err(CalibrateError::FewImages { found: images.len(), images: images.len() });
@@ -152,7 +163,7 @@ pub fn calibrate_lens(
         images.iter().map(|image| homography(&plane, image)).collect();
     let homographies = homographies.ok_or(CalibrateError::Undetermined)?;
     let focal = focal_length(&homographies, centre).ok_or(CalibrateError::Undetermined)?;
-    let views = Views { object, images, fits_k3 };
+    let views = Views { object, images, order };
     let mut start = vec![focal, focal, centre[0], centre[1]];
     start.resize(views.lens_parameters(), 0.0);
     for h in &homographies {

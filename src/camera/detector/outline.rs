@@ -1,7 +1,7 @@
 //! Outline of a piece in the image, and the fit of its position to edge points.
 //!
-//! A ball is a circle; a cylinder (striker, biscuit) is the convex hull of its lower and its upper circle, so that
-//! the side that the camera sees is part of the model. Edge points lie on rays from the middle of the outline, where
+//! A ball is a circle, a biscuit the circle of its top. A striker is the convex hull of its lower and its upper circle,
+//! so that the side that the camera sees is part of the model. Edge points lie on rays from the middle of the outline, where
 //! the membership in the piece's colour falls through one half. The second search moves each point to where the
 //! colour is half way between those on its two sides, so that neither shading, nor a shadow on one side, nor a white
 //! line shifts the edge. The position minimizes the distances of the edge
@@ -51,8 +51,11 @@ const MIN_FILL: f64 = 0.55;
 const MAX_LEAK: f64 = 0.15;
 /// Correlation of the residuals of neighbouring rays: variances are multiplied by it.
 const RAY_CORRELATION: f64 = 3.0;
-/// Floor of the standard deviation of a centre (pixels): steps of the colour table, shading, highlights.
-const FLOOR_PX: f64 = 0.12;
+/// Floor of the standard deviation of a centre (pixels): steps of the colour table, shading, highlights, and the error
+/// of a usual calibration.
+const FLOOR_PX: f64 = 0.2;
+/// Move of the outline after which its patch is computed anew (pixels).
+const REFILL_PX: f64 = 4.0;
 
 /// Shapes of the pieces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -99,7 +102,8 @@ impl Pieces {
         match kind {
             Kind::Ball => [self.ball_radius_m; 2],
             Kind::Striker => [0.0, self.striker_height_m],
-            Kind::Biscuit => [0.0, self.biscuit_height_m],
+            // The sides of a flat white piece are darker than its top, and count as background.
+            Kind::Biscuit => [self.biscuit_height_m; 2],
         }
     }
 
@@ -246,7 +250,7 @@ impl Patch {
                 let column = self.origin[0] + offset;
                 let pair = column / 2;
                 // A chroma sample lies between its two pixels: three quarters of the own, one of the next.
-                let other = if column % 2 == 0 {
+                let other = if column.is_multiple_of(2) {
                     pair.saturating_sub(1)
                 } else {
                     (pair + 1).min(last_pair)
@@ -435,8 +439,12 @@ impl Fitter<'_> {
         if !patch.fill(self.view, table, &outline) {
             return None;
         }
+        let start = outline.middle();
         outline = self.outline_at(kind, patch.centroid(&outline)?)?;
-        if !patch.fill(self.view, table, &outline) {
+        let [column, row] = outline.middle();
+        // The patch has a margin for small moves.
+        let has_moved = REFILL_PX < (column - start[0]).hypot(row - start[1]);
+        if has_moved && !patch.fill(self.view, table, &outline) {
             return None;
         }
         let mut solution = Solution::default();
@@ -608,7 +616,7 @@ fn invert(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     };
     let determinant = (0..3).map(|j| m[0][j] * cofactor(0, j)).sum::<f64>();
     let size = (m[0][0] * m[1][1] * m[2][2]).abs();
-    if !(1e-6 * size < determinant) {
+    if determinant < 1e-6 * size || determinant.is_nan() {
         return None;
     }
     Some([0, 1, 2].map(|i| [0, 1, 2].map(|j| cofactor(j, i) / determinant)))

@@ -56,7 +56,9 @@ pub struct McapImages {
     path: PathBuf,
     file: File,
     reader: LinearReader,
-    schemas: BTreeMap<u16, (String, String)>,
+    /// Names of the schemas by id.
+    schemas: BTreeMap<u16, String>,
+    /// Channels with images by id.
     images: BTreeMap<u16, ImageType>,
     scratch: Scratch,
     count: u64,
@@ -150,16 +152,16 @@ impl FrameSource for McapImages {
 
 fn take(
     record: Record<'_>,
-    (schemas, images): (&mut BTreeMap<u16, (String, String)>, &mut BTreeMap<u16, ImageType>),
+    (schemas, images): (&mut BTreeMap<u16, String>, &mut BTreeMap<u16, ImageType>),
     scratch: &mut Scratch,
     frame: &mut Frame,
 ) -> Found {
     match record {
         Record::Schema { header, .. } => {
-            schemas.insert(header.id, (header.name, header.encoding));
+            schemas.insert(header.id, header.name);
         }
         Record::Channel(channel) => {
-            if let Some((name, _)) = schemas.get(&channel.schema_id)
+            if let Some(name) = schemas.get(&channel.schema_id)
                 && let Some(image) = image_type(name, &channel.message_encoding)
             {
                 images.insert(channel.id, image);

@@ -60,7 +60,7 @@ fn camera_and_bus_make_one_stream() {
     let camera = CameraSocket::bind(&"udp:127.0.0.1:0".parse().unwrap()).unwrap();
     let address = camera.udp_address().unwrap();
     let transport = Arc::new(Replay::open(log.path(), None).unwrap());
-    let mut link = LiveLink::start(transport, Some(camera)).unwrap();
+    let mut link = LiveLink::start(transport, Some(Box::new(camera))).unwrap();
     let soon = link.now().after_seconds(PATIENCE.as_secs_f64());
     assert!(matches!(link.next_event(soon).unwrap(), Some(Event::Frame { .. })));
     assert_eq!(link.next_event(soon).unwrap(), Some(Event::End));
