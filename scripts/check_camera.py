@@ -396,7 +396,9 @@ def show(metrics):
           f"intervals: {own['opencv_within_intervals']}")
     for name, own in metrics["sets"].items():
         theirs = metrics["upstream"][name]
-        print(f"{name}: {own['summary']['detection_median_ms']:.2f} ms (99 %: {own['summary']['detection_p99_ms']:.2f}); "
+        summary = own["summary"]
+        print(f"{name}: {summary['detection_median_ms']:.2f} ms (99 %: {summary['detection_p99_ms']:.2f}), whole field "
+              f"{summary.get('full_search_median_ms', 0):.2f}, regions {summary.get('regions_median_ms', 0):.2f}; "
               f"OpenCV recipe {theirs['median_ms']:.2f} ms (99 %: {theirs['p99_ms']:.2f}); biscuits {own['biscuits']}")
         for piece in ("ball", "left", "right"):
             for who, counts in (("klasktron", own["pieces"][piece]), ("OpenCV", theirs["pieces"][piece])):

@@ -70,9 +70,14 @@ struct Summary {
     latency_median_ms: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     latency_p99_ms: Option<f64>,
-    /// Time of a detection alone (ms).
+    /// Time of a detection alone (ms), of all frames.
     detection_median_ms: f64,
     detection_p99_ms: f64,
+    /// The same where the whole field was searched, and where regions around predictions were (ms).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    full_search_median_ms: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    regions_median_ms: Option<f64>,
 }
 
 /// Run `klasktron detect` until the source ends, the time is over, or Ctrl-C.
@@ -121,6 +126,8 @@ struct Tally {
     summary: Summary,
     latencies_ms: Vec<f64>,
     detections_ms: Vec<f64>,
+    full_ms: Vec<f64>,
+    regions_ms: Vec<f64>,
     lost: bool,
 }
 
@@ -132,6 +139,9 @@ impl Tally {
         self.summary.left_found += u64::from(found.left.is_some());
         self.summary.right_found += u64::from(found.right.is_some());
         self.detections_ms.push(1e3 * seconds);
+        let of_kind =
+            if found.searched_everything { &mut self.full_ms } else { &mut self.regions_ms };
+        of_kind.push(1e3 * seconds);
         if seen.detected_time != seen.received_time {
             self.latencies_ms.push(1e3 * seen.detected_time.seconds_since(found.capture_time));
         }
@@ -146,6 +156,8 @@ impl Tally {
         };
         self.summary.latency_median_ms = quantile(&mut self.latencies_ms, 0.5);
         self.summary.latency_p99_ms = quantile(&mut self.latencies_ms, 0.99);
+        self.summary.full_search_median_ms = quantile(&mut self.full_ms, 0.5);
+        self.summary.regions_median_ms = quantile(&mut self.regions_ms, 0.5);
         self.summary.detection_median_ms = quantile(&mut self.detections_ms, 0.5).unwrap_or(0.0);
         self.summary.detection_p99_ms = quantile(&mut self.detections_ms, 0.99).unwrap_or(0.0);
         self.summary
