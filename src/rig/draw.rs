@@ -285,11 +285,12 @@ mod tests {
         Scene { capture_time: Nanos(0), exposure_s, ball: Some(ball), strikers }
     }
 
-    /// Mean column and row of the pixels with much red, which only the ball has, and their number.
-    fn red(bytes: &[u8]) -> ([f64; 2], usize) {
-        let red = bytes.chunks_exact(4).enumerate().filter(|(_, own)| 150 < own[3]);
+    /// Mean column and row of the pixels with little blue for their brightness, which only the ball has, and their
+    /// number.
+    fn orange(bytes: &[u8]) -> ([f64; 2], usize) {
+        let orange = bytes.chunks_exact(4).enumerate().filter(|(_, own)| own[1] < 95);
         let (mut sum, mut count) = ([0.0; 2], 0);
-        for (pair, _) in red {
+        for (pair, _) in orange {
             sum[0] += (2 * pair % WIDTH_PX) as f64 + 0.5;
             sum[1] += (2 * pair / WIDTH_PX) as f64;
             count += 1;
@@ -300,7 +301,7 @@ mod tests {
     #[test]
     fn the_ball_is_where_the_pinhole_puts_it_and_motion_blurs_it() {
         let mut artist = Artist::new([0.16, 0.21], 0);
-        let (middle, count) = red(artist.draw(&scene(([0.05, 0.08], [0.0; 2]), 0.004)));
+        let (middle, count) = orange(artist.draw(&scene(([0.05, 0.08], [0.0; 2]), 0.004)));
         let depth = CAMERA_HEIGHT - BALL_RADIUS;
         let ray = [0.08 / depth, 0.05 / depth];
         let bent = 1.0 + K1 * (ray[0] * ray[0] + ray[1] * ray[1]);
@@ -308,7 +309,7 @@ mod tests {
             let expected = FOCAL_PX * ray[axis] * bent + PRINCIPAL_POINT_PX[axis];
             assert!((middle[axis] - expected).abs() < 0.6, "{middle:?} {axis} {expected}");
         }
-        let (moving, blurred) = red(artist.draw(&scene(([0.05, 0.08], [1.5, 0.0]), 0.004)));
+        let (moving, blurred) = orange(artist.draw(&scene(([0.05, 0.08], [1.5, 0.0]), 0.004)));
         assert!((moving[0] - middle[0]).hypot(moving[1] - middle[1]) < 0.6);
         assert_ne!(count, blurred);
     }
