@@ -132,7 +132,7 @@ pub(crate) enum Command {
     /// several recordings is held out, or every third run of a single one. OUTPUT receives ekf.json (which
     /// `play` loads), index.html and ekf.mcap with the estimates and the detections.
     TuneEkf(commands::tune_ekf::Args),
-    /// Score recorded matches: contacts, bounces, goals, with intervals
+    /// Score recorded matches: contacts, bounces, goals, intervals
     ///
     /// OUTPUT receives score.json, events.mcap, episodes.csv, episodes.parquet and index.html with a replay. A
     /// file that cannot be read is reported and does not stop the others (status 3).
@@ -159,7 +159,7 @@ pub(crate) enum Command {
     /// Run one point of a sweep as a Slurm task
     #[command(hide = true)]
     SweepTask(commands::sweep::TaskArgs),
-    /// Run the whole pipeline on the virtual rig, from data to a match
+    /// Run the whole pipeline on the virtual rig, data to match
     ///
     /// OUTPUT receives every recording and result, and index.html with the whole story. All steps are ordinary
     /// commands. Finished steps are kept, so the same command continues after Ctrl-C.

@@ -15,7 +15,7 @@ pub(super) const GROUPS: [(&str, &[&str]); 5] = [
 ];
 
 /// Columns of a name, with the space on both sides.
-const NAME_COLUMNS: usize = 20;
+const NAME_COLUMNS: usize = 19;
 
 /// Template of the help of the whole program, with the visible subcommands of `root` by group.
 pub(super) fn help_template(root: Command) -> String {

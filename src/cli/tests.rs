@@ -82,7 +82,7 @@ fn every_visible_subcommand_is_in_one_group_of_the_help() {
         let line = help.lines().find(|line| line.starts_with(&format!("  {name} ")));
         let line = line.unwrap_or_else(|| panic!("{name} is not in the help:\n{help}"));
         assert!(line.len() <= 80, "{line}");
-        assert!(line[16..].starts_with(char::is_uppercase), "{line}");
+        assert!(line[19..].starts_with(char::is_uppercase), "{line}");
     }
     assert!(help.lines().all(|line| line.chars().count() <= 100), "{help}");
 }
