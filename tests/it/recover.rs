@@ -11,7 +11,8 @@ fn what_a_cut_off_file_holds_is_written_whole() {
     let all = Recording::open(&whole).unwrap();
     let cut = dir.path().join("cut.mcap");
     let bytes = fs::read(&whole).unwrap();
-    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    // The summary, which repeats the schemas, takes the second half of so short a file.
+    fs::write(&cut, &bytes[..bytes.len() / 3]).unwrap();
     let out = dir.path().join("out.mcap");
     let args = ["recover", cut.to_str().unwrap(), "-o", out.to_str().unwrap()];
     let (stdout, stderr, status) = said(&klasktron(&args));

@@ -54,9 +54,12 @@ fn nested_messages_are_flattened_and_absent_ones_are_null() {
     });
     let csv = fs::read_to_string(exported(&made, CAMERA_DETECTIONS, TableFormat::Csv)).unwrap();
     let golden = "\
-log_time_ns,publish_time_ns,capture_time_ns,ball.x,ball.y,left.x,left.y,right.x,right.y
-10,9,9,0.0,-0.125,,,0.0,0.1
-20,19,19,,,,,0.0,0.1
+log_time_ns,publish_time_ns,capture_time_ns,ball.x,ball.y,left.x,left.y,right.x,right.y,\
+ball_covariance.xx,ball_covariance.xy,ball_covariance.yy,\
+left_covariance.xx,left_covariance.xy,left_covariance.yy,\
+right_covariance.xx,right_covariance.xy,right_covariance.yy
+10,9,9,0.0,-0.125,,,0.0,0.1,,,,,,,,,
+20,19,19,,,,,0.0,0.1,,,,,,,,,
 ";
     assert_eq!(csv, golden);
 }
