@@ -91,9 +91,10 @@ def parse_enum(source, enum):
 def parse_field(source, message, package):
     """Add one field to `message`."""
     optional = source.is_next("optional")
+    labels = descriptor_pb2.FieldDescriptorProto
+    label = labels.LABEL_REPEATED if source.is_next("repeated") else labels.LABEL_OPTIONAL
     kind = source.take()
-    field = message.field.add(name=source.take())
-    field.label = descriptor_pb2.FieldDescriptorProto.LABEL_OPTIONAL
+    field = message.field.add(name=source.take(), label=label)
     source.expect("=")
     field.number = int(source.take())
     source.expect(";")
