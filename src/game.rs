@@ -94,7 +94,10 @@ pub use actuation::Actuation;
 pub use cup::sure_fall_speed;
 pub use error::GameError;
 pub use games::{ActuatorQueries, ClockFn, Games, Snapshot, StepTimes};
-pub use observation::{Observation, ObservationKind, turned};
+pub use observation::{
+    MOST_PREVIOUS_COMMANDS, Observation, ObservationKind, ObservationLayout, PreviousCommands,
+    turned,
+};
 pub use outcome::{Ending, Outcomes};
 pub use randomization::{BoardPhysics, Randomization, Surface};
 pub use sensing::{Estimator, IN_CUP_SECONDS, Seen, SensorSettings, Sensors};

@@ -54,7 +54,7 @@ pub use linkage::{Linkage, Places};
 pub use machine::{Machine, machine_of};
 pub use noise::Estimate;
 pub use path::MeasuredPath;
-pub use plant::{Plant, PlantState};
+pub use plant::{Course, Fleet, Moved, Plant, PlantState};
 pub use session::{
     Mask, RecordedSource, Run, Session, SessionError, SessionOptions, check_machine, divide,
     runs_of, sessions_of, sessions_with,

@@ -1,6 +1,9 @@
 //! Free runs, driven by a pilot from camera frames: a policy or a scripted player.
 
-use super::leg::{Leg, RunLabel};
+use super::{
+    leg::{Leg, RunLabel},
+    reason::StopReason,
+};
 use crate::{
     recording::message::{BoardState, CameraDetections},
     units::Nanos,
@@ -51,6 +54,8 @@ pub struct Decision {
     pub velocities: [[f64; 2]; 2],
     /// Estimated board state, for the recording (`/board/state`).
     pub belief: Option<BoardState>,
+    /// Reason to end the session.
+    pub stop: Option<StopReason>,
 }
 
 /// Driver of carriages in a free run. Its commands pass the same limits as every other command:

@@ -107,6 +107,13 @@ pub enum StopReason {
         /// Limit (s).
         limit_s: f64,
     },
+    /// Ball not in play, in a match.
+    BallMissing {
+        /// Time since the ball was in play (s).
+        age_s: f64,
+        /// Limit (s).
+        limit_s: f64,
+    },
     /// Pilot returned a non-finite velocity.
     NoDecision {
         /// Player.
@@ -184,6 +191,7 @@ impl StopReason {
             | Self::TooHot { .. }
             | Self::CameraSilent { .. }
             | Self::StrikerLost { .. }
+            | Self::BallMissing { .. }
             | Self::NoDecision { .. }
             | Self::LoopStalled { .. }
             | Self::RecordingFailed { .. } => Reaction::Ramp,
@@ -219,6 +227,7 @@ impl StopReason {
             Self::SoftLimit { .. } => "soft_limit",
             Self::StrikerLost { .. } => "striker_lost",
             Self::CameraSilent { .. } => "camera_silent",
+            Self::BallMissing { .. } => "ball_missing",
             Self::NoDecision { .. } => "no_decision",
             Self::ForeignCommand { .. } => "foreign_command",
             Self::BusFailed { .. } => "bus_failed",
@@ -322,6 +331,11 @@ impl fmt::Display for StopReason {
             Self::CameraSilent { age_s, limit_s } => {
                 write!(f, "no camera frame for {age_s:.2} s (limit {limit_s} s)")
             }
+            Self::BallMissing { age_s, limit_s } => write!(
+                f,
+                "the ball was not in play for {age_s:.0} s (limit {limit_s:.0} s): not seen by the camera, or in a \
+                 cup; serve it and start the match again"
+            ),
             Self::NoDecision { player, velocity: [x, y] } => write!(
                 f,
                 "the {player} player commanded ({x}, {y}) m/s, which is not finite; its policy is \

@@ -81,6 +81,9 @@ pub(crate) struct Args {
     /// Observation: 12 standard values, 20 with angles and distances, 29 with the geometry of a shot [default: from the preset]
     #[arg(long, value_enum)]
     observations: Option<ObservationsArg>,
+    /// Own previous commands in the observation, 0 to 8, for delayed actuators [default: from the preset]
+    #[arg(long, value_name = "COUNT")]
+    action_history: Option<usize>,
     /// Evaluation games against each scripted player, an even number; 0: none [default: 1000]
     #[arg(long, value_name = "COUNT")]
     games: Option<usize>,
@@ -347,6 +350,7 @@ impl Args {
                 ObservationsArg::Aiming => ObservationKind::Aiming29,
             };
         }
+        settings.action_history = self.action_history.unwrap_or(settings.action_history);
         if let Some(games) = self.games {
             settings.evaluation.games_per_opponent = games;
             if games == 0 {
@@ -504,7 +508,7 @@ impl Task {
             Opponent::Scripted(Scripted::Chaser),
         ];
         let samples = play_samples(
-            (&run.evaluation_game(), self.settings.observations),
+            (&run.evaluation_game(), self.settings.layout()),
             &players,
             (self.settings.evaluation.sample_games, self.settings.seed),
         )?;

@@ -24,6 +24,11 @@
 //! | 25, 26 | velocity of the own striker across and along the hit line (m/s) |
 //! | 27, 28 | velocity of the ball across and along the hit line (m/s) |
 //!
+//! After these values a policy may observe its own previous commands, the newest first (m/s, own
+//! frame, before the wall limiter): [`ObservationLayout`]. A command that has not reached its drive yet is
+//! part of the state of the simulation; without it, a policy behind a delay sees half a state (Katsikopoulos
+//! and Engelbrecht, "Markov decision processes with delays and asynchronous cost collection", 2003).
+//!
 //! Angles are `acos(a b / (|a| |b| + 1e-8))`, from 0 to pi. One version of upstream's table
 //! software computed value 16 relative to the own striker; here it is the cup.
 //!
@@ -81,6 +86,86 @@ impl ObservationKind {
     #[must_use]
     pub fn is_empty(self) -> bool {
         false
+    }
+}
+
+/// Maximum number of previous commands in an observation: 160 ms at 50 Hz.
+pub const MOST_PREVIOUS_COMMANDS: usize = 8;
+
+/// Values that a policy observes, in this order: values of the state, then its own previous commands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ObservationLayout {
+    /// Values of the state.
+    pub state: ObservationKind,
+    /// Number of previous commands, two values each, 0 to [`MOST_PREVIOUS_COMMANDS`].
+    pub commands: usize,
+}
+
+impl From<ObservationKind> for ObservationLayout {
+    fn from(state: ObservationKind) -> Self {
+        Self { state, commands: 0 }
+    }
+}
+
+impl ObservationLayout {
+    /// Number of values of the largest layout.
+    pub const MOST: usize = ObservationKind::MOST + 2 * MOST_PREVIOUS_COMMANDS;
+
+    /// Number of values.
+    #[must_use]
+    pub const fn len(self) -> usize {
+        self.state.len() + 2 * self.commands
+    }
+
+    /// Always false: no layout is empty.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        false
+    }
+
+    /// Sign of each value when the board is mirrored across its long axis, `[len]`.
+    #[must_use]
+    pub fn mirror_signs(self) -> Vec<i8> {
+        let mut signs = self.state.mirror_signs();
+        signs.extend([-1, 1].repeat(self.commands));
+        signs
+    }
+
+    /// Write the values into `row`, `[len]`; the cups are `cup_distance` (m) from the middle.
+    pub fn write(
+        self,
+        seen: &Observation,
+        previous: &PreviousCommands,
+        cup_distance: f32,
+        row: &mut [f32],
+    ) {
+        let (state, commands) = row.split_at_mut(self.state.len());
+        seen.write(self.state, cup_distance, state);
+        previous.write(commands);
+    }
+}
+
+/// Previous commands of one player, the newest first (m/s, own frame); zero before the first.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PreviousCommands([[f32; 2]; MOST_PREVIOUS_COMMANDS]);
+
+impl PreviousCommands {
+    /// Add the newest command.
+    pub fn push(&mut self, command: [f32; 2]) {
+        self.0.rotate_right(1);
+        self.0[0] = command;
+    }
+
+    /// Write as many commands into `values` as fit, x before y.
+    pub fn write(&self, values: &mut [f32]) {
+        for (pair, command) in values.chunks_exact_mut(2).zip(&self.0) {
+            pair.copy_from_slice(command);
+        }
+    }
+
+    /// All values, for a checkpoint.
+    pub fn values_mut(&mut self) -> &mut [f32] {
+        self.0.as_flattened_mut()
     }
 }
 

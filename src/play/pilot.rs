@@ -2,9 +2,12 @@
 
 use super::{PlayError, Seat};
 use crate::{
-    collect::{Carriage, Decision, Moment, Pilot, RunLabel},
+    collect::{Carriage, Decision, Moment, Pilot, RunLabel, StopReason},
     ekf::{Detections, FilterSettings, board_state},
-    game::{CONTROL_PERIOD, CommandLimits, Estimator, GameSettings, Observation, turned},
+    game::{
+        CONTROL_PERIOD, CommandLimits, Estimator, GameSettings, Observation, PreviousCommands,
+        turned,
+    },
     gantry::Robot,
     opponent,
     ppo::Scratch,
@@ -13,6 +16,9 @@ use crate::{
     units::Nanos,
 };
 use std::collections::BTreeMap;
+
+/// Time without a ball in play after which a match ends (s): a person has served it by then.
+const MOST_SECONDS_WITHOUT_BALL: f64 = 30.0;
 
 /// Pattern name in the markers of a match.
 const PATTERN: &str = "match";
@@ -31,8 +37,12 @@ pub struct Match {
     speed: f32,
     estimator: Estimator,
     filter_settings: FilterSettings,
+    /// When the ball was last in play; before that, the first decision.
+    ball_in_play: Option<Nanos>,
     /// Wall limiters with the workspace of training and that of the robot.
     limits: [CommandLimits; 2],
+    /// Previous commands of each player, before the wall limiters, as in training.
+    previous: [PreviousCommands; 2],
     scratch: Scratch,
 }
 
@@ -70,7 +80,9 @@ impl Match {
             speed: scripted_speed(&limits[0], robot),
             estimator: Estimator::new(filter_settings, Player::BOTH.map(home)),
             filter_settings: *filter_settings,
+            ball_in_play: None,
             limits,
+            previous: [PreviousCommands::default(); 2],
             scratch: Scratch::default(),
         })
     }
@@ -79,7 +91,9 @@ impl Match {
     /// sentences.
     #[must_use]
     pub fn warnings(&self, robot: &Robot) -> Vec<String> {
-        self.seats.iter().flatten().filter_map(|seat| seat.warning(robot)).collect()
+        let of =
+            |seat: &Seat| [seat.slew_warning(robot), seat.filter_warning(&self.filter_settings)];
+        self.seats.iter().flatten().flat_map(of).flatten().collect()
     }
 
     /// Players whose gantries are driven.
@@ -116,6 +130,17 @@ impl Match {
         entries
     }
 
+    /// Reason to end a match that has been without a ball for too long.
+    fn without_ball(&mut self, is_in_play: bool, now: Nanos) -> Option<StopReason> {
+        let since = *self.ball_in_play.get_or_insert(now);
+        if is_in_play {
+            self.ball_in_play = Some(now);
+            return None;
+        }
+        let (age_s, limit_s) = (now.seconds_since(since), MOST_SECONDS_WITHOUT_BALL);
+        (limit_s < age_s).then_some(StopReason::BallMissing { age_s, limit_s })
+    }
+
     /// Velocity that `player` commands, before wall limits (m/s, board frame).
     fn wanted(
         &mut self,
@@ -130,7 +155,9 @@ impl Match {
                 let moment = opponent::Moment { seed: self.seed, board: player as u64, step };
                 script.velocity(&seen.0, moment, self.speed)
             }
-            Seat::Policy { policy, .. } => policy.velocity(&seen, &mut self.scratch),
+            Seat::Policy { policy, .. } => {
+                policy.velocity(&seen, &self.previous[player as usize], &mut self.scratch)
+            }
         };
         turned(player, velocity.map(f64::from))
     }
@@ -172,14 +199,19 @@ impl Pilot for Match {
         });
         let seen = self.estimator.look(moment.now, carriages);
         let velocities = Player::BOTH.map(|player| {
-            let Some(ball) = seen.ball else { return [0.0; 2] };
-            let wanted = self.wanted(player, (&seen.strikers, ball), moment.step);
+            let wanted = match seen.ball {
+                Some(ball) => self.wanted(player, (&seen.strikers, ball), moment.step),
+                None => [0.0; 2],
+            };
+            let own = turned(player, wanted).map(|value| value as f32);
+            self.previous[player as usize].push(own);
             let Some(carriage) = moment.carriages[player as usize] else { return wanted };
             self.limits.iter().fold(wanted, |velocity, limits| {
                 let velocity = velocity.map(|v| v.clamp(-limits.speed, limits.speed));
                 limits.before_walls(limits.field.of(player), carriage.position, velocity)
             })
         });
-        Decision { velocities, belief: Some(board_state(seen.estimates)) }
+        let stop = self.without_ball(seen.ball.is_some(), moment.now);
+        Decision { velocities, belief: Some(board_state(seen.estimates)), stop }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::PlayError;
 use crate::{
+    ekf::FilterSettings,
     gantry::Robot,
     opponent::Scripted,
     recording::Recording,
@@ -79,8 +80,26 @@ impl Seat {
         Ok(Some(Self::Policy { file, sha256: recording.sha256, policy }))
     }
 
+    /// Difference between the filter in the training of a policy and that of the match.
+    pub(super) fn filter_warning(&self, filter: &FilterSettings) -> Option<String> {
+        let Self::Policy { file, policy, .. } = self else { return None };
+        let trained = policy.settings.sensors?.filter;
+        let of = |own: &FilterSettings| {
+            let (latency_ms, noise_mm) = (1e3 * own.latency_s, 1e3 * own.ball.measurement_sigma_m);
+            format!("{latency_ms:.1} ms latency and {noise_mm:.2} mm noise of the ball")
+        };
+        (trained != *filter).then(|| {
+            format!(
+                "{file} was trained with the filter of another ekf.json ({}) than this match uses ({}); give its \
+                 own with --ekf",
+                of(&trained),
+                of(filter)
+            )
+        })
+    }
+
     /// Difference between the training of a policy and `robot` that can degrade its play.
-    pub(super) fn warning(&self, robot: &Robot) -> Option<String> {
+    pub(super) fn slew_warning(&self, robot: &Robot) -> Option<String> {
         let Self::Policy { file, policy, .. } = self else { return None };
         let (learned, has) = (policy.command_slew_m_per_s2?, robot.limits.slew_m_per_s2);
         (has < learned).then(|| {

@@ -6,7 +6,10 @@
 
 use super::{PlayError, Seat, pilot::scripted_speed};
 use crate::{
-    game::{CONTROL_PERIOD, GameSettings, Games, Observation, ObservationKind, Outcomes, Sensors},
+    game::{
+        CONTROL_PERIOD, GameSettings, Games, Observation, ObservationKind, Outcomes,
+        PreviousCommands, Sensors,
+    },
     gantry::Robot,
     opponent,
     ppo::Scratch,
@@ -48,6 +51,8 @@ pub struct SimulatedMatch {
     patience: Option<usize>,
     seed: u64,
     speed: f32,
+    /// Previous commands of each player.
+    previous: [PreviousCommands; 2],
     scratch: Scratch,
 }
 
@@ -85,6 +90,7 @@ impl SimulatedMatch {
             serves,
             games,
             seed,
+            previous: [PreviousCommands::default(); 2],
             scratch: Scratch::default(),
         })
     }
@@ -158,8 +164,13 @@ impl SimulatedMatch {
                     let moment = opponent::Moment { seed: self.seed, board: player as u64, step };
                     script.velocity(&seen.0, moment, self.speed)
                 }
-                Seat::Policy { policy, .. } => policy.velocity(&seen, &mut self.scratch),
+                Seat::Policy { policy, .. } => {
+                    policy.velocity(&seen, &self.previous[player as usize], &mut self.scratch)
+                }
             };
+        }
+        for (previous, command) in self.previous.iter_mut().zip(commands) {
+            previous.push(command);
         }
         self.games.advance(&[commands], &mut self.outcomes)?;
         if let Some(sensors) = &mut self.sensors {

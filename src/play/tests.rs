@@ -5,7 +5,7 @@ use crate::{
     board::CUP_DISTANCE,
     collect::{Carriage, Moment, Pilot},
     ekf::{Detections, FilterSettings},
-    game::{Estimator, Observation, ObservationKind, turned},
+    game::{Estimator, Observation, ObservationKind, ObservationLayout, PreviousCommands, turned},
     gantry::{PerPlayer, Rectangle, Robot},
     nn::Network,
     opponent::Scripted,
@@ -20,6 +20,10 @@ use crate::{
 };
 
 const PICTURE_NS: u64 = NANOS_PER_SECOND / 120;
+
+/// Observation of the policies here.
+const LAYOUT: ObservationLayout =
+    ObservationLayout { state: ObservationKind::Augmented20, commands: 2 };
 
 /// Positions of ball, left and right striker.
 type Places = [Option<[f64; 2]>; 3];
@@ -43,7 +47,7 @@ fn scripted(script: Scripted) -> Option<Seat> {
 
 /// An untrained policy whose weights are `change`d.
 fn policy(seed: u64, change: impl Fn(&mut Network)) -> Option<Seat> {
-    let spaces = Spaces { observations: 20, actions: 2 };
+    let spaces = Spaces { observations: LAYOUT.len(), actions: 2 };
     let settings = PpoSettings { hidden: vec![8], ..PpoSettings::paper() };
     let untrained = Learner::new(&settings, spaces, seed).unwrap().policy();
     let mut network = untrained.network().clone();
@@ -51,7 +55,7 @@ fn policy(seed: u64, change: impl Fn(&mut Network)) -> Option<Seat> {
     let policy = Policy::new(network, untrained.standardizer().clone(), *untrained.gaussian());
     let policy = Box::new(StoredPolicy {
         policy,
-        observations: ObservationKind::Augmented20,
+        observations: LAYOUT,
         action_scale_m_per_s: 0.4,
         command_slew_m_per_s2: Some(10.0),
         settings: TrainSettings::preset(Preset::Paper),
@@ -106,6 +110,7 @@ fn a_policy_sees_a_recorded_match_as_training_would_show_it() {
     let home = Player::BOTH.map(|player| [robot.home.of(player).x_m, robot.home.of(player).y_m]);
     let mut estimator = Estimator::new(&filter, home);
     let mut scratch = Scratch::default();
+    let mut previous = [PreviousCommands::default(); 2];
     let (mut decided, mut moved) = (0, 0);
     for (number, (arrival, frame)) in frames.iter().enumerate() {
         let shown = Nanos(frame.capture_time_ns);
@@ -121,18 +126,19 @@ fn a_policy_sees_a_recorded_match_as_training_would_show_it() {
             let found = decision.velocities[player as usize];
             let Some(ball) = seen.ball else {
                 assert_eq!(found, [0.0; 2]);
+                previous[player as usize].push([0.0; 2]);
                 continue;
             };
             // As in training: observation, normalized network, clamp, scale.
-            let mut row = [0.0; 20];
-            Observation::of_board(player, &seen.strikers, ball).write(
-                ObservationKind::Augmented20,
-                CUP_DISTANCE as f32,
-                &mut row,
-            );
+            let mut row = [0.0; LAYOUT.len()];
+            let own = &mut previous[player as usize];
+            let observation = Observation::of_board(player, &seen.strikers, ball);
+            LAYOUT.write(&observation, own, CUP_DISTANCE as f32, &mut row);
             let mut action = [0.0; 2];
             policies[player as usize].policy.act_mean(&row, &mut action, &mut scratch);
-            let velocity = action.map(|a| f64::from(0.4 * a.clamp(-1.0, 1.0)));
+            let action = action.map(|a: f32| 0.4 * a.clamp(-1.0, 1.0));
+            own.push(action);
+            let velocity = action.map(f64::from);
             assert_eq!(found, turned(player, velocity), "frame {number}");
             decided += 1;
             moved += usize::from(1e-3 < found[0].hypot(found[1]));
@@ -192,6 +198,34 @@ fn both_stand_while_the_ball_is_not_seen() {
     assert_eq!(decide(&mut game, now, carriages), [[0.0; 2]; 2]);
     let now = show(&mut game, now, 0.1, |_| strikers(Some([0.1, 0.0])));
     assert!(decide(&mut game, now, carriages).iter().all(|v| *v != [0.0; 2]));
+}
+
+#[test]
+fn a_match_without_a_ball_ends_after_half_a_minute() {
+    let mut game = play([scripted(Scripted::Goalkeeper), None]);
+    let mut ended_after = |ball_s: f64| {
+        let (mut time, mut last) = (0.0, 0.0);
+        while time < 100.0 {
+            let now = Nanos(1).after_seconds(time);
+            let ball = (time < ball_s).then_some(Point { x: 0.1, y: 0.0 });
+            let frame = CameraDetections { ball, ..CameraDetections::default() };
+            game.see(now, &frame);
+            let carriages = [None, None];
+            if let Some(reason) = game.decide(&Moment { now, step: 0, carriages }).stop {
+                assert_eq!(reason.code(), "ball_missing");
+                assert!(reason.to_string().contains("limit 30 s"), "{reason}");
+                return time - last;
+            }
+            if time < ball_s {
+                last = time;
+            }
+            time += 0.02;
+        }
+        panic!("the match did not end");
+    };
+    let age = ended_after(40.0);
+    // The filter predicts the ball for a while after the last frame.
+    assert!((30.0..32.0).contains(&age), "{age}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use super::{
     table::{Tables, across, seat},
 };
 use crate::{
-    game::{ActuatorQueries, Ending, GameError, GameSettings, ObservationKind},
+    game::{ActuatorQueries, Ending, GameError, GameSettings, ObservationLayout},
     ppo::for_each,
     recording::topic::Player,
     stats::{Interval, wilson_ci95},
@@ -27,7 +27,7 @@ pub struct Arena<'a> {
     /// The game, with the time limit of the evaluation.
     pub game: &'a GameSettings,
     /// Observations of policies.
-    pub observations: ObservationKind,
+    pub observations: ObservationLayout,
     /// Seed of the episode starts.
     pub seed: u64,
     /// Number of threads; results do not depend on it.
@@ -213,7 +213,7 @@ mod tests {
         let game = GameSettings::default();
         let arena = |threads| Arena {
             game: &game,
-            observations: ObservationKind::Standard12,
+            observations: crate::game::ObservationKind::Standard12.into(),
             seed: 3,
             threads: NonZeroUsize::new(threads).unwrap(),
         };

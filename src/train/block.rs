@@ -77,6 +77,9 @@ pub(super) struct BlockState {
     /// As saved by [`Sensors::save`](crate::game::Sensors::save); empty without sensors.
     #[prost(bytes = "vec", tag = "5")]
     pub(super) sensors: Vec<u8>,
+    /// Previous commands of left, then right players, all values of each environment.
+    #[prost(float, repeated, tag = "6")]
+    pub(super) previous_commands: Vec<f32>,
 }
 
 /// Last observations of truncated episodes.
@@ -106,7 +109,7 @@ impl Block {
 
     /// Restore the environments of `tables` from a checkpoint.
     pub(super) fn restore(mut tables: Tables, state: &BlockState) -> Result<Self, GameError> {
-        tables.restore(&state.games, &state.sensors)?;
+        tables.restore(&state.games, &state.sensors, &state.previous_commands)?;
         for found in [state.drawn.len(), state.returns.len(), state.lengths.len()] {
             let (what, expected) = ("the environments of a checkpoint", tables.len());
             if found != expected {
@@ -124,6 +127,7 @@ impl Block {
         BlockState {
             games: self.tables.games.save(),
             sensors: self.tables.save_sensors(),
+            previous_commands: self.tables.save_previous(),
             drawn: self.drawn.clone(),
             returns: self.returns.clone(),
             lengths: self.lengths.clone(),

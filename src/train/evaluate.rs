@@ -96,7 +96,7 @@ pub fn evaluate(run: &Run, threads: NonZeroUsize) -> Result<Evaluation, TrainErr
     let game = run.evaluation_game();
     let arena = Arena {
         game: &game,
-        observations: settings.observations,
+        observations: settings.layout(),
         seed: settings.seed ^ EVALUATION_SEED,
         threads,
     };

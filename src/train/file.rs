@@ -35,6 +35,8 @@ use std::{collections::BTreeMap, path::Path};
 pub const POLICY_METADATA: &str = "klasktron.policy";
 /// Entry of that record: slew limit of commands in training (m/s^2).
 pub(super) const COMMAND_SLEW_ENTRY: &str = "command_slew_m_per_s2";
+/// Entry of that record: number of own previous commands in the observation.
+pub(super) const ACTION_HISTORY_ENTRY: &str = "action_history";
 /// Version of that record and of the observations.
 pub(super) const FORMAT_VERSION: &str = "1";
 /// Topic of the learning curve.
@@ -189,6 +191,7 @@ fn policy_metadata(summary: &Summary, limits: &CommandLimits) -> BTreeMap<String
     strings([
         ("format_version", FORMAT_VERSION.to_owned()),
         ("observations", name.as_str().unwrap_or_default().to_owned()),
+        (ACTION_HISTORY_ENTRY, settings.action_history.to_string()),
         (
             "observation_frame",
             "own: the board turned by 180 degrees for the right player".to_owned(),

@@ -15,7 +15,7 @@ use super::{
 use crate::{
     game::{
         ActuatorQueries, BiscuitSettings, ClockFn, EpisodeSettings, GameError, GameSettings,
-        Outcomes,
+        Outcomes, PreviousCommands,
     },
     opponent::{Moment, Scripted},
     ppo::{Learner, LearnerState, Policy, PpoError, Rollout, RolloutPart, RolloutShape, for_each},
@@ -303,7 +303,7 @@ impl Run {
         let step = self.learner.updates() * settings.ppo.horizon as u64;
         let mut kept = checkpoint.boards.iter();
         let blocks = ranges(settings.environments).into_iter().map(|range| {
-            let made_of = (settings.observations, starts, machine.clock);
+            let made_of = (settings.layout(), starts, machine.clock);
             let tables = Tables::new(range, game, made_of)?;
             match kept.next() {
                 Some(state) => Block::restore(tables, state),
@@ -454,20 +454,27 @@ fn look_around(
     let seed = Stream::new(settings.seed, "train.look").below(1 << 62) as u64;
     let mut games = crate::game::Games::new(count, game, seed)?;
     let mut outcomes = Outcomes::new(count);
-    let mut seen = vec![0.0; count * settings.observations.len()];
+    let layout = settings.layout();
+    let mut seen = vec![0.0; count * layout.len()];
     let mut commands = vec![[[0.0; 2]; 2]; count];
+    let mut previous = vec![[PreviousCommands::default(); 2]; count];
     let speed = game.limits.speed as f32;
     for step in 0..LOOK_STEPS {
         for (board, commands) in commands.iter_mut().enumerate() {
             for (player, command) in commands.iter_mut().enumerate() {
                 let moment = Moment { seed, board: (2 * board + player) as u64, step };
                 *command = Scripted::Random.velocity(&[0.0; 12], moment, speed);
+                previous[board][player].push(*command);
             }
         }
         games.step(&commands, &mut outcomes)?;
         if step.is_multiple_of(LOOK_EVERY) {
             for player in Player::BOTH {
-                games.observe(player, settings.observations, &mut seen)?;
+                for (board, row) in seen.chunks_exact_mut(layout.len()).enumerate() {
+                    let (state, commands) = row.split_at_mut(layout.state.len());
+                    games.observe_board(board, player, layout.state, state);
+                    previous[board][player as usize].write(commands);
+                }
                 learner.observe(&seen)?;
             }
         }

@@ -6,7 +6,7 @@ use super::{
     table::{Tables, across, seat},
 };
 use crate::{
-    game::{Ending, GameSettings, ObservationKind, Snapshot, turned},
+    game::{Ending, GameSettings, ObservationLayout, Snapshot, turned},
     recording::topic::Player,
 };
 
@@ -35,7 +35,7 @@ pub struct SampleGame {
 /// # Errors
 /// When a game reaches a non-finite state.
 pub fn play_samples(
-    (game, observations): (&GameSettings, ObservationKind),
+    (game, observations): (&GameSettings, ObservationLayout),
     players: &[Opponent; 2],
     (count, seed): (usize, u64),
 ) -> Result<Vec<SampleGame>, TrainError> {
@@ -43,7 +43,7 @@ pub fn play_samples(
 }
 
 fn play_one(
-    (game, observations): (&GameSettings, ObservationKind),
+    (game, observations): (&GameSettings, ObservationLayout),
     players: &[Opponent; 2],
     (number, seed): (usize, u64),
 ) -> Result<SampleGame, TrainError> {

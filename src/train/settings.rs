@@ -6,7 +6,9 @@ use super::{
     reward::{Curriculum, RewardSettings},
 };
 use crate::{
-    game::{ObservationKind, Randomization, SensorSettings},
+    game::{
+        MOST_PREVIOUS_COMMANDS, ObservationKind, ObservationLayout, Randomization, SensorSettings,
+    },
     opponent::Scripted,
     ppo::{PpoSettings, Reflection, Schedule, Spaces},
 };
@@ -26,8 +28,12 @@ pub struct TrainSettings {
     pub steps: u64,
     /// Number of environments, 2 to 1,000,000.
     pub environments: usize,
-    /// Observations of the players.
+    /// Observed values of the state.
     pub observations: ObservationKind,
+    /// Number of own previous commands that a policy observes, 0 to 8; 0 in the presets of paper and
+    /// upstream.
+    #[serde(default)]
+    pub action_history: usize,
     /// Settings of the learner.
     pub ppo: PpoSettings,
     /// Transitions after which a linear decay of the learning rate reaches zero, in place of the
@@ -178,6 +184,7 @@ impl TrainSettings {
             steps: 20_000_000,
             environments: 4096,
             observations: ObservationKind::Augmented20,
+            action_history: 0,
             ppo: match preset {
                 // The paper does not state the horizon; short rollouts give four times as many
                 // updates.
@@ -220,6 +227,7 @@ impl TrainSettings {
         Self {
             environments: 1024,
             observations: ObservationKind::Aiming29,
+            action_history: 3,
             ppo: PpoSettings {
                 hidden: vec![128, 64],
                 initial_log_deviation: -0.5,
@@ -264,7 +272,7 @@ impl TrainSettings {
     #[must_use]
     pub fn reflection(&self) -> Option<Reflection> {
         let reflection =
-            || Reflection { observations: self.observations.mirror_signs(), actions: vec![-1, 1] };
+            || Reflection { observations: self.layout().mirror_signs(), actions: vec![-1, 1] };
         self.mirrored_experience.then(reflection)
     }
 
@@ -284,10 +292,16 @@ impl TrainSettings {
         serde_json::to_string_pretty(self).unwrap_or_else(|_plain| unreachable!("plain data"))
     }
 
+    /// Observation of the players.
+    #[must_use]
+    pub fn layout(&self) -> ObservationLayout {
+        ObservationLayout { state: self.observations, commands: self.action_history }
+    }
+
     /// Widths of observation and action.
     #[must_use]
     pub fn spaces(&self) -> Spaces {
-        Spaces { observations: self.observations.len(), actions: ACTIONS }
+        Spaces { observations: self.layout().len(), actions: ACTIONS }
     }
 
     /// Number of transitions per update.
@@ -335,6 +349,12 @@ impl TrainSettings {
             ),
             at_least_one("anneal_transitions", self.anneal_transitions.unwrap_or(1)),
             at_least_one("checkpoint_updates", self.checkpoint_updates),
+            (
+                "action_history",
+                self.action_history as f64,
+                "from 0 to 8",
+                self.action_history <= MOST_PREVIOUS_COMMANDS,
+            ),
             ("opponents.update_score", score, "from -1 to 1", (-1.0..=1.0).contains(&score)),
             at_least_one("opponents.window_games", opponents.window_games as u64),
             (

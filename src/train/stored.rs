@@ -4,8 +4,8 @@ use super::{
     CurvePoint, Mismatch, TrainError,
     actuator::ActuatorSource,
     file::{
-        COMMAND_SLEW_ENTRY, FORMAT_VERSION, POLICY_ATTACHMENT, POLICY_METADATA,
-        SETTINGS_ATTACHMENT, UPDATE_TOPIC,
+        ACTION_HISTORY_ENTRY, COMMAND_SLEW_ENTRY, FORMAT_VERSION, POLICY_ATTACHMENT,
+        POLICY_METADATA, SETTINGS_ATTACHMENT, UPDATE_TOPIC,
     },
     message::point_of,
     pool::velocity_of,
@@ -14,7 +14,10 @@ use super::{
 };
 use crate::{
     board::CUP_DISTANCE,
-    game::{CONTROL_PERIOD, Observation, ObservationKind},
+    game::{
+        CONTROL_PERIOD, MOST_PREVIOUS_COMMANDS, Observation, ObservationKind, ObservationLayout,
+        PreviousCommands,
+    },
     ppo::{Policy, Scratch},
     recording::{Recording, message::TrainingUpdate},
 };
@@ -26,7 +29,7 @@ pub struct StoredPolicy {
     /// Observation to mean action.
     pub policy: Policy,
     /// Observations that it requires.
-    pub observations: ObservationKind,
+    pub observations: ObservationLayout,
     /// Speed of a full action (m/s).
     pub action_scale_m_per_s: f64,
     /// Slew limit of commands in its training (m/s^2); absent in files of earlier versions.
@@ -38,12 +41,18 @@ pub struct StoredPolicy {
 }
 
 impl StoredPolicy {
-    /// Velocity (m/s, own frame) of its mean action for the observation `seen`.
+    /// Velocity (m/s, own frame) of its mean action for the observation `seen` after the commands
+    /// `previous`.
     #[must_use]
-    pub fn velocity(&self, seen: &Observation, scratch: &mut Scratch) -> [f32; 2] {
-        let mut row = [0.0; ObservationKind::MOST];
+    pub fn velocity(
+        &self,
+        seen: &Observation,
+        previous: &PreviousCommands,
+        scratch: &mut Scratch,
+    ) -> [f32; 2] {
+        let mut row = [0.0; ObservationLayout::MOST];
         let row = &mut row[..self.observations.len()];
-        seen.write(self.observations, CUP_DISTANCE as f32, row);
+        self.observations.write(seen, previous, CUP_DISTANCE as f32, row);
         let mut action = [0.0; ACTIONS];
         self.policy.act_mean(row, &mut action, scratch);
         velocity_of(&action, self.action_scale_m_per_s as f32)
@@ -100,6 +109,16 @@ impl<'a> Parts<'a> {
         Box::new(Mismatch { path, what, found, other, expected, remedy }).into()
     }
 
+    /// Number of previous commands in the observation; files of earlier versions have none.
+    fn action_history(&self) -> Result<usize, TrainError> {
+        let Some(text) = self.metadata.get(ACTION_HISTORY_ENTRY) else { return Ok(0) };
+        text.parse().ok().filter(|count| *count <= MOST_PREVIOUS_COMMANDS).ok_or_else(|| {
+            self.bad(format!(
+                "{ACTION_HISTORY_ENTRY} is {text}; it must be from 0 to {MOST_PREVIOUS_COMMANDS}"
+            ))
+        })
+    }
+
     fn attachment(&self, name: &str) -> Result<&'a [u8], TrainError> {
         let found = self.recording.attachment(name);
         found
@@ -117,8 +136,9 @@ pub fn read_policy(recording: &Recording) -> Result<StoredPolicy, TrainError> {
     parts.expect("format_version", FORMAT_VERSION)?;
     parts.expect("rate_hz", &CONTROL_PERIOD.recip().to_string())?;
     let name = serde_json::Value::String(parts.entry("observations")?.to_owned());
-    let observations: ObservationKind = serde_json::from_value(name)
+    let state: ObservationKind = serde_json::from_value(name)
         .map_err(|error| parts.bad(format!("observations: {error}")))?;
+    let observations = ObservationLayout { state, commands: parts.action_history()? };
     let weights = Policy::from_safetensors(parts.attachment(POLICY_ATTACHMENT)?);
     let (policy, _) = weights.map_err(|source| {
         let (path, attachment) = (recording.path.clone(), POLICY_ATTACHMENT.to_owned());

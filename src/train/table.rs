@@ -5,8 +5,8 @@
 use super::pool::{Opponent, Question};
 use crate::{
     game::{
-        ActuatorQueries, ClockFn, GameError, GameSettings, Games, ObservationKind, Outcomes,
-        Sensors,
+        ActuatorQueries, ClockFn, GameError, GameSettings, Games, ObservationKind,
+        ObservationLayout, Outcomes, PreviousCommands, Sensors,
     },
     ppo::Scratch,
     recording::topic::Player,
@@ -41,7 +41,9 @@ pub(super) struct Tables {
     sensors: Option<Sensors>,
     /// Exact standard values of left and right player, `[boards][12]`, with sensors only.
     exact: [Vec<f32>; 2],
-    kind: ObservationKind,
+    layout: ObservationLayout,
+    /// Previous commands of left and right player in every environment.
+    previous: [Vec<PreviousCommands>; 2],
     /// Observations of left and right player, `[boards][width]`.
     seen: [Vec<f32>; 2],
     /// Commands by `[boards][left, right]` (m/s, each player's frame).
@@ -68,7 +70,7 @@ impl Tables {
     pub(super) fn new(
         range: Range<usize>,
         settings: &GameSettings,
-        (kind, seed, clock): (ObservationKind, u64, ClockFn),
+        (layout, seed, clock): (ObservationLayout, u64, ClockFn),
     ) -> Result<Self, GameError> {
         let count = range.len();
         let mut games = Games::range(range.clone(), settings, seed)?;
@@ -84,29 +86,49 @@ impl Tables {
             exact: [vec![0.0; exact], vec![0.0; exact]],
             games,
             outcomes: Outcomes::new(count),
-            kind,
-            seen: [vec![0.0; count * kind.len()], vec![0.0; count * kind.len()]],
+            layout,
+            previous: [0, 1].map(|_player| vec![PreviousCommands::default(); count]),
+            seen: [0, 1].map(|_player| vec![0.0; count * layout.len()]),
             commands: vec![[[0.0; 2]; 2]; count],
             speed: settings.limits.speed as f32,
             hand: Hand::default(),
             scratch: Scratch::default(),
         };
-        tables.look()?;
+        tables.look();
         Ok(tables)
     }
 
-    /// Restore saved environments and sensors.
-    pub(super) fn restore(&mut self, games: &[u8], sensors: &[u8]) -> Result<(), GameError> {
+    /// Restore saved environments, sensors and previous commands.
+    pub(super) fn restore(
+        &mut self,
+        games: &[u8],
+        sensors: &[u8],
+        previous: &[f32],
+    ) -> Result<(), GameError> {
         self.games.restore(games)?;
+        let numbers: Vec<&mut f32> =
+            self.previous.iter_mut().flatten().flat_map(PreviousCommands::values_mut).collect();
+        let (what, expected) = ("the previous commands of a checkpoint", numbers.len());
+        if previous.len() != expected {
+            return Err(GameError::Shape { what, found: previous.len(), expected });
+        }
+        numbers.into_iter().zip(previous).for_each(|(own, saved)| *own = *saved);
         if let Some(own) = &mut self.sensors {
             own.restore(sensors, &self.games)?;
         }
-        self.look()
+        self.look();
+        Ok(())
     }
 
     /// State of the sensors for a checkpoint; empty without sensors.
     pub(super) fn save_sensors(&self) -> Vec<u8> {
         self.sensors.as_ref().map_or_else(Vec::new, Sensors::save)
+    }
+
+    /// Previous commands of all environments for a checkpoint.
+    pub(super) fn save_previous(&self) -> Vec<f32> {
+        let mut all = self.previous.clone();
+        all.iter_mut().flatten().flat_map(|own| own.values_mut().to_vec()).collect()
     }
 
     pub(super) fn len(&self) -> usize {
@@ -120,7 +142,7 @@ impl Tables {
 
     /// Observation of `player` in the `row`-th environment.
     pub(super) fn seen(&self, row: usize, player: Player) -> &[f32] {
-        let width = self.kind.len();
+        let width = self.layout.len();
         &self.seen[player as usize][row * width..(row + 1) * width]
     }
 
@@ -135,7 +157,7 @@ impl Tables {
 
     /// Observations of the first players, `[boards][width]`.
     pub(super) fn copy_first_seats(&self, rows: &mut [f32]) {
-        for (row, out) in rows.chunks_exact_mut(self.kind.len()).enumerate() {
+        for (row, out) in rows.chunks_exact_mut(self.layout.len()).enumerate() {
             out.copy_from_slice(self.seen(row, self.seat(row)));
         }
     }
@@ -183,11 +205,17 @@ impl Tables {
                 }
             }
         }
+        for (row, commands) in self.commands.iter().enumerate() {
+            for (previous, command) in self.previous.iter_mut().zip(commands) {
+                previous[row].push(*command);
+            }
+        }
         self.games.advance(&self.commands, &mut self.outcomes)?;
         if let Some(sensors) = &mut self.sensors {
             sensors.advance(&self.games);
         }
-        self.look()
+        self.look();
+        Ok(())
     }
 
     /// Begin the next episode in environments whose episode has ended.
@@ -200,6 +228,7 @@ impl Tables {
             if let Some(sensors) = &mut self.sensors {
                 sensors.begin(row, &self.games);
             }
+            self.previous.iter_mut().for_each(|own| own[row] = PreviousCommands::default());
             self.look_at(row);
         }
         Ok(())
@@ -212,28 +241,23 @@ impl Tables {
 
     /// Observations of both players in one environment.
     fn look_at(&mut self, row: usize) {
-        let (width, exact) = (self.kind.len(), EXACT.len());
+        let (width, exact) = (self.layout.len(), EXACT.len());
         for player in Player::BOTH {
             let seen = &mut self.seen[player as usize][row * width..(row + 1) * width];
+            let (state, commands) = seen.split_at_mut(self.layout.state.len());
+            self.previous[player as usize][row].write(commands);
             let Some(sensors) = &self.sensors else {
-                self.games.observe_board(row, player, self.kind, seen);
+                self.games.observe_board(row, player, self.layout.state, state);
                 continue;
             };
             let cup_distance = self.games.settings().cup.distance as f32;
-            sensors.observation(row, player).write(self.kind, cup_distance, seen);
+            sensors.observation(row, player).write(self.layout.state, cup_distance, state);
             let exact = &mut self.exact[player as usize][row * exact..(row + 1) * exact];
             self.games.observe_board(row, player, EXACT, exact);
         }
     }
 
-    fn look(&mut self) -> Result<(), GameError> {
-        if self.sensors.is_some() {
-            (0..self.len()).for_each(|row| self.look_at(row));
-            return Ok(());
-        }
-        for player in Player::BOTH {
-            self.games.observe(player, self.kind, &mut self.seen[player as usize])?;
-        }
-        Ok(())
+    fn look(&mut self) {
+        (0..self.len()).for_each(|row| self.look_at(row));
     }
 }

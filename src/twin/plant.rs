@@ -10,6 +10,7 @@
 //!
 //! A single axis is a plant with one motor and one rail, which are the same coordinate.
 
+mod fleet;
 mod step;
 
 use super::{
@@ -25,6 +26,7 @@ use crate::{
     },
     gantry::belts,
 };
+pub use fleet::{Course, Fleet, Moved};
 use pulp::Scalar;
 pub(super) use step::{Aside, PlantLanes, StateLanes};
 

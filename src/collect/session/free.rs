@@ -159,6 +159,9 @@ impl Session<'_> {
         tick: Tick,
         flight: &mut FreeState,
     ) -> Result<(), StopReason> {
+        if let Some(reason) = &decision.stop {
+            return Err(reason.clone());
+        }
         let config = self.config;
         for player in &config.players {
             let velocity = decision.velocities[*player as usize];

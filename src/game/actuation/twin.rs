@@ -1,15 +1,16 @@
 //! Drives, gantry and coupling of a twin as actuator: one plant for all carriages, with the state
 //! of each in an array.
 //!
-//! Command, dead time, slew limit, velocity loop, forces and friction are the twin's [`Plant`];
-//! backlash, geometry and magnet are its [`Linkage`]. A carriage stops at the ends of its travel.
+//! Command, dead time, slew limit, velocity loop, forces and friction are the twin's [`Plant`], which
+//! moves several carriages side by side ([`Fleet`]); backlash, geometry and magnet are its [`Linkage`].
+//! A carriage stops at the ends of its travel.
 
 use super::{Leading, Travel, turned};
 use crate::{
     effects::Carriage,
     game::{body::StrikerState, settings::CONTROL_PERIOD},
     gantry::belts,
-    twin::{Linkage, Places, Plant, PlantState, Twin},
+    twin::{Course, Fleet, Linkage, Moved, Places, Plant, Twin},
 };
 
 /// One integration step of the plant within a control period.
@@ -19,22 +20,23 @@ struct PlantStep {
     dt: f64,
     /// Age of the command in force of each motor (control periods).
     ages: [usize; 2],
-    /// True if a piece ends with this step.
-    ends_piece: bool,
+    /// Number of the piece that ends with this step, from 1.
+    ends_piece: Option<usize>,
 }
 
 /// Drives of all environments.
 #[derive(Debug, Clone)]
 pub(in crate::game) struct TwinDrives {
-    plant: Plant,
+    /// Carriages by `[board][player]`, each in the player's own frame.
+    fleet: Fleet,
     linkage: Linkage,
     striker_mass: f64,
     travel: Travel,
     schedule: Vec<PlantStep>,
+    /// Lengths of the steps of the schedule (s).
+    lengths: Vec<f64>,
     /// Number of stored commands per carriage, the newest first.
     depth: usize,
-    /// State by `[board][player]`, each in the player's own frame.
-    states: Vec<PlantState>,
     /// Commands by `[board][player][depth]`, in belt coordinates (m/s).
     commands: Vec<[f64; 2]>,
     /// State of the linkage by `[board][player][memory]`.
@@ -48,14 +50,14 @@ impl TwinDrives {
         let schedule = schedule(plant.delays(), step, travel.pieces);
         let depth = schedule.iter().flat_map(|step| step.ages).max().unwrap_or(0) + 1;
         Self {
-            states: vec![plant.start(); 2 * count],
             commands: vec![[0.0; 2]; 2 * count * depth],
             memories: vec![0.0; 2 * count * linkage.memory()],
             striker_mass: twin.striker_mass,
             travel: travel.clone(),
+            lengths: schedule.iter().map(|step| step.dt).collect(),
             schedule,
             depth,
-            plant,
+            fleet: Fleet::new(plant, 2 * count),
             linkage,
         }
     }
@@ -63,12 +65,18 @@ impl TwinDrives {
     pub(super) fn restart(&mut self, board: usize, strikers: &mut [StrikerState; 2]) {
         for (player, striker) in strikers.iter_mut().enumerate() {
             let index = 2 * board + player;
-            let state = &mut self.states[index];
-            self.plant.restart(state, turned(player, striker.carriage));
+            let position = turned(player, striker.carriage);
+            self.fleet.restart(index, position);
             let length = self.linkage.memory();
             let memory = &mut self.memories[index * length..(index + 1) * length];
             memory.fill(0.0);
-            let carriage = carriage(state, CONTROL_PERIOD, self.striker_mass);
+            let carriage = Carriage {
+                dt: CONTROL_PERIOD,
+                position,
+                velocity: [0.0; 2],
+                acceleration: [0.0; 2],
+                striker_mass: self.striker_mass,
+            };
             striker.led = turned(player, self.linkage.striker(memory, carriage));
             memory.fill(0.0);
             self.commands[index * self.depth..(index + 1) * self.depth].fill([0.0; 2]);
@@ -77,83 +85,108 @@ impl TwinDrives {
 
     /// Call `visit` with every number of the state.
     pub(in crate::game) fn each_number(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.states.iter_mut().flat_map(PlantState::numbers).for_each(&mut *visit);
+        self.fleet.numbers().for_each(&mut *visit);
         self.commands.iter_mut().flatten().for_each(&mut *visit);
         self.memories.iter_mut().for_each(visit);
     }
 
     pub(super) fn lead(&mut self, leading: &mut Leading<'_>) {
-        let Leading { first, commands, strikers, ways, travel } = leading;
-        let ways = ways.chunks_exact_mut(travel.pieces + 1);
-        let strikers = strikers.iter_mut().flatten().zip(commands.iter().flatten());
-        for (index, ((striker, command), way)) in strikers.zip(ways).enumerate() {
-            self.lead_one(2 * *first + index, striker, *command, way);
+        let Leading { first, commands, strikers, ways, .. } = leading;
+        let carriages = 2 * *first..2 * *first + 2 * commands.len();
+        let stride = self.travel.pieces + 1;
+        let orders = commands.iter().flatten();
+        let starts = strikers.iter().flatten().zip(ways.chunks_exact_mut(stride));
+        for ((index, command), (striker, way)) in carriages.clone().zip(orders).zip(starts) {
+            let sent = &mut self.commands[index * self.depth..(index + 1) * self.depth];
+            sent.copy_within(..self.depth - 1, 1);
+            sent[0] = belts(turned(index % 2, *command));
+            way[0] = striker.led;
         }
-    }
-
-    /// Move one carriage through one control period; `index` counts players over all environments.
-    fn lead_one(
-        &mut self,
-        index: usize,
-        striker: &mut StrikerState,
-        command: [f64; 2],
-        way: &mut [[f64; 2]],
-    ) {
-        let travel = &self.travel;
-        let player = index % 2;
-        let sent = &mut self.commands[index * self.depth..(index + 1) * self.depth];
-        sent.copy_within(..self.depth - 1, 1);
-        sent[0] = belts(turned(player, command));
-        let state = &mut self.states[index];
+        let mut period = LedPeriod {
+            schedule: &self.schedule,
+            linkage: &self.linkage,
+            travel: &self.travel,
+            striker_mass: self.striker_mass,
+            depth: self.depth,
+            commands: &self.commands,
+            memories: &mut self.memories,
+            first: carriages.start,
+            ways,
+        };
+        self.fleet.march(carriages.clone(), &self.lengths, &mut period);
         let length = self.linkage.memory();
-        let memory = &mut self.memories[index * length..(index + 1) * length];
-        way[0] = striker.led;
-        let mut piece = 0;
-        for step in &self.schedule {
-            let PlantStep { dt, ages: [a, b], ends_piece } = *step;
-            self.plant.step(state, [sent[a][0], sent[b][1]], dt);
-            stop_at_ends(state, player, travel);
-            if self.linkage.is_dynamic() || ends_piece {
-                let carriage = carriage(state, dt, self.striker_mass);
-                let place = self.linkage.striker(memory, carriage);
-                if ends_piece {
-                    piece += 1;
-                    way[piece] = travel.clamp(player, turned(player, place));
-                }
-            }
-        }
-        state.flush();
-        for value in memory {
+        for value in &mut self.memories[carriages.start * length..carriages.end * length] {
             if value.abs() < f64::from(f32::MIN_POSITIVE) {
                 *value = 0.0;
             }
         }
-        let [last, before] = [way[travel.pieces], way[travel.pieces - 1]];
-        let h = travel.piece();
-        striker.led_velocity = [(last[0] - before[0]) / h, (last[1] - before[1]) / h];
-        striker.led = last;
-        striker.carriage = turned(player, state.position);
+        let h = self.travel.piece();
+        let ends = strikers.iter_mut().flatten().zip(ways.chunks_exact(stride));
+        for (index, (striker, way)) in carriages.zip(ends) {
+            let [last, before] = [way[self.travel.pieces], way[self.travel.pieces - 1]];
+            striker.led_velocity = [(last[0] - before[0]) / h, (last[1] - before[1]) / h];
+            striker.led = last;
+            striker.carriage = turned(index % 2, self.fleet.state(index).position);
+        }
     }
 }
 
-fn carriage(state: &PlantState, dt: f64, striker_mass: f64) -> Carriage {
-    let PlantState { position, velocity, acceleration, .. } = *state;
-    Carriage { dt, position, velocity, acceleration, striker_mass }
+/// One control period of a chunk of carriages: their commands, and the paths of their magnets.
+struct LedPeriod<'a> {
+    schedule: &'a [PlantStep],
+    linkage: &'a Linkage,
+    travel: &'a Travel,
+    striker_mass: f64,
+    depth: usize,
+    commands: &'a [[f64; 2]],
+    memories: &'a mut [f64],
+    /// Number of the first carriage, to which `ways` begin.
+    first: usize,
+    ways: &'a mut [[f64; 2]],
+}
+
+impl Course for LedPeriod<'_> {
+    fn command(&self, carriage: usize, step: usize) -> [f64; 2] {
+        let sent = &self.commands[carriage * self.depth..(carriage + 1) * self.depth];
+        let [a, b] = self.schedule[step].ages;
+        [sent[a][0], sent[b][1]]
+    }
+
+    fn follow(&mut self, carriage: usize, step: usize, moved: &mut Moved) {
+        let PlantStep { dt, ends_piece, .. } = self.schedule[step];
+        let player = carriage % 2;
+        stop_at_ends(moved, player, self.travel);
+        if !self.linkage.is_dynamic() && ends_piece.is_none() {
+            return;
+        }
+        let length = self.linkage.memory();
+        let memory = &mut self.memories[carriage * length..(carriage + 1) * length];
+        let Moved { position, velocity, acceleration } = *moved;
+        let striker_mass = self.striker_mass;
+        let led = self
+            .linkage
+            .striker(memory, Carriage { dt, position, velocity, acceleration, striker_mass });
+        if let Some(piece) = ends_piece {
+            let stride = self.travel.pieces + 1;
+            self.ways[(carriage - self.first) * stride + piece] =
+                self.travel.clamp(player, turned(player, led));
+        }
+    }
 }
 
 /// Set the velocity of a carriage at the end of its travel to zero.
-fn stop_at_ends(state: &mut PlantState, player: usize, travel: &Travel) {
-    let free = turned(player, state.position);
+fn stop_at_ends(moved: &mut Moved, player: usize, travel: &Travel) {
+    let free = turned(player, moved.position);
     let inside = travel.clamp(player, free);
     if inside == free {
         return;
     }
     for axis in 0..2 {
         if inside[axis] != free[axis] {
-            state.velocity[axis] = 0.0;
+            moved.velocity[axis] = 0.0;
         }
     }
-    state.position = turned(player, inside);
+    moved.position = turned(player, inside);
 }
 
 /// Integration steps of one period. Steps end at the ends of pieces and at the instants at which a
@@ -172,13 +205,14 @@ fn schedule(delays: [f64; 2], longest: f64, pieces: usize) -> Vec<PlantStep> {
     }
     ends.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut steps = Vec::new();
-    let mut start = 0.0;
+    let (mut start, mut piece) = (0.0, 0);
     for (end, ends_piece) in ends {
+        piece += usize::from(ends_piece);
         let count = ((end - start) / longest - SAME).ceil().max(1.0) as usize;
         let dt = (end - start) / count as f64;
         let age = |k: usize| periods[k] as usize + usize::from(start + SAME < rests[k]);
         for step in 1..=count {
-            let ends_piece = ends_piece && step == count;
+            let ends_piece = (ends_piece && step == count).then_some(piece);
             steps.push(PlantStep { dt, ages: [age(0), age(1)], ends_piece });
         }
         start = end;
@@ -195,7 +229,10 @@ mod tests {
         let steps = schedule([0.005, 0.0275], 2e-3, 4);
         let total: f64 = steps.iter().map(|step| step.dt).sum();
         assert!((total - CONTROL_PERIOD).abs() < 1e-12);
-        assert_eq!(steps.iter().filter(|step| step.ends_piece).count(), 4);
+        assert_eq!(
+            steps.iter().filter_map(|step| step.ends_piece).collect::<Vec<_>>(),
+            [1, 2, 3, 4]
+        );
         assert!(steps.iter().all(|step| step.dt <= 2e-3 + 1e-12));
         let mut time = 0.0;
         for step in steps {

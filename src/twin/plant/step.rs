@@ -124,6 +124,14 @@ impl<S: Simd> StateLanes<S> {
         self.position[1].set(lane, position[1]);
     }
 
+    /// Puts the carriage in `lane` to `position` (m) with `velocity` (m/s); all else stays.
+    #[inline(always)]
+    pub(in crate::twin) fn stop_at(&mut self, lane: usize, position: [f64; 2], velocity: [f64; 2]) {
+        self.put_at(lane, position);
+        self.velocity[0].set(lane, velocity[0]);
+        self.velocity[1].set(lane, velocity[1]);
+    }
+
     /// Position and velocity of the carriage by the motors, its acceleration, and the forces of the motors, in `lane`.
     #[inline(always)]
     pub(in crate::twin) fn motion(&self, lane: usize) -> [[f64; 2]; 4] {
