@@ -103,7 +103,7 @@ pub use randomization::{BoardPhysics, Randomization, Surface};
 pub use sensing::{Estimator, IN_CUP_SECONDS, Seen, SensorSettings, Sensors};
 pub use settings::{
     BallSettings, BiscuitSettings, CONTROL_PERIOD, CommandLimits, CupRule, CupSettings,
-    EpisodeSettings, GameSettings, LimiterPlace, StrikerSettings,
+    EpisodeSettings, GameSettings, LimiterPlace, StrikerOverCup, StrikerSettings,
 };
 
 #[cfg(test)]

@@ -200,7 +200,7 @@ impl Size {
                 ball_seconds: 30,
                 fit_seeds: 2,
                 fit_epochs: 100,
-                steps: "4e6",
+                steps: "8e6",
                 games: 200,
                 match_seconds: 300,
             },

@@ -14,7 +14,7 @@ use super::{
     motion::{Happened, Play, Table},
     outcome::Ending,
     randomization::BoardPhysics,
-    settings::{BiscuitSettings, CONTROL_PERIOD},
+    settings::{BiscuitSettings, CONTROL_PERIOD, StrikerOverCup},
 };
 use crate::{
     board::{BALL_RADIUS, STRIKER_RADIUS},
@@ -210,7 +210,7 @@ impl Period<'_> {
             let player = loser as usize;
             let centre = turned(player, [0.0, -cup.distance]);
             let [from, to] = ways.map(|places| subtract(places[player], centre));
-            if nearest(from, to) < cup.radius {
+            if cup.striker == StrikerOverCup::Falls && nearest(from, to) < cup.radius {
                 return Some(Ending::OwnGoal { loser });
             }
         }

@@ -143,6 +143,16 @@ pub enum CupRule {
     SlowerThan(f64),
 }
 
+/// Striker whose centre is over its own cup.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StrikerOverCup {
+    /// It falls: the episode ends with an own goal, as in upstream's simulator.
+    Falls,
+    /// It goes on, as on the virtual rig. The referee of a recorded match calls an own goal when it
+    /// stays there.
+    Passes,
+}
+
 /// A goal cup.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CupSettings {
@@ -152,11 +162,18 @@ pub struct CupSettings {
     pub distance: f64,
     /// Capture rule.
     pub rule: CupRule,
+    /// Striker over its own cup.
+    pub striker: StrikerOverCup,
 }
 
 impl Default for CupSettings {
     fn default() -> Self {
-        Self { radius: CUP_RADIUS, distance: CUP_DISTANCE, rule: CupRule::Fall }
+        Self {
+            radius: CUP_RADIUS,
+            distance: CUP_DISTANCE,
+            rule: CupRule::Fall,
+            striker: StrikerOverCup::Falls,
+        }
     }
 }
 

@@ -131,9 +131,9 @@ impl Match {
     }
 
     /// Reason to end a match that has been without a ball for too long.
-    fn without_ball(&mut self, is_in_play: bool, now: Nanos) -> Option<StopReason> {
+    fn without_ball(&mut self, ball: Option<[f64; 4]>, now: Nanos) -> Option<StopReason> {
         let since = *self.ball_in_play.get_or_insert(now);
-        if is_in_play {
+        if ball.is_some() {
             self.ball_in_play = Some(now);
             return None;
         }
@@ -211,7 +211,7 @@ impl Pilot for Match {
                 limits.before_walls(limits.field.of(player), carriage.position, velocity)
             })
         });
-        let stop = self.without_ball(seen.ball.is_some(), moment.now);
+        let stop = self.without_ball(seen.ball, moment.now);
         Decision { velocities, belief: Some(board_state(seen.estimates)), stop }
     }
 }

@@ -2,13 +2,14 @@
 //!
 //! Simulation and table are comparable only under equal conditions. A simulated match therefore
 //! takes its serves, and the waiting times before them, from a rig file. Both recordings are scored
-//! by the same [`referee`](crate::referee). The physics is that of the simulation alone.
+//! by the same [`referee`](crate::referee), which also calls own goals: a striker that passes over its own cup
+//! ends no episode here, nor on the virtual rig. The physics is that of the simulation alone.
 
 use super::{PlayError, Seat, pilot::scripted_speed};
 use crate::{
     game::{
         CONTROL_PERIOD, GameSettings, Games, Observation, ObservationKind, Outcomes,
-        PreviousCommands, Sensors,
+        PreviousCommands, Sensors, StrikerOverCup,
     },
     gantry::Robot,
     opponent,
@@ -28,7 +29,7 @@ const NO_LIMIT_S: f64 = 3600.0;
 /// Speed below which the ball counts as at rest (m/s), as on the rig.
 const STILL_SPEED: f64 = 0.005;
 
-/// Goals of a simulated match by the scorer. A point of an own goal goes to the other player.
+/// Goals of a simulated match by the scorer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct SimulatedGoals {
     /// Points of the left player.
@@ -72,6 +73,7 @@ impl SimulatedMatch {
         let mut game = game.clone();
         game.episode.time_limit = NO_LIMIT_S;
         game.episode.still_limit = NO_LIMIT_S;
+        game.cup.striker = StrikerOverCup::Passes;
         let mut serves = Serves::new(&rig.ball, rig.seed);
         let [ball, velocity] = serves.next().ok_or(PlayError::NoServe)?;
         let mut games = Games::new(1, &game, seed)?;

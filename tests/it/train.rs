@@ -34,7 +34,7 @@ fn distance_to_ball(run: &Run) -> f64 {
         Opponent::Policy(Box::new(run.policy()), Choice::Mean),
         Opponent::Scripted(Scripted::Stationary),
     ];
-    let of = (run.game(), run.settings().observations);
+    let of = (run.game(), run.settings().layout());
     let games = play_samples(of, &players, (12, 77)).unwrap();
     let mut distances = Vec::new();
     for game in &games {
@@ -61,6 +61,7 @@ fn a_policy_learns_what_it_is_paid_for() {
     settings.opponents.scripted_fraction = 0.0;
     settings.anneal_transitions = None;
     settings.starts = StartSettings::default();
+    settings.action_history = 0;
     settings.sensors = None;
     settings.reward = RewardSettings { proximity: 1.0, ..RewardSettings::of(Curriculum::Sparse) };
     settings.environments = 64;

@@ -5,7 +5,8 @@ use crate::{
     board::CUP_RADIUS,
     game::{
         BiscuitSettings, CupRule, CupSettings, Ending, GameError, GameSettings, Games,
-        LimiterPlace, Outcomes, Randomization, settings::CONTROL_PERIOD, sure_fall_speed,
+        LimiterPlace, Outcomes, Randomization, StrikerOverCup, settings::CONTROL_PERIOD,
+        sure_fall_speed,
     },
     recording::topic::Player,
 };
@@ -102,6 +103,22 @@ fn a_striker_over_its_own_cup_loses() {
         // 11 mm at up to 0.4 m/s, slowed by the limiter.
         assert!((2..20).contains(&steps), "{steps}");
     }
+}
+
+#[test]
+fn a_striker_that_passes_over_its_cup_ends_nothing_under_the_rule_of_the_rig() {
+    let mut settings = GameSettings::default();
+    settings.cup.striker = StrikerOverCup::Passes;
+    settings.episode.still_limit = 3600.0;
+    let mut games = one(&settings, [0.0; 2], [0.0; 2]);
+    games.set_positions(0, [0.1, 0.0], [0.0; 2], [[0.0, -0.14], [0.0, 0.14]]);
+    let mut outcomes = Outcomes::new(1);
+    for _ in 0..40 {
+        games.advance(&[[[0.0, -0.4], [0.0; 2]]], &mut outcomes).unwrap();
+        assert_eq!(outcomes.ended[0], None);
+    }
+    let [_, y] = games.snapshot(0).striker_positions[0];
+    assert!(y < -0.16, "the striker is not over its cup: {y}");
 }
 
 #[test]

@@ -67,7 +67,7 @@ fn the_file_holds_curve_weights_and_games_that_eval_reads() {
     let curve = recording.series::<TrainingUpdate>(UPDATE_TOPIC).unwrap().values;
     assert_eq!(curve.iter().map(|point| point.update).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
     let stored = read_policy(&recording).unwrap();
-    assert_eq!((stored.policy.network().inputs(), stored.action_scale_m_per_s), (29, 0.4));
+    assert_eq!((stored.policy.network().inputs(), stored.action_scale_m_per_s), (35, 0.4));
     assert!(recording.attachment("policy.onnx").is_some());
     assert!(out.with_extension("html").exists());
     check_events(&events, &curve);
