@@ -368,13 +368,15 @@ impl Args {
     }
 
     /// Settings of a run that may continue the one in `policy`: its learning rate goes on as planned
-    /// there, also with another number of steps.
+    /// there. With more steps than planned it decays to zero at the new end.
     fn continued(&self, settings: TrainSettings, policy: &Path) -> anyhow::Result<TrainSettings> {
         if !self.resume || self.settings.is_some() || !policy.exists() {
             return Ok(settings);
         }
         let stored = read_policy(&Recording::open(policy)?)?.settings;
-        Ok(TrainSettings { anneal_transitions: stored.anneal_transitions, ..settings })
+        let anneal_transitions =
+            stored.anneal_transitions.map(|planned| planned.max(settings.steps));
+        Ok(TrainSettings { anneal_transitions, ..settings })
     }
 
     /// Command line with every option that decides the result; the settings are in their own file.

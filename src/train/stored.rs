@@ -180,7 +180,7 @@ pub fn read_policy(recording: &Recording) -> Result<StoredPolicy, TrainError> {
 }
 
 /// Read the checkpoint of a `policy.mcap` for a run with `settings` and `actuator`. Settings except
-/// [`TrainSettings::steps`] must equal those of the file.
+/// [`TrainSettings::steps`] and [`TrainSettings::anneal_transitions`] must equal those of the file.
 ///
 /// # Errors
 /// When a part is missing or a setting differs; the error has both values.
@@ -195,7 +195,8 @@ pub fn read_checkpoint(
     let mismatch = |what: &str, found: &str, expected: &str| {
         parts.mismatch((what, found), ("this command", expected), remedy)
     };
-    let steps = TrainSettings { steps: settings.steps, ..stored.settings.clone() };
+    let TrainSettings { steps, anneal_transitions, .. } = *settings;
+    let steps = TrainSettings { steps, anneal_transitions, ..stored.settings.clone() };
     let values =
         [&steps, settings].map(|settings| serde_json::to_value(settings).unwrap_or_default());
     if let Some((key, [found, expected])) = first_difference("", [&values[0], &values[1]]) {

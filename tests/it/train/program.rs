@@ -49,6 +49,27 @@ fn a_resumed_run_is_the_uninterrupted_one_byte_for_byte() {
 }
 
 #[test]
+fn with_more_steps_a_finished_run_learns_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("policy");
+    let run = |steps: &str, more: &[&str]| {
+        let output = out.to_str().unwrap();
+        let fixed = ["train", "--envs", "32", "--hidden", "8", "--games", "0", "--output", output];
+        let (_, errors, status) =
+            said(&klasktron(&[&fixed[..], &["--steps", steps], more].concat()));
+        assert_eq!(status, 0, "{errors}");
+        let recording = Recording::open(&out.join("policy.mcap")).unwrap();
+        recording.series::<TrainingUpdate>(UPDATE_TOPIC).unwrap().values
+    };
+    // Two updates, then two more: the rate of the longer run at half of its way.
+    assert_eq!(run("2048", &[]).len(), 2);
+    let curve = run("4096", &["--resume"]);
+    let rates: Vec<f32> = curve.iter().map(|update| update.learning_rate).collect();
+    assert_eq!(rates.len(), 4);
+    assert!((rates[2] / rates[0] - 0.5).abs() < 1e-6, "{rates:?}");
+}
+
+#[test]
 fn the_file_holds_curve_weights_and_games_that_eval_reads() {
     let dir = tempfile::tempdir().unwrap();
     let settings = settings_file(dir.path(), &tiny());
