@@ -43,6 +43,7 @@ mod batch;
 mod calibrate_page;
 mod checks;
 mod compare;
+mod describe;
 mod direct;
 mod document;
 mod evidence;
@@ -83,9 +84,9 @@ pub use evidence::LogScoreGain;
 pub use explain::significant;
 pub use find::{Found, find};
 pub use findings::{
-    Description, DescriptionTerm, Document, Evidence, IdentifiedEffect, IdentifiedParameter,
-    Indistinguishable, Localization, NextExperiment, ParameterChange, RejectedEffect,
-    SignalResidual, Verdict,
+    Description, DescriptionScale, DescriptionTerm, Document, Evidence, IdentifiedEffect,
+    IdentifiedParameter, Indistinguishable, Localization, NextExperiment, ParameterChange,
+    RejectedEffect, SignalResidual, Verdict,
 };
 pub use fit::{Fit, Uncertainty};
 pub use floor::{Floor, FloorSource};

@@ -260,6 +260,23 @@ fn summary(document: &Document) -> String {
             change.name, change.location, change.before, change.after, change.unit
         ));
     }
+    for term in document.description.iter().flat_map(|own| &own.terms) {
+        let [low, high] = term.ci95.map(gap::significant);
+        let coefficient = gap::significant(term.coefficient);
+        lines.push(format!(
+            "  {} on {}: {coefficient} ({low} to {high}) {}",
+            term.feature, term.location, term.unit
+        ));
+    }
+    for own in document.description.iter().flat_map(|own| &own.scales) {
+        let (origin, scale) = (gap::significant(own.origin), gap::significant(own.scale));
+        lines.push(format!(
+            "    {} = ({} - {origin} {unit}) / ({scale} {unit})",
+            own.symbol,
+            own.quantity,
+            unit = own.unit
+        ));
+    }
     lines.push(residuals(document));
     if let Some(next) = &document.next_experiment {
         lines.push(format!("next experiment: {}, which decides {}", next.motion, next.decides));

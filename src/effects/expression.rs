@@ -557,6 +557,15 @@ pub fn define(definition: &Definition) -> Result<&'static Effect, DefinitionErro
     Ok(effect)
 }
 
+/// The effect of `definition` that [`find`] does not know, for an effect that belongs to one search. It is kept for the
+/// life of the program.
+///
+/// # Errors
+/// The definition is wrong.
+pub(crate) fn define_unnamed(definition: &Definition) -> Result<&'static Effect, DefinitionError> {
+    definition.effect()
+}
+
 impl Effect {
     /// Definition of an effect of a user; `None` for one of the catalogue.
     #[must_use]

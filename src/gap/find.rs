@@ -3,14 +3,15 @@
 
 use super::{
     checks::{self, Objection},
+    describe::{self, Features},
     document::{self, Material},
-    findings::{Document, Verdict},
+    findings::{Document, SignalResidual, Verdict},
     floor::{self, Floor},
     journal::{JournalEntry, MoveKind},
     known,
     options::Context,
     rounds::{self, Held, Link, Outcome, Task},
-    scatter, user_effects,
+    scatter, user_effects, verdict,
 };
 use crate::{
     effects::{CATALOGUE, Effect, Physics},
@@ -125,11 +126,49 @@ pub fn find<'a>(
         unseen: &unseen,
     };
     let mut document = document::document(&material, journal);
+    if document.verdict == Verdict::Unexplained {
+        describe_rest(&mut document, sessions, &outcomes, context);
+    }
     document.warnings.extend(context.options.defined().iter().filter_map(|effect| {
         let stages = sessions.iter().flat_map(Session::stages);
         user_effects::objection(effect, start.machine, stages)
     }));
     Found { document, twin, outcomes, floors }
+}
+
+/// Describe in `document` the residual that no effect explains, where forces act on its stage.
+fn describe_rest(
+    document: &mut Document,
+    sessions: &[Session],
+    outcomes: &[Outcome<'_>],
+    context: Context<'_>,
+) {
+    let open = outcomes.iter().filter(|outcome| is_open(outcome, &document.residuals));
+    let Some((outcome, features)) =
+        open.filter_map(|outcome| Some((outcome, Features::of(outcome)?))).next()
+    else {
+        document.summary +=
+            " It is not described by an equation, since no force acts on its stage.";
+        return;
+    };
+    let options = features.options(context.options);
+    let link = link_of(sessions, outcome.kind, Context { options: &options, ..context }, &[]);
+    let start = &outcome.last.point.twin;
+    let found = rounds::search(&link, start, Task::CloseGap);
+    let description = features.description(&found, &stated(start, &found));
+    document.journal.extend(features.entries(description.as_ref()));
+    document.summary += &match &description {
+        Some(description) => format!(" {}", describe::sentence(description)),
+        None => format!(" {}.", features.none_passed()),
+    };
+    document.description = description;
+}
+
+/// Whether the stage of `outcome` holds a residual that is not explained.
+fn is_open(outcome: &Outcome<'_>, residuals: &[SignalResidual]) -> bool {
+    let channels = outcome.train.parts.first().map_or(&[][..], |part| part.stage.channels());
+    let is_own = |own: &&SignalResidual| channels.iter().any(|it| it.signal == own.signal);
+    outcome.unexplained.is_some() || residuals.iter().filter(is_own).any(verdict::is_above_floor)
 }
 
 /// A refusal for the reason of `objection`: nothing was fitted.

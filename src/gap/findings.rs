@@ -3,7 +3,10 @@
 //! `datasets_schema/gap.schema.json` is its JSON Schema. Numbers are finite; a value that does not exist is null.
 
 use super::{journal::JournalEntry, numbers::ParameterEstimate};
-use crate::effects::{Axis, Domain};
+use crate::{
+    effects::{Axis, Domain},
+    twin::StageKind,
+};
 use serde::{Deserialize, Serialize};
 
 /// Version of the document.
@@ -186,22 +189,57 @@ pub struct ParameterChange {
 /// Sparse equation of the residual where no effect of the catalogue explains it. It is a description, not a cause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Description {
-    /// The equation as text.
+    /// Fitted stage.
+    pub stage: StageKind,
+    /// The equation as text: the force F along the coordinate that the twin lacks.
     pub equation: String,
-    /// Its terms.
+    /// Its terms, in the order in which they were added.
     pub terms: Vec<DescriptionTerm>,
+    /// What the symbols of the features are: (quantity - origin) / scale.
+    pub scales: Vec<DescriptionScale>,
+    /// Fraction of the squared whitened residual on the validation sessions that all terms remove; null without
+    /// validation sessions.
+    pub validation_gain: Option<f64>,
 }
 
 /// One term of a [`Description`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DescriptionTerm {
-    /// Feature, such as `|v| v`.
+    /// Dimensionless feature, such as `v |v|`.
     pub feature: String,
+    /// Axis on which the force acts.
+    pub location: Axis,
     /// Its coefficient.
     pub coefficient: f64,
     /// 95 % interval of the coefficient.
     pub ci95: [f64; 2],
     /// Unit of the coefficient.
+    pub unit: String,
+    /// The term in the language of `--effects`.
+    pub expression: String,
+    /// Tail probability of the screening test, Bonferroni-corrected for `comparisons`.
+    pub p_value: f64,
+    /// Number of comparisons for which `p_value` is corrected.
+    pub comparisons: usize,
+    /// Fraction of the squared whitened residual on the validation sessions that it removes; null without validation
+    /// sessions.
+    pub validation_gain: Option<f64>,
+    /// Other features that describe the data equally well.
+    pub indistinguishable: Vec<String>,
+}
+
+/// A symbol in the features of a [`Description`]: (quantity - `origin`) / `scale`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DescriptionScale {
+    /// Symbol.
+    pub symbol: String,
+    /// Quantity, such as `velocity`.
+    pub quantity: String,
+    /// Value at which the symbol is zero.
+    pub origin: f64,
+    /// Size at which it is one.
+    pub scale: f64,
+    /// Unit of both.
     pub unit: String,
 }
 
@@ -237,7 +275,7 @@ pub struct Document {
     pub residuals: Vec<SignalResidual>,
     /// Parameters of the given twin that changed.
     pub parameter_changes: Vec<ParameterChange>,
-    /// Sparse equation of an unexplained residual.
+    /// Sparse equation of an unexplained residual; null where the verdict is another one, and where no feature passed.
     pub description: Option<Description>,
     /// The recording that would answer what is open.
     pub next_experiment: Option<NextExperiment>,

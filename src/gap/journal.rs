@@ -26,6 +26,8 @@ pub enum MoveKind {
     Remove,
     /// The search ends.
     Stop,
+    /// What no effect explains is described by a feature.
+    Describe,
 }
 
 /// One move of the search.

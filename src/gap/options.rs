@@ -209,6 +209,12 @@ impl SearchOptions {
         Ok(self)
     }
 
+    /// The same search over `effects` instead of the catalogue.
+    #[must_use]
+    pub(super) fn over(&self, effects: Vec<&'static Effect>) -> Self {
+        Self { defined: effects.clone(), selected: Some(effects), ..self.clone() }
+    }
+
     /// Check that an effect or a group of effects is called `name`.
     ///
     /// # Errors

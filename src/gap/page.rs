@@ -13,7 +13,8 @@ use self::text::{number, sentence, shown_unit, with_interval};
 use super::{
     find::Found,
     findings::{
-        Document, IdentifiedEffect, NextExperiment, ParameterChange, SignalResidual, Verdict,
+        Description, Document, IdentifiedEffect, NextExperiment, ParameterChange, SignalResidual,
+        Verdict,
     },
 };
 use crate::{
@@ -162,17 +163,53 @@ fn notes(page: &mut Page, document: &Document) {
         command.iter().for_each(|command| page.code(command));
     }
     if let Some(description) = &document.description {
-        page.paragraph(&format!("Sparse equation of the residual: {}", description.equation));
-        let rows = description.terms.iter().map(|term| {
-            let [value, interval] = with_interval(term.coefficient, Some(term.ci95));
-            vec![term.feature.clone(), value, interval, unit(&term.unit)]
-        });
-        let head = ["term", "coefficient", "95 % interval", "unit"];
-        page.table(&Table::new(&head, rows.collect()));
+        described(page, description);
     }
     for warning in document.warnings.iter().filter(|warning| **warning != document.summary) {
         page.warning(&sentence(warning));
     }
+}
+
+/// The sparse equation of an unexplained residual.
+fn described(page: &mut Page, description: &Description) {
+    page.section("Description of the unexplained residual");
+    page.paragraph(&format!(
+        "{}. F is the force along the coordinate that the simulation lacks. The equation describes the residual and \
+         names no cause.",
+        description.equation
+    ));
+    let rows = description.terms.iter().map(|term| {
+        let [value, interval] = with_interval(term.coefficient, Some(term.ci95));
+        vec![
+            term.feature.clone(),
+            term.location.to_string(),
+            value,
+            interval,
+            unit(&term.unit),
+            term.validation_gain.map_or("–".to_owned(), text::percent),
+            term.indistinguishable.join(", "),
+        ]
+    });
+    let head = [
+        "feature",
+        "axis",
+        "coefficient",
+        "95 % interval",
+        "unit",
+        "validation gain",
+        "describe the data equally well",
+    ];
+    page.table_of_words(&Table::new(&head, rows.collect()));
+    let rows = description.scales.iter().map(|own| {
+        vec![
+            own.symbol.clone(),
+            own.quantity.clone(),
+            number(own.origin),
+            number(own.scale),
+            unit(&own.unit),
+        ]
+    });
+    page.table(&Table::new(&["symbol", "quantity", "origin", "scale", "unit"], rows.collect()));
 }
 
 fn effects(page: &mut Page, document: &Document) {

@@ -64,20 +64,27 @@ fn verdict(findings: &Findings<'_, '_>) -> Verdict {
     }
 }
 
-/// The signal farthest above its floor, and its residual over the floor; a signal without residual or floor counts as
-/// above it, without a ratio. `None` where every residual is at its floor.
+/// The signal farthest above its floor, and its residual over the floor, which is `None` where it has no ratio. `None`
+/// where every residual is at its floor.
 fn above_floor(residuals: &[SignalResidual]) -> Option<(&SignalResidual, Option<f64>)> {
-    let ratio = |own: &SignalResidual| {
-        let after =
-            [own.train_after, own.validation_after].into_iter().flatten().reduce(f64::max)?;
-        let floor = own.noise_floor.filter(|floor| 0.0 < *floor);
-        // A signal without noise that is predicted exactly is at its floor.
-        if after == 0.0 { Some(0.0) } else { floor.map(|floor| after / floor) }
-    };
-    let of_all = residuals.iter().map(|own| (own, ratio(own)));
-    of_all
-        .filter(|(_, ratio)| ratio.is_none_or(|ratio| AT_FLOOR < ratio))
+    residuals
+        .iter()
+        .filter(|own| is_above_floor(own))
+        .map(|own| (own, floor_ratio(own)))
         .max_by(|a, b| a.1.unwrap_or(0.0).total_cmp(&b.1.unwrap_or(0.0)))
+}
+
+/// Whether the residual of a signal is above its floor; without residual or floor it counts as above.
+pub(super) fn is_above_floor(residual: &SignalResidual) -> bool {
+    floor_ratio(residual).is_none_or(|ratio| AT_FLOOR < ratio)
+}
+
+/// Residual of a signal over its floor.
+fn floor_ratio(own: &SignalResidual) -> Option<f64> {
+    let after = [own.train_after, own.validation_after].into_iter().flatten().reduce(f64::max)?;
+    let floor = own.noise_floor.filter(|floor| 0.0 < *floor);
+    // A signal without noise that is predicted exactly is at its floor.
+    if after == 0.0 { Some(0.0) } else { floor.map(|floor| after / floor) }
 }
 
 /// Return whether at least half of the fitted parameters changed, and several of them far.

@@ -1,5 +1,6 @@
 //! `calibrate` and `gap` on recordings whose makers share no code with the twin: the formulas below.
 
+mod description;
 mod options;
 mod user_effects;
 
@@ -41,6 +42,8 @@ struct Axis {
     knock: f64,
     /// A spring that hardens pulls it to the middle (N/m^3).
     hardening: f64,
+    /// A force against the motion that grows with the cube of the speed, forwards only (N s^3/m^3).
+    cubic_forwards: f64,
     /// It moves on besides (m/s).
     speed: f64,
     seed: u64,
@@ -98,6 +101,7 @@ impl Axis {
                 + (Self::COULOMB_N + self.by_place[0] * q) * (v / 1e-4).tanh()
                 + (viscous + self.by_place[1] * q) * v
                 + self.hardening * q.powi(3)
+                + self.cubic_forwards * v.max(0.0).powi(3)
                 + if (6.0..6.2).contains(&(k as f64 / AXIS_HZ as f64)) { self.knock } else { 0.0 }
                 + Self::NOISE_N * f64::from(normal);
             let input = AxisInput { value: by_input * force, unit: "N".into() };
@@ -124,6 +128,7 @@ impl Axis {
             by_place: [0.0; 2],
             knock: 0.0,
             hardening: 0.0,
+            cubic_forwards: 0.0,
             speed: 0.0,
             seed: 1,
             units: Units::SI,

@@ -140,6 +140,7 @@ fn move_words(made: &Move) -> String {
         MoveKind::Split => "split",
         MoveKind::Remove => "remove",
         MoveKind::Stop => "stop",
+        MoveKind::Describe => "describe",
     };
     let effect = made.effect.as_ref().map_or_else(String::new, |effect| format!(" {effect}"));
     let location = made.location.map_or_else(String::new, |location| format!(" on {location}"));
