@@ -61,6 +61,7 @@ mod locate;
 mod memo;
 mod nuisance;
 mod numbers;
+mod numerics;
 mod observer;
 mod options;
 mod outliers;

@@ -336,6 +336,24 @@ mod tests {
     }
 
     #[test]
+    fn the_test_of_means_is_that_of_statsmodels() {
+        // statsmodels 0.15: stats.multivariate.test_mvmean(sample): statistic, pvalue
+        let sample = [
+            [0.3, -0.1],
+            [0.5, 0.2],
+            [-0.2, 0.4],
+            [0.7, 0.3],
+            [0.1, -0.3],
+            [0.4, 0.6],
+            [0.2, 0.1],
+            [0.6, -0.2],
+        ];
+        let (f, p) = mean_is_zero(&sample.map(Vec::from));
+        assert!((f / 4.891_629_297_5 - 1.0).abs() < 1e-8, "{f}");
+        assert!((p / 0.054_936_847_6 - 1.0).abs() < 1e-6, "{p}");
+    }
+
+    #[test]
     fn coloured_noise_alone_is_rarely_an_effect() {
         let trials = 400;
         let (mut named, mut joined) = (0, 0);

@@ -8,7 +8,7 @@
 use super::{
     batch::in_parallel,
     find::Found,
-    fit::Normal,
+    numerics::normal::Normal,
     problem::dot,
     round::VISIBLE,
     rounds::Outcome,
@@ -120,7 +120,7 @@ fn columns(outcome: &Outcome<'_>) -> Vec<Column> {
     let base = problem.evaluated(outcome.last.point.clone());
     let known = problem.columns(&base, &outcome.last.slots, filters);
     let linear = problem.linear_of(&base, known, filters);
-    let normal = Normal::new(&linear);
+    let normal = Normal::new(&linear.columns, &linear.residual);
     in_parallel(&pairs(problem, twin), |(effect, axis)| {
         let variants: Vec<Twin> =
             effect.probes.iter().map(|probe| screen::with(twin, effect, *axis, probe)).collect();

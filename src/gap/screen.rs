@@ -9,7 +9,8 @@
 use super::{
     batch::in_parallel,
     evidence::{joint, least_squares},
-    fit::{Fit, Normal},
+    fit::Fit,
+    numerics::normal::Normal,
     observer::SearchStep,
     problem::{Evaluated, Linear, Problem, dot},
     user_effects,
@@ -74,7 +75,8 @@ pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> V
     let linear = problem.linear_of(&base, known, filters);
     let linear_residual =
         problem.parts.first().map(|part| part.residual(&base.prediction[0])).unwrap_or_default();
-    let screen = Screen { problem, found, filters, base, normal: Normal::new(&linear), linear };
+    let normal = Normal::new(&linear.columns, &linear.residual);
+    let screen = Screen { problem, found, filters, base, normal, linear };
     let (shared, single): (Vec<_>, Vec<_>) =
         pairs(problem, &found.point.twin).into_iter().partition(|(_, axis)| is_shared(*axis));
     let tries = shared

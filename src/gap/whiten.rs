@@ -216,7 +216,10 @@ pub(super) fn fit_filters(parts: &[Residual<'_>]) -> Filters {
                 .extend(layout.bridged_stretches(index, &residual[index]));
         }
     }
-    by_signal.into_iter().map(|(signal, pieces)| (signal, fit_one(&pieces))).collect()
+    by_signal
+        .into_iter()
+        .map(|(signal, pieces)| (signal, autoregressive(&pieces, SOFTENING)))
+        .collect()
 }
 
 /// Filters that only scale: one over the RMS of each signal's residual.
@@ -256,8 +259,9 @@ pub(super) fn in_order(stage: &dyn Stage, filters: &Filters) -> Vec<Filter> {
         .collect()
 }
 
-/// Least squares over all pieces for every order, the order by the Bayesian information criterion.
-fn fit_one(pieces: &[Vec<f64>]) -> Filter {
+/// Least squares over all pieces for every order, the order by the Bayesian information criterion. `softening` is the
+/// variance of white noise, as a fraction of that of the pieces, that is added to the model.
+fn autoregressive(pieces: &[Vec<f64>], softening: f64) -> Filter {
     let mut gram = Mat::<f64>::zeros(MOST_ORDER + 1, MOST_ORDER + 1);
     let mut count = 0_usize;
     for piece in pieces {
@@ -283,7 +287,7 @@ fn fit_one(pieces: &[Vec<f64>]) -> Filter {
         if count < 10 * order {
             break;
         }
-        let ridge = SOFTENING * total;
+        let ridge = softening * total;
         let left = Mat::from_fn(order, order, |i, j| {
             gram[(i + 1, j + 1)] + if i == j { ridge } else { 0.0 }
         });
@@ -305,4 +309,98 @@ fn fit_one(pieces: &[Vec<f64>]) -> Filter {
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed::Stream;
+
+    /// Samples of each process.
+    const COUNT: usize = 40_000;
+
+    /// Largest correlation of white noise of this length at any of [`LAGS`] lags: four standard deviations.
+    const BAND: f64 = 4.0 / 200.0;
+
+    const LAGS: usize = 20;
+
+    /// Innovations of the processes.
+    const DEVIATION: f64 = 2.0;
+
+    /// An autoregressive process with these `weights` of the samples before.
+    fn process(seed: u64, weights: &[f64]) -> Vec<f64> {
+        let mut stream = Stream::new(seed, "whiten");
+        let mut values = vec![0.0; weights.len()];
+        for _ in 0..COUNT + 1000 {
+            let normal: f64 = (0..12).map(|_| f64::from(stream.uniform_f32(-0.5, 0.5))).sum();
+            let past = values.iter().rev().zip(weights);
+            let next = past.map(|(value, weight)| weight * value).sum::<f64>() + DEVIATION * normal;
+            values.push(next);
+        }
+        values.split_off(values.len() - COUNT)
+    }
+
+    /// What `filter` leaves of `values`.
+    fn innovations(values: &[f64], filter: &Filter) -> Vec<f64> {
+        let own = |k: usize| {
+            let past = filter.coefficients.iter().enumerate();
+            values[k] - past.map(|(lag, weight)| weight * values[k - 1 - lag]).sum::<f64>()
+        };
+        (MOST_ORDER..values.len()).map(own).collect()
+    }
+
+    fn covariance(values: &[f64], lag: usize) -> f64 {
+        let products = values.iter().zip(&values[lag..]).map(|(one, other)| one * other);
+        products.sum::<f64>() / values.len() as f64
+    }
+
+    #[test]
+    fn a_process_is_whitened_and_the_variance_of_its_innovations_recovered() {
+        for weights in [&[][..], &[0.7], &[1.2, -0.5], &[0.5, 0.1, -0.3]] {
+            let values = process(1, weights);
+            let filter = autoregressive(std::slice::from_ref(&values), 0.0);
+            for (index, weight) in weights.iter().enumerate() {
+                assert!(
+                    (filter.coefficients[index] - weight).abs() < BAND,
+                    "{weights:?}: {filter:?}"
+                );
+            }
+            assert!((filter.scatter / DEVIATION - 1.0).abs() < BAND, "{weights:?}: {filter:?}");
+            let rest = innovations(&values, &filter);
+            for lag in 1..=LAGS {
+                let correlation = covariance(&rest, lag) / covariance(&rest, 0);
+                assert!(correlation.abs() < BAND, "{weights:?}, lag {lag}: {correlation}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_order_is_that_of_the_process() {
+        for weights in [&[][..], &[0.7], &[1.2, -0.5]] {
+            let orders: Vec<usize> = (0..5)
+                .map(|seed| autoregressive(&[process(seed, weights)], 0.0).coefficients.len())
+                .collect();
+            let right = orders.iter().filter(|order| **order == weights.len()).count();
+            assert!(4 <= right, "{weights:?}: {orders:?}");
+        }
+    }
+
+    #[test]
+    fn softening_adds_white_noise_to_the_normal_equations() {
+        let values = process(3, &[0.6]);
+        let gram = |lag: usize| covariance(&values, lag);
+        let filter = autoregressive(std::slice::from_ref(&values), SOFTENING);
+        let order = filter.coefficients.len();
+        assert!(1 <= order);
+        // The normal equations with the softened variance hold for the coefficients.
+        for i in 0..order {
+            let softened = SOFTENING * gram(0) * filter.coefficients[i];
+            let left: f64 =
+                (0..order).map(|j| gram(i.abs_diff(j)) * filter.coefficients[j]).sum::<f64>()
+                    + softened;
+            assert!((left / gram(0) - gram(i + 1) / gram(0)).abs() < BAND, "{filter:?}");
+        }
+        let variance = covariance(&innovations(&values, &filter), 0);
+        assert!((filter.scatter.powi(2) / variance - 1.0).abs() < BAND, "{filter:?} {variance}");
+    }
 }
