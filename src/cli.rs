@@ -93,6 +93,11 @@ pub(crate) enum Command {
     Info(commands::info::Args),
     /// Copy the readable part of a truncated or damaged recording
     Recover(commands::recover::Args),
+    /// Show a recording in Foxglove or Lichtblick, at its own pace
+    ///
+    /// The replay starts when a viewer subscribes to a topic. The scene (/scene) is computed where the recording
+    /// has none.
+    Replay(commands::replay::Args),
     /// Convert bags, npz, CSV and candump logs into recordings
     Import(commands::import::Args),
     /// Fit the actuator network and compare it with simpler models
@@ -265,6 +270,7 @@ impl Command {
             Self::Detect(args) => commands::detect::run(&args),
             Self::Info(args) => commands::info::run(&args),
             Self::Recover(args) => commands::recover::run(&args),
+            Self::Replay(args) => commands::replay::run(&args),
             Self::Import(args) => commands::import::run(&args),
             Self::FitActuator(args) => commands::fit_actuator::run(&args),
             Self::Calibrate(args) => commands::gap::calibrate(&args),

@@ -52,7 +52,7 @@ pub use arming::WatchdogPolicy;
 pub use control::LoopTiming;
 pub use error::{Part, PlanError, Violation};
 pub use homing::{HomingError, HomingPolicy};
-pub use leg::{Leg, RunLabel};
+pub use leg::{Leg, RunLabel, planned_paths};
 pub use pilot::{Carriage, Decision, FreeStretch, Moment, Pilot, Work};
 pub use plan::{Plan, PlannedRun, Schedule};
 pub use plan_page::{PlanPage, plan_page};

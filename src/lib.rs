@@ -47,6 +47,8 @@
 //! | 2 models | [`can`] | frames of the bus and the ODrive codec |
 //! | | [`gantry`] | CoreXY kinematics, limits, the robot file |
 //! | | [`link`] | connection to a table: clock, bus, camera |
+//! | | [`live`] | live view: WebSocket server for Foxglove |
+//! | | [`scene`] | three-dimensional scene of a recording, for viewers |
 //! | | [`rig`] | virtual rig: simulated drives, gantries, ball and camera behind a link |
 //! | | [`camera`] | images to positions: calibration, colours, detector, sources of frames |
 //! | | [`actuator`] | actuator models from command history to motion: fits and evaluation |
@@ -70,7 +72,7 @@
 //!
 //! - SI units inside; at every boundary (flag, field, plot) the unit is in the name.
 //! - Recorded time is an integer count of nanoseconds. Only `link`'s live connection, `camera`'s live
-//!   sources and `rig` in real time read the system's clock.
+//!   sources, `live` and `rig` in real time read the system's clock.
 //! - Equal inputs and seeds give equal bytes for any number of threads.
 //! - An output file appears under its name only when it is complete.
 //! - A recording that is marked for validation is never fitted.
@@ -94,9 +96,11 @@ pub mod ekf;
 pub mod game;
 pub mod gantry;
 pub mod link;
+pub mod live;
 pub mod opponent;
 pub mod ppo;
 pub mod rig;
+pub mod scene;
 pub mod twin;
 
 pub mod collect;

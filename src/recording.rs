@@ -52,6 +52,6 @@ pub use scan::{Loss, MAGIC};
 pub use schema::{FILE_DESCRIPTOR_SET, PROTOBUF, SchemaDifference, check_compatible, message};
 pub use split::Split;
 pub use writer::{
-    FlushPolicy, PROFILE, RECORDING_METADATA, RawSchema, RecordingWriter, SESSION_COMPLETED,
-    SESSION_METADATA,
+    FlushPolicy, Observer, PROFILE, RECORDING_METADATA, RawSchema, RecordingWriter,
+    SESSION_COMPLETED, SESSION_METADATA,
 };

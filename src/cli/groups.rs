@@ -7,7 +7,7 @@ use clap::{
 
 /// Heading of each group with its subcommands, in the order of the help.
 pub(super) const GROUPS: [(&str, &[&str]); 5] = [
-    ("Data", &["collect", "rig", "info", "recover", "import", "export"]),
+    ("Data", &["collect", "rig", "info", "recover", "replay", "import", "export"]),
     ("Camera", &["calibrate-camera", "tune-detector", "detect"]),
     ("Identify", &["fit-actuator", "calibrate", "gap", "effects", "simulate", "diff", "tune-ekf"]),
     ("Learn and play", &["train", "play", "eval", "sweep", "demo"]),

@@ -1,7 +1,8 @@
 //! Legs: the motions that a session executes, one after the other.
 
 use super::safety::CheckedPlan;
-use crate::{gantry::Reference, recording::topic::Player};
+use crate::{gantry::Reference, recording::topic::Player, scene::PlannedPath};
+use std::collections::BTreeMap;
 
 /// One leg: a run that is marked in the recording, or a move between runs.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,6 +22,19 @@ pub struct RunLabel {
     pub pattern: String,
     /// `train` or `validation`; empty where the split is decided later.
     pub split: String,
+}
+
+/// Return the planned paths of all runs by their numbers, for a scene.
+#[must_use]
+pub fn planned_paths(legs: &[Leg]) -> BTreeMap<u32, Vec<PlannedPath>> {
+    let of_player = |(player, reference): &(Player, Reference)| {
+        (*player, reference.setpoints().iter().map(|setpoint| setpoint.position).collect())
+    };
+    let of_leg = |leg: &Leg| {
+        let run = leg.run.as_ref()?;
+        Some((run.number, leg.references.iter().map(of_player).collect()))
+    };
+    legs.iter().filter_map(of_leg).collect()
 }
 
 impl Leg {

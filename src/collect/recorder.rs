@@ -10,6 +10,7 @@ use crate::{
         },
         topic::{self, Motor, Player},
     },
+    scene::{Scene, SceneSettings, Sight},
     units::Nanos,
 };
 use std::{
@@ -49,14 +50,16 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    /// Start the writing thread; `metadata` is the record that every recording has.
+    /// Start the writing thread; `metadata` is the record that every recording has. With `scene`, a
+    /// scene is recorded as well.
     pub(super) fn start(
         mut writer: RecordingWriter,
         metadata: BTreeMap<String, String>,
+        scene: Option<SceneSettings>,
     ) -> Result<Self, RecordingError> {
         writer.metadata(RECORDING_METADATA, metadata)?;
         let (jobs, queue) = sync_channel(QUEUE_LENGTH);
-        let thread = std::thread::spawn(move || write_all(writer, &queue));
+        let thread = std::thread::spawn(move || write_all(writer, &queue, scene));
         Ok(Self { jobs: Some(jobs), thread: Some(thread) })
     }
 
@@ -109,31 +112,58 @@ impl Recorder {
     }
 }
 
-fn write_all(mut writer: RecordingWriter, queue: &Receiver<Job>) -> Result<(), RecordingError> {
+fn write_all(
+    mut writer: RecordingWriter,
+    queue: &Receiver<Job>,
+    scene: Option<SceneSettings>,
+) -> Result<(), RecordingError> {
+    let mut scene = scene.map(Scene::new);
     for job in queue {
         match job {
             Job::Metadata { name, values } => writer.metadata(name, values)?,
-            Job::Write { times: [log, publish], entry } => {
-                let writer = &mut writer;
-                match &*entry {
-                    Entry::Can(m) => writer.write_published(topic::CAN_FRAMES, log, publish, m),
-                    Entry::Command(p, m) => writer.write(&topic::command(*p), log, m),
-                    Entry::Carriage(p, m) => writer.write(&topic::carriage(*p), log, m),
-                    Entry::Motor(p, which, m) => writer.write(&topic::motor(*p, *which), log, m),
-                    Entry::Drive(p, which, m) => writer.write(&topic::drive(*p, *which), log, m),
-                    Entry::Camera(m) => {
-                        writer.write_published(topic::CAMERA_DETECTIONS, log, publish, m)
-                    }
-                    Entry::Board(m) => writer.write(topic::BOARD_STATE, log, m),
-                    Entry::Truth(m) => writer.write(topic::TRUE_BOARD_STATE, log, m),
-                    Entry::Marker(m) => writer.write(topic::RUN_MARKER, log, m),
-                    Entry::Tick(m) => writer.write(topic::CONTROL_TICK, log, m),
-                    Entry::Event(m) => writer.write(topic::SESSION_EVENT, log, m),
-                }?;
+            Job::Write { times, entry } => {
+                write_entry(&mut writer, times, &entry)?;
+                if let Some(scene) = &mut scene
+                    && let Some(update) = sight(&entry).and_then(|own| scene.see(times, &own))
+                {
+                    update.write(&mut writer, times[0])?;
+                }
             }
         }
     }
     writer.finish()
+}
+
+fn write_entry(
+    writer: &mut RecordingWriter,
+    [log, publish]: [Nanos; 2],
+    entry: &Entry,
+) -> Result<(), RecordingError> {
+    match entry {
+        Entry::Can(m) => writer.write_published(topic::CAN_FRAMES, log, publish, m),
+        Entry::Command(p, m) => writer.write(&topic::command(*p), log, m),
+        Entry::Carriage(p, m) => writer.write(&topic::carriage(*p), log, m),
+        Entry::Motor(p, which, m) => writer.write(&topic::motor(*p, *which), log, m),
+        Entry::Drive(p, which, m) => writer.write(&topic::drive(*p, *which), log, m),
+        Entry::Camera(m) => writer.write_published(topic::CAMERA_DETECTIONS, log, publish, m),
+        Entry::Board(m) => writer.write(topic::BOARD_STATE, log, m),
+        Entry::Truth(m) => writer.write(topic::TRUE_BOARD_STATE, log, m),
+        Entry::Marker(m) => writer.write(topic::RUN_MARKER, log, m),
+        Entry::Tick(m) => writer.write(topic::CONTROL_TICK, log, m),
+        Entry::Event(m) => writer.write(topic::SESSION_EVENT, log, m),
+    }
+}
+
+/// What a scene shows of an entry.
+fn sight(entry: &Entry) -> Option<Sight> {
+    match entry {
+        Entry::Camera(m) => Some(Sight::Camera(*m)),
+        Entry::Carriage(player, m) => Some(Sight::Carriage(*player, *m)),
+        Entry::Board(m) => Some(Sight::Board(*m)),
+        Entry::Truth(m) => Some(Sight::Truth(*m)),
+        Entry::Marker(m) => Some(Sight::Marker(m.clone())),
+        _ => None,
+    }
 }
 
 /// Return an error with all its causes as text.

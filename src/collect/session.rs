@@ -24,6 +24,7 @@ use crate::{
         message::{RunMarker, run_marker::Phase},
         topic::Player,
     },
+    scene::SceneSettings,
     units::Nanos,
 };
 use std::{collections::BTreeMap, sync::atomic::AtomicUsize};
@@ -58,6 +59,8 @@ pub struct SessionConfig {
     /// Gain of the position correction towards the path ((m/s)/m): enough to cancel drift, and
     /// small enough to leave the drive's own response visible.
     pub hold_gain_per_s: f64,
+    /// Scene to record on `/scene`; `None` for no scene.
+    pub scene: Option<SceneSettings>,
     /// Entries of the metadata record that every recording has.
     pub metadata: BTreeMap<String, String>,
 }
@@ -119,7 +122,7 @@ pub fn run_session(
     log::info!("positions are referenced; recording starts");
     let mut metadata = config.metadata.clone();
     metadata.extend(control::arrivals(&config.players, &robot.can));
-    station.record_to(Recorder::start(writer, metadata)?);
+    station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
     let mut session = Session::new(station, config, &work, show);
     let reason = session.drive(work).err().unwrap_or(StopReason::Completed);
     log::info!("{reason}");
@@ -493,7 +496,7 @@ pub fn listen(
     }
     let mut metadata = config.metadata.clone();
     metadata.insert("carriage_origin".to_owned(), "unknown".to_owned());
-    station.record_to(Recorder::start(writer, metadata)?);
+    station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
     let started = station.now();
     let mut session = Session::new(station, config, &Work::Legs(&[]), show);
     let reason = session.hear(started.after_seconds(seconds)).err();

@@ -11,7 +11,7 @@ use clap::ValueEnum;
 use klasktron::{
     collect::{
         CheckedPlan, HomingPolicy, Leg, Plan, Schedule, SessionConfig, SessionError, SessionOutput,
-        SessionReport, Work, check_plan, listen, plan_page, run_session,
+        SessionReport, Work, check_plan, listen, plan_page, planned_paths, run_session,
     },
     gantry::{Pattern, Robot},
     link::BusSpec,
@@ -143,6 +143,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut config = args.session_config(&files, (players, plan.rate_hz), homing)?;
     config.metadata.extend(plan_metadata(&plan)?);
     let legs = Leg::of_plan(&checked);
+    if let Some(scene) = &mut config.scene {
+        scene.paths = planned_paths(&legs);
+    }
     drive(args, &files, |table, output| {
         run_session(table.link(), &files.robot, &config, Work::Legs(&legs), output)
     })

@@ -2,6 +2,7 @@
 
 use super::{
     Outcome, note,
+    replay::{has_no_scene, scene_settings},
     results::{OverwriteArgs, refuse_existing, refuse_existing_file, write_file},
     tell,
 };
@@ -10,9 +11,11 @@ use klasktron::{
     actuator::{self, WeightsFormat},
     recording::{
         Recording, RecordingError,
+        recover::write_extended,
         table::{self, TableFormat},
         write_bytes,
     },
+    scene::{Scene, Sight},
     twin::{
         export::{Target, export},
         read_twin,
@@ -33,6 +36,7 @@ const WEIGHTS_PREFIX: &str = "weights/";
   klasktron export train.mcap --to parquet --topic /striker/left/command -o commands.parquet
   klasktron export train.mcap --to csv -o tables
   klasktron export actuator/actuator.mcap --to onnx -o model.onnx
+  klasktron export match.mcap --to foxglove -o match-scene.mcap
   klasktron export gap/twin.json --to mjcf -o gantry.xml
   klasktron export gap/twin.json --to isaaclab -o gantry_actuator.py")]
 pub(crate) struct Args {
@@ -40,7 +44,7 @@ pub(crate) struct Args {
     file: PathBuf,
     /// Format: onnx, safetensors or torchscript for the weights of an actuator.mcap; parquet or csv
     /// for tables of any recording; npz for weights where the file has them, else tables; mjcf or
-    /// isaaclab for a twin
+    /// isaaclab for a twin; foxglove for a copy of a recording with the scene of the table
     #[arg(long)]
     to: Format,
     /// File to write; a folder with one file per topic, where there are several and no --topic
@@ -70,6 +74,7 @@ pub(crate) enum Format {
     Csv,
     Mjcf,
     Isaaclab,
+    Foxglove,
 }
 
 impl Format {
@@ -80,7 +85,7 @@ impl Format {
             Self::Parquet => Some(TableFormat::Parquet),
             Self::Csv => Some(TableFormat::Csv),
             Self::Onnx | Self::Safetensors | Self::Torchscript => None,
-            Self::Mjcf | Self::Isaaclab => None,
+            Self::Mjcf | Self::Isaaclab | Self::Foxglove => None,
         }
     }
 
@@ -103,6 +108,7 @@ impl Format {
             Self::Csv => "csv",
             Self::Mjcf => "xml",
             Self::Isaaclab => "py",
+            Self::Foxglove => "mcap",
         }
     }
 }
@@ -113,6 +119,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         return export_twin(args, target);
     }
     let recording = Recording::open(&args.file)?;
+    if args.to == Format::Foxglove {
+        return export_scene(&recording, args);
+    }
     let has_weights = recording.attachments.iter().any(|a| a.name.starts_with(WEIGHTS_PREFIX));
     let table_format = match args.to.of_table() {
         Some(format) if !(has_weights && args.to == Format::Npz && args.topic.is_none()) => format,
@@ -136,6 +145,28 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         Ok(table::write_table(&table, &args.output, table_format, existing)?)
     })?;
     Ok(outcome_of(&recording))
+}
+
+/// Write a copy of a recording with the scene of the table.
+fn export_scene(recording: &Recording, args: &Args) -> anyhow::Result<Outcome> {
+    let file = args.file.display();
+    if !has_no_scene(recording) {
+        bail!("{file}: the recording has a scene (/scene) already; open it in Foxglove as it is");
+    }
+    let mut scene = Scene::new(scene_settings(recording));
+    let mut updates = 0_usize;
+    write_file(&args.output, args.overwrite, |existing| {
+        Ok(write_extended(recording, &args.output, existing, |writer, topic, times, data| {
+            let sight = Sight::decode(topic, data);
+            let Some(update) = sight.and_then(|own| scene.see(times, &own)) else { return Ok(()) };
+            updates += 1;
+            update.write(writer, times[0])
+        })?)
+    })?;
+    if updates == 0 {
+        note(&format!("{file}: no detections, carriages or board states, so the scene is empty"));
+    }
+    Ok(outcome_of(recording))
 }
 
 /// Write the weights of an `actuator.mcap`.

@@ -105,6 +105,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let filter = args.ekf.as_deref().map(read_settings).transpose()?;
     let files = args.read_files()?;
     if let Some(model) = &args.simulation {
+        if args.session.has_live_view() {
+            bail!(
+                "--simulation runs faster than real time: record it, and show it with `klasktron replay`"
+            );
+        }
         return args.simulate(model, seats, (names, &files));
     }
     if let BusSpec::Replay(_) = args.table.bus {
@@ -113,7 +118,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if !args.table.has_camera() {
         bail!("a match needs a camera: give --camera");
     }
-    let mut game = Match::new(seats, &files.robot, &filter.unwrap_or_default(), args.seed)?;
+    let filter = filter.unwrap_or_default();
+    let mut game = Match::new(seats, &files.robot, &filter, args.seed)?;
     for warning in game.warnings(&files.robot) {
         tell(&format!("warning: {warning}"));
     }
@@ -126,6 +132,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let table = (&args.table, &files);
     let mut config = args.session.config(table, motion, homing, &args.output)?;
     config.metadata.extend(game.metadata());
+    if let Some(scene) = &mut config.scene {
+        scene.filter = filter;
+    }
     let stretch = FreeStretch { pilot: &mut game, seconds: args.seconds, label: label() };
     let (report, table) = args.session.run(table, &args.output, |table, output| {
         run_session(table.link(), &files.robot, &config, Work::Free(stretch), output)

@@ -1,14 +1,25 @@
 //! `klasktron rig`: the virtual rig in its own process, on a bus that other programs open from their side.
 
 use super::{
-    Outcome, interrupt, note, print,
-    table::{BUS_VARIABLE, CAMERA_VARIABLE, read_or_default},
+    Outcome, interrupt,
+    live::{self, LiveArgs},
+    note, print,
+    table::{BUS_VARIABLE, CAMERA_VARIABLE, read_or_default, system_time},
 };
 use anyhow::bail;
 use klasktron::{
-    link::{BusSpec, CameraSender, CameraSpec, Slcan, Transport, TransportSpec},
-    rig::{DriveReport, RigConfig, serve},
+    board::BoardSize,
+    link::{BusSpec, CameraSender, CameraSpec, Slcan, Transport, TransportSpec, parse_detections},
+    live::Publisher,
+    recording::{
+        message::CarriageState,
+        topic::{self, Player},
+    },
+    rig::{Body, DriveReport, RigConfig, Shown, Truth, serve},
+    scene::{self, Scene, SceneSettings, Sight},
+    units::Nanos,
 };
+use prost::Message as _;
 use std::{path::PathBuf, sync::Arc};
 
 /// Arguments of `klasktron rig`.
@@ -27,6 +38,8 @@ pub(crate) struct Args {
     /// Parameters and hidden effects (JSON)
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
+    #[command(flatten)]
+    live: LiveArgs,
     /// Print every parameter with its value as JSON and exit
     #[arg(long)]
     print_config: bool,
@@ -41,19 +54,70 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let bus = open_bus(args.bus.as_ref(), config.bus.bitrate)?;
     let camera = args.camera.as_ref().map(CameraSender::connect).transpose()?;
+    let server = args.live.start()?;
+    let board = BoardSize::new(config.board.short_side_m, config.board.long_side_m)?;
+    let mut watch = server.as_ref().map(|own| Watch::new(own.publisher(), board));
     let stop = interrupt::raised_by_ctrl_c("stopping the rig")?;
     note("the rig is running; press Ctrl-C to stop it");
-    let mut send_picture = |datagram: &[u8]| {
-        if let Some(camera) = &camera {
-            camera.send(datagram);
+    let report = serve(&*bus, config, stop, |shown| match shown {
+        Shown::Frame(datagram) => {
+            if let Some(camera) = &camera {
+                camera.send(datagram);
+            }
+            watch.as_mut().into_iter().for_each(|own| own.see_frame(datagram));
         }
-    };
-    let report = serve(&*bus, &mut send_picture, config, stop, print_change)?;
+        Shown::Drive(report) => print_change(report),
+        Shown::Truth(truth) => {
+            watch.as_mut().into_iter().for_each(|own| own.see_truth(truth));
+        }
+    })?;
+    live::tell_dropped(server.as_ref());
     note(&format!(
         "{} frames received, {} sent, {} dropped because the bus was full",
         report.received, report.sent, report.given_up
     ));
     Ok(Outcome::Done)
+}
+
+/// Live view of a rig: camera, truth and scene.
+struct Watch {
+    publisher: Publisher,
+    scene: Scene,
+}
+
+impl Watch {
+    fn new(publisher: Publisher, board: BoardSize) -> Self {
+        let settings = SceneSettings { board, ..SceneSettings::default() };
+        Self { publisher, scene: Scene::new(settings) }
+    }
+
+    fn see_frame(&mut self, datagram: &[u8]) {
+        // The rig writes valid datagrams, except where a fault of the camera is configured.
+        let Ok(detections) = parse_detections(datagram) else { return };
+        let now = system_time();
+        self.publisher.publish_message(topic::CAMERA_DETECTIONS, now, &detections);
+        self.see([now, Nanos(detections.capture_time_ns)], &Sight::Camera(detections));
+    }
+
+    fn see_truth(&mut self, truth: &Truth) {
+        let (now, state) = (system_time(), truth.board_state());
+        self.publisher.publish_message(topic::TRUE_BOARD_STATE, now, &state);
+        self.see([now; 2], &Sight::Truth(state));
+        for player in Player::BOTH {
+            let Body { x, y, vx, vy } = truth.player(player).carriage;
+            let state = CarriageState { x, y, vx, vy };
+            let topic = format!("/truth{}", topic::carriage(player));
+            self.publisher.publish_message(&topic, now, &state);
+            self.see([now; 2], &Sight::Carriage(player, state));
+        }
+    }
+
+    fn see(&mut self, times: [Nanos; 2], sight: &Sight) {
+        if let Some(update) = self.scene.see(times, sight) {
+            let data = update.encode_to_vec();
+            self.publisher.publish(topic::SCENE, &scene::schema(), times[0], &data);
+        }
+    }
 }
 
 /// Print each change of a drive as a line of JSON on stdout.

@@ -2,6 +2,7 @@
 
 use super::{
     Outcome, interrupt,
+    live::{self, LiveArgs},
     live_view::LiveView,
     note,
     results::{OverwriteArgs, refuse_existing_file},
@@ -11,14 +12,17 @@ use super::{
 use anyhow::{anyhow, bail};
 use clap::ValueEnum;
 use klasktron::{
+    board::BoardSize,
     collect::{
         HomingPolicy, NodeFirmware, RawFrames, SessionConfig, SessionError, SessionOutput,
         SessionReport, WatchdogPolicy,
     },
     gantry::Robot,
     link::BusSpec,
+    live::LiveServer,
     provenance::{CRATE_VERSION, GIT_HASH},
     recording::{FlushPolicy, RecordingWriter, SESSION_COMPLETED, partial_name, topic::Player},
+    scene::SceneSettings,
 };
 use std::{collections::BTreeMap, path::Path};
 
@@ -39,6 +43,11 @@ pub(crate) struct SessionArgs {
     /// Record every CAN frame on /can/frames
     #[arg(long)]
     raw: bool,
+    #[command(flatten)]
+    live: LiveArgs,
+    /// Record a scene for three-dimensional viewers on /scene; --live does so too
+    #[arg(long)]
+    scene: bool,
     /// Session name in the recording's metadata [default: the name of the file]
     #[arg(long)]
     session: Option<String>,
@@ -116,6 +125,7 @@ impl SessionArgs {
             raw: if self.raw { RawFrames::Record } else { RawFrames::Omit },
             accepted_firmware: self.accept_firmware.clone(),
             hold_gain_per_s,
+            scene: self.scene_settings(&files.robot)?,
             metadata: metadata(&files.robot, homing)?,
         };
         let name = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -132,6 +142,18 @@ impl SessionArgs {
         Ok(config)
     }
 
+    /// Scene to record, without paths; `None` where nobody asked for one.
+    fn scene_settings(&self, robot: &Robot) -> anyhow::Result<Option<SceneSettings>> {
+        let board = BoardSize::new(robot.board.short_side_m, robot.board.long_side_m)?;
+        let settings = SceneSettings { board, ..SceneSettings::default() };
+        Ok((self.scene || self.has_live_view()).then_some(settings))
+    }
+
+    /// Return whether viewers are served.
+    pub(crate) fn has_live_view(&self) -> bool {
+        self.live.live.is_some()
+    }
+
     /// Open table and file, run one session, and return its report with the table.
     pub(crate) fn run(
         &self,
@@ -140,9 +162,15 @@ impl SessionArgs {
         run: impl FnOnce(&mut OpenTable, SessionOutput<'_>) -> Result<SessionReport, SessionError>,
     ) -> anyhow::Result<(SessionReport, OpenTable)> {
         refuse_existing_file(output, self.overwrite)?;
+        let server = self.live.start()?;
         let mut table = table.open(files)?;
-        let writer =
+        let mut writer =
             RecordingWriter::create(output, self.overwrite.existing(), FlushPolicy::EverySecond)?;
+        if let Some(mut publisher) = server.as_ref().map(LiveServer::publisher) {
+            writer.observe(Box::new(move |topic, schema, time, data| {
+                publisher.publish(topic, schema, time, data);
+            }));
+        }
         let presses = interrupt::counted_ctrl_c(
             "interrupted: ramping down and disarming; press Ctrl-C again for an emergency stop",
             "emergency stop; press Ctrl-C again to abort",
@@ -152,6 +180,7 @@ impl SessionArgs {
             SessionOutput { writer, presses, show: &mut |progress| view.show(progress) };
         let result = run(&mut table, session_output);
         view.close();
+        live::tell_dropped(server.as_ref());
         Ok((result?, table))
     }
 }

@@ -253,7 +253,7 @@ pub(crate) fn parse_within(text: &str, low: f64, high: f64, unit: &str) -> Resul
 }
 
 /// System time since the Unix epoch.
-fn system_time() -> Nanos {
+pub(crate) fn system_time() -> Nanos {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     Nanos(since.as_nanos() as u64)
 }

@@ -5,6 +5,7 @@ use super::{
     atomic::ExistingFile,
     writer::{FlushPolicy, RawSchema, RecordingWriter},
 };
+use crate::units::Nanos;
 use std::path::Path;
 
 /// Write the content of `recording` to `path`, with summary and indexes: messages by log time (file
@@ -17,9 +18,23 @@ pub fn write_copy(
     path: &Path,
     existing: ExistingFile,
 ) -> Result<(), RecordingError> {
+    write_extended(recording, path, existing, |_, _, _, _| Ok(()))
+}
+
+/// Write a copy as [`write_copy`] does, and call `after` with the topic, log and publish time and
+/// content of every message, so that it can add messages of its own.
+///
+/// # Errors
+/// As [`write_copy`], or when `after` fails.
+pub fn write_extended(
+    recording: &Recording,
+    path: &Path,
+    existing: ExistingFile,
+    after: impl FnMut(&mut RecordingWriter, &str, [Nanos; 2], &[u8]) -> Result<(), RecordingError>,
+) -> Result<(), RecordingError> {
     let mut writer =
         RecordingWriter::with_profile(path, &recording.profile, existing, FlushPolicy::WhenFull)?;
-    match copy_into(recording, &mut writer) {
+    match copy_into(recording, &mut writer, after) {
         Ok(()) => writer.finish(),
         Err(error) => {
             writer.discard();
@@ -28,7 +43,11 @@ pub fn write_copy(
     }
 }
 
-fn copy_into(recording: &Recording, writer: &mut RecordingWriter) -> Result<(), RecordingError> {
+fn copy_into(
+    recording: &Recording,
+    writer: &mut RecordingWriter,
+    mut after: impl FnMut(&mut RecordingWriter, &str, [Nanos; 2], &[u8]) -> Result<(), RecordingError>,
+) -> Result<(), RecordingError> {
     for (name, values) in &recording.metadata {
         writer.metadata(name, values.clone())?;
     }
@@ -46,7 +65,9 @@ fn copy_into(recording: &Recording, writer: &mut RecordingWriter) -> Result<(), 
             message_encoding: &channel.encoding,
             channel_metadata: &channel.metadata,
         };
-        writer.write_raw(&channel.topic, &schema, [index.log_time, index.publish_time], bytes)?;
+        let times = [index.log_time, index.publish_time];
+        writer.write_raw(&channel.topic, &schema, times, bytes)?;
+        after(writer, &channel.topic, times, bytes)?;
     }
     for attachment in &recording.attachments {
         writer.attach(&attachment.name, &attachment.media_type, &attachment.data)?;

@@ -89,6 +89,8 @@ pub const CAMERA_DETECTIONS: &str = "/camera/detections";
 pub const CAMERA_FRAME: &str = "/camera/frame";
 /// Recorded camera frames (`foxglove.CompressedImage`).
 pub const CAMERA_IMAGE: &str = "/camera/image";
+/// Scene for three-dimensional viewers (`foxglove.SceneUpdate`).
+pub const SCENE: &str = "/scene";
 /// Filtered state of the board (`BoardState`).
 pub const BOARD_STATE: &str = "/board/state";
 /// True state of the board from a simulator (`BoardState`).

@@ -54,7 +54,11 @@ pub struct RecordingWriter {
     /// Channel id and next sequence number by topic and schema.
     channels: BTreeMap<(String, String), (u16, u32)>,
     buffer: Vec<u8>,
+    observer: Option<Observer>,
 }
+
+/// Function that gets every message of a file: topic, schema, log time and content.
+pub type Observer = Box<dyn FnMut(&str, &RawSchema<'_>, Nanos, &[u8]) + Send>;
 
 impl RecordingWriter {
     /// Start a file with the final name `path`.
@@ -110,7 +114,13 @@ impl RecordingWriter {
             flushed_at: None,
             channels: BTreeMap::new(),
             buffer: Vec::new(),
+            observer: None,
         })
+    }
+
+    /// Pass every message from now on to `observer` as well.
+    pub fn observe(&mut self, observer: Observer) {
+        self.observer = Some(observer);
     }
 
     fn write_error(&self) -> impl FnOnce(mcap::McapError) -> RecordingError + use<> {
@@ -177,6 +187,9 @@ impl RecordingWriter {
         let header =
             MessageHeader { channel_id, sequence, log_time: times[0].0, publish_time: times[1].0 };
         self.writer.write_to_known_channel(&header, data).map_err(self.write_error())?;
+        if let Some(observe) = &mut self.observer {
+            observe(topic, schema, times[0], data);
+        }
         self.flush_if_due(times[0])
     }
 

@@ -8,7 +8,7 @@
 use super::{
     config::{ConfigError, RigConfig},
     drive::Outgoing,
-    truth::DriveTruth,
+    truth::{DriveTruth, Truth},
     world::World,
 };
 use crate::{
@@ -32,6 +32,9 @@ const RETRY: Duration = Duration::from_micros(100);
 const ATTEMPTS: usize = 10;
 /// Maximum lag of the simulation that is caught up after a pause of the process (ns).
 const MOST_BEHIND_NS: u64 = 200_000_000;
+
+/// Interval at which the truth is shown (ns).
+const SHOW_NS: u64 = 20_000_000;
 
 /// Change of a drive's state or error flags.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,24 +77,36 @@ pub enum ServeError {
     Link(#[from] LinkError),
 }
 
-/// Simulate the rig on `transport` in real time until `stop` is set or a log ends. Every datagram
-/// of the camera goes to `camera`, every change of a drive to `on_change`.
+/// What a rig on a bus shows in addition to its frames.
+#[derive(Debug, Clone, Copy)]
+pub enum Shown<'a> {
+    /// Datagram of the camera.
+    Frame(&'a [u8]),
+    /// Change of a drive.
+    Drive(DriveReport),
+    /// Ground truth, 50 times per second.
+    Truth(&'a Truth),
+}
+
+/// Simulate the rig on `transport` in real time until `stop` is set or a log ends. Camera, drives
+/// and truth go to `show`.
+///
 /// # Errors
 /// When the configuration has a value outside its range, or the bus fails permanently.
 pub fn serve(
     transport: &dyn Transport,
-    mut camera: impl FnMut(&[u8]),
     config: RigConfig,
     stop: &AtomicBool,
-    on_change: impl FnMut(DriveReport),
+    mut show: impl FnMut(Shown<'_>),
 ) -> Result<ServeReport, ServeError> {
     let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let start = Nanos(since_epoch.as_nanos() as u64);
     let mut losses = Stream::new(config.seed, "rig.serve.losses");
     let mut world = World::new(config, start)?;
-    let mut watch = Watch::new(&world, on_change);
+    let mut watch = Watch::new(&world);
     let mut outbox = VecDeque::new();
     let mut report = ServeReport::default();
+    let mut shown_ns = 0;
     let origin = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         match transport.receive(RECEIVE)? {
@@ -109,14 +124,18 @@ pub fn serve(
         let due_ns = origin.elapsed().as_nanos() as u64 - report.skipped_ns;
         while world.now_ns() < due_ns {
             world.step();
-            watch.look(&world);
+            watch.look(&world, |report| show(Shown::Drive(report)));
             let late_ns = world.link_faults().delay_ns;
             world.drain_frames(|Outgoing { ready_ns, frame }| {
                 outbox.push_back((ready_ns + late_ns, frame));
             });
             while let Some((_, datagram)) = world.next_datagram() {
-                camera(&datagram);
+                show(Shown::Frame(&datagram));
             }
+        }
+        if shown_ns <= world.now_ns() {
+            shown_ns = world.now_ns() + SHOW_NS;
+            show(Shown::Truth(&world.truth()));
         }
         while let Some((_, frame)) = outbox.pop_front_if(|(ready, _)| *ready <= due_ns) {
             if !is_lost(&world, &mut losses) {
@@ -156,18 +175,16 @@ fn send(
 }
 
 /// Detects changes of the drives.
-struct Watch<F> {
+struct Watch {
     known: Vec<(AxisState, AxisErrors)>,
-    on_change: F,
 }
 
-impl<F: FnMut(DriveReport)> Watch<F> {
-    fn new(world: &World, on_change: F) -> Self {
-        let known = world.drive_states().collect();
-        Self { known, on_change }
+impl Watch {
+    fn new(world: &World) -> Self {
+        Self { known: world.drive_states().collect() }
     }
 
-    fn look(&mut self, world: &World) {
+    fn look(&mut self, world: &World, mut on_change: impl FnMut(DriveReport)) {
         if world.drive_states().eq(self.known.iter().copied()) {
             return;
         }
@@ -178,7 +195,7 @@ impl<F: FnMut(DriveReport)> Watch<F> {
                 *known = (state, errors);
                 let elapsed = world.now_ns() as f64 * 1e-9;
                 let report = DriveReport { elapsed, node, state, errors, velocity_turns_per_s };
-                (self.on_change)(report);
+                on_change(report);
             }
         }
     }

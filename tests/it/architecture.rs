@@ -11,8 +11,8 @@ const LAYERS: [&[&str]; 4] = [
     &["units", "seed", "stats", "parallel", "report", "provenance"],
     &["board", "recording", "nn"],
     &[
-        "can", "gantry", "link", "rig", "camera", "actuator", "effects", "twin", "ekf", "game",
-        "opponent", "ppo",
+        "can", "gantry", "link", "live", "scene", "rig", "camera", "actuator", "effects", "twin",
+        "ekf", "game", "opponent", "ppo",
     ],
     &["import", "collect", "gap", "referee", "train", "play", "demo", "sweep"],
 ];

@@ -28,8 +28,8 @@ const RUN: [&str; 12] = [
 ];
 
 /// What an example needs that a test has not: hardware, a pager, or minutes.
-const LEFT_OUT: [&str; 5] =
-    ["socketcan:", "replay:", "actuator/actuator.mcap", "| man", "--plan paper -o"];
+const LEFT_OUT: [&str; 6] =
+    ["socketcan:", "replay:", "actuator/actuator.mcap", "| man", "--plan paper -o", "--live"];
 
 fn examples(words: &str) -> Vec<String> {
     let line: Vec<&str> = words.split(' ').chain(["--help"]).collect();

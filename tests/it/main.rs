@@ -22,6 +22,7 @@ mod game;
 mod gap;
 mod import;
 mod info;
+mod live;
 mod play;
 mod policy_out;
 mod recover;

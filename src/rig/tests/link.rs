@@ -4,7 +4,7 @@ use super::support::{Host, START};
 use crate::{
     can::{Frame, Message, encode},
     link::{Capabilities, Event, Link, LinkError, Received, Transport},
-    rig::{RigConfig, Speed, VirtualLink, serve},
+    rig::{RigConfig, Shown, Speed, VirtualLink, serve},
     units::Nanos,
 };
 use std::{
@@ -147,18 +147,17 @@ fn the_rig_serves_a_transport() {
     let stop = AtomicBool::new(false);
     let mut changes = Vec::new();
     let mut datagrams = 0;
+    let mut shown = 0;
     let begin = Instant::now();
-    let report = serve(
-        &wire,
-        |bytes| {
+    let report = serve(&wire, RigConfig::default(), &stop, |own| match own {
+        Shown::Frame(bytes) => {
             assert!(bytes.starts_with(b"{\"capture_time_ns\":"));
             datagrams += 1;
             stop.store(1.0 < begin.elapsed().as_secs_f64(), Ordering::Relaxed);
-        },
-        RigConfig::default(),
-        &stop,
-        |change| changes.push(change),
-    )
+        }
+        Shown::Drive(change) => changes.push(change),
+        Shown::Truth(_) => shown += 1,
+    })
     .unwrap();
     // It armed and, without frames, its watchdog expired 0.2 s after the request.
     let seen: Vec<(u8, u8, u32)> =
@@ -167,6 +166,7 @@ fn the_rig_serves_a_transport() {
     assert!((changes[1].elapsed - 0.2).abs() < 0.1, "{changes:?}");
     assert_eq!((report.received, report.given_up), (2, 0));
     assert!(0 < report.retries && 50 < datagrams);
+    assert!((20..=60).contains(&shown), "{shown} in about a second");
     assert_eq!(report.sent, wire.from_rig.lock().unwrap().len() as u64);
     assert!(300 < report.sent, "{report:?}");
 }

@@ -119,6 +119,7 @@ impl Bench {
 
     fn config(&self) -> SessionConfig {
         SessionConfig {
+            scene: None,
             players: self.players.clone(),
             rate_hz: RATE_HZ,
             homing: HomingPolicy::Camera,

@@ -73,6 +73,7 @@ impl Bench {
         let writer =
             RecordingWriter::create(&self.path(), ExistingFile::Refuse, FlushPolicy::EverySecond)?;
         let config = SessionConfig {
+            scene: None,
             players: self.players.clone(),
             rate_hz: 50.0,
             homing: HomingPolicy::Camera,
