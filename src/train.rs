@@ -95,5 +95,5 @@ pub use settings::{
     ACTIONS, EvaluationSettings, OpponentMode, OpponentSettings, Preset, RandomizationKind,
     StartSettings, TrainSettings,
 };
-pub use stored::{StoredPolicy, read_checkpoint, read_curve, read_policy};
+pub use stored::{PolicyFormat, StoredPolicy, read_checkpoint, read_curve, read_policy};
 pub use tensorboard::EventFile;

@@ -12,6 +12,8 @@ pub enum WeightsFormat {
     Safetensors,
     /// TorchScript module for `torch.jit.load`; input and output in m/s.
     Torchscript,
+    /// State dict `fc1.weight` to `fc_out.bias` for `torch.load`, as upstream's loader reads it.
+    StateDict,
     /// NumPy arrays `fc1.weight` to `fc_out.bias`.
     Npz,
 }
@@ -33,6 +35,7 @@ pub fn export_weights(
         WeightsFormat::Onnx => onnx::to_onnx(&network, &metadata),
         WeightsFormat::Safetensors => safetensors::to_safetensors(&network, &metadata),
         WeightsFormat::Torchscript => torchscript::to_torchscript(&network),
+        WeightsFormat::StateDict => torchscript::to_state_dict(&network),
         WeightsFormat::Npz => npz::to_npz(&network)
             .map_err(|error| stored.bad(format!("weights do not fit an npz: {error}")))?,
     })

@@ -7,6 +7,7 @@ use super::{
     tell,
 };
 use anyhow::{Context as _, bail};
+use clap::ValueEnum as _;
 use klasktron::{
     actuator::{self, WeightsFormat},
     recording::{
@@ -16,6 +17,7 @@ use klasktron::{
         write_bytes,
     },
     scene::{Scene, Sight},
+    train::{POLICY_METADATA, PolicyFormat, read_policy},
     twin::{
         export::{Target, export},
         read_twin,
@@ -42,7 +44,8 @@ const WEIGHTS_PREFIX: &str = "weights/";
 pub(crate) struct Args {
     /// Recording, an actuator.mcap, or a twin.json
     file: PathBuf,
-    /// Format: onnx, safetensors or torchscript for the weights of an actuator.mcap; parquet or csv
+    /// Format: onnx, safetensors or torchscript for the weights of an actuator.mcap or a policy.mcap;
+    /// state-dict for torch.load of an actuator.mcap; parquet or csv
     /// for tables of any recording; npz for weights where the file has them, else tables; mjcf or
     /// isaaclab for a twin; foxglove for a copy of a recording with the scene of the table
     #[arg(long)]
@@ -69,6 +72,7 @@ pub(crate) enum Format {
     Onnx,
     Safetensors,
     Torchscript,
+    StateDict,
     Npz,
     Parquet,
     Csv,
@@ -84,7 +88,7 @@ impl Format {
             Self::Npz => Some(TableFormat::Npz),
             Self::Parquet => Some(TableFormat::Parquet),
             Self::Csv => Some(TableFormat::Csv),
-            Self::Onnx | Self::Safetensors | Self::Torchscript => None,
+            Self::Onnx | Self::Safetensors | Self::Torchscript | Self::StateDict => None,
             Self::Mjcf | Self::Isaaclab | Self::Foxglove => None,
         }
     }
@@ -102,7 +106,7 @@ impl Format {
         match self {
             Self::Onnx => "onnx",
             Self::Safetensors => "safetensors",
-            Self::Torchscript => "pt",
+            Self::Torchscript | Self::StateDict => "pt",
             Self::Npz => "npz",
             Self::Parquet => "parquet",
             Self::Csv => "csv",
@@ -121,6 +125,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let recording = Recording::open(&args.file)?;
     if args.to == Format::Foxglove {
         return export_scene(&recording, args);
+    }
+    if recording.metadata.contains_key(POLICY_METADATA) && args.to.of_table().is_none() {
+        return export_policy(&recording, args);
     }
     let has_weights = recording.attachments.iter().any(|a| a.name.starts_with(WEIGHTS_PREFIX));
     let table_format = match args.to.of_table() {
@@ -175,6 +182,7 @@ fn export_weights(recording: &Recording, args: &Args) -> anyhow::Result<()> {
         Format::Onnx => WeightsFormat::Onnx,
         Format::Safetensors => WeightsFormat::Safetensors,
         Format::Torchscript => WeightsFormat::Torchscript,
+        Format::StateDict => WeightsFormat::StateDict,
         _ => WeightsFormat::Npz,
     };
     let stored = actuator::read_actuator(recording)?;
@@ -182,6 +190,25 @@ fn export_weights(recording: &Recording, args: &Args) -> anyhow::Result<()> {
     write_file(&args.output, args.overwrite, |existing| {
         Ok(write_bytes(&args.output, existing, &bytes)?)
     })
+}
+
+/// Write the policy of a `policy.mcap`.
+fn export_policy(recording: &Recording, args: &Args) -> anyhow::Result<Outcome> {
+    let format = match args.to {
+        Format::Onnx => PolicyFormat::Onnx,
+        Format::Torchscript => PolicyFormat::Torchscript,
+        Format::Safetensors => PolicyFormat::Safetensors,
+        other => bail!(
+            "{}: a policy cannot be written as {}; give --to onnx, torchscript or safetensors",
+            args.file.display(),
+            other.to_possible_value().map_or_else(String::new, |own| own.get_name().to_owned())
+        ),
+    };
+    let bytes = read_policy(recording)?.export(format);
+    write_file(&args.output, args.overwrite, |existing| {
+        Ok(write_bytes(&args.output, existing, &bytes)?)
+    })?;
+    Ok(outcome_of(recording))
 }
 
 /// Write a twin for another simulator, and list what that cannot express.

@@ -71,6 +71,43 @@ impl ObservationKind {
         }
     }
 
+    /// Name of each value with its unit, in order.
+    #[must_use]
+    pub fn names(self) -> &'static [&'static str] {
+        const NAMES: [&str; ObservationKind::MOST] = [
+            "own_x_m",
+            "own_y_m",
+            "own_vx_m_per_s",
+            "own_vy_m_per_s",
+            "other_x_m",
+            "other_y_m",
+            "other_vx_m_per_s",
+            "other_vy_m_per_s",
+            "ball_x_m",
+            "ball_y_m",
+            "ball_vx_m_per_s",
+            "ball_vy_m_per_s",
+            "angle_at_own_ball_to_other_cup_rad",
+            "angle_at_other_ball_to_own_cup_rad",
+            "angle_at_own_ball_to_other_striker_rad",
+            "angle_at_other_ball_to_own_striker_rad",
+            "ball_to_own_cup_m",
+            "ball_to_other_cup_m",
+            "ball_to_own_striker_m",
+            "ball_to_other_striker_m",
+            "ball_from_own_x_m",
+            "ball_from_own_y_m",
+            "own_across_hit_line_m",
+            "own_behind_ball_m",
+            "own_across_hit_line_saturated",
+            "own_speed_across_hit_line_m_per_s",
+            "own_speed_along_hit_line_m_per_s",
+            "ball_speed_across_hit_line_m_per_s",
+            "ball_speed_along_hit_line_m_per_s",
+        ];
+        &NAMES[..self.len()]
+    }
+
     /// Sign of each value when the board is mirrored across its long axis (x to -x), `[len]`: -1
     /// for values along x or across the hit line; angles and distances are the same.
     #[must_use]
@@ -121,6 +158,16 @@ impl ObservationLayout {
     #[must_use]
     pub fn is_empty(self) -> bool {
         false
+    }
+
+    /// Name of each value with its unit, in order.
+    #[must_use]
+    pub fn names(self) -> Vec<String> {
+        let of_command = |number: usize| {
+            ["x", "y"].map(|axis| format!("previous_command_{number}_v{axis}_m_per_s"))
+        };
+        let state = self.state.names().iter().map(|name| (*name).to_owned());
+        state.chain((1..=self.commands).flat_map(of_command)).collect()
     }
 
     /// Sign of each value when the board is mirrored across its long axis, `[len]`.

@@ -5,6 +5,7 @@ use super::{
     hub::{CLIENT_QUEUE_LENGTH, Job, Outgoing, ToClient},
 };
 use serde_json::{Value, json};
+use socket2::SockRef;
 use std::{
     collections::BTreeMap,
     io::{self, ErrorKind},
@@ -33,6 +34,8 @@ const PATIENCE: Duration = Duration::from_millis(5);
 const MOST_AT_ONCE: usize = 256;
 /// Largest request: a subscription to some thousand channels.
 const LARGEST_REQUEST_BYTES: usize = 1 << 18;
+/// Buffer of the kernel for each connection. The usual megabytes would show a slow viewer the past.
+const SEND_BUFFER_BYTES: usize = 1 << 17;
 /// Binary opcode of the protocol for message data.
 const MESSAGE_DATA: u8 = 1;
 
@@ -86,7 +89,8 @@ fn shake_hands(stream: TcpStream) -> Option<WebSocket<TcpStream>> {
         .set_nonblocking(false)
         .and_then(|()| stream.set_read_timeout(Some(HANDSHAKE_PATIENCE)))
         .and_then(|()| stream.set_write_timeout(Some(HANDSHAKE_PATIENCE)))
-        .and_then(|()| stream.set_nodelay(true));
+        .and_then(|()| stream.set_nodelay(true))
+        .and_then(|()| SockRef::from(&stream).set_send_buffer_size(SEND_BUFFER_BYTES));
     let config = WebSocketConfig::default()
         .read_buffer_size(1 << 12)
         .max_message_size(Some(LARGEST_REQUEST_BYTES))

@@ -23,10 +23,17 @@
 //! module has submodules `fc1` ... `fc_out` of class `Linear`, so that `state_dict` has upstream's
 //! names; parameters do not require gradients.
 //!
-//! Not supported: reading archives, debug records, zip64 (4 GiB and more), and normalisation
-//! constants (they are in the safetensors file; the module takes the network's own inputs).
+//! A policy has a standardisation before its first layer, with the buffers `mean` and `scale`.
+//! [`to_state_dict`] writes the tensors alone, as `torch.save` does.
+//!
+//! Not supported: reading archives, debug records, and zip64 (4 GiB and more). An actuator model
+//! takes the network's own inputs; its units are in the safetensors file.
 
-use super::network::{Activation, Network};
+use super::{
+    network::{Activation, Network},
+    standardizer::Standardizer,
+};
+use std::collections::BTreeMap;
 
 /// Directory of all records; torch accepts any name.
 const ARCHIVE: &str = "network";
@@ -68,14 +75,30 @@ class Linear(Module):
 /// When the archive would reach 4 GiB.
 #[must_use]
 pub fn to_torchscript(network: &Network) -> Vec<u8> {
+    to_torchscript_with(network, None, &BTreeMap::new())
+}
+
+/// Write the network as [`to_torchscript`] does, after a standardisation of its input. A `metadata`
+/// that is not empty becomes the extra file `metadata.json` (`_extra_files` of `torch.jit.load`).
+///
+/// # Panics
+/// When the archive would reach 4 GiB.
+#[must_use]
+pub fn to_torchscript_with(
+    network: &Network,
+    standardizer: Option<&Standardizer>,
+    metadata: &BTreeMap<String, String>,
+) -> Vec<u8> {
     let mut archive = Archive::default();
-    archive.add("data.pkl", &module_pickle(network));
-    archive.add("code/__torch__.py", network_code(network).as_bytes());
+    archive.add("data.pkl", &module_pickle(network, standardizer));
+    archive.add("code/__torch__.py", network_code(network, standardizer).as_bytes());
     archive.add("code/__torch__/torch/nn/modules/linear.py", LINEAR_CODE.as_bytes());
-    let tensors = network.layers.iter().flat_map(|layer| [&layer.weight, &layer.bias]);
-    for (index, tensor) in tensors.enumerate() {
-        let bytes: Vec<u8> = tensor.iter().flat_map(|value| value.to_le_bytes()).collect();
-        archive.add(&format!("data/{index}"), &bytes);
+    let moments = standardizer.into_iter().flat_map(|own| [&own.mean, &own.scale]);
+    archive.add_tensors(tensors_of(network).chain(moments));
+    if !metadata.is_empty() {
+        let json = serde_json::to_vec(metadata);
+        let json = json.unwrap_or_else(|_plain| unreachable!("a map of strings is plain data"));
+        archive.add("extra/metadata.json", &json);
     }
     archive.add("constants.pkl", CONSTANTS);
     archive.add("version", VERSION);
@@ -83,17 +106,61 @@ pub fn to_torchscript(network: &Network) -> Vec<u8> {
     archive.finish()
 }
 
+/// Write the network as a state dict, `fc1.weight` to `fc_out.bias`, as `torch.save` writes one.
+/// `torch.load` reads it with `weights_only=True`. Equal networks give equal bytes.
+///
+/// # Panics
+/// When the archive would reach 4 GiB.
+#[must_use]
+pub fn to_state_dict(network: &Network) -> Vec<u8> {
+    let mut pickle = Pickle::new();
+    pickle.global("collections", "OrderedDict");
+    pickle.ops(b")R(");
+    for (index, (layer, name)) in network.layers.iter().zip(network.layer_names()).enumerate() {
+        pickle.text(&format!("{name}.weight"));
+        pickle.tensor(2 * index, &[layer.outputs, layer.inputs]);
+        pickle.text(&format!("{name}.bias"));
+        pickle.tensor(2 * index + 1, &[layer.outputs]);
+    }
+    pickle.ops(b"u");
+    let mut archive = Archive::default();
+    archive.add("data.pkl", &pickle.finish());
+    archive.add("byteorder", b"little");
+    archive.add_tensors(tensors_of(network));
+    archive.add("version", VERSION);
+    archive.finish()
+}
+
+/// Weight and bias of each layer, in order.
+fn tensors_of(network: &Network) -> impl Iterator<Item = &Vec<f32>> {
+    network.layers.iter().flat_map(|layer| [&layer.weight, &layer.bias])
+}
+
 /// Return the source of the class of the whole network, in TorchScript's own serialised form.
-fn network_code(network: &Network) -> String {
+fn network_code(network: &Network, standardizer: Option<&Standardizer>) -> String {
     let names = network.layer_names();
     let last = names.len() - 1;
-    let mut code = "class Network(Module):\n  __parameters__ = []\n  __buffers__ = []\n".to_owned();
+    let buffers = if standardizer.is_some() { "\"mean\", \"scale\", " } else { "" };
+    let mut code =
+        format!("class Network(Module):\n  __parameters__ = []\n  __buffers__ = [{buffers}]\n");
     code += "  training : bool\n";
+    if standardizer.is_some() {
+        code += "  mean : Tensor\n  scale : Tensor\n";
+    }
     for name in &names {
         code += &format!("  {name} : {LINEAR_MODULE}.Linear\n");
     }
     code += "  def forward(self: __torch__.Network,\n    input: Tensor) -> Tensor:\n";
     let mut value = "input".to_owned();
+    if let Some(Standardizer { limit, .. }) = standardizer {
+        code += "    mean = self.mean\n    scale = self.scale\n";
+        value = "torch.mul(torch.sub(input, mean), scale)".to_owned();
+        if limit.is_finite() {
+            value = format!("torch.clamp({value}, {:?}, {:?})", -limit, limit);
+        }
+        code += &format!("    x = {value}\n");
+        value = "x".to_owned();
+    }
     for (index, name) in names.iter().enumerate() {
         code += &format!("    {name} = self.{name}\n    z{index} = ({name}).forward({value}, )\n");
         value = format!("z{index}");
@@ -115,7 +182,7 @@ fn activation_code(activation: Activation, z: &str) -> String {
 }
 
 /// Return the module tree with its tensors, as pickle.
-fn module_pickle(network: &Network) -> Vec<u8> {
+fn module_pickle(network: &Network, standardizer: Option<&Standardizer>) -> Vec<u8> {
     let mut pickle = Pickle::new();
     pickle.begin_module("__torch__", "Network");
     for (index, (layer, name)) in network.layers.iter().zip(network.layer_names()).enumerate() {
@@ -126,6 +193,12 @@ fn module_pickle(network: &Network) -> Vec<u8> {
         pickle.text("bias");
         pickle.tensor(2 * index + 1, &[layer.outputs]);
         pickle.end_module();
+    }
+    if let Some(own) = standardizer {
+        for (offset, name) in ["mean", "scale"].into_iter().enumerate() {
+            pickle.text(name);
+            pickle.tensor(2 * network.layers.len() + offset, &[own.columns()]);
+        }
     }
     pickle.end_module();
     pickle.finish()
@@ -252,6 +325,14 @@ impl Archive {
         self.n_records += 1;
     }
 
+    /// Append tensors as the records `data/0`, `data/1`, ...
+    fn add_tensors<'a>(&mut self, tensors: impl Iterator<Item = &'a Vec<f32>>) {
+        for (index, tensor) in tensors.enumerate() {
+            let bytes: Vec<u8> = tensor.iter().flat_map(|value| value.to_le_bytes()).collect();
+            self.add(&format!("data/{index}"), &bytes);
+        }
+    }
+
     /// Return the records, the directory and the end record.
     fn finish(mut self) -> Vec<u8> {
         let offset = to_u32(self.bytes.len());
@@ -374,14 +455,31 @@ class Network(Module):
     z1 = (fc_out).forward(x0, )
     return z1
 ";
-        assert_eq!(network_code(&small(Activation::Softsign)), expected);
-        assert!(network_code(&small(Activation::Relu)).contains("x0 = torch.relu(z0)\n"));
+        assert_eq!(network_code(&small(Activation::Softsign), None), expected);
+        assert!(network_code(&small(Activation::Relu), None).contains("x0 = torch.relu(z0)\n"));
+        let network = small(Activation::Relu);
+        let columns = network.inputs();
+        let standardizer = Standardizer { limit: 5.0, ..Standardizer::identity(columns) };
+        let code = network_code(&network, Some(&standardizer));
+        let clamp = "x = torch.clamp(torch.mul(torch.sub(input, mean), scale), -5.0, 5.0)\n";
+        assert!(code.contains(clamp) && code.contains("(fc1).forward(x, )"), "{code}");
     }
 
     #[test]
     fn strides_are_row_major() {
         assert_eq!(row_major_strides(&[64, 40]), [40, 1]);
         assert_eq!(row_major_strides(&[64]), [1]);
+    }
+
+    #[test]
+    fn a_state_dict_has_the_records_of_torch_save() {
+        let found = records(&to_state_dict(&small(Activation::Softsign)));
+        let paths: Vec<&str> = found.iter().map(|(path, ..)| path.as_str()).collect();
+        let expected = ["data.pkl", "byteorder", "data/0", "data/1", "data/2", "data/3", "version"];
+        assert_eq!(paths, expected.map(|name| format!("network/{name}")));
+        let pickle = String::from_utf8_lossy(&found[0].2).into_owned();
+        assert!(pickle.contains("ccollections\nOrderedDict\n)R("));
+        assert!(pickle.contains("fc1.weight") && pickle.contains("fc_out.bias"));
     }
 
     /// Renew the number only after `scripts/check_weights.py` has accepted a new file.

@@ -17,6 +17,7 @@ use crate::nn::{
     onnx::{self, Interface},
     safetensors::{ACTIVATION_KEY, SafetensorsError, parse_activation},
     tensors::{self, Tensor, Tensors, Values},
+    torchscript,
 };
 use std::collections::BTreeMap;
 
@@ -33,6 +34,13 @@ impl Policy {
         let standardizer = Some(self.standardizer());
         let interface = Interface { input: INPUT_NAME, output: OUTPUT_NAME, standardizer };
         onnx::to_onnx_with(self.network(), &interface, metadata)
+    }
+
+    /// Export normalization and policy network as a TorchScript module from observation to mean
+    /// action; `metadata` is its extra file `metadata.json`.
+    #[must_use]
+    pub fn to_torchscript(&self, metadata: &BTreeMap<String, String>) -> Vec<u8> {
+        torchscript::to_torchscript_with(self.network(), Some(self.standardizer()), metadata)
     }
 
     /// Encode the complete policy as a safetensors file.

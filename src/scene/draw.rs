@@ -30,7 +30,7 @@ const RADIUS_95: f64 = 2.447_746_830_680_816;
 /// Time of motion that an estimate's line shows (s).
 const AHEAD_S: f64 = 0.1;
 /// Corners of an ellipse or a ring.
-const CORNERS: usize = 32;
+const CORNERS: usize = 24;
 /// Time until a moving entity disappears (ns).
 const LIFETIME_NS: i32 = 250_000_000;
 

@@ -40,7 +40,43 @@ pub struct StoredPolicy {
     pub metadata: BTreeMap<String, String>,
 }
 
+/// Export formats of a policy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PolicyFormat {
+    /// ONNX with the normalization; `observation` to `action`.
+    Onnx,
+    /// TorchScript module with the normalization; the metadata in its extra file `metadata.json`.
+    Torchscript,
+    /// Safetensors; normalization and deviations as tensors.
+    Safetensors,
+}
+
 impl StoredPolicy {
+    /// Export the policy for other software. The metadata of the file have the order of the
+    /// observations, the normalization, and the limits of the actions.
+    #[must_use]
+    pub fn export(&self, format: PolicyFormat) -> Vec<u8> {
+        let limit = self.policy.standardizer().limit;
+        let mut metadata = self.metadata.clone();
+        let more = [
+            ("observation_order", self.observations.names().join(",")),
+            (
+                "normalization",
+                format!("in the file: (observation - mean) * scale, clipped at +-{limit}"),
+            ),
+            (
+                "action_limits",
+                "clamp each action to -1..1, then multiply by action_scale_m_per_s".to_owned(),
+            ),
+        ];
+        metadata.extend(more.map(|(key, value)| (key.to_owned(), value)));
+        match format {
+            PolicyFormat::Onnx => self.policy.to_onnx(&metadata),
+            PolicyFormat::Torchscript => self.policy.to_torchscript(&metadata),
+            PolicyFormat::Safetensors => self.policy.to_safetensors(&metadata),
+        }
+    }
+
     /// Velocity (m/s, own frame) of its mean action for the observation `seen` after the commands
     /// `previous`.
     #[must_use]

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import os
 import pickle
+import signal
 import threading
 import time
 
@@ -228,3 +230,15 @@ def test_a_long_call_releases_the_interpreter_lock(train):
     duration = time.perf_counter() - begun
     # With the lock held, this thread would not have run between the begin and the end.
     assert 5 <= turns and longest < 0.5 * duration, (turns, longest, duration)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_ctrl_c_interrupts_a_search(train, validation):
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    begun = time.monotonic()
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        klasktron.gap([train, validation])
+    assert time.monotonic() - begun < 3.0
+    # The module works afterwards.
+    assert klasktron.read(train).runs

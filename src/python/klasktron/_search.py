@@ -73,6 +73,8 @@ def calibrate(
         mask: Times that are excluded, `[SESSION:]FROM..TO` (s).
         validation: Sessions that are held out, by name or file.
 
+    Ctrl-C raises `KeyboardInterrupt` at once; the threads of the search end within their current step.
+
     Raises:
         KlasktronError: If a recording, an option or the machine does not fit.
     """

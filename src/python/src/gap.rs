@@ -6,11 +6,21 @@ use crate::{
     twin::{Twin, opened},
 };
 use klasktron::{
-    gap::{self, Context, FixedParameter, SearchObserver, SearchOptions, Task},
-    twin::{self, Mask, SessionOptions},
+    gap::{self, Context, FixedParameter, SearchObserver, SearchOptions, SearchStep, Task},
+    twin::{self, Mask, SessionOptions, StageKind},
 };
 use pyo3::{prelude::*, types::PyDict};
-use std::path::PathBuf;
+use std::{
+    panic::{self, AssertUnwindSafe},
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{self, RecvTimeoutError},
+    },
+    thread,
+    time::Duration,
+};
 
 /// Options of a search, as on the command line.
 #[derive(FromPyObject)]
@@ -24,10 +34,33 @@ pub(crate) struct Options {
     validation: Vec<String>,
 }
 
-/// Observer that shows nothing.
-struct Silent;
+/// Interval at which signals of the interpreter are checked during a search.
+const PATIENCE: Duration = Duration::from_millis(50);
 
-impl SearchObserver for Silent {}
+/// Observer that ends a search after Ctrl-C. It unwinds the thread of the search, without a message.
+struct Watch(Arc<AtomicBool>);
+
+impl Watch {
+    fn check(&self) {
+        if self.0.load(Ordering::Relaxed) {
+            panic::resume_unwind(Box::new("interrupted"));
+        }
+    }
+}
+
+impl SearchObserver for Watch {
+    fn stage_begun(&self, _kind: StageKind, _done: usize, _count: usize) {
+        self.check();
+    }
+
+    fn step_begun(&self, _step: SearchStep, _candidates: usize) {
+        self.check();
+    }
+
+    fn candidate_done(&self) {
+        self.check();
+    }
+}
 
 /// Task, recordings, initial twin and options: the document, the twin, and warnings.
 #[pyfunction]
@@ -40,12 +73,48 @@ pub(crate) fn search<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let task = if task == "gap" { Task::CloseGap } else { Task::Calibrate };
     let start = start.map(|own| own.inner.clone());
-    let (document, twin, losses) = py.detach(|| searched(task, &recordings, start, &options))?;
+    let found = interruptible(py, move |watch| searched(task, &recordings, start, &options, watch));
+    let (document, twin, losses) = found?;
     let parts = PyDict::new(py);
     parts.set_item("document", from_json(py, &document)?)?;
     parts.set_item("twin", twin.map(|inner| Twin { inner }))?;
     parts.set_item("warnings", losses)?;
     Ok(parts)
+}
+
+/// Run `work` in a thread of its own, and raise KeyboardInterrupt as soon as Ctrl-C is pressed. The thread then ends at
+/// its next step, without a result.
+fn interruptible(
+    py: Python<'_>,
+    work: impl FnOnce(&Watch) -> PyResult<Found> + Send + 'static,
+) -> PyResult<Found> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let watch = Watch(Arc::clone(&stop));
+    let (sender, mut results) = mpsc::channel();
+    thread::spawn(move || {
+        let result = panic::catch_unwind(AssertUnwindSafe(|| work(&watch)));
+        // Nobody waits after an interruption.
+        sender.send(result).ok();
+    });
+    loop {
+        if let Err(interrupted) = py.check_signals() {
+            stop.store(true, Ordering::Relaxed);
+            return Err(interrupted);
+        }
+        let (own, result) = py.detach(move || {
+            let result = results.recv_timeout(PATIENCE);
+            (results, result)
+        });
+        results = own;
+        match result {
+            Ok(Ok(found)) => return found,
+            Ok(Err(panic)) => panic::resume_unwind(panic),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(refused("the search ended without a result".to_owned()));
+            }
+        }
+    }
 }
 
 type Found = (String, Option<twin::Twin>, Vec<String>);
@@ -55,6 +124,7 @@ fn searched(
     recordings: &[PathBuf],
     start: Option<twin::Twin>,
     options: &Options,
+    watch: &Watch,
 ) -> PyResult<Found> {
     let recordings = opened(recordings)?;
     let is_lossy = recordings.iter().filter(|own| !own.loss.is_none());
@@ -72,7 +142,7 @@ fn searched(
         .and_then(|own| own.fix(&fixed, twin::machine_of(&sessions)))
         .map_err(raised)?
         .with_family_error(options.alpha);
-    let context = Context { options: &search, observer: &Silent };
+    let context = Context { options: &search, observer: watch };
     let found = gap::find(&sessions, start.as_ref(), task, context);
     let document = serde_json::to_string(&found.document).map_err(raised)?;
     let twin = found.has_twin().then_some(found.twin);
