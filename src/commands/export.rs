@@ -4,6 +4,7 @@ use super::{
     Outcome, note,
     replay::{has_no_scene, scene_settings},
     results::{OverwriteArgs, refuse_existing, refuse_existing_file, write_file},
+    table::parse_within,
     tell,
 };
 use anyhow::{Context as _, bail};
@@ -19,7 +20,7 @@ use klasktron::{
     scene::{Scene, Sight},
     train::{POLICY_METADATA, PolicyFormat, read_policy},
     twin::{
-        export::{Target, export},
+        export::{BamMotor, Exported, Target, export, export_bam},
         read_twin,
     },
 };
@@ -47,7 +48,7 @@ pub(crate) struct Args {
     /// Format: onnx, safetensors or torchscript for the weights of an actuator.mcap or a policy.mcap;
     /// state-dict for torch.load of an actuator.mcap; parquet or csv
     /// for tables of any recording; npz for weights where the file has them, else tables; mjcf or
-    /// isaaclab for a twin; foxglove for a copy of a recording with the scene of the table
+    /// isaaclab for a twin, bam for the twin of a servo; foxglove for a copy of a recording with the scene of the table
     #[arg(long)]
     to: Format,
     /// File to write; a folder with one file per topic, where there are several and no --topic
@@ -63,7 +64,35 @@ pub(crate) struct Args {
     #[arg(long)]
     strict: bool,
     #[command(flatten)]
+    motor: MotorArgs,
+    #[command(flatten)]
     overwrite: OverwriteArgs,
+}
+
+/// Motor of a servo for BAM.
+#[derive(Debug, clap::Args)]
+struct MotorArgs {
+    /// Name of the actuator in BAM, such as xl330
+    #[arg(long, value_name = "NAME", required_if_eq("to", "bam"))]
+    actuator: Option<String>,
+    /// Torque constant of the motor (N m/A), for a twin whose input is a voltage
+    #[arg(long, value_name = "VALUE", value_parser = parse_positive, requires = "motor_resistance_ohm")]
+    motor_constant_n_m_per_a: Option<f64>,
+    /// Resistance of the motor (ohm), for a twin whose input is a voltage
+    #[arg(long, value_name = "VALUE", value_parser = parse_positive, requires = "motor_constant_n_m_per_a")]
+    motor_resistance_ohm: Option<f64>,
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    parse_within(text, 1e-6, 1e6, "in the unit of the option")
+}
+
+impl MotorArgs {
+    fn for_bam(&self) -> anyhow::Result<BamMotor> {
+        let Some(actuator) = self.actuator.clone() else { bail!("--to bam needs --actuator NAME") };
+        let values = self.motor_constant_n_m_per_a.zip(self.motor_resistance_ohm);
+        Ok(BamMotor { actuator, electrical: values.map(|(kt, ohm)| [kt, ohm]) })
+    }
 }
 
 /// Value of `--to`.
@@ -78,6 +107,7 @@ pub(crate) enum Format {
     Csv,
     Mjcf,
     Isaaclab,
+    Bam,
     Foxglove,
 }
 
@@ -89,7 +119,7 @@ impl Format {
             Self::Parquet => Some(TableFormat::Parquet),
             Self::Csv => Some(TableFormat::Csv),
             Self::Onnx | Self::Safetensors | Self::Torchscript | Self::StateDict => None,
-            Self::Mjcf | Self::Isaaclab | Self::Foxglove => None,
+            Self::Mjcf | Self::Isaaclab | Self::Bam | Self::Foxglove => None,
         }
     }
 
@@ -112,6 +142,7 @@ impl Format {
             Self::Csv => "csv",
             Self::Mjcf => "xml",
             Self::Isaaclab => "py",
+            Self::Bam => "json",
             Self::Foxglove => "mcap",
         }
     }
@@ -121,6 +152,12 @@ impl Format {
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(target) = args.to.of_twin() {
         return export_twin(args, target);
+    }
+    if args.to == Format::Bam {
+        let twin = read_twin(&args.file)?;
+        let exported = export_bam(&twin, &args.motor.for_bam()?);
+        let exported = exported.with_context(|| args.file.display().to_string())?;
+        return write_twin(args, &exported, "BAM");
     }
     let recording = Recording::open(&args.file)?;
     if args.to == Format::Foxglove {
@@ -216,6 +253,12 @@ fn export_twin(args: &Args, target: Target) -> anyhow::Result<Outcome> {
     let file = args.file.display();
     let twin = read_twin(&args.file)?;
     let exported = export(&twin, target).with_context(|| file.to_string())?;
+    write_twin(args, &exported, &target.to_string())
+}
+
+/// Write the file of a twin, and list what the simulator `target` cannot express.
+fn write_twin(args: &Args, exported: &Exported, target: &str) -> anyhow::Result<Outcome> {
+    let file = args.file.display();
     if args.strict && !exported.inexpressible.is_empty() {
         let listed: Vec<String> = exported.inexpressible.iter().map(ToString::to_string).collect();
         bail!(
@@ -228,7 +271,7 @@ fn export_twin(args: &Args, target: Target) -> anyhow::Result<Outcome> {
     })?;
     if !exported.outside.is_empty() {
         note(&format!(
-            "the file has drives and gantry of one player; outside of it: {}",
+            "the file has drives and friction alone; outside of it: {}",
             exported.outside.join(", ")
         ));
     }

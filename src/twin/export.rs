@@ -24,9 +24,12 @@
 //! [`Exported::inexpressible`] lists the effects that the target cannot express, and parts of expressed effects that it
 //! cannot. Ball, impacts, camera and estimator are no part of the file ([`Exported::outside`]).
 
+mod bam;
 mod isaaclab;
 mod mechanics;
 mod mjcf;
+
+pub use bam::{BamMotor, export_bam};
 
 use super::{Machine, Twin};
 use mechanics::Mechanics;
@@ -102,6 +105,21 @@ pub enum ExportError {
         "the actuator for Isaac Lab is that of a table, but the twin describes a single axis; export it with --to mjcf"
     )]
     NoTable,
+    /// No rotary servo.
+    #[error(
+        "BAM describes rotary servos with a torque (N m) or a voltage (V) as input and a position in rad, but the twin \
+         describes {found}; import recordings in these units and calibrate on them"
+    )]
+    NoServo {
+        /// Machine of the twin.
+        found: String,
+    },
+    /// Unknown motor.
+    #[error(
+        "the twin's input is a voltage, from which torques follow only with the motor's data: give \
+         --motor-constant-n-m-per-a and --motor-resistance-ohm"
+    )]
+    NoMotor,
 }
 
 /// Write `twin` for `target`.
