@@ -111,10 +111,64 @@ def check_equal(ours, theirs):
     print(f"{sum(len(own['log_time_ns']) for own in theirs.values())} messages are equal")
 
 
+def check_games(count=2048, steps=400):
+    """Play the same episodes with `numpy_game` and stop unless both agree: every observation to 1e-4 in at least 90 % of
+    the games, and every end at the same step. The games start from single precision, which impacts amplify."""
+    import numpy_game
+    from klasktron.envs import KlaskVectorEnv
+
+    generator = np.random.default_rng(0)
+    envs = KlaskVectorEnv(count, opponent="stationary")
+    seen, _ = envs.reset(seed=3)
+    game = numpy_game.NumpyGame(count, generator)
+    own = seen.astype(np.float64)
+    strikers = np.stack([own[:, 0:2], own[:, 4:6]], 1)
+    game.place(np.arange(count), own[:, 8:10], own[:, 10:12], strikers)
+    live, differ, ended = np.ones(count, bool), np.zeros(count, bool), np.zeros(count, bool)
+    for step in range(steps):
+        # Towards the ball with noise, so that there are impacts, and random for a while.
+        actions = 20 * (seen[:, 8:10] - seen[:, 0:2]) + generator.normal(0, 0.5, (count, 2))
+        if 35 < step % 50:
+            actions = generator.uniform(-1, 1, (count, 2))
+        actions = np.clip(actions, -1, 1).astype(np.float32)
+        seen, _, terminated, truncated, infos = envs.step(actions)
+        flags = game.step(actions, restart=False)
+        over = terminated | truncated
+        wanted = seen.copy()
+        for row in np.flatnonzero(over):
+            wanted[row] = infos["final_obs"][row]
+        far = np.abs(game.observations() - wanted).max(1) > 1e-4
+        differ |= live & far
+        same = live & ~far
+        if (same & ((terminated != flags[0]) | (truncated != flags[1]))).any():
+            sys.exit(f"an episode ends in one of the games only, step {step}")
+        ended |= same & over
+        live = same & ~over & ~flags[0] & ~flags[1]
+    if 0.1 * count < differ.sum() or ended.sum() < 0.5 * count:
+        sys.exit(f"{differ.sum()} of {count} games differ, {ended.sum()} episodes ended alike")
+    print(f"{ended.sum()} of {count} episodes end alike, {differ.sum()} games differ by more than 1e-4")
+
+
+def bench_numpy(actions, steps=40):
+    """Steps per second of the same rules in vectorized NumPy."""
+    import numpy_game
+
+    game = numpy_game.NumpyGame(actions.shape[1], np.random.default_rng(0))
+
+    def roll():
+        for step in range(steps):
+            game.step(actions[step % len(actions)])
+            game.observations()
+
+    _, _, median = timed(roll)
+    return actions.shape[1] * steps / median
+
+
 def bench_envs(_options):
     """Steps per second with random actions, opponents at rest."""
     from klasktron.envs import KlaskVectorEnv
 
+    check_games()
     count, steps = 4096, 200
     generator = np.random.default_rng(0)
     actions = generator.uniform(-1, 1, (16, count, 2)).astype(np.float32)
@@ -130,6 +184,8 @@ def bench_envs(_options):
         _, fastest, median = timed(roll)
         results[f"{name}_steps_per_s"] = count * steps / median
         results[f"{name}_best_steps_per_s"] = count * steps / fastest
+    results["numpy_steps_per_s"] = bench_numpy(actions)
+    results["factor"] = results["copied_steps_per_s"] / results["numpy_steps_per_s"]
     return results
 
 
