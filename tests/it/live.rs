@@ -164,3 +164,37 @@ fn mistakes_end_with_one_sentence_before_anything_is_driven() {
         assert!(std::fs::read_dir(dir.path()).unwrap().next().is_none());
     }
 }
+
+/// Strings below `value` that are paths of messages.
+fn message_paths(value: &serde_json::Value, found: &mut Vec<String>) {
+    match value {
+        serde_json::Value::Object(entries) => {
+            let paths = ["value", "topicPath"].iter().filter_map(|key| entries.get(*key)?.as_str());
+            found.extend(paths.map(str::to_owned));
+            entries.values().for_each(|own| message_paths(own, found));
+        }
+        serde_json::Value::Array(entries) => {
+            entries.iter().for_each(|own| message_paths(own, found));
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn the_layout_shows_topics_of_the_contract_and_every_panel_has_settings() {
+    let text = include_str!("../../docs/foxglove/klasktron.json");
+    let layout: serde_json::Value = serde_json::from_str(text).unwrap();
+    let mut paths = Vec::new();
+    message_paths(&layout["configById"], &mut paths);
+    assert!(15 < paths.len(), "{paths:?}");
+    for path in paths {
+        let name = path.split('.').next().unwrap();
+        assert!(topic::schema_of(name).is_some(), "{path} is of no topic");
+    }
+    let panels = layout["configById"].as_object().unwrap();
+    let arranged = layout["layout"].to_string();
+    for panel in panels.keys() {
+        assert!(arranged.contains(&format!("\"{panel}\"")), "{panel} is not in the layout");
+    }
+    assert!(layout["configById"]["3D!scene"]["topics"][topic::SCENE].is_object());
+}
