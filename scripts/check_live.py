@@ -29,6 +29,8 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 PATIENCE_S = 60.0
 RATE_HZ = 500
 ATTEMPTS = 5
+# A viewer that stalls reads until it has subscribed to these topics.
+STALLS_AFTER = {"/collect/tick", "/scene", "/camera/detections", "/striker/left/carriage"}
 SUBPROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
 
 
@@ -48,7 +50,8 @@ class Viewer:
         async for frame in self.connection:
             if isinstance(frame, str):
                 await self.answer(json.loads(frame))
-                if stalls and self.channels:
+                topics = {own["topic"] for own in self.channels.values()}
+                if stalls and STALLS_AFTER <= topics:
                     return
             else:
                 opcode, subscription, time = struct.unpack_from("<BIQ", frame)
