@@ -61,6 +61,16 @@ impl ObservationKind {
     /// Number of values of the largest set.
     pub const MOST: usize = 29;
 
+    /// Name in settings and files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Standard12 => "standard12",
+            Self::Augmented20 => "augmented20",
+            Self::Aiming29 => "aiming29",
+        }
+    }
+
     /// Number of values.
     #[must_use]
     pub const fn len(self) -> usize {

@@ -146,14 +146,27 @@ def test_sensors_are_late_and_noisy(program, match, tmp_path):
 
 def test_a_policy_or_any_function_is_an_opponent(policy):
     own = Policy.load(policy)
-    kind = {12: "standard12", 20: "augmented20", 29: "aiming29"}[own.observation_size]
-    assert np.isfinite(roll(KlaskVectorEnv(16, opponent=own, observations=kind), 50)[-4]).all()
+    assert own.action_history == 3
+    layout = {"observations": own.observations, "action_history": own.action_history}
+    assert np.isfinite(roll(KlaskVectorEnv(16, opponent=own, **layout), 50)[-4]).all()
     rows = []
     envs = KlaskVectorEnv(16, opponent=lambda seen: rows.append(seen.copy()) or np.zeros((16, 2)))
     given = roll(envs, 50)
     assert same(given, roll(KlaskVectorEnv(16, opponent="stationary"), 50))
     # The opponent sees the board turned by 180 degrees.
     assert np.allclose(rows[0][:, 8:10], -given[0][:, 8:10])
+
+
+def test_previous_commands_follow_the_state_newest_first():
+    envs = KlaskVectorEnv(4, opponent="stationary", action_history=2)
+    seen, _ = envs.reset(seed=0)
+    assert seen.shape == (4, 16) and not seen[:, 12:].any()
+    actions = np.random.default_rng(0).uniform(-1, 1, (2, 4, 2)).astype(np.float32)
+    envs.step(actions[0])
+    seen = envs.step(actions[1])[0]
+    assert np.allclose(seen[:, 12:14], 0.4 * actions[1]) and np.allclose(seen[:, 14:], 0.4 * actions[0])
+    with pytest.raises(KlasktronError, match="action_history is 9; allowed are 0 to 8"):
+        KlaskVectorEnv(1, action_history=9)
 
 
 def test_both_players_of_a_parallel_environment_see_the_same_game():

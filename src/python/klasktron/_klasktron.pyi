@@ -150,6 +150,14 @@ class Policy:
     def observation_size(self) -> int:
         """Number of observed values that it takes."""
 
+    @property
+    def observations(self) -> str:
+        """Its set of state values, as `observations` of the environments."""
+
+    @property
+    def action_history(self) -> int:
+        """Number of its own previous commands that it observes after them."""
+
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Mean actions `[n][2]`, from -1 to 1, of observations `[n][observation_size]`."""
 

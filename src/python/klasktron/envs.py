@@ -50,6 +50,7 @@ def _settings(
     actuator: StrPath,
     sensors: StrPath | None,
     observations: str,
+    action_history: int,
     reward: str,
     time_limit_s: float,
     threads: int | None,
@@ -58,6 +59,7 @@ def _settings(
         "actuator": actuator,
         "sensors": sensors,
         "observations": observations,
+        "action_history": action_history,
         "reward": reward,
         "time_limit_s": time_limit_s,
         "threads": threads or os.cpu_count() or 1,
@@ -84,6 +86,7 @@ class KlaskVectorEnv(VectorEnv):
         actuator: `"ideal"`, a `twin.json` of `gap` or `calibrate`, or an `actuator.mcap` of `fit-actuator`.
         sensors: An `ekf.json` of `tune-ekf` for camera and state estimator; exact observations by default.
         observations: `"standard12"`, `"augmented20"` or `"aiming29"`.
+        action_history: Number of previous commands of the own striker (m/s) after these values, newest first, 0 to 8.
         opponent: `"stationary"`, `"random"`, `"goalkeeper"`, `"chaser"`, or a function from observations
             `[num_envs][values]` to actions `[num_envs][2]`, such as a `klasktron.Policy` or the learner itself.
         player: Side of the learner, `"left"` or `"right"`.
@@ -107,6 +110,7 @@ class KlaskVectorEnv(VectorEnv):
         actuator: StrPath = "ideal",
         sensors: StrPath | None = None,
         observations: str = "standard12",
+        action_history: int = 0,
         opponent: str | Player = "goalkeeper",
         player: str = "left",
         reward: str = "dense_ball_to_goal",
@@ -124,7 +128,7 @@ class KlaskVectorEnv(VectorEnv):
         self._side = SIDES.index(player)
         scripted: list[str | None] = [None, None]
         scripted[1 - self._side] = opponent if isinstance(opponent, str) else None
-        settings = _settings(actuator, sensors, observations, reward, time_limit_s, threads)
+        settings = _settings(actuator, sensors, observations, action_history, reward, time_limit_s, threads)
         self._batch = _klasktron.GameBatch(num_envs, 0, {**settings, "opponents": scripted})
         self._own = self._batch.arrays(self._side)
         self._other = self._batch.arrays(1 - self._side)
@@ -249,12 +253,13 @@ class KlaskParallelEnv(_parallel_base()):  # type: ignore[misc]
         actuator: StrPath = "ideal",
         sensors: StrPath | None = None,
         observations: str = "standard12",
+        action_history: int = 0,
         reward: str = "dense_ball_to_goal",
         time_limit_s: float = TIME_LIMIT_S,
         render_mode: None = None,
     ) -> None:
         self.render_mode = render_mode
-        settings = _settings(actuator, sensors, observations, reward, time_limit_s, 1)
+        settings = _settings(actuator, sensors, observations, action_history, reward, time_limit_s, 1)
         self._batch = _klasktron.GameBatch(1, 0, {**settings, "opponents": [None, None]})
         self._arrays = {side: self._batch.arrays(index) for index, side in enumerate(SIDES)}
         self.possible_agents = list(SIDES)

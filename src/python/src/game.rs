@@ -5,7 +5,10 @@ use crate::{
     error::{raised, refused},
 };
 use klasktron::{
-    game::{Ending, GameError, GameSettings, Games, ObservationKind, Outcomes, Sensors},
+    game::{
+        Ending, GameError, GameSettings, Games, MOST_PREVIOUS_COMMANDS, ObservationKind,
+        ObservationLayout, Outcomes, PreviousCommands, Sensors,
+    },
     opponent::{Moment, Scripted},
     ppo::Scratch,
     recording::{Recording, topic::Player},
@@ -33,6 +36,7 @@ struct Settings {
     actuator: PathBuf,
     sensors: Option<PathBuf>,
     observations: String,
+    action_history: usize,
     reward: String,
     opponents: [Option<String>; 2],
     time_limit_s: f64,
@@ -42,7 +46,7 @@ struct Settings {
 /// Settings that the blocks share.
 struct Rules {
     game: GameSettings,
-    kind: ObservationKind,
+    layout: ObservationLayout,
     reward: RewardSettings,
     scripted: [Option<Scripted>; 2],
 }
@@ -54,6 +58,8 @@ struct Block {
     outcomes: Outcomes,
     sensors: Option<Sensors>,
     commands: Vec<[[f32; 2]; 2]>,
+    /// Previous commands by `[boards][left, right]`.
+    previous: Vec<[PreviousCommands; 2]>,
     /// Exact standard values of left and right, `[boards][12]`.
     exact: [Vec<f32>; 2],
 }
@@ -104,7 +110,7 @@ impl GameBatch {
     #[new]
     fn new(py: Python<'_>, count: usize, seed: u64, settings: Settings) -> PyResult<Self> {
         let rules = Rules::of(&settings)?;
-        let width = rules.kind.len();
+        let width = rules.layout.len();
         let matrix = || PyArray2::<f32>::zeros(py, (count, width), false).unbind();
         let arrays = || Arrays {
             observations: [matrix(), matrix()],
@@ -148,7 +154,7 @@ impl GameBatch {
     /// Number of values of an observation.
     #[getter]
     fn width(&self) -> usize {
-        self.rules.kind.len()
+        self.rules.layout.len()
     }
 
     /// Speed of a full action (m/s).
@@ -167,12 +173,12 @@ impl GameBatch {
         }
         let observations: Vec<_> =
             self.players.iter().map(|own| own.observations[0].bind(py).readwrite()).collect();
-        let width = self.rules.kind.len();
+        let width = self.rules.layout.len();
         for (player, mut rows) in observations.into_iter().enumerate() {
             let rows = rows.as_slice_mut()?;
             for block in &self.blocks {
                 let own = block.first * width..(block.first + block.games.len()) * width;
-                block.observe(player, self.rules.kind, &mut rows[own]);
+                block.observe(player, self.rules.layout, &mut rows[own]);
             }
         }
         Ok(())
@@ -204,7 +210,7 @@ impl GameBatch {
         ];
         self.steps += 1;
         let buffer = (self.steps % 2) as usize;
-        let width = self.rules.kind.len();
+        let width = self.rules.layout.len();
         let borrow = |own: &Arrays| {
             (
                 own.observations[buffer].bind(py).readwrite(),
@@ -288,7 +294,7 @@ impl Task<'_> {
         for (player, rows) in self.players.iter_mut().enumerate() {
             block.reward(player, &rules.reward, rows.rewards);
         }
-        let width = rules.kind.len();
+        let width = rules.layout.len();
         let mut any = false;
         for (board, ended) in block.outcomes.ended.iter().enumerate() {
             self.truncated[board] = *ended == Some(Ending::TimeLimit);
@@ -302,7 +308,7 @@ impl Task<'_> {
                 any = true;
                 for (player, rows) in self.players.iter_mut().enumerate() {
                     let own = &mut rows.last[board * width..(board + 1) * width];
-                    block.observe_board(board, player, rules.kind, own);
+                    block.observe_board(board, player, rules.layout, own);
                 }
             }
         }
@@ -311,7 +317,7 @@ impl Task<'_> {
             block.look();
         }
         for (player, rows) in self.players.iter_mut().enumerate() {
-            block.observe(player, rules.kind, rows.observations);
+            block.observe(player, rules.layout, rows.observations);
         }
         Ok(())
     }
@@ -329,6 +335,7 @@ impl Block {
             outcomes: Outcomes::new(count),
             sensors,
             commands: vec![[[0.0; 2]; 2]; count],
+            previous: vec![[PreviousCommands::default(); 2]; count],
             exact: [vec![0.0; count * EXACT], vec![0.0; count * EXACT]],
         };
         block.look();
@@ -353,7 +360,7 @@ impl Block {
         let Some(script) = rules.scripted[player] else { return };
         let mut row = [0.0; EXACT];
         for board in 0..self.commands.len() {
-            self.observe_board(board, player, ObservationKind::Standard12, &mut row);
+            self.observe_board(board, player, ObservationKind::Standard12.into(), &mut row);
             let moment = Moment { seed, board: (self.first + board) as u64, step };
             self.commands[board][player] = script.velocity(&row, moment, speed);
         }
@@ -368,6 +375,9 @@ impl Block {
                 }
             }
         }
+        for (previous, commands) in self.previous.iter_mut().zip(&self.commands) {
+            previous.iter_mut().zip(commands).for_each(|(own, command)| own.push(*command));
+        }
         self.games.advance(&self.commands, &mut self.outcomes)?;
         if let Some(sensors) = &mut self.sensors {
             sensors.advance(&self.games);
@@ -377,9 +387,12 @@ impl Block {
 
     fn begin_ended(&mut self) -> Result<(), GameError> {
         self.games.restart_ended(&self.outcomes)?;
-        let Some(sensors) = &mut self.sensors else { return Ok(()) };
         for (board, ended) in self.outcomes.ended.iter().enumerate() {
-            if ended.is_some() {
+            if ended.is_none() {
+                continue;
+            }
+            self.previous[board] = [PreviousCommands::default(); 2];
+            if let Some(sensors) = &mut self.sensors {
                 sensors.begin(board, &self.games);
             }
         }
@@ -410,19 +423,27 @@ impl Block {
         }
     }
 
-    fn observe(&self, player: usize, kind: ObservationKind, rows: &mut [f32]) {
-        for (board, row) in rows.chunks_exact_mut(kind.len()).enumerate() {
-            self.observe_board(board, player, kind, row);
+    fn observe(&self, player: usize, layout: ObservationLayout, rows: &mut [f32]) {
+        for (board, row) in rows.chunks_exact_mut(layout.len()).enumerate() {
+            self.observe_board(board, player, layout, row);
         }
     }
 
-    fn observe_board(&self, board: usize, player: usize, kind: ObservationKind, row: &mut [f32]) {
+    fn observe_board(
+        &self,
+        board: usize,
+        player: usize,
+        layout: ObservationLayout,
+        row: &mut [f32],
+    ) {
+        let (state, commands) = row.split_at_mut(layout.state.len());
+        self.previous[board][player].write(commands);
         let player = Player::BOTH[player];
         match &self.sensors {
-            None => self.games.observe_board(board, player, kind, row),
+            None => self.games.observe_board(board, player, layout.state, state),
             Some(sensors) => {
                 let cup_distance = self.games.settings().cup.distance as f32;
-                sensors.observation(board, player).write(kind, cup_distance, row);
+                sensors.observation(board, player).write(layout.state, cup_distance, state);
             }
         }
     }
@@ -440,7 +461,7 @@ impl Rules {
         let script = |name: &Option<String>| name.as_deref().map(script_of).transpose();
         Ok(Self {
             game,
-            kind: kind_of(&settings.observations)?,
+            layout: layout_of(settings)?,
             reward: RewardSettings::of(curriculum_of(&settings.reward)?),
             scripted: [script(left)?, script(right)?],
         })
@@ -452,6 +473,16 @@ fn script_of(name: &str) -> PyResult<Scripted> {
     let found = Scripted::ALL.into_iter().find(|own| own.name() == name);
     found
         .ok_or_else(|| refused(format!("no scripted player is called '{name}'; known are {known}")))
+}
+
+fn layout_of(settings: &Settings) -> PyResult<ObservationLayout> {
+    let (state, commands) = (kind_of(&settings.observations)?, settings.action_history);
+    if MOST_PREVIOUS_COMMANDS < commands {
+        return Err(refused(format!(
+            "action_history is {commands}; allowed are 0 to {MOST_PREVIOUS_COMMANDS}"
+        )));
+    }
+    Ok(ObservationLayout { state, commands })
 }
 
 fn kind_of(name: &str) -> PyResult<ObservationKind> {
@@ -496,6 +527,18 @@ impl Policy {
     #[getter]
     fn observation_size(&self) -> usize {
         self.stored.observations.len()
+    }
+
+    /// Its set of state values, as `observations` of the environments.
+    #[getter]
+    fn observations(&self) -> &'static str {
+        self.stored.observations.state.name()
+    }
+
+    /// Number of its own previous commands that it observes after them.
+    #[getter]
+    fn action_history(&self) -> usize {
+        self.stored.observations.commands
     }
 
     /// Mean actions of observations `[rows][values]`: `[rows][2]`, single precision, from -1 to 1.
