@@ -229,7 +229,7 @@ impl Size {
     #[must_use]
     pub fn expected_minutes(self) -> f64 {
         match self {
-            Self::Quick => 4.0,
+            Self::Quick => 5.0,
             Self::Full => 25.0,
             Self::Smallest => 1.0,
         }
