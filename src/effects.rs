@@ -40,7 +40,6 @@ pub use block::Block;
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
 pub use drive::scan::{PhaseSeries, SCANS, Scan, periods};
-pub(crate) use expression::define_unnamed;
 pub use expression::{
     Coordinates, Definition, DefinitionError, Expression, ParameterDefinition, Place, Sign,
     VARIABLES, define,

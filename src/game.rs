@@ -83,6 +83,7 @@ mod games;
 mod laws;
 mod motion;
 mod observation;
+mod observed;
 mod outcome;
 mod period;
 mod randomization;
@@ -98,6 +99,7 @@ pub use observation::{
     MOST_PREVIOUS_COMMANDS, Observation, ObservationKind, ObservationLayout, PreviousCommands,
     turned,
 };
+pub use observed::{ObservedGames, ObservedState};
 pub use outcome::{Ending, Outcomes};
 pub use randomization::{BoardPhysics, Randomization, Surface};
 pub use sensing::{Estimator, IN_CUP_SECONDS, Seen, SensorSettings, Sensors};

@@ -34,7 +34,7 @@ pub use address::{LiveAddress, LiveAddressError};
 pub use playback::{Playback, Played};
 
 use crate::{
-    recording::{FILE_DESCRIPTOR_SET, PROTOBUF, RawSchema},
+    recording::{FILE_DESCRIPTOR_SET, RawSchema},
     units::Nanos,
 };
 use hub::{Channel, Job, Outgoing};
@@ -199,13 +199,8 @@ impl Publisher {
         log_time: Nanos,
         message: &M,
     ) {
-        let schema = RawSchema {
-            name: &M::full_name(),
-            encoding: PROTOBUF,
-            data: FILE_DESCRIPTOR_SET,
-            message_encoding: PROTOBUF,
-            channel_metadata: &BTreeMap::new(),
-        };
+        let name = M::full_name();
+        let schema = RawSchema::protobuf(&name, FILE_DESCRIPTOR_SET);
         self.publish(topic, &schema, log_time, &message.encode_to_vec());
     }
 

@@ -38,7 +38,7 @@ use crate::{
     board::BoardSize,
     ekf::{BoardFilter, Detections, FilterSettings, Object},
     recording::{
-        PROTOBUF, RawSchema, RecordingError, RecordingWriter,
+        RawSchema, RecordingError, RecordingWriter,
         message::{BoardState, CameraDetections, CarriageState, RunMarker, run_marker::Phase},
         topic::{self, Player},
     },
@@ -240,14 +240,7 @@ fn object_of(player: Player) -> Object {
 /// Schema of `/scene`, for [`RecordingWriter::write_raw`] and the live view.
 #[must_use]
 pub fn schema() -> RawSchema<'static> {
-    const NONE: &BTreeMap<String, String> = &BTreeMap::new();
-    RawSchema {
-        name: SCHEMA,
-        encoding: PROTOBUF,
-        data: DESCRIPTOR,
-        message_encoding: PROTOBUF,
-        channel_metadata: NONE,
-    }
+    RawSchema::protobuf(SCHEMA, DESCRIPTOR)
 }
 
 impl SceneUpdate {

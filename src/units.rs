@@ -25,6 +25,21 @@ pub const NANOS_PER_SECOND: u64 = 1_000_000_000;
 pub struct Nanos(pub u64);
 
 impl Nanos {
+    /// Return the time as a Protocol Buffers message.
+    ///
+    /// ```
+    /// use klasktron::units::Nanos;
+    /// let time = Nanos(1_500_000_000).timestamp();
+    /// assert_eq!((time.seconds, time.nanos), (1, 500_000_000));
+    /// ```
+    #[must_use]
+    pub fn timestamp(self) -> prost_types::Timestamp {
+        prost_types::Timestamp {
+            seconds: (self.0 / NANOS_PER_SECOND) as i64,
+            nanos: (self.0 % NANOS_PER_SECOND) as i32,
+        }
+    }
+
     /// Return the seconds from `earlier` to `self`; negative when `self` is before it.
     ///
     /// ```

@@ -5,15 +5,15 @@ use super::{
     source::{CompressedImage, encode_jpeg},
 };
 use crate::{
-    recording::{PROTOBUF, RawSchema, RecordingError, RecordingWriter, topic},
-    units::{NANOS_PER_SECOND, Nanos},
+    recording::{RawSchema, RecordingError, RecordingWriter, topic},
+    units::Nanos,
 };
 use prost::Message as _;
 use prost_types::{
     DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet,
     field_descriptor_proto::{Label, Type},
 };
-use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 /// Quality of the JPEG images: 90 moves a fitted centre by less than 0.05 pixels.
 const QUALITY: u8 = 90;
@@ -45,26 +45,19 @@ impl FrameImages {
     ) -> Result<(), FrameImageError> {
         let mut data = Vec::new();
         encode_jpeg(frame, QUALITY, &mut data).map_err(FrameImageError::Jpeg)?;
-        let at = frame.capture_time.0;
         let message = CompressedImage {
-            timestamp: Some(prost_types::Timestamp {
-                seconds: (at / NANOS_PER_SECOND) as i64,
-                nanos: (at % NANOS_PER_SECOND) as i32,
-            }),
+            timestamp: Some(frame.capture_time.timestamp()),
             data,
             format: "jpeg".to_owned(),
             frame_id: "camera".to_owned(),
         };
-        let schema = RawSchema {
-            name: "foxglove.CompressedImage",
-            encoding: PROTOBUF,
-            data: &descriptor().encode_to_vec(),
-            message_encoding: PROTOBUF,
-            channel_metadata: &BTreeMap::new(),
-        };
+        let schema = RawSchema::protobuf("foxglove.CompressedImage", &DESCRIPTOR);
         Ok(writer.write_raw(topic::CAMERA_IMAGE, &schema, times, &message.encode_to_vec())?)
     }
 }
+
+/// Serialised [`descriptor`], the same for every frame.
+static DESCRIPTOR: LazyLock<Vec<u8>> = LazyLock::new(|| descriptor().encode_to_vec());
 
 /// Descriptor of `foxglove.CompressedImage` (foxglove/schemas) and of the time stamp that it uses.
 fn descriptor() -> FileDescriptorSet {

@@ -71,7 +71,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let count = playback.run(args.rate, stop, |message| {
         let topic = &message.channel.topic;
         let (log, publish) = (message.index.log_time, message.index.publish_time);
-        publisher.publish(topic, &message.schema(), log, message.data);
+        publisher.publish(topic, &message.channel.raw_schema(), log, message.data);
         let Some(scene) = &mut scene else { return };
         let sight = Sight::decode(topic, message.data);
         if let Some(update) = sight.and_then(|sight| scene.see([log, publish], &sight)) {
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// Advertise every channel, so that a viewer can subscribe before the first message.
 fn advertise(playback: &Playback<'_>, publisher: &mut Publisher) {
     for message in playback.messages() {
-        publisher.advertise(&message.channel.topic, &message.schema());
+        publisher.advertise(&message.channel.topic, &message.channel.raw_schema());
     }
     publisher.advertise(topic::SCENE, &scene::schema());
 }

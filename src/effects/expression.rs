@@ -445,8 +445,8 @@ impl Definition {
         Ok(())
     }
 
-    /// Effect of the definition, for the life of the program.
-    fn effect(&self) -> Result<&'static Effect, DefinitionError> {
+    /// Effect of the definition, for the life of the program; [`find`] does not know it.
+    pub(crate) fn effect(&self) -> Result<&'static Effect, DefinitionError> {
         self.check()?;
         let confused_with = self
             .confused_with
@@ -555,15 +555,6 @@ pub fn define(definition: &Definition) -> Result<&'static Effect, DefinitionErro
     let effect = definition.effect()?;
     KNOWN.lock().unwrap_or_else(PoisonError::into_inner).push(effect);
     Ok(effect)
-}
-
-/// The effect of `definition` that [`find`] does not know, for an effect that belongs to one search. It is kept for the
-/// life of the program.
-///
-/// # Errors
-/// The definition is wrong.
-pub(crate) fn define_unnamed(definition: &Definition) -> Result<&'static Effect, DefinitionError> {
-    definition.effect()
 }
 
 impl Effect {

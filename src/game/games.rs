@@ -308,19 +308,18 @@ impl Games {
         Ok(())
     }
 
-    /// Write the observation of `player` in one environment, `[kind.len()]`.
+    /// Exact, current observation of `player` in the environment `board`.
     ///
     /// # Panics
-    /// When there is no such environment, or `row` has the wrong length.
-    pub fn observe_board(
-        &self,
-        board: usize,
-        player: Player,
-        kind: ObservationKind,
-        row: &mut [f32],
-    ) {
-        let sight = Observation::of(player, &self.strikers[board], &self.balls[board]);
-        sight.write(kind, self.table.cup.distance as f32, row);
+    /// When there is no such environment.
+    #[must_use]
+    pub fn observation(&self, board: usize, player: Player) -> Observation {
+        Observation::of(player, &self.strikers[board], &self.balls[board])
+    }
+
+    /// Number of the first environment in the whole set, and seed.
+    pub(super) fn origin(&self) -> (usize, u64) {
+        (self.first, self.seed)
     }
 
     /// State of the environment `board`.

@@ -58,6 +58,9 @@ pub enum ObservationKind {
 const AIM_SCALE: f32 = 0.005;
 
 impl ObservationKind {
+    /// All sets, the smallest first.
+    pub const ALL: [Self; 3] = [Self::Standard12, Self::Augmented20, Self::Aiming29];
+
     /// Number of values of the largest set.
     pub const MOST: usize = 29;
 
@@ -221,6 +224,12 @@ impl PreviousCommands {
     }
 
     /// All values, for a checkpoint.
+    #[must_use]
+    pub fn values(&self) -> &[f32] {
+        self.0.as_flattened()
+    }
+
+    /// All values, from a checkpoint.
     pub fn values_mut(&mut self) -> &mut [f32] {
         self.0.as_flattened_mut()
     }

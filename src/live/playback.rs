@@ -1,7 +1,7 @@
 //! Messages of a recording in the order and at the pace of their log times.
 
 use crate::{
-    recording::{Channel, MessageIndex, RawSchema, Recording},
+    recording::{Channel, MessageIndex, Recording},
     units::Nanos,
 };
 use std::{
@@ -22,20 +22,6 @@ pub struct Played<'a> {
     pub index: &'a MessageIndex,
     /// Its content.
     pub data: &'a [u8],
-}
-
-impl<'a> Played<'a> {
-    /// Return the schema of the channel.
-    #[must_use]
-    pub fn schema(&self) -> RawSchema<'a> {
-        RawSchema {
-            name: &self.channel.schema,
-            encoding: &self.channel.schema_encoding,
-            data: &self.channel.schema_data,
-            message_encoding: &self.channel.encoding,
-            channel_metadata: &self.channel.metadata,
-        }
-    }
 }
 
 /// Messages of a recording by log time.

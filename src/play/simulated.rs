@@ -7,10 +7,7 @@
 
 use super::{PlayError, Seat, pilot::scripted_speed};
 use crate::{
-    game::{
-        CONTROL_PERIOD, GameSettings, Games, Observation, ObservationKind, Outcomes,
-        PreviousCommands, Sensors, StrikerOverCup,
-    },
+    game::{CONTROL_PERIOD, GameSettings, Games, ObservedGames, StrikerOverCup},
     gantry::Robot,
     opponent,
     ppo::Scratch,
@@ -41,10 +38,7 @@ pub struct SimulatedGoals {
 /// A match of two players in a simulation.
 pub struct SimulatedMatch {
     seats: [Seat; 2],
-    games: Games,
-    outcomes: Outcomes,
-    /// Those of the game; `None` for exact observations.
-    sensors: Option<Sensors>,
+    observed: ObservedGames,
     serves: Serves,
     /// Control periods between the end of an episode and the next serve.
     pause: usize,
@@ -52,8 +46,6 @@ pub struct SimulatedMatch {
     patience: Option<usize>,
     seed: u64,
     speed: f32,
-    /// Previous commands of each player.
-    previous: [PreviousCommands; 2],
     scratch: Scratch,
 }
 
@@ -85,14 +77,11 @@ impl SimulatedMatch {
         Ok(Self {
             speed: scripted_speed(&game.limits, robot),
             seats: [left, right],
-            outcomes: Outcomes::new(1),
-            sensors: game.sensors.map(|own| Sensors::new(&own, &games, (0, seed))),
             pause: periods(rig.ball.put_back_after_s),
             patience: (0.0 < still).then(|| periods(still)),
             serves,
-            games,
+            observed: ObservedGames::new(games),
             seed,
-            previous: [PreviousCommands::default(); 2],
             scratch: Scratch::default(),
         })
     }
@@ -121,9 +110,9 @@ impl SimulatedMatch {
                 continue;
             }
             self.step(step)?;
-            let [vx, vy] = self.games.snapshot(0).ball_velocity;
+            let [vx, vy] = self.observed.games().snapshot(0).ball_velocity;
             still = if vx.hypot(vy) < STILL_SPEED { still + 1 } else { 0 };
-            if let Some(ending) = self.outcomes.ended[0] {
+            if let Some(ending) = self.observed.outcomes().ended[0] {
                 match ending.winner() {
                     Some(Player::Left) => goals.left += 1,
                     Some(Player::Right) => goals.right += 1,
@@ -141,52 +130,34 @@ impl SimulatedMatch {
 
     fn write(&self, step: u64, writer: &mut RecordingWriter) -> Result<(), RecordingError> {
         let period_ns = (CONTROL_PERIOD * 1e9) as u64;
-        writer.write(BOARD_STATE, Nanos(step * period_ns), &self.games.snapshot(0).message())
+        writer.write(
+            BOARD_STATE,
+            Nanos(step * period_ns),
+            &self.observed.games().snapshot(0).message(),
+        )
     }
 
     /// Put the ball back to its next start.
     fn serve(&mut self) {
         if let Some([ball, velocity]) = self.serves.next() {
-            self.games.serve(0, ball, velocity);
-            if let Some(sensors) = &mut self.sensors {
-                sensors.begin(0, &self.games);
-            }
+            self.observed.serve(0, ball, velocity);
         }
     }
 
     fn step(&mut self, step: u64) -> Result<(), PlayError> {
         let mut commands = [[0.0; 2]; 2];
         for (player, command) in Player::BOTH.into_iter().zip(&mut commands) {
-            if self.sensors.as_ref().is_some_and(|sensors| !sensors.is_in_play(0)) {
-                continue;
-            }
-            let seen = self.observation(player);
+            let seen = self.observed.observation(0, player);
             *command = match &self.seats[player as usize] {
                 Seat::Scripted(script) => {
                     let moment = opponent::Moment { seed: self.seed, board: player as u64, step };
                     script.velocity(&seen.0, moment, self.speed)
                 }
                 Seat::Policy { policy, .. } => {
-                    policy.velocity(&seen, &self.previous[player as usize], &mut self.scratch)
+                    policy.velocity(&seen, self.observed.previous(0, player), &mut self.scratch)
                 }
             };
         }
-        for (previous, command) in self.previous.iter_mut().zip(commands) {
-            previous.push(command);
-        }
-        self.games.advance(&[commands], &mut self.outcomes)?;
-        if let Some(sensors) = &mut self.sensors {
-            sensors.advance(&self.games);
-        }
-        Ok(())
-    }
-
-    fn observation(&self, player: Player) -> Observation {
-        if let Some(sensors) = &self.sensors {
-            return sensors.observation(0, player);
-        }
-        let mut seen = Observation([0.0; 12]);
-        self.games.observe_board(0, player, ObservationKind::Standard12, &mut seen.0);
-        seen
+        Ok(self.observed.advance(&mut [commands])?)
     }
 }

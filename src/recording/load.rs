@@ -5,7 +5,7 @@ use super::{
     scan::{self, Loss, MAGIC, ScanError},
     schema::{self, PROTOBUF, message::RunMarker},
     topic,
-    writer::RECORDING_METADATA,
+    writer::{RECORDING_METADATA, RawSchema},
 };
 use crate::units::Nanos;
 use mcap::records::{self, Record};
@@ -53,6 +53,18 @@ impl Channel {
     /// Return the bytes of each message with its time stamps, in file order.
     pub fn raw(&self) -> impl Iterator<Item = (&MessageIndex, &[u8])> {
         self.messages.iter().map(|message| (message, &self.bytes[message.range.clone()]))
+    }
+
+    /// Return the schema, for [`RecordingWriter::write_raw`](super::RecordingWriter::write_raw).
+    #[must_use]
+    pub fn raw_schema(&self) -> RawSchema<'_> {
+        RawSchema {
+            name: &self.schema,
+            encoding: &self.schema_encoding,
+            data: &self.schema_data,
+            message_encoding: &self.encoding,
+            channel_metadata: &self.metadata,
+        }
     }
 
     fn push(&mut self, header: &records::MessageHeader, data: &[u8]) {

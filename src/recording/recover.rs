@@ -3,7 +3,7 @@
 use super::{
     Recording, RecordingError,
     atomic::ExistingFile,
-    writer::{FlushPolicy, RawSchema, RecordingWriter},
+    writer::{FlushPolicy, RecordingWriter},
 };
 use crate::units::Nanos;
 use std::path::Path;
@@ -58,15 +58,8 @@ fn copy_into(
         .collect();
     messages.sort_by_key(|(index, _, _)| index.log_time);
     for (index, channel, bytes) in messages {
-        let schema = RawSchema {
-            name: &channel.schema,
-            encoding: &channel.schema_encoding,
-            data: &channel.schema_data,
-            message_encoding: &channel.encoding,
-            channel_metadata: &channel.metadata,
-        };
         let times = [index.log_time, index.publish_time];
-        writer.write_raw(&channel.topic, &schema, times, bytes)?;
+        writer.write_raw(&channel.topic, &channel.raw_schema(), times, bytes)?;
         after(writer, &channel.topic, times, bytes)?;
     }
     for attachment in &recording.attachments {

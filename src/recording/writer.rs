@@ -155,13 +155,8 @@ impl RecordingWriter {
         let mut buffer = std::mem::take(&mut self.buffer);
         buffer.clear();
         message.encode(&mut buffer).unwrap_or_else(|_grows| unreachable!("a Vec grows"));
-        let schema = RawSchema {
-            name: &M::full_name(),
-            encoding: PROTOBUF,
-            data: FILE_DESCRIPTOR_SET,
-            message_encoding: PROTOBUF,
-            channel_metadata: &BTreeMap::new(),
-        };
+        let name = M::full_name();
+        let schema = RawSchema::protobuf(&name, FILE_DESCRIPTOR_SET);
         let result = self.write_raw(topic, &schema, [log_time, publish_time], &buffer);
         self.buffer = buffer;
         result
@@ -292,4 +287,14 @@ pub struct RawSchema<'a> {
     pub message_encoding: &'a str,
     /// Key and value pairs of the channel record.
     pub channel_metadata: &'a BTreeMap<String, String>,
+}
+
+impl<'a> RawSchema<'a> {
+    /// Schema of the Protocol Buffers message called `name`, whose serialised `FileDescriptorSet` is
+    /// `data`.
+    #[must_use]
+    pub fn protobuf(name: &'a str, data: &'a [u8]) -> Self {
+        const NONE: &BTreeMap<String, String> = &BTreeMap::new();
+        Self { name, encoding: PROTOBUF, data, message_encoding: PROTOBUF, channel_metadata: NONE }
+    }
 }

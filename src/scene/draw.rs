@@ -11,7 +11,7 @@ use crate::{
         message::{BoardState, ObjectState},
         topic::Player,
     },
-    units::{NANOS_PER_SECOND, Nanos},
+    units::Nanos,
 };
 use std::f64::consts::TAU;
 
@@ -50,10 +50,7 @@ pub(super) const TRUTH: Color = Color { r: 0.2, g: 1.0, b: 1.0, a: 0.5 };
 
 fn entity(time: Nanos, id: impl Into<String>, lifetime_ns: i32) -> SceneEntity {
     SceneEntity {
-        timestamp: Some(prost_types::Timestamp {
-            seconds: (time.0 / NANOS_PER_SECOND) as i64,
-            nanos: (time.0 % NANOS_PER_SECOND) as i32,
-        }),
+        timestamp: Some(time.timestamp()),
         frame_id: FRAME.to_owned(),
         id: id.into(),
         lifetime: Some(prost_types::Duration { seconds: 0, nanos: lifetime_ns }),

@@ -183,8 +183,9 @@ impl Arena<'_> {
                 }
                 let player = seat(first + row);
                 result.periods += 1;
-                result.hits += u32::from(tables.outcomes.hits[row][player as usize]);
-                if let Some(ending) = tables.outcomes.ended[row] {
+                let outcomes = tables.observed.outcomes();
+                result.hits += u32::from(outcomes.hits[row][player as usize]);
+                if let Some(ending) = outcomes.ended[row] {
                     *open = false;
                     result.score = score_of(ending, player);
                     result.own_goal = result.score < 0 && !matches!(ending, Ending::Goal { .. });
@@ -195,7 +196,7 @@ impl Arena<'_> {
             }
             tables.begin_ended()?;
         }
-        Ok(tables.queries())
+        Ok(tables.observed.games().queries())
     }
 }
 

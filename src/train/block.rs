@@ -10,7 +10,7 @@ use super::{
     table::{Tables, across},
 };
 use crate::{
-    game::{ClockFn, Ending, GameError},
+    game::{ClockFn, Ending, GameError, ObservedState},
     ppo::{End, Learner, RolloutPart, RolloutStep, StepIndex},
 };
 use std::ops::Range;
@@ -109,7 +109,8 @@ impl Block {
 
     /// Restore the environments of `tables` from a checkpoint.
     pub(super) fn restore(mut tables: Tables, state: &BlockState) -> Result<Self, GameError> {
-        tables.restore(&state.games, &state.sensors, &state.previous_commands)?;
+        let BlockState { games, sensors, previous_commands, .. } = state.clone();
+        tables.restore(&ObservedState { games, sensors, previous_commands })?;
         for found in [state.drawn.len(), state.returns.len(), state.lengths.len()] {
             let (what, expected) = ("the environments of a checkpoint", tables.len());
             if found != expected {
@@ -124,10 +125,11 @@ impl Block {
 
     /// State of the environments for a checkpoint.
     pub(super) fn state(&self) -> BlockState {
+        let ObservedState { games, sensors, previous_commands } = self.tables.observed.save();
         BlockState {
-            games: self.tables.games.save(),
-            sensors: self.tables.save_sensors(),
-            previous_commands: self.tables.save_previous(),
+            games,
+            sensors,
+            previous_commands,
             drawn: self.drawn.clone(),
             returns: self.returns.clone(),
             lengths: self.lengths.clone(),
@@ -173,9 +175,9 @@ impl Block {
             return;
         }
         for row in 0..self.tables.len() {
-            if chosen(self.tables.outcomes.ended[row].is_some()) {
+            if chosen(self.tables.observed.outcomes().ended[row].is_some()) {
                 let seen = self.tables.exact(row, self.tables.seat(row));
-                self.potentials[row] = scene.reward.closeness(seen);
+                self.potentials[row] = scene.reward.closeness(&seen.0);
             }
         }
     }
@@ -207,13 +209,15 @@ impl Block {
         for row in 0..self.tables.len() {
             let player = self.tables.seat(row);
             let seen = self.tables.exact(row, player);
-            let ended = self.tables.outcomes.ended[row];
-            let hit_speed = self.tables.outcomes.hit_speeds[row][player as usize];
+            let outcomes = self.tables.observed.outcomes();
+            let ended = outcomes.ended[row];
+            let hit_speed = outcomes.hit_speeds[row][player as usize];
+            let is_hit = outcomes.hits[row][player as usize];
             let potential = (self.potentials[row], gamma);
-            let made = Step { seen, ended, player, hit_speed, potential };
+            let made = Step { seen: &seen.0, ended, player, hit_speed, potential };
             let reward = scene.reward.of_step(&made, left);
             if scene.reward.form == ShapingForm::Potential {
-                self.potentials[row] = scene.reward.closeness(seen);
+                self.potentials[row] = scene.reward.closeness(&seen.0);
             }
             step.rewards[row] = reward;
             step.ends[row] = match ended {
@@ -227,7 +231,7 @@ impl Block {
             }
             self.returns[row] += reward;
             self.lengths[row] += 1;
-            self.tally.hits += u64::from(self.tables.outcomes.hits[row][player as usize]);
+            self.tally.hits += u64::from(is_hit);
             if let Some(ending) = ended {
                 self.finish_episode(scene, (row, number), ending);
             }

@@ -187,10 +187,9 @@ fn recording_metadata(summary: &Summary) -> BTreeMap<String, String> {
 
 fn policy_metadata(summary: &Summary, limits: &CommandLimits) -> BTreeMap<String, String> {
     let settings = &summary.settings;
-    let name = serde_json::to_value(settings.observations).unwrap_or_default();
     strings([
         ("format_version", FORMAT_VERSION.to_owned()),
-        ("observations", name.as_str().unwrap_or_default().to_owned()),
+        ("observations", settings.observations.name().to_owned()),
         (ACTION_HISTORY_ENTRY, settings.action_history.to_string()),
         (
             "observation_frame",

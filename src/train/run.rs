@@ -221,7 +221,10 @@ impl Run {
     /// Queries of the actuator models so far.
     #[must_use]
     pub fn queries(&self) -> ActuatorQueries {
-        self.blocks.iter().map(|block| block.tables.queries()).fold(self.queries, plus)
+        self.blocks
+            .iter()
+            .map(|block| block.tables.observed.games().queries())
+            .fold(self.queries, plus)
     }
 
     /// Return whether all updates are done.
@@ -275,7 +278,7 @@ impl Run {
     fn times_of_blocks(&self) -> [f64; 2] {
         self.blocks
             .iter()
-            .map(|block| block.tables.games.spent())
+            .map(|block| block.tables.observed.games().spent())
             .fold([0.0; 2], |sum, spent| [sum[0] + spent.physics, sum[1] + spent.actuators])
     }
 
@@ -458,7 +461,7 @@ fn look_around(
     let mut seen = vec![0.0; count * layout.len()];
     let mut commands = vec![[[0.0; 2]; 2]; count];
     let mut previous = vec![[PreviousCommands::default(); 2]; count];
-    let speed = game.limits.speed as f32;
+    let (speed, cup_distance) = (game.limits.speed as f32, game.cup.distance as f32);
     for step in 0..LOOK_STEPS {
         for (board, commands) in commands.iter_mut().enumerate() {
             for (player, command) in commands.iter_mut().enumerate() {
@@ -471,9 +474,8 @@ fn look_around(
         if step.is_multiple_of(LOOK_EVERY) {
             for player in Player::BOTH {
                 for (board, row) in seen.chunks_exact_mut(layout.len()).enumerate() {
-                    let (state, commands) = row.split_at_mut(layout.state.len());
-                    games.observe_board(board, player, layout.state, state);
-                    previous[board][player as usize].write(commands);
+                    let own = &previous[board][player as usize];
+                    layout.write(&games.observation(board, player), own, cup_distance, row);
                 }
                 learner.observe(&seen)?;
             }

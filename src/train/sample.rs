@@ -56,10 +56,13 @@ fn play_one(
         tables.ask(&player, &[1], (seed, step), |_row| across(own));
         let commands = Player::BOTH
             .map(|player| turned(player, tables.commands[0][player as usize].map(f64::from)));
-        moments.push(Moment { board: tables.games.snapshot(0), commands });
+        moments.push(Moment { board: tables.observed.games().snapshot(0), commands });
         tables.advance()?;
-        if let Some(ending) = tables.outcomes.ended[0] {
-            moments.push(Moment { board: tables.games.snapshot(0), commands: [[0.0; 2]; 2] });
+        if let Some(ending) = tables.observed.outcomes().ended[0] {
+            moments.push(Moment {
+                board: tables.observed.games().snapshot(0),
+                commands: [[0.0; 2]; 2],
+            });
             return Ok(SampleGame { seat: own, moments, ending });
         }
     }

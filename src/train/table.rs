@@ -5,8 +5,8 @@
 use super::pool::{Opponent, Question};
 use crate::{
     game::{
-        ActuatorQueries, ClockFn, GameError, GameSettings, Games, ObservationKind,
-        ObservationLayout, Outcomes, PreviousCommands, Sensors,
+        ClockFn, GameError, GameSettings, Games, Observation, ObservationLayout, ObservedGames,
+        ObservedState,
     },
     ppo::Scratch,
     recording::topic::Player,
@@ -27,23 +27,13 @@ pub(super) fn seat(board: usize) -> Player {
     if board.is_multiple_of(2) { Player::Left } else { Player::Right }
 }
 
-/// Values that rewards are computed from.
-const EXACT: ObservationKind = ObservationKind::Standard12;
-
 /// A range of environments with its buffers.
 #[derive(Debug)]
 pub(super) struct Tables {
     /// Number of the first environment.
     pub(super) first: usize,
-    pub(super) games: Games,
-    pub(super) outcomes: Outcomes,
-    /// Camera and estimator; `None` for exact observations.
-    sensors: Option<Sensors>,
-    /// Exact standard values of left and right player, `[boards][12]`, with sensors only.
-    exact: [Vec<f32>; 2],
+    pub(super) observed: ObservedGames,
     layout: ObservationLayout,
-    /// Previous commands of left and right player in every environment.
-    previous: [Vec<PreviousCommands>; 2],
     /// Observations of left and right player, `[boards][width]`.
     seen: [Vec<f32>; 2],
     /// Commands by `[boards][left, right]` (m/s, each player's frame).
@@ -73,21 +63,12 @@ impl Tables {
         (layout, seed, clock): (ObservationLayout, u64, ClockFn),
     ) -> Result<Self, GameError> {
         let count = range.len();
-        let mut games = Games::range(range.clone(), settings, seed)?;
-        games.set_clock(clock);
-        let sensors = settings
-            .sensors
-            .as_ref()
-            .map(|sensors| Sensors::new(sensors, &games, (range.start, seed)));
-        let exact = if sensors.is_some() { count * EXACT.len() } else { 0 };
+        let mut observed = ObservedGames::new(Games::range(range.clone(), settings, seed)?);
+        observed.set_clock(clock);
         let mut tables = Self {
             first: range.start,
-            sensors,
-            exact: [vec![0.0; exact], vec![0.0; exact]],
-            games,
-            outcomes: Outcomes::new(count),
+            observed,
             layout,
-            previous: [0, 1].map(|_player| vec![PreviousCommands::default(); count]),
             seen: [0, 1].map(|_player| vec![0.0; count * layout.len()]),
             commands: vec![[[0.0; 2]; 2]; count],
             speed: settings.limits.speed as f32,
@@ -98,37 +79,11 @@ impl Tables {
         Ok(tables)
     }
 
-    /// Restore saved environments, sensors and previous commands.
-    pub(super) fn restore(
-        &mut self,
-        games: &[u8],
-        sensors: &[u8],
-        previous: &[f32],
-    ) -> Result<(), GameError> {
-        self.games.restore(games)?;
-        let numbers: Vec<&mut f32> =
-            self.previous.iter_mut().flatten().flat_map(PreviousCommands::values_mut).collect();
-        let (what, expected) = ("the previous commands of a checkpoint", numbers.len());
-        if previous.len() != expected {
-            return Err(GameError::Shape { what, found: previous.len(), expected });
-        }
-        numbers.into_iter().zip(previous).for_each(|(own, saved)| *own = *saved);
-        if let Some(own) = &mut self.sensors {
-            own.restore(sensors, &self.games)?;
-        }
+    /// Restore saved environments.
+    pub(super) fn restore(&mut self, saved: &ObservedState) -> Result<(), GameError> {
+        self.observed.restore(saved)?;
         self.look();
         Ok(())
-    }
-
-    /// State of the sensors for a checkpoint; empty without sensors.
-    pub(super) fn save_sensors(&self) -> Vec<u8> {
-        self.sensors.as_ref().map_or_else(Vec::new, Sensors::save)
-    }
-
-    /// Previous commands of all environments for a checkpoint.
-    pub(super) fn save_previous(&self) -> Vec<f32> {
-        let mut all = self.previous.clone();
-        all.iter_mut().flatten().flat_map(|own| own.values_mut().to_vec()).collect()
     }
 
     pub(super) fn len(&self) -> usize {
@@ -146,13 +101,9 @@ impl Tables {
         &self.seen[player as usize][row * width..(row + 1) * width]
     }
 
-    /// Exact standard values of `player` in the `row`-th environment, for rewards.
-    pub(super) fn exact(&self, row: usize, player: Player) -> &[f32] {
-        if self.sensors.is_none() {
-            return self.seen(row, player);
-        }
-        let width = EXACT.len();
-        &self.exact[player as usize][row * width..(row + 1) * width]
+    /// Exact observation of `player` in the `row`-th environment, for rewards.
+    pub(super) fn exact(&self, row: usize, player: Player) -> Observation {
+        self.observed.games().observation(row, player)
     }
 
     /// Observations of the first players, `[boards][width]`.
@@ -197,63 +148,28 @@ impl Tables {
     /// Step all environments by one control period; environments whose episode has ended keep their
     /// final state.
     pub(super) fn advance(&mut self) -> Result<(), GameError> {
-        if let Some(sensors) = &self.sensors {
-            // As in a match at a table, nobody moves while the ball is not seen.
-            for (row, commands) in self.commands.iter_mut().enumerate() {
-                if !sensors.is_in_play(row) {
-                    *commands = [[0.0; 2]; 2];
-                }
-            }
-        }
-        for (row, commands) in self.commands.iter().enumerate() {
-            for (previous, command) in self.previous.iter_mut().zip(commands) {
-                previous[row].push(*command);
-            }
-        }
-        self.games.advance(&self.commands, &mut self.outcomes)?;
-        if let Some(sensors) = &mut self.sensors {
-            sensors.advance(&self.games);
-        }
+        self.observed.advance(&mut self.commands)?;
         self.look();
         Ok(())
     }
 
     /// Begin the next episode in environments whose episode has ended.
     pub(super) fn begin_ended(&mut self) -> Result<(), GameError> {
-        self.games.restart_ended(&self.outcomes)?;
+        self.observed.begin_ended()?;
         for row in 0..self.len() {
-            if self.outcomes.ended[row].is_none() {
-                continue;
+            if self.observed.outcomes().ended[row].is_some() {
+                self.look_at(row);
             }
-            if let Some(sensors) = &mut self.sensors {
-                sensors.begin(row, &self.games);
-            }
-            self.previous.iter_mut().for_each(|own| own[row] = PreviousCommands::default());
-            self.look_at(row);
         }
         Ok(())
     }
 
-    /// Queries of the actuator models in these environments.
-    pub(super) fn queries(&self) -> ActuatorQueries {
-        self.games.queries()
-    }
-
     /// Observations of both players in one environment.
     fn look_at(&mut self, row: usize) {
-        let (width, exact) = (self.layout.len(), EXACT.len());
+        let width = self.layout.len();
         for player in Player::BOTH {
             let seen = &mut self.seen[player as usize][row * width..(row + 1) * width];
-            let (state, commands) = seen.split_at_mut(self.layout.state.len());
-            self.previous[player as usize][row].write(commands);
-            let Some(sensors) = &self.sensors else {
-                self.games.observe_board(row, player, self.layout.state, state);
-                continue;
-            };
-            let cup_distance = self.games.settings().cup.distance as f32;
-            sensors.observation(row, player).write(self.layout.state, cup_distance, state);
-            let exact = &mut self.exact[player as usize][row * exact..(row + 1) * exact];
-            self.games.observe_board(row, player, EXACT, exact);
+            self.observed.observe(row, player, self.layout, seen);
         }
     }
 

@@ -33,8 +33,6 @@ pub(in crate::game) struct TwinDrives {
     striker_mass: f64,
     travel: Travel,
     schedule: Vec<PlantStep>,
-    /// Lengths of the steps of the schedule (s).
-    lengths: Vec<f64>,
     /// Number of stored commands per carriage, the newest first.
     depth: usize,
     /// Commands by `[board][player][depth]`, in belt coordinates (m/s).
@@ -54,7 +52,6 @@ impl TwinDrives {
             memories: vec![0.0; 2 * count * linkage.memory()],
             striker_mass: twin.striker_mass,
             travel: travel.clone(),
-            lengths: schedule.iter().map(|step| step.dt).collect(),
             schedule,
             depth,
             fleet: Fleet::new(plant, 2 * count),
@@ -113,7 +110,8 @@ impl TwinDrives {
             first: carriages.start,
             ways,
         };
-        self.fleet.march(carriages.clone(), &self.lengths, &mut period);
+        let lengths = self.schedule.iter().map(|step| step.dt);
+        self.fleet.march(carriages.clone(), lengths, &mut period);
         let length = self.linkage.memory();
         for value in &mut self.memories[carriages.start * length..carriages.end * length] {
             if value.abs() < f64::from(f32::MIN_POSITIVE) {

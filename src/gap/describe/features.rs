@@ -4,7 +4,7 @@
 //! catalogue, and its typical sizes belong to the recordings at hand.
 
 use crate::{
-    effects::{Coordinates, Definition, Effect, ParameterDefinition, Place, Sign, define_unnamed},
+    effects::{Coordinates, Definition, Effect, ParameterDefinition, Place, Sign},
     gap::findings::DescriptionScale,
     stats::quantile,
     twin::{AxisFrame, Plant, Stage, Twin},
@@ -245,7 +245,7 @@ fn effect(feature: &Feature, sizes: &Sizes) -> &'static Effect {
             sign: Sign::Any,
         }],
     };
-    define_unnamed(&definition).expect("the expressions of features are complete")
+    definition.effect().expect("the expressions of features are complete")
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use crate::{
 use klasktron::{
     game::{
         Ending, GameError, GameSettings, Games, MOST_PREVIOUS_COMMANDS, ObservationKind,
-        ObservationLayout, Outcomes, PreviousCommands, Sensors,
+        ObservationLayout, ObservedGames,
     },
     opponent::{Moment, Scripted},
     ppo::Scratch,
@@ -24,8 +24,6 @@ use std::{
     thread,
 };
 
-/// Values that rewards and scripted players are computed from.
-const EXACT: usize = ObservationKind::Standard12.len();
 /// Fewest environments for which a further thread pays.
 const LEAST_PER_THREAD: usize = 64;
 
@@ -54,14 +52,8 @@ struct Rules {
 /// Environments of one thread.
 struct Block {
     first: usize,
-    games: Games,
-    outcomes: Outcomes,
-    sensors: Option<Sensors>,
+    observed: ObservedGames,
     commands: Vec<[[f32; 2]; 2]>,
-    /// Previous commands by `[boards][left, right]`.
-    previous: Vec<[PreviousCommands; 2]>,
-    /// Exact standard values of left and right, `[boards][12]`.
-    exact: [Vec<f32>; 2],
 }
 
 /// Arrays of one player, shared with Python.
@@ -168,7 +160,7 @@ impl GameBatch {
         self.seed = seed;
         self.steps = 0;
         for block in &mut self.blocks {
-            let range = block.first..block.first + block.games.len();
+            let range = block.first..block.first + block.commands.len();
             *block = Block::new(range, &self.rules, self.seed).map_err(raised)?;
         }
         let observations: Vec<_> =
@@ -177,7 +169,7 @@ impl GameBatch {
         for (player, mut rows) in observations.into_iter().enumerate() {
             let rows = rows.as_slice_mut()?;
             for block in &self.blocks {
-                let own = block.first * width..(block.first + block.games.len()) * width;
+                let own = block.first * width..(block.first + block.commands.len()) * width;
                 block.observe(player, self.rules.layout, &mut rows[own]);
             }
         }
@@ -192,7 +184,7 @@ impl GameBatch {
         left: Option<&Bound<'_, PyAny>>,
         right: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<usize> {
-        let count: usize = self.blocks.iter().map(|block| block.games.len()).sum();
+        let count: usize = self.blocks.iter().map(|block| block.commands.len()).sum();
         let shape = [Length::Exactly(count), Length::Exactly(2)];
         let given = [
             left.map(|own| singles(own, "actions", &shape)).transpose()?,
@@ -229,7 +221,7 @@ impl GameBatch {
         );
         let mut tasks = Vec::with_capacity(self.blocks.len());
         for block in &mut self.blocks {
-            let (boards, values) = (block.games.len(), block.games.len() * width);
+            let (boards, values) = (block.commands.len(), block.commands.len() * width);
             let (l, r, flags) = &mut rest;
             let rows = |own: &mut (_, _, _)| Rows {
                 observations: cut(&mut own.0, values),
@@ -289,14 +281,12 @@ impl Task<'_> {
         for player in [0, 1] {
             block.decide(player, (rules, actions[player]), (seed, step));
         }
-        block.advance()?;
-        block.look();
+        block.observed.advance(&mut block.commands)?;
         for (player, rows) in self.players.iter_mut().enumerate() {
             block.reward(player, &rules.reward, rows.rewards);
         }
         let width = rules.layout.len();
-        let mut any = false;
-        for (board, ended) in block.outcomes.ended.iter().enumerate() {
+        for (board, ended) in block.observed.outcomes().ended.iter().enumerate() {
             self.truncated[board] = *ended == Some(Ending::TimeLimit);
             self.terminated[board] = ended.is_some() && !self.truncated[board];
             self.result[board] = match ended.and_then(Ending::winner) {
@@ -305,17 +295,13 @@ impl Task<'_> {
                 Some(Player::Right) => -1,
             };
             if ended.is_some() {
-                any = true;
                 for (player, rows) in self.players.iter_mut().enumerate() {
                     let own = &mut rows.last[board * width..(board + 1) * width];
-                    block.observe_board(board, player, rules.layout, own);
+                    block.observed.observe(board, Player::BOTH[player], rules.layout, own);
                 }
             }
         }
-        if any {
-            block.begin_ended()?;
-            block.look();
-        }
+        block.observed.begin_ended()?;
         for (player, rows) in self.players.iter_mut().enumerate() {
             block.observe(player, rules.layout, rows.observations);
         }
@@ -325,21 +311,9 @@ impl Task<'_> {
 
 impl Block {
     fn new(range: Range<usize>, rules: &Rules, seed: u64) -> Result<Self, GameError> {
-        let games = Games::range(range.clone(), &rules.game, seed)?;
-        let sensors = rules.game.sensors.as_ref();
-        let sensors = sensors.map(|own| Sensors::new(own, &games, (range.start, seed)));
-        let count = range.len();
-        let mut block = Self {
-            first: range.start,
-            games,
-            outcomes: Outcomes::new(count),
-            sensors,
-            commands: vec![[[0.0; 2]; 2]; count],
-            previous: vec![[PreviousCommands::default(); 2]; count],
-            exact: [vec![0.0; count * EXACT], vec![0.0; count * EXACT]],
-        };
-        block.look();
-        Ok(block)
+        let (first, count) = (range.start, range.len());
+        let observed = ObservedGames::new(Games::range(range, &rules.game, seed)?);
+        Ok(Self { first, observed, commands: vec![[[0.0; 2]; 2]; count] })
     }
 
     /// Commands of `player` from its actions, or from its script.
@@ -358,65 +332,21 @@ impl Block {
             return;
         }
         let Some(script) = rules.scripted[player] else { return };
-        let mut row = [0.0; EXACT];
         for board in 0..self.commands.len() {
-            self.observe_board(board, player, ObservationKind::Standard12.into(), &mut row);
+            let seen = self.observed.observation(board, Player::BOTH[player]).0;
             let moment = Moment { seed, board: (self.first + board) as u64, step };
-            self.commands[board][player] = script.velocity(&row, moment, speed);
-        }
-    }
-
-    fn advance(&mut self) -> Result<(), GameError> {
-        if let Some(sensors) = &self.sensors {
-            // As in a match at a table, nobody moves while the ball is not seen.
-            for (board, commands) in self.commands.iter_mut().enumerate() {
-                if !sensors.is_in_play(board) {
-                    *commands = [[0.0; 2]; 2];
-                }
-            }
-        }
-        for (previous, commands) in self.previous.iter_mut().zip(&self.commands) {
-            previous.iter_mut().zip(commands).for_each(|(own, command)| own.push(*command));
-        }
-        self.games.advance(&self.commands, &mut self.outcomes)?;
-        if let Some(sensors) = &mut self.sensors {
-            sensors.advance(&self.games);
-        }
-        Ok(())
-    }
-
-    fn begin_ended(&mut self) -> Result<(), GameError> {
-        self.games.restart_ended(&self.outcomes)?;
-        for (board, ended) in self.outcomes.ended.iter().enumerate() {
-            if ended.is_none() {
-                continue;
-            }
-            self.previous[board] = [PreviousCommands::default(); 2];
-            if let Some(sensors) = &mut self.sensors {
-                sensors.begin(board, &self.games);
-            }
-        }
-        Ok(())
-    }
-
-    /// Exact values of both players in all environments.
-    fn look(&mut self) {
-        for player in Player::BOTH {
-            let rows = self.exact[player as usize].chunks_exact_mut(EXACT).enumerate();
-            rows.for_each(|(board, row)| {
-                self.games.observe_board(board, player, ObservationKind::Standard12, row);
-            });
+            self.commands[board][player] = script.velocity(&seen, moment, speed);
         }
     }
 
     fn reward(&self, player: usize, settings: &RewardSettings, rewards: &mut [f32]) {
-        let rows = self.exact[player].chunks_exact(EXACT).enumerate();
-        for ((board, seen), reward) in rows.zip(rewards) {
+        let outcomes = self.observed.outcomes();
+        for (board, reward) in rewards.iter_mut().enumerate() {
             let step = Step {
-                seen,
-                ended: self.outcomes.ended[board],
+                seen: &self.observed.games().observation(board, Player::BOTH[player]).0,
+                ended: outcomes.ended[board],
                 player: Player::BOTH[player],
-                hit_speed: self.outcomes.hit_speeds[board][player],
+                hit_speed: outcomes.hit_speeds[board][player],
                 potential: (0.0, 1.0),
             };
             *reward = settings.of_step(&step, 1.0);
@@ -425,26 +355,7 @@ impl Block {
 
     fn observe(&self, player: usize, layout: ObservationLayout, rows: &mut [f32]) {
         for (board, row) in rows.chunks_exact_mut(layout.len()).enumerate() {
-            self.observe_board(board, player, layout, row);
-        }
-    }
-
-    fn observe_board(
-        &self,
-        board: usize,
-        player: usize,
-        layout: ObservationLayout,
-        row: &mut [f32],
-    ) {
-        let (state, commands) = row.split_at_mut(layout.state.len());
-        self.previous[board][player].write(commands);
-        let player = Player::BOTH[player];
-        match &self.sensors {
-            None => self.games.observe_board(board, player, layout.state, state),
-            Some(sensors) => {
-                let cup_distance = self.games.settings().cup.distance as f32;
-                sensors.observation(board, player).write(layout.state, cup_distance, state);
-            }
+            self.observed.observe(board, Player::BOTH[player], layout, row);
         }
     }
 }
@@ -486,14 +397,9 @@ fn layout_of(settings: &Settings) -> PyResult<ObservationLayout> {
 }
 
 fn kind_of(name: &str) -> PyResult<ObservationKind> {
-    match name {
-        "standard12" => Ok(ObservationKind::Standard12),
-        "augmented20" => Ok(ObservationKind::Augmented20),
-        "aiming29" => Ok(ObservationKind::Aiming29),
-        other => Err(refused(format!(
-            "observations are '{other}'; known are standard12, augmented20, aiming29"
-        ))),
-    }
+    let known = ObservationKind::ALL.map(ObservationKind::name).join(", ");
+    let found = ObservationKind::ALL.into_iter().find(|own| own.name() == name);
+    found.ok_or_else(|| refused(format!("observations are '{name}'; known are {known}")))
 }
 
 fn curriculum_of(name: &str) -> PyResult<Curriculum> {

@@ -36,21 +36,13 @@ pub struct Fleet {
     states: Vec<PlantState>,
     /// Memories of the effects of the carriages in a vector, during a march.
     memories: Vec<Vec<f64>>,
-    rails: [[Motion; 2]; MOST_LANES],
-    belts: [[Motion; 2]; MOST_LANES],
 }
 
 impl Fleet {
     /// `count` carriages at rest in the origin.
     #[must_use]
     pub fn new(plant: Plant, count: usize) -> Self {
-        Self {
-            states: vec![plant.start(); count],
-            memories: vec![Vec::new(); MOST_LANES],
-            rails: [[Motion::default(); 2]; MOST_LANES],
-            belts: [[Motion::default(); 2]; MOST_LANES],
-            plant,
-        }
+        Self { states: vec![plant.start(); count], memories: vec![Vec::new(); MOST_LANES], plant }
     }
 
     /// Put `carriage` at rest at `position` (m).
@@ -71,29 +63,37 @@ impl Fleet {
 
     /// Move the `carriages` through steps of these lengths (s), with the results of
     /// [`Plant::step`]. Allocates nothing.
-    pub fn march(&mut self, carriages: Range<usize>, lengths: &[f64], course: &mut impl Course) {
+    pub fn march(
+        &mut self,
+        carriages: Range<usize>,
+        lengths: impl Iterator<Item = f64> + Clone,
+        course: &mut impl Course,
+    ) {
         for first in carriages.clone().step_by(MOST_LANES) {
             let group = first..(first + MOST_LANES).min(carriages.end);
+            let lengths = lengths.clone();
             Arch::new().dispatch(March { fleet: self, carriages: group, lengths, course });
         }
     }
 }
 
 /// The march of at most [`MOST_LANES`] carriages.
-struct March<'a, C> {
+struct March<'a, C, L> {
     fleet: &'a mut Fleet,
     carriages: Range<usize>,
-    lengths: &'a [f64],
+    lengths: L,
     course: &'a mut C,
 }
 
-impl<C: Course> WithSimd for March<'_, C> {
+impl<C: Course, L: Iterator<Item = f64> + Clone> WithSimd for March<'_, C, L> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { fleet, carriages, lengths, course } = self;
-        let Fleet { plant, states, memories, rails, belts } = fleet;
+        let Fleet { plant, states, memories } = fleet;
+        let mut rails = [[Motion::default(); 2]; MOST_LANES];
+        let mut belts = rails;
         for first in carriages.clone().step_by(S::F64_LANES) {
             let count = S::F64_LANES.min(carriages.end - first);
             let plants = [&*plant; MOST_LANES];
@@ -109,14 +109,14 @@ impl<C: Course> WithSimd for March<'_, C> {
                 rails: &mut rails[..count],
                 belts: &mut belts[..count],
             };
-            for (step, dt) in lengths.iter().enumerate() {
+            for (step, dt) in lengths.clone().enumerate() {
                 let mut command = [Lanes::splat(simd, 0.0); 2];
                 for lane in 0..count {
                     let [a, b] = course.command(first + lane, step);
                     command[0].set(lane, a);
                     command[1].set(lane, b);
                 }
-                lanes.step(&mut all, &mut aside, command, Lanes::splat(simd, *dt));
+                lanes.step(&mut all, &mut aside, command, Lanes::splat(simd, dt));
                 for lane in 0..count {
                     let [position, velocity, acceleration, _force] = all.motion(lane);
                     let moved = Moved { position, velocity, acceleration };
@@ -189,7 +189,7 @@ mod tests {
             let mut course = Swing { round: 0, met: 0 };
             for round in 0..40 {
                 course.round = round;
-                fleet.march(0..count, &STEPS, &mut course);
+                fleet.march(0..count, STEPS.into_iter(), &mut course);
                 for (carriage, state) in alone.iter_mut().enumerate() {
                     for (step, dt) in STEPS.iter().enumerate() {
                         plant.step(state, course.command(carriage, step), *dt);
