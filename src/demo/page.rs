@@ -103,15 +103,23 @@ fn lead(story: &Story<'_>) -> String {
         seconds
     );
     let Some(experiment) = story.experiment else { return start };
-    let results: Vec<String> = experiment
-        .differences
+    // Pairs with the same result are listed together.
+    let mut results: Vec<(&str, Vec<String>)> = Vec::new();
+    for one in &experiment.differences {
+        let pair = format!("{} versus {}", one.better, one.worse);
+        match results.iter_mut().find(|(summary, _)| *summary == one.summary()) {
+            Some((_, pairs)) => pairs.push(pair),
+            None => results.push((one.summary(), vec![pair])),
+        }
+    }
+    let results: Vec<String> = results
         .iter()
-        .map(|one| format!("{} versus {}: {}", one.better, one.worse, one.summary()))
+        .map(|(summary, pairs)| format!("{summary}: {}", pairs.join(", ")))
         .collect();
-    format!("{start} Net goals per minute on the rig, {}.", results.join("; "))
+    format!("{start} Net goals per minute on the rig: {}.", results.join("; "))
 }
 
-/// Transfer ratio of each policy against the opponent that moves.
+/// Scoring rate of each policy against the opponent that moves.
 fn key_figures(page: &mut Page, story: &Story<'_>) {
     let Some(experiment) = story.experiment else { return };
     let Some(opponent) = OPPONENTS.last() else { return };
