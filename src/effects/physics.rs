@@ -29,6 +29,8 @@ pub struct Motion {
     pub measured_ahead: f64,
     /// Position as it was recorded at which `position` is zero (m).
     pub position_origin: f64,
+    /// Turns of the motor per metre of belt (1/m). Zero where no belt is known.
+    pub turns_per_metre: f64,
     /// Length of the step (s).
     pub dt: f64,
     /// Position (m).
@@ -50,6 +52,12 @@ impl Motion {
     #[must_use]
     pub fn phase_position(&self) -> f64 {
         self.position + self.measured_ahead
+    }
+
+    /// Angle of the motor's shaft at [`phase_position`](Self::phase_position) (rad).
+    #[must_use]
+    pub fn shaft_angle(&self) -> f64 {
+        std::f64::consts::TAU * self.turns_per_metre * self.phase_position()
     }
 }
 
@@ -279,8 +287,9 @@ pub enum Physics {
     Bristles(fn(p: &[f64]) -> Bristles),
     /// Additional moving mass (kg).
     Inertia(fn(p: &[f64], motion: &Motion) -> f64),
-    /// True to reported position of a motor (m of belt); the velocity loop sees its derivative.
-    Encoder(fn(p: &[f64], position: f64) -> f64),
+    /// True to reported position of a motor (m of belt) with its turns per metre of belt; the velocity loop
+    /// sees the derivative.
+    Encoder(fn(p: &[f64], position: f64, turns_per_metre: f64) -> f64),
     /// Elastic transmission between a motor and its load; `None` if rigid.
     Transmission(fn(p: &[f64]) -> Option<Spring>),
     /// Motion of the motor side to the position of the load side (m); `motion.force` is the force that
@@ -353,12 +362,12 @@ impl Law<fn(&[f64], &mut [f64], f64, f64) -> f64> {
     }
 }
 
-impl Law<fn(&[f64], f64) -> f64> {
-    /// What is reported of a `position` with the parameters `p`.
+impl Law<fn(&[f64], f64, f64) -> f64> {
+    /// What is reported of a `position` with the parameters `p` and the motor's `turns_per_metre` of belt.
     #[inline]
-    pub fn at(&self, p: &[f64], position: f64) -> f64 {
+    pub fn at(&self, p: &[f64], position: f64, turns_per_metre: f64) -> f64 {
         match self {
-            Self::Function(call) => call(p, position),
+            Self::Function(call) => call(p, position, turns_per_metre),
             Self::Expression(own) | Self::Level(own) => own.of_value(p, position),
         }
     }

@@ -647,4 +647,26 @@ mod tests {
         assert!(apart(0) < 5e-4, "{} m/s", apart(0));
         assert!(apart(1) < 1.5e-3, "{} N m", apart(1));
     }
+
+    #[test]
+    fn an_eccentric_pulley_and_encoder_repeat_with_the_belt_of_the_machine() {
+        const METRES_PER_TURN: f64 = 0.05;
+        let of = |name: &str, values: &[f64]| {
+            let mut twin = table(120.0, 0.0, 17.0);
+            twin.belt_metres_per_turn = METRES_PER_TURN;
+            let effect = crate::effects::find(name).unwrap();
+            twin.instances.push(Instance::new(effect, Axis::A, values, Source::Nominal));
+            twin
+        };
+        let times = sampled();
+        let [_, pulley] = answers(&of("drive.ripple.pulley", &[0.7, -0.4]), &times);
+        let [_, motor] = answers(&of("drive.ripple.motor", &[0.7, -0.4, METRES_PER_TURN]), &times);
+        for (pulley, motor) in pulley.iter().zip(&motor) {
+            assert!((pulley - motor).abs() < 1e-9, "{pulley} N m, not {motor} N m");
+        }
+        let plant = Plant::new(&of("sensor.encoder_eccentricity", &[5e-5, 2e-5]));
+        let error = |travel: f64| plant.reported_position([travel, 0.0])[0] - travel;
+        assert!((error(0.013) - error(0.013 + METRES_PER_TURN)).abs() < 1e-12);
+        assert!((error(0.0125) - 5e-5).abs() < 1e-12, "a quarter of a turn: {} m", error(0.0125));
+    }
 }

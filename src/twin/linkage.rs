@@ -8,7 +8,7 @@ use crate::{
 use pulp::Scalar;
 
 type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
-type EncoderPart = Part<Law<fn(&[f64], f64) -> f64>>;
+type EncoderPart = Part<Law<fn(&[f64], f64, f64) -> f64>>;
 type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
 type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
 
@@ -30,6 +30,7 @@ pub struct Linkage {
     frames: Vec<FramePart>,
     couplings: Vec<CouplingPart>,
     mass: [f64; 2],
+    turns_per_metre: f64,
     memory: usize,
 }
 
@@ -44,6 +45,7 @@ impl Linkage {
             frames: Vec::new(),
             couplings: Vec::new(),
             mass: [0.0; 2],
+            turns_per_metre: twin.belt_metres_per_turn.recip(),
             memory: 0,
         };
         for instance in &twin.instances {
@@ -138,7 +140,7 @@ impl Linkage {
         for (k, parts) in self.encoders.iter().enumerate() {
             for part in parts {
                 // The path holds the reported position: take away what the encoder adds.
-                belt[k] -= part.call.at(part.p(), belt[k]) - belt[k];
+                belt[k] -= part.call.at(part.p(), belt[k], self.turns_per_metre) - belt[k];
             }
         }
         let force = both(|k| self.mass[k] * carriage.acceleration[k]);

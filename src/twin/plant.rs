@@ -72,7 +72,7 @@ type CommandPart = Part<Law<fn(&[f64], &mut [f64], f64, f64) -> f64>>;
 type MotionPart = Part<Law<fn(&[f64], &mut [f64], &Motion) -> f64>>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
 type ReactionPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
-type EncoderPart = Part<Law<fn(&[f64], f64) -> f64>>;
+type EncoderPart = Part<Law<fn(&[f64], f64, f64) -> f64>>;
 
 /// Way over which the slope of an encoder's reading is taken (m).
 const SLOPE: f64 = 1e-6;
@@ -80,6 +80,8 @@ const SLOPE: f64 = 1e-6;
 /// Functions that act on one motor (belt coordinate).
 #[derive(Debug, Clone, Default)]
 struct MotorParts {
+    /// Turns of the motor per metre of belt.
+    turns_per_metre: f64,
     delay: f64,
     commands: Vec<CommandPart>,
     ramps: Vec<CommandPart>,
@@ -185,7 +187,13 @@ impl Plant {
     pub fn new(twin: &Twin) -> Self {
         let count = twin.machine.motors();
         let mut plant = Self {
-            motors: vec![MotorParts::default(); count],
+            motors: vec![
+                MotorParts {
+                    turns_per_metre: twin.belt_metres_per_turn.recip(),
+                    ..MotorParts::default()
+                };
+                count
+            ],
             rails: vec![RailParts::default(); count],
             ties: None,
             reactions: Vec::new(),
@@ -345,8 +353,10 @@ impl Plant {
     pub fn reported_position(&self, position: [f64; 2]) -> [f64; 2] {
         let position = belts(position);
         both(|index| {
-            let encoders = self.motors.get(index).map_or(&[][..], |motor| &motor.encoders);
-            encoders.iter().fold(position[index], |at, part| part.call.at(part.p(), at))
+            let own = position[index];
+            self.motors.get(index).map_or(own, |motor| {
+                motor.encoders.iter().fold(own, |at, part| motor.read(part, at))
+            })
         })
     }
 
@@ -360,6 +370,14 @@ impl Plant {
             None => velocity[index],
         };
         both(of)
+    }
+
+    /// Belts before they move.
+    pub(super) fn belts(&self) -> [Motion; 2] {
+        both(|index| {
+            let turns_per_metre = self.motors.get(index).map_or(0.0, |own| own.turns_per_metre);
+            Motion { turns_per_metre, ..Motion::default() }
+        })
     }
 
     /// Whether a belt is soft: only such plants, or only others, step side by side.
@@ -381,7 +399,7 @@ impl Plant {
         let mut aside = Aside {
             memories: std::slice::from_mut(&mut memory),
             rails: &mut [[Motion::default(); 2]],
-            belts: &mut [[Motion::default(); 2]],
+            belts: &mut [self.belts()],
         };
         lanes.step(&mut all, &mut aside, command, Lanes::splat(Scalar, dt));
         all.get(0, state);
@@ -399,6 +417,7 @@ impl Plant {
             run_start_time: 0.0,
             measured_ahead: 0.0,
             position_origin: 0.0,
+            turns_per_metre: 0.0,
             dt,
             position: state.position[0],
             velocity: state.velocity[0],
@@ -489,10 +508,15 @@ impl MotorParts {
             .fold(taken_in, |value, part| part.call.at(part.p(), part.memory(memory), value, dt))
     }
 
+    /// What the `encoder` reports of a `position` (m of belt).
+    fn read(&self, encoder: &EncoderPart, position: f64) -> f64 {
+        encoder.call.at(encoder.p(), position, self.turns_per_metre)
+    }
+
     /// What the encoder makes of a `velocity` (m/s of belt) at `position` (m of belt).
     fn reported(&self, mut position: f64, mut velocity: f64) -> f64 {
         for part in &self.encoders {
-            let read = |at: f64| part.call.at(part.p(), at);
+            let read = |at: f64| self.read(part, at);
             velocity *= (read(position + SLOPE) - read(position - SLOPE)) / (2.0 * SLOPE);
             position = read(position);
         }

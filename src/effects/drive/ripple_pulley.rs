@@ -1,17 +1,16 @@
 //! Force ripple of an eccentric pulley.
 
-use super::ripple_motor::wave;
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
 /// `drive.ripple.pulley`: force ripple of an eccentric pulley.
 ///
-/// The period is the belt travel per turn. The phase of the pulley belongs to a session.
+/// The period is the belt travel per turn of the motor. The phase of the pulley belongs to a session.
 pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     name: "drive.ripple.pulley",
     summary: "a small force repeats with every turn of the pulley",
     domain: Domain::Drive,
     site: Site::EachBelt,
-    equation: "F = A · sin(2π · q / p) + B · cos(2π · q / p), p = 40 mm",
+    equation: "F = A · sin(2π · q / p) + B · cos(2π · q / p), p = belt travel per turn",
     parameters: &[
         Parameter {
             name: "sine_n",
@@ -35,7 +34,10 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.2, 0.0], &[0.0, 0.2]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| wave(p, motion.phase_position(), TURN)),
+    physics: Physics::Force(|p, _, motion| {
+        let (sine, cosine) = motion.shaft_angle().sin_cos();
+        p[0] * sine + p[1] * cosine
+    }),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::MOTOR,
     excitation: "slow diagonals over many turns",
@@ -48,18 +50,16 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     reference: "harmonic model as for torque ripple: Holtz and Springob 1996, IEEE Transactions on Industrial Electronics 43(2), 309-320",
 };
 
-/// Belt travel per turn (m): 20 teeth of 2 mm.
-const TURN: f64 = 0.04;
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::effects::Motion;
 
     #[test]
-    fn it_repeats_with_the_period() {
+    fn it_repeats_with_every_turn_of_the_motor() {
+        const TURN: f64 = 0.05;
         let Physics::Force(force) = RIPPLE_PULLEY.physics else { panic!("it is a force") };
-        let at = |position| Motion { position, ..Motion::default() };
+        let at = |position| Motion { position, turns_per_metre: 1.0 / TURN, ..Motion::default() };
         let p = [3.0, 2.0];
         assert!((force(&p, &mut [], &at(0.0)) - 2.0).abs() < 1e-12);
         assert!((force(&p, &mut [], &at(TURN / 4.0)) - 3.0).abs() < 1e-9);

@@ -1,7 +1,6 @@
 //! Eccentricity of the encoder magnet or disc.
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
-use crate::gantry::BELT_METRES_PER_TURN;
 use std::f64::consts::TAU;
 
 /// `sensor.encoder_eccentricity`: eccentricity of the encoder magnet or disc.
@@ -15,13 +14,13 @@ pub(crate) static ENCODER_ECCENTRICITY: Effect = Effect {
     summary: "the encoder error repeats with every turn of the motor, while the striker moves evenly",
     domain: Domain::Sensor,
     site: Site::EachMotor,
-    equation: "q′ = q + s · sin(2π · q / p) + c · cos(2π · q / p), p = 40 mm",
+    equation: "q′ = q + s · sin(2π · q / p) + c · cos(2π · q / p), p = belt travel per turn",
     parameters: &[PART, Parameter { name: "cosine_m", symbol: "c", ..PART }],
     null: &[0.0, 0.0],
     probes: &[&[3e-5, 3e-5]],
     memory: 0,
-    physics: Physics::Encoder(|p, position| {
-        let (sine, cosine) = (TAU * position / BELT_METRES_PER_TURN).sin_cos();
+    physics: Physics::Encoder(|p, position, turns_per_metre| {
+        let (sine, cosine) = (TAU * turns_per_metre * position).sin_cos();
         position + p[0] * sine + p[1] * cosine
     }),
     regressors: &[Regressor::Phase],
@@ -54,10 +53,11 @@ mod tests {
     #[test]
     fn the_error_returns_every_turn() {
         let Physics::Encoder(encoder) = ENCODER_ECCENTRICITY.physics else { panic!("an encoder") };
-        let error = |position| encoder(&[5e-5, 2e-5], position) - position;
+        let turns_per_metre = 20.0;
+        let error = |position| encoder(&[5e-5, 2e-5], position, turns_per_metre) - position;
         assert!((error(0.0) - 2e-5).abs() < 1e-15);
-        assert!((error(0.01) - 5e-5).abs() < 1e-12);
-        assert!((error(0.013) - error(0.093)).abs() < 1e-12);
-        assert_eq!(encoder(ENCODER_ECCENTRICITY.null, 0.0137), 0.0137);
+        assert!((error(0.0125) - 5e-5).abs() < 1e-12);
+        assert!((error(0.013) - error(0.113)).abs() < 1e-12);
+        assert_eq!(encoder(ENCODER_ECCENTRICITY.null, 0.0137, turns_per_metre), 0.0137);
     }
 }

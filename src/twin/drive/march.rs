@@ -68,7 +68,7 @@ impl WithSimd for March<'_, '_> {
         let mut state = StateLanes::new(simd);
         let mut memories: Vec<Vec<f64>> = plants.iter().map(|plant| plant.memory()).collect();
         let mut rails = vec![[Motion::default(); 2]; plants.len()];
-        let mut belts = rails.clone();
+        let mut belts: Vec<[Motion; 2]> = plants.iter().map(|plant| plant.belts()).collect();
         let mut aside = Aside { memories: &mut memories, rails: &mut rails, belts: &mut belts };
         let mut walks: Vec<Walk<'_>> = jobs.iter().map(|job| Walk::new(stage, job)).collect();
         jobs.iter_mut().flat_map(|job| job.predicted.iter_mut()).for_each(|own| own.fill(f64::NAN));

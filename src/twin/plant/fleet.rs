@@ -93,7 +93,7 @@ impl<C: Course, L: Iterator<Item = f64> + Clone> WithSimd for March<'_, C, L> {
         let Self { fleet, carriages, lengths, course } = self;
         let Fleet { plant, states, memories } = fleet;
         let mut rails = [[Motion::default(); 2]; MOST_LANES];
-        let mut belts = rails;
+        let mut belts = [plant.belts(); MOST_LANES];
         for first in carriages.clone().step_by(S::F64_LANES) {
             let count = S::F64_LANES.min(carriages.end - first);
             let plants = [&*plant; MOST_LANES];

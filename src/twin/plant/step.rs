@@ -647,6 +647,7 @@ impl<S: Simd> Frame<S> {
                     run_start_time: motion.run_start_time,
                     measured_ahead: motion.measured_ahead,
                     position_origin: 0.0,
+                    turns_per_metre: motion.turns_per_metre,
                     dt,
                     position,
                     velocity,
