@@ -14,6 +14,10 @@ pub(crate) enum DocumentKind {
     Ekf,
     /// `score.json`, result of `klasktron eval`
     Score,
+    /// Output of `klasktron info --json`
+    Info,
+    /// `sweep.json`, result of `klasktron sweep`
+    Sweep,
 }
 
 /// Arguments of `klasktron schema`.
@@ -35,6 +39,8 @@ impl DocumentKind {
             Self::Twin => include_str!("../../datasets_schema/twin.schema.json"),
             Self::Ekf => include_str!("../../datasets_schema/ekf.schema.json"),
             Self::Score => include_str!("../../datasets_schema/score.schema.json"),
+            Self::Info => include_str!("../../datasets_schema/info.schema.json"),
+            Self::Sweep => include_str!("../../datasets_schema/sweep.schema.json"),
         }
     }
 }

@@ -17,7 +17,7 @@ use super::{
     table::Table,
     topic::{self, Motor, Player},
 };
-use crate::units::Nanos;
+use crate::{gantry::BELT_METRES_PER_TURN, units::Nanos};
 pub use issue::{DataQualityIssue, QualityWarning};
 use motion::GantryTracks;
 pub use motion::SpeedReport;
@@ -32,8 +32,6 @@ use track::Track;
 /// Version of the [`Inspection`] document.
 pub const SCHEMA_VERSION: u32 = 2;
 
-/// Belt per turn of a motor (m) without metadata of the recording: GT2, 20 teeth.
-const BELT_METRES_PER_TURN: f64 = 0.04;
 /// Metadata that must agree between files that are used together.
 const ROBOT_KEYS: [&str; 2] = ["robot", "belt_metres_per_turn"];
 /// Longest silence of a topic at the end (s). Recorders flush once a second, and the crash of one

@@ -17,7 +17,9 @@ fn document(files: &[&Path]) -> Value {
     args.extend(files.iter().map(|path| path.to_str().unwrap()));
     let (stdout, stderr, status) = said(&klasktron(&args));
     assert_eq!((status, stderr.as_str()), (0, ""));
-    serde_json::from_str(&stdout).unwrap()
+    let document = serde_json::from_str(&stdout).unwrap();
+    crate::schema::assert_valid("info", &document);
+    document
 }
 
 /// Kinds of the warnings about one file.

@@ -126,10 +126,12 @@ fn is_of(kind: &Value, value: &Value) -> bool {
 
 #[test]
 fn every_schema_is_of_the_current_draft_with_a_version_and_no_unknown_keys() {
-    for document in ["gap", "twin", "ekf", "score"] {
+    for (document, version) in
+        [("gap", 2), ("twin", 2), ("ekf", 2), ("score", 2), ("info", 2), ("sweep", 1)]
+    {
         let schema = schema(document);
         assert_eq!(schema["$schema"], "https://json-schema.org/draft/2020-12/schema");
-        assert_eq!(schema["properties"]["schema_version"]["const"], 2, "{document}");
+        assert_eq!(schema["properties"]["schema_version"]["const"], version, "{document}");
         assert_eq!(schema["additionalProperties"], false, "{document}");
     }
 }

@@ -64,6 +64,7 @@ fn the_table_and_the_document_have_every_point() {
     let (stdout, stderr, status) = bench.run(&out, &["--json"]);
     assert_eq!(status, 0, "{stderr}");
     let document: Value = serde_json::from_str(&stdout).unwrap();
+    crate::schema::assert_valid("sweep", &document);
     assert_eq!(document["finished"], 3);
     assert_eq!(document["metric"]["path"], "summary.possession_left.mean");
     assert_eq!(document["chosen"]["values"].as_array().unwrap().len(), 3);
@@ -101,6 +102,8 @@ fn a_failed_point_is_told_kept_and_tried_again_when_asked() {
     assert_eq!(status, 3, "{stderr}");
     assert!(stderr.contains("failed: seed 0: match.mcap: not an MCAP file"), "{stderr}");
     assert!(stderr.contains("1 point failed; run it again with --retry"), "{stderr}");
+    let document = fs::read_to_string(out.join("sweep.json")).unwrap();
+    crate::schema::assert_valid("sweep", &serde_json::from_str(&document).unwrap());
     let page = fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("Failed points") && page.contains("not an MCAP file"));
     let (_, stderr, status) = bench.run(&out, &[]);
