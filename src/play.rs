@@ -26,8 +26,8 @@
 //! # Limits
 //!
 //! A decision uses the current state, not the state at the time when the command takes effect:
-//! training has no such delay either, except that of the actuator. Biscuits and serving are left to
-//! people.
+//! training has no such delay either, except that of the actuator. Serving is left to people. The score is that of
+//! [`LiveReferee`](crate::referee::LiveReferee), which sees no biscuits; [`analyze`](crate::referee::analyze) does.
 //!
 //! ```
 //! use klasktron::{
@@ -49,6 +49,7 @@
 
 mod error;
 mod pilot;
+mod score;
 mod seat;
 mod simulated;
 #[cfg(test)]
@@ -57,5 +58,6 @@ mod tests;
 pub use crate::game::IN_CUP_SECONDS;
 pub use error::PlayError;
 pub use pilot::{Match, label};
+pub use score::{MatchFormat, MatchScore};
 pub use seat::{Seat, Who, WhoError};
 pub use simulated::{SimulatedGoals, SimulatedMatch};

@@ -14,7 +14,7 @@
 //!     .map(|k| {
 //!         let time = f64::from(k) / 120.0;
 //!         let x = if time < 0.253 { -0.1 + time } else { 0.153 - 0.8 * (time - 0.253) };
-//!         Frame { time, ball: Some([x, 0.05]), strikers: [None; 2] }
+//!         Frame { time, ball: Some([x, 0.05]), ..Frame::default() }
 //!     })
 //!     .collect();
 //! let events = analyze(&frames, &Rules::default()).events;
@@ -35,12 +35,13 @@
 //! | `goal` | the ball is over a cup for [`Rules::goal_stay`], or vanishes in it; its time is that of crossing the edge |
 //! | `rim_out` | the ball was over a cup and leaves it sooner |
 //! | `striker_in_goal` | own goal: a striker's centre is over its own cup for [`Rules::striker_stay`] |
+//! | `two_biscuits` | two biscuits are within [`Rules::biscuit_within`] of one striker for [`Rules::biscuit_stay`]: the other player gets the point |
 //! | `timeout` | the ball has been at rest for [`Rules::timeout_after`] |
 //! | `ball_lost` | the ball has not been detected for [`Rules::lost_after`] and did not vanish in a cup |
-//! | `restart` | the ball is on the board again, and no striker is in its cup |
+//! | `restart` | the ball is on the board again, and no striker is in its cup or has two biscuits |
 //!
-//! An episode lasts from the beginning or a restart to a goal, an own goal, a timeout or a lost
-//! ball. Motion between episodes causes no events.
+//! An episode lasts from the beginning or a restart to a goal, an own goal, two biscuits, a timeout or
+//! a lost ball. Motion between episodes causes no events.
 //!
 //! # Definitions
 //!
@@ -63,7 +64,7 @@
 //!
 //! # Limits
 //!
-//! The camera does not detect biscuits, so they are not evaluated. Two bounces at one wall, or two
+//! Biscuits count only where `/camera/frame` has them: recordings with the detector of this program. Two bounces at one wall, or two
 //! impulses of striker and wall, within one frame count as one. Spin is not estimated.
 
 mod analysis;
@@ -74,6 +75,7 @@ mod event;
 mod events_file;
 mod frames;
 mod impacts;
+mod live;
 mod matches;
 mod metric;
 mod page;
@@ -91,6 +93,7 @@ pub use episodes::{Outcome, Span};
 pub use event::{Event, EventKind};
 pub use events_file::write_events;
 pub use frames::{Frame, MatchFrames, Source};
+pub use live::LiveReferee;
 pub use matches::{ScoredMatch, analyze_matches};
 pub use metric::{Figure, Metric, summarise};
 pub use page::page;

@@ -29,12 +29,40 @@ pub(super) enum CameraDuty {
     Records,
 }
 
+/// Positions in which a carriage that follows its commands is (m): a box between two corners.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Expected {
+    corners: [[f64; 2]; 2],
+}
+
+impl Expected {
+    /// One position (m).
+    pub(super) fn at(position: [f64; 2]) -> Self {
+        Self::between(position, position)
+    }
+
+    /// The box between two corners (m), in any order.
+    pub(super) fn between(one: [f64; 2], other: [f64; 2]) -> Self {
+        Self { corners: [one, other] }
+    }
+
+    /// Distance of `position` from the box (m); 0 inside.
+    pub(super) fn distance(&self, position: [f64; 2]) -> f64 {
+        let [dx, dy] = [0, 1].map(|axis| {
+            let [one, other] = self.corners.map(|corner| corner[axis]);
+            position[axis] - position[axis].clamp(one.min(other), one.max(other))
+        });
+        dx.hypot(dy)
+    }
+}
+
 /// Safety checks; see the module.
 #[derive(Debug)]
 pub(super) struct Guard {
     camera: CameraDuty,
-    /// Past reference positions of each carriage, newest last (m).
-    references: [VecDeque<(Nanos, [f64; 2])>; 2],
+    /// Past expected positions of each carriage, newest last. They are kept for as long as a carriage may lag and an
+    /// encoder may be silent: a position that arrives late is compared with what was expected when it was measured.
+    expected: [VecDeque<(Nanos, Expected)>; 2],
     /// Largest allowed lag of a carriage (s).
     most_lag_s: f64,
     striker_far_since: [Option<Nanos>; 2],
@@ -45,30 +73,47 @@ impl Guard {
     pub(super) fn new(camera: CameraDuty) -> Self {
         Self {
             camera,
-            references: [VecDeque::new(), VecDeque::new()],
+            expected: [VecDeque::new(), VecDeque::new()],
             most_lag_s: MOST_LAG_SECONDS,
             striker_far_since: [None, None],
             worst_tracking: 0.0,
         }
     }
 
-    /// Discard the past references before a new leg or free run, with a new largest lag
+    /// Discard the past expected positions before a new leg or free run, with a new largest lag
     /// `most_lag_s` (s).
     pub(super) fn restart(&mut self, most_lag_s: f64) {
         self.most_lag_s = most_lag_s;
-        self.references.iter_mut().for_each(VecDeque::clear);
+        self.expected.iter_mut().for_each(VecDeque::clear);
     }
 
-    /// Add the present reference position of a carriage (m).
-    pub(super) fn expect(&mut self, player: Player, now: Nanos, position: [f64; 2]) {
-        let kept = &mut self.references[player as usize];
-        kept.push_back((now, position));
-        while kept.front().is_some_and(|(t, _)| self.most_lag_s < now.seconds_since(*t)) {
+    /// Add where a carriage is expected now; its encoders may be silent for `encoder_s` seconds.
+    pub(super) fn expect(
+        &mut self,
+        player: Player,
+        now: Nanos,
+        expected: Expected,
+        encoder_s: f64,
+    ) {
+        let kept = &mut self.expected[player as usize];
+        kept.push_back((now, expected));
+        let oldest_s = self.most_lag_s + encoder_s;
+        while kept.front().is_some_and(|(t, _)| oldest_s < now.seconds_since(*t)) {
             kept.pop_front();
         }
     }
 
-    /// Return the largest distance of a carriage from its reference so far (m).
+    /// Distance of a carriage at `position` (m) from where it was expected when that was measured, or up to the largest
+    /// lag before; NaN without an expectation.
+    fn tracking_error(&self, player: Player, (measured, position): (Nanos, [f64; 2])) -> f64 {
+        let at_its_time = |(time, _): &&(Nanos, Expected)| {
+            (0.0..=self.most_lag_s).contains(&measured.seconds_since(*time))
+        };
+        let expected = self.expected[player as usize].iter().filter(at_its_time);
+        expected.map(|(_, own)| own.distance(position)).fold(f64::NAN, f64::min)
+    }
+
+    /// Return the largest distance of a carriage from its expected position so far (m).
     pub(super) fn worst_tracking(&self) -> f64 {
         self.worst_tracking
     }
@@ -103,18 +148,16 @@ impl Guard {
         station: &Station<'_>,
         commanded: [f64; 2],
     ) -> Result<(), StopReason> {
-        let Some((position_m, velocity)) = station.carriage(player).state() else {
-            return Ok(());
-        };
+        let carriage = station.carriage(player);
+        let Some((position_m, velocity)) = carriage.state() else { return Ok(()) };
         let limits = &station.robot.limits;
         let workspace = station.robot.stop_limits(player);
         if let Some(standstill_m) = leaves(&workspace, limits, (position_m, velocity), commanded) {
             return Err(StopReason::SoftLimit { player, position_m, standstill_m });
         }
-        let distance =
-            |(_, [x, y]): &(Nanos, [f64; 2])| (x - position_m[0]).hypot(y - position_m[1]);
-        let error_m =
-            self.references[player as usize].iter().map(distance).fold(f64::NAN, f64::min);
+        let error_m = carriage
+            .measured_at()
+            .map_or(f64::NAN, |measured| self.tracking_error(player, (measured, position_m)));
         if error_m.is_finite() {
             self.worst_tracking = self.worst_tracking.max(error_m);
         }
@@ -226,5 +269,34 @@ mod tests {
         assert!(!out(0.12, -0.1) && out(0.12, 0.1) && !out(0.12, 0.0));
         // With a braking command it needs 25 mm.
         assert!(!told(0.074, 0.5, -0.2) && told(0.076, 0.5, -0.2));
+    }
+
+    /// A carriage at 0.4 m/s whose encoders report 60 ms late is where it was expected then; compared with the present
+    /// it would be 24 mm away. A jammed one is noticed all the same.
+    #[test]
+    fn a_late_position_is_compared_with_what_was_expected_when_it_was_measured() {
+        const SPEED: f64 = 0.4;
+        let at = |step: u64| Nanos(20_000_000 * step);
+        let mut guard = Guard::new(CameraDuty::Records);
+        guard.restart(0.02);
+        for step in 0..10 {
+            let x = SPEED * at(step).seconds_since(Nanos(0));
+            guard.expect(Player::Left, at(step), Expected::at([x, 0.0]), 0.1);
+        }
+        let error = |step, x| guard.tracking_error(Player::Left, (at(step), [x, 0.0]));
+        let then = SPEED * at(6).seconds_since(Nanos(0));
+        assert!(error(6, then) < 1e-12);
+        assert!((error(9, then) - 0.016).abs() < 1e-9, "{}", error(9, then));
+        assert!((error(9, 0.0) - SPEED * 0.16).abs() < 1e-9, "{}", error(9, 0.0));
+        // Before the restart nothing was expected.
+        guard.restart(0.02);
+        assert!(guard.tracking_error(Player::Left, (at(9), [0.0; 2])).is_nan());
+    }
+
+    #[test]
+    fn between_two_corners_nothing_is_far() {
+        let expected = Expected::between([0.1, -0.1], [0.0, 0.1]);
+        assert_eq!(expected.distance([0.05, 0.0]), 0.0);
+        assert!((expected.distance([0.13, 0.14]) - 0.05).abs() < 1e-12);
     }
 }

@@ -56,6 +56,10 @@ pub struct Decision {
     pub belief: Option<BoardState>,
     /// Reason to end the session.
     pub stop: Option<StopReason>,
+    /// Text for the recording (`/collect/event`, kind `match`).
+    pub note: Option<String>,
+    /// True if the run is complete before its time.
+    pub complete: bool,
 }
 
 /// Driver of carriages in a free run. Its commands pass the same limits as every other command:

@@ -5,7 +5,7 @@ mod free;
 use super::{
     arming::{self, WatchdogPolicy},
     control::{self, ControlLoop, LoopTiming, Tick},
-    guard::{CameraDuty, Guard, MOST_LAG_SECONDS},
+    guard::{CameraDuty, Expected, Guard, MOST_LAG_SECONDS},
     homing::{self, HomingPolicy},
     leg::{Leg, RunLabel},
     pilot::Work,
@@ -274,9 +274,10 @@ impl<'a> Session<'a> {
             // Missed periods are skipped in the reference too.
             at += tick.advanced as usize - 1;
             let now = self.station.now();
+            let encoder_s = self.station.robot.timeouts.encoder_s;
             for (player, reference) in &leg.references {
                 let Some(setpoint) = setpoint_at(reference, at) else { continue };
-                self.guard.expect(*player, now, setpoint.position);
+                self.guard.expect(*player, now, Expected::at(setpoint.position), encoder_s);
                 let due = setpoint_at(reference, at.saturating_sub(self.lag_periods));
                 let wanted = self.wanted(*player, &setpoint, due);
                 self.control.command(&mut self.station, *player, wanted, tick);

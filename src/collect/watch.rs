@@ -189,6 +189,11 @@ impl CarriageWatch {
         Some(([x + x0, y + y0], self.velocity))
     }
 
+    /// Return the time at which the newest position was measured.
+    pub(super) fn measured_at(&self) -> Option<Nanos> {
+        self.track.back().map(|(at, _)| *at)
+    }
+
     /// Return the position at `time` (m), the nearest that is kept.
     pub(super) fn position_at(&self, time: Nanos) -> Option<[f64; 2]> {
         let [x0, y0] = self.origin?;

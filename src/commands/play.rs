@@ -12,7 +12,7 @@ use klasktron::{
     collect::{FreeStretch, SessionReport, Work, run_session},
     ekf::read_settings,
     link::BusSpec,
-    play::{Match, Seat, SimulatedGoals, SimulatedMatch, Who, label},
+    play::{Match, MatchFormat, MatchScore, Seat, SimulatedGoals, SimulatedMatch, Who, label},
     rig::{RigConfig, Truth, config::BallConfig},
     train::{ActuatorSource, TrainSettings, game_with_actuator},
 };
@@ -39,6 +39,12 @@ pub(crate) struct Args {
     /// Duration of the match (s)
     #[arg(long, default_value = "120", value_parser = parse_seconds)]
     seconds: f64,
+    /// Points that win a game; the match ends when it is won, at the latest after --seconds
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=99), conflicts_with = "simulation")]
+    points: Option<u32>,
+    /// Largest number of games, odd; the match is won with more than half of them
+    #[arg(long, value_name = "N", default_value = "1", requires = "points", value_parser = parse_games)]
+    best_of: u32,
     /// Settings of the Kalman filter from `klasktron tune-ekf` [default: untuned]
     #[arg(long, value_name = "FILE")]
     ekf: Option<PathBuf>,
@@ -65,6 +71,8 @@ struct MatchReport<'a> {
     session: &'a SessionReport,
     left: String,
     right: String,
+    /// Score by the referee, as it saw the match.
+    score: MatchScore,
     /// True goals of the virtual rig by the scorer; absent on a real table.
     #[serde(skip_serializing_if = "Option::is_none")]
     truth_goals: Option<Goals>,
@@ -98,6 +106,11 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     parse_within(text, 1.0, 7200.0, "s")
 }
 
+fn parse_games(text: &str) -> Result<u32, String> {
+    let odd = text.parse().ok().filter(|games: &u32| games % 2 == 1 && *games <= 99);
+    odd.ok_or_else(|| "not an odd number from 1 to 99".to_owned())
+}
+
 /// Run `klasktron play`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let seats = [Seat::read(&args.left)?, Seat::read(&args.right)?];
@@ -120,6 +133,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let filter = filter.unwrap_or_default();
     let mut game = Match::new(seats, &files.robot, &filter, args.seed)?;
+    if let Some(points_per_game) = args.points {
+        game = game.until_won(MatchFormat { points_per_game, best_of: args.best_of });
+    }
     for warning in game.warnings(&files.robot) {
         tell(&format!("warning: {warning}"));
     }
@@ -139,7 +155,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let (report, table) = args.session.run(table, &args.output, |table, output| {
         run_session(table.link(), &files.robot, &config, Work::Free(stretch), output)
     })?;
-    args.tell(&report, names, table.truth().as_ref().map(Goals::of))
+    args.tell((&report, game.score()), names, table.truth().as_ref().map(Goals::of))
 }
 
 fn none() -> String {
@@ -202,14 +218,14 @@ impl Args {
 
     fn tell(
         &self,
-        report: &SessionReport,
+        (report, score): (&SessionReport, MatchScore),
         [left, right]: [String; 2],
         truth_goals: Option<Goals>,
     ) -> anyhow::Result<Outcome> {
         session::tell_warnings(report);
-        let mut done = format!("{left} against {right}, {} actions", report.samples);
+        let mut done = format!("{left} against {right} {score}, {} actions", report.samples);
         if self.session.json {
-            let document = MatchReport { session: report, left, right, truth_goals };
+            let document = MatchReport { session: report, left, right, score, truth_goals };
             print(&serde_json::to_string_pretty(&document)?)?;
         }
         if let Some(Goals { left, right }) = truth_goals {

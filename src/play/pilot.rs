@@ -1,6 +1,6 @@
 //! Pilot of a match: from camera frames to velocities.
 
-use super::{PlayError, Seat};
+use super::{MatchFormat, MatchScore, PlayError, Seat, score::Scoring};
 use crate::{
     collect::{Carriage, Decision, Moment, Pilot, RunLabel, StopReason},
     ekf::{Detections, FilterSettings, board_state},
@@ -12,6 +12,7 @@ use crate::{
     opponent,
     ppo::Scratch,
     recording::{message::CameraDetections, topic::Player},
+    referee::Frame,
     train::{Mismatch, TrainError},
     units::Nanos,
 };
@@ -39,6 +40,9 @@ pub struct Match {
     filter_settings: FilterSettings,
     /// When the ball was last in play; before that, the first decision.
     ball_in_play: Option<Nanos>,
+    /// Capture time of the first frame, from which the referee counts.
+    first_frame: Option<Nanos>,
+    scoring: Scoring,
     /// Wall limiters with the workspace of training and that of the robot.
     limits: [CommandLimits; 2],
     /// Previous commands of each player, before the wall limiters, as in training.
@@ -81,10 +85,24 @@ impl Match {
             estimator: Estimator::new(filter_settings, Player::BOTH.map(home)),
             filter_settings: *filter_settings,
             ball_in_play: None,
+            first_frame: None,
+            scoring: Scoring::new(None),
             limits,
             previous: [PreviousCommands::default(); 2],
             scratch: Scratch::default(),
         })
+    }
+
+    /// The same match, which ends when it is won by `format`.
+    #[must_use]
+    pub fn until_won(self, format: MatchFormat) -> Self {
+        Self { scoring: Scoring::new(Some(format)), ..self }
+    }
+
+    /// Score so far, by the referee.
+    #[must_use]
+    pub fn score(&self) -> MatchScore {
+        self.scoring.score()
     }
 
     /// Differences between `robot` and the training of a policy that can degrade its play, as
@@ -190,6 +208,8 @@ fn check_speed(seat: &Seat, robot: &Robot) -> Result<(), PlayError> {
 impl Pilot for Match {
     fn see(&mut self, shown: Nanos, picture: &CameraDetections) {
         self.estimator.see(&Detections::of(shown, picture));
+        let first = *self.first_frame.get_or_insert(shown);
+        self.scoring.referee().see(&Frame::of(shown.seconds_since(first), picture));
     }
 
     fn decide(&mut self, moment: &Moment) -> Decision {
@@ -211,7 +231,12 @@ impl Pilot for Match {
                 limits.before_walls(limits.field.of(player), carriage.position, velocity)
             })
         });
-        let stop = self.without_ball(seen.ball, moment.now);
-        Decision { velocities, belief: Some(board_state(seen.estimates)), stop }
+        Decision {
+            velocities,
+            belief: Some(board_state(seen.estimates)),
+            stop: self.without_ball(seen.ball, moment.now),
+            note: self.scoring.update().map(|score| format!("score {score}")),
+            complete: self.scoring.is_over(),
+        }
     }
 }

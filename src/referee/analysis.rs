@@ -83,7 +83,7 @@ pub struct MatchAnalysis {
 /// let frames: Vec<Frame> = (0..240)
 ///     .map(|k| {
 ///         let time = f64::from(k) / 120.0;
-///         Frame { time, ball: Some([0.0, (0.3 * time).min(0.17)]), strikers: [None; 2] }
+///         Frame { time, ball: Some([0.0, (0.3 * time).min(0.17)]), ..Frame::default() }
 ///     })
 ///     .collect();
 /// let analysis = analyze(&frames, &Rules::default());
@@ -203,7 +203,7 @@ fn track(sights: &[Sight], stretches: &[rolls::Stretch]) -> Vec<Frame> {
             while believed.next_if(|sample| sample.time < sight.time).is_some() {}
             let ball = believed.next_if(|sample| sample.time <= sight.time);
             let ball = ball.map(|sample| sample.position);
-            Frame { time: sight.time, ball, strikers: sight.strikers }
+            Frame { time: sight.time, ball, strikers: sight.strikers, biscuits: sight.biscuits }
         })
         .collect()
 }

@@ -20,7 +20,7 @@ const RECENT_SPAN: f64 = 0.08;
 const VANISHED_BEFORE: f64 = 0.05;
 const VANISHED_NEAR: f64 = 0.008;
 /// Minimum number of samples of a sighting; fewer count as false detections.
-const FEWEST: usize = 4;
+pub(super) const FEWEST: usize = 4;
 /// Gap in detections after an episode, after which the ball counts as removed (s).
 const AWAY: f64 = 0.25;
 /// Displacement of a resting ball that counts as motion (m).
@@ -38,6 +38,8 @@ pub enum Outcome {
     Goal,
     /// Own goal: a striker is in its own cup.
     StrikerInGoal,
+    /// Two biscuits are on one striker.
+    TwoBiscuits,
     /// The ball has left the board.
     BallLost,
     /// The ball was at rest for too long.
@@ -53,6 +55,7 @@ impl Outcome {
         match self {
             Self::Goal => "goal",
             Self::StrikerInGoal => "striker_in_goal",
+            Self::TwoBiscuits => "two_biscuits",
             Self::BallLost => "ball_lost",
             Self::Timeout => "timeout",
             Self::Unfinished => "unfinished",
@@ -75,11 +78,20 @@ pub struct Span {
 
 /// One instant of the ball's track.
 #[derive(Debug, Clone, Copy)]
-struct Moment {
+pub(super) struct Moment {
     time: f64,
     ball: Option<Vector>,
     strikers: [Option<Vector>; 2],
+    biscuits: [Option<Vector>; 3],
     said: bool,
+}
+
+impl Moment {
+    /// The instant of `sight`, with the `ball` if it is believed.
+    pub(super) fn new(sight: &Sight, ball: Option<Vector>) -> Self {
+        let Sight { time, strikers, biscuits, said, .. } = *sight;
+        Self { time, ball, strikers, biscuits, said }
+    }
 }
 
 /// State of play.
@@ -102,7 +114,7 @@ pub(super) fn spans(
     stretches: &[Stretch],
     rules: &Rules,
 ) -> (Vec<Span>, Vec<Event>) {
-    let mut umpire = Umpire::new(rules);
+    let mut umpire = Umpire::new(*rules);
     for moment in moments(sights, stretches) {
         umpire.look(&moment);
     }
@@ -120,12 +132,13 @@ fn moments(sights: &[Sight], stretches: &[Stretch]) -> impl Iterator<Item = Mome
         while believed.next_if(|sample| sample.time < sight.time).is_some() {}
         let ball =
             believed.next_if(|sample| sample.time <= sight.time).map(|sample| sample.position);
-        Moment { time: sight.time, ball, strikers: sight.strikers, said: sight.said }
+        Moment::new(sight, ball)
     })
 }
 
-struct Umpire<'a> {
-    rules: &'a Rules,
+/// State of the segmentation from frame to frame.
+pub(super) struct Umpire {
+    rules: Rules,
     play: Play,
     spans: Vec<Span>,
     events: Vec<Event>,
@@ -138,12 +151,14 @@ struct Umpire<'a> {
     inside: Option<(Player, f64)>,
     /// Time at which each striker entered its own cup, and time of its last detection there.
     striker_inside: [Option<f64>; 2],
+    /// When each striker got its second biscuit, and when both were last seen.
+    biscuits_on: [Option<[f64; 2]>; 2],
     /// Position and time at which the ball came to rest.
     still: Option<(Vector, f64)>,
 }
 
-impl<'a> Umpire<'a> {
-    fn new(rules: &'a Rules) -> Self {
+impl Umpire {
+    pub(super) fn new(rules: Rules) -> Self {
         Self {
             rules,
             play: Play::Waiting,
@@ -154,16 +169,23 @@ impl<'a> Umpire<'a> {
             silent: 0.0,
             inside: None,
             striker_inside: [None; 2],
+            biscuits_on: [None; 2],
             still: None,
         }
     }
 
-    fn look(&mut self, moment: &Moment) {
+    /// Episodes that have ended so far.
+    pub(super) fn ended(&self) -> &[Span] {
+        &self.spans
+    }
+
+    pub(super) fn look(&mut self, moment: &Moment) {
         if !moment.said {
             self.silent += moment.time - self.now;
         }
         self.now = moment.time;
         self.watch_strikers(moment);
+        self.watch_biscuits(moment);
         match moment.ball {
             Some(ball) => {
                 self.watch_pause(moment.time);
@@ -348,6 +370,29 @@ impl<'a> Umpire<'a> {
         }
     }
 
+    fn watch_biscuits(&mut self, moment: &Moment) {
+        for player in Player::BOTH {
+            let Some(striker) = moment.strikers[player as usize] else { continue };
+            let seen = moment.biscuits.iter().flatten();
+            let on = seen.filter(|at| distance(**at, striker) <= self.rules.biscuit_within);
+            let both = &mut self.biscuits_on[player as usize];
+            if on.count() < 2 {
+                // A detection may be missing for a few frames.
+                *both = both.filter(|[_, last]| moment.time - last < self.rules.longest_gap);
+                continue;
+            }
+            let since = both.map_or(moment.time, |[since, _]| since);
+            *both = Some([since, moment.time]);
+            if self.rules.biscuit_stay <= moment.time - since && self.is_on() {
+                self.event(since, EventKind::TwoBiscuits, Some(player), 1.0);
+                if let Some(event) = self.events.last_mut() {
+                    event.position = striker;
+                }
+                self.end(since, Outcome::TwoBiscuits, Some(opponent(player)));
+            }
+        }
+    }
+
     fn watch_rest(&mut self, time: f64, ball: Vector) {
         let (position, since) = self.still.unwrap_or((ball, time));
         if self.rules.still_within < distance(ball, position) {
@@ -364,7 +409,9 @@ impl<'a> Umpire<'a> {
     }
 
     fn watch_restart(&mut self, time: f64, ball: Vector) {
-        let open = self.inside.is_none() && self.striker_inside.iter().all(Option::is_none);
+        let open = self.inside.is_none()
+            && self.striker_inside.iter().all(Option::is_none)
+            && self.biscuits_on.iter().all(Option::is_none);
         match self.play {
             Play::Waiting if open => self.play = Play::On { start: time },
             Play::Off { away, ball: lay } if open => {

@@ -19,6 +19,8 @@ pub enum EventKind {
     RimOut,
     /// A striker is in its own cup.
     StrikerInGoal,
+    /// Two biscuits are on one striker.
+    TwoBiscuits,
     /// The ball was at rest for too long.
     Timeout,
     /// The ball was not detected for too long.
@@ -29,7 +31,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// All kinds.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Block,
         Self::Strike,
         Self::Touch,
@@ -37,6 +39,7 @@ impl EventKind {
         Self::Goal,
         Self::RimOut,
         Self::StrikerInGoal,
+        Self::TwoBiscuits,
         Self::Timeout,
         Self::BallLost,
         Self::Restart,
@@ -53,6 +56,7 @@ impl EventKind {
             Self::Goal => "goal",
             Self::RimOut => "rim_out",
             Self::StrikerInGoal => "striker_in_goal",
+            Self::TwoBiscuits => "two_biscuits",
             Self::Timeout => "timeout",
             Self::BallLost => "ball_lost",
             Self::Restart => "restart",

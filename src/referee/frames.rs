@@ -4,16 +4,19 @@ use super::{RefereeError, rules::Rules, vector::Vector};
 use crate::{
     board::BoardSize,
     recording::{
-        FrameTimes, Loss, Recording,
-        message::{BoardState, CameraDetections, ObjectState, Point},
-        topic::{BOARD_STATE, CAMERA_DETECTIONS},
+        FrameTimes, Loss, Recording, RecordingError,
+        message::{BoardState, CameraDetections, CameraFrame, ObjectState, Point},
+        topic::{BOARD_STATE, CAMERA_DETECTIONS, CAMERA_FRAME},
     },
     units::Nanos,
 };
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 /// Positions in one camera frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Frame {
     /// Capture time, if known (s since the recording began).
     pub time: f64,
@@ -21,6 +24,18 @@ pub struct Frame {
     pub ball: Option<[f64; 2]>,
     /// Left and right striker (m).
     pub strikers: [Option<[f64; 2]>; 2],
+    /// Biscuits, in no order (m).
+    pub biscuits: [Option<[f64; 2]>; 3],
+}
+
+impl Frame {
+    /// Frame at `time` (s) of the camera's `detections`, without biscuits.
+    #[must_use]
+    pub fn of(time: f64, detections: &CameraDetections) -> Self {
+        let seen = |object: &Option<Point>| object.as_ref().map(point);
+        let strikers = [&detections.left, &detections.right].map(seen);
+        Self { time, ball: seen(&detections.ball), strikers, ..Self::default() }
+    }
 }
 
 /// Source topic of the frames.
@@ -105,12 +120,28 @@ fn point(point: &Point) -> Vector {
 fn detections(recording: &Recording, origin: Nanos) -> Result<Vec<Frame>, RefereeError> {
     let series = recording.series::<CameraDetections>(CAMERA_DETECTIONS)?;
     let times = FrameTimes::of(&series).taken;
-    let frames = series.values.iter().zip(times).map(|(frame, taken)| Frame {
-        time: taken.seconds_since(origin),
-        ball: frame.ball.as_ref().map(point),
-        strikers: [frame.left.as_ref().map(point), frame.right.as_ref().map(point)],
+    let biscuits = biscuits(recording)?;
+    let frames = series.values.iter().zip(times).map(|(seen, taken)| Frame {
+        biscuits: biscuits.get(&seen.capture_time_ns).copied().unwrap_or_default(),
+        ..Frame::of(taken.seconds_since(origin), seen)
     });
     Ok(frames.collect())
+}
+
+/// Biscuits by the capture time of their frame (ns), where a detector of this program recorded them.
+fn biscuits(recording: &Recording) -> Result<BTreeMap<u64, [Option<Vector>; 3]>, RecordingError> {
+    if recording.count(CAMERA_FRAME) == 0 {
+        return Ok(BTreeMap::new());
+    }
+    let series = recording.series::<CameraFrame>(CAMERA_FRAME)?;
+    let of = |frame: &CameraFrame| {
+        let mut found = [None; 3];
+        for (own, seen) in found.iter_mut().zip(&frame.biscuits) {
+            *own = Some(point(seen));
+        }
+        (frame.capture_time_ns, found)
+    };
+    Ok(series.values.iter().map(of).collect())
 }
 
 fn board_states(recording: &Recording, origin: Nanos) -> Result<Vec<Frame>, RefereeError> {
@@ -120,6 +151,7 @@ fn board_states(recording: &Recording, origin: Nanos) -> Result<Vec<Frame>, Refe
         time: arrival.seconds_since(origin),
         ball: state.ball.as_ref().map(position),
         strikers: [state.left.as_ref().map(position), state.right.as_ref().map(position)],
+        ..Frame::default()
     });
     Ok(frames.collect())
 }

@@ -25,6 +25,11 @@ pub struct Rules {
     pub goal_stay: f64,
     /// Minimum time of a striker's centre over its own cup for an own goal (s), as upstream.
     pub striker_stay: f64,
+    /// Distance of centres within which a biscuit is on a striker (m): that at which the striker's magnet captures
+    /// it in the game ([`BiscuitSettings::capture_distance`](crate::game::BiscuitSettings)).
+    pub biscuit_within: f64,
+    /// Minimum time of two biscuits on a striker (s), as for a goal.
+    pub biscuit_stay: f64,
     /// Time without a detection after which the ball is lost (s).
     pub lost_after: f64,
     /// Rest time of the ball after which the episode ends (s).
@@ -48,6 +53,8 @@ impl Default for Rules {
             least_approach: 0.1,
             goal_stay: 0.5,
             striker_stay: 0.25,
+            biscuit_within: 0.02,
+            biscuit_stay: 0.5,
             lost_after: 1.0,
             timeout_after: 10.0,
             still_within: 0.004,

@@ -37,8 +37,26 @@ pub(super) struct Sight {
     pub(super) ball: Option<Vector>,
     /// Left and right striker, smoothed, if detected (m).
     pub(super) strikers: [Option<Vector>; 2],
+    /// Biscuits (m).
+    pub(super) biscuits: [Option<Vector>; 3],
     /// True if the detector reported a ball, correct or not.
     pub(super) said: bool,
+}
+
+impl Sight {
+    /// The frame without what lies outside the board.
+    pub(super) fn of(frame: &Frame, rules: &Rules) -> Self {
+        let reach = rules.reach();
+        let on_board =
+            |position: &Vector| (0..2).all(|axis| position[axis].abs() <= reach[axis] + OUTSIDE);
+        Self {
+            time: frame.time,
+            ball: frame.ball.filter(on_board),
+            strikers: frame.strikers.map(|striker| striker.filter(on_board)),
+            biscuits: frame.biscuits.map(|biscuit| biscuit.filter(on_board)),
+            said: frame.ball.is_some(),
+        }
+    }
 }
 
 /// Frames in order of time, each once, without false detections.
@@ -60,10 +78,6 @@ pub(super) fn believe(frames: &[Frame], rules: &Rules) -> Vec<Sight> {
 fn in_order(frames: &[Frame], rules: &Rules) -> Vec<Sight> {
     let mut sorted: Vec<&Frame> = frames.iter().filter(|frame| frame.time.is_finite()).collect();
     sorted.sort_by(|a, b| a.time.total_cmp(&b.time));
-    let on_board = |position: &Vector| {
-        let reach = rules.reach();
-        (0..2).all(|axis| position[axis].abs() <= reach[axis] + OUTSIDE)
-    };
     let period = usual_period(&sorted);
     let mut sights: Vec<Sight> = Vec::with_capacity(sorted.len());
     let mut last: Option<&Frame> = None;
@@ -76,13 +90,7 @@ fn in_order(frames: &[Frame], rules: &Rules) -> Vec<Sight> {
         if twice {
             continue;
         }
-        let seen = frame.strikers.map(|striker| striker.filter(on_board));
-        sights.push(Sight {
-            time: frame.time,
-            ball: frame.ball.filter(on_board),
-            strikers: seen,
-            said: frame.ball.is_some(),
-        });
+        sights.push(Sight::of(frame, rules));
         last = Some(frame);
     }
     sights
@@ -112,13 +120,24 @@ fn drop_wild_strikers(sights: &mut [Sight], player: usize) {
 
 /// Remove a ball at the position of a striker: the detector confused the two.
 fn drop_swapped_balls(sights: &mut [Sight], rules: &Rules) {
-    let mut known: [Option<(f64, Vector)>; 2] = [None; 2];
+    let mut known = LastStrikers::default();
     for sight in sights {
-        for (known, striker) in known.iter_mut().zip(sight.strikers) {
+        known.check(sight, rules);
+    }
+}
+
+/// Last detection of each striker.
+#[derive(Debug, Default)]
+pub(super) struct LastStrikers([Option<(f64, Vector)>; 2]);
+
+impl LastStrikers {
+    /// Take the strikers of `sight` and remove a ball inside one of them.
+    pub(super) fn check(&mut self, sight: &mut Sight, rules: &Rules) {
+        for (known, striker) in self.0.iter_mut().zip(sight.strikers) {
             *known = striker.map(|position| (sight.time, position)).or(*known);
         }
         let inside = |ball: Vector| {
-            known.iter().flatten().any(|(time, position)| {
+            self.0.iter().flatten().any(|(time, position)| {
                 sight.time - time < STRIKER_FORGOTTEN
                     && distance(ball, *position) < rules.touching() - DEEPEST_OVERLAP
             })

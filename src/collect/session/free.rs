@@ -14,6 +14,7 @@ use super::{Session, USUAL_LAG_SECONDS};
 use crate::{
     collect::{
         control::Tick,
+        guard::Expected,
         pilot::{Carriage, Decision, FreeStretch, Moment},
         reason::StopReason,
         recorder::Entry,
@@ -70,12 +71,9 @@ impl Led {
         }
     }
 
-    /// Return the position between both that is nearest to `position` (m).
-    fn nearest(&self, position: [f64; 2]) -> [f64; 2] {
-        [0, 1].map(|axis| {
-            let [a, b] = [self.at_once[axis], self.slowly[axis]];
-            position[axis].clamp(a.min(b), a.max(b))
-        })
+    /// Return the positions between both.
+    fn expected(&self) -> Expected {
+        Expected::between(self.at_once, self.slowly)
     }
 }
 
@@ -138,6 +136,9 @@ impl Session<'_> {
             at += 1;
             self.periods_in_leg = at;
             self.end_period(tick, Some(&stretch.label))?;
+            if decision.complete {
+                return Ok(());
+            }
         }
         Ok(())
     }
@@ -170,6 +171,9 @@ impl Session<'_> {
             }
         }
         let now = self.station.now();
+        if let Some(note) = &decision.note {
+            self.station.note_of("match", None, note);
+        }
         if let Some(belief) = decision.belief {
             self.station.record(now, Entry::Board(belief));
         }
@@ -196,7 +200,8 @@ impl Session<'_> {
         let acceleration = self.station.robot.limits.braking_m_per_s2;
         let led = led.get_or_insert(Led::at(position));
         led.advance((position, commanded), acceleration, dt);
-        self.guard.expect(player, self.station.now(), led.nearest(position));
+        let (now, encoder_s) = (self.station.now(), self.station.robot.timeouts.encoder_s);
+        self.guard.expect(player, now, led.expected(), encoder_s);
     }
 }
 
@@ -222,8 +227,7 @@ mod tests {
             let velocity = [0.5 * (belts[0] + belts[1]), 0.5 * (belts[0] - belts[1])];
             position = [0, 1].map(|axis| position[axis] + DT * velocity[axis]);
             led.advance((position, commanded), 5.0, DT);
-            let nearest = led.nearest(position);
-            worst = worst.max((nearest[0] - position[0]).hypot(nearest[1] - position[1]));
+            worst = worst.max(led.expected().distance(position));
         }
         worst
     }

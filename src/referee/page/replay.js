@@ -13,8 +13,8 @@
   };
   // Width of the drawn walls (m).
   const WALL = 0.012;
-  const marks = { block: 5, strike: 9, touch: 3, wall_bounce: 2, goal: 14, rim_out: 8, striker_in_goal: 14, timeout: 12, ball_lost: 12, restart: 12 };
-  const names = { block: 'block', strike: 'strike', touch: 'touch', wall_bounce: 'wall', goal: 'goal', rim_out: 'rim-out', striker_in_goal: 'striker in goal', timeout: 'timeout', ball_lost: 'ball lost', restart: 'restart' };
+  const marks = { block: 5, strike: 9, touch: 3, wall_bounce: 2, goal: 14, rim_out: 8, striker_in_goal: 14, two_biscuits: 14, timeout: 12, ball_lost: 12, restart: 12 };
+  const names = { block: 'block', strike: 'strike', touch: 'touch', wall_bounce: 'wall', goal: 'goal', rim_out: 'rim-out', striker_in_goal: 'striker in goal', two_biscuits: 'two biscuits', timeout: 'timeout', ball_lost: 'ball lost', restart: 'restart' };
   let match = data.matches[0], time = 0, playing = false, shown = [], last = null;
 
   const seconds = (t) => Math.floor(t / 60) + ':' + (t % 60).toFixed(2).padStart(5, '0');
@@ -151,7 +151,7 @@
     for (const event of shown) {
       const item = document.createElement('button');
       item.type = 'button'; item.dataset.time = event.t; item.dataset.kind = event.kind;
-      const speed = ['goal', 'restart', 'timeout', 'striker_in_goal', 'ball_lost'].includes(event.kind) ? '' : ', ' + event.speed_out.toFixed(2) + ' m/s';
+      const speed = ['goal', 'restart', 'timeout', 'striker_in_goal', 'two_biscuits', 'ball_lost'].includes(event.kind) ? '' : ', ' + event.speed_out.toFixed(2) + ' m/s';
       item.textContent = seconds(event.t) + '  ' + names[event.kind] + (event.player ? ', ' + event.player + (['goal', 'rim_out'].includes(event.kind) ? ' cup' : '') : '') + (event.goal_directed ? ', goal-directed' : '') + speed;
       item.addEventListener('click', () => jump(event));
       box.append(item);

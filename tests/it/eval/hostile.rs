@@ -18,6 +18,7 @@ fn crossing() -> Vec<Frame> {
                     Some([0.1 + shake(3), -0.1 + 0.05 * time + shake(4)]),
                     Some([-0.02 + shake(5), 0.02 + shake(6)]),
                 ],
+                ..Frame::default()
             }
         })
         .collect()
@@ -132,7 +133,7 @@ fn only_what_stays_in_is_a_goal() {
                 let along = -0.1 + speed * time;
                 let shake = 2e-4 * f64::from((k * 5) % 7 - 3);
                 let x = if stays { along.min(0.002) } else { along.min(0.14) };
-                Frame { time, ball: Some([x + shake, 0.17 - shake]), strikers: [None; 2] }
+                Frame { time, ball: Some([x + shake, 0.17 - shake]), ..Frame::default() }
             })
             .collect()
     };
@@ -158,6 +159,7 @@ fn a_detector_that_hangs_does_not_end_the_episode() {
         time: 40.0 / RATE + f64::from(k) / RATE,
         ball: held,
         strikers: [Some([0.1, -0.1 - 1e-4 * f64::from(k % 5)]), None],
+        ..Frame::default()
     });
     frames.extend(hung);
     says_nothing(&frames);

@@ -4,7 +4,7 @@ use super::{
     game::{CAMERA, Camera, Cups, Game, TABLE, Table, Truth, What, play, play_on},
     recorded::frames,
 };
-use klasktron::referee::{Event, EventKind, Rules, analyze};
+use klasktron::referee::{Event, EventKind, LiveReferee, Outcome, Rules, Span, analyze};
 
 /// One frame of the camera (s).
 const FRAME: f64 = 1.0 / 120.0;
@@ -209,6 +209,35 @@ fn what_happened_is_found_and_nothing_else() {
         assert!(0 < what.wanted);
         assert!(0.9 <= what.recall() && 0.9 <= what.precision(), "{what:?}");
     }
+}
+
+/// During a match the referee decides without later frames; the episodes are the same for nearly all.
+#[test]
+fn during_a_match_the_episodes_are_those_of_the_analysis_after_it() {
+    let [mut all, mut equal] = [0, 0];
+    for seed in 1000..1006 {
+        let frames = frames(&play_on(TABLE, seed, 240.0, CAMERA));
+        let mut live = LiveReferee::new(Rules::default());
+        frames.iter().for_each(|frame| live.see(frame));
+        let later: Vec<_> = analyze(&frames, &Rules::default())
+            .episodes
+            .iter()
+            .map(|episode| episode.span)
+            .filter(|span| span.outcome != Outcome::Unfinished)
+            .collect();
+        all += later.len();
+        let same = |own: &Span| {
+            let other = live.episodes().iter().find(|one| (one.end - own.end).abs() < 0.1);
+            other.is_some_and(|one| (one.outcome, one.scorer) == (own.outcome, own.scorer))
+        };
+        equal += later.iter().filter(|own| same(own)).count();
+        assert!(live.episodes().len().abs_diff(later.len()) <= 1, "game {seed}");
+    }
+    println!("{equal} of {all} episodes are equal");
+    assert!(
+        60 < all && 0.97 <= f64::from(equal as u32) / f64::from(all as u32),
+        "{equal} of {all}"
+    );
 }
 
 /// A slower, coarser camera: no target, but nothing may fall apart.

@@ -2,7 +2,7 @@
 
 use super::{
     game::{CAMERA, play},
-    recorded::{write_detections, write_states},
+    recorded::{write_detections, write_detections_with_biscuits, write_states},
 };
 use crate::support::{klasktron, said};
 use klasktron::{
@@ -21,6 +21,27 @@ fn json(path: &Path) -> serde_json::Value {
 
 fn text(path: &Path) -> &str {
     path.to_str().unwrap()
+}
+
+/// Two biscuits get onto the left striker during the fourth episode and stay: it ends with a point of the right player, and
+/// no other one begins.
+#[test]
+fn two_biscuits_on_a_striker_lose_the_point() {
+    let dir = tempfile::tempdir().unwrap();
+    let game = play(11, 60.0, CAMERA);
+    let since = 25.0;
+    let path = write_detections_with_biscuits(&game.pictures, since, dir.path(), "match.mcap");
+    let out = dir.path().join("out");
+    let (_, stderr, status) = said(&klasktron(&["eval", text(&path), "--output", text(&out)]));
+    assert_eq!((status, stderr.as_str()), (0, ""));
+    let score = json(&out.join("score.json"));
+    crate::schema::assert_valid("score", &score);
+    let episodes = score["matches"][0]["episodes"].as_array().unwrap();
+    let outcomes: Vec<_> = episodes.iter().map(|own| own["outcome"].as_str().unwrap()).collect();
+    assert_eq!(outcomes, ["goal", "goal", "goal", "two_biscuits"]);
+    assert_eq!(episodes[3]["scorer"], "right");
+    let end = episodes[3]["end_s"].as_f64().unwrap();
+    assert!((end - since).abs() < 0.05, "{end} s");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::game::{Game, Picture};
 use crate::support::{START, writer};
 use klasktron::{
     recording::{
-        message::{BoardState, CameraDetections, ObjectState, Point},
+        message::{BoardState, CameraDetections, CameraFrame, ObjectState, Point},
         topic,
     },
     referee::Frame,
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 pub(super) fn frames(game: &Game) -> Vec<Frame> {
     game.pictures
         .iter()
-        .map(|p| Frame { time: p.time, ball: p.ball, strikers: p.strikers })
+        .map(|p| Frame { time: p.time, ball: p.ball, strikers: p.strikers, ..Frame::default() })
         .collect()
 }
 
@@ -25,21 +25,57 @@ fn point(place: [f64; 2]) -> Point {
     Point { x, y }
 }
 
+fn detections(picture: &Picture) -> CameraDetections {
+    CameraDetections {
+        capture_time_ns: START.after_seconds(picture.time).0,
+        ball: picture.ball.map(point),
+        left: picture.strikers[0].map(point),
+        right: picture.strikers[1].map(point),
+        ..CameraDetections::default()
+    }
+}
+
 /// Writes detections of the camera, 5 ms late.
 pub(super) fn write_detections(pictures: &[Picture], dir: &Path, name: &str) -> PathBuf {
     let path = dir.join(name);
     let mut file = writer(&path, "match");
     for picture in pictures {
         let capture = START.after_seconds(picture.time);
-        let message = CameraDetections {
-            capture_time_ns: capture.0,
-            ball: picture.ball.map(point),
-            left: picture.strikers[0].map(point),
-            right: picture.strikers[1].map(point),
-            ..CameraDetections::default()
-        };
+        let message = detections(picture);
         let arrival = capture.after_seconds(0.005);
         file.write_published(topic::CAMERA_DETECTIONS, arrival, capture, &message).unwrap();
+    }
+    file.finish().unwrap();
+    path
+}
+
+/// Two biscuits lie on the left striker from `since` (s) on, as this program's detector records them.
+pub(super) fn write_detections_with_biscuits(
+    pictures: &[Picture],
+    since: f64,
+    dir: &Path,
+    name: &str,
+) -> PathBuf {
+    let path = dir.join(name);
+    let mut file = writer(&path, "match");
+    for picture in pictures {
+        let capture = START.after_seconds(picture.time);
+        let held = picture.strikers[0].filter(|_| since <= picture.time);
+        let on = |[x, y]: [f64; 2]| [[x + 0.014, y], [x, y - 0.014]].map(point).to_vec();
+        let message = CameraFrame {
+            capture_time_ns: capture.0,
+            biscuits: held.map(on).unwrap_or_default(),
+            ..CameraFrame::default()
+        };
+        file.write(topic::CAMERA_FRAME, capture.after_seconds(0.005), &message).unwrap();
+        let seen = detections(picture);
+        file.write_published(
+            topic::CAMERA_DETECTIONS,
+            capture.after_seconds(0.005),
+            capture,
+            &seen,
+        )
+        .unwrap();
     }
     file.finish().unwrap();
     path

@@ -8,7 +8,7 @@ use crate::{
 use klasktron::{
     recording::{
         ExistingFile, FlushPolicy, Recording, RecordingWriter, SESSION_METADATA,
-        message::{RunMarker, VelocityCommand},
+        message::{RunMarker, SessionEvent, VelocityCommand},
         sha256_of_file,
         topic::{self, Player},
     },
@@ -30,18 +30,20 @@ fn play(out: &str, arguments: &[&str]) -> (String, String, i32) {
     said(&klasktron(&[&typed[..], arguments].concat()))
 }
 
-/// Goals of left and right player, as `eval` counts them.
-fn goals_by_eval(dir: &Path, recording: &str) -> [usize; 2] {
+/// Goals and points of left and right player, as `eval` counts them.
+fn by_eval(dir: &Path, recording: &str) -> [[usize; 2]; 2] {
     let out = file(dir, "eval");
     let (_, stderr, status) = said(&klasktron(&["eval", recording, "-o", &out, "--overwrite"]));
     assert_eq!(status, 0, "{stderr}");
     let score: serde_json::Value =
         serde_json::from_slice(&fs::read(Path::new(&out).join("score.json")).unwrap()).unwrap();
     let episodes = score["matches"][0]["episodes"].as_array().unwrap();
-    ["left", "right"].map(|player| {
-        let goal = |e: &&serde_json::Value| e["outcome"] == "goal" && e["scorer"] == player;
-        episodes.iter().filter(goal).count()
-    })
+    let count = |what: &dyn Fn(&serde_json::Value) -> bool| {
+        ["left", "right"].map(|player| {
+            episodes.iter().filter(|episode| episode["scorer"] == player && what(episode)).count()
+        })
+    };
+    [count(&|episode| episode["outcome"] == "goal"), count(&|_| true)]
 }
 
 /// The referee sees what the camera saw, the rig counts balls in its cups. A ball that falls within the last
@@ -60,11 +62,42 @@ fn eval_counts_the_goals_that_the_rig_knows_of() {
         assert_eq!((&report["stop"], &report["samples"]), (&"completed".into(), &3000.into()));
         let goals = &report["truth_goals"];
         let known = ["left", "right"].map(|player| goals[player].as_u64().unwrap() as usize);
-        assert_eq!(goals_by_eval(dir.path(), &out), known, "{left} against {right}");
+        let [goals, points] = by_eval(dir.path(), &out);
+        assert_eq!(goals, known, "{left} against {right}");
+        // The referee of the match has seen the same.
+        assert_eq!(report["score"]["points"], serde_json::json!(points));
         assert!(stderr.contains(&format!("true goals {} : {}", known[0], known[1])));
         all += known[0] + known[1];
     }
     assert!(2 <= all, "{all} goals in two minutes are too few to compare");
+}
+
+/// A game of one point ends with the first goal; the recording tells the score when it changes.
+#[test]
+fn a_match_ends_when_it_is_won() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = file(dir.path(), "won.mcap");
+    let players =
+        ["--left", "chaser", "--right", "stationary", "--seconds", "600", "--points", "1"];
+    let (stdout, stderr, status) =
+        play(&out, &[&players[..], &["--best-of", "3", "--json"]].concat());
+    assert_eq!(status, 0, "{stderr}");
+    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(report["stop"], "completed");
+    let games: Vec<u64> = serde_json::from_value(report["score"]["games"].clone()).unwrap();
+    assert_eq!(games.iter().max(), Some(&2), "{stdout}");
+    assert!(report["samples"].as_u64().unwrap() < 30_000, "{stdout}");
+    let [_, points] = by_eval(dir.path(), &out);
+    assert_eq!(points.map(|own| own as u64).to_vec(), games);
+    let recording = Recording::open(Path::new(&out)).unwrap();
+    let events = series::<SessionEvent>(&recording, topic::SESSION_EVENT);
+    let told: Vec<&str> = events
+        .iter()
+        .filter(|(_, own)| own.kind == "match")
+        .map(|(_, own)| own.text.as_str())
+        .collect();
+    assert_eq!(told.len() as u64, games.iter().sum::<u64>(), "{told:?}");
+    assert!(told[0].starts_with("score "), "{told:?}");
 }
 
 #[test]
@@ -103,7 +136,7 @@ fn a_policy_plays_and_the_recording_says_which() {
     let players = ["--left", policy.to_str().unwrap(), "--right", "stationary", "--seconds", "3"];
     let (_, stderr, status) = play(&out, &players);
     assert_eq!(status, 0, "{stderr}");
-    assert!(stderr.contains("tiny.mcap against stationary, 150 actions"), "{stderr}");
+    assert!(stderr.contains("tiny.mcap against stationary 0 : 0, 150 actions"), "{stderr}");
     let recording = Recording::open(Path::new(&out)).unwrap();
     let said = |key| recording.info(key).unwrap().to_owned();
     assert_eq!(
@@ -199,6 +232,13 @@ fn mistakes_are_told_in_one_sentence() {
         ),
         (&["--left", "chaser"], 2, "--right <WHO>"),
         (&["--left", "none", "--right", "none"], 1, "nobody plays"),
+        (&[both[0], both[1], both[2], both[3], "--points", "0"], 2, "0 is not in 1..=99"),
+        (&[both[0], both[1], both[2], both[3], "--best-of", "3"], 2, "--points <N>"),
+        (
+            &[both[0], both[1], both[2], both[3], "--points", "6", "--best-of", "2"],
+            2,
+            "not an odd number from 1 to 99",
+        ),
         (&[both[0], both[1], both[2], both[3], "--secnds", "3"], 2, "--secnds"),
         (&[both[0], both[1], both[2], both[3], "--seconds", "0"], 2, "from 1 to 7200 s"),
         (&[both[0], both[1], both[2], both[3], "--ekf", &ekf], 1, "schema_version is missing"),

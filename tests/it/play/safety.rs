@@ -32,7 +32,7 @@ impl Pilot for Sweeper {
         // Half a sweep first, so that it goes as far to one side as to the other.
         let way = (moment.step + self.periods / 2) / self.periods;
         let speed = if way.is_multiple_of(2) { self.speed } else { -self.speed };
-        Decision { velocities: [[speed, 0.0]; 2], belief: None, stop: None }
+        Decision { velocities: [[speed, 0.0]; 2], ..Decision::default() }
     }
 }
 
@@ -54,7 +54,7 @@ impl Pilot for Madman {
             let mut full = || if self.draws.below(2) == 0 { self.top } else { -self.top };
             self.velocities = [[full(), full()], [full(), full()]];
         }
-        Decision { velocities: self.velocities, belief: None, stop: None }
+        Decision { velocities: self.velocities, ..Decision::default() }
     }
 }
 
@@ -160,7 +160,7 @@ impl Pilot for Broken {
 
     fn decide(&mut self, moment: &Moment) -> Decision {
         let vx = if moment.step < 50 { 0.05 } else { f64::NAN };
-        Decision { velocities: [[0.0; 2], [vx, 0.0]], belief: None, stop: None }
+        Decision { velocities: [[0.0; 2], [vx, 0.0]], ..Decision::default() }
     }
 }
 
