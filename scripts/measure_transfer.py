@@ -23,11 +23,11 @@ ARMS = {
     "ideal": "ideal",
     "randomized": "ideal --randomize",
     "learned": "{demo}/actuator/actuator.mcap",
-    "twin": "{demo}/gap/twin.json",
+    "twin": "{demo}/gap/twin.json --no-sensors",
     "ideal-sensors": "ideal --ekf {demo}/ekf/ekf.json",
     "learned-sensors": "{demo}/actuator/actuator.mcap --ekf {demo}/ekf/ekf.json",
     "twin-sensors": "{demo}/gap/twin.json --ekf {demo}/ekf/ekf.json",
-    "twin-without-history": "{demo}/gap/twin.json --action-history 0",
+    "twin-without-history": "{demo}/gap/twin.json --no-sensors --action-history 0",
 }
 OPPONENTS = ["stationary", "chaser", "goalkeeper"]
 SEATS = ["left", "right"]

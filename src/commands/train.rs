@@ -70,8 +70,12 @@ pub(crate) struct Args {
     #[arg(long, value_name = "ideal|FILE", default_value = "ideal")]
     actuator: PathBuf,
     /// Train through the camera and the state estimator of an ekf.json, as `play --ekf` uses them
+    /// [default: untuned for a twin, none for other actuators]
     #[arg(long, value_name = "FILE")]
     ekf: Option<PathBuf>,
+    /// Train with exact, current positions instead of the camera and the state estimator
+    #[arg(long, conflicts_with = "ekf")]
+    no_sensors: bool,
     /// Domain randomization: draw the physics of every episode from table III of the paper
     #[arg(long)]
     randomize: bool,
@@ -358,8 +362,10 @@ impl Args {
             }
         }
         settings.biscuits |= self.biscuits;
-        if let Some(path) = &self.ekf {
-            settings.sensors = Some(sensors_of(path, &self.actuator)?);
+        if self.no_sensors {
+            settings.sensors = None;
+        } else if self.ekf.is_some() || self.settings.is_none() {
+            settings.sensors = sensors_of(self.ekf.as_deref(), &self.actuator)?;
         }
         if self.randomize {
             settings.randomization = RandomizationKind::Paper;

@@ -350,7 +350,7 @@ impl Plan {
         let Amounts { steps, games, .. } = amounts;
         let policy = |kind: &PolicyKind| {
             let randomize = if kind.randomized { "--randomize " } else { "" };
-            let sensors = if kind.sensors { "--ekf ekf/ekf.json " } else { "" };
+            let sensors = if kind.sensors { "--ekf ekf/ekf.json " } else { "--no-sensors " };
             let line = format!(
                 "train --actuator {} {randomize}{sensors}--steps {steps} --games {games} --seed {seed} --output {} \
                  --overwrite --json",

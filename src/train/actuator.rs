@@ -13,6 +13,7 @@ use std::path::Path;
 
 /// Effect of lost frames; its first parameter is their fraction.
 const FRAME_DROP: &str = "sensor.frame_drop";
+const CAMERA_LATENCY: &str = "sensor.camera_latency";
 
 /// The name of the ideal actuator.
 pub const IDEAL: &str = "ideal";
@@ -60,20 +61,37 @@ pub fn game_with_actuator(choice: &Path) -> Result<(GameSettings, ActuatorSource
     Ok((game, source))
 }
 
-/// Sensors of training: noise, latency and filter of the `ekf.json` at `path`, and the fraction of
-/// lost frames of the twin, if `actuator` is one that has identified it.
+/// Sensors of training: noise, latency and filter of the file `ekf`, and what a twin as `actuator` has
+/// identified: the fraction of lost frames, and without `ekf` the latency of the camera. Without `ekf` the
+/// filter is the untuned one; without `ekf` and twin there are no sensors.
 ///
 /// # Errors
 /// When a file cannot be read, or a value is outside its range.
-pub fn sensors_of(path: &Path, actuator: &Path) -> Result<SensorSettings, TrainError> {
-    let mut sensors = SensorSettings::of(read_settings(path)?);
-    if actuator.extension().is_some_and(|extension| extension == "json") {
+pub fn sensors_of(
+    ekf: Option<&Path>,
+    actuator: &Path,
+) -> Result<Option<SensorSettings>, TrainError> {
+    let is_twin = actuator.extension().is_some_and(|extension| extension == "json");
+    if ekf.is_none() && !is_twin {
+        return Ok(None);
+    }
+    let filter = ekf.map(read_settings).transpose()?;
+    let mut sensors = SensorSettings::of(filter.unwrap_or_default());
+    if is_twin {
         let twin = read_twin(actuator)?;
-        let dropped = twin.instances.iter().find(|own| own.effect.name == FRAME_DROP);
-        sensors.lost_fraction = dropped.map_or(0.0, |own| own.values[0].value);
+        let first = |name: &str| {
+            let found = twin.instances.iter().find(|own| own.effect.name == name);
+            found.map(|own| own.values[0].value)
+        };
+        sensors.lost_fraction = first(FRAME_DROP).unwrap_or(0.0);
+        if filter.is_none() {
+            // The estimator predicts by the latency that it knows.
+            sensors.latency_s = first(CAMERA_LATENCY).unwrap_or(0.0).max(0.0);
+            sensors.filter.latency_s = sensors.latency_s;
+        }
     }
     sensors.check()?;
-    Ok(sensors)
+    Ok(Some(sensors))
 }
 
 fn with_network(game: GameSettings, path: &Path) -> Result<GameSettings, TrainError> {

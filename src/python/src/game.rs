@@ -364,7 +364,7 @@ impl Rules {
     fn of(settings: &Settings) -> PyResult<Self> {
         let (mut game, _) = game_with_actuator(&settings.actuator).map_err(raised)?;
         if let Some(path) = &settings.sensors {
-            game.sensors = Some(sensors_of(path, &settings.actuator).map_err(raised)?);
+            game.sensors = sensors_of(Some(path), &settings.actuator).map_err(raised)?;
         }
         game.episode.time_limit = settings.time_limit_s;
         game.check().map_err(raised)?;

@@ -3,8 +3,10 @@
 use super::support::{settings_file, tiny};
 use crate::support::{Rig, klasktron, said};
 use klasktron::{
+    effects::{Axis, find},
     recording::{Recording, message::TrainingUpdate},
     train::{TrainSettings, UPDATE_TOPIC, read_policy},
+    twin::{Instance, Machine, Source, Twin},
 };
 use prost::Message;
 use std::{
@@ -204,6 +206,28 @@ fn typos_are_named() {
     assert_eq!(status, 0);
     let settings: TrainSettings = serde_json::from_str(&text).unwrap();
     assert_eq!(settings.ppo.hidden, [256, 128, 64]);
+}
+
+/// A twin has sensors, so training uses them unless it is told not to.
+#[test]
+fn a_twin_implies_camera_and_estimator() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("twin.json");
+    let mut twin = Twin::nominal(Machine::Table);
+    let latency = find("sensor.camera_latency").unwrap();
+    twin.instances.push(Instance::new(latency, Axis::Whole, &[0.014], Source::Nominal));
+    fs::write(&file, twin.to_json().unwrap()).unwrap();
+    let sensors = |more: &[&str]| -> serde_json::Value {
+        let (stdout, errors, status) =
+            said(&klasktron(&[&["train", "--print-settings"], more].concat()));
+        assert_eq!(status, 0, "{errors}");
+        serde_json::from_str::<serde_json::Value>(&stdout).unwrap()["sensors"].clone()
+    };
+    let file = file.to_str().unwrap();
+    let own = sensors(&["--actuator", file]);
+    assert_eq!((&own["latency_s"], &own["filter"]["latency_s"]), (&0.014.into(), &0.014.into()));
+    assert!(sensors(&["--actuator", file, "--no-sensors"]).is_null());
+    assert!(sensors(&[]).is_null());
 }
 
 #[test]
