@@ -59,6 +59,14 @@ pub(super) struct Memory {
     load: Vec<f64>,
 }
 
+impl Memory {
+    /// Become equal to `other`, the memory of the same chain.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.way = other.way;
+        self.load.copy_from_slice(&other.load);
+    }
+}
+
 impl Chain {
     /// The functions of the instances in `twin`. Motor and rail of a single axis are one
     /// coordinate.
