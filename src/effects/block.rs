@@ -62,7 +62,10 @@ impl Block {
             | Physics::Both(_) => Self::Drive,
             Physics::Force(_)
             | Physics::Friction(_)
+            | Physics::Coulomb(_)
+            | Physics::Damping(_)
             | Physics::Bristles(_)
+            | Physics::Mass(_)
             | Physics::Inertia(_)
             | Physics::Expression(Place::Force | Place::Friction, _) => {
                 if effect.domain == Domain::Gantry { Self::Gantry } else { Self::Friction }

@@ -283,8 +283,14 @@ pub enum Physics {
     Force(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
     /// Friction level (N, not negative); friction opposes the motion and holds at rest.
     Friction(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Friction level that is the same in every motion (N, not negative).
+    Coulomb(fn(p: &[f64]) -> f64),
+    /// Viscous friction: resistance per velocity (N s/m).
+    Damping(fn(p: &[f64]) -> f64),
     /// Presliding part of the dry friction; its state is the deflection.
     Bristles(fn(p: &[f64]) -> Bristles),
+    /// Moving mass that is the same everywhere (kg).
+    Mass(fn(p: &[f64]) -> f64),
     /// Additional moving mass (kg).
     Inertia(fn(p: &[f64], motion: &Motion) -> f64),
     /// True to reported position of a motor (m of belt) with its turns per metre of belt; the velocity loop

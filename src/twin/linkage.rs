@@ -95,6 +95,10 @@ impl Linkage {
             }
             Physics::Frame(call) => self.frames.push(Part::new(call, instance, memory)),
             Physics::Coupling(call) => self.couplings.push(Part::new(call, instance, memory)),
+            Physics::Mass(call) => {
+                let mass = call(&instance.numbers());
+                covered.for_each(|k| self.mass[k] += mass);
+            }
             Physics::Inertia(call) => {
                 let mass = call(&instance.numbers(), &Motion::default());
                 covered.for_each(|k| self.mass[k] += mass);

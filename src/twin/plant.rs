@@ -33,6 +33,9 @@ pub(super) use step::{Aside, PlantLanes, StateLanes};
 /// Most parameters that one effect has.
 const MOST_PARAMETERS: usize = 8;
 
+/// Least mass on a rail (kg): no division by zero.
+const LEAST_MASS: f64 = 1e-6;
+
 /// Longest step of the integration (s). A step ends wherever a command takes effect.
 pub(super) const LONGEST_STEP: f64 = 1e-3;
 
@@ -89,6 +92,8 @@ struct MotorParts {
     efforts: Vec<MotionPart>,
     /// Demands (N of belt) from each of which the loop stops integrating.
     windups: Vec<f64>,
+    /// Viscous friction (N s/m).
+    damping: f64,
     forces: Vec<MotionPart>,
     rubs: Rubs,
     encoders: Vec<EncoderPart>,
@@ -98,7 +103,11 @@ struct MotorParts {
 /// Functions that act on one rail.
 #[derive(Debug, Clone, Default)]
 struct RailParts {
+    /// Mass that is the same everywhere (kg).
+    constant_mass: f64,
     masses: Vec<MassPart>,
+    /// Viscous friction (N s/m).
+    damping: f64,
     forces: Vec<MotionPart>,
     rubs: Rubs,
 }
@@ -106,6 +115,8 @@ struct RailParts {
 /// What rubs on one motor or rail.
 #[derive(Debug, Clone, Default)]
 struct Rubs {
+    /// Level that is the same in every motion (N).
+    constant: f64,
     levels: Vec<MotionPart>,
     /// Of several the last, and where its bend is remembered.
     bristles: Option<(Bristles, usize)>,
@@ -258,6 +269,14 @@ impl Plant {
             Physics::Force(call) => {
                 rail.forces.push(Part::new(Law::Function(call), instance, memory))
             }
+            Physics::Damping(call) => {
+                let damping = if at_motor { &mut motor.damping } else { &mut rail.damping };
+                *damping += call(&instance.numbers());
+            }
+            Physics::Coulomb(call) => {
+                let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
+                rubs.constant += call(&instance.numbers());
+            }
             Physics::Friction(call) => {
                 let rubs = if at_motor { &mut motor.rubs } else { &mut rail.rubs };
                 rubs.levels.push(Part::new(Law::Function(call), instance, memory));
@@ -275,6 +294,7 @@ impl Plant {
             Physics::Encoder(call) => {
                 motor.encoders.push(Part::new(Law::Function(call), instance, memory))
             }
+            Physics::Mass(call) => rail.constant_mass += call(&instance.numbers()),
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
             // On both rails at once.
             Physics::Reaction(call) if index == 0 => {
@@ -428,7 +448,9 @@ impl Plant {
         };
         let mass = rail.mass(&motion);
         motion.mass = mass;
-        let load = sum(&rail.forces, memory, &motion) + sum(&motor.forces, memory, &motion);
+        let viscous = -(rail.damping + motor.damping) * motion.velocity;
+        let others = sum(&rail.forces, memory, &motion) + sum(&motor.forces, memory, &motion);
+        let load = viscous + others;
         let setpoint = motor.setpoint(command, memory, dt);
         let middle = motor.middle(state.setpoint[0], setpoint);
         let drag = (load + state.friction[0]) / mass;
@@ -441,7 +463,9 @@ impl Plant {
             motion.force = part.call.at(part.p(), part.memory(memory), &motion);
         }
         // Motor and rail are one coordinate; what bends on one of them bends for both.
-        let level = |rubs: &Rubs, memory: &mut [f64]| sum(&rubs.levels, memory, &motion).max(0.0);
+        let level = |rubs: &Rubs, memory: &mut [f64]| {
+            (rubs.constant + sum(&rubs.levels, memory, &motion)).max(0.0)
+        };
         let level = level(&rail.rubs, memory) + level(&motor.rubs, memory);
         let contact = (level, rail.rubs.bristles.or(motor.rubs.bristles));
         let (velocity, friction) = slide(&motion, motion.force + load, contact, memory);
@@ -493,7 +517,8 @@ fn sum(parts: &[MotionPart], memory: &mut [f64], motion: &Motion) -> f64 {
 
 impl RailParts {
     fn mass(&self, motion: &Motion) -> f64 {
-        self.masses.iter().map(|part| (part.call)(part.p(), motion)).sum::<f64>().max(1e-6)
+        let others = self.masses.iter().map(|part| (part.call)(part.p(), motion));
+        (self.constant_mass + others.sum::<f64>()).max(LEAST_MASS)
     }
 }
 
@@ -570,7 +595,10 @@ pub(super) fn calls(physics: &Physics) -> bool {
                 | Physics::Windup(_)
                 | Physics::Force(_)
                 | Physics::Friction(_)
+                | Physics::Coulomb(_)
+                | Physics::Damping(_)
                 | Physics::Bristles(_)
+                | Physics::Mass(_)
                 | Physics::Inertia(_)
                 | Physics::Encoder(_)
                 | Physics::Transmission(_)

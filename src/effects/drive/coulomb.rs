@@ -21,7 +21,7 @@ pub(crate) static COULOMB: Effect = Effect {
     null: &[0.0],
     probes: &[&[1.0]],
     memory: 0,
-    physics: Physics::Friction(|p, _, _| p[0]),
+    physics: Physics::Coulomb(|p| p[0]),
     regressors: &[Regressor::Direction],
     signals: Signal::DRIVE,
     excitation: "slow reversals, and both directions at three or more speeds",

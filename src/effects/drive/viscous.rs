@@ -21,7 +21,7 @@ pub(crate) static VISCOUS: Effect = Effect {
     null: &[0.0],
     probes: &[&[2.0]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| -p[0] * motion.velocity),
+    physics: Physics::Damping(|p| p[0]),
     regressors: &[Regressor::Velocity],
     signals: Signal::DRIVE,
     excitation: "three or more speeds in both directions",

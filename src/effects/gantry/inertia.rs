@@ -21,7 +21,7 @@ pub(crate) static INERTIA: Effect = Effect {
     null: &[0.0],
     probes: &[&[0.2]],
     memory: 0,
-    physics: Physics::Inertia(|p, _| p[0]),
+    physics: Physics::Mass(|p| p[0]),
     regressors: &[Regressor::Acceleration],
     signals: Signal::DRIVE,
     excitation: "accelerations well above the noise, with the torque recorded",

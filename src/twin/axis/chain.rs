@@ -47,6 +47,10 @@ pub(super) struct Chain {
     frictions: Vec<MotionPart>,
     bristles: Vec<BristlesPart>,
     masses: Vec<MassPart>,
+    /// What is the same in every motion: viscous friction (N s/m), friction level (N) and moving mass (kg).
+    damping: f64,
+    level: f64,
+    mass: f64,
     /// Memory of commands and efforts, then that of forces and frictions.
     way: usize,
     load: usize,
@@ -94,7 +98,10 @@ impl Chain {
                     | Physics::Effort(_)
                     | Physics::Force(_)
                     | Physics::Friction(_)
+                    | Physics::Coulomb(_)
+                    | Physics::Damping(_)
                     | Physics::Bristles(_)
+                    | Physics::Mass(_)
                     | Physics::Inertia(_)
                     | Physics::Expression(Place::Force | Place::Friction | Place::Input, _)
             )
@@ -123,6 +130,9 @@ impl Chain {
                 self.frictions.push(Part { call: Law::Function(call), p, memory: load, length });
                 self.load += length;
             }
+            Physics::Coulomb(call) => self.level += call(&p),
+            Physics::Damping(call) => self.damping += call(&p),
+            Physics::Mass(call) => self.mass += call(&p),
             Physics::Bristles(call) => {
                 self.bristles.push(Part { call, p, memory: load, length });
                 self.load += length;
@@ -150,7 +160,8 @@ impl Chain {
 
     /// Moving mass at `motion` (kg, or the input's unit per m/s^2).
     pub(super) fn mass(&self, motion: &Motion) -> f64 {
-        self.masses.iter().map(|part| (part.call)(&part.p, motion)).sum()
+        let others = self.masses.iter().map(|part| (part.call)(&part.p, motion));
+        self.mass + others.sum::<f64>()
     }
 
     /// Sum of the forces at `motion`, and the level of friction.
@@ -161,7 +172,8 @@ impl Chain {
                 .map(|part| part.call.at(&part.p, part.memory(&mut memory.load), motion))
                 .sum()
         };
-        let (forces, rigid) = (sum(&self.forces), sum(&self.frictions));
+        let forces = sum(&self.forces) - self.damping * motion.velocity;
+        let rigid = self.level + sum(&self.frictions);
         let lacking = self.bristles.iter().map(|part| {
             let bristles = (part.call)(&part.p);
             let bend = &mut part.memory(&mut memory.load)[0];

@@ -1,6 +1,6 @@
 //! One step of several plants side by side.
 
-use super::{MotionPart, MotorParts, Plant, PlantState};
+use super::{LEAST_MASS, MotionPart, MotorParts, Plant, PlantState, RailParts};
 use crate::{
     effects::{Carriage, CrossMotion, Motion, both},
     twin::{
@@ -161,7 +161,20 @@ struct MotorLanes<S: Simd> {
     proportional_per_s: Lanes<S>,
     integral_per_s2: Lanes<S>,
     feedback_delay_s: Lanes<S>,
+    /// Viscous friction (N s/m), and the level of friction that is the same in every motion (N).
+    damping: Lanes<S>,
+    level: Lanes<S>,
     has_ramps: Mask<S>,
+}
+
+/// Fixed numbers of one rail, of each plant: what is the same in every motion.
+struct RailLanes<S: Simd> {
+    /// Mass (kg).
+    mass: Lanes<S>,
+    /// Viscous friction (N s/m).
+    damping: Lanes<S>,
+    /// Level of friction (N).
+    level: Lanes<S>,
 }
 
 /// Which kinds of functions any of the plants has: the others need no call.
@@ -173,7 +186,9 @@ struct Called {
     motor_forces: bool,
     motor_levels: bool,
     windups: bool,
+    masses: bool,
     rail_forces: bool,
+    rail_levels: bool,
     reactions: bool,
 }
 
@@ -183,13 +198,19 @@ impl Called {
     fn on_belts(&self) -> bool {
         self.efforts || self.motor_forces || self.motor_levels
     }
-}
 
-impl Called {
+    /// Whether any function is told how a rail moves.
+    #[inline(always)]
+    fn on_rails(&self) -> bool {
+        self.masses || self.rail_forces || self.rail_levels
+    }
+
     #[inline(always)]
     fn by(plants: &[&Plant]) -> Self {
         let any =
             |has: fn(&MotorParts) -> bool| plants.iter().any(|plant| plant.motors.iter().any(has));
+        let any_rail =
+            |has: fn(&RailParts) -> bool| plants.iter().any(|plant| plant.rails.iter().any(has));
         Self {
             encoders: any(|motor| !motor.encoders.is_empty()),
             commands: any(|motor| !motor.commands.is_empty() || !motor.ramps.is_empty()),
@@ -197,9 +218,9 @@ impl Called {
             motor_forces: any(|motor| !motor.forces.is_empty()),
             motor_levels: any(|motor| !motor.rubs.levels.is_empty()),
             windups: any(|motor| !motor.windups.is_empty()),
-            rail_forces: plants
-                .iter()
-                .any(|plant| plant.rails.iter().any(|rail| !rail.forces.is_empty())),
+            masses: any_rail(|rail| !rail.masses.is_empty()),
+            rail_forces: any_rail(|rail| !rail.forces.is_empty()),
+            rail_levels: any_rail(|rail| !rail.rubs.levels.is_empty()),
             reactions: plants.iter().any(|plant| !plant.reactions.is_empty()),
         }
     }
@@ -237,6 +258,7 @@ pub(in crate::twin) struct PlantLanes<'p, S: Simd> {
     plants: &'p [&'p Plant],
     called: Called,
     motors: [MotorLanes<S>; 2],
+    rails: [RailLanes<S>; 2],
     motor_bristles: [Option<BristleLanes<S>>; 2],
     rail_bristles: [Option<BristleLanes<S>>; 2],
     /// What lies between motors and load, where belts are soft.
@@ -260,7 +282,19 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
                 proportional_per_s: number(|motor| motor.gains.proportional_per_s),
                 integral_per_s2: number(|motor| motor.gains.integral_per_s2),
                 feedback_delay_s: number(|motor| motor.gains.feedback_delay_s),
+                damping: number(|motor| motor.damping),
+                level: number(|motor| motor.rubs.constant),
                 has_ramps: Mask::from_fn(simd, has_ramps),
+            }
+        };
+        let rail = |index: usize| {
+            let number = |get: fn(&RailParts) -> f64| {
+                Lanes::from_fn(simd, |lane| plant(lane).rails.get(index).map_or(0.0, get))
+            };
+            RailLanes {
+                mass: number(|rail| rail.constant_mass),
+                damping: number(|rail| rail.damping),
+                level: number(|rail| rail.rubs.constant),
             }
         };
         let at_motor = |index: usize| {
@@ -279,6 +313,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
             plants,
             called: Called::by(plants),
             motors: [motor(0), motor(1)],
+            rails: [rail(0), rail(1)],
             motor_bristles: [at_motor(0), at_motor(1)],
             rail_bristles: [on_rail(0), on_rail(1)],
             ties: plants[0].ties.map(|[a, b]| [tie(0, a), tie(1, b)]),
@@ -321,7 +356,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         let loops = self.loops(state, setpoint, seen, (&answer, dt));
         let demand = answer.demand(loops.asked, loops.gives_way);
         let force = self.efforts(demand, aside);
-        let forces = [self.driven(force, aside), load];
+        let forces = [self.driven(&step, force, aside), load];
         let rubs = self.rubs(force, aside);
         let slid = match &step.two_masses {
             Some(two) => {
@@ -372,8 +407,11 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
     /// Mass on each rail (kg) in its motion; any but 0 in lanes without a plant.
     #[inline(always)]
     fn masses(&self, motions: &[[Motion; 2]]) -> Both<S> {
-        let mut masses = [Lanes::splat(self.simd, 1.0); 2];
-        put_masses(self.plants, motions, &mut masses);
+        let least = Lanes::splat(self.simd, LEAST_MASS);
+        let mut masses = [self.rails[0].mass.max(least), self.rails[1].mass.max(least)];
+        if self.called.masses {
+            put_masses(self.plants, motions, &mut masses);
+        }
         masses
     }
 
@@ -448,28 +486,38 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
 
     /// The motors' `force` with what else pulls at them (N of belt).
     #[inline(always)]
-    fn driven(&self, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
+    fn driven(&self, step: &GantryStep<S>, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
+        let velocity = step.belts.velocity;
+        let driven = both(
+            #[inline(always)]
+            |m| force[m] - self.motors[m].damping * velocity[m],
+        );
         if !self.called.motor_forces {
-            return force;
+            return driven;
         }
         let motions = (&mut *aside.belts, force);
         let other = self.sums(aside.memories, motions, |plant, index| &plant.motors[index].forces);
-        [force[0] + other[0], force[1] + other[1]]
+        [driven[0] + other[0], driven[1] + other[1]]
     }
 
     /// What rubs on motors and rails under the motors' `force`.
     #[inline(always)]
     fn rubs(&self, force: Both<S>, aside: &mut Aside<'_>) -> Rubbing<S> {
         let nothing = Lanes::splat(self.simd, 0.0);
-        let mut at_motors = [nothing; 2];
+        let mut at_motors = [self.motors[0].level, self.motors[1].level];
         if self.called.motor_levels {
             let motions = (&mut *aside.belts, force);
-            at_motors =
+            let others =
                 self.sums(aside.memories, motions, |plant, index| &plant.motors[index].rubs.levels);
+            at_motors = [at_motors[0] + others[0], at_motors[1] + others[1]];
         }
-        let motions = (&mut *aside.rails, belts(force));
-        let on_rails =
-            self.sums(aside.memories, motions, |plant, index| &plant.rails[index].rubs.levels);
+        let mut on_rails = [self.rails[0].level, self.rails[1].level];
+        if self.called.rail_levels {
+            let motions = (&mut *aside.rails, belts(force));
+            let others =
+                self.sums(aside.memories, motions, |plant, index| &plant.rails[index].rubs.levels);
+            on_rails = [on_rails[0] + others[0], on_rails[1] + others[1]];
+        }
         let contact = |level: Lanes<S>, bristles| Contact { level: level.max(nothing), bristles };
         Rubbing {
             motors: [
@@ -486,10 +534,17 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
     /// Force on each rail that is no motor's and no friction.
     #[inline(always)]
     fn loads(&self, step: &GantryStep<S>, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
-        let mut loads = [Lanes::splat(self.simd, 0.0); 2];
+        let velocity = step.rails.velocity;
+        let nothing = Lanes::splat(self.simd, 0.0);
+        let mut loads = both(
+            #[inline(always)]
+            |rail| nothing - self.rails[rail].damping * velocity[rail],
+        );
         if self.called.rail_forces {
             let motions = (&mut *aside.rails, belts(force));
-            loads = self.sums(aside.memories, motions, |plant, index| &plant.rails[index].forces);
+            let others =
+                self.sums(aside.memories, motions, |plant, index| &plant.rails[index].forces);
+            loads = [loads[0] + others[0], loads[1] + others[1]];
         }
         if self.called.reactions {
             for (lane, plant) in self.plants.iter().enumerate() {
@@ -706,13 +761,18 @@ impl<S: Simd> GantryStep<S> {
             velocity: belts(velocity),
             acceleration: belts(acceleration),
         };
-        rails.put_into(aside.rails);
+        let on_rails = lanes.called.on_rails();
+        if on_rails {
+            rails.put_into(aside.rails);
+        }
         let mass = lanes.masses(aside.rails);
         let mut step = Self { simd, rails, belts, mass, belt_mass: mass, two_masses: None };
         if let Some(ties) = &lanes.ties {
             rails.position = [position[0] + ahead[0], position[1] + ahead[1]];
             rails.velocity = [velocity[0] + gaining[0], velocity[1] + gaining[1]];
-            rails.put_into(aside.rails);
+            if on_rails {
+                rails.put_into(aside.rails);
+            }
             let (ties, load_mass) = transmission::parted(simd, ties, mass);
             let (motor, load) = (belts.velocity, rails.velocity);
             let two = TwoMasses { simd, ties, load_mass, ahead, motor, load, dt };
@@ -722,7 +782,9 @@ impl<S: Simd> GantryStep<S> {
         } else {
             step.belt_mass = [rigid_belt_mass(mass); 2];
         }
-        set_mass(aside.rails, &step.mass);
+        if on_rails {
+            set_mass(aside.rails, &step.mass);
+        }
         if lanes.called.on_belts() {
             belts.put_into(aside.belts);
             set_mass(aside.belts, &step.belt_mass);
