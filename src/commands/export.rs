@@ -45,10 +45,9 @@ const WEIGHTS_PREFIX: &str = "weights/";
 pub(crate) struct Args {
     /// Recording, an actuator.mcap, or a twin.json
     file: PathBuf,
-    /// Format: onnx, safetensors or torchscript for the weights of an actuator.mcap or a policy.mcap;
-    /// state-dict for torch.load of an actuator.mcap; parquet or csv
-    /// for tables of any recording; npz for weights where the file has them, else tables; mjcf or
-    /// isaaclab for a twin, bam for the twin of a servo; foxglove for a copy of a recording with the scene of the table
+    /// Format: weights of an actuator.mcap or policy.mcap as onnx, safetensors or torchscript; an
+    /// actuator.mcap as state-dict; a twin as mjcf, isaaclab or bam; tables of a recording as
+    /// parquet, csv or npz; a recording with the scene of the table as foxglove
     #[arg(long)]
     to: Format,
     /// File to write; a folder with one file per topic, where there are several and no --topic
