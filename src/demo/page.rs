@@ -112,10 +112,8 @@ fn lead(story: &Story<'_>) -> String {
             None => results.push((one.summary(), vec![pair])),
         }
     }
-    let results: Vec<String> = results
-        .iter()
-        .map(|(summary, pairs)| format!("{summary}: {}", pairs.join(", ")))
-        .collect();
+    let results: Vec<String> =
+        results.iter().map(|(summary, pairs)| format!("{summary}: {}", pairs.join(", "))).collect();
     format!("{start} Net goals per minute on the rig: {}.", results.join("; "))
 }
 

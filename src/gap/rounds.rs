@@ -3,11 +3,10 @@
 use super::{
     batch::in_parallel,
     evidence::LogScoreGain,
-    evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
     incident,
     journal::{JournalEntry, MoveKind},
-    known::{BESIDE_NAMED, Excess, Worth, excess, is_nothing_new, least_worth},
+    known::{Excess, Worth, excess},
     numbers::{ParameterEstimate, numbers},
     observer::SearchStep,
     options::Context,
@@ -31,16 +30,6 @@ pub(in crate::gap) use take_back::{instance_of, known_on_bound};
 
 /// Most effects that are added to one link.
 const MOST_ADDED: usize = 6;
-
-/// The same in a known machine: what takes more than these is something else.
-const MOST_ADDED_LATER: usize = 4;
-
-/// Probability of taking chance for an effect, on the fitted and again on the judging sessions.
-pub(super) const LEVEL: f64 = 1e-3;
-
-/// Share of the squared residual above what is known to be left that is a disturbance even where it depends
-/// on nothing that is measured.
-const FAR_MORE: f64 = 0.3;
 
 /// One link in all sessions.
 pub struct Link<'a> {
@@ -276,7 +265,8 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     let Search { train, held_out, mut best, mut filters, added, rejected, mut journal, .. } =
         search;
     let twins = (start, &best.point.twin);
-    let is_better = is_better(&held_out, twins, &filters, least_worth(excess));
+    let least = train.thresholds().least_gain(excess);
+    let is_better = is_better(&held_out, twins, &filters, least);
     if task != Task::Calibrate && added.is_empty() && !is_better {
         (best, filters) = as_it_is(&train, &given, &slots);
         journal.push(JournalEntry::new(
@@ -289,7 +279,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         true => Vec::new(),
         false => numbers(&fit::plainly(&train, &refitted)),
     };
-    let alpha = link.context.options.family_error();
+    let alpha = link.context.options.thresholds().family_error;
     let (judged, uncertainty) = known.unwrap_or_else(|| {
         uncertainty_of((&train, &held_out), &best, &filters, (&rejected, alpha))
     });
@@ -391,15 +381,8 @@ fn judged_rows(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters)
 fn is_better(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters, worth: f64) -> bool {
     let [before, after] = judged_rows(held_out, twins, filters);
     held_out.parts.is_empty()
-        || is_in(&before, &after, &held_out.blocks())
+        || held_out.thresholds().is_in(&before, &after, &held_out.blocks())
             && worth < 1.0 - fit::squared(&after) / fit::squared(&before)
-}
-
-/// Whether the data follow a change of the residual from `before` to `after` beyond chance, and are better
-/// off with it than without.
-pub(super) fn is_in(before: &[f64], after: &[f64], blocks: &Blocks) -> bool {
-    let amplitude = Amplitude::of(before, after, blocks);
-    0.5 < amplitude.value && amplitude.is_above(0.0, LEVEL)
 }
 
 /// A search under way.
@@ -445,7 +428,7 @@ impl<'a> Search<'a> {
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
         let mut slots = start.free(link.train[0]);
         slots.retain(|slot| !link.held.contains(&Held::of(start, *slot)));
-        let is_new = !is_nothing_new(excess);
+        let is_new = !context.options.thresholds().is_at_reference(excess);
         let (best, filters) = match is_new {
             true => refit(link.kind, &mut train, &mut held_out, (&given, &slots)),
             false => fit::settle(&train, given.clone(), &slots, 10),
@@ -482,18 +465,22 @@ impl Search<'_> {
     /// Adds effects until nothing passes; gives what is then still unexplained.
     fn close(&mut self, given: &Point, mut excess: Option<Excess>) -> Option<Unknown> {
         let mut judged = None;
-        let mut starts_again = !is_nothing_new(excess) && !self.is_followed(given);
+        let thresholds = self.train.thresholds();
+        let mut starts_again = !thresholds.is_at_reference(excess) && !self.is_followed(given);
         let mut has_parted = false;
-        let most = if excess.is_some() { MOST_ADDED_LATER } else { MOST_ADDED };
+        let most = match excess {
+            Some(_) => thresholds.max_effects_known as usize,
+            None => MOST_ADDED,
+        };
         while self.added.len() < most {
-            let first = self.added.is_empty() && !has_parted && !is_nothing_new(excess);
+            let first = self.added.is_empty() && !has_parted && !thresholds.is_at_reference(excess);
             let as_given = first.then(|| self.as_given(given));
             let stand = Stand {
                 base: &self.best,
                 filters: &self.filters,
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
-                worth: Worth::new(&given.twin, self.kind, excess, self.removed()),
+                worth: Worth::new(thresholds, (&given.twin, self.kind), excess, self.removed()),
             };
             let round = Round::run(self.problems(), &stand);
             self.rejected = round.rejected;
@@ -514,7 +501,8 @@ impl Search<'_> {
                 .winner
                 .as_ref()
                 .is_none_or(|(_, step)| self.added.is_empty() && !screen::is_shared(step.axis));
-            let may_part = !has_parted && excess.is_some() && !is_nothing_new(excess) && is_open;
+            let may_part =
+                !has_parted && excess.is_some() && !thresholds.is_at_reference(excess) && is_open;
             let rival = round.winner.as_ref().map(|(fit, _)| fit);
             if may_part && self.part_a_known(excess, rival) {
                 (has_parted, starts_again) = (true, false);
@@ -526,7 +514,7 @@ impl Search<'_> {
             excess = self.add(winner, given, &mut judged);
         }
         self.note_end_of_rounds(most);
-        let worth = Worth::new(&given.twin, self.kind, excess, 0.0);
+        let worth = Worth::new(thresholds, (&given.twin, self.kind), excess, 0.0);
         let is_less = self.take_back_what_is_not_missed(&worth, usize::from(!has_parted));
         let is_fewer = self.take_back_what_is_none();
         if self.remove_beside_bound() || is_fewer || is_less {
@@ -534,7 +522,7 @@ impl Search<'_> {
         }
         let judged = judged.unwrap_or_else(|| self.judged());
         let scatters_otherwise = self.name_scatter(&given.twin, &judged, excess);
-        if is_nothing_new(excess) {
+        if thresholds.is_at_reference(excess) {
             return None;
         }
         let disturbance = match scatters_otherwise {
@@ -560,7 +548,7 @@ impl Search<'_> {
         (self.best, self.filters) = from_deepest(&self.train, settled, given);
         self.leave_out_incidents();
         let mut excess = self.excess(judged.insert(self.judged()));
-        if !is_nothing_new(excess)
+        if !self.train.thresholds().is_at_reference(excess)
             && let Some(parted) = self.part_the_added(excess)
         {
             excess = self.excess(judged.insert(parted));
@@ -659,7 +647,9 @@ impl Search<'_> {
         let before = excess(twin, [(&self.train, given)])?.most;
         let trained = excess(twin, [(&self.train, &self.best.point)])?.most;
         let held = excess(twin, [(&self.held_out, judged)])?.most;
-        (FAR_MORE < trained.min(held) && BESIDE_NAMED * (before - trained) < trained)
+        let thresholds = self.train.thresholds();
+        (thresholds.disturbance_excess < trained.min(held)
+            && thresholds.relative_gain * (before - trained) < trained)
             .then(|| unknown::disturbance(&self.train, &self.best.point))
             .flatten()
     }
@@ -679,13 +669,6 @@ impl Search<'_> {
     }
 }
 
-/// How far above what the twin is known to leave a refit may stay (share of the squared residual) before
-/// its parameters are started elsewhere.
-const STUCK: f64 = 0.44;
-
-/// Share of the scaled squared error that another start must save.
-const ANOTHER_VALLEY: f64 = 0.9;
-
 /// Other starts that are fitted.
 const OTHER_STARTS: usize = 2;
 
@@ -698,7 +681,10 @@ const RESTART_ITERATIONS: usize = 12;
 /// again from its given values, and each of its effects from its probes; the best of them are fitted; the best
 /// fit, when it is better.
 fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
-    if excess(&given.twin, [(train, &best.point)]).is_some_and(|excess| excess.most < STUCK) {
+    let thresholds = train.thresholds();
+    if excess(&given.twin, [(train, &best.point)])
+        .is_some_and(|excess| excess.most < thresholds.restart_excess)
+    {
         return None;
     }
     let scales = train.filters(&best.point, whiten::scale_filters);
@@ -730,7 +716,7 @@ fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
     });
     fits.into_iter()
         .min_by(|a, b| a.loss.total_cmp(&b.loss))
-        .filter(|found| found.loss < ANOTHER_VALLEY * loss(&best.point))
+        .filter(|found| found.loss < thresholds.restart_loss * loss(&best.point))
         .map(|found| found.point)
 }
 
