@@ -104,9 +104,9 @@ pub(super) fn nothing_compared() -> Objection {
 
 /// Why nothing may be said of the session `name` where camera and encoders do not keep time together.
 fn check_camera(name: &str, camera: &CameraStage, thresholds: &Thresholds) -> Option<Objection> {
-    let age = |part| age_in(camera, part, thresholds.min_spread);
-    let [(early, first), (late, last)] = [age(FIRST_PART)?, age(LAST_PART)?];
-    if (late - early).abs() <= thresholds.clock_drift.max(thresholds.clock_rate * (last - first)) {
+    let age = |part| age_in(camera, part, thresholds.majority);
+    let [early, late] = [age(FIRST_PART)?, age(LAST_PART)?];
+    if (late - early).abs() <= thresholds.clock_drift {
         return None;
     }
     objection(
@@ -120,9 +120,9 @@ fn check_camera(name: &str, camera: &CameraStage, thresholds: &Thresholds) -> Op
     )
 }
 
-/// The age at which the camera's pictures in a `part` of the session show the carriage best (s), and the middle of that
-/// part (s); `None` where it hardly moves or is seen elsewhere at any age.
-fn age_in(camera: &CameraStage, part: Range<f64>, least_spread: f64) -> Option<(f64, f64)> {
+/// Latency at which the frames in a `part` of the session show the carriage best (s); `None` where less than the fraction
+/// `least` of its motion is explained at any latency.
+fn age_in(camera: &CameraStage, part: Range<f64>, least: f64) -> Option<f64> {
     let [x, y] = [camera.channels.first()?, camera.channels.get(1)?];
     let length = x.times.last()?;
     let seen: Vec<(f64, [f64; 2])> = x
@@ -146,8 +146,7 @@ fn age_in(camera: &CameraStage, part: Range<f64>, least_spread: f64) -> Option<(
     let ages = (-steps..=steps).map(|step| AGE_STEP * f64::from(step));
     let (age, off) =
         ages.map(|age| (age, left(age))).min_by(|own, other| own.1.total_cmp(&other.1))?;
-    let middle = 0.5 * (part.start + part.end) * length;
-    (least_spread < whole && off < 0.5 * whole).then_some((age, middle))
+    (off < (1.0 - least) * whole).then_some(age)
 }
 
 /// Standard deviation of places about their mean (m).
@@ -171,7 +170,7 @@ pub(super) fn check_twin(
     thresholds: &Thresholds,
 ) -> Option<Objection> {
     sessions.iter().flat_map(Session::stages).find_map(|stage| {
-        let signals = silent(twin, stage, thresholds.min_predicted)?;
+        let signals = silent(twin, stage, thresholds.majority)?;
         let says = format!(
             "the twin predicts no finite {signals} for most of the recording: with its numbers the simulation diverges; \
              calibrate it anew with `klasktron calibrate`, or start without --twin"
@@ -204,16 +203,18 @@ fn silent(twin: &Twin, stage: &dyn Stage, least: f64) -> Option<String> {
 
 /// Why nothing may be said, if the motors of all training sessions together were driven in one direction.
 fn check_directions(sessions: &[Session], thresholds: &Thresholds) -> Option<Objection> {
-    let standing = thresholds.standing_speed;
     let train = sessions.iter().filter(|session| session.split == Split::Train);
-    let (mut forward, mut backward) = (0.0, 0.0);
-    for drive in train.filter_map(|session| session.drive.as_ref()) {
-        for value in Pairs::of(drive).commanded() {
-            forward += f64::from(u8::from(standing < value));
-            backward += f64::from(u8::from(value < -standing));
-        }
-    }
-    if thresholds.min_direction * (forward + backward) <= f64::min(forward, backward) {
+    let commanded: Vec<f64> = train
+        .filter_map(|session| session.drive.as_ref())
+        .flat_map(|drive| Pairs::of(drive).commanded().collect::<Vec<f64>>())
+        .collect();
+    let standing = thresholds.min_fraction * rms(commanded.iter().copied());
+    let count = |is_counted: &dyn Fn(f64) -> bool| {
+        commanded.iter().filter(|value| is_counted(**value)).count() as f64
+    };
+    let forward = count(&|value| standing < value);
+    let backward = count(&|value| value < -standing);
+    if thresholds.min_fraction * (forward + backward) <= f64::min(forward, backward) {
         return None;
     }
     objection(
@@ -230,8 +231,7 @@ fn check_drive(
 ) -> Option<Objection> {
     let pairs = Pairs::of(drive);
     let name = &session.name;
-    let active = pairs.commanded().filter(|value| thresholds.standing_speed < value.abs()).count();
-    if active == 0 {
+    if pairs.commanded().all(|value| value == 0.0) {
         return objection(
             Verdict::NotTestable,
             format!("{name}: every command is zero; record runs in which the carriage is driven"),
@@ -239,7 +239,7 @@ fn check_drive(
     }
     let commanded = rms(pairs.commanded());
     let moved = rms(pairs.moved());
-    if moved < thresholds.min_motion * commanded {
+    if moved < thresholds.min_fraction * commanded {
         return objection(
             Verdict::InputNotConnected,
             format!(
@@ -249,7 +249,7 @@ fn check_drive(
         );
     }
     let best = pairs.best_delay(0.0..1.0);
-    if best.1 < thresholds.min_explained_motion {
+    if best.1 < thresholds.min_fraction {
         return objection(
             Verdict::InputNotConnected,
             format!(

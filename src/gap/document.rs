@@ -196,9 +196,7 @@ fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
             let old_half = (old_half.powi(2) - common.powi(2)).max(0.0).sqrt();
             let limit = in_half_intervals * (0.5 * (high - low)).hypot(old_half);
             let change = (new.value - old.value).abs();
-            if limit < change
-                && thresholds.min_change * parameter.scale.max(old.value.abs()) < change
-            {
+            if limit < change {
                 changes.push(ParameterChange {
                     name: format!("{}.{}", before.effect.name, parameter.name),
                     location: after.axis,

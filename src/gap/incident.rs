@@ -64,9 +64,9 @@ pub(super) fn leave_out_of<'a>(
     true
 }
 
-/// The session whose few incidents hold `disturbed_fraction` of the squared residual of all and stand out, and these.
+/// The session whose few incidents hold `majority` of the squared residual of all and stand out, and these.
 fn incidents(seen: &[Seen<'_, '_>], thresholds: &Thresholds) -> Option<(usize, Vec<Incident>)> {
-    let held = thresholds.disturbed_fraction;
+    let held = thresholds.majority;
     let longest = (thresholds.disturbed_time / BIN).round() as usize;
     let usual = usual(seen);
     let energies: Vec<Vec<f64>> = seen.iter().map(|own| energies(own, &usual)).collect();
@@ -77,14 +77,13 @@ fn incidents(seen: &[Seen<'_, '_>], thresholds: &Thresholds) -> Option<(usize, V
         let mut spans = Vec::new();
         let mut least_peak = f64::INFINITY;
         while spans.len() < MOST {
-            let (span, peak) =
-                around_largest(&left[session], thresholds.disturbed_edge_ratio * in_a_bin);
+            let (span, peak) = around_largest(&left[session], thresholds.outlier_ratio * in_a_bin);
             left[session].get_mut(span.clone())?.fill(0.0);
             least_peak = least_peak.min(peak);
             spans.push(span);
             let rest = left.concat();
             let largest = rest.iter().copied().fold(0.0, f64::max);
-            let stands_out = thresholds.disturbed_ratio * largest <= least_peak;
+            let stands_out = thresholds.outlier_ratio * largest <= least_peak;
             if stands_out && rest.iter().sum::<f64>() <= most_left {
                 return spans.iter().all(|span| span.len() <= longest).then_some((session, spans));
             }

@@ -33,7 +33,7 @@ impl Excess {
 
     /// Whether the course is another than that of which it is known what is left.
     fn is_on_another_course(self, thresholds: &Thresholds) -> bool {
-        self.least < -thresholds.other_motion
+        self.least < -thresholds.reference_excess
     }
 }
 
@@ -88,12 +88,12 @@ impl<'t> Worth<'t> {
         removed: f64,
     ) -> Self {
         let beside = match excess {
-            Some(_) => thresholds.relative_gain * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
+            Some(_) => thresholds.clear_gain * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
             None => 0.0,
         };
         let general = thresholds.least_gain(excess);
         let is_elsewhere = excess.is_some_and(|own| own.is_on_another_course(thresholds));
-        let known = thresholds.min_gain_known;
+        let known = thresholds.min_gain;
         Self {
             thresholds,
             general,
@@ -130,7 +130,7 @@ impl<'t> Worth<'t> {
         let ([null], Some(known)) = (effect.null, self.known(effect)) else { return false };
         let is_within = |offset: &f64| {
             0.0 < offset * (value - null)
-                && (value - null).abs() < self.thresholds.bias_ratio * offset.abs()
+                && (value - null).abs() < self.thresholds.size_ratio * offset.abs()
         };
         known.parameter_offsets.first().is_some_and(is_within)
     }
@@ -138,7 +138,7 @@ impl<'t> Worth<'t> {
     /// For `effect` with its numbers.
     pub(super) fn of(&self, effect: &Effect, numbers: &[f64]) -> f64 {
         let thresholds = self.thresholds;
-        let biased = |own: &Discrepancy| thresholds.bias_ratio * own.explained_fraction;
+        let biased = |own: &Discrepancy| thresholds.size_ratio * own.explained_fraction;
         let own = match self.known(effect).map(biased) {
             Some(share) if self.is_exact(effect) => share.max(thresholds.min_gain_map),
             Some(share) => share.max(self.known),
@@ -146,7 +146,7 @@ impl<'t> Worth<'t> {
             None => self.general,
         };
         let below = below_fidelity(effect, numbers);
-        let least = below.map_or(0.0, |below| thresholds.min_gain_at_reference * below);
+        let least = below.map_or(0.0, |below| thresholds.clear_gain * below);
         own.max(self.beside).max(least)
     }
 }
@@ -220,7 +220,7 @@ impl Thresholds {
     /// Fraction of the squared validation residual that an effect must remove.
     pub(super) fn least_gain(&self, excess: Option<Excess>) -> f64 {
         match self.is_at_reference(excess) {
-            true => self.min_gain_at_reference,
+            true => self.clear_gain,
             false => self.min_gain,
         }
     }
@@ -273,15 +273,12 @@ mod tests {
         let worth = |link, excess, removed| Worth::new(&DEFAULT, (&twin, link), excess, removed);
         let known = worth(StageKind::Drive, even(0.0), 0.0);
         assert!((known.of(lag, &[1e-3]) - 0.09).abs() < 1e-12 && known.in_any_view);
-        assert_eq!(known.of(delay, &[1e-3]), DEFAULT.min_gain_at_reference);
-        assert_eq!(
-            worth(StageKind::Camera, even(0.0), 0.0).of(lag, &[1e-3]),
-            DEFAULT.min_gain_at_reference
-        );
+        assert_eq!(known.of(delay, &[1e-3]), DEFAULT.clear_gain);
+        assert_eq!(worth(StageKind::Camera, even(0.0), 0.0).of(lag, &[1e-3]), DEFAULT.clear_gain);
         assert!(known.was_there_before(lag, 5e-5) && !known.was_there_before(lag, 7e-5));
         assert!(!known.was_there_before(lag, -5e-5) && !known.was_there_before(delay, 1e-5));
         let elsewhere = worth(StageKind::Drive, Some(Excess { most: 0.0, least: -0.1 }), 0.0);
-        assert_eq!(elsewhere.of(lag, &[1e-3]), DEFAULT.min_gain_at_reference);
+        assert_eq!(elsewhere.of(lag, &[1e-3]), DEFAULT.clear_gain);
         // What stands beside a large effect must be large too, unless nothing was known of the machine.
         let beside = worth(StageKind::Drive, even(1.0), 0.5);
         assert!((beside.of(delay, &[1e-3]) - 0.1).abs() < 1e-12 && !beside.in_any_view);
@@ -291,13 +288,11 @@ mod tests {
         let shear = effect("gantry.squareness");
         let of_shear = |link| worth(link, even(0.0), 0.0).of(shear, &[1e-3]);
         assert_eq!(of_shear(StageKind::Camera), DEFAULT.min_gain_map);
-        assert_eq!(of_shear(StageKind::Ball), DEFAULT.min_gain_at_reference);
+        assert_eq!(of_shear(StageKind::Ball), DEFAULT.clear_gain);
         // A lag within a step must be larger too, and contacts that hardly bend.
         let presliding = effect("drive.friction.presliding");
         let bristles = |distance| unknown.of(presliding, &[1.0, distance, 1e-3, 0.0]);
-        assert!(
-            bristles(1e-5) == DEFAULT.min_gain && bristles(2e-7) == DEFAULT.min_gain_at_reference
-        );
-        assert!((unknown.of(delay, &[1e-4]) - 2.0 * DEFAULT.min_gain_at_reference).abs() < 1e-12);
+        assert!(bristles(1e-5) == DEFAULT.min_gain && bristles(2e-7) == DEFAULT.clear_gain);
+        assert!((unknown.of(delay, &[1e-4]) - 2.0 * DEFAULT.clear_gain).abs() < 1e-12);
     }
 }

@@ -232,7 +232,7 @@ fn short_list(
         } else if !is_seen {
             Reason::NotSignificant
         } else if short.len() < SHORT_LIST
-            && thresholds.screen_gain * best <= candidate.share
+            && thresholds.clear_gain * best <= candidate.share
             && (screen::is_shared(candidate.axis) || places < PLACES_OF_ONE)
         {
             short.push(candidate);
@@ -477,7 +477,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// elsewhere: which of them the data prefer must not hang on whose fit was stopped earlier.
     fn fit_rivals_in_earnest(&self, trials: &mut [Trial]) {
         let Some((best, others)) = trials.split_first() else { return };
-        let near = self.thresholds().rival_gain;
+        let near = self.thresholds().majority;
         let removes = |trial: &Trial| fit::squared(&self.base_train_rows) - trial.fit.loss;
         let is_near =
             |other: &Trial| is_alike(best, other) && near * removes(best) <= removes(other);
@@ -573,16 +573,6 @@ impl<'a, 'b> Bench<'a, 'b> {
         single.fold(share(&[fit::squared(before), fit::squared(after)]), f64::max)
     }
 
-    /// Whether it hardly matters that a number which only shapes the effect stopped on a bound: half-way to where
-    /// it started it is as good.
-    fn is_flat(&self, fit: &Fit, slot: Slot) -> bool {
-        let mut point = fit.point.clone();
-        let null = point.twin.instances[slot.instance].effect.null[slot.parameter];
-        point.twin.set(slot, 0.5 * (point.twin.get(slot) + null));
-        let loss = fit::squared(&self.train.whitened(&point, self.filters));
-        0 < slot.parameter && loss - fit.loss < self.thresholds().equal_fit
-    }
-
     /// Whether what makes the effect is hardly needed beside the numbers that shape it: with its size at nothing the
     /// others explain most of what it explains, and it is another effect that the sessions show.
     fn is_as_good_without_size(&self, trial: &Trial) -> bool {
@@ -660,14 +650,8 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// Why the trial may not be named; `None` when it may.
     fn objection(&self, trial: &Trial) -> Option<Reason> {
         let thresholds = self.thresholds();
-        if let Some((slot, name)) = on_bound(&trial.fit)
-            && !self.is_flat(&trial.fit, slot)
-        {
-            return Some(Reason::OnBound(name));
-        }
-        if let Some(name) =
-            wrong_sign(&trial.fit).or_else(|| known_on_bound(&trial.fit.point.twin, &self.known))
-        {
+        let known = || known_on_bound(&trial.fit.point.twin, &self.known);
+        if let Some(name) = on_bound(&trial.fit).or_else(|| wrong_sign(&trial.fit)).or_else(known) {
             return Some(Reason::OnBound(name));
         }
         if thresholds.family_error < self.p_value(trial) {
@@ -692,7 +676,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         let (before, blocks) = (&self.base_held_rows, self.held_out.blocks());
         let amplitude = Amplitude::of(before, &trial.held_rows, &blocks);
         if amplitude.is_above(0.0, thresholds.confirmation_level)
-            && thresholds.max_amplitude < amplitude.value
+            && thresholds.size_ratio < amplitude.value
         {
             return Some(Reason::SessionsDisagree);
         }
@@ -791,7 +775,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         joint(own) == joint(other)
             && is_alike(own, other)
             && self.is_same(own, other)
-            && self.thresholds().simpler_gain * removes(own) <= removes(other)
+            && (1.0 - self.thresholds().min_gain) * removes(own) <= removes(other)
     }
 
     /// The strongest goes first: of effects that explain different things it is not `best`, which the whitened
@@ -822,9 +806,8 @@ impl<'a, 'b> Bench<'a, 'b> {
         let (own, other) = (all(own), all(other));
         let base = [self.base_train_rows.as_slice(), &self.base_held_rows].concat();
         apart(&own, &other) < thresholds.equal_prediction * apart(&base, &own)
-            || fit::squared(&other) - fit::squared(&own) < thresholds.equal_fit
             || !Amplitude::of(&other, &own, &blocks)
-                .is_above(thresholds.min_amplitude, thresholds.rival_level)
+                .is_above(thresholds.min_amplitude, thresholds.confirmation_level)
     }
 
     /// Whether the two change the prediction alike: what has most of its change for itself explains something else,
@@ -839,7 +822,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         };
         let (own, other) = (change(own), change(other));
         let shared = dot(&own, &other).max(0.0).powi(2);
-        self.thresholds().same_change * fit::squared(&own) * fit::squared(&other) <= shared
+        self.thresholds().majority * fit::squared(&own) * fit::squared(&other) <= shared
     }
 }
 
@@ -868,9 +851,9 @@ fn wrong_sign(fit: &Fit) -> Option<String> {
 
 /// The first parameter of the added effect that stopped on a bound. Of several the later ones may do nothing, or
 /// shape the effect up to a bound that is plausible itself (contacts that do not creep).
-fn on_bound(fit: &Fit) -> Option<(Slot, String)> {
+fn on_bound(fit: &Fit) -> Option<String> {
     let twin = &fit.point.twin;
-    on_bound_of(twin, slots_of_last(twin))
+    on_bound_of(twin, slots_of_last(twin)).map(|(_, name)| name)
 }
 
 /// The same of an effect with these slots.
@@ -910,9 +893,8 @@ mod tests {
 
     #[test]
     fn a_size_on_its_bound_is_no_effect_and_a_later_number_at_nothing_is_none_of_it() {
-        let bound = |values: &[f64]| {
-            on_bound(&ended("ball.rolling_resistance", Axis::Whole, values)).map(|(_, name)| name)
-        };
+        let bound =
+            |values: &[f64]| on_bound(&ended("ball.rolling_resistance", Axis::Whole, values));
         assert_eq!(bound(&[0.0, 0.1]), Some("coefficient".to_owned()));
         assert_eq!(bound(&[0.3, 0.1]), Some("coefficient".to_owned()));
         assert_eq!(bound(&[0.01, 5.0]), Some("viscous_per_s".to_owned()));

@@ -468,10 +468,7 @@ impl Search<'_> {
         let thresholds = self.train.thresholds();
         let mut starts_again = !thresholds.is_at_reference(excess) && !self.is_followed(given);
         let mut has_parted = false;
-        let most = match excess {
-            Some(_) => thresholds.max_effects_known as usize,
-            None => MOST_ADDED,
-        };
+        let most = MOST_ADDED;
         while self.added.len() < most {
             let first = self.added.is_empty() && !has_parted && !thresholds.is_at_reference(excess);
             let as_given = first.then(|| self.as_given(given));
@@ -648,8 +645,8 @@ impl Search<'_> {
         let trained = excess(twin, [(&self.train, &self.best.point)])?.most;
         let held = excess(twin, [(&self.held_out, judged)])?.most;
         let thresholds = self.train.thresholds();
-        (thresholds.disturbance_excess < trained.min(held)
-            && thresholds.relative_gain * (before - trained) < trained)
+        (thresholds.large_excess < trained.min(held)
+            && thresholds.clear_gain * (before - trained) < trained)
             .then(|| unknown::disturbance(&self.train, &self.best.point))
             .flatten()
     }
@@ -683,7 +680,7 @@ const RESTART_ITERATIONS: usize = 12;
 fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
     let thresholds = train.thresholds();
     if excess(&given.twin, [(train, &best.point)])
-        .is_some_and(|excess| excess.most < thresholds.restart_excess)
+        .is_some_and(|excess| excess.most < thresholds.large_excess)
     {
         return None;
     }
@@ -716,7 +713,7 @@ fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
     });
     fits.into_iter()
         .min_by(|a, b| a.loss.total_cmp(&b.loss))
-        .filter(|found| found.loss < thresholds.restart_loss * loss(&best.point))
+        .filter(|found| found.loss < (1.0 - thresholds.clear_gain) * loss(&best.point))
         .map(|found| found.point)
 }
 

@@ -172,13 +172,9 @@ fn log_ratio(a: Estimate, b: Estimate) -> Estimate {
 
 /// The change of the time stamps' scatter, where it is large enough; `None` for a jitter that fell in a twin
 /// without one.
-fn jitter(
-    given: &Twin,
-    known: &MeasurementNoise,
-    found: [&Scattering; 2],
-    least: f64,
-) -> Option<Change> {
+fn jitter(given: &Twin, known: &MeasurementNoise, found: [&Scattering; 2]) -> Option<Change> {
     let effect = noise_effect(Noise::FrameTime);
+    let least = effect.parameters[0].plausible.0;
     let changes =
         found.map(|own| difference(own.timestamp_variance_s2, known.timestamp_variance_s2));
     let Estimate { value: variance, standard_error: error } = found[0].timestamp_variance_s2;
@@ -232,7 +228,7 @@ fn losses(given: &Twin, known: &MeasurementNoise, problems: [&Problem<'_>; 2]) -
     let changes = found.map(|own| difference(own.fraction, known));
     let change = changes[0].value;
     let worth =
-        problems[0].thresholds().min_lost < change.abs() && (has(given, effect) || 0.0 < change);
+        effect.parameters[0].plausible.0 < change.abs() && (has(given, effect) || 0.0 < change);
     worth.then(|| Change {
         effect,
         changes,
@@ -280,15 +276,13 @@ pub(super) fn find(
     let found = [&fitted, &judged];
     let options = problems[0].context.options;
     let thresholds = options.thresholds();
-    let scatter = [
-        jitter(given, &known, found, thresholds.min_jitter),
-        size(&known, found, thresholds.noise_ratio),
-    ];
+    let scatter =
+        [jitter(given, &known, found), size(&known, found, (1.0 + thresholds.large_excess).sqrt())];
     let is_in = |own: &Change| options.selects(own.effect) && own.is_in(thresholds);
     let mut changes: Vec<Change> = scatter.into_iter().flatten().filter(is_in).collect();
     let accounted: f64 = changes.iter().map(|own| own.unstated.variance()).sum();
     if excess.is_some_and(|own| {
-        accounted < thresholds.noise_fraction * own.most * known.total_variance_m2.value
+        accounted < thresholds.majority * own.most * known.total_variance_m2.value
     }) {
         changes.clear();
     }

@@ -162,7 +162,7 @@ impl Screen<'_, '_> {
     fn run(&self, tries: Vec<(&'static Effect, Axis, Vec<f64>)>) -> Vec<Candidate> {
         let twin = &self.found.point.twin;
         let total = dot(&self.linear.residual, &self.linear.residual);
-        let least = self.problem.thresholds().min_independence;
+        let least = self.problem.thresholds().equal_prediction;
         let observer = self.problem.context.observer;
         observer.step_begun(SearchStep::Screen, tries.len());
         let tested = in_parallel(&tries, |(effect, axis, probe)| {
@@ -431,7 +431,7 @@ fn beyond_parameters(linear: &Linear, normal: &Normal, column: &mut [f64]) -> Ve
 }
 
 /// Tests the columns of one probe: the first is all parameters together, then each alone. At least the fraction `least`
-/// of their length must be left beyond the known parameters.
+/// of their squared length must be left beyond the known parameters.
 fn test(
     linear: &Linear,
     (normal, total): (&Normal, f64),
@@ -451,7 +451,7 @@ fn test(
     let imitating = if amplitudes { &imitating[1..] } else { &imitating[..1] };
     let sizes = if amplitudes { original[1..].to_vec() } else { original[..1].to_vec() };
     let left: f64 = kept.iter().map(|column| dot(column, column)).sum();
-    if !(left.is_finite() && sizes.iter().sum::<f64>() * least * least < left) {
+    if !(left.is_finite() && sizes.iter().sum::<f64>() * least < left) {
         return Tested::NOTHING;
     }
     let products: Vec<f64> = kept.iter().map(|column| dot(column, &linear.residual)).collect();

@@ -25,7 +25,7 @@ pub(super) fn are_speeds_known(problem: &Problem<'_>) -> bool {
 }
 
 /// Whether the residuals without and with an effect, of the fitted and of the judging sessions, go towards its rival:
-/// both together by `speed_amplitude` of the way at least and beyond chance, and each by half of that.
+/// both together by half of `min_amplitude` of the way at least and beyond chance, and each by half of that.
 pub(super) fn grows_with_speed(sessions: [Seen<'_, '_>; 2]) -> bool {
     let rivals = sessions.map(|seen| along_speed(&seen));
     let along: f64 =
@@ -41,10 +41,10 @@ pub(super) fn grows_with_speed(sessions: [Seen<'_, '_>; 2]) -> bool {
     let together = Amplitude::of(&with, &lefts.concat(), &Blocks::joined(&blocks));
     log::debug!("in proportion to speed rather: {} and {}, {together:?}", goes(0), goes(1));
     let thresholds = sessions[0].problem.thresholds();
-    let least = thresholds.speed_amplitude;
+    let least = 0.5 * thresholds.min_amplitude;
     least < together.value
         && 0.5 * least < goes(0).min(goes(1))
-        && together.is_above(0.0, thresholds.speed_level)
+        && together.is_above(0.0, thresholds.confirmation_level)
 }
 
 /// What the effect does, times the speed, row by row; of the first signal, which is the one whose speed is known.

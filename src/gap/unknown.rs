@@ -82,8 +82,8 @@ pub(super) fn strongest(
         let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
         if p_value < thresholds.family_error
-            && thresholds.min_dependence < share
-            && thresholds.repeated_dependence * share < carried
+            && thresholds.reference_excess < share
+            && thresholds.min_amplitude * share < carried
         {
             let name = format!("unknown.{}[{}]", own.name, band(&edges));
             let signal = train.parts[0].stage.channels()[own.channel].signal.clone();
@@ -94,7 +94,7 @@ pub(super) fn strongest(
         let columns = line(train, frequency, signal, filters, &linear);
         let Some(found) = least_squares(&columns, &linear.residual) else { continue };
         let share = explained(&columns, &found, &linear.residual) / total;
-        if share < thresholds.min_dependence {
+        if share < thresholds.reference_excess {
             continue;
         }
         let elsewhere = line(held_out, frequency, signal, filters, &held);
@@ -102,7 +102,7 @@ pub(super) fn strongest(
             .map_or(0.0, |own| explained(&elsewhere, &own, &held.residual) / held_total);
         let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
-        if p_value < thresholds.family_error && thresholds.repeated_dependence * share < carried {
+        if p_value < thresholds.family_error && thresholds.min_amplitude * share < carried {
             let name = format!("unknown.time[{frequency:.2} Hz]");
             let signal = train.parts[0].stage.channels()[signal].signal.clone();
             consider(Unknown { name, signal, share, statistic, p_value, comparisons: tries });
@@ -287,7 +287,8 @@ const SCAN_BIN: f64 = 0.01;
 
 /// Lines and signals that may be worth saying.
 fn loud_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64, usize)> {
-    let loud = 0.5 * problem.thresholds().min_dependence * dot(&linear.residual, &linear.residual);
+    let loud =
+        0.5 * problem.thresholds().reference_excess * dot(&linear.residual, &linear.residual);
     let energies = energies(problem, &linear.residual, lines);
     let all = lines.iter().zip(&energies);
     all.flat_map(|(line, energy)| {

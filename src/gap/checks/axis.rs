@@ -37,7 +37,7 @@ fn check(name: &str, train: &[&AxisStage], thresholds: &Thresholds) -> Option<Ob
     }
     let sums = train.iter().map(|axis| axis.input_variation());
     let [within, square] = sums.fold([0.0; 2], |all, own| [all[0] + own[0], all[1] + own[1]]);
-    if within <= thresholds.min_variation.powi(2) * square {
+    if within <= thresholds.min_fraction.powi(2) * square {
         return objection(
             Verdict::NotTestable,
             format!(
@@ -58,7 +58,7 @@ fn check(name: &str, train: &[&AxisStage], thresholds: &Thresholds) -> Option<Ob
         );
     }
     let (_, unit) = train[0].units();
-    if up.min(down) < thresholds.min_direction * (up + down) {
+    if up.min(down) < thresholds.min_fraction * (up + down) {
         return objection(
             Verdict::NotTestable,
             format!(
@@ -103,7 +103,7 @@ fn check_connection(
     let explained = explained_by(&motion, &input);
     let of_inertia = explained - explained_by(&motion[1..], &input);
     let percent = 100.0 * explained.max(0.0);
-    if explained < thresholds.min_explained_input {
+    if explained < thresholds.min_fraction {
         return objection(
             Verdict::InputNotConnected,
             format!(
@@ -112,8 +112,8 @@ fn check_connection(
             ),
         );
     }
-    let is_against = weights[0] < 0.0
-        && (explained < thresholds.min_explained_reversed || thresholds.min_inertia < of_inertia);
+    let is_against =
+        weights[0] < 0.0 && (explained < thresholds.majority || thresholds.clear_gain < of_inertia);
     is_against
         .then(|| {
             objection(

@@ -40,7 +40,7 @@ impl Search<'_> {
         let best = trials.into_iter().flatten().min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(Parting { index, loss, shares, fit, filters, .. }) = best else { return false };
         let left = |rival: &Fit| fit::squared(&self.train.whitened(&rival.point, &self.filters));
-        let clearly_less = self.train.thresholds().split_loss;
+        let clearly_less = 1.0 - self.train.thresholds().clear_gain;
         if rival.is_some_and(|rival| clearly_less * left(rival) < loss) {
             return false;
         }

@@ -221,11 +221,11 @@ impl Search<'_> {
     /// the end of a play.
     fn nothing(&self) -> Option<Added> {
         let twin = &self.best.point.twin;
-        let stiffer = self.train.thresholds().end_stiffness_ratio;
+        let ratio = self.train.thresholds().size_ratio;
         let is_gone = |step: &&Added| {
             instance_of(twin, step).is_some_and(|instance| {
                 let size = Slot { instance, parameter: 0 };
-                is_end_of_a_play(twin, instance, stiffer)
+                is_end_of_a_play(twin, instance, ratio)
                     || self.best.slots.contains(&size) && on_bound_of(twin, [size]).is_some()
             })
         };
@@ -318,8 +318,8 @@ pub(in crate::gap) fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
     all.min_by(|one, other| apart(one).total_cmp(&apart(other)))
 }
 
-/// Whether the instance `index` is a spring of which the stiffness is above that of the ends of a backlash beside it over
-/// `ratio`: the stiffness of the ends is not fitted.
+/// Whether the instance `index` is a spring that is at most `ratio` times as soft as the ends of a backlash beside it, of
+/// which the stiffness is not fitted.
 fn is_end_of_a_play(twin: &Twin, index: usize, ratio: f64) -> bool {
     let own = &twin.instances[index];
     let Some(belt) = own.spring().filter(|belt| belt.backlash == 0.0) else { return false };
@@ -362,6 +362,7 @@ mod tests {
     use super::*;
     use crate::{
         effects::{Axis, find},
+        gap::thresholds::Thresholds,
         twin::Source,
     };
 
@@ -379,6 +380,9 @@ mod tests {
 
     #[test]
     fn a_belt_beside_a_play_is_more_than_its_ends() {
+        let is_end_of_a_play = |twin: &Twin, index: usize| {
+            is_end_of_a_play(twin, index, Thresholds::DEFAULT.size_ratio)
+        };
         let mut twin = Twin::nominal(Machine::Table);
         let mut add = |name: &str, axis: Axis, values: &[f64]| {
             twin.instances.push(Instance::new(find(name).unwrap(), axis, values, Source::Fitted));
@@ -386,16 +390,16 @@ mod tests {
         };
         let hard = add("drive.compliance.belt", Axis::Motors, &[2.7e-6, 0.98, 0.05]);
         let soft = add("drive.compliance.belt", Axis::Motors, &[1.7e-5, 0.98, 0.05]);
-        assert!(!is_end_of_a_play(&twin, hard, 2.0));
+        assert!(!is_end_of_a_play(&twin, hard));
         twin.instances.push(Instance::new(
             find("drive.backlash").unwrap(),
             Axis::B,
             &[3e-4, 50.0],
             Source::Fitted,
         ));
-        assert!(is_end_of_a_play(&twin, hard, 2.0) && !is_end_of_a_play(&twin, soft, 2.0));
-        assert!(!is_end_of_a_play(&twin, soft + 1, 2.0));
+        assert!(is_end_of_a_play(&twin, hard) && !is_end_of_a_play(&twin, soft));
+        assert!(!is_end_of_a_play(&twin, soft + 1));
         twin.instances[hard].axis = Axis::A;
-        assert!(!is_end_of_a_play(&twin, hard, 2.0));
+        assert!(!is_end_of_a_play(&twin, hard));
     }
 }
