@@ -26,37 +26,35 @@ import check_gap
 import compare_peers
 from scipy.stats import binomtest
 
-# Settings per threshold: the rule off, or else half and twice the value. A setting with several assignments merges them.
-ONCE = ["default"]
-AXES_AND_TABLE = [
-    "confirmation_level=0.5", "confirmation_level=0.01", "rival_level=0.001", "rival_level=0.5", "min_amplitude=0",
-    "max_amplitude=1e9", "detectability=0", "detectability=10", "min_independence=0", "min_independence=0.01",
-    "screen_gain=0", "rival_gain=0", "rival_gain=1", "equal_fit=0", "equal_prediction=0", "simpler_gain=1",
-    "simpler_gain=0.96", "same_change=0", "same_change=0.9", "stronger_ratio=1e9", "stronger_ratio=1",
-    "min_gain=0", "min_gain=0.01", "min_gain=0.04", "restart_excess=1e9", "restart_loss=0", "restart_loss=1",
-    "min_dependence=0.02", "min_dependence=0.1", "repeated_dependence=0", "repeated_dependence=0.5", "floor_ratio=1",
-    "floor_ratio=3", "outlier_ratio=1e9", "outlier_ratio=10", "disturbed_fraction=0", "disturbed_fraction=2",
-    "disturbed_ratio=1e9", "disturbed_edge_ratio=1e9", "disturbed_time=1e9", "model_error=0", "family_error=0.001",
-    "family_error=0.05", "min_gain_at_reference=0.02",
+# Settings per threshold: the rule off where that has a value, then half and twice the value where these differ from it.
+SETTINGS = [
+    "default",
+    "family_error=0.005", "family_error=0.02",
+    "confirmation_level=0.5", "confirmation_level=0.0005", "confirmation_level=0.002",
+    "min_amplitude=0", "min_amplitude=0.25", "min_amplitude=1",
+    "size_ratio=1e9", "size_ratio=1.5", "size_ratio=6",
+    "detectability=0", "detectability=2.5", "detectability=10",
+    "equal_prediction=0", "equal_prediction=0.00005", "equal_prediction=0.0002",
+    "majority=0", "majority=0.25", "majority=1",
+    "stronger_ratio=1e9", "stronger_ratio=1", "stronger_ratio=3",
+    "single_signal_ratio=1e9", "single_signal_ratio=2", "single_signal_ratio=8",
+    "min_gain=0", "min_gain=0.01", "min_gain=0.04",
+    "clear_gain=0", "clear_gain=0.05", "clear_gain=0.2",
+    "min_gain_map=0", "min_gain_map=0.0025", "min_gain_map=0.01",
+    "reference_excess=0", "reference_excess=0.025", "reference_excess=0.1",
+    "moved_residual=0", "moved_residual=0.075", "moved_residual=0.3",
+    "large_excess=1e9", "large_excess=0.15", "large_excess=0.6",
+    "floor_ratio=1", "floor_ratio=3",
+    "machine_change=0", "machine_change=0.125", "machine_change=0.5",
+    "machine_changes=1e9", "machine_changes=2", "machine_changes=8",
+    "model_error=0", "model_error=0.0125", "model_error=0.05",
+    "outlier_ratio=1e9", "outlier_ratio=5", "outlier_ratio=20",
+    "disturbed_time=1e9", "disturbed_time=0.75", "disturbed_time=3",
+    "min_time=0", "min_time=2", "min_time=8",
+    "min_samples=0", "min_samples=20", "min_samples=80",
+    "min_fraction=0", "min_fraction=0.025", "min_fraction=0.1",
+    "clock_drift=1e9", "clock_drift=0.05", "clock_drift=0.2",
 ]
-AXES = [
-    "min_samples=0", "min_direction=0", "min_variation=0", "min_variation=0.05", "min_explained_input=0",
-    "min_explained_input=0.1", "min_explained_reversed=0", "min_explained_reversed=1", "min_inertia=0", "min_inertia=1",
-]
-TABLE = [
-    "speed_level=0.001", "speed_level=0.005", "speed_amplitude=1e9", "single_signal_ratio=1e9", "min_gain_known=0.02",
-    "min_gain_map=0.02", "bias_ratio=0", "relative_gain=0", "reference_excess=0", "reference_excess=0.1",
-    "other_motion=1", "moved_residual=0", "disturbance_excess=1e9", "disturbance_excess=0.44", "restart_excess=0.3",
-    "split_loss=1", "max_effects_known=6", "machine_change=0", "machine_changes=0", "machine_changes=1e9", "min_change=0",
-    "noise_ratio=1", "noise_ratio=1e9", "min_jitter=0", "min_lost=0", "noise_fraction=0", "end_stiffness_ratio=0",
-    "min_time=0", "min_motion=0", "min_explained_motion=0", "min_explained_motion=0.05", "min_predicted=0.05",
-    "standing_speed=0", "min_spread=0", "clock_drift=1e9", "clock_rate=0",
-]
-SETTINGS = {
-    "synthetic": [*ONCE, *AXES_AND_TABLE],
-    "real": [*ONCE, *AXES, *AXES_AND_TABLE],
-    "practice": [*ONCE, *TABLE, *AXES_AND_TABLE],
-}
 FIELDS = ["setting", "group", "case", "verdict", "names", "false", "missed", "exact", "cpu_s"]
 SUMMARY = ["setting", "group", "cases", "exact", "exact_default", "false", "false_default", "missed", "missed_default",
            "changed", "better", "worse", "mcnemar_p", "changed_ci95_low", "changed_ci95_high", "cpu_s", "cpu_s_default"]
@@ -150,7 +148,7 @@ def run_group(args, group, rows, until):
     """Runs what results.csv lacks of one group, setting by setting, and appends to it."""
     cases = [own for own in GROUPS[group](args.program, args)
              if not args.case or any(fnmatch.fnmatch(own[0], pattern) for pattern in args.case)]
-    settings = [*ONCE, *args.only] if args.only else SETTINGS[group]
+    settings = list(dict.fromkeys(["default", *args.only])) if args.only else SETTINGS
     done = {(row["setting"], row["group"], row["case"]) for row in rows}
     path = args.out / "results.csv"
     is_new = not path.exists()

@@ -132,14 +132,19 @@ pub fn find<'a>(
     if document.verdict == Verdict::Unexplained {
         describe_rest(&mut document, sessions, &outcomes, context);
     }
-    document
-        .warnings
-        .extend(thresholds.changes().into_iter().map(|own| format!("threshold {own}")));
-    document.warnings.extend(context.options.defined().iter().filter_map(|effect| {
-        let stages = sessions.iter().flat_map(Session::stages);
-        user_effects::objection(effect, start.machine, stages)
-    }));
+    document.warnings.extend(of_options(context, start.machine, sessions));
     Found { document, twin, outcomes, floors }
+}
+
+/// Warnings about the options: changed thresholds, and effects of the user that are not searched.
+fn of_options(context: Context<'_>, machine: Machine, sessions: &[Session]) -> Vec<String> {
+    let changes = context.options.thresholds().changes().into_iter();
+    let changes = changes.map(|own| format!("the threshold {own} is not the default"));
+    let effects = context.options.defined().iter().filter_map(|effect| {
+        let stages = sessions.iter().flat_map(Session::stages);
+        user_effects::objection(effect, machine, stages)
+    });
+    changes.chain(effects).collect()
 }
 
 /// Describe in `document` the residual that no effect explains, where forces act on its stage.

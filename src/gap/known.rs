@@ -93,11 +93,10 @@ impl<'t> Worth<'t> {
         };
         let general = thresholds.least_gain(excess);
         let is_elsewhere = excess.is_some_and(|own| own.is_on_another_course(thresholds));
-        let known = thresholds.min_gain;
         Self {
             thresholds,
             general,
-            known: if is_elsewhere { known.max(general) } else { known },
+            known: if is_elsewhere { general } else { thresholds.min_gain },
             beside,
             discrepancy: &given.discrepancy,
             stage,

@@ -231,7 +231,7 @@ mod tests {
         let said = |text: &str| parsed(text).unwrap_err();
         assert_eq!(
             said("min_gian=1"),
-            "'min_gian' is no threshold; similar: min_gain, min_gain_map, min_time"
+            "'min_gian' is no threshold; similar: min_gain, min_gain_map, min_fraction"
         );
         assert_eq!(said("min_gain=2"), "min_gain is 2; allowed are 0 to 1");
         assert!(said("min_gain=NaN").starts_with("min_gain is NaN; allowed are"));
@@ -243,6 +243,21 @@ mod tests {
     #[test]
     fn there_are_at_most_25_thresholds() {
         assert!(Thresholds::TABLE.len() <= 25, "{}", Thresholds::TABLE.len());
+    }
+
+    #[test]
+    fn the_documentation_lists_every_threshold_with_its_default() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/gap.md");
+        let page = std::fs::read_to_string(path).unwrap();
+        let section = page.split("## Thresholds").nth(1).unwrap().split("\n## ").next().unwrap();
+        let rows = section.lines().filter(|line| line.starts_with("| `"));
+        let listed: Vec<String> =
+            rows.map(|row| row.split('|').take(3).collect::<Vec<_>>().join("|")).collect();
+        let own = |own: &Threshold| {
+            let unit = if own.unit.is_empty() { String::new() } else { format!(" {}", own.unit) };
+            format!("| `{}` | {}{unit} ", own.name, own.default)
+        };
+        assert_eq!(listed, Thresholds::TABLE.iter().map(own).collect::<Vec<_>>());
     }
 
     #[test]
