@@ -17,6 +17,10 @@ const LONGEST_DELAY: f64 = 0.3;
 const FIRST_PART: Range<f64> = 0.0..0.25;
 const LAST_PART: Range<f64> = 0.75..1.0;
 
+/// Time to which the threshold of a clock drift refers (s). In longer sessions a constant skew, which has a name
+/// (`sensor.clock_skew`), shifts the latency by more.
+const DRIFT_SPAN: f64 = 50.0;
+
 /// Longest age of a picture that is tried, either way (s), and its step (s).
 const OLDEST: f64 = 1.0;
 const AGE_STEP: f64 = 0.01;
@@ -105,8 +109,9 @@ pub(super) fn nothing_compared() -> Objection {
 /// Why nothing may be said of the session `name` where camera and encoders do not keep time together.
 fn check_camera(name: &str, camera: &CameraStage, thresholds: &Thresholds) -> Option<Objection> {
     let age = |part| age_in(camera, part, thresholds.majority);
-    let [early, late] = [age(FIRST_PART)?, age(LAST_PART)?];
-    if (late - early).abs() <= thresholds.clock_drift {
+    let [(early, first), (late, last)] = [age(FIRST_PART)?, age(LAST_PART)?];
+    let spans = ((last - first) / DRIFT_SPAN).max(1.0);
+    if (late - early).abs() <= spans * thresholds.clock_drift {
         return None;
     }
     objection(
@@ -120,9 +125,9 @@ fn check_camera(name: &str, camera: &CameraStage, thresholds: &Thresholds) -> Op
     )
 }
 
-/// Latency at which the frames in a `part` of the session show the carriage best (s); `None` where less than the fraction
-/// `least` of its motion is explained at any latency.
-fn age_in(camera: &CameraStage, part: Range<f64>, least: f64) -> Option<f64> {
+/// Latency at which the frames in a `part` of the session show the carriage best (s), and the middle of that part (s);
+/// `None` where less than the fraction `least` of its motion is explained at any latency.
+fn age_in(camera: &CameraStage, part: Range<f64>, least: f64) -> Option<(f64, f64)> {
     let [x, y] = [camera.channels.first()?, camera.channels.get(1)?];
     let length = x.times.last()?;
     let seen: Vec<(f64, [f64; 2])> = x
@@ -146,7 +151,8 @@ fn age_in(camera: &CameraStage, part: Range<f64>, least: f64) -> Option<f64> {
     let ages = (-steps..=steps).map(|step| AGE_STEP * f64::from(step));
     let (age, off) =
         ages.map(|age| (age, left(age))).min_by(|own, other| own.1.total_cmp(&other.1))?;
-    (off < (1.0 - least) * whole).then_some(age)
+    let middle = 0.5 * (part.start + part.end) * length;
+    (off < (1.0 - least) * whole).then_some((age, middle))
 }
 
 /// Standard deviation of places about their mean (m).

@@ -122,7 +122,8 @@ thresholds! {
     /// Least fraction: of the motion in each direction, of the commanded speed that a motor moves, of the variance that
     /// input or motion explain, of the RMS of the input that varies.
     min_fraction = 0.05, 0.0..=0.5, "";
-    /// Change of the latency during a session from which the clocks drift: other motion changes it by some hundredths.
+    /// Change of the latency within 50 s, or within a shorter session, from which the clocks drift: other motion changes it by
+    /// some hundredths, and the worst crystals by a quarter of this.
     clock_drift = 0.1, 0.0..=1e9, "s";
 }
 
