@@ -38,6 +38,7 @@
 //! - Bonferroni's correction for all pairs of effect and start that a screen tries.
 //! - Rivals by the same amplitude between two simulated changes: the better one's must be above one half.
 //! - The noise floor from measurements alone, never from a residual.
+//! - Every threshold of a decision once, in [`Thresholds`].
 
 mod batch;
 mod calibrate_page;
