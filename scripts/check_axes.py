@@ -65,27 +65,40 @@ def imported(program, data, folder, case, scale):
     return recordings
 
 
+def refused(summary):
+    """The document of a case that the program refuses."""
+    return {"verdict": "refused", "effects": [], "parameter_changes": [], "residuals": [], "summary": summary}
+
+
+def twin_options(program, recordings, folder):
+    """The option that begins with the twin of the baseline, where there is one."""
+    if not recordings["baseline"]:
+        return []
+    base = [program, "gap", *recordings["baseline"], "-o", folder / "base", "--overwrite"]
+    subprocess.run(base, capture_output=True, text=True)
+    return ["--twin", folder / "base" / "twin.json"]
+
+
+def compared(program, recordings, options, folder):
+    """gap.json of `recordings` with the written twin, or a verdict 'refused' with the program's sentence."""
+    command = [program, "gap", *recordings["train"], *recordings["validation"], *options]
+    done = subprocess.run([*command, "-o", folder, "--overwrite"], capture_output=True, text=True)
+    if done.returncode not in (0, 3):
+        return refused(done.stderr.strip())
+    document = json.loads((folder / "gap.json").read_text())
+    written = folder / "twin.json"
+    document["twin"] = json.loads(written.read_text()) if written.exists() else None
+    return document
+
+
 def found_in(program, data, out, case, scale):
     """The document of one case: gap.json, or a verdict 'refused' with the program's sentence."""
     folder = out / f"{case['name']}@{','.join(f'{own:g}' for own in scale)}"
     folder.mkdir(parents=True, exist_ok=True)
     recordings = imported(program, data, folder, case, scale)
-    refused = {"verdict": "refused", "effects": [], "parameter_changes": [], "residuals": []}
     if isinstance(recordings, str):
-        return refused | {"summary": recordings}
-    twin = []
-    if recordings["baseline"]:
-        base = [program, "gap", *recordings["baseline"], "-o", folder / "base", "--overwrite"]
-        subprocess.run(base, capture_output=True, text=True)
-        twin = ["--twin", folder / "base" / "twin.json"]
-    command = [program, "gap", *recordings["train"], *recordings["validation"], *twin]
-    done = subprocess.run([*command, "-o", folder / "out", "--overwrite"], capture_output=True, text=True)
-    if done.returncode not in (0, 3):
-        return refused | {"summary": done.stderr.strip()}
-    document = json.loads((folder / "out" / "gap.json").read_text())
-    written = folder / "out" / "twin.json"
-    document["twin"] = json.loads(written.read_text()) if written.exists() else None
-    return document
+        return refused(recordings)
+    return compared(program, recordings, twin_options(program, recordings, folder), folder / "out")
 
 
 def values(document):

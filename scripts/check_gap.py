@@ -16,11 +16,11 @@ import time
 from pathlib import Path
 
 
-def run(program, practice, out, name, twin):
+def run(program, practice, out, name, twin, options=()):
     """gap.json of one pair, with the wall time."""
     folder = out / name
     command = [program, "gap", practice / f"{name}-1.mcap", practice / f"{name}-2.mcap"]
-    command += ["--output", folder, "--overwrite"]
+    command += ["--output", folder, "--overwrite", *options]
     if twin:
         command += ["--twin", twin]
     began = time.monotonic()

@@ -196,25 +196,35 @@ def recording(program, case, source, purpose, target):
     return target if subprocess.run(command, capture_output=True).returncode == 0 else None
 
 
-def by_gap(program, case, out):
-    """Verdict and names; each name with what the data cannot distinguish from it."""
-    folder = out / case["name"]
+def recordings_of(program, case, folder):
+    """The files of one case as recordings in `folder`, or None where the import refuses one."""
     folder.mkdir(parents=True, exist_ok=True)
     recordings = [
         recording(program, case, source, purpose, folder / f"{purpose}-{index}.mcap")
         for purpose in ("train", "validation")
         for index, source in enumerate(case["files"][purpose])
     ]
-    if None in recordings:
-        return {"verdict": "refused", "names": []}
-    command = [program, "gap", *recordings, "-o", folder / "gap", "--overwrite"]
-    if subprocess.run(command, capture_output=True).returncode not in (0, 3):
-        return {"verdict": "refused", "names": []}
-    document = json.loads((folder / "gap" / "gap.json").read_text())
+    return None if None in recordings else recordings
+
+
+def answer_of(document):
+    """Verdict and names of gap.json; each name with what the data cannot distinguish from it."""
     sets = {own["names"][0]: own["names"] for own in document["indistinguishable"]}
     names = [sets.get(own["name"], [own["name"]]) for own in document["effects"]]
     description = document["description"]
     return {"verdict": document["verdict"], "names": names, "description": description and description["equation"]}
+
+
+def by_gap(program, case, out):
+    """The answer of `klasktron gap` to one case."""
+    folder = out / case["name"]
+    recordings = recordings_of(program, case, folder)
+    if recordings is None:
+        return {"verdict": "refused", "names": []}
+    command = [program, "gap", *recordings, "-o", folder / "gap", "--overwrite"]
+    if subprocess.run(command, capture_output=True).returncode not in (0, 3):
+        return {"verdict": "refused", "names": []}
+    return answer_of(json.loads((folder / "gap" / "gap.json").read_text()))
 
 
 # ---------------------------------------------------------------- the regression of the others

@@ -38,6 +38,7 @@
 //! - Bonferroni's correction for all pairs of effect and start that a screen tries.
 //! - Rivals by the same amplitude between two simulated changes: the better one's must be above one half.
 //! - The noise floor from measurements alone, never from a residual.
+//! - Every threshold of a decision once, in [`Thresholds`].
 
 mod batch;
 mod calibrate_page;
@@ -73,6 +74,7 @@ mod scatter;
 mod screen;
 mod steady;
 mod tape;
+mod thresholds;
 mod unknown;
 mod user_effects;
 mod verdict;
@@ -98,11 +100,12 @@ pub use isolability::{
 pub use journal::{JournalEntry, Move, MoveComparison, MoveKind};
 pub use numbers::ParameterEstimate;
 pub use observer::{SearchObserver, SearchStep};
-pub use options::{Context, FAMILY_ERROR, FixedParameter, OptionError, SearchOptions};
+pub use options::{Context, FixedParameter, OptionError, SearchOptions};
 pub use page::{page, residual_figure};
 pub use problem::{Part, Point, Problem};
 pub use rounds::{Added, Held, Link, Outcome, Reason, Rejected, Task, search};
 pub use screen::Candidate;
 pub use tape::write_tape;
+pub use thresholds::{Threshold, ThresholdValue, Thresholds};
 pub use unknown::Unknown;
 pub use whiten::{Filter, Filters, Layout, Row};

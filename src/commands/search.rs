@@ -5,8 +5,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use klasktron::{
     effects::{Effect, EffectsFileError, read_effects},
     gap::{
-        Context, FAMILY_ERROR, FixedParameter, OptionError, SearchObserver, SearchOptions,
-        SearchStep,
+        Context, FixedParameter, OptionError, SearchObserver, SearchOptions, SearchStep,
+        ThresholdValue, Thresholds,
     },
     parallel,
     twin::{Machine, Mask, SessionOptions, StageKind},
@@ -38,8 +38,11 @@ pub(crate) struct SearchArgs {
     #[arg(long, value_name = "EFFECT.PARAMETER=VALUE")]
     fix: Vec<FixedParameter>,
     /// Family-wise error of the search: probability of a false effect per screen
-    #[arg(long, value_name = "PROBABILITY", default_value_t = FAMILY_ERROR, value_parser = parse_alpha)]
+    #[arg(long, value_name = "PROBABILITY", default_value_t = Thresholds::DEFAULT.family_error, value_parser = parse_alpha)]
     alpha: f64,
+    /// Set a threshold of the search, for ablation studies (repeatable)
+    #[arg(long, value_name = "NAME=VALUE", hide = true)]
+    threshold: Vec<ThresholdValue>,
     /// Exclude a time (s) of one session or of all from fits and metrics (repeatable)
     #[arg(long, value_name = "[SESSION:]FROM..TO")]
     mask: Vec<Mask>,
@@ -87,7 +90,8 @@ impl SearchArgs {
         let defined = self.effects.iter().flat_map(|file| file.effects.iter().copied()).collect();
         let options =
             SearchOptions::default().with_effects(defined).select(&self.only, &self.exclude)?;
-        Ok(options.fix(&self.fix, machine)?.with_family_error(self.alpha))
+        let options = options.fix(&self.fix, machine)?.with_family_error(self.alpha);
+        Ok(options.with_thresholds(&self.threshold))
     }
 
     /// Options that decide the result, as typed.
@@ -97,9 +101,10 @@ impl SearchArgs {
         words.extend(self.only.iter().map(|name| format!("--only {name}")));
         words.extend(self.exclude.iter().map(|name| format!("--exclude {name}")));
         words.extend(self.fix.iter().map(|fixed| format!("--fix {fixed}")));
-        if self.alpha != FAMILY_ERROR {
+        if self.alpha != Thresholds::DEFAULT.family_error {
             words.push(format!("--alpha {}", self.alpha));
         }
+        words.extend(self.threshold.iter().map(|own| format!("--threshold {own}")));
         words.extend(self.mask.iter().map(|mask| format!("--mask {mask}")));
         words.extend(self.validation.iter().map(|name| format!("--validation {name}")));
         words.iter().map(|word| format!(" {word}")).collect()
@@ -185,12 +190,12 @@ mod tests {
 
     #[test]
     fn options_that_decide_the_result_are_part_of_the_command_line() {
-        let typed =
-            "x --only drive.friction --fix drive.delay.delay_s=0.01 --mask a:1..2 --threads 2";
+        let typed = "x --only drive.friction --fix drive.delay.delay_s=0.01 --threshold min_gain=0.04 --mask a:1..2 \
+             --threads 2";
         let line = Line::parse_from(typed.split(' '));
         assert_eq!(
             line.search.words(),
-            " --only drive.friction --fix drive.delay.delay_s=0.01 --mask a:1..2"
+            " --only drive.friction --fix drive.delay.delay_s=0.01 --threshold min_gain=0.04 --mask a:1..2"
         );
         assert_eq!(Line::parse_from(["x"]).search.words(), "");
         let wrong = Line::try_parse_from(["x", "--only", "drive.dealy"]).err().unwrap();

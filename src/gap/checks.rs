@@ -2,7 +2,7 @@
 
 mod axis;
 
-use super::{findings::Verdict, problem};
+use super::{findings::Verdict, problem, thresholds::Thresholds};
 use crate::{
     gantry::belts,
     recording::Split,
@@ -10,42 +10,20 @@ use crate::{
 };
 use std::ops::Range;
 
-/// Shortest time of runs in all sessions together on which anything is said (s).
-const LEAST_TIME: f64 = 4.0;
-
-/// Command below which a motor stands (m/s of belt).
-const STANDING: f64 = 0.005;
-
-/// Share of the commanded speed below which a motor does not follow at all.
-const NOT_MOVING: f64 = 0.05;
-
-/// Share of the motion's variance that the best delayed command must explain.
-const LEAST_EXPLAINED: f64 = 0.1;
-
 /// Longest delay that is tried (s).
 const LONGEST_DELAY: f64 = 0.3;
-
-/// Fraction of the moving time that each direction needs.
-const LEAST_DIRECTION: f64 = 0.05;
-
-/// Change of the delay between first and last part of a session that only a clock explains (s): patterns
-/// of other speed alone change the lag of a ramp by some hundredths.
-const DRIFT: f64 = 0.1;
-
-/// Rate of that from which it is no clock any more: four times what the worst of crystals are apart, which has a name
-/// (`sensor.clock_skew`).
-const NO_CLOCK: f64 = 2e-3;
 
 /// Parts of a session that are compared, as shares of its length.
 const FIRST_PART: Range<f64> = 0.0..0.25;
 const LAST_PART: Range<f64> = 0.75..1.0;
 
+/// Time to which the threshold of a clock drift refers (s). In longer sessions a constant skew, which has a name
+/// (`sensor.clock_skew`), shifts the latency by more.
+const DRIFT_SPAN: f64 = 50.0;
+
 /// Longest age of a picture that is tried, either way (s), and its step (s).
 const OLDEST: f64 = 1.0;
 const AGE_STEP: f64 = 0.01;
-
-/// Spread of the striker below which the latency of its frames cannot be estimated (m).
-const LEAST_SPREAD: f64 = 0.005;
 
 /// Why nothing can be said, with what to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -62,7 +40,7 @@ fn objection(verdict: Verdict, says: impl Into<String>) -> Option<Objection> {
 
 /// The first reason for which nothing may be said about `sessions`.
 #[must_use]
-pub fn check(sessions: &[Session]) -> Option<Objection> {
+pub fn check(sessions: &[Session], thresholds: &Thresholds) -> Option<Objection> {
     let time: f64 = sessions
         .iter()
         .flat_map(|session| &session.runs)
@@ -70,18 +48,18 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
         .sum();
     // The samples of single axes are counted where they are compared.
     let is_table = sessions.iter().any(|session| session.axes.is_empty());
-    if is_table && time < LEAST_TIME {
+    if is_table && time < thresholds.min_time {
         return objection(
             Verdict::NotTestable,
             format!("{time:.1} s of runs are too short for a comparison; record at least 20 s"),
         );
     }
-    if let Some(found) = check_directions(sessions) {
+    if let Some(found) = check_directions(sessions, thresholds) {
         return Some(found);
     }
     for session in sessions {
         let found = match &session.drive {
-            Some(drive) => check_drive(session, drive),
+            Some(drive) => check_drive(session, drive, thresholds),
             None if session.is_without_input() => objection(
                 Verdict::NotTestable,
                 format!(
@@ -92,13 +70,16 @@ pub fn check(sessions: &[Session]) -> Option<Objection> {
             ),
             None => None,
         };
-        let camera = || session.camera.as_ref().and_then(|own| check_camera(&session.name, own));
+        let camera = || {
+            let own = session.camera.as_ref()?;
+            check_camera(&session.name, own, thresholds)
+        };
         let found = found.or_else(camera);
         if found.is_some() {
             return found;
         }
     }
-    axis::check_axes(sessions).or_else(|| check_splits(sessions))
+    axis::check_axes(sessions, thresholds).or_else(|| check_splits(sessions))
 }
 
 /// Why nothing may be fitted, if no session is for training.
@@ -126,9 +107,11 @@ pub(super) fn nothing_compared() -> Objection {
 }
 
 /// Why nothing may be said of the session `name` where camera and encoders do not keep time together.
-fn check_camera(name: &str, camera: &CameraStage) -> Option<Objection> {
-    let [(early, first), (late, last)] = [age_in(camera, FIRST_PART)?, age_in(camera, LAST_PART)?];
-    if (late - early).abs() <= DRIFT.max(NO_CLOCK * (last - first)) {
+fn check_camera(name: &str, camera: &CameraStage, thresholds: &Thresholds) -> Option<Objection> {
+    let age = |part| age_in(camera, part, thresholds.majority);
+    let [(early, first), (late, last)] = [age(FIRST_PART)?, age(LAST_PART)?];
+    let spans = ((last - first) / DRIFT_SPAN).max(1.0);
+    if (late - early).abs() <= spans * thresholds.clock_drift {
         return None;
     }
     objection(
@@ -142,9 +125,9 @@ fn check_camera(name: &str, camera: &CameraStage) -> Option<Objection> {
     )
 }
 
-/// The age at which the camera's pictures in a `part` of the session show the carriage best (s), and the middle of that
-/// part (s); `None` where it hardly moves or is seen elsewhere at any age.
-fn age_in(camera: &CameraStage, part: Range<f64>) -> Option<(f64, f64)> {
+/// Latency at which the frames in a `part` of the session show the carriage best (s), and the middle of that part (s);
+/// `None` where less than the fraction `least` of its motion is explained at any latency.
+fn age_in(camera: &CameraStage, part: Range<f64>, least: f64) -> Option<(f64, f64)> {
     let [x, y] = [camera.channels.first()?, camera.channels.get(1)?];
     let length = x.times.last()?;
     let seen: Vec<(f64, [f64; 2])> = x
@@ -169,7 +152,7 @@ fn age_in(camera: &CameraStage, part: Range<f64>) -> Option<(f64, f64)> {
     let (age, off) =
         ages.map(|age| (age, left(age))).min_by(|own, other| own.1.total_cmp(&other.1))?;
     let middle = 0.5 * (part.start + part.end) * length;
-    (LEAST_SPREAD < whole && off < 0.5 * whole).then_some((age, middle))
+    (off < (1.0 - least) * whole).then_some((age, middle))
 }
 
 /// Standard deviation of places about their mean (m).
@@ -187,9 +170,13 @@ fn spread(places: impl Iterator<Item = [f64; 2]>) -> f64 {
 /// Why nothing may be said with `twin`, if its numbers make a link of `sessions` diverge: what it does not predict would
 /// be left out, and nothing would seem to be missing.
 #[must_use]
-pub(super) fn check_twin(twin: &Twin, sessions: &[Session]) -> Option<Objection> {
+pub(super) fn check_twin(
+    twin: &Twin,
+    sessions: &[Session],
+    thresholds: &Thresholds,
+) -> Option<Objection> {
     sessions.iter().flat_map(Session::stages).find_map(|stage| {
-        let signals = silent(twin, stage)?;
+        let signals = silent(twin, stage, thresholds.majority)?;
         let says = format!(
             "the twin predicts no finite {signals} for most of the recording: with its numbers the simulation diverges; \
              calibrate it anew with `klasktron calibrate`, or start without --twin"
@@ -198,11 +185,9 @@ pub(super) fn check_twin(twin: &Twin, sessions: &[Session]) -> Option<Objection>
     })
 }
 
-/// Fraction of the samples that the built-in twin predicts, below which another twin diverges.
-const LEAST_PREDICTED: f64 = 0.5;
-
-/// The signals of `stage`, where the twin predicts few of the samples that the built-in one predicts.
-fn silent(twin: &Twin, stage: &dyn Stage) -> Option<String> {
+/// The signals of `stage`, where the twin predicts less than the fraction `least` of the samples that the built-in one
+/// predicts: it diverges.
+fn silent(twin: &Twin, stage: &dyn Stage, least: f64) -> Option<String> {
     let compared = |twin: &Twin| -> usize {
         let predicted = problem::predict(stage, twin, &problem::starts(stage));
         let channels = stage.channels().iter().zip(&predicted);
@@ -215,7 +200,7 @@ fn silent(twin: &Twin, stage: &dyn Stage) -> Option<String> {
     let measured = stage.channels().iter().flat_map(|own| &own.measured);
     let measured = measured.filter(|own| own.is_finite()).count();
     let found = compared(twin) as f64;
-    let is_few = |possible: usize| found < LEAST_PREDICTED * possible as f64;
+    let is_few = |possible: usize| found < least * possible as f64;
     // The built-in twin predicts no more than was measured: it is simulated only where that may matter.
     let diverges = is_few(measured) && is_few(compared(&Twin::nominal(twin.machine)));
     let names: Vec<&str> = stage.channels().iter().map(|channel| channel.signal.as_str()).collect();
@@ -223,16 +208,19 @@ fn silent(twin: &Twin, stage: &dyn Stage) -> Option<String> {
 }
 
 /// Why nothing may be said, if the motors of all training sessions together were driven in one direction.
-fn check_directions(sessions: &[Session]) -> Option<Objection> {
+fn check_directions(sessions: &[Session], thresholds: &Thresholds) -> Option<Objection> {
     let train = sessions.iter().filter(|session| session.split == Split::Train);
-    let (mut forward, mut backward) = (0.0, 0.0);
-    for drive in train.filter_map(|session| session.drive.as_ref()) {
-        for value in Pairs::of(drive).commanded() {
-            forward += f64::from(u8::from(STANDING < value));
-            backward += f64::from(u8::from(value < -STANDING));
-        }
-    }
-    if LEAST_DIRECTION * (forward + backward) <= f64::min(forward, backward) {
+    let commanded: Vec<f64> = train
+        .filter_map(|session| session.drive.as_ref())
+        .flat_map(|drive| Pairs::of(drive).commanded().collect::<Vec<f64>>())
+        .collect();
+    let standing = thresholds.min_fraction * rms(commanded.iter().copied());
+    let count = |is_counted: &dyn Fn(f64) -> bool| {
+        commanded.iter().filter(|value| is_counted(**value)).count() as f64
+    };
+    let forward = count(&|value| standing < value);
+    let backward = count(&|value| value < -standing);
+    if thresholds.min_fraction * (forward + backward) <= f64::min(forward, backward) {
         return None;
     }
     objection(
@@ -242,11 +230,14 @@ fn check_directions(sessions: &[Session]) -> Option<Objection> {
     )
 }
 
-fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
+fn check_drive(
+    session: &Session,
+    drive: &DriveStage,
+    thresholds: &Thresholds,
+) -> Option<Objection> {
     let pairs = Pairs::of(drive);
     let name = &session.name;
-    let active = pairs.commanded().filter(|value| STANDING < value.abs()).count();
-    if active == 0 {
+    if pairs.commanded().all(|value| value == 0.0) {
         return objection(
             Verdict::NotTestable,
             format!("{name}: every command is zero; record runs in which the carriage is driven"),
@@ -254,7 +245,7 @@ fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
     }
     let commanded = rms(pairs.commanded());
     let moved = rms(pairs.moved());
-    if moved < NOT_MOVING * commanded {
+    if moved < thresholds.min_fraction * commanded {
         return objection(
             Verdict::InputNotConnected,
             format!(
@@ -264,7 +255,7 @@ fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
         );
     }
     let best = pairs.best_delay(0.0..1.0);
-    if best.1 < LEAST_EXPLAINED {
+    if best.1 < thresholds.min_fraction {
         return objection(
             Verdict::InputNotConnected,
             format!(
@@ -275,7 +266,7 @@ fn check_drive(session: &Session, drive: &DriveStage) -> Option<Objection> {
         );
     }
     let (early, late) = (pairs.best_delay(FIRST_PART), pairs.best_delay(LAST_PART));
-    if 0.5 < early.1.min(late.1) && DRIFT < (late.0 - early.0).abs() {
+    if 0.5 < early.1.min(late.1) && thresholds.clock_drift < (late.0 - early.0).abs() {
         return objection(
             Verdict::NotTestable,
             format!(
@@ -404,7 +395,7 @@ mod tests {
         // The built-in twin always predicts something.
         let nominal = Twin::nominal(Machine::Table);
         let of_twin = |twin: &Twin, measured, predicted| {
-            silent(twin, &Constant(vec![channel(measured)], predicted))
+            silent(twin, &Constant(vec![channel(measured)], predicted), 0.5)
         };
         let of = |measured, predicted| {
             of_twin(&Twin { striker_mass: 1.0, ..nominal.clone() }, measured, predicted)

@@ -10,7 +10,6 @@ use super::{
     fit::{self, Fit},
     problem::{Point, Problem, dot},
     round::slots_of_last,
-    rounds::is_in,
     screen::{self, Candidate},
     whiten::Filters,
 };
@@ -71,7 +70,7 @@ pub(super) fn nearest(
             statistic,
             p_value: f_tail(statistic, 1.0, amplitude.freedom),
             visibility: f64::INFINITY,
-            is_as_good_as_refit: !is_in(&after, &refitted, &problem.blocks()),
+            is_as_good_as_refit: !problem.thresholds().is_in(&after, &refitted, &problem.blocks()),
             tries: count,
             lean: Vec::new(),
             shift: Vec::new(),

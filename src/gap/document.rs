@@ -4,7 +4,7 @@ use super::{
     checks::Objection,
     experiment::{self, Setup},
     explain::identified,
-    find::{FIDELITY, changed, stages},
+    find::{changed, stages},
     findings::{
         Document, IdentifiedEffect, Indistinguishable, ParameterChange, RejectedEffect,
         SCHEMA_VERSION, SignalResidual, Verdict,
@@ -13,8 +13,8 @@ use super::{
     incident::Incident,
     journal::{JournalEntry, MoveKind},
     locate,
-    options::FAMILY_ERROR,
     rounds::{self, Added, Outcome, Reason},
+    thresholds::Thresholds,
     verdict::{Answer, Findings},
 };
 use crate::{
@@ -23,9 +23,6 @@ use crate::{
     stats::t_quantile,
     twin::{Instance, Session, Slot, Source, StageKind, Twin},
 };
-
-/// Smallest relative change of a known parameter that is reported.
-const LEAST_CHANGE: f64 = 0.002;
 
 /// Everything from which the document is made.
 pub(super) struct Material<'f, 'a> {
@@ -39,6 +36,8 @@ pub(super) struct Material<'f, 'a> {
     pub(super) twin: &'f Twin,
     /// Stage by stage.
     pub(super) outcomes: &'f [Outcome<'a>],
+    /// Thresholds of the search.
+    pub(super) thresholds: &'f Thresholds,
     /// Noise floor of each signal: `[outcome][channel]`.
     pub(super) floors: &'f [Vec<Floor>],
     /// Effects that no signal of these recordings shows.
@@ -80,11 +79,12 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
     let residuals: Vec<SignalResidual> =
         stages.flat_map(|(outcome, floors)| signal_residuals(outcome, floors)).collect();
     let parameter_changes = match material.is_given {
-        true => parameter_changes(start, twin, outcomes),
+        true => parameter_changes(material),
         false => Vec::new(),
     };
     let localization = locate::localization(outcomes, &effects);
     let answer = Answer::of(&Findings {
+        thresholds: material.thresholds,
         start,
         effects: &effects,
         indistinguishable: &indistinguishable,
@@ -170,11 +170,10 @@ fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
 
 /// Known parameters outside the interval of what was known of them, on stages on which the validation sessions prefer
 /// the final twin. The limit is corrected for the number of parameters that could have changed (Bonferroni).
-fn parameter_changes(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec<ParameterChange> {
+fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
+    let Material { start, twin, outcomes, thresholds, .. } = *material;
     let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
-    let family_error =
-        outcomes.first().map_or(FAMILY_ERROR, |own| own.train.context.options.family_error());
-    let beyond_chance = 1.0 - 0.5 * family_error / tries.max(1) as f64;
+    let beyond_chance = 1.0 - 0.5 * thresholds.family_error / tries.max(1) as f64;
     let plain = Twin::nominal(start.machine);
     let mut changes = Vec::new();
     for (index, after) in twin.instances.iter().enumerate() {
@@ -192,11 +191,12 @@ fn parameter_changes(start: &Twin, twin: &Twin, outcomes: &[Outcome<'_>]) -> Vec
             let old_half = old.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low));
             // The model error is part of both values, and not of their difference.
             let slot = Slot { instance: known, parameter: k };
-            let common = t_quantile(0.975, freedom) * FIDELITY * changed(&plain, start, slot);
+            let common =
+                t_quantile(0.975, freedom) * thresholds.model_error * changed(&plain, start, slot);
             let old_half = (old_half.powi(2) - common.powi(2)).max(0.0).sqrt();
             let limit = in_half_intervals * (0.5 * (high - low)).hypot(old_half);
             let change = (new.value - old.value).abs();
-            if limit < change && LEAST_CHANGE * parameter.scale.max(old.value.abs()) < change {
+            if limit < change {
                 changes.push(ParameterChange {
                     name: format!("{}.{}", before.effect.name, parameter.name),
                     location: after.axis,

@@ -11,7 +11,7 @@ use super::{
     known,
     options::Context,
     rounds::{self, Held, Link, Outcome, Task},
-    scatter, user_effects, verdict,
+    scatter, user_effects,
 };
 use crate::{
     effects::{CATALOGUE, Effect, Physics},
@@ -78,9 +78,11 @@ pub fn find<'a>(
     task: Task,
     context: Context<'a>,
 ) -> Found<'a> {
+    let thresholds = context.options.thresholds();
     let start = given.cloned().unwrap_or_else(|| Twin::nominal_of(sessions));
     let start = context.options.applied_to(start).framed(sessions);
-    let refusal = checks::check(sessions).or_else(|| checks::check_twin(&start, sessions));
+    let refusal = checks::check(sessions, thresholds)
+        .or_else(|| checks::check_twin(&start, sessions, thresholds));
     if let Some(objection) = refusal {
         return refused(start, sessions, &objection);
     }
@@ -122,6 +124,7 @@ pub fn find<'a>(
         is_given: given.is_some(),
         twin: &twin,
         outcomes: &outcomes,
+        thresholds,
         floors: &floors,
         unseen: &unseen,
     };
@@ -129,11 +132,19 @@ pub fn find<'a>(
     if document.verdict == Verdict::Unexplained {
         describe_rest(&mut document, sessions, &outcomes, context);
     }
-    document.warnings.extend(context.options.defined().iter().filter_map(|effect| {
-        let stages = sessions.iter().flat_map(Session::stages);
-        user_effects::objection(effect, start.machine, stages)
-    }));
+    document.warnings.extend(of_options(context, start.machine, sessions));
     Found { document, twin, outcomes, floors }
+}
+
+/// Warnings about the options: changed thresholds, and effects of the user that are not searched.
+fn of_options(context: Context<'_>, machine: Machine, sessions: &[Session]) -> Vec<String> {
+    let changes = context.options.thresholds().changes().into_iter();
+    let changes = changes.map(|own| format!("the threshold {own} is not the default"));
+    let effects = context.options.defined().iter().filter_map(|effect| {
+        let stages = sessions.iter().flat_map(Session::stages);
+        user_effects::objection(effect, machine, stages)
+    });
+    changes.chain(effects).collect()
 }
 
 /// Describe in `document` the residual that no effect explains, where forces act on its stage.
@@ -168,7 +179,8 @@ fn describe_rest(
 fn is_open(outcome: &Outcome<'_>, residuals: &[SignalResidual]) -> bool {
     let channels = outcome.train.parts.first().map_or(&[][..], |part| part.stage.channels());
     let is_own = |own: &&SignalResidual| channels.iter().any(|it| it.signal == own.signal);
-    outcome.unexplained.is_some() || residuals.iter().filter(is_own).any(verdict::is_above_floor)
+    outcome.unexplained.is_some()
+        || residuals.iter().filter(is_own).any(|own| outcome.train.thresholds().is_above_floor(own))
 }
 
 /// A refusal for the reason of `objection`: nothing was fitted.
@@ -343,16 +355,11 @@ fn task_of(kind: StageKind, task: Task, before: &[Outcome<'_>]) -> Task {
     }
 }
 
-/// Standard error of a change, as a share of it, that is the simulation's own, however clearly the data show it (an
-/// uncertainty of type B: JCGM 100, Guide to the Expression of Uncertainty in Measurement, 4.3): what the numbers of
-/// 234 blind cases, of another simulator, were off beyond their scatter (`reports/2026-11-23-gap-unseen`).
-pub(super) const FIDELITY: f64 = 0.025;
-
 /// What the two ends of a play give way by under a few newtons (m), which is not fitted: its width is not known better.
 const GIVE_OF_ENDS: f64 = 1e-5;
 
 /// The final twin of a link with sources and intervals. An effect that was added is known no better than by what
-/// the given twin looked like it before, and no change from the `first` twin better than to [`FIDELITY`]; a number
+/// the given twin looked like it before, and no change from the `first` twin better than to the model error; a number
 /// that the data do not determine and that moved all the same (a level that is never reached) has no interval any more.
 fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
     let mut twin = outcome.last.point.twin.clone();
@@ -366,7 +373,7 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
             own.ci95 = own.ci95.filter(|_| stays);
             continue;
         }
-        let own_error = FIDELITY * changed(first, &twin, *slot);
+        let own_error = outcome.train.thresholds().model_error * changed(first, &twin, *slot);
         let mut half = quantile * outcome.uncertainty.standard_errors[index].hypot(own_error);
         if slot.parameter == 0 && twin.instances[slot.instance].rattles() {
             half = half.hypot(GIVE_OF_ENDS);

@@ -4,7 +4,10 @@
 //! nothing that another session could confirm, and hides what does. So the time around it is left out, and the user
 //! is told.
 
-use super::problem::{Part, Point, Problem};
+use super::{
+    problem::{Part, Point, Problem},
+    thresholds::Thresholds,
+};
 use crate::{
     stats::{half_central_spread, median},
     twin::StageKind,
@@ -14,20 +17,8 @@ use std::ops::Range;
 /// Width of the bins of time in which squared residuals are summed (s).
 const BIN: f64 = 0.1;
 
-/// Longest incident (bins).
-const LONGEST: usize = 15;
-
-/// Share of the squared residual of all sessions that the incidents of one session must hold.
-const SHARE: f64 = 0.5;
-
-/// How many times what is largest elsewhere, in any session, each of them must hold at its worst.
-const STANDS_OUT: f64 = 10.0;
-
 /// Most incidents of a session.
 const MOST: usize = 3;
-
-/// A bin beside the worst one belongs to it while it holds this many times the usual.
-const BESIDE: f64 = 10.0;
 
 /// One incident.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +52,7 @@ pub(super) fn leave_out_of<'a>(
         .into_iter()
         .flat_map(|(problem, point)| problem.parts.iter().zip(problem.residuals(point)))
         .collect();
-    let Some((session, incidents)) = incidents(&seen) else { return false };
+    let Some((session, incidents)) = incidents(&seen, train.0.thresholds()) else { return false };
     log::info!("{kind:?}: left out of session {session}: {incidents:?}");
     let fitted = train.0.parts.len();
     let ((problem, point), index) = match session.checked_sub(fitted) {
@@ -73,25 +64,28 @@ pub(super) fn leave_out_of<'a>(
     true
 }
 
-/// The session whose few incidents hold [`SHARE`] of the squared residual of all and stand out, and these.
-fn incidents(seen: &[Seen<'_, '_>]) -> Option<(usize, Vec<Incident>)> {
+/// The session whose few incidents hold `majority` of the squared residual of all and stand out, and these.
+fn incidents(seen: &[Seen<'_, '_>], thresholds: &Thresholds) -> Option<(usize, Vec<Incident>)> {
+    let held = thresholds.majority;
+    let longest = (thresholds.disturbed_time / BIN).round() as usize;
     let usual = usual(seen);
     let energies: Vec<Vec<f64>> = seen.iter().map(|own| energies(own, &usual)).collect();
     let all = energies.concat();
-    let (in_a_bin, most_left) = (median(&all)?, (1.0 - SHARE) * all.iter().sum::<f64>());
+    let (in_a_bin, most_left) = (median(&all)?, (1.0 - held) * all.iter().sum::<f64>());
     let (session, spans) = (0..energies.len()).find_map(|session| {
         let mut left = energies.clone();
         let mut spans = Vec::new();
         let mut least_peak = f64::INFINITY;
         while spans.len() < MOST {
-            let (span, peak) = around_largest(&left[session], BESIDE * in_a_bin);
+            let (span, peak) = around_largest(&left[session], thresholds.outlier_ratio * in_a_bin);
             left[session].get_mut(span.clone())?.fill(0.0);
             least_peak = least_peak.min(peak);
             spans.push(span);
             let rest = left.concat();
             let largest = rest.iter().copied().fold(0.0, f64::max);
-            if STANDS_OUT * largest <= least_peak && rest.iter().sum::<f64>() <= most_left {
-                return spans.iter().all(|span| span.len() <= LONGEST).then_some((session, spans));
+            let stands_out = thresholds.outlier_ratio * largest <= least_peak;
+            if stands_out && rest.iter().sum::<f64>() <= most_left {
+                return spans.iter().all(|span| span.len() <= longest).then_some((session, spans));
             }
         }
         None

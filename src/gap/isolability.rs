@@ -10,7 +10,6 @@ use super::{
     find::Found,
     numerics::normal::Normal,
     problem::dot,
-    round::VISIBLE,
     rounds::Outcome,
     screen::{self, beyond_known, pairs, reach},
 };
@@ -139,12 +138,13 @@ fn columns(outcome: &Outcome<'_>) -> Vec<Column> {
 }
 
 fn signature(own: &Column, all: &[Column], outcome: &Outcome<'_>) -> Signature {
-    let is_detectable = VISIBLE <= own.detectability;
+    let visible = outcome.train.thresholds().detectability;
+    let is_detectable = visible <= own.detectability;
     let cosine = |other: &Column| {
         dot(&own.values, &other.values).abs() / (own.length * other.length).max(f64::MIN_POSITIVE)
     };
     let others = all.iter().filter(|other| {
-        !std::ptr::eq(*other, own) && is_detectable && VISIBLE <= other.detectability
+        !std::ptr::eq(*other, own) && is_detectable && visible <= other.detectability
     });
     let mut inseparable: Vec<Confusion> = others
         .map(|other| Confusion {

@@ -8,45 +8,12 @@ use super::{
     fit,
     problem::{Point, Problem},
     rounds::Outcome,
+    thresholds::Thresholds,
 };
 use crate::{
     effects::{Domain, Effect, Physics},
     twin::{Discrepancy, ReferenceResidual, StageKind, Twin},
 };
-
-/// Share of the squared residual by which recordings may exceed what is known to be left and still hold
-/// nothing new: sampling, and another course. An effect of a third of the noise is above it.
-const NOTHING_NEW: f64 = 0.05;
-
-/// Share of the held-out squared error (whitened) that an effect must explain to be worth a name: a
-/// simulator of finite fidelity leaves that much of anything.
-const WORTH_NAMING: f64 = 0.02;
-
-/// The same in a machine whose twin was searched before: what is imperfect there is known to be small.
-const WORTH_NAMING_LATER: f64 = 0.03;
-
-/// The same where nothing is new and nothing is known of the effect, or it is at the edge of what a simulation
-/// follows; further below it the more.
-const WORTH_NAMING_AGAIN: f64 = 0.1;
-
-/// The same of a map of places, which simulates nothing: only noise limits what is seen of it.
-const WORTH_NAMING_EXACT: f64 = 0.005;
-
-/// Multiple of the discrepancy's explained fraction that an effect must explain to be identified.
-const BEYOND_DISCREPANCY: f64 = 3.0;
-
-/// Share of the squared error that the effects named before it removed which an effect must remove: the model
-/// of what is new in a known machine is right to a third of its amplitude, and what it leaves looks like
-/// something as well.
-pub(super) const BESIDE_NAMED: f64 = 0.1;
-
-/// How far a signal may stay below what is known to be left (share of the squared residual) on the course that
-/// it is known of.
-const SAME_COURSE: f64 = 0.05;
-
-/// Share of the squared residual that another course moves from one signal to another at most; what is less by more
-/// than that has less noise.
-const MOST_MOVED: f64 = 0.15;
 
 /// What recordings hold beyond what is known to be left, as shares of the squared residual.
 #[derive(Debug, Clone, Copy)]
@@ -60,13 +27,13 @@ pub(super) struct Excess {
 impl Excess {
     /// What is new. What a simulation cannot follow moves from one signal to another with the course (from velocity
     /// to torque where motions are slow): what one has less than was left, another may have more.
-    fn new_share(self) -> f64 {
-        (self.most + self.least.clamp(-MOST_MOVED, 0.0)).max(self.most.min(0.0))
+    fn new_share(self, thresholds: &Thresholds) -> f64 {
+        (self.most + self.least.clamp(-thresholds.moved_residual, 0.0)).max(self.most.min(0.0))
     }
 
     /// Whether the course is another than that of which it is known what is left.
-    fn is_on_another_course(self) -> bool {
-        self.least < -SAME_COURSE
+    fn is_on_another_course(self, thresholds: &Thresholds) -> bool {
+        self.least < -thresholds.reference_excess
     }
 }
 
@@ -94,6 +61,7 @@ pub(super) fn excess<const N: usize>(
 /// What share of the held-out squared error makes an effect worth a name.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Worth<'t> {
+    thresholds: &'t Thresholds,
     /// Where nothing is known of the effect.
     general: f64,
     /// Where it is.
@@ -114,20 +82,21 @@ impl<'t> Worth<'t> {
     /// the squared error that named effects `removed` of what it was. What an effect explained where it was not named
     /// says little of another course.
     pub(super) fn new(
-        given: &'t Twin,
-        stage: StageKind,
+        thresholds: &'t Thresholds,
+        (given, stage): (&'t Twin, StageKind),
         excess: Option<Excess>,
         removed: f64,
     ) -> Self {
         let beside = match excess {
-            Some(_) => BESIDE_NAMED * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
+            Some(_) => thresholds.clear_gain * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
             None => 0.0,
         };
-        let general = least_worth(excess);
-        let is_elsewhere = excess.is_some_and(Excess::is_on_another_course);
+        let general = thresholds.least_gain(excess);
+        let is_elsewhere = excess.is_some_and(|own| own.is_on_another_course(thresholds));
         Self {
+            thresholds,
             general,
-            known: if is_elsewhere { WORTH_NAMING_LATER.max(general) } else { WORTH_NAMING_LATER },
+            known: if is_elsewhere { general } else { thresholds.min_gain },
             beside,
             discrepancy: &given.discrepancy,
             stage,
@@ -138,7 +107,7 @@ impl<'t> Worth<'t> {
     /// Below which `effect` is not worth a name, whatever is known of it and stands beside it.
     pub(super) fn least(&self, effect: &Effect) -> f64 {
         match self.is_exact(effect) {
-            true => WORTH_NAMING_EXACT,
+            true => self.thresholds.min_gain_map,
             false => self.known.min(self.general),
         }
     }
@@ -160,20 +129,23 @@ impl<'t> Worth<'t> {
         let ([null], Some(known)) = (effect.null, self.known(effect)) else { return false };
         let is_within = |offset: &f64| {
             0.0 < offset * (value - null)
-                && (value - null).abs() < BEYOND_DISCREPANCY * offset.abs()
+                && (value - null).abs() < self.thresholds.size_ratio * offset.abs()
         };
         known.parameter_offsets.first().is_some_and(is_within)
     }
 
     /// For `effect` with its numbers.
     pub(super) fn of(&self, effect: &Effect, numbers: &[f64]) -> f64 {
-        let own = match self.known(effect).map(|own| BEYOND_DISCREPANCY * own.explained_fraction) {
-            Some(share) if self.is_exact(effect) => share.max(WORTH_NAMING_EXACT),
+        let thresholds = self.thresholds;
+        let biased = |own: &Discrepancy| thresholds.size_ratio * own.explained_fraction;
+        let own = match self.known(effect).map(biased) {
+            Some(share) if self.is_exact(effect) => share.max(thresholds.min_gain_map),
             Some(share) => share.max(self.known),
-            None if self.is_exact(effect) => WORTH_NAMING_EXACT,
+            None if self.is_exact(effect) => thresholds.min_gain_map,
             None => self.general,
         };
-        let least = below_fidelity(effect, numbers).map_or(0.0, |below| WORTH_NAMING_AGAIN * below);
+        let below = below_fidelity(effect, numbers);
+        let least = below.map_or(0.0, |below| thresholds.clear_gain * below);
         own.max(self.beside).max(least)
     }
 }
@@ -238,20 +210,27 @@ fn below_fidelity(effect: &Effect, numbers: &[f64]) -> Option<f64> {
     below.max_by(f64::total_cmp)
 }
 
-/// Whether an [`excess`] is none.
-pub(super) fn is_nothing_new(excess: Option<Excess>) -> bool {
-    excess.is_some_and(|excess| excess.new_share() < NOTHING_NEW)
-}
+impl Thresholds {
+    /// Whether recordings with this [`excess`] hold nothing new.
+    pub(super) fn is_at_reference(&self, excess: Option<Excess>) -> bool {
+        excess.is_some_and(|excess| excess.new_share(self) < self.reference_excess)
+    }
 
-/// Share of the held-out squared error that an effect must explain to be worth a name.
-pub(super) fn least_worth(excess: Option<Excess>) -> f64 {
-    if is_nothing_new(excess) { WORTH_NAMING_AGAIN } else { WORTH_NAMING }
+    /// Fraction of the squared validation residual that an effect must remove.
+    pub(super) fn least_gain(&self, excess: Option<Excess>) -> f64 {
+        match self.is_at_reference(excess) {
+            true => self.clear_gain,
+            false => self.min_gain,
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::twin::Machine;
+
+    const DEFAULT: Thresholds = Thresholds::DEFAULT;
 
     /// The same in every signal.
     fn even(share: f64) -> Option<Excess> {
@@ -260,20 +239,23 @@ mod tests {
 
     #[test]
     fn what_is_known_to_be_left_is_nothing_new_and_worth_a_name_only_where_it_is_large() {
-        assert!(is_nothing_new(even(-0.3)) && is_nothing_new(even(0.04)));
-        assert!(!is_nothing_new(even(0.06)));
+        assert!(DEFAULT.is_at_reference(even(-0.3)) && DEFAULT.is_at_reference(even(0.04)));
+        assert!(!DEFAULT.is_at_reference(even(0.06)));
         // A twin that no search ended with leaves nothing that is known.
-        assert!(!is_nothing_new(None));
-        assert!(least_worth(None) < least_worth(even(0.0)));
-        assert_eq!(least_worth(even(0.5)), least_worth(None));
+        assert!(!DEFAULT.is_at_reference(None));
+        assert!(DEFAULT.least_gain(None) < DEFAULT.least_gain(even(0.0)));
+        assert_eq!(DEFAULT.least_gain(even(0.5)), DEFAULT.least_gain(None));
     }
 
     #[test]
     fn what_one_signal_has_less_of_another_may_have_more_of() {
         let uneven = |most, least| Some(Excess { most, least });
-        assert!(is_nothing_new(uneven(0.12, -0.1)) && !is_nothing_new(uneven(0.12, -0.04)));
+        assert!(
+            DEFAULT.is_at_reference(uneven(0.12, -0.1))
+                && !DEFAULT.is_at_reference(uneven(0.12, -0.04))
+        );
         // Far less is less noise, and moves nothing.
-        assert!(!is_nothing_new(uneven(0.25, -0.6)));
+        assert!(!DEFAULT.is_at_reference(uneven(0.25, -0.6)));
     }
 
     #[test]
@@ -287,29 +269,29 @@ mod tests {
             explained_fraction: 0.03,
             parameter_offsets: vec![2e-5],
         }];
-        let worth = |link, excess, removed| Worth::new(&twin, link, excess, removed);
+        let worth = |link, excess, removed| Worth::new(&DEFAULT, (&twin, link), excess, removed);
         let known = worth(StageKind::Drive, even(0.0), 0.0);
         assert!((known.of(lag, &[1e-3]) - 0.09).abs() < 1e-12 && known.in_any_view);
-        assert_eq!(known.of(delay, &[1e-3]), WORTH_NAMING_AGAIN);
-        assert_eq!(worth(StageKind::Camera, even(0.0), 0.0).of(lag, &[1e-3]), WORTH_NAMING_AGAIN);
+        assert_eq!(known.of(delay, &[1e-3]), DEFAULT.clear_gain);
+        assert_eq!(worth(StageKind::Camera, even(0.0), 0.0).of(lag, &[1e-3]), DEFAULT.clear_gain);
         assert!(known.was_there_before(lag, 5e-5) && !known.was_there_before(lag, 7e-5));
         assert!(!known.was_there_before(lag, -5e-5) && !known.was_there_before(delay, 1e-5));
         let elsewhere = worth(StageKind::Drive, Some(Excess { most: 0.0, least: -0.1 }), 0.0);
-        assert_eq!(elsewhere.of(lag, &[1e-3]), WORTH_NAMING_AGAIN);
+        assert_eq!(elsewhere.of(lag, &[1e-3]), DEFAULT.clear_gain);
         // What stands beside a large effect must be large too, unless nothing was known of the machine.
         let beside = worth(StageKind::Drive, even(1.0), 0.5);
         assert!((beside.of(delay, &[1e-3]) - 0.1).abs() < 1e-12 && !beside.in_any_view);
         let unknown = worth(StageKind::Drive, None, 0.5);
-        assert!(unknown.of(delay, &[1e-3]) == WORTH_NAMING && !unknown.in_any_view);
+        assert!(unknown.of(delay, &[1e-3]) == DEFAULT.min_gain && !unknown.in_any_view);
         // A map of places simulates nothing: behind measured places it may be small.
         let shear = effect("gantry.squareness");
         let of_shear = |link| worth(link, even(0.0), 0.0).of(shear, &[1e-3]);
-        assert_eq!(of_shear(StageKind::Camera), WORTH_NAMING_EXACT);
-        assert_eq!(of_shear(StageKind::Ball), WORTH_NAMING_AGAIN);
+        assert_eq!(of_shear(StageKind::Camera), DEFAULT.min_gain_map);
+        assert_eq!(of_shear(StageKind::Ball), DEFAULT.clear_gain);
         // A lag within a step must be larger too, and contacts that hardly bend.
         let presliding = effect("drive.friction.presliding");
         let bristles = |distance| unknown.of(presliding, &[1.0, distance, 1e-3, 0.0]);
-        assert!(bristles(1e-5) == WORTH_NAMING && bristles(2e-7) == WORTH_NAMING_AGAIN);
-        assert!((unknown.of(delay, &[1e-4]) - 2.0 * WORTH_NAMING_AGAIN).abs() < 1e-12);
+        assert!(bristles(1e-5) == DEFAULT.min_gain && bristles(2e-7) == DEFAULT.clear_gain);
+        assert!((unknown.of(delay, &[1e-4]) - 2.0 * DEFAULT.clear_gain).abs() < 1e-12);
     }
 }

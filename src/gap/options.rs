@@ -1,16 +1,15 @@
 //! Options of the search: the effects that it may add, parameters that are known, and the error that it may make.
 
-use super::observer::{SILENT, SearchObserver};
+use super::{
+    observer::{SILENT, SearchObserver},
+    thresholds::{ThresholdValue, Thresholds},
+};
 use crate::{
     effects::{self, CATALOGUE, Effect},
     twin::{Instance, Machine, Source, Twin, Value},
 };
 use std::{fmt, str::FromStr};
 use strsim::levenshtein;
-
-/// Family-wise error of the search unless the user gives another: probability of a false effect over all comparisons
-/// of one screen (Bonferroni).
-pub const FAMILY_ERROR: f64 = 0.01;
 
 /// Reason why an option cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -42,7 +41,7 @@ pub enum OptionError {
         known: Vec<&'static str>,
     },
     /// The value is outside of the bounds.
-    #[error("{name} is {value}; allowed are {} to {} {unit}", bounds.0, bounds.1)]
+    #[error("{name} is {value}; allowed are {} to {}{}", bounds.0, bounds.1, after_space(unit))]
     OutOfBounds {
         /// Dotted name of the parameter.
         name: String,
@@ -61,6 +60,20 @@ pub enum OptionError {
         /// Name of the effect.
         effect: &'static str,
     },
+    /// No threshold has this name.
+    #[error("'{name}' is no threshold; similar: {}", similar.join(", "))]
+    UnknownThreshold {
+        /// Name as it was given.
+        name: String,
+        /// The most similar names.
+        similar: Vec<&'static str>,
+    },
+    /// The text is no assignment to a threshold.
+    #[error("'{text}' is no assignment; write NAME=VALUE, such as min_gain=0.02")]
+    ThresholdSyntax {
+        /// Text as it was given.
+        text: String,
+    },
     /// No effect is left to be tried.
     #[error("every effect is excluded; nothing is left to search for")]
     NothingLeft,
@@ -72,6 +85,11 @@ fn hint(nearest: &Option<String>) -> String {
         || format!("; {known}"),
         |nearest| format!("; did you mean '{nearest}'? {known}"),
     )
+}
+
+/// `unit` after a space, or nothing where there is none.
+fn after_space(unit: &str) -> String {
+    if unit.is_empty() { String::new() } else { format!(" {unit}") }
 }
 
 /// Parameter of an effect with a value that is known and never fitted.
@@ -146,7 +164,7 @@ pub struct SearchOptions {
     /// Selected effects; `None` for all.
     selected: Option<Vec<&'static Effect>>,
     fixed: Vec<FixedParameter>,
-    family_error: f64,
+    thresholds: Thresholds,
 }
 
 /// Options without any choice.
@@ -154,7 +172,7 @@ static PLAIN: SearchOptions = SearchOptions {
     defined: Vec::new(),
     selected: None,
     fixed: Vec::new(),
-    family_error: FAMILY_ERROR,
+    thresholds: Thresholds::DEFAULT,
 };
 
 impl Default for SearchOptions {
@@ -236,18 +254,24 @@ impl SearchOptions {
         Ok(self)
     }
 
-    /// Set the family-wise error, 0 to 1 (default [`FAMILY_ERROR`]). A larger one finds weaker effects and more false
-    /// ones.
+    /// Set the family-wise error, 0 to 1. A larger one finds weaker effects and more false ones.
     #[must_use]
     pub fn with_family_error(mut self, family_error: f64) -> Self {
-        self.family_error = family_error;
+        self.thresholds.family_error = family_error;
         self
     }
 
-    /// Family-wise error.
+    /// Set thresholds.
     #[must_use]
-    pub fn family_error(&self) -> f64 {
-        self.family_error
+    pub fn with_thresholds(mut self, values: &[ThresholdValue]) -> Self {
+        self.thresholds = self.thresholds.with(values);
+        self
+    }
+
+    /// Thresholds of all decisions.
+    #[must_use]
+    pub fn thresholds(&self) -> &Thresholds {
+        &self.thresholds
     }
 
     /// Return whether `effect` is selected.

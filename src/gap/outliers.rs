@@ -2,14 +2,10 @@
 
 use crate::stats::{median, quantile};
 
-/// A single sample that stands off from its neighbours by this many times the usual distance is an
-/// outlier of the sensor: no physics moves one sample alone.
-const OUTLIER: f64 = 8.0;
-
 /// Which values are finite and no spikes: a spike stands off from the median of its four neighbours
-/// while they agree with each other.
+/// by more than `ratio` times the usual distance while they agree with each other: no physics moves one sample alone.
 #[must_use]
-pub(super) fn without_spikes(values: &[f64]) -> Vec<bool> {
+pub(super) fn without_spikes(values: &[f64], ratio: f64) -> Vec<bool> {
     let off: Vec<f64> = (0..values.len())
         .map(|k| {
             let near = [k.wrapping_sub(2), k.wrapping_sub(1), k + 1, k + 2];
@@ -28,9 +24,5 @@ pub(super) fn without_spikes(values: &[f64]) -> Vec<bool> {
     // In quiet signals most distances are a quantum: the limit rests on the upper part of the
     // usual distances, so that a coarse grid does not make every step a spike.
     let usual = quantile(&off, 0.9).unwrap_or(0.0);
-    values
-        .iter()
-        .zip(&off)
-        .map(|(value, off)| value.is_finite() && *off <= OUTLIER * usual)
-        .collect()
+    values.iter().zip(&off).map(|(value, off)| value.is_finite() && *off <= ratio * usual).collect()
 }

@@ -9,6 +9,7 @@ use super::{
     nuisance::{Elimination, eliminate},
     options::Context,
     outliers::without_spikes,
+    thresholds::Thresholds,
     whiten::{self, Filter, Filters, Layout, Residual},
 };
 use crate::twin::{Slot, Stage, Twin};
@@ -196,6 +197,12 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn within(self, context: Context<'a>) -> Self {
         Self { context, ..self }
+    }
+
+    /// Thresholds of the search.
+    #[must_use]
+    pub(super) fn thresholds(&self) -> &'a Thresholds {
+        self.context.options.thresholds()
     }
 
     /// `twin` with first guesses of all nuisances.
@@ -429,10 +436,11 @@ impl Problem<'_> {
     pub fn drop_outliers(&mut self, point: &Point) {
         let nuisance: Vec<Vec<Vec<f64>>> =
             self.parts.iter().zip(&point.nuisance).map(|(_, nuisance)| nuisance.clone()).collect();
+        let ratio = self.thresholds().outlier_ratio;
         for (part, nuisance) in self.parts.iter_mut().zip(nuisance) {
             let residual = part.residual(&part.predict(&point.twin, &nuisance));
             let usable: Vec<Vec<bool>> =
-                residual.iter().map(|values| without_spikes(values)).collect();
+                residual.iter().map(|values| without_spikes(values, ratio)).collect();
             part.count(&usable);
         }
     }

@@ -8,9 +8,10 @@ use super::{
     known::Worth,
     observer::SearchStep,
     problem::{Point, Problem, dot},
-    rounds::{Added, Contestant, LEVEL, Reason, Rejected, is_in, known_on_bound},
+    rounds::{Added, Contestant, Reason, Rejected, known_on_bound},
     screen::{self, Candidate},
     steady::{self, Seen},
+    thresholds::Thresholds,
     whiten::{self, Filters},
 };
 use crate::twin::{Instance, Machine, Slot, StageKind, Twin};
@@ -24,44 +25,6 @@ const FROM_GIVEN: usize = 4;
 
 /// Places of one effect that are simulated again in one round.
 const PLACES_OF_ONE: usize = 2;
-
-/// Share of the best candidate's gain below which another is not simulated again.
-const WORTH_SIMULATING: f64 = 0.1;
-
-/// Probability of taking a rival that explains the data as well as the winner for a worse one.
-const RIVAL_LEVEL: f64 = 5e-3;
-
-/// Share of what the best removes that a rival must remove to be fitted to the end beside it.
-const NEAR: f64 = 0.8;
-
-/// Factor by which the judging sessions may want the effect larger; half of it at least they must want.
-const SESSIONS_APART: f64 = 3.0;
-
-/// Difference of two squared errors (whitened) below which they are the same even in white noise: two standard
-/// deviations of one number.
-const SAME: f64 = 4.0;
-
-/// Squared distance of two predictions, of the squared change that either makes, below which they are the same: a
-/// hundredth of the effect is beyond what a simulator follows, however clearly a test sees it.
-const SAME_PREDICTION: f64 = 1e-4;
-
-/// Share of what the best removes that something simpler of the same joint must remove to go before it: a seventh of its
-/// size is within what sampled accelerations say of it.
-const NEARLY_AS_GOOD: f64 = 0.98;
-
-/// Share of the squared change of one prediction that lies along that of another which is the same.
-const SHARED: f64 = 0.5;
-
-/// How much more of the gap than the effect that shows most clearly another one must close to be added first.
-const FAR_STRONGER: f64 = 1.5;
-
-/// How much more of the held-out squared error of one signal an effect must remove to be worth a name than
-/// of all signals together, where most of them do not show it.
-const IN_ONE_SIGNAL: f64 = 4.0;
-
-/// Length of an effect's column at its largest plausible size, or at its usual one where it is not seen, in whitened
-/// standard deviations, below which this motion cannot show it: what a test at one in 10,000 can just see.
-pub(super) const VISIBLE: f64 = 5.0;
 
 /// So many probes of an effect say that its size has no slope.
 const MANY_PROBES: usize = 6;
@@ -176,8 +139,7 @@ impl Round {
         let train = problems.train;
         let candidates = screen::screen(train, base, filters);
         let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
-        let threshold = train.context.options.family_error() / tries.max(1) as f64;
-        let (mut rejected, mut short) = short_list(candidates, threshold);
+        let (mut rejected, mut short) = short_list(candidates, tries, train.thresholds());
         if let Some((given, filters)) = given {
             let nearest = direct::nearest(train, (given, filters), &base.point);
             for candidate in nearest.into_iter().take(FROM_GIVEN) {
@@ -247,7 +209,13 @@ fn rough_fits(train: &Problem<'_>, stand: &Stand<'_>, short: &[Candidate]) -> Ve
 }
 
 /// Who is simulated again, and why the others are not.
-fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec<Candidate>) {
+fn short_list(
+    candidates: Vec<Candidate>,
+    tries: usize,
+    thresholds: &Thresholds,
+) -> (Vec<Rejected>, Vec<Candidate>) {
+    let threshold = thresholds.family_error / tries.max(1) as f64;
+    let visible = thresholds.detectability;
     let mut rejected = Vec::new();
     let mut short: Vec<Candidate> = Vec::new();
     let best = candidates
@@ -259,12 +227,12 @@ fn short_list(candidates: Vec<Candidate>, threshold: f64) -> (Vec<Rejected>, Vec
         let is_seen = candidate.p_value < threshold;
         let places = short.iter().filter(|other| other.effect == candidate.effect).count();
         let usually_shown = candidate.visibility * screen::usual_share(candidate.effect);
-        let reason = if candidate.visibility < VISIBLE || !is_seen && usually_shown < VISIBLE {
+        let reason = if candidate.visibility < visible || !is_seen && usually_shown < visible {
             Reason::NotTestable
         } else if !is_seen {
             Reason::NotSignificant
         } else if short.len() < SHORT_LIST
-            && WORTH_SIMULATING * best <= candidate.share
+            && thresholds.clear_gain * best <= candidate.share
             && (screen::is_shared(candidate.axis) || places < PLACES_OF_ONE)
         {
             short.push(candidate);
@@ -467,6 +435,10 @@ impl<'a, 'b> Bench<'a, 'b> {
         }
     }
 
+    fn thresholds(&self) -> &Thresholds {
+        self.train.thresholds()
+    }
+
     /// A candidate, fitted in this metric and judged; `known` are the columns of known parameters.
     fn trial(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Trial {
         let how = fit::How { filters: self.filters, iterations: 8, known };
@@ -505,9 +477,10 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// elsewhere: which of them the data prefer must not hang on whose fit was stopped earlier.
     fn fit_rivals_in_earnest(&self, trials: &mut [Trial]) {
         let Some((best, others)) = trials.split_first() else { return };
+        let near = self.thresholds().majority;
         let removes = |trial: &Trial| fit::squared(&self.base_train_rows) - trial.fit.loss;
         let is_near =
-            |other: &Trial| is_alike(best, other) && NEAR * removes(best) <= removes(other);
+            |other: &Trial| is_alike(best, other) && near * removes(best) <= removes(other);
         let mut in_earnest: Vec<bool> = others.iter().map(is_near).collect();
         in_earnest.insert(0, in_earnest.contains(&true));
         let items: Vec<(&Trial, bool)> = trials.iter().zip(in_earnest).collect();
@@ -584,7 +557,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     }
 
     /// The share of the squared error of `problem` between two residuals that is removed of all signals
-    /// together, or that of one signal over [`IN_ONE_SIGNAL`]: most signals do not show most effects.
+    /// together, or that of one signal over `single_signal_ratio`: most signals do not show most effects.
     fn removes(&self, problem: &Problem<'_>, before: &[f64], after: &[f64]) -> f64 {
         let mut squares: Vec<[f64; 2]> = Vec::new();
         let rows = problem.parts.iter().flat_map(|part| &part.layout.rows);
@@ -596,18 +569,8 @@ impl<'a, 'b> Bench<'a, 'b> {
         }
         let share = |[before, after]: &[f64; 2]| 1.0 - after / before.max(f64::MIN_POSITIVE);
         let single = squares.iter().filter(|_| self.worth.in_any_view);
-        let single = single.map(|own| share(own) / IN_ONE_SIGNAL);
+        let single = single.map(|own| share(own) / self.thresholds().single_signal_ratio);
         single.fold(share(&[fit::squared(before), fit::squared(after)]), f64::max)
-    }
-
-    /// Whether it hardly matters that a number which only shapes the effect stopped on a bound: half-way to where
-    /// it started it is as good.
-    fn is_flat(&self, fit: &Fit, slot: Slot) -> bool {
-        let mut point = fit.point.clone();
-        let null = point.twin.instances[slot.instance].effect.null[slot.parameter];
-        point.twin.set(slot, 0.5 * (point.twin.get(slot) + null));
-        let loss = fit::squared(&self.train.whitened(&point, self.filters));
-        0 < slot.parameter && loss - fit.loss < SAME
     }
 
     /// Whether what makes the effect is hardly needed beside the numbers that shape it: with its size at nothing the
@@ -657,7 +620,8 @@ impl<'a, 'b> Bench<'a, 'b> {
                 |twin: &Twin| problem.whitened(&fit::on(problem, twin, self.filters), self.filters);
             let without = rows(&rest);
             let [nothing, rest, all] = [&rows(&nothing), &without, with].map(fit::squared);
-            is_in(&without, with, &problem.blocks()) && (nothing - rest).max(0.0) <= rest - all
+            self.thresholds().is_in(&without, with, &problem.blocks())
+                && (nothing - rest).max(0.0) <= rest - all
         };
         let held_out = self.held_out;
         (held_out.parts.is_empty() || needs(held_out, &trial.held_rows))
@@ -685,20 +649,15 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Why the trial may not be named; `None` when it may.
     fn objection(&self, trial: &Trial) -> Option<Reason> {
-        if let Some((slot, name)) = on_bound(&trial.fit)
-            && !self.is_flat(&trial.fit, slot)
-        {
+        let thresholds = self.thresholds();
+        let known = || known_on_bound(&trial.fit.point.twin, &self.known);
+        if let Some(name) = on_bound(&trial.fit).or_else(|| wrong_sign(&trial.fit)).or_else(known) {
             return Some(Reason::OnBound(name));
         }
-        if let Some(name) =
-            wrong_sign(&trial.fit).or_else(|| known_on_bound(&trial.fit.point.twin, &self.known))
-        {
-            return Some(Reason::OnBound(name));
-        }
-        if self.train.context.options.family_error() < self.p_value(trial) {
+        if thresholds.family_error < self.p_value(trial) {
             return Some(Reason::NotSignificant);
         }
-        if !is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
+        if !thresholds.is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
             // What known parameters imitate, one way or the other, is not shown.
             return Some(match trial.candidate.is_as_good_as_refit {
                 true => Reason::NotTestable,
@@ -716,10 +675,12 @@ impl<'a, 'b> Bench<'a, 'b> {
         }
         let (before, blocks) = (&self.base_held_rows, self.held_out.blocks());
         let amplitude = Amplitude::of(before, &trial.held_rows, &blocks);
-        if amplitude.is_above(0.0, LEVEL) && SESSIONS_APART < amplitude.value {
+        if amplitude.is_above(0.0, thresholds.confirmation_level)
+            && thresholds.size_ratio < amplitude.value
+        {
             return Some(Reason::SessionsDisagree);
         }
-        if !is_in(before, &trial.held_rows, &blocks) {
+        if !thresholds.is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
         if self.grows_with_speed(trial) {
@@ -796,8 +757,8 @@ impl<'a, 'b> Bench<'a, 'b> {
             let mut point = trial.fit.point.clone();
             point.twin.set(*slot, trial.candidate.effect.null[slot.parameter]);
             let without = self.train.whitened(&point, self.filters);
-            SAME_PREDICTION * change <= apart(&without, &trial.train_rows)
-                && is_in(&without, &trial.train_rows, &self.train.blocks())
+            self.thresholds().equal_prediction * change <= apart(&without, &trial.train_rows)
+                && self.thresholds().is_in(&without, &trial.train_rows, &self.train.blocks())
         };
         let effect = trial.candidate.effect;
         let own = slots_of_last(&trial.fit.point.twin).into_iter();
@@ -814,13 +775,13 @@ impl<'a, 'b> Bench<'a, 'b> {
         joint(own) == joint(other)
             && is_alike(own, other)
             && self.is_same(own, other)
-            && NEARLY_AS_GOOD * removes(own) <= removes(other)
+            && (1.0 - self.thresholds().min_gain) * removes(own) <= removes(other)
     }
 
     /// The strongest goes first: of effects that explain different things it is not `best`, which the whitened
     /// residual shows most clearly, but one that closes far more of the gap.
     fn strongest<'t>(&self, best: Counted<'t>, passed: &[Counted<'t>]) -> Counted<'t> {
-        let most = FAR_STRONGER * self.closes(best.0);
+        let most = self.thresholds().stronger_ratio * self.closes(best.0);
         let far_stronger = passed.iter().map(|own| (self.closes(own.0), *own));
         far_stronger
             .filter(|(closes, _)| most < *closes)
@@ -839,13 +800,14 @@ impl<'a, 'b> Bench<'a, 'b> {
         if !self.is_same(own, other) {
             return false;
         }
+        let thresholds = self.thresholds();
         let blocks = Blocks::joined(&[self.train.blocks(), self.held_out.blocks()]);
         let all = |trial: &Trial| [trial.train_rows.as_slice(), &trial.held_rows].concat();
         let (own, other) = (all(own), all(other));
         let base = [self.base_train_rows.as_slice(), &self.base_held_rows].concat();
-        apart(&own, &other) < SAME_PREDICTION * apart(&base, &own)
-            || fit::squared(&other) - fit::squared(&own) < SAME
-            || !Amplitude::of(&other, &own, &blocks).is_above(0.5, RIVAL_LEVEL)
+        apart(&own, &other) < thresholds.equal_prediction * apart(&base, &own)
+            || !Amplitude::of(&other, &own, &blocks)
+                .is_above(thresholds.min_amplitude, thresholds.confirmation_level)
     }
 
     /// Whether the two change the prediction alike: what has most of its change for itself explains something else,
@@ -860,7 +822,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         };
         let (own, other) = (change(own), change(other));
         let shared = dot(&own, &other).max(0.0).powi(2);
-        SHARED * fit::squared(&own) * fit::squared(&other) <= shared
+        self.thresholds().majority * fit::squared(&own) * fit::squared(&other) <= shared
     }
 }
 
@@ -889,9 +851,9 @@ fn wrong_sign(fit: &Fit) -> Option<String> {
 
 /// The first parameter of the added effect that stopped on a bound. Of several the later ones may do nothing, or
 /// shape the effect up to a bound that is plausible itself (contacts that do not creep).
-fn on_bound(fit: &Fit) -> Option<(Slot, String)> {
+fn on_bound(fit: &Fit) -> Option<String> {
     let twin = &fit.point.twin;
-    on_bound_of(twin, slots_of_last(twin))
+    on_bound_of(twin, slots_of_last(twin)).map(|(_, name)| name)
 }
 
 /// The same of an effect with these slots.
@@ -931,9 +893,8 @@ mod tests {
 
     #[test]
     fn a_size_on_its_bound_is_no_effect_and_a_later_number_at_nothing_is_none_of_it() {
-        let bound = |values: &[f64]| {
-            on_bound(&ended("ball.rolling_resistance", Axis::Whole, values)).map(|(_, name)| name)
-        };
+        let bound =
+            |values: &[f64]| on_bound(&ended("ball.rolling_resistance", Axis::Whole, values));
         assert_eq!(bound(&[0.0, 0.1]), Some("coefficient".to_owned()));
         assert_eq!(bound(&[0.3, 0.1]), Some("coefficient".to_owned()));
         assert_eq!(bound(&[0.01, 5.0]), Some("viscous_per_s".to_owned()));

@@ -1,16 +1,12 @@
 //! The rounds of the search on one link: refit, screen, re-simulate the best, decide, add, repeat.
 
 use super::{
-    batch::in_parallel,
-    evidence::LogScoreGain,
-    evidence::{Amplitude, Blocks},
     fit::{self, Fit, Uncertainty},
     incident,
     journal::{JournalEntry, MoveKind},
-    known::{BESIDE_NAMED, Excess, Worth, excess, is_nothing_new, least_worth},
-    numbers::{ParameterEstimate, numbers},
+    known::{Excess, Worth, excess},
+    numbers::numbers,
     observer::SearchStep,
-    options::Context,
     problem::{Point, Problem},
     round::{Problems, Round, Stand, numbers_of_last},
     scatter,
@@ -18,249 +14,22 @@ use super::{
     unknown::{self, Unknown},
     whiten::{self, Filters},
 };
-use crate::{
-    effects::{Axis, Effect},
-    twin::{Instance, Slot, Stage, StageKind, Twin},
-};
+use crate::twin::{Instance, Slot, StageKind, Twin};
 
 mod note;
+mod outcome;
 mod part;
+mod refit;
 mod take_back;
 
+use refit::{as_it_is, from_deepest, leave_out, refit};
+
+pub use outcome::{Added, Held, Link, Outcome, Reason, Rejected, Task};
+pub(super) use outcome::{Contestant, Unstated};
 pub(in crate::gap) use take_back::{instance_of, known_on_bound};
 
 /// Most effects that are added to one link.
 const MOST_ADDED: usize = 6;
-
-/// The same in a known machine: what takes more than these is something else.
-const MOST_ADDED_LATER: usize = 4;
-
-/// Probability of taking chance for an effect, on the fitted and again on the judging sessions.
-pub(super) const LEVEL: f64 = 1e-3;
-
-/// Share of the squared residual above what is known to be left that is a disturbance even where it depends
-/// on nothing that is measured.
-const FAR_MORE: f64 = 0.3;
-
-/// One link in all sessions.
-pub struct Link<'a> {
-    /// Which link.
-    pub kind: StageKind,
-    /// Stages that may be fitted.
-    pub train: Vec<&'a dyn Stage>,
-    /// Stages that judge.
-    pub held_out: Vec<&'a dyn Stage>,
-    /// Stages of another link on which the same effects act for longer, and judge how much of a gap they are.
-    pub witnesses: Vec<&'a dyn Stage>,
-    /// Numbers that a link before it has determined from these recordings: they stay as they are.
-    pub held: Vec<Held>,
-    /// Whether more than is known to be left may be a disturbance, and not what grows along a whole roll.
-    pub may_be_disturbed: bool,
-    /// Options and observer of the search.
-    pub context: Context<'a>,
-}
-
-/// A number of a twin, at whichever place of it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Held {
-    effect: &'static Effect,
-    axis: Axis,
-    parameter: usize,
-}
-
-impl Held {
-    /// That of `slot`.
-    #[must_use]
-    pub fn of(twin: &Twin, slot: Slot) -> Self {
-        let Instance { effect, axis, .. } = twin.instances[slot.instance];
-        Self { effect, axis, parameter: slot.parameter }
-    }
-}
-
-/// Why a candidate was not added.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Reason {
-    /// Its p-value, corrected for all tries, is above 1 %.
-    NotSignificant,
-    /// Another effect explains more, and this one nothing beyond it.
-    Outdone(String),
-    /// A parameter stopped on its bound, which for most effects is the wrong sign.
-    OnBound(String),
-    /// The validation sessions do not confirm it.
-    HeldOut,
-    /// The sessions disagree on its sign or magnitude.
-    SessionsDisagree,
-    /// Its magnitude differs between low and high speeds.
-    SpeedsDisagree,
-    /// It explains less than the model error of the simulation.
-    TooSmall,
-    /// The motion does not show it beyond a change of known parameters.
-    NotTestable,
-}
-
-/// A candidate with what became of it.
-#[derive(Debug, Clone)]
-pub struct Rejected {
-    /// What was tried.
-    pub candidate: Candidate,
-    /// Why it was not added.
-    pub reason: Reason,
-    /// Fraction of the squared whitened residual on the validation sessions that it removes, where it was simulated.
-    pub validation_gain: Option<f64>,
-}
-
-/// One of the candidates that were simulated again in a round.
-#[derive(Debug, Clone)]
-pub struct Contestant {
-    /// Its effect.
-    pub effect: &'static Effect,
-    /// Where it would act.
-    pub axis: Axis,
-    /// Whitened loss per row when fitted: the less, the more clearly it shows.
-    pub loss: f64,
-    /// Whether it could have been named.
-    pub has_passed: bool,
-}
-
-/// An effect that passed.
-#[derive(Debug, Clone)]
-pub struct Added {
-    /// The effect.
-    pub effect: &'static Effect,
-    /// Where it acts.
-    pub axis: Axis,
-    /// Value of the parameter that was scanned for, such as a period, when the effect was added: it distinguishes several
-    /// instances of one effect.
-    pub scanned: Option<f64>,
-    /// Probability of such a gain by chance, corrected for all tries.
-    pub p_value: f64,
-    /// The block statistic behind it.
-    pub statistic: f64,
-    /// Data of the test behind `p_value`.
-    pub data: String,
-    /// Number of comparisons for which `p_value` is corrected.
-    pub comparisons: usize,
-    /// Gain of the log score on the validation sessions; `None` without any, and for an effect that changes no residual.
-    pub log_score: Option<LogScoreGain>,
-    /// Fraction of the squared whitened residual on the validation sessions that it removes.
-    pub validation_gain: f64,
-    /// Other effects that explain the data as well.
-    pub class: Vec<&'static str>,
-    /// Residual RMS per held-out signal before and after this step, in the order of the channels.
-    pub held_out_steps: (Vec<f64>, Vec<f64>),
-    /// For an effect that leaves every residual as it is: what it is about instead.
-    pub unstated: Option<Unstated>,
-    /// The strongest candidates of the round, the clearest first.
-    pub contest: Vec<Contestant>,
-    /// All numbers with it, before anything else was added, by plain least squares.
-    pub numbers: Vec<ParameterEstimate>,
-}
-
-/// What of the held-out sessions a twin did not state before a step, and does not state after it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Unstated {
-    /// Variance of a sample (m^2).
-    Variance(f64, f64),
-    /// Share of the frames that are lost.
-    FramesLost(f64, f64),
-}
-
-impl Unstated {
-    pub(super) fn ends(self) -> (f64, f64) {
-        let (Self::Variance(before, after) | Self::FramesLost(before, after)) = self;
-        (before, after)
-    }
-
-    /// Variance of a sample for which it accounts (m^2).
-    pub(super) fn variance(self) -> f64 {
-        match self {
-            Self::Variance(before, _) => before,
-            Self::FramesLost(..) => 0.0,
-        }
-    }
-}
-
-impl Added {
-    /// Its own place in the contest.
-    pub(super) fn is(&self, one: &Contestant) -> bool {
-        one.effect == self.effect && one.axis == self.axis
-    }
-
-    /// Its own whitened loss per row.
-    pub(super) fn loss(&self) -> Option<f64> {
-        self.contest.iter().find(|one| self.is(one)).map(|own| own.loss)
-    }
-
-    /// Whether `other` of its round could have been named and shows more clearly, though it closes less of the gap.
-    pub(super) fn is_outshone_by(&self, other: &Contestant) -> bool {
-        other.has_passed
-            && !self.class.contains(&other.effect.name)
-            && self.loss().is_some_and(|own| other.loss < own)
-    }
-
-    /// The best of the contest that explains less and is another effect.
-    pub(super) fn runner_up(&self) -> Option<&Contestant> {
-        let own = self.loss()?;
-        self.contest.iter().find(|other| other.effect != self.effect && own <= other.loss)
-    }
-}
-
-/// What the search found on one link.
-pub struct Outcome<'a> {
-    /// Which link.
-    pub kind: StageKind,
-    /// The link's problem on the fitted sessions.
-    pub train: Problem<'a>,
-    /// The link's problem on the judging sessions.
-    pub held_out: Problem<'a>,
-    /// The given twin, nuisances fitted: before anything was changed.
-    pub start: Point,
-    /// The same on the judging sessions.
-    pub start_held_out: Point,
-    /// All parameters fitted, nothing added.
-    pub refitted: Point,
-    /// All numbers then, by plain least squares; empty where nothing was added later.
-    pub refitted_numbers: Vec<ParameterEstimate>,
-    /// The final twin.
-    pub last: Fit,
-    /// Its nuisances on the judging sessions.
-    pub last_held_out: Point,
-    /// Whether the judging sessions prefer the final twin to the given one.
-    pub is_better: bool,
-    /// Whitening of the final residual.
-    pub filters: Filters,
-    /// Intervals of the final fit.
-    pub uncertainty: Uncertainty,
-    /// What was added, in this order.
-    pub added: Vec<Added>,
-    /// What was not.
-    pub rejected: Vec<Rejected>,
-    /// What the rest still depends on, where no effect explains it.
-    pub unexplained: Option<Unknown>,
-    /// Decisions of the search, in order.
-    pub journal: Vec<JournalEntry>,
-}
-
-impl Outcome<'_> {
-    /// Tells the gap from `given` on, where links before this one have changed the twin with which its search began.
-    pub(super) fn begin_at(&mut self, given: &Twin) {
-        if self.start.twin != *given {
-            let on = |problem: &Problem<'_>| fit::told(problem, &problem.start(given.clone()));
-            (self.start, self.start_held_out) = (on(&self.train), on(&self.held_out));
-        }
-    }
-}
-
-/// What the workflow is asked to do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Task {
-    /// Fit what the twin has (`klasktron calibrate`).
-    Calibrate,
-    /// The same, kept where the judging sessions are better off with it.
-    Follow,
-    /// Fit, find what is missing, add it (`klasktron gap`).
-    CloseGap,
-}
 
 /// Searches one link from `start`.
 #[must_use]
@@ -276,7 +45,8 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     let Search { train, held_out, mut best, mut filters, added, rejected, mut journal, .. } =
         search;
     let twins = (start, &best.point.twin);
-    let is_better = is_better(&held_out, twins, &filters, least_worth(excess));
+    let least = train.thresholds().least_gain(excess);
+    let is_better = is_better(&held_out, twins, &filters, least);
     if task != Task::Calibrate && added.is_empty() && !is_better {
         (best, filters) = as_it_is(&train, &given, &slots);
         journal.push(JournalEntry::new(
@@ -289,7 +59,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         true => Vec::new(),
         false => numbers(&fit::plainly(&train, &refitted)),
     };
-    let alpha = link.context.options.family_error();
+    let alpha = link.context.options.thresholds().family_error;
     let (judged, uncertainty) = known.unwrap_or_else(|| {
         uncertainty_of((&train, &held_out), &best, &filters, (&rejected, alpha))
     });
@@ -340,47 +110,6 @@ fn shifts(rejected: &[Rejected], family_error: f64) -> Vec<&[f64]> {
     rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
 }
 
-/// Leaves out single samples off the rest, and what happened once, of the fitted and of the judging sessions with
-/// their points.
-fn leave_out<'a>(
-    kind: StageKind,
-    train: (&mut Problem<'a>, &Point),
-    held_out: (&mut Problem<'a>, &Point),
-) {
-    train.0.drop_outliers(train.1);
-    held_out.0.drop_outliers(held_out.1);
-    incident::leave_out_of(kind, train, held_out);
-}
-
-/// Everything that the twin has, fitted; what is off the rest is left out from then on.
-fn refit<'a>(
-    kind: StageKind,
-    train: &mut Problem<'a>,
-    held_out: &mut Problem<'a>,
-    (given, slots): (&Point, &[Slot]),
-) -> (Fit, Filters) {
-    let (rough, filters) = fit::fit_from_afar(train, given.clone(), slots, 15);
-    let judged = fit::on(held_out, &rough.point.twin, &filters);
-    leave_out(kind, (train, &rough.point), (held_out, &judged));
-    let (best, filters) = fit::settle(train, rough.point, slots, 10);
-    from_deepest(train, (best, filters), given)
-}
-
-/// The fit itself, or what is found from other starts where that is better.
-fn from_deepest(train: &Problem<'_>, found: (Fit, Filters), given: &Point) -> (Fit, Filters) {
-    match restarted(train, &found.0, given) {
-        Some(better) => fit::settle(train, better, &found.0.slots, 10),
-        None => found,
-    }
-}
-
-/// The given twin with nothing but its nuisances fitted; `slots` are its known parameters.
-fn as_it_is(train: &Problem<'_>, given: &Point, slots: &[Slot]) -> (Fit, Filters) {
-    let (mut kept, filters) = fit::settle(train, given.clone(), &[], 10);
-    kept.slots = slots.to_vec();
-    (kept, filters)
-}
-
 /// Whitened residuals of the judging sessions under two twins, each with its own nuisances.
 fn judged_rows(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters) -> [Vec<f64>; 2] {
     [twins.0, twins.1].map(|twin| held_out.whitened(&fit::on(held_out, twin, filters), filters))
@@ -391,15 +120,8 @@ fn judged_rows(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters)
 fn is_better(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters, worth: f64) -> bool {
     let [before, after] = judged_rows(held_out, twins, filters);
     held_out.parts.is_empty()
-        || is_in(&before, &after, &held_out.blocks())
+        || held_out.thresholds().is_in(&before, &after, &held_out.blocks())
             && worth < 1.0 - fit::squared(&after) / fit::squared(&before)
-}
-
-/// Whether the data follow a change of the residual from `before` to `after` beyond chance, and are better
-/// off with it than without.
-pub(super) fn is_in(before: &[f64], after: &[f64], blocks: &Blocks) -> bool {
-    let amplitude = Amplitude::of(before, after, blocks);
-    0.5 < amplitude.value && amplitude.is_above(0.0, LEVEL)
 }
 
 /// A search under way.
@@ -445,7 +167,7 @@ impl<'a> Search<'a> {
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
         let mut slots = start.free(link.train[0]);
         slots.retain(|slot| !link.held.contains(&Held::of(start, *slot)));
-        let is_new = !is_nothing_new(excess);
+        let is_new = !context.options.thresholds().is_at_reference(excess);
         let (best, filters) = match is_new {
             true => refit(link.kind, &mut train, &mut held_out, (&given, &slots)),
             false => fit::settle(&train, given.clone(), &slots, 10),
@@ -482,18 +204,18 @@ impl Search<'_> {
     /// Adds effects until nothing passes; gives what is then still unexplained.
     fn close(&mut self, given: &Point, mut excess: Option<Excess>) -> Option<Unknown> {
         let mut judged = None;
-        let mut starts_again = !is_nothing_new(excess) && !self.is_followed(given);
+        let thresholds = self.train.thresholds();
+        let mut starts_again = !thresholds.is_at_reference(excess) && !self.is_followed(given);
         let mut has_parted = false;
-        let most = if excess.is_some() { MOST_ADDED_LATER } else { MOST_ADDED };
-        while self.added.len() < most {
-            let first = self.added.is_empty() && !has_parted && !is_nothing_new(excess);
+        while self.added.len() < MOST_ADDED {
+            let first = self.added.is_empty() && !has_parted && !thresholds.is_at_reference(excess);
             let as_given = first.then(|| self.as_given(given));
             let stand = Stand {
                 base: &self.best,
                 filters: &self.filters,
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
-                worth: Worth::new(&given.twin, self.kind, excess, self.removed()),
+                worth: Worth::new(thresholds, (&given.twin, self.kind), excess, self.removed()),
             };
             let round = Round::run(self.problems(), &stand);
             self.rejected = round.rejected;
@@ -514,7 +236,8 @@ impl Search<'_> {
                 .winner
                 .as_ref()
                 .is_none_or(|(_, step)| self.added.is_empty() && !screen::is_shared(step.axis));
-            let may_part = !has_parted && excess.is_some() && !is_nothing_new(excess) && is_open;
+            let may_part =
+                !has_parted && excess.is_some() && !thresholds.is_at_reference(excess) && is_open;
             let rival = round.winner.as_ref().map(|(fit, _)| fit);
             if may_part && self.part_a_known(excess, rival) {
                 (has_parted, starts_again) = (true, false);
@@ -525,8 +248,8 @@ impl Search<'_> {
             self.note_added(&winner.1);
             excess = self.add(winner, given, &mut judged);
         }
-        self.note_end_of_rounds(most);
-        let worth = Worth::new(&given.twin, self.kind, excess, 0.0);
+        self.note_end_of_rounds(MOST_ADDED);
+        let worth = Worth::new(thresholds, (&given.twin, self.kind), excess, 0.0);
         let is_less = self.take_back_what_is_not_missed(&worth, usize::from(!has_parted));
         let is_fewer = self.take_back_what_is_none();
         if self.remove_beside_bound() || is_fewer || is_less {
@@ -534,7 +257,7 @@ impl Search<'_> {
         }
         let judged = judged.unwrap_or_else(|| self.judged());
         let scatters_otherwise = self.name_scatter(&given.twin, &judged, excess);
-        if is_nothing_new(excess) {
+        if thresholds.is_at_reference(excess) {
             return None;
         }
         let disturbance = match scatters_otherwise {
@@ -560,7 +283,7 @@ impl Search<'_> {
         (self.best, self.filters) = from_deepest(&self.train, settled, given);
         self.leave_out_incidents();
         let mut excess = self.excess(judged.insert(self.judged()));
-        if !is_nothing_new(excess)
+        if !self.train.thresholds().is_at_reference(excess)
             && let Some(parted) = self.part_the_added(excess)
         {
             excess = self.excess(judged.insert(parted));
@@ -659,7 +382,9 @@ impl Search<'_> {
         let before = excess(twin, [(&self.train, given)])?.most;
         let trained = excess(twin, [(&self.train, &self.best.point)])?.most;
         let held = excess(twin, [(&self.held_out, judged)])?.most;
-        (FAR_MORE < trained.min(held) && BESIDE_NAMED * (before - trained) < trained)
+        let thresholds = self.train.thresholds();
+        (thresholds.large_excess < trained.min(held)
+            && thresholds.clear_gain * (before - trained) < trained)
             .then(|| unknown::disturbance(&self.train, &self.best.point))
             .flatten()
     }
@@ -679,65 +404,10 @@ impl Search<'_> {
     }
 }
 
-/// How far above what the twin is known to leave a refit may stay (share of the squared residual) before
-/// its parameters are started elsewhere.
-const STUCK: f64 = 0.44;
-
-/// Share of the scaled squared error that another start must save.
-const ANOTHER_VALLEY: f64 = 0.9;
-
-/// Other starts that are fitted.
-const OTHER_STARTS: usize = 2;
-
-/// Steps of a fit from another start.
-const RESTART_ITERATIONS: usize = 12;
-
-/// A refit can stop in a valley that is not the deepest: a spring far softer, a delay far longer than
-/// before, and parameters that have made up for an effect that was missing until now. Where the rest is well
-/// above what the given twin is known to leave, or nothing is known of that, everything that was given starts
-/// again from its given values, and each of its effects from its probes; the best of them are fitted; the best
-/// fit, when it is better.
-fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
-    if excess(&given.twin, [(train, &best.point)]).is_some_and(|excess| excess.most < STUCK) {
-        return None;
-    }
-    let scales = train.filters(&best.point, whiten::scale_filters);
-    let loss = |point: &Point| fit::squared(&train.whitened(point, &scales));
-    let mut anew = best.point.clone();
-    for (own, instance) in anew.twin.instances.iter_mut().zip(&given.twin.instances) {
-        own.values.clone_from(&instance.values);
-    }
-    let mut starts = vec![anew.clone()];
-    for (index, instance) in given.twin.instances.iter().enumerate() {
-        if !best.slots.iter().any(|slot| slot.instance == index) {
-            continue;
-        }
-        for probe in instance.effect.probes {
-            let mut point = anew.clone();
-            for (parameter, value) in probe.iter().enumerate() {
-                point.twin.set(Slot { instance: index, parameter }, *value);
-            }
-            starts.push(point);
-        }
-    }
-    let losses = in_parallel(&starts, loss);
-    let mut order: Vec<usize> = (0..starts.len()).collect();
-    order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
-    let nearest: Vec<Point> =
-        order.into_iter().take(OTHER_STARTS).map(|index| starts[index].clone()).collect();
-    let fits = in_parallel(&nearest, |start| {
-        fit::fit(train, start.clone(), &best.slots, &scales, RESTART_ITERATIONS)
-    });
-    fits.into_iter()
-        .min_by(|a, b| a.loss.total_cmp(&b.loss))
-        .filter(|found| found.loss < ANOTHER_VALLEY * loss(&best.point))
-        .map(|found| found.point)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::find;
+    use crate::effects::{Axis, find};
 
     /// A candidate that would move the one known parameter by `shift`, with this tail probability.
     fn rejected(p_value: f64, reason: Reason, shift: f64) -> Rejected {

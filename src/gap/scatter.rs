@@ -9,7 +9,8 @@
 use super::{
     known::Excess,
     problem::{Point, Problem},
-    rounds::{Added, LEVEL, Unstated},
+    rounds::{Added, Unstated},
+    thresholds::Thresholds,
 };
 use crate::{
     effects::{self, Axis, Effect, Noise, Physics},
@@ -22,18 +23,6 @@ use crate::{
 
 /// Tests of one recording: two effects on two links, and one on one.
 const TRIES: usize = 5;
-
-/// Least change of the scatter's size that is worth a name.
-const LEAST_RATIO: f64 = 1.15;
-
-/// Least standard deviation of the time stamps that is worth a name (s).
-const LEAST_JITTER_S: f64 = 1e-4;
-
-/// Least share of frames lost that is worth a name.
-const LEAST_LOST: f64 = 0.005;
-
-/// Share of what a known twin leaves more than before that the scatter must account for.
-const ACCOUNTS_FOR: f64 = 0.5;
 
 /// What is named or measured again.
 pub(super) struct Named {
@@ -129,10 +118,11 @@ impl Change {
     }
 
     /// Whether both kinds of sessions show it, with one sign.
-    fn is_in(&self, family_error: f64) -> bool {
+    fn is_in(&self, thresholds: &Thresholds) -> bool {
         let (t, _) = self.t(0);
         let (judged, freedom) = self.t(1);
-        self.p_value() < family_error && t_quantile(1.0 - LEVEL, freedom) < judged * t.signum()
+        self.p_value() < thresholds.family_error
+            && t_quantile(1.0 - thresholds.confirmation_level, freedom) < judged * t.signum()
     }
 
     fn named(self, given: &Twin, rms: Vec<f64>) -> Named {
@@ -184,18 +174,19 @@ fn log_ratio(a: Estimate, b: Estimate) -> Estimate {
 /// without one.
 fn jitter(given: &Twin, known: &MeasurementNoise, found: [&Scattering; 2]) -> Option<Change> {
     let effect = noise_effect(Noise::FrameTime);
+    let least = effect.parameters[0].plausible.0;
     let changes =
         found.map(|own| difference(own.timestamp_variance_s2, known.timestamp_variance_s2));
     let Estimate { value: variance, standard_error: error } = found[0].timestamp_variance_s2;
     let value = variance.max(0.0).sqrt();
-    let worth = LEAST_JITTER_S.powi(2) < changes[0].value.abs()
-        && (has(given, effect) || 0.0 < changes[0].value);
+    let worth =
+        least.powi(2) < changes[0].value.abs() && (has(given, effect) || 0.0 < changes[0].value);
     let speed = found[1].mean_square_speed;
     worth.then(|| Change {
         effect,
         changes,
         blocks: found.map(|own| own.blocks),
-        value: Estimate { value, standard_error: error / (2.0 * value.max(LEAST_JITTER_S)) },
+        value: Estimate { value, standard_error: error / (2.0 * value.max(least)) },
         unstated: Unstated::Variance(
             changes[1].value.abs() * speed,
             difference(found[1].timestamp_variance_s2, found[0].timestamp_variance_s2).value.abs()
@@ -205,11 +196,11 @@ fn jitter(given: &Twin, known: &MeasurementNoise, found: [&Scattering; 2]) -> Op
 }
 
 /// The change of the scatter at rest, where its size changed and not only its colour.
-fn size(known: &MeasurementNoise, found: [&Scattering; 2]) -> Option<Change> {
+fn size(known: &MeasurementNoise, found: [&Scattering; 2], ratio: f64) -> Option<Change> {
     let still = found
         .map(|own| log_ratio(own.frame_to_frame_variance_m2, known.frame_to_frame_variance_m2));
     let whole = found.map(|own| log_ratio(own.total_variance_m2, known.total_variance_m2));
-    let least = LEAST_RATIO.ln();
+    let least = ratio.ln();
     let agree = (0..2).all(|k| {
         let (still, whole) = (still[k].value, whole[k].value);
         least < still.abs() && still * whole > 0.0 && 0.5 * still.abs() < whole.abs()
@@ -236,7 +227,8 @@ fn losses(given: &Twin, known: &MeasurementNoise, problems: [&Problem<'_>; 2]) -
     let found = [measure_losses(problems[0])?, measure_losses(problems[1])?];
     let changes = found.map(|own| difference(own.fraction, known));
     let change = changes[0].value;
-    let worth = LEAST_LOST < change.abs() && (has(given, effect) || 0.0 < change);
+    let worth =
+        effect.parameters[0].plausible.0 < change.abs() && (has(given, effect) || 0.0 < change);
     worth.then(|| Change {
         effect,
         changes,
@@ -282,13 +274,16 @@ pub(super) fn find(
     // frame grows with speed like a jitter.
     let Some(known) = stated(given, link) else { return Vec::new() };
     let found = [&fitted, &judged];
-    let scatter = [jitter(given, &known, found), size(&known, found)];
     let options = problems[0].context.options;
-    let is_in = |own: &Change| options.selects(own.effect) && own.is_in(options.family_error());
+    let thresholds = options.thresholds();
+    let scatter =
+        [jitter(given, &known, found), size(&known, found, (1.0 + thresholds.large_excess).sqrt())];
+    let is_in = |own: &Change| options.selects(own.effect) && own.is_in(thresholds);
     let mut changes: Vec<Change> = scatter.into_iter().flatten().filter(is_in).collect();
     let accounted: f64 = changes.iter().map(|own| own.unstated.variance()).sum();
-    if excess.is_some_and(|own| accounted < ACCOUNTS_FOR * own.most * known.total_variance_m2.value)
-    {
+    if excess.is_some_and(|own| {
+        accounted < thresholds.majority * own.most * known.total_variance_m2.value
+    }) {
         changes.clear();
     }
     changes.extend(losses(given, &known, problems).filter(is_in));

@@ -56,10 +56,6 @@ pub struct Candidate {
     pub other_starts: Vec<Vec<f64>>,
 }
 
-/// Share of a column's length that must be left when the known parameters are taken out; below it
-/// the effect is the same as a change of known parameters.
-const IMITATED: f64 = 0.02;
-
 /// Most waves of one effect on one axis.
 const MOST_WAVES: usize = 5;
 
@@ -166,6 +162,7 @@ impl Screen<'_, '_> {
     fn run(&self, tries: Vec<(&'static Effect, Axis, Vec<f64>)>) -> Vec<Candidate> {
         let twin = &self.found.point.twin;
         let total = dot(&self.linear.residual, &self.linear.residual);
+        let least = self.problem.thresholds().equal_prediction;
         let observer = self.problem.context.observer;
         observer.step_begun(SearchStep::Screen, tries.len());
         let tested = in_parallel(&tries, |(effect, axis, probe)| {
@@ -173,7 +170,7 @@ impl Screen<'_, '_> {
             let singles = amplitudes(effect, probe);
             variants.extend(singles.iter().map(|values| with(twin, effect, *axis, values)));
             let columns = self.problem.contrasts(&self.base, &variants, self.filters);
-            let tested = test(&self.linear, &self.normal, total, columns);
+            let tested = test(&self.linear, (&self.normal, total), least, columns);
             observer.candidate_done();
             tested
         });
@@ -433,8 +430,14 @@ fn beyond_parameters(linear: &Linear, normal: &Normal, column: &mut [f64]) -> Ve
     weights
 }
 
-/// Tests the columns of one probe: the first is all parameters together, then each alone.
-fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) -> Tested {
+/// Tests the columns of one probe: the first is all parameters together, then each alone. At least the fraction `least`
+/// of their squared length must be left beyond the known parameters.
+fn test(
+    linear: &Linear,
+    (normal, total): (&Normal, f64),
+    least: f64,
+    mut own: Vec<Vec<f64>>,
+) -> Tested {
     let mut original = Vec::with_capacity(own.len());
     let mut imitating = Vec::with_capacity(own.len());
     for column in &mut own {
@@ -448,7 +451,7 @@ fn test(linear: &Linear, normal: &Normal, total: f64, mut own: Vec<Vec<f64>>) ->
     let imitating = if amplitudes { &imitating[1..] } else { &imitating[..1] };
     let sizes = if amplitudes { original[1..].to_vec() } else { original[..1].to_vec() };
     let left: f64 = kept.iter().map(|column| dot(column, column)).sum();
-    if !(left.is_finite() && sizes.iter().sum::<f64>() * IMITATED * IMITATED < left) {
+    if !(left.is_finite() && sizes.iter().sum::<f64>() * least < left) {
         return Tested::NOTHING;
     }
     let products: Vec<f64> = kept.iter().map(|column| dot(column, &linear.residual)).collect();

@@ -11,13 +11,6 @@ use super::{
 };
 use crate::effects::Regressor;
 
-/// Share of the way to its rival that is more than a simplification of the same effect: of all sessions together, and
-/// half of it in either kind.
-const TOWARDS_RIVAL: f64 = 0.25;
-
-/// Probability of taking an effect of the catalogue for its rival.
-const RIVAL_LEVEL: f64 = 0.01;
-
 /// One kind of sessions, and whitened residuals of a twin there.
 #[derive(Clone, Copy)]
 pub(super) struct Seen<'p, 'a> {
@@ -32,7 +25,7 @@ pub(super) fn are_speeds_known(problem: &Problem<'_>) -> bool {
 }
 
 /// Whether the residuals without and with an effect, of the fitted and of the judging sessions, go towards its rival:
-/// both together by [`TOWARDS_RIVAL`] of the way at least and beyond chance, and each by half of that.
+/// both together by half of `min_amplitude` of the way at least and beyond chance, and each by half of that.
 pub(super) fn grows_with_speed(sessions: [Seen<'_, '_>; 2]) -> bool {
     let rivals = sessions.map(|seen| along_speed(&seen));
     let along: f64 =
@@ -47,9 +40,11 @@ pub(super) fn grows_with_speed(sessions: [Seen<'_, '_>; 2]) -> bool {
     let with = [sessions[0].with, sessions[1].with].concat();
     let together = Amplitude::of(&with, &lefts.concat(), &Blocks::joined(&blocks));
     log::debug!("in proportion to speed rather: {} and {}, {together:?}", goes(0), goes(1));
-    TOWARDS_RIVAL < together.value
-        && 0.5 * TOWARDS_RIVAL < goes(0).min(goes(1))
-        && together.is_above(0.0, RIVAL_LEVEL)
+    let thresholds = sessions[0].problem.thresholds();
+    let least = 0.5 * thresholds.min_amplitude;
+    least < together.value
+        && 0.5 * least < goes(0).min(goes(1))
+        && together.is_above(0.0, thresholds.confirmation_level)
 }
 
 /// What the effect does, times the speed, row by row; of the first signal, which is the one whose speed is known.

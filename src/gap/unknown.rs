@@ -22,12 +22,6 @@ const BINS: usize = 8;
 /// Lowest and highest frequency of a line (Hz).
 const LINES_HZ: (f64, f64) = (0.15, 20.0);
 
-/// Share of the whitened squared error that something must explain to be worth saying.
-const WORTH_SAYING: f64 = 0.05;
-
-/// Share of what it explains where it was fitted that it must explain elsewhere.
-const CARRIES_OVER: f64 = 0.3;
-
 /// What the residual depends on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unknown {
@@ -62,6 +56,7 @@ pub(super) fn strongest(
     held_point: &Point,
     filters: &Filters,
 ) -> Option<Unknown> {
+    let thresholds = train.thresholds();
     let linear = train.linear(&found.point, &[], filters);
     let held = held_out.linear(held_point, &[], filters);
     let total = dot(&linear.residual, &linear.residual);
@@ -86,9 +81,9 @@ pub(super) fn strongest(
         let carried = explained_by(&elsewhere, &weights, &held.residual) / held_total;
         let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
-        if p_value < train.context.options.family_error()
-            && WORTH_SAYING < share
-            && CARRIES_OVER * share < carried
+        if p_value < thresholds.family_error
+            && thresholds.reference_excess < share
+            && thresholds.min_amplitude * share < carried
         {
             let name = format!("unknown.{}[{}]", own.name, band(&edges));
             let signal = train.parts[0].stage.channels()[own.channel].signal.clone();
@@ -99,7 +94,7 @@ pub(super) fn strongest(
         let columns = line(train, frequency, signal, filters, &linear);
         let Some(found) = least_squares(&columns, &linear.residual) else { continue };
         let share = explained(&columns, &found, &linear.residual) / total;
-        if share < WORTH_SAYING {
+        if share < thresholds.reference_excess {
             continue;
         }
         let elsewhere = line(held_out, frequency, signal, filters, &held);
@@ -107,7 +102,7 @@ pub(super) fn strongest(
             .map_or(0.0, |own| explained(&elsewhere, &own, &held.residual) / held_total);
         let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
-        if p_value < train.context.options.family_error() && CARRIES_OVER * share < carried {
+        if p_value < thresholds.family_error && thresholds.min_amplitude * share < carried {
             let name = format!("unknown.time[{frequency:.2} Hz]");
             let signal = train.parts[0].stage.channels()[signal].signal.clone();
             consider(Unknown { name, signal, share, statistic, p_value, comparisons: tries });
@@ -265,7 +260,7 @@ pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknow
     };
     let blocks = problem.blocks().count as f64;
     let p_value = f_tail(most, blocks, blocks);
-    (p_value < problem.context.options.family_error()).then(|| Unknown {
+    (p_value < problem.thresholds().family_error).then(|| Unknown {
         name: format!("unknown.time[{:.1} to {:.1} Hz]", edge(0.1), edge(0.9)),
         signal: channels[signal].signal.clone(),
         share: 1.0 - 1.0 / most,
@@ -292,7 +287,8 @@ const SCAN_BIN: f64 = 0.01;
 
 /// Lines and signals that may be worth saying.
 fn loud_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64, usize)> {
-    let loud = 0.5 * WORTH_SAYING * dot(&linear.residual, &linear.residual);
+    let loud =
+        0.5 * problem.thresholds().reference_excess * dot(&linear.residual, &linear.residual);
     let energies = energies(problem, &linear.residual, lines);
     let all = lines.iter().zip(&energies);
     all.flat_map(|(line, energy)| {

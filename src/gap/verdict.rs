@@ -3,6 +3,7 @@
 use super::{
     findings::{IdentifiedEffect, Indistinguishable, ParameterChange, SignalResidual, Verdict},
     rounds::Outcome,
+    thresholds::Thresholds,
     unknown::Unknown,
 };
 use crate::{
@@ -10,18 +11,9 @@ use crate::{
     twin::{Source, Twin},
 };
 
-/// Relative change of a fitted parameter that indicates another machine.
-const JUMP: f64 = 0.25;
-
-/// Fewest parameters that change so much together in another machine.
-const LEAST_JUMPS: usize = 4;
-
-/// Ratio of residual and noise floor up to which a residual is at its floor. Floors come from the measured signal alone
-/// and are low where the noise is coloured. A larger value answers `none` where more is left.
-const AT_FLOOR: f64 = 1.5;
-
 /// Everything behind a verdict.
 pub(super) struct Findings<'f, 'a> {
+    pub(super) thresholds: &'f Thresholds,
     /// The twin at the start.
     pub(super) start: &'f Twin,
     pub(super) effects: &'f [IdentifiedEffect],
@@ -45,16 +37,17 @@ impl Answer {
 }
 
 fn verdict(findings: &Findings<'_, '_>) -> Verdict {
-    let Findings { start, effects, indistinguishable, parameter_changes, residuals, outcomes } =
+    let Findings { start, effects, indistinguishable, parameter_changes, residuals, .. } =
         *findings;
-    if is_other_machine(start, parameter_changes) {
+    let Findings { outcomes, thresholds, .. } = *findings;
+    if is_other_machine(start, parameter_changes, thresholds) {
         Verdict::DifferentMachine
     } else if !effects.is_empty() {
         if indistinguishable.len() == effects.len() { Verdict::Ambiguous } else { Verdict::Named }
     } else if residuals.is_empty() {
         Verdict::NotTestable
     } else if outcomes.iter().any(|outcome| outcome.unexplained.is_some())
-        || above_floor(residuals).is_some()
+        || above_floor(residuals, thresholds).is_some()
     {
         Verdict::Unexplained
     } else if parameter_changes.is_empty() {
@@ -66,17 +59,22 @@ fn verdict(findings: &Findings<'_, '_>) -> Verdict {
 
 /// The signal farthest above its floor, and its residual over the floor, which is `None` where it has no ratio. `None`
 /// where every residual is at its floor.
-fn above_floor(residuals: &[SignalResidual]) -> Option<(&SignalResidual, Option<f64>)> {
+fn above_floor<'r>(
+    residuals: &'r [SignalResidual],
+    thresholds: &Thresholds,
+) -> Option<(&'r SignalResidual, Option<f64>)> {
     residuals
         .iter()
-        .filter(|own| is_above_floor(own))
+        .filter(|own| thresholds.is_above_floor(own))
         .map(|own| (own, floor_ratio(own)))
         .max_by(|a, b| a.1.unwrap_or(0.0).total_cmp(&b.1.unwrap_or(0.0)))
 }
 
-/// Whether the residual of a signal is above its floor; without residual or floor it counts as above.
-pub(super) fn is_above_floor(residual: &SignalResidual) -> bool {
-    floor_ratio(residual).is_none_or(|ratio| AT_FLOOR < ratio)
+impl Thresholds {
+    /// Whether the residual of a signal is above its floor; without residual or floor it counts as above.
+    pub(super) fn is_above_floor(&self, residual: &SignalResidual) -> bool {
+        floor_ratio(residual).is_none_or(|ratio| self.floor_ratio < ratio)
+    }
 }
 
 /// Residual of a signal over its floor.
@@ -88,7 +86,7 @@ fn floor_ratio(own: &SignalResidual) -> Option<f64> {
 }
 
 /// Return whether at least half of the fitted parameters changed, and several of them far.
-fn is_other_machine(start: &Twin, changes: &[ParameterChange]) -> bool {
+fn is_other_machine(start: &Twin, changes: &[ParameterChange], thresholds: &Thresholds) -> bool {
     let fitted = start
         .instances
         .iter()
@@ -97,9 +95,11 @@ fn is_other_machine(start: &Twin, changes: &[ParameterChange]) -> bool {
         .count();
     let jumped = changes
         .iter()
-        .filter(|change| JUMP * change.before.abs() < (change.after - change.before).abs())
+        .filter(|change| {
+            thresholds.machine_change * change.before.abs() < (change.after - change.before).abs()
+        })
         .count();
-    LEAST_JUMPS <= jumped && fitted <= 2 * changes.len()
+    thresholds.machine_changes <= jumped as f64 && fitted <= 2 * changes.len()
 }
 
 /// Each name once, with its locations where it has several.
@@ -135,7 +135,7 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
         }
         Verdict::Unexplained => {
             let unknown = outcomes.iter().find_map(|outcome| outcome.unexplained.as_ref());
-            unexplained(unknown, above_floor(findings.residuals))
+            unexplained(unknown, above_floor(findings.residuals, findings.thresholds))
         }
         Verdict::DifferentMachine => {
             let names: Vec<&str> = parameter_changes.iter().map(|own| own.name.as_str()).collect();
@@ -204,6 +204,7 @@ mod tests {
 
     fn answer(residuals: &[SignalResidual], effects: &[IdentifiedEffect]) -> Answer {
         Answer::of(&Findings {
+            thresholds: &Thresholds::DEFAULT,
             start: &Twin::nominal(crate::twin::Machine::Axis),
             effects,
             indistinguishable: &[],
@@ -232,7 +233,7 @@ mod tests {
             let residuals: Vec<SignalResidual> =
                 values.iter().map(|(after, floor)| residual(*after, *floor)).collect();
             let is_at_floor = |(after, floor): &(Option<f64>, Option<f64>)| match (after, floor) {
-                (Some(after), Some(floor)) => *after <= AT_FLOOR * floor,
+                (Some(after), Some(floor)) => *after <= Thresholds::DEFAULT.floor_ratio * floor,
                 (Some(after), None) => *after == 0.0,
                 (None, _) => false,
             };

@@ -3,31 +3,15 @@
 
 use super::{Objection, objection};
 use crate::{
-    gap::{evidence::least_squares, explain::significant, findings::Verdict},
+    gap::{
+        evidence::least_squares, explain::significant, findings::Verdict, thresholds::Thresholds,
+    },
     recording::Split,
     twin::{AxisStage, Session, Stage as _},
 };
 
-/// Fraction of the distance that each direction needs.
-const LEAST_DIRECTION: f64 = 0.05;
-
-/// Standard deviation of the input within the runs, as a fraction of its RMS, below which it does not vary.
-const LEAST_VARIATION: f64 = 0.02;
-
-/// Fewest compared samples.
-const LEAST_COMPARED: usize = 40;
-
-/// Fraction of the input's variance that acceleration, velocity, direction and position must explain.
-const LEAST_EXPLAINED: f64 = 0.05;
-
-/// The same where the inertia would be below zero.
-const LEAST_EXPLAINED_AGAINST: f64 = 0.5;
-
-/// Fraction of the input's variance that belongs to the acceleration alone.
-const LEAST_OF_INERTIA: f64 = 0.1;
-
 /// The first reason for which nothing may be said about the axes of `sessions`.
-pub(super) fn check_axes(sessions: &[Session]) -> Option<Objection> {
+pub(super) fn check_axes(sessions: &[Session], thresholds: &Thresholds) -> Option<Objection> {
     let mut names: Vec<&str> = Vec::new();
     for axis in sessions.iter().flat_map(|session| &session.axes) {
         let name = axis.channels()[0].signal.as_str();
@@ -42,18 +26,18 @@ pub(super) fn check_axes(sessions: &[Session]) -> Option<Objection> {
                 .filter(|axis| axis.channels()[0].signal == name)
                 .collect()
         };
-        check(name, &of(Split::Train))
+        check(name, &of(Split::Train), thresholds)
     })
 }
 
 /// Why nothing may be said about the axis with the signal `name`, from its training sessions.
-fn check(name: &str, train: &[&AxisStage]) -> Option<Objection> {
+fn check(name: &str, train: &[&AxisStage], thresholds: &Thresholds) -> Option<Objection> {
     if train.is_empty() {
         return None;
     }
     let sums = train.iter().map(|axis| axis.input_variation());
     let [within, square] = sums.fold([0.0; 2], |all, own| [all[0] + own[0], all[1] + own[1]]);
-    if within <= LEAST_VARIATION.powi(2) * square {
+    if within <= thresholds.min_fraction.powi(2) * square {
         return objection(
             Verdict::NotTestable,
             format!(
@@ -74,7 +58,7 @@ fn check(name: &str, train: &[&AxisStage]) -> Option<Objection> {
         );
     }
     let (_, unit) = train[0].units();
-    if up.min(down) < LEAST_DIRECTION * (up + down) {
+    if up.min(down) < thresholds.min_fraction * (up + down) {
         return objection(
             Verdict::NotTestable,
             format!(
@@ -86,21 +70,26 @@ fn check(name: &str, train: &[&AxisStage]) -> Option<Objection> {
         );
     }
     let samples: Vec<[f64; 5]> = train.iter().flat_map(|axis| axis.motion_and_input()).collect();
-    if samples.len() < LEAST_COMPARED {
+    if (samples.len() as f64) < thresholds.min_samples {
         return objection(
             Verdict::NotTestable,
             format!(
-                "{name}: only {} samples in motion remain after filtering, at least {LEAST_COMPARED} are needed; record \
+                "{name}: only {} samples in motion remain after filtering, at least {} are needed; record \
                  longer, or at a higher rate",
-                samples.len()
+                samples.len(),
+                thresholds.min_samples
             ),
         );
     }
-    check_connection(name, &samples)
+    check_connection(name, &samples, thresholds)
 }
 
 /// Why input and motion are not those of one axis; `samples` are input, acceleration, velocity, direction and position.
-fn check_connection(name: &str, samples: &[[f64; 5]]) -> Option<Objection> {
+fn check_connection(
+    name: &str,
+    samples: &[[f64; 5]],
+    thresholds: &Thresholds,
+) -> Option<Objection> {
     let column = |k: usize| -> Vec<f64> {
         let mean = samples.iter().map(|own| own[k]).sum::<f64>() / samples.len() as f64;
         let centred: Vec<f64> = samples.iter().map(|own| own[k] - mean).collect();
@@ -114,7 +103,7 @@ fn check_connection(name: &str, samples: &[[f64; 5]]) -> Option<Objection> {
     let explained = explained_by(&motion, &input);
     let of_inertia = explained - explained_by(&motion[1..], &input);
     let percent = 100.0 * explained.max(0.0);
-    if explained < LEAST_EXPLAINED {
+    if explained < thresholds.min_fraction {
         return objection(
             Verdict::InputNotConnected,
             format!(
@@ -124,7 +113,7 @@ fn check_connection(name: &str, samples: &[[f64; 5]]) -> Option<Objection> {
         );
     }
     let is_against =
-        weights[0] < 0.0 && (explained < LEAST_EXPLAINED_AGAINST || LEAST_OF_INERTIA < of_inertia);
+        weights[0] < 0.0 && (explained < thresholds.majority || thresholds.clear_gain < of_inertia);
     is_against
         .then(|| {
             objection(
@@ -172,7 +161,8 @@ mod tests {
     }
 
     fn verdict(input: impl Fn([f64; 3], f64) -> f64) -> Option<Verdict> {
-        check_connection("axis.slide.force", &samples(input)).map(|own| own.verdict)
+        check_connection("axis.slide.force", &samples(input), &Thresholds::DEFAULT)
+            .map(|own| own.verdict)
     }
 
     #[test]

@@ -1,21 +1,18 @@
 //! Effects that two motors, or two rails, have of different sizes: known ones that they had in common, and such as were
 //! found on both.
 
-use super::{Added, Search, is_in, take_back::instance_of};
+use super::{Added, Search, take_back::instance_of};
 use crate::{
     gap::{
         batch::in_parallel,
         evidence::LogScoreGain,
         fit::{self, Fit},
-        known::{Excess, least_worth},
+        known::Excess,
         problem::Point,
         whiten::Filters,
     },
     twin::Slot,
 };
-
-/// Share of what a rival leaves that a parted effect may leave at most: it has more numbers, and needs no name.
-const CLEARLY_LESS: f64 = 0.9;
 
 /// Everything fitted with one effect in two.
 struct Parting {
@@ -43,7 +40,8 @@ impl Search<'_> {
         let best = trials.into_iter().flatten().min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(Parting { index, loss, shares, fit, filters, .. }) = best else { return false };
         let left = |rival: &Fit| fit::squared(&self.train.whitened(&rival.point, &self.filters));
-        if rival.is_some_and(|rival| CLEARLY_LESS * left(rival) < loss) {
+        let clearly_less = 1.0 - self.train.thresholds().clear_gain;
+        if rival.is_some_and(|rival| clearly_less * left(rival) < loss) {
             return false;
         }
         let instance = &self.best.point.twin.instances[index];
@@ -97,9 +95,10 @@ impl Search<'_> {
         let (fit, filters) = self.parted(index)?;
         let after = self.rows(&fit);
         let shares = [0, 1].map(|k| 1.0 - fit::squared(&after[k]) / fit::squared(&before[k]));
-        let is_wanted = is_in(&before[0], &after[0], &self.train.blocks())
-            && is_in(&before[1], &after[1], &self.held_out.blocks())
-            && least_worth(excess) <= shares[1];
+        let thresholds = self.train.thresholds();
+        let is_wanted = thresholds.is_in(&before[0], &after[0], &self.train.blocks())
+            && thresholds.is_in(&before[1], &after[1], &self.held_out.blocks())
+            && thresholds.least_gain(excess) <= shares[1];
         is_wanted.then(|| {
             let variance = fit::squared(&after[0]) / after[0].len().max(1) as f64;
             let blocks = self.held_out.blocks();

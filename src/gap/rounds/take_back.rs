@@ -1,13 +1,13 @@
 //! Effects that turn out not to be needed, taken back.
 
-use super::{Added, Search, is_in, uncertainty_of};
+use super::{Added, Search, uncertainty_of};
 use crate::{
     effects::Effect,
     gap::{
         batch::in_parallel,
         fit::{self, Fit, Uncertainty},
         known::Worth,
-        problem::Point,
+        problem::{Point, Problem},
         round::on_bound_of,
         unknown::Unknown,
         whiten::Filters,
@@ -184,7 +184,7 @@ impl Search<'_> {
     pub(super) fn without_indistinct(&mut self) -> Option<(Point, Uncertainty)> {
         while !self.added.is_empty() {
             let problems = (&self.train, &self.held_out);
-            let rejected = (&self.rejected[..], self.train.context.options.family_error());
+            let rejected = (&self.rejected[..], self.train.thresholds().family_error);
             let found = uncertainty_of(problems, &self.best, &self.filters, rejected);
             let Some(step) = self.indistinct(&found.1) else { return Some(found) };
             let reason =
@@ -221,10 +221,11 @@ impl Search<'_> {
     /// the end of a play.
     fn nothing(&self) -> Option<Added> {
         let twin = &self.best.point.twin;
+        let ratio = self.train.thresholds().size_ratio;
         let is_gone = |step: &&Added| {
             instance_of(twin, step).is_some_and(|instance| {
                 let size = Slot { instance, parameter: 0 };
-                is_end_of_a_play(twin, instance)
+                is_end_of_a_play(twin, instance, ratio)
                     || self.best.slots.contains(&size) && on_bound_of(twin, [size]).is_some()
             })
         };
@@ -265,8 +266,10 @@ impl Search<'_> {
 
     /// Whether fitted sessions, and judging ones where there are any, are worse off without the effect beyond chance.
     fn is_beyond_chance(&self, own: &Absence, with: &[Vec<f64>; 2]) -> bool {
-        is_in(&own.rows[0], &with[0], &self.train.blocks())
-            && (with[1].is_empty() || is_in(&own.rows[1], &with[1], &self.held_out.blocks()))
+        let is_in = |kind: usize, problem: &Problem<'_>| {
+            problem.thresholds().is_in(&own.rows[kind], &with[kind], &problem.blocks())
+        };
+        is_in(0, &self.train) && (with[1].is_empty() || is_in(1, &self.held_out))
     }
 
     /// Everything fitted without the effect of `step`.
@@ -315,18 +318,15 @@ pub(in crate::gap) fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
     all.min_by(|one, other| apart(one).total_cmp(&apart(other)))
 }
 
-/// How many times what the ends of a play are taken to give way by a spring beside it must give way to be one: how hard
-/// motor and load meet is not fitted.
-const BEYOND_ENDS: f64 = 2.0;
-
-/// Whether the instance `index` is a spring that gives way hardly more than the ends of a play beside it.
-fn is_end_of_a_play(twin: &Twin, index: usize) -> bool {
+/// Whether the instance `index` is a spring that is at most `ratio` times as soft as the ends of a backlash beside it, of
+/// which the stiffness is not fitted.
+fn is_end_of_a_play(twin: &Twin, index: usize, ratio: f64) -> bool {
     let own = &twin.instances[index];
     let Some(belt) = own.spring().filter(|belt| belt.backlash == 0.0) else { return false };
     let plays = twin.instances.iter().filter(|other| other.axis.overlaps(own.axis));
     plays
         .filter_map(Instance::spring)
-        .any(|gap| 0.0 < gap.backlash && gap.stiffness < BEYOND_ENDS * belt.stiffness)
+        .any(|gap| 0.0 < gap.backlash && gap.stiffness < ratio * belt.stiffness)
 }
 
 /// The first of the `known` parameters of `twin` that is on a bound, unless it has no effect there.
@@ -362,6 +362,7 @@ mod tests {
     use super::*;
     use crate::{
         effects::{Axis, find},
+        gap::thresholds::Thresholds,
         twin::Source,
     };
 
@@ -379,6 +380,9 @@ mod tests {
 
     #[test]
     fn a_belt_beside_a_play_is_more_than_its_ends() {
+        let is_end_of_a_play = |twin: &Twin, index: usize| {
+            is_end_of_a_play(twin, index, Thresholds::DEFAULT.size_ratio)
+        };
         let mut twin = Twin::nominal(Machine::Table);
         let mut add = |name: &str, axis: Axis, values: &[f64]| {
             twin.instances.push(Instance::new(find(name).unwrap(), axis, values, Source::Fitted));
