@@ -94,7 +94,7 @@ pub fn tune_page(
     page.badge(&format!("{found} of {all} marked pieces found"), tone);
     page.lead(
         "The detector was run on the marked images that its colours were fitted to. So the result is optimistic: check \
-         it on other images with `klasktron detect`.",
+         it on other images with klasktron detect.",
     );
     let square = distances.iter().map(|own| own * own).sum::<f64>() / found.max(1) as f64;
     page.key_figures(&[
