@@ -2,6 +2,10 @@
 """Camera frames of a KLASK table with known truth, rendered by MuJoCo, which shares no code with klasktron.
 
     render_frames.py OUTPUT [--scenes N] [--frames N] [--seed N] [--kind KIND] [--format mcap|png]
+                     [--tags] [--shift-mm X,Y] [--turn-deg X,Y,Z]
+
+--shift-mm (board frame) and --turn-deg (camera frame) move the camera from its usual place; --tags shows the tags in
+every kind of scene.
 
 Kinds of scenes:
   match     ball at 0 to 1 m/s, strikers up to 0.4 m/s, three biscuits, light and noise drawn for each scene
@@ -110,13 +114,14 @@ def checker_texture():
     return image
 
 
-def camera_pose():
+def camera_pose(shift_mm=(0, 0), turn_deg=(0, 0, 0)):
     """Position of the camera (m) and rotation camera_from_board, in OpenCV's axes (x right, y down, z forward)."""
-    position = np.array([0.004, -0.008, 0.65])
+    position = np.array([0.004 + 1e-3 * shift_mm[0], -0.008 + 1e-3 * shift_mm[1], 0.65])
     # Image right is +y of the board, image down is +x.
     base = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]])
     tilt, _ = cv2.Rodrigues(np.array([0.017, -0.023, 0.009]))
-    return position, tilt @ base
+    turn, _ = cv2.Rodrigues(np.radians(np.array(turn_deg, float)))
+    return position, turn @ tilt @ base
 
 
 def scene_xml(texture, checker):
@@ -175,10 +180,10 @@ def scene_xml(texture, checker):
 class Table:
     """The rendered table with its lens."""
 
-    def __init__(self, rng, kind, table_seed):
+    def __init__(self, rng, kind, table_seed, tags=False, moved=((0, 0), (0, 0, 0))):
         self.rng = rng
         # The top of a box shows a texture's columns along x and its rows along -y.
-        board = board_texture(np.random.default_rng(table_seed), kind == "board").transpose(1, 0, 2)[::-1].copy()
+        board = board_texture(np.random.default_rng(table_seed), tags or kind == "board").transpose(1, 0, 2)[::-1].copy()
         checker = checker_texture() if kind == "checker" else None
         xml = scene_xml(board.shape, checker.shape if checker is not None else None)
         self.model = mujoco.MjModel.from_xml_string(xml)
@@ -187,7 +192,7 @@ class Table:
             self.fill("checker", checker)
         self.data = mujoco.MjData(self.model)
         self.renderer = mujoco.Renderer(self.model, RENDER[1], RENDER[0])
-        self.position, self.rotation = camera_pose()
+        self.position, self.rotation = camera_pose(*moved)
         self.model.camera("eye").pos = self.position
         # MuJoCo looks along -z with y up: its axes are OpenCV's with y and z turned around.
         axes = self.rotation.T @ np.diag([1, -1, -1])
@@ -461,6 +466,10 @@ def write_camera(path, table):
     path.write_text(json.dumps(camera, indent=2) + "\n")
 
 
+def numbers(text):
+    return tuple(float(own) for own in text.split(","))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("output", type=Path)
@@ -470,12 +479,15 @@ def main():
     parser.add_argument("--table-seed", type=int, default=0, help="seed of the table's picture")
     parser.add_argument("--kind", default="match")
     parser.add_argument("--format", choices=["mcap", "png"], default="mcap")
+    parser.add_argument("--tags", action="store_true")
+    parser.add_argument("--shift-mm", type=numbers, default=(0, 0), metavar="X,Y")
+    parser.add_argument("--turn-deg", type=numbers, default=(0, 0, 0), metavar="X,Y,Z")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     sink = McapSink(args.output / "frames.mcap") if args.format == "mcap" else PngSink(args.output)
     rng = np.random.default_rng([args.seed, sum(map(ord, args.kind))])
     # One table: its camera does not move between scenes, its light does.
-    table = Table(rng, args.kind, args.table_seed)
+    table = Table(rng, args.kind, args.table_seed, args.tags, (args.shift_mm, args.turn_deg))
     write_camera(args.output / "camera.json", table)
     with open(args.output / "truth.jsonl", "w") as truth:
         if args.kind == "checker":

@@ -18,7 +18,9 @@
 //!   normal distribution are propagated separately and merged by their moments (section 1.4.16 of
 //!   Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
 //!   2001). A plain Jacobian would give a wrong sign with high certainty there.
-//! - **Measurements.** z = p + noise of variance r in each axis, at capture time. A detection whose
+//! - **Measurements.** z = p + noise of covariance R, at capture time. R is k C where the detection
+//!   carries its covariance C, with `covariance_scale` k, and otherwise r I with r the square of
+//!   `measurement_sigma_m`. A detection whose
 //!   normalized innovation squared exceeds the chi-square quantile of the gate is rejected. Two
 //!   consecutive rejected detections that one motion explains reinitialize the track. After 0.25 s
 //!   without an accepted detection the track is lost.
@@ -49,7 +51,7 @@
 //! for frame in 0..60_u64 {
 //!     let time = Nanos(frame * 1_000_000_000 / 120);
 //!     let x = 0.5 * frame as f64 / 120.0 - 0.12;
-//!     filter.observe(&Detections { time, positions: [Some([x, 0.0]), None, None] });
+//!     filter.observe(&Detections::new(time, [Some([x, 0.0]), None, None]));
 //! }
 //! let newest = filter.newest().unwrap();
 //! let ahead = filter.estimate_at(Object::Ball, newest.after_seconds(0.02)).unwrap();
@@ -85,7 +87,7 @@ pub use evaluate::{
     Ahead, Consistency, ConsistencyVerdict, EvaluatedFrame, EvaluatedRun, LONGEST_LAG,
     ObjectEvaluation, RegionEvaluation, Whiteness, evaluate, follow,
 };
-pub use filter::{Gate, Innovation, ObjectFilter};
+pub use filter::{Gate, Innovation, Measurement, ObjectFilter};
 pub use matrix::Matrix4;
 pub use motion::Estimate;
 pub use output::{UPSTREAM_TOPIC, board_state, write_recording};

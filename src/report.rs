@@ -6,6 +6,8 @@
 
 mod chart;
 mod html;
+mod picture;
 
 pub use chart::{Axis, Chart, Colour, Grid, Points, Ranges, Scale, Series, figure, with_same_y};
 pub use html::{Badge, Page, Table, escape};
+pub use picture::{Picture, pictures};

@@ -336,6 +336,21 @@ impl Detector {
         &self.pieces
     }
 
+    /// Return the kind of piece of a colour (Y, U, V) under the light of the last frame; `None` for background.
+    #[must_use]
+    pub fn kind_of(&self, yuv: [u8; 3]) -> Option<Kind> {
+        let label = usize::from(self.table.label(yuv));
+        label.checked_sub(1).map(|kind| Kind::ALL[kind])
+    }
+
+    /// Return whether a pixel shows the field, without the goal cups, where pieces are searched.
+    #[must_use]
+    pub fn searches(&self, pixel: [f64; 2]) -> bool {
+        let place = self.camera.locate(pixel, 0.0);
+        let is_inside = place.is_some_and(|own| is_on_field(own, self.half_field));
+        is_inside && !is_cup(&self.camera, pixel)
+    }
+
     /// Detect the pieces in a frame. Allocates nothing.
     ///
     /// # Errors

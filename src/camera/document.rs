@@ -43,6 +43,22 @@ pub struct CameraDocument {
     /// Errors of the board pose's fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board_fit: Option<BoardFit>,
+    /// Points of the table that the board pose was fitted to. A check compares the tags among them with later images.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub board_points: Vec<MeasuredPoint>,
+}
+
+/// Known point of the table with its pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeasuredPoint {
+    /// Id of an AprilTag; absent for a point that a person has marked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tag: Option<u32>,
+    /// Place in the board frame (m).
+    pub place_m: [f64; 3],
+    /// Measured column and row (pixels).
+    pub pixel_px: [f64; 2],
 }
 
 fn schema_version() -> u32 {
@@ -139,6 +155,7 @@ impl CameraDocument {
             translation_m: camera_from_board.map(|pose| pose.translation),
             lens_fit: None,
             board_fit: None,
+            board_points: Vec::new(),
         }
     }
 

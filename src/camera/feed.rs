@@ -5,6 +5,8 @@ use super::{
         Detection, Detections, Detector, DetectorError, Exposure, Light, Prediction, Predictions,
     },
     frame::Frame,
+    pose_check::{PoseCheck, PoseShift},
+    pose_watch::{PoseChecks, PoseWarning},
     source::{FrameSource, Next, SourceError},
 };
 use crate::{
@@ -75,6 +77,8 @@ pub enum FrameWarning {
     TwoBalls(usize),
     /// A frame that could not be read, or a camera that is unplugged.
     Source(String),
+    /// A pose that is not that of the calibration, or cannot be checked.
+    Pose(PoseWarning),
 }
 
 impl std::fmt::Display for FrameWarning {
@@ -89,6 +93,7 @@ impl std::fmt::Display for FrameWarning {
                 "{count} balls are on the field; the detector follows the one that it saw first: remove the others"
             ),
             Self::Source(text) => f.write_str(text),
+            Self::Pose(warning) => warning.fmt(f),
         }
     }
 }
@@ -162,16 +167,34 @@ pub struct DetectingCamera {
     source: Box<dyn FrameSource>,
     frame: Frame,
     frames: DetectingFrames,
+    pose: Option<PoseChecks>,
     detection: Duration,
+    report: Box<dyn FnMut(&FrameWarning) + Send>,
 }
 
 impl DetectingCamera {
-    /// Combine a source with a detector.
+    /// Combine a source with a detector and, if given, a check of the camera's pose.
     #[must_use]
-    pub fn new(source: Box<dyn FrameSource>, detector: Detector) -> Self {
+    pub fn new(source: Box<dyn FrameSource>, detector: Detector, pose: Option<PoseCheck>) -> Self {
         let mut frames = DetectingFrames::new(detector);
         frames.exposure_s = source.exposure_s();
-        Self { source, frame: Frame::default(), frames, detection: Duration::ZERO }
+        let checks = if source.is_live() { PoseChecks::on_thread } else { PoseChecks::here };
+        let pose = pose.map(checks);
+        Self {
+            source,
+            frame: Frame::default(),
+            frames,
+            pose,
+            detection: Duration::ZERO,
+            report: Box::new(|warning| log::warn!("{warning}")),
+        }
+    }
+
+    /// Pass the warnings of [`CameraFeed::receive`] to `report` instead of the log.
+    #[must_use]
+    pub fn with_report(mut self, report: impl FnMut(&FrameWarning) + Send + 'static) -> Self {
+        self.report = Box::new(report);
+        self
     }
 
     /// Return the last frame.
@@ -184,6 +207,12 @@ impl DetectingCamera {
     #[must_use]
     pub fn detection_seconds(&self) -> f64 {
         self.detection.as_secs_f64()
+    }
+
+    /// Return the displacement of the table in the image since the calibration, as last measured.
+    #[must_use]
+    pub fn pose_shift(&self) -> Option<PoseShift> {
+        self.pose.as_ref().and_then(PoseChecks::shift)
     }
 
     /// Return the name of the source.
@@ -204,7 +233,12 @@ impl DetectingCamera {
     pub fn next_seen(&mut self) -> Result<(Next, Option<Seen>), FeedError> {
         match self.source.next_frame(&mut self.frame) {
             Ok(Next::Frame) => {}
-            Ok(other) => return Ok((other, None)),
+            Ok(other) => {
+                let ends = if other == Next::End { self.pose.as_mut() } else { None };
+                let warning = ends.and_then(PoseChecks::end);
+                self.frames.warnings.extend(warning.map(FrameWarning::Pose));
+                return Ok((other, None));
+            }
             Err(error) if error.is_single_frame() || self.source.is_live() => {
                 self.frames.warnings.push(FrameWarning::Source(error.to_string()));
                 return Ok((Next::Nothing, None));
@@ -216,6 +250,11 @@ impl DetectingCamera {
         self.detection = begun.elapsed();
         let received_time = self.frame.received_time;
         let detected_time = if self.source.is_live() { now() } else { received_time };
+        if let Some(pose) = &mut self.pose
+            && detections.light.exposure == Exposure::Good
+        {
+            self.frames.warnings.extend(pose.take(&self.frame).map(FrameWarning::Pose));
+        }
         Ok((Next::Frame, Some(Seen { detections, received_time, detected_time })))
     }
 }
@@ -241,7 +280,7 @@ impl CameraFeed for DetectingCamera {
         let (next, seen) =
             self.next_seen().map_err(|error| broken(error.to_string(), "start anew"))?;
         for warning in self.take_warnings() {
-            log::warn!("{warning}");
+            (self.report)(&warning);
         }
         match (next, seen) {
             (Next::End, _) => {

@@ -112,6 +112,13 @@ impl Frame {
         Ok(())
     }
 
+    /// Copy another frame with its times; the memory is reused.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.begin([other.width_px, other.height_px], other.format);
+        self.data.extend_from_slice(&other.data);
+        (self.capture_time, self.received_time) = (other.capture_time, other.received_time);
+    }
+
     /// Set from grey bytes.
     ///
     /// # Errors

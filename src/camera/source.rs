@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `v4l2:/dev/video0` | camera of the Linux kernel; see the `v4l2` module for its options |
 //! | `images:FOLDER` | PNG and JPEG files of a folder, in order of their names |
+//! | `video:FILE` | AVI file with MJPEG or PNG video |
 //! | `mcap:FILE` | `foxglove.CompressedImage`, `sensor_msgs/Image` and `sensor_msgs/CompressedImage` of a recording |
 //! | `virtual` | frames that the virtual rig draws |
 //!
@@ -11,6 +12,7 @@
 //! `image` crate itself adds a second copy of each pixel format and 20 packages; `kornia` adds Arrow, ONNX and
 //! GStreamer bindings. Both are larger than everything else here.
 
+mod avi;
 mod decode;
 mod images;
 mod mcap;
@@ -21,6 +23,7 @@ pub(super) use self::mcap::CompressedImage;
 pub use self::mcap::McapImages;
 #[cfg(target_os = "linux")]
 pub use self::v4l2::{V4l2Config, V4l2Source};
+pub use avi::AviVideo;
 pub use decode::{DecodeError, decode_image, encode_jpeg};
 pub use images::ImageFolder;
 
@@ -101,6 +104,8 @@ pub enum SourceSpec {
     V4l2(String),
     /// Folder of images.
     Images(PathBuf),
+    /// AVI file.
+    Video(PathBuf),
     /// Recording.
     Mcap(PathBuf),
     /// Frames of the virtual rig.
@@ -110,7 +115,7 @@ pub enum SourceSpec {
 /// Error: a text that names no source of frames.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "'{found}' names no source of frames; write v4l2:/dev/video0, images:FOLDER, mcap:FILE or virtual"
+    "'{found}' names no source of frames; write v4l2:/dev/video0, images:FOLDER, video:FILE, mcap:FILE or virtual"
 )]
 pub struct SourceSpecError {
     /// Text given.
@@ -125,6 +130,7 @@ impl FromStr for SourceSpec {
             None if text == "virtual" => Ok(Self::Virtual),
             Some(("v4l2", rest)) if !rest.is_empty() => Ok(Self::V4l2(rest.to_owned())),
             Some(("images", rest)) if !rest.is_empty() => Ok(Self::Images(rest.into())),
+            Some(("video", rest)) if !rest.is_empty() => Ok(Self::Video(rest.into())),
             Some(("mcap", rest)) if !rest.is_empty() => Ok(Self::Mcap(rest.into())),
             _ => Err(SourceSpecError { found: text.to_owned() }),
         }
@@ -136,6 +142,7 @@ impl fmt::Display for SourceSpec {
         match self {
             Self::V4l2(rest) => write!(f, "v4l2:{rest}"),
             Self::Images(path) => write!(f, "images:{}", path.display()),
+            Self::Video(path) => write!(f, "video:{}", path.display()),
             Self::Mcap(path) => write!(f, "mcap:{}", path.display()),
             Self::Virtual => f.write_str("virtual"),
         }
@@ -150,6 +157,7 @@ impl SourceSpec {
     pub fn open(&self) -> Result<Box<dyn FrameSource>, SourceError> {
         match self {
             Self::Images(folder) => Ok(Box::new(ImageFolder::open(folder)?)),
+            Self::Video(path) => Ok(Box::new(AviVideo::open(path)?)),
             Self::Mcap(path) => Ok(Box::new(McapImages::open(path)?)),
             Self::V4l2(device) => open_v4l2(device),
             Self::Virtual => Err(SourceError::Unusable {
@@ -181,7 +189,13 @@ mod tests {
 
     #[test]
     fn addresses_are_read_and_written_back_and_others_are_refused() {
-        for text in ["v4l2:/dev/video0?fps=120", "images:frames/a b", "mcap:x.mcap", "virtual"] {
+        for text in [
+            "v4l2:/dev/video0?fps=120",
+            "images:frames/a b",
+            "video:x.avi",
+            "mcap:x.mcap",
+            "virtual",
+        ] {
             assert_eq!(text.parse::<SourceSpec>().unwrap().to_string(), text);
         }
         for text in ["", "virtual:", "images:", "udp:localhost:1", "/dev/video0"] {

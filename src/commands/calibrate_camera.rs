@@ -2,19 +2,23 @@
 
 use super::{
     Outcome, note, print,
-    results::{OverwriteArgs, write_file},
+    results::{OverwriteArgs, report_of, write_file},
     tell,
 };
 use anyhow::{Context, bail};
 use klasktron::{
     board::BoardSize,
     camera::{
-        BoardFit, CameraDocument, Frame, FrameSource, Lens, LensFit, Next, SourceSpec,
+        BoardFit, CameraDocument, CameraModel, Frame, FrameSource, Lens, LensFit, MeasuredPoint,
+        Next, Shot, SourceSpec,
         calibrate::{
-            BoardPoint, CalibrateError, Checkerboard, LensCalibration, RadialOrder, calibrate_lens,
-            find_checkerboard, find_tags, fit_board_pose, lens_from_npz, lens_from_yaml,
+            BoardView, CalibrateError, CharucoBoard, Checkerboard, Dictionary,
+            LARGEST_REPROJECTION_PX, LensCalibration, LensImages, MOST_MARKERS, RadialOrder,
+            calibrate_lens, calibration_page, find_charuco, find_checkerboard, find_tags,
+            fit_board_pose, lens_from_npz, lens_from_yaml,
         },
     },
+    provenance::Provenance,
     recording::write_bytes,
 };
 use std::{
@@ -24,19 +28,21 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Largest reprojection error of a usable calibration (pixels).
-const LARGEST_REPROJECTION_PX: f64 = 1.0;
+/// Most images that are kept for the report.
+const MOST_SHOTS: usize = 60;
 
 /// Arguments of `klasktron calibrate-camera`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   klasktron calibrate-camera --images images:checkerboard --columns 9 --rows 6 --square-mm 22 -o lens.json
+  klasktron calibrate-camera --images images:charuco --charuco 5x5 --columns 7 --rows 10 --square-mm 25 \\
+      --marker-mm 18 -o lens.json
   klasktron calibrate-camera --lens lens.json --board images:table \\
       --tag 2:-0.140,-0.238 --tag 3:0.140,-0.238 --tag 4:0.140,0.238 --tag 5:-0.140,0.238 -o camera.json
   klasktron calibrate-camera --lens camera_info.yaml \\
       --corner 270,42 --corner 268,610 --corner 1016,612 --corner 1012,45 -o camera.json")]
 pub(crate) struct Args {
-    /// Images of a checkerboard: images:FOLDER, mcap:FILE or v4l2:DEVICE
+    /// Images of a checkerboard or a ChArUco board: images:FOLDER, video:FILE, mcap:FILE or v4l2:DEVICE
     #[arg(long, value_name = "SOURCE", required_unless_present = "lens", conflicts_with = "lens")]
     images: Option<SourceSpec>,
     /// Inner corners along the first side of the checkerboard
@@ -48,6 +54,12 @@ pub(crate) struct Args {
     /// Side of a square (mm)
     #[arg(long, value_name = "MM", default_value = "25", value_parser = parse_square)]
     square_mm: f64,
+    /// The board is a ChArUco board of OpenCV with markers of this dictionary: 4x4, 5x5 or 6x6
+    #[arg(long, value_name = "DICTIONARY", requires = "marker_mm", conflicts_with = "lens")]
+    charuco: Option<Dictionary>,
+    /// Side of its markers (mm)
+    #[arg(long, value_name = "MM", value_parser = parse_square, requires = "charuco")]
+    marker_mm: Option<f64>,
     /// Fit the sixth-order radial coefficient k3 too, for very wide lenses
     #[arg(long)]
     k3: bool,
@@ -72,7 +84,7 @@ pub(crate) struct Args {
     /// Long side of the field (m)
     #[arg(long, value_name = "M", default_value = "0.42")]
     board_long_side_m: f64,
-    /// Calibration to write
+    /// Calibration to write; its report gets the same name with the extension .html
     #[arg(short, long, alias = "out", value_name = "FILE", default_value = "camera.json")]
     output: PathBuf,
     #[command(flatten)]
@@ -127,74 +139,146 @@ fn parse_pixel(text: &str) -> Result<Pixel, String> {
     Ok(Pixel([side(column).ok_or_else(wrong)?, side(row).ok_or_else(wrong)?]))
 }
 
+/// Fitted pose of the table.
+struct BoardPose {
+    camera: CameraModel,
+    fit: BoardFit,
+    points: Vec<MeasuredPoint>,
+    /// First image of the table.
+    shot: Option<Shot>,
+}
+
+/// Board of the images that a lens is fitted to.
+enum CalibrationBoard {
+    Plain(Checkerboard),
+    Charuco(CharucoBoard),
+}
+
+impl CalibrationBoard {
+    fn find(&self, frame: &Frame) -> Option<BoardView> {
+        match self {
+            Self::Plain(board) => Some(board.view(find_checkerboard(frame, board)?)),
+            Self::Charuco(board) => find_charuco(frame, board),
+        }
+    }
+}
+
+/// Fitted lens with the images of the fit.
+struct FittedLens {
+    calibration: LensCalibration,
+    views: Vec<BoardView>,
+    shots: Vec<Option<Shot>>,
+}
+
+impl FittedLens {
+    fn images(&self) -> LensImages<'_> {
+        let Self { calibration, views, shots } = self;
+        LensImages { calibration, views, shots }
+    }
+}
+
 /// Run `klasktron calibrate-camera`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let page = report_of(&args.output, args.overwrite)?;
     let board = BoardSize::new(args.board_short_side_m, args.board_long_side_m)?;
-    let mut document = args.lens_document()?;
-    if let Some((pose, fit)) = args.board_pose(&document, board)? {
-        document.rotation_rad = Some(pose.camera_from_board.rotation_vector());
-        document.translation_m = Some(pose.camera_from_board.translation);
+    let (mut document, lens) = args.lens_document()?;
+    let mut board_shot = None;
+    if let Some(BoardPose { camera, fit, points, shot }) = args.board_pose(&document, board)? {
+        document.rotation_rad = Some(camera.camera_from_board.rotation_vector());
+        document.translation_m = Some(camera.camera_from_board.translation);
         note(&format!(
             "the camera is {:.0} mm above the field; {} points, reprojection error {:.2} px (RMS); positions on the \
              field to {:.2} mm (95 %)",
-            1e3 * pose.height(),
+            1e3 * camera.height(),
             fit.points,
             fit.reprojection_rms_px,
             1e3 * fit.ci95_half_width_m
         ));
-        document.board_fit = Some(fit);
+        (document.board_fit, document.board_points) = (Some(fit), points);
+        board_shot = shot;
     }
+    let half = [board.short_side / 2.0, board.long_side / 2.0];
+    let lens = lens.as_ref().map(FittedLens::images);
+    let board = (board_shot.as_ref(), half);
+    let html = calibration_page(&document, lens.as_ref(), board, &args.provenance());
     let text = serde_json::to_string_pretty(&document)? + "\n";
     write_file(&args.output, args.overwrite, |existing| {
         Ok(write_bytes(&args.output, existing, text.as_bytes())?)
     })?;
+    write_file(&page, args.overwrite, |existing| {
+        Ok(write_bytes(&page, existing, html.as_bytes())?)
+    })?;
     if args.json {
         print(text.trim_end())?;
     }
-    note(&format!("wrote {}", args.output.display()));
+    note(&format!("wrote {} and {}", args.output.display(), page.display()));
     Ok(args.verdict(&document))
 }
 
 impl Args {
     /// The lens, fitted or read.
-    fn lens_document(&self) -> anyhow::Result<CameraDocument> {
+    fn lens_document(&self) -> anyhow::Result<(CameraDocument, Option<FittedLens>)> {
         if let Some(path) = &self.lens {
-            return self.read_lens(path);
+            return Ok((self.read_lens(path)?, None));
         }
         let Some(spec) = &self.images else { bail!("give --images or --lens") };
-        let calibration = self.fit_lens(spec)?;
-        let LensCalibration { lens, fit, rms_px, .. } = &calibration;
+        let fitted = self.fit_lens(spec)?;
+        let LensCalibration { size_px, lens, fit, rms_px, .. } = &fitted.calibration;
         tell_lens(lens, fit);
         let worst = rms_px.iter().copied().fold(0.0, f64::max);
         note(&format!("worst image: reprojection error {worst:.2} px (RMS)"));
-        let mut document = CameraDocument::new(calibration.size_px, lens, None);
+        let mut document = CameraDocument::new(*size_px, lens, None);
         document.lens_fit = Some(fit.clone());
-        Ok(document)
+        Ok((document, Some(fitted)))
     }
 
-    fn fit_lens(&self, spec: &SourceSpec) -> anyhow::Result<LensCalibration> {
-        let board = Checkerboard {
-            columns: self.columns.into(),
-            rows: self.rows.into(),
-            square_m: 1e-3 * self.square_mm,
-        };
+    fn fit_lens(&self, spec: &SourceSpec) -> anyhow::Result<FittedLens> {
+        let board = self.calibration_board()?;
         let mut size = None;
-        let mut views = Vec::new();
+        let (mut views, mut shots) = (Vec::new(), Vec::new());
         let images = for_each_frame(spec, |frame| {
             let own = [frame.width_px(), frame.height_px()];
             if *size.get_or_insert(own) != own {
                 bail!("{spec}: the images differ in size; calibrate with images of one resolution");
             }
-            views.extend(find_checkerboard(frame, &board));
+            if let Some(view) = board.find(frame) {
+                shots.push((views.len() < MOST_SHOTS).then(|| Shot::of(frame)).flatten());
+                views.push(view);
+            }
             Ok(())
         })?;
-        note(&format!("{} of {images} images show the complete checkerboard", views.len()));
+        note(&format!("{} of {images} images show the board", views.len()));
         let order = if self.k3 { RadialOrder::Sixth } else { RadialOrder::Fourth };
-        let calibrated = calibrate_lens(size.unwrap_or_default(), &board, &views, order);
-        Ok(calibrated.map_err(|error| match error {
+        let calibrated = calibrate_lens(size.unwrap_or_default(), &views, order);
+        let calibration = calibrated.map_err(|error| match error {
             CalibrateError::FewImages { found, .. } => CalibrateError::FewImages { found, images },
             other => other,
-        })?)
+        })?;
+        Ok(FittedLens { calibration, views, shots })
+    }
+
+    fn calibration_board(&self) -> anyhow::Result<CalibrationBoard> {
+        let (columns, rows) = (self.columns.into(), self.rows.into());
+        let square_m = 1e-3 * self.square_mm;
+        let (Some(dictionary), Some(marker_mm)) = (self.charuco, self.marker_mm) else {
+            return Ok(CalibrationBoard::Plain(Checkerboard { columns, rows, square_m }));
+        };
+        if self.square_mm <= marker_mm {
+            bail!(
+                "--marker-mm is {marker_mm} mm; it must be less than the side of a square, {} mm",
+                self.square_mm
+            );
+        }
+        let marker_m = 1e-3 * marker_mm;
+        let board = CharucoBoard { columns, rows, square_m, marker_m, dictionary };
+        if MOST_MARKERS < board.markers() {
+            bail!(
+                "a board of {columns} x {rows} inner corners has {} markers, the largest dictionary has \
+                 {MOST_MARKERS}; check --columns and --rows",
+                board.markers()
+            );
+        }
+        Ok(CalibrationBoard::Charuco(board))
     }
 
     fn read_lens(&self, path: &Path) -> anyhow::Result<CameraDocument> {
@@ -232,11 +316,12 @@ impl Args {
         &self,
         document: &CameraDocument,
         board: BoardSize,
-    ) -> anyhow::Result<Option<(klasktron::camera::CameraModel, BoardFit)>> {
+    ) -> anyhow::Result<Option<BoardPose>> {
         let half = [board.short_side / 2.0, board.long_side / 2.0];
         let size = [document.width_px, document.height_px];
+        let mut shot = None;
         let points = if let Some(spec) = &self.board {
-            self.tag_points(spec, size)?
+            self.tag_points(spec, size, &mut shot)?
         } else if self.corner.is_empty() {
             return Ok(None);
         } else {
@@ -249,17 +334,24 @@ impl Args {
             let signs = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
             let corners = signs.iter().zip(&self.corner);
             corners
-                .map(|(sign, pixel)| BoardPoint {
-                    place: [sign[0] * half[0], sign[1] * half[1], 0.0],
-                    pixel: pixel.0,
+                .map(|(sign, pixel)| MeasuredPoint {
+                    tag: None,
+                    place_m: [sign[0] * half[0], sign[1] * half[1], 0.0],
+                    pixel_px: pixel.0,
                 })
                 .collect()
         };
-        Ok(Some(fit_board_pose(size, &document.lens(), &points, half)?))
+        let (camera, fit) = fit_board_pose(size, &document.lens(), &points, half)?;
+        Ok(Some(BoardPose { camera, fit, points, shot }))
     }
 
-    /// Mean pixels of the known tags.
-    fn tag_points(&self, spec: &SourceSpec, size: [usize; 2]) -> anyhow::Result<Vec<BoardPoint>> {
+    /// Mean pixels of the known tags; the first image goes to `shot`.
+    fn tag_points(
+        &self,
+        spec: &SourceSpec,
+        size: [usize; 2],
+        shot: &mut Option<Shot>,
+    ) -> anyhow::Result<Vec<MeasuredPoint>> {
         let mut sums: BTreeMap<u32, ([f64; 2], f64)> = BTreeMap::new();
         let images = for_each_frame(spec, |frame| {
             let own = [frame.width_px(), frame.height_px()];
@@ -273,6 +365,9 @@ impl Args {
                     size[1]
                 );
             }
+            if shot.is_none() {
+                *shot = Shot::of(frame);
+            }
             for tag in find_tags(frame) {
                 let (sum, count) = sums.entry(tag.id).or_default();
                 (0..2).for_each(|axis| sum[axis] += tag.centre[axis]);
@@ -282,11 +377,24 @@ impl Args {
         })?;
         let known = self.tag.iter().filter_map(|tag| {
             let (sum, count) = sums.get(&tag.id)?;
-            Some(BoardPoint { place: tag.place, pixel: sum.map(|own| own / count) })
+            let pixel_px = sum.map(|own| own / count);
+            Some(MeasuredPoint { tag: Some(tag.id), place_m: tag.place, pixel_px })
         });
-        let known: Vec<BoardPoint> = known.collect();
+        let known: Vec<MeasuredPoint> = known.collect();
         note(&format!("{} of {} tags found in {images} images", known.len(), self.tag.len()));
         Ok(known)
+    }
+
+    /// Command line without the output, so that equal results are equal files.
+    fn provenance(&self) -> Provenance {
+        let source = |name: &str, spec: &Option<SourceSpec>| {
+            spec.as_ref().map_or_else(String::new, |own| format!(" --{name} {own}"))
+        };
+        let lens = self.lens.as_ref().map(|path| format!(" --lens {}", path.display()));
+        let images = source("images", &self.images);
+        let board = source("board", &self.board);
+        let lens = lens.unwrap_or_default();
+        Provenance::new(format!("klasktron calibrate-camera{images}{lens}{board}"))
     }
 
     /// Status 3 where a reprojection error says that something is wrong.

@@ -8,7 +8,10 @@ use super::{
 };
 use anyhow::Context;
 use klasktron::{
-    camera::{DetectingCamera, FrameImages, FrameWarning, Next, Seen, SourceSpec, write_datagram},
+    camera::{
+        DetectingCamera, FrameImages, FrameWarning, Next, PoseWarning, Seen, SourceSpec,
+        write_datagram,
+    },
     link::{CameraSender, CameraSpec},
     provenance::{CRATE_VERSION, GIT_HASH},
     recording::{FlushPolicy, RECORDING_METADATA, RecordingWriter, topic},
@@ -29,7 +32,7 @@ use std::{
   klasktron detect --camera v4l2:/dev/video0?exposure_us=4000 --send udp:127.0.0.1:9870 -o detections.mcap
   klasktron detect --camera images:table --calibration camera.json --detector detector.json --json")]
 pub(crate) struct Args {
-    /// Frames: v4l2:DEVICE, images:FOLDER or mcap:FILE
+    /// Frames: v4l2:DEVICE, images:FOLDER, video:FILE or mcap:FILE
     #[arg(long, value_name = "SOURCE")]
     camera: SourceSpec,
     #[command(flatten)]
@@ -65,6 +68,12 @@ struct Summary {
     left_found: u64,
     right_found: u64,
     warnings: u64,
+    /// Displacement of the table in the image since the calibration, of the last check of the pose.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pose_shift_px: Option<f64>,
+    /// The same on the field (mm).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pose_shift_mm: Option<f64>,
     /// From the middle of the exposure to the detections, of a live camera (ms).
     #[serde(skip_serializing_if = "Option::is_none")]
     latency_median_ms: Option<f64>,
@@ -82,9 +91,7 @@ struct Summary {
 
 /// Run `klasktron detect` until the source ends, the time is over, or Ctrl-C.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let detector = args.detector.build()?;
-    let source = args.camera.open()?;
-    let mut camera = DetectingCamera::new(source, detector);
+    let mut camera = args.detector.camera(&args.camera)?;
     let sender = args.send.as_ref().map(CameraSender::connect).transpose()?;
     let mut recorder = args.output.as_ref().map(|path| args.recorder(path)).transpose()?;
     let stop = interrupt::raised_by_ctrl_c("stopping")?;
@@ -97,7 +104,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         for warning in camera.take_warnings() {
             tally.summary.warnings += 1;
             tell(&format!("warning: {warning}"));
-            tally.lost |= matches!(warning, FrameWarning::Source(_));
+            tally.lost |= matches!(
+                warning,
+                FrameWarning::Source(_) | FrameWarning::Pose(PoseWarning::Moved(_))
+            );
         }
         if next == Next::End {
             break;
@@ -113,6 +123,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             print(&serde_json::to_string(&seen.detections)?)?;
         }
         tally.add(&seen, camera.detection_seconds());
+    }
+    if let Some(shift) = camera.pose_shift() {
+        tally.summary.pose_shift_px = Some(shift.shift_px);
+        tally.summary.pose_shift_mm = Some(1e3 * shift.shift_m);
     }
     if let Some(recorder) = recorder {
         recorder.finish()?;

@@ -1,10 +1,11 @@
 //! Camera of the virtual rig with drawn frames: its calibration, and the colours from frames with known pieces.
 
+use super::tell;
 use klasktron::{
     board::BoardSize,
     camera::{
         CameraDocument, CameraModel, ColorFit, DetectingFrames, Detector, Distortion, Frame, Kind,
-        Lens, Mark, Pieces, PixelFormat, Pose, write_datagram,
+        Lens, Mark, Pieces, PixelFormat, Pose, PoseCheck, PoseWatch, write_datagram,
     },
     rig::{Artist, RigConfig, Scene, VirtualLink, draw},
     units::Nanos,
@@ -21,20 +22,28 @@ const PLACES: [[[f64; 2]; 3]; 4] = [
 /// Let a detector see the drawn frames of the rig.
 pub(super) fn with_vision(link: VirtualLink, config: &RigConfig) -> anyhow::Result<VirtualLink> {
     let board = BoardSize::new(config.board.short_side_m, config.board.long_side_m)?;
-    let camera = camera()?;
-    let detector = fitted(&camera, board, config.seed)?;
+    let calibration = calibration();
+    let detector = fitted(&calibration.camera()?, board, config.seed)?;
+    let mut check = PoseCheck::new(&calibration, board);
+    let mut watch = PoseWatch::default();
     let mut frames = DetectingFrames::new(detector);
     let mut frame = Frame::default();
     let size = [draw::WIDTH_PX, draw::HEIGHT_PX];
     Ok(link.with_vision(Box::new(move |bytes: &[u8], capture_time: Nanos| {
         frame.set_packed(size, PixelFormat::Yuyv, bytes).ok()?;
         frame.capture_time = capture_time;
+        if let Some(check) = check.as_mut().filter(|_| watch.is_due(capture_time)) {
+            watch.begin(capture_time);
+            if let Some(warning) = watch.finish(check.shift(&frame)) {
+                tell(&format!("warning: {warning}"));
+            }
+        }
         Some(write_datagram(&frames.detect(&frame).ok()?))
     })))
 }
 
 /// Calibration of the drawn camera, from the numbers that the rig publishes.
-fn camera() -> anyhow::Result<CameraModel> {
+fn calibration() -> CameraDocument {
     let lens = Lens {
         focal_px: [draw::FOCAL_PX; 2],
         principal_point_px: draw::PRINCIPAL_POINT_PX,
@@ -44,7 +53,7 @@ fn camera() -> anyhow::Result<CameraModel> {
         rotation: [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
         translation: [0.0, 0.0, draw::CAMERA_HEIGHT],
     };
-    Ok(CameraDocument::new([draw::WIDTH_PX, draw::HEIGHT_PX], &lens, Some(&pose)).camera()?)
+    CameraDocument::new([draw::WIDTH_PX, draw::HEIGHT_PX], &lens, Some(&pose))
 }
 
 /// Detector with the colours of drawn frames. The rig draws no biscuits; white of the lines is theirs.
@@ -57,6 +66,7 @@ fn fitted(camera: &CameraModel, board: BoardSize, seed: u64) -> anyhow::Result<D
         let scene = Scene {
             capture_time: Nanos(0),
             exposure_s: 0.0,
+            camera_shift: [0.0; 2],
             ball: Some((ball, [0.0; 2])),
             strikers: [(left, [0.0; 2]), (right, [0.0; 2])],
         };

@@ -135,6 +135,24 @@ impl Drop for Results {
     }
 }
 
+/// Path of the report of the file `output`: the same name with the extension html. Both must be free.
+///
+/// # Errors
+/// One of them exists and may not be replaced, or they have the same name.
+pub(crate) fn report_of(output: &Path, overwrite: OverwriteArgs) -> anyhow::Result<PathBuf> {
+    let report = output.with_extension("html");
+    if report == output {
+        bail!(
+            "{}: --output is a JSON file; name it *.json, the report gets .html",
+            output.display()
+        );
+    }
+    for file in [output, &report] {
+        refuse_existing_file(file, overwrite)?;
+    }
+    Ok(report)
+}
+
 /// Refuse existing results called `names` in `folder`, unless they may be replaced.
 ///
 /// # Errors

@@ -1,9 +1,10 @@
 //! Arguments of every command that uses a table: bus, camera and robot file, or the virtual rig.
 
+use super::tell;
 use anyhow::{Context, bail};
 use clap::ValueEnum;
 use klasktron::{
-    camera::{CameraDocument, DetectingCamera, Detector, DetectorDocument, SourceSpec},
+    camera::{CameraDocument, DetectingCamera, Detector, DetectorDocument, PoseCheck, SourceSpec},
     gantry::Robot,
     link::{
         BusLock, BusSpec, CameraFeed, CameraSocket, CameraSpec, Link, LiveLink, Replay, ReplayLink,
@@ -63,12 +64,18 @@ pub(crate) struct DetectorArgs {
 }
 
 impl DetectorArgs {
-    /// Read both files and build the detector.
-    pub(crate) fn build(&self) -> anyhow::Result<Detector> {
-        let camera =
-            read_json(&self.calibration, |text| Ok(CameraDocument::from_json(text)?.camera()?))?;
+    /// Read both files, and combine a source of frames with the detector and the check of the camera's pose.
+    pub(crate) fn camera(&self, source: &SourceSpec) -> anyhow::Result<DetectingCamera> {
+        let calibration = read_json(&self.calibration, |text| {
+            let document = CameraDocument::from_json(text)?;
+            let camera = document.camera()?;
+            Ok((document, camera))
+        })?;
+        let (calibration, camera) = calibration;
         let document = read_json(&self.detector, |text| Ok(DetectorDocument::from_json(text)?))?;
-        Ok(Detector::new(&camera, &document)?)
+        let detector = Detector::new(&camera, &document)?;
+        let check = PoseCheck::new(&calibration, document.board()?);
+        Ok(DetectingCamera::new(source.open()?, detector, check))
     }
 }
 
@@ -197,8 +204,8 @@ impl TableArgs {
         match address {
             CameraAddress::Socket(spec) => Ok(Box::new(CameraSocket::bind(spec)?)),
             CameraAddress::Frames(spec) => {
-                let detector = self.detector.build()?;
-                Ok(Box::new(DetectingCamera::new(spec.open()?, detector)))
+                let camera = self.detector.camera(spec)?;
+                Ok(Box::new(camera.with_report(|own| tell(&format!("warning: {own}")))))
             }
         }
     }

@@ -4,7 +4,7 @@ use super::{
     Outcome,
     calibrate_camera::for_each_frame,
     note, print,
-    results::{OverwriteArgs, write_file},
+    results::{OverwriteArgs, report_of, write_file},
     table::parse_within,
     tell,
 };
@@ -12,9 +12,11 @@ use anyhow::{Context, bail};
 use klasktron::{
     board::BoardSize,
     camera::{
-        CameraDocument, CameraModel, ColorFit, Detection, Detector, DetectorDocument, Frame, Kind,
-        Mark, Pieces, Predictions, SourceSpec,
+        CameraDocument, CameraModel, ColorFit, Detections, Detector, DetectorDocument,
+        FEWEST_FOUND, Frame, ImageResult, Kind, Mark, Pieces, Predictions, SourceSpec, TunedImage,
+        tune_page,
     },
+    provenance::Provenance,
     recording::write_bytes,
 };
 use serde::Serialize;
@@ -22,8 +24,6 @@ use std::{collections::BTreeMap, fs, path::PathBuf};
 
 /// A detection within this distance of a mark has found it (pixels).
 const FOUND_WITHIN_PX: f64 = 6.0;
-/// Fraction of the marks that the detector must find.
-const FEWEST_FOUND: f64 = 0.9;
 
 /// Arguments of `klasktron tune-detector`.
 #[derive(Debug, clap::Args)]
@@ -32,7 +32,7 @@ const FEWEST_FOUND: f64 = 0.9;
   klasktron tune-detector images:table --calibration camera.json --mark ball@0:612,340 --mark striker@0:380,352 \\
       --mark striker@0:871,347 --mark biscuit@0:640,210 -o detector.json")]
 pub(crate) struct Args {
-    /// Images: images:FOLDER or mcap:FILE
+    /// Images: images:FOLDER, video:FILE or mcap:FILE
     #[arg(value_name = "SOURCE")]
     source: SourceSpec,
     /// Calibration from `klasktron calibrate-camera`
@@ -57,7 +57,7 @@ pub(crate) struct Args {
     /// Long side of the field (m)
     #[arg(long, value_name = "M", default_value = "0.42")]
     board_long_side_m: f64,
-    /// Detector file to write
+    /// Detector file to write; its report gets the same name with the extension .html
     #[arg(short, long, alias = "out", value_name = "FILE", default_value = "detector.json")]
     output: PathBuf,
     #[command(flatten)]
@@ -115,6 +115,7 @@ struct Pixels {
 
 /// Run `klasktron tune-detector`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let page = report_of(&args.output, args.overwrite)?;
     let file = args.calibration.display();
     let text =
         fs::read_to_string(&args.calibration).with_context(|| format!("{file}: cannot read"))?;
@@ -131,18 +132,24 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     args.visit(&marks, &camera, |frame, marks| Ok(fit.add(frame, marks)?))?;
     let [background, ball, striker, biscuit] = fit.pixels();
     let document = fit.finish()?;
-    let pixels = Pixels { background, ball, striker, biscuit };
-    let report = args.check(&marks, &camera, &document, pixels)?;
+    let results = args.check(&marks, &camera, &document)?;
+    let report = Report::of(&results, Pixels { background, ball, striker, biscuit });
+    let html =
+        tune_page(&document, &results, [background, ball, striker, biscuit], &args.provenance());
     let text = serde_json::to_string(&document)? + "\n";
     write_file(&args.output, args.overwrite, |existing| {
         Ok(write_bytes(&args.output, existing, text.as_bytes())?)
+    })?;
+    write_file(&page, args.overwrite, |existing| {
+        Ok(write_bytes(&page, existing, html.as_bytes())?)
     })?;
     if args.json {
         print(&serde_json::to_string_pretty(&report)?)?;
     }
     note(&format!(
-        "wrote {}: {} of {} marked pieces found, {:.1} px from their marks (RMS)",
+        "wrote {} and {}: {} of {} marked pieces found, {:.1} px from their marks (RMS)",
         args.output.display(),
+        page.display(),
         report.found,
         report.marks,
         report.rms_px
@@ -220,31 +227,55 @@ impl Args {
         marks: &BTreeMap<usize, Vec<Mark>>,
         camera: &CameraModel,
         document: &DetectorDocument,
-        pixels: Pixels,
-    ) -> anyhow::Result<Report> {
+    ) -> anyhow::Result<Vec<ImageResult>> {
         let mut detector = Detector::new(camera, document)?;
-        let (mut all, mut found, mut sum) = (0, 0, 0.0);
+        let mut images = marks.keys();
+        let mut results = Vec::new();
         self.visit(marks, camera, |frame, marks| {
             let seen = detector.detect(frame, &Predictions::default())?;
-            for mark in marks {
-                let of_kind: Vec<Detection> = match mark.kind {
-                    Kind::Ball => seen.ball.into_iter().collect(),
-                    Kind::Striker => seen.left.into_iter().chain(seen.right).collect(),
-                    Kind::Biscuit => seen.biscuits.into_iter().flatten().collect(),
-                };
-                let distance = |own: &Detection| {
-                    (own.pixel[0] - mark.pixel[0]).hypot(own.pixel[1] - mark.pixel[1])
-                };
-                let nearest = of_kind.iter().map(distance).fold(f64::INFINITY, f64::min);
-                all += 1;
-                if nearest < FOUND_WITHIN_PX {
-                    found += 1;
-                    sum += nearest * nearest;
-                }
-            }
+            let detections = pixels_of(&seen);
+            let checked = marks.iter().map(|mark| (*mark, distance_to(mark, &detections)));
+            results.push(ImageResult {
+                image: images.next().copied().unwrap_or_default(),
+                marks: checked.collect(),
+                shots: TunedImage::of(frame, &detector, results.len()),
+                detections,
+            });
             Ok(())
         })?;
-        let rms_px = (sum / f64::from(found).max(1.0)).sqrt();
-        Ok(Report { marks: all, found: found as usize, rms_px, pixels })
+        Ok(results)
     }
+
+    /// Command line without the output, so that equal results are equal files.
+    fn provenance(&self) -> Provenance {
+        let marks = self.marks.as_ref().map(|path| format!(" --marks {}", path.display()));
+        let line = format!("klasktron tune-detector {}{}", self.source, marks.unwrap_or_default());
+        Provenance::new(line)
+    }
+}
+
+impl Report {
+    fn of(results: &[ImageResult], pixels: Pixels) -> Self {
+        let marks = || results.iter().flat_map(|own| &own.marks);
+        let squares: Vec<f64> = marks().filter_map(|own| Some(own.1?.powi(2))).collect();
+        let found = squares.len();
+        let rms_px = (squares.iter().sum::<f64>() / found.max(1) as f64).sqrt();
+        Self { marks: marks().count(), found, rms_px, pixels }
+    }
+}
+
+/// Kinds and pixels of all detections of a frame.
+fn pixels_of(seen: &Detections) -> Vec<(Kind, [f64; 2])> {
+    let ball = seen.ball.iter().map(|own| (Kind::Ball, own.pixel));
+    let strikers = seen.left.iter().chain(&seen.right).map(|own| (Kind::Striker, own.pixel));
+    let biscuits = seen.biscuits.iter().flatten().map(|own| (Kind::Biscuit, own.pixel));
+    ball.chain(strikers).chain(biscuits).collect()
+}
+
+/// Distance (pixels) of the nearest detection of the kind of a mark; `None` if none has found it.
+fn distance_to(mark: &Mark, detections: &[(Kind, [f64; 2])]) -> Option<f64> {
+    let of_kind = detections.iter().filter(|own| own.0 == mark.kind);
+    let distances =
+        of_kind.map(|(_, pixel)| (pixel[0] - mark.pixel[0]).hypot(pixel[1] - mark.pixel[1]));
+    Some(distances.fold(f64::INFINITY, f64::min)).filter(|own| *own < FOUND_WITHIN_PX)
 }

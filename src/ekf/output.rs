@@ -12,7 +12,7 @@
 use super::{document::Document, evaluate::EvaluatedFrame};
 use crate::recording::{
     ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingError, RecordingWriter,
-    message::{BoardState, CameraDetections, ObjectState, Point},
+    message::{BoardState, CameraDetections, Covariance, ObjectState, Point},
     topic,
 };
 use std::{collections::BTreeMap, path::Path};
@@ -32,12 +32,17 @@ pub fn write_recording(tuned: &super::Tuned, path: &Path) -> Result<(), Recordin
     for judged in frames {
         let seen = judged.frame.seen;
         let [ball, left, right] = seen.positions.map(|p| p.map(|[x, y]| Point { x, y }));
+        let covariance = |[xx, xy, yy]: [f64; 3]| Covariance { xx, xy, yy };
+        let [ball_covariance, left_covariance, right_covariance] =
+            seen.covariances.map(|own| own.map(covariance));
         let detections = CameraDetections {
             capture_time_ns: seen.time.0,
             ball,
             left,
             right,
-            ..CameraDetections::default()
+            ball_covariance,
+            left_covariance,
+            right_covariance,
         };
         writer.write(topic::CAMERA_DETECTIONS, seen.time, &detections)?;
         let estimate = board_state(judged.estimates.map(|own| own.map(|own| own.mean)));

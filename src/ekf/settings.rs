@@ -73,8 +73,11 @@ pub struct BoardSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectSettings {
-    /// Standard deviation of a detection in each axis (m); R is its square.
+    /// Standard deviation in each axis (m) of a detection without a covariance; R is its square.
     pub measurement_sigma_m: f64,
+    /// Factor of the covariance of a detection that carries one; R is the product. Absent: 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance_scale: Option<f64>,
     /// Standard deviation of the unknown initial velocity in each axis (m/s).
     pub start_speed_sigma_m_per_s: f64,
     /// Power spectral density of the acceleration on the open board, in each axis (m2/s3).
@@ -126,6 +129,7 @@ impl Default for FilterSettings {
         let size = BoardSize::default();
         let striker = ObjectSettings {
             measurement_sigma_m: 5e-4,
+            covariance_scale: None,
             start_speed_sigma_m_per_s: 0.4,
             open_psd_m2_per_s3: 2.0,
             ball: None,
@@ -216,6 +220,7 @@ impl ObjectSettings {
             within(&format!("{name}.{field}"), value, low, high)
         };
         is("measurement_sigma_m", self.measurement_sigma_m, 1e-7, 0.1)?;
+        is("covariance_scale", self.covariance_scale.unwrap_or(1.0), 1e-3, 1e3)?;
         is("start_speed_sigma_m_per_s", self.start_speed_sigma_m_per_s, 1e-3, 100.0)?;
         is("open_psd_m2_per_s3", self.open_psd_m2_per_s3, 1e-12, 1e6)?;
         let Some(ball) = &self.ball else { return Ok(()) };

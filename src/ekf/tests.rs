@@ -40,10 +40,7 @@ fn ball_frames(count: u64) -> Vec<Detections> {
             let seen = position.map(|p| p + 4e-4 * normal(&mut stream));
             let left = [0.05 * (3.0 * t).sin(), -0.12];
             let ball = (k % 13 != 7).then_some(seen);
-            Detections {
-                time: at(k),
-                positions: [ball, Some(left), (k % 5 != 0).then_some([0.02, 0.1])],
-            }
+            Detections::new(at(k), [ball, Some(left), (k % 5 != 0).then_some([0.02, 0.1])])
         })
         .collect()
 }
@@ -79,6 +76,7 @@ fn the_linear_case_is_that_of_filterpy() {
     let mut settings = open_gate();
     settings.left = ObjectSettings {
         measurement_sigma_m: reference.measurement_sigma_m,
+        covariance_scale: None,
         start_speed_sigma_m_per_s: reference.start_speed_sigma_m_per_s,
         open_psd_m2_per_s3: reference.psd_m2_per_s3,
         ball: None,
@@ -86,7 +84,7 @@ fn the_linear_case_is_that_of_filterpy() {
     let mut filter = BoardFilter::new(&settings);
     for step in &reference.steps {
         let time = Nanos(step.time_ns);
-        filter.observe(&Detections { time, positions: [None, step.place_m, None] });
+        filter.observe(&Detections::new(time, [None, step.place_m, None]));
         let own = filter.estimate_at(Object::Left, time).unwrap();
         for i in 0..4 {
             assert!((own.mean[i] - step.mean[i]).abs() < 1e-9, "{own:?}");
@@ -190,7 +188,7 @@ fn covariances_stay_symmetric_and_positive_definite() {
 fn a_wild_detection_is_refused_and_two_that_fit_are_a_new_start() {
     let settings = FilterSettings::default();
     let mut filter = BoardFilter::new(&settings);
-    let seen = |k: u64, x: f64| Detections { time: at(k), positions: [Some([x, 0.0]), None, None] };
+    let seen = |k: u64, x: f64| Detections::new(at(k), [Some([x, 0.0]), None, None]);
     for k in 0..60 {
         filter.observe(&seen(k, 0.0));
     }
@@ -254,7 +252,7 @@ fn repeated_and_very_late_frames_change_nothing() {
 #[test]
 fn a_missing_detection_widens_the_belief_and_a_long_gap_ends_it() {
     let frames: Vec<Detections> = (0..60)
-        .map(|k| Detections { time: at(k), positions: [Some([0.001 * k as f64, 0.0]), None, None] })
+        .map(|k| Detections::new(at(k), [Some([0.001 * k as f64, 0.0]), None, None]))
         .collect();
     let mut filter = run(&FilterSettings::default(), &frames);
     let sigma = |filter: &BoardFilter, k| {
@@ -262,11 +260,11 @@ fn a_missing_detection_widens_the_belief_and_a_long_gap_ends_it() {
     };
     let known = sigma(&filter, 59).unwrap();
     for k in 60..66 {
-        filter.observe(&Detections { time: at(k), positions: [None; 3] });
+        filter.observe(&Detections::new(at(k), [None; 3]));
     }
     assert!(known < sigma(&filter, 65).unwrap());
     assert!(sigma(&filter, 59 + 29).is_some() && sigma(&filter, 59 + 31).is_none());
-    let back = Detections { time: at(120), positions: [Some([0.0, 0.1]), None, None] };
+    let back = Detections::new(at(120), [Some([0.0, 0.1]), None, None]);
     assert!(matches!(filter.observe(&back), Observed::Taken([Step { started: true, .. }, ..])));
 }
 
@@ -344,4 +342,95 @@ fn a_prediction_over_a_wall_comes_back() {
     filter.predict(&mut estimate, 0.05, &NOBODY);
     assert!((estimate.mean[2] + ball.wall_restitution).abs() < 0.05, "{estimate:?}");
     assert!(estimate.mean[0] < 0.153 - 0.7 * ball.wall_restitution * 0.047);
+}
+
+#[test]
+fn a_hundredfold_covariance_moves_the_estimate_as_the_gain_says() {
+    let filter = ObjectFilter::new(&open_gate(), Object::Left);
+    let mut prior = filter.start([0.0, 0.0]);
+    filter.predict(&mut prior, PERIOD, &NOBODY);
+    // Off the diagonal too: the gain is K = P H' (P + R)^-1, whatever the shape of R.
+    for scale in [1.0, 100.0] {
+        let [xx, xy, yy] = [4e-7, 1e-7, 9e-7].map(|own| scale * own);
+        let seen = Measurement { position: [0.002, -0.001], covariance: Some([xx, xy, yy]) };
+        let mut estimate = prior;
+        let innovation = filter.update(&mut estimate, seen);
+        let p = prior.covariance;
+        let s = [[p[0][0] + xx, p[0][1] + xy], [p[0][1] + xy, p[1][1] + yy]];
+        assert_eq!(innovation.covariance, s);
+        let determinant = s[0][0] * s[1][1] - s[0][1] * s[1][0];
+        let weighted = [
+            (s[1][1] * 0.002 + s[0][1] * 0.001) / determinant,
+            (-s[0][1] * 0.002 - s[0][0] * 0.001) / determinant,
+        ];
+        for row in 0..4 {
+            let expected = p[row][0] * weighted[0] + p[row][1] * weighted[1];
+            assert!((estimate.mean[row] - prior.mean[row] - expected).abs() < 1e-12);
+            for column in 0..4 {
+                // (I - K H) P: equal to the Joseph form for the optimal gain.
+                let inverse = [
+                    [s[1][1] / determinant, -s[0][1] / determinant],
+                    [-s[0][1] / determinant, s[0][0] / determinant],
+                ];
+                let gain = |k: usize| p[row][0] * inverse[0][k] + p[row][1] * inverse[1][k];
+                let expected = p[row][column] - gain(0) * p[0][column] - gain(1) * p[1][column];
+                assert!((estimate.covariance[row][column] - expected).abs() < 1e-12);
+            }
+        }
+        cholesky(&estimate.covariance).unwrap();
+    }
+}
+
+#[test]
+fn the_covariance_of_the_settings_written_out_gives_the_same_estimates() {
+    let settings = FilterSettings::default();
+    let frames = ball_frames(400);
+    let constant = run(&settings, &frames);
+    let variance = |object: Object| settings.object(object).measurement_sigma_m.powi(2);
+    let with_scale = |scale: f64| -> Vec<Detections> {
+        let own = |object: Object| Some([scale * variance(object), 0.0, scale * variance(object)]);
+        frames
+            .iter()
+            .map(|seen| Detections { covariances: Object::ALL.map(own), ..*seen })
+            .collect()
+    };
+    let written_out = run(&settings, &with_scale(1.0));
+    let mut halved = settings;
+    for object in Object::ALL {
+        halved.object_mut(object).covariance_scale = Some(0.5);
+    }
+    let scaled = run(&halved, &with_scale(2.0));
+    let end = constant.newest().unwrap().after_seconds(0.01);
+    for object in Object::ALL {
+        let expected = constant.estimate_at(object, end).unwrap();
+        for other in [&written_out, &scaled] {
+            let found = other.estimate_at(object, end).unwrap();
+            for (a, b) in found.mean.iter().zip(expected.mean) {
+                assert!((a - b).abs() < 1e-9, "{object:?}: {found:?} {expected:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_covariance_that_is_none_counts_as_absent() {
+    use crate::recording::message::{CameraDetections, Covariance, Point};
+    let of = |[xx, xy, yy]: [f64; 3]| {
+        let ball_covariance = Some(Covariance { xx, xy, yy });
+        let ball = Some(Point { x: 0.0, y: 0.0 });
+        let seen = CameraDetections { ball, ball_covariance, ..CameraDetections::default() };
+        Detections::of(Nanos(0), &seen).covariances[0]
+    };
+    assert_eq!(of([1e-7, 1e-8, 2e-7]), Some([1e-7, 1e-8, 2e-7]));
+    for wrong in [[0.0, 0.0, 0.0], [1e-7, 2e-7, 1e-7], [-1e-7, 0.0, 1e-7], [f64::NAN, 0.0, 1e-7]] {
+        assert_eq!(of(wrong), None, "{wrong:?}");
+    }
+    assert_eq!(of([f64::INFINITY, 0.0, 1e-7]), None);
+}
+
+#[test]
+fn saved_frames_without_covariances_have_the_bytes_of_old_ones() {
+    let filter = run(&FilterSettings::default(), &ball_frames(20));
+    let text = serde_json::to_string(&filter.last_frame()).unwrap();
+    assert!(!text.contains("covariances") && !text.contains("refused_covariance"), "{text}");
 }

@@ -1,13 +1,13 @@
 //! Tracks of objects from detections: start, update, loss, restart; late and repeated frames.
 
 use super::{
-    filter::{Gate, Innovation, ObjectFilter},
+    filter::{Gate, Innovation, Measurement, ObjectFilter},
     motion::Estimate,
     region::{Region, Strikers},
     settings::{FilterSettings, Object},
 };
 use crate::{
-    recording::message::{CameraDetections, Point},
+    recording::message::{CameraDetections, Covariance, Point},
     units::Nanos,
 };
 use serde::{Deserialize, Serialize};
@@ -27,6 +27,13 @@ pub struct Detections {
     pub time: Nanos,
     /// Positions by [`Object::index`]; `None` for an object that was not detected.
     pub positions: [Option<[f64; 2]>; 3],
+    /// Covariances xx, xy, yy (m2) of these positions, where the detector gives them.
+    #[serde(default, skip_serializing_if = "is_empty")]
+    pub covariances: [Option<[f64; 3]>; 3],
+}
+
+fn is_empty(covariances: &[Option<[f64; 3]>; 3]) -> bool {
+    covariances.iter().all(Option::is_none)
 }
 
 /// Track of one object.
@@ -40,6 +47,9 @@ pub struct Track {
     accepted: Nanos,
     /// The last detection, if it was rejected.
     refused: Option<(Nanos, [f64; 2])>,
+    /// Its covariance, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    refused_covariance: Option<[f64; 3]>,
 }
 
 /// Result of one frame for one object.
@@ -54,7 +64,14 @@ pub struct Step {
 }
 
 impl Detections {
-    /// Detections of a camera message with capture time `time`.
+    /// Detections without covariances.
+    #[must_use]
+    pub fn new(time: Nanos, positions: [Option<[f64; 2]>; 3]) -> Self {
+        Self { time, positions, covariances: [None; 3] }
+    }
+
+    /// Detections of a camera message with capture time `time`. A covariance that is not positive definite counts as
+    /// absent.
     #[must_use]
     pub fn of(time: Nanos, picture: &CameraDetections) -> Self {
         let positions = [picture.ball, picture.left, picture.right].map(|point| {
@@ -62,13 +79,28 @@ impl Detections {
                 .map(|Point { x, y }| [x, y])
                 .filter(|position| position.iter().all(|x| x.is_finite()))
         });
-        Self { time, positions }
+        let CameraDetections { ball_covariance, left_covariance, right_covariance, .. } = *picture;
+        let covariances = [ball_covariance, left_covariance, right_covariance].map(|own| {
+            let Covariance { xx, xy, yy } = own?;
+            let determinant = xx * yy - xy * xy;
+            let is_definite = 0.0 < xx && 0.0 < yy && 0.0 < determinant && determinant.is_finite();
+            is_definite.then_some([xx, xy, yy])
+        });
+        Self { time, positions, covariances }
+    }
+
+    /// Detection of one object; `None` if it was not detected.
+    #[must_use]
+    #[inline]
+    pub fn measurement(&self, object: Object) -> Option<Measurement> {
+        let position = self.positions[object.index()]?;
+        Some(Measurement { position, covariance: self.covariances[object.index()] })
     }
 }
 
 impl Track {
     fn begin(time: Nanos, estimate: Estimate) -> Self {
-        Self { time, estimate, accepted: time, refused: None }
+        Self { time, estimate, accepted: time, refused: None, refused_covariance: None }
     }
 
     /// Process a frame at `time`, which is not before the track's own time. A gap longer than
@@ -77,42 +109,44 @@ impl Track {
     pub fn observe(
         track: &mut Option<Self>,
         filter: &ObjectFilter,
-        (time, position): (Nanos, Option<[f64; 2]>),
+        (time, seen): (Nanos, Option<Measurement>),
         strikers: &Strikers,
     ) -> Step {
         if track.is_some_and(|own| LOST_AFTER_S < time.seconds_since(own.accepted)) {
             *track = None;
         }
         let Some(own) = track else {
-            *track = position.map(|position| Self::begin(time, filter.start(position)));
+            *track = seen.map(|seen| Self::begin(time, filter.start(seen)));
             return Step { region: Region::Open, innovation: None, started: track.is_some() };
         };
         let dt = time.seconds_since(own.time);
         let region = filter.predict(&mut own.estimate, dt, strikers);
         own.time = time;
         let mut step = Step { region, innovation: None, started: false };
-        let Some(position) = position else { return step };
-        let innovation = filter.update(&mut own.estimate, position);
+        let Some(seen) = seen else { return step };
+        let innovation = filter.update(&mut own.estimate, seen);
         step.innovation = Some(innovation);
         match innovation.gate {
             Gate::Accepted => (own.accepted, own.refused) = (time, None),
-            Gate::Rejected => step.started = own.refuse(filter, time, position),
+            Gate::Rejected => step.started = own.refuse(filter, time, seen),
         }
         step
     }
 
     /// Store a rejected detection. Reinitializes the track if the previous detection was rejected
     /// too and one motion leads from there to here.
-    fn refuse(&mut self, filter: &ObjectFilter, time: Nanos, position: [f64; 2]) -> bool {
+    fn refuse(&mut self, filter: &ObjectFilter, time: Nanos, seen: Measurement) -> bool {
+        let position = seen.position;
         if let Some((before, from)) = self.refused {
             let dt = time.seconds_since(before);
             let way = (position[0] - from[0]).hypot(position[1] - from[1]);
             if way < FASTEST * filter.start_speed_sigma() * dt {
-                *self = Self::begin(time, filter.start_between(from, position, dt));
+                let before = Measurement { position: from, covariance: self.refused_covariance };
+                *self = Self::begin(time, filter.start_between(before, seen, dt));
                 return true;
             }
         }
-        self.refused = Some((time, position));
+        (self.refused, self.refused_covariance) = (Some((time, position)), seen.covariance);
         false
     }
 }
@@ -169,7 +203,7 @@ pub enum Observed {
 }
 
 const NOTHING: Remembered = Remembered {
-    seen: Detections { time: Nanos(0), positions: [None; 3] },
+    seen: Detections { time: Nanos(0), positions: [None; 3], covariances: [None; 3] },
     tracks: [None; 3],
     strikers: [None; 2],
 };
@@ -288,7 +322,7 @@ impl BoardFilter {
         own.strikers = held(strikers, &own.seen.positions);
         Object::ALL.map(|object| {
             let index = object.index();
-            let seen = (own.seen.time, own.seen.positions[index]);
+            let seen = (own.seen.time, own.seen.measurement(object));
             Track::observe(&mut own.tracks[index], &self.filters[index], seen, &own.strikers)
         })
     }

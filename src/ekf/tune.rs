@@ -14,7 +14,7 @@
 
 use super::{
     data::{Data, Frame, FrameRun},
-    filter::{Gate, Innovation, ObjectFilter},
+    filter::{Gate, Innovation, Measurement, ObjectFilter},
     region::{Region, Strikers},
     settings::{BallSettings, BoardSettings, FilterSettings, Object, ObjectSettings},
     track::{Track, held},
@@ -114,8 +114,11 @@ fn tune_object(
     observer: &dyn TuneObserver,
 ) -> (ObjectSettings, Tuning) {
     let problem = Problem::new(start, object, data);
-    let before = problem.score(start.object(object));
     let mut own = *start.object(object);
+    if problem.has(Needs::Covariance) {
+        own.covariance_scale = Some(own.covariance_scale.unwrap_or(1.0));
+    }
+    let before = problem.score(&own);
     let mut regions = before.regions(&own);
     if !data.moves(object) {
         for region in &mut regions {
@@ -124,10 +127,10 @@ fn tune_object(
     }
     let is_tuned = |region: Region| regions.iter().any(|own| own.region == region && own.tuned);
     let has_ball = own.ball.is_some();
-    let applies = |stage: &&Stage| {
+    let applies = |stage: &&'static Stage| {
         is_tuned(stage.region) && (has_ball || stage.knobs.iter().all(|knob| knob.everywhere))
     };
-    let stages: Vec<&Stage> = STAGES.iter().filter(applies).collect();
+    let stages: Vec<&'static Stage> = STAGES.iter().filter(applies).collect();
     observer.object_begun(object, ROUNDS * stages.len());
     let mut evaluations = 1;
     for _ in 0..ROUNDS {
@@ -135,6 +138,9 @@ fn tune_object(
             evaluations += problem.improve(stage, &mut own);
             observer.stage_done(object);
         }
+    }
+    if let Some(sigma) = problem.equivalent_sigma(&own) {
+        own.measurement_sigma_m = sigma;
     }
     let after = problem.score(&own);
     let detections = before.detections;
@@ -150,10 +156,22 @@ fn tune_object(
     (own, tuning)
 }
 
+/// Detections that a parameter needs.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Needs {
+    /// Any.
+    Any,
+    /// Detections without a covariance.
+    Plain,
+    /// Detections with a covariance.
+    Covariance,
+}
+
 /// A tuned parameter.
 struct Knob {
     /// The parameter exists for strikers too.
     everywhere: bool,
+    needs: Needs,
     low: f64,
     high: f64,
     number: fn(&mut ObjectSettings) -> Option<&mut f64>,
@@ -165,7 +183,7 @@ impl Knob {
         high: f64,
         number: fn(&mut ObjectSettings) -> Option<&mut f64>,
     ) -> Self {
-        Self { everywhere: false, low, high, number }
+        Self { everywhere: false, needs: Needs::Any, low, high, number }
     }
 }
 
@@ -189,12 +207,21 @@ const STAGES: &[Stage] = &[
         knobs: &[
             Knob {
                 everywhere: true,
+                needs: Needs::Plain,
                 low: 1e-6,
                 high: 0.05,
                 number: |own| Some(&mut own.measurement_sigma_m),
             },
             Knob {
                 everywhere: true,
+                needs: Needs::Covariance,
+                low: 1e-2,
+                high: 1e2,
+                number: |own| own.covariance_scale.as_mut(),
+            },
+            Knob {
+                everywhere: true,
+                needs: Needs::Any,
                 low: 1e-7,
                 high: 1e3,
                 number: |own| Some(&mut own.open_psd_m2_per_s3),
@@ -245,7 +272,7 @@ const STAGES: &[Stage] = &[
 #[derive(Clone, Copy)]
 struct Sample {
     time: Nanos,
-    position: Option<[f64; 2]>,
+    seen: Option<Measurement>,
     strikers: Strikers,
 }
 
@@ -297,8 +324,8 @@ impl Problem {
             let mut strikers: Strikers = [None; 2];
             let sample = |frame: &Frame| {
                 strikers = held(strikers, &frame.seen.positions);
-                let position = frame.seen.positions[object.index()];
-                Sample { time: frame.seen.time, position, strikers }
+                let seen = frame.seen.measurement(object);
+                Sample { time: frame.seen.time, seen, strikers }
             };
             run.frames.iter().map(sample).collect()
         };
@@ -311,6 +338,38 @@ impl Problem {
         }
     }
 
+    fn measurements(&self) -> impl Iterator<Item = Measurement> {
+        self.runs.iter().flatten().filter_map(|sample| sample.seen)
+    }
+
+    /// Return whether the training runs have the detections that a parameter needs.
+    fn has(&self, needs: Needs) -> bool {
+        match needs {
+            Needs::Any => true,
+            Needs::Plain => self.measurements().any(|own| own.covariance.is_none()),
+            Needs::Covariance => self.measurements().any(|own| own.covariance.is_some()),
+        }
+    }
+
+    /// Parameters of a stage that the training runs determine.
+    fn knobs(&self, stage: &'static Stage) -> Vec<&'static Knob> {
+        stage.knobs.iter().filter(|knob| self.has(knob.needs)).collect()
+    }
+
+    /// Root mean square of the scaled standard deviations (m) where every detection carries a covariance. A simulation
+    /// draws noise of this size.
+    fn equivalent_sigma(&self, own: &ObjectSettings) -> Option<f64> {
+        if self.has(Needs::Plain) {
+            return None;
+        }
+        let variances = self.measurements().filter_map(|seen| {
+            let [xx, _, yy] = seen.covariance?;
+            Some(f64::midpoint(xx, yy))
+        });
+        let variances: Vec<f64> = variances.collect();
+        Some((own.covariance_scale? * crate::stats::mean(&variances)?).sqrt())
+    }
+
     fn score(&self, own: &ObjectSettings) -> Score {
         let mut settings = self.start;
         *settings.object_mut(self.object) = *own;
@@ -320,7 +379,7 @@ impl Problem {
             let mut track = None;
             let mut last = None;
             for sample in run {
-                let seen = (sample.time, sample.position);
+                let seen = (sample.time, sample.seen);
                 let step = Track::observe(&mut track, &filter, seen, &sample.strikers);
                 let Some(innovation) = step.innovation else { continue };
                 score.sum += self.log_density(&innovation);
@@ -344,10 +403,10 @@ impl Problem {
     }
 
     /// Optimize the parameters of one stage; returns the number of evaluations.
-    fn improve(&self, stage: &Stage, own: &mut ObjectSettings) -> usize {
+    fn improve(&self, stage: &'static Stage, own: &mut ObjectSettings) -> usize {
         let mut start = *own;
-        let position: Vec<f64> = stage
-            .knobs
+        let knobs = self.knobs(stage);
+        let position: Vec<f64> = knobs
             .iter()
             .filter_map(|knob| Some((knob.number)(&mut start)?.clamp(knob.low, knob.high).ln()))
             .collect();
@@ -361,7 +420,7 @@ impl Problem {
         };
         let simplex: Vec<Vec<f64>> = (0..=position.len()).map(vertex).collect();
         let iterations = ITERATIONS_PER_NUMBER * position.len() as u64;
-        let cost = StageCost { problem: self, stage, own: start };
+        let cost = StageCost { problem: self, knobs: knobs.clone(), own: start };
         let solved = NelderMead::new(simplex).with_sd_tolerance(TOLERANCE).and_then(|solver| {
             Executor::new(cost, solver).configure(|state| state.max_iters(iterations)).run()
         });
@@ -371,7 +430,7 @@ impl Problem {
         if let Some(best) = solved.state.best_param
             && before < -solved.state.best_cost
         {
-            *own = StageCost { problem: self, stage, own: *own }.with(&best);
+            *own = StageCost { problem: self, knobs, own: *own }.with(&best);
         }
         counts as usize + 1
     }
@@ -380,14 +439,14 @@ impl Problem {
 /// Negative mean log-likelihood as a function of the logarithms of a stage's parameters.
 struct StageCost<'a> {
     problem: &'a Problem,
-    stage: &'a Stage,
+    knobs: Vec<&'static Knob>,
     own: ObjectSettings,
 }
 
 impl StageCost<'_> {
     fn with(&self, logarithms: &[f64]) -> ObjectSettings {
         let mut own = self.own;
-        for (knob, logarithm) in self.stage.knobs.iter().zip(logarithms) {
+        for (knob, logarithm) in self.knobs.iter().zip(logarithms) {
             if let Some(number) = (knob.number)(&mut own) {
                 *number = logarithm.exp().clamp(knob.low, knob.high);
             }

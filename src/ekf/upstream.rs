@@ -163,7 +163,7 @@ mod tests {
             let mut positions = [None; 3];
             positions[object] = Some([x, 0.0]);
             let time = Nanos(frame * 1_000_000_000 / 120);
-            let reported = filter.observe(&Detections { time, positions })[object].unwrap();
+            let reported = filter.observe(&Detections::new(time, positions))[object].unwrap();
             if 300 <= frame && 0.63 * speed < reported[2] {
                 return (frame - 299) as f64 / 120.0;
             }
@@ -187,10 +187,8 @@ mod tests {
         for frame in 0..240_u64 {
             // 20 mm/s: less than 0.3 px in a frame.
             let x = 0.02 * frame as f64 / 120.0;
-            let seen = Detections {
-                time: Nanos(frame * 1_000_000_000 / 120),
-                positions: [None, Some([x, -0.1]), None],
-            };
+            let time = Nanos(frame * 1_000_000_000 / 120);
+            let seen = Detections::new(time, [None, Some([x, -0.1]), None]);
             last = filter.observe(&seen);
         }
         assert_eq!(last[1].unwrap()[2..], [0.0, 0.0]);

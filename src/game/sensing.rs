@@ -316,7 +316,7 @@ impl Camera {
                 position.iter_mut().zip(noise).for_each(|(x, noise)| *x += sigma * noise);
             }
             let time = EPISODE_START.after_seconds(time);
-            watch.waiting.push_back(Detections { time, positions: positions.map(Some) });
+            watch.waiting.push_back(Detections::new(time, positions.map(Some)));
         }
     }
 

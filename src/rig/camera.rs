@@ -29,6 +29,8 @@ pub(super) struct Camera {
     next_capture_ns: u64,
     /// True if a fault stops it.
     pub(super) stopped: bool,
+    /// Motion parallel to the board since the calibration (m).
+    pub(super) shift: [f64; 2],
     /// Datagrams by arrival time (ns since the start).
     waiting: VecDeque<(u64, Vec<u8>)>,
     /// True if scenes are handed over instead of datagrams.
@@ -48,6 +50,7 @@ impl Camera {
             pictures: 0,
             next_capture_ns: 0,
             stopped: false,
+            shift: [0.0; 2],
             waiting: VecDeque::new(),
             draws: false,
             scenes: VecDeque::new(),
@@ -86,6 +89,7 @@ impl Camera {
             let scene = Scene {
                 capture_time: Nanos(self.stamp(capture_ns, arrival_ns)),
                 exposure_s: self.config.exposure_s,
+                camera_shift: self.shift,
                 ball: ball.map(moved),
                 strikers: [left, right].map(|own| own.map_or(nowhere, moved)),
             };
@@ -143,7 +147,7 @@ impl Camera {
         if missed {
             return None;
         }
-        let p = [0, 1].map(|axis| position[axis] - velocity[axis] * back);
+        let p = [0, 1].map(|axis| position[axis] - velocity[axis] * back - self.shift[axis]);
         let swell =
             (1.0 + parallax) * (1.0 + config.distortion_per_m2 * (p[0] * p[0] + p[1] * p[1]));
         let x = p[0] * (1.0 + config.x_scale_error) * swell;

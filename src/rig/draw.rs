@@ -46,6 +46,8 @@ pub struct Scene {
     pub capture_time: Nanos,
     /// Exposure time (s).
     pub exposure_s: f64,
+    /// Motion of the camera parallel to the board since its calibration (m).
+    pub camera_shift: [f64; 2],
     /// Position (m) and velocity (m/s) of the ball.
     pub ball: Option<([f64; 2], [f64; 2])>,
     /// The same of the two strikers.
@@ -55,6 +57,7 @@ pub struct Scene {
 /// Body that a ray can hit.
 #[derive(Debug, Clone, Copy)]
 struct Body {
+    /// Position relative to the camera (m).
     position: [f64; 2],
     velocity: [f64; 2],
     radius: f64,
@@ -67,6 +70,8 @@ struct Body {
 #[derive(Debug, Clone)]
 pub struct Artist {
     half_field: [f64; 2],
+    /// Place of the camera above the board (m).
+    eye: [f64; 2],
     background: Vec<u8>,
     frame: Vec<u8>,
     noise: Vec<i8>,
@@ -85,29 +90,40 @@ impl Artist {
         let noise = (0..NOISE_ENTRIES).map(|_| draw()).collect();
         let mut artist = Self {
             half_field,
+            eye: [0.0; 2],
             background: vec![0; WIDTH_PX * HEIGHT_PX * 2],
             frame: Vec::new(),
             noise,
             drawn: 0,
         };
-        artist.paint([[0, WIDTH_PX], [0, HEIGHT_PX]], &[], 0.0);
-        artist.background = artist.frame.clone();
+        artist.paint_background();
         artist
+    }
+
+    fn paint_background(&mut self) {
+        self.paint([[0, WIDTH_PX], [0, HEIGHT_PX]], &[], 0.0);
+        self.background = self.frame.clone();
     }
 
     /// Draw a scene; the bytes are YUYV, row by row.
     pub fn draw(&mut self, scene: &Scene) -> &[u8] {
+        if self.eye != scene.camera_shift {
+            self.eye = scene.camera_shift;
+            self.paint_background();
+        }
         self.frame.clone_from(&self.background);
         self.drawn += 1;
+        let eye = self.eye;
+        let seen = |[x, y]: [f64; 2]| [x - eye[0], y - eye[1]];
         let striker = |(position, velocity)| Body {
-            position,
+            position: seen(position),
             velocity,
             radius: STRIKER_RADIUS,
             height: Some(STRIKER_HEIGHT),
             color: BLACK,
         };
         let ball = scene.ball.map(|(position, velocity)| Body {
-            position,
+            position: seen(position),
             velocity,
             radius: BALL_RADIUS,
             height: None,
@@ -168,7 +184,7 @@ impl Artist {
             .filter_map(|body| hit(body, direction, time))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         nearest.map_or_else(
-            || self.table(direction.map(|own| own * CAMERA_HEIGHT)),
+            || self.table([0, 1].map(|axis| self.eye[axis] + direction[axis] * CAMERA_HEIGHT)),
             |(_, color)| color,
         )
     }
@@ -282,7 +298,13 @@ mod tests {
 
     fn scene(ball: ([f64; 2], [f64; 2]), exposure_s: f64) -> Scene {
         let strikers = [([0.0, -0.1], [0.0; 2]), ([0.0, 0.1], [0.0; 2])];
-        Scene { capture_time: Nanos(0), exposure_s, ball: Some(ball), strikers }
+        Scene {
+            capture_time: Nanos(0),
+            exposure_s,
+            camera_shift: [0.0; 2],
+            ball: Some(ball),
+            strikers,
+        }
     }
 
     /// Mean column and row of the pixels with little blue for their brightness, which only the ball has, and their

@@ -217,6 +217,9 @@ impl World {
             FaultKind::LinkDown => faults.link_down = begins,
             FaultKind::PegLost { player } => self.pegs[side(player)].magnet_broken = begins,
             FaultKind::CameraStops => self.camera.stopped = begins,
+            FaultKind::CameraShifts { x_m, y_m } => {
+                self.camera.shift = if begins { [x_m, y_m] } else { [0.0; 2] };
+            }
             FaultKind::Stuck { player } => self.gantries[side(player)].stuck = begins,
             _ => {}
         }

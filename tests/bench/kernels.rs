@@ -209,9 +209,9 @@ fn state_estimate(criterion: &mut Criterion) {
     let end = (FRAMES - 1) as f64 / 120.0;
     check_close("ball", follow().mean[2] as f32, (0.06 * (1.2 * end).cos()) as f32, 5e-3);
     let seen: Vec<Detections> = (0..FRAMES)
-        .map(|frame| Detections {
-            time: Nanos(frame * 1_000_000_000 / 120),
-            positions: [Some(swing(frame)), strikers[0], strikers[1]],
+        .map(|frame| {
+            let time = Nanos(frame * 1_000_000_000 / 120);
+            Detections::new(time, [Some(swing(frame)), strikers[0], strikers[1]])
         })
         .collect();
     let board = || {

@@ -72,6 +72,31 @@ fn the_truth_is_recovered() {
     assert!(3.0 <= wall.upstream.median_frames, "{wall:?}");
 }
 
+/// Every second detection has five times the noise. Detections that carry their covariance, which is four times too
+/// small, give the factor 4 and smaller errors than one constant for all.
+#[test]
+fn covariances_of_the_detector_are_used_and_their_scale_is_found() {
+    let game = Game {
+        runs: 24,
+        sigma: 3e-4,
+        uneven: 5.0,
+        strikers: Players::Absent,
+        seed: 5,
+        ..Game::default()
+    };
+    let constant = tuned(&game).document;
+    assert_eq!(constant.filter.ball.covariance_scale, None);
+    let own = tuned(&Game { reported: Some(0.25), ..game.clone() }).document;
+    near(own.filter.ball.covariance_scale.unwrap(), 4.0, 0.15);
+    // The constant is that of a simulation: the root mean square of both kinds of detections.
+    let rms = game.sigma * f64::sqrt((1.0 + 25.0) / 2.0);
+    near(own.filter.ball.measurement_sigma_m, rms, 0.1);
+    near(own.evaluation[0].regions[0].nis.unwrap().mean, 2.0, 0.06);
+    let [with, without] =
+        [&own, &constant].map(|own| own.evaluation[0].velocity_rmse_m_per_s.unwrap());
+    assert!(with < 0.9 * without, "{with} {without}");
+}
+
 #[test]
 fn the_command_writes_what_can_be_read_back_and_the_same_every_time() {
     let dir = tempfile::tempdir().unwrap();

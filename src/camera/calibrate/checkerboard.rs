@@ -6,6 +6,7 @@
 //! grid must have the size of the board. Corners are refined by the orthogonality of gradients and radii (Foerstner
 //! and Guelch, ISPRS 1987), as OpenCV's `cornerSubPix`.
 
+use super::BoardView;
 use crate::camera::frame::Frame;
 use std::collections::{BTreeMap, VecDeque};
 
@@ -31,6 +32,18 @@ pub struct Checkerboard {
     pub rows: usize,
     /// Side of a square (m).
     pub square_m: f64,
+}
+
+impl Checkerboard {
+    /// Return the inner corners with their places on the board, row by row.
+    #[must_use]
+    pub fn view(&self, pixels: Vec<[f64; 2]>) -> BoardView {
+        let rows =
+            (0..self.rows).flat_map(|row| (0..self.columns).map(move |column| (column, row)));
+        let place = |own: usize| own as f64 * self.square_m;
+        let places_m = rows.map(|(column, row)| [place(column), place(row)]).collect();
+        BoardView { places_m, pixels }
+    }
 }
 
 /// Brightness as numbers, smoothed.
@@ -133,6 +146,24 @@ pub fn find_checkerboard(frame: &Frame, board: &Checkerboard) -> Option<Vec<[f64
     let corners = grow_grid(&saddles, board)?;
     let light = raw.smoothed(0.7);
     Some(corners.into_iter().map(|corner| refine(&light, corner)).collect())
+}
+
+/// Image whose corners of squares can be refined.
+pub(super) struct CornerImage(Image);
+
+impl CornerImage {
+    /// Prepare a frame; `None` if it is too small.
+    pub(super) fn new(frame: &Frame) -> Option<Self> {
+        let raw = Image::luma(frame);
+        (32 <= raw.width && 32 <= raw.height).then(|| Self(raw.smoothed(0.7)))
+    }
+
+    /// Corner of four squares within 3 pixels of `start`.
+    pub(super) fn refine(&self, start: [f64; 2]) -> Option<[f64; 2]> {
+        let corner = refine(&self.0, start);
+        let [column, row] = corner.map(|own| own.round().max(0.0) as usize);
+        (corner != start && has_four_sectors(&self.0, column, row)).then_some(corner)
+    }
 }
 
 fn find_saddles(image: &Image) -> Vec<Saddle> {

@@ -156,7 +156,7 @@ fn substitute(lower: &[f64], scale: &[f64], right: &[f64]) -> Vec<f64> {
 }
 
 /// Solve a symmetric positive definite system; `None` unless it is one.
-pub(super) fn solve(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
+pub(in crate::camera) fn solve(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
     let (lower, scale) = factor(matrix, right.len())?;
     Some(substitute(&lower, &scale, right))
 }

@@ -1,11 +1,8 @@
 //! Fits of lens and board pose.
 
-use super::{
-    checkerboard::Checkerboard,
-    least_squares::{Problem, minimize, solve},
-};
+use super::least_squares::{Problem, minimize, solve};
 use crate::camera::{
-    document::{BoardFit, LensFit},
+    document::{BoardFit, LensFit, MeasuredPoint},
     lens::{Distortion, Lens},
     model::CameraModel,
     pose::Pose,
@@ -25,8 +22,8 @@ const FEWEST_POINTS: usize = 4;
 pub enum CalibrateError {
     /// Too few images with the complete board.
     #[error(
-        "{found} of {images} images show the complete checkerboard, needed are {FEWEST_IMAGES}; take 15 to 30 images \
-         with the board tilted by up to 40 degrees in several directions, and check --columns and --rows"
+        "{found} of {images} images show the board, needed are {FEWEST_IMAGES}; take 15 to 30 images \
+         with the board tilted by up to 40 degrees in several directions (a checkerboard completely visible), and check --columns and --rows"
     )]
     FewImages {
         /// Images with the board.
@@ -79,10 +76,32 @@ pub struct LensCalibration {
     pub rms_px: Vec<f64>,
 }
 
+/// Corners of a flat board in one image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoardView {
+    /// Places on the board (m).
+    pub places_m: Vec<[f64; 2]>,
+    /// Their pixels.
+    pub pixels: Vec<[f64; 2]>,
+}
+
+impl LensCalibration {
+    /// Return the pixels at which the calibration has the corners of image `image`.
+    #[must_use]
+    pub fn project(&self, image: usize, view: &BoardView) -> Vec<[f64; 2]> {
+        view.places_m.iter().map(|place| pixel_of(&self.lens, &self.poses[image], *place)).collect()
+    }
+}
+
+/// Pixel of a place on a board.
+fn pixel_of(lens: &Lens, pose: &Pose, [x, y]: [f64; 2]) -> [f64; 2] {
+    let [x, y, z] = pose.apply([x, y, 0.0]);
+    lens.pixel([x / z, y / z])
+}
+
 /// Reprojection errors of a plane board in several images.
 struct Views<'a> {
-    object: Vec<[f64; 3]>,
-    images: &'a [Vec<[f64; 2]>],
+    images: &'a [BoardView],
     order: RadialOrder,
 }
 
@@ -101,9 +120,9 @@ impl Problem for Views<'_> {
         let (lens, poses) = parameters.split_at(self.lens_parameters());
         let lens = lens_of(lens);
         let pose = pose_of(&poses[6 * block..6 * block + 6]);
-        for (point, seen) in self.object.iter().zip(&self.images[block]) {
-            let [x, y, z] = pose.apply(*point);
-            let pixel = lens.pixel([x / z, y / z]);
+        let view = &self.images[block];
+        for (place, seen) in view.places_m.iter().zip(&view.pixels) {
+            let pixel = pixel_of(&lens, &pose, *place);
             out.extend([pixel[0] - seen[0], pixel[1] - seen[1]]);
         }
     }
@@ -140,30 +159,24 @@ fn pose_of(p: &[f64]) -> Pose {
     Pose::from_vectors([p[0], p[1], p[2]], [p[3], p[4], p[5]])
 }
 
-/// Fit a lens to the corners of `board` in several images of `size_px`.
+/// Fit a lens to the corners of a board in several images of `size_px`.
 ///
 /// # Errors
 /// When there are too few images, or they do not determine the lens.
 pub fn calibrate_lens(
     size_px: [usize; 2],
-    board: &Checkerboard,
-    images: &[Vec<[f64; 2]>],
+    images: &[BoardView],
     order: RadialOrder,
 ) -> Result<LensCalibration, CalibrateError> {
     if images.len() < FEWEST_IMAGES {
         return Err(CalibrateError::FewImages { found: images.len(), images: images.len() });
     }
-    let object: Vec<[f64; 3]> = (0..board.rows)
-        .flat_map(|row| (0..board.columns).map(move |column| (column, row)))
-        .map(|(column, row)| [column as f64 * board.square_m, row as f64 * board.square_m, 0.0])
-        .collect();
-    let plane: Vec<[f64; 2]> = object.iter().map(|point| [point[0], point[1]]).collect();
     let centre = size_px.map(|side| (side as f64 - 1.0) / 2.0);
     let homographies: Option<Vec<_>> =
-        images.iter().map(|image| homography(&plane, image)).collect();
+        images.iter().map(|image| homography(&image.places_m, &image.pixels)).collect();
     let homographies = homographies.ok_or(CalibrateError::Undetermined)?;
     let focal = focal_length(&homographies, centre).ok_or(CalibrateError::Undetermined)?;
-    let views = Views { object, images, order };
+    let views = Views { images, order };
     let mut start = vec![focal, focal, centre[0], centre[1]];
     start.resize(views.lens_parameters(), 0.0);
     for h in &homographies {
@@ -173,7 +186,8 @@ pub fn calibrate_lens(
     }
     let fit = minimize(&views, &start).ok_or(CalibrateError::Undetermined)?;
     let count = fit.parameters.len();
-    let residuals = 2 * images.len() * plane.len();
+    let corners: usize = images.iter().map(|image| image.pixels.len()).sum();
+    let residuals = 2 * corners;
     let variance = fit.cost / (residuals - count) as f64;
     let mut half_width = [0.0; LENS];
     for (at, own) in half_width.iter_mut().enumerate().take(views.lens_parameters()) {
@@ -183,15 +197,15 @@ pub fn calibrate_lens(
     let rms_px = (0..images.len()).map(|block| {
         let mut out = Vec::new();
         views.residuals(&fit.parameters, block, &mut out);
-        (out.iter().map(|own| own * own).sum::<f64>() / plane.len() as f64).sqrt()
+        (2.0 * out.iter().map(|own| own * own).sum::<f64>() / out.len() as f64).sqrt()
     });
     Ok(LensCalibration {
         size_px,
         lens: lens_of(lens),
         fit: LensFit {
             images: images.len(),
-            corners: images.len() * plane.len(),
-            reprojection_rms_px: (fit.cost / (images.len() * plane.len()) as f64).sqrt(),
+            corners,
+            reprojection_rms_px: (fit.cost / corners as f64).sqrt(),
             ci95_half_width: half_width,
         },
         poses: poses.chunks_exact(6).map(pose_of).collect(),
@@ -287,19 +301,10 @@ fn pose_of_homography(h: &[[f64; 3]; 3], focal: f64, centre: [f64; 2]) -> Pose {
     }
 }
 
-/// Known point of the table with its pixel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BoardPoint {
-    /// Place in the board frame (m).
-    pub place: [f64; 3],
-    /// Pixel.
-    pub pixel: [f64; 2],
-}
-
 /// Reprojection errors of known points of the table.
 struct TablePoints<'a> {
     lens: &'a Lens,
-    points: &'a [BoardPoint],
+    points: &'a [MeasuredPoint],
 }
 
 impl Problem for TablePoints<'_> {
@@ -314,9 +319,9 @@ impl Problem for TablePoints<'_> {
     fn residuals(&self, parameters: &[f64], _block: usize, out: &mut Vec<f64>) {
         let pose = pose_of(parameters);
         for point in self.points {
-            let [x, y, z] = pose.apply(point.place);
+            let [x, y, z] = pose.apply(point.place_m);
             let pixel = self.lens.pixel([x / z, y / z]);
-            out.extend([pixel[0] - point.pixel[0], pixel[1] - point.pixel[1]]);
+            out.extend([pixel[0] - point.pixel_px[0], pixel[1] - point.pixel_px[1]]);
         }
     }
 
@@ -333,14 +338,14 @@ impl Problem for TablePoints<'_> {
 pub fn fit_board_pose(
     size_px: [usize; 2],
     lens: &Lens,
-    points: &[BoardPoint],
+    points: &[MeasuredPoint],
     half_field: [f64; 2],
 ) -> Result<(CameraModel, BoardFit), CalibrateError> {
     if points.len() < FEWEST_POINTS {
         return Err(CalibrateError::FewPoints { found: points.len() });
     }
-    let plane: Vec<[f64; 2]> = points.iter().map(|own| [own.place[0], own.place[1]]).collect();
-    let rays: Option<Vec<[f64; 2]>> = points.iter().map(|own| lens.ray(own.pixel)).collect();
+    let plane: Vec<[f64; 2]> = points.iter().map(|own| [own.place_m[0], own.place_m[1]]).collect();
+    let rays: Option<Vec<[f64; 2]>> = points.iter().map(|own| lens.ray(own.pixel_px)).collect();
     let rays = rays.ok_or(CalibrateError::Degenerate)?;
     let h = homography(&plane, &rays).ok_or(CalibrateError::Degenerate)?;
     let pose = pose_of_homography(&h, 1.0, [0.0, 0.0]);

@@ -1,7 +1,7 @@
-//! AprilTags of the family 36h11, ids 0 to 59.
+//! AprilTags of the family 36h11, ids 0 to 59, and ArUco markers.
 //!
 //! Dark regions of a local threshold give quadrilaterals; their sides are fitted to the brightness with sub-pixel
-//! accuracy, and the 8 x 8 cells (a dark border around 6 x 6 bits) are read through the homography of the corners.
+//! accuracy, and the cells (a dark border around n x n bits) are read through the homography of the corners.
 //! Source: E. Olson, "AprilTag: A robust and flexible visual fiducial system", ICRA 2011; the codes are those of the
 //! reference implementation, read row by row. Two codes of the family differ in at least 11 bits, so that up to 2
 //! wrong bits are accepted safely.
@@ -72,8 +72,10 @@ const CODES: [u64; 60] = [
     0xd_5b4b_9e36,
     0xa_c9cd_d3ce,
 ];
-/// Cells along a side, with the dark border.
-const CELLS: usize = 8;
+/// Cells along a side of an AprilTag, without the dark border.
+const CELLS: usize = 6;
+/// Most cells along a side, with the dark border.
+const MOST_CELLS: usize = 8;
 /// Wrong bits that are accepted.
 const MAX_WRONG_BITS: u32 = 2;
 /// Window of the local threshold as a fraction of the image's width.
@@ -83,7 +85,18 @@ const DARKER_BY: f64 = 12.0;
 /// Fewest and most pixels of a dark region.
 const REGION_PIXELS: [usize; 2] = [100, 40_000];
 
-/// AprilTag in an image.
+/// Family of square markers with a dark border of one cell.
+#[derive(Debug, Clone)]
+pub(super) struct Family {
+    /// Cells along a side, without the border; at most 6.
+    pub(super) cells: usize,
+    /// Cells of each marker, row by row from the top left, white is 1.
+    pub(super) codes: Vec<u64>,
+    /// Wrong cells that are accepted.
+    pub(super) wrong_cells: u32,
+}
+
+/// AprilTag or other marker in an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tag {
     /// Number of the tag.
@@ -94,14 +107,20 @@ pub struct Tag {
     pub centre: [f64; 2],
 }
 
-/// Find the tags of an image, by id.
+/// Find the AprilTags of an image, by id.
 #[must_use]
 pub fn find_tags(frame: &Frame) -> Vec<Tag> {
+    let family = Family { cells: CELLS, codes: CODES.to_vec(), wrong_cells: MAX_WRONG_BITS };
+    find_markers(frame, &family)
+}
+
+/// Find the markers of a family in an image, by id.
+pub(super) fn find_markers(frame: &Frame, family: &Family) -> Vec<Tag> {
     let view = frame.view();
     let dark = threshold(&view);
     let mut tags: Vec<Tag> = regions(&dark, view.width_px)
         .iter()
-        .filter_map(|region| read_tag(&view, &quadrilateral(region)?))
+        .filter_map(|region| read_tag(&view, &quadrilateral(region)?, family))
         .collect();
     tags.sort_by_key(|tag| tag.id);
     tags
@@ -189,24 +208,25 @@ fn quadrilateral(pixels: &[[f64; 2]]) -> Option<[[f64; 2]; 4]> {
 }
 
 /// Fit the sides of a quadrilateral to the brightness and read its bits.
-fn read_tag(view: &View<'_>, rough: &[[f64; 2]; 4]) -> Option<Tag> {
+fn read_tag(view: &View<'_>, rough: &[[f64; 2]; 4], family: &Family) -> Option<Tag> {
+    let count = family.cells + 2;
     let corners = fit_sides(view, rough)?;
     let unit = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     let h = homography(&unit, &corners)?;
     let level = |column: usize, row: usize| {
-        let at = |cell: usize| (cell as f64 + 0.5) / CELLS as f64;
+        let at = |cell: usize| (cell as f64 + 0.5) / count as f64;
         view.luma_at(apply(&h, [at(column), at(row)])?)
     };
-    let mut levels = [[0.0; CELLS]; CELLS];
-    for (row, line) in levels.iter_mut().enumerate() {
-        for (column, own) in line.iter_mut().enumerate() {
+    let mut levels = [[0.0; MOST_CELLS]; MOST_CELLS];
+    for (row, line) in levels.iter_mut().enumerate().take(count) {
+        for (column, own) in line.iter_mut().enumerate().take(count) {
             *own = level(column, row)?;
         }
     }
     let is_border = |column: usize, row: usize| {
-        [0, CELLS - 1].contains(&column) || [0, CELLS - 1].contains(&row)
+        [0, count - 1].contains(&column) || [0, count - 1].contains(&row)
     };
-    let cells = || (0..CELLS * CELLS).map(|cell| (cell % CELLS, cell / CELLS));
+    let cells = || (0..count * count).map(|cell| (cell % count, cell / count));
     let border: Vec<f64> = cells()
         .filter(|own| is_border(own.0, own.1))
         .map(|(column, row)| levels[row][column])
@@ -220,17 +240,18 @@ fn read_tag(view: &View<'_>, rough: &[[f64; 2]; 4]) -> Option<Tag> {
     let (id, turns) = (0..4_usize).find_map(|turns| {
         let mut code = 0_u64;
         for (column, row) in cells().filter(|own| !is_border(own.0, own.1)) {
-            let (c, r) = (0..turns).fold((column, row), |(c, r), _| (CELLS - 1 - r, c));
+            let (c, r) = (0..turns).fold((column, row), |(c, r), _| (count - 1 - r, c));
             code = (code << 1) | u64::from(middle < levels[r][c]);
         }
-        let id = CODES.iter().position(|own| (own ^ code).count_ones() <= MAX_WRONG_BITS)?;
+        let is_own = |own: &u64| (own ^ code).count_ones() <= family.wrong_cells;
+        let id = family.codes.iter().position(is_own)?;
         Some((id, turns))
     })?;
     let corners = [0, 1, 2, 3].map(|k| corners[(k + turns) % 4]);
     Some(Tag { id: id as u32, corners, centre: apply(&homography(&unit, &corners)?, [0.5, 0.5])? })
 }
 
-fn apply(h: &[[f64; 3]; 3], [x, y]: [f64; 2]) -> Option<[f64; 2]> {
+pub(super) fn apply(h: &[[f64; 3]; 3], [x, y]: [f64; 2]) -> Option<[f64; 2]> {
     let [u, v, w] = [0, 1, 2].map(|row| h[row][0] * x + h[row][1] * y + h[row][2]);
     (1e-9 < w.abs()).then(|| [u / w, v / w])
 }

@@ -114,7 +114,7 @@ impl Ekf {
         let of = |index: usize| {
             pairs.get(index).copied().filter(|own: &[f64; 2]| own.iter().all(|x| x.is_finite()))
         };
-        let observed = self.filter.observe(&Detections { time, positions: [of(0), of(1), of(2)] });
+        let observed = self.filter.observe(&Detections::new(time, [of(0), of(1), of(2)]));
         let steps: Option<[Step; 3]> = match observed {
             Observed::Taken(steps) => Some(steps),
             Observed::Repeated | Observed::TooLate => None,

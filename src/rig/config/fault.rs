@@ -44,6 +44,8 @@ pub enum FaultKind {
     PegLost { player: Player },
     /// The camera sends no frames.
     CameraStops,
+    /// The camera moves by this much parallel to the board.
+    CameraShifts { x_m: f64, y_m: f64 },
     /// Another controller on the bus commands a velocity.
     ForeignCommand {
         node: u8,
@@ -146,6 +148,10 @@ impl FaultPlan {
             }
             FaultKind::FramesDelayed { delay_s } => {
                 within(&format!("{path}delay_s"), delay_s, 0.0, 60.0)
+            }
+            FaultKind::CameraShifts { x_m, y_m } => {
+                within(&format!("{path}x_m"), x_m, -0.1, 0.1)?;
+                within(&format!("{path}y_m"), y_m, -0.1, 0.1)
             }
             FaultKind::ForeignCommand { velocity_turns_per_s, .. } => {
                 within(&format!("{path}velocity_turns_per_s"), velocity_turns_per_s, -1e3, 1e3)

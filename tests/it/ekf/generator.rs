@@ -5,7 +5,10 @@
 use klasktron::{
     recording::{
         ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingWriter,
-        message::{BoardState, CameraDetections, ObjectState, Point, RunMarker, run_marker::Phase},
+        message::{
+            BoardState, CameraDetections, Covariance, ObjectState, Point, RunMarker,
+            run_marker::Phase,
+        },
         topic,
     },
     seed::Stream,
@@ -44,6 +47,10 @@ pub(crate) struct Game {
     pub(crate) strikers: Players,
     /// Camera: standard deviation in each axis (m).
     pub(crate) sigma: f64,
+    /// Factor of it in every second frame.
+    pub(crate) uneven: f64,
+    /// Reported variance relative to the true one; `None`: detections without covariances.
+    pub(crate) reported: Option<f64>,
     /// Share of detections that are lost.
     pub(crate) lost: f64,
     /// From capture to arrival (s).
@@ -70,6 +77,8 @@ impl Default for Game {
             walls: [0.8, 0.04, 0.05],
             strikers: Players::Swinging,
             sigma: 5e-4,
+            uneven: 1.0,
+            reported: None,
             lost: 0.02,
             latency: 0.012,
         }
@@ -82,6 +91,8 @@ pub(crate) struct Picture {
     pub(crate) time_s: f64,
     pub(crate) seen: [Option<[f64; 2]>; 3],
     pub(crate) truth: [Option<[f64; 4]>; 3],
+    /// Standard deviation of these detections (m).
+    pub(crate) sigma: f64,
 }
 
 struct World {
@@ -139,12 +150,14 @@ impl Game {
         let strikers = self.strikers_at(world.phases, time_s);
         let ball = (!world.in_goal).then_some(world.ball);
         let truth = [ball, strikers.map(|s| s[0]), strikers.map(|s| s[1])];
+        let is_odd = (time_s * CAMERA_HZ).round() as u64 % 2 == 1;
+        let sigma = if is_odd { self.uneven * self.sigma } else { self.sigma };
         let seen = truth.map(|state| {
             let noise = [camera.normal(), camera.normal()];
             let kept = self.lost <= camera.uniform();
-            state.filter(|_| kept).map(|state| [0, 1].map(|k| state[k] + self.sigma * noise[k]))
+            state.filter(|_| kept).map(|state| [0, 1].map(|k| state[k] + sigma * noise[k]))
         });
-        Picture { time_s, seen, truth }
+        Picture { time_s, seen, truth, sigma }
     }
 
     fn strikers_at(&self, phases: [f64; 4], t: f64) -> Option<[[f64; 4]; 2]> {
@@ -194,12 +207,18 @@ impl Game {
     fn write_picture(&self, writer: &mut RecordingWriter, at: Nanos, picture: &Picture) {
         let point = |place: [f64; 2]| Point { x: place[0], y: place[1] };
         let [ball, left, right] = picture.seen.map(|place| place.map(point));
+        let covariance = self.reported.map(|factor| {
+            let variance = factor * picture.sigma.powi(2);
+            Covariance { xx: variance, xy: 0.0, yy: variance }
+        });
         let seen = CameraDetections {
             capture_time_ns: at.0,
             ball,
             left,
             right,
-            ..CameraDetections::default()
+            ball_covariance: covariance.filter(|_| ball.is_some()),
+            left_covariance: covariance.filter(|_| left.is_some()),
+            right_covariance: covariance.filter(|_| right.is_some()),
         };
         let [ball, left, right] =
             picture.truth.map(|state| state.map(|[x, y, vx, vy]| ObjectState { x, y, vx, vy }));
