@@ -233,6 +233,13 @@ impl Twin {
         instance.values[slot.parameter].value = value.clamp(low, high);
     }
 
+    /// Gives the parameter in `slot` its value without the effect, also outside the bounds of a fit: the smallest
+    /// compliance that can be fitted is no rigid belt.
+    pub fn set_to_null(&mut self, slot: Slot) {
+        let instance = &mut self.instances[slot.instance];
+        instance.values[slot.parameter].value = instance.effect.null[slot.parameter];
+    }
+
     /// The instance of `effect` on exactly `axis`.
     #[must_use]
     pub fn instance(&self, effect: &str, axis: Axis) -> Option<&Instance> {

@@ -599,7 +599,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         let without = |gone: &[Slot]| {
             let mut point = trial.fit.point.clone();
             for slot in gone {
-                point.twin.set(*slot, trial.candidate.effect.null[slot.parameter]);
+                point.twin.set_to_null(*slot);
             }
             point
         };
@@ -635,7 +635,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         }
         let mut twin = trial.fit.point.twin.clone();
         for slot in slots_of_last(&trial.fit.point.twin) {
-            twin.set(slot, trial.candidate.effect.null[slot.parameter]);
+            twin.set_to_null(slot);
         }
         let without = |problem: &Problem<'_>| {
             problem.whitened(&fit::on(problem, &twin, self.filters), self.filters)
@@ -755,7 +755,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         let change = apart(&self.base_train_rows, &trial.train_rows);
         let does_something = |slot: &Slot| {
             let mut point = trial.fit.point.clone();
-            point.twin.set(*slot, trial.candidate.effect.null[slot.parameter]);
+            point.twin.set_to_null(*slot);
             let without = self.train.whitened(&point, self.filters);
             self.thresholds().equal_prediction * change <= apart(&without, &trial.train_rows)
                 && self.thresholds().is_in(&without, &trial.train_rows, &self.train.blocks())

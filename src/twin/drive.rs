@@ -669,4 +669,25 @@ mod tests {
         assert!((error(0.013) - error(0.013 + METRES_PER_TURN)).abs() < 1e-12);
         assert!((error(0.0125) - 5e-5).abs() < 1e-12, "a quarter of a turn: {} m", error(0.0125));
     }
+
+    /// The smallest compliance of a fit is a quarter of that of a usual belt: "without" must be rigid.
+    #[test]
+    fn an_effect_set_to_null_does_nothing_though_null_is_outside_the_bounds_of_a_fit() {
+        for name in ["drive.compliance.belt", "drive.backlash"] {
+            let effect = crate::effects::find(name).unwrap();
+            let mut twin = table(120.0, 0.0, 17.0);
+            let without = answers(&twin, &sampled());
+            twin.instances.push(Instance::new(
+                effect,
+                Axis::Motors,
+                effect.probes[0],
+                Source::Fitted,
+            ));
+            assert!(Plant::new(&twin).is_soft(), "{name}");
+            let slot = crate::twin::Slot { instance: twin.instances.len() - 1, parameter: 0 };
+            twin.set_to_null(slot);
+            assert!(!Plant::new(&twin).is_soft(), "{name}");
+            assert_eq!(answers(&twin, &sampled()), without, "{name}");
+        }
+    }
 }
