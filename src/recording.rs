@@ -42,7 +42,7 @@ mod writer;
 
 pub use arrival::arrival_key;
 pub use atomic::{ExistingFile, partial_name, write_atomically, write_bytes};
-pub use belt::BELT_KEY;
+pub use belt::{BELT_KEY, BELT_METRES_PER_TURN};
 pub use error::RecordingError;
 pub use folder::files_in;
 pub use frame_times::FrameTimes;

@@ -15,8 +15,7 @@ use crate::recording::{
 };
 use serde::{Deserialize, Serialize};
 
-/// Belt per motor turn of the KlaskTron gantry (m): 20 teeth of 2 mm.
-pub const BELT_METRES_PER_TURN: f64 = 0.04;
+pub use crate::recording::BELT_METRES_PER_TURN;
 
 /// Motor angles in turns, or speeds in turns per second, with signs applied.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,6 +2,9 @@
 
 use super::{Recording, RecordingError};
 
+/// Belt per motor turn of the KlaskTron gantry (m): 20 teeth of 2 mm.
+pub const BELT_METRES_PER_TURN: f64 = 0.04;
+
 /// Key of the metadata that holds the belt per motor turn (m).
 pub const BELT_KEY: &str = "belt_metres_per_turn";
 

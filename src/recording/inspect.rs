@@ -13,11 +13,11 @@ mod topics;
 mod track;
 
 use super::{
-    Channel, Recording, RecordingError,
+    BELT_METRES_PER_TURN, Channel, Recording, RecordingError,
     table::Table,
     topic::{self, Motor, Player},
 };
-use crate::{gantry::BELT_METRES_PER_TURN, units::Nanos};
+use crate::units::Nanos;
 pub use issue::{DataQualityIssue, QualityWarning};
 use motion::GantryTracks;
 pub use motion::SpeedReport;
