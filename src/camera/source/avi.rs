@@ -25,18 +25,6 @@ const LONGEST_HEADER: u32 = 1 << 20;
 /// Codecs, as AVI files name them.
 const CODECS: [&str; 4] = ["MJPG", "mjpg", "MPNG", "png "];
 
-/// Segment of a JPEG image by which the decoder uses the standard Huffman tables.
-const STANDARD_TABLES: [u8; 18] = *b"\xff\xe0\0\x10AVI1\0\0\0\0\0\0\0\0\0\0";
-
-/// Mark a JPEG image without Huffman tables as one with the standard tables, which MJPEG files may leave out.
-fn complete_tables(image: &mut Vec<u8>) {
-    let find = |bytes: &[u8], marker: u8| bytes.windows(2).position(|own| own == [0xff, marker]);
-    let Some(scan) = find(image, 0xda) else { return };
-    if image.starts_with(&[0xff, 0xd8]) && find(&image[..scan], 0xc4).is_none() {
-        image.splice(2..2, STANDARD_TABLES);
-    }
-}
-
 /// Video of an AVI file.
 #[derive(Debug)]
 pub struct AviVideo {
@@ -247,7 +235,6 @@ impl FrameSource for AviVideo {
             }
         }
         let number = self.count - 1;
-        complete_tables(&mut self.data);
         decode_with(&self.data, frame, &mut self.scratch).map_err(|reason| SourceError::Image {
             image: format!("{}, frame {number}", self.name()),
             reason,

@@ -50,6 +50,8 @@ pub enum DecodeError {
 #[derive(Debug, Default, Clone)]
 pub(super) struct Scratch {
     pixels: Vec<u8>,
+    /// JPEG image whose Huffman tables were completed.
+    completed: Vec<u8>,
 }
 
 /// Decode a PNG or JPEG file into a frame.
@@ -84,7 +86,28 @@ fn check_size(width_px: usize, height_px: usize) -> Result<[usize; 2], DecodeErr
     }
 }
 
-fn decode_jpeg(bytes: &[u8], frame: &mut Frame, scratch: &mut Scratch) -> Result<(), DecodeError> {
+/// Image that says that it has the standard Huffman tables where `image` has none: cameras and MJPEG files may leave
+/// them out. `room` holds the changed copy.
+fn with_huffman_tables<'a>(image: &'a [u8], room: &'a mut Vec<u8>) -> &'a [u8] {
+    /// Segment after the start of the image by which the decoder uses the standard tables.
+    const STANDARD: [u8; 18] = *b"\xff\xe0\0\x10AVI1\0\0\0\0\0\0\0\0\0\0";
+    const START: usize = 2;
+    const TABLES: u8 = 0xc4;
+    const SCAN: u8 = 0xda;
+    let find = |bytes: &[u8], marker: u8| bytes.windows(2).position(|own| own == [0xff, marker]);
+    let lacks_tables = find(image, SCAN).is_some_and(|scan| find(&image[..scan], TABLES).is_none());
+    if !lacks_tables {
+        return image;
+    }
+    room.clear();
+    let (start, rest) = image.split_at(START);
+    [start, &STANDARD, rest].iter().for_each(|part| room.extend_from_slice(part));
+    room
+}
+
+fn decode_jpeg(image: &[u8], frame: &mut Frame, scratch: &mut Scratch) -> Result<(), DecodeError> {
+    let Scratch { pixels, completed } = scratch;
+    let bytes = with_huffman_tables(image, completed);
     // A cut-off image must be an error: grey rows would look like a table without pieces.
     let options = DecoderOptions::default()
         .set_strict_mode(true)
@@ -100,13 +123,13 @@ fn decode_jpeg(bytes: &[u8], frame: &mut Frame, scratch: &mut Scratch) -> Result
         let options = options.jpeg_set_out_colorspace(ColorSpace::Luma);
         decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
         decoder.decode_headers().map_err(wrong)?;
-        scratch.pixels.resize(width * height, 0);
-        decoder.decode_into(&mut scratch.pixels).map_err(wrong)?;
-        return Ok(frame.set_grey(size, &scratch.pixels)?);
+        pixels.resize(width * height, 0);
+        decoder.decode_into(pixels).map_err(wrong)?;
+        return Ok(frame.set_grey(size, pixels)?);
     }
-    scratch.pixels.resize(width * height * 3, 0);
-    decoder.decode_into(&mut scratch.pixels).map_err(wrong)?;
-    Ok(frame.set_triples(size, &scratch.pixels, |yuv| yuv)?)
+    pixels.resize(width * height * 3, 0);
+    decoder.decode_into(pixels).map_err(wrong)?;
+    Ok(frame.set_triples(size, pixels, |yuv| yuv)?)
 }
 
 fn decode_png(bytes: &[u8], frame: &mut Frame, scratch: &mut Scratch) -> Result<(), DecodeError> {
