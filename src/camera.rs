@@ -41,7 +41,7 @@ pub use lens::{Distortion, Lens};
 pub use model::CameraModel;
 pub use pose::Pose;
 pub use pose_check::{PoseCheck, PoseFeatures, PoseShift};
-pub use pose_watch::{PoseWarning, PoseWatch};
+pub use pose_watch::{PoseChecks, PoseWarning};
 pub use record::{FrameImageError, FrameImages};
 pub use shot::Shot;
 pub use source::{
@@ -51,4 +51,4 @@ pub use source::{
 #[cfg(target_os = "linux")]
 pub use source::{V4l2Config, V4l2Source};
 pub use tune::{ColorFit, Mark, TuneError};
-pub use tune_page::{CheckedMark, FEWEST_FOUND, ImageResult, TunedImage, tune_page};
+pub use tune_page::{CheckedMark, FoundMarks, ImageResult, TunedImage, tune_page};

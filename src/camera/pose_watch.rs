@@ -20,7 +20,7 @@ const INTERVAL_S: f64 = 1.0;
 /// Checks without a result after which a warning says so.
 const CHECKS_WITHOUT_RESULT: u32 = 10;
 
-/// Warning of [`PoseWatch`].
+/// Warning of [`PoseChecks`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseWarning {
     /// The camera or the table has moved.
@@ -44,7 +44,7 @@ impl fmt::Display for PoseWarning {
 
 /// Times of the checks, and the warnings that follow from them; each warning comes once.
 #[derive(Debug, Clone, Default)]
-pub struct PoseWatch {
+struct PoseWatch {
     last: Option<Nanos>,
     checks: u32,
     moved: u32,
@@ -56,20 +56,19 @@ pub struct PoseWatch {
 
 impl PoseWatch {
     /// Return whether a frame captured at `at` is to be checked.
-    #[must_use]
-    pub fn is_due(&self, at: Nanos) -> bool {
+    fn is_due(&self, at: Nanos) -> bool {
         let interval = if self.checks < CHECKS { FIRST_INTERVAL_S } else { INTERVAL_S };
         let waits = self.last.is_some_and(|last| (0.0..interval).contains(&at.seconds_since(last)));
         !self.has_warned[0] && !waits
     }
 
     /// Note that a check of a frame captured at `at` begins.
-    pub fn begin(&mut self, at: Nanos) {
+    fn begin(&mut self, at: Nanos) {
         self.last = Some(at);
     }
 
     /// Take the result of a check, and return a warning that begins with it.
-    pub fn finish(&mut self, shift: Option<PoseShift>) -> Option<PoseWarning> {
+    fn finish(&mut self, shift: Option<PoseShift>) -> Option<PoseWarning> {
         self.checks += 1;
         let Some(shift) = shift else {
             self.without_result += 1;
@@ -82,13 +81,12 @@ impl PoseWatch {
     }
 
     /// Return the displacement of the last check that had a result.
-    #[must_use]
-    pub fn shift(&self) -> Option<PoseShift> {
+    fn shift(&self) -> Option<PoseShift> {
         self.shift
     }
 
     /// Return the warning of frames that have ended before three checks: all of them must agree.
-    pub fn end(&mut self) -> Option<PoseWarning> {
+    fn end(&mut self) -> Option<PoseWarning> {
         let agree = 0 < self.moved && self.moved == self.checks;
         self.shift.filter(|_| agree).and_then(|shift| self.warn(PoseWarning::Moved(shift)))
     }
@@ -101,7 +99,7 @@ impl PoseWatch {
 
 /// Checks of the frames of one source. Those of a live camera run on a thread of their own.
 #[derive(Debug)]
-pub(super) struct PoseChecks {
+pub struct PoseChecks {
     watch: PoseWatch,
     runner: Runner,
 }
@@ -126,7 +124,8 @@ struct Checker {
 
 impl PoseChecks {
     /// Check where the frames come in.
-    pub(super) fn here(check: PoseCheck) -> Self {
+    #[must_use]
+    pub fn here(check: PoseCheck) -> Self {
         Self { watch: PoseWatch::default(), runner: Runner::Here(Box::new(check)) }
     }
 
@@ -139,7 +138,7 @@ impl PoseChecks {
     }
 
     /// Take a frame, and return a warning that begins with it or an earlier one. A live camera never waits here.
-    pub(super) fn take(&mut self, frame: &Frame) -> Option<PoseWarning> {
+    pub fn take(&mut self, frame: &Frame) -> Option<PoseWarning> {
         let is_due = self.watch.is_due(frame.capture_time);
         match &mut self.runner {
             Runner::Here(check) => {

@@ -11,11 +11,12 @@ use crate::{
     provenance::Provenance,
     report::{Axis, Badge, Chart, Colour, Page, Series, Table, pictures},
 };
+use serde::Serialize;
 
 /// Most images on a page.
 const MOST_IMAGES: usize = 3;
 /// Fraction of the marks that the detector must find.
-pub const FEWEST_FOUND: f64 = 0.9;
+const FEWEST_FOUND: f64 = 0.9;
 /// Radius of the rings around marks and detections (pixels).
 const RING_PX: [f64; 2] = [14.0, 18.0];
 /// Brightness of the background in the image of the classes.
@@ -46,6 +47,35 @@ pub struct ImageResult {
     pub detections: Vec<(Kind, [f64; 2])>,
     /// The image and its classes, where they were kept.
     pub shots: Option<TunedImage>,
+}
+
+/// Result of the detector on all marks that its colours were fitted to.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FoundMarks {
+    /// Number of marks.
+    pub marks: usize,
+    /// Number of marks with a detection of their kind nearby.
+    pub found: usize,
+    /// Root mean square of the distances of these detections (pixels).
+    pub rms_px: f64,
+}
+
+impl FoundMarks {
+    /// Sum up the results on all images.
+    #[must_use]
+    pub fn of(results: &[ImageResult]) -> Self {
+        let marks = || results.iter().flat_map(|own| &own.marks);
+        let squares: Vec<f64> = marks().filter_map(|own| Some(own.1?.powi(2))).collect();
+        let found = squares.len();
+        let rms_px = (squares.iter().sum::<f64>() / found.max(1) as f64).sqrt();
+        Self { marks: marks().count(), found, rms_px }
+    }
+
+    /// Return whether the detector has found nine marks of ten.
+    #[must_use]
+    pub fn are_enough(&self) -> bool {
+        FEWEST_FOUND * self.marks as f64 <= self.found as f64
+    }
 }
 
 /// A marked image and the classes of its pixels.
@@ -86,23 +116,20 @@ pub fn tune_page(
     provenance: &Provenance,
 ) -> String {
     let mut page = Page::new("Detector");
-    let marks = || results.iter().flat_map(|own| &own.marks);
-    let distances: Vec<f64> = marks().filter_map(|(_, distance)| *distance).collect();
-    let (found, all) = (distances.len(), marks().count());
-    let is_good = FEWEST_FOUND * all as f64 <= found as f64;
-    let tone = if is_good { Badge::Good } else { Badge::Bad };
-    page.badge(&format!("{found} of {all} marked pieces found"), tone);
+    let summary = FoundMarks::of(results);
+    let found = format!("{} of {}", summary.found, summary.marks);
+    let tone = if summary.are_enough() { Badge::Good } else { Badge::Bad };
+    page.badge(&format!("{found} marked pieces found"), tone);
     page.lead(
         "The detector was run on the marked images that its colours were fitted to. So the result is optimistic: check \
          it on other images with klasktron detect.",
     );
-    let square = distances.iter().map(|own| own * own).sum::<f64>() / found.max(1) as f64;
     page.key_figures(&[
         ("marked images", results.len().to_string()),
-        ("marked pieces found", format!("{found} of {all}")),
-        ("distance from the marks (RMS)", format!("{:.2} px", square.sqrt())),
+        ("marked pieces found", found),
+        ("distance from the marks (RMS)", format!("{:.2} px", summary.rms_px)),
     ]);
-    if !is_good {
+    if !summary.are_enough() {
         page.warning(
             "Fewer than 90 % of the marks were found. Check that every piece of the marked images is marked at its \
              middle, and mark more images.",

@@ -2,7 +2,7 @@
 
 use super::{
     Outcome, note, print,
-    results::{OverwriteArgs, report_of, write_file},
+    results::{OverwriteArgs, report_of, write_with_report},
     tell,
 };
 use anyhow::{Context, bail};
@@ -19,7 +19,6 @@ use klasktron::{
         },
     },
     provenance::Provenance,
-    recording::write_bytes,
 };
 use std::{
     collections::BTreeMap,
@@ -202,12 +201,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let board = (board_shot.as_ref(), half);
     let html = calibration_page(&document, lens.as_ref(), board, &args.provenance());
     let text = serde_json::to_string_pretty(&document)? + "\n";
-    write_file(&args.output, args.overwrite, |existing| {
-        Ok(write_bytes(&args.output, existing, text.as_bytes())?)
-    })?;
-    write_file(&page, args.overwrite, |existing| {
-        Ok(write_bytes(&page, existing, html.as_bytes())?)
-    })?;
+    write_with_report((&args.output, &text), (&page, &html), args.overwrite)?;
     if args.json {
         print(text.trim_end())?;
     }

@@ -5,7 +5,7 @@ use klasktron::{
     board::BoardSize,
     camera::{
         CameraDocument, CameraModel, ColorFit, DetectingFrames, Detector, Distortion, Frame, Kind,
-        Lens, Mark, Pieces, PixelFormat, Pose, PoseCheck, PoseWatch, write_datagram,
+        Lens, Mark, Pieces, PixelFormat, Pose, PoseCheck, PoseChecks, write_datagram,
     },
     rig::{Artist, RigConfig, Scene, VirtualLink, draw},
     units::Nanos,
@@ -24,19 +24,15 @@ pub(super) fn with_vision(link: VirtualLink, config: &RigConfig) -> anyhow::Resu
     let board = BoardSize::new(config.board.short_side_m, config.board.long_side_m)?;
     let calibration = calibration();
     let detector = fitted(&calibration.camera()?, board, config.seed)?;
-    let mut check = PoseCheck::new(&calibration, board);
-    let mut watch = PoseWatch::default();
+    let mut pose = PoseCheck::new(&calibration, board).map(PoseChecks::here);
     let mut frames = DetectingFrames::new(detector);
     let mut frame = Frame::default();
     let size = [draw::WIDTH_PX, draw::HEIGHT_PX];
     Ok(link.with_vision(Box::new(move |bytes: &[u8], capture_time: Nanos| {
         frame.set_packed(size, PixelFormat::Yuyv, bytes).ok()?;
         frame.capture_time = capture_time;
-        if let Some(check) = check.as_mut().filter(|_| watch.is_due(capture_time)) {
-            watch.begin(capture_time);
-            if let Some(warning) = watch.finish(check.shift(&frame)) {
-                tell(&format!("warning: {warning}"));
-            }
+        if let Some(warning) = pose.as_mut().and_then(|own| own.take(&frame)) {
+            tell(&format!("warning: {warning}"));
         }
         Some(write_datagram(&frames.detect(&frame).ok()?))
     })))

@@ -2,7 +2,7 @@
 
 use super::interrupt;
 use anyhow::{Context as _, bail};
-use klasktron::recording::{ExistingFile, partial_name};
+use klasktron::recording::{ExistingFile, partial_name, write_bytes};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -151,6 +151,23 @@ pub(crate) fn report_of(output: &Path, overwrite: OverwriteArgs) -> anyhow::Resu
         refuse_existing_file(file, overwrite)?;
     }
     Ok(report)
+}
+
+/// Write `text` to the file `output` and `html` to its `report`.
+///
+/// # Errors
+/// As for [`write_file`].
+pub(crate) fn write_with_report(
+    (output, text): (&Path, &str),
+    (report, html): (&Path, &str),
+    overwrite: OverwriteArgs,
+) -> anyhow::Result<()> {
+    for (path, content) in [(output, text), (report, html)] {
+        write_file(path, overwrite, |existing| {
+            Ok(write_bytes(path, existing, content.as_bytes())?)
+        })?;
+    }
+    Ok(())
 }
 
 /// Refuse existing results called `names` in `folder`, unless they may be replaced.

@@ -4,7 +4,7 @@ use super::{
     Outcome,
     calibrate_camera::for_each_frame,
     note, print,
-    results::{OverwriteArgs, report_of, write_file},
+    results::{OverwriteArgs, report_of, write_with_report},
     table::parse_within,
     tell,
 };
@@ -12,12 +12,10 @@ use anyhow::{Context, bail};
 use klasktron::{
     board::BoardSize,
     camera::{
-        CameraDocument, CameraModel, ColorFit, Detections, Detector, DetectorDocument,
-        FEWEST_FOUND, Frame, ImageResult, Kind, Mark, Pieces, Predictions, SourceSpec, TunedImage,
-        tune_page,
+        CameraDocument, CameraModel, ColorFit, Detections, Detector, DetectorDocument, FoundMarks,
+        Frame, ImageResult, Kind, Mark, Pieces, Predictions, SourceSpec, TunedImage, tune_page,
     },
     provenance::Provenance,
-    recording::write_bytes,
 };
 use serde::Serialize;
 use std::{collections::BTreeMap, fs, path::PathBuf};
@@ -96,12 +94,11 @@ fn image_mark([image, kind, column, row]: [&str; 4]) -> Option<ImageMark> {
     Some(ImageMark { image: image.parse().ok()?, mark })
 }
 
-/// How well the detector finds the marks it was fitted to.
+/// Result document.
 #[derive(Debug, Serialize)]
 struct Report {
-    marks: usize,
-    found: usize,
-    rms_px: f64,
+    #[serde(flatten)]
+    summary: FoundMarks,
     pixels: Pixels,
 }
 
@@ -133,32 +130,28 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let [background, ball, striker, biscuit] = fit.pixels();
     let document = fit.finish()?;
     let results = args.check(&marks, &camera, &document)?;
-    let report = Report::of(&results, Pixels { background, ball, striker, biscuit });
+    let summary = FoundMarks::of(&results);
+    let pixels = Pixels { background, ball, striker, biscuit };
     let html =
         tune_page(&document, &results, [background, ball, striker, biscuit], &args.provenance());
     let text = serde_json::to_string(&document)? + "\n";
-    write_file(&args.output, args.overwrite, |existing| {
-        Ok(write_bytes(&args.output, existing, text.as_bytes())?)
-    })?;
-    write_file(&page, args.overwrite, |existing| {
-        Ok(write_bytes(&page, existing, html.as_bytes())?)
-    })?;
+    write_with_report((&args.output, &text), (&page, &html), args.overwrite)?;
     if args.json {
-        print(&serde_json::to_string_pretty(&report)?)?;
+        print(&serde_json::to_string_pretty(&Report { summary, pixels })?)?;
     }
     note(&format!(
         "wrote {} and {}: {} of {} marked pieces found, {:.1} px from their marks (RMS)",
         args.output.display(),
         page.display(),
-        report.found,
-        report.marks,
-        report.rms_px
+        summary.found,
+        summary.marks,
+        summary.rms_px
     ));
-    if (report.found as f64) < FEWEST_FOUND * report.marks as f64 {
+    if !summary.are_enough() {
         tell(&format!(
             "warning: the detector finds {} of {} marked pieces; check that every piece of the marked images is \
              marked, at its middle, and mark more images",
-            report.found, report.marks
+            summary.found, summary.marks
         ));
         return Ok(Outcome::Lossy);
     }
@@ -251,16 +244,6 @@ impl Args {
         let marks = self.marks.as_ref().map(|path| format!(" --marks {}", path.display()));
         let line = format!("klasktron tune-detector {}{}", self.source, marks.unwrap_or_default());
         Provenance::new(line)
-    }
-}
-
-impl Report {
-    fn of(results: &[ImageResult], pixels: Pixels) -> Self {
-        let marks = || results.iter().flat_map(|own| &own.marks);
-        let squares: Vec<f64> = marks().filter_map(|own| Some(own.1?.powi(2))).collect();
-        let found = squares.len();
-        let rms_px = (squares.iter().sum::<f64>() / found.max(1) as f64).sqrt();
-        Self { marks: marks().count(), found, rms_px, pixels }
     }
 }
 
