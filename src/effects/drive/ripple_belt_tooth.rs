@@ -2,6 +2,7 @@
 
 use super::ripple_motor::wave;
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
+use std::f64::consts::TAU;
 
 /// `drive.ripple.belt_tooth`: force ripple of the belt teeth.
 ///
@@ -35,7 +36,7 @@ pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.2, 0.0], &[0.0, 0.2]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| wave(p, motion.phase_position(), PITCH)),
+    physics: Physics::Force(|p, _, motion| wave(p, TAU * motion.phase_position() / PITCH)),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::MOTOR,
     excitation: "slow moves at several positions",

@@ -1,6 +1,7 @@
 //! Torque ripple and cogging of the motor.
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
+use std::f64::consts::TAU;
 
 /// `drive.ripple.motor`: torque ripple and cogging of the motor.
 ///
@@ -44,7 +45,7 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     null: &[0.0, 0.0, 0.01],
     probes: &[&[0.2, 0.0, 0.04], &[0.2, 0.0, 0.01]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| wave(p, motion.phase_position(), p[2])),
+    physics: Physics::Force(|p, _, motion| wave(p, TAU * motion.phase_position() / p[2])),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::DRIVE,
     excitation: "slow constant speed over many turns",
@@ -53,9 +54,9 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     reference: "Holtz and Springob 1996, IEEE Transactions on Industrial Electronics 43(2), 309-320",
 };
 
-/// Sinusoid with the sine and cosine amplitudes `p` at `position` (m) with a `period` (m).
-pub(super) fn wave(p: &[f64], position: f64, period: f64) -> f64 {
-    let (sine, cosine) = (std::f64::consts::TAU * position / period).sin_cos();
+/// Sinusoid with the sine and cosine amplitudes `p` at an `angle` (rad).
+pub(super) fn wave(p: &[f64], angle: f64) -> f64 {
+    let (sine, cosine) = angle.sin_cos();
     p[0] * sine + p[1] * cosine
 }
 

@@ -1,5 +1,6 @@
 //! Force ripple of an eccentric pulley.
 
+use super::ripple_motor::wave;
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
 /// `drive.ripple.pulley`: force ripple of an eccentric pulley.
@@ -34,10 +35,7 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.2, 0.0], &[0.0, 0.2]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| {
-        let (sine, cosine) = motion.shaft_angle().sin_cos();
-        p[0] * sine + p[1] * cosine
-    }),
+    physics: Physics::Force(|p, _, motion| wave(p, motion.shaft_angle())),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::MOTOR,
     excitation: "slow diagonals over many turns",
