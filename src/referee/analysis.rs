@@ -212,9 +212,7 @@ impl MatchAnalysis {
     /// Points of the left and the right player.
     #[must_use]
     pub fn points(&self) -> [usize; 2] {
-        Player::BOTH.map(|player| {
-            self.episodes.iter().filter(|episode| episode.span.scorer == Some(player)).count()
-        })
+        episodes::points(self.episodes.iter().map(|episode| &episode.span))
     }
 
     /// Player with more points; `None` for a draw.

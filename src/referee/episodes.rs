@@ -76,6 +76,15 @@ pub struct Span {
     pub scorer: Option<Player>,
 }
 
+/// Points of the left and the right player in `episodes`.
+pub(super) fn points<'a>(episodes: impl IntoIterator<Item = &'a Span>) -> [usize; 2] {
+    let mut points = [0; 2];
+    for scorer in episodes.into_iter().filter_map(|own| own.scorer) {
+        points[scorer as usize] += 1;
+    }
+    points
+}
+
 /// One instant of the ball's track.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Moment {

@@ -1,13 +1,12 @@
 //! The referee during a match.
 
 use super::{
-    episodes::{FEWEST, Moment, Span, Umpire},
+    episodes::{FEWEST, Moment, Span, Umpire, points},
     frames::Frame,
     rules::Rules,
     sight::{LastStrikers, Sight},
     vector::Vector,
 };
-use crate::recording::topic::Player;
 
 /// Referee of a match that is being played: episodes and points by the rules of
 /// [`analyze`](super::analyze), frame by frame.
@@ -97,21 +96,15 @@ impl LiveReferee {
 
     /// Points of the left and the right player.
     #[must_use]
-    pub fn points(&self) -> [u32; 2] {
+    pub fn points(&self) -> [usize; 2] {
         points(self.episodes())
     }
 }
 
-/// Points of the left and the right player in `episodes`.
-pub(crate) fn points(episodes: &[Span]) -> [u32; 2] {
-    let of = |player| episodes.iter().filter(|own| own.scorer == Some(player)).count();
-    Player::BOTH.map(|player| u32::try_from(of(player)).unwrap_or(u32::MAX))
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::Outcome;
     use super::*;
+    use crate::{recording::topic::Player, referee::Outcome};
 
     fn referee(frames: impl Iterator<Item = Frame>) -> LiveReferee {
         let mut referee = LiveReferee::new(Rules::default());
