@@ -65,16 +65,20 @@ pub(super) struct Guard {
     expected: [VecDeque<(Nanos, Expected)>; 2],
     /// Largest allowed lag of a carriage (s).
     most_lag_s: f64,
+    /// Longest silence of an encoder (s).
+    encoder_s: f64,
     striker_far_since: [Option<Nanos>; 2],
     worst_tracking: f64,
 }
 
 impl Guard {
-    pub(super) fn new(camera: CameraDuty) -> Self {
+    /// Checks with a `camera` and encoders that may be silent for `encoder_s` seconds.
+    pub(super) fn new(camera: CameraDuty, encoder_s: f64) -> Self {
         Self {
             camera,
             expected: [VecDeque::new(), VecDeque::new()],
             most_lag_s: MOST_LAG_SECONDS,
+            encoder_s,
             striker_far_since: [None, None],
             worst_tracking: 0.0,
         }
@@ -87,17 +91,11 @@ impl Guard {
         self.expected.iter_mut().for_each(VecDeque::clear);
     }
 
-    /// Add where a carriage is expected now; its encoders may be silent for `encoder_s` seconds.
-    pub(super) fn expect(
-        &mut self,
-        player: Player,
-        now: Nanos,
-        expected: Expected,
-        encoder_s: f64,
-    ) {
+    /// Add where a carriage is expected now.
+    pub(super) fn expect(&mut self, player: Player, now: Nanos, expected: Expected) {
         let kept = &mut self.expected[player as usize];
         kept.push_back((now, expected));
-        let oldest_s = self.most_lag_s + encoder_s;
+        let oldest_s = self.most_lag_s + self.encoder_s;
         while kept.front().is_some_and(|(t, _)| oldest_s < now.seconds_since(*t)) {
             kept.pop_front();
         }
@@ -277,11 +275,11 @@ mod tests {
     fn a_late_position_is_compared_with_what_was_expected_when_it_was_measured() {
         const SPEED: f64 = 0.4;
         let at = |step: u64| Nanos(20_000_000 * step);
-        let mut guard = Guard::new(CameraDuty::Records);
+        let mut guard = Guard::new(CameraDuty::Records, 0.1);
         guard.restart(0.02);
         for step in 0..10 {
             let x = SPEED * at(step).seconds_since(Nanos(0));
-            guard.expect(Player::Left, at(step), Expected::at([x, 0.0]), 0.1);
+            guard.expect(Player::Left, at(step), Expected::at([x, 0.0]));
         }
         let error = |step, x| guard.tracking_error(Player::Left, (at(step), [x, 0.0]));
         let then = SPEED * at(6).seconds_since(Nanos(0));

@@ -177,10 +177,11 @@ impl<'a> Session<'a> {
             0 => CameraDuty::Records,
             _ => CameraDuty::Watches,
         };
+        let encoder_s = station.robot.timeouts.encoder_s;
         Self {
             station,
             control: ControlLoop::new(config.rate_hz, now),
-            guard: Guard::new(camera),
+            guard: Guard::new(camera, encoder_s),
             config,
             show,
             shown: Shown { at: now, frames: 0, camera_frames: 0 },
@@ -274,10 +275,9 @@ impl<'a> Session<'a> {
             // Missed periods are skipped in the reference too.
             at += tick.advanced as usize - 1;
             let now = self.station.now();
-            let encoder_s = self.station.robot.timeouts.encoder_s;
             for (player, reference) in &leg.references {
                 let Some(setpoint) = setpoint_at(reference, at) else { continue };
-                self.guard.expect(*player, now, Expected::at(setpoint.position), encoder_s);
+                self.guard.expect(*player, now, Expected::at(setpoint.position));
                 let due = setpoint_at(reference, at.saturating_sub(self.lag_periods));
                 let wanted = self.wanted(*player, &setpoint, due);
                 self.control.command(&mut self.station, *player, wanted, tick);

@@ -200,8 +200,7 @@ impl Session<'_> {
         let acceleration = self.station.robot.limits.braking_m_per_s2;
         let led = led.get_or_insert(Led::at(position));
         led.advance((position, commanded), acceleration, dt);
-        let (now, encoder_s) = (self.station.now(), self.station.robot.timeouts.encoder_s);
-        self.guard.expect(player, now, led.expected(), encoder_s);
+        self.guard.expect(player, self.station.now(), led.expected());
     }
 }
 
