@@ -67,7 +67,8 @@ def imported(program, data, folder, case, scale):
 
 def refused(summary):
     """The document of a case that the program refuses."""
-    return {"verdict": "refused", "effects": [], "parameter_changes": [], "residuals": [], "summary": summary}
+    empty = {key: [] for key in ("effects", "indistinguishable", "parameter_changes", "residuals")}
+    return {"verdict": "refused", **empty, "description": None, "summary": summary}
 
 
 def twin_options(program, recordings, folder):
