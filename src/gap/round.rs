@@ -548,7 +548,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// a name: of the whitened residual, or of the residual as it is, there or on the witness.
     fn is_worth_naming(&self, trial: &Trial) -> bool {
         let twin = &trial.fit.point.twin;
-        let worth = self.worth.of(trial.candidate.effect, &numbers_of_last(twin));
+        let worth = self.worth.of(trial.candidate.effect, &self.shown_numbers(trial));
         let shows = |view: &View<'_, '_>| {
             worth <= self.removes(view.problem, &view.base_rows, &view.rows(twin))
         };
@@ -668,8 +668,7 @@ impl<'a, 'b> Bench<'a, 'b> {
             return Some(Reason::NotSignificant);
         }
         if self.held_out.parts.is_empty() {
-            let worth =
-                self.worth.of(trial.candidate.effect, &numbers_of_last(&trial.fit.point.twin));
+            let worth = self.worth.of(trial.candidate.effect, &self.shown_numbers(trial));
             let gain = self.removes(self.train, &self.base_train_rows, &trial.train_rows);
             return (gain < worth).then_some(Reason::TooSmall);
         }
@@ -752,17 +751,32 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// How many numbers of the effect do something that is beyond chance: a spring that does not soften has no length
     /// at which it does. Numbers that only come beside the effect do not count.
     fn free_numbers(&self, trial: &Trial) -> usize {
-        let change = apart(&self.base_train_rows, &trial.train_rows);
-        let does_something = |slot: &Slot| {
-            let mut point = trial.fit.point.clone();
-            point.twin.set_to_null(*slot);
-            let without = self.train.whitened(&point, self.filters);
-            self.thresholds().equal_prediction * change <= apart(&without, &trial.train_rows)
-                && self.thresholds().is_in(&without, &trial.train_rows, &self.train.blocks())
-        };
         let effect = trial.candidate.effect;
         let own = slots_of_last(&trial.fit.point.twin).into_iter();
-        own.filter(|slot| !effect.is_optional(slot.parameter) && does_something(slot)).count()
+        own.filter(|slot| !effect.is_optional(slot.parameter) && self.does_something(trial, *slot))
+            .count()
+    }
+
+    /// Whether the parameter `slot` changes the prediction beyond chance.
+    fn does_something(&self, trial: &Trial, slot: Slot) -> bool {
+        let change = apart(&self.base_train_rows, &trial.train_rows);
+        let mut point = trial.fit.point.clone();
+        point.twin.set_to_null(slot);
+        let without = self.train.whitened(&point, self.filters);
+        self.thresholds().equal_prediction * change <= apart(&without, &trial.train_rows)
+            && self.thresholds().is_in(&without, &trial.train_rows, &self.train.blocks())
+    }
+
+    /// The numbers of the effect; those that shape it and do nothing beyond chance at their null values.
+    fn shown_numbers(&self, trial: &Trial) -> Vec<f64> {
+        let twin = &trial.fit.point.twin;
+        let effect = trial.candidate.effect;
+        let shown = |slot: Slot| match slot.parameter {
+            0 => twin.get(slot),
+            _ if self.does_something(trial, slot) => twin.get(slot),
+            shape => effect.null[shape],
+        };
+        slots_of_last(twin).into_iter().map(shown).collect()
     }
 
     /// Whether `other` describes the same joint of the chain as `own`, may be confused with it, changes the prediction
