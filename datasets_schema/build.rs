@@ -13,8 +13,9 @@ const HASH_DIGITS: usize = 12;
 /// The commit of the checkout, or the one from which this package was made; `unknown` elsewhere. A
 /// package that lies in a checkout of something else is not asked for that one's commit.
 fn git_hash() -> String {
-    for file in [".git/HEAD", ".git/logs/HEAD", PACKAGED_FROM] {
-        if fs::exists(file).unwrap_or(false) {
+    let of_checkout = ["HEAD", "logs/HEAD"].into_iter().filter_map(git_path);
+    for file in of_checkout.chain([PACKAGED_FROM.to_owned()]) {
+        if fs::exists(&file).unwrap_or(false) {
             println!("cargo::rerun-if-changed={file}");
         }
     }
@@ -34,10 +35,20 @@ fn hash_of_package() -> Option<String> {
 }
 
 fn hash_of_checkout() -> Option<String> {
+    git(&["rev-parse", "HEAD"])
+}
+
+/// Path of a file of git's for this checkout: in a work tree, `.git` is a file and the folder is elsewhere.
+fn git_path(file: &str) -> Option<String> {
+    git(&["rev-parse", "--git-path", file])
+}
+
+/// First line that git prints in the checkout of this package; `None` where there is no checkout.
+fn git(arguments: &[&str]) -> Option<String> {
     if !fs::exists(".git").unwrap_or(false) {
         return None;
     }
-    let output = Command::new("git").args(["rev-parse", "HEAD"]).output().ok()?;
-    let hash = output.status.success().then_some(output.stdout)?;
-    Some(String::from_utf8(hash).ok()?.trim().to_owned())
+    let output = Command::new("git").args(arguments).output().ok()?;
+    let text = output.status.success().then_some(output.stdout)?;
+    Some(String::from_utf8(text).ok()?.trim().to_owned())
 }
