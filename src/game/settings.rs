@@ -291,17 +291,16 @@ impl Default for BiscuitSettings {
 }
 
 impl GameSettings {
-    /// The same game with the ball, the walls and the actuators of `twin`. Wall effects that the
-    /// twin lacks are removed; impacts on strikers stay as they are, since a twin does not describe
-    /// them.
+    /// The same game with the actuators of `twin`, and with its ball and walls where recordings have determined one of
+    /// their parameters. Wall effects that such a twin lacks are removed; impacts on strikers stay as they are,
+    /// since a twin does not describe them.
     #[must_use]
     pub fn with_twin(mut self, twin: &Twin) -> Self {
-        self.ball.effects = twin
-            .instances
-            .iter()
-            .filter(|instance| instance.effect.physics.acts_on_ball())
-            .cloned()
-            .collect();
+        let of_ball = || twin.instances.iter().filter(|own| own.effect.physics.acts_on_ball());
+        let is_known = |own: &Instance| own.values.iter().any(|own| own.source != Source::Nominal);
+        if of_ball().any(is_known) {
+            self.ball.effects = of_ball().cloned().collect();
+        }
         self.striker.mass = twin.striker_mass;
         self.actuation = Actuation::twin(twin.clone());
         self

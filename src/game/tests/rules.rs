@@ -4,7 +4,7 @@ use super::{ASIDE, STILL, ball, long, one, until_end};
 use crate::{
     board::CUP_RADIUS,
     game::{
-        BiscuitSettings, CupRule, CupSettings, Ending, GameError, GameSettings, Games,
+        BallSettings, BiscuitSettings, CupRule, CupSettings, Ending, GameError, GameSettings, Games,
         LimiterPlace, Outcomes, Randomization, StrikerOverCup, settings::CONTROL_PERIOD,
         sure_fall_speed,
     },
@@ -325,6 +325,21 @@ fn what_cannot_be_is_refused_with_its_number() {
     games.set_positions(1, [0.0; 2], [f64::NAN, 0.0], ASIDE);
     let error = games.step(&[STILL; 2], &mut Outcomes::new(2)).unwrap_err();
     assert_eq!(error, GameError::NotFinite { environment: 1, episode: 0, step: 0, seed: 0 });
+}
+
+#[test]
+fn the_ball_of_a_twin_that_no_roll_was_recorded_for_is_that_of_the_game() {
+    use crate::twin::{Machine, Source, Twin};
+    let mut twin = Twin::nominal(Machine::Table);
+    let ball = |twin: &Twin| GameSettings::default().with_twin(twin).ball;
+    assert_eq!(ball(&twin), BallSettings::default());
+    let of_ball = |twin: &Twin| {
+        let all = twin.instances.iter().filter(|own| own.effect.physics.acts_on_ball());
+        all.cloned().collect::<Vec<_>>()
+    };
+    let restitution = |own: &&mut Instance| own.effect.name == "impact.wall_restitution";
+    twin.instances.iter_mut().find(restitution).unwrap().values[0].source = Source::Fitted;
+    assert_eq!(ball(&twin).effects, of_ball(&twin));
 }
 
 #[test]
