@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Transfer of policies from their simulation to the virtual rig, over several training seeds.
 
-    python scripts/measure_transfer.py KLASKTRON DEMO OUT [--steps 20e6] [--seeds 3] [--seconds 900]
+    python scripts/measure_transfer.py KLASKTRON DEMO OUT [--steps 20e6] [--seeds 3] [--seconds 900] [--ablate]
 
 DEMO is the folder of a finished `klasktron demo`: its twin, actuator network, filter and rig files are used. Every arm is
 the same learner in another simulation. Each policy plays on the rig and in its own simulation: the same opponents, both
-seats, the same serves; one referee scores both. What is already in OUT is not computed again.
+seats, the same serves; one referee scores both. What is already in OUT is not computed again. With --ablate each policy
+also plays on rigs without one of the demo's hidden effects, and on one without any.
 
 Intervals are 95 %: bootstrap over training seeds, and over the episodes of each seed within (Efron and Tibshirani 1993).
 Writes OUT/transfer.json and prints the tables.
@@ -41,6 +42,13 @@ CLAIMS = [
     ("twin", "twin-without-history"),
 ]
 DRAWS = 4000
+# Keys of the demo's rig file, with the values of an unchanged rig.
+HIDDEN = {
+    "command delay": ("drive", "command_delay_s"),
+    "striker friction": ("peg",),
+    "slew limit": ("drive", "slew_turns_per_s2"),
+}
+ABLATIONS = {f"without {name}": [keys] for name, keys in HIDDEN.items()} | {"without all": list(HIDDEN.values())}
 
 
 def run(words, out):
@@ -53,10 +61,24 @@ def run(words, out):
     return json.loads(out.read_text(encoding="utf-8"))
 
 
-def rig_file(options, opponent, seat):
-    """The demo's rig for this match: that of the chaser stands for opponents that the demo does not have."""
+def rig_file(options, place, opponent, seat):
+    """The demo's rig for this match, without the effects that `place` names. That of the chaser stands for opponents that
+    the demo does not have."""
     path = options.demo / "rigs" / f"match-{opponent}-{seat}.json"
-    return path if path.exists() else options.demo / "rigs" / f"match-chaser-{seat}.json"
+    path = path if path.exists() else options.demo / "rigs" / f"match-chaser-{seat}.json"
+    if place not in ABLATIONS:
+        return path
+    rig = json.loads(path.read_text(encoding="utf-8"))
+    for *outer, key in ABLATIONS[place]:
+        group = rig
+        for name in outer:
+            group = group[name]
+        # An absent key has the value of an unchanged rig.
+        del group[key]
+    changed = options.out / "rigs" / f"{place} {path.name}".replace(" ", "-")
+    changed.parent.mkdir(parents=True, exist_ok=True)
+    changed.write_text(json.dumps(rig), encoding="utf-8")
+    return changed
 
 
 def train(options, arm, seed):
@@ -69,24 +91,25 @@ def train(options, arm, seed):
 
 
 def play(options, folder, actuator):
-    """Score of all matches of one policy, on the rig and in its own simulation."""
+    """Score of all matches of one policy at each place: the rig, its own simulation, and the rigs of an ablation."""
     policy = folder / "policy.mcap"
-    for place in ["rig", "simulation"]:
+    places = ["rig", "simulation", *(ABLATIONS if options.ablate else [])]
+    for place in places:
         (folder / place).mkdir(exist_ok=True)
         for opponent in OPPONENTS:
             for seat in SEATS:
                 left, right = (policy, opponent) if seat == "left" else (opponent, policy)
-                words = [options.klasktron, "play", "--speed", "max", "--rig", rig_file(options, opponent, seat)]
-                if place == "rig":
-                    words += ["--ekf", options.demo / "ekf/ekf.json"]
-                else:
+                words = [options.klasktron, "play", "--speed", "max", "--rig", rig_file(options, place, opponent, seat)]
+                if place == "simulation":
                     words += ["--simulation", actuator]
+                else:
+                    words += ["--ekf", options.demo / "ekf/ekf.json"]
                 recording = folder / place / f"{opponent}-{seat}.mcap"
                 words += ["--left", left, "--right", right, "--seconds", options.seconds, "--seed", 0]
                 words += ["--output", recording, "--overwrite", "--json"]
                 run(words, folder / place / f"{opponent}-{seat}.json")
     scores = {}
-    for place in ["rig", "simulation"]:
+    for place in places:
         words = [options.klasktron, "eval", folder / place, "--output", folder / f"eval-{place}", "--overwrite", "--json"]
         scores[place] = run(words, folder / f"eval-{place}.json")
     for recording in folder.glob("*/*.mcap"):
@@ -170,6 +193,21 @@ def difference(better, worse, generator):
     }
 
 
+def ablated(seeds, generator):
+    """Change of the net goals per minute on a rig without some effects: the same policies and serves, [without, with]."""
+    from scipy import stats
+
+    of_change = lambda sums: net(sums) - net(sums[::-1])
+    by_seed = [of_change(whole([one])) for one in seeds]
+    return {
+        "net_goals_per_min": net(whole(seeds)),
+        "change": of_change(whole(seeds)),
+        "change_ci95": interval([of_change(drawn(seeds, generator)) for _ in range(DRAWS)]),
+        "change_by_seed": by_seed,
+        "p_value_paired_t_over_seeds": float(stats.ttest_1samp(by_seed, 0).pvalue) if len(by_seed) > 1 else None,
+    }
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("klasktron", type=Path)
@@ -179,16 +217,21 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--seconds", type=int, default=900)
     parser.add_argument("--arms", default=",".join(ARMS))
+    parser.add_argument("--ablate", action="store_true")
     options = parser.parse_args()
     generator = np.random.default_rng(0)
     document = {"steps": options.steps, "seeds": options.seeds, "seconds": options.seconds, "arms": {}, "differences": {}}
-    data = {}
+    data, changed = {}, {}
     for seed in range(options.seeds):
         for arm in options.arms.split(","):
             folder, actuator, trained = train(options, arm, seed)
             scores = play(options, folder, actuator)
             rows = [{name: episodes(scores[place], name) for name in OPPONENTS} for place in ("rig", "simulation")]
             data.setdefault(arm, []).append(rows)
+            for place in scores.keys() & ABLATIONS.keys():
+                joined = lambda score: np.concatenate([episodes(score, name) for name in OPPONENTS])
+                pair = [joined(scores[place]), joined(scores["rig"])]
+                changed.setdefault(arm, {}).setdefault(place, []).append(pair)
             document["arms"].setdefault(arm, {}).setdefault("transitions_per_s", []).append(trained["transitions_per_s"])
             print(f"{arm}, seed {seed}: done", flush=True)
     pooled = {}
@@ -201,6 +244,9 @@ def main():
     for better, worse in CLAIMS:
         if better in pooled and worse in pooled:
             document["differences"][f"{better} minus {worse}"] = difference(pooled[better], pooled[worse], generator)
+    for arm, places in changed.items():
+        own = {place: ablated(places[place], generator) for place in ABLATIONS}
+        document.setdefault("ablation", {})[arm] = own
     (options.out / "transfer.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
     show(document)
 
@@ -216,7 +262,18 @@ def show(document):
     print("\n| net goals per minute on the rig | difference | p, Welch over seeds |\n|---|---|---|")
     for name, one in document["differences"].items():
         low, high = one["ci95"]
-        print(f"| {name} | {one['net_goals_per_min']:.2f} ({low:.2f} to {high:.2f}) | {one['p_value_welch_over_seeds']:.3f} |")
+        print(f"| {name} | {one['net_goals_per_min']:.2f} ({low:.2f} to {high:.2f}) | {p_value(one['p_value_welch_over_seeds'])} |")
+    if "ablation" in document:
+        print("\n| policy | rig | net goals per minute | change | p, paired over seeds |\n|---|---|---|---|---|")
+    for arm, places in document.get("ablation", {}).items():
+        for place, one in places.items():
+            low, high = one["change_ci95"]
+            change = f"{one['change']:.2f} ({low:.2f} to {high:.2f})"
+            print(f"| {arm} | {place} | {one['net_goals_per_min']:.2f} | {change} | {p_value(one['p_value_paired_t_over_seeds'])} |")
+
+
+def p_value(value):
+    return "" if value is None else f"{value:.3f}"
 
 
 if __name__ == "__main__":
