@@ -4,8 +4,8 @@ use super::{ASIDE, STILL, ball, long, one, until_end};
 use crate::{
     board::CUP_RADIUS,
     game::{
-        BallSettings, BiscuitSettings, CupRule, CupSettings, Ending, GameError, GameSettings, Games,
-        LimiterPlace, Outcomes, Randomization, StrikerOverCup, settings::CONTROL_PERIOD,
+        BallSettings, BiscuitSettings, CupRule, CupSettings, Ending, GameError, GameSettings,
+        Games, LimiterPlace, Outcomes, Randomization, StrikerOverCup, settings::CONTROL_PERIOD,
         sure_fall_speed,
     },
     recording::topic::Player,
@@ -337,7 +337,8 @@ fn the_ball_of_a_twin_that_no_roll_was_recorded_for_is_that_of_the_game() {
         let all = twin.instances.iter().filter(|own| own.effect.physics.acts_on_ball());
         all.cloned().collect::<Vec<_>>()
     };
-    let restitution = |own: &&mut Instance| own.effect.name == "impact.wall_restitution";
+    let restitution =
+        |own: &&mut crate::twin::Instance| own.effect.name == "impact.wall_restitution";
     twin.instances.iter_mut().find(restitution).unwrap().values[0].source = Source::Fitted;
     assert_eq!(ball(&twin).effects, of_ball(&twin));
 }
