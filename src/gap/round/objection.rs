@@ -1,0 +1,162 @@
+//! Why a trial may not be named.
+
+use super::{
+    IDLE,
+    bench::Bench,
+    slots_of_last,
+    trial::{Trial, apart, on_bound, size_of_last, wrong_sign},
+};
+use crate::{
+    gap::{
+        evidence::Amplitude,
+        fit,
+        problem::{Point, Problem},
+        rounds::{Reason, known_on_bound},
+        steady::{self, Seen},
+    },
+    twin::{Slot, Twin},
+};
+
+/// Iterations of a fit of an effect without some of its parameters.
+const PARTS_ITERATIONS: usize = 12;
+
+impl Bench<'_, '_> {
+    /// Whether what makes the effect is hardly needed beside the numbers that shape it: with its size at nothing the
+    /// others explain most of what it explains, and it is another effect that the sessions show.
+    fn is_as_good_without_size(&self, trial: &Trial) -> bool {
+        let size = slots_of_last(&trial.fit.point.twin).into_iter().next();
+        match size.filter(|_| trial.candidate.effect.has_shape_parameters()) {
+            Some(size) => !self.carry_most(trial, &[size]),
+            None => false,
+        }
+    }
+
+    /// Whether a number that comes beside the effect, such as the friction of a striker on a soft magnet, carries most
+    /// of what the effect explains: then it is another effect that the sessions show.
+    fn is_carried_by_option(&self, trial: &Trial) -> bool {
+        let (twin, effect) = (&trial.fit.point.twin, trial.candidate.effect);
+        let is_used = |slot: &Slot| effect.is_optional(slot.parameter) && twin.get(*slot) != 0.0;
+        let optional: Vec<Slot> = slots_of_last(twin).into_iter().filter(is_used).collect();
+        !optional.is_empty() && self.carry_most(trial, &optional)
+    }
+
+    /// Whether most of what `trial` explains is lost without `parts` of its effect, when all other parameters are fitted
+    /// again.
+    fn carry_most(&self, trial: &Trial, parts: &[Slot]) -> bool {
+        let own = slots_of_last(&trial.fit.point.twin);
+        let without = |gone: &[Slot]| {
+            let mut point = trial.fit.point.clone();
+            for slot in gone {
+                point.twin.set_to_null(*slot);
+            }
+            point
+        };
+        let (rest, nothing) = (without(parts), without(&own));
+        let rows = |point: &Point| self.train.whitened(point, self.filters);
+        let change = apart(&rows(&nothing), &trial.train_rows);
+        if apart(&rows(&rest), &rows(&nothing)) <= IDLE * change {
+            return true;
+        }
+        let refitted = |point: Point, gone: &[Slot]| {
+            let slots = trial.fit.slots.iter().copied();
+            let others: Vec<Slot> = slots.filter(|slot| !gone.contains(slot)).collect();
+            fit::fit(self.train, point, &others, self.filters, PARTS_ITERATIONS).point.twin
+        };
+        let (rest, nothing) = (refitted(rest, parts), refitted(nothing, &own));
+        let needs = |problem: &Problem<'_>, with: &[f64]| {
+            let rows =
+                |twin: &Twin| problem.whitened(&fit::on(problem, twin, self.filters), self.filters);
+            let without = rows(&rest);
+            let [nothing, rest, all] = [&rows(&nothing), &without, with].map(fit::squared);
+            self.thresholds().is_in(&without, with, &problem.blocks())
+                && (nothing - rest).max(0.0) <= rest - all
+        };
+        let held_out = self.held_out;
+        (held_out.parts.is_empty() || needs(held_out, &trial.held_rows))
+            && needs(self.train, &trial.train_rows)
+    }
+
+    /// Whether what the effect does is rather in proportion to the speed, beside what its physics says.
+    fn grows_with_speed(&self, trial: &Trial) -> bool {
+        if !steady::are_speeds_known(self.train) {
+            return false;
+        }
+        let mut twin = trial.fit.point.twin.clone();
+        for slot in slots_of_last(&trial.fit.point.twin) {
+            twin.set_to_null(slot);
+        }
+        let without = |problem: &Problem<'_>| {
+            problem.whitened(&fit::on(problem, &twin, self.filters), self.filters)
+        };
+        let [train, held] = [without(self.train), without(self.held_out)];
+        steady::grows_with_speed([
+            Seen { problem: self.train, without: &train, with: &trial.train_rows },
+            Seen { problem: self.held_out, without: &held, with: &trial.held_rows },
+        ])
+    }
+
+    /// Why the trial may not be named; `None` when it may.
+    pub(super) fn objection(&self, trial: &Trial) -> Option<Reason> {
+        let thresholds = self.thresholds();
+        let known = || known_on_bound(&trial.fit.point.twin, &self.known);
+        if let Some(name) = on_bound(&trial.fit).or_else(|| wrong_sign(&trial.fit)).or_else(known) {
+            return Some(Reason::OnBound(name));
+        }
+        if thresholds.family_error < self.p_value(trial) {
+            return Some(Reason::NotSignificant);
+        }
+        if !thresholds.is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
+            // What known parameters imitate, one way or the other, is not shown.
+            return Some(match trial.candidate.is_as_good_as_refit {
+                true => Reason::NotTestable,
+                false => Reason::NotSignificant,
+            });
+        }
+        if self.is_as_good_without_size(trial) || self.is_carried_by_option(trial) {
+            return Some(Reason::NotSignificant);
+        }
+        if self.held_out.parts.is_empty() {
+            let worth = self.worth.of(trial.candidate.effect, &self.shown_numbers(trial));
+            let gain = self.removes(self.train, &self.base_train_rows, &trial.train_rows);
+            return (gain < worth).then_some(Reason::TooSmall);
+        }
+        let (before, blocks) = (&self.base_held_rows, self.held_out.blocks());
+        let amplitude = Amplitude::of(before, &trial.held_rows, &blocks);
+        if amplitude.is_above(0.0, thresholds.confirmation_level)
+            && thresholds.size_ratio < amplitude.value
+        {
+            return Some(Reason::SessionsDisagree);
+        }
+        if !thresholds.is_in(before, &trial.held_rows, &blocks) {
+            return Some(Reason::HeldOut);
+        }
+        if self.grows_with_speed(trial) {
+            return Some(Reason::SpeedsDisagree);
+        }
+        let is_old = size_of_last(&trial.fit.point.twin)
+            .is_some_and(|size| self.worth.was_there_before(trial.candidate.effect, size));
+        (is_old || !self.is_worth_naming(trial)).then_some(Reason::TooSmall)
+    }
+
+    /// Whether the parameter `slot` changes the prediction beyond chance.
+    pub(super) fn does_something(&self, trial: &Trial, slot: Slot) -> bool {
+        let change = apart(&self.base_train_rows, &trial.train_rows);
+        let mut point = trial.fit.point.clone();
+        point.twin.set_to_null(slot);
+        let without = self.train.whitened(&point, self.filters);
+        self.thresholds().equal_prediction * change <= apart(&without, &trial.train_rows)
+            && self.thresholds().is_in(&without, &trial.train_rows, &self.train.blocks())
+    }
+
+    /// The numbers of the effect; those that shape it and do nothing beyond chance at their null values.
+    pub(super) fn shown_numbers(&self, trial: &Trial) -> Vec<f64> {
+        let twin = &trial.fit.point.twin;
+        let effect = trial.candidate.effect;
+        let shown = |slot: Slot| match slot.parameter {
+            0 => twin.get(slot),
+            _ if self.does_something(trial, slot) => twin.get(slot),
+            shape => effect.null[shape],
+        };
+        slots_of_last(twin).into_iter().map(shown).collect()
+    }
+}

@@ -1,0 +1,135 @@
+//! A candidate that was simulated and fitted, and the bounds on which its fit may end.
+
+use super::{numbers_of_last, slots_of_last};
+use crate::{
+    gap::{fit::Fit, problem::Point, rounds::Reason, screen::Candidate},
+    twin::{Instance, Slot, Twin},
+};
+
+/// A candidate, simulated and fitted.
+pub(super) struct Trial {
+    pub(super) candidate: Candidate,
+    pub(super) fit: Fit,
+    /// Whitened residuals of fitted and judging sessions.
+    pub(super) train_rows: Vec<f64>,
+    pub(super) held_rows: Vec<f64>,
+    pub(super) held_point: Point,
+    /// Why it may not be named.
+    pub(super) objection: Option<Reason>,
+}
+
+impl Trial {
+    pub(super) fn log(&self) {
+        let Candidate { effect, axis, .. } = &self.candidate;
+        let (numbers, loss) = (numbers_of_last(&self.fit.point.twin), self.fit.loss);
+        log::debug!("{} on {axis}: {numbers:?} leave {loss}, {:?}", effect.name, self.objection);
+    }
+
+    /// Takes another fit of the same where it is better.
+    pub(super) fn take(&mut self, again: Option<Self>) {
+        if let Some(again) = again.filter(|again| again.fit.loss < self.fit.loss) {
+            *self = again;
+        }
+    }
+}
+
+/// The best first.
+pub(super) fn in_order(trials: &mut [Trial]) {
+    trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
+}
+
+/// Squared distance of two residuals.
+pub(super) fn apart(one: &[f64], other: &[f64]) -> f64 {
+    one.iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum()
+}
+
+/// Whether the effects of two trials may be confused.
+pub(super) fn is_alike(one: &Trial, other: &Trial) -> bool {
+    let (one, other) = (one.candidate.effect, other.candidate.effect);
+    one.confused_with.contains(&other.name) || other.confused_with.contains(&one.name)
+}
+
+/// The first of them: the size of its effect.
+pub(super) fn size_of_last(twin: &Twin) -> Option<f64> {
+    numbers_of_last(twin).first().copied()
+}
+
+/// Value of the parameter of `instance` that is scanned for.
+pub(super) fn scanned(instance: Option<&Instance>) -> Option<f64> {
+    let instance = instance?;
+    let parameter = instance.effect.scanned_parameter()?;
+    Some(instance.values[parameter].value)
+}
+
+/// The size of the added effect where it is below nothing though the effect has one sign only: commands do not
+/// take effect before they are sent, though a fit may move a clock so.
+pub(super) fn wrong_sign(fit: &Fit) -> Option<String> {
+    let effect = fit.point.twin.instances.last()?.effect;
+    let parameter = effect.parameters.first()?;
+    let one_sign = effect.null[0] == 0.0 && 0.0 <= parameter.plausible.0;
+    (one_sign && size_of_last(&fit.point.twin)? < 0.0).then(|| parameter.name.to_owned())
+}
+
+/// The first parameter of the added effect that stopped on a bound. Of several the later ones may do nothing, or
+/// shape the effect up to a bound that is plausible itself (contacts that do not creep).
+pub(super) fn on_bound(fit: &Fit) -> Option<String> {
+    let twin = &fit.point.twin;
+    on_bound_of(twin, slots_of_last(twin)).map(|(_, name)| name)
+}
+
+/// The same of an effect with these slots.
+pub(in crate::gap) fn on_bound_of(
+    twin: &Twin,
+    slots: impl IntoIterator<Item = Slot>,
+) -> Option<(Slot, String)> {
+    slots.into_iter().find_map(|slot| {
+        let effect = twin.instances[slot.instance].effect;
+        let parameter = &effect.parameters[slot.parameter];
+        let (value, (low, high)) = (twin.get(slot), parameter.bounds);
+        let near = 1e-6 * (high - low);
+        let does_nothing =
+            0 < slot.parameter && (value - effect.null[slot.parameter]).abs() <= near;
+        let (least, most) = parameter.plausible;
+        let is_limit = 0 < slot.parameter
+            && (value <= low + near && least <= low || high - near <= value && high <= most);
+        let is_on = value <= low + near || high - near <= value;
+        (is_on && !does_nothing && !is_limit).then(|| (slot, parameter.name.to_owned()))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, find},
+        gap::screen,
+        twin::Machine,
+    };
+
+    /// A fit that ended with the effect called `name` at `values`.
+    fn ended(name: &str, axis: Axis, values: &[f64]) -> Fit {
+        let effect = find(name).unwrap();
+        let twin = screen::with(&Twin::nominal(Machine::Table), effect, axis, values);
+        Fit { point: Point { twin, nuisance: vec![] }, slots: vec![], loss: 0.0, rows: 0 }
+    }
+
+    #[test]
+    fn a_size_on_its_bound_is_no_effect_and_a_later_number_at_nothing_is_none_of_it() {
+        let bound =
+            |values: &[f64]| on_bound(&ended("ball.rolling_resistance", Axis::Whole, values));
+        assert_eq!(bound(&[0.0, 0.1]), Some("coefficient".to_owned()));
+        assert_eq!(bound(&[0.3, 0.1]), Some("coefficient".to_owned()));
+        assert_eq!(bound(&[0.01, 5.0]), Some("viscous_per_s".to_owned()));
+        assert_eq!(bound(&[0.01, 0.0]), None);
+    }
+
+    #[test]
+    fn commands_do_not_act_before_they_are_sent() {
+        let wrong = |values: &[f64]| wrong_sign(&ended("drive.delay", Axis::Motors, values));
+        assert_eq!(wrong(&[-5e-5]), Some("delay_s".to_owned()));
+        assert_eq!(wrong(&[5e-5]), None);
+        // Tilt has both signs; a gain below one is one.
+        assert_eq!(wrong_sign(&ended("ball.tilt", Axis::Whole, &[-0.001, 0.0])), None);
+        assert_eq!(wrong_sign(&ended("drive.gain", Axis::Motors, &[0.9])), None);
+    }
+}
