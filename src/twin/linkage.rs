@@ -12,6 +12,10 @@ type EncoderPart = Part<Law<fn(&[f64], f64, f64) -> f64>>;
 type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
 type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
 
+/// Way over which friction on a rail builds up after a reversal (m): contacts bend by some micrometres before they
+/// slide (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), section 2.1).
+const PRESLIDING_M: f64 = 1e-5;
+
 /// What the places of a carriage are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Places {
@@ -30,8 +34,34 @@ pub struct Linkage {
     frames: Vec<FramePart>,
     couplings: Vec<CouplingPart>,
     mass: [f64; 2],
+    rubs: [Rub; 2],
     turns_per_metre: f64,
     memory: usize,
+}
+
+/// Friction on one rail. Belts transmit the force that overcomes it, as they do that of the moving mass.
+#[derive(Debug, Clone, Default)]
+struct Rub {
+    /// Coulomb friction (N).
+    level: f64,
+    /// Viscous friction (N s/m).
+    damping: f64,
+    /// Friction whose level depends on the motion.
+    levels: Vec<PlayPart>,
+    /// Place in the memory of the Coulomb friction over the last step (N).
+    slot: usize,
+}
+
+impl Rub {
+    /// Force (N) that overcomes the friction over one step: elastic within [`PRESLIDING_M`] after a reversal, then at its
+    /// level (Prandtl's model), so that at rest the last friction stays.
+    fn force(&self, memory: &mut [f64], motion: &Motion) -> f64 {
+        let of_parts = |part: &PlayPart| (part.call)(part.p(), part.memory(memory), motion);
+        let level = (self.level + self.levels.iter().map(of_parts).sum::<f64>()).max(0.0);
+        let bent = memory[self.slot] + level * motion.velocity * motion.dt / PRESLIDING_M;
+        memory[self.slot] = bent.clamp(-level, level);
+        memory[self.slot] + self.damping * motion.velocity
+    }
 }
 
 impl Linkage {
@@ -45,6 +75,7 @@ impl Linkage {
             frames: Vec::new(),
             couplings: Vec::new(),
             mass: [0.0; 2],
+            rubs: Default::default(),
             turns_per_metre: twin.belt_metres_per_turn.recip(),
             memory: 0,
         };
@@ -54,6 +85,10 @@ impl Linkage {
             }
         }
         linkage.leave_rotors_out(twin);
+        for rub in &mut linkage.rubs {
+            rub.slot = linkage.memory;
+            linkage.memory += 1;
+        }
         if places == Places::True {
             linkage.encoders = [Vec::new(), Vec::new()];
         }
@@ -103,6 +138,18 @@ impl Linkage {
                 let mass = call(&instance.numbers(), &Motion::default());
                 covered.for_each(|k| self.mass[k] += mass);
             }
+            // Friction at the motors acts before the belts.
+            Physics::Coulomb(call) if !axis.is_motor() => {
+                let level = call(&instance.numbers());
+                covered.for_each(|k| self.rubs[k].level += level);
+            }
+            Physics::Damping(call) if !axis.is_motor() => {
+                let damping = call(&instance.numbers());
+                covered.for_each(|k| self.rubs[k].damping += damping);
+            }
+            Physics::Friction(call) if !axis.is_motor() => {
+                covered.for_each(|k| self.rubs[k].levels.push(Part::new(call, instance, memory)));
+            }
             _ => {}
         }
     }
@@ -147,7 +194,7 @@ impl Linkage {
                 belt[k] -= part.call.at(part.p(), belt[k], self.turns_per_metre) - belt[k];
             }
         }
-        let force = both(|k| self.mass[k] * carriage.acceleration[k]);
+        let force = self.force(memory, &carriage);
         let belt_force = belts(force).map(|sum| 0.5 * sum);
         let (belt_velocity, belt_acceleration) =
             (belts(carriage.velocity), belts(carriage.acceleration));
@@ -167,14 +214,8 @@ impl Linkage {
         let mut place = rails(belt);
         for (k, parts) in self.rail_plays.iter().enumerate() {
             for part in parts {
-                let motion = Motion {
-                    dt: carriage.dt,
-                    position: place[k],
-                    velocity: carriage.velocity[k],
-                    acceleration: carriage.acceleration[k],
-                    force: force[k],
-                    ..Motion::default()
-                };
+                let motion =
+                    Motion { position: place[k], force: force[k], ..Self::motion(&carriage, k) };
                 place[k] = (part.call)(part.p(), part.memory(memory), &motion);
             }
         }
@@ -184,5 +225,80 @@ impl Linkage {
         }
         let away = self.away(memory, &carriage);
         both(|k| carriage.position[k] + away[k])
+    }
+
+    /// Motion of the `carriage` along rail `k`.
+    fn motion(carriage: &Carriage, k: usize) -> Motion {
+        Motion {
+            dt: carriage.dt,
+            position: carriage.position[k],
+            velocity: carriage.velocity[k],
+            acceleration: carriage.acceleration[k],
+            ..Motion::default()
+        }
+    }
+
+    /// Force (N) along each rail that moves the `carriage`.
+    fn force(&self, memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
+        both(|k| {
+            let friction = self.rubs[k].force(memory, &Self::motion(carriage, k));
+            self.mass[k] * carriage.acceleration[k] + friction
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, find},
+        twin::{Machine, Source},
+    };
+
+    /// Compliance of both belts (m/N), friction (N) and viscous friction (N s/m) of both rails.
+    const COMPLIANCE: f64 = 1e-4;
+    const LEVEL: f64 = 2.0;
+    const DAMPING: f64 = 3.0;
+
+    fn soft(axis: Axis) -> Linkage {
+        let mut twin = Twin::nominal(Machine::Table);
+        let mut add = |name, axis, values: &[f64]| {
+            let effect = find(name).unwrap();
+            twin.instances.push(Instance::new(effect, axis, values, Source::Known));
+        };
+        add("drive.compliance.belt", Axis::Motors, &[COMPLIANCE, 0.98, 0.05]);
+        add("drive.friction.coulomb", axis, &[LEVEL]);
+        add("drive.friction.viscous", axis, &[DAMPING]);
+        let plain = |own: &Instance| !own.effect.name.starts_with("drive.friction");
+        let plain_friction = twin.instances.iter().position(|own| !plain(own)).unwrap();
+        // The plain friction of 1 N and 1 N s/m on both rails goes.
+        twin.instances.drain(plain_friction..plain_friction + 4);
+        Linkage::new(&twin, Places::Reported)
+    }
+
+    /// How far the striker is behind a motor that moves along x with `velocity` (m/s) for a while.
+    fn behind(linkage: &Linkage, memory: &mut [f64], velocity: f64) -> f64 {
+        let mut place = [0.0; 2];
+        for _ in 0..10 {
+            let carriage = Carriage { dt: 1e-3, velocity: [velocity, 0.0], ..Carriage::default() };
+            place = linkage.striker(memory, carriage);
+        }
+        assert!(place[1].abs() < 1e-12);
+        -place[0]
+    }
+
+    #[test]
+    fn friction_on_the_rails_stretches_the_belts_and_stays_at_rest() {
+        let linkage = soft(Axis::Guides);
+        let mut memory = vec![0.0; linkage.memory()];
+        // Two belts share the force, and both stretch.
+        let stretch = |velocity: f64, level: f64| 0.5 * COMPLIANCE * (level + DAMPING * velocity);
+        for (velocity, level) in [(0.2, LEVEL), (0.0, LEVEL), (-0.3, -LEVEL), (0.0, -LEVEL)] {
+            let found = behind(&linkage, &mut memory, velocity);
+            assert!((found - stretch(velocity, level)).abs() < 1e-12, "{velocity}: {found}");
+        }
+        let at_motors = soft(Axis::Motors);
+        let mut memory = vec![0.0; at_motors.memory()];
+        assert!(behind(&at_motors, &mut memory, 0.2).abs() < 1e-12);
     }
 }
