@@ -166,14 +166,14 @@ def game_settings(one, theirs, walls, striker):
     """The same as the game's effects."""
     if one["friction"]:
         walls = striker = own_restitution(one, theirs)
-    effects = [["impact.wall_restitution", [walls]], ["impact.wall_friction_spin", [one["friction"]]]]
+    effects = [["impact.wall_restitution", [walls]], ["impact.wall_friction_spin", [one["friction"], 0.0]]]
     if one["rolling_m"]:
         effects.append(["ball.rolling_resistance", [one["rolling_m"] * 5.0 / 7.0 / RADIUS_M, 0.0]])
     if one["sliding"]:
         effects.append(["ball.sliding_phase", [one["sliding"], 0.0]])
     return {
         "effects": effects,
-        "striker_effects": [["impact.wall_restitution", [striker]], ["impact.wall_friction_spin", [one["friction"]]]],
+        "striker_effects": [["impact.wall_restitution", [striker]], ["impact.wall_friction_spin", [one["friction"], 0.0]]],
         **{key: one[key] for key in ("ball_position_m", "ball_velocity_m_per_s", "striker_positions_m", "steps")},
     }
 

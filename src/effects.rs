@@ -45,6 +45,7 @@ pub use expression::{
     VARIABLES, define,
 };
 pub use file::{EffectsFileError, read_effects};
+pub(crate) use impact::wall_friction_spin::spin_ratio;
 pub(crate) use oscillator::Oscillator;
 pub use physics::{
     Ball, Bristles, Carriage, Change, CrossMotion, Impact, Law, LoopGains, Motion, Noise, Physics,
@@ -394,6 +395,18 @@ impl Effect {
             && self.probes.iter().all(|probe| probe[parameter] == 0.0)
     }
 
+    /// Effect to which a change of `parameter` belongs: an optional parameter is the size of an effect that comes beside
+    /// this one, such as the friction of a striker on a soft magnet.
+    #[must_use]
+    pub fn effect_of_parameter(&self, parameter: usize) -> &'static str {
+        let own = &self.parameters[parameter];
+        let is_same = |size: &Parameter| (size.name, size.symbol) == (own.name, own.symbol);
+        let beside = self.confused_with.iter().filter_map(|name| find(name));
+        let mut beside = beside.filter(|other| other.parameters.first().is_some_and(is_same));
+        let other = if self.is_optional(parameter) { beside.next() } else { None };
+        other.map_or(self.name, |other| other.name)
+    }
+
     /// Index of the parameter that needs a global search.
     #[must_use]
     pub fn scanned_parameter(&self) -> Option<usize> {
@@ -493,6 +506,23 @@ mod tests {
     use super::*;
     use crate::gantry::Pattern;
     use std::collections::BTreeSet;
+
+    #[test]
+    fn the_friction_of_a_striker_on_a_soft_magnet_is_striker_friction() {
+        let spring = find("coupling.magnet_spring").unwrap();
+        let of = |name: &str| {
+            let index = spring.parameters.iter().position(|own| own.name == name).unwrap();
+            spring.effect_of_parameter(index)
+        };
+        assert_eq!(of("force_n"), "coupling.striker_friction");
+        assert_eq!(of("stiffness_n_per_m"), "coupling.magnet_spring");
+        // Nothing else in the catalogue carries another effect.
+        for effect in CATALOGUE {
+            let own = (0..effect.parameters.len()).map(|index| effect.effect_of_parameter(index));
+            let others = own.filter(|name| *name != effect.name).count();
+            assert_eq!(others, usize::from(effect.name == spring.name), "{}", effect.name);
+        }
+    }
 
     #[test]
     fn patches_and_end_stops_are_localized() {

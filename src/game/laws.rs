@@ -2,7 +2,7 @@
 
 use super::randomization::Surface;
 use crate::{
-    effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall},
+    effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall, spin_ratio},
     twin::Instance,
 };
 
@@ -12,9 +12,6 @@ const MOST_PARAMETERS: usize = 8;
 /// Normal speed below which an impact does not bounce (m/s): far below the resolution of a camera;
 /// it ends a sequence of ever smaller bounces.
 const LEAST_BOUNCE: f64 = 2e-3;
-
-/// Fraction of the slip that ends when a solid sphere leaves an impact rolling along the wall.
-const GRIP: f64 = 2.0 / 7.0;
 
 type RollLaw = fn(&[f64], &Ball) -> [f64; 2];
 type BallLaw = fn(&[f64], &Ball) -> f64;
@@ -179,7 +176,11 @@ impl Bounces {
         let mut change = self.laws.iter().fold(start, |change, (role, law)| match role {
             Role::Fixed => (law.call)(law.p(), impact, change),
             Role::Restitution => (law.call)(&[surface.restitution], impact, change),
-            Role::Friction => (law.call)(&[surface.friction(impact, &change)], impact, change),
+            Role::Friction => {
+                let spin_loss = law.numbers[1];
+                let coefficient = surface.friction(impact, &change, spin_loss);
+                (law.call)(&[coefficient, spin_loss], impact, change)
+            }
         });
         if impact.normal_speed < LEAST_BOUNCE {
             change.restitution = 0.0;
@@ -190,8 +191,9 @@ impl Bounces {
 
 impl Surface {
     /// Coulomb coefficient in force: static if it can end the sliding, otherwise kinetic.
-    fn friction(&self, impact: &Impact, change: &Change) -> f64 {
-        let needed = GRIP * (change.tangential_velocity - change.spin).abs();
+    fn friction(&self, impact: &Impact, change: &Change, spin_loss: f64) -> f64 {
+        let needed =
+            (change.tangential_velocity - change.spin).abs() / (1.0 + spin_ratio(spin_loss));
         let most = self.static_friction * (1.0 + change.restitution) * impact.normal_speed;
         if needed <= most { self.static_friction } else { self.dynamic_friction }
     }

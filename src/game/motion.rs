@@ -115,7 +115,7 @@ impl Table {
 /// Add neutral laws of restitution and friction to `effects` where they are missing.
 fn with_laws_of_impact(effects: &[Instance]) -> Vec<Instance> {
     let neutral: [(&str, &[f64]); 2] =
-        [("impact.wall_restitution", &[1.0]), ("impact.wall_friction_spin", &[0.0])];
+        [("impact.wall_restitution", &[1.0]), ("impact.wall_friction_spin", &[0.0, 0.0])];
     let missing = |entry: &Instance| effects.iter().all(|own| own.effect.name != entry.effect.name);
     let added = instances(&neutral).into_iter().filter(missing);
     effects.iter().cloned().chain(added).collect()

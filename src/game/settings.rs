@@ -94,11 +94,11 @@ impl Default for BallSettings {
             effects: instances(&[
                 ("ball.rolling_resistance", &[0.01, 0.0]),
                 ("impact.wall_restitution", &[0.85]),
-                ("impact.wall_friction_spin", &[0.09]),
+                ("impact.wall_friction_spin", &[0.09, 0.0]),
             ]),
             striker_effects: instances(&[
                 ("impact.wall_restitution", &[0.75]),
-                ("impact.wall_friction_spin", &[0.09]),
+                ("impact.wall_friction_spin", &[0.09, 0.0]),
             ]),
             static_friction_ratio: 1.5,
         }

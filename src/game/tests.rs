@@ -20,7 +20,7 @@ const STILL: [[f32; 2]; 2] = [[0.0; 2]; 2];
 /// A ball without resistance, with restitution `e` and friction `mu` of walls and strikers.
 fn ball(e: f64, mu: f64) -> BallSettings {
     let effects =
-        instances(&[("impact.wall_restitution", &[e]), ("impact.wall_friction_spin", &[mu])]);
+        instances(&[("impact.wall_restitution", &[e]), ("impact.wall_friction_spin", &[mu, 0.0])]);
     BallSettings { striker_effects: effects.clone(), effects, ..BallSettings::default() }
 }
 

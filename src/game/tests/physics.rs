@@ -139,7 +139,7 @@ fn an_oblique_bounce_loses_tangential_speed_by_coulombs_law_until_it_rolls_off()
 
 fn parts(e: f64, mu: f64) -> (Table, BoardPhysics) {
     let effects =
-        instances(&[("impact.wall_restitution", &[e]), ("impact.wall_friction_spin", &[mu])]);
+        instances(&[("impact.wall_restitution", &[e]), ("impact.wall_friction_spin", &[mu, 0.0])]);
     let laws = BallLaws::new(&effects, &effects);
     let surface = laws.walls.surface(1.5);
     let physics = BoardPhysics { ball_mass: 0.0017, walls: surface, strikers: surface };

@@ -105,7 +105,7 @@ fn energy_never_grows() {
         ("ball.air_drag", &[0.03]),
         ("impact.wall_restitution", &[1.0]),
         ("impact.wall_restitution_speed", &[0.05]),
-        ("impact.wall_friction_spin", &[0.2]),
+        ("impact.wall_friction_spin", &[0.2, 0.0]),
     ]);
     for angle in 0..40 {
         let direction = f64::from(angle) * 0.157;
@@ -129,7 +129,7 @@ fn a_mirrored_start_gives_a_mirrored_path() {
         ("ball.rolling_resistance", &[0.01, 0.02]),
         ("ball.sliding_phase", &[0.1, 0.3]),
         ("impact.wall_restitution", &[0.85]),
-        ("impact.wall_friction_spin", &[0.2]),
+        ("impact.wall_friction_spin", &[0.2, 0.0]),
         ("ball.board_curvature", &[0.0005, 0.0]),
     ]);
     let times = frames(2.0);
@@ -146,7 +146,7 @@ fn the_path_is_continuous_through_impacts() {
     let rules = rules(&[
         ("ball.rolling_resistance", &[0.01, 0.0]),
         ("impact.wall_restitution", &[0.8]),
-        ("impact.wall_friction_spin", &[0.1]),
+        ("impact.wall_friction_spin", &[0.1, 0.0]),
     ]);
     let (start, step) = ([0.1, 0.02, 0.8, 0.5], 1e-6);
     for k in 0..4000 {
