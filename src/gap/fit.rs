@@ -108,7 +108,8 @@ impl LeastSquares for Fitted<'_, '_> {
 
     fn moved(&self, at: &Evaluated, step: &[f64], linear: &Linear) -> (Evaluated, Vec<f64>) {
         let (moved, taken) = self.problem.moved(&at.point, self.slots, step, linear);
-        (self.problem.evaluated(moved), taken)
+        let next = self.problem.evaluated(moved);
+        (self.problem.with_shorter_nuisance_steps(at, next, self.filters), taken)
     }
 }
 

@@ -2,7 +2,13 @@
 //! a linearised problem: their directions are taken out of residual and columns, and what they change with
 //! a step of the shared parameters follows from a triangular system.
 
-use super::problem::dot;
+use super::{
+    problem::{Evaluated, Problem, dot},
+    whiten::Filters,
+};
+
+/// Fractions of a nuisance step that are tried where the whole step leads astray.
+const SHORTER_STEPS: [f64; 2] = [0.25, 0.0];
 
 /// The nuisance columns of one group as Q R.
 pub(super) struct Elimination {
@@ -98,6 +104,162 @@ impl Elimination {
     }
 }
 
+impl Problem<'_> {
+    /// `next` with shorter steps, from `before`, of the nuisance groups whose squared error is larger after the whole
+    /// step. Groups are independent, and the damping of the shared parameters does not shorten their steps: one roll
+    /// that a step leads astray must not keep all others from theirs.
+    #[must_use]
+    pub(super) fn with_shorter_nuisance_steps(
+        &self,
+        before: &Evaluated,
+        next: Evaluated,
+        filters: &Filters,
+    ) -> Evaluated {
+        // Offsets act linearly: their whole step is the best.
+        let mut parts = self.parts.iter().zip(&next.point.nuisance);
+        if parts.all(|(part, own)| own.len() < 2 || part.stage.offsets(own).is_some()) {
+            return next;
+        }
+        let old = self.group_squares(before, filters);
+        let squares = self.group_squares(&next, filters);
+        let is_worse = |(new, old): (&f64, &f64)| new.is_nan() || old < new;
+        let worse: Vec<bool> = squares.iter().zip(&old).map(is_worse).collect();
+        if !worse.contains(&true) {
+            return next;
+        }
+        let whole = next.point.nuisance.clone();
+        let mut best = (next, squares);
+        for fraction in SHORTER_STEPS {
+            let mut point = best.0.point.clone();
+            let groups = point.nuisance.iter_mut().flatten().zip(&worse);
+            let ends = before.point.nuisance.iter().flatten().zip(whole.iter().flatten());
+            for ((group, _), (from, to)) in groups.zip(ends).filter(|((_, worse), _)| **worse) {
+                for (number, (from, to)) in group.iter_mut().zip(from.iter().zip(to)) {
+                    *number = from + fraction * (to - from);
+                }
+            }
+            best = self.better_of_each_group(best, self.evaluated(point), filters);
+        }
+        best.0
+    }
+
+    /// `best`, whose groups have the given squared errors, with the nuisances of the groups that are better at `tried`.
+    fn better_of_each_group(
+        &self,
+        (best, mut squares): (Evaluated, Vec<f64>),
+        tried: Evaluated,
+        filters: &Filters,
+    ) -> (Evaluated, Vec<f64>) {
+        let new = self.group_squares(&tried, filters);
+        let mut mixed = best.point;
+        let groups = mixed.nuisance.iter_mut().flatten();
+        let others = tried.point.nuisance.into_iter().flatten();
+        for ((group, other), (own, new)) in groups.zip(others).zip(squares.iter_mut().zip(new)) {
+            if new < *own || own.is_nan() {
+                (*group, *own) = (other, new);
+            }
+        }
+        (self.evaluated(mixed), squares)
+    }
+
+    /// Squared whitened residual of each nuisance group, part after part.
+    fn group_squares(&self, at: &Evaluated, filters: &Filters) -> Vec<f64> {
+        let residual = self.whitened_at(&at.prediction, filters);
+        let mut first_row = 0;
+        let mut squares = Vec::new();
+        for part in &self.parts {
+            let own = &residual[first_row..first_row + part.layout.rows.len()];
+            squares
+                .extend(part.groups.iter().map(|rows| dot(&own[rows.clone()], &own[rows.clone()])));
+            first_row += part.layout.rows.len();
+        }
+        squares
+    }
+}
+
 fn norm(a: &[f64]) -> f64 {
     dot(a, a).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{
+        effects::{Domain, Effect},
+        gap::{fit, problem::Problem, whiten},
+        twin::{Channel, Machine, Stage, StageKind, Twin},
+    };
+    use std::ops::Range;
+
+    const SAMPLES: usize = 40;
+
+    /// Two runs with one unknown number each: the first is linear in it, the second is the steep curve on which
+    /// Newton's method runs away, atan.
+    struct Curves {
+        channels: Vec<Channel>,
+    }
+
+    impl Curves {
+        /// Measured at the numbers 2 and 0, with a little scatter.
+        fn new() -> Self {
+            let scatter = |sample: usize| 1e-4 * ((7 * sample % 5) as f64 - 2.0);
+            let measured = (0..2 * SAMPLES)
+                .map(|sample| if sample < SAMPLES { 2.0 } else { 0.0 } + scatter(sample));
+            let channel = Channel {
+                signal: "curve".to_owned(),
+                unit: "m",
+                domain: Domain::Ball,
+                axis: "x",
+                rate_hz: 100.0,
+                times: (0..2 * SAMPLES).map(|sample| 0.01 * sample as f64).collect(),
+                measured: measured.collect(),
+                runs: vec![0..SAMPLES, SAMPLES..2 * SAMPLES],
+            };
+            Self { channels: vec![channel] }
+        }
+    }
+
+    impl Stage for Curves {
+        fn kind(&self) -> StageKind {
+            StageKind::Ball
+        }
+
+        fn channels(&self) -> &[Channel] {
+            &self.channels
+        }
+
+        fn calls(&self, _effect: &Effect) -> bool {
+            false
+        }
+
+        fn nuisance_groups(&self) -> Vec<Range<usize>> {
+            vec![0..1, 1..2]
+        }
+
+        fn nuisance_start(&self, group: usize) -> Vec<f64> {
+            // Newton's method on atan runs away from more than 1.39.
+            vec![[0.0, 1.5][group]]
+        }
+
+        fn nuisance_scale(&self) -> Vec<f64> {
+            vec![1.0]
+        }
+
+        fn predict(&self, _twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+            let (linear, steep) = predicted[0].split_at_mut(SAMPLES);
+            linear.fill(nuisance[0][0]);
+            steep.fill(nuisance[1][0].atan());
+        }
+    }
+
+    #[test]
+    fn a_run_that_a_step_leads_astray_does_not_hold_back_the_others() {
+        let stage = Curves::new();
+        let twin = Twin::nominal(Machine::Table);
+        let problem = Problem::new(&[&stage as &dyn Stage], &twin);
+        let start = problem.start(twin);
+        let filters = problem.filters(&start, whiten::scale_filters);
+        let found = fit::adapt(&problem, start, &filters).nuisance;
+        assert!((found[0][0][0] - 2.0).abs() < 1e-3, "{found:?}");
+        assert!(found[0][1][0].abs() < 1e-2, "{found:?}");
+    }
 }

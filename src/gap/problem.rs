@@ -23,7 +23,7 @@ pub struct Part<'a> {
     /// What happened once, and is left out.
     pub incidents: Vec<Incident>,
     /// Rows of each nuisance group.
-    groups: Vec<std::ops::Range<usize>>,
+    pub(super) groups: Vec<std::ops::Range<usize>>,
     /// What was predicted before.
     memo: Memo,
 }
