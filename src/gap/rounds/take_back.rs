@@ -131,7 +131,7 @@ impl Search<'_> {
         fit::fit_with(&self.train, rest.point, &rest.slots, &how)
     }
 
-    /// Takes back effects whose every interval, now that everything is fitted together, holds the value at which
+    /// Takes back effects whose joint intervals, now that everything is fitted together, hold the value at which
     /// there is no effect: what was added later explains what they did. Gives whether any was.
     pub(super) fn take_back_what_is_none(&mut self) -> bool {
         let before = self.added.len();
@@ -179,7 +179,7 @@ impl Search<'_> {
         known_on_bound(twin, &known)
     }
 
-    /// Remove, one after the other, effects of which every confidence interval contains "no effect" in the end. Give the
+    /// Remove, one after the other, effects of which the joint confidence intervals contain "no effect" in the end. Give the
     /// twin on the validation sessions and the uncertainty of the fit, where effects remain.
     pub(super) fn without_indistinct(&mut self) -> Option<(Point, Uncertainty)> {
         while !self.added.is_empty() {
@@ -187,8 +187,7 @@ impl Search<'_> {
             let rejected = (&self.rejected[..], self.train.thresholds().family_error);
             let found = uncertainty_of(problems, &self.best, &self.filters, rejected);
             let Some(step) = self.indistinct(&found.1) else { return Some(found) };
-            let reason =
-                "Every confidence interval of its parameters contains the value without the effect";
+            let reason = "The joint confidence intervals of its parameters contain the values without the effect";
             log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);
             let rest = self.without(&step);
             self.go_back(&step, rest, reason);
@@ -196,23 +195,22 @@ impl Search<'_> {
         None
     }
 
-    /// The first step of which every interval contains the value without the effect; parameters that the data do not
+    /// The first step whose joint intervals contain the values without the effect; parameters that the data do not
     /// determine have none.
     fn indistinct(&self, uncertainty: &Uncertainty) -> Option<Added> {
         let twin = &self.best.point.twin;
-        let quantile = t_quantile(0.975, uncertainty.freedom);
         let is_indistinct = |step: &&Added| {
             let index = instance_of(twin, step);
             let fitted = self.best.slots.iter().enumerate();
-            let own = fitted
-                .filter(|(k, slot)| Some(slot.instance) == index && !uncertainty.undetermined[*k]);
-            let mut contains = own
-                .map(|(k, slot)| {
-                    let away = twin.get(*slot) - step.effect.null[slot.parameter];
-                    away.abs() < quantile * uncertainty.standard_errors[k]
-                })
-                .peekable();
-            step.unstated.is_none() && contains.peek().is_some() && contains.all(|own| own)
+            let own: Vec<(usize, &Slot)> = fitted
+                .filter(|(k, slot)| Some(slot.instance) == index && !uncertainty.undetermined[*k])
+                .collect();
+            let quantile = joint_quantile(uncertainty.freedom, own.len());
+            let contains = |(k, slot): &(usize, &Slot)| {
+                let away = twin.get(**slot) - step.effect.null[slot.parameter];
+                away.abs() < quantile * uncertainty.standard_errors[*k]
+            };
+            step.unstated.is_none() && !own.is_empty() && own.iter().all(contains)
         };
         self.added.iter().find(is_indistinct).cloned()
     }
@@ -236,20 +234,18 @@ impl Search<'_> {
         let judged = self.judged();
         let found = (&self.best, &judged);
         let uncertainty = fit::uncertainty(&self.train, &self.held_out, found, &self.filters);
-        let quantile = t_quantile(0.975, uncertainty.freedom);
-        // A number without slope, such as a threshold between two commands, has no interval.
-        let is_near_none = |(index, slot): (usize, &Slot), step: &Added| {
-            let size = twin.get(*slot) - step.effect.null[slot.parameter];
-            !uncertainty.undetermined[index]
-                && size.abs() < quantile * uncertainty.standard_errors[index]
-        };
         let is_none = |step: &&Added| {
             let of_step = |slot: &Slot| Some(slot.instance) == instance_of(twin, step);
             let all = self.best.slots.iter().enumerate();
-            let mut own = all.filter(|(_, slot)| of_step(slot)).peekable();
-            has_sizes_only(step.effect)
-                && own.peek().is_some()
-                && own.all(|number| is_near_none(number, step))
+            let own: Vec<(usize, &Slot)> = all.filter(|(_, slot)| of_step(slot)).collect();
+            let quantile = joint_quantile(uncertainty.freedom, own.len());
+            // A number without slope, such as a threshold between two commands, has no interval.
+            let is_near_none = |(index, slot): &(usize, &Slot)| {
+                let size = twin.get(**slot) - step.effect.null[slot.parameter];
+                !uncertainty.undetermined[*index]
+                    && size.abs() < quantile * uncertainty.standard_errors[*index]
+            };
+            has_sizes_only(step.effect) && !own.is_empty() && own.iter().all(is_near_none)
         };
         self.added.iter().filter(is_none).find(|step| !self.is_missed_as_a_whole(step)).cloned()
     }
@@ -350,6 +346,11 @@ fn take_out(best: &mut Fit, step: &Added) {
     best.slots.retain(|slot| slot.instance != index);
     let later = best.slots.iter_mut().filter(|slot| index < slot.instance);
     later.for_each(|slot| slot.instance -= 1);
+}
+
+/// Half width, in standard errors, of the intervals of `count` parameters that hold all of them with 95 % (Bonferroni).
+fn joint_quantile(freedom: f64, count: usize) -> f64 {
+    t_quantile(1.0 - 0.025 / count.max(1) as f64, freedom)
 }
 
 /// Whether each number of `effect` says how large it is, and none only what it looks like.
