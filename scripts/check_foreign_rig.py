@@ -179,13 +179,13 @@ def gap(program, data, results, case):
     return json.loads((folder / "gap.json").read_text()), time.monotonic() - began, ""
 
 
-def judge(found, case, known):
+def judge(found, case):
     """What was named, against what was hidden."""
     named = [effect["name"] for effect in found["effects"]]
     moved = {entry["name"].rsplit(".", 1)[0] for entry in found["parameter_changes"]}
     sets = [set(group["names"]) for group in found["indistinguishable"]]
     wanted = case["answer"]
-    has = lambda name: name in named or (name in known and name in moved)
+    has = lambda name: name in named or name in moved
     allowed = set(wanted).union(*[group for group in sets if group & set(wanted)]) if wanted else set()
     wrong = [name for name in named if name not in wanted]
     return {
@@ -216,15 +216,11 @@ def run(program, data, results, only, jobs):
             if found is None:
                 sys.exit(f"{case['name']}: {error}")
             print(f"{case['name']:<28} {seconds:6.1f} s  base twin: {[e['name'] for e in found['effects']]}", flush=True)
-        known = {
-            base: {entry["name"] for entry in json.loads((results / base / "twin.json").read_text())["effects"]}
-            for base in needed
-        }
         for case, (found, seconds, error) in zip(wanted, pool.map(lambda case: gap(program, data, results, case), wanted)):
             if found is None:
                 row = {"case": case["name"], "hidden": case["answer"], "error": error, "exact": False, "answered": False, "wrong": [], "missed": case["answer"]}
             else:
-                row = judge(found, case, known[case["base"]])
+                row = judge(found, case)
             row["seconds"] = round(seconds, 1)
             rows.append(row)
             mark = "ok     " if row["exact"] else "set    " if row["answered"] else "WRONG  " if row["wrong"] else "missed "

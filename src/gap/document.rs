@@ -198,7 +198,7 @@ fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
             let change = (new.value - old.value).abs();
             if limit < change {
                 changes.push(ParameterChange {
-                    name: format!("{}.{}", before.effect.name, parameter.name),
+                    name: format!("{}.{}", before.effect.effect_of_parameter(k), parameter.name),
                     location: after.axis,
                     before: old.value,
                     after: new.value,

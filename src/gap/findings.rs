@@ -172,7 +172,8 @@ pub struct SignalResidual {
 /// A parameter of the given twin that changed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ParameterChange {
-    /// Dotted name of the effect, then the parameter.
+    /// Dotted name of the effect, then the parameter. The friction of a striker on a soft magnet, which the twin keeps
+    /// with the spring, is `coupling.striker_friction.force_n`.
     pub name: String,
     /// Axis on which the effect acts.
     pub location: Axis,
