@@ -3,7 +3,7 @@
 //! a step of the shared parameters follows from a triangular system.
 
 use super::{
-    problem::{Evaluated, Problem, dot},
+    problem::{Evaluated, Point, Problem, dot},
     whiten::Filters,
 };
 
@@ -128,9 +128,9 @@ impl Problem<'_> {
             return next;
         }
         let whole = next.point.nuisance.clone();
-        let mut best = (next, squares);
+        let mut best = (next.point, squares);
         for fraction in SHORTER_STEPS {
-            let mut point = best.0.point.clone();
+            let mut point = best.0.clone();
             let groups = point.nuisance.iter_mut().flatten().zip(&worse);
             let ends = before.point.nuisance.iter().flatten().zip(whole.iter().flatten());
             for ((group, _), (from, to)) in groups.zip(ends).filter(|((_, worse), _)| **worse) {
@@ -140,26 +140,25 @@ impl Problem<'_> {
             }
             best = self.better_of_each_group(best, self.evaluated(point), filters);
         }
-        best.0
+        self.evaluated(best.0)
     }
 
     /// `best`, whose groups have the given squared errors, with the nuisances of the groups that are better at `tried`.
     fn better_of_each_group(
         &self,
-        (best, mut squares): (Evaluated, Vec<f64>),
+        (mut best, mut squares): (Point, Vec<f64>),
         tried: Evaluated,
         filters: &Filters,
-    ) -> (Evaluated, Vec<f64>) {
+    ) -> (Point, Vec<f64>) {
         let new = self.group_squares(&tried, filters);
-        let mut mixed = best.point;
-        let groups = mixed.nuisance.iter_mut().flatten();
+        let groups = best.nuisance.iter_mut().flatten();
         let others = tried.point.nuisance.into_iter().flatten();
         for ((group, other), (own, new)) in groups.zip(others).zip(squares.iter_mut().zip(new)) {
             if new < *own || own.is_nan() {
                 (*group, *own) = (other, new);
             }
         }
-        (self.evaluated(mixed), squares)
+        (best, squares)
     }
 
     /// Squared whitened residual of each nuisance group, part after part.

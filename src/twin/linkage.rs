@@ -85,9 +85,12 @@ impl Linkage {
             }
         }
         linkage.leave_rotors_out(twin);
-        for rub in &mut linkage.rubs {
-            rub.slot = linkage.memory;
-            linkage.memory += 1;
+        // Only what stretches or has play asks for the force.
+        if linkage.has_plays() {
+            for rub in &mut linkage.rubs {
+                rub.slot = linkage.memory;
+                linkage.memory += 1;
+            }
         }
         if places == Places::True {
             linkage.encoders = [Vec::new(), Vec::new()];
@@ -163,8 +166,12 @@ impl Linkage {
     /// Whether anything in it remembers or depends on motion.
     #[must_use]
     pub fn is_dynamic(&self) -> bool {
-        let plays = self.belt_plays.iter().chain(&self.rail_plays).any(|parts| !parts.is_empty());
-        plays || self.couples() || !self.frames.is_empty()
+        self.has_plays() || self.couples() || !self.frames.is_empty()
+    }
+
+    /// Whether anything between motors and carriage stretches or has play.
+    fn has_plays(&self) -> bool {
+        self.belt_plays.iter().chain(&self.rail_plays).any(|parts| !parts.is_empty())
     }
 
     /// Whether the striker may move beside its magnet.
@@ -194,7 +201,7 @@ impl Linkage {
                 belt[k] -= part.call.at(part.p(), belt[k], self.turns_per_metre) - belt[k];
             }
         }
-        let force = self.force(memory, &carriage);
+        let force = if self.has_plays() { self.force(memory, &carriage) } else { [0.0; 2] };
         let belt_force = belts(force).map(|sum| 0.5 * sum);
         let (belt_velocity, belt_acceleration) =
             (belts(carriage.velocity), belts(carriage.acceleration));
@@ -262,6 +269,7 @@ mod tests {
 
     fn soft(axis: Axis) -> Linkage {
         let mut twin = Twin::nominal(Machine::Table);
+        twin.instances.retain(|own| !own.effect.name.starts_with("drive.friction"));
         let mut add = |name, axis, values: &[f64]| {
             let effect = find(name).unwrap();
             twin.instances.push(Instance::new(effect, axis, values, Source::Known));
@@ -269,10 +277,6 @@ mod tests {
         add("drive.compliance.belt", Axis::Motors, &[COMPLIANCE, 0.98, 0.05]);
         add("drive.friction.coulomb", axis, &[LEVEL]);
         add("drive.friction.viscous", axis, &[DAMPING]);
-        let plain = |own: &Instance| !own.effect.name.starts_with("drive.friction");
-        let plain_friction = twin.instances.iter().position(|own| !plain(own)).unwrap();
-        // The plain friction of 1 N and 1 N s/m on both rails goes.
-        twin.instances.drain(plain_friction..plain_friction + 4);
         Linkage::new(&twin, Places::Reported)
     }
 

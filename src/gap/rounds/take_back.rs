@@ -205,12 +205,7 @@ impl Search<'_> {
             let own: Vec<(usize, &Slot)> = fitted
                 .filter(|(k, slot)| Some(slot.instance) == index && !uncertainty.undetermined[*k])
                 .collect();
-            let quantile = joint_quantile(uncertainty.freedom, own.len());
-            let contains = |(k, slot): &(usize, &Slot)| {
-                let away = twin.get(**slot) - step.effect.null[slot.parameter];
-                away.abs() < quantile * uncertainty.standard_errors[*k]
-            };
-            step.unstated.is_none() && !own.is_empty() && own.iter().all(contains)
+            step.unstated.is_none() && contains_null(twin, &own, uncertainty)
         };
         self.added.iter().find(is_indistinct).cloned()
     }
@@ -238,14 +233,10 @@ impl Search<'_> {
             let of_step = |slot: &Slot| Some(slot.instance) == instance_of(twin, step);
             let all = self.best.slots.iter().enumerate();
             let own: Vec<(usize, &Slot)> = all.filter(|(_, slot)| of_step(slot)).collect();
-            let quantile = joint_quantile(uncertainty.freedom, own.len());
             // A number without slope, such as a threshold between two commands, has no interval.
-            let is_near_none = |(index, slot): &(usize, &Slot)| {
-                let size = twin.get(**slot) - step.effect.null[slot.parameter];
-                !uncertainty.undetermined[*index]
-                    && size.abs() < quantile * uncertainty.standard_errors[*index]
-            };
-            has_sizes_only(step.effect) && !own.is_empty() && own.iter().all(is_near_none)
+            has_sizes_only(step.effect)
+                && own.iter().all(|(index, _)| !uncertainty.undetermined[*index])
+                && contains_null(twin, &own, &uncertainty)
         };
         self.added.iter().filter(is_none).find(|step| !self.is_missed_as_a_whole(step)).cloned()
     }
@@ -348,9 +339,16 @@ fn take_out(best: &mut Fit, step: &Added) {
     later.for_each(|slot| slot.instance -= 1);
 }
 
-/// Half width, in standard errors, of the intervals of `count` parameters that hold all of them with 95 % (Bonferroni).
-fn joint_quantile(freedom: f64, count: usize) -> f64 {
-    t_quantile(1.0 - 0.025 / count.max(1) as f64, freedom)
+/// Whether the joint 95 % intervals (Bonferroni) of `parameters`, with their indices in the fit, contain the values
+/// without the effect; false of none.
+fn contains_null(twin: &Twin, parameters: &[(usize, &Slot)], uncertainty: &Uncertainty) -> bool {
+    let level = 1.0 - 0.025 / parameters.len().max(1) as f64;
+    let quantile = t_quantile(level, uncertainty.freedom);
+    let contains = |(index, slot): &(usize, &Slot)| {
+        let null = twin.instances[slot.instance].effect.null[slot.parameter];
+        (twin.get(**slot) - null).abs() < quantile * uncertainty.standard_errors[*index]
+    };
+    !parameters.is_empty() && parameters.iter().all(contains)
 }
 
 /// Whether each number of `effect` says how large it is, and none only what it looks like.
