@@ -160,7 +160,9 @@ fn second_best(step: &Added) -> String {
     let name = |other: &Contestant| other.effect.name;
     match step.contest.iter().find(|other| step.is_outshone_by(other)).map(name) {
         Some(name) => {
-            format!(" {name} is more significant and removes far less of the residual.")
+            format!(
+                " {name} is more significant, but has more parameters or removes far less of the residual."
+            )
         }
         None => step.runner_up().map(name).map_or_else(String::new, |name| {
             format!(" The second best of {} simulated candidates is {name}.", step.contest.len())

@@ -302,6 +302,10 @@ fn link_of<'a>(
             StageKind::Ball => of(StageKind::WholeRolls, Split::Validation),
             _ => Vec::new(),
         },
+        companions: match kind {
+            StageKind::Drive => of(StageKind::Camera, Split::Train),
+            _ => Vec::new(),
+        },
         held: match kind {
             StageKind::Camera => before.iter().flat_map(determined).collect(),
             _ => Vec::new(),

@@ -22,7 +22,7 @@ mod part;
 mod refit;
 mod take_back;
 
-use refit::{as_it_is, from_deepest, leave_out, refit};
+use refit::{as_it_is, from_deepest, leave_out, refit_in_agreement};
 
 pub use outcome::{Added, Held, Link, Outcome, Reason, Rejected, Task};
 pub(super) use outcome::{Contestant, Unstated};
@@ -61,7 +61,12 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     };
     let alpha = link.context.options.thresholds().family_error;
     let (judged, uncertainty) = known.unwrap_or_else(|| {
-        uncertainty_of((&train, &held_out), &best, &filters, (&rejected, alpha))
+        uncertainty_of(
+            (&train, &held_out),
+            &best,
+            &filters,
+            &shifts(&rejected, &alternatives(&added), alpha),
+        )
     });
     best.point = fit::told(&train, &best.point);
     Outcome {
@@ -89,25 +94,35 @@ fn uncertainty_of(
     (train, held_out): (&Problem<'_>, &Problem<'_>),
     best: &Fit,
     filters: &Filters,
-    (rejected, alpha): (&[Rejected], f64),
+    shifts: &[&[f64]],
 ) -> (Point, Uncertainty) {
     let judged = fit::on(held_out, &best.point.twin, filters);
     let uncertainty = fit::uncertainty(train, held_out, (best, &judged), filters)
         .whatever_the_metric(train, best)
-        .whatever_is_beside(best, &shifts(rejected, alpha));
+        .whatever_is_beside(best, shifts);
     (judged, uncertainty)
 }
 
 /// How far each known parameter would move with each effect that was screened last, is in the data beyond chance and
 /// was not added all the same (scaled). What was fitted and is not in them, with the wrong sign, or not on judging
-/// sessions, moves none.
-fn shifts(rejected: &[Rejected], family_error: f64) -> Vec<&[f64]> {
+/// sessions, moves none; nor does an effect of the `alternatives`.
+fn shifts<'r>(
+    rejected: &'r [Rejected],
+    alternatives: &[&str],
+    family_error: f64,
+) -> Vec<&'r [f64]> {
     let tries: usize = rejected.iter().map(|own| own.candidate.tries).sum();
     let is_there = |own: &&Rejected| {
         own.candidate.p_value * (tries as f64) < family_error
+            && !alternatives.contains(&own.candidate.effect.name)
             && !matches!(own.reason, Reason::NotSignificant | Reason::OnBound(_) | Reason::HeldOut)
     };
     rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
+}
+
+/// Effects that cannot be distinguished from one that was added: they would act instead of it, not beside it.
+fn alternatives(added: &[Added]) -> Vec<&'static str> {
+    added.iter().flat_map(|step| step.class.iter().copied()).collect()
 }
 
 /// Whitened residuals of the judging sessions under two twins, each with its own nuisances.
@@ -168,8 +183,11 @@ impl<'a> Search<'a> {
         let mut slots = start.free(link.train[0]);
         slots.retain(|slot| !link.held.contains(&Held::of(start, *slot)));
         let is_new = !context.options.thresholds().is_at_reference(excess);
+        let count = slots.len();
         let (best, filters) = match is_new {
-            true => refit(link.kind, &mut train, &mut held_out, (&given, &slots)),
+            true => {
+                refit_in_agreement(link, start, (&mut train, &mut held_out), (&given, &mut slots))
+            }
             false => fit::settle(&train, given.clone(), &slots, 10),
         };
         log::info!(
@@ -195,6 +213,13 @@ impl<'a> Search<'a> {
         let reference =
             if is_new { "is above its reference, or has none" } else { "is at its reference" };
         search.note_refit(&given, slots.len(), reference);
+        if slots.len() < count {
+            search.note(
+                MoveKind::Keep,
+                "With all parameters refitted, the twin predicts the camera worse than the given twin: parameters that act \
+                 there, too, keep their given values",
+            );
+        }
         search.note_masked();
         (search, Opening { given, scales, excess, slots })
     }
@@ -440,6 +465,9 @@ mod tests {
             rejected(1e-6, Reason::HeldOut, 5.0),
             rejected(0.5, Reason::TooSmall, 6.0),
         ];
-        assert_eq!(shifts(&all, 0.01), [[1.0], [2.0]]);
+        assert_eq!(shifts(&all, &[], 0.01), [[1.0], [2.0]]);
+        assert_eq!(shifts(&all, &["drive.delay"], 0.01), [[1.0], [2.0]]);
+        // What would act instead of an added effect moves no parameter beside it.
+        assert!(shifts(&all, &["drive.lag1"], 0.01).is_empty());
     }
 }

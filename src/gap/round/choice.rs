@@ -12,6 +12,7 @@ use crate::gap::{
     problem::dot,
     rounds::{Added, Reason, Rejected},
 };
+use crate::twin::Slot;
 use std::mem;
 
 /// A trial and how many [free numbers](Bench::free_numbers) its effect has.
@@ -31,8 +32,12 @@ impl Bench<'_, '_> {
         let mut class = Vec::new();
         for (other, numbers) in counted.iter().filter(|(other, _)| !std::ptr::eq(*other, own)) {
             let name = other.candidate.effect.name;
-            let is_as_good =
-                *numbers <= free && self.is_rival(own, other) && self.is_rival(other, own);
+            // A motor has one of a few periods, which are not known beforehand: found by a scan, they make it no more
+            // flexible than an effect whose period is known.
+            let scanned = usize::from(other.candidate.effect.scanned_parameter().is_some());
+            let is_as_good = *numbers <= free + scanned
+                && self.is_rival(own, other)
+                && self.is_rival(other, own);
             if name != own.candidate.effect.name && is_as_good {
                 if !class.contains(&name) {
                     class.push(name);
@@ -76,13 +81,18 @@ impl Bench<'_, '_> {
         passed.iter().copied().filter(stands).min_by_key(complexity)
     }
 
-    /// How many numbers of the effect do something that is beyond chance: a spring that does not soften has no length
-    /// at which it does. Numbers that only come beside the effect do not count.
+    /// How many numbers of the effect the data ask for: those that change the prediction beyond chance without their
+    /// value, or with twice of it, since a frequency may happen to be the one that the catalogue begins with. A spring
+    /// that does not soften has no length at which it does. Numbers that only come beside the effect do not count.
     fn free_numbers(&self, trial: &Trial) -> usize {
+        let twin = &trial.fit.point.twin;
         let effect = trial.candidate.effect;
-        let own = slots_of_last(&trial.fit.point.twin).into_iter();
-        own.filter(|slot| !effect.is_optional(slot.parameter) && self.does_something(trial, *slot))
-            .count()
+        let matters = |slot: &Slot| {
+            self.does_something(trial, *slot)
+                || self.changes_something(trial, |other| other.set(*slot, 2.0 * twin.get(*slot)))
+        };
+        let own = slots_of_last(twin).into_iter();
+        own.filter(|slot| !effect.is_optional(slot.parameter) && matters(slot)).count()
     }
 
     /// Whether `other` describes the same joint of the chain as `own`, may be confused with it, changes the prediction

@@ -138,13 +138,18 @@ impl Bench<'_, '_> {
         (is_old || !self.is_worth_naming(trial)).then_some(Reason::TooSmall)
     }
 
-    /// Whether the parameter `slot` changes the prediction beyond chance.
+    /// Whether the prediction without the parameter `slot` is another one beyond chance.
     pub(super) fn does_something(&self, trial: &Trial, slot: Slot) -> bool {
-        let change = apart(&self.base_train_rows, &trial.train_rows);
+        self.changes_something(trial, |twin| twin.set_to_null(slot))
+    }
+
+    /// Whether the data prefer `trial` beyond chance to its twin after a `change`.
+    pub(super) fn changes_something(&self, trial: &Trial, change: impl Fn(&mut Twin)) -> bool {
+        let own = apart(&self.base_train_rows, &trial.train_rows);
         let mut point = trial.fit.point.clone();
-        point.twin.set_to_null(slot);
+        change(&mut point.twin);
         let without = self.train.whitened(&point, self.filters);
-        self.thresholds().equal_prediction * change <= apart(&without, &trial.train_rows)
+        self.thresholds().equal_prediction * own <= apart(&without, &trial.train_rows)
             && self.thresholds().is_in(&without, &trial.train_rows, &self.train.blocks())
     }
 

@@ -26,6 +26,8 @@ pub struct Link<'a> {
     pub held_out: Vec<&'a dyn Stage>,
     /// Stages of another link on which the same effects act for longer, and judge how much of a gap they are.
     pub witnesses: Vec<&'a dyn Stage>,
+    /// Stages of another link on which some of the same parameters act: a refit of these must not contradict them.
+    pub companions: Vec<&'a dyn Stage>,
     /// Numbers that a link before it has determined from these recordings: they stay as they are.
     pub held: Vec<Held>,
     /// Whether more than is known to be left may be a disturbance, and not what grows along a whole roll.
