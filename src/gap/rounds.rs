@@ -59,14 +59,8 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
         true => Vec::new(),
         false => numbers(&fit::plainly(&train, &refitted)),
     };
-    let alpha = link.context.options.thresholds().family_error;
     let (judged, uncertainty) = known.unwrap_or_else(|| {
-        uncertainty_of(
-            (&train, &held_out),
-            &best,
-            &filters,
-            &shifts(&rejected, &alternatives(&added), alpha),
-        )
+        uncertainty_of((&train, &held_out), &best, &filters, (&rejected, &added))
     });
     best.point = fit::told(&train, &best.point);
     Outcome {
@@ -94,12 +88,13 @@ fn uncertainty_of(
     (train, held_out): (&Problem<'_>, &Problem<'_>),
     best: &Fit,
     filters: &Filters,
-    shifts: &[&[f64]],
+    (rejected, added): (&[Rejected], &[Added]),
 ) -> (Point, Uncertainty) {
+    let shifts = shifts(rejected, &alternatives(added), train.thresholds().family_error);
     let judged = fit::on(held_out, &best.point.twin, filters);
     let uncertainty = fit::uncertainty(train, held_out, (best, &judged), filters)
         .whatever_the_metric(train, best)
-        .whatever_is_beside(best, shifts);
+        .whatever_is_beside(best, &shifts);
     (judged, uncertainty)
 }
 
@@ -120,7 +115,7 @@ fn shifts<'r>(
     rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
 }
 
-/// Effects that cannot be distinguished from one that was added: they would act instead of it, not beside it.
+/// Effects that cannot be distinguished from one that was added: they would act instead of it, not in addition.
 fn alternatives(added: &[Added]) -> Vec<&'static str> {
     added.iter().flat_map(|step| step.class.iter().copied()).collect()
 }
@@ -467,7 +462,7 @@ mod tests {
         ];
         assert_eq!(shifts(&all, &[], 0.01), [[1.0], [2.0]]);
         assert_eq!(shifts(&all, &["drive.delay"], 0.01), [[1.0], [2.0]]);
-        // What would act instead of an added effect moves no parameter beside it.
+        // An effect that would act instead of an added one moves no parameter.
         assert!(shifts(&all, &["drive.lag1"], 0.01).is_empty());
     }
 }

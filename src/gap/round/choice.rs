@@ -5,14 +5,16 @@ use super::{
     slots_of_last,
     trial::{Trial, apart, is_alike},
 };
-use crate::gap::{
-    batch::in_parallel,
-    evidence::{Amplitude, Blocks},
-    fit::{self, Fit},
-    problem::dot,
-    rounds::{Added, Reason, Rejected},
+use crate::{
+    gap::{
+        batch::in_parallel,
+        evidence::{Amplitude, Blocks},
+        fit::{self, Fit},
+        problem::dot,
+        rounds::{Added, Reason, Rejected},
+    },
+    twin::Slot,
 };
-use crate::twin::Slot;
 use std::mem;
 
 /// A trial and how many [free numbers](Bench::free_numbers) its effect has.
@@ -32,8 +34,8 @@ impl Bench<'_, '_> {
         let mut class = Vec::new();
         for (other, numbers) in counted.iter().filter(|(other, _)| !std::ptr::eq(*other, own)) {
             let name = other.candidate.effect.name;
-            // A motor has one of a few periods, which are not known beforehand: found by a scan, they make it no more
-            // flexible than an effect whose period is known.
+            // A motor has one of a few periods, given by its poles: a period that a scan found makes its ripple no more
+            // flexible than that of an effect whose period is known.
             let scanned = usize::from(other.candidate.effect.scanned_parameter().is_some());
             let is_as_good = *numbers <= free + scanned
                 && self.is_rival(own, other)
@@ -81,9 +83,9 @@ impl Bench<'_, '_> {
         passed.iter().copied().filter(stands).min_by_key(complexity)
     }
 
-    /// How many numbers of the effect the data ask for: those that change the prediction beyond chance without their
-    /// value, or with twice of it, since a frequency may happen to be the one that the catalogue begins with. A spring
-    /// that does not soften has no length at which it does. Numbers that only come beside the effect do not count.
+    /// Number of parameters of the effect that the data require: the prediction changes beyond chance at their null
+    /// value, or at twice their own. A frequency may happen to have the null value, and still counts. A spring that does
+    /// not soften has no length at which it does. Optional parameters do not count.
     fn free_numbers(&self, trial: &Trial) -> usize {
         let twin = &trial.fit.point.twin;
         let effect = trial.candidate.effect;

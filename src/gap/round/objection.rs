@@ -138,7 +138,7 @@ impl Bench<'_, '_> {
         (is_old || !self.is_worth_naming(trial)).then_some(Reason::TooSmall)
     }
 
-    /// Whether the prediction without the parameter `slot` is another one beyond chance.
+    /// Whether the data prefer `trial` beyond chance to its twin with the parameter `slot` at its null value.
     pub(super) fn does_something(&self, trial: &Trial, slot: Slot) -> bool {
         self.changes_something(trial, |twin| twin.set_to_null(slot))
     }

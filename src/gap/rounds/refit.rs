@@ -31,8 +31,8 @@ pub(super) fn leave_out<'a>(
     incident::leave_out_of(kind, train, held_out);
 }
 
-/// [`refit`], in agreement with the companions of `link`: where they contradict it, the parameters that act there, too,
-/// keep their given values and leave `slots`.
+/// [`refit`], in agreement with the companions of `link`. If they contradict it, parameters that also act there keep
+/// their given values and leave `slots`.
 pub(super) fn refit_in_agreement<'a>(
     link: &Link<'a>,
     start: &Twin,

@@ -1,6 +1,6 @@
 //! Effects that turn out not to be needed, taken back.
 
-use super::{Added, Search, alternatives, shifts, uncertainty_of};
+use super::{Added, Search, uncertainty_of};
 use crate::{
     effects::Effect,
     gap::{
@@ -184,9 +184,8 @@ impl Search<'_> {
     pub(super) fn without_indistinct(&mut self) -> Option<(Point, Uncertainty)> {
         while !self.added.is_empty() {
             let problems = (&self.train, &self.held_out);
-            let family_error = self.train.thresholds().family_error;
-            let shifts = shifts(&self.rejected, &alternatives(&self.added), family_error);
-            let found = uncertainty_of(problems, &self.best, &self.filters, &shifts);
+            let others = (&self.rejected[..], &self.added[..]);
+            let found = uncertainty_of(problems, &self.best, &self.filters, others);
             let Some(step) = self.indistinct(&found.1) else { return Some(found) };
             let reason = "The joint confidence intervals of its parameters contain the values without the effect";
             log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);
