@@ -93,7 +93,7 @@ pub use sample::{Moment, SampleGame, play_samples};
 pub use seeds_page::{SeedRun, seeds_page};
 pub use settings::{
     ACTIONS, EvaluationSettings, OpponentMode, OpponentSettings, Preset, RandomizationKind,
-    StartSettings, TrainSettings,
+    ScriptedWeights, StartSettings, TrainSettings,
 };
 pub use stored::{PolicyFormat, StoredPolicy, read_checkpoint, read_curve, read_policy};
 pub use tensorboard::EventFile;

@@ -16,7 +16,7 @@ use crate::{
     stats::{Interval, wilson_ci95},
 };
 use serde::{Deserialize, Serialize};
-use std::num::NonZeroUsize;
+use std::{borrow::Cow, num::NonZeroUsize};
 
 /// Number of environments that one thread steps together.
 const BLOCK: usize = 64;
@@ -173,7 +173,7 @@ impl Arena<'_> {
         let [all_first, all_second] = [0, 1].map(|player| vec![player; results.len()]);
         for step in 0..u64::from(self.game.most_steps()) {
             let moment = (self.seed, step);
-            let player = |index: u32| &players[index as usize];
+            let player = |index: u32| Cow::Borrowed(&players[index as usize]);
             tables.ask(&player, &all_first, moment, |row| seat(first + row));
             tables.ask(&player, &all_second, moment, |row| across(seat(first + row)));
             tables.advance()?;

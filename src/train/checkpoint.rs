@@ -4,9 +4,9 @@
 
 use super::{
     block::BlockState,
-    pool::{Choice, Member, Opponent, PoolState, is_scripted},
+    pool::{Choice, Member, Opponent, PoolState, scripted_of},
     run::Checkpoint,
-    settings::{OpponentMode, TrainSettings},
+    settings::{OpponentMode, ScriptedWeights, TrainSettings},
 };
 use crate::{
     game::ActuatorQueries,
@@ -140,7 +140,8 @@ impl Checkpoint {
         let boards = Boards::from_bytes(&bytes(BOARDS)?)
             .map_err(|reason| (BOARDS.to_owned(), reason))?
             .blocks;
-        check_opponents(&boards, counters.members.len() as u32)?;
+        let members = counters.members.len() as u32;
+        check_opponents(&boards, members, settings.opponents.scripted_weights)?;
         if boards.is_empty() != (updates == 0) {
             let reason = format!("{} blocks of environments after {updates} updates", boards.len());
             return Err((BOARDS.to_owned(), reason));
@@ -176,8 +177,13 @@ impl Checkpoint {
 }
 
 /// Check that every environment has an opponent of a pool of `members`, or a scripted one.
-fn check_opponents(boards: &[BlockState], members: u32) -> Result<(), Refusal> {
-    let is_outside = |opponent: &u32| members <= *opponent && !is_scripted(*opponent);
+fn check_opponents(
+    boards: &[BlockState],
+    members: u32,
+    weights: ScriptedWeights,
+) -> Result<(), Refusal> {
+    let is_outside =
+        |opponent: &u32| members <= *opponent && scripted_of(*opponent, weights).is_none();
     if !boards.iter().flat_map(|own| &own.drawn).any(is_outside) {
         return Ok(());
     }

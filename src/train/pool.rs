@@ -7,7 +7,7 @@
 
 use super::{
     elo::{self, expected_score},
-    settings::{OpponentMode, OpponentSettings},
+    settings::{OpponentMode, OpponentSettings, ScriptedWeights},
 };
 use crate::{
     opponent::{Moment, Scripted},
@@ -15,7 +15,7 @@ use crate::{
     seed::Stream,
 };
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
+use std::{borrow::Cow, collections::VecDeque};
 
 /// Action selection of a policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -126,24 +126,25 @@ pub(super) struct GameResult {
     pub(super) score: i8,
 }
 
-/// Indices from here on are those of scripted players, in the order of [`TRAINERS`]; they are equal
-/// for all sizes of the pool.
+/// Indices from here on are draws of a scripted player, one index for each unit of weight; they are equal for all
+/// sizes of the pool.
 const FIRST_SCRIPTED: u32 = 1 << 31;
-
-/// Scripted players beside the pool, drawn with equal weights: the stronger ones stand twice. The
-/// random one is left out: every untrained policy resembles
-/// it.
-const TRAINERS: [Opponent; 5] = [
-    Opponent::Scripted(Scripted::Stationary),
-    Opponent::Scripted(Scripted::Goalkeeper),
-    Opponent::Scripted(Scripted::Goalkeeper),
-    Opponent::Scripted(Scripted::Chaser),
-    Opponent::Scripted(Scripted::Chaser),
-];
 
 /// Return whether `drawn` is the index of a scripted player beside the pool.
 pub(super) fn is_scripted(drawn: u32) -> bool {
-    (FIRST_SCRIPTED..FIRST_SCRIPTED + TRAINERS.len() as u32).contains(&drawn)
+    FIRST_SCRIPTED <= drawn
+}
+
+/// Scripted player of an index; `None` for that of a pool member and for an index above the sum of the weights.
+pub(super) fn scripted_of(drawn: u32, weights: ScriptedWeights) -> Option<Scripted> {
+    let mut unit = drawn.checked_sub(FIRST_SCRIPTED)?;
+    for (player, weight) in weights.players() {
+        if unit < weight {
+            return Some(player);
+        }
+        unit -= weight;
+    }
+    None
 }
 
 /// Opponents with their sampling weights.
@@ -195,11 +196,10 @@ impl Pool {
     }
 
     /// Opponent of an index that [`draw`](Self::draw) returned.
-    pub(super) fn opponent(&self, drawn: u32) -> &Opponent {
-        if is_scripted(drawn) {
-            &TRAINERS[(drawn - FIRST_SCRIPTED) as usize]
-        } else {
-            &self.opponents[drawn as usize]
+    pub(super) fn opponent(&self, drawn: u32) -> Cow<'_, Opponent> {
+        match scripted_of(drawn, self.settings.scripted_weights) {
+            Some(script) => Cow::Owned(Opponent::Scripted(script)),
+            None => Cow::Borrowed(&self.opponents[drawn as usize]),
         }
     }
 
@@ -212,7 +212,8 @@ impl Pool {
         }
         let mut stream = Stream::numbered(seed, "train.opponent", &[board, step]);
         if 0.0 < scripted && f64::from(stream.uniform_f32(0.0, 1.0)) < scripted {
-            return FIRST_SCRIPTED + stream.below(TRAINERS.len()) as u32;
+            return FIRST_SCRIPTED
+                + stream.below(self.settings.scripted_weights.total() as usize) as u32;
         }
         let draw = f64::from(stream.uniform_f32(0.0, 1.0));
         let last = self.cumulative.len() - 1;
@@ -345,9 +346,9 @@ mod tests {
             drawn.iter().filter(|drawn| wanted(**drawn)).count() as f64 / 30_000.0
         };
         assert!((share(&is_scripted) - 0.4).abs() < 0.012);
-        let is = |script| move |pool: &Pool, drawn| matches!(pool.opponent(drawn), Opponent::Scripted(own) if *own == script);
+        let weights = pool.settings.scripted_weights;
         for (script, expected) in [(Scripted::Stationary, 0.08), (Scripted::Chaser, 0.16)] {
-            let found = share(&|drawn| is(script)(&pool, drawn));
+            let found = share(&|drawn| scripted_of(drawn, weights) == Some(script));
             assert!((found - expected).abs() < 0.012, "{script}: {found}");
         }
         let opponent = drawn.iter().copied().find(|drawn| is_scripted(*drawn)).unwrap();

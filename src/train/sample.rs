@@ -9,6 +9,7 @@ use crate::{
     game::{Ending, GameSettings, ObservationLayout, Snapshot, turned},
     recording::topic::Player,
 };
+use std::borrow::Cow;
 
 /// One step of a game.
 #[derive(Debug, Clone)]
@@ -51,7 +52,7 @@ fn play_one(
     let own = seat(number);
     let mut moments = Vec::new();
     for step in 0.. {
-        let player = |index: u32| &players[index as usize];
+        let player = |index: u32| Cow::Borrowed(&players[index as usize]);
         tables.ask(&player, &[0], (seed, step), |_row| own);
         tables.ask(&player, &[1], (seed, step), |_row| across(own));
         let commands = Player::BOTH

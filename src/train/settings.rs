@@ -138,10 +138,92 @@ pub struct OpponentSettings {
     /// Maximum number of policies in the pool, at least 1; 32, of which the oldest weighs 0.04.
     pub most: usize,
     /// Fraction of the episodes against a scripted player in place of the source of opponents, 0 to
-    /// 1: stationary, goalkeeper and chaser with equal weights; 0 in the presets of paper and
-    /// upstream.
+    /// 1; 0 in the presets of paper and upstream.
     #[serde(default)]
     pub scripted_fraction: f64,
+    /// Weights with which these players are drawn.
+    #[serde(default)]
+    pub scripted_weights: ScriptedWeights,
+}
+
+/// Weights of the scripted players in training. The random one has none: every untrained policy resembles it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptedWeights {
+    /// Weight of [`Scripted::Stationary`], 0 to 1000.
+    pub stationary: u32,
+    /// Weight of [`Scripted::Goalkeeper`], 0 to 1000.
+    pub goalkeeper: u32,
+    /// Weight of [`Scripted::Chaser`], 0 to 1000.
+    pub chaser: u32,
+}
+
+impl ScriptedWeights {
+    /// Largest weight of a player.
+    const MOST: u32 = 1000;
+
+    /// Every player with its weight.
+    #[must_use]
+    pub const fn players(self) -> [(Scripted, u32); 3] {
+        [
+            (Scripted::Stationary, self.stationary),
+            (Scripted::Goalkeeper, self.goalkeeper),
+            (Scripted::Chaser, self.chaser),
+        ]
+    }
+
+    /// Sum of the weights; 0 when a weight is above its range.
+    #[must_use]
+    pub fn total(self) -> u32 {
+        let weights = self.players().map(|(_, weight)| weight);
+        if weights.iter().any(|weight| Self::MOST < *weight) { 0 } else { weights.iter().sum() }
+    }
+}
+
+impl Default for ScriptedWeights {
+    /// Those of the settings that were written before there was a choice.
+    fn default() -> Self {
+        Self { stationary: 1, goalkeeper: 2, chaser: 2 }
+    }
+}
+
+/// Name, value and allowed range of a setting, and whether the value is valid.
+type Check = (&'static str, f64, &'static str, bool);
+
+fn at_least_one(name: &'static str, value: u64) -> Check {
+    (name, value as f64, "at least 1", 1 <= value)
+}
+
+fn fraction(name: &'static str, value: f64) -> Check {
+    (name, value, "from 0 to 1", (0.0..=1.0).contains(&value))
+}
+
+impl OpponentSettings {
+    fn checks(&self) -> [Check; 6] {
+        [
+            (
+                "opponents.update_score",
+                self.update_score,
+                "from -1 to 1",
+                (-1.0..=1.0).contains(&self.update_score),
+            ),
+            at_least_one("opponents.window_games", self.window_games as u64),
+            (
+                "opponents.decay",
+                self.decay,
+                "above 0 and at most 1",
+                0.0 < self.decay && self.decay <= 1.0,
+            ),
+            at_least_one("opponents.most", self.most as u64),
+            fraction("opponents.scripted_fraction", self.scripted_fraction),
+            (
+                "opponents.scripted_weights (sum)",
+                f64::from(self.scripted_weights.total()),
+                "at least 1, of weights from 0 to 1000",
+                1 <= self.scripted_weights.total(),
+            ),
+        ]
+    }
 }
 
 /// Settings of the evaluation after training.
@@ -204,6 +286,7 @@ impl TrainSettings {
                 decay: 0.9,
                 most: 32,
                 scripted_fraction: 0.0,
+                scripted_weights: ScriptedWeights::default(),
             },
             randomization: RandomizationKind::Off,
             sensors: None,
@@ -332,12 +415,8 @@ impl TrainSettings {
     pub fn check(&self) -> Result<(), TrainError> {
         self.ppo.check(self.spaces())?;
         let Self { opponents, evaluation, .. } = self;
-        let at_least_one = |name, value: u64| (name, value as f64, "at least 1", 1 <= value);
-        let fraction =
-            |name, value: f64| (name, value, "from 0 to 1", (0.0..=1.0).contains(&value));
         let even = |name, value: usize| (name, value as f64, "even", value.is_multiple_of(2));
         let environments = self.environments;
-        let score = opponents.update_score;
         let limit = evaluation.time_limit_s;
         let checks = [
             at_least_one("steps", self.steps),
@@ -355,16 +434,6 @@ impl TrainSettings {
                 "from 0 to 8",
                 self.action_history <= MOST_PREVIOUS_COMMANDS,
             ),
-            ("opponents.update_score", score, "from -1 to 1", (-1.0..=1.0).contains(&score)),
-            at_least_one("opponents.window_games", opponents.window_games as u64),
-            (
-                "opponents.decay",
-                opponents.decay,
-                "above 0 and at most 1",
-                0.0 < opponents.decay && opponents.decay <= 1.0,
-            ),
-            at_least_one("opponents.most", opponents.most as u64),
-            fraction("opponents.scripted_fraction", opponents.scripted_fraction),
             fraction("starts.moving_fraction", self.starts.moving_fraction),
             fraction("starts.served_fraction", self.starts.served_fraction),
             fraction("starts.aligned_fraction", self.starts.aligned_fraction),
@@ -383,7 +452,8 @@ impl TrainSettings {
             even("evaluation.games_per_opponent", evaluation.games_per_opponent),
             even("evaluation.games_per_pair", evaluation.games_per_pair),
         ];
-        if let Some((name, value, range, _)) = checks.into_iter().find(|(.., fine)| !fine) {
+        let mut all = checks.into_iter().chain(opponents.checks());
+        if let Some((name, value, range, _)) = all.find(|(.., is_valid)| !is_valid) {
             return Err(TrainError::Setting { name, value, range });
         }
         self.reward

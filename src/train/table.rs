@@ -11,7 +11,7 @@ use crate::{
     ppo::Scratch,
     recording::topic::Player,
 };
-use std::ops::Range;
+use std::{borrow::Cow, ops::Range};
 
 /// The opposite player.
 pub(super) fn across(player: Player) -> Player {
@@ -117,7 +117,7 @@ impl Tables {
     /// the index of the opponent in each environment, and `opponent_of` finds it.
     pub(super) fn ask<'a>(
         &mut self,
-        opponent_of: &dyn Fn(u32) -> &'a Opponent,
+        opponent_of: &dyn Fn(u32) -> Cow<'a, Opponent>,
         drawn: &[u32],
         (seed, step): (u64, u64),
         seat_of: impl Fn(usize) -> Player,
