@@ -77,7 +77,7 @@ pub(crate) enum Command {
     /// Calibrate the lens of the camera and its pose above the table
     ///
     /// The lens is fitted to images of a checkerboard or read from a file of OpenCV or ROS. The pose comes from
-    /// AprilTags 36h11 at known places, or from the corners of the field. Without --board and --corner only the
+    /// AprilTags 36h11 at known positions, or from the corners of the field. Without --board and --corner only the
     /// lens is written.
     CalibrateCamera(commands::calibrate_camera::Args),
     /// Fit the colours of ball, strikers and biscuits

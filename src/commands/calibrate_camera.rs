@@ -22,7 +22,7 @@ use klasktron::{
 };
 use std::{
     collections::BTreeMap,
-    fs,
+    fmt, fs,
     io::BufReader,
     path::{Path, PathBuf},
 };
@@ -381,14 +381,41 @@ impl Args {
 
     /// Command line without the output, so that equal results are equal files.
     fn provenance(&self) -> Provenance {
-        let source = |name: &str, spec: &Option<SourceSpec>| {
-            spec.as_ref().map_or_else(String::new, |own| format!(" --{name} {own}"))
+        let mut line = "klasktron calibrate-camera".to_owned();
+        let mut add = |name: &str, value: &dyn fmt::Display| {
+            line.push_str(&format!(" --{name} {value}"));
         };
-        let lens = self.lens.as_ref().map(|path| format!(" --lens {}", path.display()));
-        let images = source("images", &self.images);
-        let board = source("board", &self.board);
-        let lens = lens.unwrap_or_default();
-        Provenance::new(format!("klasktron calibrate-camera{images}{lens}{board}"))
+        if let Some(images) = &self.images {
+            add("images", images);
+            add("columns", &self.columns);
+            add("rows", &self.rows);
+            add("square-mm", &self.square_mm);
+        }
+        if let (Some(dictionary), Some(side)) = (self.charuco, self.marker_mm) {
+            add("charuco", &dictionary);
+            add("marker-mm", &side);
+        }
+        if let Some(lens) = &self.lens {
+            add("lens", &lens.display());
+        }
+        if let Some(Size([width, height])) = self.size {
+            add("size", &format!("{width}x{height}"));
+        }
+        if let Some(board) = &self.board {
+            add("board", board);
+        }
+        for TagPlace { id, place: [x, y, z] } in &self.tag {
+            add("tag", &format!("{id}:{x},{y},{z}"));
+        }
+        for Pixel([column, row]) in &self.corner {
+            add("corner", &format!("{column},{row}"));
+        }
+        add("board-short-side-m", &self.board_short_side_m);
+        add("board-long-side-m", &self.board_long_side_m);
+        if self.k3 {
+            line.push_str(" --k3");
+        }
+        Provenance::new(line)
     }
 
     /// Status 3 where a reprojection error says that something is wrong.
@@ -453,6 +480,38 @@ pub(super) fn for_each_frame(
         count += 1;
         if source.is_live() && LIVE_FRAMES <= count {
             return Ok(count);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The arguments alone, for a command line.
+    #[derive(clap::Parser)]
+    struct Program {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn command_line_of(line: &str) -> String {
+        let words = line.split_whitespace().skip(1);
+        <Program as clap::Parser>::parse_from(words).args.provenance().command_line
+    }
+
+    #[test]
+    fn the_command_line_of_a_result_has_every_option_that_it_depends_on() {
+        for line in [
+            "klasktron calibrate-camera --images images:board --charuco 5x5 --columns 7 --rows 10 --square-mm 24.5 \
+             --marker-mm 18 --k3 --board images:table --tag 2:-0.14,-0.238,0.01 --board-long-side-m 0.44",
+            "klasktron calibrate-camera --lens lens.yaml --size 1280x720 --corner 270.5,42 --corner 268,610",
+        ] {
+            let reported = command_line_of(line);
+            for word in line.split_whitespace() {
+                assert!(reported.split_whitespace().any(|own| own == word), "{word}: {reported}");
+            }
+            assert_eq!(command_line_of(&reported), reported);
         }
     }
 }

@@ -18,7 +18,7 @@ use klasktron::{
     provenance::Provenance,
 };
 use serde::Serialize;
-use std::{collections::BTreeMap, fs, path::PathBuf};
+use std::{collections::BTreeMap, fmt, fs, path::PathBuf};
 
 /// A detection within this distance of a mark has found it (pixels).
 const FOUND_WITHIN_PX: f64 = 6.0;
@@ -241,8 +241,21 @@ impl Args {
 
     /// Command line without the output, so that equal results are equal files.
     fn provenance(&self) -> Provenance {
-        let marks = self.marks.as_ref().map(|path| format!(" --marks {}", path.display()));
-        let line = format!("klasktron tune-detector {}{}", self.source, marks.unwrap_or_default());
+        let mut line = format!("klasktron tune-detector {}", self.source);
+        let mut add = |name: &str, value: &dyn fmt::Display| {
+            line.push_str(&format!(" --{name} {value}"));
+        };
+        add("calibration", &self.calibration.display());
+        for ImageMark { image, mark: Mark { kind, pixel: [column, row] } } in &self.mark {
+            add("mark", &format!("{}@{image}:{column},{row}", kind.name()));
+        }
+        if let Some(marks) = &self.marks {
+            add("marks", &marks.display());
+        }
+        add("striker-height-mm", &self.striker_height_mm);
+        add("biscuit-diameter-mm", &self.biscuit_diameter_mm);
+        add("board-short-side-m", &self.board_short_side_m);
+        add("board-long-side-m", &self.board_long_side_m);
         Provenance::new(line)
     }
 }
@@ -261,4 +274,36 @@ fn distance_to(mark: &Mark, detections: &[(Kind, [f64; 2])]) -> Option<f64> {
     let distances =
         of_kind.map(|(_, pixel)| (pixel[0] - mark.pixel[0]).hypot(pixel[1] - mark.pixel[1]));
     Some(distances.fold(f64::INFINITY, f64::min)).filter(|own| *own < FOUND_WITHIN_PX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The arguments alone, for a command line.
+    #[derive(clap::Parser)]
+    struct Program {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn command_line_of(line: &str) -> String {
+        let words = line.split_whitespace().skip(1);
+        <Program as clap::Parser>::parse_from(words).args.provenance().command_line
+    }
+
+    #[test]
+    fn the_command_line_of_a_result_has_every_option_that_it_depends_on() {
+        for line in [
+            "klasktron tune-detector images:table --calibration lens.json --mark ball@0:612,340.5 \
+             --mark striker@1:380,352 --striker-height-mm 20 --biscuit-diameter-mm 11 --board-short-side-m 0.3",
+            "klasktron tune-detector images:table --marks marks.csv",
+        ] {
+            let reported = command_line_of(line);
+            for word in line.split_whitespace() {
+                assert!(reported.split_whitespace().any(|own| own == word), "{word}: {reported}");
+            }
+            assert_eq!(command_line_of(&reported), reported);
+        }
+    }
 }

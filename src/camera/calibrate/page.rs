@@ -39,7 +39,7 @@ pub fn calibration_page(
     let mut page = Page::new("Camera calibration");
     badge(&mut page, document);
     page.lead(
-        "The reprojection error is the distance between a measured point and the projection of its known place. The \
+        "The reprojection error is the distance between a measured point and the projection of its known position. The \
          model is that of OpenCV: a pinhole with radial and tangential distortion.",
     );
     page.key_figures(&key_figures(document));
