@@ -1,44 +1,44 @@
-//! Find where the simulation and the measured data disagree, name what is missing, add it, and show
-//! the gap shrink.
+//! Identify effects that the simulation lacks, add them to the twin, and measure the reduction of the gap.
 //!
-//! # The way of the data
+//! # Workflow
 //!
-//! 1. [`checks`](check): is there enough motion, both ways, and does it follow the command? Only then
-//!    physics.
-//! 2. Link by link ([`crate::twin::StageKind`]), [`search`] fits what the twin already has, so that bad
-//!    tuning is not blamed on structure. Single samples that stand off are left out, and a moment of one session
-//!    that holds most of the squared residual of all ([`Incident`]).
-//! 3. The screen switches every effect of the catalogue on, on every axis, and regresses what is left on
-//!    the change of the simulation, prewhitened, block by block. Where the given twin is a calibrated one,
-//!    effects are also simulated on it as it was, before a refit could absorb them.
-//! 4. The best are simulated again, everything fitted together, and compared in the metric of the best
-//!    one's residual. One is named when its gain is beyond chance for all tries, when the held-out
-//!    session follows it in sign and size and gains by it, and no number stands on a bound. One that closes
-//!    far more of the gap itself comes before one that shows more clearly: small slow effects are the clearest.
-//!    Rivals that explain the data as well are its class; of equals the one with the fewest numbers is added.
-//! 5. Then again, until nothing passes; last, what changes the scatter of the camera and no value
-//!    (`scatter`). What is left and still depends on something gets a name of its own:
-//!    `unknown.<regressor>[<band>]`.
-//!    A searched twin notes what it leaves and what each effect explains of that though it is not there
-//!    (`known`): in later recordings an effect must explain three times as much, and one that stands beside
-//!    a larger one must be more than the larger one's model is wrong.
-//! 6. [`find()`] puts it into `gap.json` ([`Document`]), [`page()`] into `index.html`, [`write_tape`] into
+//! 1. [`checks`](check) tests the data: enough motion, in both directions, connected to the command. Physics is fitted
+//!    only to data that pass.
+//! 2. [`search`] fits the known parameters stage by stage ([`crate::twin::StageKind`]), so that a wrong parameter is not
+//!    attributed to a missing effect. Outliers (single samples) are excluded, and so are one-off disturbances: a moment
+//!    of one session that holds most of the squared residual of all ([`Incident`]).
+//! 3. The screen regresses the residual on the simulated change of every effect on every axis, prewhitened, block by
+//!    block. Effects are also simulated at a calibrated given twin, before a refit can absorb them.
+//! 4. The best candidates are simulated again, everything fitted together, and compared in the metric of the best one's
+//!    residual. An effect passes if its gain is significant after correction for all comparisons, the validation
+//!    sessions confirm sign, magnitude and gain, and no parameter is on a bound. An effect that closes far more of the
+//!    gap precedes a more significant one: small slow effects are the most significant. Rivals that explain the data
+//!    equally well are reported as indistinguishable. Among them, the effect with the fewest parameters is added.
+//! 5. The search repeats until no candidate passes. Changes of the camera noise are tested last (`noise`). An
+//!    unexplained dependence of the residual is reported as `unknown.<regressor>[<band>]`.
+//! 6. A searched twin stores its final residual, and the fraction that each rejected effect explains (`known`). In later
+//!    recordings an effect must explain three times that fraction. An effect in addition to a larger one must exceed the
+//!    model error of the larger one.
+//! 7. [`find()`] writes the result into `gap.json` ([`Document`]), [`page()`] into `index.html`, [`write_tape`] into
 //!    `gap.mcap`.
 //!
 //! # Statistics, with their sources
 //!
 //! - Prewhitening by autoregressive models up to order 12 (Ljung 1999, chapter 7).
-//! - Evidence by blocks of 0.5 s as clusters, from what is left *after* the change in question, moderated
-//!   where few blocks are active (Smyth 2004): the amplitude with which the data follow a simulated change
-//!   (after Davidson and MacKinnon, Econometrica 49, 1981), and a joint test of several numbers (after Rao
-//!   and Scott, Annals of Statistics 12, 1984, or Hotelling's of the blocks' correlations).
-//! - Intervals by the sandwich covariance of Liang and Zeger (Biometrika 73, 1986), widened by what sessions
-//!   differ in beyond their scatter (DerSimonian and Laird 1986), and by what a fit with errors weighed
-//!   otherwise differs in beyond it (after Hausman, Econometrica 46, 1978).
-//! - Bonferroni's correction for all pairs of effect and start that a screen tries.
-//! - Rivals by the same amplitude between two simulated changes: the better one's must be above one half.
-//! - The noise floor from measurements alone, never from a residual.
-//! - Every threshold of a decision once, in [`Thresholds`].
+//! - Evidence by blocks of 0.5 s as clusters, from the residual *after* the change in question, moderated where few
+//!   blocks are active (Smyth 2004).
+//! - Test of one parameter: the amplitude with which the data follow a simulated change (after Davidson and MacKinnon,
+//!   Econometrica 49, 1981).
+//! - Joint test of several parameters (after Rao and Scott, Annals of Statistics 12, 1984, or Hotelling's test of the
+//!   blocks' correlations).
+//! - Confidence intervals by the sandwich covariance of Liang and Zeger (Biometrika 73, 1986). They are widened by the
+//!   variance between sessions (DerSimonian and Laird 1986), and by the difference to a fit with another weighting of
+//!   the errors (after Hausman, Econometrica 46, 1978).
+//! - Bonferroni correction for all pairs of effect and start that a screen tries.
+//! - Selection between rivals by the same amplitude between two simulated changes: that of the better one must be above
+//!   one half.
+//! - Noise floors from measurements alone, never from a residual.
+//! - Every decision threshold once, in [`Thresholds`].
 
 mod batch;
 mod calibrate_page;
@@ -47,6 +47,7 @@ mod compare;
 mod describe;
 mod direct;
 mod document;
+mod estimates;
 mod evidence;
 mod experiment;
 mod explain;
@@ -60,8 +61,8 @@ mod journal;
 mod known;
 mod locate;
 mod memo;
+mod noise;
 mod nuisance;
-mod numbers;
 mod numerics;
 mod observer;
 mod options;
@@ -70,9 +71,8 @@ mod page;
 mod problem;
 mod round;
 mod rounds;
-mod scatter;
 mod screen;
-mod steady;
+mod speed_dependence;
 mod tape;
 mod thresholds;
 mod unknown;
@@ -83,6 +83,7 @@ mod whiten;
 pub use calibrate_page::calibration_page;
 pub use checks::{Objection, check};
 pub use compare::{ComparedSignal, compare};
+pub use estimates::ParameterEstimate;
 pub use evidence::LogScoreGain;
 pub use explain::significant;
 pub use find::{Found, find};
@@ -98,12 +99,11 @@ pub use isolability::{
     Confusion, Isolability, SignalShare, Signature, StageIsolability, isolability,
 };
 pub use journal::{JournalEntry, Move, MoveComparison, MoveKind};
-pub use numbers::ParameterEstimate;
 pub use observer::{SearchObserver, SearchStep};
 pub use options::{Context, FixedParameter, OptionError, SearchOptions};
 pub use page::{page, residual_figure};
 pub use problem::{Part, Point, Problem};
-pub use rounds::{Added, Held, Link, Outcome, Reason, Rejected, Task, search};
+pub use rounds::{Added, Held, Outcome, Reason, Rejected, StageData, Task, search};
 pub use screen::Candidate;
 pub use tape::write_tape;
 pub use thresholds::{Threshold, ThresholdValue, Thresholds};

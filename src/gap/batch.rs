@@ -1,9 +1,9 @@
-//! Simulations that parallel work asks for, gathered and run side by side.
+//! Batching of simulations from parallel work.
 //!
-//! Many fits run at once, and each of them asks for few simulations at a time. A stage that marches several twins side
-//! by side ([`Stage::width`]) is far cheaper per twin, so [`in_parallel`] gives each item a thread of its own, and
-//! [`predict_each`] waits until the threads together ask for enough, or until all of them wait. Which twins march
-//! beside each other follows from timing; what is predicted for each does not.
+//! Many fits run at once, and each requests few simulations at a time. A stage that simulates several twins side by
+//! side ([`Stage::width`]) is far cheaper per twin. So [`in_parallel`] gives each item its own thread. [`predict_each`]
+//! waits until the threads together request enough, or until all of them wait. The composition of a batch depends on
+//! timing; the predictions do not.
 
 use crate::{
     parallel::{in_parallel_on, threads},
@@ -15,18 +15,18 @@ use std::{
     sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
 };
 
-/// Most items that are worked on at once.
+/// Most items that are processed at once.
 const MOST_WORKERS: usize = 32;
 
-/// What is predicted for one twin: `[channel][sample]`.
+/// Prediction for one twin: `[channel][sample]`.
 type Predicted = Vec<Vec<f64>>;
 
 thread_local! {
-    /// The exchange of the item on which this thread works.
+    /// Exchange of the item on which this thread works.
     static CURRENT: RefCell<Option<Arc<Exchange>>> = const { RefCell::new(None) };
 }
 
-/// Applies `work` to every item; the simulations of all items run side by side. The results are in the order of the
+/// Apply `work` to every item; the simulations of all items run side by side. The results are in the order of the
 /// items, and independent of the number of threads. A panic in `work` propagates to the caller.
 pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     let is_inside = CURRENT.with_borrow(Option::is_some);
@@ -41,7 +41,7 @@ pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R 
     })
 }
 
-/// The prediction of `stage` for each of `twins`.
+/// Predictions of `stage` for each of `twins`.
 pub(super) fn predict_each(
     stage: &dyn Stage,
     twins: &[&Twin],
@@ -59,7 +59,7 @@ pub(super) fn predict_each(
     in_parallel_on(threads, &groups, run).into_iter().flatten().collect()
 }
 
-/// Where `stage` is: what tells it from others while it lives.
+/// Address of `stage`, which identifies it during its lifetime.
 pub(super) fn address_of(stage: &dyn Stage) -> usize {
     std::ptr::from_ref(stage).cast::<u8>().addr()
 }
@@ -76,7 +76,7 @@ fn simulated(stage: &dyn Stage, twins: &[&Twin], nuisance: &[Vec<f64>]) -> Vec<P
     predicted
 }
 
-/// One thread's work on one item.
+/// Work of one thread on one item.
 struct Membership<'e> {
     exchange: &'e Arc<Exchange>,
 }
@@ -100,7 +100,7 @@ impl Drop for Membership<'_> {
     }
 }
 
-/// Where the threads of one [`in_parallel`] leave what they ask for.
+/// Exchange of requests between the threads of one [`in_parallel`].
 struct Exchange {
     state: Mutex<State>,
     changed: Condvar,
@@ -108,32 +108,32 @@ struct Exchange {
 }
 
 struct State {
-    /// How many more threads may compute.
+    /// Number of further threads that may compute.
     permits: usize,
-    /// Items that are not done.
+    /// Number of unfinished items.
     unfinished: usize,
-    /// Orders that are not complete.
+    /// Number of incomplete orders.
     waiting: usize,
-    /// Whether a thread has panicked, so that nobody must wait for it.
+    /// `true` after a panic in a thread, so that no other thread waits for it.
     is_broken: bool,
     pending: Vec<Request>,
     orders: BTreeMap<u64, Order>,
     next_order: u64,
 }
 
-/// One simulation that is asked for.
+/// Request of one simulation.
 struct Request {
     order: u64,
     index: usize,
-    /// Address of the stage, which lives while somebody waits.
+    /// Address of the stage, which lives while a thread waits.
     stage: usize,
-    /// The [`Stage::lot`] of the twin.
+    /// [`Stage::lot`] of the twin.
     lot: usize,
     twin: Twin,
     nuisance: Vec<Vec<f64>>,
 }
 
-/// What one thread waits for.
+/// Requests for which one thread waits.
 struct Order {
     missing: usize,
     results: Vec<Predicted>,
@@ -157,12 +157,12 @@ impl Exchange {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits for a change.
+    /// Wait for a change.
     fn wait<'s>(&self, state: MutexGuard<'s, State>) -> MutexGuard<'s, State> {
         self.changed.wait(state).unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits for the permission to compute.
+    /// Wait for the permission to compute.
     fn permitted<'s>(&self, mut state: MutexGuard<'s, State>) -> MutexGuard<'s, State> {
         while state.permits == 0 {
             state = self.wait(state);
@@ -212,7 +212,7 @@ impl Exchange {
 }
 
 impl State {
-    /// Leaves requests; gives the order that they make.
+    /// Add requests; return the number of their order.
     fn ask(&mut self, stage: &dyn Stage, twins: &[&Twin], nuisance: &[Vec<f64>]) -> u64 {
         let order = self.next_order;
         self.next_order += 1;
@@ -230,8 +230,8 @@ impl State {
         order
     }
 
-    /// Takes what is asked of a stage that simulates `width` twins at once, as soon as that many are asked for, or
-    /// everybody waits; nothing before.
+    /// Take a batch of requests for a stage that simulates `width` twins at once: as soon as there are so many, or when
+    /// all threads wait; empty before that.
     fn batch(&mut self, stage: usize, width: usize, workers: usize) -> Vec<Request> {
         let all_wait = self.waiting == self.unfinished.min(workers);
         let is_like = |one: &Request, other: &Request| {
@@ -245,7 +245,7 @@ impl State {
         };
         let (lot, nuisance, count) = (first.lot, first.nuisance.clone(), count_like(first));
         let fits = |own: &Request| own.stage == stage && own.lot == lot && own.nuisance == nuisance;
-        // Shared among the threads that are free, in full vectors.
+        // Distributed over the free threads, in full vectors.
         let own = count.div_ceil(self.permits).div_ceil(width) * width;
         let own = if all_wait { own } else { own.min(count / width * width) };
         let mut taken = 0;
@@ -257,7 +257,7 @@ impl State {
         self.pending.extract_if(.., is_taken).collect()
     }
 
-    /// Gives what was `predicted` for a `batch` to those who wait for it.
+    /// Deliver the `predicted` results of a `batch` to the waiting threads.
     fn deliver(&mut self, batch: Vec<Request>, predicted: Vec<Predicted>) {
         for (request, predicted) in batch.into_iter().zip(predicted) {
             let Some(order) = self.orders.get_mut(&request.order) else { continue };
@@ -277,7 +277,7 @@ mod tests {
     };
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    /// A stage that predicts the mass of the striker, and counts how often it is asked for a whole vector.
+    /// Stage that predicts the mass of the striker, and counts the requests of a full vector.
     struct Scale {
         channels: Vec<Channel>,
         whole: AtomicUsize,
@@ -341,7 +341,7 @@ mod tests {
         Twin { striker_mass: mass, ..Twin::nominal(Machine::Table) }
     }
 
-    /// An item that asks `mass` times, each time for one twin more.
+    /// Item that requests `mass` times, each time for one more twin.
     fn weigh(stage: &Scale, mass: usize) -> f64 {
         let asks = (1..=mass).map(|count| {
             let twins: Vec<Twin> = (0..count).map(|more| heavy((mass + more) as f64)).collect();
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn everybody_gets_what_was_asked_for_and_lone_requests_share_a_vector() {
+    fn every_thread_gets_its_predictions_and_single_requests_share_a_vector() {
         let items: Vec<usize> = (0..50).map(|k| k % 7).collect();
         let alone: Vec<f64> = items.iter().map(|mass| weigh(&Scale::new(), *mass)).collect();
         let stage = Scale::new();
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_reaches_the_caller_and_leaves_nobody_waiting() {
+    fn a_panic_reaches_the_caller_and_no_thread_waits() {
         let stage = Scale::new();
         let work = |mass: &f64| predict_each(&stage, &[&heavy(*mass)], &[]);
         let found = std::panic::catch_unwind(|| in_parallel(&[1.0, 1e9, 2.0, 3.0, 4.0], work));

@@ -232,14 +232,18 @@ fn strong_pairs(names: &[String], matrix: &[Vec<f64>]) -> Vec<String> {
 
 fn correlation_chart(title: &str, names: &[String], matrix: &[Vec<f64>]) -> Chart {
     let count = names.len();
-    // Categories stand at 0, 1, 2 ..., in the middle of their cells.
+    // Categories are at 0, 1, 2 ..., in the middle of their cells.
     let edges = (-0.5, count as f64 - 0.5);
     let values = matrix.iter().map(|row| row.iter().map(|value| value.abs()).collect()).collect();
     let texts = matrix.iter().map(|row| row.iter().map(|value| format!("{value:.2}")).collect());
     let grid = Grid::of_numbers(values, edges, edges, "absolute correlation").within(0.0, 1.0);
-    let numbers = (1..=count).map(|number| number.to_string()).collect();
+    let parameters = (1..=count).map(|number| number.to_string()).collect();
     let rows = names.iter().enumerate().map(|(k, name)| format!("{}: {name}", k + 1)).collect();
-    Chart::of_plane(title, Axis::of_categories("parameter", numbers), Axis::of_categories("", rows))
-        .with_grid(grid.with_text(texts.collect()))
-        .with_height(110 + 34 * count as u32)
+    Chart::of_plane(
+        title,
+        Axis::of_categories("parameter", parameters),
+        Axis::of_categories("", rows),
+    )
+    .with_grid(grid.with_text(texts.collect()))
+    .with_height(110 + 34 * count as u32)
 }

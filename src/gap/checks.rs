@@ -10,25 +10,25 @@ use crate::{
 };
 use std::ops::Range;
 
-/// Longest delay that is tried (s).
+/// Longest tested delay (s).
 const LONGEST_DELAY: f64 = 0.3;
 
-/// Parts of a session that are compared, as shares of its length.
+/// Parts of a session that are compared, as fractions of its length.
 const FIRST_PART: Range<f64> = 0.0..0.25;
 const LAST_PART: Range<f64> = 0.75..1.0;
 
-/// Time to which the threshold of a clock drift refers (s). In longer sessions a constant skew, which has a name
-/// (`sensor.clock_skew`), shifts the latency by more.
+/// Time to which the threshold of a clock drift refers (s). In longer sessions a constant skew, which is an effect of
+/// its own (`sensor.clock_skew`), shifts the latency by more.
 const DRIFT_SPAN: f64 = 50.0;
 
-/// Longest age of a picture that is tried, either way (s), and its step (s).
-const OLDEST: f64 = 1.0;
-const AGE_STEP: f64 = 0.01;
+/// Longest tested latency of a frame, either way (s), and its step (s).
+const LONGEST_LATENCY: f64 = 1.0;
+const LATENCY_STEP: f64 = 0.01;
 
-/// Why nothing can be said, with what to do.
+/// Refusal of the data, with the way out.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Objection {
-    /// The verdict that it forces.
+    /// Verdict of the refusal.
     pub verdict: Verdict,
     /// Reason, and the way out.
     pub says: String,
@@ -38,7 +38,7 @@ fn objection(verdict: Verdict, says: impl Into<String>) -> Option<Objection> {
     Some(Objection { verdict, says: says.into() })
 }
 
-/// The first reason for which nothing may be said about `sessions`.
+/// First refusal of `sessions`, if any.
 #[must_use]
 pub fn check(sessions: &[Session], thresholds: &Thresholds) -> Option<Objection> {
     let time: f64 = sessions
@@ -82,7 +82,7 @@ pub fn check(sessions: &[Session], thresholds: &Thresholds) -> Option<Objection>
     axis::check_axes(sessions, thresholds).or_else(|| check_splits(sessions))
 }
 
-/// Why nothing may be fitted, if no session is for training.
+/// Refusal without a training session.
 fn check_splits(sessions: &[Session]) -> Option<Objection> {
     let is_fitted =
         |session: &Session| session.split == Split::Train && !session.stages().is_empty();
@@ -96,7 +96,7 @@ fn check_splits(sessions: &[Session]) -> Option<Objection> {
     )
 }
 
-/// The refusal where a search has compared nothing.
+/// Refusal where the search compared no signal.
 pub(super) fn nothing_compared() -> Objection {
     Objection {
         verdict: Verdict::NotTestable,
@@ -106,10 +106,10 @@ pub(super) fn nothing_compared() -> Objection {
     }
 }
 
-/// Why nothing may be said of the session `name` where camera and encoders do not keep time together.
+/// Refusal of the session `name` if the clocks of camera and encoders drift apart.
 fn check_camera(name: &str, camera: &CameraStage, thresholds: &Thresholds) -> Option<Objection> {
-    let age = |part| age_in(camera, part, thresholds.majority);
-    let [(early, first), (late, last)] = [age(FIRST_PART)?, age(LAST_PART)?];
+    let latency = |part| latency_in(camera, part, thresholds.majority);
+    let [(early, first), (late, last)] = [latency(FIRST_PART)?, latency(LAST_PART)?];
     let spans = ((last - first) / DRIFT_SPAN).max(1.0);
     if (late - early).abs() <= spans * thresholds.clock_drift {
         return None;
@@ -125,9 +125,9 @@ fn check_camera(name: &str, camera: &CameraStage, thresholds: &Thresholds) -> Op
     )
 }
 
-/// Latency at which the frames in a `part` of the session show the carriage best (s), and the middle of that part (s);
-/// `None` where less than the fraction `least` of its motion is explained at any latency.
-fn age_in(camera: &CameraStage, part: Range<f64>, least: f64) -> Option<(f64, f64)> {
+/// Latency at which the frames in a `part` of the session agree best with the carriage (s), and the middle of that part
+/// (s). `None` where no latency explains the fraction `least` of its motion.
+fn latency_in(camera: &CameraStage, part: Range<f64>, least: f64) -> Option<(f64, f64)> {
     let [x, y] = [camera.channels.first()?, camera.channels.get(1)?];
     let length = x.times.last()?;
     let seen: Vec<(f64, [f64; 2])> = x
@@ -140,25 +140,26 @@ fn age_in(camera: &CameraStage, part: Range<f64>, least: f64) -> Option<(f64, f6
         .map(|(time, (x, y))| (*time, [*x, *y]))
         .collect();
     let whole = spread(seen.iter().map(|(_, place)| *place));
-    let left = |age: f64| {
+    let left = |latency: f64| {
         let mut cursor = 0;
         spread(seen.iter().map(|(time, place)| {
-            let (carriage, ..) = camera.carriage.at(time - age, &mut cursor);
+            let (carriage, ..) = camera.carriage.at(time - latency, &mut cursor);
             [place[0] - carriage[0], place[1] - carriage[1]]
         }))
     };
-    let steps = (OLDEST / AGE_STEP).round() as i32;
-    let ages = (-steps..=steps).map(|step| AGE_STEP * f64::from(step));
-    let (age, off) =
-        ages.map(|age| (age, left(age))).min_by(|own, other| own.1.total_cmp(&other.1))?;
+    let steps = (LONGEST_LATENCY / LATENCY_STEP).round() as i32;
+    let latencies = (-steps..=steps).map(|step| LATENCY_STEP * f64::from(step));
+    let (latency, off) = latencies
+        .map(|latency| (latency, left(latency)))
+        .min_by(|own, other| own.1.total_cmp(&other.1))?;
     let middle = 0.5 * (part.start + part.end) * length;
-    (off < (1.0 - least) * whole).then_some((age, middle))
+    (off < (1.0 - least) * whole).then_some((latency, middle))
 }
 
-/// Standard deviation of places about their mean (m).
-fn spread(places: impl Iterator<Item = [f64; 2]>) -> f64 {
+/// Standard deviation of positions about their mean (m).
+fn spread(positions: impl Iterator<Item = [f64; 2]>) -> f64 {
     let (mut count, mut sum, mut square) = (0.0, [0.0; 2], 0.0);
-    for [x, y] in places {
+    for [x, y] in positions {
         count += 1.0;
         sum = [sum[0] + x, sum[1] + y];
         square += x * x + y * y;
@@ -167,8 +168,8 @@ fn spread(places: impl Iterator<Item = [f64; 2]>) -> f64 {
     (square / f64::max(count, 1.0) - mean[0] * mean[0] - mean[1] * mean[1]).max(0.0).sqrt()
 }
 
-/// Why nothing may be said with `twin`, if its numbers make a link of `sessions` diverge: what it does not predict would
-/// be left out, and nothing would seem to be missing.
+/// Refusal of `twin` if a stage of `sessions` diverges with its parameters. Samples without a prediction would be
+/// excluded, and no effect would seem to be missing.
 #[must_use]
 pub(super) fn check_twin(
     twin: &Twin,
@@ -176,7 +177,7 @@ pub(super) fn check_twin(
     thresholds: &Thresholds,
 ) -> Option<Objection> {
     sessions.iter().flat_map(Session::stages).find_map(|stage| {
-        let signals = silent(twin, stage, thresholds.majority)?;
+        let signals = diverging_signals(twin, stage, thresholds.majority)?;
         let says = format!(
             "the twin predicts no finite {signals} for most of the recording: with its numbers the simulation diverges; \
              calibrate it anew with `klasktron calibrate`, or start without --twin"
@@ -185,9 +186,9 @@ pub(super) fn check_twin(
     })
 }
 
-/// The signals of `stage`, where the twin predicts less than the fraction `least` of the samples that the built-in one
-/// predicts: it diverges.
-fn silent(twin: &Twin, stage: &dyn Stage, least: f64) -> Option<String> {
+/// Signals of `stage` whose simulation diverges: the twin predicts less than the fraction `least` of the samples that
+/// the built-in one predicts.
+fn diverging_signals(twin: &Twin, stage: &dyn Stage, least: f64) -> Option<String> {
     let compared = |twin: &Twin| -> usize {
         let predicted = problem::predict(stage, twin, &problem::starts(stage));
         let channels = stage.channels().iter().zip(&predicted);
@@ -201,13 +202,13 @@ fn silent(twin: &Twin, stage: &dyn Stage, least: f64) -> Option<String> {
     let measured = measured.filter(|own| own.is_finite()).count();
     let found = compared(twin) as f64;
     let is_few = |possible: usize| found < least * possible as f64;
-    // The built-in twin predicts no more than was measured: it is simulated only where that may matter.
+    // The built-in twin predicts at most the measured samples: it is simulated only where needed.
     let diverges = is_few(measured) && is_few(compared(&Twin::nominal(twin.machine)));
     let names: Vec<&str> = stage.channels().iter().map(|channel| channel.signal.as_str()).collect();
     diverges.then(|| names.join(", "))
 }
 
-/// Why nothing may be said, if the motors of all training sessions together were driven in one direction.
+/// Refusal if the motors of all training sessions together were driven in one direction only.
 fn check_directions(sessions: &[Session], thresholds: &Thresholds) -> Option<Objection> {
     let train = sessions.iter().filter(|session| session.split == Split::Train);
     let commanded: Vec<f64> = train
@@ -286,7 +287,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / count.max(1) as f64).sqrt()
 }
 
-/// Motor velocities with the command at any time before them.
+/// Motor velocities with the command at any earlier time.
 struct Pairs<'a> {
     drive: &'a DriveStage,
     /// Motor, time, velocity.
@@ -321,8 +322,7 @@ impl<'a> Pairs<'a> {
         self.samples.iter().map(|(.., velocity)| *velocity)
     }
 
-    /// The delay at which the command explains most of the motion in a part of the session, with the
-    /// share that it explains.
+    /// Delay at which the command explains most of the motion in a part of the session, and the explained fraction.
     fn best_delay(&self, part: Range<f64>) -> (f64, f64) {
         let length = self.samples.iter().map(|sample| sample.1).fold(0.0, f64::max);
         let own: Vec<&(usize, f64, f64)> = self
@@ -357,7 +357,7 @@ mod tests {
         twin::{Channel, Machine, StageKind},
     };
 
-    /// A stage with a constant prediction.
+    /// Stage with a constant prediction.
     struct Constant(Vec<Channel>, f64);
 
     impl Stage for Constant {
@@ -395,14 +395,14 @@ mod tests {
         // The built-in twin always predicts something.
         let nominal = Twin::nominal(Machine::Table);
         let of_twin = |twin: &Twin, measured, predicted| {
-            silent(twin, &Constant(vec![channel(measured)], predicted), 0.5)
+            diverging_signals(twin, &Constant(vec![channel(measured)], predicted), 0.5)
         };
         let of = |measured, predicted| {
             of_twin(&Twin { striker_mass: 1.0, ..nominal.clone() }, measured, predicted)
         };
         assert_eq!(of(0.1, f64::NAN), Some("motor_a.velocity".to_owned()));
         assert_eq!(of(0.1, 0.1), None);
-        // What was not measured need not be predicted.
+        // A sample without measurement needs no prediction.
         assert_eq!(of(f64::NAN, f64::NAN), None);
     }
 }

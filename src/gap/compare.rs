@@ -1,4 +1,4 @@
-//! Signals of recorded sessions compared with a twin as it is: nothing of the twin is fitted.
+//! Comparison of recorded sessions with an unchanged twin: no parameter of the twin is fitted.
 
 use super::{fit, problem::Problem};
 use crate::{
@@ -21,7 +21,7 @@ pub struct ComparedSignal {
     pub unit: &'static str,
     /// Time of each sample since the session began (s).
     pub times: Vec<f64>,
-    /// Measured values; NaN where there is none.
+    /// Measured values; NaN where none was measured.
     pub measured: Vec<f64>,
     /// Measured minus simulated; NaN where either is missing.
     pub residual: Vec<f64>,
@@ -51,7 +51,7 @@ fn of_session(session: &Session, twin: &Twin) -> Vec<ComparedSignal> {
 
 fn of_stage(session: &Session, stage: &dyn Stage, twin: &Twin) -> Vec<ComparedSignal> {
     let problem = Problem::new(&[stage], twin);
-    let point = fit::told(&problem, &problem.start(twin.clone()));
+    let point = fit::with_refitted_nuisances(&problem, &problem.start(twin.clone()));
     let residuals = problem.residuals(&point).swap_remove(0);
     let channels = stage.channels().iter().zip(residuals);
     channels

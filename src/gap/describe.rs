@@ -1,9 +1,9 @@
 //! Description of a residual that no effect of the catalogue explains: a sparse sum of dimensionless features of the
 //! motion.
 //!
-//! The features replace the catalogue in a second search of the stage, from the twin with which the first one ended. One
-//! comparison decides on effects and on features: the same screen, joint fit, validation and elimination. What passes is
-//! a description and not a name, and the twin does not receive it.
+//! The features replace the catalogue in a second search of the stage, from the twin with which the first one ended.
+//! Effects and features pass the same screen, joint fit, validation and elimination. A feature that passes is a
+//! description and not an effect, and the twin does not receive it.
 
 mod features;
 
@@ -73,7 +73,11 @@ impl Features {
             p_value: step.p_value,
             comparisons: step.comparisons,
             validation_gain: is_validated.then_some(step.validation_gain),
-            indistinguishable: step.class.iter().map(|name| self.shown(name).to_owned()).collect(),
+            indistinguishable: step
+                .indistinguishable
+                .iter()
+                .map(|name| self.shown(name).to_owned())
+                .collect(),
         })
     }
 
@@ -128,7 +132,7 @@ pub(super) fn sentence(description: &Description) -> String {
     format!("Description, not a cause: {}.", description.equation)
 }
 
-/// Whether `symbol` is a word of `text`.
+/// Return whether `symbol` is a word of `text`.
 fn has_symbol(text: &str, symbol: &str) -> bool {
     text.split(|letter: char| !letter.is_alphabetic()).any(|word| word == symbol)
 }

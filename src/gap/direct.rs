@@ -1,8 +1,8 @@
-//! The screen at the given twin: every effect simulated at its probes, nothing else moved.
+//! Screen at the given twin: every effect simulated at its probes, nothing else refitted.
 //!
-//! A refit absorbs part of a large effect in known parameters, and what it leaves can look like anything.
-//! So effects are also put to the given twin as it was: the nearest are fitted alone, and the best of these
-//! join the short list. Nothing is linearised here, so that effects that bend are found from far away.
+//! A refit absorbs part of a large effect in known parameters, and the residual after it is misleading. So effects are
+//! also added to the given twin before any refit. Those with the smallest residual are fitted alone, and the best join
+//! the short list. Nothing is linearized here, so nonlinear effects are detected at large magnitudes.
 
 use super::{
     batch::in_parallel,
@@ -18,16 +18,16 @@ use crate::{
     stats::f_tail,
 };
 
-/// Effects whose own numbers are fitted, after all probes.
+/// Effects whose own parameters are fitted, after all probes.
 const FITTED: usize = 8;
 
-/// Steps of these fits.
+/// Iterations of these fits.
 const ITERATIONS: usize = 4;
 
-/// Steps in which the nuisances follow a probe.
+/// Iterations of the nuisances at a probe.
 const NUISANCE_ITERATIONS: usize = 2;
 
-/// One effect at one probe.
+/// Effect at one probe.
 struct Try {
     effect: &'static Effect,
     axis: Axis,
@@ -36,8 +36,8 @@ struct Try {
     loss: f64,
 }
 
-/// The effects that alone bring the `given` twin nearest to the data, the nearest first; each is compared with the
-/// `refit` of all known parameters.
+/// Effects that alone reduce the residual of the `given` twin most, the smallest residual first; each is compared with
+/// the `refit` of all known parameters.
 #[must_use]
 pub(super) fn nearest(
     problem: &Problem<'_>,
@@ -66,23 +66,23 @@ pub(super) fn nearest(
             axis: own.axis,
             start: slots.iter().map(|slot| fit.point.twin.get(*slot)).collect(),
             probe: own.probe.clone(),
-            share: 1.0 - fit.loss / fit::squared(&before).max(f64::MIN_POSITIVE),
+            explained_fraction: 1.0 - fit.loss / fit::squared(&before).max(f64::MIN_POSITIVE),
             statistic,
             p_value: f_tail(statistic, 1.0, amplitude.freedom),
-            visibility: f64::INFINITY,
+            detectability: f64::INFINITY,
             is_as_good_as_refit: !problem.thresholds().is_in(&after, &refitted, &problem.blocks()),
             tries: count,
-            lean: Vec::new(),
+            parameter_offsets: Vec::new(),
             shift: Vec::new(),
             other_starts: Vec::new(),
         }
     });
-    found.sort_by(|a, b| b.share.total_cmp(&a.share));
+    found.sort_by(|a, b| b.explained_fraction.total_cmp(&a.explained_fraction));
     found
 }
 
-/// Every pair at its best probe, or where the line through that leads, where it is nearer to the data than nothing; the
-/// nearest first.
+/// Every pair at its best probe, or at the optimum of the line through it, where the residual decreases; the smallest
+/// residual first.
 fn simulated(
     problem: &Problem<'_>,
     given: &Point,
@@ -98,14 +98,14 @@ fn simulated(
         let simulated = |values: &[f64]| {
             let twin = screen::with(&given.twin, effect, *axis, values);
             let start = Point { twin, nuisance: given.nuisance.clone() };
-            // Where a run begins follows what the effect does in it.
+            // The start of a run depends on the effect.
             let fit = fit::fit(problem, start, &[], filters, NUISANCE_ITERATIONS);
             Try { effect, axis: *axis, probe: probe.to_vec(), point: fit.point, loss: fit.loss }
         };
         let own = simulated(probe);
         let after = problem.whitened(&own.point, filters);
-        match led(effect, probe, &nothing, &after).map(|values| simulated(&values)) {
-            Some(led) if led.loss < own.loss => led,
+        match on_line(effect, probe, &nothing, &after).map(|values| simulated(&values)) {
+            Some(on_line) if on_line.loss < own.loss => on_line,
             _ => own,
         }
     });
@@ -122,10 +122,10 @@ fn simulated(
     best
 }
 
-/// Where the line from nothing through the `probe` comes nearest to the data, with the residuals before and at the
-/// probe: a small effect is nearer to nothing than to its probe, and may have the other sign. `None` where that is
-/// the probe itself, beyond what the effect may be, or where no line leads.
-fn led(effect: &Effect, probe: &[f64], before: &[f64], after: &[f64]) -> Option<Vec<f64>> {
+/// Optimum of the line from null through the `probe`, from the residuals before and at the probe. A small effect is
+/// nearer to null than to its probe, and may have the other sign. `None` where the optimum is at the probe or beyond,
+/// outside the bounds, or where null is too far away for a line.
+fn on_line(effect: &Effect, probe: &[f64], before: &[f64], after: &[f64]) -> Option<Vec<f64>> {
     let change: Vec<f64> = before.iter().zip(after).map(|(before, after)| before - after).collect();
     let factor = dot(&change, before) / dot(&change, &change);
     if screen::is_far(probe[0], effect.null[0]) || factor.is_nan() || 1.0 <= factor.abs() {
@@ -133,7 +133,7 @@ fn led(effect: &Effect, probe: &[f64], before: &[f64], after: &[f64]) -> Option<
     }
     let along = |k: usize| {
         let (null, (low, high)) = (effect.null[k], effect.parameters[k].bounds);
-        // What is counted from nothing scales; a shape stays.
+        // A parameter with null at zero scales; a shape parameter stays.
         let value =
             if k == 0 || null == 0.0 { null + factor * (probe[k] - null) } else { probe[k] };
         (low..=high).contains(&value).then_some(value)
@@ -145,22 +145,28 @@ fn led(effect: &Effect, probe: &[f64], before: &[f64], after: &[f64]) -> Option<
 mod tests {
     use super::*;
 
-    /// Where the line leads when the probe changes the data by `change` and `times` that is there.
-    fn leads(name: &str, times: f64) -> Option<Vec<f64>> {
+    /// Optimum of the line when the probe changes the data by `change`, and `times` that change is present.
+    fn start_on_line(name: &str, times: f64) -> Option<Vec<f64>> {
         let effect = crate::effects::find(name).unwrap();
         let change = [1.0, 2.0, -0.5];
         let before = change.map(|value| times * value);
         let after = change.map(|value| (times - 1.0) * value);
-        led(effect, effect.probes[0], &before, &after)
+        on_line(effect, effect.probes[0], &before, &after)
     }
 
     #[test]
     fn a_small_effect_is_started_where_the_line_leads_with_its_sign() {
-        let gain = leads("drive.gain", -0.5).unwrap();
+        let gain = start_on_line("drive.gain", -0.5).unwrap();
         assert!((gain[0] - 0.99).abs() < 1e-12, "{gain:?}");
-        assert!(leads("drive.gain", 3.0).is_none(), "beyond the probe a fit goes on from there");
-        // A lag has one sign; a speed that is never reached is no distance away.
-        assert!(leads("drive.lag1", 0.25).is_some() && leads("drive.lag1", -0.25).is_none());
-        assert!(leads("drive.saturation.torque_speed", 0.5).is_none());
+        assert!(
+            start_on_line("drive.gain", 3.0).is_none(),
+            "beyond the probe a fit goes on from there"
+        );
+        // A lag has one sign; for a speed that is never reached there is no line.
+        assert!(
+            start_on_line("drive.lag1", 0.25).is_some()
+                && start_on_line("drive.lag1", -0.25).is_none()
+        );
+        assert!(start_on_line("drive.saturation.torque_speed", 0.5).is_none());
     }
 }

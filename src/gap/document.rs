@@ -1,4 +1,4 @@
-//! From the outcomes of all stages to the document `gap.json`.
+//! Document `gap.json` from the outcomes of all stages.
 
 use super::{
     checks::Objection,
@@ -72,7 +72,7 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
         .collect();
     let steps = outcomes.iter().flat_map(|outcome| &outcome.added);
     let indistinguishable: Vec<Indistinguishable> =
-        steps.filter(|step| !step.class.is_empty()).map(indistinguishable).collect();
+        steps.filter(|step| !step.indistinguishable.is_empty()).map(indistinguishable).collect();
     let rejected = outcomes.iter().flat_map(|outcome| &outcome.rejected).map(rejected_effect);
     let rejected = rejected.chain(unseen.iter().copied().map(unseen_effect)).collect();
     let stages = outcomes.iter().zip(material.floors);
@@ -114,7 +114,7 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
 }
 
 fn indistinguishable(step: &Added) -> Indistinguishable {
-    let names = std::iter::once(step.effect.name).chain(step.class.iter().copied());
+    let names = std::iter::once(step.effect.name).chain(step.indistinguishable.iter().copied());
     Indistinguishable {
         names: names.map(str::to_owned).collect(),
         experiment: step.effect.excitation.to_owned(),
@@ -126,8 +126,10 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
         Reason::NotSignificant => {
             "not significant after the Bonferroni correction for all comparisons".to_owned()
         }
-        Reason::Outdone(name) if name.is_empty() => "explains less than other effects".to_owned(),
-        Reason::Outdone(name) => format!("explains nothing beyond {name}"),
+        Reason::Outperformed(name) if name.is_empty() => {
+            "explains less than other effects".to_owned()
+        }
+        Reason::Outperformed(name) => format!("explains nothing beyond {name}"),
         Reason::OnBound(parameter) => {
             format!("{parameter} is on its bound: wrong sign, or the effect is not there")
         }
@@ -153,7 +155,7 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
     }
 }
 
-/// An effect that nothing in the recordings shows.
+/// Effect that no signal of the recordings shows.
 fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
     RejectedEffect {
         name: effect.name.to_owned(),
@@ -291,7 +293,7 @@ fn warnings(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
                 "the residual of {} still depends on {} ({:.0} % of its square)",
                 unknown.signal,
                 unknown.name,
-                100.0 * unknown.share
+                100.0 * unknown.fraction
             ));
         }
         let known: Vec<Slot> =

@@ -1,25 +1,24 @@
-//! Evidence by blocks of time: how sure it is that a change of the prediction is in the data.
+//! Evidence for a change of the prediction, by blocks of time.
 //!
-//! Residuals are whitened, and still neither white nor even: what is left of their colour and of the
-//! simulation's own errors makes neighbouring samples depend on each other. So scatter is never counted
-//! by samples but by the sums over blocks of 0.5 s, and always of the residual *after* the change in
-//! question: an effect that acts strongly in few blocks is not its own noise.
+//! Whitened residuals are still neither white nor homoscedastic: remaining colour and model errors make neighbouring
+//! samples dependent. So the variance is always estimated from the sums over blocks of 0.5 s, never from samples. It
+//! uses the residual *after* the change in question: an effect that acts strongly in few blocks is not its own noise.
 
 use super::problem::dot;
 use crate::stats::{f_tail, median, t_quantile};
 use faer::{Mat, linalg::solvers::Solve};
 
-/// Which block each row belongs to.
+/// Block of each row.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Blocks {
     /// Block of each row.
     pub(super) of_row: Vec<usize>,
-    /// How many blocks.
+    /// Number of blocks.
     pub(super) count: usize,
 }
 
 impl Blocks {
-    /// Those of one problem, and of another behind it.
+    /// Blocks of one problem, followed by those of another.
     #[must_use]
     pub(super) fn joined([one, other]: &[Self; 2]) -> Self {
         let later = other.of_row.iter().map(|block| one.count + block);
@@ -42,29 +41,30 @@ impl Blocks {
     }
 }
 
-/// Number of blocks that carry `energy`, as if it were spread evenly over them.
+/// Effective number of blocks that carry `energy`: the number over which it would be spread evenly.
 fn effective(energy: impl Iterator<Item = f64> + Clone) -> f64 {
     let sum: f64 = energy.clone().sum();
     let squares: f64 = energy.map(|own| own * own).sum();
     if 0.0 < squares { sum * sum / squares } else { 0.0 }
 }
 
-/// Weight, in blocks, of what is known of the scatter beforehand.
-const KNOWN_BLOCKS: f64 = 10.0;
+/// Weight of the prior variance, in blocks.
+const PRIOR_BLOCKS: f64 = 10.0;
 
 /// Median of the square of a standard normal variable.
 const MEDIAN_OF_SQUARE: f64 = 0.454_936_423_119_573;
 
-/// How far the scatter of scores is above that of white noise of unit variance, and its degrees of freedom.
+/// Variance of scores, relative to white noise of unit variance, and its degrees of freedom.
 struct Dispersion {
     value: f64,
     freedom: f64,
 }
 
 impl Dispersion {
-    /// Of the scores of `columns` in what is left. Few active blocks say little about their own scatter:
-    /// they are moderated by what all rows say (Smyth, Statistical Applications in Genetics and Molecular
-    /// Biology 3, 2004): the square of what is left where the columns act, times the colour of all of it.
+    /// Dispersion of the scores of `columns` in the residual `rest`. Few active blocks determine their own variance
+    /// poorly, so it is moderated by a prior from all rows (Smyth, Statistical Applications in Genetics and Molecular
+    /// Biology 3, 2004). The prior is the mean square of the residual where the columns act, times the colour of the
+    /// whole residual.
     fn of(columns: &[Vec<f64>], rest: &[f64], blocks: &Blocks, solved: &[f64]) -> Self {
         let scales: Vec<f64> =
             columns.iter().map(|own| 1.0 / dot(own, own).max(f64::MIN_POSITIVE)).collect();
@@ -90,45 +90,46 @@ impl Dispersion {
         let count = effective(energies.iter().copied());
         let active = (count - 1.0).max(0.0);
         let by_blocks = solved.iter().sum::<f64>() / k;
-        let known = colour * local / k;
-        // The mean of squares over `count` blocks has lost one to the factor that was fitted to them.
-        let value = (count * by_blocks + KNOWN_BLOCKS * known) / (active + KNOWN_BLOCKS);
-        Self { value: value.max(1.0), freedom: active + KNOWN_BLOCKS }
+        let prior = colour * local / k;
+        // The mean of squares over `count` blocks lost one degree of freedom to the fitted factor.
+        let value = (count * by_blocks + PRIOR_BLOCKS * prior) / (active + PRIOR_BLOCKS);
+        Self { value: value.max(1.0), freedom: active + PRIOR_BLOCKS }
     }
 }
 
-/// How much of a change is in the data.
+/// Amplitude with which the data follow a change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Amplitude {
-    /// 1 where the data follow the change as it is, 0 where they do not know of it.
+    /// 1 where the data follow the full change, 0 where they do not follow it.
     pub(super) value: f64,
     /// Its standard error.
     pub(super) standard_error: f64,
-    /// Degrees of freedom of that.
+    /// Its degrees of freedom.
     pub(super) freedom: f64,
 }
 
 impl Amplitude {
-    /// Of the change from a prediction with the whitened residual `before` to one with `after`: the
-    /// least-squares factor of the change, its error by blocks and at least that of white noise (the
-    /// encompassing test of Davidson and MacKinnon, Econometrica 49, 1981, with clustered errors).
+    /// Amplitude of the change from a prediction with the whitened residual `before` to one with `after`: its
+    /// least-squares factor. The standard error is clustered by blocks, and at least that of white noise. This is the
+    /// encompassing test of Davidson and MacKinnon (Econometrica 49, 1981).
     #[must_use]
     pub(super) fn of(before: &[f64], after: &[f64], blocks: &Blocks) -> Self {
         let change: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
         let energy = dot(&change, &change);
         if !(f64::MIN_POSITIVE < energy && energy.is_finite()) {
-            return Self { value: 0.0, standard_error: f64::INFINITY, freedom: KNOWN_BLOCKS };
+            return Self { value: 0.0, standard_error: f64::INFINITY, freedom: PRIOR_BLOCKS };
         }
         let value = dot(&change, before) / energy;
         let rest: Vec<f64> = before.iter().zip(&change).map(|(b, c)| b - value * c).collect();
         let columns = [change];
-        let scatter: f64 = blocks.sums(&columns, &rest).iter().map(|own| own[0] * own[0]).sum();
-        let dispersion = Dispersion::of(&columns, &rest, blocks, &[scatter / energy]);
+        let score_squares: f64 =
+            blocks.sums(&columns, &rest).iter().map(|own| own[0] * own[0]).sum();
+        let dispersion = Dispersion::of(&columns, &rest, blocks, &[score_squares / energy]);
         let standard_error = (dispersion.value / energy).sqrt();
         Self { value, standard_error, freedom: dispersion.freedom }
     }
 
-    /// Whether it is above `least` at the one-sided `level`.
+    /// Return whether it is above `least` at the one-sided `level`.
     #[must_use]
     pub(super) fn is_above(&self, least: f64, level: f64) -> bool {
         t_quantile(1.0 - level, self.freedom) * self.standard_error < self.value - least
@@ -138,9 +139,9 @@ impl Amplitude {
 /// Gain of the Gaussian log score from one prediction to another, in natural logarithms, summed over all samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LogScoreGain {
-    /// The gain.
+    /// Gain.
     pub value: f64,
-    /// Its standard error, clustered by blocks of time.
+    /// Standard error, clustered by blocks of time.
     pub standard_error: f64,
 }
 
@@ -171,10 +172,9 @@ impl LogScoreGain {
     }
 }
 
-/// Joint test that `columns` explain nothing of `residual`: F and its tail probability, of the better of
-/// two tests at twice its probability. The first ([`by_explained`]) is the stronger where the columns are
-/// right, the second ([`by_agreement`]) where they are only right in sign: an effect that bends, seen from
-/// far away.
+/// Joint test that `columns` explain nothing of `residual`: F and its tail probability, of the better of two tests at
+/// twice its probability. The first ([`by_explained`]) has the higher power for correct columns. The second
+/// ([`by_agreement`]) has it for columns of which only the sign is correct: a nonlinear effect, linearized far away.
 #[must_use]
 pub(super) fn joint(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64, f64) {
     let (explained, agreed) =
@@ -183,8 +183,8 @@ pub(super) fn joint(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> 
     (best.0, (2.0 * best.1).min(1.0))
 }
 
-/// Hotelling's one-sample test that the correlations of the columns with the residual, block by block, have
-/// the mean zero: every block counts alike, however large the residual is in it.
+/// Hotelling's one-sample test of zero mean for the correlations of the columns with the residual, block by block.
+/// Every block has the same weight, independent of its residual.
 fn by_agreement(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64, f64) {
     let squares = |own: &Vec<f64>| -> Vec<f64> {
         blocks.sums(std::slice::from_ref(own), own).iter().map(|sum| sum[0]).collect()
@@ -203,7 +203,7 @@ fn by_agreement(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64
     mean_is_zero(&correlations)
 }
 
-/// Share of the strongest block's energy below which a column does nothing in a block.
+/// Fraction of the strongest block's energy below which a column is inactive in a block.
 const LEAST_ACTIVE: f64 = 1e-6;
 
 /// Hotelling's one-sample test: F and its tail probability.
@@ -226,8 +226,8 @@ fn mean_is_zero(sample: &[Vec<f64>]) -> (f64, f64) {
     (f, f_tail(f, k, n - k))
 }
 
-/// The squared error that the columns explain, against that which blocks of what is left would explain
-/// by chance (first-order correction of Rao and Scott, Annals of Statistics 12, 1984).
+/// Squared error that the columns explain, relative to that which blocks of the remaining residual would explain by
+/// chance (first-order correction of Rao and Scott, Annals of Statistics 12, 1984).
 fn by_explained(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64, f64) {
     let Some(factors) = least_squares(columns, residual) else { return (0.0, 1.0) };
     let rest = without(columns, &factors, residual);
@@ -245,7 +245,7 @@ fn by_explained(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64
     (f, f_tail(f, k as f64, dispersion.freedom))
 }
 
-/// What is left of `residual` when `factors` of `columns` are taken from it.
+/// `residual` less `factors` of `columns`.
 #[must_use]
 pub(super) fn without(columns: &[Vec<f64>], factors: &[f64], residual: &[f64]) -> Vec<f64> {
     let mut rest = residual.to_vec();
@@ -255,7 +255,7 @@ pub(super) fn without(columns: &[Vec<f64>], factors: &[f64], residual: &[f64]) -
     rest
 }
 
-/// Least-squares factors of `columns` on `residual`; `None` where there is nothing to solve.
+/// Least-squares factors of `columns` on `residual`; `None` without a solution.
 #[must_use]
 pub(super) fn least_squares(columns: &[Vec<f64>], residual: &[f64]) -> Option<Vec<f64>> {
     let gram = gram(columns);
@@ -268,7 +268,7 @@ pub(super) fn least_squares(columns: &[Vec<f64>], residual: &[f64]) -> Option<Ve
     Some((0..count).map(|i| solution[(i, 0)]).collect())
 }
 
-/// Products of all pairs, with a trace of a ridge against columns that depend on each other.
+/// Products of all pairs, with a very small ridge against collinear columns.
 fn gram(columns: &[Vec<f64>]) -> Mat<f64> {
     Mat::from_fn(columns.len(), columns.len(), |i, j| {
         dot(&columns[i], &columns[j]) * if i == j { 1.0 + 1e-9 } else { 1.0 }
@@ -287,7 +287,7 @@ mod tests {
         Blocks { of_row: (0..ROWS).map(|row| row * BLOCKS / ROWS).collect(), count: BLOCKS }
     }
 
-    /// Standard normal numbers (sums of twelve uniform ones), each a share of the one before.
+    /// Standard normal numbers (sums of twelve uniform ones), autoregressive with the coefficient `memory`.
     fn noise(seed: u64, memory: f64) -> Vec<f64> {
         let mut stream = Stream::new(seed, "evidence");
         let mut last = 0.0;

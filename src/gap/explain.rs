@@ -2,7 +2,7 @@
 
 use super::{
     findings::{Evidence, IdentifiedEffect, IdentifiedParameter},
-    rounds::{self, Added, Contestant, Outcome, Unstated},
+    rounds::{self, Added, Outcome, RankedCandidate, Unstated},
 };
 use crate::{
     effects::Parameter,
@@ -46,7 +46,7 @@ pub(super) fn identified(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> Id
         rmse_after: reduction.as_ref().and_then(|own| own.after),
         signal: reduction.as_ref().map(|own| own.signal.clone()),
         unit: reduction.map(|own| own.unit),
-        estimates_after_step: step.numbers.clone(),
+        estimates_after_step: step.estimates.clone(),
         parameters,
     }
 }
@@ -154,25 +154,28 @@ fn reduction_sentence(step: &Added, reduction: &Reduction) -> Option<String> {
 
 /// Sentence about the other candidates of the round.
 fn second_best(step: &Added) -> String {
-    if !step.class.is_empty() {
-        return format!(" The data cannot distinguish it from {}.", step.class.join(" or "));
+    if !step.indistinguishable.is_empty() {
+        return format!(
+            " The data cannot distinguish it from {}.",
+            step.indistinguishable.join(" or ")
+        );
     }
-    let name = |other: &Contestant| other.effect.name;
-    match step.contest.iter().find(|other| step.is_outshone_by(other)).map(name) {
+    let name = |other: &RankedCandidate| other.effect.name;
+    match step.ranking.iter().find(|other| step.is_less_significant_than(other)).map(name) {
         Some(name) => {
             format!(
                 " {name} is more significant, but has more parameters or removes far less of the residual."
             )
         }
         None => step.runner_up().map(name).map_or_else(String::new, |name| {
-            format!(" The second best of {} simulated candidates is {name}.", step.contest.len())
+            format!(" The second best of {} simulated candidates is {name}.", step.ranking.len())
         }),
     }
 }
 
 /// Well-known quantities that follow from the parameters of the effect, as they were after the step.
 fn derived_estimates(step: &Added) -> String {
-    let derived = step.numbers.iter().filter_map(|own| {
+    let derived = step.estimates.iter().filter_map(|own| {
         let own = (own.location == step.axis).then_some(own)?;
         let name = own.name.strip_prefix(step.effect.name)?.strip_prefix('.')?;
         let is_derived = step.effect.parameters.iter().all(|parameter| parameter.name != name);

@@ -1,5 +1,5 @@
-//! The whole search: check, refit, search link by link, and put the findings into the contract's
-//! document.
+//! Complete search: check the data, refit, search stage by stage, and write the findings into the document of the
+//! contract.
 
 use super::{
     checks::{self, Objection},
@@ -8,10 +8,10 @@ use super::{
     findings::{Document, SignalResidual, Verdict},
     floor::{self, Floor},
     journal::{JournalEntry, MoveKind},
-    known,
+    known, noise,
     options::Context,
-    rounds::{self, Held, Link, Outcome, Task},
-    scatter, user_effects,
+    rounds::{self, Held, Outcome, StageData, Task},
+    user_effects,
 };
 use crate::{
     effects::{CATALOGUE, Effect, Physics},
@@ -23,11 +23,11 @@ use crate::{
     },
 };
 
-/// The links after those of the gantry, in the order of the chain.
+/// Stages after those of the gantry, in the order of the chain.
 const BEHIND_GANTRY: [StageKind; 4] =
     [StageKind::Estimator, StageKind::Ball, StageKind::WholeRolls, StageKind::Axis];
 
-/// All stages, in the order in which they are searched.
+/// All stages, in search order.
 const STAGES: [StageKind; 6] = [
     StageKind::Drive,
     StageKind::Camera,
@@ -44,24 +44,24 @@ struct Request<'a> {
     context: Context<'a>,
 }
 
-/// Most searches of the drives: with what the camera's link alone shows to pull at them, without, and with what it
-/// shows behind the drives as they were found.
+/// Most searches of the drives. The reaction force is first that of the camera stage alone, then zero, then that of the
+/// camera stage after the fit of the drives.
 const MOST_DRIVE_SEARCHES: usize = 3;
 
-/// Everything that was found.
+/// Result of the complete search.
 pub struct Found<'a> {
-    /// The contract's document.
+    /// Document of the contract.
     pub document: Document,
-    /// The twin with the effects in it; that of the start where the data were refused.
+    /// Final twin with its effects; the start twin where the data were refused.
     pub twin: Twin,
-    /// Link by link.
+    /// Results stage by stage.
     pub outcomes: Vec<Outcome<'a>>,
-    /// The floor of each signal: `[outcome][channel]`.
+    /// Noise floor of each signal: `[outcome][channel]`.
     pub floors: Vec<Vec<Floor>>,
 }
 
 impl Found<'_> {
-    /// Return whether there is a twin to write: none where nothing could be fitted.
+    /// Return whether there is a twin to write: not without a fit.
     #[must_use]
     pub fn has_twin(&self) -> bool {
         let verdict = self.document.verdict;
@@ -88,9 +88,9 @@ pub fn find<'a>(
     }
     let request = Request { task, context };
     let mut journal = Vec::new();
-    let (mut outcomes, mut twin) = gantry_links(sessions, &start, request, &mut journal);
+    let (mut outcomes, mut twin) = search_gantry(sessions, &start, request, &mut journal);
     for kind in BEHIND_GANTRY {
-        if let Some(outcome) = search_link(sessions, kind, &twin, request, &outcomes) {
+        if let Some(outcome) = search_stage(sessions, kind, &twin, request, &outcomes) {
             twin = stated(&start, &outcome);
             outcomes.push(outcome);
         }
@@ -112,7 +112,7 @@ pub fn find<'a>(
     let floors: Vec<Vec<Floor>> = outcomes.iter().map(floors_of).collect();
     for outcome in &outcomes {
         note_residuals(&mut twin, outcome, task);
-        scatter::state(&mut twin, &outcome.train, &outcome.last.point);
+        noise::state(&mut twin, &outcome.train, &outcome.last.point);
         if task == Task::CloseGap {
             known::note_discrepancy(&mut twin, outcome);
         }
@@ -163,9 +163,9 @@ fn describe_rest(
         return;
     };
     let options = features.options(context.options);
-    let link = link_of(sessions, outcome.kind, Context { options: &options, ..context }, &[]);
+    let data = stage_data(sessions, outcome.kind, Context { options: &options, ..context }, &[]);
     let start = &outcome.last.point.twin;
-    let found = rounds::search(&link, start, Task::CloseGap);
+    let found = rounds::search(&data, start, Task::CloseGap);
     let description = features.description(&found, &stated(start, &found));
     document.journal.extend(features.entries(description.as_ref()));
     document.summary += &match &description {
@@ -175,7 +175,7 @@ fn describe_rest(
     document.description = description;
 }
 
-/// Whether the stage of `outcome` holds a residual that is not explained.
+/// Return whether the stage of `outcome` has an unexplained residual.
 fn is_open(outcome: &Outcome<'_>, residuals: &[SignalResidual]) -> bool {
     let channels = outcome.train.parts.first().map_or(&[][..], |part| part.stage.channels());
     let is_own = |own: &&SignalResidual| channels.iter().any(|it| it.signal == own.signal);
@@ -183,33 +183,33 @@ fn is_open(outcome: &Outcome<'_>, residuals: &[SignalResidual]) -> bool {
         || residuals.iter().filter(is_own).any(|own| outcome.train.thresholds().is_above_floor(own))
 }
 
-/// A refusal for the reason of `objection`: nothing was fitted.
+/// Result of refused data for the reason of `objection`: nothing was fitted.
 fn refused<'a>(twin: Twin, sessions: &[Session], objection: &Objection) -> Found<'a> {
     let document = document::refused(&twin, sessions, objection);
     Found { document, twin, outcomes: Vec::new(), floors: Vec::new() }
 }
 
-/// Searches one link from `twin`, after those `before` it; `None` where the sessions do not have it.
-fn search_link<'a>(
+/// Search one stage from `twin`, after those `before` it; `None` where the sessions do not have it.
+fn search_stage<'a>(
     sessions: &'a [Session],
     kind: StageKind,
     twin: &Twin,
     Request { task, context }: Request<'a>,
     before: &[Outcome<'_>],
 ) -> Option<Outcome<'a>> {
-    let mut link = link_of(sessions, kind, context, before);
-    let judges = kind != StageKind::WholeRolls || !link.held_out.is_empty();
-    if link.train.is_empty() || !judges {
+    let mut data = stage_data(sessions, kind, context, before);
+    let is_validated = kind != StageKind::WholeRolls || !data.held_out.is_empty();
+    if data.train.is_empty() || !is_validated {
         return None;
     }
     if task == Task::Calibrate {
-        link.held.extend(not_selected(twin, context));
+        data.held.extend(not_selected(twin, context));
     }
     let has = |kind: &StageKind| stages(sessions, *kind, Split::Train).next().is_some();
     let kinds: Vec<StageKind> = STAGES.into_iter().filter(has).collect();
     let done = kinds.iter().position(|own| *own == kind).unwrap_or(0);
     context.observer.stage_begun(kind, done, kinds.len());
-    Some(rounds::search(&link, twin, task_of(kind, task, before)))
+    Some(rounds::search(&data, twin, task_of(kind, task, before)))
 }
 
 /// Parameters of the effects in `twin` that are not selected: a calibration keeps them.
@@ -222,8 +222,8 @@ fn not_selected(twin: &Twin, context: Context<'_>) -> Vec<Held> {
     .collect()
 }
 
-/// What the camera's link has added that is behind the carriage and felt by what drives it.
-fn pull_of(camera: &Outcome<'_>) -> Option<Instance> {
+/// Effect added on the camera stage that acts behind the carriage and exerts a reaction force on the drives.
+fn reaction_of(camera: &Outcome<'_>) -> Option<Instance> {
     let is_felt = |effect: &Effect| {
         effect.physics.equations().iter().any(|own| matches!(own, Physics::Reaction(_)))
     };
@@ -231,49 +231,56 @@ fn pull_of(camera: &Outcome<'_>) -> Option<Instance> {
     camera.last.point.twin.instance(step.effect.name, step.axis).cloned()
 }
 
-/// Drives and camera, and the twin after them. What the camera shows of the striker may pull at the drives, and the
-/// camera's link itself begins behind what the drives have: what is assumed to pull is what is found in the end.
+/// Search of drives and camera, and the twin after both.
 ///
-/// The `journal` receives the decisions of searches that are made again.
-fn gantry_links<'a>(
+/// The striker's motion on the camera implies a reaction force on the drives, and the camera stage starts from the
+/// fitted drives. The search repeats until the assumed reaction is the identified one. The `journal` receives the
+/// decisions of repeated searches.
+fn search_gantry<'a>(
     sessions: &'a [Session],
     start: &Twin,
     request: Request<'a>,
     journal: &mut Vec<JournalEntry>,
 ) -> (Vec<Outcome<'a>>, Twin) {
     let of = |kind, twin: &Twin, before: &[Outcome<'_>]| {
-        search_link(sessions, kind, twin, request, before)
+        search_stage(sessions, kind, twin, request, before)
     };
     let has_drives = stages(sessions, StageKind::Drive, Split::Train).next().is_some();
-    let scout =
+    let initial =
         (request.task == Task::CloseGap && has_drives).then(|| of(StageKind::Camera, start, &[]));
-    let scout = scout.flatten();
-    journal.extend(scout.iter().flat_map(|outcome| outcome.journal.clone()));
-    let mut pull = scout.as_ref().and_then(pull_of);
+    let initial = initial.flatten();
+    journal.extend(initial.iter().flat_map(|outcome| outcome.journal.clone()));
+    let mut reaction = initial.as_ref().and_then(reaction_of);
     let mut searches = 0;
     loop {
         searches += 1;
         let mut outcomes = Vec::new();
         let mut twin = start.clone();
-        twin.instances.extend(pull.clone());
+        twin.instances.extend(reaction.clone());
         if let Some(drive) = of(StageKind::Drive, &twin, &outcomes) {
             twin = stated(start, &drive);
             outcomes.push(drive);
         }
-        let is_pull = |own: &Instance| pull.as_ref().is_some_and(|pull| own.effect == pull.effect);
-        twin.instances.retain(|own| !is_pull(own));
+        let is_reaction = |own: &Instance| {
+            reaction.as_ref().is_some_and(|reaction| own.effect == reaction.effect)
+        };
+        twin.instances.retain(|own| !is_reaction(own));
         let Some(camera) = of(StageKind::Camera, &twin, &outcomes) else {
             return (outcomes, twin);
         };
-        let shown = pull_of(&camera);
-        let effect = |pull: &Option<Instance>| pull.as_ref().map(|own| own.effect);
-        let is_unheeded = pull.is_none() && outcomes.iter().all(|drive| drive.added.is_empty());
+        let shown = reaction_of(&camera);
+        let effect = |reaction: &Option<Instance>| reaction.as_ref().map(|own| own.effect);
+        let is_without_consequence =
+            reaction.is_none() && outcomes.iter().all(|drive| drive.added.is_empty());
         twin = stated(start, &camera);
         outcomes.push(camera);
-        if effect(&shown) == effect(&pull) || is_unheeded || searches == MOST_DRIVE_SEARCHES {
+        if effect(&shown) == effect(&reaction)
+            || is_without_consequence
+            || searches == MOST_DRIVE_SEARCHES
+        {
             return (outcomes, twin);
         }
-        pull = shown;
+        reaction = shown;
         log::info!("the force of the striker on the drives changed: the drives are searched again");
         journal.extend(outcomes.iter().flat_map(|outcome| outcome.journal.clone()));
         journal.push(JournalEntry::new(
@@ -284,17 +291,17 @@ fn gantry_links<'a>(
     }
 }
 
-/// One link in all sessions, after those `before` it.
-fn link_of<'a>(
+/// One stage in all sessions, after those `before` it.
+fn stage_data<'a>(
     sessions: &'a [Session],
     kind: StageKind,
     context: Context<'a>,
     before: &[Outcome<'_>],
-) -> Link<'a> {
+) -> StageData<'a> {
     let of = |kind: StageKind, split: Split| -> Vec<&'a dyn Stage> {
         stages(sessions, kind, split).map(|(_, stage)| stage).collect()
     };
-    Link {
+    StageData {
         kind,
         train: of(kind, Split::Train),
         held_out: of(kind, Split::Validation),
@@ -310,15 +317,15 @@ fn link_of<'a>(
             StageKind::Camera => before.iter().flat_map(determined).collect(),
             _ => Vec::new(),
         },
-        // What an effect of the pieces is off grows along a whole roll; they say whether more is there.
+        // An error in an effect of the pieces accumulates along a whole roll; the pieces show whether there is more.
         may_be_disturbed: kind != StageKind::WholeRolls
             || before.last().is_none_or(|pieces| pieces.added.is_empty()),
         context,
     }
 }
 
-/// Parameters that the drives determine. Motors feel when they meet their load, and the camera only sees how far it lags,
-/// which other effects change as well; of a soft belt it sees the size, and nothing of the rotor.
+/// Parameters that the drives determine. Motor signals show the impact with the load. The camera shows only the lag,
+/// which other effects change as well: of a soft belt the magnitude, and nothing of the rotor.
 fn determined(outcome: &Outcome<'_>) -> Vec<Held> {
     let twin = &outcome.last.point.twin;
     let fitted = outcome.last.slots.iter().zip(&outcome.uncertainty.undetermined);
@@ -330,7 +337,7 @@ fn determined(outcome: &Outcome<'_>) -> Vec<Held> {
         .collect()
 }
 
-/// The links of one kind in the sessions of one purpose, in their order.
+/// Stages of one kind in the sessions of one split, in order.
 pub(super) fn stages(
     sessions: &[Session],
     kind: StageKind,
@@ -343,12 +350,14 @@ pub(super) fn stages(
         .filter(move |(_, stage)| stage.kind() == kind)
 }
 
-/// What is asked of one link. The estimator's true velocities are made of the camera's places: where these
-/// scatter otherwise than before, it cannot be told whether the estimator does. What pieces of rolls cannot explain
-/// grows along whole rolls into the likeness of something else.
+/// Task on one stage.
+///
+/// The reference velocities of the estimator are computed from camera positions. If the camera noise changed, a change
+/// of the estimator is not identifiable. An unexplained residual on pieces of rolls accumulates along whole rolls and
+/// resembles another effect.
 fn task_of(kind: StageKind, task: Task, before: &[Outcome<'_>]) -> Task {
     let mut added = before.iter().flat_map(|outcome| &outcome.added);
-    let scatters = added.any(|step| scatter::is_scatter(step.effect));
+    let scatters = added.any(|step| noise::is_variance_effect(step.effect));
     let in_pieces = before.iter().find(|outcome| outcome.kind == StageKind::Ball);
     match kind {
         StageKind::Estimator if scatters => Task::Calibrate,
@@ -359,12 +368,15 @@ fn task_of(kind: StageKind, task: Task, before: &[Outcome<'_>]) -> Task {
     }
 }
 
-/// What the two ends of a play give way by under a few newtons (m), which is not fitted: its width is not known better.
-const GIVE_OF_ENDS: f64 = 1e-5;
+/// Deflection of both ends of a backlash under a few newtons (m). It is not fitted, and limits the accuracy of the
+/// width.
+const END_DEFLECTION: f64 = 1e-5;
 
-/// The final twin of a link with sources and intervals. An effect that was added is known no better than by what
-/// the given twin looked like it before, and no change from the `first` twin better than to the model error; a number
-/// that the data do not determine and that moved all the same (a level that is never reached) has no interval any more.
+/// Final twin of a stage with sources and intervals.
+///
+/// The interval of an added effect includes the discrepancy of the given twin. That of a change from the `first` twin
+/// includes the model error. A parameter that changed although the data do not determine it (a level that is never
+/// reached) loses its interval.
 fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
     let mut twin = outcome.last.point.twin.clone();
     let given = &outcome.start.twin;
@@ -380,7 +392,7 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
         let own_error = outcome.train.thresholds().model_error * changed(first, &twin, *slot);
         let mut half = quantile * outcome.uncertainty.standard_errors[index].hypot(own_error);
         if slot.parameter == 0 && twin.instances[slot.instance].rattles() {
-            half = half.hypot(GIVE_OF_ENDS);
+            half = half.hypot(END_DEFLECTION);
         }
         if given.instances.len() <= slot.instance {
             let effect = twin.instances[slot.instance].effect;
@@ -393,9 +405,9 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
     twin
 }
 
-/// How far a number of `twin` is from that of the `first` one, where a fit had determined it (also where what two
-/// motors had in common was parted); of an effect that was added, from where it does nothing, or from zero where that
-/// is nearer. What only shapes an effect, such as a period, is none.
+/// Change of a parameter of `twin` from the `first` one, where a fit had determined it (also before a split). For an
+/// added effect: the distance from null, or from zero where that is nearer. A shape parameter, such as a period, has
+/// none.
 pub(super) fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
     let value = twin.get(slot);
     let effect = twin.instances[slot.instance].effect;
@@ -427,9 +439,9 @@ fn floors_of(outcome: &Outcome<'_>) -> Vec<Floor> {
 fn note_residuals(twin: &mut Twin, outcome: &Outcome<'_>, task: Task) {
     let Some(part) = outcome.train.parts.first() else { return };
     let squares = outcome.train.squares(&outcome.last.point);
-    let judged = outcome.held_out.squares(&outcome.last_held_out);
+    let validated = outcome.held_out.squares(&outcome.last_held_out);
     let rms = squares.iter().enumerate().map(|(k, (sum, count))| {
-        let (other, more) = judged.get(k).copied().unwrap_or_default();
+        let (other, more) = validated.get(k).copied().unwrap_or_default();
         ((sum + other) / (count + more).max(1) as f64).sqrt()
     });
     for (channel, rms) in part.stage.channels().iter().zip(rms) {
@@ -442,7 +454,7 @@ fn note_residuals(twin: &mut Twin, outcome: &Outcome<'_>, task: Task) {
     }
 }
 
-/// Effects that no link of these recordings shows, whatever the motion: what takes a camera, where there was none.
+/// Effects that no stage of these recordings shows in any motion: those of a camera, without one.
 fn unseen(sessions: &[Session], start: &Twin, context: Context<'_>) -> Vec<&'static Effect> {
     let stages: Vec<&dyn Stage> = sessions.iter().flat_map(Session::stages).collect();
     let is_shown = |effect: &Effect| match effect.physics {

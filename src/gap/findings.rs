@@ -2,7 +2,7 @@
 //!
 //! `datasets_schema/gap.schema.json` is its JSON Schema. Numbers are finite; a value that does not exist is null.
 
-use super::{journal::JournalEntry, numbers::ParameterEstimate};
+use super::{estimates::ParameterEstimate, journal::JournalEntry};
 use crate::{
     effects::{Axis, Domain},
     twin::StageKind,
@@ -49,7 +49,7 @@ pub struct Localization {
     pub stage: Domain,
     /// Axis, such as `a`, `x` or `all`.
     pub location: String,
-    /// Signal in which it shows most.
+    /// Signal in which it is largest.
     pub signal: String,
     /// State of motion, such as "at reversals".
     pub condition: String,
@@ -196,7 +196,7 @@ pub struct Description {
     pub equation: String,
     /// Its terms, in the order in which they were added.
     pub terms: Vec<DescriptionTerm>,
-    /// What the symbols of the features are: (quantity - origin) / scale.
+    /// Scales of the symbols of the features: (quantity - origin) / scale.
     pub scales: Vec<DescriptionScale>,
     /// Fraction of the squared whitened residual on the validation sessions that all terms remove; null without
     /// validation sessions.

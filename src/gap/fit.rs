@@ -1,4 +1,4 @@
-//! Levenberg and Marquardt's method on a [`Problem`], and intervals that hold under correlated noise.
+//! Levenberg-Marquardt fits of a [`Problem`], and confidence intervals that hold under correlated noise.
 
 use super::{
     numerics::{
@@ -19,23 +19,23 @@ pub(super) use super::numerics::levenberg_marquardt::squared;
 /// Relative gain of the squared error below which a fit has converged.
 const CONVERGED: f64 = 1e-5;
 
-/// Steps with corrected columns after one with fresh ones.
+/// Steps with corrected columns after one with fresh ones. More steps save simulations where the columns change little.
 const SECANT_STEPS: usize = 2;
 
-/// A fitted point.
+/// Fitted point.
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// Twin and nuisances.
     pub point: Point,
-    /// The shared parameters that were fitted.
+    /// Shared parameters that were fitted.
     pub slots: Vec<Slot>,
     /// Whitened squared error.
     pub loss: f64,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
 }
 
-/// Fits `slots` from `start` in at most `iterations` steps, with the whitening of `filters`.
+/// Fit `slots` from `start` in at most `iterations` steps, with the whitening of `filters`.
 #[must_use]
 pub(super) fn fit(
     problem: &Problem<'_>,
@@ -47,21 +47,21 @@ pub(super) fn fit(
     fit_with(problem, start, slots, &How { filters, iterations, known: &[] })
 }
 
-/// How to fit.
+/// Options of a fit.
 pub(super) struct How<'a> {
-    /// The metric.
+    /// Metric.
     pub(super) filters: &'a Filters,
-    /// Most steps.
+    /// Most iterations.
     pub(super) iterations: usize,
-    /// Columns of the first parameters, where they are known from nearby.
+    /// Columns of the first parameters, where they are known from a nearby point.
     pub(super) known: &'a [Vec<f64>],
 }
 
-/// The same where the columns of the first parameters are known from nearby.
+/// Fit `slots` from `start`, with known columns of the first parameters.
 ///
-/// Columns are simulated anew in each of the iterations; between them a few steps follow with columns that the last
-/// step has corrected along itself, which cost one simulation each; not where nuisances move beside the parameters, whose
-/// bends would be taken for theirs.
+/// Each iteration simulates fresh columns. A few steps with columns corrected along the last step follow, at one
+/// simulation each. They are omitted with nuisances: the correction would attribute their nonlinearity to the
+/// parameters.
 #[must_use]
 pub(super) fn fit_with(problem: &Problem<'_>, start: Point, slots: &[Slot], how: &How<'_>) -> Fit {
     let has_nuisances = start.nuisance.iter().any(|part| !part.is_empty());
@@ -127,9 +127,9 @@ impl Linearization for Linear {
     }
 }
 
-/// Fits from far away: first with each signal merely scaled, then whitened by its own residual.
+/// Fit from a distant start: first with each signal only scaled, then whitened by its own residual.
 #[must_use]
-pub(super) fn fit_from_afar(
+pub(super) fn fit_from_distant_start(
     problem: &Problem<'_>,
     start: Point,
     slots: &[Slot],
@@ -145,19 +145,19 @@ pub(super) fn fit_from_afar(
             break;
         }
     }
-    settle(problem, point, slots, iterations)
+    converge(problem, point, slots, iterations)
 }
 
-/// The same by plain least squares, every signal in units of its RMS: what published tables hold.
+/// Ordinary least squares from `found`, every signal in units of its RMS: the estimates of published tables.
 #[must_use]
-pub(super) fn plainly(problem: &Problem<'_>, found: &Fit) -> Fit {
+pub(super) fn ordinary_least_squares(problem: &Problem<'_>, found: &Fit) -> Fit {
     let scales = problem.filters(&found.point, whiten::scale_filters);
     fit(problem, found.point.clone(), &found.slots, &scales, 4)
 }
 
-/// Fits from nearby: whitened by the residual, and again by the residual that is then left.
+/// Fit from a nearby start: whitened by the residual, then again by the residual after that fit.
 #[must_use]
-pub(super) fn settle(
+pub(super) fn converge(
     problem: &Problem<'_>,
     start: Point,
     slots: &[Slot],
@@ -170,8 +170,8 @@ pub(super) fn settle(
     (found, filters)
 }
 
-/// Fits the nuisances, and what belongs to a session (the phase of a ripple), alone: how a twin that is
-/// not touched otherwise predicts a session.
+/// Fit only the nuisances and the parameters of a session (the phase of a ripple): the prediction of an otherwise
+/// unchanged twin.
 #[must_use]
 pub(super) fn adapt(problem: &Problem<'_>, start: Point, filters: &Filters) -> Point {
     let Some(part) = problem.parts.first() else { return start };
@@ -190,46 +190,46 @@ pub(super) fn adapt(problem: &Problem<'_>, start: Point, filters: &Filters) -> P
     fit(problem, start, &own, filters, 8).point
 }
 
-/// `twin` on a problem that it was not fitted to: its nuisances from their first guesses, as [`adapt`] finds them.
+/// `twin` on a problem to which it was not fitted: its nuisances from their first guesses, as [`adapt`] estimates them.
 #[must_use]
 pub(super) fn on(problem: &Problem<'_>, twin: &Twin, filters: &Filters) -> Point {
     adapt(problem, problem.start(twin.clone()), filters)
 }
 
-/// `point` with its nuisances and what belongs to a session fitted alone, every signal in units of its RMS: where a
-/// gap is told, a roll's start must not be chosen by a metric that looks past slow errors.
+/// `point` with its nuisances and parameters of a session refitted, every signal in units of its RMS. The gap is
+/// measured at this point: whitening tolerates slow errors and must not choose the start of a roll.
 #[must_use]
-pub(super) fn told(problem: &Problem<'_>, point: &Point) -> Point {
+pub(super) fn with_refitted_nuisances(problem: &Problem<'_>, point: &Point) -> Point {
     let scales = problem.filters(point, whiten::scale_filters);
     adapt(problem, point.clone(), &scales)
 }
 
-/// Standard errors of the fitted values, in their own units, and the directions that the data do not
-/// determine.
+/// Standard errors of the fitted values, in their own units, and parameters that are not identifiable.
 #[derive(Debug, Clone)]
 pub struct Uncertainty {
     /// Standard error of each slot.
     pub standard_errors: Vec<f64>,
     /// Degrees of freedom of the block estimate.
     pub freedom: f64,
-    /// Per slot: share of its variance that stems from directions the data hardly determine.
+    /// `true` for each slot whose variance comes mostly from directions that the data hardly determine.
     pub undetermined: Vec<bool>,
 }
 
-/// Standard errors that hold under correlation within blocks and uneven scatter ([`Sandwich`]), and between sessions: where the
-/// held-out session alone would give another value than scatter explains, half of what is beyond it is
-/// the variance from session to session (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, for
-/// two studies), which one session does not show.
+/// Standard errors that hold under correlation within blocks and uneven variance ([`Sandwich`]), and between sessions.
+///
+/// Let d be the difference between the training and the validation estimate. The variance between sessions is half of
+/// d², beyond the variance of d (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, for two studies). One
+/// session alone does not show it.
 #[must_use]
 pub(super) fn uncertainty(
     problem: &Problem<'_>,
     held_out: &Problem<'_>,
-    (found, judged): (&Fit, &Point),
+    (found, validated): (&Fit, &Point),
     filters: &Filters,
 ) -> Uncertainty {
     let own = sandwich(problem, &found.point, &found.slots, filters);
     let other =
-        (!held_out.parts.is_empty()).then(|| sandwich(held_out, judged, &found.slots, filters));
+        (!held_out.parts.is_empty()).then(|| sandwich(held_out, validated, &found.slots, filters));
     let mut standard_errors = Vec::with_capacity(found.slots.len());
     for (index, slot) in found.slots.iter().enumerate() {
         let effect = found.point.twin.instances[slot.instance].effect;
@@ -238,30 +238,29 @@ pub(super) fn uncertainty(
             && !other.undetermined[index]
             && !effect.parameters[slot.parameter].per_session
         {
-            variance += beyond(other.step[index], variance + other.variances[index]);
+            variance += excess_variance(other.step[index], variance + other.variances[index]);
         }
         standard_errors.push(variance.sqrt() * found.point.twin.scale(*slot));
     }
     Uncertainty { standard_errors, freedom: own.freedom, undetermined: own.undetermined }
 }
 
-/// Variance that two estimates, `step` apart, tell of where their scatter has this variance.
-fn beyond(step: f64, scatter: f64) -> f64 {
-    0.5 * (step.powi(2) - scatter).max(0.0)
+/// Variance that two estimates, `step` apart, have in addition to the `variance` of their difference.
+fn excess_variance(step: f64, variance: f64) -> f64 {
+    0.5 * (step.powi(2) - variance).max(0.0)
 }
 
 impl Uncertainty {
-    /// The same where the model may be wrong: a right one gives the same values however its errors are
-    /// weighed (Hausman, Econometrica 46, 1978). Where residuals that are merely scaled, not whitened, would
-    /// give another value than scatter explains, half of what is beyond it is added to the variance, as
-    /// between sessions.
+    /// The same with the variance due to model error. A correct model gives the same estimates under any weighting of
+    /// the errors (Hausman, Econometrica 46, 1978). The second weighting scales the residuals without whitening. Half
+    /// of the squared difference beyond its variance is added, as between sessions.
     #[must_use]
-    pub(super) fn whatever_the_metric(mut self, problem: &Problem<'_>, found: &Fit) -> Self {
+    pub(super) fn with_metric_variance(mut self, problem: &Problem<'_>, found: &Fit) -> Self {
         let scales = problem.filters(&found.point, whiten::scale_filters);
         let other = sandwich(problem, &found.point, &found.slots, &scales);
         for (index, slot) in found.slots.iter().enumerate() {
             if !other.undetermined[index] {
-                let variance = beyond(other.step[index], other.variances[index]);
+                let variance = excess_variance(other.step[index], other.variances[index]);
                 let error = &mut self.standard_errors[index];
                 *error = error.hypot(variance.sqrt() * found.point.twin.scale(*slot));
             }
@@ -269,10 +268,10 @@ impl Uncertainty {
         self
     }
 
-    /// The same where one of several small effects is there that is not worth a name: `shifts` say how far each
-    /// parameter would move beside each of them (scaled). An interval reaches as far as the largest of them.
+    /// The same with the bias of omitted effects that are too small to be added: `shifts` are the changes of each
+    /// parameter with each of them (scaled). An interval reaches as far as the largest change.
     #[must_use]
-    pub(super) fn whatever_is_beside(mut self, found: &Fit, shifts: &[&[f64]]) -> Self {
+    pub(super) fn with_omitted_effects(mut self, found: &Fit, shifts: &[&[f64]]) -> Self {
         let quantile = t_quantile(0.975, self.freedom);
         for (index, slot) in found.slots.iter().enumerate() {
             let own = shifts.iter().filter_map(|shift| shift.get(index));

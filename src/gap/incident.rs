@@ -1,8 +1,8 @@
-//! What happened once, in one session: a hand on the carriage, a run into the end of a rail, a cable that snags.
+//! One-off disturbances in one session: a hand on the carriage, an impact at the end of an axis, a cable that snags.
 //!
-//! Such a moment can hold far more of the squared residual than everything that happens again and again. It says
-//! nothing that another session could confirm, and hides what does. So the time around it is left out, and the user
-//! is told.
+//! A one-off disturbance can hold far more of the squared residual than all recurring effects. No other session can
+//! confirm it, and it hides effects that another session could confirm. So the time around it is excluded, and the user
+//! gets a warning.
 
 use super::{
     problem::{Part, Point, Problem},
@@ -17,29 +17,29 @@ use std::ops::Range;
 /// Width of the bins of time in which squared residuals are summed (s).
 const BIN: f64 = 0.1;
 
-/// Most incidents of a session.
+/// Most one-off disturbances of a session.
 const MOST: usize = 3;
 
-/// One incident.
+/// One-off disturbance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Incident {
-    /// The signal that was farthest off.
+    /// Signal with the largest residual, relative to its usual residual.
     pub signal: String,
-    /// Its unit.
+    /// Unit of the signal.
     pub unit: &'static str,
-    /// How far it was off, with its sign, in that unit.
+    /// Largest residual of that signal, signed, in that unit.
     pub farthest: f64,
-    /// When (s since the session began).
+    /// Time (s since the session began).
     pub span: Range<f64>,
 }
 
 /// A part and its residual, `[channel][sample]`.
-type Seen<'p, 'a> = (&'p Part<'a>, Vec<Vec<f64>>);
+type PartResidual<'p, 'a> = (&'p Part<'a>, Vec<Vec<f64>>);
 
-/// Finds the incidents of one link and leaves them out of `train` or of `held_out`, whichever session they are of;
-/// each comes with its point. Without a session to judge, what happens once cannot be told from what would again.
-/// Gives whether there were any.
-pub(super) fn leave_out_of<'a>(
+/// Exclude the one-off disturbances of one stage from the session of `train` or `held_out` in which they are; return
+/// whether there were any. Each problem comes with its point. Without a validation session, one-off and recurring
+/// disturbances are indistinguishable, and nothing is excluded.
+pub(super) fn exclude_from<'a>(
     kind: StageKind,
     train: (&mut Problem<'a>, &Point),
     held_out: (&mut Problem<'a>, &Point),
@@ -48,7 +48,7 @@ pub(super) fn leave_out_of<'a>(
     if is_in_pieces || train.0.parts.is_empty() || held_out.0.parts.is_empty() {
         return false;
     }
-    let seen: Vec<Seen<'_, '_>> = [(&*train.0, train.1), (&*held_out.0, held_out.1)]
+    let seen: Vec<PartResidual<'_, '_>> = [(&*train.0, train.1), (&*held_out.0, held_out.1)]
         .into_iter()
         .flat_map(|(problem, point)| problem.parts.iter().zip(problem.residuals(point)))
         .collect();
@@ -64,8 +64,12 @@ pub(super) fn leave_out_of<'a>(
     true
 }
 
-/// The session whose few incidents hold `majority` of the squared residual of all and stand out, and these.
-fn incidents(seen: &[Seen<'_, '_>], thresholds: &Thresholds) -> Option<(usize, Vec<Incident>)> {
+/// Session and its few one-off disturbances that hold the fraction `majority` of the squared residual of all sessions
+/// and are outliers.
+fn incidents(
+    seen: &[PartResidual<'_, '_>],
+    thresholds: &Thresholds,
+) -> Option<(usize, Vec<Incident>)> {
     let held = thresholds.majority;
     let longest = (thresholds.disturbed_time / BIN).round() as usize;
     let usual = usual(seen);
@@ -95,8 +99,8 @@ fn incidents(seen: &[Seen<'_, '_>], thresholds: &Thresholds) -> Option<(usize, V
     Some((session, spans.map(|span| incident(&seen[session], &usual, span)).collect()))
 }
 
-/// The usual residual of each channel over all sessions; never zero.
-fn usual(seen: &[Seen<'_, '_>]) -> Vec<f64> {
+/// Usual residual of each channel over all sessions; never zero.
+fn usual(seen: &[PartResidual<'_, '_>]) -> Vec<f64> {
     let channels = seen[0].0.stage.channels().len();
     let of = |channel: usize| {
         let values: Vec<f64> = seen
@@ -110,13 +114,13 @@ fn usual(seen: &[Seen<'_, '_>]) -> Vec<f64> {
     (0..channels).map(of).collect()
 }
 
-/// Channel and sample of everything that counts.
+/// Channel and sample of every row.
 fn samples<'p>(part: &'p Part<'_>) -> impl Iterator<Item = (usize, usize)> + 'p {
     part.layout.rows.iter().map(|row| (row.channel as usize, row.sample as usize))
 }
 
-/// Squared residuals by bins of time, each in units of what is usual in its channel.
-fn energies((part, residual): &Seen<'_, '_>, usual: &[f64]) -> Vec<f64> {
+/// Squared residuals summed by bins of time, each in units of the usual residual of its channel.
+fn energies((part, residual): &PartResidual<'_, '_>, usual: &[f64]) -> Vec<f64> {
     let mut bins = Vec::new();
     for (channel, sample) in samples(part) {
         let bin = (part.stage.channels()[channel].times[sample].max(0.0) / BIN) as usize;
@@ -128,8 +132,7 @@ fn energies((part, residual): &Seen<'_, '_>, usual: &[f64]) -> Vec<f64> {
     bins
 }
 
-/// The bin that holds most, those beside it that hold more than `usual`, and one more on both sides; and what it
-/// holds.
+/// Bin with the largest sum, its neighbours above `usual`, and one more bin on both sides; and the largest sum.
 fn around_largest(bins: &[f64], usual: f64) -> (Range<usize>, f64) {
     let largest = (0..bins.len()).max_by(|a, b| bins[*a].total_cmp(&bins[*b])).unwrap_or(0);
     let before = bins[..largest].iter().rev().take_while(|own| usual < **own).count();
@@ -138,8 +141,8 @@ fn around_largest(bins: &[f64], usual: f64) -> (Range<usize>, f64) {
     (span, bins.get(largest).copied().unwrap_or(0.0))
 }
 
-/// What stands out most in `span` (s) of a session.
-fn incident((part, residual): &Seen<'_, '_>, usual: &[f64], span: Range<f64>) -> Incident {
+/// Largest relative residual in `span` (s) of a session.
+fn incident((part, residual): &PartResidual<'_, '_>, usual: &[f64], span: Range<f64>) -> Incident {
     let channels = part.stage.channels();
     let (channel, farthest) = channels
         .iter()
@@ -165,10 +168,10 @@ mod tests {
         twin::{Channel, Machine, Stage, Twin},
     };
 
-    /// A link of which nothing is predicted but zero.
-    struct Scatter(Vec<Channel>);
+    /// Stage with a prediction of zero.
+    struct WhiteNoise(Vec<Channel>);
 
-    impl Stage for Scatter {
+    impl Stage for WhiteNoise {
         fn kind(&self) -> StageKind {
             StageKind::Drive
         }
@@ -186,16 +189,16 @@ mod tests {
         }
     }
 
-    /// Half a minute at 100 Hz that scatters by 1 mm/s, and is `off` (m/s) too slow during each of `bursts` (s).
-    fn session(seed: u64, bursts: &[Range<f64>], off: f64) -> Scatter {
+    /// 30 s at 100 Hz with noise of 1 mm/s, and `off` (m/s) too slow during each of `bursts` (s).
+    fn session(seed: u64, bursts: &[Range<f64>], off: f64) -> WhiteNoise {
         let mut random = Stream::new(seed, "scatter");
         let times: Vec<f64> = (0..3000).map(|k| 0.01 * f64::from(k)).collect();
         let is_off = |time: &f64| bursts.iter().any(|burst| burst.contains(time));
-        let scatter = times.iter().map(|_| f64::from(random.uniform_f32(-1.7e-3, 1.7e-3)));
-        let scatter: Vec<f64> = scatter.collect();
-        let each = times.iter().zip(scatter);
+        let noise = times.iter().map(|_| f64::from(random.uniform_f32(-1.7e-3, 1.7e-3)));
+        let noise: Vec<f64> = noise.collect();
+        let each = times.iter().zip(noise);
         let measured = each.map(|(time, own)| if is_off(time) { own - off } else { own }).collect();
-        Scatter(vec![Channel {
+        WhiteNoise(vec![Channel {
             signal: "motor_a.velocity".into(),
             unit: "m/s",
             domain: Domain::Drive,
@@ -207,7 +210,7 @@ mod tests {
         }])
     }
 
-    /// What is left out of two sessions with bursts that are `off` (m/s), and how many samples count then.
+    /// Exclusions in two sessions with bursts that are `off` (m/s), and the number of rows that remain.
     fn left_out(off: f64, [first, second]: [&[Range<f64>]; 2]) -> [(Vec<Incident>, usize); 2] {
         let twin = Twin::nominal(Machine::Table);
         let stages = [session(1, first, off), session(2, second, off)];
@@ -215,28 +218,28 @@ mod tests {
             stages.each_ref().map(|stage| Problem::new(&[stage as &dyn Stage], &twin));
         let points = problems.each_ref().map(|problem| problem.start(twin.clone()));
         let [train, held_out] = &mut problems;
-        leave_out_of(StageKind::Drive, (train, &points[0]), (held_out, &points[1]));
+        exclude_from(StageKind::Drive, (train, &points[0]), (held_out, &points[1]));
         problems.map(|problem| (problem.parts[0].incidents.clone(), problem.rows()))
     }
 
     #[test]
-    fn what_happened_once_is_left_out_of_its_session_alone() {
+    fn a_one_off_disturbance_is_excluded_from_its_session_only() {
         let [(first, kept), (second, whole)] = left_out(0.2, [&[12.34..12.61], &[]]);
         let [incident] = first.as_slice() else { panic!("{first:?}") };
         assert!(incident.span.start <= 12.34 && 12.61 <= incident.span.end, "{incident:?}");
         assert!(incident.span.end - incident.span.start < 0.7, "{incident:?}");
         assert!((incident.farthest + 0.2).abs() < 2e-3, "{incident:?}");
         assert!(second.is_empty() && kept < whole && whole - 120 < kept, "{kept} of {whole}");
-        // As well in the session that judges, and more than once.
+        // The same in the validation session, and with two disturbances.
         let [(first, _), (second, _)] = left_out(0.2, [&[], &[3.0..3.2, 20.0..20.4]]);
         assert_eq!((first.len(), second.len()), (0, 2));
-        // Two thirds of all, and nothing like it elsewhere.
+        // Two thirds of the squared residual, and none similar elsewhere.
         let [(first, _), (second, _)] = left_out(0.02, [&[12.3..12.6], &[]]);
         assert_eq!((first.len(), second.len()), (1, 0));
     }
 
     #[test]
-    fn what_comes_again_or_lasts_stays() {
+    fn recurring_and_long_disturbances_stay() {
         for (first, second) in [
             (vec![], vec![]),
             (vec![12.3..12.6], vec![5.0..5.3]),

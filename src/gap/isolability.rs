@@ -1,9 +1,10 @@
-//! Which effects a recorded motion can show, in which signals, and which of them it cannot separate: fault isolability
-//! (Krysander and Frisk, IEEE Transactions on Systems, Man, and Cybernetics A 38, 2008), by simulation.
+//! Isolability of effects by a recorded motion: the detectable effects, their signals, and the effects that it cannot
+//! separate. The method is fault isolability (Krysander and Frisk, IEEE Transactions on Systems, Man, and Cybernetics A
+//! 38, 2008), by simulation.
 //!
-//! Every effect is switched on at the values where the search begins. The whitened change of the simulation, beyond what
-//! nuisances and known parameters imitate, is its signature. Its length is the detectability in standard deviations, and
-//! the cosine of two signatures says how alike they are.
+//! Every effect is switched on at the values where the search begins. The whitened change of the simulation, beyond the
+//! directions of nuisances and known parameters, is its signature. Its length is the detectability in standard
+//! deviations. The cosine of two signatures measures their similarity.
 
 use super::{
     batch::in_parallel,
@@ -11,7 +12,7 @@ use super::{
     numerics::normal::Normal,
     problem::dot,
     rounds::Outcome,
-    screen::{self, beyond_known, pairs, reach},
+    screen::{self, beyond_known, magnitude_ratio, pairs},
 };
 use crate::{
     effects::{Axis, Effect},
@@ -29,7 +30,7 @@ const MOST_LISTED: usize = 5;
 /// Version of the document.
 const SCHEMA_VERSION: u32 = 1;
 
-/// What a motion shows of the effects of all stages: the document of `klasktron effects --for --json`.
+/// Isolability of the effects of all stages: the document of `klasktron effects --for --json`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Isolability {
     /// Version of this document.
@@ -38,7 +39,7 @@ pub struct Isolability {
     pub stages: Vec<StageIsolability>,
 }
 
-/// What a motion shows of the effects of one stage.
+/// Isolability of the effects of one stage.
 #[derive(Debug, Clone, Serialize)]
 pub struct StageIsolability {
     /// Stage of the measured chain.
@@ -49,16 +50,16 @@ pub struct StageIsolability {
     pub effects: Vec<Signature>,
 }
 
-/// What a motion shows of one effect.
+/// Signature of one effect in a motion.
 #[derive(Debug, Clone, Serialize)]
 pub struct Signature {
     /// Name of the effect.
     pub effect: &'static str,
     /// Axis on which it acts.
     pub location: Axis,
-    /// Length of the signature at the largest plausible size, in whitened standard deviations.
+    /// Length of the signature at the largest plausible magnitude, in whitened standard deviations.
     pub detectability: f64,
-    /// Whether that is enough for a test.
+    /// `true` where the detectability suffices for a test.
     pub is_detectable: bool,
     /// Fraction of the squared signature in each signal, the largest first.
     pub signals: Vec<SignalShare>,
@@ -88,7 +89,7 @@ pub struct Confusion {
     pub cosine: f64,
 }
 
-/// One effect at one place, and its signature.
+/// Effect on one axis, and its signature.
 struct Column {
     effect: &'static Effect,
     axis: Axis,
@@ -112,7 +113,7 @@ fn of_stage(outcome: &Outcome<'_>) -> StageIsolability {
     StageIsolability { stage: outcome.kind, recordings: outcome.train.parts.len(), effects }
 }
 
-/// Signature of every effect at every place, at the start of the search that shows it best.
+/// Signature of every effect on every axis, at the start of the search that shows it best.
 fn columns(outcome: &Outcome<'_>) -> Vec<Column> {
     let (problem, filters) = (&outcome.train, &outcome.filters);
     let twin = &outcome.last.point.twin;
@@ -127,7 +128,7 @@ fn columns(outcome: &Outcome<'_>) -> Vec<Column> {
         let each = of_probes.into_iter().zip(effect.probes).map(|(mut values, probe)| {
             beyond_known(&linear, &normal, &mut values);
             let length = dot(&values, &values).sqrt();
-            let detectability = length * reach(effect, probe);
+            let detectability = length * magnitude_ratio(effect, probe);
             Column { effect, axis: *axis, values, length, detectability }
         });
         each.max_by(|a, b| a.detectability.total_cmp(&b.detectability))
@@ -138,13 +139,13 @@ fn columns(outcome: &Outcome<'_>) -> Vec<Column> {
 }
 
 fn signature(own: &Column, all: &[Column], outcome: &Outcome<'_>) -> Signature {
-    let visible = outcome.train.thresholds().detectability;
-    let is_detectable = visible <= own.detectability;
+    let detectable = outcome.train.thresholds().detectability;
+    let is_detectable = detectable <= own.detectability;
     let cosine = |other: &Column| {
         dot(&own.values, &other.values).abs() / (own.length * other.length).max(f64::MIN_POSITIVE)
     };
     let others = all.iter().filter(|other| {
-        !std::ptr::eq(*other, own) && is_detectable && visible <= other.detectability
+        !std::ptr::eq(*other, own) && is_detectable && detectable <= other.detectability
     });
     let mut inseparable: Vec<Confusion> = others
         .map(|other| Confusion {
@@ -161,14 +162,14 @@ fn signature(own: &Column, all: &[Column], outcome: &Outcome<'_>) -> Signature {
         location: own.axis,
         detectability: own.detectability,
         is_detectable,
-        signals: if is_detectable { shares(own, outcome) } else { Vec::new() },
+        signals: if is_detectable { fractions(own, outcome) } else { Vec::new() },
         inseparable,
         excitation: own.effect.excitation,
     }
 }
 
 /// Fraction of the squared signature in each signal.
-fn shares(own: &Column, outcome: &Outcome<'_>) -> Vec<SignalShare> {
+fn fractions(own: &Column, outcome: &Outcome<'_>) -> Vec<SignalShare> {
     let mut squares: BTreeMap<&str, f64> = BTreeMap::new();
     let mut values = own.values.iter();
     for part in &outcome.train.parts {
@@ -178,10 +179,10 @@ fn shares(own: &Column, outcome: &Outcome<'_>) -> Vec<SignalShare> {
         }
     }
     let total = own.length.powi(2).max(f64::MIN_POSITIVE);
-    let mut shares: Vec<SignalShare> = squares
+    let mut fractions: Vec<SignalShare> = squares
         .into_iter()
         .map(|(signal, square)| SignalShare { signal: signal.to_owned(), fraction: square / total })
         .collect();
-    shares.sort_by(|a, b| b.fraction.total_cmp(&a.fraction));
-    shares
+    fractions.sort_by(|a, b| b.fraction.total_cmp(&a.fraction));
+    fractions
 }

@@ -26,7 +26,7 @@ pub enum MoveKind {
     Remove,
     /// The search ends.
     Stop,
-    /// What no effect explains is described by a feature.
+    /// A feature describes the residual that no effect explains.
     Describe,
 }
 

@@ -7,25 +7,28 @@ use super::{
 use crate::{effects::find, twin::Channel};
 
 /// Signals that hold the residual of the given twin over all stages, the largest fraction first, each with the state of
-/// motion in which it is concentrated. A signal counts with its squared residual above the reference residual of the
-/// twin, or above the final residual, in units of that.
+/// motion in which it is concentrated. The weight of a signal is its squared residual above its reference residual, or
+/// above its final residual where that is smaller, in units of the same.
 #[must_use]
 pub(super) fn localization(
     outcomes: &[Outcome<'_>],
     effects: &[IdentifiedEffect],
 ) -> Vec<Localization> {
-    let mut places: Vec<(f64, Localization)> =
-        outcomes.iter().flat_map(|outcome| places_of(outcome, effects)).collect();
-    let total: f64 = places.iter().map(|(excess, _)| excess).sum();
-    places.sort_by(|a, b| b.0.total_cmp(&a.0));
-    places
+    let mut localizations: Vec<(f64, Localization)> =
+        outcomes.iter().flat_map(|outcome| localizations_of(outcome, effects)).collect();
+    let total: f64 = localizations.iter().map(|(excess, _)| excess).sum();
+    localizations.sort_by(|a, b| b.0.total_cmp(&a.0));
+    localizations
         .into_iter()
         .map(|(excess, place)| Localization { fraction: excess / total, ..place })
         .collect()
 }
 
-/// Signals of one stage, each with its excess; the fractions are not known yet.
-fn places_of(outcome: &Outcome<'_>, effects: &[IdentifiedEffect]) -> Vec<(f64, Localization)> {
+/// Signals of one stage, each with its excess; the fractions are not computed yet.
+fn localizations_of(
+    outcome: &Outcome<'_>,
+    effects: &[IdentifiedEffect],
+) -> Vec<(f64, Localization)> {
     let Some(part) = outcome.train.parts.first() else { return Vec::new() };
     let before = outcome.train.rms(&outcome.start);
     let after = outcome.train.rms(&outcome.last.point);
@@ -56,7 +59,7 @@ fn places_of(outcome: &Outcome<'_>, effects: &[IdentifiedEffect]) -> Vec<(f64, L
     with_gap.map(|(excess, k, channel)| (excess, place(k, channel))).collect()
 }
 
-/// The state of motion with the largest mean squared residual.
+/// State of motion with the largest mean squared residual.
 fn condition(
     times: &[f64],
     measured: &[f64],

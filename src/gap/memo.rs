@@ -1,5 +1,4 @@
-//! What was predicted before: the search asks for the same simulation again and again, with another metric or for
-//! another test.
+//! Memo of predictions: the search requests the same simulation repeatedly, with another metric or for another test.
 
 use crate::twin::Twin;
 use std::{
@@ -8,13 +7,13 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-/// Most numbers that are kept of recent predictions of one stage, and as many again of those before (16 MB).
-const MOST_NUMBERS: usize = 2_000_000;
+/// Most values that are kept of recent predictions of one stage, and as many again of earlier ones (16 MB).
+const MOST_VALUES: usize = 2_000_000;
 
-/// What is predicted for one twin: `[channel][sample]`.
+/// Prediction for one twin: `[channel][sample]`.
 type Predicted = Arc<Vec<Vec<f64>>>;
 
-/// All numbers of a twin and its nuisances on which a prediction depends.
+/// All values of a twin and its nuisances on which a prediction depends.
 pub(super) type Key = Vec<u64>;
 
 /// Recent predictions of one stage of one session.
@@ -23,16 +22,16 @@ pub(super) struct Memo {
     generations: Mutex<Generations>,
 }
 
-/// Predictions that were made or asked for lately, and those before.
+/// Recently made or requested predictions, and earlier ones.
 #[derive(Default)]
 struct Generations {
     young: HashMap<Key, Predicted>,
     old: HashMap<Key, Predicted>,
-    /// Numbers in the young predictions.
-    numbers: usize,
+    /// Number of values in the recent predictions.
+    values: usize,
 }
 
-/// The key of `twin` with nuisance numbers.
+/// Key of `twin` with nuisance parameters.
 pub(super) fn key(twin: &Twin, nuisance: &[Vec<f64>]) -> Key {
     let mass = twin.controller_reference_mass;
     let mut key = vec![
@@ -43,7 +42,7 @@ pub(super) fn key(twin: &Twin, nuisance: &[Vec<f64>]) -> Key {
         twin.position_origin().to_bits(),
     ];
     for instance in &twin.instances {
-        // Names are those of the catalogue, each at its place.
+        // Names are those of the catalogue, each at its own address.
         key.push(instance.effect.name.as_ptr().addr() as u64);
         key.push(instance.axis as u64);
         key.extend(instance.values.iter().map(|value| value.value.to_bits()));
@@ -53,7 +52,7 @@ pub(super) fn key(twin: &Twin, nuisance: &[Vec<f64>]) -> Key {
 }
 
 impl Memo {
-    /// What was predicted for `key`, if that is known.
+    /// Prediction for `key`, if it is known.
     pub(super) fn get(&self, key: &Key) -> Option<Vec<Vec<f64>>> {
         let mut all = self.generations.lock().unwrap_or_else(PoisonError::into_inner);
         let known = all.young.get(key).cloned().or_else(|| {
@@ -65,7 +64,7 @@ impl Memo {
         Some(known.to_vec())
     }
 
-    /// Keeps what was `predicted` for `key`.
+    /// Keep the `predicted` values for `key`.
     pub(super) fn put(&self, key: Key, predicted: &[Vec<f64>]) {
         let predicted = Arc::new(predicted.to_vec());
         self.generations.lock().unwrap_or_else(PoisonError::into_inner).put(key, predicted);
@@ -74,11 +73,11 @@ impl Memo {
 
 impl Generations {
     fn put(&mut self, key: Key, predicted: Predicted) {
-        self.numbers += key.len() + predicted.iter().map(Vec::len).sum::<usize>();
+        self.values += key.len() + predicted.iter().map(Vec::len).sum::<usize>();
         self.young.insert(key, predicted);
-        if MOST_NUMBERS < self.numbers {
+        if MOST_VALUES < self.values {
             self.old = mem::take(&mut self.young);
-            self.numbers = 0;
+            self.values = 0;
         }
     }
 }
@@ -109,9 +108,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_asked_for_stays_and_the_rest_is_forgotten() {
+    fn requested_predictions_stay_and_others_are_dropped() {
         let memo = Memo::default();
-        let many = vec![vec![0.5; MOST_NUMBERS / 4]];
+        let many = vec![vec![0.5; MOST_VALUES / 4]];
         for k in 0..20 {
             memo.put(vec![k], &many);
             assert_eq!(memo.get(&vec![0]).as_ref(), Some(&many));

@@ -1,27 +1,27 @@
-//! Numbers that belong to one run or session alone (where a roll began, a camera's offset), eliminated from
-//! a linearised problem: their directions are taken out of residual and columns, and what they change with
-//! a step of the shared parameters follows from a triangular system.
+//! Nuisance parameters of one run or session (start of a roll, offset of a camera), eliminated from a linearized
+//! problem. Their directions are projected out of residual and columns. Their change with a step of the shared
+//! parameters follows from a triangular system.
 
 use super::{
     problem::{Evaluated, Point, Problem, dot},
     whiten::Filters,
 };
 
-/// Fractions of a nuisance step that are tried where the whole step leads astray.
+/// Fractions of a nuisance step that are tried where the full step increases the squared error.
 const SHORTER_STEPS: [f64; 2] = [0.25, 0.0];
 
-/// The nuisance columns of one group as Q R.
+/// Nuisance columns of one group as Q R.
 pub(super) struct Elimination {
     rows: std::ops::Range<usize>,
     q: Vec<Vec<f64>>,
     r: Vec<Vec<f64>>,
-    /// Components of the residual along q before it was taken away.
+    /// Components of the residual along q before the projection.
     along_residual: Vec<f64>,
     /// The same for each shared column.
     along_columns: Vec<Vec<f64>>,
 }
 
-/// Orthonormalises `local` (modified Gram and Schmidt) and takes its directions out of the rows.
+/// Orthonormalize `local` (modified Gram-Schmidt) and project its directions out of the rows.
 pub(super) fn eliminate(
     rows: std::ops::Range<usize>,
     mut local: Vec<Vec<f64>>,
@@ -51,8 +51,8 @@ pub(super) fn eliminate(
     Elimination { rows, q: local, r, along_residual, along_columns }
 }
 
-/// Makes `own` a unit vector across all of `done`, or nothing if it depends on them: its components
-/// along `done`, and the length that was left.
+/// Make `own` a unit vector orthogonal to all of `done`, or zero if it depends on them. Return its components along
+/// `done`, and the remaining length.
 fn orthonormalise(own: &mut [f64], done: &[Vec<f64>]) -> Vec<f64> {
     let before = norm(own);
     let mut components = Vec::with_capacity(done.len() + 1);
@@ -73,9 +73,9 @@ fn orthonormalise(own: &mut [f64], done: &[Vec<f64>]) -> Vec<f64> {
 }
 
 impl Elimination {
-    /// Change of the group's numbers when the shared parameters change by `step` (scaled).
+    /// Change of the group's parameters when the shared parameters change by `step` (scaled).
     #[must_use]
-    pub(super) fn numbers(&self, step: &[f64]) -> Vec<f64> {
+    pub(super) fn change(&self, step: &[f64]) -> Vec<f64> {
         let count = self.q.len();
         let mut right: Vec<f64> = (0..count)
             .map(|k| {
@@ -94,7 +94,7 @@ impl Elimination {
         right
     }
 
-    /// Takes this group's nuisance directions out of one more column.
+    /// Project this group's nuisance directions out of one more column.
     pub(super) fn take_from(&self, column: &mut [f64]) {
         let values = &mut column[self.rows.clone()];
         for q in &self.q {
@@ -105,9 +105,9 @@ impl Elimination {
 }
 
 impl Problem<'_> {
-    /// `next` with shorter steps, from `before`, of the nuisance groups whose squared error is larger after the whole
-    /// step. Groups are independent, and the damping of the shared parameters does not shorten their steps: one roll
-    /// that a step leads astray must not keep all others from theirs.
+    /// `next` with shorter steps, from `before`, of the nuisance groups whose squared error is larger after the full
+    /// step. Groups are independent, and the damping of the shared parameters does not shorten their steps. One roll
+    /// whose step diverges must not stop the steps of all others.
     #[must_use]
     pub(super) fn with_shorter_nuisance_steps(
         &self,
@@ -115,7 +115,7 @@ impl Problem<'_> {
         next: Evaluated,
         filters: &Filters,
     ) -> Evaluated {
-        // Offsets act linearly: their whole step is the best.
+        // Offsets act linearly: their full step is optimal.
         let mut parts = self.parts.iter().zip(&next.point.nuisance);
         if parts.all(|(part, own)| own.len() < 2 || part.stage.offsets(own).is_some()) {
             return next;
@@ -191,18 +191,18 @@ mod tests {
 
     const SAMPLES: usize = 40;
 
-    /// Two runs with one unknown number each: the first is linear in it, the second is the steep curve on which
-    /// Newton's method runs away, atan.
+    /// Two runs with one unknown parameter each. The first is linear in it; the second is atan, on which Newton's
+    /// method diverges.
     struct Curves {
         channels: Vec<Channel>,
     }
 
     impl Curves {
-        /// Measured at the numbers 2 and 0, with a little scatter.
+        /// Measurement at the parameters 2 and 0, with small noise.
         fn new() -> Self {
-            let scatter = |sample: usize| 1e-4 * ((7 * sample % 5) as f64 - 2.0);
+            let noise = |sample: usize| 1e-4 * ((7 * sample % 5) as f64 - 2.0);
             let measured = (0..2 * SAMPLES)
-                .map(|sample| if sample < SAMPLES { 2.0 } else { 0.0 } + scatter(sample));
+                .map(|sample| if sample < SAMPLES { 2.0 } else { 0.0 } + noise(sample));
             let channel = Channel {
                 signal: "curve".to_owned(),
                 unit: "m",
@@ -235,7 +235,7 @@ mod tests {
         }
 
         fn nuisance_start(&self, group: usize) -> Vec<f64> {
-            // Newton's method on atan runs away from more than 1.39.
+            // Newton's method on atan diverges from more than 1.39.
             vec![[0.0, 1.5][group]]
         }
 

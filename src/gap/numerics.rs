@@ -1,4 +1,4 @@
-//! Numerical core of the search, without a word of machines: least squares, and its intervals.
+//! Numerical core of the search, independent of any machine: least squares with confidence intervals.
 
 pub(super) mod levenberg_marquardt;
 pub(super) mod normal;

@@ -87,7 +87,7 @@ fn hint(nearest: &Option<String>) -> String {
     )
 }
 
-/// `unit` after a space, or nothing where there is none.
+/// `unit` after a space; empty without a unit.
 fn after_space(unit: &str) -> String {
     if unit.is_empty() { String::new() } else { format!(" {unit}") }
 }
@@ -159,7 +159,7 @@ impl FixedParameter {
 /// Options of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SearchOptions {
-    /// Effects of the user, which are candidates beside those of the catalogue.
+    /// Effects of the user, which are candidates in addition to those of the catalogue.
     defined: Vec<&'static Effect>,
     /// Selected effects; `None` for all.
     selected: Option<Vec<&'static Effect>>,

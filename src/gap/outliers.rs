@@ -1,9 +1,9 @@
-//! Samples of a sensor that no physics explains.
+//! Outliers of a sensor.
 
 use crate::stats::{median, quantile};
 
-/// Which values are finite and no spikes: a spike stands off from the median of its four neighbours
-/// by more than `ratio` times the usual distance while they agree with each other: no physics moves one sample alone.
+/// Return for each value whether it is finite and no spike. A spike is farther from the median of its four neighbours
+/// than `ratio` times the usual distance, while they agree with each other. No physics moves one sample alone.
 #[must_use]
 pub(super) fn without_spikes(values: &[f64], ratio: f64) -> Vec<bool> {
     let off: Vec<f64> = (0..values.len())
@@ -21,8 +21,8 @@ pub(super) fn without_spikes(values: &[f64], ratio: f64) -> Vec<bool> {
             }
         })
         .collect();
-    // In quiet signals most distances are a quantum: the limit rests on the upper part of the
-    // usual distances, so that a coarse grid does not make every step a spike.
+    // In quiet signals most distances are one quantum. The limit is based on an upper quantile of the distances, so
+    // that a coarse quantization does not make every step a spike.
     let usual = quantile(&off, 0.9).unwrap_or(0.0);
     values.iter().zip(&off).map(|(value, off)| value.is_finite() && *off <= ratio * usual).collect()
 }

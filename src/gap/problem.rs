@@ -1,5 +1,5 @@
-//! A least-squares problem over several sessions of one link: shared parameters, and nuisance
-//! numbers that belong to a session or a run and are eliminated.
+//! Least-squares problem over several sessions of one stage: shared parameters, and nuisance parameters of a session or
+//! a run, which are eliminated.
 
 use super::{
     batch::{self, in_parallel},
@@ -14,22 +14,22 @@ use super::{
 };
 use crate::twin::{Slot, Stage, Twin};
 
-/// One stage of one session, with what was measured there.
+/// One stage of one session with its measurements.
 pub struct Part<'a> {
-    /// The stage.
+    /// Stage.
     pub stage: &'a dyn Stage,
-    /// Which samples count.
+    /// Samples that are used as rows.
     pub layout: Layout,
-    /// What happened once, and is left out.
+    /// One-off disturbances, which are excluded.
     pub incidents: Vec<Incident>,
     /// Rows of each nuisance group.
     pub(super) groups: Vec<std::ops::Range<usize>>,
-    /// What was predicted before.
+    /// Earlier predictions.
     memo: Memo,
 }
 
 impl<'a> Part<'a> {
-    /// A part of everything finite that `stage` measured and `twin` predicts.
+    /// Part with every finite sample that `stage` measured and `twin` predicts.
     #[must_use]
     pub fn new(stage: &'a dyn Stage, twin: &Twin) -> Self {
         let memo = Memo::default();
@@ -53,13 +53,13 @@ impl<'a> Part<'a> {
         part
     }
 
-    /// What the stage predicts for `twin`.
+    /// Prediction of the stage for `twin`.
     #[must_use]
     pub(super) fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>]) -> Vec<Vec<f64>> {
         self.predict_each(&[twin], nuisance).swap_remove(0)
     }
 
-    /// What the stage predicts for each of `twins`: `[twin][channel][sample]`.
+    /// Predictions of the stage for each of `twins`: `[twin][channel][sample]`.
     #[must_use]
     fn predict_each(&self, twins: &[&Twin], nuisance: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
         let Some(offsets) = self.stage.offsets(nuisance) else {
@@ -74,7 +74,7 @@ impl<'a> Part<'a> {
         predicted
     }
 
-    /// The same, each of them simulated once.
+    /// Predictions without offsets, each simulated once and then remembered.
     fn remembered(&self, twins: &[&Twin], nuisance: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
         let key = |twin: &&Twin| memo::key(twin, nuisance);
         let keys: Vec<memo::Key> = twins.iter().map(key).collect();
@@ -89,7 +89,7 @@ impl<'a> Part<'a> {
         known.into_iter().flatten().collect()
     }
 
-    /// Counts from now on what `usable[channel][sample]` says, but for incidents.
+    /// Use the samples `usable[channel][sample]` from now on, without one-off disturbances.
     fn count(&mut self, usable: &[Vec<bool>]) {
         let is_apart = |time: &f64| self.incidents.iter().all(|own| !own.span.contains(time));
         let usable: Vec<Vec<bool>> = self
@@ -118,7 +118,7 @@ impl<'a> Part<'a> {
         self.layout = layout;
     }
 
-    /// What was measured less what is predicted: `[channel][sample]`.
+    /// Residual, measured less predicted: `[channel][sample]`.
     #[must_use]
     pub fn residual(&self, predicted: &[Vec<f64>]) -> Vec<Vec<f64>> {
         difference(self.stage, predicted)
@@ -134,13 +134,13 @@ fn difference(stage: &dyn Stage, predicted: &[Vec<f64>]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// First guesses of a stage's nuisance numbers.
+/// First guesses of the nuisance parameters of a stage.
 #[must_use]
 pub(super) fn starts(stage: &dyn Stage) -> Vec<Vec<f64>> {
     (0..stage.nuisance_groups().len()).map(|group| stage.nuisance_start(group)).collect()
 }
 
-/// The stage's prediction.
+/// Prediction of the stage.
 #[must_use]
 pub(super) fn predict(stage: &dyn Stage, twin: &Twin, nuisance: &[Vec<f64>]) -> Vec<Vec<f64>> {
     batch::predict_each(stage, &[twin], nuisance).swap_remove(0)
@@ -148,45 +148,45 @@ pub(super) fn predict(stage: &dyn Stage, twin: &Twin, nuisance: &[Vec<f64>]) -> 
 
 /// Whitened residual and columns of all parts at one point, nuisances eliminated.
 pub struct Linear {
-    /// Whitened residual, part after part, less its part along the nuisance columns.
+    /// Whitened residual, part by part, without its component along the nuisance columns.
     pub residual: Vec<f64>,
-    /// Whitened derivative by each scaled shared parameter, the same way.
+    /// Whitened derivative by each scaled shared parameter, without its component along the nuisance columns.
     pub columns: Vec<Vec<f64>>,
     /// Block of each row, counted through all parts.
     pub(super) blocks: Blocks,
-    /// Per part and group: orthonormal nuisance columns, to move the nuisances with a step.
+    /// Orthonormal nuisance columns by part and group, to move the nuisances with a step.
     eliminations: Vec<Vec<Elimination>>,
 }
 
-/// What a twin predicts: `[part][channel][sample]`.
+/// Prediction of a twin: `[part][channel][sample]`.
 pub(super) type Prediction = Vec<Vec<Vec<f64>>>;
 
-/// Several sessions of one link.
+/// Several sessions of one stage.
 pub struct Problem<'a> {
-    /// The sessions.
+    /// Sessions.
     pub parts: Vec<Part<'a>>,
     /// Options and observer of the search.
     pub context: Context<'a>,
 }
 
-/// A point with what is predicted there.
+/// Point with its prediction.
 #[derive(Debug, Clone)]
 pub(super) struct Evaluated {
     pub(super) point: Point,
     pub(super) prediction: Prediction,
 }
 
-/// A twin with the nuisance numbers of each part.
+/// Twin with the nuisance parameters of each part.
 #[derive(Debug, Clone)]
 pub struct Point {
-    /// The twin.
+    /// Twin.
     pub twin: Twin,
-    /// Nuisance numbers: `[part][group][number]`.
+    /// Nuisance parameters: `[part][group][parameter]`.
     pub nuisance: Vec<Vec<Vec<f64>>>,
 }
 
 impl<'a> Problem<'a> {
-    /// The problem of `stages`, on what `twin` can predict.
+    /// Problem of `stages`, on all samples that `twin` can predict.
     #[must_use]
     pub fn new(stages: &[&'a dyn Stage], twin: &Twin) -> Self {
         let parts = stages.iter().map(|stage| Part::new(*stage, twin)).collect();
@@ -212,13 +212,13 @@ impl<'a> Problem<'a> {
         Point { twin, nuisance }
     }
 
-    /// Rows of all parts.
+    /// Number of rows of all parts.
     #[must_use]
     pub fn rows(&self) -> usize {
         self.parts.iter().map(|part| part.layout.rows.len()).sum()
     }
 
-    /// What the twin predicts at `point`.
+    /// Prediction of the twin at `point`.
     #[must_use]
     pub(super) fn prediction(&self, point: &Point) -> Prediction {
         self.parts
@@ -228,7 +228,7 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// `point` with what is predicted there.
+    /// `point` with its prediction.
     #[must_use]
     pub(super) fn evaluated(&self, point: Point) -> Evaluated {
         let prediction = self.prediction(&point);
@@ -242,7 +242,7 @@ impl<'a> Problem<'a> {
         self.parts.iter().zip(&prediction).map(|(part, own)| part.residual(own)).collect()
     }
 
-    /// Models of the residuals at `point`.
+    /// Filters from the residuals at `point`.
     #[must_use]
     pub fn filters(&self, point: &Point, fit: fn(&[Residual<'_>]) -> Filters) -> Filters {
         let residuals = self.residuals(point);
@@ -255,7 +255,7 @@ impl<'a> Problem<'a> {
         fit(&parts)
     }
 
-    /// Whitened residual of all parts, nuisances as they are.
+    /// Whitened residual of all parts, nuisances unchanged.
     #[must_use]
     pub fn whitened(&self, point: &Point, filters: &Filters) -> Vec<f64> {
         self.whitened_at(&self.prediction(point), filters)
@@ -307,8 +307,7 @@ impl<'a> Problem<'a> {
         columns
     }
 
-    /// Whitened change from what is predicted `at` a point to what each of `variants` predicts, nuisances
-    /// unchanged.
+    /// Whitened change of the prediction from a point (`at`) to each of `variants`, nuisances unchanged.
     #[must_use]
     pub(super) fn contrasts(
         &self,
@@ -330,7 +329,7 @@ impl<'a> Problem<'a> {
             }
         }
         for column in &mut columns {
-            // A variant that the simulator cannot carry through says nothing.
+            // A variant whose simulation diverges gives no information.
             if column.iter().any(|value| !value.is_finite()) {
                 column.fill(0.0);
             }
@@ -338,8 +337,8 @@ impl<'a> Problem<'a> {
         columns
     }
 
-    /// The same at a point that is evaluated already, with `columns` that are known: the nuisance directions are
-    /// taken out of them and of the residual there.
+    /// Linearization at an evaluated point with known `columns`: the nuisance directions are projected out of them and
+    /// of the residual.
     pub(super) fn linear_of(
         &self,
         at: &Evaluated,
@@ -364,7 +363,7 @@ impl<'a> Problem<'a> {
         Linear { residual, columns, blocks: self.blocks(), eliminations }
     }
 
-    /// Whitened derivative of part `index` by each nuisance number, all groups moved at once.
+    /// Whitened derivative of part `index` by each nuisance parameter, all groups moved at once.
     fn nuisance_columns(&self, at: &Evaluated, index: usize, filters: &Filters) -> Vec<Vec<f64>> {
         let point = &at.point;
         let part = &self.parts[index];
@@ -373,8 +372,8 @@ impl<'a> Problem<'a> {
             return Vec::new();
         }
         let order = whiten::in_order(part.stage, filters);
-        let numbers: Vec<usize> = (0..scales.len()).collect();
-        in_parallel(&numbers, |number| {
+        let parameters: Vec<usize> = (0..scales.len()).collect();
+        in_parallel(&parameters, |number| {
             let step = 1e-3 * scales[*number];
             let mut moved = point.nuisance[index].clone();
             moved.iter_mut().for_each(|group| group[*number] += step);
@@ -388,8 +387,8 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// `point` with the shared parameters moved by `step` (scaled) and the nuisances with them; and the step that
-    /// was taken, which their bounds may have cut.
+    /// `point` after a `step` of the shared parameters (scaled), and of the nuisances with them; and the step itself,
+    /// which bounds may have limited.
     #[must_use]
     pub(super) fn moved(
         &self,
@@ -407,7 +406,7 @@ impl<'a> Problem<'a> {
         }
         for (groups, eliminations) in next.nuisance.iter_mut().zip(&linear.eliminations) {
             for (group, elimination) in groups.iter_mut().zip(eliminations) {
-                for (number, change) in group.iter_mut().zip(elimination.numbers(&taken)) {
+                for (number, change) in group.iter_mut().zip(elimination.change(&taken)) {
                     *number += change;
                 }
             }
@@ -417,7 +416,7 @@ impl<'a> Problem<'a> {
 }
 
 impl Linear {
-    /// Takes all nuisance directions out of one more column.
+    /// Project all nuisance directions out of one more column.
     pub fn take_nuisances_from(&self, column: &mut [f64]) {
         for elimination in self.eliminations.iter().flatten() {
             elimination.take_from(column);
@@ -425,14 +424,14 @@ impl Linear {
     }
 }
 
-/// Sum of products.
+/// Scalar product.
 #[must_use]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 impl Problem<'_> {
-    /// Leaves out single samples that stand off from their neighbours in the residual at `point`.
+    /// Exclude outliers: single samples far from their neighbours in the residual at `point`.
     pub fn drop_outliers(&mut self, point: &Point) {
         let nuisance: Vec<Vec<Vec<f64>>> =
             self.parts.iter().zip(&point.nuisance).map(|(_, nuisance)| nuisance.clone()).collect();
@@ -465,7 +464,7 @@ impl Problem<'_> {
         self.squares(point).into_iter().map(mean).collect()
     }
 
-    /// Sum of the squared residuals of each signal and their number.
+    /// Sum of the squared residuals of each signal, and their number.
     pub(super) fn squares(&self, point: &Point) -> Vec<(f64, usize)> {
         let Some(first) = self.parts.first() else { return Vec::new() };
         let mut sums = vec![(0.0, 0_usize); first.stage.channels().len()];

@@ -1,4 +1,4 @@
-//! One round of the search on one link: screen, simulate the best again, judge, choose.
+//! One round of the search on one stage: screen, simulate and fit the best candidates, validate, select.
 
 mod bench;
 mod choice;
@@ -11,13 +11,13 @@ pub(super) use trial::on_bound_of;
 use self::{
     bench::Bench,
     starts::rough_fits,
-    trial::{in_order, on_bound},
+    trial::{on_bound, sort_by_loss},
 };
 use super::{
     batch::in_parallel,
     direct,
     fit::Fit,
-    known::Worth,
+    known::RequiredGain,
     observer::SearchStep,
     problem::Problem,
     rounds::{Added, Reason, Rejected, known_on_bound},
@@ -27,42 +27,42 @@ use super::{
 };
 use crate::twin::{Machine, Slot, Twin};
 
-/// Candidates that are simulated again in one round.
+/// Most candidates that are simulated and fitted in one round.
 const SHORT_LIST: usize = 7;
 
-/// The same of those that alone bring the given twin nearest to the data.
-const FROM_GIVEN: usize = 4;
+/// The same for effects that reduce the residual of the given twin most, each added alone.
+const GIVEN_SHORT_LIST: usize = 4;
 
-/// Places of one effect that are simulated again in one round.
-const PLACES_OF_ONE: usize = 2;
+/// Most axes on which one effect is simulated and fitted in one round.
+const LOCATIONS_PER_EFFECT: usize = 2;
 
-/// Share of the squared error by which a start must change it to do anything at all.
+/// Relative change of the squared error below which a start has no influence at all.
 const IDLE: f64 = 1e-9;
 
-/// One round: screen, simulate, decide.
+/// Result of one round.
 pub(super) struct Round {
     pub(super) winner: Option<(Fit, Added)>,
     pub(super) rejected: Vec<Rejected>,
 }
 
-/// Where a round begins.
+/// State in which a round begins.
 #[derive(Clone, Copy)]
-pub(super) struct Stand<'p> {
-    /// The twin so far, everything fitted.
+pub(super) struct RoundStart<'p> {
+    /// Twin so far, everything fitted.
     pub(super) base: &'p Fit,
     /// Whitening of its residual.
     pub(super) filters: &'p Filters,
-    /// The given twin as it was, before anything was fitted or added.
+    /// Given twin before any fit and any added effect.
     pub(super) given: Option<&'p (Fit, Filters)>,
     /// Number of instances in the given twin.
     pub(super) given_instances: usize,
-    /// What makes an effect worth a name.
-    pub(super) worth: Worth<'p>,
+    /// Gain that an effect must have to be added.
+    pub(super) required_gain: RequiredGain<'p>,
 }
 
-impl Stand<'_> {
+impl RoundStart<'_> {
     /// Fitted parameters of the given twin that no candidate may leave on a bound: those of the rigid body of a single
-    /// axis. On a table, an effect of the given twin may end there because another takes its place.
+    /// axis. On a table, an effect of the given twin may end there because another replaces it.
     fn known(&self) -> Vec<Slot> {
         if self.base.point.twin.machine == Machine::Table {
             return Vec::new();
@@ -72,28 +72,28 @@ impl Stand<'_> {
     }
 }
 
-/// What a round looks at.
+/// Data of a round.
 #[derive(Clone, Copy)]
 pub(super) struct Problems<'a, 'b> {
-    /// The link on the fitted sessions.
+    /// The stage in the training sessions.
     pub(super) train: &'b Problem<'a>,
-    /// The link on the judging sessions.
+    /// The stage in the validation sessions.
     pub(super) held_out: &'b Problem<'a>,
-    /// Another link on the judging sessions, on which the same effects act for longer.
+    /// Another stage in the validation sessions, on which the same effects act for longer.
     pub(super) witness: &'b Problem<'a>,
 }
 
 impl Round {
-    pub(super) fn run(problems: Problems<'_, '_>, stand: &Stand<'_>) -> Self {
-        let Stand { base, filters, given, worth, .. } = *stand;
-        let known_slots = stand.known();
+    pub(super) fn run(problems: Problems<'_, '_>, round_start: &RoundStart<'_>) -> Self {
+        let RoundStart { base, filters, given, required_gain, .. } = *round_start;
+        let known_slots = round_start.known();
         let train = problems.train;
         let candidates = screen::screen(train, base, filters);
         let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
         let (mut rejected, mut short) = short_list(candidates, tries, train.thresholds());
         if let Some((given, filters)) = given {
             let nearest = direct::nearest(train, (given, filters), &base.point);
-            for candidate in nearest.into_iter().take(FROM_GIVEN) {
+            for candidate in nearest.into_iter().take(GIVEN_SHORT_LIST) {
                 let same =
                     |own: &Candidate| own.effect == candidate.effect && own.axis == candidate.axis;
                 if let Some(own) = short.iter_mut().find(|own| same(own)) {
@@ -105,12 +105,12 @@ impl Round {
                 }
             }
         }
-        // First in the metric of the base residual, then in that of the best candidate's.
+        // First in the metric of the base residual, then in that of the best candidate's residual.
         let observer = train.context.observer;
         // Each is fitted twice: roughly, and in the metric of the best.
         observer.step_begun(SearchStep::Trial, 2 * short.len());
-        let rough = rough_fits(train, stand, &short);
-        // What is no effect is no metric either.
+        let rough = rough_fits(train, round_start, &short);
+        // A rejected fit must not define the metric either.
         let is_driven = |fit: &Fit| known_on_bound(&fit.point.twin, &known_slots);
         let sound = |fit: &&Fit| {
             fit.loss.is_finite() && on_bound(fit).is_none() && is_driven(fit).is_none()
@@ -120,7 +120,7 @@ impl Round {
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
         let known = train.columns(&at_lead, &base.slots, &sharp);
-        let bench = Bench::new(problems, (base, known_slots), (&sharp, &worth), tries);
+        let bench = Bench::new(problems, (base, known_slots), (&sharp, &required_gain), tries);
         let items: Vec<(Candidate, Fit)> =
             short.into_iter().zip(rough).filter(|(_, fit)| fit.loss.is_finite()).collect();
         let mut trials = in_parallel(&items, |(candidate, rough)| {
@@ -128,56 +128,57 @@ impl Round {
             observer.candidate_done();
             trial
         });
-        in_order(&mut trials);
-        bench.give_second_chances(&mut trials, &known);
-        in_order(&mut trials);
-        bench.fit_rivals_in_earnest(&mut trials);
-        in_order(&mut trials);
-        let worth_naming = bench.worth_naming(&trials);
+        sort_by_loss(&mut trials);
+        bench.refit_from_best(&mut trials, &known);
+        sort_by_loss(&mut trials);
+        bench.fit_rivals_to_convergence(&mut trials);
+        sort_by_loss(&mut trials);
+        let acceptable = bench.acceptable(&trials);
         for trial in &trials {
             trial.log();
-            let is_in = worth_naming.iter().any(|own| std::ptr::eq(*own, trial));
+            let is_in = acceptable.iter().any(|own| std::ptr::eq(*own, trial));
             if let Some(reason) = trial.objection.as_ref().filter(|_| !is_in) {
                 rejected.push(bench.rejected(trial, reason.clone()));
             }
         }
-        let winner = bench.winner(&worth_naming, &trials, &mut rejected);
+        let winner = bench.winner(&acceptable, &trials, &mut rejected);
         Self { winner, rejected }
     }
 }
 
-/// Who is simulated again, and why the others are not.
+/// Candidates that are simulated and fitted, and the others with the reason of their rejection.
 fn short_list(
     candidates: Vec<Candidate>,
     tries: usize,
     thresholds: &Thresholds,
 ) -> (Vec<Rejected>, Vec<Candidate>) {
     let threshold = thresholds.family_error / tries.max(1) as f64;
-    let visible = thresholds.detectability;
+    let detectable = thresholds.detectability;
     let mut rejected = Vec::new();
     let mut short: Vec<Candidate> = Vec::new();
     let best = candidates
         .iter()
         .filter(|candidate| candidate.p_value < threshold)
-        .map(|candidate| candidate.share)
+        .map(|candidate| candidate.explained_fraction)
         .fold(0.0, f64::max);
     for candidate in candidates {
         let is_seen = candidate.p_value < threshold;
-        let places = short.iter().filter(|other| other.effect == candidate.effect).count();
-        let usually_shown = candidate.visibility * screen::usual_share(candidate.effect);
-        let reason = if candidate.visibility < visible || !is_seen && usually_shown < visible {
-            Reason::NotTestable
-        } else if !is_seen {
-            Reason::NotSignificant
-        } else if short.len() < SHORT_LIST
-            && thresholds.clear_gain * best <= candidate.share
-            && (screen::is_shared(candidate.axis) || places < PLACES_OF_ONE)
-        {
-            short.push(candidate);
-            continue;
-        } else {
-            Reason::Outdone(short.first().map_or("", |first| first.effect.name).to_owned())
-        };
+        let locations = short.iter().filter(|other| other.effect == candidate.effect).count();
+        let usually_shown = candidate.detectability * screen::usual_fraction(candidate.effect);
+        let reason =
+            if candidate.detectability < detectable || !is_seen && usually_shown < detectable {
+                Reason::NotTestable
+            } else if !is_seen {
+                Reason::NotSignificant
+            } else if short.len() < SHORT_LIST
+                && thresholds.clear_gain * best <= candidate.explained_fraction
+                && (screen::is_shared(candidate.axis) || locations < LOCATIONS_PER_EFFECT)
+            {
+                short.push(candidate);
+                continue;
+            } else {
+                Reason::Outperformed(short.first().map_or("", |first| first.effect.name).to_owned())
+            };
         rejected.push(Rejected { candidate, reason, validation_gain: None });
     }
     (rejected, short)
@@ -191,7 +192,7 @@ pub(super) fn slots_of_last(twin: &Twin) -> Vec<Slot> {
         .collect()
 }
 
-/// The numbers of the instance that was added last.
-pub(super) fn numbers_of_last(twin: &Twin) -> Vec<f64> {
+/// Parameter values of the instance that was added last.
+pub(super) fn values_of_last(twin: &Twin) -> Vec<f64> {
     slots_of_last(twin).into_iter().map(|slot| twin.get(slot)).collect()
 }

@@ -1,79 +1,79 @@
-//! The rounds of the search on one link: refit, screen, re-simulate the best, decide, add, repeat.
+//! Search on one stage: refit, screen, simulate and fit the best candidates, select, add, repeat.
 
 use super::{
+    estimates::estimates,
     fit::{self, Fit, Uncertainty},
     incident,
     journal::{JournalEntry, MoveKind},
-    known::{Excess, Worth, excess},
-    numbers::numbers,
+    known::{Excess, RequiredGain, excess},
+    noise,
     observer::SearchStep,
     problem::{Point, Problem},
-    round::{Problems, Round, Stand, numbers_of_last},
-    scatter,
+    round::{Problems, Round, RoundStart, values_of_last},
     screen::{self, Candidate},
     unknown::{self, Unknown},
     whiten::{self, Filters},
 };
 use crate::twin::{Instance, Slot, StageKind, Twin};
 
+mod elimination;
 mod note;
 mod outcome;
-mod part;
 mod refit;
-mod take_back;
+mod split;
 
-use refit::{as_it_is, from_deepest, leave_out, refit_in_agreement};
+use refit::{exclude_outliers, multistart, refit_in_agreement, with_nuisances_only};
 
-pub use outcome::{Added, Held, Link, Outcome, Reason, Rejected, Task};
-pub(super) use outcome::{Contestant, Unstated};
-pub(in crate::gap) use take_back::{instance_of, known_on_bound};
+pub(in crate::gap) use elimination::{instance_of, known_on_bound};
+pub use outcome::{Added, Held, Outcome, Reason, Rejected, StageData, Task};
+pub(super) use outcome::{RankedCandidate, Unstated};
 
-/// Most effects that are added to one link.
+/// Most effects that are added on one stage.
 const MOST_ADDED: usize = 6;
 
-/// Searches one link from `start`.
+/// Search one stage from the twin `start`.
 #[must_use]
-pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
-    let (mut search, opening) = Search::opened(link, start);
+pub fn search<'a>(data: &StageData<'a>, start: &Twin, task: Task) -> Outcome<'a> {
+    let (mut search, opening) = Search::opened(data, start);
     let Opening { given, scales, excess, slots } = opening;
     let refitted = search.best.clone();
     let unexplained = match task {
         Task::Calibrate | Task::Follow => None,
-        Task::CloseGap => search.close(&given, excess),
+        Task::CloseGap => search.add_effects(&given, excess),
     };
-    let known = search.without_indistinct();
+    let known = search.eliminate_insignificant();
     let Search { train, held_out, mut best, mut filters, added, rejected, mut journal, .. } =
         search;
     let twins = (start, &best.point.twin);
     let least = train.thresholds().least_gain(excess);
     let is_better = is_better(&held_out, twins, &filters, least);
     if task != Task::Calibrate && added.is_empty() && !is_better {
-        (best, filters) = as_it_is(&train, &given, &slots);
+        (best, filters) = with_nuisances_only(&train, &given, &slots);
         journal.push(JournalEntry::new(
             MoveKind::Keep,
-            Some(link.kind),
+            Some(data.kind),
             "The validation sessions do not confirm the refit: the given parameters stay",
         ));
     }
-    let refitted_numbers = match added.is_empty() {
+    let refitted_estimates = match added.is_empty() {
         true => Vec::new(),
-        false => numbers(&fit::plainly(&train, &refitted)),
+        false => estimates(&fit::ordinary_least_squares(&train, &refitted)),
     };
-    let (judged, uncertainty) = known.unwrap_or_else(|| {
+    let (validated, uncertainty) = known.unwrap_or_else(|| {
         uncertainty_of((&train, &held_out), &best, &filters, (&rejected, &added))
     });
-    best.point = fit::told(&train, &best.point);
+    best.point = fit::with_refitted_nuisances(&train, &best.point);
     Outcome {
-        kind: link.kind,
+        kind: data.kind,
         is_better,
         uncertainty,
         start_held_out: fit::on(&held_out, start, &scales),
-        last_held_out: fit::told(&held_out, &judged),
+        last_held_out: fit::with_refitted_nuisances(&held_out, &validated),
         train,
         held_out,
         start: given,
         refitted: refitted.point,
-        refitted_numbers,
+        refitted_estimates,
         last: best,
         filters,
         added,
@@ -83,7 +83,7 @@ pub fn search<'a>(link: &Link<'a>, start: &Twin, task: Task) -> Outcome<'a> {
     }
 }
 
-/// The twin of `best` on the validation sessions, and the uncertainty of its parameters.
+/// Twin of `best` on the validation sessions, and the uncertainty of its parameters.
 fn uncertainty_of(
     (train, held_out): (&Problem<'_>, &Problem<'_>),
     best: &Fit,
@@ -91,16 +91,16 @@ fn uncertainty_of(
     (rejected, added): (&[Rejected], &[Added]),
 ) -> (Point, Uncertainty) {
     let shifts = shifts(rejected, &alternatives(added), train.thresholds().family_error);
-    let judged = fit::on(held_out, &best.point.twin, filters);
-    let uncertainty = fit::uncertainty(train, held_out, (best, &judged), filters)
-        .whatever_the_metric(train, best)
-        .whatever_is_beside(best, &shifts);
-    (judged, uncertainty)
+    let validated = fit::on(held_out, &best.point.twin, filters);
+    let uncertainty = fit::uncertainty(train, held_out, (best, &validated), filters)
+        .with_metric_variance(train, best)
+        .with_omitted_effects(best, &shifts);
+    (validated, uncertainty)
 }
 
-/// How far each known parameter would move with each effect that was screened last, is in the data beyond chance and
-/// was not added all the same (scaled). What was fitted and is not in them, with the wrong sign, or not on judging
-/// sessions, moves none; nor does an effect of the `alternatives`.
+/// Shift of each known parameter with each rejected effect of the last screen (scaled). Only significant effects count.
+/// An effect shifts nothing if its joint fit is not significant, has the wrong sign, or is not confirmed by the
+/// validation sessions. The `alternatives` shift nothing either.
 fn shifts<'r>(
     rejected: &'r [Rejected],
     alternatives: &[&str],
@@ -115,26 +115,35 @@ fn shifts<'r>(
     rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
 }
 
-/// Effects that cannot be distinguished from one that was added: they would act instead of it, not in addition.
+/// Effects that are indistinguishable from an added one: they would replace it, not act in addition.
 fn alternatives(added: &[Added]) -> Vec<&'static str> {
-    added.iter().flat_map(|step| step.class.iter().copied()).collect()
+    added.iter().flat_map(|step| step.indistinguishable.iter().copied()).collect()
 }
 
-/// Whitened residuals of the judging sessions under two twins, each with its own nuisances.
-fn judged_rows(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters) -> [Vec<f64>; 2] {
+/// Whitened residuals of the validation sessions under two twins, each with its own nuisances.
+fn validation_rows(
+    held_out: &Problem<'_>,
+    twins: (&Twin, &Twin),
+    filters: &Filters,
+) -> [Vec<f64>; 2] {
     [twins.0, twins.1].map(|twin| held_out.whitened(&fit::on(held_out, twin, filters), filters))
 }
 
-/// Whether the judging sessions prefer the second twin to the first, beyond chance and by the
-/// share `worth` of the squared error; nothing to judge by objects to nothing.
-fn is_better(held_out: &Problem<'_>, twins: (&Twin, &Twin), filters: &Filters, worth: f64) -> bool {
-    let [before, after] = judged_rows(held_out, twins, filters);
+/// Return whether the validation sessions prefer the second twin beyond chance. It must also remove at least the
+/// fraction `required_gain` of the squared error. Without validation sessions the second twin is accepted.
+fn is_better(
+    held_out: &Problem<'_>,
+    twins: (&Twin, &Twin),
+    filters: &Filters,
+    required_gain: f64,
+) -> bool {
+    let [before, after] = validation_rows(held_out, twins, filters);
     held_out.parts.is_empty()
         || held_out.thresholds().is_in(&before, &after, &held_out.blocks())
-            && worth < 1.0 - fit::squared(&after) / fit::squared(&before)
+            && required_gain < 1.0 - fit::squared(&after) / fit::squared(&before)
 }
 
-/// A search under way.
+/// State of a search.
 struct Search<'a> {
     kind: StageKind,
     may_be_disturbed: bool,
@@ -150,54 +159,54 @@ struct Search<'a> {
     masked: Vec<incident::Incident>,
 }
 
-/// Where a search begins.
+/// State in which a search begins.
 struct Opening {
-    /// The given twin, nuisances fitted.
+    /// Given twin, nuisances fitted.
     given: Point,
-    /// One over the RMS of each signal's residual there.
+    /// One over the RMS of each signal's residual at the given twin.
     scales: Filters,
-    /// What the recordings hold beyond what the given twin is known to leave.
+    /// Residual of the recordings above the reference residual of the given twin.
     excess: Option<Excess>,
-    /// The parameters that may be fitted.
+    /// Parameters that may be fitted.
     slots: Vec<Slot>,
 }
 
 impl<'a> Search<'a> {
-    /// The given twin on `link`, and its refit, what is off the rest left out.
-    fn opened(link: &Link<'a>, start: &Twin) -> (Self, Opening) {
-        let context = link.context;
+    /// Fit the given twin to `data` and refit its parameters; outliers and one-off disturbances are excluded.
+    fn opened(data: &StageData<'a>, start: &Twin) -> (Self, Opening) {
+        let context = data.context;
         context.observer.step_begun(SearchStep::Fit, 0);
-        let mut train = Problem::new(&link.train, start).within(context);
-        let mut held_out = Problem::new(&link.held_out, start).within(context);
+        let mut train = Problem::new(&data.train, start).within(context);
+        let mut held_out = Problem::new(&data.held_out, start).within(context);
         let given = train.start(start.clone());
         let scales = train.filters(&given, whiten::scale_filters);
         let given = fit::adapt(&train, given, &scales);
         let held_given = fit::on(&held_out, start, &scales);
-        leave_out(link.kind, (&mut train, &given), (&mut held_out, &held_given));
+        exclude_outliers(data.kind, (&mut train, &given), (&mut held_out, &held_given));
         let excess = excess(start, [(&train, &given), (&held_out, &held_given)]);
-        let mut slots = start.free(link.train[0]);
-        slots.retain(|slot| !link.held.contains(&Held::of(start, *slot)));
+        let mut slots = start.free(data.train[0]);
+        slots.retain(|slot| !data.held.contains(&Held::of(start, *slot)));
         let is_new = !context.options.thresholds().is_at_reference(excess);
         let count = slots.len();
         let (best, filters) = match is_new {
             true => {
-                refit_in_agreement(link, start, (&mut train, &mut held_out), (&given, &mut slots))
+                refit_in_agreement(data, start, (&mut train, &mut held_out), (&given, &mut slots))
             }
-            false => fit::settle(&train, given.clone(), &slots, 10),
+            false => fit::converge(&train, given.clone(), &slots, 10),
         };
         log::info!(
             "{:?}: {} parameters refitted on {} training sessions, {} validation sessions",
-            link.kind,
+            data.kind,
             slots.len(),
-            link.train.len(),
-            link.held_out.len()
+            data.train.len(),
+            data.held_out.len()
         );
         let mut search = Self {
-            kind: link.kind,
-            may_be_disturbed: link.may_be_disturbed,
+            kind: data.kind,
+            may_be_disturbed: data.may_be_disturbed,
             train,
             held_out,
-            witness: Problem::new(&link.witnesses, start).within(context),
+            witness: Problem::new(&data.witnesses, start).within(context),
             best,
             filters,
             added: vec![],
@@ -221,163 +230,176 @@ impl<'a> Search<'a> {
 }
 
 impl Search<'_> {
-    /// Adds effects until nothing passes; gives what is then still unexplained.
-    fn close(&mut self, given: &Point, mut excess: Option<Excess>) -> Option<Unknown> {
-        let mut judged = None;
+    /// Add effects until no candidate passes; return the dependence that is then unexplained. `excess` is that of the
+    /// given twin.
+    fn add_effects(&mut self, given: &Point, mut excess: Option<Excess>) -> Option<Unknown> {
+        let mut validated = None;
         let thresholds = self.train.thresholds();
-        let mut starts_again = !thresholds.is_at_reference(excess) && !self.is_followed(given);
-        let mut has_parted = false;
+        let mut may_restart = !thresholds.is_at_reference(excess) && !self.is_confirmed(given);
+        let mut has_split = false;
+        let stage = (&given.twin, self.kind);
+        let required = |excess, gain| RequiredGain::new(thresholds, stage, excess, gain);
         while self.added.len() < MOST_ADDED {
-            let first = self.added.is_empty() && !has_parted && !thresholds.is_at_reference(excess);
+            let first = self.added.is_empty() && !has_split && !thresholds.is_at_reference(excess);
             let as_given = first.then(|| self.as_given(given));
-            let stand = Stand {
+            let round_start = RoundStart {
                 base: &self.best,
                 filters: &self.filters,
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
-                worth: Worth::new(thresholds, (&given.twin, self.kind), excess, self.removed()),
+                required_gain: required(excess, self.total_gain()),
             };
-            let round = Round::run(self.problems(), &stand);
+            let round = Round::run(self.problems(), &round_start);
             self.rejected = round.rejected;
-            // A refit that led astray hides what the given twin shows.
-            let is_lost = round.winner.is_none() && self.added.is_empty();
-            if is_lost && std::mem::take(&mut starts_again) {
-                let slots = std::mem::take(&mut self.best.slots);
-                (self.best, self.filters) = as_it_is(&self.train, given, &slots);
-                self.note(
-                    MoveKind::Keep,
-                    "No candidate passed after the refit, and the refit predicts the validation sessions worse than the \
-                     given twin: the search starts again from the given parameters",
-                );
+            // A refit in a wrong local minimum hides effects that the given twin shows.
+            let has_no_candidate = round.winner.is_none() && self.added.is_empty();
+            if has_no_candidate && std::mem::take(&mut may_restart) {
+                self.discard_refit(given);
                 continue;
             }
-            // What one motor seems to miss may be what it does not share with the other any more.
+            // An effect on one motor may be a parameter that both motors no longer share.
             let is_open = round
                 .winner
                 .as_ref()
                 .is_none_or(|(_, step)| self.added.is_empty() && !screen::is_shared(step.axis));
-            let may_part =
-                !has_parted && excess.is_some() && !thresholds.is_at_reference(excess) && is_open;
+            let may_split =
+                !has_split && excess.is_some() && !thresholds.is_at_reference(excess) && is_open;
             let rival = round.winner.as_ref().map(|(fit, _)| fit);
-            if may_part && self.part_a_known(excess, rival) {
-                (has_parted, starts_again) = (true, false);
-                excess = self.excess(judged.insert(self.judged()));
+            if may_split && self.split_known(excess, rival) {
+                (has_split, may_restart) = (true, false);
+                excess = self.excess(validated.insert(self.validated()));
                 continue;
             }
             let Some(winner) = round.winner else { break };
             self.note_added(&winner.1);
-            excess = self.add(winner, given, &mut judged);
+            excess = self.add_winner(winner, given, &mut validated);
         }
         self.note_end_of_rounds(MOST_ADDED);
-        let worth = Worth::new(thresholds, (&given.twin, self.kind), excess, 0.0);
-        let is_less = self.take_back_what_is_not_missed(&worth, usize::from(!has_parted));
-        let is_fewer = self.take_back_what_is_none();
-        if self.remove_beside_bound() || is_fewer || is_less {
-            excess = self.excess(judged.insert(self.judged()));
+        let is_less = self.eliminate_unneeded(&required(excess, 0.0), usize::from(!has_split));
+        let is_fewer = self.eliminate_null();
+        if self.remove_with_known_on_bound() || is_fewer || is_less {
+            excess = self.excess(validated.insert(self.validated()));
         }
-        let judged = judged.unwrap_or_else(|| self.judged());
-        let scatters_otherwise = self.name_scatter(&given.twin, &judged, excess);
+        let validated = validated.unwrap_or_else(|| self.validated());
+        let has_noise_changed = self.add_noise_effects(&given.twin, &validated, excess);
         if thresholds.is_at_reference(excess) {
             return None;
         }
-        let disturbance = match scatters_otherwise {
+        let disturbance = match has_noise_changed {
             true => None,
-            false => self.disturbance(given, &judged),
+            false => self.disturbance(given, &validated),
         };
-        self.unexplained(&judged, disturbance)
+        self.unexplained(&validated, disturbance)
     }
 
-    /// Adds what won a round, on each motor or rail by itself where they differ, and fits everything; gives what is
-    /// then left, and puts the twin on the judging sessions into `judged`.
-    fn add(
+    /// Replace the refit by the given twin.
+    fn discard_refit(&mut self, given: &Point) {
+        let slots = std::mem::take(&mut self.best.slots);
+        (self.best, self.filters) = with_nuisances_only(&self.train, given, &slots);
+        self.note(
+            MoveKind::Keep,
+            "No candidate passed after the refit, and the refit predicts the validation sessions worse than the \
+             given twin: the search starts again from the given parameters",
+        );
+    }
+
+    /// Add the winner of a round, with one parameter set per motor or axis where they differ, and fit everything.
+    /// Return the excess that is left, and put the twin on the validation sessions into `validated`.
+    fn add_winner(
         &mut self,
         (fit, step): (Fit, Added),
         given: &Point,
-        judged: &mut Option<Point>,
+        validated: &mut Option<Point>,
     ) -> Option<Excess> {
-        let at = numbers_of_last(&fit.point.twin);
+        let at = values_of_last(&fit.point.twin);
         log::info!("{:?}: {} on {} is added at {at:?}", self.kind, step.effect.name, step.axis);
         let before = self.added.len();
         self.added.push(step);
-        let settled = fit::settle(&self.train, fit.point, &fit.slots, 8);
-        (self.best, self.filters) = from_deepest(&self.train, settled, given);
-        self.leave_out_incidents();
-        let mut excess = self.excess(judged.insert(self.judged()));
+        let converged = fit::converge(&self.train, fit.point, &fit.slots, 8);
+        (self.best, self.filters) = multistart(&self.train, converged, given);
+        self.exclude_disturbances();
+        let mut excess = self.excess(validated.insert(self.validated()));
         if !self.train.thresholds().is_at_reference(excess)
-            && let Some(parted) = self.part_the_added(excess)
+            && let Some(split_fit) = self.split_added(excess)
         {
-            excess = self.excess(judged.insert(parted));
+            excess = self.excess(validated.insert(split_fit));
         }
-        let plain = numbers(&fit::plainly(&self.train, &self.best));
-        self.added[before..].iter_mut().for_each(|step| step.numbers.clone_from(&plain));
+        let plain = estimates(&fit::ordinary_least_squares(&self.train, &self.best));
+        self.added[before..].iter_mut().for_each(|step| step.estimates.clone_from(&plain));
         excess
     }
 
-    /// Leaves out what happened once and was hidden by what has been added.
-    fn leave_out_incidents(&mut self) {
-        let judged = self.judged();
+    /// Exclude one-off disturbances that the added effect reveals, and refit.
+    fn exclude_disturbances(&mut self) {
+        let validated = self.validated();
         let train = (&mut self.train, &self.best.point);
-        if incident::leave_out_of(self.kind, train, (&mut self.held_out, &judged)) {
+        if incident::exclude_from(self.kind, train, (&mut self.held_out, &validated)) {
             let (point, slots) = (self.best.point.clone(), self.best.slots.clone());
-            (self.best, self.filters) = fit::settle(&self.train, point, &slots, 8);
+            (self.best, self.filters) = fit::converge(&self.train, point, &slots, 8);
             self.note_masked();
         }
     }
 
-    /// What the rest still depends on, or is, where that is more, a `disturbance`; what was added and removes less
-    /// than that is withdrawn.
-    fn unexplained(&mut self, judged: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
+    /// Strongest dependence of the final residual on a regressor, or the `disturbance` where that is larger. Added
+    /// effects that remove less than it are eliminated.
+    fn unexplained(&mut self, validated: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
         let (train, held_out) = (&self.train, &self.held_out);
-        let strongest = unknown::strongest(train, held_out, &self.best, judged, &self.filters);
+        let strongest = unknown::strongest(train, held_out, &self.best, validated, &self.filters);
         let larger = strongest.into_iter().chain(disturbance);
-        let unknown =
-            larger.max_by(|a, b| a.share.total_cmp(&b.share)).or_else(|| self.imitated())?;
-        self.withdraw_what_is_less_than(&unknown);
+        let unknown = larger
+            .max_by(|a, b| a.fraction.total_cmp(&b.fraction))
+            .or_else(|| self.speed_dependence())?;
+        self.eliminate_smaller_than(&unknown);
         Some(unknown)
     }
 
-    /// What an effect of the catalogue imitates that is larger at high speeds.
-    fn imitated(&self) -> Option<Unknown> {
+    /// Dependence on speed that a rejected effect imitates: its magnitude grows with the speed.
+    fn speed_dependence(&self) -> Option<Unknown> {
         let other = self.rejected.iter().find(|own| own.reason == Reason::SpeedsDisagree)?;
         let Candidate { effect, axis, statistic, p_value, .. } = &other.candidate;
         let channels = self.train.parts.first()?.stage.channels();
         Some(Unknown {
             name: format!("unknown.speed[as {} on {axis} but in proportion to it]", effect.name),
             signal: channels.first()?.signal.clone(),
-            share: other.validation_gain?,
+            fraction: other.validation_gain?,
             statistic: *statistic,
             p_value: (p_value * self.rejected.len() as f64).min(1.0),
             comparisons: self.rejected.len(),
         })
     }
 
-    /// Whether the judging sessions are not worse off with the refit than with the given twin.
-    fn is_followed(&self, given: &Point) -> bool {
+    /// Return whether the refit predicts the validation sessions at least as well as the given twin.
+    fn is_confirmed(&self, given: &Point) -> bool {
         let twins = (&given.twin, &self.best.point.twin);
-        let [before, after] = judged_rows(&self.held_out, twins, &self.filters);
+        let [before, after] = validation_rows(&self.held_out, twins, &self.filters);
         fit::squared(&after) <= fit::squared(&before)
     }
 
-    /// Adds what the scatter of the camera and its lost frames say beyond what the given twin states; gives whether it
-    /// scatters otherwise.
-    fn name_scatter(&mut self, given: &Twin, judged: &Point, excess: Option<Excess>) -> bool {
+    /// Add changes of the measurement noise and of the fraction of lost frames, compared with the given twin. Return
+    /// whether the noise variance changed.
+    fn add_noise_effects(
+        &mut self,
+        given: &Twin,
+        validated: &Point,
+        excess: Option<Excess>,
+    ) -> bool {
         let problems = [&self.train, &self.held_out];
-        let found = scatter::find(problems, [&self.best.point, judged], given, excess);
-        let scatters = found.iter().any(scatter::Named::scatters);
+        let found = noise::find(problems, [&self.best.point, validated], given, excess);
+        let changes_variance = found.iter().any(noise::DetectedChange::changes_variance);
         for named in found {
-            let step = named.put_into(&mut self.best.point.twin);
+            let step = named.apply_to(&mut self.best.point.twin);
             step.iter().for_each(|step| self.note_added(step));
             self.added.extend(step);
         }
-        scatters
+        changes_variance
     }
 
-    /// Share of the held-out squared error that the effects added so far removed, step after step.
-    fn removed(&self) -> f64 {
+    /// Fraction of the squared validation error that all added effects removed, step by step.
+    fn total_gain(&self) -> f64 {
         1.0 - self.added.iter().map(|step| 1.0 - step.validation_gain).product::<f64>()
     }
 
-    /// The given twin as it is, every signal scaled by its own residual.
+    /// Given twin without any refit, every signal scaled by its own residual.
     fn as_given(&self, given: &Point) -> (Fit, Filters) {
         let filters = self.train.filters(given, whiten::scale_filters);
         let loss = fit::squared(&self.train.whitened(given, &filters));
@@ -385,15 +407,18 @@ impl Search<'_> {
         (Fit { point: given.clone(), slots, loss, rows: self.train.rows() }, filters)
     }
 
-    /// What is left beyond what is known to be left.
-    fn excess(&self, judged: &Point) -> Option<Excess> {
-        excess(&self.best.point.twin, [(&self.train, &self.best.point), (&self.held_out, judged)])
+    /// Residual above the reference residual.
+    fn excess(&self, validated: &Point) -> Option<Excess> {
+        excess(
+            &self.best.point.twin,
+            [(&self.train, &self.best.point), (&self.held_out, validated)],
+        )
     }
 
-    /// More than is known to be left, in both kinds of sessions, which depends on nothing measured and is more
-    /// than what any fit leaves of the gap that it closed. Where there is play, noise decides when motor and load meet:
-    /// that is more than any twin follows.
-    fn disturbance(&self, given: &Point, judged: &Point) -> Option<Unknown> {
+    /// Disturbance that depends on no measured quantity. The residual is above its reference in training and validation
+    /// sessions, and exceeds the fraction `clear_gain` of the gap that the fit closed. A drive with backlash is exempt:
+    /// its impact times depend on noise, so no simulation reproduces them.
+    fn disturbance(&self, given: &Point, validated: &Point) -> Option<Unknown> {
         let twin = &self.best.point.twin;
         let rattles = self.kind == StageKind::Drive && twin.instances.iter().any(Instance::rattles);
         if !self.may_be_disturbed || rattles {
@@ -401,7 +426,7 @@ impl Search<'_> {
         }
         let before = excess(twin, [(&self.train, given)])?.most;
         let trained = excess(twin, [(&self.train, &self.best.point)])?.most;
-        let held = excess(twin, [(&self.held_out, judged)])?.most;
+        let held = excess(twin, [(&self.held_out, validated)])?.most;
         let thresholds = self.train.thresholds();
         (thresholds.large_excess < trained.min(held)
             && thresholds.clear_gain * (before - trained) < trained)
@@ -413,13 +438,13 @@ impl Search<'_> {
         Problems { train: &self.train, held_out: &self.held_out, witness: &self.witness }
     }
 
-    /// The best twin on the judging sessions.
-    fn judged(&self) -> Point {
-        self.judged_of(&self.best)
+    /// Best twin on the validation sessions.
+    fn validated(&self) -> Point {
+        self.validated_of(&self.best)
     }
 
-    /// The twin of `fit` on the judging sessions, in the metric of the best.
-    fn judged_of(&self, fit: &Fit) -> Point {
+    /// Twin of `fit` on the validation sessions, in the metric of the best fit.
+    fn validated_of(&self, fit: &Fit) -> Point {
         fit::on(&self.held_out, &fit.point.twin, &self.filters)
     }
 }
@@ -429,7 +454,7 @@ mod tests {
     use super::*;
     use crate::effects::{Axis, find};
 
-    /// A candidate that would move the one known parameter by `shift`, with this tail probability.
+    /// Candidate that would move the one known parameter by `shift`, with this tail probability.
     fn rejected(p_value: f64, reason: Reason, shift: f64) -> Rejected {
         let effect = find("drive.lag1").expect("it is in the catalogue");
         let candidate = Candidate {
@@ -437,13 +462,13 @@ mod tests {
             axis: Axis::Motors,
             start: vec![1e-3],
             probe: vec![1e-3],
-            share: 0.1,
+            explained_fraction: 0.1,
             statistic: 30.0,
             p_value,
-            visibility: 10.0,
+            detectability: 10.0,
             is_as_good_as_refit: false,
             tries: 1,
-            lean: vec![1e-4],
+            parameter_offsets: vec![1e-4],
             shift: vec![shift],
             other_starts: Vec::new(),
         };
@@ -451,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_moves_no_known_parameter() {
+    fn insignificant_effects_shift_no_known_parameter() {
         let all = [
             rejected(1e-6, Reason::TooSmall, 1.0),
             rejected(1e-6, Reason::NotTestable, 2.0),
@@ -462,7 +487,7 @@ mod tests {
         ];
         assert_eq!(shifts(&all, &[], 0.01), [[1.0], [2.0]]);
         assert_eq!(shifts(&all, &["drive.delay"], 0.01), [[1.0], [2.0]]);
-        // An effect that would act instead of an added one moves no parameter.
+        // An alternative of an added effect shifts no parameter.
         assert!(shifts(&all, &["drive.lag1"], 0.01).is_empty());
     }
 }

@@ -1,10 +1,9 @@
-//! The screen: every effect of the catalogue, on every axis, as linearised regressors.
+//! Screen: every effect of the catalogue, on every axis, as linearized regressors.
 //!
-//! An effect is switched on at a probe's values and the change of the simulation is its column,
-//! whatever its physics: no regressor is written twice. After the columns of the known parameters
-//! and the nuisances are taken out, what they explain is tested against the scatter between blocks of
-//! time ([`joint`]), which holds under correlation within blocks, on residuals that are whitened for
-//! power.
+//! The column of an effect is the change of the simulation when the effect is switched on at a probe, for any physics:
+//! no regressor is written twice. The directions of known parameters and nuisances are projected out. The gain is then
+//! tested against the variance between blocks of time ([`joint`]), which holds under correlation within blocks.
+//! Residuals are whitened for power.
 
 use super::{
     batch::in_parallel,
@@ -22,48 +21,48 @@ use crate::{
 };
 use std::mem;
 
-/// One effect on one axis, tried.
+/// Effect on one axis, screened.
 #[derive(Debug, Clone)]
 pub struct Candidate {
-    /// The effect.
+    /// Effect.
     pub effect: &'static Effect,
-    /// Where it would act.
+    /// Axis on which it would act.
     pub axis: Axis,
-    /// The start of its parameters that explains most.
+    /// Start of its parameters that explains most.
     pub start: Vec<f64>,
-    /// The probe behind it.
+    /// Probe behind it.
     pub probe: Vec<f64>,
-    /// Share of the whitened squared error that its columns explain beyond the known parameters.
-    pub share: f64,
+    /// Fraction of the whitened squared error that its columns explain beyond the known parameters.
+    pub explained_fraction: f64,
     /// F statistic of the block test.
     pub statistic: f64,
-    /// Its tail probability, before the correction for many tries.
+    /// Tail probability, not corrected for multiple comparisons.
     pub p_value: f64,
-    /// Length of its columns at its largest plausible size, beyond what known parameters imitate, in
-    /// whitened standard deviations: what the excitation shows of it.
-    pub visibility: f64,
-    /// Whether the given twin with it alone explains all that a refit of the known parameters explains.
+    /// Length of its columns at its largest plausible magnitude, beyond the directions of known parameters, in whitened
+    /// standard deviations: the detectability under this excitation.
+    pub detectability: f64,
+    /// `true` where the given twin with this effect alone explains as much as a refit of the known parameters.
     pub is_as_good_as_refit: bool,
-    /// How many starts were tried for it.
+    /// Number of its starts that were tried.
     pub tries: usize,
-    /// How far from doing nothing the line of the screen leads each number, bounds or not; empty where the
-    /// effect was simulated instead.
-    pub lean: Vec<f64>,
-    /// How far each known parameter would move with it, as the line of the screen says (scaled).
+    /// Linearized estimate of each parameter as the offset from null, bounds ignored; empty where the effect was
+    /// simulated.
+    pub parameter_offsets: Vec<f64>,
+    /// Linearized shift of each known parameter with it (scaled).
     pub shift: Vec<f64>,
-    /// Starts at other values of a parameter that is scanned for: the line of the screen knows little of what a wrong
-    /// base model hides.
+    /// Starts at other values of a parameter that is scanned for: the linearization is unreliable where the base model
+    /// is wrong.
     pub other_starts: Vec<Vec<f64>>,
 }
 
 /// Most waves of one effect on one axis.
 const MOST_WAVES: usize = 5;
 
-/// How many effects are tried on single axes, after the screen of the shared ones.
+/// Effects that are tried on single axes, after the screen of the shared ones.
 const TRIED_ALONE: usize = 20;
 
-/// Every effect that the link of `problem` can show and that `found` does not have yet: first on all
-/// axes alike, then the best on each axis alone.
+/// Every effect that the stage of `problem` can show and that `found` lacks: first shared by all axes, then the best on
+/// each axis alone.
 #[must_use]
 pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> Vec<Candidate> {
     let base = problem.evaluated(found.point.clone());
@@ -83,7 +82,7 @@ pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> V
         })
         .collect();
     let mut best = screen.run(tries);
-    best.sort_by(|a, b| b.share.total_cmp(&a.share));
+    best.sort_by(|a, b| b.explained_fraction.total_cmp(&a.explained_fraction));
     let mut leading: Vec<(&'static Effect, Vec<f64>)> = Vec::new();
     for candidate in &best {
         if leading.len() < TRIED_ALONE
@@ -95,10 +94,11 @@ pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> V
     let tries = single
         .iter()
         .flat_map(|(effect, axis)| {
-            let led = leading.iter().find(|(own, _)| own == effect).map(|(_, probe)| probe.clone());
-            let probes: Vec<Vec<f64>> = match led {
+            let on_line =
+                leading.iter().find(|(own, _)| own == effect).map(|(_, probe)| probe.clone());
+            let probes: Vec<Vec<f64>> = match on_line {
                 Some(probe) => vec![probe],
-                // What is on one axis already, or exists on single axes only, was not tried yet.
+                // Effects that one axis already has, or that exist on single axes only, were not screened yet.
                 None if !best.iter().any(|other| other.effect == *effect) => {
                     probes(problem, &linear_residual, found.point.twin.machine, effect)
                 }
@@ -108,12 +108,11 @@ pub(super) fn screen(problem: &Problem<'_>, found: &Fit, filters: &Filters) -> V
         })
         .collect();
     best.extend(screen.run(tries));
-    best.sort_by(|a, b| b.share.total_cmp(&a.share));
+    best.sort_by(|a, b| b.explained_fraction.total_cmp(&a.explained_fraction));
     best
 }
 
-/// The probes of `effect`; where one of its numbers must be scanned for, with the values that the
-/// residual of the first part proposes for it.
+/// Probes of `effect`; for a scanned parameter with the values that the residual of the first part proposes.
 fn probes(
     problem: &Problem<'_>,
     residual: &[Vec<f64>],
@@ -138,8 +137,8 @@ fn probes(
     if proposed.is_empty() { listed } else { proposed }
 }
 
-/// Longest period that is looked for along a position, in ranges of that position. A motor of a table makes many turns
-/// in its travel; the arm on a single axis may make less than one.
+/// Longest period of a scan along a position, in ranges of that position. A motor of a table makes many turns in its
+/// travel; the arm on a single axis may make less than one.
 fn longest_period(machine: Machine) -> f64 {
     match machine {
         Machine::Table => 0.5,
@@ -147,7 +146,7 @@ fn longest_period(machine: Machine) -> f64 {
     }
 }
 
-/// What all tries of one screen share.
+/// Common data of all tests of one screen.
 struct Screen<'a, 'b> {
     problem: &'b Problem<'a>,
     found: &'b Fit,
@@ -158,7 +157,7 @@ struct Screen<'a, 'b> {
 }
 
 impl Screen<'_, '_> {
-    /// Tests every (effect, axis, probe); of several probes the best is kept.
+    /// Test every (effect, axis, probe); the best probe of each is kept.
     fn run(&self, tries: Vec<(&'static Effect, Axis, Vec<f64>)>) -> Vec<Candidate> {
         let twin = &self.found.point.twin;
         let total = dot(&self.linear.residual, &self.linear.residual);
@@ -180,13 +179,13 @@ impl Screen<'_, '_> {
                 effect,
                 axis,
                 start: tested.start(effect, &probe),
-                visibility: tested.visibility * reach(effect, &probe),
+                detectability: tested.detectability * magnitude_ratio(effect, &probe),
                 is_as_good_as_refit: false,
-                lean: tested.lean(effect, &probe),
+                parameter_offsets: tested.parameter_offsets(effect, &probe),
                 shift: tested.shift,
                 other_starts: Vec::new(),
                 probe,
-                share: tested.share,
+                explained_fraction: tested.explained_fraction,
                 statistic: tested.statistic,
                 p_value: tested.p_value,
                 tries: 1,
@@ -194,9 +193,9 @@ impl Screen<'_, '_> {
             match best.iter_mut().find(|other| other.effect == effect && other.axis == axis) {
                 Some(other) => {
                     let tries = other.tries + 1;
-                    let visibility = other.visibility.max(candidate.visibility);
+                    let detectability = other.detectability.max(candidate.detectability);
                     let mut other_starts = mem::take(&mut other.other_starts);
-                    let worse = match other.share < candidate.share {
+                    let worse = match other.explained_fraction < candidate.explained_fraction {
                         true => mem::replace(other, candidate),
                         false => candidate,
                     };
@@ -205,7 +204,7 @@ impl Screen<'_, '_> {
                     }
                     other.other_starts = other_starts;
                     other.tries = tries;
-                    other.visibility = visibility;
+                    other.detectability = detectability;
                 }
                 None => best.push(candidate),
             }
@@ -214,8 +213,8 @@ impl Screen<'_, '_> {
     }
 }
 
-/// How many times larger than at `probe` the effect can plausibly be.
-pub(super) fn reach(effect: &Effect, probe: &[f64]) -> f64 {
+/// Ratio of the largest plausible magnitude to that of `probe`.
+pub(super) fn magnitude_ratio(effect: &Effect, probe: &[f64]) -> f64 {
     let (low, high) = effect.parameters[0].plausible;
     let null = effect.null[0];
     let away = (probe[0] - null).abs();
@@ -228,9 +227,9 @@ pub(super) fn reach(effect: &Effect, probe: &[f64]) -> f64 {
     }
 }
 
-/// What the effect is at its usual size, as a share of its largest plausible one: in the middle of the plausible sizes
-/// by ratio, or a third of the largest where they begin at nothing.
-pub(super) fn usual_share(effect: &Effect) -> f64 {
+/// Usual magnitude of the effect, as a fraction of its largest plausible one. It is the geometric mean of the plausible
+/// range, or a third of the largest where the range begins at null or contains it.
+pub(super) fn usual_fraction(effect: &Effect) -> f64 {
     let (low, high) = effect.parameters[0].plausible;
     let null = effect.null[0];
     let (one, other) = ((low - null).abs(), (high - null).abs());
@@ -239,21 +238,24 @@ pub(super) fn usual_share(effect: &Effect) -> f64 {
     if has_sign && 0.0 < least { (least / most).sqrt() } else { 1.0 / 3.0 }
 }
 
-/// Where a fit of `candidate` may start: where the line of the screen leads, its probe, and the way from
-/// there to where the effect does nothing, in equal ratios where that is far off (a limit that never
-/// acts), else in equal steps.
+/// Starts of a fit of `candidate`: the linearized estimate, the probe, and values between the probe and null. These
+/// have equal ratios where null is far off (a limit that never acts), else equal steps.
 #[must_use]
-pub(super) fn towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
+pub(super) fn starts_towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
     let effect = candidate.effect;
     let far = |k: usize| is_far(candidate.probe[k], effect.null[k]);
     let mut starts = vec![candidate.start.clone(), candidate.probe.clone()];
-    let shares: &[f64] = if far(0) { &[0.9, 0.8, 0.5, 0.25, 0.1] } else { &[0.5, 0.25, 0.1] };
-    for share in shares {
+    let fractions: &[f64] = if far(0) { &[0.9, 0.8, 0.5, 0.25, 0.1] } else { &[0.5, 0.25, 0.1] };
+    for explained_fraction in fractions {
         let values = candidate.probe.iter().enumerate().map(|(k, probe)| {
             let null = effect.null[k];
-            if far(k) { null * (probe / null).powf(*share) } else { null + share * (probe - null) }
+            if far(k) {
+                null * (probe / null).powf(*explained_fraction)
+            } else {
+                null + explained_fraction * (probe - null)
+            }
         });
-        // Only the size goes towards nothing; a shape (a speed, a period) stays.
+        // Only the magnitude is reduced; a shape parameter (a speed, a period) stays.
         let values = values.enumerate();
         starts.push(
             values.map(|(k, value)| if k == 0 { value } else { candidate.probe[k] }).collect(),
@@ -262,20 +264,20 @@ pub(super) fn towards_null(candidate: &Candidate) -> Vec<Vec<f64>> {
     starts
 }
 
-/// Ratio of null to probe from which the way between is taken in equal ratios.
+/// Ratio of null to probe from which values between them have equal ratios.
 const FAR: f64 = 5.0;
 
-/// Whether null is so far from a probe (a limit that never acts) that no line leads from one to the other.
+/// Return whether null is too far from a probe for a linearization (a limit that never acts).
 pub(super) fn is_far(probe: f64, null: f64) -> bool {
     0.0 < probe && FAR * probe < null
 }
 
-/// Whether a place is all coordinates alike.
+/// Return whether `axis` means all coordinates alike.
 pub(super) fn is_shared(axis: Axis) -> bool {
     matches!(axis, Axis::Motors | Axis::Guides | Axis::Whole)
 }
 
-/// Effect and axis of everything to try.
+/// Pairs of effect and axis to screen.
 pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect, Axis)> {
     let mut pairs = Vec::new();
     for effect in problem.context.options.candidates() {
@@ -310,9 +312,8 @@ pub(super) fn with(twin: &Twin, effect: &'static Effect, axis: Axis, values: &[f
     changed
 }
 
-/// Values of `effect` with one amplitude each, where it has several: those that belong to a session (sine
-/// and cosine of one wave), at the probe's shape; or all parameters of an effect with a single probe, the
-/// others at null.
+/// Values of `effect` with one amplitude each, where it has several. Either the parameters of a session (sine and
+/// cosine of one wave), at the probe's shape; or all parameters of an effect with a single probe, the others at null.
 fn amplitudes(effect: &Effect, probe: &[f64]) -> Vec<Vec<f64>> {
     let waves: Vec<usize> = waves(effect);
     let size = waves.iter().map(|k| (probe[*k] - effect.null[*k]).abs()).fold(0.0, f64::max);
@@ -336,35 +337,34 @@ fn amplitudes(effect: &Effect, probe: &[f64]) -> Vec<Vec<f64>> {
     (0..probe.len()).map(alone).collect()
 }
 
-/// The parameters of `effect` that are components of a wave with a phase of its own in every session.
+/// Parameters of `effect` that are components of a wave with its own phase in every session.
 fn waves(effect: &Effect) -> Vec<usize> {
     (0..effect.parameters.len()).filter(|k| effect.parameters[*k].per_session).collect()
 }
 
-/// What a test of one probe found.
+/// Result of the test of one probe.
 struct Tested {
-    share: f64,
+    explained_fraction: f64,
     statistic: f64,
     p_value: f64,
-    visibility: f64,
+    detectability: f64,
     /// Factor of each amplitude: one for all parameters together, or one for each.
     factors: Vec<f64>,
-    /// How far known parameters move when the amplitudes have these factors (scaled).
+    /// Shift of the known parameters at these factors (scaled).
     shift: Vec<f64>,
 }
 
 impl Tested {
     const NOTHING: Self = Self {
-        share: 0.0,
+        explained_fraction: 0.0,
         statistic: 0.0,
         p_value: 1.0,
-        visibility: 0.0,
+        detectability: 0.0,
         factors: Vec::new(),
         shift: Vec::new(),
     };
 
-    /// Where a fit should start: the probe, its amplitudes moved as far as the line says, within a
-    /// factor that keeps the line believable.
+    /// Start of a fit: the probe with its amplitudes at the linearized estimate, within a factor of 20.
     fn start(&self, effect: &Effect, probe: &[f64]) -> Vec<f64> {
         let amplitudes = amplitudes(effect, probe);
         let mut start = probe.to_vec();
@@ -391,36 +391,36 @@ impl Tested {
 }
 
 impl Tested {
-    /// How far from null the line leads each number of `effect`: its first at the shape of the probe, or each
-    /// that is an amplitude of its own.
-    fn lean(&self, effect: &Effect, probe: &[f64]) -> Vec<f64> {
-        let mut lean = vec![0.0; probe.len()];
+    /// Linearized estimate of each parameter of `effect`, as the offset from null: the first at the shape of the probe,
+    /// or each that is an amplitude.
+    fn parameter_offsets(&self, effect: &Effect, probe: &[f64]) -> Vec<f64> {
+        let mut parameter_offsets = vec![0.0; probe.len()];
         let amplitudes = amplitudes(effect, probe);
         if 1 < self.factors.len() && amplitudes.len() == self.factors.len() {
             for (factor, alone) in self.factors.iter().zip(&amplitudes) {
                 for (k, value) in alone.iter().enumerate() {
                     let is_shape = !waves(effect).is_empty() && !waves(effect).contains(&k);
                     if !is_shape && *value != effect.null[k] {
-                        lean[k] = (value - effect.null[k]) * factor;
+                        parameter_offsets[k] = (value - effect.null[k]) * factor;
                     }
                 }
             }
         } else if let Some(factor) = self.factors.first()
             && !is_far(probe[0], effect.null[0])
         {
-            lean[0] = (probe[0] - effect.null[0]) * factor;
+            parameter_offsets[0] = (probe[0] - effect.null[0]) * factor;
         }
-        lean
+        parameter_offsets
     }
 }
 
-/// Takes out of `column` what nuisances and known parameters imitate.
+/// Project the directions of nuisances and known parameters out of `column`.
 pub(super) fn beyond_known(linear: &Linear, normal: &Normal, column: &mut [f64]) {
     linear.take_nuisances_from(column);
     beyond_parameters(linear, normal, column);
 }
 
-/// Takes out of `column` what known parameters imitate, and returns how far they would move.
+/// Project the directions of known parameters out of `column`; return their coefficients.
 fn beyond_parameters(linear: &Linear, normal: &Normal, column: &mut [f64]) -> Vec<f64> {
     let products: Vec<f64> = linear.columns.iter().map(|known| dot(known, column)).collect();
     let weights = normal.solve(&products);
@@ -430,8 +430,8 @@ fn beyond_parameters(linear: &Linear, normal: &Normal, column: &mut [f64]) -> Ve
     weights
 }
 
-/// Tests the columns of one probe: the first is all parameters together, then each alone. At least the fraction `least`
-/// of their squared length must be left beyond the known parameters.
+/// Test the columns of one probe: the first for all parameters together, then each alone. At least the fraction `least`
+/// of their squared length must remain beyond the known parameters.
 fn test(
     linear: &Linear,
     (normal, total): (&Normal, f64),
@@ -445,7 +445,7 @@ fn test(
         original.push(dot(column, column));
         imitating.push(beyond_parameters(linear, normal, column));
     }
-    // Each parameter is an amplitude of its own where each alone does something.
+    // Each parameter is its own amplitude where each alone has an influence.
     let amplitudes = 1 < own.len() && original[1..].iter().all(|size| 1e-12 < *size);
     let kept: Vec<Vec<f64>> = if amplitudes { own.split_off(1) } else { own.drain(..1).collect() };
     let imitating = if amplitudes { &imitating[1..] } else { &imitating[..1] };
@@ -461,9 +461,16 @@ fn test(
     let shift = (0..linear.columns.len())
         .map(|k| -imitating.iter().zip(&factors).map(|(weights, f)| weights[k] * f).sum::<f64>())
         .collect();
-    // Below zero by rounding only.
+    // Negative by rounding only.
     let statistic = statistic.max(0.0);
-    Tested { share: explained / total, statistic, p_value, visibility: left.sqrt(), factors, shift }
+    Tested {
+        explained_fraction: explained / total,
+        statistic,
+        p_value,
+        detectability: left.sqrt(),
+        factors,
+        shift,
+    }
 }
 
 #[cfg(test)]
@@ -473,7 +480,7 @@ mod tests {
 
     #[test]
     fn usual_sizes_are_in_the_middle_of_the_plausible_ones() {
-        let of = |name| usual_share(find(name).unwrap());
+        let of = |name| usual_fraction(find(name).unwrap());
         // 0.2 to 3 ms; -3 to 3 kg/m; 1 to 100 kN/m.
         assert!((of("drive.current_loop") - (0.2_f64 / 3.0).sqrt()).abs() < 1e-12);
         assert!((of("gantry.mass_position") - 1.0 / 3.0).abs() < 1e-12);

@@ -1,13 +1,14 @@
-//! `gap.mcap`: what was measured and what the twin says before and after, for any viewer.
+//! `gap.mcap`: measurement, and simulation before and after, for any MCAP viewer.
 //!
-//! | topic | message | what |
+//! | topic | message | content |
 //! |---|---|---|
-//! | `/gap/SIGNAL/measured` | `AxisInput` | the signal in the first held-out session |
+//! | `/gap/SIGNAL/measured` | `AxisInput` | the signal in the first validation session |
 //! | `/gap/SIGNAL/before`, `/after` | `AxisInput` | the given twin and the final one |
 //! | `/gap/SIGNAL/residual_before`, `/residual_after` | `AxisInput` | measured less simulated |
-//! | `/gap/train/SIGNAL/...` | `AxisInput` | the same in the first fitted session |
+//! | `/gap/train/SIGNAL/...` | `AxisInput` | the same in the first training session |
 //!
-//! Times are those since the session's recording began. Attachments: `gap.json`, and `twin.json` where there is one.
+//! Times are relative to the start of the session's recording. Attachments: `gap.json`, and `twin.json` if there is a
+//! twin.
 
 use super::{find::Found, page::view::View};
 use crate::{
@@ -21,10 +22,11 @@ use crate::{
 };
 use std::{collections::BTreeMap, path::Path};
 
-/// Writes `gap.mcap` of `found`, which was found in `sessions`.
+/// Write `gap.mcap` of `found`, identified from `sessions`.
 ///
 /// # Errors
-/// When the disk refuses.
+///
+/// The file cannot be written.
 pub fn write_tape(
     found: &Found<'_>,
     provenance: &Provenance,
@@ -36,7 +38,7 @@ pub fn write_tape(
     let mut samples = Vec::new();
     for outcome in &found.outcomes {
         collect("/gap/train", &View::train(outcome), &mut samples);
-        collect("/gap", &View::judged(outcome), &mut samples);
+        collect("/gap", &View::validated(outcome), &mut samples);
     }
     samples.sort_by(|a, b| (a.time, &a.topic).cmp(&(b.time, &b.topic)));
     for sample in &samples {
@@ -66,7 +68,7 @@ fn metadata(provenance: &Provenance, sessions: &[Session]) -> BTreeMap<String, S
     .collect();
     let mut inputs: Vec<(&str, &str)> = Vec::new();
     for session in sessions {
-        // One file may give two sessions: fitted runs and held-out ones.
+        // One file may give two sessions: training runs and validation runs.
         if !inputs.iter().any(|(_, sha256)| *sha256 == session.sha256) {
             inputs.push((&session.name, &session.sha256));
         }

@@ -1,8 +1,8 @@
-//! Decision thresholds of the search: every value that decides whether an effect is added, an answer refused or a verdict
-//! given, each once.
+//! Decision thresholds of the search: every value that decides whether an effect is added, an answer refused or a
+//! verdict given, each once.
 //!
 //! Tolerances of solvers, limits of work (iterations, lengths of lists, ranges and steps of grids) and preprocessing
-//! constants of a stage stay beside the code that uses them.
+//! constants of a stage are defined in the code that uses them.
 
 use super::{
     evidence::{Amplitude, Blocks},
@@ -67,28 +67,29 @@ thresholds! {
     /// Amplitude of the encompassing test above which the data follow a change: half-way from "no effect" (0) to the effect
     /// as fitted (1), so that the nearer one is right. Half of it shows that an effect is rather in proportion to the speed.
     min_amplitude = 0.5, 0.0..=1.0, "";
-    /// Ratio of two sizes that differ clearly: of an effect on validation and on training sessions, of an effect and of its
-    /// bias on the reference data, of the stiffness of a spring and of the ends of a backlash. A larger value trusts
-    /// differences of the sessions and small effects less.
+    /// Ratio of two magnitudes from which they differ clearly. It compares an effect on validation and on training
+    /// sessions, an effect with its bias on the reference data, and a spring with the ends of a backlash. A larger
+    /// value trusts differences of the sessions and small effects less.
     size_ratio = 3.0, 1.0..=1e9, "";
-    /// Length of the whitened signature at the largest plausible size, in standard deviations, below which the motion
-    /// cannot show the effect: what a test at a level of 1e-4 just detects.
+    /// Length of the whitened signature at the largest plausible magnitude, in standard deviations, below which the
+    /// motion cannot show the effect. A test at a level of 1e-4 just detects this length.
     detectability = 5.0, 0.0..=1e9, "";
     /// Squared distance of two predictions, as a fraction of the squared change, below which they are equal: a hundredth of
     /// an effect is beyond what a simulator follows. A larger value calls more effects indistinguishable.
     equal_prediction = 1e-4, 0.0..=1.0, "";
-    /// Fraction that is most of a quantity: squared cosine of two changes that explain the same, residual that one-off
-    /// disturbances or measurement noise account for, samples that a twin predicts, gain that a rival shares.
+    /// Fraction that is most of a quantity. The quantities are the squared cosine of two changes that explain the same,
+    /// the residual that one-off disturbances or measurement noise account for, the samples that a twin predicts, and
+    /// the gain that a rival has in common.
     majority = 0.5, 0.0..=1.0, "";
-    /// Ratio of the closed fractions of the plain residual from which another effect goes before the most significant one.
+    /// Ratio of the closed fractions of the plain residual from which another effect precedes the most significant one.
     stronger_ratio = 1.5, 1.0..=1e9, "";
     /// Ratio of the gain in one signal to that in all signals that counts the same: most signals do not show most effects.
     single_signal_ratio = 4.0, 1.0..=1e9, "";
     /// Gain (fraction of the squared validation residual) within the model error of the simulation. A larger value rejects
     /// small effects and prefers simple ones.
     min_gain = 0.02, 0.0..=1.0, "";
-    /// The same where the model error is larger: the residual is at its reference, other effects were added before (of their
-    /// gain), the effect is smaller than plausible, a multistart or a split replaces a fit.
+    /// The same where the model error is larger. The residual is at its reference, other effects were added before (of
+    /// their gain), the effect is smaller than plausible, or a multistart or a split replaces a fit.
     clear_gain = 0.1, 0.0..=1.0, "";
     /// The same of an effect that maps positions and simulates nothing, so that only noise limits it.
     min_gain_map = 0.005, 0.0..=1.0, "";
@@ -97,18 +98,18 @@ thresholds! {
     reference_excess = 0.05, 0.0..=1e9, "";
     /// Fraction of the squared reference residual that another motion moves from one signal to another at most.
     moved_residual = 0.15, 0.0..=1.0, "";
-    /// Fraction by which a squared residual is far above its reference: a disturbance that depends on nothing measured,
-    /// a multistart, a change of the measurement noise.
+    /// Fraction by which a squared residual is far above its reference: a disturbance that depends on no measured
+    /// quantity, a multistart, a change of the measurement noise.
     large_excess = 0.3, 0.0..=1e9, "";
     /// Ratio of residual and noise floor up to which a residual is at its floor. Floors come from the measured signal
-    /// alone and are low where the noise is coloured. A larger value answers `none` where more is left.
+    /// alone and are low where the noise is coloured. A larger value answers `none` with a larger residual.
     floor_ratio = 1.5, 1.0..=1e9, "";
     /// Relative change of a fitted parameter that indicates another machine.
     machine_change = 0.25, 0.0..=1e9, "";
     /// Parameters that change so much together in another machine.
     machine_changes = 4.0, 0.0..=1e9, "";
-    /// Relative standard error of every change that belongs to the simulation (type B, JCGM 100, section 4.3): errors of
-    /// 234 blind cases of another simulator beyond their scatter (`reports/2026-11-23-gap-unseen`).
+    /// Relative standard error of every change due to the simulation (type B, JCGM 100, section 4.3): errors of 234
+    /// blind cases of another simulator beyond their standard errors (`reports/2026-11-23-gap-unseen`).
     model_error = 0.025, 0.0..=1.0, "";
     /// Ratio from which a value is an outlier: a sample over the usual distance of neighbours, a one-off disturbance over the
     /// largest residual elsewhere.
@@ -119,11 +120,11 @@ thresholds! {
     min_time = 4.0, 0.0..=1e9, "s";
     /// Samples in motion of a single axis below which nothing is compared.
     min_samples = 40.0, 0.0..=1e9, "";
-    /// Least fraction: of the motion in each direction, of the commanded speed that a motor moves, of the variance that
-    /// input or motion explain, of the RMS of the input that varies.
+    /// Least fraction of the motion in each direction, of the commanded speed that a motor moves, of the variance that
+    /// input or motion explain, and of the RMS of the input that varies.
     min_fraction = 0.05, 0.0..=0.5, "";
-    /// Change of the latency within 50 s, or within a shorter session, from which the clocks drift: other motion changes it by
-    /// some hundredths, and the worst crystals by a quarter of this.
+    /// Change of the latency within 50 s, or within a shorter session, from which the clocks drift. Other motion
+    /// changes it by some hundredths, and the worst crystals by a quarter of this.
     clock_drift = 0.1, 0.0..=1e9, "s";
 }
 
@@ -195,8 +196,8 @@ impl Thresholds {
             .collect()
     }
 
-    /// Whether the data follow a change of the residual from `before` to `after` beyond chance, and are better off with
-    /// it than without.
+    /// Return whether the data follow a change of the residual from `before` to `after` beyond chance, and are
+    /// predicted better with it.
     pub(super) fn is_in(&self, before: &[f64], after: &[f64], blocks: &Blocks) -> bool {
         let amplitude = Amplitude::of(before, after, blocks);
         self.min_amplitude < amplitude.value && amplitude.is_above(0.0, self.confirmation_level)

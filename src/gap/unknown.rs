@@ -1,10 +1,9 @@
-//! What is left when no effect of the catalogue explains it: does the residual still depend on
-//! something? Then it has a name of its own, `unknown.<regressor>[<band>]`, and the verdict is
-//! `unexplained`.
+//! Unexplained dependence of the final residual on a regressor. Its name is `unknown.<regressor>[<band>]`, and the
+//! verdict is `unexplained`.
 //!
-//! A smooth dependence is a mean per bin of a regressor (time, own and other velocity, speed,
-//! acceleration, position), tested block by block as in the screen; a periodic one is a line in time,
-//! sine and cosine tested as one. Both must explain a session that they were not fitted to.
+//! A smooth dependence is a mean per bin of a regressor (time, own and other velocity, speed, acceleration, position),
+//! tested block by block as in the screen. A periodic one is a spectral line, its sine and cosine tested jointly. Both
+//! must explain a session to which they were not fitted.
 
 use crate::stats::f_tail;
 
@@ -22,15 +21,15 @@ const BINS: usize = 8;
 /// Lowest and highest frequency of a line (Hz).
 const LINES_HZ: (f64, f64) = (0.15, 20.0);
 
-/// What the residual depends on.
+/// Unexplained dependence of the residual.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unknown {
     /// `unknown.<regressor>[<band>]`.
     pub name: String,
-    /// Signal in which it shows most.
+    /// Signal in which it is largest.
     pub signal: String,
-    /// Share of the whitened squared error that it explains.
-    pub share: f64,
+    /// Fraction of the whitened squared error that it explains.
+    pub fraction: f64,
     /// F statistic of the block test.
     pub statistic: f64,
     /// Tail probability, corrected for `comparisons`.
@@ -39,15 +38,15 @@ pub struct Unknown {
     pub comparisons: usize,
 }
 
-/// One series per sample of one channel.
+/// Regressor of one channel.
 struct Regressor {
     name: String,
     channel: usize,
-    /// Per part, per sample of the channel.
+    /// Values by part and by sample of the channel.
     values: Vec<Vec<f64>>,
 }
 
-/// The strongest dependence that is left at `found`, if any is beyond chance.
+/// Strongest significant dependence of the residual at `found`.
 #[must_use]
 pub(super) fn strongest(
     train: &Problem<'_>,
@@ -68,7 +67,7 @@ pub(super) fn strongest(
     let tries = smooth.len() + signals * lines.len();
     let mut best: Option<Unknown> = None;
     let mut consider = |unknown: Unknown| {
-        if best.as_ref().is_none_or(|best| best.share < unknown.share) {
+        if best.as_ref().is_none_or(|best| best.fraction < unknown.fraction) {
             best = Some(unknown);
         }
     };
@@ -76,25 +75,25 @@ pub(super) fn strongest(
         let edges = bin_edges(own);
         let columns = binned(train, own, &edges, filters);
         let Some(weights) = least_squares(&columns, &linear.residual) else { continue };
-        let share = explained(&columns, &weights, &linear.residual) / total;
+        let fraction = explained(&columns, &weights, &linear.residual) / total;
         let elsewhere = binned(held_out, other, &edges, filters);
         let carried = explained_by(&elsewhere, &weights, &held.residual) / held_total;
         let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
         if p_value < thresholds.family_error
-            && thresholds.reference_excess < share
-            && thresholds.min_amplitude * share < carried
+            && thresholds.reference_excess < fraction
+            && thresholds.min_amplitude * fraction < carried
         {
             let name = format!("unknown.{}[{}]", own.name, band(&edges));
             let signal = train.parts[0].stage.channels()[own.channel].signal.clone();
-            consider(Unknown { name, signal, share, statistic, p_value, comparisons: tries });
+            consider(Unknown { name, signal, fraction, statistic, p_value, comparisons: tries });
         }
     }
-    for (frequency, signal) in loud_lines(train, &linear, &lines) {
+    for (frequency, signal) in strong_lines(train, &linear, &lines) {
         let columns = line(train, frequency, signal, filters, &linear);
         let Some(found) = least_squares(&columns, &linear.residual) else { continue };
-        let share = explained(&columns, &found, &linear.residual) / total;
-        if share < thresholds.reference_excess {
+        let fraction = explained(&columns, &found, &linear.residual) / total;
+        if fraction < thresholds.reference_excess {
             continue;
         }
         let elsewhere = line(held_out, frequency, signal, filters, &held);
@@ -102,10 +101,10 @@ pub(super) fn strongest(
             .map_or(0.0, |own| explained(&elsewhere, &own, &held.residual) / held_total);
         let (statistic, p) = joint(&columns, &linear.residual, &linear.blocks);
         let p_value = p * tries as f64;
-        if p_value < thresholds.family_error && thresholds.min_amplitude * share < carried {
+        if p_value < thresholds.family_error && thresholds.min_amplitude * fraction < carried {
             let name = format!("unknown.time[{frequency:.2} Hz]");
             let signal = train.parts[0].stage.channels()[signal].signal.clone();
-            consider(Unknown { name, signal, share, statistic, p_value, comparisons: tries });
+            consider(Unknown { name, signal, fraction, statistic, p_value, comparisons: tries });
         }
     }
     best
@@ -121,7 +120,7 @@ fn explained_by(columns: &[Vec<f64>], weights: &[f64], residual: &[f64]) -> f64 
     dot(residual, residual) - dot(&left, &left)
 }
 
-/// Series that the residual of each channel may depend on, from measurements alone.
+/// Regressors for the residual of each channel, from measurements alone.
 fn regressors(problem: &Problem<'_>) -> Vec<Regressor> {
     let Some(first) = problem.parts.first() else { return Vec::new() };
     let count = first.stage.channels().len();
@@ -185,7 +184,7 @@ fn band(edges: &[f64]) -> String {
     }
 }
 
-/// One whitened column per bin: the residual of one channel has another mean there.
+/// Whitened columns, one per bin, for the mean residual of one channel in that bin.
 fn binned(
     problem: &Problem<'_>,
     regressor: &Regressor,
@@ -232,8 +231,8 @@ fn line_frequencies(problem: &Problem<'_>) -> Vec<f64> {
     (0..count).map(|k| LINES_HZ.0 + k as f64 * step).collect()
 }
 
-/// A disturbance that depends on nothing measured: the signal of `problem` with most of it, and the band of
-/// frequencies that holds the middle 80 % of its energy.
+/// Disturbance that depends on no measured quantity: the signal of `problem` with the largest excess, and the frequency
+/// band with the middle 80 % of its energy.
 #[must_use]
 pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknown> {
     let twin = &point.twin;
@@ -250,11 +249,11 @@ pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknow
     let energies: Vec<f64> =
         energies(problem, &rows, &lines).iter().map(|line| line[signal]).collect();
     let total: f64 = energies.iter().sum();
-    let edge = |share: f64| {
+    let edge = |fraction: f64| {
         let mut sum = 0.0;
         let place = energies.iter().position(|energy| {
             sum += energy;
-            share * total <= sum
+            fraction * total <= sum
         });
         place.map_or(0.0, |place| lines[place])
     };
@@ -263,7 +262,7 @@ pub(super) fn disturbance(problem: &Problem<'_>, point: &Point) -> Option<Unknow
     (p_value < problem.thresholds().family_error).then(|| Unknown {
         name: format!("unknown.time[{:.1} to {:.1} Hz]", edge(0.1), edge(0.9)),
         signal: channels[signal].signal.clone(),
-        share: 1.0 - 1.0 / most,
+        fraction: 1.0 - 1.0 / most,
         statistic: most,
         p_value,
         comparisons: 1,
@@ -282,24 +281,24 @@ fn rows_of(problem: &Problem<'_>, point: &Point) -> Vec<f64> {
         .collect()
 }
 
-/// Length of a bin of the scan for lines (s): at the highest line it costs 7 % of the amplitude.
+/// Bin length of the scan for lines (s): at the highest line it costs 7 % of the amplitude.
 const SCAN_BIN: f64 = 0.01;
 
-/// Lines and signals that may be worth saying.
-fn loud_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64, usize)> {
-    let loud =
+/// Lines and signals with enough energy to be tested.
+fn strong_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64, usize)> {
+    let strong =
         0.5 * problem.thresholds().reference_excess * dot(&linear.residual, &linear.residual);
     let energies = energies(problem, &linear.residual, lines);
     let all = lines.iter().zip(&energies);
     all.flat_map(|(line, energy)| {
-        let of_line = energy.iter().enumerate().filter(move |(_, energy)| loud < **energy);
+        let of_line = energy.iter().enumerate().filter(move |(_, energy)| strong < **energy);
         of_line.map(|(signal, _)| (*line, signal))
     })
     .collect()
 }
 
-/// Energy of `rows` along each line, per signal: `[line][signal]`. Sums over short bins of time, rotated
-/// from sample to sample, find it in a hundredth of the time that the exact columns of all would take.
+/// Energy of `rows` along each line, per signal: `[line][signal]`. Sums over short bins of time, rotated from sample to
+/// sample, take a hundredth of the time of exact columns.
 fn energies(problem: &Problem<'_>, rows: &[f64], lines: &[f64]) -> Vec<Vec<f64>> {
     let signals = problem.parts.first().map_or(0, |part| part.stage.channels().len());
     let mut energy = vec![vec![0.0; signals]; lines.len()];

@@ -1,4 +1,4 @@
-//! Effects that the user defined: whether the recordings lie within what their expressions can describe.
+//! Range check of user-defined effects: the recordings must lie within the domain of their expressions.
 
 use crate::{
     effects::{Effect, Motion, Physics, Place, Regressor},

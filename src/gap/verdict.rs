@@ -1,4 +1,4 @@
-//! The verdict and its summary.
+//! Verdict and its summary.
 
 use super::{
     findings::{IdentifiedEffect, Indistinguishable, ParameterChange, SignalResidual, Verdict},
@@ -11,10 +11,10 @@ use crate::{
     twin::{Source, Twin},
 };
 
-/// Everything behind a verdict.
+/// Data behind a verdict.
 pub(super) struct Findings<'f, 'a> {
     pub(super) thresholds: &'f Thresholds,
-    /// The twin at the start.
+    /// Twin at the start.
     pub(super) start: &'f Twin,
     pub(super) effects: &'f [IdentifiedEffect],
     pub(super) indistinguishable: &'f [Indistinguishable],
@@ -23,7 +23,7 @@ pub(super) struct Findings<'f, 'a> {
     pub(super) outcomes: &'f [Outcome<'a>],
 }
 
-/// A verdict and its summary.
+/// Verdict and its summary.
 pub(super) struct Answer {
     pub(super) verdict: Verdict,
     pub(super) summary: String,
@@ -57,8 +57,8 @@ fn verdict(findings: &Findings<'_, '_>) -> Verdict {
     }
 }
 
-/// The signal farthest above its floor, and its residual over the floor, which is `None` where it has no ratio. `None`
-/// where every residual is at its floor.
+/// Signal farthest above its floor, and the ratio of residual to floor, which is `None` without a floor. `None` where
+/// every residual is at its floor.
 fn above_floor<'r>(
     residuals: &'r [SignalResidual],
     thresholds: &Thresholds,
@@ -71,13 +71,13 @@ fn above_floor<'r>(
 }
 
 impl Thresholds {
-    /// Whether the residual of a signal is above its floor; without residual or floor it counts as above.
+    /// Return whether the residual of a signal is above its floor; without residual or floor it counts as above.
     pub(super) fn is_above_floor(&self, residual: &SignalResidual) -> bool {
         floor_ratio(residual).is_none_or(|ratio| self.floor_ratio < ratio)
     }
 }
 
-/// Residual of a signal over its floor.
+/// Ratio of the residual of a signal to its floor.
 fn floor_ratio(own: &SignalResidual) -> Option<f64> {
     let after = [own.train_after, own.validation_after].into_iter().flatten().reduce(f64::max)?;
     let floor = own.noise_floor.filter(|floor| 0.0 < *floor);
@@ -85,7 +85,7 @@ fn floor_ratio(own: &SignalResidual) -> Option<f64> {
     if after == 0.0 { Some(0.0) } else { floor.map(|floor| after / floor) }
 }
 
-/// Return whether at least half of the fitted parameters changed, and several of them far.
+/// Return whether at least half of the fitted parameters changed, several of them by a large ratio.
 fn is_other_machine(start: &Twin, changes: &[ParameterChange], thresholds: &Thresholds) -> bool {
     let fitted = start
         .instances
@@ -161,7 +161,7 @@ fn unexplained(unknown: Option<&Unknown>, above: Option<(&SignalResidual, Option
              for {} comparisons).",
             unknown.name,
             unknown.signal,
-            100.0 * unknown.share,
+            100.0 * unknown.fraction,
             unknown.statistic,
             unknown.p_value,
             unknown.comparisons

@@ -1,11 +1,10 @@
-//! Prewhitening: residuals of real machines are coloured, and tests and intervals that take them
-//! for white are far too sure of themselves.
+//! Prewhitening: residuals of real machines are coloured. Tests and intervals that assume white noise are far
+//! overconfident.
 //!
-//! Per signal, an autoregressive model is fitted to the residual of the base model by least squares,
-//! its order chosen by the Bayesian information criterion up to [`MOST_ORDER`]; measurement, base
-//! columns and candidate columns are all filtered with its inverse and divided by the scatter of the
-//! innovations (Prais and Winsten; Ljung, "System Identification", 2nd ed., chapter 7). The start of
-//! every run is dropped, so that nothing leaks between runs.
+//! For each signal, an autoregressive model is fitted to the residual of the base model by least squares. The Bayesian
+//! information criterion selects its order, up to [`MOST_ORDER`]. Measurement, base columns and candidate columns are
+//! filtered with its inverse and divided by the standard deviation of the innovations (Prais and Winsten; Ljung,
+//! "System Identification", 2nd ed., chapter 7). The start of every run is dropped, so that no run influences another.
 
 use crate::twin::Stage;
 use faer::{Mat, linalg::solvers::Solve};
@@ -14,30 +13,30 @@ use std::collections::BTreeMap;
 /// Highest order of the autoregressive model.
 pub(super) const MOST_ORDER: usize = 12;
 
-/// Share of a residual's variance that counts as white whatever its spectrum. A base model that misses
-/// something leaves a strongly coloured residual; to whiten that in full would turn the fit away from
-/// the slow errors, which are the gap, to the fast noise. What colour remains the blocks account for.
+/// Fraction of a residual's variance that counts as white, for any spectrum. An incomplete base model leaves a strongly
+/// coloured residual. Full whitening would shift the weight of the fit from the slow errors, which are the gap, to the
+/// fast noise. The tests by blocks account for the remaining colour.
 const SOFTENING: f64 = 1.0;
 
-/// Longest gap of a signal that is bridged for the filter (samples); beyond it the filter restarts.
+/// Longest dropout of a signal that is bridged for the filter (samples); after a longer one the filter restarts.
 const LONGEST_BRIDGE: usize = 8;
 
-/// The inverse of one signal's autoregressive model.
+/// Inverse of one signal's autoregressive model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filter {
-    /// Weights of the samples before, the nearest first.
+    /// Weights of the preceding samples, the nearest first.
     pub coefficients: Vec<f64>,
     /// Standard deviation of the innovations, in the signal's unit.
-    pub scatter: f64,
+    pub standard_deviation: f64,
 }
 
 /// Filters by signal.
 pub type Filters = BTreeMap<String, Filter>;
 
-/// A stage, which of its samples count, and its residual `[channel][sample]`.
+/// Stage, its used samples, and its residual `[channel][sample]`.
 pub(super) type Residual<'a> = (&'a dyn Stage, &'a Layout, &'a [Vec<f64>]);
 
-/// One row of the whitened problem: a sample that counts.
+/// Row of the whitened problem: a used sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Row {
     /// Index of the channel.
@@ -50,7 +49,7 @@ pub struct Row {
     pub block: u32,
 }
 
-/// Which samples of one stage count, and in which order.
+/// Used samples of one stage, in order.
 #[derive(Debug, Clone, Default)]
 pub struct Layout {
     /// All rows: run by run, channel by channel.
@@ -59,7 +58,7 @@ pub struct Layout {
     pub runs: Vec<std::ops::Range<usize>>,
     /// Number of blocks.
     pub blocks: usize,
-    /// Samples of each (run, channel) stretch without a long gap, in the order of the rows.
+    /// Samples of each (run, channel) stretch without a long dropout, in the order of the rows.
     stretches: Vec<Stretch>,
 }
 
@@ -67,14 +66,14 @@ pub struct Layout {
 struct Stretch {
     channel: usize,
     samples: std::ops::Range<usize>,
-    /// Whether each sample was measured; the others are bridged.
+    /// `true` for each measured sample; the others are bridged.
     counts: Vec<bool>,
     first_row: usize,
 }
 
 impl Layout {
-    /// The layout of `stage` where `usable[channel][sample]` says what was measured. The first
-    /// 12 samples of each stretch only feed the filter.
+    /// Layout of `stage` with the measured samples `usable[channel][sample]`. The first 12 samples of each stretch only
+    /// initialize the filter.
     #[must_use]
     pub fn new(stage: &dyn Stage, usable: &[Vec<bool>]) -> Self {
         let channels = stage.channels();
@@ -131,12 +130,12 @@ impl Layout {
                 &stretch.counts,
                 &mut bridged,
             );
-            // Lag by lag over the whole stretch, which the processor does several samples at a time.
-            let per_scatter = 1.0 / filter.scatter;
+            // Lag by lag over the whole stretch, so that the processor vectorizes over samples.
+            let inverse_deviation = 1.0 / filter.standard_deviation;
             innovations.clear();
-            innovations.extend(bridged[MOST_ORDER..].iter().map(|value| per_scatter * value));
+            innovations.extend(bridged[MOST_ORDER..].iter().map(|value| inverse_deviation * value));
             for (lag, weight) in filter.coefficients.iter().enumerate() {
-                let weight = per_scatter * weight;
+                let weight = inverse_deviation * weight;
                 let past = &bridged[MOST_ORDER - 1 - lag..];
                 for (value, past) in innovations.iter_mut().zip(past) {
                     *value -= weight * past;
@@ -150,7 +149,7 @@ impl Layout {
         out
     }
 
-    /// Stretches of one channel, bridged, for fitting its model.
+    /// Bridged stretches of one channel, for fitting its model.
     fn bridged_stretches(&self, channel: usize, values: &[f64]) -> Vec<Vec<f64>> {
         self.stretches
             .iter()
@@ -164,7 +163,7 @@ impl Layout {
     }
 }
 
-/// Pieces of `run` in which no gap is longer than [`LONGEST_BRIDGE`].
+/// Pieces of `run` without a dropout longer than [`LONGEST_BRIDGE`].
 fn stretches(usable: &[bool], run: std::ops::Range<usize>) -> Vec<std::ops::Range<usize>> {
     let mut pieces = Vec::new();
     let mut start = None;
@@ -187,7 +186,7 @@ fn stretches(usable: &[bool], run: std::ops::Range<usize>) -> Vec<std::ops::Rang
     pieces
 }
 
-/// Copies `values` and draws straight lines over what does not count.
+/// Copy `values`, with straight lines over unused samples.
 fn bridge(values: &[f64], counts: &[bool], out: &mut Vec<f64>) {
     out.clear();
     out.extend_from_slice(values);
@@ -197,8 +196,8 @@ fn bridge(values: &[f64], counts: &[bool], out: &mut Vec<f64>) {
             continue;
         }
         for gap in before + 1..k {
-            let share = (gap - before) as f64 / (k - before) as f64;
-            out[gap] = out[before] + share * (out[k] - out[before]);
+            let fraction = (gap - before) as f64 / (k - before) as f64;
+            out[gap] = out[before] + fraction * (out[k] - out[before]);
         }
         before = k;
     }
@@ -238,7 +237,7 @@ pub(super) fn scale_filters(parts: &[Residual<'_>]) -> Filters {
         }
         *filter = Filter {
             coefficients: Vec::new(),
-            scatter: (sum / count.max(1) as f64).sqrt().max(f64::MIN_POSITIVE),
+            standard_deviation: (sum / count.max(1) as f64).sqrt().max(f64::MIN_POSITIVE),
         };
     }
     filters
@@ -254,7 +253,7 @@ pub(super) fn in_order(stage: &dyn Stage, filters: &Filters) -> Vec<Filter> {
             filters
                 .get(&channel.signal)
                 .cloned()
-                .unwrap_or(Filter { coefficients: Vec::new(), scatter: 1.0 })
+                .unwrap_or(Filter { coefficients: Vec::new(), standard_deviation: 1.0 })
         })
         .collect()
 }
@@ -281,7 +280,7 @@ fn autoregressive(pieces: &[Vec<f64>], softening: f64) -> Filter {
     }
     let n = count.max(1) as f64;
     let total = gram[(0, 0)].max(f64::MIN_POSITIVE);
-    let mut best = Filter { coefficients: Vec::new(), scatter: (total / n).sqrt() };
+    let mut best = Filter { coefficients: Vec::new(), standard_deviation: (total / n).sqrt() };
     let mut best_score = n * (total / n).ln();
     for order in 1..=MOST_ORDER {
         if count < 10 * order {
@@ -304,7 +303,7 @@ fn autoregressive(pieces: &[Vec<f64>], softening: f64) -> Filter {
             best_score = score;
             best = Filter {
                 coefficients: (0..order).map(|i| solution[(i, 0)]).collect(),
-                scatter: (rest / n).sqrt(),
+                standard_deviation: (rest / n).sqrt(),
             };
         }
     }
@@ -327,7 +326,7 @@ mod tests {
     /// Innovations of the processes.
     const DEVIATION: f64 = 2.0;
 
-    /// An autoregressive process with these `weights` of the samples before.
+    /// Autoregressive process with these `weights` of the preceding samples.
     fn process(seed: u64, weights: &[f64]) -> Vec<f64> {
         let mut stream = Stream::new(seed, "whiten");
         let mut values = vec![0.0; weights.len()];
@@ -340,7 +339,7 @@ mod tests {
         values.split_off(values.len() - COUNT)
     }
 
-    /// What `filter` leaves of `values`.
+    /// Innovations of `values` under `filter`.
     fn innovations(values: &[f64], filter: &Filter) -> Vec<f64> {
         let own = |k: usize| {
             let past = filter.coefficients.iter().enumerate();
@@ -365,7 +364,10 @@ mod tests {
                     "{weights:?}: {filter:?}"
                 );
             }
-            assert!((filter.scatter / DEVIATION - 1.0).abs() < BAND, "{weights:?}: {filter:?}");
+            assert!(
+                (filter.standard_deviation / DEVIATION - 1.0).abs() < BAND,
+                "{weights:?}: {filter:?}"
+            );
             let rest = innovations(&values, &filter);
             for lag in 1..=LAGS {
                 let correlation = covariance(&rest, lag) / covariance(&rest, 0);
@@ -401,6 +403,9 @@ mod tests {
             assert!((left / gram(0) - gram(i + 1) / gram(0)).abs() < BAND, "{filter:?}");
         }
         let variance = covariance(&innovations(&values, &filter), 0);
-        assert!((filter.scatter.powi(2) / variance - 1.0).abs() < BAND, "{filter:?} {variance}");
+        assert!(
+            (filter.standard_deviation.powi(2) / variance - 1.0).abs() < BAND,
+            "{filter:?} {variance}"
+        );
     }
 }

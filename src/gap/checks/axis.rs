@@ -1,5 +1,5 @@
-//! Checks of single axes, over all sessions of one axis: motion, both directions, a varying input, and a motion that the
-//! input explains.
+//! Checks of single axes, over all sessions of one axis: motion, both directions, a varying input, and a motion that
+//! the input explains.
 
 use super::{Objection, objection};
 use crate::{
@@ -10,7 +10,7 @@ use crate::{
     twin::{AxisStage, Session, Stage as _},
 };
 
-/// The first reason for which nothing may be said about the axes of `sessions`.
+/// First refusal of the axes of `sessions`, if any.
 pub(super) fn check_axes(sessions: &[Session], thresholds: &Thresholds) -> Option<Objection> {
     let mut names: Vec<&str> = Vec::new();
     for axis in sessions.iter().flat_map(|session| &session.axes) {
@@ -30,7 +30,7 @@ pub(super) fn check_axes(sessions: &[Session], thresholds: &Thresholds) -> Optio
     })
 }
 
-/// Why nothing may be said about the axis with the signal `name`, from its training sessions.
+/// Refusal of the axis with the signal `name`, from its training sessions.
 fn check(name: &str, train: &[&AxisStage], thresholds: &Thresholds) -> Option<Objection> {
     if train.is_empty() {
         return None;
@@ -84,7 +84,8 @@ fn check(name: &str, train: &[&AxisStage], thresholds: &Thresholds) -> Option<Ob
     check_connection(name, &samples, thresholds)
 }
 
-/// Why input and motion are not those of one axis; `samples` are input, acceleration, velocity, direction and position.
+/// Refusal where input and motion are not those of one axis; `samples` are input, acceleration, velocity, direction and
+/// position.
 fn check_connection(
     name: &str,
     samples: &[[f64; 5]],
@@ -141,8 +142,8 @@ mod tests {
     use super::*;
     use crate::seed::Stream;
 
-    /// Samples of an axis in a sum of two sines whose input is what `input` says of acceleration, velocity, position
-    /// and a random number.
+    /// Samples of an axis in a sum of two sines, with the `input` as a function of acceleration, velocity, position and
+    /// a random number.
     fn samples(input: impl Fn([f64; 3], f64) -> f64) -> Vec<[f64; 5]> {
         let mut random = Stream::new(1, "input");
         (0..2000)
@@ -166,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn an_input_that_the_motion_explains_is_connected_whatever_its_unit() {
+    fn an_input_that_the_motion_explains_is_connected_in_any_unit() {
         for unit in [1e-3, 1.0, 1e3] {
             let force = |[a, v, q]: [f64; 3], noise: f64| {
                 unit * (3.0 * a + 8.0 * v + 1.5 * v.signum() + 20.0 * q + 2.0 * noise)

@@ -10,8 +10,8 @@ use crate::{
     twin::{AxisFrame, Plant, Stage, Twin},
 };
 
-/// A feature: name of its effect, text with the symbols of [`Sizes::scales`], and expression, in which `{v}` stands for
-/// the dimensionless velocity, and so on.
+/// Feature: name of its effect, text with the symbols of [`Sizes::scales`], and expression, in which `{v}` is the
+/// placeholder of the dimensionless velocity, and so on.
 struct Feature {
     name: &'static str,
     shown: &'static str,
@@ -68,8 +68,8 @@ const OF_A_TURN: [Feature; 4] = [
     feature("feature.turn_cos_2", "cos(2 theta)", "cos(2 * position)"),
 ];
 
-/// Features of a machine whose drive force is simulated. On a single axis the input is what the features predict, so
-/// that it would predict itself.
+/// Features of a machine whose drive force is simulated. On a single axis the features predict the input, so that it
+/// would predict itself.
 const OF_THE_INPUT: [Feature; 4] = [
     feature("feature.f_size_sign", "|f| sign(v)", "abs({f}) * signum({v})"),
     feature("feature.f2", "f^2", "{f}^2"),
@@ -95,9 +95,9 @@ pub(super) struct Sizes {
 }
 
 impl Sizes {
-    /// Sizes of the `stages` to which `twin` was fitted: those of a single axis where it is one; of a table, the RMS of
-    /// the velocities, half the range of the belts, and the force that reaches this velocity within one block of the
-    /// tests. `None` where nothing moved.
+    /// Sizes of the `stages` to which `twin` was fitted; `None` where nothing moved. A single axis has its own. A table
+    /// has the RMS of the velocities, half the range of the belts, and the force that reaches this velocity within one
+    /// block of the tests.
     pub(super) fn of(twin: &Twin, stages: &[&dyn Stage]) -> Option<Self> {
         let sizes = match twin.axis_frame {
             Some(frame) => Self::of_axis(&frame),
@@ -155,7 +155,7 @@ impl Sizes {
         })
     }
 
-    /// What the symbols of the features are.
+    /// Scales of the symbols of the features.
     pub(super) fn scales(&self) -> Vec<DescriptionScale> {
         let own = |symbol: &str, quantity: &str, origin: f64, scale: f64, unit: String| {
             DescriptionScale {
@@ -197,7 +197,7 @@ impl Sizes {
     }
 }
 
-/// `value` with three significant digits: the equation is read with the numbers that it was fitted with.
+/// `value` with three significant digits: the equation states the same numbers as the fit.
 fn short(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
 }

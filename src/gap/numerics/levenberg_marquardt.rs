@@ -1,5 +1,5 @@
-//! Levenberg and Marquardt's method (Marquardt, SIAM Journal on Applied Mathematics 11, 1963), with steps between fresh
-//! derivatives whose columns are corrected along the last step (Broyden, Mathematics of Computation 19, 1965).
+//! Levenberg-Marquardt method (Marquardt, SIAM Journal on Applied Mathematics 11, 1963). Between steps with fresh
+//! derivatives, the columns are corrected along the last step (Broyden, Mathematics of Computation 19, 1965).
 
 use super::{super::problem::dot, normal::Normal};
 
@@ -24,7 +24,7 @@ const MOST_RETRIES: usize = 7;
 
 /// A least-squares problem: the sum of the squared residuals is minimized.
 pub(in crate::gap) trait LeastSquares {
-    /// A point with what is predicted there.
+    /// Point with its prediction.
     type At;
     /// Residual and derivatives at a point.
     type Linear: Linearization;
@@ -38,10 +38,10 @@ pub(in crate::gap) trait LeastSquares {
     /// Linearization at a point with `columns` that are known.
     fn linear(&self, at: &Self::At, columns: Vec<Vec<f64>>) -> Self::Linear;
 
-    /// Whether parameter `index` is on a bound and a change in the direction of `slope` would push it beyond.
+    /// Return whether parameter `index` is on a bound and a change in the direction of `slope` would push it beyond.
     fn is_blocked(&self, at: &Self::At, index: usize, slope: f64) -> bool;
 
-    /// The point after a `step`, and the step that was taken, which bounds may have cut.
+    /// Point after a `step`, and the step itself, which bounds may have limited.
     fn moved(&self, at: &Self::At, step: &[f64], linear: &Self::Linear) -> (Self::At, Vec<f64>);
 }
 
@@ -53,11 +53,11 @@ pub(in crate::gap) trait Linearization {
     /// Derivatives of the prediction by each parameter.
     fn columns(&self) -> &[Vec<f64>];
 
-    /// Takes the directions of nuisance parameters out of one more column.
+    /// Project the directions of nuisance parameters out of one more column.
     fn take_nuisances_from(&self, column: &mut [f64]);
 }
 
-/// When a fit ends.
+/// Termination criteria of a fit.
 pub(in crate::gap) struct Limits {
     /// Most iterations, each with fresh derivatives.
     pub(in crate::gap) iterations: usize,
@@ -67,14 +67,14 @@ pub(in crate::gap) struct Limits {
     pub(in crate::gap) converged: f64,
 }
 
-/// Minimum that was found.
+/// Minimum of a fit.
 pub(in crate::gap) struct Minimum<A> {
     pub(in crate::gap) at: A,
     /// Squared error.
     pub(in crate::gap) loss: f64,
 }
 
-/// Minimizes `problem` from `start`; `known` are derivatives by the first parameters that are never computed afresh.
+/// Minimize `problem` from `start`; `known` are derivatives by the first parameters that are never computed afresh.
 pub(in crate::gap) fn minimize<P: LeastSquares>(
     problem: &P,
     start: P::At,
@@ -98,7 +98,7 @@ pub(in crate::gap) fn minimize<P: LeastSquares>(
     Minimum { at: descent.at, loss: descent.loss }
 }
 
-/// A fit under way.
+/// State of a fit.
 struct Descent<'p, P: LeastSquares> {
     problem: &'p P,
     at: P::At,
@@ -115,8 +115,8 @@ impl<'p, P: LeastSquares> Descent<'p, P> {
         Self { problem, at, residual, loss, damping: FIRST_DAMPING, converged }
     }
 
-    /// One step with `columns`, which are corrected by what it changed, more damped in up to so many `retries`;
-    /// gives whether it led on.
+    /// One step with `columns`, then Broyden's correction of them; up to `retries` attempts with more damping. Return
+    /// whether the squared error decreased.
     fn step(&mut self, columns: &mut [Vec<f64>], retries: usize) -> bool {
         let problem = self.problem;
         let linear = problem.linear(&self.at, columns.to_vec());
@@ -147,8 +147,8 @@ impl<'p, P: LeastSquares> Descent<'p, P> {
     }
 }
 
-/// Broyden's correction of `columns` by a step `taken`, in which the residual changed: what it changed other than they
-/// say, and other than nuisances do, is theirs along the step.
+/// Broyden's correction of `columns` by a step `taken`. The change of the residual that neither the columns nor the
+/// nuisances explain is attributed to the columns along the step.
 fn correct(
     columns: &mut [Vec<f64>],
     taken: &[f64],
@@ -174,8 +174,7 @@ fn correct(
     }
 }
 
-/// Sum of squares; infinite where a simulation has left the range of numbers, so that no comparison takes it
-/// for the least.
+/// Sum of squares; infinite where a simulation diverged, so that no comparison selects it as the minimum.
 #[must_use]
 pub(in crate::gap) fn squared(values: &[f64]) -> f64 {
     let sum = dot(values, values);

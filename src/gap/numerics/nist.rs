@@ -23,8 +23,8 @@ struct Problem {
     model: fn(&[f64], f64) -> f64,
     /// Starts 1 (far from the solution) and 2 (nearer).
     starts: [&'static [f64]; 2],
-    /// Whether start 1 leads to the solution without bounds and other starts. Plain Levenberg-Marquardt steps from the
-    /// other ones to where the model is constant.
+    /// `true` where start 1 leads to the solution without bounds and other starts. From the others, plain
+    /// Levenberg-Marquardt steps to a region where the model is constant.
     from_afar: bool,
     certified: &'static [f64],
     standard_errors: &'static [f64],
@@ -130,7 +130,8 @@ fn starts_lead_to_the_certified_values() {
     }
 }
 
-/// The search tries several starts and takes the least squared error. So a start that leads elsewhere must show it.
+/// The search tries several starts and takes the smallest squared error. So a start with another minimum must have a
+/// larger one.
 #[test]
 fn a_start_that_leads_elsewhere_has_a_larger_squared_error() {
     for problem in PROBLEMS.iter().filter(|own| !own.from_afar) {

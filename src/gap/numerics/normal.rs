@@ -3,8 +3,8 @@
 use super::super::problem::dot;
 use faer::{Mat, linalg::solvers::Solve};
 
-/// Weight of a parameter's start, against a whitened row, in units of its scale: enough to hold what
-/// the data say nothing about, far too little to pull what they know.
+/// Weight of a parameter's start, against a whitened row, in units of its scale. It is enough to hold parameters that
+/// the data do not determine, and far too small to bias the others.
 pub(in crate::gap) const HOLD: f64 = 1e-6;
 
 /// Normal equations of one linearization.
@@ -31,8 +31,8 @@ impl Normal {
         Self { gram, right }
     }
 
-    /// The same without the parameters that `is_blocked`, which receives the index of a parameter and the product of its
-    /// column with the residual: those that are on a bound and would be pushed beyond it.
+    /// The same without the parameters that are on a bound and would be pushed beyond it. `is_blocked` receives the
+    /// index of a parameter and the product of its column with the residual.
     #[must_use]
     pub(super) fn without_blocked(mut self, is_blocked: impl Fn(usize, f64) -> bool) -> Self {
         let count = self.right.len();

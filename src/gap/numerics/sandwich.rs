@@ -14,7 +14,7 @@ pub(in crate::gap) struct Sandwich {
     pub(in crate::gap) step: Vec<f64>,
     /// Degrees of freedom: blocks less parameters.
     pub(in crate::gap) freedom: f64,
-    /// Whether the data hardly determine each parameter.
+    /// `true` for each parameter that the data hardly determine.
     pub(in crate::gap) undetermined: Vec<bool>,
 }
 
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_row_shows_is_undetermined() {
+    fn a_parameter_without_influence_is_undetermined() {
         let columns = [vec![1.0; 50], vec![0.0; 50]];
         let blocks = Blocks { of_row: (0..50).map(|row| row / 5).collect(), count: 10 };
         assert_eq!(Sandwich::new(&columns, &[0.1; 50], &blocks).undetermined, [false, true]);

@@ -7,10 +7,10 @@ use super::{
 };
 use crate::{
     gap::{
+        estimates::ParameterEstimate,
         find::Found,
         findings::RejectedEffect,
         journal::{JournalEntry, Move, MoveKind},
-        numbers::ParameterEstimate,
         rounds::{Added, Outcome},
     },
     report::{Page, Table},
@@ -48,16 +48,16 @@ pub(super) fn section(page: &mut Page, found: &Found<'_>) {
 
 fn candidates(step: &Added) -> Table {
     let selected = step.loss().filter(|loss| 0.0 < *loss);
-    let rows = step.contest.iter().map(|one| {
+    let rows = step.ranking.iter().map(|one| {
         let worse = selected.map_or_else(String::new, |selected| match one.loss / selected {
             ratio if ratio < FAR_WORSE => format!("{:+.2} %", 100.0 * (ratio - 1.0)),
             ratio => format!("{} times", number(ratio)),
         });
         let remark = if step.is(one) {
             "selected"
-        } else if step.class.contains(&one.effect.name) {
+        } else if step.indistinguishable.contains(&one.effect.name) {
             "indistinguishable from the selected effect"
-        } else if step.is_outshone_by(one) {
+        } else if step.is_less_significant_than(one) {
             "more significant, but a much smaller reduction of the residual: tested again later"
         } else {
             ""
@@ -71,30 +71,31 @@ fn candidates(step: &Added) -> Table {
 
 /// Parameter estimates of one stage after each step.
 fn estimates(page: &mut Page, outcome: &Outcome<'_>) {
-    let steps: Vec<&Added> = outcome.added.iter().filter(|step| !step.numbers.is_empty()).collect();
+    let steps: Vec<&Added> =
+        outcome.added.iter().filter(|step| !step.estimates.is_empty()).collect();
     if steps.is_empty() {
         return;
     }
-    let mut columns = vec![("refitted".to_owned(), outcome.refitted_numbers.clone())];
+    let mut columns = vec![("refitted".to_owned(), outcome.refitted_estimates.clone())];
     // The last word of a name keeps the table within the page.
     let short = |name: &str| format!("+ {}", label(name.rsplit('.').next().unwrap_or(name)));
-    columns.extend(steps.iter().map(|step| (short(step.effect.name), step.numbers.clone())));
+    columns.extend(steps.iter().map(|step| (short(step.effect.name), step.estimates.clone())));
     // An effect that was split is one column.
     columns.dedup_by(|later, earlier| later.1 == earlier.1);
     let mut rows: Vec<&ParameterEstimate> = Vec::new();
-    for number in columns.iter().flat_map(|(_, numbers)| numbers) {
+    for number in columns.iter().flat_map(|(_, estimates)| estimates) {
         if !rows.iter().any(|row| row.name == number.name && row.location == number.location) {
             rows.push(number);
         }
     }
     let rows = rows.into_iter().map(|row| {
-        let at = |numbers: &[ParameterEstimate]| {
+        let at = |estimates: &[ParameterEstimate]| {
             let own =
-                numbers.iter().find(|own| own.name == row.name && own.location == row.location);
+                estimates.iter().find(|own| own.name == row.name && own.location == row.location);
             own.map_or_else(|| "–".to_owned(), |own| number(own.value))
         };
         let mut cells = vec![row.name.clone(), row.location.to_string(), unit(&row.unit)];
-        cells.extend(columns.iter().map(|(_, numbers)| at(numbers)));
+        cells.extend(columns.iter().map(|(_, estimates)| at(estimates)));
         cells
     });
     let mut head = ["parameter", "location", "unit"].map(str::to_owned).to_vec();

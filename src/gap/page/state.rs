@@ -17,14 +17,14 @@ const CELLS: (usize, usize) = (20, 16);
 /// Fewest samples for which a cell is drawn.
 const LEAST_SAMPLES: usize = 4;
 
-/// Share of the samples at each end of an axis that are left out of the map, so that a few outliers
-/// do not set its scale.
+/// Fraction of the samples at each end of an axis that are excluded from the map, so that a few outliers do not set its
+/// scale.
 const BEYOND: f64 = 0.005;
 
-/// Share of the cells whose RMS is within the colours; the others have the darkest.
+/// Fraction of the cells whose RMS is within the colours; the others have the darkest.
 const WITHIN_SHADES: f64 = 0.98;
 
-/// Half of the time over which a slope is taken (s): of a velocity, and of a place.
+/// Half of the time over which a slope is taken (s): of a velocity, and of a position.
 const SLOPE_TIME: (f64, f64) = (0.015, 0.03);
 
 /// The state of one sample, and its squared residuals before and after.
@@ -48,7 +48,7 @@ struct Coordinates {
     states: Vec<[f64; 2]>,
 }
 
-/// Maps of `signal` over the states that tell something about it.
+/// Maps of `signal` over the states that are relevant for it.
 pub(super) fn maps(view: &View<'_>, signal: &str) -> Vec<Maps> {
     [board, motion].into_iter().filter_map(|kind| map(view, signal, kind)).collect()
 }
@@ -114,8 +114,8 @@ fn rounded_up(value: f64) -> f64 {
 fn grid(samples: &[Sample], ranges: [(f64, f64); 2], column: usize, factor: f64) -> Vec<Vec<f64>> {
     let mut sums = vec![vec![(0.0, 0_usize); CELLS.0]; CELLS.1];
     let cell = |value: f64, (low, high): (f64, f64), count: usize| {
-        let share = (value - low) / (high - low);
-        (0.0..=1.0).contains(&share).then(|| ((share * count as f64) as usize).min(count - 1))
+        let fraction = (value - low) / (high - low);
+        (0.0..=1.0).contains(&fraction).then(|| ((fraction * count as f64) as usize).min(count - 1))
     };
     for sample in samples {
         let across = cell(sample.state[0], ranges[0], CELLS.0);
@@ -131,7 +131,7 @@ fn grid(samples: &[Sample], ranges: [(f64, f64); 2], column: usize, factor: f64)
     sums.into_iter().map(|row| row.into_iter().map(rms).collect()).collect()
 }
 
-/// Place on the board, for what the camera sees.
+/// Position on the board, for camera signals.
 fn board(part: &PartView<'_>, channel: usize) -> Option<Coordinates> {
     let own = part.channel(channel);
     let stem = own.signal.strip_suffix(&format!("_{}", own.axis))?;

@@ -16,8 +16,8 @@ pub(super) struct Steps {
     pub(super) rms: Vec<Vec<f64>>,
 }
 
-/// The steps of `outcome`: as given, all known parameters fitted, and each effect added. On the
-/// held-out sessions, or on the fitted ones without any, where only the ends are known.
+/// Steps of `outcome`: given twin, all known parameters fitted, and each added effect, on the validation sessions.
+/// Without any: on the training sessions, with the first and the last step only.
 pub(super) fn steps(outcome: &Outcome<'_>) -> Steps {
     let mut names = vec![vec!["as given".to_owned()], vec!["refitted".to_owned()]];
     if outcome.held_out.parts.is_empty() {
@@ -28,7 +28,7 @@ pub(super) fn steps(outcome: &Outcome<'_>) -> Steps {
         }
         return Steps { names, rms };
     }
-    // Each round begins with everything fitted to what the rounds before it added.
+    // Each round begins with everything fitted, including the effects of earlier rounds.
     let mut rms = vec![outcome.held_out.rms(&outcome.start_held_out)];
     rms.extend(outcome.added.iter().map(|step| step.held_out_steps.0.clone()));
     rms.push(outcome.held_out.rms(&outcome.last_held_out));

@@ -55,7 +55,7 @@ fn html(says: &str) -> String {
 }
 
 #[test]
-fn nothing_that_was_found_becomes_markup() {
+fn findings_are_escaped_as_text() {
     let html = html("<script>1</script>");
     for text in ["<script>", "<x>", "<a&b>", "<next>", "<doubt>", "v < 1"] {
         assert!(!html.contains(text), "{text}");

@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_have_the_digits_they_are_worth() {
+    fn numbers_have_as_many_digits_as_the_interval_supports() {
         let texts = [0.0, 12.345, 1234.5, -0.001_234, 1e-7, f64::NAN].map(number);
         assert_eq!(texts, ["0", "12.3", "1234", "-0.00123", "1.00e-7", "–"]);
         assert_eq!(with_interval(0.123_456, Some([0.12, 0.127])), ["0.1235", "0.1200 to 0.1270"]);

@@ -16,7 +16,7 @@ const MOMENT: f64 = 0.5;
 /// Shortest run that is preferred (s).
 const LEAST_RUN: f64 = 0.5;
 
-/// Charts of one signal with their place in the data.
+/// Charts of one signal with their session and time window.
 pub(super) struct Trace {
     /// Index of the session among those of the view.
     pub(super) part: usize,

@@ -12,7 +12,7 @@ use std::ops::Range;
 /// Longest hole in a signal that is bridged by a straight line for a spectrum (samples).
 const LONGEST_BRIDGE: usize = 3;
 
-/// One stage on the validation sessions, or on the training sessions where there are none.
+/// One stage on the validation sessions, or on the training sessions without any.
 pub(in crate::gap) struct View<'f> {
     /// Stage.
     pub(in crate::gap) kind: StageKind,
@@ -35,20 +35,24 @@ pub(in crate::gap) struct PartView<'f> {
 }
 
 impl<'f> View<'f> {
-    /// The held-out sessions of `outcome`, or the fitted ones without any.
+    /// Validation sessions of `outcome`, or the training sessions without any.
     pub(in crate::gap) fn of(outcome: &'f Outcome<'_>) -> Self {
-        if outcome.held_out.parts.is_empty() { Self::train(outcome) } else { Self::judged(outcome) }
+        if outcome.held_out.parts.is_empty() {
+            Self::train(outcome)
+        } else {
+            Self::validated(outcome)
+        }
     }
 
-    /// The fitted sessions.
+    /// Training sessions.
     pub(in crate::gap) fn train(outcome: &'f Outcome<'_>) -> Self {
         let points = [&outcome.start, &outcome.last.point];
         let parts = parts(&outcome.train, points);
         Self { kind: outcome.kind, held_out: false, parts }
     }
 
-    /// The held-out sessions.
-    pub(in crate::gap) fn judged(outcome: &'f Outcome<'_>) -> Self {
+    /// Validation sessions.
+    pub(in crate::gap) fn validated(outcome: &'f Outcome<'_>) -> Self {
         let points = [&outcome.start_held_out, &outcome.last_held_out];
         let parts = parts(&outcome.held_out, points);
         Self { kind: outcome.kind, held_out: true, parts }

@@ -1,17 +1,18 @@
-//! What all trials of a round are measured against: fits in one metric, and what each removes.
+//! Common metric and base of all trials of a round: every trial is fitted in one metric, and its gain over the base is
+//! measured there.
 
 use super::{
     Problems,
-    trial::{Trial, is_alike, scanned},
+    trial::{Trial, may_be_confused, scanned},
 };
 use crate::{
     gap::{
         batch::in_parallel,
         evidence::LogScoreGain,
         fit::{self, Fit},
-        known::Worth,
+        known::RequiredGain,
         problem::{Point, Problem},
-        rounds::{Added, Contestant, Reason, Rejected},
+        rounds::{Added, RankedCandidate, Reason, Rejected},
         screen::Candidate,
         thresholds::Thresholds,
         whiten::{self, Filters},
@@ -19,18 +20,18 @@ use crate::{
     twin::{Slot, Twin},
 };
 
-/// What all trials of a round are measured against.
+/// Common metric and base of all trials of a round.
 pub(super) struct Bench<'a, 'b> {
     pub(super) train: &'b Problem<'a>,
     pub(super) held_out: &'b Problem<'a>,
-    /// Where else it may show what an effect is worth, if anywhere.
+    /// Validation sessions in which the plain residual may show the gain of an effect.
     views: Vec<View<'a, 'b>>,
-    /// The metric: whitening of the best candidate's residual.
+    /// Metric: whitening of the best candidate's residual.
     pub(super) filters: &'b Filters,
-    /// One over the RMS of each signal's residual: in which a gap is told.
+    /// One over the RMS of each signal's residual: the metric of the gap.
     pub(super) scales: Filters,
-    pub(super) worth: &'b Worth<'b>,
-    /// How many tries each p-value is corrected for.
+    pub(super) required_gain: &'b RequiredGain<'b>,
+    /// Number of comparisons for which each p-value is corrected.
     tries: usize,
     /// Fitted parameters of the given twin that a candidate may not leave on a bound.
     pub(super) known: Vec<Slot>,
@@ -39,7 +40,7 @@ pub(super) struct Bench<'a, 'b> {
     pub(super) base_held_rows: Vec<f64>,
 }
 
-/// Judging sessions in plain units: every signal in units of the RMS that the base leaves.
+/// Validation sessions without whitening: every signal in units of the RMS of the base residual.
 struct View<'a, 'b> {
     problem: &'b Problem<'a>,
     scales: Filters,
@@ -54,7 +55,7 @@ impl<'a, 'b> View<'a, 'b> {
         view
     }
 
-    /// What `twin` leaves.
+    /// Scaled residual of `twin`.
     fn rows(&self, twin: &Twin) -> Vec<f64> {
         let point = fit::on(self.problem, twin, &self.scales);
         self.problem.whitened(&point, &self.scales)
@@ -65,12 +66,12 @@ impl<'a, 'b> Bench<'a, 'b> {
     pub(super) fn new(
         problems: Problems<'a, 'b>,
         (base, known): (&'b Fit, Vec<Slot>),
-        (filters, worth): (&'b Filters, &'b Worth<'b>),
+        (filters, required_gain): (&'b Filters, &'b RequiredGain<'b>),
         tries: usize,
     ) -> Self {
         let Problems { train, held_out, witness } = problems;
         let seen = [held_out, witness].into_iter();
-        let seen = seen.filter(|problem| worth.in_any_view && !problem.parts.is_empty());
+        let seen = seen.filter(|problem| required_gain.any_signal && !problem.parts.is_empty());
         let base_held = fit::on(held_out, &base.point.twin, filters);
         Self {
             train,
@@ -78,7 +79,7 @@ impl<'a, 'b> Bench<'a, 'b> {
             views: seen.map(|problem| View::new(problem, &base.point.twin)).collect(),
             filters,
             scales: train.filters(&base.point, whiten::scale_filters),
-            worth,
+            required_gain,
             tries,
             known,
             base_train_rows: train.whitened(&base.point, filters),
@@ -91,7 +92,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         self.train.thresholds()
     }
 
-    /// A candidate, fitted in this metric and judged; `known` are the columns of known parameters.
+    /// Fit a candidate in this metric and validate it; `known` are the columns of known parameters.
     pub(super) fn trial(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Trial {
         let how = fit::How { filters: self.filters, iterations: 8, known };
         let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
@@ -108,39 +109,39 @@ impl<'a, 'b> Bench<'a, 'b> {
         trial
     }
 
-    /// Fits what may be confused with the best trial once more from where that one ended: a rival must not lose
-    /// because its own fit stopped in another valley of the known parameters.
-    pub(super) fn give_second_chances(&self, trials: &mut [Trial], known: &[Vec<f64>]) {
+    /// Fit the trials that may be confused with the best one again, from its known parameters: a rival must not lose
+    /// because its own fit stopped in another local minimum.
+    pub(super) fn refit_from_best(&self, trials: &mut [Trial], known: &[Vec<f64>]) {
         let Some((best, others)) = trials.split_first_mut() else { return };
         let again = in_parallel(others, |other| {
             let instance = other.fit.point.twin.instances.last();
-            let instance = instance.filter(|_| is_alike(best, other))?;
+            let instance = instance.filter(|_| may_be_confused(best, other))?;
             let mut start = other.fit.clone();
             start.point = best.fit.point.clone();
             *start.point.twin.instances.last_mut()? = instance.clone();
             Some(self.trial(&other.candidate, &start, known))
         });
         for (other, again) in others.iter_mut().zip(again) {
-            other.take(again);
+            other.keep_better(again);
         }
     }
 
-    /// Fits the best trial and what may be confused with it and comes near it to the end, no column known from
-    /// elsewhere: which of them the data prefer must not hang on whose fit was stopped earlier.
-    pub(super) fn fit_rivals_in_earnest(&self, trials: &mut [Trial]) {
+    /// Fit the best trial and its close rivals to convergence, with fresh columns for all parameters. The comparison
+    /// must not depend on the number of iterations of either fit.
+    pub(super) fn fit_rivals_to_convergence(&self, trials: &mut [Trial]) {
         let Some((best, others)) = trials.split_first() else { return };
         let near = self.thresholds().majority;
         let removes = |trial: &Trial| fit::squared(&self.base_train_rows) - trial.fit.loss;
         let is_near =
-            |other: &Trial| is_alike(best, other) && near * removes(best) <= removes(other);
-        let mut in_earnest: Vec<bool> = others.iter().map(is_near).collect();
-        in_earnest.insert(0, in_earnest.contains(&true));
-        let items: Vec<(&Trial, bool)> = trials.iter().zip(in_earnest).collect();
-        let again = in_parallel(&items, |(trial, in_earnest)| {
-            in_earnest.then(|| self.trial(&trial.candidate, &trial.fit, &[]))
+            |other: &Trial| may_be_confused(best, other) && near * removes(best) <= removes(other);
+        let mut to_convergence: Vec<bool> = others.iter().map(is_near).collect();
+        to_convergence.insert(0, to_convergence.contains(&true));
+        let items: Vec<(&Trial, bool)> = trials.iter().zip(to_convergence).collect();
+        let again = in_parallel(&items, |(trial, to_convergence)| {
+            to_convergence.then(|| self.trial(&trial.candidate, &trial.fit, &[]))
         });
         for (trial, again) in trials.iter_mut().zip(again) {
-            trial.take(again);
+            trial.keep_better(again);
         }
     }
 
@@ -149,8 +150,13 @@ impl<'a, 'b> Bench<'a, 'b> {
         Rejected { candidate: trial.candidate.clone(), reason, validation_gain: gain }
     }
 
-    pub(super) fn added(&self, own: &Trial, class: Vec<&'static str>, trials: &[Trial]) -> Added {
-        let contestant = |trial: &Trial| Contestant {
+    pub(super) fn added(
+        &self,
+        own: &Trial,
+        indistinguishable: Vec<&'static str>,
+        trials: &[Trial],
+    ) -> Added {
+        let ranked = |trial: &Trial| RankedCandidate {
             effect: trial.candidate.effect,
             axis: trial.candidate.axis,
             loss: trial.fit.loss / trial.fit.rows.max(1) as f64,
@@ -166,18 +172,18 @@ impl<'a, 'b> Bench<'a, 'b> {
             comparisons: self.tries,
             log_score: self.log_score_gain(own),
             validation_gain: self.validation_gain(own),
-            class,
+            indistinguishable,
             held_out_steps: (
                 self.held_out.rms(&self.base_held),
                 self.held_out.rms(&own.held_point),
             ),
             unstated: None,
-            contest: trials.iter().map(contestant).collect(),
-            numbers: Vec::new(),
+            ranking: trials.iter().map(ranked).collect(),
+            estimates: Vec::new(),
         }
     }
 
-    /// Probability of what its effect explains by chance, corrected for all tries (Bonferroni).
+    /// Probability of the gain by chance, corrected for all comparisons (Bonferroni).
     pub(super) fn p_value(&self, trial: &Trial) -> f64 {
         (trial.candidate.p_value * self.tries as f64).min(1.0)
     }
@@ -196,20 +202,21 @@ impl<'a, 'b> Bench<'a, 'b> {
         (before - fit::squared(&trial.held_rows)) / before.max(f64::MIN_POSITIVE)
     }
 
-    /// Whether the trial removes the share of the squared error of the judging sessions that makes its effect worth
-    /// a name: of the whitened residual, or of the residual as it is, there or on the witness.
-    pub(super) fn is_worth_naming(&self, trial: &Trial) -> bool {
+    /// Return whether the trial removes the required fraction of the squared validation error: of the whitened
+    /// residual, or of the plain one, on this stage or on the witness.
+    pub(super) fn exceeds_required_gain(&self, trial: &Trial) -> bool {
         let twin = &trial.fit.point.twin;
-        let worth = self.worth.of(trial.candidate.effect, &self.shown_numbers(trial));
+        let required_gain =
+            self.required_gain.of(trial.candidate.effect, &self.supported_values(trial));
         let shows = |view: &View<'_, '_>| {
-            worth <= self.removes(view.problem, &view.base_rows, &view.rows(twin))
+            required_gain <= self.removes(view.problem, &view.base_rows, &view.rows(twin))
         };
-        worth <= self.removes(self.held_out, &self.base_held_rows, &trial.held_rows)
+        required_gain <= self.removes(self.held_out, &self.base_held_rows, &trial.held_rows)
             || self.views.iter().any(shows)
     }
 
-    /// The share of the squared error of `problem` between two residuals that is removed of all signals
-    /// together, or that of one signal over `single_signal_ratio`: most signals do not show most effects.
+    /// Fraction of the squared error of `problem` that is removed between two residuals, over all signals together. One
+    /// signal's fraction over `single_signal_ratio` counts where it is larger: most signals do not show most effects.
     pub(super) fn removes(&self, problem: &Problem<'_>, before: &[f64], after: &[f64]) -> f64 {
         let mut squares: Vec<[f64; 2]> = Vec::new();
         let rows = problem.parts.iter().flat_map(|part| &part.layout.rows);
@@ -219,10 +226,10 @@ impl<'a, 'b> Bench<'a, 'b> {
             squares[channel][0] += before * before;
             squares[channel][1] += after * after;
         }
-        let share = |[before, after]: &[f64; 2]| 1.0 - after / before.max(f64::MIN_POSITIVE);
-        let single = squares.iter().filter(|_| self.worth.in_any_view);
-        let single = single.map(|own| share(own) / self.thresholds().single_signal_ratio);
-        single.fold(share(&[fit::squared(before), fit::squared(after)]), f64::max)
+        let fraction = |[before, after]: &[f64; 2]| 1.0 - after / before.max(f64::MIN_POSITIVE);
+        let single = squares.iter().filter(|_| self.required_gain.any_signal);
+        let single = single.map(|own| fraction(own) / self.thresholds().single_signal_ratio);
+        single.fold(fraction(&[fit::squared(before), fit::squared(after)]), f64::max)
     }
 }
 

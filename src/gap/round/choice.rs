@@ -1,9 +1,9 @@
-//! Which of the trials that passed is added.
+//! Selection of the effect that is added, among the trials that passed.
 
 use super::{
     bench::Bench,
     slots_of_last,
-    trial::{Trial, apart, is_alike},
+    trial::{Trial, may_be_confused, squared_distance},
 };
 use crate::{
     gap::{
@@ -17,44 +17,44 @@ use crate::{
 };
 use std::mem;
 
-/// A trial and how many [free numbers](Bench::free_numbers) its effect has.
+/// Trial and number of [required parameters](Bench::required_parameters) of its effect.
 type Counted<'t> = (&'t Trial, usize);
 
 impl Bench<'_, '_> {
-    /// The one to add, with what explains the data as well; all others are rejected.
+    /// Select the trial to add, with its indistinguishable alternatives; all others are rejected.
     pub(super) fn winner(
         &self,
         passed: &[&Trial],
         trials: &[Trial],
         rejected: &mut Vec<Rejected>,
     ) -> Option<(Fit, Added)> {
-        let free = in_parallel(passed, |trial| self.free_numbers(trial));
+        let free = in_parallel(passed, |trial| self.required_parameters(trial));
         let counted: Vec<Counted<'_>> = passed.iter().copied().zip(free).collect();
         let (own, free) = self.strongest(self.simplest(&counted)?, &counted);
-        let mut class = Vec::new();
-        for (other, numbers) in counted.iter().filter(|(other, _)| !std::ptr::eq(*other, own)) {
+        let mut indistinguishable = Vec::new();
+        for (other, parameters) in counted.iter().filter(|(other, _)| !std::ptr::eq(*other, own)) {
             let name = other.candidate.effect.name;
-            // A motor has one of a few periods, given by its poles: a period that a scan found makes its ripple no more
-            // flexible than that of an effect whose period is known.
+            // A motor has one of a few periods, given by its poles. A period from a scan therefore makes its ripple no
+            // more flexible than an effect with a known period.
             let scanned = usize::from(other.candidate.effect.scanned_parameter().is_some());
-            let is_as_good = *numbers <= free + scanned
+            let is_as_good = *parameters <= free + scanned
                 && self.is_rival(own, other)
                 && self.is_rival(other, own);
             if name != own.candidate.effect.name && is_as_good {
-                if !class.contains(&name) {
-                    class.push(name);
+                if !indistinguishable.contains(&name) {
+                    indistinguishable.push(name);
                 }
             } else {
                 let winner = own.candidate.effect.name.to_owned();
-                rejected.push(self.rejected(other, Reason::Outdone(winner)));
+                rejected.push(self.rejected(other, Reason::Outperformed(winner)));
             }
         }
-        Some((own.fit.clone(), self.added(own, class, trials)))
+        Some((own.fit.clone(), self.added(own, indistinguishable, trials)))
     }
 
-    /// What passed, the clearest first, and what explains the data as well as the clearest and was only not worth a
-    /// name: where two cannot be told apart, what is known of one of them is known of neither.
-    pub(super) fn worth_naming<'t>(&self, trials: &'t [Trial]) -> Vec<&'t Trial> {
+    /// Trials that passed, the smallest loss first. A trial that is indistinguishable from the best of them is included
+    /// even if its gain is too small: prior knowledge about one of two indistinguishable effects applies to neither.
+    pub(super) fn acceptable<'t>(&self, trials: &'t [Trial]) -> Vec<&'t Trial> {
         let Some(best) = trials.iter().find(|trial| trial.objection.is_none()) else {
             return Vec::new();
         };
@@ -66,68 +66,68 @@ impl Bench<'_, '_> {
         trials.iter().filter(|trial| is_worth(trial)).collect()
     }
 
-    /// Of the best that passed and what is nearly as good, the one with the fewest numbers that are needed; of equals
-    /// the one whose law has no others, and so says that they are none; of these the best.
+    /// Simplest of the best trial and those nearly as good: the fewest required parameters, then the fewest mandatory
+    /// parameters, then the smallest loss. A law without a parameter states that it is zero.
     fn simplest<'t>(&self, passed: &[Counted<'t>]) -> Option<Counted<'t>> {
         let (best, free) = *passed.first()?;
-        let stands = |(other, numbers): &Counted<'_>| {
+        let qualifies = |(other, parameters): &Counted<'_>| {
             std::ptr::eq(*other, best)
                 || self.is_rival(best, other)
-                || *numbers < free && self.is_nearly_as_good(best, other)
+                || *parameters < free && self.is_nearly_as_good(best, other)
         };
         let complexity = |(own, needed): &Counted<'_>| {
             let effect = own.candidate.effect;
             let all = 0..effect.parameters.len();
             (*needed, all.filter(|parameter| !effect.is_optional(*parameter)).count())
         };
-        passed.iter().copied().filter(stands).min_by_key(complexity)
+        passed.iter().copied().filter(qualifies).min_by_key(complexity)
     }
 
     /// Number of parameters of the effect that the data require: the prediction changes beyond chance at their null
-    /// value, or at twice their own. A frequency may happen to have the null value, and still counts. A spring that does
-    /// not soften has no length at which it does. Optional parameters do not count.
-    fn free_numbers(&self, trial: &Trial) -> usize {
+    /// value, or at twice their own. A frequency may happen to have the null value, and still counts. A spring that
+    /// does not soften has no length at which it does. Optional parameters do not count.
+    fn required_parameters(&self, trial: &Trial) -> usize {
         let twin = &trial.fit.point.twin;
         let effect = trial.candidate.effect;
         let matters = |slot: &Slot| {
-            self.does_something(trial, *slot)
-                || self.changes_something(trial, |other| other.set(*slot, 2.0 * twin.get(*slot)))
+            self.is_required(trial, *slot)
+                || self.is_preferred_to(trial, |other| other.set(*slot, 2.0 * twin.get(*slot)))
         };
         let own = slots_of_last(twin).into_iter();
         own.filter(|slot| !effect.is_optional(slot.parameter) && matters(slot)).count()
     }
 
-    /// Whether `other` describes the same joint of the chain as `own`, may be confused with it, changes the prediction
-    /// alike and removes nearly as much.
+    /// Return whether `other` acts at the same point of the chain as `own`, may be confused with it, changes the
+    /// prediction alike and removes nearly as much.
     fn is_nearly_as_good(&self, own: &Trial, other: &Trial) -> bool {
         let removes = |trial: &Trial| fit::squared(&self.base_train_rows) - trial.fit.loss;
         let joint = |trial: &Trial| {
             trial.candidate.effect.physics.equations().first().map(mem::discriminant)
         };
         joint(own) == joint(other)
-            && is_alike(own, other)
+            && may_be_confused(own, other)
             && self.is_same(own, other)
             && (1.0 - self.thresholds().min_gain) * removes(own) <= removes(other)
     }
 
-    /// The strongest goes first: of effects that explain different things it is not `best`, which the whitened
-    /// residual shows most clearly, but one that closes far more of the gap.
+    /// Trial to add first: among effects that explain different things, one that closes far more of the gap precedes
+    /// `best`, the most significant one.
     fn strongest<'t>(&self, best: Counted<'t>, passed: &[Counted<'t>]) -> Counted<'t> {
-        let most = self.thresholds().stronger_ratio * self.closes(best.0);
-        let far_stronger = passed.iter().map(|own| (self.closes(own.0), *own));
+        let most = self.thresholds().stronger_ratio * self.closed_fraction(best.0);
+        let far_stronger = passed.iter().map(|own| (self.closed_fraction(own.0), *own));
         far_stronger
-            .filter(|(closes, _)| most < *closes)
+            .filter(|(closed_fraction, _)| most < *closed_fraction)
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .map_or(best, |(_, own)| own)
     }
 
-    /// Share of the squared gap on the fitted sessions, every signal in units of its RMS, that the trial closes.
-    fn closes(&self, trial: &Trial) -> f64 {
+    /// Fraction of the squared gap on the training sessions that the trial closes, every signal in units of its RMS.
+    fn closed_fraction(&self, trial: &Trial) -> f64 {
         1.0 - fit::squared(&self.train.whitened(&trial.fit.point, &self.scales))
             / self.train.rows().max(1) as f64
     }
 
-    /// Whether `other` explains the same as `own` and all sessions as well.
+    /// Return whether `other` explains the same as `own`, and predicts all sessions equally well.
     fn is_rival(&self, own: &Trial, other: &Trial) -> bool {
         if !self.is_same(own, other) {
             return false;
@@ -137,13 +137,13 @@ impl Bench<'_, '_> {
         let all = |trial: &Trial| [trial.train_rows.as_slice(), &trial.held_rows].concat();
         let (own, other) = (all(own), all(other));
         let base = [self.base_train_rows.as_slice(), &self.base_held_rows].concat();
-        apart(&own, &other) < thresholds.equal_prediction * apart(&base, &own)
+        squared_distance(&own, &other) < thresholds.equal_prediction * squared_distance(&base, &own)
             || !Amplitude::of(&other, &own, &blocks)
                 .is_above(thresholds.min_amplitude, thresholds.confirmation_level)
     }
 
-    /// Whether the two change the prediction alike: what has most of its change for itself explains something else,
-    /// however well.
+    /// Return whether both trials change the prediction alike: the squared cosine of their changes is above one half.
+    /// Otherwise they explain different things, however well.
     fn is_same(&self, own: &Trial, other: &Trial) -> bool {
         let change = |trial: &Trial| -> Vec<f64> {
             self.base_train_rows
@@ -155,5 +155,122 @@ impl Bench<'_, '_> {
         let (own, other) = (change(own), change(other));
         let shared = dot(&own, &other).max(0.0).powi(2);
         self.thresholds().majority * fit::squared(&own) * fit::squared(&other) <= shared
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Problems, RequiredGain, screen, trial::Trial, whiten};
+    use super::*;
+    use crate::{
+        effects::{Axis, Domain, Effect, find},
+        gap::{problem::Problem, screen::Candidate, thresholds::Thresholds},
+        seed::Stream,
+        twin::{Channel, Machine, Stage, StageKind, Twin},
+    };
+    use std::f64::consts::TAU;
+
+    const WOBBLE: &str = "coupling.striker_wobble";
+
+    /// Stage whose signal is a sine: the first parameter of the last effect is its amplitude, the second its frequency
+    /// (Hz); the third has no influence.
+    struct Wave(Vec<Channel>);
+
+    impl Wave {
+        /// 20 s at 100 Hz of a sine, with noise of RMS 0.1.
+        fn of([amplitude, frequency]: [f64; 2]) -> Self {
+            let mut random = Stream::new(7, "wave");
+            let times: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
+            let mut noisy = |time: &f64| {
+                amplitude * (TAU * frequency * time).sin()
+                    + f64::from(random.uniform_f32(-0.17, 0.17))
+            };
+            Self(vec![Channel {
+                signal: "camera.striker_x".into(),
+                unit: "m",
+                domain: Domain::Sensor,
+                axis: "x",
+                rate_hz: 100.0,
+                measured: times.iter().map(&mut noisy).collect(),
+                times,
+                runs: std::iter::once(0..2000).collect(),
+            }])
+        }
+    }
+
+    impl Stage for Wave {
+        fn kind(&self) -> StageKind {
+            StageKind::Camera
+        }
+
+        fn channels(&self) -> &[Channel] {
+            &self.0
+        }
+
+        fn calls(&self, _effect: &Effect) -> bool {
+            true
+        }
+
+        fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+            let wobble = twin.instances.iter().find(|own| own.effect.name == WOBBLE);
+            let [amplitude, frequency] =
+                wobble.map_or([0.0; 2], |own| [0, 1].map(|index| own.values[index].value));
+            let times = self.0[0].times.iter();
+            predicted[0] = times.map(|time| amplitude * (TAU * frequency * time).sin()).collect();
+        }
+    }
+
+    /// Required parameters of a wobble on a recording of a sine.
+    fn required_parameters_of(wave: [f64; 2]) -> usize {
+        let stage = Wave::of(wave);
+        let given = Twin::nominal(Machine::Table);
+        let train = Problem::new(&[&stage as &dyn Stage], &given);
+        let nothing = Problem::new(&[], &given);
+        let effect = find(WOBBLE).unwrap();
+        let parameters = [wave[0], wave[1], effect.null[2]];
+        let twin = screen::with(&given, effect, Axis::Whole, &parameters);
+        let fit_of =
+            |twin: Twin| Fit { point: train.start(twin), slots: vec![], loss: 0.0, rows: 2000 };
+        let (base, fit) = (fit_of(given.clone()), fit_of(twin));
+        let filters = train.filters(&fit.point, whiten::scale_filters);
+        let required_gain =
+            RequiredGain::new(&Thresholds::DEFAULT, (&given, StageKind::Camera), None, 0.0);
+        let problems = Problems { train: &train, held_out: &nothing, witness: &nothing };
+        let bench = Bench::new(problems, (&base, vec![]), (&filters, &required_gain), 1);
+        let candidate = Candidate {
+            effect,
+            axis: Axis::Whole,
+            start: parameters.to_vec(),
+            probe: parameters.to_vec(),
+            explained_fraction: 0.9,
+            statistic: 30.0,
+            p_value: 1e-9,
+            detectability: 10.0,
+            is_as_good_as_refit: false,
+            tries: 1,
+            parameter_offsets: vec![],
+            shift: vec![],
+            other_starts: vec![],
+        };
+        let train_rows = train.whitened(&fit.point, &filters);
+        let held_point = nothing.start(given.clone());
+        bench.required_parameters(&Trial {
+            candidate,
+            fit,
+            train_rows,
+            held_rows: vec![],
+            held_point,
+            objection: None,
+        })
+    }
+
+    #[test]
+    fn a_parameter_is_required_for_any_null_value_unless_it_has_no_influence() {
+        let null = find(WOBBLE).unwrap().null[1];
+        assert_eq!(required_parameters_of([1.0, 1.4 * null]), 2);
+        // The null frequency by coincidence: the same sine, equally flexible.
+        assert_eq!(required_parameters_of([1.0, null]), 2);
+        // Far below the noise the data require no parameter.
+        assert_eq!(required_parameters_of([1e-4, null]), 0);
     }
 }

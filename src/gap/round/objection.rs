@@ -1,10 +1,10 @@
-//! Why a trial may not be named.
+//! Reasons to reject a trial.
 
 use super::{
     IDLE,
     bench::Bench,
     slots_of_last,
-    trial::{Trial, apart, on_bound, size_of_last, wrong_sign},
+    trial::{Trial, on_bound, size_of_last, squared_distance, wrong_sign},
 };
 use crate::{
     gap::{
@@ -12,7 +12,7 @@ use crate::{
         fit,
         problem::{Point, Problem},
         rounds::{Reason, known_on_bound},
-        steady::{self, Seen},
+        speed_dependence::{self, SessionResiduals},
     },
     twin::{Slot, Twin},
 };
@@ -21,8 +21,8 @@ use crate::{
 const PARTS_ITERATIONS: usize = 12;
 
 impl Bench<'_, '_> {
-    /// Whether what makes the effect is hardly needed beside the numbers that shape it: with its size at nothing the
-    /// others explain most of what it explains, and it is another effect that the sessions show.
+    /// Return whether the effect is hardly needed without its shape parameters: with its magnitude at zero, the other
+    /// parameters explain most of the same. The sessions then show another effect.
     fn is_as_good_without_size(&self, trial: &Trial) -> bool {
         let size = slots_of_last(&trial.fit.point.twin).into_iter().next();
         match size.filter(|_| trial.candidate.effect.has_shape_parameters()) {
@@ -31,17 +31,16 @@ impl Bench<'_, '_> {
         }
     }
 
-    /// Whether a number that comes beside the effect, such as the friction of a striker on a soft magnet, carries most
-    /// of what the effect explains: then it is another effect that the sessions show.
-    fn is_carried_by_option(&self, trial: &Trial) -> bool {
+    /// Return whether an optional parameter of the effect carries most of its gain, such as the friction of a striker
+    /// on a soft magnet. The sessions then show another effect.
+    fn is_carried_by_optional_parameter(&self, trial: &Trial) -> bool {
         let (twin, effect) = (&trial.fit.point.twin, trial.candidate.effect);
         let is_used = |slot: &Slot| effect.is_optional(slot.parameter) && twin.get(*slot) != 0.0;
         let optional: Vec<Slot> = slots_of_last(twin).into_iter().filter(is_used).collect();
         !optional.is_empty() && self.carry_most(trial, &optional)
     }
 
-    /// Whether most of what `trial` explains is lost without `parts` of its effect, when all other parameters are fitted
-    /// again.
+    /// Return whether most of the gain of `trial` is lost without `parts` of its effect, all other parameters refitted.
     fn carry_most(&self, trial: &Trial, parts: &[Slot]) -> bool {
         let own = slots_of_last(&trial.fit.point.twin);
         let without = |gone: &[Slot]| {
@@ -53,8 +52,8 @@ impl Bench<'_, '_> {
         };
         let (rest, nothing) = (without(parts), without(&own));
         let rows = |point: &Point| self.train.whitened(point, self.filters);
-        let change = apart(&rows(&nothing), &trial.train_rows);
-        if apart(&rows(&rest), &rows(&nothing)) <= IDLE * change {
+        let change = squared_distance(&rows(&nothing), &trial.train_rows);
+        if squared_distance(&rows(&rest), &rows(&nothing)) <= IDLE * change {
             return true;
         }
         let refitted = |point: Point, gone: &[Slot]| {
@@ -76,9 +75,9 @@ impl Bench<'_, '_> {
             && needs(self.train, &trial.train_rows)
     }
 
-    /// Whether what the effect does is rather in proportion to the speed, beside what its physics says.
+    /// Return whether the data prefer the effect multiplied by the speed to the effect as its physics states it.
     fn grows_with_speed(&self, trial: &Trial) -> bool {
-        if !steady::are_speeds_known(self.train) {
+        if !speed_dependence::are_speeds_known(self.train) {
             return false;
         }
         let mut twin = trial.fit.point.twin.clone();
@@ -89,13 +88,13 @@ impl Bench<'_, '_> {
             problem.whitened(&fit::on(problem, &twin, self.filters), self.filters)
         };
         let [train, held] = [without(self.train), without(self.held_out)];
-        steady::grows_with_speed([
-            Seen { problem: self.train, without: &train, with: &trial.train_rows },
-            Seen { problem: self.held_out, without: &held, with: &trial.held_rows },
+        speed_dependence::grows_with_speed([
+            SessionResiduals { problem: self.train, without: &train, with: &trial.train_rows },
+            SessionResiduals { problem: self.held_out, without: &held, with: &trial.held_rows },
         ])
     }
 
-    /// Why the trial may not be named; `None` when it may.
+    /// Reason to reject the trial, if any.
     pub(super) fn objection(&self, trial: &Trial) -> Option<Reason> {
         let thresholds = self.thresholds();
         let known = || known_on_bound(&trial.fit.point.twin, &self.known);
@@ -106,19 +105,20 @@ impl Bench<'_, '_> {
             return Some(Reason::NotSignificant);
         }
         if !thresholds.is_in(&self.base_train_rows, &trial.train_rows, &self.train.blocks()) {
-            // What known parameters imitate, one way or the other, is not shown.
+            // Known parameters confound the effect in one of two ways, so the motion does not show it.
             return Some(match trial.candidate.is_as_good_as_refit {
                 true => Reason::NotTestable,
                 false => Reason::NotSignificant,
             });
         }
-        if self.is_as_good_without_size(trial) || self.is_carried_by_option(trial) {
+        if self.is_as_good_without_size(trial) || self.is_carried_by_optional_parameter(trial) {
             return Some(Reason::NotSignificant);
         }
         if self.held_out.parts.is_empty() {
-            let worth = self.worth.of(trial.candidate.effect, &self.shown_numbers(trial));
+            let required_gain =
+                self.required_gain.of(trial.candidate.effect, &self.supported_values(trial));
             let gain = self.removes(self.train, &self.base_train_rows, &trial.train_rows);
-            return (gain < worth).then_some(Reason::TooSmall);
+            return (gain < required_gain).then_some(Reason::TooSmall);
         }
         let (before, blocks) = (&self.base_held_rows, self.held_out.blocks());
         let amplitude = Amplitude::of(before, &trial.held_rows, &blocks);
@@ -133,33 +133,34 @@ impl Bench<'_, '_> {
         if self.grows_with_speed(trial) {
             return Some(Reason::SpeedsDisagree);
         }
-        let is_old = size_of_last(&trial.fit.point.twin)
-            .is_some_and(|size| self.worth.was_there_before(trial.candidate.effect, size));
-        (is_old || !self.is_worth_naming(trial)).then_some(Reason::TooSmall)
+        let is_old = size_of_last(&trial.fit.point.twin).is_some_and(|size| {
+            self.required_gain.is_within_discrepancy(trial.candidate.effect, size)
+        });
+        (is_old || !self.exceeds_required_gain(trial)).then_some(Reason::TooSmall)
     }
 
-    /// Whether the data prefer `trial` beyond chance to its twin with the parameter `slot` at its null value.
-    pub(super) fn does_something(&self, trial: &Trial, slot: Slot) -> bool {
-        self.changes_something(trial, |twin| twin.set_to_null(slot))
+    /// Return whether the data prefer `trial` beyond chance to its twin with the parameter `slot` at its null value.
+    pub(super) fn is_required(&self, trial: &Trial, slot: Slot) -> bool {
+        self.is_preferred_to(trial, |twin| twin.set_to_null(slot))
     }
 
-    /// Whether the data prefer `trial` beyond chance to its twin after a `change`.
-    pub(super) fn changes_something(&self, trial: &Trial, change: impl Fn(&mut Twin)) -> bool {
-        let own = apart(&self.base_train_rows, &trial.train_rows);
+    /// Return whether the data prefer `trial` beyond chance to its twin after a `change`.
+    pub(super) fn is_preferred_to(&self, trial: &Trial, change: impl Fn(&mut Twin)) -> bool {
+        let own = squared_distance(&self.base_train_rows, &trial.train_rows);
         let mut point = trial.fit.point.clone();
         change(&mut point.twin);
         let without = self.train.whitened(&point, self.filters);
-        self.thresholds().equal_prediction * own <= apart(&without, &trial.train_rows)
+        self.thresholds().equal_prediction * own <= squared_distance(&without, &trial.train_rows)
             && self.thresholds().is_in(&without, &trial.train_rows, &self.train.blocks())
     }
 
-    /// The numbers of the effect; those that shape it and do nothing beyond chance at their null values.
-    pub(super) fn shown_numbers(&self, trial: &Trial) -> Vec<f64> {
+    /// Parameter values of the effect; shape parameters without an influence beyond chance are at their null values.
+    pub(super) fn supported_values(&self, trial: &Trial) -> Vec<f64> {
         let twin = &trial.fit.point.twin;
         let effect = trial.candidate.effect;
         let shown = |slot: Slot| match slot.parameter {
             0 => twin.get(slot),
-            _ if self.does_something(trial, slot) => twin.get(slot),
+            _ if self.is_required(trial, slot) => twin.get(slot),
             shape => effect.null[shape],
         };
         slots_of_last(twin).into_iter().map(shown).collect()

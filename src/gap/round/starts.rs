@@ -1,6 +1,6 @@
 //! First fits of the candidates, from several starts.
 
-use super::{IDLE, Stand, slots_of_last};
+use super::{IDLE, RoundStart, slots_of_last};
 use crate::{
     gap::{
         batch::in_parallel,
@@ -12,47 +12,52 @@ use crate::{
     twin::StageKind,
 };
 
-/// So many probes of an effect say that its size has no slope.
+/// Number of probes from which an effect has a magnitude without slope.
 const MANY_PROBES: usize = 6;
 
-/// Places at which an effect that sits in one is fitted beside the place to which the screen leads.
-const OTHER_PLACES: usize = 3;
+/// Positions at which a localized effect is fitted in addition to that of the screen.
+const OTHER_POSITIONS: usize = 3;
 
-/// Factors of a size without slope that are tried beside it, and how often.
-const AWAY: [f64; 8] = [0.7, 0.82, 0.9, 0.96, 1.04, 1.1, 1.2, 1.4];
-const ACROSS_STEPS: usize = 3;
+/// Factors of a magnitude without slope that are tried, and number of repetitions.
+const MAGNITUDE_FACTORS: [f64; 8] = [0.7, 0.82, 0.9, 0.96, 1.04, 1.1, 1.2, 1.4];
+const MAGNITUDE_SEARCHES: usize = 3;
 
-/// Fits of all on the short list, each from the nearest of its starts.
-pub(super) fn rough_fits(train: &Problem<'_>, stand: &Stand<'_>, short: &[Candidate]) -> Vec<Fit> {
-    let columns =
-        |fit: &Fit| train.columns(&train.evaluated(fit.point.clone()), &fit.slots, stand.filters);
-    let mut bases = vec![(stand.base, columns(stand.base))];
-    bases.extend(stand.given.map(|(given, _)| (given, columns(given))));
+/// Fits of all candidates on the short list, each from its start with the smallest loss.
+pub(super) fn rough_fits(
+    train: &Problem<'_>,
+    round_start: &RoundStart<'_>,
+    short: &[Candidate],
+) -> Vec<Fit> {
+    let columns = |fit: &Fit| {
+        train.columns(&train.evaluated(fit.point.clone()), &fit.slots, round_start.filters)
+    };
+    let mut bases = vec![(round_start.base, columns(round_start.base))];
+    bases.extend(round_start.given.map(|(given, _)| (given, columns(given))));
     in_parallel(short, |candidate| {
-        let fit = fitted(train, &bases, candidate, stand.filters);
+        let fit = fitted(train, &bases, candidate, round_start.filters);
         train.context.observer.candidate_done();
         fit
     })
 }
 
-/// The candidate's effect added to each of several bases at the nearest of its sizes, everything fitted together, and
-/// the best of that: what known parameters have made up for may lead astray. With each base come the columns of its
-/// known parameters.
+/// Best fit with the candidate's effect, from each of several bases and its magnitude with the smallest loss,
+/// everything fitted together. Several bases are needed because known parameters may have compensated for the effect.
+/// Each base comes with the columns of its known parameters.
 fn fitted(
     train: &Problem<'_>,
     bases: &[(&Fit, Vec<Vec<f64>>)],
     candidate: &Candidate,
     filters: &Filters,
 ) -> Fit {
-    // The line of the screen may lead too far for what bends: what is nearer to nothing is a start too.
-    let sizes = screen::towards_null(candidate);
+    // The linearization of the screen may overshoot for a nonlinear effect: smaller magnitudes are starts too.
+    let magnitudes = screen::starts_towards_null(candidate);
     let fits = bases.iter().filter_map(|(base, known)| {
         let nothing = fit::squared(&train.whitened(&base.point, filters));
-        let starts = sizes.iter().map(|values| {
+        let starts = magnitudes.iter().map(|values| {
             let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, values);
             let point = Point { twin, nuisance: base.point.nuisance.clone() };
             let loss = fit::squared(&train.whitened(&point, filters));
-            // From a limit that is never reached no slope leads anywhere.
+            // A limit that is never reached has no slope.
             let is_idle = (loss - nothing).abs() <= IDLE * nothing;
             (is_idle, loss, point)
         });
@@ -68,13 +73,13 @@ fn fitted(
     if candidate.effect.probes.len() < MANY_PROBES {
         return found;
     }
-    // Whole rolls have valleys everywhere: what happens early in one is amplified.
+    // Whole rolls have many local minima: an early change is amplified along the roll.
     let is_whole = train.parts.iter().any(|part| part.stage.kind() == StageKind::WholeRolls);
     let found = match candidate.effect.is_localized() && !is_whole {
-        true => from_other_places(train, found, candidate, &how),
+        true => from_other_positions(train, found, candidate, &how),
         false => found,
     };
-    across_steps(train, found, &how)
+    search_magnitude(train, found, &how)
 }
 
 /// The fit, or a better one from the other values of a parameter that was scanned for.
@@ -89,8 +94,8 @@ fn from_other_starts(
     from_starts(train, found, starts, how)
 }
 
-/// The fit, or a better one from another place of an effect that sits in one: from afar nothing leads there.
-fn from_other_places(
+/// The fit, or a better one from another position of a localized effect: no slope leads there from far away.
+fn from_other_positions(
     train: &Problem<'_>,
     found: Fit,
     candidate: &Candidate,
@@ -102,11 +107,11 @@ fn from_other_places(
     });
     let mut tries: Vec<_> = tries.collect();
     tries.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let starts = tries.into_iter().take(OTHER_PLACES).map(|(_, point)| point).collect();
+    let starts = tries.into_iter().take(OTHER_POSITIONS).map(|(_, point)| point).collect();
     from_starts(train, found, starts, how)
 }
 
-/// `point` with the numbers `values` of the effect that was added last.
+/// `point` with the parameter values `values` of the effect that was added last.
 fn with_last(point: &Point, values: &[f64]) -> Point {
     let mut point = point.clone();
     let slots = slots_of_last(&point.twin);
@@ -121,14 +126,14 @@ fn from_starts(train: &Problem<'_>, found: Fit, starts: Vec<Point>, how: &fit::H
     best.filter(|best| best.loss < found.loss).unwrap_or(found)
 }
 
-/// The fit, or a better one found by trying the size of the last effect at several distances: a threshold has no
-/// slope to follow between two values at which something passes it.
-fn across_steps(train: &Problem<'_>, mut found: Fit, how: &fit::How<'_>) -> Fit {
-    for _ in 0..ACROSS_STEPS {
-        let Some(size) = slots_of_last(&found.point.twin).first().copied() else { break };
-        let tries = AWAY.map(|factor| {
+/// The fit, or a better one from other magnitudes of the last effect: a threshold has no slope between two values at
+/// which a sample crosses it.
+fn search_magnitude(train: &Problem<'_>, mut found: Fit, how: &fit::How<'_>) -> Fit {
+    for _ in 0..MAGNITUDE_SEARCHES {
+        let Some(magnitude) = slots_of_last(&found.point.twin).first().copied() else { break };
+        let tries = MAGNITUDE_FACTORS.map(|factor| {
             let mut point = found.point.clone();
-            point.twin.set(size, factor * found.point.twin.get(size));
+            point.twin.set(magnitude, factor * found.point.twin.get(magnitude));
             (fit::squared(&train.whitened(&point, how.filters)), point)
         });
         let nearest = tries.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));

@@ -1,57 +1,57 @@
-//! A candidate that was simulated and fitted, and the bounds on which its fit may end.
+//! Candidate that was simulated and fitted, and the bounds on which its fit may end.
 
-use super::{numbers_of_last, slots_of_last};
+use super::{slots_of_last, values_of_last};
 use crate::{
     gap::{fit::Fit, problem::Point, rounds::Reason, screen::Candidate},
     twin::{Instance, Slot, Twin},
 };
 
-/// A candidate, simulated and fitted.
+/// Candidate, simulated and fitted.
 pub(super) struct Trial {
     pub(super) candidate: Candidate,
     pub(super) fit: Fit,
-    /// Whitened residuals of fitted and judging sessions.
+    /// Whitened residuals of the training and the validation sessions.
     pub(super) train_rows: Vec<f64>,
     pub(super) held_rows: Vec<f64>,
     pub(super) held_point: Point,
-    /// Why it may not be named.
+    /// Reason to reject it.
     pub(super) objection: Option<Reason>,
 }
 
 impl Trial {
     pub(super) fn log(&self) {
         let Candidate { effect, axis, .. } = &self.candidate;
-        let (numbers, loss) = (numbers_of_last(&self.fit.point.twin), self.fit.loss);
-        log::debug!("{} on {axis}: {numbers:?} leave {loss}, {:?}", effect.name, self.objection);
+        let (values, loss) = (values_of_last(&self.fit.point.twin), self.fit.loss);
+        log::debug!("{} on {axis}: {values:?} leave {loss}, {:?}", effect.name, self.objection);
     }
 
-    /// Takes another fit of the same where it is better.
-    pub(super) fn take(&mut self, again: Option<Self>) {
+    /// Replace this trial by `again`, another fit of the same candidate, where its loss is smaller.
+    pub(super) fn keep_better(&mut self, again: Option<Self>) {
         if let Some(again) = again.filter(|again| again.fit.loss < self.fit.loss) {
             *self = again;
         }
     }
 }
 
-/// The best first.
-pub(super) fn in_order(trials: &mut [Trial]) {
+/// Sort by loss, the smallest first.
+pub(super) fn sort_by_loss(trials: &mut [Trial]) {
     trials.sort_by(|a, b| a.fit.loss.total_cmp(&b.fit.loss));
 }
 
 /// Squared distance of two residuals.
-pub(super) fn apart(one: &[f64], other: &[f64]) -> f64 {
+pub(super) fn squared_distance(one: &[f64], other: &[f64]) -> f64 {
     one.iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum()
 }
 
-/// Whether the effects of two trials may be confused.
-pub(super) fn is_alike(one: &Trial, other: &Trial) -> bool {
+/// Return whether the effects of two trials may be confused.
+pub(super) fn may_be_confused(one: &Trial, other: &Trial) -> bool {
     let (one, other) = (one.candidate.effect, other.candidate.effect);
     one.confused_with.contains(&other.name) || other.confused_with.contains(&one.name)
 }
 
-/// The first of them: the size of its effect.
+/// First of these values: the magnitude of the effect.
 pub(super) fn size_of_last(twin: &Twin) -> Option<f64> {
-    numbers_of_last(twin).first().copied()
+    values_of_last(twin).first().copied()
 }
 
 /// Value of the parameter of `instance` that is scanned for.
@@ -61,8 +61,8 @@ pub(super) fn scanned(instance: Option<&Instance>) -> Option<f64> {
     Some(instance.values[parameter].value)
 }
 
-/// The size of the added effect where it is below nothing though the effect has one sign only: commands do not
-/// take effect before they are sent, though a fit may move a clock so.
+/// Name of the magnitude of the added effect where it is negative and the effect has one sign only. Commands do not
+/// take effect before they are sent, though a fit may shift a clock that way.
 pub(super) fn wrong_sign(fit: &Fit) -> Option<String> {
     let effect = fit.point.twin.instances.last()?.effect;
     let parameter = effect.parameters.first()?;
@@ -70,14 +70,14 @@ pub(super) fn wrong_sign(fit: &Fit) -> Option<String> {
     (one_sign && size_of_last(&fit.point.twin)? < 0.0).then(|| parameter.name.to_owned())
 }
 
-/// The first parameter of the added effect that stopped on a bound. Of several the later ones may do nothing, or
-/// shape the effect up to a bound that is plausible itself (contacts that do not creep).
+/// Name of the first parameter of the added effect that stopped on a bound. A later parameter may have no influence, or
+/// a bound that is itself plausible (contacts that do not creep).
 pub(super) fn on_bound(fit: &Fit) -> Option<String> {
     let twin = &fit.point.twin;
     on_bound_of(twin, slots_of_last(twin)).map(|(_, name)| name)
 }
 
-/// The same of an effect with these slots.
+/// The same for an effect with these slots.
 pub(in crate::gap) fn on_bound_of(
     twin: &Twin,
     slots: impl IntoIterator<Item = Slot>,
@@ -106,7 +106,7 @@ mod tests {
         twin::Machine,
     };
 
-    /// A fit that ended with the effect called `name` at `values`.
+    /// Fit that ended with the effect called `name` at `values`.
     fn ended(name: &str, axis: Axis, values: &[f64]) -> Fit {
         let effect = find(name).unwrap();
         let twin = screen::with(&Twin::nominal(Machine::Table), effect, axis, values);
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn a_size_on_its_bound_is_no_effect_and_a_later_number_at_nothing_is_none_of_it() {
+    fn a_magnitude_on_its_bound_is_rejected_and_a_later_parameter_at_null_is_not() {
         let bound =
             |values: &[f64]| on_bound(&ended("ball.rolling_resistance", Axis::Whole, values));
         assert_eq!(bound(&[0.0, 0.1]), Some("coefficient".to_owned()));
@@ -128,7 +128,7 @@ mod tests {
         let wrong = |values: &[f64]| wrong_sign(&ended("drive.delay", Axis::Motors, values));
         assert_eq!(wrong(&[-5e-5]), Some("delay_s".to_owned()));
         assert_eq!(wrong(&[5e-5]), None);
-        // Tilt has both signs; a gain below one is one.
+        // Tilt has both signs; a gain below one has one sign.
         assert_eq!(wrong_sign(&ended("ball.tilt", Axis::Whole, &[-0.001, 0.0])), None);
         assert_eq!(wrong_sign(&ended("drive.gain", Axis::Motors, &[0.9])), None);
     }

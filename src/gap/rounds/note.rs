@@ -1,6 +1,6 @@
 //! Entries of the journal that the rounds of one stage write.
 
-use super::{Added, Contestant, Search};
+use super::{Added, RankedCandidate, Search};
 use crate::{
     effects::{Axis, Effect},
     gap::{
@@ -86,10 +86,10 @@ impl Search<'_> {
             validation_gain: self.has_validation().then_some(step.validation_gain),
             p_value: Some(step.p_value),
             comparisons: Some(step.comparisons),
-            runner_up: step.runner_up().map(|own: &Contestant| own.effect.name.to_owned()),
+            runner_up: step.runner_up().map(|own: &RankedCandidate| own.effect.name.to_owned()),
             ..MoveComparison::default()
         };
-        let reason = match step.class.as_slice() {
+        let reason = match step.indistinguishable.as_slice() {
             [] => format!("Best candidate that passed every check (p-value: {})", step.data),
             names => format!(
                 "Best candidate that passed every check, not distinguishable from {} (p-value: {})",
@@ -106,7 +106,7 @@ impl Search<'_> {
         self.journal.push(entry);
     }
 
-    /// Note that an effect got separate parameters on each motor or axis, with the `shares` of the squared residual
+    /// Note that an effect got separate parameters on each motor or axis, with the fractions of the squared residual
     /// that this removes on training and validation sessions.
     pub(super) fn note_split(
         &mut self,

@@ -1,12 +1,12 @@
-//! What a search is given, and what it finds.
+//! Input and result of the search on one stage.
 
 use crate::{
     effects::{Axis, Effect},
     gap::{
+        estimates::ParameterEstimate,
         evidence::LogScoreGain,
         fit::{self, Fit, Uncertainty},
         journal::JournalEntry,
-        numbers::ParameterEstimate,
         options::Context,
         problem::{Point, Problem},
         screen::Candidate,
@@ -16,27 +16,29 @@ use crate::{
     twin::{Instance, Slot, Stage, StageKind, Twin},
 };
 
-/// One link in all sessions.
-pub struct Link<'a> {
-    /// Which link.
+/// One stage of the measured chain in all sessions.
+pub struct StageData<'a> {
+    /// Stage of the measured chain.
     pub kind: StageKind,
-    /// Stages that may be fitted.
+    /// Stage in the training sessions.
     pub train: Vec<&'a dyn Stage>,
-    /// Stages that judge.
+    /// Stage in the validation sessions.
     pub held_out: Vec<&'a dyn Stage>,
-    /// Stages of another link on which the same effects act for longer, and judge how much of a gap they are.
+    /// Another stage in the validation sessions, on which the same effects act for longer. It helps to decide whether
+    /// the gain of an effect suffices.
     pub witnesses: Vec<&'a dyn Stage>,
-    /// Stages of another link on which some of the same parameters act: a refit of these must not contradict them.
+    /// Another stage on which some of the same parameters act. A refit of these must not contradict it.
     pub companions: Vec<&'a dyn Stage>,
-    /// Numbers that a link before it has determined from these recordings: they stay as they are.
+    /// Parameters that an earlier stage determined from these recordings; they stay fixed.
     pub held: Vec<Held>,
-    /// Whether more than is known to be left may be a disturbance, and not what grows along a whole roll.
+    /// `true` where a residual above the reference may be a disturbance. `false` where errors accumulate along a whole
+    /// roll.
     pub may_be_disturbed: bool,
     /// Options and observer of the search.
     pub context: Context<'a>,
 }
 
-/// A number of a twin, at whichever place of it.
+/// Parameter of an effect on an axis, independent of its index in the twin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Held {
     effect: &'static Effect,
@@ -45,7 +47,7 @@ pub struct Held {
 }
 
 impl Held {
-    /// That of `slot`.
+    /// Parameter in `slot`.
     #[must_use]
     pub fn of(twin: &Twin, slot: Slot) -> Self {
         let Instance { effect, axis, .. } = twin.instances[slot.instance];
@@ -53,13 +55,13 @@ impl Held {
     }
 }
 
-/// Why a candidate was not added.
+/// Reason why a candidate was not added.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reason {
-    /// Its p-value, corrected for all tries, is above 1 %.
+    /// Its p-value, corrected for all comparisons, is above the family-wise error.
     NotSignificant,
-    /// Another effect explains more, and this one nothing beyond it.
-    Outdone(String),
+    /// Another effect explains more, and this one adds nothing to it.
+    Outperformed(String),
     /// A parameter stopped on its bound, which for most effects is the wrong sign.
     OnBound(String),
     /// The validation sessions do not confirm it.
@@ -74,70 +76,72 @@ pub enum Reason {
     NotTestable,
 }
 
-/// A candidate with what became of it.
+/// Rejected candidate with the reason.
 #[derive(Debug, Clone)]
 pub struct Rejected {
-    /// What was tried.
+    /// Candidate.
     pub candidate: Candidate,
-    /// Why it was not added.
+    /// Reason of the rejection.
     pub reason: Reason,
-    /// Fraction of the squared whitened residual on the validation sessions that it removes, where it was simulated.
+    /// Fraction of the squared whitened residual on the validation sessions that it removes; `None` if it was not
+    /// simulated.
     pub validation_gain: Option<f64>,
 }
 
-/// One of the candidates that were simulated again in a round.
+/// Candidate that was simulated and fitted in a round.
 #[derive(Debug, Clone)]
-pub struct Contestant {
-    /// Its effect.
+pub struct RankedCandidate {
+    /// Effect.
     pub effect: &'static Effect,
-    /// Where it would act.
+    /// Axis on which it would act.
     pub axis: Axis,
-    /// Whitened loss per row when fitted: the less, the more clearly it shows.
+    /// Whitened loss per row after the fit; a smaller loss is more significant.
     pub loss: f64,
-    /// Whether it could have been named.
+    /// `true` where it passed every check.
     pub has_passed: bool,
 }
 
-/// An effect that passed.
+/// Effect that passed every check.
 #[derive(Debug, Clone)]
 pub struct Added {
-    /// The effect.
+    /// Effect.
     pub effect: &'static Effect,
-    /// Where it acts.
+    /// Axis on which it acts.
     pub axis: Axis,
-    /// Value of the parameter that was scanned for, such as a period, when the effect was added: it distinguishes several
-    /// instances of one effect.
+    /// Value of the parameter that was scanned for, such as a period, when the effect was added: it distinguishes
+    /// several instances of one effect.
     pub scanned: Option<f64>,
-    /// Probability of such a gain by chance, corrected for all tries.
+    /// Probability of such a gain by chance, corrected for all comparisons.
     pub p_value: f64,
-    /// The block statistic behind it.
+    /// Block statistic behind `p_value`.
     pub statistic: f64,
     /// Data of the test behind `p_value`.
     pub data: String,
     /// Number of comparisons for which `p_value` is corrected.
     pub comparisons: usize,
-    /// Gain of the log score on the validation sessions; `None` without any, and for an effect that changes no residual.
+    /// Gain of the log score on the validation sessions; `None` without any, and for an effect that changes no
+    /// residual.
     pub log_score: Option<LogScoreGain>,
     /// Fraction of the squared whitened residual on the validation sessions that it removes.
     pub validation_gain: f64,
-    /// Other effects that explain the data as well.
-    pub class: Vec<&'static str>,
-    /// Residual RMS per held-out signal before and after this step, in the order of the channels.
+    /// Other effects that explain the data equally well.
+    pub indistinguishable: Vec<&'static str>,
+    /// Residual RMS per signal on the validation sessions before and after this step, in the order of the channels.
     pub held_out_steps: (Vec<f64>, Vec<f64>),
-    /// For an effect that leaves every residual as it is: what it is about instead.
+    /// Statistics that the effect changes where it changes no residual.
     pub unstated: Option<Unstated>,
-    /// The strongest candidates of the round, the clearest first.
-    pub contest: Vec<Contestant>,
-    /// All numbers with it, before anything else was added, by plain least squares.
-    pub numbers: Vec<ParameterEstimate>,
+    /// Strongest candidates of the round, the smallest loss first.
+    pub ranking: Vec<RankedCandidate>,
+    /// Estimates of all parameters with it, before any later step, by ordinary least squares.
+    pub estimates: Vec<ParameterEstimate>,
 }
 
-/// What of the held-out sessions a twin did not state before a step, and does not state after it.
+/// Difference between a statistic of the validation sessions and that of the twin, before and after a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Unstated {
     /// Variance of a sample (m^2).
     Variance(f64, f64),
-    /// Share of the frames that are lost.
+    /// Fraction of lost frames.
     FramesLost(f64, f64),
 }
 
@@ -147,7 +151,7 @@ impl Unstated {
         (before, after)
     }
 
-    /// Variance of a sample for which it accounts (m^2).
+    /// Variance of a sample that it accounts for (m^2).
     pub(in crate::gap) fn variance(self) -> f64 {
         match self {
             Self::Variance(before, _) => before,
@@ -157,83 +161,85 @@ impl Unstated {
 }
 
 impl Added {
-    /// Its own place in the contest.
-    pub(in crate::gap) fn is(&self, one: &Contestant) -> bool {
+    /// Return whether `one` is this effect on this axis.
+    pub(in crate::gap) fn is(&self, one: &RankedCandidate) -> bool {
         one.effect == self.effect && one.axis == self.axis
     }
 
-    /// Its own whitened loss per row.
+    /// Its whitened loss per row.
     pub(in crate::gap) fn loss(&self) -> Option<f64> {
-        self.contest.iter().find(|one| self.is(one)).map(|own| own.loss)
+        self.ranking.iter().find(|one| self.is(one)).map(|own| own.loss)
     }
 
-    /// Whether `other` of its round could have been named and shows more clearly, though it closes less of the gap.
-    pub(in crate::gap) fn is_outshone_by(&self, other: &Contestant) -> bool {
+    /// Return whether `other` of its round passed and has a smaller loss, though it closes less of the gap.
+    pub(in crate::gap) fn is_less_significant_than(&self, other: &RankedCandidate) -> bool {
         other.has_passed
-            && !self.class.contains(&other.effect.name)
+            && !self.indistinguishable.contains(&other.effect.name)
             && self.loss().is_some_and(|own| other.loss < own)
     }
 
-    /// The best of the contest that explains less and is another effect.
-    pub(in crate::gap) fn runner_up(&self) -> Option<&Contestant> {
+    /// Best candidate of the round with a larger loss and another effect.
+    pub(in crate::gap) fn runner_up(&self) -> Option<&RankedCandidate> {
         let own = self.loss()?;
-        self.contest.iter().find(|other| other.effect != self.effect && own <= other.loss)
+        self.ranking.iter().find(|other| other.effect != self.effect && own <= other.loss)
     }
 }
 
-/// What the search found on one link.
+/// Result of the search on one stage.
 pub struct Outcome<'a> {
-    /// Which link.
+    /// Stage of the measured chain.
     pub kind: StageKind,
-    /// The link's problem on the fitted sessions.
+    /// Least-squares problem on the training sessions.
     pub train: Problem<'a>,
-    /// The link's problem on the judging sessions.
+    /// Least-squares problem on the validation sessions.
     pub held_out: Problem<'a>,
-    /// The given twin, nuisances fitted: before anything was changed.
+    /// Given twin, nuisances fitted, before any other change.
     pub start: Point,
-    /// The same on the judging sessions.
+    /// The same on the validation sessions.
     pub start_held_out: Point,
-    /// All parameters fitted, nothing added.
+    /// All known parameters fitted, no effect added.
     pub refitted: Point,
-    /// All numbers then, by plain least squares; empty where nothing was added later.
-    pub refitted_numbers: Vec<ParameterEstimate>,
-    /// The final twin.
+    /// Estimates at that point, by ordinary least squares; empty where no effect was added later.
+    pub refitted_estimates: Vec<ParameterEstimate>,
+    /// Final twin.
     pub last: Fit,
-    /// Its nuisances on the judging sessions.
+    /// Final twin on the validation sessions, nuisances fitted.
     pub last_held_out: Point,
-    /// Whether the judging sessions prefer the final twin to the given one.
+    /// `true` where the validation sessions prefer the final twin to the given one.
     pub is_better: bool,
     /// Whitening of the final residual.
     pub filters: Filters,
-    /// Intervals of the final fit.
+    /// Uncertainty of the final fit.
     pub uncertainty: Uncertainty,
-    /// What was added, in this order.
+    /// Added effects, in order.
     pub added: Vec<Added>,
-    /// What was not.
+    /// Rejected candidates.
     pub rejected: Vec<Rejected>,
-    /// What the rest still depends on, where no effect explains it.
+    /// Dependence of the final residual that no effect explains.
     pub unexplained: Option<Unknown>,
     /// Decisions of the search, in order.
     pub journal: Vec<JournalEntry>,
 }
 
 impl Outcome<'_> {
-    /// Tells the gap from `given` on, where links before this one have changed the twin with which its search began.
+    /// Measure the gap from the twin `given`, where earlier stages changed the twin with which this search began.
     pub(in crate::gap) fn begin_at(&mut self, given: &Twin) {
         if self.start.twin != *given {
-            let on = |problem: &Problem<'_>| fit::told(problem, &problem.start(given.clone()));
+            let on = |problem: &Problem<'_>| {
+                fit::with_refitted_nuisances(problem, &problem.start(given.clone()))
+            };
             (self.start, self.start_held_out) = (on(&self.train), on(&self.held_out));
         }
     }
 }
 
-/// What the workflow is asked to do.
+/// Task of the search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Task {
-    /// Fit what the twin has (`klasktron calibrate`).
+    /// Fit the known parameters (`klasktron calibrate`).
     Calibrate,
-    /// The same, kept where the judging sessions are better off with it.
+    /// The same, kept only where the validation sessions prefer it.
     Follow,
-    /// Fit, find what is missing, add it (`klasktron gap`).
+    /// Fit the known parameters, identify missing effects, add them (`klasktron gap`).
     CloseGap,
 }

@@ -1,6 +1,6 @@
-//! Fits of everything that a twin has, from the given values and from others (multistart).
+//! Refits of all known parameters, from the given values and from other starts (multistart).
 
-use super::{Link, judged_rows};
+use super::{StageData, validation_rows};
 use crate::{
     gap::{
         batch::in_parallel,
@@ -13,127 +13,154 @@ use crate::{
     twin::{Slot, StageKind, Twin},
 };
 
-/// Other starts that are fitted.
+/// Most other starts that are fitted. A larger number finds more distant minima and costs one fit each.
 const OTHER_STARTS: usize = 2;
 
-/// Steps of a fit from another start.
+/// Iterations of a fit from another start.
 const RESTART_ITERATIONS: usize = 12;
 
-/// Leaves out single samples off the rest, and what happened once, of the fitted and of the judging sessions with
-/// their points.
-pub(super) fn leave_out<'a>(
+/// Exclude outliers (single samples) and one-off disturbances of the training and validation sessions, each with its
+/// point.
+pub(super) fn exclude_outliers<'a>(
     kind: StageKind,
     train: (&mut Problem<'a>, &Point),
     held_out: (&mut Problem<'a>, &Point),
 ) {
     train.0.drop_outliers(train.1);
     held_out.0.drop_outliers(held_out.1);
-    incident::leave_out_of(kind, train, held_out);
+    incident::exclude_from(kind, train, held_out);
 }
 
-/// [`refit`], in agreement with the companions of `link`. If they contradict it, parameters that also act there keep
+/// [`refit`], in agreement with the companions of `data`. If they contradict it, parameters that also act there keep
 /// their given values and leave `slots`.
 pub(super) fn refit_in_agreement<'a>(
-    link: &Link<'a>,
+    data: &StageData<'a>,
     start: &Twin,
     (train, held_out): (&mut Problem<'a>, &mut Problem<'a>),
     (given, slots): (&Point, &mut Vec<Slot>),
 ) -> (Fit, Filters) {
-    let (best, filters) = refit(link.kind, train, held_out, (given, slots));
-    let companions = Problem::new(&link.companions, start).within(link.context);
+    let (best, filters) = refit(data.kind, train, held_out, (given, slots));
+    let companions = Problem::new(&data.companions, start).within(data.context);
     if !contradicts(&companions, start, &best.point.twin) {
         return (best, filters);
     }
     slots.retain(|slot| {
         let effect = start.instances[slot.instance].effect;
-        !link.companions.iter().any(|stage| stage.calls(effect))
+        !data.companions.iter().any(|stage| stage.calls(effect))
     });
-    refit(link.kind, train, held_out, (given, slots))
+    refit(data.kind, train, held_out, (given, slots))
 }
 
-/// Whether the `companions` object to a refit beyond chance: they prefer the given twin.
+/// Return whether the `companions` prefer the given twin to a refit beyond chance.
 fn contradicts(companions: &Problem<'_>, given: &Twin, refitted: &Twin) -> bool {
     let scales = companions.filters(&companions.start(given.clone()), whiten::scale_filters);
-    let [before, after] = judged_rows(companions, (given, refitted), &scales);
+    let [before, after] = validation_rows(companions, (given, refitted), &scales);
     companions.thresholds().is_in(&after, &before, &companions.blocks())
 }
 
-/// Everything that the twin has, fitted; what is off the rest is left out from then on.
+/// Fit all known parameters; outliers and one-off disturbances of the rough fit are excluded from then on.
 fn refit<'a>(
     kind: StageKind,
     train: &mut Problem<'a>,
     held_out: &mut Problem<'a>,
     (given, slots): (&Point, &[Slot]),
 ) -> (Fit, Filters) {
-    let (rough, filters) = fit::fit_from_afar(train, given.clone(), slots, 15);
-    let judged = fit::on(held_out, &rough.point.twin, &filters);
-    leave_out(kind, (train, &rough.point), (held_out, &judged));
-    let (best, filters) = fit::settle(train, rough.point, slots, 10);
-    from_deepest(train, (best, filters), given)
+    let (rough, filters) = fit::fit_from_distant_start(train, given.clone(), slots, 15);
+    let validated = fit::on(held_out, &rough.point.twin, &filters);
+    exclude_outliers(kind, (train, &rough.point), (held_out, &validated));
+    let (best, filters) = fit::converge(train, rough.point, slots, 10);
+    multistart(train, (best, filters), given)
 }
 
-/// The fit itself, or what is found from other starts where that is better.
-pub(super) fn from_deepest(
+/// The fit `found`, or that of a better start (multistart).
+pub(super) fn multistart(
     train: &Problem<'_>,
     found: (Fit, Filters),
     given: &Point,
 ) -> (Fit, Filters) {
-    match restarted(train, &found.0, given) {
-        Some(better) => fit::settle(train, better, &found.0.slots, 10),
+    match best_restart(train, &found.0, given) {
+        Some(better) => fit::converge(train, better, &found.0.slots, 10),
         None => found,
     }
 }
 
-/// The given twin with nothing but its nuisances fitted; `slots` are its known parameters.
-pub(super) fn as_it_is(train: &Problem<'_>, given: &Point, slots: &[Slot]) -> (Fit, Filters) {
-    let (mut kept, filters) = fit::settle(train, given.clone(), &[], 10);
+/// Given twin with only its nuisances fitted; `slots` are its known parameters.
+pub(super) fn with_nuisances_only(
+    train: &Problem<'_>,
+    given: &Point,
+    slots: &[Slot],
+) -> (Fit, Filters) {
+    let (mut kept, filters) = fit::converge(train, given.clone(), &[], 10);
     kept.slots = slots.to_vec();
     (kept, filters)
 }
 
-/// A refit can stop in a valley that is not the deepest: a spring far softer, a delay far longer than
-/// before, and parameters that have made up for an effect that was missing until now. Where the rest is well
-/// above what the given twin is known to leave, or nothing is known of that, everything that was given starts
-/// again from its given values, and each of its effects from its probes; the best of them are fitted; the best
-/// fit, when it is better.
-fn restarted(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
+/// Better fit of the same parameters from another start, if there is one. A fit can stop in a local minimum: a spring far
+/// softer, a delay far longer, parameters that compensated for an effect that was missing until now, or parameters that a
+/// large change of another one displaced. The starts are the given values, also with one effect as fitted. If the residual
+/// is far above its reference, or has none, they are also the probes of each effect.
+fn best_restart(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
     let thresholds = train.thresholds();
-    if excess(&given.twin, [(train, &best.point)])
-        .is_some_and(|excess| excess.most < thresholds.large_excess)
-    {
-        return None;
-    }
+    let is_far = excess(&given.twin, [(train, &best.point)])
+        .is_none_or(|excess| thresholds.large_excess <= excess.most);
     let scales = train.filters(&best.point, whiten::scale_filters);
     let loss = |point: &Point| fit::squared(&train.whitened(point, &scales));
-    let mut anew = best.point.clone();
-    for (own, instance) in anew.twin.instances.iter_mut().zip(&given.twin.instances) {
+    let mut starts = starts_with_one_change(best, given);
+    if is_far {
+        starts.extend(starts_at_probes(&starts[0], best, given));
+    }
+    let losses = in_parallel(&starts, loss);
+    let mut order: Vec<usize> = (0..starts.len()).collect();
+    order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
+    let (reached, before) = (loss(&best.point), loss(given));
+    // Near the reference, only a start that explains most of the gap by itself is worth a fit.
+    let most = reached + (1.0 - thresholds.majority) * (before - reached);
+    let promising = order.into_iter().filter(|index| is_far || losses[*index] < most);
+    let chosen: Vec<Point> =
+        promising.take(OTHER_STARTS).map(|index| starts[index].clone()).collect();
+    let fits = in_parallel(&chosen, |start| {
+        fit::fit(train, start.clone(), &best.slots, &scales, RESTART_ITERATIONS)
+    });
+    let gain = if is_far { thresholds.clear_gain } else { thresholds.min_gain };
+    fits.into_iter()
+        .min_by(|a, b| a.loss.total_cmp(&b.loss))
+        .filter(|found| found.loss < (1.0 - gain) * reached)
+        .map(|found| found.point)
+}
+
+/// Starts of [`best_restart`]: the given effects at their given values, then the same with one of them as fitted.
+fn starts_with_one_change(best: &Fit, given: &Point) -> Vec<Point> {
+    let mut as_given = best.point.clone();
+    for (own, instance) in as_given.twin.instances.iter_mut().zip(&given.twin.instances) {
         own.values.clone_from(&instance.values);
     }
-    let mut starts = vec![anew.clone()];
-    for (index, instance) in given.twin.instances.iter().enumerate() {
-        if !best.slots.iter().any(|slot| slot.instance == index) {
-            continue;
-        }
-        for probe in instance.effect.probes {
-            let mut point = anew.clone();
+    let changed = fitted_instances(best, given).map(|index| {
+        let mut point = as_given.clone();
+        point.twin.instances[index].values.clone_from(&best.point.twin.instances[index].values);
+        point
+    });
+    std::iter::once(as_given.clone()).chain(changed).collect()
+}
+
+/// Starts of [`best_restart`]: `as_given` with one of the fitted effects at one of its probes.
+fn starts_at_probes(as_given: &Point, best: &Fit, given: &Point) -> Vec<Point> {
+    let mut starts = Vec::new();
+    for index in fitted_instances(best, given) {
+        for probe in given.twin.instances[index].effect.probes {
+            let mut point = as_given.clone();
             for (parameter, value) in probe.iter().enumerate() {
                 point.twin.set(Slot { instance: index, parameter }, *value);
             }
             starts.push(point);
         }
     }
-    let losses = in_parallel(&starts, loss);
-    let mut order: Vec<usize> = (0..starts.len()).collect();
-    order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
-    let nearest: Vec<Point> =
-        order.into_iter().take(OTHER_STARTS).map(|index| starts[index].clone()).collect();
-    let fits = in_parallel(&nearest, |start| {
-        fit::fit(train, start.clone(), &best.slots, &scales, RESTART_ITERATIONS)
-    });
-    fits.into_iter()
-        .min_by(|a, b| a.loss.total_cmp(&b.loss))
-        .filter(|found| found.loss < (1.0 - thresholds.clear_gain) * loss(&best.point))
-        .map(|found| found.point)
+    starts
+}
+
+/// Indices of the given instances with a fitted parameter.
+fn fitted_instances(best: &Fit, given: &Point) -> impl Iterator<Item = usize> {
+    let is_fitted = |index: &usize| best.slots.iter().any(|slot| slot.instance == *index);
+    (0..given.twin.instances.len()).filter(is_fitted)
 }
 
 #[cfg(test)]
@@ -142,10 +169,11 @@ mod tests {
     use crate::{
         effects::{Domain, Effect},
         seed::Stream,
-        twin::{Channel, Machine, Stage},
+        twin::{Channel, Machine, ReferenceResidual, Stage},
     };
+    use std::f64::consts::TAU;
 
-    /// A link whose signal is `striker_mass` times a sine.
+    /// Stage whose signal is `striker_mass` times a sine.
     struct Swing(Vec<Channel>);
 
     impl Swing {
@@ -189,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn another_link_contradicts_a_refit_that_predicts_it_worse_beyond_chance() {
+    fn another_stage_contradicts_a_refit_that_predicts_it_worse_beyond_chance() {
         let twin = |mass: f64| Twin { striker_mass: mass, ..Twin::nominal(Machine::Table) };
         let contradictions = |given: f64, refitted: f64| {
             let seeds: Vec<u64> = (0..20).collect();
@@ -201,11 +229,103 @@ mod tests {
             answers.into_iter().filter(|own| *own).count()
         };
         assert_eq!(contradictions(1.0, 1.2), 20);
-        // The refit is right, nearer than the given twin, or changes nothing here.
+        // The refit is right, or nearer than the given twin, or changes nothing on this stage.
         assert_eq!(contradictions(1.2, 1.0), 0);
         assert_eq!(contradictions(0.9, 1.05), 0);
         assert_eq!(contradictions(1.2, 1.2), 0);
         let nothing = Problem::new(&[], &twin(1.0));
         assert!(!contradicts(&nothing, &twin(1.0), &twin(1.2)));
+    }
+
+    /// Stage whose signal is the sum of two waves: Coulomb friction is the amplitude of one, mass the frequency (Hz) of the
+    /// other.
+    struct Waves(Vec<Channel>);
+
+    const SMALL_AMPLITUDE: f64 = 0.05;
+    const NOISE_RMS: f64 = 0.1;
+
+    fn slots_of(twin: &Twin) -> [Slot; 2] {
+        ["drive.friction.coulomb", "gantry.inertia"].map(|name| {
+            let instance = twin.instances.iter().position(|own| own.effect.name == name).unwrap();
+            Slot { instance, parameter: 0 }
+        })
+    }
+
+    fn waves(time: f64, amplitude: f64, frequency: f64) -> f64 {
+        amplitude * time.sin() + SMALL_AMPLITUDE * (TAU * frequency * time).sin()
+    }
+
+    impl Waves {
+        fn measured(amplitude: f64, frequency: f64) -> Self {
+            let mut random = Stream::new(3, "waves");
+            let bound = (3f64.sqrt() * NOISE_RMS) as f32;
+            let times: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
+            let mut noisy = |time: &f64| {
+                waves(*time, amplitude, frequency) + f64::from(random.uniform_f32(-bound, bound))
+            };
+            Self(vec![Channel {
+                signal: "camera.striker_x".into(),
+                unit: "m",
+                domain: Domain::Sensor,
+                axis: "x",
+                rate_hz: 100.0,
+                measured: times.iter().map(&mut noisy).collect(),
+                times,
+                runs: std::iter::once(0..2000).collect(),
+            }])
+        }
+    }
+
+    impl Stage for Waves {
+        fn kind(&self) -> StageKind {
+            StageKind::Camera
+        }
+
+        fn channels(&self) -> &[Channel] {
+            &self.0
+        }
+
+        fn calls(&self, _effect: &Effect) -> bool {
+            true
+        }
+
+        fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+            let [amplitude, frequency] = slots_of(twin).map(|slot| twin.get(slot));
+            let times = self.0[0].times.iter();
+            predicted[0] = times.map(|time| waves(*time, amplitude, frequency)).collect();
+        }
+    }
+
+    #[test]
+    fn a_parameter_that_the_change_of_another_displaced_returns() {
+        const AMPLITUDES: [f64; 2] = [1.0, 3.0];
+        const FREQUENCY_HZ: f64 = 5.0;
+        let stage = Waves::measured(AMPLITUDES[1], FREQUENCY_HZ);
+        let twin_at = |amplitude: f64, frequency: f64| {
+            let mut twin = Twin::nominal(Machine::Axis);
+            let [first, second] = slots_of(&twin);
+            twin.set(first, amplitude);
+            twin.set(second, frequency);
+            // The displaced frequency leaves a quarter more than the noise.
+            twin.reference_residuals = vec![ReferenceResidual {
+                signal: "camera.striker_x".into(),
+                residual_rms: NOISE_RMS,
+                searched: true,
+            }];
+            twin
+        };
+        let train = Problem::new(&[&stage as &dyn Stage], &twin_at(AMPLITUDES[0], FREQUENCY_HZ));
+        let given = train.start(twin_at(AMPLITUDES[0], FREQUENCY_HZ));
+        let fit_at = |amplitude: f64, frequency: f64| {
+            let point = train.start(twin_at(amplitude, frequency));
+            let slots = slots_of(&point.twin).to_vec();
+            Fit { point, slots, loss: 0.0, rows: 2000 }
+        };
+        let better = best_restart(&train, &fit_at(2.99, 5.7), &given).unwrap();
+        let [amplitude, frequency] = slots_of(&better.twin).map(|slot| better.twin.get(slot));
+        assert!((amplitude - AMPLITUDES[1]).abs() < 0.02, "{amplitude}");
+        assert!((frequency - FREQUENCY_HZ).abs() < 0.01, "{frequency}");
+        let (best, _) = fit::converge(&train, better, &slots_of(&given.twin), RESTART_ITERATIONS);
+        assert!(best_restart(&train, &best, &given).is_none(), "the optimum has no better start");
     }
 }

@@ -1,10 +1,10 @@
-//! Effects that change no value but its scatter, `sensor.frame_jitter` and `sensor.noise_model`, or how many values
-//! there are, `sensor.frame_drop`: on the links whose output the camera measures.
+//! Effects on the measurement noise of the camera: `sensor.frame_jitter` and `sensor.noise_model` change its variance,
+//! `sensor.frame_drop` the number of frames. They apply to the stages that a camera measures.
 //!
-//! How the residual scatters from frame to frame, at rest and with the speed, is measured on the fitted and on the
-//! judging sessions ([`scattering`]) and compared with what the given twin states, session against session as
-//! everything else; so is the share of frames that were lost ([`FrameLosses`]). Noise that only changes its colour
-//! is not named: it has the same size.
+//! The frame-to-frame variance of the residual, at rest and with speed, is measured on the training and on the
+//! validation sessions ([`scattering`]). It is compared with the measurement noise of the given twin, session by
+//! session. The same holds for the fraction of lost frames ([`FrameLosses`]). A change of the noise colour alone is no
+//! effect: its magnitude is the same.
 
 use super::{
     known::Excess,
@@ -21,18 +21,18 @@ use crate::{
     },
 };
 
-/// Tests of one recording: two effects on two links, and one on one.
+/// Comparisons of one recording: two effects on two stages, and one on one stage.
 const TRIES: usize = 5;
 
-/// What is named or measured again.
-pub(super) struct Named {
-    /// For the findings, where the twin did not have it.
+/// Effect that is added or updated.
+pub(super) struct DetectedChange {
+    /// Step for the findings, where the twin lacked the effect.
     pub(super) step: Option<Added>,
     instance: Instance,
 }
 
-/// The scatter of the camera on all sessions of `problem`; `None` on links that no camera measures, or with too
-/// few frames.
+/// Measurement noise of the camera in all sessions of `problem`; `None` on stages without camera, or with too few
+/// frames.
 pub(super) fn measure(problem: &Problem<'_>, point: &Point) -> Option<Scattering> {
     let first = problem.parts.first()?;
     if !matches!(first.stage.kind(), StageKind::Camera | StageKind::Ball) {
@@ -55,7 +55,7 @@ pub(super) fn measure(problem: &Problem<'_>, point: &Point) -> Option<Scattering
     scattering(&residuals, &speeds, FRAMES_OF_A_BLOCK)
 }
 
-/// How many frames all sessions of `problem` lost; `None` where no camera measures them.
+/// Fraction of lost frames in all sessions of `problem`; `None` without a camera.
 fn measure_losses(problem: &Problem<'_>) -> Option<LostFraction> {
     let losses = problem.parts.iter().map(|part| part.stage.frame_losses());
     FrameLosses::fraction(&losses.collect::<Option<Vec<_>>>()?)
@@ -92,40 +92,40 @@ pub(super) fn state(twin: &mut Twin, problem: &Problem<'_>, point: &Point) {
     });
 }
 
-/// One kind of change, on the fitted and on the judging sessions.
+/// One change, on the training and on the validation sessions.
 struct Change {
     effect: &'static Effect,
-    /// Against zero for no change.
+    /// Zero for no change.
     changes: [Estimate; 2],
     blocks: [usize; 2],
-    /// The effect's number and its standard error.
+    /// Parameter of the effect and its standard error.
     value: Estimate,
     unstated: Unstated,
 }
 
 impl Change {
-    /// Student's t and freedom of the fitted (0) or judging (1) sessions.
+    /// Student's t and degrees of freedom of the training (0) or validation (1) sessions.
     fn t(&self, index: usize) -> (f64, f64) {
         let Estimate { value: change, standard_error: error } = self.changes[index];
         let freedom = self.blocks[index].saturating_sub(1).max(1) as f64;
         (if 0.0 < error { change / error } else { 0.0 }, freedom)
     }
 
-    /// Two-sided probability of the fitted sessions' change by chance, corrected for all tries.
+    /// Two-sided p-value of the change on the training sessions, corrected for all comparisons.
     fn p_value(&self) -> f64 {
         let (t, freedom) = self.t(0);
         (TRIES as f64 * f_tail(t * t, 1.0, freedom)).min(1.0)
     }
 
-    /// Whether both kinds of sessions show it, with one sign.
+    /// Return whether training and validation sessions show it, with one sign.
     fn is_in(&self, thresholds: &Thresholds) -> bool {
         let (t, _) = self.t(0);
-        let (judged, freedom) = self.t(1);
+        let (validated, freedom) = self.t(1);
         self.p_value() < thresholds.family_error
-            && t_quantile(1.0 - thresholds.confirmation_level, freedom) < judged * t.signum()
+            && t_quantile(1.0 - thresholds.confirmation_level, freedom) < validated * t.signum()
     }
 
-    fn named(self, given: &Twin, rms: Vec<f64>) -> Named {
+    fn detected(self, given: &Twin, rms: Vec<f64>) -> DetectedChange {
         let Estimate { value, standard_error: error } = self.value;
         let half = t_quantile(0.975, self.t(0).1) * error;
         let (before, after) = self.unstated.ends();
@@ -144,13 +144,13 @@ impl Change {
             comparisons: TRIES,
             log_score: None,
             validation_gain: 1.0 - after / before.max(f64::MIN_POSITIVE),
-            class: Vec::new(),
+            indistinguishable: Vec::new(),
             held_out_steps: (rms.clone(), rms),
             unstated: Some(self.unstated),
-            contest: Vec::new(),
-            numbers: Vec::new(),
+            ranking: Vec::new(),
+            estimates: Vec::new(),
         });
-        Named {
+        DetectedChange {
             step,
             instance: Instance { effect: self.effect, axis: Axis::Whole, values: vec![number] },
         }
@@ -170,8 +170,7 @@ fn log_ratio(a: Estimate, b: Estimate) -> Estimate {
     }
 }
 
-/// The change of the time stamps' scatter, where it is large enough; `None` for a jitter that fell in a twin
-/// without one.
+/// Change of the timestamp variance, where it is large enough; `None` for a smaller jitter in a twin without one.
 fn jitter(given: &Twin, known: &MeasurementNoise, found: [&Scattering; 2]) -> Option<Change> {
     let effect = noise_effect(Noise::FrameTime);
     let least = effect.parameters[0].plausible.0;
@@ -179,10 +178,10 @@ fn jitter(given: &Twin, known: &MeasurementNoise, found: [&Scattering; 2]) -> Op
         found.map(|own| difference(own.timestamp_variance_s2, known.timestamp_variance_s2));
     let Estimate { value: variance, standard_error: error } = found[0].timestamp_variance_s2;
     let value = variance.max(0.0).sqrt();
-    let worth =
+    let is_large_enough =
         least.powi(2) < changes[0].value.abs() && (has(given, effect) || 0.0 < changes[0].value);
     let speed = found[1].mean_square_speed;
-    worth.then(|| Change {
+    is_large_enough.then(|| Change {
         effect,
         changes,
         blocks: found.map(|own| own.blocks),
@@ -195,7 +194,7 @@ fn jitter(given: &Twin, known: &MeasurementNoise, found: [&Scattering; 2]) -> Op
     })
 }
 
-/// The change of the scatter at rest, where its size changed and not only its colour.
+/// Change of the noise at rest, where its magnitude changed and not only its colour.
 fn size(known: &MeasurementNoise, found: [&Scattering; 2], ratio: f64) -> Option<Change> {
     let still = found
         .map(|own| log_ratio(own.frame_to_frame_variance_m2, known.frame_to_frame_variance_m2));
@@ -219,7 +218,7 @@ fn size(known: &MeasurementNoise, found: [&Scattering; 2], ratio: f64) -> Option
     })
 }
 
-/// The change of the share of frames lost, where it is large enough; `None` for a share that fell in a twin without
+/// Change of the fraction of lost frames, where it is large enough; `None` for a smaller fraction in a twin without
 /// lost frames.
 fn losses(given: &Twin, known: &MeasurementNoise, problems: [&Problem<'_>; 2]) -> Option<Change> {
     let effect = noise_effect(Noise::FrameLoss);
@@ -227,9 +226,9 @@ fn losses(given: &Twin, known: &MeasurementNoise, problems: [&Problem<'_>; 2]) -
     let found = [measure_losses(problems[0])?, measure_losses(problems[1])?];
     let changes = found.map(|own| difference(own.fraction, known));
     let change = changes[0].value;
-    let worth =
+    let is_large_enough =
         effect.parameters[0].plausible.0 < change.abs() && (has(given, effect) || 0.0 < change);
-    worth.then(|| Change {
+    is_large_enough.then(|| Change {
         effect,
         changes,
         blocks: found.map(|own| own.blocks),
@@ -241,12 +240,12 @@ fn losses(given: &Twin, known: &MeasurementNoise, problems: [&Problem<'_>; 2]) -
     })
 }
 
-/// Whether `effect` makes the values of the camera scatter.
-pub(super) fn is_scatter(effect: &Effect) -> bool {
+/// Return whether `effect` changes the noise variance of the camera.
+pub(super) fn is_variance_effect(effect: &Effect) -> bool {
     matches!(effect.physics, Physics::Noise(Noise::FrameTime | Noise::Level))
 }
 
-/// Whether `twin` has the effect already.
+/// Return whether `twin` has the effect.
 fn has(twin: &Twin, effect: &Effect) -> bool {
     twin.instance(effect.name, Axis::Whole).is_some()
 }
@@ -256,30 +255,29 @@ fn noise_effect(kind: Noise) -> &'static Effect {
     effects::CATALOGUE.iter().copied().find(|effect| same(&effect)).expect("the catalogue has it")
 }
 
-/// What the scatter at `points` (fitted, judging) of the two problems says beyond what `given` states;
-/// `excess` is the share of the squared residual above what is known to be left.
+/// Changes of the measurement noise at `points` (training, validation) of the two problems, compared with `given`;
+/// `excess` is that of the squared residual over its reference.
 pub(super) fn find(
     problems: [&Problem<'_>; 2],
     points: [&Point; 2],
     given: &Twin,
     excess: Option<Excess>,
-) -> Vec<Named> {
-    let [Some(fitted), Some(judged)] =
+) -> Vec<DetectedChange> {
+    let [Some(fitted), Some(validated)] =
         [measure(problems[0], points[0]), measure(problems[1], points[1])]
     else {
         return Vec::new();
     };
-    let link = problems[0].parts[0].stage.kind();
-    // Where nothing is stated there is nothing to compare with: whatever a twin does not follow from frame to
-    // frame grows with speed like a jitter.
-    let Some(known) = stated(given, link) else { return Vec::new() };
-    let found = [&fitted, &judged];
+    let stage = problems[0].parts[0].stage.kind();
+    // Without reference noise there is no comparison: any frame-to-frame model error grows with speed like a jitter.
+    let Some(known) = stated(given, stage) else { return Vec::new() };
+    let found = [&fitted, &validated];
     let options = problems[0].context.options;
     let thresholds = options.thresholds();
-    let scatter =
+    let variances =
         [jitter(given, &known, found), size(&known, found, (1.0 + thresholds.large_excess).sqrt())];
     let is_in = |own: &Change| options.selects(own.effect) && own.is_in(thresholds);
-    let mut changes: Vec<Change> = scatter.into_iter().flatten().filter(is_in).collect();
+    let mut changes: Vec<Change> = variances.into_iter().flatten().filter(is_in).collect();
     let accounted: f64 = changes.iter().map(|own| own.unstated.variance()).sum();
     if excess.is_some_and(|own| {
         accounted < thresholds.majority * own.most * known.total_variance_m2.value
@@ -288,17 +286,17 @@ pub(super) fn find(
     }
     changes.extend(losses(given, &known, problems).filter(is_in));
     let rms = problems[1].rms(points[1]);
-    changes.into_iter().map(|own| own.named(given, rms.clone())).collect()
+    changes.into_iter().map(|own| own.detected(given, rms.clone())).collect()
 }
 
-impl Named {
-    /// Whether values scatter otherwise, rather than being fewer.
-    pub(super) fn scatters(&self) -> bool {
-        is_scatter(self.instance.effect)
+impl DetectedChange {
+    /// Return whether the noise variance changes, and not the number of frames.
+    pub(super) fn changes_variance(&self) -> bool {
+        is_variance_effect(self.instance.effect)
     }
 
-    /// Puts it into `twin`, and what it says of the camera beside every link that the camera measures.
-    pub(super) fn put_into(self, twin: &mut Twin) -> Option<Added> {
+    /// Apply the change to `twin`, and to the measurement noise of every stage with a camera.
+    pub(super) fn apply_to(self, twin: &mut Twin) -> Option<Added> {
         let Self { step, mut instance } = self;
         let value = instance.values[0].value;
         for known in &mut twin.measurement_noise {

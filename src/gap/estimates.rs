@@ -23,7 +23,7 @@ pub struct ParameterEstimate {
 
 /// Estimates of all parameters that `fit` has fitted; friction per direction where it is asymmetric.
 #[must_use]
-pub(super) fn numbers(fit: &Fit) -> Vec<ParameterEstimate> {
+pub(super) fn estimates(fit: &Fit) -> Vec<ParameterEstimate> {
     let twin = &fit.point.twin;
     let of_slot = |slot: &Slot| {
         let instance = &twin.instances[slot.instance];
@@ -35,14 +35,14 @@ pub(super) fn numbers(fit: &Fit) -> Vec<ParameterEstimate> {
             unit: parameter.unit.to_owned(),
         }
     };
-    let mut numbers: Vec<ParameterEstimate> = fit.slots.iter().map(of_slot).collect();
+    let mut estimates: Vec<ParameterEstimate> = fit.slots.iter().map(of_slot).collect();
     for (index, instance) in twin.instances.iter().enumerate() {
         let is_fitted = fit.slots.iter().any(|slot| slot.instance == index);
         if is_fitted && instance.effect.name == ASYMMETRIC {
-            numbers.extend(directed(twin, instance));
+            estimates.extend(directed(twin, instance));
         }
     }
-    numbers
+    estimates
 }
 
 /// Effect that makes friction depend on the direction.

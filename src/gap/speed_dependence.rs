@@ -1,9 +1,9 @@
-//! Whether what an effect does is as large at every speed as its physics says.
+//! Test of the speed dependence of an effect against its physics.
 //!
-//! An effect that imitates another one fits it on average: friction that grows with the place imitates a torque that
-//! grows with the product of speed and place, too large at low speeds and too small at high ones. So it meets a rival
-//! that does the same in proportion to the measured speed, and has to leave less than that (a test of two models that
-//! are not nested: Davidson and MacKinnon, Econometrica 49, 1981, with errors by blocks).
+//! An effect that imitates another one fits it on average: friction that grows with position imitates a torque
+//! proportional to speed times position. It is too large at low speeds and too small at high ones. The rival is the
+//! effect multiplied by the measured speed; the effect must have the smaller residual. This is a test of two models
+//! that are not nested (Davidson and MacKinnon, Econometrica 49, 1981), with standard errors by blocks.
 
 use super::{
     evidence::{Amplitude, Blocks},
@@ -11,27 +11,27 @@ use super::{
 };
 use crate::effects::Regressor;
 
-/// One kind of sessions, and whitened residuals of a twin there.
+/// Whitened residuals without and with an effect, on the training or on the validation sessions.
 #[derive(Clone, Copy)]
-pub(super) struct Seen<'p, 'a> {
+pub(super) struct SessionResiduals<'p, 'a> {
     pub(super) problem: &'p Problem<'a>,
     pub(super) without: &'p [f64],
     pub(super) with: &'p [f64],
 }
 
-/// Whether the speed at each sample is known.
+/// Return whether the speed at each sample is known.
 pub(super) fn are_speeds_known(problem: &Problem<'_>) -> bool {
     problem.parts.iter().all(|part| part.stage.regressor(Regressor::Speed).is_some())
 }
 
-/// Whether the residuals without and with an effect, of the fitted and of the judging sessions, go towards its rival:
-/// both together by half of `min_amplitude` of the way at least and beyond chance, and each by half of that.
-pub(super) fn grows_with_speed(sessions: [Seen<'_, '_>; 2]) -> bool {
-    let rivals = sessions.map(|seen| along_speed(&seen));
+/// Return whether the data prefer the rival, which grows with speed. The encompassing amplitude must be above half of
+/// `min_amplitude` and beyond chance on training and validation sessions together, and above half of that on each.
+pub(super) fn grows_with_speed(sessions: [SessionResiduals<'_, '_>; 2]) -> bool {
+    let rivals = sessions.map(|seen| speed_rival(&seen));
     let along: f64 =
         rivals.iter().zip(&sessions).map(|(rival, seen)| dot(rival, seen.without)).sum();
     let whole: f64 = rivals.iter().map(|rival| dot(rival, rival)).sum();
-    let left = |seen: &Seen<'_, '_>, rival: &[f64]| -> Vec<f64> {
+    let left = |seen: &SessionResiduals<'_, '_>, rival: &[f64]| -> Vec<f64> {
         seen.without.iter().zip(rival).map(|(all, own)| all - along / whole * own).collect()
     };
     let lefts = [0, 1].map(|kind| left(&sessions[kind], &rivals[kind]));
@@ -47,8 +47,8 @@ pub(super) fn grows_with_speed(sessions: [Seen<'_, '_>; 2]) -> bool {
         && together.is_above(0.0, thresholds.confirmation_level)
 }
 
-/// What the effect does, times the speed, row by row; of the first signal, which is the one whose speed is known.
-fn along_speed(seen: &Seen<'_, '_>) -> Vec<f64> {
+/// Change by the effect times the speed, row by row; only for the first signal, whose speed is known.
+fn speed_rival(seen: &SessionResiduals<'_, '_>) -> Vec<f64> {
     let mut rival = Vec::with_capacity(seen.with.len());
     for part in &seen.problem.parts {
         let speeds = part.stage.regressor(Regressor::Speed).unwrap_or_default();
