@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 """Transfer of policies from their simulation to the virtual rig, over several training seeds.
 
-    python scripts/measure_transfer.py KLASKTRON DEMO OUT [--steps 20e6] [--seeds 3] [--seconds 900] [--ablate]
+    python scripts/measure_transfer.py KLASKTRON DEMO OUT [--steps 20e6] [--seeds 3] [--seconds 900]
+        [--settings FILE] [--ablate]
 
 DEMO is the folder of a finished `klasktron demo`: its twin, actuator network, filter and rig files are used. Every arm is
-the same learner in another simulation. Each policy plays on the rig and in its own simulation: the same opponents, both
-seats, the same serves; one referee scores both. What is already in OUT is not computed again. With --ablate each policy
-also plays on rigs without one of the demo's hidden effects, and on one without any.
+the same learner in another simulation, with the settings of FILE (default: those of the program). Each policy plays on the
+rig and in its own simulation: the same opponents, both seats, the same serves; one referee scores both. What is already in
+OUT is not computed again. With --ablate each policy also plays on rigs without one of the demo's hidden effects, and on one
+without any.
 
 Intervals are 95 %: bootstrap over training seeds, and over the episodes of each seed within (Efron and Tibshirani 1993).
 Writes OUT/transfer.json and prints the tables.
@@ -86,6 +88,7 @@ def train(options, arm, seed):
     folder.mkdir(parents=True, exist_ok=True)
     actuator, *others = ARMS[arm].format(demo=options.demo).split()
     words = [options.klasktron, "train", "--actuator", actuator, *others, "--steps", options.steps, "--seed", seed]
+    words += ["--settings", options.settings] if options.settings else []
     words += ["--games", 1000, "--output", folder, "--overwrite", "--json"]
     return folder, actuator, run(words, folder / "train.json")
 
@@ -216,6 +219,7 @@ def main():
     parser.add_argument("--steps", default="20e6")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--seconds", type=int, default=900)
+    parser.add_argument("--settings", type=Path)
     parser.add_argument("--arms", default=",".join(ARMS))
     parser.add_argument("--ablate", action="store_true")
     options = parser.parse_args()
