@@ -6,8 +6,8 @@
 
 DEMO is the folder of a finished `klasktron demo`: its twin, actuator network, filter and rig files are used. Every arm is
 the same learner in another simulation, with the settings of FILE (default: those of the program). Each policy plays on the
-rig and in its own simulation: the same opponents, both seats, the same serves; one referee scores both. What is already in
-OUT is not computed again. With --ablate each policy also plays on rigs without one of the demo's hidden effects, and on one
+rig and in its own simulation: the same opponents, both seats, the same serves; one referee scores both. Results in OUT are
+not computed again. With --ablate each policy also plays on rigs without one of the demo's hidden effects, and on one
 without any.
 
 Intervals are 95 %: bootstrap over training seeds, and over the episodes of each seed within (Efron and Tibshirani 1993).

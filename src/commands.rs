@@ -22,6 +22,7 @@ pub(crate) mod man;
 pub(crate) mod play;
 pub(crate) mod recover;
 pub(crate) mod replay;
+mod reported_command;
 mod results;
 pub(crate) mod rig;
 pub(crate) mod schema;

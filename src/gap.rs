@@ -74,6 +74,8 @@ mod rounds;
 mod screen;
 mod speed_dependence;
 mod tape;
+#[cfg(test)]
+mod test_stage;
 mod thresholds;
 mod unknown;
 mod user_effects;

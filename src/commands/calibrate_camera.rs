@@ -2,6 +2,7 @@
 
 use super::{
     Outcome, note, print,
+    reported_command::ReportedCommand,
     results::{OverwriteArgs, report_of, write_with_report},
     tell,
 };
@@ -22,7 +23,7 @@ use klasktron::{
 };
 use std::{
     collections::BTreeMap,
-    fmt, fs,
+    fs,
     io::BufReader,
     path::{Path, PathBuf},
 };
@@ -199,7 +200,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let half = [board.short_side / 2.0, board.long_side / 2.0];
     let lens = lens.as_ref().map(FittedLens::images);
     let board = (board_shot.as_ref(), half);
-    let html = calibration_page(&document, lens.as_ref(), board, &args.provenance());
+    let html =
+        calibration_page(&document, lens.as_ref(), board, &Provenance::new(args.command_line()));
     let text = serde_json::to_string_pretty(&document)? + "\n";
     write_with_report((&args.output, &text), (&page, &html), args.overwrite)?;
     if args.json {
@@ -379,43 +381,30 @@ impl Args {
         Ok(known)
     }
 
-    /// Command line without the output, so that equal results are equal files.
-    fn provenance(&self) -> Provenance {
-        let mut line = "klasktron calibrate-camera".to_owned();
-        let mut add = |name: &str, value: &dyn fmt::Display| {
-            line.push_str(&format!(" --{name} {value}"));
-        };
-        if let Some(images) = &self.images {
-            add("images", images);
-            add("columns", &self.columns);
-            add("rows", &self.rows);
-            add("square-mm", &self.square_mm);
+    /// Command line without the output file, so that equal results are equal files.
+    fn command_line(&self) -> String {
+        let mut line = ReportedCommand::new("calibrate-camera").options("images", &self.images);
+        if self.images.is_some() {
+            line = line
+                .option("columns", self.columns)
+                .option("rows", self.rows)
+                .option("square-mm", self.square_mm);
         }
-        if let (Some(dictionary), Some(side)) = (self.charuco, self.marker_mm) {
-            add("charuco", &dictionary);
-            add("marker-mm", &side);
-        }
-        if let Some(lens) = &self.lens {
-            add("lens", &lens.display());
-        }
-        if let Some(Size([width, height])) = self.size {
-            add("size", &format!("{width}x{height}"));
-        }
-        if let Some(board) = &self.board {
-            add("board", board);
-        }
-        for TagPlace { id, place: [x, y, z] } in &self.tag {
-            add("tag", &format!("{id}:{x},{y},{z}"));
-        }
-        for Pixel([column, row]) in &self.corner {
-            add("corner", &format!("{column},{row}"));
-        }
-        add("board-short-side-m", &self.board_short_side_m);
-        add("board-long-side-m", &self.board_long_side_m);
-        if self.k3 {
-            line.push_str(" --k3");
-        }
-        Provenance::new(line)
+        let size = self.size.map(|Size([width, height])| format!("{width}x{height}"));
+        let tags =
+            self.tag.iter().map(|TagPlace { id, place: [x, y, z] }| format!("{id}:{x},{y},{z}"));
+        let corners = self.corner.iter().map(|Pixel([column, row])| format!("{column},{row}"));
+        line.options("charuco", self.charuco)
+            .options("marker-mm", self.marker_mm)
+            .options("lens", self.lens.iter().map(|path| path.display()))
+            .options("size", size)
+            .options("board", &self.board)
+            .options("tag", tags)
+            .options("corner", corners)
+            .option("board-short-side-m", self.board_short_side_m)
+            .option("board-long-side-m", self.board_long_side_m)
+            .words(self.k3.then_some("--k3"))
+            .into_string()
     }
 
     /// Status 3 where a reprojection error says that something is wrong.
@@ -486,19 +475,7 @@ pub(super) fn for_each_frame(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
-    /// The arguments alone, for a command line.
-    #[derive(clap::Parser)]
-    struct Program {
-        #[command(flatten)]
-        args: Args,
-    }
-
-    fn command_line_of(line: &str) -> String {
-        let words = line.split_whitespace().skip(1);
-        <Program as clap::Parser>::parse_from(words).args.provenance().command_line
-    }
+    use super::{super::reported_command::tests::check_reported, Args};
 
     #[test]
     fn the_command_line_of_a_result_has_every_option_that_it_depends_on() {
@@ -507,11 +484,7 @@ mod tests {
              --marker-mm 18 --k3 --board images:table --tag 2:-0.14,-0.238,0.01 --board-long-side-m 0.44",
             "klasktron calibrate-camera --lens lens.yaml --size 1280x720 --corner 270.5,42 --corner 268,610",
         ] {
-            let reported = command_line_of(line);
-            for word in line.split_whitespace() {
-                assert!(reported.split_whitespace().any(|own| own == word), "{word}: {reported}");
-            }
-            assert_eq!(command_line_of(&reported), reported);
+            check_reported(line, Args::command_line);
         }
     }
 }

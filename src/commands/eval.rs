@@ -2,6 +2,7 @@
 
 use super::{
     Outcome, loss_sentence_of, print,
+    reported_command::ReportedCommand,
     results::{OverwriteArgs, Results},
     tell, terminal,
 };
@@ -110,15 +111,11 @@ impl Args {
 
     /// Command line without the output folder, so that equal results are equal files.
     fn command_line(&self) -> String {
-        let mut line = "klasktron eval".to_owned();
-        if !self.compare.is_empty() {
-            line.push_str(" --compare");
-        }
-        for path in self.matches.iter().chain(&self.compare) {
-            line.push_str(&format!(" {}", path.display()));
-        }
-        line.push_str(&format!(" --seed {}", self.seed));
-        line
+        ReportedCommand::new("eval")
+            .words((!self.compare.is_empty()).then_some("--compare"))
+            .words(self.matches.iter().chain(&self.compare).map(|path| path.display()))
+            .option("seed", self.seed)
+            .into_string()
     }
 }
 

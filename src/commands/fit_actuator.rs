@@ -4,7 +4,9 @@ use super::{
     Outcome,
     engine::{EngineArgs, Sweep},
     interrupt::{self, Interrupted},
-    print, tell, terminal,
+    print,
+    reported_command::ReportedCommand,
+    tell, terminal,
 };
 use anyhow::{Context as _, bail};
 use clap::{ValueEnum, builder::PossibleValue};
@@ -326,17 +328,13 @@ impl Args {
     /// Command line with every option that decides the result. Output folder and threads are left out, so that equal
     /// results are equal files.
     fn command_line(&self) -> String {
-        let mut line = "klasktron fit-actuator".to_owned();
-        for path in &self.recordings {
-            line.push_str(&format!(" {}", path.display()));
-        }
-        for (option, value) in self.options() {
-            line.push_str(&format!(" --{option} {value}"));
-        }
-        if self.ablate {
-            line.push_str(" --ablate");
-        }
-        line
+        let line = ReportedCommand::new("fit-actuator")
+            .words(self.recordings.iter().map(|path| path.display()));
+        self.options()
+            .into_iter()
+            .fold(line, |line, (option, value)| line.option(option, value))
+            .words(self.ablate.then_some("--ablate"))
+            .into_string()
     }
 
     /// Options that decide the result, with their values.

@@ -2,6 +2,7 @@
 
 use super::{
     Outcome, loss_sentence, note, print,
+    reported_command::ReportedCommand,
     results::{OverwriteArgs, Results, refuse_existing_file, write_file},
     search::{SearchArgs, SearchView},
     tell,
@@ -182,31 +183,28 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
 impl Args {
     /// Command line without the output folder, so that equal results are equal files.
     fn command_line(&self) -> String {
-        command_line("klasktron gap", &self.recordings, self.twin.as_deref(), &self.search)
+        command_line("gap", &self.recordings, self.twin.as_deref(), &self.search)
     }
 }
 
 impl CalibrateArgs {
     /// Command line without the output file, so that equal results are equal files.
     fn command_line(&self) -> String {
-        command_line("klasktron calibrate", &self.recordings, self.twin.as_deref(), &self.search)
+        command_line("calibrate", &self.recordings, self.twin.as_deref(), &self.search)
     }
 }
 
 fn command_line(
-    command: &str,
+    subcommand: &str,
     recordings: &[PathBuf],
     twin: Option<&Path>,
     search: &SearchArgs,
 ) -> String {
-    let mut line = command.to_owned();
-    for path in recordings {
-        line.push_str(&format!(" {}", path.display()));
-    }
-    if let Some(twin) = twin {
-        line.push_str(&format!(" --twin {}", twin.display()));
-    }
-    line + &search.words()
+    ReportedCommand::new(subcommand)
+        .words(recordings.iter().map(|path| path.display()))
+        .options("twin", twin.map(Path::display))
+        .into_string()
+        + &search.words()
 }
 
 fn write_outcome(

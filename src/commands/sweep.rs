@@ -3,7 +3,9 @@
 use super::{
     Outcome,
     engine::{EngineArgs, PrintKind, Sweep, conclude},
-    print, tell,
+    print,
+    reported_command::ReportedCommand,
+    tell,
 };
 use crate::cli::Cli;
 use clap::{CommandFactory as _, Parser as _};
@@ -83,14 +85,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
 impl Args {
     /// Command line without output folder and engine, so that equal results are equal files.
     fn command_line(&self) -> String {
-        let mut line = format!("klasktron sweep {}", quoted(&self.file.display().to_string()));
-        if let Some(metric) = &self.metric {
-            line.push_str(&format!(" --metric {}", quoted(metric)));
-        }
-        if let Some(better) = self.better {
-            line.push_str(&format!(" --better {}", better.name()));
-        }
-        line
+        ReportedCommand::new("sweep")
+            .words([quoted(&self.file.display().to_string())])
+            .options("metric", self.metric.as_deref().map(quoted))
+            .options("better", self.better.map(|better| better.name()))
+            .into_string()
     }
 }
 

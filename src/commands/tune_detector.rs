@@ -4,6 +4,7 @@ use super::{
     Outcome,
     calibrate_camera::for_each_frame,
     note, print,
+    reported_command::ReportedCommand,
     results::{OverwriteArgs, report_of, write_with_report},
     table::parse_within,
     tell,
@@ -18,7 +19,7 @@ use klasktron::{
     provenance::Provenance,
 };
 use serde::Serialize;
-use std::{collections::BTreeMap, fmt, fs, path::PathBuf};
+use std::{collections::BTreeMap, fs, path::PathBuf};
 
 /// A detection within this distance of a mark has found it (pixels).
 const FOUND_WITHIN_PX: f64 = 6.0;
@@ -132,8 +133,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let results = args.check(&marks, &camera, &document)?;
     let summary = FoundMarks::of(&results);
     let pixels = Pixels { background, ball, striker, biscuit };
-    let html =
-        tune_page(&document, &results, [background, ball, striker, biscuit], &args.provenance());
+    let html = tune_page(
+        &document,
+        &results,
+        [background, ball, striker, biscuit],
+        &Provenance::new(args.command_line()),
+    );
     let text = serde_json::to_string(&document)? + "\n";
     write_with_report((&args.output, &text), (&page, &html), args.overwrite)?;
     if args.json {
@@ -239,24 +244,22 @@ impl Args {
         Ok(results)
     }
 
-    /// Command line without the output, so that equal results are equal files.
-    fn provenance(&self) -> Provenance {
-        let mut line = format!("klasktron tune-detector {}", self.source);
-        let mut add = |name: &str, value: &dyn fmt::Display| {
-            line.push_str(&format!(" --{name} {value}"));
-        };
-        add("calibration", &self.calibration.display());
-        for ImageMark { image, mark: Mark { kind, pixel: [column, row] } } in &self.mark {
-            add("mark", &format!("{}@{image}:{column},{row}", kind.name()));
-        }
-        if let Some(marks) = &self.marks {
-            add("marks", &marks.display());
-        }
-        add("striker-height-mm", &self.striker_height_mm);
-        add("biscuit-diameter-mm", &self.biscuit_diameter_mm);
-        add("board-short-side-m", &self.board_short_side_m);
-        add("board-long-side-m", &self.board_long_side_m);
-        Provenance::new(line)
+    /// Command line without the output file, so that equal results are equal files.
+    fn command_line(&self) -> String {
+        let marks = self.mark.iter().map(|own| {
+            let ImageMark { image, mark: Mark { kind, pixel: [column, row] } } = own;
+            format!("{}@{image}:{column},{row}", kind.name())
+        });
+        ReportedCommand::new("tune-detector")
+            .words([&self.source])
+            .option("calibration", self.calibration.display())
+            .options("mark", marks)
+            .options("marks", self.marks.iter().map(|path| path.display()))
+            .option("striker-height-mm", self.striker_height_mm)
+            .option("biscuit-diameter-mm", self.biscuit_diameter_mm)
+            .option("board-short-side-m", self.board_short_side_m)
+            .option("board-long-side-m", self.board_long_side_m)
+            .into_string()
     }
 }
 
@@ -278,19 +281,7 @@ fn distance_to(mark: &Mark, detections: &[(Kind, [f64; 2])]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
-    /// The arguments alone, for a command line.
-    #[derive(clap::Parser)]
-    struct Program {
-        #[command(flatten)]
-        args: Args,
-    }
-
-    fn command_line_of(line: &str) -> String {
-        let words = line.split_whitespace().skip(1);
-        <Program as clap::Parser>::parse_from(words).args.provenance().command_line
-    }
+    use super::{super::reported_command::tests::check_reported, Args};
 
     #[test]
     fn the_command_line_of_a_result_has_every_option_that_it_depends_on() {
@@ -299,11 +290,7 @@ mod tests {
              --mark striker@1:380,352 --striker-height-mm 20 --biscuit-diameter-mm 11 --board-short-side-m 0.3",
             "klasktron tune-detector images:table --marks marks.csv",
         ] {
-            let reported = command_line_of(line);
-            for word in line.split_whitespace() {
-                assert!(reported.split_whitespace().any(|own| own == word), "{word}: {reported}");
-            }
-            assert_eq!(command_line_of(&reported), reported);
+            check_reported(line, Args::command_line);
         }
     }
 }

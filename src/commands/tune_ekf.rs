@@ -2,6 +2,7 @@
 
 use super::{
     Outcome, loss_sentence, print,
+    reported_command::ReportedCommand,
     results::{OverwriteArgs, Results},
     tell, terminal,
 };
@@ -90,11 +91,9 @@ impl TuneObserver for TuneView {
 impl Args {
     /// Command line without the output folder, so that equal results are equal files.
     fn command_line(&self) -> String {
-        let mut line = "klasktron tune-ekf".to_owned();
-        for path in &self.recordings {
-            line.push_str(&format!(" {}", path.display()));
-        }
-        line
+        ReportedCommand::new("tune-ekf")
+            .words(self.recordings.iter().map(|path| path.display()))
+            .into_string()
     }
 }
 

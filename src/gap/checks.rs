@@ -352,50 +352,15 @@ impl<'a> Pairs<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        effects::{Domain, Effect},
-        twin::{Channel, Machine, StageKind},
-    };
-
-    /// Stage with a constant prediction.
-    struct Constant(Vec<Channel>, f64);
-
-    impl Stage for Constant {
-        fn kind(&self) -> StageKind {
-            StageKind::Drive
-        }
-
-        fn channels(&self) -> &[Channel] {
-            &self.0
-        }
-
-        fn calls(&self, _effect: &Effect) -> bool {
-            false
-        }
-
-        fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-            let is_nominal = *twin == Twin::nominal(Machine::Table);
-            let own = if is_nominal { 0.0 } else { self.1 };
-            predicted.iter_mut().flatten().for_each(|value| *value = own);
-        }
-    }
+    use crate::{gap::test_stage::TestStage, twin::Machine};
 
     #[test]
     fn a_simulation_that_diverges_is_refused_and_one_that_is_right_is_not() {
-        let channel = |measured: f64| Channel {
-            signal: "motor_a.velocity".into(),
-            unit: "m/s",
-            domain: Domain::Drive,
-            axis: "a",
-            rate_hz: 100.0,
-            times: vec![0.0, 0.01],
-            measured: vec![measured; 2],
-            runs: std::iter::once(0..2).collect(),
-        };
         // The built-in twin always predicts something.
         let nominal = Twin::nominal(Machine::Table);
-        let of_twin = |twin: &Twin, measured, predicted| {
-            diverging_signals(twin, &Constant(vec![channel(measured)], predicted), 0.5)
+        let of_twin = |twin: &Twin, measured: f64, predicted: f64| {
+            let predict = |twin: &Twin, _| if *twin == nominal { 0.0 } else { predicted };
+            diverging_signals(twin, &TestStage::drive(vec![measured; 2], predict), 0.5)
         };
         let of = |measured, predicted| {
             of_twin(&Twin { striker_mass: 1.0, ..nominal.clone() }, measured, predicted)

@@ -163,34 +163,13 @@ fn incident((part, residual): &PartResidual<'_, '_>, usual: &[f64], span: Range<
 mod tests {
     use super::*;
     use crate::{
-        effects::{Domain, Effect},
+        gap::test_stage::TestStage,
         seed::Stream,
-        twin::{Channel, Machine, Stage, Twin},
+        twin::{Machine, Stage, Twin},
     };
 
-    /// Stage with a prediction of zero.
-    struct WhiteNoise(Vec<Channel>);
-
-    impl Stage for WhiteNoise {
-        fn kind(&self) -> StageKind {
-            StageKind::Drive
-        }
-
-        fn channels(&self) -> &[Channel] {
-            &self.0
-        }
-
-        fn calls(&self, _effect: &Effect) -> bool {
-            false
-        }
-
-        fn predict(&self, _twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-            predicted.iter_mut().flatten().for_each(|value| *value = 0.0);
-        }
-    }
-
     /// 30 s at 100 Hz with noise of 1 mm/s, and `off` (m/s) too slow during each of `bursts` (s).
-    fn session(seed: u64, bursts: &[Range<f64>], off: f64) -> WhiteNoise {
+    fn session(seed: u64, bursts: &[Range<f64>], off: f64) -> impl Stage {
         let mut random = Stream::new(seed, "scatter");
         let times: Vec<f64> = (0..3000).map(|k| 0.01 * f64::from(k)).collect();
         let is_off = |time: &f64| bursts.iter().any(|burst| burst.contains(time));
@@ -198,16 +177,7 @@ mod tests {
         let noise: Vec<f64> = noise.collect();
         let each = times.iter().zip(noise);
         let measured = each.map(|(time, own)| if is_off(time) { own - off } else { own }).collect();
-        WhiteNoise(vec![Channel {
-            signal: "motor_a.velocity".into(),
-            unit: "m/s",
-            domain: Domain::Drive,
-            axis: "a",
-            rate_hz: 100.0,
-            times,
-            measured,
-            runs: std::iter::once(0..3000).collect(),
-        }])
+        TestStage::drive(measured, |_, _| 0.0)
     }
 
     /// Exclusions in two sessions with bursts that are `off` (m/s), and the number of rows that remain.

@@ -159,9 +159,6 @@ pub struct ScriptedWeights {
 }
 
 impl ScriptedWeights {
-    /// Largest weight of a player.
-    const MOST: u32 = 1000;
-
     /// Every player with its weight.
     #[must_use]
     pub const fn players(self) -> [(Scripted, u32); 3] {
@@ -172,11 +169,10 @@ impl ScriptedWeights {
         ]
     }
 
-    /// Sum of the weights; 0 when a weight is above its range.
+    /// Sum of the weights, at least 1 in valid settings.
     #[must_use]
     pub fn total(self) -> u32 {
-        let weights = self.players().map(|(_, weight)| weight);
-        if weights.iter().any(|weight| Self::MOST < *weight) { 0 } else { weights.iter().sum() }
+        self.players().into_iter().fold(0, |sum, (_, weight)| sum.saturating_add(weight))
     }
 }
 
@@ -199,7 +195,10 @@ fn fraction(name: &'static str, value: f64) -> Check {
 }
 
 impl OpponentSettings {
-    fn checks(&self) -> [Check; 6] {
+    fn checks(&self) -> [Check; 9] {
+        let weights = self.scripted_weights;
+        let weight =
+            |name, weight: u32| (name, f64::from(weight), "from 0 to 1000", weight <= 1000);
         [
             (
                 "opponents.update_score",
@@ -216,12 +215,10 @@ impl OpponentSettings {
             ),
             at_least_one("opponents.most", self.most as u64),
             fraction("opponents.scripted_fraction", self.scripted_fraction),
-            (
-                "opponents.scripted_weights (sum)",
-                f64::from(self.scripted_weights.total()),
-                "at least 1, of weights from 0 to 1000",
-                1 <= self.scripted_weights.total(),
-            ),
+            weight("opponents.scripted_weights.stationary", weights.stationary),
+            weight("opponents.scripted_weights.goalkeeper", weights.goalkeeper),
+            weight("opponents.scripted_weights.chaser", weights.chaser),
+            at_least_one("opponents.scripted_weights (sum)", weights.total().into()),
         ]
     }
 }
@@ -503,6 +500,17 @@ mod tests {
                 "opponents.decay is 0; it must be above 0 and at most 1",
             ),
             (&|s| s.opponents.update_score = f64::NAN, "opponents.update_score is NaN"),
+            (
+                &|s| s.opponents.scripted_weights.chaser = 1001,
+                "opponents.scripted_weights.chaser is 1001; it must be from 0 to 1000",
+            ),
+            (
+                &|s| {
+                    s.opponents.scripted_weights =
+                        ScriptedWeights { stationary: 0, goalkeeper: 0, chaser: 0 };
+                },
+                "opponents.scripted_weights (sum) is 0; it must be at least 1",
+            ),
             (&|s| s.evaluation.games_per_pair = 3, "games_per_pair is 3; it must be even"),
             (&|s| s.reward.cup_scale_m = 0.0, "reward.cup_scale_m is 0; it must be above 0"),
             (&|s| s.reward.progress = f32::NAN, "reward.progress is NaN"),

@@ -163,72 +163,31 @@ mod tests {
     use super::super::{Problems, RequiredGain, screen, trial::Trial, whiten};
     use super::*;
     use crate::{
-        effects::{Axis, Domain, Effect, find},
-        gap::{problem::Problem, screen::Candidate, thresholds::Thresholds},
-        seed::Stream,
-        twin::{Channel, Machine, Stage, StageKind, Twin},
+        effects::{Axis, find},
+        gap::{problem::Problem, screen::Candidate, test_stage::TestStage, thresholds::Thresholds},
+        twin::{Machine, Stage, StageKind, Twin},
     };
     use std::f64::consts::TAU;
 
     const WOBBLE: &str = "coupling.striker_wobble";
 
-    /// Stage whose signal is a sine: the first parameter of the last effect is its amplitude, the second its frequency
-    /// (Hz); the third has no influence.
-    struct Wave(Vec<Channel>);
-
-    impl Wave {
-        /// 20 s at 100 Hz of a sine, with noise of RMS 0.1.
-        fn of([amplitude, frequency]: [f64; 2]) -> Self {
-            let mut random = Stream::new(7, "wave");
-            let times: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
-            let mut noisy = |time: &f64| {
-                amplitude * (TAU * frequency * time).sin()
-                    + f64::from(random.uniform_f32(-0.17, 0.17))
-            };
-            Self(vec![Channel {
-                signal: "camera.striker_x".into(),
-                unit: "m",
-                domain: Domain::Sensor,
-                axis: "x",
-                rate_hz: 100.0,
-                measured: times.iter().map(&mut noisy).collect(),
-                times,
-                runs: std::iter::once(0..2000).collect(),
-            }])
-        }
-    }
-
-    impl Stage for Wave {
-        fn kind(&self) -> StageKind {
-            StageKind::Camera
-        }
-
-        fn channels(&self) -> &[Channel] {
-            &self.0
-        }
-
-        fn calls(&self, _effect: &Effect) -> bool {
-            true
-        }
-
-        fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-            let wobble = twin.instances.iter().find(|own| own.effect.name == WOBBLE);
-            let [amplitude, frequency] =
-                wobble.map_or([0.0; 2], |own| [0, 1].map(|index| own.values[index].value));
-            let times = self.0[0].times.iter();
-            predicted[0] = times.map(|time| amplitude * (TAU * frequency * time).sin()).collect();
-        }
+    /// Sine whose amplitude and frequency (Hz) are the first two parameters of the wobble; the third has no influence.
+    fn sine(twin: &Twin, time: f64) -> f64 {
+        let wobble = twin.instances.iter().find(|own| own.effect.name == WOBBLE);
+        let [amplitude, frequency] =
+            wobble.map_or([0.0; 2], |own| [0, 1].map(|index| own.values[index].value));
+        amplitude * (TAU * frequency * time).sin()
     }
 
     /// Required parameters of a wobble on a recording of a sine.
     fn required_parameters_of(wave: [f64; 2]) -> usize {
-        let stage = Wave::of(wave);
         let given = Twin::nominal(Machine::Table);
-        let train = Problem::new(&[&stage as &dyn Stage], &given);
-        let nothing = Problem::new(&[], &given);
         let effect = find(WOBBLE).unwrap();
         let parameters = [wave[0], wave[1], effect.null[2]];
         let twin = screen::with(&given, effect, Axis::Whole, &parameters);
+        let stage = TestStage::camera(&twin, sine, 7);
+        let train = Problem::new(&[&stage as &dyn Stage], &given);
+        let nothing = Problem::new(&[], &given);
         let fit_of =
             |twin: Twin| Fit { point: train.start(twin), slots: vec![], loss: 0.0, rows: 2000 };
         let (base, fit) = (fit_of(given.clone()), fit_of(twin));

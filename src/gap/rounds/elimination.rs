@@ -318,8 +318,8 @@ pub(in crate::gap) fn instance_of(twin: &Twin, step: &Added) -> Option<usize> {
 fn is_end_of_backlash(twin: &Twin, index: usize, ratio: f64) -> bool {
     let own = &twin.instances[index];
     let Some(belt) = own.spring().filter(|belt| belt.backlash == 0.0) else { return false };
-    let plays = twin.instances.iter().filter(|other| other.axis.overlaps(own.axis));
-    plays
+    let overlapping = twin.instances.iter().filter(|other| other.axis.overlaps(own.axis));
+    overlapping
         .filter_map(Instance::spring)
         .any(|gap| 0.0 < gap.backlash && gap.stiffness < ratio * belt.stiffness)
 }

@@ -167,54 +167,10 @@ fn fitted_instances(best: &Fit, given: &Point) -> impl Iterator<Item = usize> {
 mod tests {
     use super::*;
     use crate::{
-        effects::{Domain, Effect},
-        seed::Stream,
-        twin::{Channel, Machine, ReferenceResidual, Stage},
+        gap::test_stage::{CAMERA_NOISE_RMS, CAMERA_SIGNAL, TestStage},
+        twin::{Machine, ReferenceResidual, Stage},
     };
     use std::f64::consts::TAU;
-
-    /// Stage whose signal is `striker_mass` times a sine.
-    struct Swing(Vec<Channel>);
-
-    impl Swing {
-        /// 20 s at 100 Hz of a machine with a mass of 1, with noise of RMS 0.1.
-        fn of_mass_one(seed: u64) -> Self {
-            let mut random = Stream::new(seed, "swing");
-            let times: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
-            let noise = |_: &f64| f64::from(random.uniform_f32(-0.17, 0.17));
-            let noise: Vec<f64> = times.iter().map(noise).collect();
-            let measured = times.iter().zip(noise).map(|(time, noise)| time.sin() + noise);
-            Self(vec![Channel {
-                signal: "camera.striker_x".into(),
-                unit: "m",
-                domain: Domain::Sensor,
-                axis: "x",
-                rate_hz: 100.0,
-                measured: measured.collect(),
-                times,
-                runs: std::iter::once(0..2000).collect(),
-            }])
-        }
-    }
-
-    impl Stage for Swing {
-        fn kind(&self) -> StageKind {
-            StageKind::Camera
-        }
-
-        fn channels(&self) -> &[Channel] {
-            &self.0
-        }
-
-        fn calls(&self, _effect: &Effect) -> bool {
-            false
-        }
-
-        fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-            let times = self.0[0].times.iter();
-            predicted[0] = times.map(|time| twin.striker_mass * time.sin()).collect();
-        }
-    }
 
     #[test]
     fn another_stage_contradicts_a_refit_that_predicts_it_worse_beyond_chance() {
@@ -222,7 +178,8 @@ mod tests {
         let contradictions = |given: f64, refitted: f64| {
             let seeds: Vec<u64> = (0..20).collect();
             let answers = in_parallel(&seeds, |seed| {
-                let stage = Swing::of_mass_one(*seed);
+                let predict = |twin: &Twin, time: f64| twin.striker_mass * time.sin();
+                let stage = TestStage::camera(&twin(1.0), predict, *seed);
                 let companions = Problem::new(&[&stage as &dyn Stage], &twin(given));
                 contradicts(&companions, &twin(given), &twin(refitted))
             });
@@ -237,12 +194,7 @@ mod tests {
         assert!(!contradicts(&nothing, &twin(1.0), &twin(1.2)));
     }
 
-    /// Stage whose signal is the sum of two waves: Coulomb friction is the amplitude of one, mass the frequency (Hz) of the
-    /// other.
-    struct Waves(Vec<Channel>);
-
     const SMALL_AMPLITUDE: f64 = 0.05;
-    const NOISE_RMS: f64 = 0.1;
 
     fn slots_of(twin: &Twin) -> [Slot; 2] {
         ["drive.friction.coulomb", "gantry.inertia"].map(|name| {
@@ -251,56 +203,16 @@ mod tests {
         })
     }
 
-    fn waves(time: f64, amplitude: f64, frequency: f64) -> f64 {
+    /// Sum of two sines. Coulomb friction is the amplitude of one, mass the frequency (Hz) of the other.
+    fn two_sines(twin: &Twin, time: f64) -> f64 {
+        let [amplitude, frequency] = slots_of(twin).map(|slot| twin.get(slot));
         amplitude * time.sin() + SMALL_AMPLITUDE * (TAU * frequency * time).sin()
-    }
-
-    impl Waves {
-        fn measured(amplitude: f64, frequency: f64) -> Self {
-            let mut random = Stream::new(3, "waves");
-            let bound = (3f64.sqrt() * NOISE_RMS) as f32;
-            let times: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
-            let mut noisy = |time: &f64| {
-                waves(*time, amplitude, frequency) + f64::from(random.uniform_f32(-bound, bound))
-            };
-            Self(vec![Channel {
-                signal: "camera.striker_x".into(),
-                unit: "m",
-                domain: Domain::Sensor,
-                axis: "x",
-                rate_hz: 100.0,
-                measured: times.iter().map(&mut noisy).collect(),
-                times,
-                runs: std::iter::once(0..2000).collect(),
-            }])
-        }
-    }
-
-    impl Stage for Waves {
-        fn kind(&self) -> StageKind {
-            StageKind::Camera
-        }
-
-        fn channels(&self) -> &[Channel] {
-            &self.0
-        }
-
-        fn calls(&self, _effect: &Effect) -> bool {
-            true
-        }
-
-        fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-            let [amplitude, frequency] = slots_of(twin).map(|slot| twin.get(slot));
-            let times = self.0[0].times.iter();
-            predicted[0] = times.map(|time| waves(*time, amplitude, frequency)).collect();
-        }
     }
 
     #[test]
     fn a_parameter_that_the_change_of_another_displaced_returns() {
         const AMPLITUDES: [f64; 2] = [1.0, 3.0];
         const FREQUENCY_HZ: f64 = 5.0;
-        let stage = Waves::measured(AMPLITUDES[1], FREQUENCY_HZ);
         let twin_at = |amplitude: f64, frequency: f64| {
             let mut twin = Twin::nominal(Machine::Axis);
             let [first, second] = slots_of(&twin);
@@ -308,14 +220,16 @@ mod tests {
             twin.set(second, frequency);
             // The displaced frequency leaves a quarter more than the noise.
             twin.reference_residuals = vec![ReferenceResidual {
-                signal: "camera.striker_x".into(),
-                residual_rms: NOISE_RMS,
+                signal: CAMERA_SIGNAL.into(),
+                residual_rms: CAMERA_NOISE_RMS,
                 searched: true,
             }];
             twin
         };
-        let train = Problem::new(&[&stage as &dyn Stage], &twin_at(AMPLITUDES[0], FREQUENCY_HZ));
-        let given = train.start(twin_at(AMPLITUDES[0], FREQUENCY_HZ));
+        let [given, truth] = AMPLITUDES.map(|amplitude| twin_at(amplitude, FREQUENCY_HZ));
+        let stage = TestStage::camera(&truth, two_sines, 3);
+        let train = Problem::new(&[&stage as &dyn Stage], &given);
+        let given = train.start(given);
         let fit_at = |amplitude: f64, frequency: f64| {
             let point = train.start(twin_at(amplitude, frequency));
             let slots = slots_of(&point.twin).to_vec();

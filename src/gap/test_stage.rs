@@ -1,0 +1,76 @@
+//! Stage of unit tests: one signal, predicted by a function of twin and time.
+
+use crate::{
+    effects::{Domain, Effect},
+    seed::Stream,
+    twin::{Channel, Stage, StageKind, Twin},
+};
+
+/// Signal of [`TestStage::camera`].
+pub(super) const CAMERA_SIGNAL: &str = "camera.striker_x";
+
+/// RMS of its noise (m).
+pub(super) const CAMERA_NOISE_RMS: f64 = 0.1;
+
+/// Stage with one signal, which `F` predicts from the twin and the time (s).
+pub(super) struct TestStage<F> {
+    kind: StageKind,
+    channels: [Channel; 1],
+    predict: F,
+}
+
+impl<F: Fn(&Twin, f64) -> f64 + Sync> TestStage<F> {
+    /// Velocity of motor A at 100 Hz from 0 on: the values in `measured` (m/s).
+    pub(super) fn drive(measured: Vec<f64>, predict: F) -> Self {
+        let channel = Channel {
+            signal: "motor_a.velocity".into(),
+            unit: "m/s",
+            domain: Domain::Drive,
+            axis: "a",
+            rate_hz: 100.0,
+            times: (0..measured.len()).map(|k| 0.01 * k as f64).collect(),
+            runs: std::iter::once(0..measured.len()).collect(),
+            measured,
+        };
+        Self { kind: StageKind::Drive, channels: [channel], predict }
+    }
+
+    /// Position of the striker along x (m), 20 s at 100 Hz: the prediction of `truth` with uniform noise.
+    pub(super) fn camera(truth: &Twin, predict: F, seed: u64) -> Self {
+        let mut random = Stream::new(seed, "swing");
+        let bound = (3f64.sqrt() * CAMERA_NOISE_RMS) as f32;
+        let times: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
+        let mut noisy =
+            |time: &f64| predict(truth, *time) + f64::from(random.uniform_f32(-bound, bound));
+        let channel = Channel {
+            signal: CAMERA_SIGNAL.into(),
+            unit: "m",
+            domain: Domain::Sensor,
+            axis: "x",
+            rate_hz: 100.0,
+            measured: times.iter().map(&mut noisy).collect(),
+            times,
+            runs: std::iter::once(0..2000).collect(),
+        };
+        Self { kind: StageKind::Camera, channels: [channel], predict }
+    }
+}
+
+impl<F: Fn(&Twin, f64) -> f64 + Sync> Stage for TestStage<F> {
+    fn kind(&self) -> StageKind {
+        self.kind
+    }
+
+    fn channels(&self) -> &[Channel] {
+        &self.channels
+    }
+
+    fn calls(&self, _effect: &Effect) -> bool {
+        true
+    }
+
+    fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+        let times = self.channels[0].times.iter();
+        predicted[0] = times.map(|time| (self.predict)(twin, *time)).collect();
+    }
+}
