@@ -2,13 +2,15 @@
 """Transfer of policies from their simulation to the virtual rig, over several training seeds.
 
     python scripts/measure_transfer.py KLASKTRON DEMO OUT [--steps 20e6] [--seeds 3] [--seconds 900]
-        [--settings FILE] [--ablate]
+        [--settings FILE] [--twin FILE] [--ablate] [--join OUT ...]
 
-DEMO is the folder of a finished `klasktron demo`: its twin, actuator network, filter and rig files are used. Every arm is
-the same learner in another simulation, with the settings of FILE (default: those of the program). Each policy plays on the
+DEMO is the folder of a finished `klasktron demo`: its twin (unless --twin names another one), actuator network, filter and
+rig files are used. Every arm is the same learner in another simulation, with the settings of FILE (default: those of the
+program). Each policy plays on the
 rig and in its own simulation: the same opponents, both seats, the same serves; one referee scores both. Results in OUT are
 not computed again. With --ablate each policy also plays on rigs without one of the demo's hidden effects, and on one
-without any.
+without any. With --join the runs of other finished OUT folders, such as those with other settings, count as further seeds of
+the same arms.
 
 Intervals are 95 %: bootstrap over training seeds, and over the episodes of each seed within (Efron and Tibshirani 1993).
 Writes OUT/transfer.json and prints the tables.
@@ -26,11 +28,11 @@ ARMS = {
     "ideal": "ideal",
     "randomized": "ideal --randomize",
     "learned": "{demo}/actuator/actuator.mcap",
-    "twin": "{demo}/gap/twin.json --no-sensors",
+    "twin": "{twin} --no-sensors",
     "ideal-sensors": "ideal --ekf {demo}/ekf/ekf.json",
     "learned-sensors": "{demo}/actuator/actuator.mcap --ekf {demo}/ekf/ekf.json",
-    "twin-sensors": "{demo}/gap/twin.json --ekf {demo}/ekf/ekf.json",
-    "twin-without-history": "{demo}/gap/twin.json --no-sensors --action-history 0",
+    "twin-sensors": "{twin} --ekf {demo}/ekf/ekf.json",
+    "twin-without-history": "{twin} --no-sensors --action-history 0",
 }
 OPPONENTS = ["stationary", "chaser", "goalkeeper"]
 SEATS = ["left", "right"]
@@ -86,7 +88,7 @@ def rig_file(options, place, opponent, seat):
 def train(options, arm, seed):
     folder = options.out / arm / f"seed-{seed}"
     folder.mkdir(parents=True, exist_ok=True)
-    actuator, *others = ARMS[arm].format(demo=options.demo).split()
+    actuator, *others = ARMS[arm].format(demo=options.demo, twin=options.twin).split()
     words = [options.klasktron, "train", "--actuator", actuator, *others, "--steps", options.steps, "--seed", seed]
     words += ["--settings", options.settings] if options.settings else []
     words += ["--games", 1000, "--output", folder, "--overwrite", "--json"]
@@ -133,6 +135,18 @@ def episodes(score, opponent):
                 minutes = (one["end_s"] - one["start_s"]) / 60
                 rows.append([minutes, scorer == seat, scorer not in (None, seat), one["contacts"]])
     return np.array(rows, dtype=float).reshape(-1, 4)
+
+
+def both_places(scores):
+    """Episodes of one policy against each opponent, on the rig and in its simulation."""
+    return [{name: episodes(scores[place], name) for name in OPPONENTS} for place in ("rig", "simulation")]
+
+
+def finished(out, arm):
+    """Episodes of every policy of an arm in a finished folder."""
+    for folder in sorted((out / arm).glob("seed-*")):
+        read = lambda place: json.loads((folder / f"eval-{place}.json").read_text(encoding="utf-8"))
+        yield both_places({place: read(place) for place in ("rig", "simulation")})
 
 
 def drawn(seeds, generator):
@@ -220,24 +234,28 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--seconds", type=int, default=900)
     parser.add_argument("--settings", type=Path)
+    parser.add_argument("--twin", type=Path)
     parser.add_argument("--arms", default=",".join(ARMS))
     parser.add_argument("--ablate", action="store_true")
+    parser.add_argument("--join", type=Path, nargs="+", default=[])
     options = parser.parse_args()
+    options.twin = options.twin or options.demo / "gap/twin.json"
     generator = np.random.default_rng(0)
-    document = {"steps": options.steps, "seeds": options.seeds, "seconds": options.seconds, "arms": {}, "differences": {}}
+    document = {"steps": options.steps, "seeds": options.seeds, "joined": [str(out) for out in options.join], "seconds": options.seconds, "arms": {}, "differences": {}}
     data, changed = {}, {}
     for seed in range(options.seeds):
         for arm in options.arms.split(","):
             folder, actuator, trained = train(options, arm, seed)
             scores = play(options, folder, actuator)
-            rows = [{name: episodes(scores[place], name) for name in OPPONENTS} for place in ("rig", "simulation")]
-            data.setdefault(arm, []).append(rows)
+            data.setdefault(arm, []).append(both_places(scores))
             for place in scores.keys() & ABLATIONS.keys():
                 joined = lambda score: np.concatenate([episodes(score, name) for name in OPPONENTS])
                 pair = [joined(scores[place]), joined(scores["rig"])]
                 changed.setdefault(arm, {}).setdefault(place, []).append(pair)
             document["arms"].setdefault(arm, {}).setdefault("transitions_per_s", []).append(trained["transitions_per_s"])
             print(f"{arm}, seed {seed}: done", flush=True)
+    for arm, seeds in data.items():
+        seeds += [own for out in options.join for own in finished(out, arm)]
     pooled = {}
     for arm, seeds in data.items():
         each = {name: [[rows[0][name], rows[1][name]] for rows in seeds] for name in OPPONENTS}
@@ -277,7 +295,7 @@ def show(document):
 
 
 def p_value(value):
-    return "" if value is None else f"{value:.3f}"
+    return "" if value is None else f"{value:.2g}"
 
 
 if __name__ == "__main__":

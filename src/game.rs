@@ -59,7 +59,7 @@
 //! - Impacts with restitution (constant or decreasing with speed), static and kinetic Coulomb
 //!   friction, and spin about the vertical; displaced or tilted walls.
 //! - Strikers of finite mass: an impact displaces them from their magnet, to which they return as a
-//!   damped oscillator ([`StrikerSettings`]).
+//!   damped oscillator with friction on the board ([`StrikerSettings`], with a twin those of its coupling).
 //! - Cups that capture a ball or release it over the rim ([`CupSettings`], [`sure_fall_speed`]).
 //! - Biscuits ([`BiscuitSettings`]), off by default as in the paper.
 //! - Domain randomization: physics drawn per episode ([`Randomization::paper`]), off by default.
@@ -87,6 +87,7 @@ mod observed;
 mod outcome;
 mod period;
 mod randomization;
+mod recoil;
 mod sensing;
 mod settings;
 mod state;

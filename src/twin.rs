@@ -119,6 +119,13 @@ impl Instance {
         self.values.iter().map(|value| value.value).collect()
     }
 
+    /// The value of the parameter `name`.
+    #[must_use]
+    pub fn value(&self, name: &str) -> Option<f64> {
+        let index = self.effect.parameters.iter().position(|own| own.name == name)?;
+        self.values.get(index).map(|own| own.value)
+    }
+
     /// Spring between a motor and its load.
     #[must_use]
     pub fn spring(&self) -> Option<Spring> {

@@ -11,10 +11,11 @@ use super::{
     cup::{fall_time, leaves_with},
     laws::BallLaws,
     randomization::BoardPhysics,
+    recoil::Recoil,
     settings::{BiscuitSettings, CONTROL_PERIOD, CupRule, CupSettings, GameSettings, instances},
 };
 use crate::{
-    effects::{Ball, Oscillator, Wall},
+    effects::{Ball, Wall},
     twin::Instance,
 };
 
@@ -78,7 +79,7 @@ pub(super) struct Table {
     /// Half of the board's sides (m).
     pub(super) half: [f64; 2],
     /// Motion of a displaced striker over one piece.
-    pub(super) magnet: Oscillator,
+    pub(super) recoil: Recoil,
     /// Mass of a striker (kg).
     pub(super) striker_mass: f64,
     pub(super) biscuits: Option<BiscuitSettings>,
@@ -99,7 +100,7 @@ impl Table {
             laws: BallLaws::new(&complete(&ball.effects), &complete(&ball.striker_effects)),
             cup: settings.cup,
             half: [board.short_side / 2.0, board.long_side / 2.0],
-            magnet: Oscillator::new(striker.magnet_frequency, striker.magnet_damping, piece),
+            recoil: Recoil::new(striker, piece),
             striker_mass: striker.mass,
             biscuits: settings.biscuits,
             pieces: *pieces,

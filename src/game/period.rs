@@ -18,12 +18,8 @@ use super::{
 };
 use crate::{
     board::{BALL_RADIUS, STRIKER_RADIUS},
-    effects::Oscillator,
     recording::topic::Player,
 };
-
-/// Displacement (m) and velocity (m/s) below which a striker is back on its magnet.
-const BACK_HOME: f64 = 1e-9;
 
 /// One environment for one control period.
 pub(super) struct Period<'a> {
@@ -51,13 +47,13 @@ impl Period<'_> {
         for piece in 0..pieces {
             let push = if piece == 0 { 0.5 * h } else { h };
             self.push(places, start + h * piece as f64, push);
-            let ends = self.ways.map(|way| way[piece + 1]);
             let ended = if self.biscuits.is_some() {
-                self.play_piece::<5>(ends, &mut places, &mut all)
+                self.play_piece::<5>(piece, &mut places, &mut all)
             } else {
-                self.play_piece::<2>(ends, &mut places, &mut all)
+                self.play_piece::<2>(piece, &mut places, &mut all)
             };
             if ended.is_some() {
+                let ends = self.ways.map(|way| way[piece + 1]);
                 // The ball stops here, and so do the strikers: not at the end of the period, to
                 // which their drives have moved.
                 for (striker, end) in self.strikers.iter_mut().zip(ends) {
@@ -127,12 +123,12 @@ impl Period<'_> {
         apart([x, y.abs()], [0.0, cup.distance], reach)
     }
 
-    /// Play one piece: each magnet moves straight to its position in `ends`. `places` are the
+    /// Play the piece with index `piece`, in which each magnet moves straight. `places` are the
     /// positions of the strikers, before and then after. `N` is the number of bodies that the ball
     /// can hit: two strikers and three biscuits.
     fn play_piece<const N: usize>(
         &mut self,
-        ends: [[f64; 2]; 2],
+        piece: usize,
         places: &mut [[f64; 2]; 2],
         all: &mut Happened,
     ) -> Option<Ending> {
@@ -141,8 +137,9 @@ impl Period<'_> {
         let mut movers = [Mover::striker([0.0; 2], [0.0; 2], striker_mass); N];
         for player in 0..2 {
             let striker = &mut self.strikers[player];
-            swing(&self.table.magnet, striker);
-            let end = add(ends[player], striker.recoil);
+            let [from, to] = [0, 1].map(|later| self.ways[player][piece + later]);
+            self.table.recoil.advance(striker, scale(subtract(to, from), 1.0 / h));
+            let end = add(to, striker.recoil);
             let velocity = scale(subtract(end, places[player]), 1.0 / h);
             movers[player] = Mover::striker(places[player], velocity, striker_mass);
         }
@@ -219,23 +216,6 @@ impl Period<'_> {
             |player: Player| biscuits.iter().filter(|own| own.holder == Some(player as u8)).count();
         let loser = Player::BOTH.into_iter().find(|player| 2 <= held(*player))?;
         Some(Ending::Biscuits { loser })
-    }
-}
-
-/// Oscillation of a displaced striker on its magnet over one piece.
-fn swing(magnet: &Oscillator, striker: &mut StrikerState) {
-    let StrikerState { recoil, recoil_velocity, .. } = striker;
-    if *recoil == [0.0; 2] && *recoil_velocity == [0.0; 2] {
-        return;
-    }
-    let mut size = 0.0;
-    for axis in 0..2 {
-        let (place, velocity) = magnet.step(recoil[axis], recoil_velocity[axis]);
-        (recoil[axis], recoil_velocity[axis]) = (place, velocity);
-        size += place.abs() + velocity.abs();
-    }
-    if size < BACK_HOME {
-        (*recoil, *recoil_velocity) = ([0.0; 2], [0.0; 2]);
     }
 }
 

@@ -124,11 +124,31 @@ pub struct StrikerSettings {
     pub magnet_frequency: f64,
     /// Damping ratio of that motion; 0.7, an estimate (grease under the striker).
     pub magnet_damping: f64,
+    /// Coulomb friction on the board (N); 0.
+    pub friction: f64,
+}
+
+impl StrikerSettings {
+    /// The same striker with the mass of `twin`, and with stiffness, damping and friction of its coupling where it has
+    /// one.
+    fn on_the_magnet_of(mut self, twin: &Twin) -> Self {
+        self.mass = twin.striker_mass;
+        let coupling = ["coupling.magnet_spring", "coupling.striker_friction"]
+            .iter()
+            .find_map(|name| twin.instance(name, Axis::Whole));
+        if let Some(coupling) = coupling {
+            let of = |name| coupling.value(name).unwrap_or_default();
+            self.magnet_frequency = (of("stiffness_n_per_m") / self.mass).sqrt();
+            self.magnet_damping = of("damping_ratio");
+            self.friction = of("force_n");
+        }
+        self
+    }
 }
 
 impl Default for StrikerSettings {
     fn default() -> Self {
-        Self { mass: 0.012, magnet_frequency: 39.5, magnet_damping: 0.7 }
+        Self { mass: 0.012, magnet_frequency: 39.5, magnet_damping: 0.7, friction: 0.0 }
     }
 }
 
@@ -291,9 +311,9 @@ impl Default for BiscuitSettings {
 }
 
 impl GameSettings {
-    /// The same game with the actuators of `twin`, and with its ball and walls where recordings have determined one of
-    /// their parameters. Wall effects that such a twin lacks are removed; impacts on strikers stay as they are,
-    /// since a twin does not describe them.
+    /// The same game with the actuators of `twin`, with its magnetic coupling of the striker, and with its ball and
+    /// walls where recordings have determined one of their parameters. Wall effects that such a twin lacks are removed;
+    /// restitution and friction of impacts on strikers stay as they are, since a twin does not describe them.
     #[must_use]
     pub fn with_twin(mut self, twin: &Twin) -> Self {
         let of_ball = || twin.instances.iter().filter(|own| own.effect.physics.acts_on_ball());
@@ -301,7 +321,7 @@ impl GameSettings {
         if of_ball().any(is_known) {
             self.ball.effects = of_ball().cloned().collect();
         }
-        self.striker.mass = twin.striker_mass;
+        self.striker = self.striker.on_the_magnet_of(twin);
         self.actuation = Actuation::twin(twin.clone());
         self
     }
@@ -339,7 +359,8 @@ impl GameSettings {
         within("ball.static_friction_ratio", ball.static_friction_ratio, 1.0, 10.0)?;
         within("striker.mass_kg", striker.mass, 1e-4, 10.0)?;
         within("striker.magnet_frequency_rad_per_s", striker.magnet_frequency, 1.0, 1e4)?;
-        within("striker.magnet_damping", striker.magnet_damping, 0.0, 10.0)?;
+        within("striker.magnet_damping", striker.magnet_damping, 0.0, 30.0)?;
+        within("striker.friction_n", striker.friction, 0.0, 20.0)?;
         within("cup.radius_m", cup.radius, 1e-3, board.short_side / 2.0)?;
         within("cup.distance_m", cup.distance, cup.radius, board.long_side / 2.0 - cup.radius)?;
         if let CupRule::SlowerThan(speed) = cup.rule {

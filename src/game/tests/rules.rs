@@ -344,6 +344,32 @@ fn the_ball_of_a_twin_that_no_roll_was_recorded_for_is_that_of_the_game() {
 }
 
 #[test]
+fn a_striker_recoils_on_the_coupling_of_its_twin() {
+    use crate::{
+        effects::{Axis, find},
+        game::StrikerSettings,
+        twin::{Instance, Machine, Source, Twin},
+    };
+    let rigid = Twin::nominal(Machine::Table);
+    let striker = |twin: &Twin| GameSettings::default().with_twin(twin).striker;
+    assert_eq!(striker(&rigid), StrikerSettings { mass: rigid.striker_mass, ..Default::default() });
+    let (stiffness, damping, friction) = (164.0, 0.16, 0.66);
+    for (name, numbers) in [
+        ("coupling.magnet_spring", [stiffness, damping, 0.012, friction]),
+        ("coupling.striker_friction", [friction, stiffness, damping, 0.012]),
+    ] {
+        let mut twin = rigid.clone();
+        let effect = find(name).unwrap();
+        twin.instances.push(Instance::new(effect, Axis::Whole, &numbers, Source::Fitted));
+        let found = striker(&twin);
+        let mass = twin.striker_mass;
+        let magnet_frequency = (stiffness / mass).sqrt();
+        let want = StrikerSettings { mass, magnet_frequency, magnet_damping: damping, friction };
+        assert_eq!(found, want, "{name}");
+    }
+}
+
+#[test]
 fn the_limiter_may_act_behind_a_learned_actuator_but_not_behind_a_twin() {
     use crate::twin::{Machine, Twin};
     let twin = Twin::nominal(Machine::Table);
