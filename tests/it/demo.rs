@@ -34,7 +34,7 @@ fn the_demo_runs_every_command_keeps_what_is_finished_and_goes_on_after_a_failur
     assert_eq!(count(&document["experiment"]["contests"]), 12);
     assert_eq!(count(&document["experiment"]["differences"]), 7);
     let page = fs::read_to_string(demo.join("index.html")).unwrap();
-    let line = "klasktron train --actuator gap/twin.json";
+    let line = "klasktron train --settings training.json --actuator gap/twin.json";
     for word in ["Close the gap", line, "class=\"chart\"", "Hidden effects"] {
         assert!(page.contains(word), "{word}");
     }
