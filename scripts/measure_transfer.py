@@ -6,11 +6,10 @@
 
 DEMO is the folder of a finished `klasktron demo`: its twin (unless --twin names another one), actuator network, filter and
 rig files are used. Every arm is the same learner in another simulation, with the settings of FILE (default: those of the
-program). Each policy plays on the
-rig and in its own simulation: the same opponents, both seats, the same serves; one referee scores both. Results in OUT are
-not computed again. With --ablate each policy also plays on rigs without one of the demo's hidden effects, and on one
-without any. With --join the runs of other finished OUT folders, such as those with other settings, count as further seeds of
-the same arms.
+program). Each policy plays on the rig and in its own simulation: the same opponents, both seats, the same serves; one
+referee scores both. Results in OUT are not computed again. With --ablate each policy also plays on rigs without one of the
+demo's hidden effects, and on one without any. With --join the runs of other finished OUT folders, such as those with other
+settings, count as further seeds of the same arms.
 
 Intervals are 95 %: bootstrap over training seeds, and over the episodes of each seed within (Efron and Tibshirani 1993).
 Writes OUT/transfer.json and prints the tables.
@@ -241,7 +240,8 @@ def main():
     options = parser.parse_args()
     options.twin = options.twin or options.demo / "gap/twin.json"
     generator = np.random.default_rng(0)
-    document = {"steps": options.steps, "seeds": options.seeds, "joined": [str(out) for out in options.join], "seconds": options.seconds, "arms": {}, "differences": {}}
+    document = {"steps": options.steps, "seeds": options.seeds, "seconds": options.seconds, "arms": {}, "differences": {}}
+    document["joined"] = [str(out) for out in options.join]
     data, changed = {}, {}
     for seed in range(options.seeds):
         for arm in options.arms.split(","):
@@ -254,10 +254,9 @@ def main():
                 changed.setdefault(arm, {}).setdefault(place, []).append(pair)
             document["arms"].setdefault(arm, {}).setdefault("transitions_per_s", []).append(trained["transitions_per_s"])
             print(f"{arm}, seed {seed}: done", flush=True)
-    for arm, seeds in data.items():
-        seeds += [own for out in options.join for own in finished(out, arm)]
     pooled = {}
     for arm, seeds in data.items():
+        seeds += [own for out in options.join for own in finished(out, arm)]
         each = {name: [[rows[0][name], rows[1][name]] for rows in seeds] for name in OPPONENTS}
         joined = lambda rows: np.concatenate([rows[name] for name in OPPONENTS])
         pooled[arm] = [[joined(rows[0]), joined(rows[1])] for rows in seeds]
