@@ -325,14 +325,14 @@ fn seed_runs(sweep: &Sweep<'_>, finished: &Finished) -> anyhow::Result<Vec<SeedR
 
 impl Args {
     fn settings(&self) -> anyhow::Result<TrainSettings> {
-        let mut settings = match &self.settings {
-            Some(path) => TrainSettings::read(path)?,
-            None => TrainSettings::preset(self.preset),
+        let mut settings = if let Some(path) = &self.settings {
+            let stored = TrainSettings::read(path)?;
+            TrainSettings { steps: self.steps.unwrap_or(stored.steps), ..stored }
+        } else {
+            let preset = TrainSettings::preset(self.preset);
+            let steps = self.steps.unwrap_or(preset.steps);
+            preset.for_steps(steps)
         };
-        settings.steps = self.steps.unwrap_or(settings.steps);
-        if self.settings.is_none() && settings.anneal_transitions.is_some() {
-            settings.anneal_transitions = Some(settings.steps);
-        }
         settings.environments = self.envs.unwrap_or(settings.environments);
         settings.seed = self.seed.unwrap_or(settings.seed);
         if !self.hidden.is_empty() {

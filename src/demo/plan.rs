@@ -358,8 +358,7 @@ impl Plan {
 
     fn train(&mut self, amounts: &Amounts, seed: u64) {
         let Amounts { transitions, games, .. } = *amounts;
-        let mut settings = TrainSettings::preset(Preset::Tuned);
-        (settings.steps, settings.anneal_transitions) = (transitions, Some(transitions));
+        let mut settings = TrainSettings::preset(Preset::Tuned).for_steps(transitions);
         settings.reward.decay_transitions = SHAPING_DECAY;
         self.files.push((TRAINING.into(), settings.to_json()));
         let policy = |kind: &PolicyKind| {

@@ -74,8 +74,11 @@ impl Recoil {
             return free;
         }
         let speed = length(led);
-        let led = if speed < AT_REST { [0.0; 2] } else { led };
-        let before = if led == [0.0; 2] { led } else { scale(led, 1.0 + self.friction / speed) };
+        let (led, before) = if speed < AT_REST {
+            ([0.0; 2], [0.0; 2])
+        } else {
+            (led, scale(led, 1.0 + self.friction / speed))
+        };
         let whole = add(before, free);
         let kept = 1.0 - self.friction / length(whole).max(self.friction);
         subtract(scale(whole, kept), led)

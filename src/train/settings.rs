@@ -337,6 +337,13 @@ impl TrainSettings {
         }
     }
 
+    /// The same settings for a run of `steps` transitions: an annealed learning rate reaches zero at its end.
+    #[must_use]
+    pub fn for_steps(self, steps: u64) -> Self {
+        let anneal_transitions = self.anneal_transitions.map(|_planned| steps);
+        Self { steps, anneal_transitions, ..self }
+    }
+
     /// Settings of the learner in this run: with the schedule of
     /// [`anneal_transitions`](Self::anneal_transitions).
     #[must_use]
