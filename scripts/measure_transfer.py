@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 """Transfer of policies from their simulation to the virtual rig, over several training seeds.
 
-    python scripts/measure_transfer.py KLASKTRON DEMO OUT [--steps 20e6] [--seeds 3] [--seconds 900]
-        [--settings FILE] [--twin FILE] [--ablate] [--join OUT ...]
+    python scripts/measure_transfer.py KLASKTRON DEMO OUT [--steps 20e6] [--seeds 3] [--first-seed 0]
+        [--seconds 900] [--settings FILE] [--twin FILE] [--arms A,B] [--ablate] [--join OUT ...]
 
 DEMO is the folder of a finished `klasktron demo`: its twin (unless --twin names another one), actuator network, filter and
 rig files are used. Every arm is the same learner in another simulation, with the settings of FILE (default: those of the
 program). Each policy plays on the rig and in its own simulation: the same opponents, both seats, the same serves; one
 referee scores both. Results in OUT are not computed again. With --ablate each policy also plays on rigs without one of the
 demo's hidden effects, and on one without any. With --join the runs of other finished OUT folders, such as those with other
-settings, count as further seeds of the same arms.
+settings, count as further seeds of the same arms; with --seeds 0 there are no others.
 
 Intervals are 95 %: bootstrap over training seeds, and over the episodes of each seed within (Efron and Tibshirani 1993).
 Writes OUT/transfer.json and prints the tables.
@@ -39,6 +39,8 @@ CLAIMS = [
     ("twin", "ideal"),
     ("twin", "randomized"),
     ("learned", "ideal"),
+    ("learned", "randomized"),
+    ("learned-sensors", "ideal-sensors"),
     ("twin-sensors", "twin"),
     ("twin-sensors", "ideal"),
     ("twin-sensors", "ideal-sensors"),
@@ -231,6 +233,7 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--steps", default="20e6")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds", type=int, default=900)
     parser.add_argument("--settings", type=Path)
     parser.add_argument("--twin", type=Path)
@@ -240,10 +243,11 @@ def main():
     options = parser.parse_args()
     options.twin = options.twin or options.demo / "gap/twin.json"
     generator = np.random.default_rng(0)
+    options.out.mkdir(parents=True, exist_ok=True)
     document = {"steps": options.steps, "seeds": options.seeds, "seconds": options.seconds, "arms": {}, "differences": {}}
     document["joined"] = [str(out) for out in options.join]
     data, changed = {}, {}
-    for seed in range(options.seeds):
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
         for arm in options.arms.split(","):
             folder, actuator, trained = train(options, arm, seed)
             scores = play(options, folder, actuator)
@@ -255,13 +259,13 @@ def main():
             document["arms"].setdefault(arm, {}).setdefault("transitions_per_s", []).append(trained["transitions_per_s"])
             print(f"{arm}, seed {seed}: done", flush=True)
     pooled = {}
-    for arm, seeds in data.items():
-        seeds += [own for out in options.join for own in finished(out, arm)]
+    for arm in options.arms.split(","):
+        seeds = data.get(arm, []) + [own for out in options.join for own in finished(out, arm)]
         each = {name: [[rows[0][name], rows[1][name]] for rows in seeds] for name in OPPONENTS}
         joined = lambda rows: np.concatenate([rows[name] for name in OPPONENTS])
         pooled[arm] = [[joined(rows[0]), joined(rows[1])] for rows in seeds]
         each["all"] = pooled[arm]
-        document["arms"][arm].update({name: result(own, generator) for name, own in each.items()})
+        document["arms"].setdefault(arm, {}).update({name: result(own, generator) for name, own in each.items()})
     for better, worse in CLAIMS:
         if better in pooled and worse in pooled:
             document["differences"][f"{better} minus {worse}"] = difference(pooled[better], pooled[worse], generator)

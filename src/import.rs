@@ -23,7 +23,7 @@
 //! let output = dir.path().join("slide.mcap");
 //! let columns = AxisColumns::new("t", "u:V").position("x");
 //! let config = ImportConfig::new(&output, ExistingFile::Refuse);
-//! let report = import_csv(&table, &columns, &config)?;
+//! let report = import_csv(&[table], &columns, &config)?;
 //! assert!(!report.is_lossy());
 //!
 //! let recording = Recording::open(&output)?;

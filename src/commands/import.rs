@@ -6,7 +6,7 @@ use super::{
     tell,
 };
 use anyhow::Result;
-use clap::{Subcommand, ValueEnum};
+use clap::{ArgMatches, Command, FromArgMatches, Subcommand, ValueEnum, error::ErrorKind};
 use klasktron::{
     board::{BoardSize, Frame},
     gantry::CoreXy,
@@ -132,30 +132,62 @@ struct NpzArgs {
     board: BoardArgs,
 }
 
+/// Checked arguments of `klasktron import csv`.
+#[derive(Debug)]
+struct CsvArgs {
+    paths: Vec<PathBuf>,
+    output: OutputArgs,
+    columns: AxisColumns,
+}
+
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap"
+    after_help = "Examples:\n  klasktron import csv axis.csv --time t_s --input force_n:N --position position_m -o axis.mcap\n  klasktron import csv bench.csv --time t:ms --input i:mA --position x:deg --run test -o b.mcap"
 )]
-struct CsvArgs {
-    /// CSV table with the column names in its first row
-    path: PathBuf,
+struct CsvOptions {
+    /// CSV tables with the column names in their first row, in the order of the runs
+    ///
+    /// Lines that begin with # are comments. Every table needs the same columns.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
     #[command(flatten)]
     output: OutputArgs,
-    /// Column of the time (s)
-    #[arg(long, value_name = "COLUMN")]
+    /// Column of the time and its unit: s (default), ms, us, ns or steps
+    ///
+    /// Sample numbers are steps, with the time step --step-s. A column whose name ends in ':s' or another unit
+    /// is given with its unit again, such as t:s:s.
+    #[arg(long, value_name = "COLUMN[:UNIT]")]
     time: String,
-    /// Column of the input and its unit: m/s, m, N, N m (or Nm), V or A
+    /// Time step of the unit steps (s)
+    #[arg(long, value_name = "SECONDS")]
+    step_s: Option<f64>,
+    /// Column of the input and its unit, such as current:mA
+    ///
+    /// Units: m/s, mm/s, rad/s, deg/s, rpm, turns/s, m, mm, N, mN, kN, N m (or Nm), mN m (or mNm), V, mV, A, mA,
+    /// and duty (-1 to 1, with --supply-v).
     #[arg(long, value_name = "COLUMN:UNIT", value_parser = parse_input)]
     input: String,
-    /// Column of the position
-    #[arg(long, value_name = "COLUMN", required_unless_present = "velocity")]
+    /// Factor of the input before its unit applies; a negative one reverses the sign
+    #[arg(long, value_name = "FACTOR", default_value = "1", allow_hyphen_values = true)]
+    input_scale: f64,
+    /// Supply voltage of the unit duty (V)
+    #[arg(long, value_name = "VOLTS")]
+    supply_v: Option<f64>,
+    /// Column of the position and its unit: m, mm, um, rad, deg, turns or counts
+    #[arg(long, value_name = "COLUMN[:UNIT]", required_unless_present = "velocity")]
     position: Option<String>,
-    /// Column of the velocity
-    #[arg(long, value_name = "COLUMN")]
+    /// Column of the velocity and its unit: m/s, mm/s, rad/s, deg/s, rpm, turns/s or counts/s
+    #[arg(long, value_name = "COLUMN[:UNIT]")]
     velocity: Option<String>,
-    /// Unit of the position; the velocity has it per second
+    /// Unit of a position without its own unit; such a velocity has it per second
     #[arg(long, default_value = "m")]
     position_unit: PositionUnitArg,
+    /// Encoder counts per turn, for the units counts and counts/s
+    #[arg(long, value_name = "COUNT")]
+    counts_per_turn: Option<f64>,
+    /// Column whose value changes where a new run begins; the time may restart there
+    #[arg(long, value_name = "COLUMN")]
+    run: Option<String>,
     /// Name of the axis in the topics
     #[arg(long, value_name = "NAME", default_value = "axis", value_parser = parse_axis)]
     axis: String,
@@ -250,7 +282,7 @@ impl Args {
                 import::import_npz(&npz.path, frame, npz.board.size(), &npz.output.config())?
             }
             Some(Kind::Csv(csv)) => {
-                import::import_csv(&csv.path, &csv.columns(), &csv.output.config())?
+                import::import_csv(&csv.paths, &csv.columns, &csv.output.config())?
             }
             Some(Kind::Candump(log)) => {
                 let table = Table { gantry: log.belt.belt_metres_per_turn, ..Table::default() };
@@ -333,13 +365,16 @@ fn parse_belt(text: &str) -> Result<CoreXy> {
 }
 
 fn parse_input(text: &str) -> Result<String, ColumnError> {
-    AxisColumns::new("time", text).position("position").checked_input()?;
-    Ok(text.to_owned())
+    match AxisColumns::new("time", text).position("position").check() {
+        // The other option of the unit is checked with all options together.
+        Ok(()) | Err(ColumnError::Incomplete { .. }) => Ok(text.to_owned()),
+        Err(error) => Err(error),
+    }
 }
 
 fn parse_axis(text: &str) -> Result<String, ColumnError> {
     let columns = AxisColumns::new("time", "input:V").position("position");
-    AxisColumns { axis: text.to_owned(), ..columns }.checked_input()?;
+    AxisColumns { axis: text.to_owned(), ..columns }.check()?;
     Ok(text.to_owned())
 }
 
@@ -353,18 +388,52 @@ impl FrameArg {
     }
 }
 
-impl CsvArgs {
+impl CsvOptions {
     fn columns(&self) -> AxisColumns {
         AxisColumns {
             time: self.time.clone(),
+            step_s: self.step_s,
             input: self.input.clone(),
+            input_scale: self.input_scale,
+            supply_v: self.supply_v,
             position: self.position.clone(),
             velocity: self.velocity.clone(),
             position_unit: match self.position_unit {
                 PositionUnitArg::M => PositionUnit::Metre,
                 PositionUnitArg::Rad => PositionUnit::Radian,
             },
+            counts_per_turn: self.counts_per_turn,
+            run: self.run.clone(),
             axis: self.axis.clone(),
         }
+    }
+}
+
+impl FromArgMatches for CsvArgs {
+    /// Check the options together, so that a wrong combination is a usage error.
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let typed = CsvOptions::from_arg_matches(matches)?;
+        let columns = typed.columns();
+        columns.check().map_err(|error| {
+            let command = Command::new("klasktron import csv");
+            <CsvOptions as clap::Args>::augment_args(command)
+                .error(ErrorKind::ArgumentConflict, error)
+        })?;
+        Ok(Self { paths: typed.paths, output: typed.output, columns })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl clap::Args for CsvArgs {
+    fn augment_args(command: Command) -> Command {
+        <CsvOptions as clap::Args>::augment_args(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        <CsvOptions as clap::Args>::augment_args_for_update(command)
     }
 }

@@ -149,7 +149,7 @@ pub enum ImportError {
         place: String,
         /// Number of non-finite values.
         count: usize,
-        /// First row: from 1 with the header for tables, from 0 for arrays.
+        /// First row: the line of the file from 1 for tables, the index from 0 for arrays.
         row: usize,
     },
     /// Table without rows.
@@ -159,7 +159,7 @@ pub enum ImportError {
         path: PathBuf,
     },
     /// Missing column.
-    #[error("{}: no column '{column}'; the columns are {}", path.display(), list(found))]
+    #[error("{}: no column '{column}'; the columns are {}{hint}", path.display(), list(found))]
     NoColumn {
         /// The file.
         path: PathBuf,
@@ -167,6 +167,8 @@ pub enum ImportError {
         column: String,
         /// Columns of the table.
         found: Vec<String>,
+        /// Remedy for a header in a comment or a wrong unit; empty otherwise.
+        hint: String,
     },
     /// Duplicate column name.
     #[error("{}: column '{column}' occurs {count} times in the header; rename all but one", path.display())]
@@ -185,7 +187,7 @@ pub enum ImportError {
         path: PathBuf,
         /// Number of such rows.
         count: usize,
-        /// The first one, from 1, the header being row 1.
+        /// The first one, as a line of the file, from 1.
         row: usize,
     },
     /// Cell that is not a number.
@@ -193,7 +195,7 @@ pub enum ImportError {
     NotANumber {
         /// The file.
         path: PathBuf,
-        /// Row from 1; the header is row 1.
+        /// Line of the file, from 1.
         row: usize,
         /// The column.
         column: String,
@@ -202,20 +204,39 @@ pub enum ImportError {
     },
     /// Time that does not increase.
     #[error(
-        "{}: row {row}, column '{column}': time {found} s does not come after {previous} s; sort \
-         the rows and remove duplicates", path.display()
+        "{}: row {row}, column '{column}': time {found} {unit} does not come after {previous} \
+         {unit}; sort the rows and remove duplicates{hint}", path.display()
     )]
     TimeNotAdvancing {
         /// The file.
         path: PathBuf,
-        /// Row from 1; the header is row 1.
+        /// Line of the file, from 1.
         row: usize,
         /// The column.
         column: String,
-        /// Time (s).
+        /// Time, in the unit of the source.
         found: f64,
-        /// Time of the previous row (s).
+        /// Time of the previous row, in the unit of the source.
         previous: f64,
+        /// Unit of the source.
+        unit: &'static str,
+        /// Remedy for a table of several runs; empty otherwise.
+        hint: &'static str,
+    },
+    /// Duty outside of its range.
+    #[error(
+        "{}: row {row}, column '{column}': duty {found} is outside of -1 to 1; scale the column \
+         with --input-scale, such as 0.01 for percent", path.display()
+    )]
+    Duty {
+        /// The file.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        row: usize,
+        /// The column.
+        column: String,
+        /// Duty after the scale.
+        found: f64,
     },
     /// Log with several interfaces, or without the requested one.
     #[error("{}: the log holds the interfaces {}; choose one with --interface", path.display(), list(found))]

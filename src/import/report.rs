@@ -89,10 +89,19 @@ pub enum Notice {
     },
     /// Rows of a table with an empty cell in a wanted column.
     EmptyCells {
+        /// The file.
+        file: String,
         /// Number of rows.
         rows: usize,
-        /// First row, from 1; the header is row 1.
+        /// First row, as a line of the file, from 1.
         first_row: usize,
+    },
+    /// Time column without a unit whose median step is implausible for seconds.
+    LongStep {
+        /// The column.
+        column: String,
+        /// Median step, if the column is in seconds.
+        step_s: f64,
     },
     /// Entries of a servo's log with the motor off.
     MotorOff {
@@ -203,9 +212,16 @@ impl fmt::Display for Notice {
             Self::SkippedLines { what, lines, first_line, reason } => {
                 write!(f, "lost: {lines} {what}, the first in line {first_line}: {reason}")
             }
-            Self::EmptyCells { rows, first_row } => write!(
+            Self::EmptyCells { file, rows, first_row } => write!(
                 f,
-                "lost: {rows} rows with an empty cell were skipped, the first is row {first_row}"
+                "lost: {file}: {rows} rows with an empty cell were skipped, the first is row \
+                 {first_row}"
+            ),
+            Self::LongStep { column, step_s } => write!(
+                f,
+                "note: the median time step of column '{column}' is {} s; if the column is in ms, \
+                 add ':ms' to --time",
+                (step_s * 1e6).round() / 1e6
             ),
             Self::MotorOff { entries } => write!(
                 f,

@@ -66,12 +66,26 @@ struct Body {
     color: [f64; 3],
 }
 
+/// Columns and rows of a rectangle of pixels: first, and one after the last.
+type Window = [[usize; 2]; 2];
+
+#[derive(Debug, Clone, Copy)]
+struct Pixel {
+    column: usize,
+    row: usize,
+}
+
+/// Two neighbours in a row, which share their colour in YUYV.
+type Pair = [Pixel; 2];
+
 /// Draws frames as YUYV.
 #[derive(Debug, Clone)]
 pub struct Artist {
     half_field: [f64; 2],
     /// Place of the camera above the board (m).
     eye: [f64; 2],
+    /// Directions of the corners of all pixels, row by row.
+    corners: Vec<[f64; 2]>,
     background: Vec<u8>,
     frame: Vec<u8>,
     noise: Vec<i8>,
@@ -91,8 +105,9 @@ impl Artist {
         let mut artist = Self {
             half_field,
             eye: [0.0; 2],
+            corners: corners(),
             background: vec![0; WIDTH_PX * HEIGHT_PX * 2],
-            frame: Vec::new(),
+            frame: vec![0; WIDTH_PX * HEIGHT_PX * 2],
             noise,
             drawn: 0,
         };
@@ -101,8 +116,9 @@ impl Artist {
     }
 
     fn paint_background(&mut self) {
-        self.paint([[0, WIDTH_PX], [0, HEIGHT_PX]], &[], 0.0);
-        self.background = self.frame.clone();
+        let empty = |artist: &Self, pair: Pair| Some(pair.map(|pixel| artist.empty(pixel)));
+        self.paint([[0, WIDTH_PX], [0, HEIGHT_PX]], empty);
+        self.background.clone_from(&self.frame);
     }
 
     /// Draw a scene; the bytes are YUYV, row by row.
@@ -131,24 +147,32 @@ impl Artist {
         });
         let mut bodies: Vec<Body> = scene.strikers.into_iter().map(striker).collect();
         bodies.extend(ball);
-        for body in &bodies {
-            self.paint(window(body, scene.exposure_s), &bodies, scene.exposure_s);
+        let windows: Vec<_> = bodies.iter().map(|body| window(body, scene.exposure_s)).collect();
+        for own in &windows {
+            let near: Vec<Body> = (windows.iter().zip(&bodies))
+                .filter_map(|(other, body)| overlap(own, other).then_some(*body))
+                .collect();
+            self.paint(*own, |artist, pair| {
+                let seen = pair.map(|pixel| artist.seen(pixel, &near, scene.exposure_s));
+                let color = |side: usize| seen[side].unwrap_or_else(|| artist.empty(pair[side]));
+                (seen != [None; 2]).then(|| [color(0), color(1)])
+            });
         }
         &self.frame
     }
 
-    /// Paint the pixels of a window.
-    fn paint(&mut self, [columns, rows]: [[usize; 2]; 2], bodies: &[Body], exposure_s: f64) {
-        if self.frame.is_empty() {
-            self.frame = self.background.clone();
-        }
+    /// Paint the pairs of pixels of a window to which `colors` gives some; the others keep theirs.
+    fn paint(
+        &mut self,
+        [columns, rows]: Window,
+        colors: impl Fn(&Self, Pair) -> Option<[[f64; 3]; 2]>,
+    ) {
         let mut at = self.drawn.wrapping_mul(7919);
         for row in rows[0]..rows[1] {
             for pair in columns[0] / 2..columns[1] / 2 {
-                let mut both = [[0.0; 3]; 2];
-                for (side, color) in both.iter_mut().enumerate() {
-                    *color = yuv(self.color(2 * pair + side, row, bodies, exposure_s));
-                }
+                let pixels = [0, 1].map(|side| Pixel { column: 2 * pair + side, row });
+                let Some(both) = colors(self, pixels) else { continue };
+                let both = both.map(yuv);
                 let mut level = |value: f64| {
                     at = (at + 1) % NOISE_ENTRIES;
                     (value + f64::from(self.noise[at])).round().clamp(0.0, 255.0) as u8
@@ -161,37 +185,45 @@ impl Artist {
         }
     }
 
-    /// Mean colour of the rays of a pixel.
-    fn color(&self, column: usize, row: usize, bodies: &[Body], exposure_s: f64) -> [f64; 3] {
-        let mut sum = [0.0; 3];
-        for ray in 0..RAYS * RAYS {
-            let place =
-                |whole: usize, part: usize| whole as f64 - 0.5 + (part as f64 + 0.5) / RAYS as f64;
-            let pixel = [place(column, ray % RAYS), place(row, ray / RAYS)];
+    /// Directions of the rays of a pixel. Within it they are bilinear in its corners.
+    fn rays(&self, Pixel { column, row }: Pixel) -> [[f64; 2]; RAYS * RAYS] {
+        let corner = |right: usize, down: usize| {
+            self.corners[(row + down) * (WIDTH_PX + 1) + column + right]
+        };
+        let corners = [[corner(0, 0), corner(1, 0)], [corner(0, 1), corner(1, 1)]];
+        let part = |ray: usize| (ray as f64 + 0.5) / RAYS as f64;
+        let between = |from: [f64; 2], to: [f64; 2], part: f64| {
+            [0, 1].map(|axis| from[axis] + part * (to[axis] - from[axis]))
+        };
+        std::array::from_fn(|ray| {
+            let [above, below] =
+                corners.map(|[left, right]| between(left, right, part(ray % RAYS)));
+            between(above, below, part(ray / RAYS))
+        })
+    }
+
+    /// Mean colour of a pixel in which a ray meets a body.
+    fn seen(&self, pixel: Pixel, bodies: &[Body], exposure_s: f64) -> Option<[f64; 3]> {
+        let rays = self.rays(pixel);
+        let met: [_; RAYS * RAYS] = std::array::from_fn(|ray| {
             // The moments are spread over the pixel, so that they do not follow its columns.
             let moment = ((ray * 7) % (RAYS * RAYS)) as f64 + 0.5;
             let time = exposure_s * (moment / (RAYS * RAYS) as f64 - 0.5);
-            let color = self.cast(direction(pixel), bodies, time);
-            (0..3).for_each(|k| sum[k] += color[k]);
-        }
-        sum.map(|own| own / (RAYS * RAYS) as f64)
+            nearest(rays[ray], bodies, time)
+        });
+        let color = |ray: usize| met[ray].unwrap_or_else(|| self.table(rays[ray]));
+        met.iter().any(Option::is_some).then(|| mean(std::array::from_fn(color)))
     }
 
-    /// Colour of the first surface on a ray from the camera; `direction` is per metre downwards.
-    fn cast(&self, direction: [f64; 2], bodies: &[Body], time: f64) -> [f64; 3] {
-        let nearest = bodies
-            .iter()
-            .filter_map(|body| hit(body, direction, time))
-            .min_by(|a, b| a.0.total_cmp(&b.0));
-        nearest.map_or_else(
-            || self.table([0, 1].map(|axis| self.eye[axis] + direction[axis] * CAMERA_HEIGHT)),
-            |(_, color)| color,
-        )
+    /// Mean colour of a pixel of the empty table.
+    fn empty(&self, pixel: Pixel) -> [f64; 3] {
+        mean(self.rays(pixel).map(|direction| self.table(direction)))
     }
 
-    /// Colour of the empty table.
-    fn table(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+    /// Colour of the empty table on a ray from the camera; `direction` is per metre downwards.
+    fn table(&self, direction: [f64; 2]) -> [f64; 3] {
         const LINE: f64 = 0.00125;
+        let [x, y] = [0, 1].map(|axis| self.eye[axis] + direction[axis] * CAMERA_HEIGHT);
         if self.half_field[0] < x.abs() || self.half_field[1] < y.abs() {
             return WOOD;
         }
@@ -211,6 +243,17 @@ impl Artist {
             BLUE.map(|own| own * light)
         }
     }
+}
+
+/// Colour of the first body on a ray from the camera.
+fn nearest(direction: [f64; 2], bodies: &[Body], time: f64) -> Option<[f64; 3]> {
+    let hits = bodies.iter().filter_map(|body| hit(body, direction, time));
+    hits.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, color)| color)
+}
+
+fn mean(colors: [[f64; 3]; RAYS * RAYS]) -> [f64; 3] {
+    let sum = colors.into_iter().fold([0.0; 3], |sum, own| [0, 1, 2].map(|k| sum[k] + own[k]));
+    sum.map(|own| own / (RAYS * RAYS) as f64)
 }
 
 /// Distance along a ray (m of depth) to a body, and the colour there.
@@ -262,8 +305,20 @@ fn direction(pixel: [f64; 2]) -> [f64; 2] {
     [seen[1] * scale, seen[0] * scale]
 }
 
+/// Directions of the corners of all pixels, row by row: one more in each row and column than pixels.
+fn corners() -> Vec<[f64; 2]> {
+    let row = |row: usize| {
+        (0..=WIDTH_PX).map(move |column| direction([column as f64 - 0.5, row as f64 - 0.5]))
+    };
+    (0..=HEIGHT_PX).flat_map(row).collect()
+}
+
+fn overlap(a: &Window, b: &Window) -> bool {
+    (0..2).all(|axis| a[axis][0] < b[axis][1] && b[axis][0] < a[axis][1])
+}
+
 /// Columns and rows that a body can cover.
-fn window(body: &Body, exposure_s: f64) -> [[usize; 2]; 2] {
+fn window(body: &Body, exposure_s: f64) -> Window {
     let reach = body.radius + exposure_s * body.velocity[0].hypot(body.velocity[1]);
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for height in [0.0, body.height.unwrap_or(2.0 * body.radius)] {

@@ -59,6 +59,7 @@ fn folder(words: &str) -> TempDir {
     }
     put("cut.mcap", &train[..500_000]);
     put("axis.csv", b"t_s,force_n,position_m\n0,0,0\n0.01,1,0.001\n0.02,1,0.003\n");
+    put("bench.csv", b"test,t,i,x\nup,0,9,0\nup,10,9,1\ndown,0,-9,1\ndown,10,-9,0\n");
     let log = "(1.000000) can0 009#0000000000000000\n(1.010000) can0 009#0000803F00000000\n";
     put("bus.log", log.as_bytes());
     fs::create_dir(dir.path().join("gap")).unwrap();

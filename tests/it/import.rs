@@ -2,7 +2,10 @@
 
 use klasktron::recording::{
     Recording,
-    message::{BoardState, CanFrame, CarriageState, DriveStatus, MotorState, VelocityCommand},
+    message::{
+        AxisInput, AxisOutput, BoardState, CanFrame, CarriageState, DriveStatus, MotorState,
+        VelocityCommand,
+    },
     topic::{self, Motor, Player},
 };
 use rusqlite::Connection;
@@ -356,6 +359,121 @@ fn a_bus_log_keeps_every_frame_and_the_drives_health() {
     assert!(text.contains("1 lines that are not frames, the first in line 7"), "{text}");
 }
 
+/// Rows of a servo in a test bench: time, angle and current in units of the given sizes (s, rad, A).
+fn bench(second: f64, radian: f64, ampere: f64) -> String {
+    let row = |k: i32| {
+        let phase = 0.1 * f64::from(k);
+        let (time, angle, current) = (1.0 + 0.002 * f64::from(k), phase.sin(), 2.0 + phase.cos());
+        format!("{},{},{}\n", time / second, angle / radian, current / ampere)
+    };
+    "time,angle,current\n".to_owned() + &(0..200).map(row).collect::<String>()
+}
+
+#[test]
+fn a_table_in_other_units_is_the_same_axis() {
+    let folder = tempfile::tempdir().unwrap();
+    let axis = |name: &str, table: &str, options: &[&str]| {
+        let source = folder.path().join(name);
+        fs::write(&source, table).unwrap();
+        let args = [&["csv", source.to_str().unwrap()][..], options].concat();
+        let (recording, text) = import(&args, &source.with_extension("mcap"), 0);
+        assert!(!text.contains("note:"), "{text}");
+        assert_eq!(recording.info("time_origin_s"), Some("1"), "{name}");
+        let inputs = recording.series::<AxisInput>(&topic::axis_input("axis")).unwrap();
+        let outputs = recording.series::<AxisOutput>(&topic::axis_output("axis")).unwrap();
+        assert_eq!(inputs.times, outputs.times);
+        (inputs, outputs)
+    };
+    let plain = ["--time", "time", "--input", "current:A", "--position", "angle"];
+    let plain = [&plain[..], &["--position-unit", "rad"]].concat();
+    let (plain_inputs, plain_outputs) = axis("plain.csv", &bench(1.0, 1.0, 1.0), &plain);
+    let degree = std::f64::consts::PI / 180.0;
+    let table = "# servo 3\n".to_owned() + &bench(1e-3, degree, -1e-3);
+    let units = ["--time", "time:ms", "--input", "current:mA", "--position", "angle:deg"];
+    let units = [&units[..], &["--input-scale", "-1"]].concat();
+    let (inputs, outputs) = axis("units.csv", &table, &units);
+    assert_eq!((inputs.times.len(), &inputs.times), (200, &plain_inputs.times));
+    let close = |found: f64, expected: f64| (found - expected).abs() <= 1e-12 * expected.abs();
+    for (found, expected) in inputs.values.iter().zip(&plain_inputs.values) {
+        assert!(close(found.value, expected.value), "{found:?} {expected:?}");
+        assert_eq!((found.unit.as_str(), expected.unit.as_str()), ("A", "A"));
+    }
+    for (found, expected) in outputs.values.iter().zip(&plain_outputs.values) {
+        assert!(close(found.position.unwrap(), expected.position.unwrap()), "{found:?}");
+        let units = (found.position_unit.as_str(), expected.position_unit.as_str());
+        assert_eq!(units, ("rad", "rad"));
+    }
+}
+
+#[test]
+fn tables_and_values_of_a_column_are_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let names = |recording: &Recording| {
+        let runs = recording.marked_runs().unwrap().into_iter();
+        runs.map(|run| (run.number, run.pattern)).collect::<Vec<_>>()
+    };
+    let columns = ["--time", "n:steps", "--step-s", "0.5", "--input", "u:V", "--velocity", "v:rpm"];
+    let [slow, fast] = ["slow.csv", "fast.csv"].map(|name| table(name, "n,u,v\n0,1,2\n1,1,2\n"));
+    let args = [&["csv", &slow, &fast][..], &columns].concat();
+    let (recording, _) = import(&args, &folder.path().join("files.mcap"), 0);
+    assert_eq!(names(&recording), [(0, "slow".to_owned()), (1, "fast".to_owned())]);
+    let both = table("both.csv", "test,n,u,v\nup,0,1,2\nup,1,1,2\ndown,0,1,2\ndown,1,1,2\n");
+    let args = [&["csv", &both][..], &columns, &["--run", "test"]].concat();
+    let (recording, _) = import(&args, &folder.path().join("column.mcap"), 0);
+    assert_eq!(names(&recording), [(0, "up".to_owned()), (1, "down".to_owned())]);
+    let args = [&["csv", &both, "-o", "never.mcap"][..], &columns].concat();
+    let run = klasktron(&args);
+    assert_eq!(run.status.code(), Some(1));
+    assert!(said(&run).contains("row 4, column 'n': time 0 steps"), "{}", said(&run));
+    assert!(said(&run).contains("with --run"), "{}", said(&run));
+}
+
+/// No table is read: none exists.
+#[test]
+fn units_and_options_that_do_not_fit_are_usage_errors() {
+    let csv = ["csv", "x.csv", "-o", "y.mcap"];
+    let plain = ["--time", "t", "--input", "u:N", "--position", "x"];
+    let duty = ["--time", "t", "--input", "u:duty", "--position", "x"];
+    let counts = ["--time", "t", "--input", "u:N", "--position", "x:counts"];
+    let steps = ["--time", "t:steps", "--input", "u:N", "--position", "x"];
+    let cases: [(&[&str], &[&str], &str); 13] = [
+        (&plain, &["--step-s", "0.1"], "--step-s applies to no column"),
+        (&plain, &["--supply-v", "12"], "--supply-v applies to no column"),
+        (&plain, &["--counts-per-turn", "10"], "--counts-per-turn applies to no column"),
+        (&plain, &["--input-scale", "0"], "--input-scale is 0; it must be"),
+        (&plain, &["--input-scale", "nan"], "--input-scale is NaN; it must be"),
+        (&plain, &["--velocity", "v:rpm"], "the position is in m and the velocity in rpm"),
+        (&duty, &[], "the unit duty of --input needs --supply-v VOLTS"),
+        (&duty, &["--supply-v", "0"], "--supply-v is 0; it must be"),
+        (&counts, &[], "the unit counts of --position needs --counts-per-turn COUNT"),
+        (&counts, &["--counts-per-turn", "inf"], "--counts-per-turn is inf; it must be"),
+        (&steps, &[], "the unit steps of --time needs --step-s SECONDS"),
+        (&steps, &["--step-s", "0"], "--step-s is 0; it must be"),
+        (&["--time", "t", "--input", "u:counts", "--position", "x"], &[], "--input-scale 0.001"),
+    ];
+    for (columns, options, expected) in cases {
+        let run = klasktron(&[&csv[..], columns, options].concat());
+        assert_eq!(run.status.code(), Some(2), "{columns:?} {options:?}: {}", said(&run));
+        assert!(said(&run).contains(expected), "{columns:?} {options:?}: {}", said(&run));
+    }
+    // The same options with their units pass; then the table is missing.
+    for (columns, options) in [
+        (&duty, ["--supply-v", "12"]),
+        (&counts, ["--counts-per-turn", "4096"]),
+        (&steps, ["--step-s", "1e-3"]),
+        (&plain, ["--input-scale", "-2.5e-3"]),
+    ] {
+        let run = klasktron(&[&csv[..], columns, &options].concat());
+        assert_eq!(run.status.code(), Some(1), "{options:?}: {}", said(&run));
+        assert!(said(&run).contains("x.csv: cannot read"), "{}", said(&run));
+    }
+}
+
 #[test]
 fn wrong_usage_is_told_from_failure() {
     let csv = ["csv", "x.csv", "-o", "y.mcap", "--time", "t"];
@@ -363,7 +481,7 @@ fn wrong_usage_is_told_from_failure() {
         &csv[..],
         &["x.db3"],
         &[],
-        &[&csv[..], &["--input", "u:kN", "--position", "x"]].concat(),
+        &[&csv[..], &["--input", "u:lbf", "--position", "x"]].concat(),
         &[&csv[..], &["--input", "u:N"]].concat(),
         &[&csv[..], &["--input", "u:N", "--position", "x", "--axis", "a/b"]].concat(),
         &["candump", "x.log", "-o", "y.mcap", "--belt-metres-per-turn", "0"],
