@@ -188,6 +188,15 @@ impl fmt::Display for SkipReason {
     }
 }
 
+fn write_long_step(f: &mut fmt::Formatter<'_>, column: &str, step_s: f64) -> fmt::Result {
+    let step_s = (step_s * 1e6).round() / 1e6;
+    write!(
+        f,
+        "note: the median time step of column '{column}' is {step_s} s; if the column is in ms, add \
+         ':ms' to --time"
+    )
+}
+
 impl fmt::Display for Notice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -217,12 +226,7 @@ impl fmt::Display for Notice {
                 "lost: {file}: {rows} rows with an empty cell were skipped, the first is row \
                  {first_row}"
             ),
-            Self::LongStep { column, step_s } => write!(
-                f,
-                "note: the median time step of column '{column}' is {} s; if the column is in ms, \
-                 add ':ms' to --time",
-                (step_s * 1e6).round() / 1e6
-            ),
+            Self::LongStep { column, step_s } => write_long_step(f, column, *step_s),
             Self::MotorOff { entries } => write!(
                 f,
                 "skipped: {entries} entries with the motor off, whose input is no voltage"
