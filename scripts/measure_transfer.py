@@ -261,6 +261,8 @@ def main():
     pooled = {}
     for arm in options.arms.split(","):
         seeds = data.get(arm, []) + [own for out in options.join for own in finished(out, arm)]
+        if not seeds:
+            continue
         each = {name: [[rows[0][name], rows[1][name]] for rows in seeds] for name in OPPONENTS}
         joined = lambda rows: np.concatenate([rows[name] for name in OPPONENTS])
         pooled[arm] = [[joined(rows[0]), joined(rows[1])] for rows in seeds]

@@ -165,7 +165,7 @@ struct CsvOptions {
     ///
     /// Units: m/s, mm/s, rad/s, deg/s, rpm, turns/s, m, mm, N, mN, kN, N m (or Nm), mN m (or mNm), V, mV, A, mA,
     /// and duty (-1 to 1, with --supply-v).
-    #[arg(long, value_name = "COLUMN:UNIT", value_parser = parse_input)]
+    #[arg(long, value_name = "COLUMN:UNIT")]
     input: String,
     /// Factor of the input before its unit applies; a negative one reverses the sign
     #[arg(long, value_name = "FACTOR", default_value = "1", allow_hyphen_values = true)]
@@ -189,7 +189,7 @@ struct CsvOptions {
     #[arg(long, value_name = "COLUMN")]
     run: Option<String>,
     /// Name of the axis in the topics
-    #[arg(long, value_name = "NAME", default_value = "axis", value_parser = parse_axis)]
+    #[arg(long, value_name = "NAME", default_value = "axis")]
     axis: String,
 }
 
@@ -362,14 +362,6 @@ fn parse_side(text: &str) -> Result<f64> {
 
 fn parse_belt(text: &str) -> Result<CoreXy> {
     Ok(CoreXy::new(text.parse()?)?)
-}
-
-fn parse_input(text: &str) -> Result<String, ColumnError> {
-    match AxisColumns::new("time", text).position("position").check() {
-        // The other option of the unit is checked with all options together.
-        Ok(()) | Err(ColumnError::Incomplete { .. }) => Ok(text.to_owned()),
-        Err(error) => Err(error),
-    }
 }
 
 fn parse_axis(text: &str) -> Result<String, ColumnError> {

@@ -47,13 +47,18 @@ static TIMES: [Unit; 5] = [
     Unit { name: "steps", recorded: "s", factor: Factor::Step },
 ];
 
-static INPUTS: [Unit; 18] = [
+/// Speeds, which inputs and velocities share.
+static SPEEDS: [Unit; 6] = [
     constant("m/s", "m/s", 1.0),
     constant("mm/s", "m/s", 1e-3),
     constant("rad/s", "rad/s", 1.0),
     constant("deg/s", "rad/s", PI / 180.0),
     constant("rpm", "rad/s", TAU / 60.0),
     constant("turns/s", "rad/s", TAU),
+];
+
+/// Inputs other than [`SPEEDS`].
+static INPUTS: [Unit; 12] = [
     constant("m", "m", 1.0),
     constant("mm", "m", 1e-3),
     constant("N", "N", 1.0),
@@ -78,15 +83,9 @@ static POSITIONS: [Unit; 7] = [
     Unit { name: "counts", recorded: "rad", factor: Factor::Count },
 ];
 
-static VELOCITIES: [Unit; 7] = [
-    constant("m/s", "m/s", 1.0),
-    constant("mm/s", "m/s", 1e-3),
-    constant("rad/s", "rad/s", 1.0),
-    constant("deg/s", "rad/s", PI / 180.0),
-    constant("rpm", "rad/s", TAU / 60.0),
-    constant("turns/s", "rad/s", TAU),
-    Unit { name: "counts/s", recorded: "rad/s", factor: Factor::Count },
-];
+/// Velocities other than [`SPEEDS`].
+static VELOCITIES: [Unit; 1] =
+    [Unit { name: "counts/s", recorded: "rad/s", factor: Factor::Count }];
 
 const fn constant(name: &'static str, recorded: &'static str, factor: f64) -> Unit {
     Unit { name, recorded, factor: Factor::Constant(factor) }
@@ -103,22 +102,23 @@ impl Quantity {
         }
     }
 
-    fn units(self) -> &'static [Unit] {
-        match self {
-            Self::Time => &TIMES,
-            Self::Input => &INPUTS,
-            Self::Position => &POSITIONS,
-            Self::Velocity => &VELOCITIES,
-        }
+    fn units(self) -> impl Iterator<Item = &'static Unit> {
+        let (shared, own): (&[Unit], &[Unit]) = match self {
+            Self::Time => (&[], &TIMES),
+            Self::Input => (&SPEEDS, &INPUTS),
+            Self::Position => (&[], &POSITIONS),
+            Self::Velocity => (&SPEEDS, &VELOCITIES),
+        };
+        shared.iter().chain(own)
     }
 
     /// Names of the units, as they are typed without quotes.
     pub(super) fn unit_list(self) -> String {
-        self.units().iter().map(|unit| unit.name.replace(' ', "")).collect::<Vec<_>>().join(", ")
+        self.units().map(|unit| unit.name.replace(' ', "")).collect::<Vec<_>>().join(", ")
     }
 
     fn find(self, name: &str) -> Option<&'static Unit> {
-        self.units().iter().find(|unit| unit.name == name || unit.name.replace(' ', "") == name)
+        self.units().find(|unit| unit.name == name || unit.name.replace(' ', "") == name)
     }
 
     /// Split `column:unit` at its last colon. The unit is `None` where the text behind that colon is
@@ -138,7 +138,7 @@ impl Quantity {
             (Self::Velocity, PositionUnit::Metre) => "m/s",
             (Self::Velocity, PositionUnit::Radian) => "rad/s",
         };
-        self.find(name).unwrap_or(&self.units()[0])
+        self.find(name).unwrap_or(&TIMES[0])
     }
 }
 
