@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Hides effects in an independent simulator of single axes and counts what `klasktron gap` identifies.
 
-    scripts/check_simulated_axes.py make OUT [--case NAME]...
+    scripts/check_simulated_axes.py make OUT [--seed N] [--case NAME]...
     scripts/check_simulated_axes.py run PROGRAM OUT RESULTS [--case NAME]... [--jobs N]
 
 The simulator shares no code and no equations with this project. An axis is a mass under closed-loop position control,
 integrated with a fixed step of 50 us. `make` simulates all cases at once, in about 5 minutes of CPU time. It writes
 OUT/NAME-1.csv and OUT/NAME-2.csv, the two sessions of each case, and OUT/cases.json with the truth and the accepted
 answers of all cases. NAME may be a pattern such as 's*'. A case made alone has the same numbers as in the whole set.
+Another seed has other motions, disturbances and noise, and masses and frictions that differ by factors of 0.7 to 1.4.
 
 `run` imports the CSV files of the cases that were made, runs `gap` on them and prints one line per case. Cases with a
 base case start from its twin, which the same run makes first. RESULTS receives recordings, results, logs,
@@ -20,8 +21,10 @@ Each case has an accepted answer:
 A case is `wrong` if gap identifies any other effect, `right` if verdict and effects are accepted, and `not right`
 otherwise. An effect that gap only lists as indistinguishable does not count. A null case contains no effect.
 
-The input is a force (N), torque (N m), voltage (V) or current (A), the position is in m or rad. Parameters of an axis
-use these units, Hz and s. The mass of a gear motor on volts, for example, is in V s^2/rad. Needs numpy and scipy.
+The input is a force (N), torque (N m), voltage (V), current (A) or velocity setpoint (m/s, rad/s), the position is in m
+or rad. Parameters of an axis use these units, Hz and s. The mass of a gear motor on volts, for example, is in V s^2/rad.
+An axis with a velocity loop has a velocity setpoint as input; its mass and forces are in kg and N, or in kg m^2 and
+N m. Needs numpy and scipy.
 """
 
 import argparse
@@ -167,6 +170,13 @@ def torque_speed(own, now, force):
     return np.clip(force, -limit, limit)
 
 
+def velocity_loop(own, now, setpoint):
+    """Force of a velocity loop; its gains per mass are in 1/s and 1/s^2."""
+    error = setpoint - now.velocity[own.lanes]
+    own.memory += STEP * own.integral * error
+    return now.mass[own.lanes] * (own.proportional * error + own.memory)
+
+
 # Load: force on the mass.
 
 
@@ -254,7 +264,7 @@ def warm_up(own, now):
     return own.change * (1 - np.exp(-now.time / own.time))
 
 
-INPUT_CHAIN = [slew_limit, dead_band, lag, saturation, torque_speed]
+INPUT_CHAIN = [slew_limit, dead_band, lag, saturation, torque_speed, velocity_loop]
 LOADS = [quadratic_drag, spring, gravity, cogging, end_stop, mass_slope, second_mass]
 SLIDING = [asymmetry, load_friction, friction_slope, warm_up]
 # Scalar parameters of an axis: viscous and Coulomb friction, standard deviation of the random force, gain of the input,
@@ -299,6 +309,9 @@ class Axes:
             own.position, own.velocity = np.zeros(len(own.lanes)), np.zeros(len(own.lanes))
         bandwidth = 2 * np.pi * self.bandwidth
         self.stiffness, self.damping = self.mass * bandwidth**2, 2 * DAMPING_RATIO * bandwidth * self.mass
+        self.has_velocity_loop = np.array(["velocity_loop" in axis for axis in axes])
+        self.stiffness[self.has_velocity_loop] = bandwidth[self.has_velocity_loop]
+        self.damping[self.has_velocity_loop] = 0
         self.hold = np.array([lane["hold"] for lane in lanes])
         self.delay_steps = np.round(self.delay / STEP).astype(int)
         self.past = np.zeros((self.delay_steps.max() + 1, len(lanes)))
@@ -306,7 +319,7 @@ class Axes:
         self.held, self.position, self.velocity = (np.zeros(len(lanes)) for _ in range(3))
 
     def command(self, feedforward, position, velocity):
-        """Command of the controller: feedforward of mass and viscous friction, with PD feedback."""
+        """Command of the controller: feedforward with PD feedback, or with P feedback for a velocity setpoint."""
         return feedforward + self.stiffness * (position - self.position) + self.damping * (velocity - self.velocity)
 
     def sampled(self, command, grid):
@@ -371,7 +384,7 @@ def simulate(lanes, count):
     """Commands and measured positions at GRID_HZ, arrays of count x lanes."""
     axes = Axes(lanes)
     position, velocity, acceleration = (np.stack([lane["reference"][k] for lane in lanes], 1) for k in range(3))
-    feedforward = axes.mass * acceleration + axes.viscous * velocity
+    feedforward = np.where(axes.has_velocity_loop, velocity, axes.mass * acceleration + axes.viscous * velocity)
     disturbance = disturbances(lanes, count)
     commands, positions = np.zeros((count, len(lanes))), np.zeros((count, len(lanes)))
     for grid in range(count):
@@ -449,6 +462,20 @@ TORQUE_JOINT = {
 }  # fmt: skip
 FAN = {
     **COMMON, "unit": "N m", "motion": GENTLE, "low_pass_hz": 4.0, "rate": 100, "input_noise": 0.05, "scale": 1 / TURN,
+}  # fmt: skip
+
+
+CARRIAGE = {
+    **COMMON, "unit": "m/s", "position_unit": "m", "reach": 0.25, "speed": 0.6, "rate": 500, "encoder": 2e-6,
+    "input_noise": 0.001, "axis": {
+        "mass": 4, "viscous": 6, "coulomb": 8, "disturbance": 0.4, "bandwidth": 1,
+        "velocity_loop": {"proportional": 80, "integral": 0}},
+}  # fmt: skip
+WHEEL = {
+    **COMMON, "unit": "rad/s", "reach": 8, "speed": 15, "rate": 200, "encoder": TURN / 16384, "input_noise": 0.01,
+    "axis": {
+        "mass": 0.02, "viscous": 0.01, "coulomb": 0.15, "disturbance": 0.01, "bandwidth": 1,
+        "velocity_loop": {"proportional": 40, "integral": 0}},
 }  # fmt: skip
 
 
@@ -643,9 +670,45 @@ def twin_cases():
     ]  # fmt: skip
 
 
+def velocity_cases():
+    """Axes with a velocity setpoint."""
+    after = {**CARRIAGE, "base": "v0_base"}
+    loop = lambda proportional, integral: {"velocity_loop": {"proportional": proportional, "integral": integral}}
+    return [
+        case("v0_base", "null: velocity setpoint, proportional loop", NONE, CARRIAGE),
+        case("v1_wheel", "null: proportional loop of a wheel", NONE, WHEEL),
+        case("v2_hold", "null: zero-order hold", NONE, WHEEL, rate=250, zero_order_hold=True),
+        case("v3_fast", "null: fast loop with integral action", NONE, CARRIAGE,
+             loop(600, 90000)),
+        case("v4_loop", "null: loop of 6 Hz with damping ratio 0.7", NONE, WHEEL, loop(53, 1420)),
+        case("v5_loop", "null: loop of 10 Hz with damping ratio 2", NONE, CARRIAGE, loop(251, 3950)),
+        case("v6_delay", "delay 20 ms", named("drive.delay"), CARRIAGE, {"delay": 0.02}),
+        case("v7_band", "dead band 0.05 m/s", named("drive.input_deadband"), CARRIAGE,
+             {"coulomb": 1, "dead_band": {"width": 0.05, "lost": 0}}),
+        case("v8_limit", "limit of the setpoint 9 rad/s", named("drive.saturation.speed"), WHEEL,
+             {"saturation": {"limit": 9}}),
+        case("v9_slew", "slew limit 60 rad/s^2", named("drive.saturation.slew"), WHEEL, {"slew_limit": {"rate": 60}}),
+        case("v10_strib", "Stribeck 0.3 N m, 0.4 rad/s", named("drive.friction.stribeck"), WHEEL,
+             {"stribeck": {"extra": 0.3, "speed": 0.4}}),
+        case("v11_cog", "cogging 0.15 N m, 11 per turn", named("drive.ripple.motor"), WHEEL,
+             {"cogging": {"amplitude": 0.15, "per_turn": 11, "phase": 0.4}}, speed=6),
+        case("v12_spring", "spring 150 N/m", named("gantry.stiffness"), CARRIAGE,
+             {"spring": {"stiffness": 150, "rest": 0}}),
+        case("v13_scale", "scale of the position 0.85",
+             answer(["refit_only", "named", "ambiguous"], must=["drive.gain or drive.friction.viscous"]), after,
+             scale=0.85),
+        case("v14_slow", "proportional gain 80 -> 40 1/s",
+             answer(["refit_only"], must=["drive.velocity_controller"]), after, loop(40, 0)),
+        case("v15_null", "null: other motion and noise", NONE, after, motion=OTHER, input_noise=0.002),
+        case("v16_late", "delay 15 ms after the base", named("drive.delay"), after, {"delay": 0.015}),
+        case("v17_two", "delay 15 ms, dead band 0.06 m/s", named("drive.delay", "drive.input_deadband"), CARRIAGE,
+             {"coulomb": 1, "delay": 0.015, "dead_band": {"width": 0.06, "lost": 0}}),
+    ]  # fmt: skip
+
+
 def all_cases():
     """The cases in the order in which they are made and run."""
-    parts = [null_cases, friction_cases, drive_cases, load_cases, record_cases, twin_cases, pair_cases]
+    parts = [null_cases, friction_cases, drive_cases, load_cases, record_cases, twin_cases, pair_cases, velocity_cases]
     return [own for part in parts for own in part()]
 
 
@@ -658,10 +721,20 @@ def session_of(case, number):
     return {**case, **changes, "axis": {**case["axis"], **changes.get("axis", {})}}
 
 
-def lane_of(case, number):
+def varied(axis, machine, variant):
+    """The axis with another mass and other frictions; a base case and its changes have the same factors."""
+    if variant == 0:
+        return axis
+    rng = np.random.default_rng([variant, zlib.crc32(machine.encode())])
+    factors = {name: np.exp(rng.uniform(np.log(0.7), np.log(1.4))) for name in ("mass", "viscous", "coulomb")}
+    return {**axis, **{name: axis[name] * factors[name] for name in factors if name in axis}}
+
+
+def lane_of(case, number, variant):
     """One session for the simulator; `hold` is the period of the zero-order hold in grid samples, or 0."""
-    seed = zlib.crc32(case["name"].encode()) % 100000 * 10 + number
+    seed = (zlib.crc32(case["name"].encode()) % 100000 + variant * 100003) * 10 + number
     session = session_of(case, number)
+    session["axis"] = varied(session["axis"], case["base"] or case["name"], variant)
     hold = GRID_HZ // session["rate"] if session.get("zero_order_hold") else 0
     path = reference(session, np.random.default_rng(seed))
     return {"case": session, "number": number, "axis": session["axis"], "hold": hold, "seed": seed, "reference": path}
@@ -694,14 +767,14 @@ def selected(cases, patterns):
     return chosen or sys.exit("no case matches")
 
 
-def make(out, patterns):
+def make(out, patterns, variant):
     """Writes cases.json, simulates the chosen cases and writes their sessions."""
     out.mkdir(parents=True, exist_ok=True)
     cases = all_cases()
     fields = ("name", "truth", "null", "unit", "position_unit", "base", "axis", "answer")
     listed = [{field: own[field] for field in fields} for own in cases]
     (out / "cases.json").write_text(json.dumps(listed, indent=1) + "\n")
-    lanes = [lane_of(own, number) for own in selected(cases, patterns) for number in range(SESSIONS)]
+    lanes = [lane_of(own, number, variant) for own in selected(cases, patterns) for number in range(SESSIONS)]
     commands, positions = simulate(lanes, SECONDS * GRID_HZ)
     for index, lane in enumerate(lanes):
         path = out / f"{lane['case']['name']}-{lane['number'] + 1}.csv"
@@ -819,6 +892,7 @@ def main():
     maker = commands.add_parser("make", help="simulate the cases")
     maker.add_argument("out", type=Path)
     maker.add_argument("--case", action="append", help="name or pattern (repeatable)")
+    maker.add_argument("--seed", type=int, default=0, help="seed of motions, noise and axes")
     runner = commands.add_parser("run", help="run gap on the cases")
     runner.add_argument("program")
     runner.add_argument("data", type=Path)
@@ -827,7 +901,7 @@ def main():
     runner.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     if args.command == "make":
-        make(args.out, args.case)
+        make(args.out, args.case, args.seed)
     else:
         run(args.program, args.data, args.results, args.case, args.jobs)
 

@@ -35,7 +35,7 @@ mod oscillator;
 mod physics;
 mod sensor;
 
-pub use axis_scales::AxisScales;
+pub use axis_scales::{AxisScales, InputKind};
 pub use block::Block;
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
@@ -45,11 +45,12 @@ pub use expression::{
     VARIABLES, define,
 };
 pub use file::{EffectsFileError, read_effects};
+pub(crate) use first_order::follow;
 pub(crate) use impact::wall_friction_spin::spin_ratio;
 pub(crate) use oscillator::Oscillator;
 pub use physics::{
     Ball, Bristles, Carriage, Change, CrossMotion, Impact, Law, LoopGains, Motion, Noise, Physics,
-    Sample, Spring, Wall,
+    Sample, Spring, VelocityController, Wall,
 };
 
 use serde::{Deserialize, Serialize};
@@ -427,6 +428,7 @@ pub static CATALOGUE: &[&Effect] = &[
     &drive::delay::DELAY,
     &drive::lag1::LAG1,
     &drive::velocity_loop::VELOCITY_LOOP,
+    &drive::velocity_controller::VELOCITY_CONTROLLER,
     &drive::current_loop::CURRENT_LOOP,
     &drive::input_deadband::INPUT_DEADBAND,
     &drive::torque_speed::TORQUE_SPEED,

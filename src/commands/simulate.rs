@@ -13,8 +13,8 @@ use klasktron::{
     twin::{
         self, Machine, Twin,
         simulation::{
-            AxisInputs, RecordInfo, SimulationError, TableCommands, axis_csv, simulate_axis,
-            simulate_table, table_csv, write_axis_recording, write_table_recording,
+            AxisInputs, INPUT_COLUMNS, RecordInfo, SimulationError, TableCommands, axis_csv,
+            simulate_axis, simulate_table, table_csv, write_axis_recording, write_table_recording,
         },
     },
 };
@@ -26,15 +26,13 @@ const FARTHEST: f64 = 100.0;
 const TIME: &str = "time_s";
 /// Columns of the velocity commands of a table.
 const VELOCITIES: [&str; 2] = ["command_vx_m_per_s", "command_vy_m_per_s"];
-/// Columns of the input of a single axis, with their units.
-const INPUTS: [(&str, &str); 4] =
-    [("force_n", "N"), ("torque_nm", "N m"), ("current_a", "A"), ("voltage_v", "V")];
 
 /// Arguments of `klasktron simulate`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Commands in CSV:
   table        time_s, command_vx_m_per_s, command_vy_m_per_s (board frame, held until the next row)
-  single axis  time_s and one of force_n, torque_nm, current_a, voltage_v (linear between rows)
+  single axis  time_s and one of force_n, torque_nm, current_a, voltage_v, setpoint_m_per_s, setpoint_rad_per_s
+               (linear between rows)
 
 Examples:
   klasktron simulate gap/twin.json --commands validation.mcap -o simulation.mcap
@@ -182,7 +180,7 @@ fn simulated_axis(
     info: &RecordInfo,
     to: (&Path, ExistingFile),
 ) -> anyhow::Result<(String, f64)> {
-    let mut inputs = source.axis_inputs(args.axis.as_deref())?;
+    let mut inputs = source.axis_inputs(args.axis.as_deref())?.for_twin(twin)?;
     match args.start[..] {
         [] => {}
         [position] => inputs.start = [position, 0.0],
@@ -270,7 +268,7 @@ impl Source {
             bail!(
                 "{}: no input column; expected one of {}; the columns are {}",
                 path.display(),
-                INPUTS.map(|(column, _)| column).join(", "),
+                INPUT_COLUMNS.map(|(column, _)| column).join(", "),
                 names.join(", ")
             );
         };
@@ -283,5 +281,5 @@ impl Source {
 
 /// Column and unit of the input of a single axis.
 fn input_column(names: &[String]) -> Option<(&'static str, &'static str)> {
-    INPUTS.into_iter().find(|(column, _)| names.iter().any(|name| name == column))
+    INPUT_COLUMNS.into_iter().find(|(column, _)| names.iter().any(|name| name == column))
 }

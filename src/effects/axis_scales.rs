@@ -6,7 +6,7 @@
 //! on the table. Nothing that the search compares a value with is then an absolute number, and its answers do not
 //! depend on the units of the recording.
 
-use super::{COMMAND_UNIT, Effect, Parameter, find};
+use super::{COMMAND_UNIT, Effect, Parameter, Physics, find};
 use std::sync::{Mutex, PoisonError};
 
 /// Typical size of each quantity on an axis, in the units of its recording.
@@ -73,6 +73,12 @@ impl AxisScales {
         }
     }
 
+    /// What the input sets.
+    #[must_use]
+    pub fn input_kind(&self) -> InputKind {
+        InputKind::of(self.input_unit, self.position_unit)
+    }
+
     /// Ratio of the typical sizes of `parameter` on this axis and on the table.
     #[must_use]
     pub fn factor(&self, parameter: &Parameter) -> f64 {
@@ -83,10 +89,31 @@ impl AxisScales {
         self.size(parameter) / TABLE_SCALES.size(parameter)
     }
 
+    /// These sizes and units for an effect on the command: the velocity of the table is the input of the axis.
+    fn of_command(&self) -> Self {
+        let rate = self.acceleration / self.velocity;
+        Self { velocity: self.input, acceleration: self.input * rate, ..*self }
+    }
+
+    /// `unit` of a command of the table, in the units of this axis.
+    fn command_unit(&self, unit: &str) -> String {
+        match unit {
+            "m/s" => self.input_unit.to_owned(),
+            "m/s^2" if self.input_kind() == InputKind::Velocity => format!("{}^2", self.input_unit),
+            "m/s^2" => format!("{}/s", self.input_unit),
+            other => self.unit(other),
+        }
+    }
+
     /// `unit` of the catalogue in the units of this axis, such as `N m s/rad` for `N s/m`.
     #[must_use]
     pub fn unit(&self, unit: &str) -> String {
         let (input, position) = (self.input_unit, self.position_unit);
+        if self.input_kind() == InputKind::Velocity
+            && let Some(own) = unit_of_velocity_driven(unit, position)
+        {
+            return own;
+        }
         let inertia = match (input, position) {
             ("N", "m") => "kg".to_owned(),
             ("N m", "rad") => "kg m^2".to_owned(),
@@ -114,7 +141,46 @@ impl AxisScales {
     }
 }
 
+/// What the input of a single axis sets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputKind {
+    /// A force, or what makes one: a torque, a current, a voltage.
+    Force,
+    /// A setpoint of the velocity.
+    Velocity,
+}
+
+impl InputKind {
+    /// Kind of an input in `input_unit` beside a position in `position_unit`.
+    #[must_use]
+    pub fn of(input_unit: &str, position_unit: &str) -> Self {
+        let is_velocity = input_unit.strip_suffix("/s") == Some(position_unit);
+        if is_velocity { Self::Velocity } else { Self::Force }
+    }
+}
+
+/// `unit` of the catalogue where forces are in the unit of a velocity setpoint; `None` for units without force.
+fn unit_of_velocity_driven(unit: &str, position: &str) -> Option<String> {
+    Some(match unit {
+        "kg" | "m/N" => "s".to_owned(),
+        "N s/m" => "1".to_owned(),
+        "N/m" => "1/s".to_owned(),
+        "kg/m" | "N s^2/m^2" => format!("s/{position}"),
+        "kg/m^2" => format!("s/{position}^2"),
+        "N/m^2" => format!("1/({position} s)"),
+        "1/W" => format!("s^2/{position}^2"),
+        _ => return None,
+    })
+}
+
 impl Effect {
+    /// Return whether the effect changes the command and nothing else.
+    fn is_on_command(&self) -> bool {
+        let is_command =
+            |equation: &Physics| matches!(equation, Physics::Command(_) | Physics::Ramp(_));
+        self.physics.equations().iter().all(is_command)
+    }
+
     /// The effect with scales, bounds, start values and units of an axis. Name and physics stay.
     #[must_use]
     pub fn on_axis(&'static self, scales: &AxisScales) -> &'static Self {
@@ -135,7 +201,15 @@ impl Effect {
     }
 
     fn scaled(&self, scales: &AxisScales) -> Self {
-        let factors: Vec<f64> = self.parameters.iter().map(|own| scales.factor(own)).collect();
+        let is_on_command = self.is_on_command();
+        let sizes = if is_on_command { scales.of_command() } else { *scales };
+        let unit = |own: &str| {
+            if is_on_command { scales.command_unit(own) } else { scales.unit(own) }
+        };
+        let factors: Vec<f64> = self.parameters.iter().map(|own| sizes.factor(own)).collect();
+        // A limit below the typical rate acts on most samples, and explains them whatever the motion is.
+        let is_ramp = matches!(self.physics, Physics::Ramp(_));
+        let least = |own: &Parameter| if is_ramp { sizes.size(own) } else { f64::NEG_INFINITY };
         let all = |values: &[f64]| -> &'static [f64] {
             values
                 .iter()
@@ -149,9 +223,9 @@ impl Effect {
             .iter()
             .zip(&factors)
             .map(|(own, factor)| Parameter {
-                unit: scales.unit(own.unit).leak(),
+                unit: unit(own.unit).leak(),
                 scale: own.scale * factor,
-                bounds: (own.bounds.0 * factor, own.bounds.1 * factor),
+                bounds: ((own.bounds.0 * factor).max(least(own)), own.bounds.1 * factor),
                 plausible: (own.plausible.0 * factor, own.plausible.1 * factor),
                 ..*own
             })
@@ -184,8 +258,8 @@ mod tests {
 
     #[test]
     fn the_table_keeps_its_catalogue() {
-        let is_of_command =
-            |effect: &Effect| effect.parameters.iter().any(|own| own.unit == COMMAND_UNIT);
+        // The command of a table is a velocity, that of an axis is its input.
+        let is_of_command = |effect: &Effect| effect.is_on_command();
         for effect in CATALOGUE.iter().filter(|effect| !is_of_command(effect)) {
             let own = effect.on_axis(&TABLE_SCALES);
             assert_eq!(
@@ -229,6 +303,42 @@ mod tests {
         assert!((other.factor(&mass) / WHEEL.factor(&mass) / expected - 1.0).abs() < 1e-12);
         let delay = find("drive.delay").unwrap().parameters[0];
         assert!((other.factor(&delay) / WHEEL.factor(&delay) - by_time).abs() < 1e-12);
+    }
+
+    #[test]
+    fn limits_of_the_command_are_in_the_unit_of_the_input() {
+        let own =
+            |name: &str, scales: &AxisScales| find(name).unwrap().on_axis(scales).parameters[0];
+        let wheel = own("drive.saturation.speed", &WHEEL);
+        assert_eq!(wheel.unit, "V");
+        // 10 m/s of a table at 0.3 m/s are 100 V of a wheel at 3 V.
+        assert!((wheel.plausible.1 - 100.0).abs() < 1e-9, "{}", wheel.plausible.1);
+        assert_eq!(own("drive.saturation.slew", &WHEEL).unit, "V/s");
+        let driven = AxisScales { input_unit: "rad/s", ..WHEEL };
+        assert_eq!(own("drive.saturation.speed", &driven).unit, "rad/s");
+        assert_eq!(own("drive.saturation.slew", &driven).unit, "rad/s^2");
+        assert_eq!(own("drive.input_deadband", &driven).unit, "rad/s");
+    }
+
+    #[test]
+    fn forces_of_a_velocity_driven_axis_are_in_units_of_its_setpoint() {
+        let driven = AxisScales { input_unit: "rad/s", ..WHEEL };
+        let kinds = [driven, WHEEL].map(|own| own.input_kind());
+        assert_eq!(kinds, [InputKind::Velocity, InputKind::Force]);
+        for (unit, own) in [
+            ("N", "rad/s"),
+            ("kg", "s"),
+            ("kg/m", "s/rad"),
+            ("N s/m", "1"),
+            ("N/m", "1/s"),
+            ("N/m^2", "1/(rad s)"),
+            ("m/N", "s"),
+            ("1/W", "s^2/rad^2"),
+            ("m", "rad"),
+            ("m/s^2", "rad/s^2"),
+        ] {
+            assert_eq!(driven.unit(unit), own);
+        }
     }
 
     #[test]

@@ -57,6 +57,7 @@ impl Block {
             | Physics::Expression(Place::Input, _) => Self::Command,
             Physics::Ramp(_)
             | Physics::VelocityLoop(_)
+            | Physics::VelocityController(_)
             | Physics::Effort(_)
             | Physics::Windup(_)
             | Physics::Both(_) => Self::Drive,

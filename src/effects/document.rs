@@ -307,7 +307,7 @@ const END: &str = "
 - Equations are lumped models. Flexible guides, thermal fields and aerodynamics beyond drag are not in the catalogue.
 - Some effects are confounded for certain signals. [`gap`](gap.md) then reports them as indistinguishable, with the
   experiment that separates them.
-- A single axis is compared by its input force. Effects on camera, ball and state estimate need a table.
+- A single axis is compared by its input, a force or a velocity setpoint. Effects on camera, ball and state estimate need a table.
 ";
 
 #[cfg(test)]

@@ -24,5 +24,6 @@ pub(super) mod stribeck;
 pub(super) mod supply_sag;
 pub(super) mod thermal_drift;
 pub(super) mod torque_speed;
+pub(super) mod velocity_controller;
 pub(super) mod velocity_loop;
 pub(super) mod viscous;

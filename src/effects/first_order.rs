@@ -5,7 +5,7 @@
 ///
 /// The forced solution lags by `tau u'`, and the deviation from it decays. `memory` holds the previous
 /// input and the output. Smooth in `tau` down to zero.
-pub(super) fn follow(tau: f64, memory: &mut [f64], u: f64, dt: f64) -> f64 {
+pub(crate) fn follow(tau: f64, memory: &mut [f64], u: f64, dt: f64) -> f64 {
     let before = std::mem::replace(&mut memory[0], u);
     if dt <= 0.0 {
         return memory[1];

@@ -155,6 +155,16 @@ pub struct LoopGains {
     pub torque_report_delay_s: f64,
 }
 
+/// Velocity controller of a single axis whose force was not recorded. Forces are in the unit of the setpoint: divided by
+/// the proportional gain.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct VelocityController {
+    /// Moving mass divided by the proportional gain (s).
+    pub time_constant_s: f64,
+    /// Integral gain divided by the proportional gain (1/s).
+    pub integral_rate_per_s: f64,
+}
+
 /// State of the magnet under the board at one instant.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Carriage {
@@ -275,6 +285,8 @@ pub enum Physics {
     Ramp(fn(p: &[f64], m: &mut [f64], command: f64, dt: f64) -> f64),
     /// Gains and delays of the velocity loop.
     VelocityLoop(fn(p: &[f64]) -> LoopGains),
+    /// Velocity controller of a single axis with a velocity setpoint.
+    VelocityController(fn(p: &[f64]) -> VelocityController),
     /// Demanded force (`motion.force`) to the motor force (N of belt).
     Effort(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
     /// Force limit known to the velocity loop, at which its integrator stops (N of belt).

@@ -203,7 +203,7 @@ fn diverging_signals(twin: &Twin, stage: &dyn Stage, least: f64) -> Option<Strin
     let found = compared(twin) as f64;
     let is_few = |possible: usize| found < least * possible as f64;
     // The built-in twin predicts at most the measured samples: it is simulated only where needed.
-    let diverges = is_few(measured) && is_few(compared(&Twin::nominal(twin.machine)));
+    let diverges = is_few(measured) && is_few(compared(&twin.plain()));
     let names: Vec<&str> = stage.channels().iter().map(|channel| channel.signal.as_str()).collect();
     diverges.then(|| names.join(", "))
 }

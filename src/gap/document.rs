@@ -3,7 +3,7 @@
 use super::{
     checks::Objection,
     experiment::{self, Setup},
-    explain::identified,
+    explain::{identified, significant},
     find::{changed, stages},
     findings::{
         Document, IdentifiedEffect, Indistinguishable, ParameterChange, RejectedEffect,
@@ -18,10 +18,10 @@ use super::{
     verdict::{Answer, Findings},
 };
 use crate::{
-    effects::{Effect, Parameter},
+    effects::{Effect, Parameter, Physics},
     recording::Split,
     stats::t_quantile,
-    twin::{Instance, Session, Slot, Source, StageKind, Twin},
+    twin::{Instance, Session, Slot, Source, StageKind, Twin, Value},
 };
 
 /// Everything from which the document is made.
@@ -66,11 +66,12 @@ pub(super) fn refused(twin: &Twin, sessions: &[Session], objection: &Objection) 
 /// The document of `material`; `journal` holds the decisions before those of the outcomes.
 pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntry>) -> Document {
     let Material { sessions, start, twin, outcomes, unseen, .. } = *material;
-    let effects: Vec<IdentifiedEffect> = outcomes
-        .iter()
-        .flat_map(|outcome| outcome.added.iter().map(move |step| identified(outcome, step, twin)))
-        .collect();
-    let steps = outcomes.iter().flat_map(|outcome| &outcome.added);
+    let added = outcomes.iter().flat_map(|own| own.added.iter().map(move |step| (own, step)));
+    let (held, missing): (Vec<_>, Vec<_>) =
+        added.partition(|(_, step)| not_counted(start, twin, step).is_some());
+    let effects: Vec<IdentifiedEffect> =
+        missing.iter().map(|(outcome, step)| identified(outcome, step, twin)).collect();
+    let steps = missing.into_iter().map(|(_, step)| step);
     let indistinguishable: Vec<Indistinguishable> =
         steps.filter(|step| !step.indistinguishable.is_empty()).map(indistinguishable).collect();
     let rejected = outcomes.iter().flat_map(|outcome| &outcome.rejected).map(rejected_effect);
@@ -93,6 +94,8 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
         outcomes,
     });
     let effects = if answer.verdict == Verdict::DifferentMachine { Vec::new() } else { effects };
+    let mut warnings = warnings(sessions, outcomes);
+    warnings.extend(held.iter().filter_map(|(_, step)| not_counted(start, twin, step)));
     let setup = Setup::of(start.machine, sessions);
     let next_experiment = experiment::next_experiment(setup, &indistinguishable, outcomes, unseen);
     journal.extend(outcomes.iter().flat_map(|outcome| outcome.journal.clone()));
@@ -108,9 +111,51 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
         parameter_changes,
         description: None,
         next_experiment,
-        warnings: warnings(sessions, outcomes),
+        warnings,
         journal,
     }
+}
+
+/// What to say of an effect of a single axis that is part of the twin and does not count as missing.
+fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
+    let period = twin.axis_frame?.scales.sample_period;
+    let values = &twin.instances[rounds::instance_of(twin, step)?].values;
+    // Recordings of a twin that has a reference show how their stamps relate inputs to the motion.
+    let is_first = start.reference_residuals.is_empty();
+    let lag = is_first.then(|| within_a_sample(step.effect, values, period)).flatten();
+    let why = lag.or_else(|| rigid(step.effect, values))?;
+    Some(format!(
+        "{why}, so {} is part of the twin and does not count as missing",
+        step.effect.name
+    ))
+}
+
+/// Why a lag that may be shorter than the sample `period` (s) is no effect: the stamp of an input does not say whether it
+/// acts at that time, until the next stamp (zero-order hold), or since the last one.
+fn within_a_sample(effect: &Effect, values: &[Value], period: f64) -> Option<String> {
+    let ([parameter], [lag]) = (effect.parameters, values) else { return None };
+    (parameter.unit == "s" && least(lag) < period).then(|| {
+        format!(
+            "the motion follows the input by {} s, which may be less than the sample period of {} s: the time stamps or a \
+             zero-order hold explain it",
+            significant(lag.value),
+            significant(period)
+        )
+    })
+}
+
+/// Why contacts that may be rigid are no effect: they are Coulomb friction.
+fn rigid(effect: &Effect, values: &[Value]) -> Option<String> {
+    let [_, distance, ..] = values else { return None };
+    (matches!(effect.physics, Physics::Bristles(_)) && least(distance) < 0.0).then(|| {
+        "the interval of the deflection of the contacts contains zero: that is Coulomb friction"
+            .to_owned()
+    })
+}
+
+/// Lower end of the interval, or the value without one.
+fn least(value: &Value) -> f64 {
+    value.ci95.map_or(value.value, |[low, _]| low)
 }
 
 fn indistinguishable(step: &Added) -> Indistinguishable {
@@ -176,7 +221,7 @@ fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
     let Material { start, twin, outcomes, thresholds, .. } = *material;
     let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
     let beyond_chance = 1.0 - 0.5 * thresholds.family_error / tries.max(1) as f64;
-    let plain = Twin::nominal(start.machine);
+    let plain = start.plain();
     let mut changes = Vec::new();
     for (index, after) in twin.instances.iter().enumerate() {
         let Some(known) = known_as(start, index, after) else { continue };

@@ -62,7 +62,7 @@ fn directed(twin: &Twin, asymmetry: &Instance) -> [ParameterEstimate; 4] {
         name: format!("{ASYMMETRIC}.{what}"),
         location: axis,
         value,
-        unit: unit.to_owned(),
+        unit: twin.axis_frame.map_or(unit.to_owned(), |frame| frame.scales.unit(unit)),
     };
     [
         estimate("coulomb_forwards_n", forwards.coulomb_n, "N"),

@@ -120,7 +120,8 @@ pub(super) fn next_experiment(
         open.retain(fits);
     }
     (!open.is_empty()).then(|| {
-        let decides = format!("whether {} act", listed(&open));
+        let verb = if open.len() == 1 { "acts" } else { "act" };
+        let decides = format!("whether {} {verb}", listed(&open));
         experiment(&open, decides, is_driven.then_some(setup))
     })
 }

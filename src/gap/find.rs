@@ -411,9 +411,11 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
 pub(super) fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
     let value = twin.get(slot);
     let effect = twin.instances[slot.instance].effect;
-    let same = || first.instances.iter().find(|own| own.effect == effect);
+    let is_same = |own: &&Instance| own.effect.name == effect.name;
+    let same = || first.instances.iter().find(is_same);
     let null = effect.null[slot.parameter];
-    match first.instances.get(slot.instance).or_else(same).map(|own| &own.values[slot.parameter]) {
+    let at_place = first.instances.get(slot.instance).filter(is_same);
+    match at_place.or_else(same).map(|own| &own.values[slot.parameter]) {
         Some(before) if before.source == Source::Fitted => (value - before.value).abs(),
         Some(_) => 0.0,
         None if 0 < slot.parameter && null != 0.0 => 0.0,
@@ -421,18 +423,10 @@ pub(super) fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
     }
 }
 
-/// Noise floor of each signal: from the measurement, or the reference residual of the given twin where that is larger.
+/// Noise floor of each signal of the stage of `outcome`.
 fn floors_of(outcome: &Outcome<'_>) -> Vec<Floor> {
-    let Some(part) = outcome.train.parts.first() else { return Vec::new() };
-    let references = &outcome.start.twin.reference_residuals;
-    let channels = part.stage.channels().iter();
-    channels
-        .map(|channel| {
-            let is_known = |own: &&ReferenceResidual| own.signal == channel.signal && own.searched;
-            let reference = references.iter().find(is_known).map(|own| own.residual_rms);
-            floor::floor(channel, &[]).at_least(reference)
-        })
-        .collect()
+    let part = outcome.train.parts.first();
+    part.map_or(Vec::new(), |part| floor::floors(part.stage.channels(), &outcome.start.twin))
 }
 
 /// Note the residual of each signal on the recordings to which the twin was fitted.

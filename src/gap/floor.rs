@@ -4,7 +4,10 @@
 //! measured signal: a cubic has none, and white noise of standard deviation s gives them s sqrt(20). Their median is
 //! taken, so that starts and stops do not count.
 
-use crate::{stats::median, twin::Channel};
+use crate::{
+    stats::median,
+    twin::{Channel, ReferenceResidual, Twin},
+};
 use serde::{Deserialize, Serialize};
 
 /// Fewest samples at rest on which a floor is stated.
@@ -50,6 +53,17 @@ impl Floor {
             None => self,
         }
     }
+}
+
+/// Floor of each of `channels`: from the measurement, or the reference residual of the `given` twin where that is larger.
+#[must_use]
+pub(super) fn floors(channels: &[Channel], given: &Twin) -> Vec<Floor> {
+    let of_channel = |channel: &Channel| {
+        let is_known = |own: &&ReferenceResidual| own.signal == channel.signal && own.searched;
+        let reference = given.reference_residuals.iter().find(is_known);
+        floor(channel, &[]).at_least(reference.map(|own| own.residual_rms))
+    };
+    channels.iter().map(of_channel).collect()
 }
 
 /// The floor of `channel`, where `at_rest[sample]` says when nothing moved.

@@ -58,6 +58,14 @@ pub(super) fn excess<const N: usize>(
     Some(excess)
 }
 
+/// Whether the residual of a machine without reference is at its noise floor: what it explains beyond that may be an error
+/// of the floor, which is low where the noise is coloured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum AtFloor {
+    Yes,
+    No,
+}
+
 /// Fraction of the squared validation error that an effect must remove to be added.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RequiredGain<'t> {
@@ -77,19 +85,23 @@ pub(super) struct RequiredGain<'t> {
 }
 
 impl<'t> RequiredGain<'t> {
-    /// Required gains from the reference residual of the given twin, the [`excess`] over it, and the fraction of the
-    /// squared error that added effects `removed`. The discrepancy of the twin says little about another motion.
+    /// Required gains from the reference residual of the given twin, the [`excess`] over it, whether the residual is at its
+    /// noise `floor`, and the fraction of the squared error that added effects `removed`. The discrepancy of the twin says
+    /// little about another motion.
     pub(super) fn new(
         thresholds: &'t Thresholds,
         (given, stage): (&'t Twin, StageKind),
-        excess: Option<Excess>,
+        (excess, floor): (Option<Excess>, AtFloor),
         removed: f64,
     ) -> Self {
         let conditional = match excess {
             Some(_) => thresholds.clear_gain * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
             None => 0.0,
         };
-        let general = thresholds.least_gain(excess);
+        let general = match floor {
+            AtFloor::Yes => thresholds.large_excess,
+            AtFloor::No => thresholds.least_gain(excess),
+        };
         let is_elsewhere = excess.is_some_and(|own| own.is_on_another_course(thresholds));
         Self {
             thresholds,
@@ -238,6 +250,17 @@ mod tests {
     }
 
     #[test]
+    fn a_residual_at_its_noise_floor_requires_a_large_gain() {
+        let twin = Twin::nominal(Machine::Axis);
+        let lag = crate::effects::find("drive.lag1").unwrap();
+        let of = |floor| {
+            RequiredGain::new(&DEFAULT, (&twin, StageKind::Axis), (None, floor), 0.0)
+                .of(lag, &[0.1])
+        };
+        assert_eq!([of(AtFloor::Yes), of(AtFloor::No)], [DEFAULT.large_excess, DEFAULT.min_gain]);
+    }
+
+    #[test]
     fn a_residual_at_its_reference_is_not_new_and_requires_a_larger_gain() {
         assert!(DEFAULT.is_at_reference(even(-0.3)) && DEFAULT.is_at_reference(even(0.04)));
         assert!(!DEFAULT.is_at_reference(even(0.06)));
@@ -269,8 +292,9 @@ mod tests {
             explained_fraction: 0.03,
             parameter_offsets: vec![2e-5],
         }];
-        let required_gain =
-            |stage, excess, removed| RequiredGain::new(&DEFAULT, (&twin, stage), excess, removed);
+        let required_gain = |stage, excess, removed| {
+            RequiredGain::new(&DEFAULT, (&twin, stage), (excess, AtFloor::No), removed)
+        };
         let known = required_gain(StageKind::Drive, even(0.0), 0.0);
         assert!((known.of(lag, &[1e-3]) - 0.09).abs() < 1e-12 && known.any_signal);
         assert_eq!(known.of(delay, &[1e-3]), DEFAULT.clear_gain);

@@ -5,7 +5,7 @@ use super::{
     fit::{self, Fit, Uncertainty},
     incident,
     journal::{JournalEntry, MoveKind},
-    known::{Excess, RequiredGain, excess},
+    known::{AtFloor, Excess, RequiredGain, excess},
     noise,
     observer::SearchStep,
     problem::{Point, Problem},
@@ -238,7 +238,8 @@ impl Search<'_> {
         let mut may_restart = !thresholds.is_at_reference(excess) && !self.is_confirmed(given);
         let mut has_split = false;
         let stage = (&given.twin, self.kind);
-        let required = |excess, gain| RequiredGain::new(thresholds, stage, excess, gain);
+        let required =
+            |excess, floor, gain| RequiredGain::new(thresholds, stage, (excess, floor), gain);
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !has_split && !thresholds.is_at_reference(excess);
             let as_given = first.then(|| self.as_given(given));
@@ -247,7 +248,11 @@ impl Search<'_> {
                 filters: &self.filters,
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
-                required_gain: required(excess, self.total_gain()),
+                required_gain: required(
+                    excess,
+                    self.at_floor(&given.twin, excess),
+                    self.total_gain(),
+                ),
             };
             let round = Round::run(self.problems(), &round_start);
             self.rejected = round.rejected;
@@ -275,9 +280,11 @@ impl Search<'_> {
             excess = self.add_winner(winner, given, &mut validated);
         }
         self.note_end_of_rounds(MOST_ADDED);
-        let is_less = self.eliminate_unneeded(&required(excess, 0.0), usize::from(!has_split));
+        let least = required(excess, AtFloor::No, 0.0);
+        let is_less = self.eliminate_unneeded(&least, usize::from(!has_split));
         let is_fewer = self.eliminate_null();
-        if self.remove_with_known_on_bound() || is_fewer || is_less {
+        let is_minor = self.remove_minor(&given.twin);
+        if self.remove_with_known_on_bound() || is_minor || is_fewer || is_less {
             excess = self.excess(validated.insert(self.validated()));
         }
         let validated = validated.unwrap_or_else(|| self.validated());
@@ -289,7 +296,9 @@ impl Search<'_> {
             true => None,
             false => self.disturbance(given, &validated),
         };
-        self.unexplained(&validated, disturbance)
+        let floor = self.at_floor(&given.twin, excess);
+        let least = if floor == AtFloor::Yes { thresholds.large_excess } else { 0.0 };
+        self.unexplained(&validated, disturbance, least)
     }
 
     /// Replace the refit by the given twin.
@@ -340,15 +349,21 @@ impl Search<'_> {
         }
     }
 
-    /// Strongest dependence of the final residual on a regressor, or the `disturbance` where that is larger. Added
-    /// effects that remove less than it are eliminated.
-    fn unexplained(&mut self, validated: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
+    /// Strongest dependence of the final residual on a regressor, or the `disturbance` where that is larger; `None` where it
+    /// holds less than the fraction `least`. Added effects that remove less than it are eliminated.
+    fn unexplained(
+        &mut self,
+        validated: &Point,
+        disturbance: Option<Unknown>,
+        least: f64,
+    ) -> Option<Unknown> {
         let (train, held_out) = (&self.train, &self.held_out);
         let strongest = unknown::strongest(train, held_out, &self.best, validated, &self.filters);
         let larger = strongest.into_iter().chain(disturbance);
         let unknown = larger
             .max_by(|a, b| a.fraction.total_cmp(&b.fraction))
-            .or_else(|| self.speed_dependence())?;
+            .or_else(|| self.speed_dependence())
+            .filter(|own| least <= own.fraction)?;
         self.eliminate_smaller_than(&unknown);
         Some(unknown)
     }

@@ -1,44 +1,45 @@
-//! A single axis driven by force: its measured motion to the input that it took.
+//! A single axis driven by force or by a velocity setpoint: its measured motion to the input that it took.
 //!
 //! The input follows from the measured motion by inverse dynamics, u = chain^-1(M a - F +
-//! friction), because the position of a controlled axis hardly shows its friction. Position is
+//! friction), because the position of a controlled axis hardly shows its friction. Where the input is a velocity
+//! setpoint, it is u = chain^-1(v + controller^-1(T a - F + friction)): a velocity controller makes a force from the
+//! velocity error, so forces are in the unit of the setpoint, and the mass is a time constant T. Position is
 //! low-pass filtered without phase and differentiated centrally; measured and predicted input pass
 //! one more filter of that kind and are decimated (Gautier and Janot's procedure for robots, as in
 //! the EMPS benchmark). All physics comes from the twin's instances by its place; motor and rail
 //! are one coordinate here.
 //!
-//! At rest friction takes any value within its level, so there the input is predicted as near to
-//! the measured one as friction allows, and those samples are not compared.
+//! While it stands, friction takes any value within its level, so there the input is predicted as near to the measured
+//! one as friction allows. An axis stands where the velocity beside a reversal does not differ from zero beyond its noise.
+//! Longer rests are not compared.
 
 mod chain;
 mod filter;
 mod forward;
 mod load;
+mod signals;
 
 pub use forward::FreeRun;
 pub(super) use forward::respond;
 pub use load::AxisError;
-pub(super) use load::{INPUT_UNITS, POSITION_UNITS, resampled, unit_of};
+pub(super) use load::{INPUT_UNITS, POSITION_UNITS, position_unit, resampled, unit_of};
 
 use super::{Channel, Stage, StageKind, Twin, axis_frame::MotionSums};
-use crate::effects::{Domain, Effect, Motion, Physics, Regressor};
+use crate::effects::{Domain, Effect, InputKind, Motion, Physics, Regressor};
 use chain::Chain;
 use filter::{LowPass, derivative};
-use std::{f64::consts::TAU, ops::Range};
+use signals::{Signals, each_segment};
+use std::ops::Range;
 
-/// Edges of the low-pass filter for position and input that are tried, in cycles per sample, the widest first.
-const EDGES: [f64; 7] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125];
-/// Standard deviation of the acceleration's noise over the RMS of the acceleration, up to which an edge is taken: noise
-/// of a regressor biases its coefficient by the square of this ratio.
-const ACCELERATION_NOISE: f64 = 0.1;
 /// Compared samples left out at both ends, where the filters know one side only.
 const ENDS: usize = 5;
 /// Compared samples of a block over which errors count as dependent: twice the memory of the noise model.
 const BLOCK: usize = 25;
-/// Standard deviations of its noise within which a velocity counts as rest.
-const REST_DEVIATIONS: f64 = 3.0;
-/// Least duration of a rest (samples): a reversal that does not stick passes through zero faster.
-const REST: usize = 10;
+/// Effect of an amplifier that ignores small inputs.
+const DEAD_BAND: &str = "drive.input_deadband";
+/// Unit of an input that may have one. The integral action of a current loop removes that of its amplifier. Behind a velocity
+/// controller, Coulomb friction is a dead band.
+const WITH_DEAD_BAND: &str = "V";
 
 /// What was measured on one axis, at equal steps.
 #[derive(Debug, Clone)]
@@ -65,17 +66,14 @@ pub struct AxisStage {
     start: f64,
     dt: f64,
     position_unit: &'static str,
+    input_kind: InputKind,
     factor: usize,
     decimation: LowPass,
     /// Samples that were recorded without interruption: no filter crosses their borders.
     segments: Vec<Range<usize>>,
-    /// Input as recorded, and behind the first filter.
+    /// Input as recorded.
     raw_input: Vec<f64>,
-    input: Vec<f64>,
-    position: Vec<f64>,
-    velocity: Vec<f64>,
-    acceleration: Vec<f64>,
-    resting: Vec<bool>,
+    signals: Signals,
     channels: Vec<Channel>,
 }
 
@@ -101,30 +99,18 @@ impl AxisStage {
     ) -> Self {
         let Measured { name, unit, position_unit, start, dt, input: raw_input, position: raw } =
             measured;
-        let noise = position_noise(&segments, &raw);
-        let cutoff = edge(&segments, &raw, noise);
-        let low_pass = LowPass::butterworth(cutoff);
-        let factor = ((1.0 / cutoff).round() as usize).max(1);
-        let filtered = |values: &[f64]| each_segment(&segments, values, |own| low_pass.apply(own));
-        let slope = |values: &[f64]| each_segment(&segments, values, |own| derivative(own, dt));
-        let position = filtered(&raw);
-        let velocity = slope(&position);
-        let acceleration = slope(&velocity);
-        let resting = resting(&segments, &velocity, velocity_noise(noise, cutoff, dt));
-        let input = filtered(&raw_input);
+        let signals = Signals::of(&segments, &raw_input, &raw, dt);
+        let factor = ((1.0 / signals.cutoff).round() as usize).max(1);
         let mut stage = Self {
             start,
             dt,
             position_unit,
+            input_kind: InputKind::of(unit, position_unit),
             factor,
             decimation: LowPass::before_decimation(factor),
             segments,
-            input,
             raw_input,
-            position,
-            velocity,
-            acceleration,
-            resting,
+            signals,
             channels: Vec::new(),
         };
         stage.channels.push(stage.channel(&name, unit, spans));
@@ -139,8 +125,8 @@ impl AxisStage {
                 continue;
             }
             let beside = index.saturating_sub(self.factor)
-                ..(index + self.factor + 1).min(self.resting.len());
-            if self.resting[beside].iter().any(|rests| *rests) {
+                ..(index + self.factor + 1).min(self.signals.resting.len());
+            if self.signals.resting[beside].iter().any(|rests| *rests) {
                 *value = f64::NAN;
             }
         }
@@ -153,8 +139,12 @@ impl AxisStage {
             })
             .filter(|run| !run.is_empty())
             .collect();
+        let quantity = match self.input_kind {
+            InputKind::Force => "force",
+            InputKind::Velocity => "setpoint",
+        };
         Channel {
-            signal: format!("axis.{name}.force"),
+            signal: format!("axis.{name}.{quantity}"),
             unit,
             domain: Domain::Drive,
             axis: "q",
@@ -171,7 +161,7 @@ impl AxisStage {
 
     /// Indices of the compared samples.
     fn kept(&self) -> impl Iterator<Item = usize> + use<> {
-        let count = self.position.len().div_ceil(self.factor);
+        let count = self.signals.position.len().div_ceil(self.factor);
         let factor = self.factor;
         (ENDS..count.saturating_sub(ENDS)).map(move |index| index * factor)
     }
@@ -197,9 +187,16 @@ impl AxisStage {
     /// Distance that the axis moved towards positive and towards negative positions (m), rests aside.
     #[must_use]
     pub fn ways(&self) -> [f64; 2] {
-        let moving = self.velocity.iter().zip(&self.resting).filter(|(_, rests)| !**rests);
+        let moving =
+            self.signals.velocity.iter().zip(&self.signals.resting).filter(|(_, rests)| !**rests);
         let steps = moving.map(|(velocity, _)| velocity * self.dt);
         steps.fold([0.0; 2], |[up, down], step| [up + step.max(0.0), down + (-step).max(0.0)])
+    }
+
+    /// What the input sets.
+    #[must_use]
+    pub fn input_kind(&self) -> InputKind {
+        self.input_kind
     }
 
     /// Units of input and position.
@@ -211,27 +208,35 @@ impl AxisStage {
     /// Sums over the recorded samples, from which the typical sizes of the axis follow.
     pub(super) fn motion_sums(&self) -> MotionSums {
         let inside = || self.segments.iter().flat_map(Clone::clone);
-        let moving = || inside().filter(|index| !self.resting[*index]);
+        let moving = || inside().filter(|index| !self.signals.resting[*index]);
         let square = |values: &[f64]| moving().map(|index| values[index].powi(2)).sum();
-        let positions = inside().map(|index| self.position[index]);
+        let positions = inside().map(|index| self.signals.position[index]);
         let (low, high) = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| {
             (low.min(own), high.max(own))
         });
         MotionSums {
             positions: low..high,
-            squares: [square(&self.input), square(&self.velocity), square(&self.acceleration)],
+            squares: [
+                square(&self.signals.input),
+                square(&self.signals.velocity),
+                square(&self.signals.acceleration),
+            ],
             count: moving().count() as f64,
             sample_period: self.dt,
-            duration: self.dt * self.position.len() as f64,
+            duration: self.dt * self.signals.position.len() as f64,
         }
     }
 
     /// Input of the compared samples with the motion behind it: input, acceleration, velocity, direction, position.
     #[must_use]
     pub fn motion_and_input(&self) -> Vec<[f64; 5]> {
-        let direction: Vec<f64> = self.velocity.iter().map(|velocity| sign(*velocity)).collect();
-        let columns = [&self.acceleration, &self.velocity, &direction, &self.position]
-            .map(|own| self.compared(own));
+        let columns = [
+            &self.signals.acceleration,
+            &self.signals.velocity,
+            &self.signals.direction,
+            &self.signals.position,
+        ]
+        .map(|own| self.compared(own));
         let channel = &self.channels[0];
         let samples = channel.runs.iter().flat_map(Clone::clone);
         samples
@@ -272,36 +277,50 @@ impl AxisStage {
             time: self.time(index),
             run_start_time: self.run_start_time(index),
             dt: self.dt,
-            position: self.position[index] - origin,
+            position: self.signals.position[index] - origin,
             position_origin: origin,
-            velocity: self.velocity[index],
-            acceleration: self.acceleration[index],
-            force: self.input[index],
+            velocity: self.signals.velocity[index],
+            acceleration: self.signals.acceleration[index],
+            force: self.signals.input[index],
             ..Motion::default()
         }
+    }
+
+    /// `values` of all samples, read `delay` seconds later within each segment.
+    fn shifted_in_segments(&self, values: &[f64], delay: f64) -> Vec<f64> {
+        if delay == 0.0 {
+            return values.to_vec();
+        }
+        each_segment(&self.segments, values, |own| shifted(own, delay / self.dt))
     }
 
     /// The input of every sample that the twin needs for the measured motion.
     fn inverse(&self, chain: &Chain) -> Vec<f64> {
         let mut memory = chain.memory();
-        let mut inputs = Vec::with_capacity(self.position.len());
-        for index in 0..self.position.len() {
+        // The measured input, when it acts.
+        let acting = self.shifted_in_segments(&self.signals.inner_input, -chain.delay);
+        let mut inputs = Vec::with_capacity(self.signals.position.len());
+        for index in 0..self.signals.position.len() {
             let begins = index == 0 || self.segments.iter().any(|own| own.start == index);
             let mut motion = self.motion(index, chain.origin);
+            motion.acceleration = self.signals.inner_acceleration[index];
+            motion.force = acting[index];
             motion.mass = chain.mass(&motion);
             let (forces, level) = chain.loads(&mut memory, &motion);
             let frictionless = motion.mass * motion.acceleration - forces;
-            let friction = if self.resting[index] {
+            let friction = if self.signals.standing[index] || self.signals.resting[index] {
                 let level = level.max(0.0);
-                (motion.force - frictionless).clamp(-level, level)
+                let given = chain.given(&memory, motion.force, &motion);
+                (chain.force_of(&memory, given, &motion) - frictionless).clamp(-level, level)
             } else {
-                level * sign(motion.velocity)
+                level * self.signals.direction[index]
             };
             let force = frictionless + friction;
             if begins {
                 chain.settle(&mut memory, force, &motion);
             }
-            inputs.push(chain.input(&mut memory, force, motion.force, &motion));
+            let demand = chain.demand(&mut memory, force, &motion);
+            inputs.push(chain.input(&mut memory, demand, motion.force, &motion));
         }
         inputs
     }
@@ -317,10 +336,13 @@ impl Stage for AxisStage {
     }
 
     fn calls(&self, effect: &Effect) -> bool {
-        // A limit under load cannot be inverted: every measured force would be its own prediction.
-        let limit = matches!(effect.physics, Physics::Effort(_))
-            && effect.regressors.contains(&Regressor::Load);
-        !limit && Chain::calls(&effect.physics)
+        // A limit under load cannot be inverted: every measured force would be its own prediction. A velocity setpoint does
+        // not tell the load.
+        let is_loaded = effect.regressors.contains(&Regressor::Load)
+            && (matches!(effect.physics, Physics::Effort(_))
+                || self.input_kind == InputKind::Velocity);
+        let is_behind = effect.name == DEAD_BAND && self.channels[0].unit != WITH_DEAD_BAND;
+        !is_loaded && !is_behind && Chain::calls(&effect.physics, self.input_kind)
     }
 
     fn regressor(&self, regressor: Regressor) -> Option<Vec<f64>> {
@@ -328,15 +350,15 @@ impl Stage for AxisStage {
         let each = |value: &dyn Fn(usize) -> f64| Some(self.kept().map(value).collect());
         match regressor {
             Regressor::Constant => each(&|_| 1.0),
-            Regressor::Position | Regressor::Phase => at(&self.position),
-            Regressor::Velocity => at(&self.velocity),
-            Regressor::Direction => each(&|index| self.velocity[index].signum()),
-            Regressor::Speed => each(&|index| self.velocity[index].abs()),
-            Regressor::Acceleration => at(&self.acceleration),
-            Regressor::Jerk => at(&derivative(&self.acceleration, self.dt)),
-            Regressor::Load => each(&|index| self.input[index].abs()),
-            Regressor::Command => at(&self.input),
-            Regressor::SinceReversal => at(&since_reversal(&self.velocity, self.dt)),
+            Regressor::Position | Regressor::Phase => at(&self.signals.position),
+            Regressor::Velocity => at(&self.signals.velocity),
+            Regressor::Direction => at(&self.signals.direction),
+            Regressor::Speed => each(&|index| self.signals.velocity[index].abs()),
+            Regressor::Acceleration => at(&self.signals.acceleration),
+            Regressor::Jerk => at(&derivative(&self.signals.acceleration, self.dt)),
+            Regressor::Load => each(&|index| self.signals.input[index].abs()),
+            Regressor::Command => at(&self.signals.input),
+            Regressor::SinceReversal => at(&since_reversal(&self.signals.velocity, self.dt)),
             Regressor::Time => each(&|index| self.time(index)),
             Regressor::OtherAxis | Regressor::ImpactSpeed => None,
         }
@@ -348,85 +370,11 @@ impl Stage for AxisStage {
 
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
         let chain = Chain::new(twin);
-        let mut inputs = self.inverse(&chain);
-        if chain.delay != 0.0 {
-            let samples = chain.delay / self.dt;
-            inputs = each_segment(&self.segments, &inputs, |own| shifted(own, samples));
-        }
+        let inputs = self.shifted_in_segments(&self.inverse(&chain), chain.delay);
         if let Some(values) = predicted.first_mut() {
             *values = self.compared(&inputs);
         }
     }
-}
-
-/// `change` of `values` in each of `segments` by itself; zero outside of them.
-fn each_segment(
-    segments: &[Range<usize>],
-    values: &[f64],
-    change: impl Fn(&[f64]) -> Vec<f64>,
-) -> Vec<f64> {
-    let mut changed = vec![0.0; values.len()];
-    for segment in segments {
-        changed[segment.clone()].copy_from_slice(&change(&values[segment.clone()]));
-    }
-    changed
-}
-
-/// Samples at rest, with `noise` of the velocity; all samples outside of `segments` are.
-fn resting(segments: &[Range<usize>], velocity: &[f64], noise: f64) -> Vec<bool> {
-    let mut resting = vec![true; velocity.len()];
-    for own in segments {
-        resting[own.clone()].copy_from_slice(&rests(&velocity[own.clone()], noise));
-    }
-    resting
-}
-
-/// The widest edge at which the acceleration of `position` is measured above its `noise`, in cycles per sample; the
-/// narrowest where there is none.
-fn edge(segments: &[Range<usize>], position: &[f64], noise: f64) -> f64 {
-    let is_measured = |edge: &f64| {
-        let low_pass = LowPass::butterworth(*edge);
-        let second = each_segment(segments, position, |own| {
-            derivative(&derivative(&low_pass.apply(own), 1.0), 1.0)
-        });
-        let inside = segments.iter().map(|own| own.len()).sum::<usize>().max(1) as f64;
-        let rms = (second.iter().map(|value| value * value).sum::<f64>() / inside).sqrt();
-        // White noise below the edge, differentiated twice: 2 times the integral of (2 pi f)^4.
-        let of_noise = noise * TAU * TAU * (2.0 * edge.powi(5) / 5.0).sqrt();
-        of_noise <= ACCELERATION_NOISE * rms
-    };
-    let narrowest = EDGES[EDGES.len() - 1];
-    EDGES.into_iter().find(is_measured).unwrap_or(narrowest)
-}
-
-/// Standard deviation of the white noise of a position: from its sixth differences, which hardly show motion (a wave of
-/// eight samples counts as a fiftieth of noise of its size), and at least that of its quantization.
-fn position_noise(segments: &[Range<usize>], position: &[f64]) -> f64 {
-    let own = || segments.iter().map(|own| &position[own.clone()]);
-    let sixth = own().flat_map(|values| {
-        values
-            .windows(7)
-            .map(|seven| seven.iter().zip(SIXTH).map(|(value, weight)| value * weight).sum::<f64>())
-    });
-    let white = noise_of(sixth) / SIXTH.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
-    let steps = own().flat_map(|values| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()));
-    let quantum = steps.filter(|step| 0.0 < *step).fold(f64::INFINITY, f64::min);
-    if quantum.is_finite() { white.max(quantum / 12.0_f64.sqrt()) } else { white }
-}
-
-/// Weights of a sixth difference.
-const SIXTH: [f64; 7] = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
-
-/// Standard deviation of normal values from their median magnitude.
-fn noise_of(values: impl Iterator<Item = f64>) -> f64 {
-    let mut magnitudes: Vec<f64> = values.map(f64::abs).collect();
-    magnitudes.sort_by(f64::total_cmp);
-    magnitudes.get(magnitudes.len() / 2).copied().unwrap_or(0.0) / 0.6745
-}
-
-/// Sign of a velocity, zero at rest.
-fn sign(velocity: f64) -> f64 {
-    if velocity == 0.0 { 0.0 } else { velocity.signum() }
 }
 
 /// `values` read `samples` later, by the cubic through the four beside each place (Catmull-Rom),
@@ -444,28 +392,6 @@ fn shifted(values: &[f64], samples: f64) -> Vec<f64> {
                 * (c - a + s * (2.0 * a - 5.0 * b + 4.0 * c - d + s * (3.0 * (b - c) + d - a)))
         })
         .collect()
-}
-
-/// Standard deviation of the velocity (per second) for white noise of the position of standard deviation `noise`.
-fn velocity_noise(noise: f64, cutoff: f64, dt: f64) -> f64 {
-    noise * TAU * (2.0 * cutoff.powi(3) / 3.0).sqrt() / dt
-}
-
-/// Samples of rests: stretches of at least [`REST`] samples without a velocity beyond the noise.
-fn rests(velocity: &[f64], noise: f64) -> Vec<bool> {
-    let mut resting = vec![false; velocity.len()];
-    let still = |index: usize| velocity[index].abs() <= REST_DEVIATIONS * noise;
-    let mut begin = 0;
-    for index in 0..=velocity.len() {
-        if index < velocity.len() && still(index) {
-            continue;
-        }
-        if begin + REST <= index {
-            resting[begin..index].fill(true);
-        }
-        begin = index + 1;
-    }
-    resting
 }
 
 /// Time since the velocity last changed its sign (s).

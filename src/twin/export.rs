@@ -32,6 +32,7 @@ mod mjcf;
 pub use bam::{BamMotor, export_bam};
 
 use super::{Machine, Twin};
+use crate::effects::InputKind;
 use mechanics::Mechanics;
 use std::fmt;
 
@@ -100,6 +101,15 @@ pub enum ExportError {
         /// Its mass (kg, or input unit per m/s^2).
         found: f64,
     },
+    /// An axis with a velocity setpoint.
+    #[error(
+        "the twin describes an axis with a velocity setpoint ({unit}), whose mass is unknown; simulate it with \
+         `klasktron simulate`, or identify it from recordings of the force"
+    )]
+    NoForce {
+        /// Unit of the setpoint.
+        unit: &'static str,
+    },
     /// A machine that the target does not have.
     #[error(
         "the actuator for Isaac Lab is that of a table, but the twin describes a single axis; export it with --to mjcf"
@@ -127,6 +137,11 @@ pub enum ExportError {
 /// # Errors
 /// When it has no moving mass, or the target cannot have the machine.
 pub fn export(twin: &Twin, target: Target) -> Result<Exported, ExportError> {
+    if let Some(frame) = twin.axis_frame
+        && frame.scales.input_kind() == InputKind::Velocity
+    {
+        return Err(ExportError::NoForce { unit: frame.scales.input_unit });
+    }
     let mechanics = Mechanics::of(twin, target);
     let axes = ["x", "y"];
     for (axis, mass) in axes.into_iter().zip(mechanics.mass).take(twin.machine.motors()) {
@@ -147,8 +162,8 @@ pub fn export(twin: &Twin, target: Target) -> Result<Exported, ExportError> {
 mod tests {
     use super::*;
     use crate::{
-        effects::{self, Axis},
-        twin::{Instance, Source},
+        effects::{self, Axis, AxisScales},
+        twin::{AxisFrame, Instance, Source},
     };
 
     fn with(twin: &mut Twin, effect: &str, axis: Axis, values: &[f64]) {
@@ -236,5 +251,23 @@ mod tests {
         twin.instances.retain(|own| own.effect.name != "gantry.inertia" || own.axis == Axis::X);
         let error = export(&twin, Target::Mjcf).unwrap_err();
         assert!(error.to_string().contains("along y (gantry.inertia is 0 kg)"), "{error}");
+    }
+
+    #[test]
+    fn an_axis_with_a_velocity_setpoint_has_no_mass_to_export() {
+        let scales = AxisScales {
+            input: 0.1,
+            position: 0.1,
+            velocity: 0.1,
+            acceleration: 1.0,
+            sample_period: 1e-3,
+            duration: 10.0,
+            input_unit: "m/s",
+            position_unit: "m",
+        };
+        let axis_frame = Some(AxisFrame { position_origin: 0.0, scales });
+        let twin = Twin { axis_frame, ..Twin::nominal(Machine::Axis) };
+        let error = export(&twin, Target::Mjcf).unwrap_err();
+        assert_eq!(error, ExportError::NoForce { unit: "m/s" });
     }
 }

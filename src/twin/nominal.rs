@@ -2,7 +2,7 @@
 
 use super::{Instance, Machine, Session, Source, Twin, machine_of};
 use crate::{
-    effects::{self, Axis},
+    effects::{self, Axis, InputKind},
     gantry::BELT_METRES_PER_TURN,
 };
 
@@ -27,6 +27,14 @@ const TABLE: &[(&str, Axis, &[f64])] = &[
     ("impact.wall_restitution", Axis::Whole, &[0.8]),
 ];
 
+/// Effects of a plain axis driven by a velocity setpoint.
+const AXIS_VELOCITY: &[(&str, Axis, &[f64])] = &[
+    ("drive.velocity_controller", Axis::Guides, &[0.01, 20.0]),
+    ("drive.friction.coulomb", Axis::Guides, &[0.0]),
+    ("drive.friction.viscous", Axis::Guides, &[0.0]),
+    ("drive.offset", Axis::Guides, &[0.0]),
+];
+
 /// Effects of a plain axis driven by force.
 const AXIS_FORCE: &[(&str, Axis, &[f64])] = &[
     ("gantry.inertia", Axis::Guides, &[1.0]),
@@ -35,11 +43,26 @@ const AXIS_FORCE: &[(&str, Axis, &[f64])] = &[
     ("drive.offset", Axis::Guides, &[0.0]),
 ];
 
+fn instances(effects: &[(&str, Axis, &[f64])]) -> Vec<Instance> {
+    let nominal = |(name, axis, values): &(&str, Axis, &[f64])| {
+        let effect = effects::find(name)?;
+        let values = &values[..effect.parameters.len()];
+        Some(Instance::new(effect, *axis, values, Source::Nominal))
+    };
+    effects.iter().filter_map(nominal).collect()
+}
+
 impl Twin {
     /// The plain twin of the machine on which `sessions` were recorded, with its belt.
     #[must_use]
     pub fn nominal_of(sessions: &[Session]) -> Self {
         let mut twin = Self::nominal(machine_of(sessions));
+        let mut axes = sessions.iter().flat_map(|session| &session.axes);
+        if twin.machine == Machine::Axis
+            && axes.any(|axis| axis.input_kind() == InputKind::Velocity)
+        {
+            twin.instances = instances(AXIS_VELOCITY);
+        }
         if let Some(session) =
             sessions.iter().find(|own| own.drive.is_some() || own.camera.is_some())
         {
@@ -48,25 +71,23 @@ impl Twin {
         twin
     }
 
-    /// The plain twin of `machine`, before anything was measured.
+    /// The plain twin of the machine that this one describes.
+    #[must_use]
+    pub fn plain(&self) -> Self {
+        let mut plain = Self::nominal(self.machine);
+        if self.axis_frame.is_some_and(|own| own.scales.input_kind() == InputKind::Velocity) {
+            plain.instances = instances(AXIS_VELOCITY);
+        }
+        plain
+    }
+
+    /// The plain twin of `machine` before anything was measured; a single axis is driven by force.
     #[must_use]
     pub fn nominal(machine: Machine) -> Self {
-        let effects = match machine {
+        let instances = instances(match machine {
             Machine::Table => TABLE,
             Machine::Axis => AXIS_FORCE,
-        };
-        let instances = effects
-            .iter()
-            .filter_map(|(name, axis, values)| {
-                let effect = effects::find(name)?;
-                Some(Instance::new(
-                    effect,
-                    *axis,
-                    &values[..effect.parameters.len()],
-                    Source::Nominal,
-                ))
-            })
-            .collect();
+        });
         Self {
             machine,
             striker_mass: STRIKER_MASS_KG,

@@ -11,7 +11,7 @@ mod record;
 #[cfg(test)]
 mod tests;
 
-pub use axis::{AxisInputs, AxisMotion, simulate_axis};
+pub use axis::{AxisInputs, AxisMotion, INPUT_COLUMNS, simulate_axis};
 pub use gantry::{TableCommands, TableMotion, simulate_table};
 pub use record::{RecordInfo, axis_csv, table_csv, write_axis_recording, write_table_recording};
 
@@ -43,6 +43,16 @@ pub enum SimulationError {
         commands: Machine,
         /// Machine of the twin.
         twin: Machine,
+    },
+    /// The commands have another unit than the input of the twin.
+    #[error("axis '{name}' has commands in {unit}, but the input of the twin is in {expected}")]
+    OtherUnit {
+        /// The axis.
+        name: String,
+        /// Unit of the commands.
+        unit: String,
+        /// Unit of the twin's input.
+        expected: &'static str,
     },
     /// No commands.
     #[error("{}: no commands; expected the topic {expected}", path.display())]

@@ -2,6 +2,7 @@
 
 mod description;
 mod options;
+mod single_axis;
 mod user_effects;
 
 use crate::{

@@ -2,10 +2,10 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.saturation.slew`: limit in metres of belt.
+/// `drive.saturation.slew`: limit in metres of belt. On a single axis it limits the rate of the input in its own unit.
 pub(crate) static SLEW: Effect = Effect {
     name: "drive.saturation.slew",
-    summary: "the drive limits the rate of its velocity setpoint",
+    summary: "the drive limits the rate of its setpoint: the velocity of a table, the input of a single axis",
     domain: Domain::Drive,
     site: Site::Motors,
     equation: "|dr/dt| ≤ S",
@@ -26,7 +26,7 @@ pub(crate) static SLEW: Effect = Effect {
         memory[0]
     }),
     regressors: &[Regressor::Acceleration],
-    signals: Signal::MOTOR,
+    signals: Signal::DRIVE,
     excitation: "velocity steps larger than the drive can follow within one sample",
     experiment: "step_ladder",
     confused_with: &["drive.lag1", "drive.velocity_loop", "drive.saturation.torque_speed"],

@@ -2,10 +2,11 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.saturation.speed`: the largest velocity setpoint that the drive accepts, as `vel_limit` of an ODrive.
+/// `drive.saturation.speed`: the largest setpoint that the drive accepts, as `vel_limit` of an ODrive. On a single axis
+/// it limits the input in its own unit, as the voltage of an amplifier.
 pub(crate) static SPEED: Effect = Effect {
     name: "drive.saturation.speed",
-    summary: "the drive limits its velocity setpoint",
+    summary: "the drive limits its setpoint: the velocity of a table, the input of a single axis",
     domain: Domain::Drive,
     site: Site::Motors,
     equation: "|u′| ≤ v_max",
@@ -23,7 +24,7 @@ pub(crate) static SPEED: Effect = Effect {
     memory: 0,
     physics: Physics::Command(|p, _, command, _| command.clamp(-p[0], p[0])),
     regressors: &[Regressor::Command, Regressor::Speed],
-    signals: Signal::MOTOR,
+    signals: Signal::DRIVE,
     excitation: "moves faster than the limit, along both diagonals",
     experiment: "step_ladder",
     confused_with: &["drive.saturation.torque_speed", "drive.gain", "drive.friction.quadratic"],

@@ -3,6 +3,7 @@
 
 use super::{Objection, objection};
 use crate::{
+    effects::InputKind,
     gap::{
         evidence::least_squares, explain::significant, findings::Verdict, thresholds::Thresholds,
     },
@@ -81,13 +82,14 @@ fn check(name: &str, train: &[&AxisStage], thresholds: &Thresholds) -> Option<Ob
             ),
         );
     }
-    check_connection(name, &samples, thresholds)
+    check_connection(name, train[0].input_kind(), &samples, thresholds)
 }
 
 /// Refusal where input and motion are not those of one axis; `samples` are input, acceleration, velocity, direction and
 /// position.
 fn check_connection(
     name: &str,
+    kind: InputKind,
     samples: &[[f64; 5]],
     thresholds: &Thresholds,
 ) -> Option<Objection> {
@@ -102,7 +104,13 @@ fn check_connection(
         (1..5).map(column).filter(|own| own.iter().any(|value| *value != 0.0)).collect();
     let weights = least_squares(&motion, &input)?;
     let explained = explained_by(&motion, &input);
-    let of_inertia = explained - explained_by(&motion[1..], &input);
+    let set = match kind {
+        InputKind::Force => 0,
+        InputKind::Velocity => 1,
+    };
+    let mut others = motion.clone();
+    others.remove(set);
+    let of_set = explained - explained_by(&others, &input);
     let percent = 100.0 * explained.max(0.0);
     if explained < thresholds.min_fraction {
         return objection(
@@ -114,17 +122,18 @@ fn check_connection(
         );
     }
     let is_against =
-        weights[0] < 0.0 && (explained < thresholds.majority || thresholds.clear_gain < of_inertia);
+        weights[set] < 0.0 && (explained < thresholds.majority || thresholds.clear_gain < of_set);
+    let what = match kind {
+        InputKind::Force => {
+            "accelerates against its input, so its inertia would be below zero: the input is not the force that moves it"
+        }
+        InputKind::Velocity => {
+            "moves against its setpoint: the input is not the velocity that it follows"
+        }
+    };
+    let advice = "or one sign is wrong; check the signs of input and position";
     is_against
-        .then(|| {
-            objection(
-                Verdict::NotTestable,
-                format!(
-                    "{name}: the axis accelerates against its input, so its inertia would be below zero: the input is not \
-                     the force that moves it, or one sign is wrong; check the signs of input and position"
-                ),
-            )
-        })
+        .then(|| objection(Verdict::NotTestable, format!("{name}: the axis {what}, {advice}")))
         .flatten()
 }
 
@@ -162,7 +171,11 @@ mod tests {
     }
 
     fn verdict(input: impl Fn([f64; 3], f64) -> f64) -> Option<Verdict> {
-        check_connection("axis.slide.force", &samples(input), &Thresholds::DEFAULT)
+        verdict_of(InputKind::Force, input)
+    }
+
+    fn verdict_of(kind: InputKind, input: impl Fn([f64; 3], f64) -> f64) -> Option<Verdict> {
+        check_connection("axis.slide.force", kind, &samples(input), &Thresholds::DEFAULT)
             .map(|own| own.verdict)
     }
 
@@ -180,5 +193,13 @@ mod tests {
     fn a_random_input_is_not_connected_and_one_of_the_wrong_sign_is_refused() {
         assert_eq!(verdict(|_, noise| noise), Some(Verdict::InputNotConnected));
         assert_eq!(verdict(|[a, v, _], _| -3.0 * a - 8.0 * v), Some(Verdict::NotTestable));
+    }
+
+    #[test]
+    fn a_setpoint_has_the_sign_of_the_velocity_and_any_phase() {
+        let of = |input: fn([f64; 3], f64) -> f64| verdict_of(InputKind::Velocity, input);
+        assert_eq!(of(|[a, v, _], _| v + 0.02 * a), None);
+        assert_eq!(of(|[a, v, _], _| v - 0.002 * a), None, "time stamps may lead");
+        assert_eq!(of(|[_, v, _], _| -v), Some(Verdict::NotTestable));
     }
 }

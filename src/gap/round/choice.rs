@@ -162,6 +162,7 @@ impl Bench<'_, '_> {
 mod tests {
     use super::super::{Problems, RequiredGain, screen, trial::Trial, whiten};
     use super::*;
+    use crate::gap::known::AtFloor;
     use crate::{
         effects::{Axis, find},
         gap::{problem::Problem, screen::Candidate, test_stage::TestStage, thresholds::Thresholds},
@@ -192,8 +193,12 @@ mod tests {
             |twin: Twin| Fit { point: train.start(twin), slots: vec![], loss: 0.0, rows: 2000 };
         let (base, fit) = (fit_of(given.clone()), fit_of(twin));
         let filters = train.filters(&fit.point, whiten::scale_filters);
-        let required_gain =
-            RequiredGain::new(&Thresholds::DEFAULT, (&given, StageKind::Camera), None, 0.0);
+        let required_gain = RequiredGain::new(
+            &Thresholds::DEFAULT,
+            (&given, StageKind::Camera),
+            (None, AtFloor::No),
+            0.0,
+        );
         let problems = Problems { train: &train, held_out: &nothing, witness: &nothing };
         let bench = Bench::new(problems, (&base, vec![]), (&filters, &required_gain), 1);
         let candidate = Candidate {

@@ -6,7 +6,8 @@ use crate::{
     gap::{
         batch::in_parallel,
         fit::{self, Fit, Uncertainty},
-        known::RequiredGain,
+        floor::floors,
+        known::{AtFloor, Excess, RequiredGain},
         problem::{Point, Problem},
         round::on_bound_of,
         unknown::Unknown,
@@ -173,6 +174,39 @@ impl Search<'_> {
             self.remove_step(&step, rest, &reason);
         }
         self.added.len() < before
+    }
+
+    /// Remove the effects that were added to a single axis where they explain less than half of what the known parameters
+    /// leave, and the rest is above its floor: the cause is another, which they imitate. Return whether any was removed.
+    /// On a table, the floor of a calibrated twin contains its model error.
+    pub(super) fn remove_minor(&mut self, given: &Twin) -> bool {
+        let is_table = self.best.point.twin.machine == Machine::Table;
+        let is_major = self.train.thresholds().majority < self.total_gain();
+        if is_table || is_major || !self.is_above_floor(given) {
+            return false;
+        }
+        let reason = "The added effects explain less than half of the residual, and the rest is above its noise floor";
+        let before = self.added.len();
+        while let Some(step) = self.added.iter().rfind(|step| step.unstated.is_none()).cloned() {
+            let rest = self.without(&step);
+            self.remove_step(&step, rest, reason);
+        }
+        self.added.len() < before
+    }
+
+    /// Whether a single axis without reference is at its noise floor. The floor of a table is that of its simulator.
+    pub(super) fn at_floor(&self, given: &Twin, excess: Option<Excess>) -> AtFloor {
+        let is_new_axis = excess.is_none() && given.machine == Machine::Axis;
+        if is_new_axis && !self.is_above_floor(given) { AtFloor::Yes } else { AtFloor::No }
+    }
+
+    /// Return whether a signal of the training sessions is above its floor.
+    fn is_above_floor(&self, given: &Twin) -> bool {
+        let Some(part) = self.train.parts.first() else { return false };
+        let floors = floors(part.stage.channels(), given);
+        let ratio = self.train.thresholds().floor_ratio;
+        let residuals = self.train.rms(&self.best.point);
+        residuals.iter().zip(floors).any(|(rms, floor)| ratio * floor.rms < *rms)
     }
 
     /// First fitted parameter of the given twin that is on a bound.

@@ -350,7 +350,7 @@ impl Twin {
             let start = floats(start, "start", &[Length::Exactly(2)])?;
             own.start = pairs::<2>(&start)?[0];
         }
-        Ok(own)
+        own.for_twin(&self.inner).map_err(raised)
     }
 }
 
@@ -436,16 +436,10 @@ fn axis_columns<'py>(
     inputs: &AxisInputs,
     motion: AxisMotion,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let input = match inputs.unit.as_str() {
-        "N m" => "torque_nm",
-        "A" => "current_a",
-        "V" => "voltage_v",
-        _ => "force_n",
-    };
     let unit = &inputs.position_unit;
     let columns = PyDict::new(py);
     columns.set_item("time_s", vector(py, motion.times))?;
-    columns.set_item(input, vector(py, motion.input))?;
+    columns.set_item(inputs.column(), vector(py, motion.input))?;
     columns.set_item(format!("position_{unit}"), vector(py, motion.position))?;
     columns.set_item(format!("velocity_{unit}_per_s"), vector(py, motion.velocity))?;
     Ok(columns)

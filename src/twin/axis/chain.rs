@@ -1,7 +1,7 @@
 //! The functions of all instances that act on a single axis, by their place in the chain.
 
 use crate::{
-    effects::{Bristles, Law, Motion, Physics, Place},
+    effects::{Bristles, InputKind, Law, Motion, Physics, Place, VelocityController, follow},
     twin::{Instance, Twin},
 };
 
@@ -32,11 +32,15 @@ type MotionPart = Part<Law<fn(&[f64], &mut [f64], &Motion) -> f64>>;
 type BristlesPart = Part<fn(&[f64]) -> Bristles>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
 
-/// Everything between the input of a force-driven axis and its motion.
+/// Everything between the input of a single axis and its motion.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Chain {
     /// Dead time of the input (s).
     pub(super) delay: f64,
+    /// Input that keeps a velocity without any friction: 1 for a velocity setpoint, 0 for a force.
+    pub(super) input_per_velocity: f64,
+    /// Integral gain of a velocity controller, divided by its proportional gain (1/s).
+    integral_rate: f64,
     /// Position from which the positions in effects count.
     pub(super) origin: f64,
     /// Typical size of the input.
@@ -47,7 +51,8 @@ pub(super) struct Chain {
     frictions: Vec<MotionPart>,
     bristles: Vec<BristlesPart>,
     masses: Vec<MassPart>,
-    /// What is the same in every motion: viscous friction (N s/m), friction level (N) and moving mass (kg).
+    /// What is the same in every motion: viscous friction (N s/m), friction level (N) and moving mass (kg), or the time
+    /// constant of a velocity controller (s).
     damping: f64,
     level: f64,
     mass: f64,
@@ -61,6 +66,8 @@ pub(super) struct Chain {
 pub(super) struct Memory {
     way: [f64; MOST_MEMORY],
     load: Vec<f64>,
+    /// Force of the controller, and the part that its integral action makes.
+    controller: [f64; 2],
 }
 
 impl Memory {
@@ -68,6 +75,7 @@ impl Memory {
     pub(super) fn copy_from(&mut self, other: &Self) {
         self.way = other.way;
         self.load.copy_from_slice(&other.load);
+        self.controller = other.controller;
     }
 }
 
@@ -75,9 +83,12 @@ impl Chain {
     /// The functions of the instances in `twin`. Motor and rail of a single axis are one
     /// coordinate.
     pub(super) fn new(twin: &Twin) -> Self {
+        let scales = twin.axis_frame.map(|frame| frame.scales);
+        let kind = scales.map_or(InputKind::Force, |own| own.input_kind());
         let mut chain = Self {
+            input_per_velocity: if kind == InputKind::Velocity { 1.0 } else { 0.0 },
             origin: twin.position_origin(),
-            input_size: twin.axis_frame.map_or(1.0, |frame| frame.scales.input),
+            input_size: scales.map_or(1.0, |own| own.input),
             ..Self::default()
         };
         for instance in twin.instances.iter().filter(|instance| instance.axis.covers(0)) {
@@ -88,23 +99,24 @@ impl Chain {
         chain
     }
 
-    /// Whether physics of this kind is called, all of it.
-    pub(super) fn calls(physics: &Physics) -> bool {
-        let is_called = |equation: &Physics| {
-            matches!(
-                equation,
-                Physics::CommandDelay(_)
-                    | Physics::Command(_)
-                    | Physics::Effort(_)
-                    | Physics::Force(_)
-                    | Physics::Friction(_)
-                    | Physics::Coulomb(_)
-                    | Physics::Damping(_)
-                    | Physics::Bristles(_)
-                    | Physics::Mass(_)
-                    | Physics::Inertia(_)
-                    | Physics::Expression(Place::Force | Place::Friction | Place::Input, _)
-            )
+    /// Whether physics of this kind is called, all of it. Behind a velocity setpoint, neither the force of the motor nor
+    /// the mass is known. The integration of a velocity loop, which a limit stops, is no part of an axis with a force. A slew
+    /// limit smooths the input, which takes the noise of a measured force away and looks like a gain.
+    pub(super) fn calls(physics: &Physics, kind: InputKind) -> bool {
+        let is_called = |equation: &Physics| match equation {
+            Physics::Effort(_) | Physics::Mass(_) | Physics::Inertia(_) | Physics::Windup(_) => {
+                kind == InputKind::Force
+            }
+            Physics::VelocityController(_) | Physics::Ramp(_) => kind == InputKind::Velocity,
+            Physics::CommandDelay(_)
+            | Physics::Command(_)
+            | Physics::Force(_)
+            | Physics::Friction(_)
+            | Physics::Coulomb(_)
+            | Physics::Damping(_)
+            | Physics::Bristles(_)
+            | Physics::Expression(Place::Force | Place::Friction | Place::Input, _) => true,
+            _ => false,
         };
         physics.equations().iter().all(is_called)
     }
@@ -114,7 +126,7 @@ impl Chain {
         let (way, load) = (self.way, self.load);
         match equation {
             Physics::CommandDelay(call) => self.delay += call(&p),
-            Physics::Command(call) if way + length <= MOST_MEMORY => {
+            Physics::Command(call) | Physics::Ramp(call) if way + length <= MOST_MEMORY => {
                 self.commands.push(Part { call: Law::Function(call), p, memory: way, length });
                 self.way += length;
             }
@@ -129,6 +141,11 @@ impl Chain {
             Physics::Friction(call) => {
                 self.frictions.push(Part { call: Law::Function(call), p, memory: load, length });
                 self.load += length;
+            }
+            Physics::VelocityController(call) => {
+                let VelocityController { time_constant_s, integral_rate_per_s } = call(&p);
+                self.mass += time_constant_s;
+                self.integral_rate += integral_rate_per_s;
             }
             Physics::Coulomb(call) => self.level += call(&p),
             Physics::Damping(call) => self.damping += call(&p),
@@ -155,7 +172,7 @@ impl Chain {
 
     /// Memory at rest.
     pub(super) fn memory(&self) -> Memory {
-        Memory { way: [0.0; MOST_MEMORY], load: vec![0.0; self.load] }
+        Memory { way: [0.0; MOST_MEMORY], load: vec![0.0; self.load], controller: [0.0; 2] }
     }
 
     /// Moving mass at `motion` (kg, or the input's unit per m/s^2).
@@ -189,9 +206,33 @@ impl Chain {
         (forces, rigid - lacking.sum::<f64>())
     }
 
+    /// Force that `input` makes behind the command path: the input itself, or what a velocity controller makes of it.
+    pub(super) fn force_of(&self, memory: &Memory, input: f64, motion: &Motion) -> f64 {
+        input - self.input_per_velocity * motion.velocity + memory.controller[1]
+    }
+
+    /// What must arrive behind the command path for `force`: the force itself, or the setpoint of a velocity controller.
+    /// Its integral action follows the force as a first-order lag, so the error is what is left.
+    pub(super) fn demand(&self, memory: &mut Memory, force: f64, motion: &Motion) -> f64 {
+        if 0.0 < self.integral_rate {
+            follow(1.0 / self.integral_rate, &mut memory.controller, force, motion.dt);
+        }
+        force + self.input_per_velocity * motion.velocity - memory.controller[1]
+    }
+
+    /// Let the integral action of a velocity controller act for one step on the `error` of the velocity.
+    pub(super) fn integrate(&self, memory: &mut Memory, error: f64, dt: f64) {
+        memory.controller[1] += self.integral_rate * error * dt;
+    }
+
     /// Force of the motor for the input `input`.
     pub(super) fn force(&self, memory: &mut Memory, input: f64, motion: &Motion) -> f64 {
         self.through(&mut memory.way, input, motion)
+    }
+
+    /// What the input `input` gives behind the command path, before the memory follows it.
+    pub(super) fn given(&self, memory: &Memory, input: f64, motion: &Motion) -> f64 {
+        self.through(&mut memory.way.clone(), input, motion)
     }
 
     fn through(&self, memory: &mut [f64; MOST_MEMORY], input: f64, motion: &Motion) -> f64 {
@@ -212,7 +253,7 @@ impl Chain {
         }
         let tolerance = 1e-13 * (self.input_size + force.abs() + near.abs());
         let step = 1e-3 * (self.input_size + near.abs());
-        let given = |input: f64| self.through(&mut memory.way.clone(), input, motion);
+        let given = |input: f64| self.given(memory, input, motion);
         let at_near = given(near);
         let (mut from, mut lacking) = (near, force - at_near);
         let mut slope = (given(near + step) - at_near) / step;
@@ -233,6 +274,10 @@ impl Chain {
 
     /// Brings the memory of the way to where the motor has given `force` for long.
     pub(super) fn settle(&self, memory: &mut Memory, force: f64, motion: &Motion) {
+        if 0.0 < self.integral_rate {
+            memory.controller = [force; 2];
+        }
+        let force = self.demand(memory, force, motion);
         let motion = Motion { dt: SETTLING_STEP * motion.dt, ..*motion };
         let mut input = force;
         for _ in 0..SETTLING_STEPS {

@@ -3,7 +3,8 @@
 use super::{
     AxisStage,
     chain::{Chain, Memory},
-    shifted, sign,
+    shifted,
+    signals::sign,
 };
 use crate::{effects::Motion, twin::Twin};
 use std::ops::Range;
@@ -27,13 +28,12 @@ impl AxisStage {
     pub fn free_run(&self, twin: &Twin, window: f64) -> Option<FreeRun> {
         let chain = Chain::new(twin);
         let length = (window / self.dt).round().max(1.0) as usize;
-        // The input in the middle of each step.
-        let inputs = shifted(&self.raw_input, 0.5 - chain.delay / self.dt);
+        let inputs = inputs_of_steps(&chain, &self.raw_input, self.dt);
         let mut course = Course::new(&chain);
         course.settle(inputs.first().copied()?, &self.motion(0, chain.origin));
         let (mut squares, mut worst, mut count, mut windows) = (0.0_f64, 0.0_f64, 0, 0);
         let first = super::ENDS * self.factor;
-        let end = (self.position.len() + 1).saturating_sub(first + length);
+        let end = (self.signals.position.len() + 1).saturating_sub(first + length);
         for begin in (first..end).step_by(length) {
             let is_whole = |own: &Range<usize>| own.start <= begin && begin + length <= own.end;
             if !self.segments.iter().any(is_whole) {
@@ -41,7 +41,7 @@ impl AxisStage {
             }
             let mut motion = self.motion(begin, chain.origin);
             for (index, input) in inputs.iter().enumerate().skip(begin).take(length) {
-                let error = motion.position + chain.origin - self.position[index];
+                let error = motion.position + chain.origin - self.signals.position[index];
                 squares += error * error;
                 worst = worst.max(error.abs());
                 count += 1;
@@ -69,8 +69,7 @@ pub(in crate::twin) fn respond(
     state: [f64; 2],
 ) -> Vec<[f64; 2]> {
     let chain = Chain::new(twin);
-    // The input in the middle of each step.
-    let middle = shifted(input, 0.5 - chain.delay / dt);
+    let inputs = inputs_of_steps(&chain, input, dt);
     let mut course = Course::new(&chain);
     let [position, velocity] = state;
     let position = position - chain.origin;
@@ -83,14 +82,21 @@ pub(in crate::twin) fn respond(
         position_origin: chain.origin,
         ..Motion::default()
     };
-    course.settle(middle.first().copied().unwrap_or(0.0), &motion);
+    course.settle(inputs.first().copied().unwrap_or(0.0), &motion);
     let mut states = Vec::with_capacity(input.len());
-    for (index, input) in middle.iter().enumerate() {
+    for (index, input) in inputs.iter().enumerate() {
         states.push([motion.position + chain.origin, motion.velocity]);
         motion.time = start + dt * index as f64;
         course.step(*input, &mut motion);
     }
     states
+}
+
+/// The input of each step of `dt` seconds: a force changes the velocity by its value in the middle, a velocity setpoint is
+/// reached at the end.
+fn inputs_of_steps(chain: &Chain, input: &[f64], dt: f64) -> Vec<f64> {
+    let place = if chain.input_per_velocity == 0.0 { 0.5 } else { 1.0 };
+    shifted(input, place - chain.delay / dt)
 }
 
 /// An axis on its way, step by step: the midpoint method, of second order where forces are smooth.
@@ -111,7 +117,7 @@ impl<'c> Course<'c> {
         self.chain.settle_input(&mut self.memory, input, motion);
     }
 
-    /// Advance `motion` by its time step; `input` is that in the middle of the step.
+    /// Advance `motion` by its time step, on which `input` acts.
     fn step(&mut self, input: f64, motion: &mut Motion) {
         self.trial.copy_from(&self.memory);
         let mut ahead = *motion;
@@ -133,10 +139,16 @@ fn advance(chain: &Chain, memory: &mut Memory, (input, at): (f64, &Motion), moti
     at.force = chain.force(memory, input, &at);
     let (forces, level) = chain.loads(memory, &at);
     let before = motion.velocity;
-    let free = before + motion.dt * (at.force + forces) / at.mass;
-    let loss = (motion.dt * level.max(0.0) / at.mass).min(free.abs());
+    // The velocity after the step: inertia * (velocity - before) = force_of(velocity) + forces - friction.
+    let inertia = at.mass / motion.dt;
+    let resistance = inertia + chain.input_per_velocity;
+    let standing = Motion { velocity: 0.0, ..at };
+    let free =
+        (inertia * before + chain.force_of(memory, at.force, &standing) + forces) / resistance;
+    let loss = (level.max(0.0) / resistance).min(free.abs());
     (motion.force, motion.mass) = (at.force, at.mass);
     motion.velocity = free - loss * sign(free);
+    chain.integrate(memory, at.force - motion.velocity, motion.dt);
     motion.acceleration = (motion.velocity - before) / motion.dt;
     motion.position += 0.5 * motion.dt * (before + motion.velocity);
 }

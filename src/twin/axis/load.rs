@@ -2,6 +2,7 @@
 
 use super::{AxisStage, Measured};
 use crate::{
+    effects::InputKind,
     recording::{
         Recording, RecordingError,
         message::{AxisInput, AxisOutput},
@@ -21,8 +22,8 @@ const LEAST_PIECES: f64 = 2.0;
 const LEAST_SAMPLES: usize = 200;
 /// Steps of missing samples that are a pause.
 const PAUSE_STEPS: f64 = 10.0;
-/// Units of the input of a single axis: those of a force, or of what makes one.
-pub(in crate::twin) const INPUT_UNITS: &[&str] = &["N", "N m", "A", "V"];
+/// Units of the input of a single axis: those of a force, of what makes one, or of a velocity setpoint.
+pub(in crate::twin) const INPUT_UNITS: &[&str] = &["N", "N m", "A", "V", "m/s", "rad/s"];
 /// Units of its position.
 pub(in crate::twin) const POSITION_UNITS: &[&str] = &["m", "rad"];
 /// Fewest samples of a segment that is filtered by itself.
@@ -34,18 +35,32 @@ pub enum AxisError {
     /// The recording could not be decoded.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// The input is neither a force nor something that makes one.
+    /// The input neither makes a force nor is a velocity setpoint.
     #[error(
-        "axis '{name}' is driven by a {what} ({unit}); only inputs that make a force (N, N m, A, \
-         V) can be compared by inverse dynamics"
+        "axis '{name}' is driven by a {what} ({unit}); only a force, what makes one, or a velocity setpoint ({}) can be \
+         compared by inverse dynamics",
+        INPUT_UNITS.join(", ")
     )]
-    NotForce {
+    OtherInput {
         /// The axis.
         name: String,
         /// What its input is.
         what: &'static str,
         /// Unit of its input.
         unit: String,
+    },
+    /// The velocity setpoint is one of another coordinate.
+    #[error(
+        "axis '{name}' has a velocity setpoint in {unit} and a position in {position_unit}; import it with both in m or \
+         both in rad (--input-scale converts the setpoint)"
+    )]
+    OtherCoordinate {
+        /// The axis.
+        name: String,
+        /// Unit of its input.
+        unit: &'static str,
+        /// Unit of its position.
+        position_unit: &'static str,
     },
     /// Too little to compare.
     #[error(
@@ -65,7 +80,7 @@ impl AxisStage {
     /// recording began), of which long ones are cut into pieces.
     ///
     /// # Errors
-    /// When messages do not decode, an input is no force, or an axis is too short.
+    /// When messages do not decode, an input has another unit, or an axis is too short.
     pub fn from_recording(
         recording: &Recording,
         spans: &[Range<f64>],
@@ -113,12 +128,11 @@ fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<
     let outputs = recording.series::<AxisOutput>(&topic::axis_output(&name))?;
     let recorded = inputs.values.first().map_or("", |first| first.unit.as_str());
     let unit = unit_of(recorded, &name)?;
-    let position_unit =
-        match outputs.values.first().map_or("", |first| first.position_unit.as_str()) {
-            "rad" => "rad",
-            "" if unit == "N m" => "rad",
-            _ => "m",
-        };
+    let recorded = outputs.values.first().map_or("", |first| first.position_unit.as_str());
+    let position_unit = position_unit(recorded, unit);
+    if unit.ends_with("/s") && InputKind::of(unit, position_unit) != InputKind::Velocity {
+        return Err(AxisError::OtherCoordinate { name, unit, position_unit });
+    }
     let input: Vec<(f64, f64)> =
         inputs.iter().map(|(time, message)| (time.seconds_since(origin), message.value)).collect();
     let mut position: Vec<(f64, f64)> = outputs
@@ -204,18 +218,24 @@ fn segments(
     segments
 }
 
-/// The unit of a force-like input.
+/// The unit of an input.
 pub(in crate::twin) fn unit_of(recorded: &str, name: &str) -> Result<&'static str, AxisError> {
-    let not_force =
-        |what| AxisError::NotForce { name: name.to_owned(), what, unit: recorded.to_owned() };
     let written = if recorded == "Nm" { "N m" } else { recorded };
-    if let Some(unit) = INPUT_UNITS.iter().find(|unit| **unit == written) {
-        return Ok(unit);
-    }
+    INPUT_UNITS.iter().find(|unit| **unit == written).copied().ok_or_else(|| {
+        let what = match recorded {
+            "m" | "rad" => "position",
+            _ => "quantity of another unit",
+        };
+        AxisError::OtherInput { name: name.to_owned(), what, unit: recorded.to_owned() }
+    })
+}
+
+/// The unit of the position of an axis with an input in `input_unit`; `recorded` may be empty.
+pub(in crate::twin) fn position_unit(recorded: &str, input_unit: &str) -> &'static str {
     match recorded {
-        "m/s" | "rad/s" => Err(not_force("velocity")),
-        "m" | "rad" => Err(not_force("position")),
-        _ => Err(not_force("quantity of another unit")),
+        "rad" => "rad",
+        "" if ["N m", "rad/s"].contains(&input_unit) => "rad",
+        _ => "m",
     }
 }
 
@@ -303,9 +323,18 @@ mod tests {
     }
 
     #[test]
-    fn an_input_that_is_no_force_is_named() {
-        let error = unit_of("m/s", "slide").expect_err("a velocity is no force").to_string();
-        assert!(error.contains("axis 'slide' is driven by a velocity (m/s)"), "{error}");
+    fn an_input_of_another_unit_is_named() {
+        let error = unit_of("m", "slide").expect_err("a position is no input").to_string();
+        assert!(error.contains("axis 'slide' is driven by a position (m)"), "{error}");
+        assert!(error.contains("(N, N m, A, V, m/s, rad/s)"), "{error}");
         assert_eq!(unit_of("Nm", "slide").ok(), Some("N m"));
+        assert_eq!(unit_of("rad/s", "slide").ok(), Some("rad/s"));
+    }
+
+    #[test]
+    fn a_position_without_unit_is_an_angle_where_the_input_turns() {
+        let units = ["N m", "rad/s", "m/s", "N"].map(|input| position_unit("", input));
+        assert_eq!(units, ["rad", "rad", "m", "m"]);
+        assert_eq!([position_unit("rad", "V"), position_unit("m", "rad/s")], ["rad", "m"]);
     }
 }

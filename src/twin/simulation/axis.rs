@@ -10,7 +10,7 @@ use crate::{
     stats::median,
     twin::{
         Machine, Twin,
-        axis::{resampled, respond, unit_of},
+        axis::{position_unit, resampled, respond, unit_of},
     },
 };
 use std::path::Path;
@@ -20,12 +20,22 @@ const LONGEST_STEP: f64 = 1e-3;
 /// Largest number of samples.
 const MOST_SAMPLES: f64 = 1e7;
 
+/// Columns of the input of a single axis in tables, with their units.
+pub const INPUT_COLUMNS: [(&str, &str); 6] = [
+    ("force_n", "N"),
+    ("torque_nm", "N m"),
+    ("current_a", "A"),
+    ("voltage_v", "V"),
+    ("setpoint_m_per_s", "m/s"),
+    ("setpoint_rad_per_s", "rad/s"),
+];
+
 /// Inputs of a single axis, linear between samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisInputs {
     /// Name of the axis in its topics.
     pub name: String,
-    /// Unit of the input: N, N m, A or V.
+    /// Unit of the input: N, N m, A, V, m/s or rad/s.
     pub unit: String,
     /// Unit of the position: m or rad.
     pub position_unit: String,
@@ -41,8 +51,7 @@ impl AxisInputs {
     /// Check inputs of the axis `name` from the file `path`, which starts at rest at the origin.
     ///
     /// # Errors
-    /// When there are too few, a value is not finite, they last too long, or the unit is not that of a
-    /// force.
+    /// When there are too few, a value is not finite, they last too long, or the unit is another.
     pub fn new(
         path: &Path,
         name: &str,
@@ -60,11 +69,32 @@ impl AxisInputs {
         Ok(Self {
             name: name.to_owned(),
             unit: unit.to_owned(),
-            position_unit: if unit == "N m" { "rad" } else { "m" }.to_owned(),
+            position_unit: position_unit("", unit).to_owned(),
             times: samples.iter().map(|sample| sample.0).collect(),
             values: samples.iter().map(|sample| sample.1).collect(),
             start: [0.0; 2],
         })
+    }
+
+    /// Column of the input in tables, with its unit.
+    #[must_use]
+    pub fn column(&self) -> &'static str {
+        let own = INPUT_COLUMNS.iter().find(|(_, unit)| *unit == self.unit);
+        own.map_or("input", |own| own.0)
+    }
+
+    /// These inputs for `twin`, with the unit of its position.
+    ///
+    /// # Errors
+    /// When the input of the twin has another unit.
+    pub fn for_twin(self, twin: &Twin) -> Result<Self, SimulationError> {
+        let Some(frame) = twin.axis_frame else { return Ok(self) };
+        let (expected, position_unit) = (frame.scales.input_unit, frame.scales.position_unit);
+        if self.unit != expected {
+            let Self { name, unit, .. } = self;
+            return Err(SimulationError::OtherUnit { name, unit, expected });
+        }
+        Ok(Self { position_unit: position_unit.to_owned(), ..self })
     }
 
     /// Inputs of an axis in a recording: of `axis`, or of the only one. The simulation starts at the

@@ -259,12 +259,7 @@ pub fn table_csv(commands: &TableCommands, motion: &TableMotion) -> String {
 /// The motion of a single axis as CSV, with the unit of each column in its name.
 #[must_use]
 pub fn axis_csv(inputs: &AxisInputs, motion: &AxisMotion) -> String {
-    let input = match inputs.unit.as_str() {
-        "N m" => "torque_nm",
-        "A" => "current_a",
-        "V" => "voltage_v",
-        _ => "force_n",
-    };
+    let input = inputs.column();
     let unit = &inputs.position_unit;
     let mut text = format!("time_s,{input},position_{unit},velocity_{unit}_per_s\n");
     for (index, time) in motion.times.iter().enumerate() {

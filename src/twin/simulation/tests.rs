@@ -194,8 +194,8 @@ fn commands_that_cannot_be_simulated_are_refused_in_one_sentence() {
     assert!(table(&[0.0], 0.1).contains("the commands span 0 s"));
     assert!(table(&[0.0, 1e5], 0.1).contains("allowed are more than 0 and up to 7200 s"));
     assert!(table(&[0.0, 1.0], f64::NAN).contains("the command at 0 s is not finite"));
-    let axis = AxisInputs::new(path, "slide", "m/s", &[(0.0, 0.0), (1.0, 0.0)]);
-    assert!(axis.unwrap_err().to_string().contains("only inputs that make a force"));
+    let axis = AxisInputs::new(path, "slide", "m", &[(0.0, 0.0), (1.0, 0.0)]);
+    assert!(axis.unwrap_err().to_string().contains("only a force, what makes one"));
     let few = AxisInputs::new(path, "slide", "N", &[(0.0, 0.0)]).unwrap_err().to_string();
     assert!(few.contains("1 inputs; at least 2 are needed"), "{few}");
 }

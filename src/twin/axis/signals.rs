@@ -1,0 +1,260 @@
+//! Filtered signals of a single axis.
+//!
+//! Friction changes its sign where the velocity does, and makes a kink in the velocity there. One filter for all samples
+//! moves that moment, which looks like presliding, or averages too little elsewhere. So each sample beside a reversal
+//! takes the narrowest filter whose confidence interval of the velocity intersects those of all wider filters
+//! (intersection of confidence intervals: Goldenshluger and Nemirovski 1997, Mathematical Methods of Statistics 6,
+//! 135-170), and the mean sign of the velocity over its period. The acceleration in the inverse dynamics passes a wider
+//! filter than the regressors, because what it contributes passes the last filter like the friction, with which it makes
+//! the input continuous at a kink.
+
+use super::filter::{LowPass, derivative};
+use std::{f64::consts::TAU, ops::Range};
+
+/// Edges of the low-pass filter for position and input that are tried, in cycles per sample, the widest first.
+const EDGES: [f64; 7] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125];
+/// Further edges that are tried for what passes one more filter, or is nonlinear at a kink.
+const WIDER_EDGES: [f64; 4] = [0.4, 0.28, 0.2, 0.14];
+/// Standard deviation of the acceleration's noise over the RMS of the acceleration, up to which an edge is taken: noise
+/// of a regressor biases its coefficient by the square of this ratio.
+const ACCELERATION_NOISE: f64 = 0.1;
+/// The same ratio before the last filter, which removes most of this noise.
+const INNER_ACCELERATION_NOISE: f64 = 0.5;
+/// Standard deviations of its noise within which a velocity counts as rest, or agrees with that of another filter.
+const VELOCITY_DEVIATIONS: f64 = 3.0;
+/// Error of the filters by rounding, as a fraction of the largest position.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// Least duration of a rest (samples): a reversal that does not stick passes through zero faster.
+const REST: usize = 10;
+
+/// Signals of all recorded samples, each segment filtered by itself.
+#[derive(Debug, Clone)]
+pub(super) struct Signals {
+    /// Edge of the low-pass filter (cycles per sample).
+    pub(super) cutoff: f64,
+    /// Input and position behind that filter.
+    pub(super) input: Vec<f64>,
+    pub(super) position: Vec<f64>,
+    /// Velocity, beside reversals behind a wider filter.
+    pub(super) velocity: Vec<f64>,
+    /// Mean sign of the velocity over the period of a sample.
+    pub(super) direction: Vec<f64>,
+    /// Acceleration behind the filter of the position.
+    pub(super) acceleration: Vec<f64>,
+    /// Input and acceleration behind a wider filter, for the inverse dynamics.
+    pub(super) inner_input: Vec<f64>,
+    pub(super) inner_acceleration: Vec<f64>,
+    /// Whether the axis may stand: friction takes any value within its level there.
+    pub(super) standing: Vec<bool>,
+    /// Whether the sample belongs to a longer rest.
+    pub(super) resting: Vec<bool>,
+}
+
+impl Signals {
+    /// Signals of the recorded `input` and `position` at steps of `dt` seconds, of which each of `segments` was recorded
+    /// without interruption.
+    pub(super) fn of(segments: &[Range<usize>], input: &[f64], position: &[f64], dt: f64) -> Self {
+        let noise = position_noise(segments, position);
+        let all_edges = [&WIDER_EDGES[..], &EDGES].concat();
+        let cutoff = edge(&EDGES, segments, position, noise, ACCELERATION_NOISE);
+        let inner = edge(&all_edges, segments, position, noise, INNER_ACCELERATION_NOISE);
+        let filtered = |values: &[f64], edge: f64| {
+            let low_pass = LowPass::butterworth(edge);
+            each_segment(segments, values, |own| low_pass.apply(own))
+        };
+        let slope = |values: &[f64]| each_segment(segments, values, |own| derivative(own, dt));
+        let smooth = filtered(position, cutoff);
+        let narrowest = slope(&smooth);
+        let edges = all_edges.into_iter().filter(|edge| cutoff <= *edge);
+        let estimates: Vec<(Vec<f64>, f64)> = edges
+            .map(|edge| (slope(&filtered(position, edge)), velocity_noise(noise, edge, dt)))
+            .collect();
+        let beside = beside_reversals(
+            &narrowest,
+            VELOCITY_DEVIATIONS * velocity_noise(noise, cutoff, dt),
+            (1.0 / cutoff) as usize,
+        );
+        let (velocity, standing) = adapted(&narrowest, &beside, &estimates);
+        Self {
+            cutoff,
+            input: filtered(input, cutoff),
+            direction: each_segment(segments, &velocity, mean_sign),
+            acceleration: slope(&narrowest),
+            inner_input: filtered(input, inner),
+            inner_acceleration: slope(&slope(&filtered(position, inner))),
+            standing,
+            resting: resting(segments, &narrowest, velocity_noise(noise, cutoff, dt)),
+            position: smooth,
+            velocity,
+        }
+    }
+}
+
+/// The `narrowest` estimate of a velocity, `beside` reversals that of a wider filter, and whether the axis may stand.
+fn adapted(
+    narrowest: &[f64],
+    beside: &[bool],
+    estimates: &[(Vec<f64>, f64)],
+) -> (Vec<f64>, Vec<bool>) {
+    let (agreeing, deviations) = narrowest_agreeing(estimates);
+    let of_sample = |index: usize| {
+        if !beside[index] {
+            return (narrowest[index], false);
+        }
+        let velocity = agreeing[index];
+        (velocity, velocity.abs() <= VELOCITY_DEVIATIONS * deviations[index])
+    };
+    (0..narrowest.len()).map(of_sample).unzip()
+}
+
+/// `change` of `values` in each of `segments` by itself; zero outside of them.
+pub(super) fn each_segment(
+    segments: &[Range<usize>],
+    values: &[f64],
+    change: impl Fn(&[f64]) -> Vec<f64>,
+) -> Vec<f64> {
+    let mut changed = vec![0.0; values.len()];
+    for segment in segments {
+        changed[segment.clone()].copy_from_slice(&change(&values[segment.clone()]));
+    }
+    changed
+}
+
+/// Samples at rest, with `noise` of the velocity; all samples outside of `segments` are.
+fn resting(segments: &[Range<usize>], velocity: &[f64], noise: f64) -> Vec<bool> {
+    let mut resting = vec![true; velocity.len()];
+    for own in segments {
+        resting[own.clone()].copy_from_slice(&rests(&velocity[own.clone()], noise));
+    }
+    resting
+}
+
+/// The first of `edges` (cycles per sample) at which the `noise` of `position` makes at most the `fraction` of the RMS of
+/// its acceleration; the last one where there is none.
+fn edge(
+    edges: &[f64],
+    segments: &[Range<usize>],
+    position: &[f64],
+    noise: f64,
+    fraction: f64,
+) -> f64 {
+    let is_measured = |edge: &f64| {
+        let low_pass = LowPass::butterworth(*edge);
+        let second = each_segment(segments, position, |own| {
+            derivative(&derivative(&low_pass.apply(own), 1.0), 1.0)
+        });
+        let inside = segments.iter().map(|own| own.len()).sum::<usize>().max(1) as f64;
+        let rms = (second.iter().map(|value| value * value).sum::<f64>() / inside).sqrt();
+        // White noise below the edge, differentiated twice: 2 times the integral of (2 pi f)^4.
+        let of_noise = noise * TAU * TAU * (2.0 * edge.powi(5) / 5.0).sqrt();
+        of_noise <= fraction * rms
+    };
+    let narrowest = edges[edges.len() - 1];
+    edges.iter().copied().find(is_measured).unwrap_or(narrowest)
+}
+
+/// Samples that are at most `reach` from one whose `velocity` is within its `noise` or changes its sign.
+fn beside_reversals(velocity: &[f64], noise: f64, reach: usize) -> Vec<bool> {
+    let mut beside = vec![false; velocity.len()];
+    for (index, own) in velocity.iter().enumerate() {
+        let turns = index.checked_sub(1).is_some_and(|before| velocity[before] * own < 0.0);
+        if turns || own.abs() <= noise {
+            let end = (index + reach + 1).min(velocity.len());
+            beside[index.saturating_sub(reach)..end].fill(true);
+        }
+    }
+    beside
+}
+
+/// Of the `estimates` of a velocity with their standard deviations, from the widest filter to the narrowest: in each sample
+/// the last one before the intersection of the confidence intervals is empty, with its standard deviation.
+fn narrowest_agreeing(estimates: &[(Vec<f64>, f64)]) -> (Vec<f64>, Vec<f64>) {
+    let count = estimates.first().map_or(0, |(velocities, _)| velocities.len());
+    let of_sample = |index: usize| {
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        let mut agreeing = (0.0, 0.0);
+        for (velocities, deviation) in estimates {
+            let half = VELOCITY_DEVIATIONS * deviation;
+            low = low.max(velocities[index] - half);
+            high = high.min(velocities[index] + half);
+            if high < low {
+                break;
+            }
+            agreeing = (velocities[index], *deviation);
+        }
+        agreeing
+    };
+    (0..count).map(of_sample).unzip()
+}
+
+/// Mean sign of each velocity over the period of its sample, in which it changes by half of the difference of its
+/// neighbours.
+fn mean_sign(velocity: &[f64]) -> Vec<f64> {
+    let last = velocity.len().saturating_sub(1);
+    let of_sample = |k: usize| {
+        let change = 0.5 * (velocity[(k + 1).min(last)] - velocity[k.saturating_sub(1)]);
+        if 2.0 * velocity[k].abs() < change.abs() {
+            2.0 * velocity[k] / change.abs()
+        } else {
+            sign(velocity[k])
+        }
+    };
+    (0..velocity.len()).map(of_sample).collect()
+}
+
+/// Standard deviation of the white noise of a position: from its sixth differences, which hardly show motion (a wave of
+/// eight samples counts as a fiftieth of noise of its size), and at least that of its quantization.
+fn position_noise(segments: &[Range<usize>], position: &[f64]) -> f64 {
+    let own = || segments.iter().map(|own| &position[own.clone()]);
+    let sixth = own().flat_map(|values| {
+        values
+            .windows(7)
+            .map(|seven| seven.iter().zip(SIXTH).map(|(value, weight)| value * weight).sum::<f64>())
+    });
+    let white = noise_of(sixth) / SIXTH.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
+    let steps = own().flat_map(|values| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()));
+    let quantum = steps.filter(|step| 0.0 < *step).fold(f64::INFINITY, f64::min);
+    let largest = own().flatten().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+    let least = white.max(ROUNDING * largest);
+    if quantum.is_finite() { least.max(quantum / 12.0_f64.sqrt()) } else { least }
+}
+
+/// Weights of a sixth difference.
+const SIXTH: [f64; 7] = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
+
+/// Standard deviation of normal values from their median magnitude.
+fn noise_of(values: impl Iterator<Item = f64>) -> f64 {
+    let mut magnitudes: Vec<f64> = values.map(f64::abs).collect();
+    magnitudes.sort_by(f64::total_cmp);
+    magnitudes.get(magnitudes.len() / 2).copied().unwrap_or(0.0) / 0.6745
+}
+
+/// Sign of a velocity, zero at rest.
+pub(super) fn sign(velocity: f64) -> f64 {
+    if velocity == 0.0 { 0.0 } else { velocity.signum() }
+}
+
+/// Standard deviation of the velocity (per second) for white noise of the position of standard deviation `noise`.
+pub(super) fn velocity_noise(noise: f64, cutoff: f64, dt: f64) -> f64 {
+    noise * TAU * (2.0 * cutoff.powi(3) / 3.0).sqrt() / dt
+}
+
+/// Samples of rests: stretches of at least [`REST`] samples without a velocity beyond the noise.
+fn rests(velocity: &[f64], noise: f64) -> Vec<bool> {
+    let mut resting = vec![false; velocity.len()];
+    let still = |index: usize| velocity[index].abs() <= VELOCITY_DEVIATIONS * noise;
+    let mut begin = 0;
+    for index in 0..=velocity.len() {
+        if index < velocity.len() && still(index) {
+            continue;
+        }
+        if begin + REST <= index {
+            resting[begin..index].fill(true);
+        }
+        begin = index + 1;
+    }
+    resting
+}
+
+#[cfg(test)]
+mod tests;

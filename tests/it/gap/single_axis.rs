@@ -1,0 +1,202 @@
+//! A mass with Coulomb and viscous friction, integrated in fine steps: under forces that are held from sample to sample,
+//! and behind a velocity controller. Friction makes a kink in the velocity at every reversal, and now and then the mass
+//! sticks. None of that is a missing effect.
+
+use super::{gap, names};
+use crate::support::{klasktron, said};
+use klasktron::seed::Stream;
+use std::{fmt::Write as _, fs, path::Path};
+
+const SAMPLE_S: f64 = 0.005;
+const STEPS_PER_SAMPLE: usize = 100;
+const STEP_S: f64 = SAMPLE_S / STEPS_PER_SAMPLE as f64;
+const SAMPLES: usize = 8000;
+const MASS_KG: f64 = 2.0;
+const COULOMB_N: f64 = 1.5;
+const VISCOUS_N_S_PER_M: f64 = 3.0;
+const ENCODER_M: f64 = 1e-6;
+const DISTURBANCE_N: f64 = 0.05;
+
+/// Position, velocity and acceleration of the reference at `t` seconds; `phase` makes sessions differ.
+fn reference(t: f64, phase: f64) -> [f64; 3] {
+    let mut motion = [0.0; 3];
+    for (size, rate) in [(0.08, 1.1), (0.05, 2.7), (0.02, 6.1), (0.004, 17.0)] {
+        let (sine, cosine) = (rate * t + phase).sin_cos();
+        motion[0] += size * sine;
+        motion[1] += size * rate * cosine;
+        motion[2] -= size * rate * rate * sine;
+    }
+    motion
+}
+
+/// The mass, with a coloured random force on it.
+struct Mass {
+    q: f64,
+    v: f64,
+    disturbance: f64,
+    random: Stream,
+}
+
+impl Mass {
+    fn new(seed: u64) -> Self {
+        Self { q: 0.0, v: 0.0, disturbance: 0.0, random: Stream::new(seed, "single axis") }
+    }
+
+    fn begin_sample(&mut self) {
+        let sum: f64 = (0..12).map(|_| f64::from(self.random.uniform_f32(-0.5, 0.5))).sum();
+        self.disturbance = 0.7 * self.disturbance + DISTURBANCE_N * sum;
+    }
+
+    /// One step under `force` (N), which friction opposes.
+    fn step(&mut self, force: f64) {
+        let free =
+            self.v + STEP_S / MASS_KG * (force + self.disturbance - VISCOUS_N_S_PER_M * self.v);
+        self.v = free.signum() * (free.abs() - STEP_S / MASS_KG * COULOMB_N).max(0.0);
+        self.q += STEP_S * self.v;
+    }
+
+    fn encoder_mm(&self) -> f64 {
+        1e3 * (self.q / ENCODER_M).round() * ENCODER_M
+    }
+}
+
+/// Import `table` with its input column.
+fn import(dir: &Path, name: &str, table: &str, input: &str) -> String {
+    let [source, output] = ["csv", "mcap"].map(|end| dir.join(format!("{name}.{end}")));
+    fs::write(&source, table).unwrap();
+    let [source, output] = [source, output].map(|path| path.display().to_string());
+    let words = ["import", "csv", &source, "--time", "t_ms:ms", "--input", input];
+    let rest = ["--position", "position_mm:mm", "-o", &output];
+    let (_, errors, status) = said(&klasktron(&[&words[..], &rest].concat()));
+    assert_eq!(status, 0, "{errors}");
+    output
+}
+
+/// A session of a position controller that holds each force until the next sample; `extra` is a force at a position (N).
+fn held_forces(dir: &Path, name: &str, seed: u64, extra: fn(f64) -> f64) -> String {
+    let mut table = "t_ms,force_mn,position_mm\n".to_owned();
+    let mut mass = Mass::new(seed);
+    for k in 0..SAMPLES {
+        let t = SAMPLE_S * k as f64;
+        let [target, speed, acceleration] = reference(t, seed as f64);
+        let force = MASS_KG * acceleration + 900.0 * (target - mass.q) + 60.0 * (speed - mass.v);
+        writeln!(table, "{},{},{}", 1e3 * t, 1e3 * force, mass.encoder_mm()).unwrap();
+        mass.begin_sample();
+        for _ in 0..STEPS_PER_SAMPLE {
+            mass.step(force + extra(mass.q));
+        }
+    }
+    import(dir, name, &table, "force_mn:mN")
+}
+
+/// A velocity controller and what is in front of it.
+#[derive(Clone, Copy)]
+struct Drive {
+    /// Gains (N s/m and N/m).
+    proportional: f64,
+    integral: f64,
+    /// Dead time of the setpoint in samples.
+    late_samples: usize,
+    /// Largest setpoint (m/s).
+    limit: f64,
+}
+
+const DRIVE: Drive =
+    Drive { proportional: 120.0, integral: 0.0, late_samples: 0, limit: f64::INFINITY };
+
+/// A session of velocity setpoints.
+fn velocity_setpoints(dir: &Path, name: &str, seed: u64, drive: Drive) -> String {
+    let mut table = "t_ms,setpoint_mm_per_s,position_mm\n".to_owned();
+    let (mut mass, mut sum) = (Mass::new(seed), 0.0);
+    for k in 0..SAMPLES {
+        let t = SAMPLE_S * k as f64;
+        let setpoint = |t: f64| reference(t, seed as f64)[1];
+        writeln!(table, "{},{},{}", 1e3 * t, 1e3 * setpoint(t), mass.encoder_mm()).unwrap();
+        mass.begin_sample();
+        for step in 0..STEPS_PER_SAMPLE {
+            let arrived = t + STEP_S * step as f64 - SAMPLE_S * drive.late_samples as f64;
+            let error = setpoint(arrived).clamp(-drive.limit, drive.limit) - mass.v;
+            sum += STEP_S * error;
+            mass.step(drive.proportional * error + drive.integral * sum);
+        }
+    }
+    import(dir, name, &table, "setpoint_mm_per_s:mm/s")
+}
+
+/// A session for training and one for validation.
+fn pair(session: impl Fn(&str, u64) -> String) -> [String; 2] {
+    [("one", 1), ("validation", 2)].map(|(name, seed)| session(name, seed))
+}
+
+fn parameter(document: &serde_json::Value, effect: usize, parameter: usize) -> f64 {
+    document["effects"][effect]["parameters"][parameter]["value"].as_f64().unwrap()
+}
+
+#[test]
+fn a_held_input_and_the_reversals_of_friction_are_no_effects() {
+    let dir = tempfile::tempdir().unwrap();
+    let sessions = pair(|name, seed| held_forces(dir.path(), name, seed, |_| 0.0));
+    let (document, status) = gap(&sessions, None, &dir.path().join("out"));
+    assert_eq!((names(&document), status), (vec![], 0), "{document:#}");
+    let warnings = document["warnings"].to_string();
+    assert!(warnings.contains("may be less than the sample period of 0.005"), "{warnings}");
+}
+
+#[test]
+fn a_spring_beside_a_held_input_is_named() {
+    const SPRING_N_PER_M: f64 = 40.0;
+    let dir = tempfile::tempdir().unwrap();
+    let spring = |q: f64| -SPRING_N_PER_M * q;
+    let sessions = pair(|name, seed| held_forces(dir.path(), name, seed, spring));
+    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    assert_eq!(names(&document), ["gantry.stiffness"], "{document:#}");
+    let stiffness = parameter(&document, 0, 0);
+    assert!((stiffness - SPRING_N_PER_M).abs() < 0.05 * SPRING_N_PER_M, "{stiffness}");
+}
+
+#[test]
+fn a_velocity_controller_with_friction_is_no_effect() {
+    for (case, integral) in [("proportional", 0.0), ("integral", 2000.0)] {
+        let dir = tempfile::tempdir().unwrap();
+        let drive = Drive { integral, ..DRIVE };
+        let sessions = pair(|name, seed| velocity_setpoints(dir.path(), name, seed, drive));
+        let (document, status) = gap(&sessions, None, &dir.path().join("out"));
+        assert_eq!((names(&document), status), (vec![], 0), "{case}: {document:#}");
+        assert_eq!(document["verdict"], "none", "{case}: {document:#}");
+    }
+}
+
+#[test]
+fn the_delay_and_the_limit_of_a_velocity_setpoint_are_named() {
+    const LATE_SAMPLES: usize = 4;
+    const LIMIT_M_PER_S: f64 = 0.2;
+    for (drive, name, value) in [
+        (
+            Drive { late_samples: LATE_SAMPLES, ..DRIVE },
+            "drive.delay",
+            SAMPLE_S * LATE_SAMPLES as f64,
+        ),
+        (Drive { limit: LIMIT_M_PER_S, ..DRIVE }, "drive.saturation.speed", LIMIT_M_PER_S),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let sessions = pair(|name, seed| velocity_setpoints(dir.path(), name, seed, drive));
+        let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+        assert_eq!(names(&document), [name], "{document:#}");
+        let found = parameter(&document, 0, 0);
+        assert!((found - value).abs() < 0.1 * value, "{name}: {found} of {value}");
+    }
+}
+
+#[test]
+fn a_velocity_setpoint_of_another_coordinate_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = (0..400).fold("t_ms,setpoint_rpm,position_mm\n".to_owned(), |mut table, k| {
+        writeln!(table, "{},{},{}", 5 * k, 60.0, k).unwrap();
+        table
+    });
+    let recording = import(dir.path(), "one", &table, "setpoint_rpm:rpm");
+    let out = dir.path().join("out").display().to_string();
+    let (_, errors, status) = said(&klasktron(&["gap", &recording, "-o", &out]));
+    assert_ne!(status, 0);
+    assert!(errors.contains("a velocity setpoint in rad/s and a position in m"), "{errors}");
+}
