@@ -238,8 +238,6 @@ impl Search<'_> {
         let mut may_restart = !thresholds.is_at_reference(excess) && !self.is_confirmed(given);
         let mut has_split = false;
         let stage = (&given.twin, self.kind);
-        let required =
-            |excess, floor, gain| RequiredGain::new(thresholds, stage, (excess, floor), gain);
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !has_split && !thresholds.is_at_reference(excess);
             let as_given = first.then(|| self.as_given(given));
@@ -248,11 +246,7 @@ impl Search<'_> {
                 filters: &self.filters,
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
-                required_gain: required(
-                    excess,
-                    self.at_floor(&given.twin, excess),
-                    self.total_gain(),
-                ),
+                required_gain: self.required_gain(given, excess),
             };
             let round = Round::run(self.problems(), &round_start);
             self.rejected = round.rejected;
@@ -280,7 +274,7 @@ impl Search<'_> {
             excess = self.add_winner(winner, given, &mut validated);
         }
         self.note_end_of_rounds(MOST_ADDED);
-        let least = required(excess, AtFloor::No, 0.0);
+        let least = RequiredGain::new(thresholds, stage, (excess, AtFloor::No), 0.0);
         let is_less = self.eliminate_unneeded(&least, usize::from(!has_split));
         let is_fewer = self.eliminate_null();
         let is_minor = self.remove_minor(&given.twin);
@@ -296,9 +290,14 @@ impl Search<'_> {
             true => None,
             false => self.disturbance(given, &validated),
         };
+        self.unexplained(&validated, disturbance)
+    }
+
+    /// Gain that the next effect must have.
+    fn required_gain<'s>(&'s self, given: &'s Point, excess: Option<Excess>) -> RequiredGain<'s> {
         let floor = self.at_floor(&given.twin, excess);
-        let least = if floor == AtFloor::Yes { thresholds.large_excess } else { 0.0 };
-        self.unexplained(&validated, disturbance, least)
+        let stage = (&given.twin, self.kind);
+        RequiredGain::new(self.train.thresholds(), stage, (excess, floor), self.total_gain())
     }
 
     /// Replace the refit by the given twin.
@@ -349,21 +348,15 @@ impl Search<'_> {
         }
     }
 
-    /// Strongest dependence of the final residual on a regressor, or the `disturbance` where that is larger; `None` where it
-    /// holds less than the fraction `least`. Added effects that remove less than it are eliminated.
-    fn unexplained(
-        &mut self,
-        validated: &Point,
-        disturbance: Option<Unknown>,
-        least: f64,
-    ) -> Option<Unknown> {
+    /// Strongest dependence of the final residual on a regressor, or the `disturbance` where that is larger. Added
+    /// effects that remove less than it are eliminated.
+    fn unexplained(&mut self, validated: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
         let (train, held_out) = (&self.train, &self.held_out);
         let strongest = unknown::strongest(train, held_out, &self.best, validated, &self.filters);
         let larger = strongest.into_iter().chain(disturbance);
         let unknown = larger
             .max_by(|a, b| a.fraction.total_cmp(&b.fraction))
-            .or_else(|| self.speed_dependence())
-            .filter(|own| least <= own.fraction)?;
+            .or_else(|| self.speed_dependence())?;
         self.eliminate_smaller_than(&unknown);
         Some(unknown)
     }

@@ -100,8 +100,8 @@ thresholds! {
     /// Fraction of the squared reference residual that another motion moves from one signal to another at most.
     moved_residual = 0.15, 0.0..=1.0, "";
     /// Fraction by which a squared residual is far above its reference: a disturbance that depends on no measured
-    /// quantity, a multistart, a change of the measurement noise. Least gain of an effect, and
-    /// least unexplained dependence, on a new axis that is at its floor.
+    /// quantity, a multistart, a change of the measurement noise. Least gain of an effect on
+    /// a new axis that is at its floor.
     large_excess = 0.3, 0.0..=1e9, "";
     /// Ratio of residual and noise floor up to which a residual is at its floor. Floors come from the measured signal
     /// alone and are low where the noise is coloured. A larger value answers `none` with a larger residual.

@@ -300,11 +300,11 @@ impl AxisStage {
         // The measured input, when it acts.
         let acting = self.shifted_in_segments(&self.signals.inner_input, -chain.delay);
         let mut inputs = Vec::with_capacity(self.signals.position.len());
-        for index in 0..self.signals.position.len() {
+        for (index, input) in acting.into_iter().enumerate() {
             let begins = index == 0 || self.segments.iter().any(|own| own.start == index);
             let mut motion = self.motion(index, chain.origin);
             motion.acceleration = self.signals.inner_acceleration[index];
-            motion.force = acting[index];
+            motion.force = input;
             motion.mass = chain.mass(&motion);
             let (forces, level) = chain.loads(&mut memory, &motion);
             let frictionless = motion.mass * motion.acceleration - forces;
