@@ -67,8 +67,13 @@ pub(super) fn refused(twin: &Twin, sessions: &[Session], objection: &Objection) 
 pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntry>) -> Document {
     let Material { sessions, start, twin, outcomes, unseen, .. } = *material;
     let added = outcomes.iter().flat_map(|own| own.added.iter().map(move |step| (own, step)));
-    let (held, missing): (Vec<_>, Vec<_>) =
-        added.partition(|(_, step)| not_counted(start, twin, step).is_some());
+    let (mut held, mut missing) = (Vec::new(), Vec::new());
+    for (outcome, step) in added {
+        match not_counted(start, twin, step) {
+            Some(why) => held.push(why),
+            None => missing.push((outcome, step)),
+        }
+    }
     let effects: Vec<IdentifiedEffect> =
         missing.iter().map(|(outcome, step)| identified(outcome, step, twin)).collect();
     let steps = missing.into_iter().map(|(_, step)| step);
@@ -95,7 +100,7 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
     });
     let effects = if answer.verdict == Verdict::DifferentMachine { Vec::new() } else { effects };
     let mut warnings = warnings(sessions, outcomes);
-    warnings.extend(held.iter().filter_map(|(_, step)| not_counted(start, twin, step)));
+    warnings.extend(held);
     let setup = Setup::of(start.machine, sessions);
     let next_experiment = experiment::next_experiment(setup, &indistinguishable, outcomes, unseen);
     journal.extend(outcomes.iter().flat_map(|outcome| outcome.journal.clone()));
@@ -130,13 +135,13 @@ fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
     ))
 }
 
-/// Why a lag that may be shorter than the sample `period` (s) is no effect: the stamp of an input does not say whether it
-/// acts at that time, until the next stamp (zero-order hold), or since the last one.
+/// Why a lag shorter than the sample `period` (s) is no effect: the stamp of an input does not say whether it acts at that
+/// time, until the next stamp (zero-order hold), or since the last one.
 fn within_a_sample(effect: &Effect, values: &[Value], period: f64) -> Option<String> {
     let ([parameter], [lag]) = (effect.parameters, values) else { return None };
-    (parameter.unit == "s" && least(lag) < period).then(|| {
+    (parameter.unit == "s" && lag.value < period).then(|| {
         format!(
-            "the motion follows the input by {} s, which may be less than the sample period of {} s: the time stamps or a \
+            "the motion follows the input by {} s, which is less than the sample period of {} s: the time stamps or a \
              zero-order hold explain it",
             significant(lag.value),
             significant(period)
@@ -147,15 +152,11 @@ fn within_a_sample(effect: &Effect, values: &[Value], period: f64) -> Option<Str
 /// Why contacts that may be rigid are no effect: they are Coulomb friction.
 fn rigid(effect: &Effect, values: &[Value]) -> Option<String> {
     let [_, distance, ..] = values else { return None };
-    (matches!(effect.physics, Physics::Bristles(_)) && least(distance) < 0.0).then(|| {
+    let contains_zero = distance.ci95.is_some_and(|[low, _]| low < 0.0);
+    (matches!(effect.physics, Physics::Bristles(_)) && contains_zero).then(|| {
         "the interval of the deflection of the contacts contains zero: that is Coulomb friction"
             .to_owned()
     })
-}
-
-/// Lower end of the interval, or the value without one.
-fn least(value: &Value) -> f64 {
-    value.ci95.map_or(value.value, |[low, _]| low)
 }
 
 fn indistinguishable(step: &Added) -> Indistinguishable {

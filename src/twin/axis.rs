@@ -37,8 +37,8 @@ const ENDS: usize = 5;
 const BLOCK: usize = 25;
 /// Effect of an amplifier that ignores small inputs.
 const DEAD_BAND: &str = "drive.input_deadband";
-/// Unit of an input that may have one. The integral action of a current loop removes that of its amplifier. Behind a velocity
-/// controller, Coulomb friction is a dead band.
+/// Unit of an input that may have one. The integral action of a current loop removes that of its amplifier. Behind a
+/// velocity controller, Coulomb friction is a dead band.
 const WITH_DEAD_BAND: &str = "V";
 
 /// What was measured on one axis, at equal steps.

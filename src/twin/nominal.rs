@@ -1,6 +1,6 @@
 //! The built-in start: deliberately plain, so that everything beyond it is found and not assumed.
 
-use super::{Instance, Machine, Session, Source, Twin, machine_of};
+use super::{AxisStage, Instance, Machine, Session, Source, Twin, machine_of};
 use crate::{
     effects::{self, Axis, InputKind},
     gantry::BELT_METRES_PER_TURN,
@@ -56,13 +56,9 @@ impl Twin {
     /// The plain twin of the machine on which `sessions` were recorded, with its belt.
     #[must_use]
     pub fn nominal_of(sessions: &[Session]) -> Self {
-        let mut twin = Self::nominal(machine_of(sessions));
-        let mut axes = sessions.iter().flat_map(|session| &session.axes);
-        if twin.machine == Machine::Axis
-            && axes.any(|axis| axis.input_kind() == InputKind::Velocity)
-        {
-            twin.instances = instances(AXIS_VELOCITY);
-        }
+        let axis = sessions.iter().find_map(|session| session.axes.first());
+        let kind = axis.map_or(InputKind::Force, AxisStage::input_kind);
+        let mut twin = Self::nominal_with(machine_of(sessions), kind);
         if let Some(session) =
             sessions.iter().find(|own| own.drive.is_some() || own.camera.is_some())
         {
@@ -74,19 +70,22 @@ impl Twin {
     /// The plain twin of the machine that this one describes.
     #[must_use]
     pub fn plain(&self) -> Self {
-        let mut plain = Self::nominal(self.machine);
-        if self.axis_frame.is_some_and(|own| own.scales.input_kind() == InputKind::Velocity) {
-            plain.instances = instances(AXIS_VELOCITY);
-        }
-        plain
+        let kind = self.axis_frame.map_or(InputKind::Force, |own| own.scales.input_kind());
+        Self::nominal_with(self.machine, kind)
     }
 
     /// The plain twin of `machine` before anything was measured; a single axis is driven by force.
     #[must_use]
     pub fn nominal(machine: Machine) -> Self {
-        let instances = instances(match machine {
-            Machine::Table => TABLE,
-            Machine::Axis => AXIS_FORCE,
+        Self::nominal_with(machine, InputKind::Force)
+    }
+
+    /// The plain twin of `machine`; `kind` is the input of a single axis.
+    fn nominal_with(machine: Machine, kind: InputKind) -> Self {
+        let instances = instances(match (machine, kind) {
+            (Machine::Table, _) => TABLE,
+            (Machine::Axis, InputKind::Force) => AXIS_FORCE,
+            (Machine::Axis, InputKind::Velocity) => AXIS_VELOCITY,
         });
         Self {
             machine,

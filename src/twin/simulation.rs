@@ -45,7 +45,10 @@ pub enum SimulationError {
         twin: Machine,
     },
     /// The commands have another unit than the input of the twin.
-    #[error("axis '{name}' has commands in {unit}, but the input of the twin is in {expected}")]
+    #[error(
+        "axis '{name}' has commands in {unit}, but the input of the twin is in {expected}; give commands in {expected}, or the \
+         twin of that axis"
+    )]
     OtherUnit {
         /// The axis.
         name: String,

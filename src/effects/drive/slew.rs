@@ -2,10 +2,10 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
-/// `drive.saturation.slew`: limit in metres of belt. On a single axis it limits the rate of the input in its own unit.
+/// `drive.saturation.slew`: limit in metres of belt.
 pub(crate) static SLEW: Effect = Effect {
     name: "drive.saturation.slew",
-    summary: "the drive limits the rate of its setpoint: the velocity of a table, the input of a single axis",
+    summary: "the drive limits the rate of its velocity setpoint",
     domain: Domain::Drive,
     site: Site::Motors,
     equation: "|dr/dt| ≤ S",

@@ -139,7 +139,7 @@ fn a_held_input_and_the_reversals_of_friction_are_no_effects() {
     let (document, status) = gap(&sessions, None, &dir.path().join("out"));
     assert_eq!((names(&document), status), (vec![], 0), "{document:#}");
     let warnings = document["warnings"].to_string();
-    assert!(warnings.contains("may be less than the sample period of 0.005"), "{warnings}");
+    assert!(warnings.contains("is less than the sample period of 0.005"), "{warnings}");
 }
 
 #[test]
