@@ -100,6 +100,12 @@ impl Bristles {
         self.force * bend + self.damping * self.distance * rate
     }
 
+    /// The same contacts under `ratio` times the dry friction: equal stiffness.
+    #[must_use]
+    pub fn scaled(self, ratio: f64) -> Self {
+        Self { force: ratio * self.force, distance: ratio * self.distance, ..self }
+    }
+
     /// The same contacts with at most `level` of dry friction (N): equal stiffness, shorter presliding distance.
     #[must_use]
     pub fn held_to(self, level: f64) -> Self {

@@ -149,14 +149,19 @@ fn within_a_sample(effect: &Effect, values: &[Value], period: f64) -> Option<Str
     })
 }
 
-/// Why contacts that may be rigid are no effect: they are Coulomb friction.
+/// Why contacts that may carry nothing, or be rigid, are no effect: what is left is Coulomb friction.
 fn rigid(effect: &Effect, values: &[Value]) -> Option<String> {
-    let [_, distance, ..] = values else { return None };
-    let contains_zero = distance.ci95.is_some_and(|[low, _]| low < 0.0);
-    (matches!(effect.physics, Physics::Bristles(_)) && contains_zero).then(|| {
-        "the interval of the deflection of the contacts contains zero: that is Coulomb friction"
-            .to_owned()
-    })
+    let Physics::Bristles(_) = effect.physics else { return None };
+    let contains_zero = |value: &Value| value.ci95.is_some_and(|[low, _]| low < 0.0);
+    let [force, deflection, ..] = values else { return None };
+    let what = match (contains_zero(force), contains_zero(deflection)) {
+        (true, _) => "force",
+        (_, true) => "deflection",
+        _ => return None,
+    };
+    Some(format!(
+        "the interval of the {what} of elastic contacts contains zero: that is Coulomb friction"
+    ))
 }
 
 fn indistinguishable(step: &Added) -> Indistinguishable {

@@ -353,7 +353,8 @@ impl Search<'_> {
     fn unexplained(&mut self, validated: &Point, disturbance: Option<Unknown>) -> Option<Unknown> {
         let (train, held_out) = (&self.train, &self.held_out);
         let strongest = unknown::strongest(train, held_out, &self.best, validated, &self.filters);
-        let larger = strongest.into_iter().chain(disturbance);
+        let larger =
+            strongest.filter(|own| self.is_above_noise(own)).into_iter().chain(disturbance);
         let unknown = larger
             .max_by(|a, b| a.fraction.total_cmp(&b.fraction))
             .or_else(|| self.speed_dependence())?;

@@ -9,8 +9,8 @@
 //! the EMPS benchmark). All physics comes from the twin's instances by its place; motor and rail
 //! are one coordinate here.
 //!
-//! While it stands, friction takes any value within its level, so there the input is predicted as near to the measured
-//! one as friction allows. An axis stands where the velocity beside a reversal does not differ from zero beyond its noise.
+//! While it stands, rigid friction takes any value within its level, so there the input is predicted as near to the measured
+//! one as friction allows. The friction of elastic contacts follows from their deflection, except in longer rests. An axis stands where the velocity beside a reversal does not differ from zero beyond its noise.
 //! Longer rests are not compared.
 
 mod chain;
@@ -306,14 +306,22 @@ impl AxisStage {
             motion.acceleration = self.signals.inner_acceleration[index];
             motion.force = input;
             motion.mass = chain.mass(&motion);
-            let (forces, level) = chain.loads(&mut memory, &motion);
-            let frictionless = motion.mass * motion.acceleration - forces;
-            let friction = if self.signals.standing[index] || self.signals.resting[index] {
-                let level = level.max(0.0);
+            if begins {
+                memory = chain.memory();
+                chain.settle_input(&mut memory, motion.force, &motion);
+            }
+            let loads = chain.loads(&mut memory, &motion);
+            let frictionless = motion.mass * motion.acceleration - loads.forces;
+            let missing = || {
                 let given = chain.given(&memory, motion.force, &motion);
-                (chain.force_of(&memory, given, &motion) - frictionless).clamp(-level, level)
+                chain.force_of(&memory, given, &motion) - frictionless
+            };
+            let friction = if self.signals.resting[index] {
+                within(missing(), 0.0, loads.rigid + loads.elastic)
+            } else if self.signals.standing[index] {
+                within(missing(), loads.contacts, loads.rigid)
             } else {
-                level * self.signals.direction[index]
+                loads.contacts + loads.rigid * self.signals.direction[index]
             };
             let force = frictionless + friction;
             if begins {
@@ -375,6 +383,12 @@ impl Stage for AxisStage {
             *values = self.compared(&inputs);
         }
     }
+}
+
+/// The number nearest to `wanted` that differs from `middle` by at most `reach`.
+fn within(wanted: f64, middle: f64, reach: f64) -> f64 {
+    let reach = reach.max(0.0);
+    wanted.clamp(middle - reach, middle + reach)
 }
 
 /// `values` read `samples` later, by the cubic through the four beside each place (Catmull-Rom),

@@ -7,8 +7,9 @@ use crate::effects::{Bristles, Domain, Effect, Parameter, Physics, Regressor, Si
 /// Of the dry friction, F_b acts through contacts that deflect before they slide ([`Bristles`]).
 /// After a reversal the friction changes sign over the distance d. Below the velocity v_b it grows
 /// with the velocity, as in lubricated contacts. Far from a reversal nothing changes. F_b counts up
-/// to the dry friction of the twin. The stiffness of the contacts is F_b/d, 1e4 to 1e6 N/m. Their
-/// damping is about the square root of stiffness times mass.
+/// to the dry friction of the twin. Where the dry friction of a single axis varies, with the load for example, the
+/// contacts carry the same fraction of it, F_b over its Coulomb friction, with the same stiffness. The stiffness of the
+/// contacts is F_b/d, 1e4 to 1e6 N/m. Their damping is about the square root of stiffness times mass.
 pub(crate) static PRESLIDING: Effect = Effect {
     name: "drive.friction.presliding",
     summary: "the friction force changes sign smoothly at a reversal, because contacts deflect before they slide",

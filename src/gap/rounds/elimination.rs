@@ -209,6 +209,22 @@ impl Search<'_> {
         residuals.iter().zip(floors).any(|(rms, floor)| ratio * floor.rms < *rms)
     }
 
+    /// Return whether an `unknown` dependence is larger than noise. Below the noise floor of a single axis, it must hold
+    /// that fraction of the squared floor which it must hold of the squared residual elsewhere.
+    pub(super) fn is_above_noise(&self, unknown: &Unknown) -> bool {
+        let twin = &self.best.point.twin;
+        let part = self.train.parts.first().filter(|_| twin.machine == Machine::Axis);
+        let Some(part) = part else { return true };
+        let channels = part.stage.channels();
+        let residuals = self.train.rms(&self.best.point).into_iter().zip(floors(channels, twin));
+        let mut own =
+            channels.iter().zip(residuals).filter(|(own, _)| own.signal == unknown.signal);
+        own.all(|(_, (rms, floor))| {
+            let share = (rms / floor.rms).min(1.0).powi(2);
+            self.train.thresholds().reference_excess <= unknown.fraction * share
+        })
+    }
+
     /// First fitted parameter of the given twin that is on a bound.
     fn known_on_bound(&self) -> Option<String> {
         let twin = &self.best.point.twin;

@@ -79,6 +79,30 @@ impl Memory {
     }
 }
 
+/// Forces at one motion, in the unit of the input.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Loads {
+    /// Sum of the forces without dry friction.
+    pub(super) forces: f64,
+    /// Dry friction that changes its sign with the velocity; at rest it has any value up to this level.
+    pub(super) rigid: f64,
+    /// Dry friction of elastic contacts, against a positive velocity: it follows from their deflection.
+    pub(super) contacts: f64,
+    /// Level of the friction of elastic contacts.
+    pub(super) elastic: f64,
+}
+
+impl Loads {
+    /// Level of the dry friction against `velocity`; at rest, the largest that is in balance.
+    pub(super) fn level(&self, velocity: f64) -> f64 {
+        let contacts = match velocity {
+            0.0 => self.contacts.abs(),
+            moving => moving.signum() * self.contacts,
+        };
+        self.rigid + contacts
+    }
+}
+
 impl Chain {
     /// The functions of the instances in `twin`. Motor and rail of a single axis are one
     /// coordinate.
@@ -181,29 +205,39 @@ impl Chain {
         self.mass + others.sum::<f64>()
     }
 
-    /// Sum of the forces at `motion`, and the level of friction.
-    pub(super) fn loads(&self, memory: &mut Memory, motion: &Motion) -> (f64, f64) {
+    /// Forces at `motion`. Elastic contacts carry the same fraction of the dry friction at every level.
+    pub(super) fn loads(&self, memory: &mut Memory, motion: &Motion) -> Loads {
         let mut sum = |parts: &[MotionPart]| -> f64 {
             parts
                 .iter()
                 .map(|part| part.call.at(&part.p, part.memory(&mut memory.load), motion))
                 .sum()
         };
-        let forces = sum(&self.forces) - self.damping * motion.velocity;
-        let rigid = self.level + sum(&self.frictions);
-        let lacking = self.bristles.iter().map(|part| {
-            let bristles = (part.call)(&part.p);
-            let bend = &mut part.memory(&mut memory.load)[0];
-            if motion.velocity == 0.0 {
-                // What has stopped is held by the bent contacts.
-                return bristles.force * (1.0 - bend.abs());
+        let mut loads = Loads {
+            forces: sum(&self.forces) - self.damping * motion.velocity,
+            rigid: self.level + sum(&self.frictions),
+            ..Loads::default()
+        };
+        let level = loads.rigid.max(0.0);
+        let ratio = if 0.0 < self.level { level / self.level } else { 1.0 };
+        for part in &self.bristles {
+            let bristles = (part.call)(&part.p).scaled(ratio);
+            if bristles.force == 0.0 {
+                continue;
             }
-            let before = *bend;
-            *bend = bristles.bent(before, motion.velocity, motion.dt);
-            let pull = bristles.pull(*bend, (*bend - before) / motion.dt);
-            bristles.force - motion.velocity.signum() * pull
-        });
-        (forces, rigid - lacking.sum::<f64>())
+            let deflection = &mut part.memory(&mut memory.load)[0];
+            let before = *deflection / bristles.distance;
+            // What has stopped is held by the deflected contacts.
+            let bend = match motion.velocity {
+                0.0 => before,
+                velocity => bristles.bent(before, velocity, motion.dt),
+            };
+            *deflection = bend * bristles.distance;
+            loads.contacts += bristles.pull(bend, (bend - before) / motion.dt);
+            loads.elastic += bristles.force;
+            loads.rigid -= bristles.force;
+        }
+        loads
     }
 
     /// Force that `input` makes behind the command path: the input itself, or what a velocity controller makes of it.
@@ -272,11 +306,10 @@ impl Chain {
         found
     }
 
-    /// Brings the memory of the way to where the motor has given `force` for long.
+    /// Brings the memory of the way to where the motor has given `force` for long. A velocity controller has integrated
+    /// nothing yet, as after it was enabled, so that a slow integral action is nearly none.
     pub(super) fn settle(&self, memory: &mut Memory, force: f64, motion: &Motion) {
-        if 0.0 < self.integral_rate {
-            memory.controller = [force; 2];
-        }
+        memory.controller = [force, 0.0];
         let force = self.demand(memory, force, motion);
         let motion = Motion { dt: SETTLING_STEP * motion.dt, ..*motion };
         let mut input = force;

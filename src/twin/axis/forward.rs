@@ -137,15 +137,15 @@ impl<'c> Course<'c> {
 fn advance(chain: &Chain, memory: &mut Memory, (input, at): (f64, &Motion), motion: &mut Motion) {
     let mut at = Motion { mass: chain.mass(at).max(f64::MIN_POSITIVE), ..*at };
     at.force = chain.force(memory, input, &at);
-    let (forces, level) = chain.loads(memory, &at);
+    let loads = chain.loads(memory, &at);
     let before = motion.velocity;
     // The velocity after the step: inertia * (velocity - before) = force_of(velocity) + forces - friction.
     let inertia = at.mass / motion.dt;
     let resistance = inertia + chain.input_per_velocity;
     let standing = Motion { velocity: 0.0, ..at };
-    let free =
-        (inertia * before + chain.force_of(memory, at.force, &standing) + forces) / resistance;
-    let loss = (level.max(0.0) / resistance).min(free.abs());
+    let free = (inertia * before + chain.force_of(memory, at.force, &standing) + loads.forces)
+        / resistance;
+    let loss = (loads.level(at.velocity).max(0.0) / resistance).min(free.abs());
     (motion.force, motion.mass) = (at.force, at.mass);
     motion.velocity = free - loss * sign(free);
     chain.integrate(memory, at.force - motion.velocity, motion.dt);
