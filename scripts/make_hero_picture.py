@@ -39,9 +39,12 @@ def size(effect):
     if name == "drive.ripple.motor":
         amplitude = math.hypot(*(parameter["value"] for parameter in parameters[:2]))
         return f"{amplitude:.2f} N amplitude, true {truth:.2f} N"
+    factor, unit, digits = {
+        "drive.delay": (1e3, " ms", 2),
+        "drive.friction.presliding": (1e6, " µm deflection", 1),
+    }.get(name, (1, "", 3))
     if name == "drive.friction.presliding":
-        return "LuGre law in the simulation"
-    factor, unit, digits = (1e3, " ms", 2) if name == "drive.delay" else (1, "", 3)
+        first, truth = parameters[1], TRUTH[name][1]
     low, high = (factor * bound for bound in first["ci95"])
     value = f"{factor * first['value']:.{digits}f} ({low:.{digits}f} to {high:.{digits}f}){unit}"
     return f"{value}, true {factor * truth:.{digits}f}"
@@ -68,12 +71,12 @@ def draw(rows, path):
     """Write the picture: bars from the measurement noise, on a logarithmic axis."""
     mpl.rcParams.update({"font.family": "DejaVu Sans", "font.size": points(TEXT_PX), "text.color": INK})
     figure = plt.figure(figsize=(WIDTH_PX / PX_PER_INCH, HEIGHT_PX / PX_PER_INCH))
-    axes = figure.add_axes((0.225, 0.135, 0.395, 0.62))
+    axes = figure.add_axes((0.205, 0.135, 0.395, 0.62))
     heights = range(len(rows))
     colours = [GIVEN, GIVEN] + [EFFECT] * (len(rows) - 2)
     axes.barh(heights, [level - 1.0 for _, level, _ in rows], left=1.0, color=colours, height=0.6)
     axes.set_xscale("log")
-    axes.set_xlim(0.8, 130)
+    axes.set_xlim(0.5, 130)
     axes.set_ylim(len(rows) - 0.45, -0.6)
     axes.set_yticks(heights, [label for label, _, _ in rows], color=INK)
     axes.set_xticks([1, 2, 5, 10, 20, 50, 100], ["1", "2", "5", "10", "20", "50", "100"], color=MUTED)
@@ -94,7 +97,7 @@ def draw(rows, path):
     axes.annotate("measurement noise", (1.0, -0.6), (0, 3), **at_noise)
     figure.text(0.02, 0.925, "gap adds the effects that the model is missing", size=points(HEADING_PX), weight="bold")
     figure.text(0.02, 0.86, "validation session of a simulated axis with four hidden effects", color=MUTED)
-    figure.text(0.64, 0.775, "identified (95 % interval) and true size", color=INK)
+    figure.text(0.62, 0.775, "identified (95 % interval) and true size", color=INK)
     figure.savefig(path, dpi=DENSITY * PX_PER_INCH, facecolor="white", pil_kwargs={"optimize": True})
 
 

@@ -207,17 +207,24 @@ impl Chain {
 
     /// Forces at `motion`. Elastic contacts carry the same fraction of the dry friction at every level.
     pub(super) fn loads(&self, memory: &mut Memory, motion: &Motion) -> Loads {
-        let mut sum = |parts: &[MotionPart]| -> f64 {
-            parts
-                .iter()
-                .map(|part| part.call.at(&part.p, part.memory(&mut memory.load), motion))
-                .sum()
-        };
         let mut loads = Loads {
-            forces: sum(&self.forces) - self.damping * motion.velocity,
-            rigid: self.level + sum(&self.frictions),
+            forces: -self.damping * motion.velocity,
+            rigid: self.level,
             ..Loads::default()
         };
+        for part in &self.forces {
+            loads.forces += part.call.at(&part.p, part.memory(&mut memory.load), motion);
+        }
+        // Half of the difference between the directions resists the positive one and drives the negative one: it is a force.
+        let speed = motion.velocity.abs().max(f64::MIN_POSITIVE);
+        for part in &self.frictions {
+            let [forwards, backwards] = [speed, -speed].map(|velocity| {
+                let motion = Motion { velocity, ..*motion };
+                part.call.at(&part.p, part.memory(&mut memory.load), &motion)
+            });
+            loads.rigid += 0.5 * (forwards + backwards);
+            loads.forces -= 0.5 * (forwards - backwards);
+        }
         let level = loads.rigid.max(0.0);
         let ratio = if 0.0 < self.level { level / self.level } else { 1.0 };
         for part in &self.bristles {
