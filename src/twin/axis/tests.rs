@@ -164,6 +164,26 @@ fn contacts_carry_the_friction_that_the_load_adds() {
     assert!(with < 0.01 * COULOMB && 0.1 * COULOMB < without, "{with} N, {without} N");
 }
 
+/// Friction that differs between the directions by a constant is a force: neither reversals nor contacts tell it from an
+/// offset.
+#[test]
+fn a_constant_difference_of_friction_is_an_offset() {
+    const DIFFERENCE: f64 = 2.0;
+    const TOLERANCE: f64 = 1e-9;
+    let stage = stage(|_, _, v, a| 3.0 * a + 1.5 * v.signum() + 0.5 * DIFFERENCE);
+    let predicted = |own: (&str, &[f64])| {
+        let contacts = ("drive.friction.presliding", &[1.0, 1e-3, 1e-5, 0.0][..]);
+        let rigid = [("gantry.inertia", &[3.0][..]), ("drive.friction.coulomb", &[1.5])];
+        let mut predicted = vec![Vec::new()];
+        stage.predict(&twin(&[&rigid[..], &[contacts, own]].concat()), &[], &mut predicted);
+        predicted.remove(0)
+    };
+    let asymmetric = predicted(("drive.friction.asymmetric", &[0.0, DIFFERENCE]));
+    let offset = predicted(("drive.offset", &[-0.5 * DIFFERENCE]));
+    let differences = asymmetric.iter().zip(&offset).map(|(a, b)| (a - b).abs());
+    assert!(differences.fold(0.0, f64::max) < TOLERANCE);
+}
+
 #[test]
 fn a_limit_does_not_hide_what_was_commanded_beyond_it() {
     let stage = stage(|_, _, _, a| 3.0 * a);
