@@ -9,9 +9,10 @@
 //! the EMPS benchmark). All physics comes from the twin's instances by its place; motor and rail
 //! are one coordinate here.
 //!
-//! While it stands, rigid friction takes any value within its level, so there the input is predicted as near to the measured
-//! one as friction allows. The friction of elastic contacts follows from their deflection, except in longer rests. An axis stands where the velocity beside a reversal does not differ from zero beyond its noise.
-//! Longer rests are not compared.
+//! While it stands, rigid friction takes any value within its level, so there the input is predicted as near to the
+//! measured one as friction allows. The friction of elastic contacts follows from their deflection, except in longer
+//! rests, which are not compared. An axis stands where the velocity beside a reversal does not differ from zero beyond its
+//! noise.
 
 mod chain;
 mod filter;
@@ -388,7 +389,8 @@ impl Stage for AxisStage {
 /// The number nearest to `wanted` that differs from `middle` by at most `reach`.
 fn within(wanted: f64, middle: f64, reach: f64) -> f64 {
     let reach = reach.max(0.0);
-    wanted.clamp(middle - reach, middle + reach)
+    // Not `clamp`, which panics where a number is undefined.
+    wanted.max(middle - reach).min(middle + reach)
 }
 
 /// `values` read `samples` later, by the cubic through the four beside each place (Catmull-Rom),

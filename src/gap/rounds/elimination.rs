@@ -202,27 +202,28 @@ impl Search<'_> {
 
     /// Return whether a signal of the training sessions is above its floor.
     fn is_above_floor(&self, given: &Twin) -> bool {
-        let Some(part) = self.train.parts.first() else { return false };
-        let floors = floors(part.stage.channels(), given);
         let ratio = self.train.thresholds().floor_ratio;
-        let residuals = self.train.rms(&self.best.point);
-        residuals.iter().zip(floors).any(|(rms, floor)| ratio * floor.rms < *rms)
+        self.floor_ratios(given).iter().any(|(_, own)| ratio < *own)
+    }
+
+    /// Signals of the training sessions, with the ratio of residual and noise floor.
+    fn floor_ratios(&self, given: &Twin) -> Vec<(&str, f64)> {
+        let Some(part) = self.train.parts.first() else { return Vec::new() };
+        let channels = part.stage.channels();
+        let residuals = self.train.rms(&self.best.point).into_iter().zip(floors(channels, given));
+        let ratios = residuals.map(|(rms, floor)| rms / floor.rms);
+        channels.iter().map(|own| own.signal.as_str()).zip(ratios).collect()
     }
 
     /// Return whether an `unknown` dependence is larger than noise. Below the noise floor of a single axis, it must hold
     /// that fraction of the squared floor which it must hold of the squared residual elsewhere.
     pub(super) fn is_above_noise(&self, unknown: &Unknown) -> bool {
         let twin = &self.best.point.twin;
-        let part = self.train.parts.first().filter(|_| twin.machine == Machine::Axis);
-        let Some(part) = part else { return true };
-        let channels = part.stage.channels();
-        let residuals = self.train.rms(&self.best.point).into_iter().zip(floors(channels, twin));
-        let mut own =
-            channels.iter().zip(residuals).filter(|(own, _)| own.signal == unknown.signal);
-        own.all(|(_, (rms, floor))| {
-            let share = (rms / floor.rms).min(1.0).powi(2);
-            self.train.thresholds().reference_excess <= unknown.fraction * share
-        })
+        let excess = self.train.thresholds().reference_excess;
+        let is_above = |ratio: f64| excess <= unknown.fraction * ratio.min(1.0).powi(2);
+        let mut ratios = self.floor_ratios(twin).into_iter();
+        twin.machine == Machine::Table
+            || ratios.all(|(signal, ratio)| signal != unknown.signal || is_above(ratio))
     }
 
     /// First fitted parameter of the given twin that is on a bound.

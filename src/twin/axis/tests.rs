@@ -79,12 +79,23 @@ fn stage_with(unit: &'static str, input_at: impl Fn(f64, f64, f64, f64) -> f64) 
     AxisStage::new(measured, &[0.0..4.0, 4.0..8.0])
 }
 
-fn rms(stage: &AxisStage, twin: &Twin) -> f64 {
+/// The input that `twin` predicts.
+fn predicted(stage: &AxisStage, twin: &Twin) -> Vec<f64> {
     let mut predicted = vec![Vec::new()];
     stage.predict(twin, &[], &mut predicted);
+    predicted.remove(0)
+}
+
+/// The largest difference of two predictions.
+fn largest_difference(one: &[f64], other: &[f64]) -> f64 {
+    one.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+fn rms(stage: &AxisStage, twin: &Twin) -> f64 {
+    let predicted = predicted(stage, twin);
     let channel = &stage.channels()[0];
-    assert_eq!(predicted[0].len(), channel.measured.len());
-    let errors = channel.measured.iter().zip(&predicted[0]).map(|(a, b)| a - b);
+    assert_eq!(predicted.len(), channel.measured.len());
+    let errors = channel.measured.iter().zip(&predicted).map(|(a, b)| a - b);
     let squares: Vec<f64> = errors.filter(|e| e.is_finite()).map(|e| e * e).collect();
     assert!(500 < squares.len());
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
@@ -112,11 +123,7 @@ fn inverse_dynamics_gives_the_input() {
 fn delays_and_lags_are_undone() {
     let stage = stage(|_, _, _, a| 3.0 * a);
     let mass: (&str, &[f64]) = ("gantry.inertia", &[3.0]);
-    let predict = |twin: &Twin| {
-        let mut predicted = vec![Vec::new()];
-        stage.predict(twin, &[], &mut predicted);
-        predicted.remove(0)
-    };
+    let predict = |twin: &Twin| predicted(&stage, twin);
     let plain = predict(&twin(&[mass]));
     for name in ["drive.delay", "drive.lag1", "drive.current_loop"] {
         let (value, step) = (0.0005, 10.0 * DT);
@@ -171,17 +178,14 @@ fn a_constant_difference_of_friction_is_an_offset() {
     const DIFFERENCE: f64 = 2.0;
     const TOLERANCE: f64 = 1e-9;
     let stage = stage(|_, _, v, a| 3.0 * a + 1.5 * v.signum() + 0.5 * DIFFERENCE);
-    let predicted = |own: (&str, &[f64])| {
+    let with = |own: (&str, &[f64])| {
         let contacts = ("drive.friction.presliding", &[1.0, 1e-3, 1e-5, 0.0][..]);
         let rigid = [("gantry.inertia", &[3.0][..]), ("drive.friction.coulomb", &[1.5])];
-        let mut predicted = vec![Vec::new()];
-        stage.predict(&twin(&[&rigid[..], &[contacts, own]].concat()), &[], &mut predicted);
-        predicted.remove(0)
+        predicted(&stage, &twin(&[&rigid[..], &[contacts, own]].concat()))
     };
-    let asymmetric = predicted(("drive.friction.asymmetric", &[0.0, DIFFERENCE]));
-    let offset = predicted(("drive.offset", &[-0.5 * DIFFERENCE]));
-    let differences = asymmetric.iter().zip(&offset).map(|(a, b)| (a - b).abs());
-    assert!(differences.fold(0.0, f64::max) < TOLERANCE);
+    let asymmetric = with(("drive.friction.asymmetric", &[0.0, DIFFERENCE]));
+    let offset = with(("drive.offset", &[-0.5 * DIFFERENCE]));
+    assert!(largest_difference(&asymmetric, &offset) < TOLERANCE);
 }
 
 #[test]
@@ -272,13 +276,8 @@ fn a_setpoint_hardly_passes_a_slow_integral_action() {
             ("drive.friction.coulomb", &[0.02]),
         ])
     };
-    let predicted = |rate: f64| {
-        let mut predicted = vec![Vec::new()];
-        stage.predict(&of(rate), &[], &mut predicted);
-        predicted.remove(0)
-    };
-    let differences = predicted(0.0).into_iter().zip(predicted(1e-5)).map(|(a, b)| (a - b).abs());
-    assert!(differences.fold(0.0, f64::max) < SETPOINT_TOLERANCE);
+    let [none, slow] = [0.0, 1e-5].map(|rate| predicted(&stage, &of(rate)));
+    assert!(largest_difference(&none, &slow) < SETPOINT_TOLERANCE);
 }
 
 #[test]
