@@ -192,6 +192,8 @@ struct Amounts {
     transitions: u64,
     games: u32,
     match_seconds: u32,
+    /// Options of `gap` that restrict its search.
+    gap_options: &'static str,
 }
 
 impl Size {
@@ -205,6 +207,7 @@ impl Size {
                 transitions: 8_000_000,
                 games: 200,
                 match_seconds: 300,
+                gap_options: "",
             },
             Self::Smallest => Amounts {
                 run_seconds: 3,
@@ -214,6 +217,7 @@ impl Size {
                 transitions: 1,
                 games: 2,
                 match_seconds: 5,
+                gap_options: "--only drive.delay --only drive.saturation ",
             },
             Self::Full => Amounts {
                 run_seconds: 10,
@@ -223,6 +227,7 @@ impl Size {
                 transitions: 20_000_000,
                 games: 1000,
                 match_seconds: 1800,
+                gap_options: "",
             },
         }
     }
@@ -336,7 +341,7 @@ impl Plan {
     }
 
     fn identify(&mut self, amounts: &Amounts) {
-        let Amounts { fit_seeds, fit_epochs, .. } = amounts;
+        let Amounts { fit_seeds, fit_epochs, gap_options, .. } = amounts;
         let step = |name, line: &str| vec![Step::new(name, line)];
         self.stage(Chapter::FitActuator, step(
                 "fit-actuator",
@@ -352,7 +357,12 @@ impl Plan {
         );
         self.stage(
             Chapter::CloseGap,
-            step("gap", "gap monday.mcap tuesday.mcap --output gap --overwrite --json"),
+            step(
+                "gap",
+                &format!(
+                    "gap monday.mcap tuesday.mcap {gap_options}--output gap --overwrite --json"
+                ),
+            ),
         );
     }
 

@@ -13,7 +13,7 @@ use super::{
     Instance, MeasuredPath, Twin,
     stage::{Channel, Stage, StageKind},
 };
-use crate::effects::{Domain, Effect, Physics, Sample};
+use crate::effects::{Axis, Domain, Effect, Physics, Sample};
 use crate::recording::{
     FrameTimes, Recording, RecordingError,
     message::{BoardState, CameraDetections, ObjectState, Point},
@@ -30,6 +30,9 @@ const FRAMES_BESIDE: usize = 4;
 const GUIDED_FRAMES_BESIDE: usize = 12;
 /// Fewest frames and states of an object that is looked at.
 const FEWEST: usize = 50;
+/// The effect that reports zeros, so it is sought only where at least [`FEWEST`] velocities are exactly zero. At rest, a
+/// zero has less noise than the slope of measured places, so that noise alone would look like it.
+const DEAD_ZONE: &str = "estimator.velocity_deadzone";
 /// An object that covers less (m) does not move.
 const LEAST_TRAVEL_M: f64 = 0.01;
 /// The estimator starts anew after a longer gap (s).
@@ -41,10 +44,12 @@ const SETTLING_STEPS: usize = 20;
 const POOR_FIT: f64 = 5.0;
 
 /// Velocities of `/board/state`, of each object that moves: `state.left_vx` and so on.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct EstimatorStage {
     channels: Vec<Channel>,
     inputs: Vec<Vec<Step>>,
+    /// Compared velocities that are exactly zero, along coordinates that move at all.
+    zeros: usize,
     /// The striker whose carriage is measured, with the first of its two channels.
     swing: Option<(usize, Swing)>,
 }
@@ -127,7 +132,7 @@ impl EstimatorStage {
         // An estimator cannot know a frame before it arrives: its lag counts from then.
         let frames: Vec<f64> =
             FrameTimes::of(&detections).arrived.iter().map(|t| t.seconds_since(began)).collect();
-        let mut stage = Self { channels: Vec::new(), inputs: Vec::new(), swing: None };
+        let mut stage = Self::default();
         for object in &OBJECTS {
             let seen = detections.values.iter().map(|found| (object.seen)(found));
             let path = carriage.filter(|(player, _)| object.player == Some(*player));
@@ -176,6 +181,11 @@ impl EstimatorStage {
                 let across = together.then_some(slope.velocity[1 - axis]);
                 steps.push(Step { dt, velocity, across, reports: *reports });
                 before = *time;
+            }
+            let compared = || runs.iter().flat_map(|run| &measured[run.clone()]);
+            let zeros = compared().filter(|velocity| **velocity == 0.0).count();
+            if zeros < compared().filter(|velocity| velocity.is_finite()).count() {
+                self.zeros += zeros;
             }
             self.channels.push(Channel {
                 signal: format!("state.{name}_{}", ["vx", "vy"][axis]),
@@ -244,6 +254,10 @@ impl Stage for EstimatorStage {
 
     fn calls(&self, effect: &Effect) -> bool {
         matches!(effect.physics, Physics::Estimator(_))
+    }
+
+    fn feels(&self, effect: &Effect, _axis: Axis) -> bool {
+        self.calls(effect) && (effect.name != DEAD_ZONE || FEWEST <= self.zeros)
     }
 
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {

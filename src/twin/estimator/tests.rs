@@ -115,6 +115,15 @@ fn a_dead_zone_is_told_from_none() {
 }
 
 #[test]
+fn without_zeros_there_is_no_dead_zone() {
+    let feels = |stage: &EstimatorStage, name| stage.feels(find(name).unwrap(), Axis::Whole);
+    let smooth = stage_of(windows(), shifted(1.0, 0.0)).unwrap();
+    assert!(feels(&smooth, "estimator.lag") && !feels(&smooth, "estimator.velocity_deadzone"));
+    let zeroed = |t: f64| if t % 1.0 < 0.2 { 0.0 } else { shifted(1.0, 0.0)(t) };
+    assert!(feels(&stage_of(windows(), zeroed).unwrap(), "estimator.velocity_deadzone"));
+}
+
+#[test]
 fn states_without_velocities_make_no_stage() {
     assert!(stage_of(windows(), |_| 0.0).is_none());
     assert!(stage_of(Vec::new(), shifted(1.0, 0.0)).is_none());
@@ -171,7 +180,7 @@ fn encoders_tell_a_reversal_that_frames_smear() {
     let (guided, alone) = (track().guided(Some(&path)), track().guided(None));
     assert!(guided.guide.is_some() && alone.guide.is_none());
     assert!(5.0 * worst(&guided) < worst(&alone), "{} {}", worst(&guided), worst(&alone));
-    let mut stage = EstimatorStage { channels: Vec::new(), inputs: Vec::new(), swing: None };
+    let mut stage = EstimatorStage::default();
     let states: Vec<f64> = (0..400).map(|k| 0.1 + f64::from(k) / 50.0).collect();
     let reported: Vec<_> = states.iter().map(|t| Some([1.02 * velocity(t - 0.024), 0.1])).collect();
     stage.add("left", &guided, &reported, (&states, &[0..200, 200..400]));
@@ -219,7 +228,7 @@ fn a_striker_that_swings_on_its_magnet_is_told_from_a_slow_estimator() {
     let track = Track::new(&frames, points.iter().map(Some)).guided(Some(&path));
     let states: Vec<f64> = (0..380).map(|k| 1.0 + 0.02 * f64::from(k)).collect();
     let reported: Vec<_> = states.iter().map(|t| Some([at(&speeds, *t), 0.1])).collect();
-    let mut stage = EstimatorStage { channels: Vec::new(), inputs: Vec::new(), swing: None };
+    let mut stage = EstimatorStage::default();
     let run = 0..states.len();
     stage.add("left", &track, &reported, (&states, std::slice::from_ref(&run)));
     let left = |instances: Vec<Instance>| {
