@@ -80,7 +80,7 @@ pub(super) fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2
             -square * away[axis] - 2.0 * p[2] * stiffest * (memory[2 + axis] - before[axis])
         });
         let is_at_rest = memory[2] == 0.0 && memory[3] == 0.0;
-        if is_at_rest && pull[0].hypot(pull[1]) <= friction {
+        if is_at_rest && pull[0] * pull[0] + pull[1] * pull[1] <= friction * friction {
             (0..2).for_each(|axis| memory[axis] -= 0.5 * h * (before[axis] + after[axis]));
             continue;
         }
@@ -96,7 +96,7 @@ pub(super) fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2
         // Friction opposes the velocity that the step would reach without it: at low speeds its direction changes
         // within a step.
         let [[_, x], [_, y]] = swung([0.0; 2]);
-        let free = x.hypot(y).max(f64::MIN_POSITIVE);
+        let free = (x * x + y * y).sqrt().max(f64::MIN_POSITIVE);
         let along = [x / free, y / free];
         for (axis, [place, velocity]) in
             swung(along.map(|share| friction * share)).into_iter().enumerate()
