@@ -4,7 +4,8 @@ use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site
 
 /// `estimator.velocity_deadzone`: dead zone of the reported velocity.
 ///
-/// V is the speed where the estimator zeroes both coordinates together.
+/// V is the speed where the estimator zeroes both coordinates together. The effect is sought only where velocities of
+/// exactly zero are reported.
 pub(crate) static VELOCITY_DEADZONE: Effect = Effect {
     name: "estimator.velocity_deadzone",
     summary: "the estimator reports zero velocity below a threshold",
@@ -42,7 +43,7 @@ pub(crate) static VELOCITY_DEADZONE: Effect = Effect {
     }),
     regressors: &[Regressor::Speed],
     signals: Signal::STATE,
-    excitation: "creeping moves, with the velocities of the state estimator recorded",
+    excitation: "creeping moves, with the velocities of the state estimator recorded, of which some are exactly zero",
     experiment: "creep",
     confused_with: &["drive.friction.coulomb", "drive.input_deadband"],
     reference: "Tao and Kokotović 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",

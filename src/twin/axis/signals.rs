@@ -1,10 +1,11 @@
 //! Filtered signals of a single axis.
 //!
 //! Friction changes its sign where the velocity does, and makes a kink in the velocity there. One filter for all samples
-//! moves that moment, which looks like presliding, or averages too little elsewhere. So each sample beside a reversal
-//! takes the narrowest filter whose confidence interval of the velocity intersects those of all wider filters
-//! (intersection of confidence intervals: Goldenshluger and Nemirovski 1997, Mathematical Methods of Statistics 6,
-//! 135-170), and the mean sign of the velocity over its period. The acceleration in the inverse dynamics passes a wider
+//! moves that moment, which looks like presliding, or averages too little elsewhere. So the velocity of each sample beside
+//! a reversal is the slope of a straight line through the positions around it, over the longest window whose confidence
+//! interval intersects those of all shorter ones (intersection of confidence intervals: Goldenshluger and Nemirovski 1997,
+//! Mathematical Methods of Statistics 6, 135-170). A window within a rest knows nothing of the motion beside it, whereas a
+//! recursive filter rings there. The acceleration in the inverse dynamics passes a wider
 //! filter than the regressors, because what it contributes passes the last filter like the friction, with which it makes
 //! the input continuous at a kink.
 
@@ -13,8 +14,10 @@ use std::{f64::consts::TAU, ops::Range};
 
 /// Edges of the low-pass filter for position and input that are tried, in cycles per sample, the widest first.
 const EDGES: [f64; 7] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125];
-/// Further edges that are tried for what passes one more filter, or is nonlinear at a kink.
+/// Further edges that are tried for what passes one more filter.
 const WIDER_EDGES: [f64; 4] = [0.4, 0.28, 0.2, 0.14];
+/// Samples to each side through which the straight lines go, the shortest first.
+const REACHES: [usize; 11] = [1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40];
 /// Standard deviation of the acceleration's noise over the RMS of the acceleration, up to which an edge is taken: noise
 /// of a regressor biases its coefficient by the square of this ratio.
 const ACCELERATION_NOISE: f64 = 0.1;
@@ -35,7 +38,7 @@ pub(super) struct Signals {
     /// Input and position behind that filter.
     pub(super) input: Vec<f64>,
     pub(super) position: Vec<f64>,
-    /// Velocity, beside reversals behind a wider filter.
+    /// Velocity, beside reversals over a shorter window.
     pub(super) velocity: Vec<f64>,
     /// Mean sign of the velocity over the period of a sample.
     pub(super) direction: Vec<f64>,
@@ -65,16 +68,21 @@ impl Signals {
         let slope = |values: &[f64]| each_segment(segments, values, |own| derivative(own, dt));
         let smooth = filtered(position, cutoff);
         let narrowest = slope(&smooth);
-        let edges = all_edges.into_iter().filter(|edge| cutoff <= *edge);
-        let estimates: Vec<(Vec<f64>, f64)> = edges
-            .map(|edge| (slope(&filtered(position, edge)), velocity_noise(noise, edge, dt)))
+        // A line as long as half a period of the filter averages about as much.
+        let estimates: Vec<(Vec<f64>, f64)> = REACHES
+            .into_iter()
+            .filter(|reach| *reach as f64 <= 0.5 / cutoff)
+            .map(|reach| {
+                let slopes = each_segment(segments, position, |own| line_slopes(own, reach, dt));
+                (slopes, line_slope_noise(noise, reach, dt))
+            })
             .collect();
         let beside = beside_reversals(
             &narrowest,
             VELOCITY_DEVIATIONS * velocity_noise(noise, cutoff, dt),
             (1.0 / cutoff) as usize,
         );
-        let (velocity, standing) = adapted(&narrowest, &beside, &estimates);
+        let (velocity, may_stand) = adapted(&narrowest, &beside, &estimates);
         Self {
             cutoff,
             input: filtered(input, cutoff),
@@ -82,7 +90,8 @@ impl Signals {
             acceleration: slope(&narrowest),
             inner_input: filtered(input, inner),
             inner_acceleration: slope(&slope(&filtered(position, inner))),
-            standing,
+            // As far as the filter of the acceleration spreads the rest.
+            standing: spread(&may_stand, (0.5 / inner).ceil() as usize),
             resting: resting(segments, &narrowest, velocity_noise(noise, cutoff, dt)),
             position: smooth,
             velocity,
@@ -90,7 +99,7 @@ impl Signals {
     }
 }
 
-/// The `narrowest` estimate of a velocity, `beside` reversals that of a wider filter, and whether the axis may stand.
+/// The `narrowest` estimate of a velocity, `beside` reversals that of a shorter window, and whether the axis may stand.
 fn adapted(
     narrowest: &[f64],
     beside: &[bool],
@@ -155,18 +164,49 @@ fn edge(
 
 /// Samples that are at most `reach` from one whose `velocity` is within its `noise` or changes its sign.
 fn beside_reversals(velocity: &[f64], noise: f64, reach: usize) -> Vec<bool> {
-    let mut beside = vec![false; velocity.len()];
-    for (index, own) in velocity.iter().enumerate() {
+    let is_reversal = |(index, own): (usize, &f64)| {
         let turns = index.checked_sub(1).is_some_and(|before| velocity[before] * own < 0.0);
-        if turns || own.abs() <= noise {
-            let end = (index + reach + 1).min(velocity.len());
-            beside[index.saturating_sub(reach)..end].fill(true);
-        }
-    }
-    beside
+        turns || own.abs() <= noise
+    };
+    let reversals: Vec<bool> = velocity.iter().enumerate().map(is_reversal).collect();
+    spread(&reversals, reach)
 }
 
-/// Of the `estimates` of a velocity with their standard deviations, from the widest filter to the narrowest: in each sample
+/// Slope (per second) of the straight line through each value and up to `reach` values on each side, which are `dt` apart;
+/// beside the ends through fewer, as many on either side. At the ends, where there are none, the slope to the neighbour.
+fn line_slopes(values: &[f64], reach: usize, dt: f64) -> Vec<f64> {
+    let mut slopes = derivative(values, dt);
+    for (k, slope) in slopes.iter_mut().enumerate() {
+        let reach = reach.min(k).min(values.len() - 1 - k);
+        if 0 < reach {
+            let sum: f64 = (1..=reach).map(|j| j as f64 * (values[k + j] - values[k - j])).sum();
+            *slope = sum / (dt * squared_distances(reach));
+        }
+    }
+    slopes
+}
+
+/// Standard deviation (per second) of such a slope for white `noise` of the values.
+fn line_slope_noise(noise: f64, reach: usize, dt: f64) -> f64 {
+    noise / (dt * squared_distances(reach).sqrt())
+}
+
+/// Sum of the squared distances of up to `reach` samples on each side.
+fn squared_distances(reach: usize) -> f64 {
+    (reach * (reach + 1) * (2 * reach + 1)) as f64 / 3.0
+}
+
+/// `marks`, and all samples that are at most `reach` from one of them.
+fn spread(marks: &[bool], reach: usize) -> Vec<bool> {
+    let mut wider = vec![false; marks.len()];
+    for index in (0..marks.len()).filter(|index| marks[*index]) {
+        let end = (index + reach + 1).min(marks.len());
+        wider[index.saturating_sub(reach)..end].fill(true);
+    }
+    wider
+}
+
+/// Of the `estimates` of a velocity with their standard deviations, from the shortest window to the longest: in each sample
 /// the last one before the intersection of the confidence intervals is empty, with its standard deviation.
 fn narrowest_agreeing(estimates: &[(Vec<f64>, f64)]) -> (Vec<f64>, Vec<f64>) {
     let count = estimates.first().map_or(0, |(velocities, _)| velocities.len());

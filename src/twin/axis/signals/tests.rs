@@ -34,33 +34,75 @@ fn the_mean_sign_of_a_sample_contains_the_moment_of_a_reversal() {
     }
 }
 
-/// A velocity with a kink at sample 500, as friction makes it: the narrowest filter far from it, a wide one beside it.
-#[test]
-fn a_kink_has_a_wide_filter_and_the_rest_a_narrow_one() {
-    const NOISE_M: f64 = 1e-7;
+/// Position of `velocity` (per second) with white noise, in samples of `DT`.
+fn noisy_position(velocity: impl Fn(usize) -> f64, count: usize, noise: f64) -> Vec<f64> {
     let mut random = crate::seed::Stream::new(1, "kink");
-    let velocity = |k: usize| 1e-3 * (k as f64 - 500.0) * if k < 500 { 1.0 } else { 0.2 };
     let mut q = 0.0;
-    let raw: Vec<f64> = (0..1000)
+    (0..count)
         .map(|k| {
             q += DT * 0.5 * (velocity(k) + velocity(k + 1));
             let sum: f64 = (0..12).map(|_| f64::from(random.uniform_f32(-0.5, 0.5))).sum();
-            q + NOISE_M * sum
+            q + noise * sum
         })
-        .collect();
-    let estimates: Vec<(Vec<f64>, f64)> = [0.4, 0.1, 0.0125]
+        .collect()
+}
+
+/// Slopes over the windows of a wide filter, and what agrees.
+fn agreeing(position: &[f64], noise: f64) -> (Vec<(Vec<f64>, f64)>, Vec<f64>) {
+    let estimates: Vec<(Vec<f64>, f64)> = REACHES
         .into_iter()
-        .map(|edge| {
-            let filtered = LowPass::butterworth(edge).apply(&raw);
-            (derivative(&filtered, DT), velocity_noise(NOISE_M, edge, DT))
-        })
+        .map(|reach| (line_slopes(position, reach, DT), line_slope_noise(noise, reach, DT)))
         .collect();
     let (found, _) = narrowest_agreeing(&estimates);
+    (estimates, found)
+}
+
+/// A velocity with a kink at sample 500, as friction makes it: a long window far from it, a short one beside it.
+#[test]
+fn a_kink_has_a_short_window_and_the_rest_a_long_one() {
+    const NOISE_M: f64 = 1e-7;
+    let velocity = |k: usize| 1e-3 * (k as f64 - 500.0) * if k < 500 { 1.0 } else { 0.2 };
+    let (estimates, found) = agreeing(&noisy_position(velocity, 1000, NOISE_M), NOISE_M);
     let worst = |values: &[f64], range: std::ops::Range<usize>| {
         // Sample k of the position is at the end of the step k.
         range.map(|k| (values[k] - velocity(k + 1)).abs()).fold(0.0, f64::max)
     };
-    let [wide, _, narrow] = [0, 1, 2].map(|k| &estimates[k].0);
-    assert!(worst(&found, 490..510) < 0.5 * worst(narrow, 490..510));
-    assert!(worst(&found, 200..300) < 0.5 * worst(wide, 200..300));
+    let (short, long) = (&estimates[0].0, &estimates[REACHES.len() - 1].0);
+    assert!(worst(&found, 490..510) < 0.5 * worst(long, 490..510));
+    assert!(worst(&found, 200..300) < 0.5 * worst(short, 200..300));
+}
+
+/// An axis that sticks for 20 samples and starts from both ends with an acceleration: every sample of the rest may stand,
+/// and none of the motion that is faster than the noise of neighbours.
+#[test]
+fn a_short_rest_is_not_hidden_by_the_motion_beside_it() {
+    const NOISE_M: f64 = 1e-7;
+    let velocity = |k: usize| match k {
+        0..500 => 2e-3 * (500.0 - k as f64),
+        500..520 => 0.0,
+        _ => 1e-3 * (k as f64 - 520.0),
+    };
+    let position = noisy_position(velocity, 1000, NOISE_M);
+    let signals = Signals::of(&[0..1000], &vec![0.0; 1000], &position, DT);
+    assert!(signals.standing[500..518].iter().all(|stands| *stands));
+    let elsewhere = || (0..490).chain(530..1000);
+    assert!(elsewhere().all(|k| !signals.standing[k]));
+    assert!(signals.velocity[502..516].iter().all(|v| v.abs() < 3.0 * NOISE_M / DT));
+}
+
+#[test]
+fn a_line_has_its_slope_and_its_noise() {
+    let straight: Vec<f64> = (0..30).map(|k| 0.5 * f64::from(k)).collect();
+    for reach in REACHES {
+        let slopes = line_slopes(&straight, reach, DT);
+        assert!(slopes.iter().all(|slope| (slope - 0.5 / DT).abs() < 1e-9 / DT), "{reach}");
+    }
+    let position = noisy_position(|_| 0.0, 20_000, 1.0);
+    for reach in [1, 5, 20] {
+        let slopes = line_slopes(&position, reach, DT);
+        let square = slopes.iter().map(|slope| slope * slope).sum::<f64>() / 20_000.0;
+        let ratio = square.sqrt() / line_slope_noise(1.0, reach, DT);
+        assert!((ratio - 1.0).abs() < 0.1, "{reach} {ratio}");
+    }
+    assert_eq!(line_slopes(&[1.0], 3, DT), [0.0]);
 }
