@@ -12,6 +12,7 @@ use super::{
     floor::{Floor, FloorSource},
     incident::Incident,
     journal::{JournalEntry, MoveKind},
+    known::sample_period_above_lag,
     locate,
     rounds::{self, Added, Outcome, Reason},
     thresholds::Thresholds,
@@ -123,30 +124,25 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
 
 /// What to say of an effect of a single axis that is part of the twin and does not count as missing.
 fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
-    let period = twin.axis_frame?.scales.sample_period;
-    let values = &twin.instances[rounds::instance_of(twin, step)?].values;
-    // Recordings of a twin that has a reference show how their stamps relate inputs to the motion.
-    let is_first = start.reference_residuals.is_empty();
-    let lag = is_first.then(|| within_a_sample(step.effect, values, period)).flatten();
-    let why = lag.or_else(|| rigid(step.effect, values))?;
+    twin.axis_frame?;
+    let instance = &twin.instances[rounds::instance_of(twin, step)?];
+    let why = lag_within_a_sample((start, twin), instance)
+        .or_else(|| rigid(step.effect, &instance.values))?;
     Some(format!(
         "{why}, so {} is part of the twin and does not count as missing",
         step.effect.name
     ))
 }
 
-/// Why a lag shorter than the sample `period` (s) is no effect: the stamp of an input does not say whether it acts at that
-/// time, until the next stamp (zero-order hold), or since the last one.
-fn within_a_sample(effect: &Effect, values: &[Value], period: f64) -> Option<String> {
-    let ([parameter], [lag]) = (effect.parameters, values) else { return None };
-    (parameter.unit == "s" && lag.value < period).then(|| {
-        format!(
-            "the motion follows the input by {} s, which is less than the sample period of {} s: the time stamps or a \
-             zero-order hold explain it",
-            significant(lag.value),
-            significant(period)
-        )
-    })
+/// Why a lag shorter than the sample period is no effect of an axis.
+fn lag_within_a_sample(twins: (&Twin, &Twin), instance: &Instance) -> Option<String> {
+    let period = sample_period_above_lag(twins, instance)?;
+    Some(format!(
+        "the motion follows the input by {} s, which is less than the sample period of {} s: the time stamps or a \
+         zero-order hold explain it",
+        significant(instance.values[0].value),
+        significant(period)
+    ))
 }
 
 /// Why contacts that may carry nothing, or be rigid, are no effect: what is left is Coulomb friction.

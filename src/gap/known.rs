@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     effects::{Domain, Effect, Physics},
-    twin::{Discrepancy, ReferenceResidual, StageKind, Twin},
+    twin::{Discrepancy, Instance, ReferenceResidual, StageKind, Twin},
 };
 
 /// Excess of the recordings over the reference residuals, as fractions of the squared residual.
@@ -64,6 +64,21 @@ pub(super) fn excess<const N: usize>(
 pub(super) enum AtFloor {
     Yes,
     No,
+}
+
+/// The sample period (s) of the axis of `twin`, where `instance` is a lag below it: the stamp of an input does not say
+/// whether it acts at that time, until the next stamp (zero-order hold), or since the last one. `None` where the `given`
+/// twin has a reference, whose recordings show how their stamps relate inputs to the motion.
+pub(super) fn sample_period_above_lag(
+    (given, twin): (&Twin, &Twin),
+    instance: &Instance,
+) -> Option<f64> {
+    let period = twin.axis_frame?.scales.sample_period;
+    let ([parameter], [lag]) = (instance.effect.parameters, &instance.values[..]) else {
+        return None;
+    };
+    let is_below = parameter.unit == "s" && lag.value < period;
+    (is_below && given.reference_residuals.is_empty()).then_some(period)
 }
 
 /// Fraction of the squared validation error that an effect must remove to be added.

@@ -296,8 +296,12 @@ pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect,
 }
 
 /// Return whether `effect` may be added on `axis`: once, or several times with different values of the parameter that
-/// is scanned for.
+/// is scanned for. A gain of the input of an axis multiplies mass and frictions, so only a twin with a reference shows it.
 fn may_be_added(twin: &Twin, effect: &Effect, axis: Axis) -> bool {
+    let is_new_axis = twin.axis_frame.is_some() && twin.reference_residuals.is_empty();
+    if is_new_axis && effect.name == "drive.gain" {
+        return false;
+    }
     let present =
         twin.instances.iter().filter(|own| own.effect == effect && own.axis.overlaps(axis));
     let most = if effect.scanned_parameter().is_some() { MOST_WAVES } else { 1 };

@@ -10,11 +10,12 @@ use crate::{
     gap::{
         evidence::Amplitude,
         fit,
+        known::sample_period_above_lag,
         problem::{Point, Problem},
         rounds::{Reason, known_on_bound},
         speed_dependence::{self, SessionResiduals},
     },
-    twin::{Slot, Twin},
+    twin::{Instance, Slot, Twin},
 };
 
 /// Iterations of a fit of an effect without some of its parameters.
@@ -136,7 +137,9 @@ impl Bench<'_, '_> {
         let is_old = size_of_last(&trial.fit.point.twin).is_some_and(|size| {
             self.required_gain.is_within_discrepancy(trial.candidate.effect, size)
         });
-        (is_old || !self.exceeds_required_gain(trial)).then_some(Reason::TooSmall)
+        // What only aligns the stamps of input and motion is no claim, so it needs no size.
+        let is_small = !aligns_stamps(&trial.fit.point.twin) && !self.exceeds_required_gain(trial);
+        (is_old || is_small).then_some(Reason::TooSmall)
     }
 
     /// Return whether the data prefer `trial` beyond chance to its twin with the parameter `slot` at its null value.
@@ -165,4 +168,11 @@ impl Bench<'_, '_> {
         };
         slots_of_last(twin).into_iter().map(shown).collect()
     }
+}
+
+/// Return whether the last instance of `twin` is a lag below the sample period of an axis, and the only lag of the twin.
+fn aligns_stamps(twin: &Twin) -> bool {
+    let Some((last, others)) = twin.instances.split_last() else { return false };
+    let is_lag = |own: &Instance| own.effect.parameters.iter().all(|own| own.unit == "s");
+    !others.iter().any(is_lag) && sample_period_above_lag((twin, twin), last).is_some()
 }
