@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Independent simulator of single axes. Usage:
-  axes.py list | gen NAME... | run NAME... (generate, import, gap) | table
-Each case goes to cases/NAME beside this file: truth.json (written first), s1.csv.., s1.mcap.., gap/."""
+  axes.py list | gen NAME... | run NAME... (generate, import, gap) | show NAME... | count (all that were run, but x_*)
+Each case goes to independent-axes/cases/NAME in the working folder: truth.json (written first), s1.csv.., s1.mcap.., gap/.
+KLASKTRON is the program."""
 import sys, os, json, ctypes, subprocess, time, hashlib, resource
 import numpy as np
-ROOT = os.path.dirname(os.path.abspath(__file__)); K10 = os.environ.get('KLASKTRON', 'klasktron')
+HERE = os.path.dirname(os.path.abspath(__file__)); ROOT = 'independent-axes'; PROGRAM = os.environ.get('KLASKTRON', 'klasktron')
+os.makedirs(ROOT, exist_ok=True)
 PN = ('M Fc Fv off G Gb noise mode Kp_p Kp_v Ki Mff vfilt ulim vKp vKi '
       'delay lag dbu0 dbs clip tsF tsv0 slew sagk sagT Fq asv asc Fs vs sdel dF dd Kl '
       'fps fpc fpA fpB fpL thc thv thT ripA ripB ripP grav m1 m2 kq k3 esk eslo eshi '
@@ -148,7 +150,7 @@ def simulate(c, k):
     return o, q, u, dict(rms_effect=float(np.sqrt(np.mean(e**2))/g), visible=float(vis), rms_u=float(u.std()), moving=float(mv.mean()),
                          vmax=float(np.abs(o[:, 4]).max()), range=float(np.ptp(q)), pnoise=float(p.get('noise', 0)/g))
 
-exec(open(f'{ROOT}/cases.py').read())
+exec(open(f'{HERE}/cases.py').read())
 
 def gen(name):
     c = CASES[name]; d = f'{ROOT}/cases/{name}'; os.makedirs(d, exist_ok=True)
@@ -171,11 +173,11 @@ def run(name, extra=(), tag='gap'):
     c = CASES[name]; d = gen(name); m = []
     for k in range(len(c['refs'])):
         m.append(f'{d}/s{k+1}.mcap')
-        r = subprocess.run([K10, 'import', 'csv', f'{d}/s{k+1}.csv', '--time', 't:s', '--input', f"u:{c['iu'][0]}", '--position', f"x:{c['pu'][0]}",
+        r = subprocess.run([PROGRAM, 'import', 'csv', f'{d}/s{k+1}.csv', '--time', 't:s', '--input', f"u:{c['iu'][0]}", '--position', f"x:{c['pu'][0]}",
                             '-o', m[-1], '--overwrite', '--session', f's{k+1}'], capture_output=True, text=True)
         if r.returncode: print(r.stdout, r.stderr)
     env = dict(os.environ, RAYON_NUM_THREADS='1'); t0 = time.time(); r0 = resource.getrusage(resource.RUSAGE_CHILDREN)
-    r = subprocess.run(['nice', '-n', '5', K10, '-q', 'gap', *m, '-o', f'{d}/{tag}', '--overwrite', *extra], capture_output=True, text=True, env=env)
+    r = subprocess.run(['nice', '-n', '5', PROGRAM, '-q', 'gap', *m, '-o', f'{d}/{tag}', '--overwrite', *extra], capture_output=True, text=True, env=env)
     r1 = resource.getrusage(resource.RUSAGE_CHILDREN); cpu = r1.ru_utime-r0.ru_utime+r1.ru_stime-r0.ru_stime
     open(f'{d}/{tag}.out', 'w').write(f'{r.stdout}\n--stderr\n{r.stderr}\nrc {r.returncode} cpu {cpu:.0f} wall {time.time()-t0:.0f}\n')
     print(f'  {name} rc {r.returncode} cpu {cpu:.0f}s wall {time.time()-t0:.0f}s', flush=True)
@@ -192,6 +194,24 @@ def show(name, tag='gap'):
     for w in g.get('warnings') or []: print('    !', str(w)[:300])
     print(flush=True)
 
+def count():
+    """Cases by kind of truth: a name although nothing is hidden, exactly the hidden effects, a wrong name."""
+    kinds = {}
+    for name in sorted(os.listdir(f'{ROOT}/cases')):
+        d = f'{ROOT}/cases/{name}'
+        if name.startswith('x_') or not os.path.exists(f'{d}/gap/gap.json'): continue
+        truth = json.load(open(f'{d}/truth.json')); g = json.load(open(f'{d}/gap/gap.json'))
+        hidden = list(truth['effects']); named = {e['name'] for e in g['effects']}
+        hit = {h for h in hidden if named & set(h.split('|'))}
+        wrong = {n for n in named if not any(n in h.split('|') for h in hidden)}
+        setpoint = truth['physics_si'].get('mode') == 2
+        kind = ('outside the catalogue' if 'UNKNOWN' in hidden else 'hidden effects' if hidden
+                else 'none, velocity setpoint' if setpoint else 'none, force, torque, current or voltage')
+        c = kinds.setdefault(kind, dict(cases=0, named=0, verdict_none=0, exact=0, with_wrong_name=0)); c['cases'] += 1
+        c['named'] += bool(named); c['verdict_none'] += g['verdict'] == 'none'
+        c['exact'] += bool(hidden) and len(hit) == len(hidden) and not wrong; c['with_wrong_name'] += bool(wrong)
+    for kind, c in kinds.items(): print(kind, json.dumps(c))
+
 if __name__ == '__main__':
     a = sys.argv[1:]
     if a[0] == 'list': print('\n'.join(CASES))
@@ -201,4 +221,5 @@ if __name__ == '__main__':
         tag = 'gap'
         if ns and ns[0].startswith('tag='): tag = ns.pop(0)[4:]
         for n in (ns or CASES): run(n, ex, tag)
+    elif a[0] == 'count': count()
     elif a[0] == 'show': [show(n) for n in (a[1:] or CASES)]

@@ -21,13 +21,15 @@ impl Oscillator {
         let damping = ratio * natural;
         let decay = (-damping * dt).exp();
         let square = (1.0 - ratio * ratio) * (natural * dt) * (natural * dt);
-        let turn = square.abs().sqrt() / dt;
+        let turn = || square.abs().sqrt() / dt;
         let (cosine, sine) = if square.abs() <= SHORT_TURN_SQUARED {
             let (cosine, sine) = short_turn(square);
             (decay * cosine, decay * dt * sine)
         } else if ratio < 1.0 {
+            let turn = turn();
             (decay * (turn * dt).cos(), decay * (turn * dt).sin() / turn)
         } else {
+            let turn = turn();
             let slow = (-natural * natural / (damping + turn) * dt).exp();
             let fast = (-(damping + turn) * dt).exp();
             (0.5 * (slow + fast), 0.5 * (slow - fast) / turn)

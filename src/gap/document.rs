@@ -126,7 +126,7 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
 fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
     twin.axis_frame?;
     let instance = &twin.instances[rounds::instance_of(twin, step)?];
-    let why = lag_within_a_sample((start, twin), instance)
+    let why = lag_within_a_sample(start, twin, instance)
         .or_else(|| rigid(step.effect, &instance.values))?;
     Some(format!(
         "{why}, so {} is part of the twin and does not count as missing",
@@ -135,8 +135,8 @@ fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
 }
 
 /// Why a lag shorter than the sample period is no effect of an axis.
-fn lag_within_a_sample(twins: (&Twin, &Twin), instance: &Instance) -> Option<String> {
-    let period = sample_period_above_lag(twins, instance)?;
+fn lag_within_a_sample(start: &Twin, twin: &Twin, instance: &Instance) -> Option<String> {
+    let period = sample_period_above_lag(start, twin, instance)?;
     Some(format!(
         "the motion follows the input by {} s, which is less than the sample period of {} s: the time stamps or a \
          zero-order hold explain it",

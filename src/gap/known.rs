@@ -66,19 +66,24 @@ pub(super) enum AtFloor {
     No,
 }
 
+/// The time (s) of an effect that has no other parameter: a delay or a first-order lag.
+pub(super) fn lag(instance: &Instance) -> Option<f64> {
+    let ([parameter], [lag]) = (instance.effect.parameters, &instance.values[..]) else {
+        return None;
+    };
+    (parameter.unit == "s").then_some(lag.value)
+}
+
 /// The sample period (s) of the axis of `twin`, where `instance` is a lag below it: the stamp of an input does not say
 /// whether it acts at that time, until the next stamp (zero-order hold), or since the last one. `None` where the `given`
 /// twin has a reference, whose recordings show how their stamps relate inputs to the motion.
 pub(super) fn sample_period_above_lag(
-    (given, twin): (&Twin, &Twin),
+    given: &Twin,
+    twin: &Twin,
     instance: &Instance,
 ) -> Option<f64> {
     let period = twin.axis_frame?.scales.sample_period;
-    let ([parameter], [lag]) = (instance.effect.parameters, &instance.values[..]) else {
-        return None;
-    };
-    let is_below = parameter.unit == "s" && lag.value < period;
-    (is_below && given.reference_residuals.is_empty()).then_some(period)
+    (lag(instance)? < period && given.reference_residuals.is_empty()).then_some(period)
 }
 
 /// Fraction of the squared validation error that an effect must remove to be added.

@@ -10,12 +10,12 @@ use crate::{
     gap::{
         evidence::Amplitude,
         fit,
-        known::sample_period_above_lag,
+        known::{lag, sample_period_above_lag},
         problem::{Point, Problem},
         rounds::{Reason, known_on_bound},
         speed_dependence::{self, SessionResiduals},
     },
-    twin::{Instance, Slot, Twin},
+    twin::{Slot, Twin},
 };
 
 /// Iterations of a fit of an effect without some of its parameters.
@@ -173,6 +173,6 @@ impl Bench<'_, '_> {
 /// Return whether the last instance of `twin` is a lag below the sample period of an axis, and the only lag of the twin.
 fn aligns_stamps(twin: &Twin) -> bool {
     let Some((last, others)) = twin.instances.split_last() else { return false };
-    let is_lag = |own: &Instance| own.effect.parameters.iter().all(|own| own.unit == "s");
-    !others.iter().any(is_lag) && sample_period_above_lag((twin, twin), last).is_some()
+    !others.iter().any(|own| lag(own).is_some())
+        && sample_period_above_lag(twin, twin, last).is_some()
 }

@@ -5,9 +5,8 @@
 //! a reversal is the slope of a straight line through the positions around it, over the longest window whose confidence
 //! interval intersects those of all shorter ones (intersection of confidence intervals: Goldenshluger and Nemirovski 1997,
 //! Mathematical Methods of Statistics 6, 135-170). A window within a rest knows nothing of the motion beside it, whereas a
-//! recursive filter rings there. The acceleration in the inverse dynamics passes a wider
-//! filter than the regressors, because what it contributes passes the last filter like the friction, with which it makes
-//! the input continuous at a kink.
+//! recursive filter rings there. The acceleration in the inverse dynamics passes a wider filter than the regressors,
+//! because what it contributes passes the last filter like the friction, with which it makes the input continuous at a kink.
 
 use super::filter::{LowPass, derivative};
 use std::{f64::consts::TAU, ops::Range};
@@ -58,9 +57,9 @@ impl Signals {
     /// without interruption.
     pub(super) fn of(segments: &[Range<usize>], input: &[f64], position: &[f64], dt: f64) -> Self {
         let noise = position_noise(segments, position);
-        let all_edges = [&WIDER_EDGES[..], &EDGES].concat();
         let cutoff = edge(&EDGES, segments, position, noise, ACCELERATION_NOISE);
-        let inner = edge(&all_edges, segments, position, noise, INNER_ACCELERATION_NOISE);
+        let inner_edges = [&WIDER_EDGES[..], &EDGES].concat();
+        let inner = edge(&inner_edges, segments, position, noise, INNER_ACCELERATION_NOISE);
         let filtered = |values: &[f64], edge: f64| {
             let low_pass = LowPass::butterworth(edge);
             each_segment(segments, values, |own| low_pass.apply(own))
@@ -105,7 +104,7 @@ fn adapted(
     beside: &[bool],
     estimates: &[(Vec<f64>, f64)],
 ) -> (Vec<f64>, Vec<bool>) {
-    let (agreeing, deviations) = narrowest_agreeing(estimates);
+    let (agreeing, deviations) = longest_agreeing(estimates);
     let of_sample = |index: usize| {
         if !beside[index] {
             return (narrowest[index], false);
@@ -208,7 +207,7 @@ fn spread(marks: &[bool], reach: usize) -> Vec<bool> {
 
 /// Of the `estimates` of a velocity with their standard deviations, from the shortest window to the longest: in each sample
 /// the last one before the intersection of the confidence intervals is empty, with its standard deviation.
-fn narrowest_agreeing(estimates: &[(Vec<f64>, f64)]) -> (Vec<f64>, Vec<f64>) {
+fn longest_agreeing(estimates: &[(Vec<f64>, f64)]) -> (Vec<f64>, Vec<f64>) {
     let count = estimates.first().map_or(0, |(velocities, _)| velocities.len());
     let of_sample = |index: usize| {
         let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);

@@ -53,7 +53,7 @@ fn agreeing(position: &[f64], noise: f64) -> (Vec<(Vec<f64>, f64)>, Vec<f64>) {
         .into_iter()
         .map(|reach| (line_slopes(position, reach, DT), line_slope_noise(noise, reach, DT)))
         .collect();
-    let (found, _) = narrowest_agreeing(&estimates);
+    let (found, _) = longest_agreeing(&estimates);
     (estimates, found)
 }
 
