@@ -93,7 +93,7 @@ impl fmt::Display for Domain {
 /// Axis on which an instance of an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Axis {
-    /// Both motors with the same parameters; the motor of a single axis.
+    /// Both motors with the same parameters.
     #[serde(rename = "a+b")]
     Motors,
     /// Motor a.
@@ -102,7 +102,7 @@ pub enum Axis {
     /// Motor b.
     #[serde(rename = "b")]
     B,
-    /// Both guides with the same parameters; the guide of a single axis.
+    /// Both guides with the same parameters.
     #[serde(rename = "x+y")]
     Guides,
     /// The carriage along x.
@@ -114,6 +114,9 @@ pub enum Axis {
     /// No axis: the effect acts on the whole machine.
     #[serde(rename = "all")]
     Whole,
+    /// The only axis of a machine that is no table.
+    #[serde(rename = "axis")]
+    Single,
 }
 
 impl Axis {
@@ -122,7 +125,7 @@ impl Axis {
     pub fn covers(self, index: usize) -> bool {
         match self {
             Self::Motors | Self::Guides | Self::Whole => true,
-            Self::A | Self::X => index == 0,
+            Self::A | Self::X | Self::Single => index == 0,
             Self::B | Self::Y => index == 1,
         }
     }
@@ -141,8 +144,14 @@ impl Axis {
         match self {
             Self::Motors => Some([Self::A, Self::B]),
             Self::Guides => Some([Self::X, Self::Y]),
-            Self::A | Self::B | Self::X | Self::Y | Self::Whole => None,
+            Self::A | Self::B | Self::X | Self::Y | Self::Whole | Self::Single => None,
         }
+    }
+
+    /// Where an effect acts, to follow its name in a text: ` on a+b`; nothing on a machine with a single axis.
+    #[must_use]
+    pub fn phrase(self) -> String {
+        if self == Self::Single { String::new() } else { format!(" on {self}") }
     }
 
     /// Return whether this is an axis in belt coordinates.
@@ -162,6 +171,7 @@ impl fmt::Display for Axis {
             Self::X => "x",
             Self::Y => "y",
             Self::Whole => "all",
+            Self::Single => "axis",
         })
     }
 }
@@ -183,7 +193,7 @@ pub enum Site {
     EachBelt,
     /// Board coordinates, one guide at a time: each guide has its own parameters.
     OneGuide,
-    /// The guide of a single axis; a table does not have the effect.
+    /// A machine with a single axis; a table does not have the effect.
     SingleAxis,
     /// The whole machine.
     Whole,
@@ -201,7 +211,7 @@ impl Site {
             }
             Self::OneMotor | Self::EachMotor | Self::EachBelt => &[Axis::A, Axis::B],
             Self::OneGuide => &[Axis::X, Axis::Y],
-            Self::SingleAxis => &[Axis::Guides],
+            Self::SingleAxis => &[Axis::Single],
             Self::Whole => &[Axis::Whole],
         }
     }

@@ -103,7 +103,8 @@ fn lines(diff: &TwinDiff) -> Vec<Line> {
             Change::Removed => "removed",
             Change::Changed | Change::Equal => "changed",
         };
-        lines.push(Line::Heading(format!("{} on {}: {change}", effect.name, effect.location)));
+        let location = effect.location.phrase();
+        lines.push(Line::Heading(format!("{}{location}: {change}", effect.name)));
         let is_shown =
             |own: &&ParameterDiff| effect.change != Change::Changed || own.before != own.after;
         for own in effect.parameters.iter().filter(is_shown) {

@@ -124,7 +124,8 @@ fn stage_table(stage: &StageIsolability) -> String {
                 .inseparable
                 .iter()
                 .map(|other| {
-                    format!("{} on {} ({:.2})", other.effect, other.location, other.cosine)
+                    let location = other.location.phrase();
+                    format!("{}{location} ({:.2})", other.effect, other.cosine)
                 })
                 .collect();
             writeln!(text, "{:6}not separable from {}", "", others.join(", ")).ok();

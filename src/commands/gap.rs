@@ -106,7 +106,7 @@ impl Inputs {
 
 /// Run `klasktron gap`.
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
+    let inputs = Inputs::read(&args.search.all_of(&args.recordings), args.twin.as_deref())?;
     let sessions = inputs.sessions(&args.search.of_sessions())?;
     let options = args.search.of_search(twin::machine_of(&sessions))?;
     let mut results = Results::begin(&args.output, &FILES, args.overwrite)?;
@@ -143,7 +143,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     for file in [&args.output, &report] {
         refuse_existing_file(file, args.overwrite)?;
     }
-    let inputs = Inputs::read(&args.recordings, args.twin.as_deref())?;
+    let inputs = Inputs::read(&args.search.all_of(&args.recordings), args.twin.as_deref())?;
     let sessions = inputs.sessions(&args.search.of_sessions())?;
     let options = args.search.of_search(twin::machine_of(&sessions))?;
     let view = SearchView::new();
@@ -247,23 +247,29 @@ pub(super) fn outcome(document: &Document, inputs: &Inputs) -> Outcome {
 fn summary(document: &Document) -> String {
     let mut lines = vec![document.summary.clone()];
     for effect in &document.effects {
-        lines.push(format!("  {} on {}", effect.name, effect.location));
+        lines.push(format!("  {}{}", effect.name, effect.location.phrase()));
         lines.push(format!("    {}", effect.explanation));
     }
     for change in &document.parameter_changes {
         let interval =
             change.ci95.map_or_else(String::new, |[low, high]| format!(" ({low:.4} to {high:.4})"));
         lines.push(format!(
-            "  {} on {}: {:.4} -> {:.4}{interval} {}",
-            change.name, change.location, change.before, change.after, change.unit
+            "  {}{}: {:.4} -> {:.4}{interval} {}",
+            change.name,
+            change.location.phrase(),
+            change.before,
+            change.after,
+            change.unit
         ));
     }
     for term in document.description.iter().flat_map(|own| &own.terms) {
         let [low, high] = term.ci95.map(gap::significant);
         let coefficient = gap::significant(term.coefficient);
         lines.push(format!(
-            "  {} on {}: {coefficient} ({low} to {high}) {}",
-            term.feature, term.location, term.unit
+            "  {}{}: {coefficient} ({low} to {high}) {}",
+            term.feature,
+            term.location.phrase(),
+            term.unit
         ));
     }
     for own in document.description.iter().flat_map(|own| &own.scales) {
@@ -285,6 +291,9 @@ fn summary(document: &Document) -> String {
 
 /// Residuals of each signal as a table.
 fn residuals(document: &Document) -> String {
+    if document.residuals.is_empty() {
+        return "no signal was compared".to_owned();
+    }
     let mut lines = vec![format!(
         "{:<24}{:>6}{:>12}{:>12}{:>12}",
         "residual (validation)", "unit", "floor", "before", "after"

@@ -13,7 +13,7 @@ use klasktron::{
 };
 use std::{
     num::NonZeroUsize,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
     time::Duration,
 };
@@ -46,7 +46,8 @@ pub(crate) struct SearchArgs {
     /// Exclude a time (s) of one session or of all from fits and metrics (repeatable)
     #[arg(long, value_name = "[SESSION:]FROM..TO")]
     mask: Vec<Mask>,
-    /// Hold out this session for validation, by name or file (repeatable)
+    /// Hold out this session for validation, by name or file; a file that is not among the recordings is read as well
+    /// (repeatable)
     #[arg(long, value_name = "SESSION")]
     validation: Vec<String>,
     /// Threads; the result does not depend on their number [default: one per core]
@@ -77,6 +78,13 @@ fn parse_alpha(text: &str) -> Result<f64, String> {
 }
 
 impl SearchArgs {
+    /// The `recordings`, and the files that only `--validation` names.
+    pub(super) fn all_of(&self, recordings: &[PathBuf]) -> Vec<PathBuf> {
+        let named = self.validation.iter().map(PathBuf::from);
+        let others = named.filter(|path| path.is_file() && !recordings.contains(path));
+        recordings.iter().cloned().chain(others).collect()
+    }
+
     /// Options of the sessions.
     pub(super) fn of_sessions(&self) -> SessionOptions {
         SessionOptions { validation: self.validation.clone(), masks: self.mask.clone() }

@@ -293,8 +293,9 @@ A twin is a list of effects of this catalogue, and `gap` identifies the effects 
 
 Each entry has the equation, the parameters and the recorded signals that show the effect. It also has the motion that
 excites the effect, the effects that it is confused with under poor excitation, and a reference. A fitted value outside
-of the typical range is flagged in `gap.json`. `a` and `b` are the motors, `x` and `y` the axes of the gantry; `a+b` and
-`x+y` are shared parameters, and `all` means the whole machine.
+of the typical range is flagged in `gap.json`. The locations are those of the table: `a` and `b` are the motors, `x` and
+`y` the axes of the gantry. `a+b` and `x+y` are shared parameters, and `all` means the whole machine. On a machine with a
+single axis every location is `axis`.
 
 ## Symbols
 

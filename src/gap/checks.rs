@@ -2,11 +2,11 @@
 
 mod axis;
 
-use super::{findings::Verdict, problem, thresholds::Thresholds};
+use super::{findings::Verdict, problem, rounds::Task, thresholds::Thresholds};
 use crate::{
     gantry::belts,
     recording::Split,
-    twin::{CameraStage, Channel, DriveStage, Output, Session, Stage, Twin},
+    twin::{CameraStage, Channel, DriveStage, Machine, Output, Session, Stage, Twin},
 };
 use std::ops::Range;
 
@@ -104,6 +104,22 @@ pub(super) fn nothing_compared() -> Objection {
                more motion"
             .to_owned(),
     }
+}
+
+/// Refusal of a search in which no selected effect can take part.
+pub(super) fn nothing_selected(task: Task, machine: Machine) -> Objection {
+    let says = match task {
+        Task::Calibrate => {
+            "the twin has none of the selected effects; select effects that it has, or find missing ones with \
+             `klasktron gap`"
+                .to_owned()
+        }
+        Task::CloseGap | Task::Follow => format!(
+            "these recordings of a {machine} cannot show any selected effect; `klasktron effects --for RECORDING` lists \
+             what they can show"
+        ),
+    };
+    Objection { verdict: Verdict::NotTestable, says }
 }
 
 /// Refusal of the session `name` if the clocks of camera and encoders drift apart.

@@ -109,8 +109,9 @@ impl Features {
                 ..MoveComparison::default()
             };
             let reason = format!(
-                "The feature {} on {} passed every check of an effect; it describes the residual and names no cause",
-                term.feature, term.location
+                "The feature {}{} passed every check of an effect; it describes the residual and names no cause",
+                term.feature,
+                term.location.phrase()
             );
             JournalEntry::new(MoveKind::Describe, Some(self.stage), reason).compared(comparison)
         };

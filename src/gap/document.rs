@@ -14,6 +14,7 @@ use super::{
     journal::{JournalEntry, MoveKind},
     known::sample_period_above_lag,
     locate,
+    page::text::label,
     rounds::{self, Added, Outcome, Reason},
     thresholds::Thresholds,
     verdict::{Answer, Findings},
@@ -41,6 +42,8 @@ pub(super) struct Material<'f, 'a> {
     pub(super) thresholds: &'f Thresholds,
     /// Noise floor of each signal: `[outcome][channel]`.
     pub(super) floors: &'f [Vec<Floor>],
+    /// Number of effects to which the search was restricted; `None` where it was not.
+    pub(super) selected: Option<usize>,
     /// Effects that no signal of these recordings shows.
     pub(super) unseen: &'f [&'static Effect],
 }
@@ -97,6 +100,7 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
         indistinguishable: &indistinguishable,
         parameter_changes: &parameter_changes,
         residuals: &residuals,
+        selected: material.selected,
         outcomes,
     });
     let effects = if answer.verdict == Verdict::DifferentMachine { Vec::new() } else { effects };
@@ -339,7 +343,7 @@ fn warnings(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
             warnings.push(format!(
                 "the residual of {} still depends on {} ({:.0} % of its square)",
                 unknown.signal,
-                unknown.name,
+                label(&unknown.name),
                 100.0 * unknown.fraction
             ));
         }
@@ -372,7 +376,7 @@ fn undetermined(outcomes: &[Outcome<'_>]) -> Vec<String> {
         for (index, slot) in outcome.last.slots.iter().enumerate() {
             let instance = &outcome.last.point.twin.instances[slot.instance];
             let Parameter { name, .. } = instance.effect.parameters[slot.parameter];
-            let shown = format!("{}.{name} on {}", instance.effect.name, instance.axis);
+            let shown = format!("{}.{name}{}", instance.effect.name, instance.axis.phrase());
             let is_determined = !outcome.uncertainty.undetermined[index];
             match parameters.iter_mut().find(|(other, _)| *other == shown) {
                 Some((_, determined)) => *determined |= is_determined,

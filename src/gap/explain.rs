@@ -2,10 +2,11 @@
 
 use super::{
     findings::{Evidence, IdentifiedEffect, IdentifiedParameter},
+    page::text::{label, sentence},
     rounds::{self, Added, Outcome, RankedCandidate, Unstated},
 };
 use crate::{
-    effects::Parameter,
+    effects::{Axis, Parameter},
     twin::{Channel, Twin, Value},
 };
 
@@ -105,11 +106,10 @@ fn explanation(
     parameters: &[IdentifiedParameter],
 ) -> String {
     let values: Vec<String> = parameters.iter().filter_map(with_interval).collect();
-    let mut text = format!("On {}: {}", step.axis, step.effect.summary);
-    text += &match values.is_empty() {
-        true => ".".to_owned(),
-        false => format!("; {}.", values.join(", ")),
-    };
+    let mut text = lead(step.axis, step.effect.summary);
+    if !values.is_empty() {
+        text = format!("{}; {}.", text.trim_end_matches('.'), values.join(", "));
+    }
     text += &derived_estimates(step);
     text += &reduction.and_then(|own| reduction_sentence(step, own)).unwrap_or_default();
     text += &format!(
@@ -119,7 +119,15 @@ fn explanation(
     text + &second_best(step)
 }
 
-/// Name, value and 95 % interval of a parameter that the data determine.
+/// Sentence about the law of an effect and where it acts.
+fn lead(axis: Axis, summary: &str) -> String {
+    match axis {
+        Axis::Single => sentence(summary),
+        _ => sentence(&format!("on {axis}: {summary}")),
+    }
+}
+
+/// Label, value and 95 % interval of a parameter that the data determine.
 fn with_interval(parameter: &IdentifiedParameter) -> Option<String> {
     let [low, high] = parameter.ci95?;
     let unit = match parameter.unit.as_str() {
@@ -128,27 +136,39 @@ fn with_interval(parameter: &IdentifiedParameter) -> Option<String> {
     };
     Some(format!(
         "{} {}{unit} ({} to {})",
-        parameter.name,
+        label(&parameter.name),
         significant(parameter.value),
         significant(low),
         significant(high)
     ))
 }
 
-/// Sentence about the validation sessions.
+/// Sentence about the validation sessions. An effect is added for the fit to the whitened residual, so the RMS may rise.
 fn reduction_sentence(step: &Added, reduction: &Reduction) -> Option<String> {
-    let Reduction { signal, unit, before, after } = reduction;
-    let (before, after) = (significant((*before)?), significant((*after)?));
-    Some(match step.unstated {
-        Some(Unstated::FramesLost(..)) => format!(
-            " On the validation sessions it reduces the unexplained {signal} from {before} to {after}."
-        ),
-        Some(Unstated::Variance(..)) => format!(
-            " On the validation sessions it reduces the unexplained {signal} from {before} to {after} {unit} RMS."
-        ),
-        None => format!(
-            " On the validation sessions it reduces the residual of {signal} from {before} to {after} {unit} RMS."
-        ),
+    let Reduction { signal, unit, before: Some(first), after: Some(last) } = reduction else {
+        return None;
+    };
+    let (before, after) = (significant(*first), significant(*last));
+    let what = match step.unstated {
+        Some(Unstated::FramesLost(..)) => {
+            return Some(format!(
+                " On the validation sessions it reduces the unexplained {signal} from {before} to {after}."
+            ));
+        }
+        Some(Unstated::Variance(..)) => format!("unexplained {signal}"),
+        None => format!("residual of {signal}"),
+    };
+    let gain = step.validation_gain;
+    Some(if last < first || !gain.is_finite() {
+        format!(
+            " On the validation sessions it reduces the {what} from {before} to {after} {unit} RMS."
+        )
+    } else {
+        format!(
+            " On the validation sessions the {what} is {before} {unit} RMS before and {after} {unit} RMS after the step; \
+             the squared whitened residual, which the search compares, falls by {:.1} %.",
+            100.0 * gain
+        )
     })
 }
 
@@ -179,7 +199,7 @@ fn derived_estimates(step: &Added) -> String {
         let own = (own.location == step.axis).then_some(own)?;
         let name = own.name.strip_prefix(step.effect.name)?.strip_prefix('.')?;
         let is_derived = step.effect.parameters.iter().all(|parameter| parameter.name != name);
-        is_derived.then(|| format!("{name} {}", significant(own.value)))
+        is_derived.then(|| format!("{} {}", label(name), significant(own.value)))
     });
     match derived.collect::<Vec<_>>().join(", ") {
         none if none.is_empty() => none,

@@ -9,7 +9,7 @@ use super::{
     floor::{self, Floor},
     journal::{JournalEntry, MoveKind},
     known, noise,
-    options::Context,
+    options::{Context, SearchOptions},
     rounds::{self, Held, Outcome, StageData, Task},
     user_effects,
 };
@@ -81,12 +81,17 @@ pub fn find<'a>(
     let thresholds = context.options.thresholds();
     let start = given.cloned().unwrap_or_else(|| Twin::nominal_of(sessions));
     let start = context.options.applied_to(start).framed(sessions);
+    let request = Request { task, context };
     let refusal = checks::check(sessions, thresholds)
         .or_else(|| checks::check_twin(&start, sessions, thresholds));
     if let Some(objection) = refusal {
         return refused(start, sessions, &objection);
     }
-    let request = Request { task, context };
+    if let Some(objection) = check_selection(sessions, &start, request) {
+        let mut found = refused(start, sessions, &objection);
+        found.document.next_experiment = None;
+        return found;
+    }
     let mut journal = Vec::new();
     let (mut outcomes, mut twin) = search_gantry(sessions, &start, request, &mut journal);
     for kind in BEHIND_GANTRY {
@@ -126,6 +131,7 @@ pub fn find<'a>(
         outcomes: &outcomes,
         thresholds,
         floors: &floors,
+        selected: context.options.selected().map(<[_]>::len),
         unseen: &unseen,
     };
     let mut document = document::document(&material, journal);
@@ -133,6 +139,9 @@ pub fn find<'a>(
         describe_rest(&mut document, sessions, &outcomes, context);
     }
     document.warnings.extend(of_options(context, start.machine, sessions));
+    if task == Task::CloseGap {
+        document.warnings.extend(not_searched(sessions, &start, context.options));
+    }
     Found { document, twin, outcomes, floors }
 }
 
@@ -448,17 +457,54 @@ fn note_residuals(twin: &mut Twin, outcome: &Outcome<'_>, task: Task) {
     }
 }
 
-/// Effects that no stage of these recordings shows in any motion: those of a camera, without one.
+/// Effects of the table that no stage of these recordings shows in any motion: those of a camera, without one.
 fn unseen(sessions: &[Session], start: &Twin, context: Context<'_>) -> Vec<&'static Effect> {
-    let stages: Vec<&dyn Stage> = sessions.iter().flat_map(Session::stages).collect();
-    let is_shown = |effect: &Effect| match effect.physics {
-        Physics::Noise(_) => stages.iter().any(|stage| stage.kind() == StageKind::Camera),
-        _ => stages.iter().any(|stage| stage.calls(effect)),
-    };
-    let is_known = |effect: &Effect| start.instances.iter().any(|own| own.effect == effect);
     let is_possible = |effect: &Effect| !start.machine.axes(effect.site).is_empty();
     let all = CATALOGUE.iter().chain(context.options.defined()).copied();
     all.filter(|effect| start.machine == Machine::Table && is_possible(effect))
-        .filter(|effect| !is_shown(effect) && !is_known(effect))
+        .filter(|effect| !is_shown(sessions, start, effect))
         .collect()
+}
+
+/// Return whether `start` has the effect, or a stage of these recordings shows it in some motion.
+fn is_shown(sessions: &[Session], start: &Twin, effect: &Effect) -> bool {
+    let mut stages = sessions.iter().flat_map(Session::stages);
+    let is_called = match effect.physics {
+        Physics::Noise(_) => stages.any(|stage| stage.kind() == StageKind::Camera),
+        _ => stages.any(|stage| stage.calls(effect)),
+    };
+    let is_possible = !start.machine.axes(effect.site).is_empty();
+    is_called && is_possible || is_part_of(start, effect)
+}
+
+fn is_part_of(twin: &Twin, effect: &Effect) -> bool {
+    twin.instances.iter().any(|own| own.effect.name == effect.name)
+}
+
+/// Refusal of a search that is restricted to effects which these recordings cannot show.
+fn check_selection(
+    sessions: &[Session],
+    start: &Twin,
+    Request { task, context }: Request<'_>,
+) -> Option<Objection> {
+    let selected = context.options.selected()?;
+    let is_idle = match task {
+        Task::Calibrate => selected.iter().all(|effect| !is_part_of(start, effect)),
+        Task::CloseGap | Task::Follow => {
+            selected.iter().all(|effect| !is_shown(sessions, start, effect))
+        }
+    };
+    is_idle.then(|| checks::nothing_selected(task, start.machine))
+}
+
+/// Warnings about effects that were selected by name and are not searched.
+fn not_searched(sessions: &[Session], start: &Twin, options: &SearchOptions) -> Vec<String> {
+    let named = options.named().iter().filter(|effect| !is_shown(sessions, start, effect));
+    let warning = |effect: &&Effect| {
+        format!(
+            "{} was selected, but these recordings of a {} cannot show it: it was not searched",
+            effect.name, start.machine
+        )
+    };
+    named.map(|effect| warning(effect)).collect()
 }

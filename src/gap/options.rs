@@ -163,6 +163,8 @@ pub struct SearchOptions {
     defined: Vec<&'static Effect>,
     /// Selected effects; `None` for all.
     selected: Option<Vec<&'static Effect>>,
+    /// Effects that were selected one by one, not as a group.
+    named: Vec<&'static Effect>,
     fixed: Vec<FixedParameter>,
     thresholds: Thresholds,
 }
@@ -171,6 +173,7 @@ pub struct SearchOptions {
 static PLAIN: SearchOptions = SearchOptions {
     defined: Vec::new(),
     selected: None,
+    named: Vec::new(),
     fixed: Vec::new(),
     thresholds: Thresholds::DEFAULT,
 };
@@ -211,6 +214,8 @@ impl SearchOptions {
         let of = |names: &[String]| -> Result<Vec<Vec<&'static Effect>>, OptionError> {
             names.iter().map(|name| group(name)).collect()
         };
+        let is_named = |own: &&'static Effect| only.iter().any(|name| name == own.name);
+        self.named = of(only)?.concat().into_iter().filter(is_named).collect();
         let (only, exclude) = (of(only)?.concat(), of(exclude)?.concat());
         if only.is_empty() && exclude.is_empty() {
             return Ok(self);
@@ -272,6 +277,17 @@ impl SearchOptions {
     #[must_use]
     pub fn thresholds(&self) -> &Thresholds {
         &self.thresholds
+    }
+
+    /// Effects to which [`select`](Self::select) restricts the search; `None` where it does not.
+    #[must_use]
+    pub fn selected(&self) -> Option<&[&'static Effect]> {
+        self.selected.as_deref()
+    }
+
+    /// Effects that [`select`](Self::select) names one by one.
+    pub(super) fn named(&self) -> &[&'static Effect] {
+        &self.named
     }
 
     /// Return whether `effect` is selected.

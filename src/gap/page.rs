@@ -218,7 +218,8 @@ fn effects(page: &mut Page, document: &Document) {
     }
     page.section("Missing effects");
     for (index, effect) in document.effects.iter().enumerate() {
-        page.subsection(&format!("{}. {} on {}", index + 1, effect.name, effect.location));
+        let location = effect.location.phrase();
+        page.subsection(&format!("{}. {}{location}", index + 1, effect.name));
         page.paragraph(&effect.explanation);
         page.table_of_words(&parameters(effect));
     }
@@ -254,12 +255,8 @@ fn interval_chart(document: &Document) -> Option<Chart> {
         .filter_map(|(effect, one)| {
             let [low, high] = one.ci95?;
             let part = effect.name.rsplit('.').next().unwrap_or(&effect.name);
-            let name = format!(
-                "{}\n{}, {}",
-                text::label(&one.name),
-                part.replace('_', " "),
-                effect.location
-            );
+            let location = effect.location.phrase();
+            let name = format!("{}\n{}{location}", text::label(&one.name), part.replace('_', " "));
             let ratios = [low / one.value, high / one.value];
             let ends = (ratios[0].min(ratios[1]), ratios[0].max(ratios[1]));
             (ends.0.is_finite() && ends.1.is_finite()).then_some((name, ends.0, ends.1))

@@ -368,7 +368,11 @@ impl Search<'_> {
         let Candidate { effect, axis, statistic, p_value, .. } = &other.candidate;
         let channels = self.train.parts.first()?.stage.channels();
         Some(Unknown {
-            name: format!("unknown.speed[as {} on {axis} but in proportion to it]", effect.name),
+            name: format!(
+                "unknown.speed[as {}{} but in proportion to it]",
+                effect.name,
+                axis.phrase()
+            ),
             signal: channels.first()?.signal.clone(),
             fraction: other.validation_gain?,
             statistic: *statistic,

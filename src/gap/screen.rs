@@ -274,7 +274,7 @@ pub(super) fn is_far(probe: f64, null: f64) -> bool {
 
 /// Return whether `axis` means all coordinates alike.
 pub(super) fn is_shared(axis: Axis) -> bool {
-    matches!(axis, Axis::Motors | Axis::Guides | Axis::Whole)
+    matches!(axis, Axis::Motors | Axis::Guides | Axis::Whole | Axis::Single)
 }
 
 /// Pairs of effect and axis to screen.

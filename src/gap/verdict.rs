@@ -2,6 +2,7 @@
 
 use super::{
     findings::{IdentifiedEffect, Indistinguishable, ParameterChange, SignalResidual, Verdict},
+    page::text::label,
     rounds::Outcome,
     thresholds::Thresholds,
     unknown::Unknown,
@@ -20,6 +21,8 @@ pub(super) struct Findings<'f, 'a> {
     pub(super) indistinguishable: &'f [Indistinguishable],
     pub(super) parameter_changes: &'f [ParameterChange],
     pub(super) residuals: &'f [SignalResidual],
+    /// Number of effects to which the search was restricted.
+    pub(super) selected: Option<usize>,
     pub(super) outcomes: &'f [Outcome<'a>],
 }
 
@@ -102,7 +105,7 @@ fn is_other_machine(start: &Twin, changes: &[ParameterChange], thresholds: &Thre
     thresholds.machine_changes <= jumped as f64 && fitted <= 2 * changes.len()
 }
 
-/// Each name once, with its locations where it has several.
+/// Each name once, with its locations where it has several, and with its number at one location.
 fn each_once<'n>(names: impl Iterator<Item = (&'n str, Axis)>) -> String {
     let mut all: Vec<(&str, Vec<String>)> = Vec::new();
     for (name, axis) in names {
@@ -113,6 +116,9 @@ fn each_once<'n>(names: impl Iterator<Item = (&'n str, Axis)>) -> String {
     }
     let shown = all.into_iter().map(|(name, locations)| match &locations[..] {
         [_] => name.to_owned(),
+        [first, others @ ..] if others.iter().all(|own| own == first) => {
+            format!("{name} ({} times)", locations.len())
+        }
         _ => format!("{name} on {}", locations.join(" and ")),
     });
     shown.collect::<Vec<_>>().join(", ")
@@ -127,7 +133,7 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
             for set in indistinguishable {
                 text += &format!(" The data cannot distinguish {}.", set.names.join(" from "));
             }
-            text
+            text + &remaining(above_floor(findings.residuals, findings.thresholds))
         }
         Verdict::RefitOnly => {
             let changes = parameter_changes.iter().map(|own| (own.name.as_str(), own.location));
@@ -135,7 +141,8 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
         }
         Verdict::Unexplained => {
             let unknown = outcomes.iter().find_map(|outcome| outcome.unexplained.as_ref());
-            unexplained(unknown, above_floor(findings.residuals, findings.thresholds))
+            let above = above_floor(findings.residuals, findings.thresholds);
+            unexplained(unknown, above, findings.selected)
         }
         Verdict::DifferentMachine => {
             let names: Vec<&str> = parameter_changes.iter().map(|own| own.name.as_str()).collect();
@@ -152,16 +159,35 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
     }
 }
 
+/// Sentence about the residual with all effects.
+fn remaining(above: Option<(&SignalResidual, Option<f64>)>) -> String {
+    match above {
+        None => " With them, every residual is at its noise floor.".to_owned(),
+        Some((own, Some(ratio))) => format!(
+            " With them, the residual of {} is still {ratio:.1} times its noise floor.",
+            own.signal
+        ),
+        Some((own, None)) => format!(" No noise floor of {} could be measured.", own.signal),
+    }
+}
+
 /// Summary where no effect of the catalogue explains the residual.
-fn unexplained(unknown: Option<&Unknown>, above: Option<(&SignalResidual, Option<f64>)>) -> String {
-    let lead = "No effect of the catalogue explains the residual";
+fn unexplained(
+    unknown: Option<&Unknown>,
+    above: Option<(&SignalResidual, Option<f64>)>,
+    selected: Option<usize>,
+) -> String {
+    let lead = match selected {
+        None => "No effect of the catalogue explains the residual".to_owned(),
+        Some(count) => format!("None of the {count} selected effects explains the residual"),
+    };
     match (unknown, above) {
         (Some(unknown), _) => format!(
-            "{lead}: {} of {} holds {:.0} % of its square on the training sessions (F = {:.0}, p = {:.1e}, corrected \
+            "{lead} of {}: {:.0} % of its square on the training sessions depends on {} (F = {:.0}, p = {:.1e}, corrected \
              for {} comparisons).",
-            unknown.name,
             unknown.signal,
             100.0 * unknown.fraction,
+            label(&unknown.name),
             unknown.statistic,
             unknown.p_value,
             unknown.comparisons
@@ -185,6 +211,8 @@ mod tests {
         let names =
             [("drive.delay", Axis::A), ("drive.gain", Axis::Motors), ("drive.delay", Axis::B)];
         assert_eq!(each_once(names.into_iter()), "drive.delay on a and b, drive.gain");
+        let waves = ["drive.ripple.motor"; 2].map(|name| (name, Axis::Single));
+        assert_eq!(each_once(waves.into_iter()), "drive.ripple.motor (2 times)");
     }
 
     fn residual(after: Option<f64>, noise_floor: Option<f64>) -> SignalResidual {
@@ -210,6 +238,7 @@ mod tests {
             indistinguishable: &[],
             parameter_changes: &[],
             residuals,
+            selected: None,
             outcomes: &[],
         })
     }

@@ -68,6 +68,23 @@ pub enum TwinError {
         /// The name.
         name: String,
     },
+    /// An effect where it cannot act.
+    #[error(
+        "{path}: {effect} has the location '{found}'; on a {machine} it has {}",
+        if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+    )]
+    Location {
+        /// The file.
+        path: String,
+        /// Name of the effect.
+        effect: &'static str,
+        /// The location.
+        found: Axis,
+        /// Kind of machine that the twin describes.
+        machine: Machine,
+        /// Locations that are possible.
+        known: Vec<String>,
+    },
     /// A definition of an effect of the user is wrong.
     #[error("{path}: defined_effects: {source}")]
     Definition {
@@ -294,7 +311,7 @@ impl Document {
         let instances = self
             .effects
             .into_iter()
-            .map(|entry| entry.into_instance(path, axis_frame.as_ref()))
+            .map(|entry| entry.into_instance(path, self.machine, axis_frame.as_ref()))
             .collect::<Result<_, _>>()?;
         Ok(Twin {
             machine: self.machine,
@@ -312,10 +329,25 @@ impl Document {
 }
 
 impl EffectEntry {
-    fn into_instance(self, path: &str, frame: Option<&AxisFrame>) -> Result<Instance, TwinError> {
+    fn into_instance(
+        self,
+        path: &str,
+        machine: Machine,
+        frame: Option<&AxisFrame>,
+    ) -> Result<Instance, TwinError> {
         let Some(effect) = effects::find(&self.name) else {
             return Err(TwinError::UnknownEffect { path: path.to_owned(), name: self.name });
         };
+        let (axis, known) = (machine.own_name(self.location), machine.axes(effect.site));
+        if !known.contains(&axis) {
+            return Err(TwinError::Location {
+                path: path.to_owned(),
+                effect: effect.name,
+                found: self.location,
+                machine,
+                known: known.iter().map(Axis::to_string).collect(),
+            });
+        }
         let effect = frame.map_or(effect, |frame| effect.on_axis(&frame.scales));
         let wrong = |parameter: &str, problem: String| TwinError::Parameter {
             path: path.to_owned(),
@@ -357,7 +389,7 @@ impl EffectEntry {
                 Ok(Value { value: given.value, ci95: given.ci95, source: given.source })
             })
             .collect::<Result<_, _>>()?;
-        Ok(Instance { effect, axis: self.location, values })
+        Ok(Instance { effect, axis, values })
     }
 }
 
@@ -456,6 +488,25 @@ mod tests {
             let error = with(key, value.into()).unwrap_err().to_string();
             let said = format!("twin.json: {key} is {value}; allowed are numbers {range}");
             assert_eq!(error, said);
+        }
+    }
+
+    #[test]
+    fn an_effect_is_where_it_can_act() {
+        let at = |machine: Machine, location: &str| {
+            let text = Twin::nominal(machine).to_json().unwrap();
+            let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
+            document["effects"][0]["location"] = location.into();
+            parse_twin(&document.to_string(), "twin.json")
+        };
+        let twin = at(Machine::Axis, "axis").unwrap();
+        assert_eq!(twin, Twin::nominal(Machine::Axis));
+        // Twins of a single axis once had the locations of a table.
+        assert_eq!(at(Machine::Axis, "x+y").unwrap(), twin);
+        for wrong in ["axis", "x"] {
+            let error = at(Machine::Table, wrong).unwrap_err().to_string();
+            let expected = format!("drive.velocity_loop has the location '{wrong}'; on a table it");
+            assert!(error.contains(&expected) && error.ends_with("a+b, a, b"), "{error}");
         }
     }
 

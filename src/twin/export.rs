@@ -32,7 +32,7 @@ mod mjcf;
 pub use bam::{BamMotor, export_bam};
 
 use super::{Machine, Twin};
-use crate::effects::InputKind;
+use crate::effects::{Axis, InputKind};
 use mechanics::Mechanics;
 use std::fmt;
 
@@ -75,14 +75,14 @@ pub struct Inexpressible {
     /// Dotted name of the effect.
     pub effect: &'static str,
     /// Axis on which it acts.
-    pub axis: String,
+    pub axis: Axis,
     /// Missing part; `None` for the whole effect.
     pub part: Option<String>,
 }
 
 impl fmt::Display for Inexpressible {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} on {}", self.effect, self.axis)?;
+        write!(f, "{}{}", self.effect, self.axis.phrase())?;
         self.part.as_ref().map_or(Ok(()), |part| write!(f, ": {part}"))
     }
 }

@@ -39,15 +39,17 @@ impl Machine {
         match self {
             Self::Table if site == Site::SingleAxis => Vec::new(),
             Self::Table => site.axes().to_vec(),
-            // One motor is one rail: the place is written one way.
-            Self::Axis => match site {
-                Site::Motors | Site::EachMotor => vec![Axis::Motors],
-                Site::OneMotor | Site::EachBelt => Vec::new(),
-                Site::Guides | Site::OneGuide | Site::SingleAxis | Site::MotorsAndGuides => {
-                    vec![Axis::Guides]
-                }
-                Site::Whole => vec![Axis::Whole],
-            },
+            Self::Axis if matches!(site, Site::OneMotor | Site::EachBelt) => Vec::new(),
+            Self::Axis => vec![Axis::Single],
+        }
+    }
+
+    /// `axis` as it is called on this machine: twins of a single axis once had the locations of a table.
+    #[must_use]
+    pub(super) fn own_name(self, axis: Axis) -> Axis {
+        match self {
+            Self::Table => axis,
+            Self::Axis => Axis::Single,
         }
     }
 }

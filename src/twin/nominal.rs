@@ -29,18 +29,18 @@ const TABLE: &[(&str, Axis, &[f64])] = &[
 
 /// Effects of a plain axis driven by a velocity setpoint.
 const AXIS_VELOCITY: &[(&str, Axis, &[f64])] = &[
-    ("drive.velocity_controller", Axis::Guides, &[0.01, 20.0]),
-    ("drive.friction.coulomb", Axis::Guides, &[0.0]),
-    ("drive.friction.viscous", Axis::Guides, &[0.0]),
-    ("drive.offset", Axis::Guides, &[0.0]),
+    ("drive.velocity_controller", Axis::Single, &[0.01, 20.0]),
+    ("drive.friction.coulomb", Axis::Single, &[0.0]),
+    ("drive.friction.viscous", Axis::Single, &[0.0]),
+    ("drive.offset", Axis::Single, &[0.0]),
 ];
 
 /// Effects of a plain axis driven by force.
 const AXIS_FORCE: &[(&str, Axis, &[f64])] = &[
-    ("gantry.inertia", Axis::Guides, &[1.0]),
-    ("drive.friction.coulomb", Axis::Guides, &[0.0]),
-    ("drive.friction.viscous", Axis::Guides, &[0.0]),
-    ("drive.offset", Axis::Guides, &[0.0]),
+    ("gantry.inertia", Axis::Single, &[1.0]),
+    ("drive.friction.coulomb", Axis::Single, &[0.0]),
+    ("drive.friction.viscous", Axis::Single, &[0.0]),
+    ("drive.offset", Axis::Single, &[0.0]),
 ];
 
 fn instances(effects: &[(&str, Axis, &[f64])]) -> Vec<Instance> {

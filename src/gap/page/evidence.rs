@@ -34,7 +34,7 @@ pub(super) fn section(page: &mut Page, found: &Found<'_>) {
     );
     for outcome in &found.outcomes {
         for step in &outcome.added {
-            page.subsection(&format!("{} on {}", step.effect.name, step.axis));
+            page.subsection(&format!("{}{}", step.effect.name, step.axis.phrase()));
             page.paragraph(&format!(
                 "Block test in the screening: F = {}, p = {}, corrected for all comparisons.",
                 number(step.statistic),
@@ -144,7 +144,7 @@ fn move_words(made: &Move) -> String {
         MoveKind::Describe => "describe",
     };
     let effect = made.effect.as_ref().map_or_else(String::new, |effect| format!(" {effect}"));
-    let location = made.location.map_or_else(String::new, |location| format!(" on {location}"));
+    let location = made.location.map_or_else(String::new, crate::effects::Axis::phrase);
     format!("{kind}{effect}{location}")
 }
 

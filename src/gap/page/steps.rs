@@ -37,7 +37,8 @@ pub(super) fn steps(outcome: &Outcome<'_>) -> Steps {
         if let Some(first) = lines.first_mut() {
             first.insert_str(0, "+ ");
         }
-        lines.push(format!("on {}", step.axis));
+        let location = step.axis.phrase();
+        lines.extend((!location.is_empty()).then(|| location.trim_start().to_owned()));
         lines
     }));
     Steps { names, rms }

@@ -93,12 +93,20 @@ const UNITS: [&str; 16] = [
 /// Name of a parameter or a regressor as text: `unknown.speed[above 1 m/s]` is `speed (above 1 m/s)`, and the unit at
 /// the end of `delay_s` is left out.
 pub(in crate::gap) fn label(name: &str) -> String {
-    let name = name.strip_prefix("unknown.").unwrap_or(name);
+    let (is_regressor, name) = match name.strip_prefix("unknown.") {
+        Some(name) => (true, name),
+        None => (false, name),
+    };
     let (words, band) = name.split_once('[').unwrap_or((name, ""));
     let words: Vec<&str> = words.split('_').collect();
     let is_unit = |word: &&&str| UNITS.contains(*word);
     let units = words.iter().rev().take_while(is_unit).count().min(words.len() - 1);
-    let words = words[..words.len() - units].join(" ");
+    let words = match words[..words.len() - units] {
+        [ref signal @ .., "own"] if is_regressor => signal.join(" "),
+        [ref signal @ .., "size"] if is_regressor => format!("magnitude of {}", signal.join(" ")),
+        [ref signal @ .., "slope"] if is_regressor => format!("rate of {}", signal.join(" ")),
+        ref all => all.join(" "),
+    };
     match band.trim_end_matches(']') {
         "" => words,
         band => format!("{words} ({band})"),
@@ -136,6 +144,9 @@ mod tests {
         let names = ["delay_s", "limit_m_per_s2", "m", "unknown.speed[above 1 m/s]", "mass_kg"];
         let labels = ["delay", "limit", "m", "speed (above 1 m/s)", "mass"];
         assert_eq!(names.map(label), labels);
+        let names = ["force_own[0 to 1]", "y_size[0 to 1]", "x_slope[0 to 1]"];
+        let labels = ["force (0 to 1)", "magnitude of y (0 to 1)", "rate of x (0 to 1)"];
+        assert_eq!(names.map(|name| label(&format!("unknown.{name}"))), labels);
     }
 
     #[test]

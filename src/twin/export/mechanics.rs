@@ -108,7 +108,7 @@ impl Mechanics {
     }
 
     fn miss(&mut self, instance: &Instance, part: Option<String>) {
-        let axis = instance.axis.to_string();
+        let axis = instance.axis;
         self.inexpressible.push(Inexpressible { effect: instance.effect.name, axis, part });
     }
 

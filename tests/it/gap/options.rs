@@ -106,6 +106,38 @@ fn the_user_chooses_the_validation_session() {
     assert_eq!(twin["fitted_to_sha256"].as_array().unwrap().len(), 1);
     let sha256 = klasktron::recording::sha256_of_file(Path::new(&recordings[0])).unwrap();
     assert_eq!(twin["fitted_to_sha256"][0], sha256.as_str());
+    // A file that is not among the recordings is read as well.
+    let other = dir.path().join("other.json");
+    let [first, second] = &recordings;
+    let words = ["calibrate", first, "--validation", second, "-o", other.to_str().unwrap()];
+    assert_eq!(said(&klasktron(&words)).2, 0);
+    assert!(fs::read(&other).unwrap() == fs::read(&out).unwrap());
+}
+
+#[test]
+fn selected_effects_that_the_recordings_cannot_show_are_reported() {
+    let dir = tempfile::tempdir().unwrap();
+    let recordings = Axis::pair(dir.path(), [100.0; 2]);
+    let found = |name: &str, more: &[&str]| {
+        let out = dir.path().join(name);
+        let base = ["gap", &recordings[0], &recordings[1], "--json", "-o", out.to_str().unwrap()];
+        run(&[&base[..], more].concat())
+    };
+    let (document, _, status) = found("sag", &["--only", "drive.supply_sag"]);
+    assert_eq!((document["verdict"].as_str().unwrap(), status), ("not_testable", 3));
+    let (document, _, status) =
+        found("both", &["--only", "drive.supply_sag", "--only", "drive.delay"]);
+    let warnings = document["warnings"].to_string();
+    assert!(warnings.contains("drive.supply_sag was selected, but"), "{warnings}");
+    assert!(!warnings.contains("drive.delay was selected") && status == 0, "{warnings}");
+    let out = dir.path().join("twin.json");
+    let words = ["calibrate", &recordings[0], "--only", "drive.delay", "-o", out.to_str().unwrap()];
+    let (_, errors, status) = said(&klasktron(&words));
+    assert!(
+        status == 3 && errors.contains("the twin has none of the selected effects"),
+        "{errors}"
+    );
+    assert!(!out.exists());
 }
 
 #[test]
