@@ -1,8 +1,12 @@
 //! Import of CSV tables of any single axis: time, an input, and position, velocity or both.
 //!
 //! The first row holds the column names. The separator is the most frequent of comma, semicolon and
-//! tab in that row. Lines that begin with `#` are comments. A row with an empty cell in a wanted
-//! column is skipped and counted. NaN and infinities are refused, because their meaning is unknown.
+//! tab in that row, or white space. Lines that begin with `#` are comments. Up to two rows of text below
+//! the names, such as units, are left out. A row with an empty cell in a wanted column is skipped and
+//! counted. NaN and infinities are refused, because their meaning is unknown. A comma is the decimal sign
+//! where it is not the separator and no number has a point. The time may be a date with a time of day
+//! (RFC 3339 and similar forms), or a time of day. The text is UTF-8, UTF-16 with a byte order mark, or
+//! else Latin-1.
 //!
 //! Units are converted here: a recorded value is the value of the table times the factor of its
 //! unit. The metadata keep the units of the source as `time_unit_in_source` and the like.
@@ -504,8 +508,17 @@ impl<'a> Runs<'a> {
         let wanted: Vec<&str> = self.assigned.channels().map(|channel| channel.column).collect();
         let run = self.columns.run.as_deref();
         let found = table.numbers(&wanted, run).map_err(|error| self.assigned.explain(error))?;
+        let file = path.display().to_string();
+        if found.has_clock && self.assigned.time.unit.name != "s" {
+            let (column, unit) =
+                (self.assigned.time.column.to_owned(), self.assigned.time.unit.name);
+            return Err(ImportError::ClockWithUnit { path: path.to_owned(), column, unit });
+        }
+        for (row, cells) in &found.texts {
+            let cells = cells.join(", ");
+            self.tape.notices.push(Notice::TextRow { file: file.clone(), row: *row, cells });
+        }
         if let Some((rows, first_row)) = found.skipped {
-            let file = path.display().to_string();
             self.tape.notices.push(Notice::EmptyCells { file, rows, first_row });
         }
         for rows in found.rows.chunk_by(|row, next| row.run == next.run) {
@@ -598,8 +611,23 @@ pub fn read_columns(path: &Path, columns: &[&str]) -> Result<Vec<Vec<f64>>, Impo
 }
 
 fn read(path: &Path) -> Result<String, ImportError> {
-    let bytes = fs::read(path).map_err(ImportError::io(path, "read"))?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+    Ok(decoded(fs::read(path).map_err(ImportError::io(path, "read"))?))
+}
+
+/// Text of a file in UTF-8, in UTF-16 with a byte order mark, or else in Latin-1, without the mark.
+fn decoded(bytes: Vec<u8>) -> String {
+    let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]])).collect();
+        String::from_utf16_lossy(&units)
+    };
+    match bytes.as_slice() {
+        [0xFF, 0xFE, text @ ..] => wide(text, u16::from_le_bytes),
+        [0xFE, 0xFF, text @ ..] => wide(text, u16::from_be_bytes),
+        _ => match String::from_utf8(bytes) {
+            Ok(text) => text.strip_prefix('\u{FEFF}').map(str::to_owned).unwrap_or(text),
+            Err(error) => error.as_bytes().iter().copied().map(char::from).collect(),
+        },
+    }
 }
 
 /// Check that the first value increases from row to row; `unit` is that of the source.
@@ -919,8 +947,8 @@ mod tests {
         );
         assert_eq!(
             fault("t,u,pos\n0,1,2\n", &AxisColumns::new("t", "u:V").position("pos:xyz")),
-            "no column 'pos:xyz'; the columns are t, u, pos; the units of --position are m, mm, um, \
-             rad, deg, turns, counts"
+            "no column 'pos:xyz'; the columns are t, u, pos; the units of --position are m, cm, mm, \
+             um, in, rad, mrad, deg, turns, counts"
         );
         assert_eq!(
             fault("t,u,x\n0,1,2\n", &columns("t:min")),
@@ -937,6 +965,43 @@ mod tests {
         let (_, inputs, outputs) = series(&recording);
         assert_eq!(inputs[0].value, 0.001);
         assert_eq!((outputs[0].position, outputs[0].velocity), (Some(2.0), Some(0.003)));
+    }
+
+    #[test]
+    fn encodings_do_not_change_the_text() {
+        let text = "t,Kraft \u{b5}N\n0,1\n";
+        let wide = |mark: [u8; 2], bytes: fn(u16) -> [u8; 2]| {
+            mark.into_iter().chain(text.encode_utf16().flat_map(bytes)).collect::<Vec<u8>>()
+        };
+        let with_mark = [&[0xEF, 0xBB, 0xBF], text.as_bytes()].concat();
+        let latin = text.chars().map(|own| own as u8).collect();
+        for bytes in [
+            text.as_bytes().to_vec(),
+            with_mark,
+            wide([0xFF, 0xFE], u16::to_le_bytes),
+            wide([0xFE, 0xFF], u16::to_be_bytes),
+            latin,
+        ] {
+            assert_eq!(decoded(bytes), text);
+        }
+    }
+
+    #[test]
+    fn a_log_with_dates_and_units_below_the_names_is_imported() {
+        let text =
+            "t;u;x;v\n;V;m;m/s\n2026-03-01 12:00:00,000;1,5;2;3\n2026-03-01 12:00:00,010;1;2;3\n";
+        let (report, recording) = import(text, &columns()).unwrap();
+        let (times, inputs, _) = series(&recording);
+        assert_eq!(inputs[0].value, 1.5);
+        assert!((times[1].0.abs_diff(times[0].0 + 10_000_000)) < 1_000, "{times:?}");
+        let notices: Vec<String> = report.notices.iter().map(ToString::to_string).collect();
+        assert!(
+            notices[0].contains("row 2 holds text below the column names (, V, m, m/s)"),
+            "{notices:?}"
+        );
+        assert!(!report.is_lossy());
+        let in_ms = AxisColumns { time: "t:ms".into(), ..columns() };
+        assert!(fault(text, &in_ms).contains("write --time 't' instead of 't:ms'"));
     }
 
     #[test]
@@ -978,9 +1043,9 @@ mod tests {
         let wrong = |columns: AxisColumns| columns.check().unwrap_err().to_string();
         let moved = |input: &str| AxisColumns::new("t", input).position("x");
         assert_eq!(
-            wrong(moved("u:lbf")),
-            "input 'u:lbf' is not COLUMN:UNIT with a unit of m/s, mm/s, rad/s, deg/s, rpm, turns/s, \
-             m, mm, N, mN, kN, Nm, mNm, V, mV, A, mA, duty"
+            wrong(moved("u:stone")),
+            "input 'u:stone' is not COLUMN:UNIT with a unit of m/s, cm/s, mm/s, m/min, mm/min, in/s, rad/s, deg/s, rpm, \
+             turns/s, m, mm, N, mN, kN, lbf, Nm, mNm, kgfcm, lbfin, ozfin, V, mV, A, mA, duty"
         );
         assert!(wrong(moved("u")).contains("COLUMN:UNIT"));
         assert_eq!(

@@ -21,6 +21,19 @@ pub enum ImportError {
         /// Reason.
         reason: String,
     },
+    /// Dates or times of day in a time column with a unit.
+    #[error(
+        "{}: column '{column}' holds dates or times of day, which have no unit; write --time '{column}' instead of \
+         '{column}:{unit}'", path.display()
+    )]
+    ClockWithUnit {
+        /// The file.
+        path: PathBuf,
+        /// The column.
+        column: String,
+        /// Unit that was given.
+        unit: &'static str,
+    },
     /// Failure of the operating system.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {

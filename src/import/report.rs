@@ -87,6 +87,15 @@ pub enum Notice {
         /// Reason of the first one.
         reason: String,
     },
+    /// Row of text below the header of a table, such as units.
+    TextRow {
+        /// The file.
+        file: String,
+        /// Line of the file, from 1.
+        row: usize,
+        /// Its cells.
+        cells: String,
+    },
     /// Rows of a table with an empty cell in a wanted column.
     EmptyCells {
         /// The file.
@@ -220,6 +229,12 @@ impl fmt::Display for Notice {
             }
             Self::SkippedLines { what, lines, first_line, reason } => {
                 write!(f, "lost: {lines} {what}, the first in line {first_line}: {reason}")
+            }
+            Self::TextRow { file, row, cells } => {
+                write!(
+                    f,
+                    "note: {file}: row {row} holds text below the column names ({cells}); it was left out"
+                )
             }
             Self::EmptyCells { file, rows, first_row } => write!(
                 f,

@@ -47,10 +47,23 @@ static TIMES: [Unit; 5] = [
     Unit { name: "steps", recorded: "s", factor: Factor::Step },
 ];
 
+/// International inch (m).
+const INCH: f64 = 0.0254;
+
+/// Standard gravity (m/s^2).
+const GRAVITY: f64 = 9.80665;
+
+/// Pound-force (N): the international pound, 0.45359237 kg, in standard gravity.
+const POUND_FORCE: f64 = 0.453_592_37 * GRAVITY;
+
 /// Speeds, which inputs and velocities share.
-static SPEEDS: [Unit; 6] = [
+static SPEEDS: [Unit; 10] = [
     constant("m/s", "m/s", 1.0),
+    constant("cm/s", "m/s", 1e-2),
     constant("mm/s", "m/s", 1e-3),
+    constant("m/min", "m/s", 1.0 / 60.0),
+    constant("mm/min", "m/s", 1e-3 / 60.0),
+    constant("in/s", "m/s", INCH),
     constant("rad/s", "rad/s", 1.0),
     constant("deg/s", "rad/s", PI / 180.0),
     constant("rpm", "rad/s", TAU / 60.0),
@@ -58,14 +71,18 @@ static SPEEDS: [Unit; 6] = [
 ];
 
 /// Inputs other than [`SPEEDS`].
-static INPUTS: [Unit; 12] = [
+static INPUTS: [Unit; 16] = [
     constant("m", "m", 1.0),
     constant("mm", "m", 1e-3),
     constant("N", "N", 1.0),
     constant("mN", "N", 1e-3),
     constant("kN", "N", 1e3),
+    constant("lbf", "N", POUND_FORCE),
     constant("N m", "N m", 1.0),
     constant("mN m", "N m", 1e-3),
+    constant("kgf cm", "N m", 1e-2 * GRAVITY),
+    constant("lbf in", "N m", POUND_FORCE * INCH),
+    constant("ozf in", "N m", POUND_FORCE / 16.0 * INCH),
     constant("V", "V", 1.0),
     constant("mV", "V", 1e-3),
     constant("A", "A", 1.0),
@@ -73,11 +90,14 @@ static INPUTS: [Unit; 12] = [
     Unit { name: "duty", recorded: "V", factor: Factor::Supply },
 ];
 
-static POSITIONS: [Unit; 7] = [
+static POSITIONS: [Unit; 10] = [
     constant("m", "m", 1.0),
+    constant("cm", "m", 1e-2),
     constant("mm", "m", 1e-3),
     constant("um", "m", 1e-6),
+    constant("in", "m", INCH),
     constant("rad", "rad", 1.0),
+    constant("mrad", "rad", 1e-3),
     constant("deg", "rad", PI / 180.0),
     constant("turns", "rad", TAU),
     Unit { name: "counts", recorded: "rad", factor: Factor::Count },
@@ -208,7 +228,7 @@ mod tests {
     }
 
     /// Quantity, value, unit, the value in the recorded unit, and that unit; computed by hand.
-    const EXAMPLES: [(Quantity, f64, &str, f64, &str); 37] = [
+    const EXAMPLES: [(Quantity, f64, &str, f64, &str); 53] = [
         (Quantity::Time, 2.5, "s", 2.5, "s"),
         (Quantity::Time, 1500.0, "ms", 1.5, "s"),
         (Quantity::Time, 250.0, "us", 0.00025, "s"),
@@ -216,6 +236,10 @@ mod tests {
         (Quantity::Time, 500.0, "steps", 1.0, "s"),
         (Quantity::Input, 0.3, "m/s", 0.3, "m/s"),
         (Quantity::Input, 300.0, "mm/s", 0.3, "m/s"),
+        (Quantity::Input, 30.0, "cm/s", 0.3, "m/s"),
+        (Quantity::Input, 30.0, "m/min", 0.5, "m/s"),
+        (Quantity::Input, 6000.0, "mm/min", 0.1, "m/s"),
+        (Quantity::Input, 10.0, "in/s", 0.254, "m/s"),
         (Quantity::Input, 4.0, "rad/s", 4.0, "rad/s"),
         (Quantity::Input, 90.0, "deg/s", PI / 2.0, "rad/s"),
         (Quantity::Input, 60.0, "rpm", TAU, "rad/s"),
@@ -225,6 +249,11 @@ mod tests {
         (Quantity::Input, -7.0, "N", -7.0, "N"),
         (Quantity::Input, 125.0, "mN", 0.125, "N"),
         (Quantity::Input, 0.25, "kN", 250.0, "N"),
+        (Quantity::Input, 10.0, "lbf", 44.482_216_152_605, "N"),
+        (Quantity::Input, 100.0, "kgf cm", 9.80665, "N m"),
+        (Quantity::Input, 1000.0, "lbf in", 112.984_829_027_616_7, "N m"),
+        (Quantity::Input, 1000.0, "ozfin", 7.061_551_814_226_043_75, "N m"),
+        (Quantity::Input, 1000.0, "ozf in", 7.061_551_814_226_043_75, "N m"),
         (Quantity::Input, 1.5, "N m", 1.5, "N m"),
         (Quantity::Input, 1.5, "Nm", 1.5, "N m"),
         (Quantity::Input, 40.0, "mN m", 0.04, "N m"),
@@ -236,12 +265,19 @@ mod tests {
         (Quantity::Input, 0.5, "duty", 6.0, "V"),
         (Quantity::Position, 0.1, "m", 0.1, "m"),
         (Quantity::Position, 100.0, "mm", 0.1, "m"),
+        (Quantity::Position, 10.0, "cm", 0.1, "m"),
         (Quantity::Position, 50.0, "um", 5e-5, "m"),
+        (Quantity::Position, 2.0, "in", 0.0508, "m"),
+        (Quantity::Position, 500.0, "mrad", 0.5, "rad"),
         (Quantity::Position, 1.0, "rad", 1.0, "rad"),
         (Quantity::Position, 180.0, "deg", PI, "rad"),
         (Quantity::Position, -0.25, "turns", -PI / 2.0, "rad"),
         (Quantity::Position, 4096.0, "counts", TAU, "rad"),
         (Quantity::Velocity, 100.0, "mm/s", 0.1, "m/s"),
+        (Quantity::Velocity, 10.0, "cm/s", 0.1, "m/s"),
+        (Quantity::Velocity, 3.0, "m/min", 0.05, "m/s"),
+        (Quantity::Velocity, 3000.0, "mm/min", 0.05, "m/s"),
+        (Quantity::Velocity, 100.0, "in/s", 2.54, "m/s"),
         (Quantity::Velocity, 180.0, "deg/s", PI, "rad/s"),
         (Quantity::Velocity, 60.0, "rpm", TAU, "rad/s"),
         (Quantity::Velocity, 2.0, "turns/s", 2.0 * TAU, "rad/s"),
