@@ -99,25 +99,21 @@ pub(super) struct RequiredGain<'t> {
     /// Discrepancy of the given twin.
     discrepancy: &'t [Discrepancy],
     stage: StageKind,
+    /// Whether the given twin has a reference residual.
+    has_reference: bool,
     /// `true` where the gain in one signal, or in the plain residual, counts as well. `false` after an effect was
     /// added, and without a reference residual: a model error may be concentrated in one signal, and is mostly slow.
     pub(super) any_signal: bool,
 }
 
 impl<'t> RequiredGain<'t> {
-    /// Required gains from the reference residual of the given twin, the [`excess`] over it, whether the residual is at its
-    /// noise `floor`, and the fraction of the squared error that added effects `removed`. The discrepancy of the twin says
-    /// little about another motion.
+    /// Required gains of the first effect from the reference residual of the given twin, the [`excess`] over it, and
+    /// whether the residual is at its noise `floor`. The discrepancy of the twin says little about another motion.
     pub(super) fn new(
         thresholds: &'t Thresholds,
         (given, stage): (&'t Twin, StageKind),
         (excess, floor): (Option<Excess>, AtFloor),
-        removed: f64,
     ) -> Self {
-        let conditional = match excess {
-            Some(_) => thresholds.clear_gain * removed / (1.0 - removed).max(f64::MIN_POSITIVE),
-            None => 0.0,
-        };
         let general = match floor {
             AtFloor::Yes => thresholds.large_excess,
             AtFloor::No => thresholds.least_gain(excess),
@@ -127,11 +123,24 @@ impl<'t> RequiredGain<'t> {
             thresholds,
             general,
             known: if is_elsewhere { general } else { thresholds.min_gain },
-            conditional,
+            conditional: 0.0,
             discrepancy: &given.discrepancy,
             stage,
-            any_signal: removed == 0.0 && excess.is_some(),
+            has_reference: excess.is_some(),
+            any_signal: excess.is_some(),
         }
+    }
+
+    /// The gains of one more effect, where the added ones removed the square `removed` of the residual and that of `left`
+    /// is left, both in the metric in which the effect is tested. On a machine with a reference, what is left may be a
+    /// model error along the added effects, in proportion to them.
+    pub(super) fn in_addition_to(mut self, removed: f64, left: f64) -> Self {
+        if self.has_reference {
+            let ratio = removed.max(0.0) / left.max(f64::MIN_POSITIVE);
+            self.conditional = self.thresholds.clear_gain * ratio;
+        }
+        self.any_signal = false;
+        self
     }
 
     /// Gain below which `effect` is never added, for any discrepancy and any effects before it.
@@ -274,8 +283,7 @@ mod tests {
         let twin = Twin::nominal(Machine::Axis);
         let lag = crate::effects::find("drive.lag1").unwrap();
         let of = |floor| {
-            RequiredGain::new(&DEFAULT, (&twin, StageKind::Axis), (None, floor), 0.0)
-                .of(lag, &[0.1])
+            RequiredGain::new(&DEFAULT, (&twin, StageKind::Axis), (None, floor)).of(lag, &[0.1])
         };
         assert_eq!([of(AtFloor::Yes), of(AtFloor::No)], [DEFAULT.large_excess, DEFAULT.min_gain]);
     }
@@ -312,31 +320,29 @@ mod tests {
             explained_fraction: 0.03,
             parameter_offsets: vec![2e-5],
         }];
-        let required_gain = |stage, excess, removed| {
-            RequiredGain::new(&DEFAULT, (&twin, stage), (excess, AtFloor::No), removed)
-        };
-        let known = required_gain(StageKind::Drive, even(0.0), 0.0);
+        let required_gain =
+            |stage, excess| RequiredGain::new(&DEFAULT, (&twin, stage), (excess, AtFloor::No));
+        let known = required_gain(StageKind::Drive, even(0.0));
         assert!((known.of(lag, &[1e-3]) - 0.09).abs() < 1e-12 && known.any_signal);
         assert_eq!(known.of(delay, &[1e-3]), DEFAULT.clear_gain);
         assert_eq!(
-            required_gain(StageKind::Camera, even(0.0), 0.0).of(lag, &[1e-3]),
+            required_gain(StageKind::Camera, even(0.0)).of(lag, &[1e-3]),
             DEFAULT.clear_gain
         );
         assert!(known.is_within_discrepancy(lag, 5e-5) && !known.is_within_discrepancy(lag, 7e-5));
         assert!(
             !known.is_within_discrepancy(lag, -5e-5) && !known.is_within_discrepancy(delay, 1e-5)
         );
-        let elsewhere =
-            required_gain(StageKind::Drive, Some(Excess { most: 0.0, least: -0.1 }), 0.0);
+        let elsewhere = required_gain(StageKind::Drive, Some(Excess { most: 0.0, least: -0.1 }));
         assert_eq!(elsewhere.of(lag, &[1e-3]), DEFAULT.clear_gain);
         // An effect added after a large one must be large too, unless the machine has no reference.
-        let conditional = required_gain(StageKind::Drive, even(1.0), 0.5);
-        assert!((conditional.of(delay, &[1e-3]) - 0.1).abs() < 1e-12 && !conditional.any_signal);
-        let unknown = required_gain(StageKind::Drive, None, 0.5);
+        let conditional = required_gain(StageKind::Drive, even(1.0)).in_addition_to(3.0, 2.0);
+        assert!((conditional.of(delay, &[1e-3]) - 0.15).abs() < 1e-12 && !conditional.any_signal);
+        let unknown = required_gain(StageKind::Drive, None).in_addition_to(3.0, 2.0);
         assert!(unknown.of(delay, &[1e-3]) == DEFAULT.min_gain && !unknown.any_signal);
         // A map of positions simulates nothing: applied to measured positions, it may be small.
         let shear = effect("gantry.squareness");
-        let required_for_shear = |stage| required_gain(stage, even(0.0), 0.0).of(shear, &[1e-3]);
+        let required_for_shear = |stage| required_gain(stage, even(0.0)).of(shear, &[1e-3]);
         assert_eq!(required_for_shear(StageKind::Camera), DEFAULT.min_gain_map);
         assert_eq!(required_for_shear(StageKind::Ball), DEFAULT.clear_gain);
         // A lag within a step must be larger too, and so must contacts that hardly deflect.

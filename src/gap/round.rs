@@ -16,7 +16,7 @@ use self::{
 use super::{
     batch::in_parallel,
     direct,
-    fit::Fit,
+    fit::{self, Fit},
     known::RequiredGain,
     observer::SearchStep,
     problem::Problem,
@@ -56,7 +56,9 @@ pub(super) struct RoundStart<'p> {
     pub(super) given: Option<&'p (Fit, Filters)>,
     /// Number of instances in the given twin.
     pub(super) given_instances: usize,
-    /// Gain that an effect must have to be added.
+    /// Twin before the first effect was added, everything fitted.
+    pub(super) before_added: Option<&'p Twin>,
+    /// Gain that the first effect must have.
     pub(super) required_gain: RequiredGain<'p>,
 }
 
@@ -69,6 +71,20 @@ impl RoundStart<'_> {
         }
         let slots = self.base.slots.iter().copied();
         slots.filter(|slot| slot.instance < self.given_instances).collect()
+    }
+
+    /// Gain that an effect must have in the metric of `filters`, after those that were added before.
+    fn required_gain(&self, problems: Problems<'_, '_>, filters: &Filters) -> RequiredGain<'_> {
+        let Some(before) = self.before_added else { return self.required_gain };
+        let problem = match problems.held_out.parts.is_empty() {
+            true => problems.train,
+            false => problems.held_out,
+        };
+        let square = |twin: &Twin| {
+            fit::squared(&problem.whitened(&fit::on(problem, twin, filters), filters))
+        };
+        let left = square(&self.base.point.twin);
+        self.required_gain.in_addition_to(square(before) - left, left)
     }
 }
 
@@ -85,7 +101,7 @@ pub(super) struct Problems<'a, 'b> {
 
 impl Round {
     pub(super) fn run(problems: Problems<'_, '_>, round_start: &RoundStart<'_>) -> Self {
-        let RoundStart { base, filters, given, required_gain, .. } = *round_start;
+        let RoundStart { base, filters, given, .. } = *round_start;
         let known_slots = round_start.known();
         let train = problems.train;
         let candidates = screen::screen(train, base, filters);
@@ -120,6 +136,7 @@ impl Round {
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
         let known = train.columns(&at_lead, &base.slots, &sharp);
+        let required_gain = round_start.required_gain(problems, &sharp);
         let bench = Bench::new(problems, (base, known_slots), (&sharp, &required_gain), tries);
         let items: Vec<(Candidate, Fit)> =
             short.into_iter().zip(rough).filter(|(_, fit)| fit.loss.is_finite()).collect();

@@ -90,7 +90,8 @@ fn uncertainty_of(
     filters: &Filters,
     (rejected, added): (&[Rejected], &[Added]),
 ) -> (Point, Uncertainty) {
-    let shifts = shifts(rejected, &alternatives(added), train.thresholds().family_error);
+    let is_replacement = |own: &Candidate| replaces_added(own, added);
+    let shifts = shifts(rejected, is_replacement, train.thresholds().family_error);
     let validated = fit::on(held_out, &best.point.twin, filters);
     let uncertainty = fit::uncertainty(train, held_out, (best, &validated), filters)
         .with_metric_variance(train, best)
@@ -100,24 +101,28 @@ fn uncertainty_of(
 
 /// Shift of each known parameter with each rejected effect of the last screen (scaled). Only significant effects count.
 /// An effect shifts nothing if its joint fit is not significant, has the wrong sign, or is not confirmed by the
-/// validation sessions. The `alternatives` shift nothing either.
+/// validation sessions. Nor does one that `is_replacement` of an added effect.
 fn shifts<'r>(
     rejected: &'r [Rejected],
-    alternatives: &[&str],
+    is_replacement: impl Fn(&Candidate) -> bool,
     family_error: f64,
 ) -> Vec<&'r [f64]> {
     let tries: usize = rejected.iter().map(|own| own.candidate.tries).sum();
     let is_there = |own: &&Rejected| {
         own.candidate.p_value * (tries as f64) < family_error
-            && !alternatives.contains(&own.candidate.effect.name)
+            && !is_replacement(&own.candidate)
             && !matches!(own.reason, Reason::NotSignificant | Reason::OnBound(_) | Reason::HeldOut)
     };
     rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
 }
 
-/// Effects that are indistinguishable from an added one: they would replace it, not act in addition.
-fn alternatives(added: &[Added]) -> Vec<&'static str> {
-    added.iter().flat_map(|step| step.indistinguishable.iter().copied()).collect()
+/// Return whether a candidate would replace an added effect, not act in addition: it is indistinguishable from it, or
+/// another wave of it at the same location, which nearly cancels the added one.
+fn replaces_added(candidate: &Candidate, added: &[Added]) -> bool {
+    added.iter().any(|step| {
+        step.indistinguishable.contains(&candidate.effect.name)
+            || step.effect.name == candidate.effect.name && step.axis == candidate.axis
+    })
 }
 
 /// Whitened residuals of the validation sessions under two twins, each with its own nuisances.
@@ -153,6 +158,8 @@ struct Search<'a> {
     best: Fit,
     filters: Filters,
     added: Vec<Added>,
+    /// Twin before the first effect was added, everything fitted.
+    before_added: Option<Twin>,
     rejected: Vec<Rejected>,
     journal: Vec<JournalEntry>,
     /// One-off disturbances that are in the journal.
@@ -210,6 +217,7 @@ impl<'a> Search<'a> {
             best,
             filters,
             added: vec![],
+            before_added: None,
             rejected: vec![],
             journal: vec![],
             masked: vec![],
@@ -246,6 +254,7 @@ impl Search<'_> {
                 filters: &self.filters,
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
+                before_added: self.before_added.as_ref(),
                 required_gain: self.required_gain(given, excess),
             };
             let round = Round::run(self.problems(), &round_start);
@@ -274,7 +283,7 @@ impl Search<'_> {
             excess = self.add_winner(winner, given, &mut validated);
         }
         self.note_end_of_rounds(MOST_ADDED);
-        let least = RequiredGain::new(thresholds, stage, (excess, AtFloor::No), 0.0);
+        let least = RequiredGain::new(thresholds, stage, (excess, AtFloor::No));
         let is_less = self.eliminate_unneeded(&least, usize::from(!has_split));
         let is_fewer = self.eliminate_null();
         let is_minor = self.remove_minor(&given.twin);
@@ -293,11 +302,11 @@ impl Search<'_> {
         self.unexplained(&validated, disturbance)
     }
 
-    /// Gain that the next effect must have.
+    /// Gain that the first effect must have.
     fn required_gain<'s>(&'s self, given: &'s Point, excess: Option<Excess>) -> RequiredGain<'s> {
         let floor = self.at_floor(&given.twin, excess);
         let stage = (&given.twin, self.kind);
-        RequiredGain::new(self.train.thresholds(), stage, (excess, floor), self.total_gain())
+        RequiredGain::new(self.train.thresholds(), stage, (excess, floor))
     }
 
     /// Replace the refit by the given twin.
@@ -322,6 +331,7 @@ impl Search<'_> {
         let at = values_of_last(&fit.point.twin);
         log::info!("{:?}: {} on {} is added at {at:?}", self.kind, step.effect.name, step.axis);
         let before = self.added.len();
+        self.before_added.get_or_insert_with(|| self.best.point.twin.clone());
         self.added.push(step);
         let converged = fit::converge(&self.train, fit.point, &fit.slots, 8);
         (self.best, self.filters) = multistart(&self.train, converged, given);
@@ -498,9 +508,8 @@ mod tests {
             rejected(1e-6, Reason::HeldOut, 5.0),
             rejected(0.5, Reason::TooSmall, 6.0),
         ];
-        assert_eq!(shifts(&all, &[], 0.01), [[1.0], [2.0]]);
-        assert_eq!(shifts(&all, &["drive.delay"], 0.01), [[1.0], [2.0]]);
-        // An alternative of an added effect shifts no parameter.
-        assert!(shifts(&all, &["drive.lag1"], 0.01).is_empty());
+        assert_eq!(shifts(&all, |_| false, 0.01), [[1.0], [2.0]]);
+        // A replacement of an added effect shifts no parameter.
+        assert!(shifts(&all, |own| own.effect.name == "drive.lag1", 0.01).is_empty());
     }
 }

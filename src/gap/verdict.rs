@@ -162,9 +162,9 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
 /// Sentence about the residual with all effects.
 fn remaining(above: Option<(&SignalResidual, Option<f64>)>) -> String {
     match above {
-        None => " With them, every residual is at its noise floor.".to_owned(),
+        None => " Every residual is then at its noise floor.".to_owned(),
         Some((own, Some(ratio))) => format!(
-            " With them, the residual of {} is still {ratio:.1} times its noise floor.",
+            " The residual of {} is then still {ratio:.1} times its noise floor.",
             own.signal
         ),
         Some((own, None)) => format!(" No noise floor of {} could be measured.", own.signal),

@@ -197,7 +197,6 @@ mod tests {
             &Thresholds::DEFAULT,
             (&given, StageKind::Camera),
             (None, AtFloor::No),
-            0.0,
         );
         let problems = Problems { train: &train, held_out: &nothing, witness: &nothing };
         let bench = Bench::new(problems, (&base, vec![]), (&filters, &required_gain), 1);

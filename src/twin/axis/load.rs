@@ -11,7 +11,7 @@ use crate::{
     stats::median,
     units::Nanos,
 };
-use std::{collections::BTreeSet, ops::Range};
+use std::{collections::BTreeSet, f64::consts::TAU, ops::Range};
 
 /// Length of the pieces into which long runs are cut (samples): an eighth of the run within these limits.
 const PIECE: std::ops::RangeInclusive<f64> = 500.0..=2500.0;
@@ -26,6 +26,8 @@ const PAUSE_STEPS: f64 = 10.0;
 pub(in crate::twin) const INPUT_UNITS: &[&str] = &["N", "N m", "A", "V", "m/s", "rad/s"];
 /// Units of its position.
 pub(in crate::twin) const POSITION_UNITS: &[&str] = &["m", "rad"];
+/// Range of an angle that a sensor reports within one turn (rad), with room for rounding and noise.
+const ONE_TURN: f64 = 1.01 * TAU;
 /// Fewest samples of a segment that is filtered by itself.
 const LEAST_SEGMENT: usize = 30;
 
@@ -145,6 +147,9 @@ fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<
                 Some((time.seconds_since(origin), message.velocity?))
             }));
     }
+    if position_unit == "rad" {
+        unwrap_turns(&mut position);
+    }
     let found = position.len().min(input.len());
     if found < LEAST_SAMPLES {
         return Err(AxisError::TooShort { name, found });
@@ -169,6 +174,29 @@ fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<
         dt,
     };
     Ok((measured, pauses))
+}
+
+/// Make an angle (rad) continuous that a sensor reports within one turn: a step of more than half a turn is one of less
+/// than half a turn the other way. An angle beyond one turn was counted by the sensor and stays, and so does one that
+/// jumps in pauses only.
+fn unwrap_turns(samples: &mut [(f64, f64)]) {
+    let values = samples.iter().map(|(_, angle)| *angle);
+    let low = values.clone().fold(f64::INFINITY, f64::min);
+    let high = values.fold(f64::NEG_INFINITY, f64::max);
+    let longest = PAUSE_STEPS * median_step(samples);
+    let is_jump = |pair: &[(f64, f64)]| {
+        0.5 * TAU < (pair[1].1 - pair[0].1).abs() && pair[1].0 - pair[0].0 <= longest
+    };
+    if ONE_TURN < high - low || !samples.windows(2).any(is_jump) {
+        return;
+    }
+    let mut turns = 0.0;
+    let mut last = samples.first().map_or(0.0, |(_, angle)| *angle);
+    for (_, angle) in samples {
+        turns -= ((*angle - last) / TAU).round();
+        last = *angle;
+        *angle += TAU * turns;
+    }
 }
 
 /// Steps of `samples` that are pauses, given the usual step `dt` (s).
@@ -292,6 +320,38 @@ mod tests {
     fn samples_between_stamps_lie_on_the_line() {
         let samples = [(0.0, 1.0), (0.1, 2.0), (0.3, 4.0)];
         assert_eq!(resampled(&samples, 0.05, 0.1, 3), [1.5, 2.5, 3.5]);
+    }
+
+    #[test]
+    fn an_angle_within_one_turn_becomes_continuous() {
+        const ROUNDING: f64 = 1e-9;
+        let angle = |k: usize| 9.0 * (0.05 * k as f64).sin() + 0.3;
+        let turned: Vec<(f64, f64)> = (0..400).map(|k| (0.01 * k as f64, angle(k))).collect();
+        for (low, sign) in [(0.0, 1.0), (-0.5 * TAU, 1.0), (0.0, -1.0)] {
+            let mut wrapped: Vec<(f64, f64)> = turned
+                .iter()
+                .map(|(time, own)| (*time, low + (sign * own - low).rem_euclid(TAU)))
+                .collect();
+            unwrap_turns(&mut wrapped);
+            let shift = wrapped[0].1 - sign * turned[0].1;
+            assert!((shift / TAU - (shift / TAU).round()).abs() < ROUNDING);
+            let is_same = |(found, true_one): (&(f64, f64), &(f64, f64))| {
+                (found.1 - sign * true_one.1 - shift).abs() < ROUNDING
+            };
+            assert!(wrapped.iter().zip(&turned).all(is_same));
+        }
+        // What was counted beyond a turn, what jumps in a pause, and what never jumps stays.
+        let fast = (0..400).map(|k| (0.01 * k as f64, 4.0 * k as f64)).collect();
+        let second_run = (0..400).map(|k| {
+            (0.01 * k as f64 + if k < 200 { 0.0 } else { 9.0 }, if k < 200 { 1.0 } else { 5.0 })
+        });
+        let slow = (0..400).map(|k| (0.01 * k as f64, (0.05 * k as f64).sin())).collect();
+        for samples in [fast, second_run.collect(), slow] {
+            let mut unwrapped: Vec<(f64, f64)> = samples;
+            let before = unwrapped.clone();
+            unwrap_turns(&mut unwrapped);
+            assert_eq!(unwrapped, before);
+        }
     }
 
     #[test]
