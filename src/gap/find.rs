@@ -82,15 +82,8 @@ pub fn find<'a>(
     let start = given.cloned().unwrap_or_else(|| Twin::nominal_of(sessions));
     let start = context.options.applied_to(start).framed(sessions);
     let request = Request { task, context };
-    let refusal = checks::check(sessions, thresholds)
-        .or_else(|| checks::check_twin(&start, sessions, thresholds));
-    if let Some(objection) = refusal {
-        return refused(start, sessions, &objection);
-    }
-    if let Some(objection) = check_selection(sessions, &start, request) {
-        let mut found = refused(start, sessions, &objection);
-        found.document.next_experiment = None;
-        return found;
+    if let Some(refused) = check(sessions, &start, request) {
+        return refused;
     }
     let mut journal = Vec::new();
     let (mut outcomes, mut twin) = search_gantry(sessions, &start, request, &mut journal);
@@ -143,6 +136,21 @@ pub fn find<'a>(
         document.warnings.extend(not_searched(sessions, &start, context.options));
     }
     Found { document, twin, outcomes, floors }
+}
+
+/// Result where data, twin or selected effects are refused before any fit.
+fn check<'a>(sessions: &[Session], start: &Twin, request: Request<'_>) -> Option<Found<'a>> {
+    let thresholds = request.context.options.thresholds();
+    let objection = checks::check(sessions, thresholds)
+        .or_else(|| checks::check_twin(start, sessions, thresholds));
+    if let Some(objection) = objection {
+        return Some(refused(start.clone(), sessions, &objection));
+    }
+    let objection = check_selection(sessions, start, request)?;
+    let mut found = refused(start.clone(), sessions, &objection);
+    // No other data answer an empty selection.
+    found.document.next_experiment = None;
+    Some(found)
 }
 
 /// Warnings about the options: changed thresholds, and effects of the user that are not searched.
@@ -500,11 +508,11 @@ fn check_selection(
 /// Warnings about effects that were selected by name and are not searched.
 fn not_searched(sessions: &[Session], start: &Twin, options: &SearchOptions) -> Vec<String> {
     let named = options.named().iter().filter(|effect| !is_shown(sessions, start, effect));
-    let warning = |effect: &&Effect| {
+    let warning = |effect: &&'static Effect| {
         format!(
             "{} was selected, but these recordings of a {} cannot show it: it was not searched",
             effect.name, start.machine
         )
     };
-    named.map(|effect| warning(effect)).collect()
+    named.map(warning).collect()
 }

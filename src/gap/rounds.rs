@@ -102,11 +102,11 @@ fn uncertainty_of(
 /// Shift of each known parameter with each rejected effect of the last screen (scaled). Only significant effects count.
 /// An effect shifts nothing if its joint fit is not significant, has the wrong sign, or is not confirmed by the
 /// validation sessions. Nor does one that `is_replacement` of an added effect.
-fn shifts<'r>(
-    rejected: &'r [Rejected],
+fn shifts(
+    rejected: &[Rejected],
     is_replacement: impl Fn(&Candidate) -> bool,
     family_error: f64,
-) -> Vec<&'r [f64]> {
+) -> Vec<&[f64]> {
     let tries: usize = rejected.iter().map(|own| own.candidate.tries).sum();
     let is_there = |own: &&Rejected| {
         own.candidate.p_value * (tries as f64) < family_error

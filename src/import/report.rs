@@ -197,6 +197,25 @@ impl fmt::Display for SkipReason {
     }
 }
 
+fn write_text_row(f: &mut fmt::Formatter<'_>, file: &str, row: usize, cells: &str) -> fmt::Result {
+    write!(
+        f,
+        "note: {file}: row {row} holds text below the column names ({cells}); it was left out"
+    )
+}
+
+fn write_empty_cells(
+    f: &mut fmt::Formatter<'_>,
+    file: &str,
+    rows: usize,
+    first_row: usize,
+) -> fmt::Result {
+    write!(
+        f,
+        "lost: {file}: {rows} rows with an empty cell were skipped, the first is row {first_row}"
+    )
+}
+
 fn write_long_step(f: &mut fmt::Formatter<'_>, column: &str, step_s: f64) -> fmt::Result {
     let step_s = (step_s * 1e6).round() / 1e6;
     write!(
@@ -230,17 +249,10 @@ impl fmt::Display for Notice {
             Self::SkippedLines { what, lines, first_line, reason } => {
                 write!(f, "lost: {lines} {what}, the first in line {first_line}: {reason}")
             }
-            Self::TextRow { file, row, cells } => {
-                write!(
-                    f,
-                    "note: {file}: row {row} holds text below the column names ({cells}); it was left out"
-                )
+            Self::TextRow { file, row, cells } => write_text_row(f, file, *row, cells),
+            Self::EmptyCells { file, rows, first_row } => {
+                write_empty_cells(f, file, *rows, *first_row)
             }
-            Self::EmptyCells { file, rows, first_row } => write!(
-                f,
-                "lost: {file}: {rows} rows with an empty cell were skipped, the first is row \
-                 {first_row}"
-            ),
             Self::LongStep { column, step_s } => write_long_step(f, column, *step_s),
             Self::MotorOff { entries } => write!(
                 f,

@@ -481,7 +481,7 @@ fn wrong_usage_is_told_from_failure() {
         &csv[..],
         &["x.db3"],
         &[],
-        &[&csv[..], &["--input", "u:lbf", "--position", "x"]].concat(),
+        &[&csv[..], &["--input", "u:stone", "--position", "x"]].concat(),
         &[&csv[..], &["--input", "u:N"]].concat(),
         &[&csv[..], &["--input", "u:N", "--position", "x", "--axis", "a/b"]].concat(),
         &["candump", "x.log", "-o", "y.mcap", "--belt-metres-per-turn", "0"],

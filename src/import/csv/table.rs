@@ -238,7 +238,7 @@ fn clock_seconds(text: &str) -> Option<f64> {
     let zoned = DateTime::parse_from_rfc3339(&text).map(|time| time.to_utc()).ok();
     let dated = || {
         let parsed = |form: &&str| NaiveDateTime::parse_from_str(&text, form).ok();
-        DATE_TIMES.iter().find_map(|form| parsed(&form)).map(of_date)
+        DATE_TIMES.iter().find_map(parsed).map(of_date)
     };
     let of_day = || {
         let time = NaiveTime::parse_from_str(&text, TIME_OF_DAY).ok()?;
