@@ -148,7 +148,7 @@ impl Axis {
         }
     }
 
-    /// Where an effect acts, to follow its name in a text: ` on a+b`; nothing on a machine with a single axis.
+    /// Location that follows the name of an effect in a text: ` on a+b`; nothing on a machine with a single axis.
     #[must_use]
     pub fn phrase(self) -> String {
         if self == Self::Single { String::new() } else { format!(" on {self}") }

@@ -74,7 +74,7 @@ pub(super) fn lag(instance: &Instance) -> Option<f64> {
     (parameter.unit == "s").then_some(lag.value)
 }
 
-/// The sample period (s) of the axis of `twin`, where `instance` is a lag below it: the stamp of an input does not say
+/// Sample period (s) of the axis of `twin`, where `instance` is a lag below it. The stamp of an input does not say
 /// whether it acts at that time, until the next stamp (zero-order hold), or since the last one. `None` where the `given`
 /// twin has a reference, whose recordings show how their stamps relate inputs to the motion.
 pub(super) fn sample_period_above_lag(
@@ -99,7 +99,7 @@ pub(super) struct RequiredGain<'t> {
     /// Discrepancy of the given twin.
     discrepancy: &'t [Discrepancy],
     stage: StageKind,
-    /// Whether the given twin has a reference residual.
+    /// `true` where the given twin has a reference residual.
     has_reference: bool,
     /// `true` where the gain in one signal, or in the plain residual, counts as well. `false` after an effect was
     /// added, and without a reference residual: a model error may be concentrated in one signal, and is mostly slow.
@@ -131,9 +131,9 @@ impl<'t> RequiredGain<'t> {
         }
     }
 
-    /// The gains of one more effect, where the added ones removed the square `removed` of the residual and that of `left`
-    /// is left, both in the metric in which the effect is tested. On a machine with a reference, what is left may be a
-    /// model error along the added effects, in proportion to them.
+    /// Required gains of one more effect. The added ones `removed` a squared residual, and a square of `left` remains, both
+    /// in the metric in which the effect is tested. On a machine with a reference, the rest may be a model error along the
+    /// added effects, in proportion to them.
     pub(super) fn in_addition_to(mut self, removed: f64, left: f64) -> Self {
         if self.has_reference {
             let ratio = removed.max(0.0) / left.max(f64::MIN_POSITIVE);

@@ -214,9 +214,9 @@ impl SearchOptions {
         let of = |names: &[String]| -> Result<Vec<Vec<&'static Effect>>, OptionError> {
             names.iter().map(|name| group(name)).collect()
         };
-        let is_named = |own: &&'static Effect| only.iter().any(|name| name == own.name);
-        self.named = of(only)?.concat().into_iter().filter(is_named).collect();
-        let (only, exclude) = (of(only)?.concat(), of(exclude)?.concat());
+        let (names, only, exclude) = (only, of(only)?.concat(), of(exclude)?.concat());
+        let is_named = |own: &&'static Effect| names.iter().any(|name| name == own.name);
+        self.named = only.iter().copied().filter(is_named).collect();
         if only.is_empty() && exclude.is_empty() {
             return Ok(self);
         }

@@ -116,8 +116,8 @@ fn shifts(
     rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
 }
 
-/// Return whether a candidate would replace an added effect, not act in addition: it is indistinguishable from it, or
-/// another wave of it at the same location, which nearly cancels the added one.
+/// Return whether a candidate would replace an added effect, not act in addition. It is indistinguishable from that
+/// effect, or another wave of it at the same location, which nearly cancels the added one.
 fn replaces_added(candidate: &Candidate, added: &[Added]) -> bool {
     added.iter().any(|step| {
         step.indistinguishable.contains(&candidate.effect.name)

@@ -41,7 +41,7 @@ pub(super) struct Rows {
     pub(super) skipped: Option<(usize, usize)>,
     /// Lines of text below the header, such as units, with their cells.
     pub(super) texts: Vec<(usize, Vec<String>)>,
-    /// Whether the first wanted column holds dates or times of day, which are now in seconds.
+    /// `true` if the first wanted column holds dates or times of day, which are now in seconds.
     pub(super) has_clock: bool,
 }
 
@@ -138,7 +138,7 @@ impl<'a> Table<'a> {
         Ok(Rows { rows, skipped, texts, has_clock: form.clock })
     }
 
-    /// How the cells at `positions` write numbers, and whether the first of them writes dates or times of day.
+    /// Form of the numbers at `positions`, of which the first may hold dates or times of day.
     fn number_form(&self, positions: &[usize]) -> NumberForm {
         let is_comma = self.separator == Separator::Character(',');
         let mut wanted = self.rows.iter().flat_map(|(_, cells)| {
@@ -207,12 +207,12 @@ impl<'a> Table<'a> {
     }
 }
 
-/// How the cells of a table write numbers.
+/// Form of the numbers of a table.
 #[derive(Debug, Clone, Copy)]
 struct NumberForm {
-    /// Whether a comma may be the decimal sign: the separator is another one, and no number has a point.
+    /// `true` if a comma may be the decimal sign: the separator is another one, and no number has a point.
     has_comma: bool,
-    /// Whether the first wanted column holds dates or times of day.
+    /// `true` if the first wanted column holds dates or times of day.
     clock: bool,
 }
 
@@ -338,7 +338,7 @@ mod tests {
         ] {
             assert_eq!(values(text), expected, "{text}");
         }
-        // A comma beside a point is no decimal sign but one of thousands.
+        // In a table with decimal points, a comma separates thousands.
         let error = parsed("t;u\n0;1,500\n1;2.5\n").numbers(&["t", "u"], None).unwrap_err();
         assert!(
             error.to_string().ends_with("row 2, column 'u': '1,500' is not a number"),

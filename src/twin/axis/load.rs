@@ -176,7 +176,7 @@ fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<
     Ok((measured, pauses))
 }
 
-/// Make an angle (rad) continuous that a sensor reports within one turn: a step of more than half a turn is one of less
+/// Make an angle (rad) continuous that a sensor reports within one turn. A step of more than half a turn is one of less
 /// than half a turn the other way. An angle beyond one turn was counted by the sensor and stays, and so does one that
 /// jumps in pauses only.
 fn unwrap_turns(samples: &mut [(f64, f64)]) {
@@ -335,8 +335,8 @@ mod tests {
             unwrap_turns(&mut wrapped);
             let shift = wrapped[0].1 - sign * turned[0].1;
             assert!((shift / TAU - (shift / TAU).round()).abs() < ROUNDING);
-            let is_same = |(found, true_one): (&(f64, f64), &(f64, f64))| {
-                (found.1 - sign * true_one.1 - shift).abs() < ROUNDING
+            let is_same = |(found, truth): (&(f64, f64), &(f64, f64))| {
+                (found.1 - sign * truth.1 - shift).abs() < ROUNDING
             };
             assert!(wrapped.iter().zip(&turned).all(is_same));
         }
