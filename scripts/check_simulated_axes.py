@@ -602,11 +602,11 @@ def load_cases():
              body(0.03, 0.02, 0.1, 0.005, second_mass={
                  "mass": 0.02, "coulomb": 0.2, "backlash": 0.05, "encoder_on_load": True, **small}),
              rate=500, encoder=1e-5, input_noise=0.01),
-        case("s16_2mass", "two masses, resonance 6 Hz, encoder on the motor", UNEXPLAINED, TORQUE_JOINT,
+        case("s16_2mass", "two masses, resonance 6 Hz, encoder on the motor", named("drive.compliance.belt"), TORQUE_JOINT,
              body(0.05, 0.1, 0.2, 0.01, second_mass={
                  "mass": 0.1, "coulomb": 0, "stiffness": 47, "damping": 0.05, **soft}),
              reach=1.5, motion=fast(12), rate=500, encoder=1e-5, input_noise=0.01, low_pass_hz=20.0),
-        case("s27_flload", "two masses, resonance 6.3 Hz, encoder on the load", UNEXPLAINED, TORQUE_JOINT,
+        case("s27_flload", "two masses, resonance 6.3 Hz, encoder on the load", named("drive.compliance.belt"), TORQUE_JOINT,
              body(0.1, 0.1, 0.2, 0.01, second_mass={
                  "mass": 0.08, "coulomb": 0.05, "stiffness": 70, "damping": 0.08, **soft, "encoder_on_load": True}),
              reach=1.5, motion=fast(8), rate=500, encoder=1e-5, input_noise=0.01, low_pass_hz=20.0),

@@ -25,6 +25,7 @@ mod coupling;
 mod diagram;
 pub mod document;
 mod drive;
+mod elastic_load;
 mod estimator;
 mod expression;
 mod file;
@@ -40,6 +41,7 @@ pub use block::Block;
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
 pub use drive::scan::{PhaseSeries, SCANS, Scan, periods};
+pub use elastic_load::{ElasticLoad, ElasticState, Resonance};
 pub use expression::{
     Coordinates, Definition, DefinitionError, Expression, ParameterDefinition, Place, Sign,
     VARIABLES, define,

@@ -100,7 +100,9 @@ pub struct Instance {
 
 impl PartialEq for Effect {
     fn eq(&self, other: &Self) -> bool {
-        self.name == other.name
+        // On a single axis some effects have other parameters, and one has two forms.
+        let names = |own: &Self| own.parameters.iter().map(|parameter| parameter.name);
+        self.name == other.name && names(self).eq(names(other))
     }
 }
 

@@ -149,7 +149,7 @@ case('conveyorT', 'conveyor warming up, with belt-splice position friction', cas
      [lambda i=i: scurve(50, 1000, 1.2, 4, .08, -1.5, 1.5, i) for i in range(2)], 250, 1000, N, Mm, 2e-5, 2., True,
      {'drive.friction.thermal_drift': dict(coulomb_change_n=-12., time_constant_s=15), 'drive.friction.position': dict(amplitude=7., length_m=1.1)})
 case('u_twomass', 'elastic coupling, resonance 9 Hz antiresonance, motor encoder', cas(1.2, 6, Fc=2, Fv=4, off=0, tmk=2500., tmc=3., tml=.8),
-     [lambda i=i: xva(multisine(20, 1000, .2, 15, 16, .003, i+2), 1000) for i in range(2)], 1000, 1000, N, Mm, 1e-7, .3, True, {'UNKNOWN': dict(what='two masses 1.2+0.8 kg, 2500 N/m')})
+     [lambda i=i: xva(multisine(20, 1000, .2, 15, 16, .003, i+2), 1000) for i in range(2)], 1000, 1000, N, Mm, 1e-7, .3, True, {'drive.compliance.belt': dict(load_fraction=.4, frequency_hz=8.9)})
 case('u_eddy', 'eddy-current brake: drag peaks at 3 rad/s', cas(.1, 5, Fc=.1, Fv=.02, off=0, edb=.4, edv=3.),
      [lambda i=i: scurve(25, 1000, 14, 50, .05, -15, 15, i+1, .2, (.1, 1)) for i in range(3)], 500, 1000, NM, RAD, 2*np.pi/2**17, .03, True, {'UNKNOWN': dict(what='0.4 v/(1+(v/3)^2)')})
 case('u_ksat', 'torque constant falls with current (iron saturation)', cas(.02, 8, G=.4, Fc=.1, Fv=.02, off=0, ksat=20., noise=.01),

@@ -10,7 +10,9 @@ use clap::builder::TypedValueParser as _;
 use klasktron::{
     effects::{
         self, CATALOGUE, Effect,
-        document::{DOMAINS, Document, capitalized, markdown, select, similar, symbols_in, title},
+        document::{
+            AxisForm, DOMAINS, Document, capitalized, markdown, select, similar, symbols_in, title,
+        },
     },
     gap::{self, Signature, StageIsolability, Task},
     twin::SessionOptions,
@@ -165,7 +167,7 @@ fn table(chosen: &[&Effect]) -> String {
 }
 
 /// Full entry of one effect.
-fn entry(effect: &Effect) -> String {
+fn entry(effect: &'static Effect) -> String {
     let mut text = format!("{}\n{}\n\n", effect.name, capitalized(effect.summary));
     let mut line = |label: &str, value: &str| {
         if !value.is_empty() {
@@ -194,6 +196,13 @@ fn entry(effect: &Effect) -> String {
     }
     line("confused with", &effect.confused_with.join(", "));
     line("reference", effect.reference);
+    for form in AxisForm::all(effect) {
+        line("single axis", form.summary);
+        line("", form.equation);
+        for [name, symbol, unit] in form.parameters {
+            line("", &format!("{symbol} = {name} ({unit})"));
+        }
+    }
     for (index, (symbols, meaning)) in symbols_in(effect.equation).enumerate() {
         line(if index == 0 { "symbols" } else { "" }, &format!("{symbols}: {meaning}"));
     }
@@ -206,8 +215,16 @@ mod tests {
 
     #[test]
     fn a_full_entry_has_every_field() {
-        let text = entry(effects::find("drive.backlash").unwrap());
-        for label in ["equation", "b = width_m (m)", "signals", "confused with", "Nordin"] {
+        let text = entry(effects::find("drive.compliance.belt").unwrap());
+        let labels = [
+            "equation",
+            "C = compliance_m_per_n (m/N)",
+            "signals",
+            "confused",
+            "Spong",
+            "r = load_fraction (1)",
+        ];
+        for label in labels {
             assert!(text.contains(label), "{text}");
         }
     }

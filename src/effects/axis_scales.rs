@@ -6,7 +6,11 @@
 //! on the table. Nothing that the search compares a value with is then an absolute number, and its answers do not
 //! depend on the units of the recording.
 
-use super::{COMMAND_UNIT, Effect, Parameter, Physics, find};
+use super::{
+    COMMAND_UNIT, Effect, Parameter, Physics,
+    drive::compliance_belt::{COMPLIANCE_BEFORE_ENCODER, COMPLIANCE_ON_AXIS},
+    find,
+};
 use std::sync::{Mutex, PoisonError};
 
 /// Typical size of each quantity on an axis, in the units of its recording.
@@ -22,6 +26,8 @@ pub struct AxisScales {
     pub acceleration: f64,
     /// Sample period (s).
     pub sample_period: f64,
+    /// Highest frequency that is compared (Hz).
+    pub band: f64,
     /// Duration of a session (s).
     pub duration: f64,
     /// Unit of the input.
@@ -37,13 +43,20 @@ const TABLE_SCALES: AxisScales = AxisScales {
     velocity: 0.3,
     acceleration: 3.0,
     sample_period: 1e-3,
+    band: 40.0,
     duration: 60.0,
     input_unit: "N",
     position_unit: "m",
 };
 
+/// Unit of a period within the compared frequencies: s.
+pub(super) const PERIOD_UNIT: &str = "period";
+
 /// Parameter scale (s) from which a time belongs to a session, as a warm-up does, and not to the samples.
 const SESSION_TIME: f64 = 1.0;
+
+/// Effects with another equation on a single axis, in the sizes of the table.
+static ON_AXIS: [&Effect; 2] = [&COMPLIANCE_ON_AXIS, &COMPLIANCE_BEFORE_ENCODER];
 
 /// Effects in the units of an axis. They are kept for the life of the program, one set for each set of scales.
 static POOL: Mutex<Vec<(AxisScales, &'static Effect)>> = Mutex::new(Vec::new());
@@ -51,7 +64,8 @@ static POOL: Mutex<Vec<(AxisScales, &'static Effect)>> = Mutex::new(Vec::new());
 impl AxisScales {
     /// Typical size of the quantity of `parameter`.
     fn size(&self, parameter: &Parameter) -> f64 {
-        let Self { input, position, velocity, acceleration, sample_period, duration, .. } = *self;
+        let Self { input, position, velocity, acceleration, sample_period, band, duration, .. } =
+            *self;
         match parameter.unit {
             "N" => input,
             "m" => position,
@@ -68,15 +82,29 @@ impl AxisScales {
             "1/W" => 1.0 / (input * velocity),
             "s" if SESSION_TIME <= parameter.scale => duration,
             "s" => sample_period,
-            "Hz" | "1/s" => 1.0 / sample_period,
+            "Hz" => band,
+            PERIOD_UNIT => 1.0 / band,
+            "1/s" => 1.0 / sample_period,
             _ => 1.0,
         }
+    }
+
+    /// Highest frequency (Hz) that is ever compared at a `sample_period` (s).
+    #[must_use]
+    pub fn widest_band(sample_period: f64) -> f64 {
+        TABLE_SCALES.band * TABLE_SCALES.sample_period / sample_period
     }
 
     /// What the input sets.
     #[must_use]
     pub fn input_kind(&self) -> InputKind {
         InputKind::of(self.input_unit, self.position_unit)
+    }
+
+    /// `unit` of the catalogue in words: that of a period within the compared frequencies is s.
+    #[must_use]
+    pub fn plain_unit(unit: &str) -> &str {
+        if unit == PERIOD_UNIT { "s" } else { unit }
     }
 
     /// Ratio of the typical sizes of `parameter` on this axis and on the table.
@@ -136,7 +164,7 @@ impl AxisScales {
             "m/N" if input.contains(' ') => format!("{position}/({input})"),
             "m/N" => format!("{position}/{input}"),
             "1/W" if (input, position) != ("N", "m") => format!("s/({input} {position})"),
-            other => other.to_owned(),
+            other => Self::plain_unit(other).to_owned(),
         }
     }
 }
@@ -181,6 +209,19 @@ impl Effect {
         self.physics.equations().iter().all(is_command)
     }
 
+    /// Equations and parameters that the effect may have on a single axis, in the sizes of the table.
+    #[must_use]
+    pub fn forms_on_axis(&'static self) -> Vec<&'static Self> {
+        let own = self.axis_forms();
+        if own.is_empty() { vec![self] } else { own }
+    }
+
+    /// Forms on a single axis that differ from the effect on a table.
+    #[must_use]
+    pub fn axis_forms(&'static self) -> Vec<&'static Self> {
+        ON_AXIS.into_iter().filter(|own| own.name == self.name).collect()
+    }
+
     /// The effect with scales, bounds, start values and units of an axis. Name and physics stay.
     #[must_use]
     pub fn on_axis(&'static self, scales: &AxisScales) -> &'static Self {
@@ -189,12 +230,12 @@ impl Effect {
             return self;
         }
         let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, own)) = pool.iter().find(|(at, own)| at == scales && own.name == self.name)
-        {
+        // What is scaled already is scaled from the catalogue again.
+        let forms = find(self.name).unwrap_or(self).forms_on_axis();
+        let original = forms.iter().find(|form| **form == self).unwrap_or(&forms[0]);
+        if let Some((_, own)) = pool.iter().find(|(at, own)| at == scales && own == original) {
             return own;
         }
-        // What is scaled already is scaled from the catalogue again.
-        let original = find(self.name).unwrap_or(self);
         let own: &'static Self = Box::leak(Box::new(original.scaled(scales)));
         pool.push((*scales, own));
         own
@@ -251,6 +292,7 @@ mod tests {
         velocity: 12.0,
         acceleration: 90.0,
         sample_period: 0.02,
+        band: 2.0,
         duration: 30.0,
         input_unit: "V",
         position_unit: "rad",
@@ -259,8 +301,10 @@ mod tests {
     #[test]
     fn the_table_keeps_its_catalogue() {
         // The command of a table is a velocity, that of an axis is its input.
-        let is_of_command = |effect: &Effect| effect.is_on_command();
-        for effect in CATALOGUE.iter().filter(|effect| !is_of_command(effect)) {
+        let has_own = |effect: &Effect| {
+            effect.is_on_command() || ON_AXIS.iter().any(|own| own.name == effect.name)
+        };
+        for effect in CATALOGUE.iter().filter(|effect| !has_own(effect)) {
             let own = effect.on_axis(&TABLE_SCALES);
             assert_eq!(
                 (own.parameters, own.null),
@@ -295,6 +339,7 @@ mod tests {
             velocity: WHEEL.velocity * by_position / by_time,
             acceleration: WHEEL.acceleration * by_position / (by_time * by_time),
             sample_period: WHEEL.sample_period * by_time,
+            band: WHEEL.band / by_time,
             duration: WHEEL.duration * by_time,
             ..WHEEL
         };

@@ -71,7 +71,10 @@ impl Block {
             | Physics::Expression(Place::Force | Place::Friction, _) => {
                 if effect.domain == Domain::Gantry { Self::Gantry } else { Self::Friction }
             }
-            Physics::Backlash(_) | Physics::Transmission(_) => Self::Transmission,
+            Physics::Backlash(_)
+            | Physics::Transmission(_)
+            | Physics::ElasticLoad(_)
+            | Physics::Resonance(_) => Self::Transmission,
             Physics::Frame(_) => Self::Geometry,
             Physics::Coupling(_) | Physics::Reaction(_) => Self::Coupling,
             Physics::Encoder(_)

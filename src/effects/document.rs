@@ -1,6 +1,6 @@
 //! Catalogue as a document: JSON for programs, and the Markdown page `docs/effects.md`.
 
-use super::{Axis, CATALOGUE, Domain, Effect, Regressor, Signal};
+use super::{Axis, AxisScales, CATALOGUE, Domain, Effect, Regressor, Signal};
 use serde::Serialize;
 use std::fmt::Write as _;
 use strsim::{jaro_winkler, levenshtein};
@@ -51,6 +51,37 @@ pub struct Entry {
     pub confused_with: &'static [&'static str],
     /// Publication, textbook or principle.
     pub reference: &'static str,
+    /// Forms on a single axis, where they differ.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub single_axis: Vec<AxisForm>,
+}
+
+/// Form of an effect on a single axis, whose ranges follow from its recordings.
+#[derive(Debug, Serialize)]
+pub struct AxisForm {
+    /// One-line description.
+    pub summary: &'static str,
+    /// Equation in plain text.
+    pub equation: &'static str,
+    /// Name, symbol and unit of each parameter, in order. Lengths and forces are in the units of the axis.
+    pub parameters: Vec<[&'static str; 3]>,
+}
+
+impl AxisForm {
+    /// Forms of `effect` that differ from the one on a table.
+    #[must_use]
+    pub fn all(effect: &'static Effect) -> Vec<Self> {
+        let of_form = |form: &'static Effect| Self {
+            summary: form.summary,
+            equation: form.equation,
+            parameters: form
+                .parameters
+                .iter()
+                .map(|own| [own.name, own.symbol, AxisScales::plain_unit(own.unit)])
+                .collect(),
+        };
+        effect.axis_forms().into_iter().map(of_form).collect()
+    }
 }
 
 /// One parameter of an effect.
@@ -120,6 +151,7 @@ impl Entry {
             collect_pattern: Some(effect.experiment).filter(|pattern| !pattern.is_empty()),
             confused_with: effect.confused_with,
             reference: effect.reference,
+            single_axis: AxisForm::all(effect),
         }
     }
 }
@@ -218,7 +250,7 @@ pub fn markdown() -> String {
     }
     for domain in DOMAINS {
         writeln!(page, "\n## {}", heading(title(domain))).ok();
-        for effect in CATALOGUE.iter().filter(|effect| effect.domain == domain) {
+        for effect in CATALOGUE.iter().copied().filter(|effect| effect.domain == domain) {
             push_entry(&mut page, effect);
         }
     }
@@ -226,7 +258,7 @@ pub fn markdown() -> String {
     page
 }
 
-fn push_entry(page: &mut String, effect: &Effect) {
+fn push_entry(page: &mut String, effect: &'static Effect) {
     let Effect { name, equation, excitation, reference, .. } = *effect;
     writeln!(page, "\n### `{name}`\n\n{}.\n", capitalized(effect.summary)).ok();
     writeln!(page, "```text\n{equation}\n```\n").ok();
@@ -253,6 +285,14 @@ fn push_entry(page: &mut String, effect: &Effect) {
     writeln!(page, "\n| | |\n|---|---|\n| locations | {axes} |\n| signals | {signals} |").ok();
     writeln!(page, "| excitation | {excitation}{pattern} |").ok();
     writeln!(page, "| confused with | {confused} |\n| reference | {reference} |").ok();
+    for form in AxisForm::all(effect) {
+        writeln!(page, "\nOn a single axis: {}.\n", form.summary).ok();
+        writeln!(page, "```text\n{}\n```\n", form.equation).ok();
+        page.push_str("| symbol | parameter | unit |\n|---|---|---|\n");
+        for [name, symbol, unit] in form.parameters {
+            writeln!(page, "| {symbol} | `{name}` | {unit} |").ok();
+        }
+    }
 }
 
 /// Text with the separators of a Markdown table escaped.

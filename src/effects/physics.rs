@@ -1,6 +1,9 @@
 //! Equations of the effects: where each acts in the measured chain, and the state that it receives.
 
-use super::expression::{Expression, Place};
+use super::{
+    elastic_load::{ElasticLoad, Resonance},
+    expression::{Expression, Place},
+};
 
 /// State of the perpendicular coordinate.
 #[derive(Debug, Clone, Copy, Default)]
@@ -307,6 +310,10 @@ pub enum Physics {
     Damping(fn(p: &[f64]) -> f64),
     /// Presliding part of the dry friction; its state is the deflection.
     Bristles(fn(p: &[f64]) -> Bristles),
+    /// Load of a single axis on an elastic transmission.
+    ElasticLoad(fn(p: &[f64]) -> ElasticLoad),
+    /// Resonance between the force of the motor and the measured load of a single axis.
+    Resonance(fn(p: &[f64]) -> Resonance),
     /// Moving mass that is the same everywhere (kg).
     Mass(fn(p: &[f64]) -> f64),
     /// Additional moving mass (kg).

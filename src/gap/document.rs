@@ -308,12 +308,13 @@ fn signal_residuals(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalResidu
             band: "all".to_owned(),
             noise_floor: (floor.source != FloorSource::Unknown).then_some(floor.rms),
             noise_floor_source: match floor.source {
-                FloorSource::Rest => {
-                    format!("standard deviation at rest, {} samples", floor.samples)
-                }
                 FloorSource::Smoothness => {
                     format!("third differences of the measured signal, {} samples", floor.samples)
                 }
+                FloorSource::Propagated => format!(
+                    "third differences of the measured signal, and propagated noise of the position, {} samples",
+                    floor.samples
+                ),
                 FloorSource::Reference => {
                     "reference residual of the given twin (measurement noise and model error)"
                         .to_owned()

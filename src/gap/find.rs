@@ -443,7 +443,8 @@ pub(super) fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
 /// Noise floor of each signal of the stage of `outcome`.
 fn floors_of(outcome: &Outcome<'_>) -> Vec<Floor> {
     let part = outcome.train.parts.first();
-    part.map_or(Vec::new(), |part| floor::floors(part.stage.channels(), &outcome.start.twin))
+    let (given, fitted) = (&outcome.start.twin, &outcome.last.point.twin);
+    part.map_or(Vec::new(), |part| floor::floors(part.stage, given, fitted))
 }
 
 /// Note the residual of each signal on the recordings to which the twin was fitted.
@@ -475,11 +476,11 @@ fn unseen(sessions: &[Session], start: &Twin, context: Context<'_>) -> Vec<&'sta
 }
 
 /// Return whether `start` has the effect, or a stage of these recordings shows it in some motion.
-fn is_shown(sessions: &[Session], start: &Twin, effect: &Effect) -> bool {
+fn is_shown(sessions: &[Session], start: &Twin, effect: &'static Effect) -> bool {
     let mut stages = sessions.iter().flat_map(Session::stages);
     let is_called = match effect.physics {
         Physics::Noise(_) => stages.any(|stage| stage.kind() == StageKind::Camera),
-        _ => stages.any(|stage| stage.calls(effect)),
+        _ => stages.any(|stage| start.forms_of(effect).iter().any(|form| stage.calls(form))),
     };
     let is_possible = !start.machine.axes(effect.site).is_empty();
     is_called && is_possible || is_part_of(start, effect)

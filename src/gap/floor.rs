@@ -1,20 +1,17 @@
 //! Noise floor of a signal, from measurements alone: never from the residual of a model.
 //!
-//! The standard deviation at rest is preferred. Without enough rest, the floor follows from the third differences of the
-//! measured signal: a cubic has none, and white noise of standard deviation s gives them s sqrt(20). Their median is
-//! taken, so that starts and stops do not count.
+//! The floor of a signal follows from its third differences: a cubic has none, and white noise of standard deviation s
+//! gives them s sqrt(20). Their median is taken, so that starts and stops do not count. A single axis is predicted from its
+//! measured position, so the noise of the position contributes too.
 
 use crate::{
     stats::median,
-    twin::{Channel, ReferenceResidual, Twin},
+    twin::{Channel, ReferenceResidual, Stage, Twin},
 };
 use serde::{Deserialize, Serialize};
 
-/// Fewest samples at rest on which a floor is stated.
-const LEAST_REST: usize = 100;
-
-/// Samples over which a signal counts as resting when it stays within a few quanta.
-const REST_WINDOW: usize = 25;
+/// Fewest differences from which a floor is stated.
+const LEAST_DIFFERENCES: usize = 100;
 
 /// Median of |z| of a standard normal variable.
 const MEDIAN_OF_HALF_NORMAL: f64 = 0.674_489_750_196_081_7;
@@ -23,10 +20,10 @@ const MEDIAN_OF_HALF_NORMAL: f64 = 0.674_489_750_196_081_7;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FloorSource {
-    /// Standard deviation at rest.
-    Rest,
     /// Third differences of the measured signal.
     Smoothness,
+    /// The same, and the noise of other measured signals that the prediction contains.
+    Propagated,
     /// Reference residual of the given twin: measurement noise and model error.
     Reference,
     /// Too few samples.
@@ -45,6 +42,17 @@ pub struct Floor {
 }
 
 impl Floor {
+    /// The floor with the independent `noise` of the prediction; unknown if the floor is.
+    #[must_use]
+    fn with(self, noise: f64) -> Self {
+        match self.source {
+            FloorSource::Smoothness if 0.0 < noise => {
+                Self { rms: self.rms.hypot(noise), source: FloorSource::Propagated, ..self }
+            }
+            _ => self,
+        }
+    }
+
     /// The floor, or the `reference` residual of the given twin where that is larger or the only one.
     #[must_use]
     pub(super) fn at_least(self, reference: Option<f64>) -> Self {
@@ -55,45 +63,23 @@ impl Floor {
     }
 }
 
-/// Floor of each of `channels`: from the measurement, or the reference residual of the `given` twin where that is larger.
+/// Floor of each channel of `stage`: from the measurements, which the `fitted` twin propagates where it predicts from
+/// them, or the reference residual of the `given` twin where that is larger.
 #[must_use]
-pub(super) fn floors(channels: &[Channel], given: &Twin) -> Vec<Floor> {
-    let of_channel = |channel: &Channel| {
+pub(super) fn floors(stage: &dyn Stage, given: &Twin, fitted: &Twin) -> Vec<Floor> {
+    let propagated = stage.propagated_noise(fitted);
+    let of_channel = |(index, channel): (usize, &Channel)| {
         let is_known = |own: &&ReferenceResidual| own.signal == channel.signal && own.searched;
         let reference = given.reference_residuals.iter().find(is_known);
-        floor(channel, &[]).at_least(reference.map(|own| own.residual_rms))
+        let noise = propagated.get(index).copied().unwrap_or(0.0);
+        floor(channel).with(noise).at_least(reference.map(|own| own.residual_rms))
     };
-    channels.iter().map(of_channel).collect()
+    stage.channels().iter().enumerate().map(of_channel).collect()
 }
 
-/// The floor of `channel`, where `at_rest[sample]` says when nothing moved.
+/// The floor of `channel` by itself.
 #[must_use]
-pub(super) fn floor(channel: &Channel, at_rest: &[bool]) -> Floor {
-    let mut squares = 0.0;
-    let mut count = 0;
-    for run in &channel.runs {
-        for start in (run.start..run.end.saturating_sub(REST_WINDOW)).step_by(REST_WINDOW) {
-            let window = start..start + REST_WINDOW;
-            let values = &channel.measured[window.clone()];
-            if !window
-                .clone()
-                .all(|k| at_rest.get(k) == Some(&true) && channel.measured[k].is_finite())
-            {
-                continue;
-            }
-            let mean = values.iter().sum::<f64>() / REST_WINDOW as f64;
-            squares += values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
-            count += REST_WINDOW;
-        }
-    }
-    if LEAST_REST <= count {
-        let freedom = count as f64 * (1.0 - 1.0 / REST_WINDOW as f64);
-        return Floor {
-            rms: (squares / freedom).sqrt(),
-            source: FloorSource::Rest,
-            samples: count,
-        };
-    }
+pub(super) fn floor(channel: &Channel) -> Floor {
     let mut thirds = Vec::new();
     for run in &channel.runs {
         for four in channel.measured[run.clone()].windows(4) {
@@ -104,7 +90,7 @@ pub(super) fn floor(channel: &Channel, at_rest: &[bool]) -> Floor {
         }
     }
     match median(&thirds) {
-        Some(middle) if LEAST_REST <= thirds.len() => Floor {
+        Some(middle) if LEAST_DIFFERENCES <= thirds.len() => Floor {
             rms: middle / (MEDIAN_OF_HALF_NORMAL * 20.0_f64.sqrt()),
             source: FloorSource::Smoothness,
             samples: thirds.len(),
@@ -147,24 +133,27 @@ mod tests {
             .enumerate()
             .map(|(k, n)| 30.0 * (k as f64 * 0.01).sin() + n)
             .collect();
-        let found = floor(&channel(moving), &[]);
+        let found = floor(&channel(moving));
         assert_eq!(found.source, FloorSource::Smoothness);
         assert!((found.rms - 1.0).abs() < 0.05, "{}", found.rms);
     }
 
     #[test]
+    fn noise_of_the_prediction_is_part_of_a_known_floor() {
+        let found = Floor { rms: 3.0, source: FloorSource::Smoothness, samples: 200 };
+        let with = found.with(4.0);
+        assert_eq!((with.rms, with.source), (5.0, FloorSource::Propagated));
+        assert_eq!(found.with(0.0), found);
+        let unknown = Floor { rms: 0.0, source: FloorSource::Unknown, samples: 0 };
+        assert_eq!(unknown.with(4.0), unknown);
+    }
+
+    #[test]
     fn a_larger_reference_residual_is_the_floor() {
-        let found = Floor { rms: 1.0, source: FloorSource::Rest, samples: 200 };
+        let found = Floor { rms: 1.0, source: FloorSource::Smoothness, samples: 200 };
         assert_eq!(found.at_least(None), found);
         assert_eq!(found.at_least(Some(0.5)), found);
         let higher = found.at_least(Some(1.2));
         assert_eq!((higher.rms, higher.source), (1.2, FloorSource::Reference));
-    }
-
-    #[test]
-    fn rest_is_preferred() {
-        let found = floor(&channel(noise(1000)), &vec![true; 1000]);
-        assert_eq!(found.source, FloorSource::Rest);
-        assert!((found.rms - 1.0).abs() < 0.05, "{}", found.rms);
     }
 }

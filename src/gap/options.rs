@@ -5,7 +5,7 @@ use super::{
     thresholds::{ThresholdValue, Thresholds},
 };
 use crate::{
-    effects::{self, CATALOGUE, Effect},
+    effects::{self, CATALOGUE, Effect, Parameter},
     twin::{Instance, Machine, Source, Twin, Value},
 };
 use std::{fmt, str::FromStr};
@@ -96,7 +96,8 @@ fn after_space(unit: &str) -> String {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FixedParameter {
     effect: &'static Effect,
-    parameter: usize,
+    /// Name of the parameter.
+    parameter: &'static str,
     value: f64,
 }
 
@@ -110,34 +111,57 @@ impl FromStr for FixedParameter {
             value.trim().parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(syntax)?;
         let (effect, parameter) = name.trim().rsplit_once('.').ok_or_else(syntax)?;
         let effect = effects::find(effect).ok_or_else(|| unknown(effect))?;
-        let index = effect.parameters.iter().position(|own| own.name == parameter);
-        let index = index.ok_or_else(|| OptionError::UnknownParameter {
-            effect: effect.name,
-            name: parameter.to_owned(),
-            known: effect.parameters.iter().map(|own| own.name).collect(),
-        })?;
-        let own = &effect.parameters[index];
-        let (low, high) = own.bounds;
-        if !(low..=high).contains(&value) {
-            return Err(OptionError::OutOfBounds {
-                name: name.trim().to_owned(),
-                value,
-                bounds: own.bounds,
-                unit: own.unit,
-            });
-        }
-        Ok(Self { effect, parameter: index, value })
+        // The machine is not known yet.
+        let forms = effect.forms_on_axis();
+        let found = parameter_of(effect, parameter).or_else(|unknown| {
+            forms.iter().find_map(|form| parameter_of(form, parameter).ok()).ok_or(unknown)
+        });
+        Ok(Self { effect, parameter: found?.name, value })
     }
+}
+
+/// The parameter called `name` of `effect`.
+fn parameter_of(effect: &'static Effect, name: &str) -> Result<&'static Parameter, OptionError> {
+    effect.parameters.iter().find(|own| own.name == name).ok_or_else(|| {
+        OptionError::UnknownParameter {
+            effect: effect.name,
+            name: name.to_owned(),
+            known: effect.parameters.iter().map(|own| own.name).collect(),
+        }
+    })
 }
 
 impl fmt::Display for FixedParameter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let parameter = self.effect.parameters[self.parameter].name;
-        write!(f, "{}.{parameter}={}", self.effect.name, self.value)
+        write!(f, "{}.{}={}", self.effect.name, self.parameter, self.value)
     }
 }
 
 impl FixedParameter {
+    /// The parameter of the effect as it is on `machine`. The bounds of a single axis are in its own units.
+    fn on(self, machine: Machine) -> Result<Self, OptionError> {
+        if machine.axes(self.effect.site).is_empty() {
+            return Err(OptionError::NotOnMachine { machine, effect: self.effect.name });
+        }
+        let forms = match machine {
+            Machine::Axis => self.effect.forms_on_axis(),
+            Machine::Table => vec![self.effect],
+        };
+        let effect = forms.iter().find(|form| parameter_of(form, self.parameter).is_ok());
+        let effect = effect.unwrap_or(&forms[0]);
+        let own = parameter_of(effect, self.parameter)?;
+        let (low, high) = own.bounds;
+        if machine == Machine::Table && !(low..=high).contains(&self.value) {
+            return Err(OptionError::OutOfBounds {
+                name: format!("{}.{}", effect.name, own.name),
+                value: self.value,
+                bounds: own.bounds,
+                unit: own.unit,
+            });
+        }
+        Ok(Self { effect, ..self })
+    }
+
     /// Set the parameter in `twin` at every location of the effect, which is added where the twin lacks it. Other
     /// parameters of an added effect begin at its first probe.
     fn apply(&self, twin: &mut Twin) {
@@ -150,8 +174,11 @@ impl FixedParameter {
             );
         }
         for own in twin.instances.iter_mut().filter(|own| own.effect == self.effect) {
-            own.values[self.parameter] =
-                Value { value: self.value, ci95: None, source: Source::Known };
+            let known = Value { value: self.value, ci95: None, source: Source::Known };
+            let parameters = own.effect.parameters.iter().zip(&mut own.values);
+            parameters
+                .filter(|(parameter, _)| parameter.name == self.parameter)
+                .for_each(|(_, value)| *value = known);
         }
     }
 }
@@ -249,13 +276,9 @@ impl SearchOptions {
     /// Set parameters that are known.
     ///
     /// # Errors
-    /// The `machine` cannot have one of the effects.
+    /// The `machine` cannot have one of the effects or parameters, or a table not the value.
     pub fn fix(mut self, fixed: &[FixedParameter], machine: Machine) -> Result<Self, OptionError> {
-        let impossible = fixed.iter().find(|own| machine.axes(own.effect.site).is_empty());
-        if let Some(own) = impossible {
-            return Err(OptionError::NotOnMachine { machine, effect: own.effect.name });
-        }
-        self.fixed = fixed.to_vec();
+        self.fixed = fixed.iter().map(|own| own.on(machine)).collect::<Result<_, _>>()?;
         Ok(self)
     }
 
@@ -400,6 +423,17 @@ mod tests {
         assert!(said("drive.delay.delay_s=fast").contains("write EFFECT.PARAMETER=VALUE"));
         assert!(said("drive.dealy.delay_s=0.01").contains("did you mean 'drive.delay'?"));
         assert!(said("drive.delay.delay=0.01").contains("its parameters are delay_s"));
-        assert!(said("drive.delay.delay_s=7").contains("is 7; allowed are -0.02 to 0.2 s"));
+        let fixed = |text: &str, machine: Machine| {
+            SearchOptions::default()
+                .fix(&[text.parse().unwrap()], machine)
+                .map_err(|e| e.to_string())
+        };
+        let said = fixed("drive.delay.delay_s=7", Machine::Table).unwrap_err();
+        assert!(said.contains("is 7; allowed are -0.02 to 0.2 s"), "{said}");
+        // The bounds of an axis follow from its recordings, and some effects have other parameters there.
+        assert!(fixed("gantry.inertia.mass_kg=700", Machine::Axis).is_ok());
+        assert!(fixed("drive.compliance.belt.load_fraction=0.5", Machine::Axis).is_ok());
+        let said = fixed("drive.compliance.belt.load_fraction=0.5", Machine::Table).unwrap_err();
+        assert!(said.contains("compliance_m_per_n, rotor_kg, damping_ratio"), "{said}");
     }
 }

@@ -41,7 +41,11 @@ pub fn search<'a>(data: &StageData<'a>, start: &Twin, task: Task) -> Outcome<'a>
         Task::Calibrate | Task::Follow => None,
         Task::CloseGap => search.add_effects(&given, excess),
     };
-    let known = search.eliminate_insignificant();
+    let mut known = search.eliminate_insignificant();
+    // What a removed effect had in common with others is theirs now.
+    while search.remove_minor(&given.twin) {
+        known = search.eliminate_insignificant();
+    }
     let Search { train, held_out, mut best, mut filters, added, rejected, mut journal, .. } =
         search;
     let twins = (start, &best.point.twin);
@@ -415,11 +419,6 @@ impl Search<'_> {
             self.added.extend(step);
         }
         changes_variance
-    }
-
-    /// Fraction of the squared validation error that all added effects removed, step by step.
-    fn total_gain(&self) -> f64 {
-        1.0 - self.added.iter().map(|step| 1.0 - step.validation_gain).product::<f64>()
     }
 
     /// Given twin without any refit, every signal scaled by its own residual.

@@ -285,10 +285,12 @@ pub(super) fn pairs(problem: &Problem<'_>, twin: &Twin) -> Vec<(&'static Effect,
         if effect.is_noise() || user_effects::objection(effect, twin.machine, stages).is_some() {
             continue;
         }
-        for axis in twin.machine.axes(effect.site) {
-            let is_felt = problem.parts.iter().any(|part| part.stage.feels(effect, axis));
-            if is_felt && may_be_added(twin, effect, axis) {
-                pairs.push((twin.in_own_units(effect), axis));
+        for effect in twin.forms_of(effect) {
+            for axis in twin.machine.axes(effect.site) {
+                let is_felt = problem.parts.iter().any(|part| part.stage.feels(effect, axis));
+                if is_felt && may_be_added(twin, effect, axis) {
+                    pairs.push((effect, axis));
+                }
             }
         }
     }
@@ -302,8 +304,10 @@ fn may_be_added(twin: &Twin, effect: &Effect, axis: Axis) -> bool {
     if is_new_axis && effect.name == "drive.gain" {
         return false;
     }
-    let present =
-        twin.instances.iter().filter(|own| own.effect == effect && own.axis.overlaps(axis));
+    let present = twin
+        .instances
+        .iter()
+        .filter(|own| own.effect.name == effect.name && own.axis.overlaps(axis));
     let most = if effect.scanned_parameter().is_some() { MOST_WAVES } else { 1 };
     present.count() < most
 }

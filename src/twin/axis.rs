@@ -224,6 +224,7 @@ impl AxisStage {
             ],
             count: moving().count() as f64,
             sample_period: self.dt,
+            band: LowPass::decimation_edge(self.factor) / self.dt,
             duration: self.dt * self.signals.position.len() as f64,
         }
     }
@@ -295,11 +296,17 @@ impl AxisStage {
         each_segment(&self.segments, values, |own| shifted(own, delay / self.dt))
     }
 
-    /// The input of every sample that the twin needs for the measured motion.
+    /// The input of every sample that the twin needs for the measured motion, on the load side of a resonance.
     fn inverse(&self, chain: &Chain) -> Vec<f64> {
         let mut memory = chain.memory();
         // The measured input, when it acts.
         let acting = self.shifted_in_segments(&self.signals.inner_input, -chain.delay);
+        let acting = match &chain.resonance {
+            Some(own) => {
+                each_segment(&self.segments, &acting, |values| own.forwards(values, self.dt))
+            }
+            None => acting,
+        };
         let mut inputs = Vec::with_capacity(self.signals.position.len());
         for (index, input) in acting.into_iter().enumerate() {
             let begins = index == 0 || self.segments.iter().any(|own| own.start == index);
@@ -312,7 +319,7 @@ impl AxisStage {
                 chain.settle_input(&mut memory, motion.force, &motion);
             }
             let loads = chain.loads(&mut memory, &motion);
-            let frictionless = motion.mass * motion.acceleration - loads.forces;
+            let frictionless = loads.mass * motion.acceleration - loads.forces;
             let missing = || {
                 let given = chain.given(&memory, motion.force, &motion);
                 chain.force_of(&memory, given, &motion) - frictionless
@@ -332,6 +339,19 @@ impl AxisStage {
             inputs.push(chain.input(&mut memory, demand, motion.force, &motion));
         }
         inputs
+    }
+
+    /// Prediction of the compared samples.
+    fn predicted(&self, twin: &Twin) -> Vec<f64> {
+        let chain = Chain::new(twin);
+        let inputs = self.shifted_in_segments(&self.inverse(&chain), chain.delay);
+        match &chain.resonance {
+            Some(own) => {
+                let of_motor = |values: &[f64]| own.backwards(values, self.dt);
+                self.compared(&each_segment(&self.segments, &inputs, of_motor))
+            }
+            None => self.compared(&inputs),
+        }
     }
 }
 
@@ -377,11 +397,22 @@ impl Stage for AxisStage {
         BLOCK as f64 * self.factor as f64 * self.dt
     }
 
+    /// Propagation of distributions by simulation (JCGM 101) with one draw, as long as the recording.
+    fn propagated_noise(&self, twin: &Twin) -> Vec<f64> {
+        let signals = self.signals.with_more_noise(&self.segments, self.dt);
+        let noisy = Self { signals, ..self.clone() };
+        let (plain, noisy) = (self.predicted(twin), noisy.predicted(twin));
+        let channel = &self.channels[0];
+        let is_compared = |k: &usize| channel.measured[*k].is_finite();
+        let samples: Vec<usize> =
+            channel.runs.iter().flat_map(Clone::clone).filter(is_compared).collect();
+        let square: f64 = samples.iter().map(|k| (noisy[*k] - plain[*k]).powi(2)).sum();
+        vec![(square / samples.len().max(1) as f64).sqrt()]
+    }
+
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-        let chain = Chain::new(twin);
-        let inputs = self.shifted_in_segments(&self.inverse(&chain), chain.delay);
         if let Some(values) = predicted.first_mut() {
-            *values = self.compared(&inputs);
+            *values = self.predicted(twin);
         }
     }
 }

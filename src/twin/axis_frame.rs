@@ -25,6 +25,8 @@ pub(super) struct MotionSums {
     pub(super) squares: [f64; 3],
     pub(super) count: f64,
     pub(super) sample_period: f64,
+    /// Highest frequency that is compared (Hz).
+    pub(super) band: f64,
     pub(super) duration: f64,
 }
 
@@ -36,6 +38,7 @@ impl MotionSums {
             squares: [0, 1, 2].map(|k| self.squares[k] + other.squares[k]),
             count: self.count + other.count,
             sample_period: self.sample_period.min(other.sample_period),
+            band: self.band.min(other.band),
             duration: self.duration.max(other.duration),
         }
     }
@@ -47,7 +50,7 @@ fn frame_of(axes: &[&AxisStage]) -> Option<AxisFrame> {
     let sums =
         axes.iter().skip(1).fold(first.motion_sums(), |all, own| all.and(&own.motion_sums()));
     let [input, velocity, acceleration] = sums.squares.map(|square| (square / sums.count).sqrt());
-    let MotionSums { positions, sample_period, duration, .. } = sums;
+    let MotionSums { positions, sample_period, band, duration, .. } = sums;
     let position = 0.5 * (positions.end - positions.start);
     let (input_unit, position_unit) = first.units();
     let sizes = [input, position, velocity, acceleration, sample_period, duration];
@@ -60,6 +63,7 @@ fn frame_of(axes: &[&AxisStage]) -> Option<AxisFrame> {
             velocity,
             acceleration,
             sample_period,
+            band,
             duration,
             input_unit,
             position_unit,
@@ -102,10 +106,15 @@ impl Twin {
         self
     }
 
-    /// `effect` in the units of the machine.
+    /// Forms of `effect` on the machine, in its units.
     #[must_use]
-    pub fn in_own_units(&self, effect: &'static Effect) -> &'static Effect {
-        self.axis_frame.map_or(effect, |frame| effect.on_axis(&frame.scales))
+    pub fn forms_of(&self, effect: &'static Effect) -> Vec<&'static Effect> {
+        match self.axis_frame {
+            Some(AxisFrame { scales, .. }) => {
+                effect.forms_on_axis().into_iter().map(|form| form.on_axis(&scales)).collect()
+            }
+            None => vec![effect],
+        }
     }
 
     /// Position from which the positions in effects count.

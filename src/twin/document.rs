@@ -6,7 +6,7 @@ use super::{
     axis::{INPUT_UNITS, POSITION_UNITS},
 };
 use crate::{
-    effects::{self, Axis, AxisScales, Definition, DefinitionError},
+    effects::{self, Axis, AxisScales, Definition, DefinitionError, Effect},
     recording::{ExistingFile, RecordingError, write_bytes},
 };
 use serde::{Deserialize, Serialize};
@@ -154,6 +154,9 @@ struct AxisEntry {
     velocity_rms: f64,
     acceleration_rms: f64,
     sample_period_s: f64,
+    /// Absent in older twins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    highest_compared_frequency_hz: Option<f64>,
     duration_s: f64,
 }
 
@@ -169,6 +172,7 @@ impl AxisEntry {
             velocity_rms: scales.velocity,
             acceleration_rms: scales.acceleration,
             sample_period_s: scales.sample_period,
+            highest_compared_frequency_hz: Some(scales.band),
             duration_s: scales.duration,
         }
     }
@@ -183,12 +187,16 @@ impl AxisEntry {
             };
             known.iter().copied().find(|unit| *unit == found).ok_or_else(unknown)
         };
+        let band = self
+            .highest_compared_frequency_hz
+            .unwrap_or_else(|| AxisScales::widest_band(self.sample_period_s));
         let sizes = [
             ("axis.input_rms", self.input_rms),
             ("axis.position_half_range", self.position_half_range),
             ("axis.velocity_rms", self.velocity_rms),
             ("axis.acceleration_rms", self.acceleration_rms),
             ("axis.sample_period_s", self.sample_period_s),
+            ("axis.highest_compared_frequency_hz", band),
             ("axis.duration_s", self.duration_s),
         ];
         if let Some((key, found)) = sizes.into_iter().find(|(_, size)| *size <= 0.0) {
@@ -207,6 +215,7 @@ impl AxisEntry {
                 velocity: self.velocity_rms,
                 acceleration: self.acceleration_rms,
                 sample_period: self.sample_period_s,
+                band,
                 duration: self.duration_s,
                 input_unit: unit("axis.input_unit", &self.input_unit, INPUT_UNITS)?,
                 position_unit: unit("axis.position_unit", &self.position_unit, POSITION_UNITS)?,
@@ -348,7 +357,13 @@ impl EffectEntry {
                 known: known.iter().map(Axis::to_string).collect(),
             });
         }
-        let effect = frame.map_or(effect, |frame| effect.on_axis(&frame.scales));
+        let has_all = |form: &&&'static Effect| {
+            let has = |name: &str| form.parameters.iter().any(|parameter| parameter.name == name);
+            self.parameters.iter().all(|given| has(&given.name))
+        };
+        let forms = effect.forms_on_axis();
+        let form = forms.iter().find(has_all).unwrap_or(&forms[0]);
+        let effect = frame.map_or(effect, |frame| form.on_axis(&frame.scales));
         let wrong = |parameter: &str, problem: String| TwinError::Parameter {
             path: path.to_owned(),
             effect: effect.name.to_owned(),

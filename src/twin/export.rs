@@ -261,6 +261,7 @@ mod tests {
             velocity: 0.1,
             acceleration: 1.0,
             sample_period: 1e-3,
+            band: 40.0,
             duration: 10.0,
             input_unit: "m/s",
             position_unit: "m",

@@ -120,6 +120,12 @@ pub trait Stage: Sync {
         None
     }
 
+    /// RMS of what the noise of measured signals makes in the prediction of each channel by `twin`; empty where none is
+    /// predicted from measured signals.
+    fn propagated_noise(&self, _twin: &Twin) -> Vec<f64> {
+        Vec::new()
+    }
+
     /// Predicts every sample of every channel: `predicted[channel][sample]`, not finite where the
     /// twin says nothing. `nuisance[group]` are the numbers of each group.
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]);

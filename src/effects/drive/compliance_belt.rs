@@ -1,6 +1,10 @@
 //! Belt compliance.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site, Spring};
+use crate::effects::{
+    Domain, Effect, ElasticLoad, Parameter, Physics, Regressor, Resonance, Signal, Site, Spring,
+    axis_scales::PERIOD_UNIT,
+};
+use std::f64::consts::TAU;
 
 /// `drive.compliance.belt`: belt compliance.
 ///
@@ -69,6 +73,93 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
         "drive.current_loop",
     ],
     reference: "Spong 1987, ASME Journal of Dynamic Systems, Measurement, and Control 109(4), 310-318; belts: Sollmann, Jouaneh and Lavender 2010, IEEE/ASME Transactions on Mechatronics 15(2), 280-290",
+};
+
+/// `drive.compliance.belt` on a single axis: a load on a belt or coupling, behind a motor whose position is measured.
+///
+/// `gantry.inertia` is the whole moving mass M. Far below the frequency f, the load follows the motor. Far above it, only the
+/// fraction 1 - r of the mass resists the motor. The frequency is that of the load while the motor stands (antiresonance).
+pub(in crate::effects) static COMPLIANCE_ON_AXIS: Effect = Effect {
+    summary: "the load oscillates against the motor, whose position is measured",
+    equation: "F = (1 − r) M · a + r M · a_load, a_load = (2π f)² (q − q_load) + 2 ζ · 2π f (v − v_load)",
+    parameters: &[LOAD_FRACTION, FREQUENCY, DAMPING_RATIO],
+    null: &[0.0, 10.0, 0.05],
+    probes: &[
+        &[0.5, 2.0, 0.05],
+        &[0.5, 3.0, 0.05],
+        &[0.5, 4.5, 0.05],
+        &[0.5, 7.0, 0.05],
+        &[0.5, 10.0, 0.05],
+        &[0.5, 15.0, 0.05],
+    ],
+    physics: Physics::ElasticLoad(|p| ElasticLoad {
+        fraction: p[0],
+        angular_frequency: TAU * p[1],
+        damping_ratio: p[2],
+    }),
+    signals: Signal::DRIVE,
+    excitation: "steps, or a chirp up to twice the resonance",
+    confused_with: &["drive.delay", "drive.lag1", "drive.current_loop", "gantry.stiffness"],
+    ..COMPLIANCE_BELT
+};
+
+/// `drive.compliance.belt` on a single axis: a load on a belt or coupling, whose position is measured.
+///
+/// Motor and load resonate with the period T. Far below the resonance, the motor drives one mass. Forces are those on the
+/// load side.
+pub(in crate::effects) static COMPLIANCE_BEFORE_ENCODER: Effect = Effect {
+    summary: "the motor oscillates against the load, whose position is measured",
+    equation: "F = F_load + 2 ζ · T / (2π) · dF_load/dt + (T / (2π))² · d²F_load/dt², F_load = M · a + friction",
+    parameters: &[
+        Parameter {
+            name: "resonance_period_s",
+            symbol: "T",
+            unit: PERIOD_UNIT,
+            scale: 0.1,
+            bounds: (0.045, 1.2),
+            plausible: (0.05, 1.0),
+            per_session: false,
+        },
+        DAMPING_RATIO,
+    ],
+    null: &[0.0, 0.05],
+    probes: &[&[0.055, 0.05], &[0.08, 0.05], &[0.12, 0.05], &[0.2, 0.05], &[0.3, 0.05]],
+    physics: Physics::Resonance(|p| Resonance { angular_period: p[0] / TAU, damping_ratio: p[1] }),
+    ..COMPLIANCE_ON_AXIS
+};
+
+/// Mass of the load over the whole moving mass of a single axis.
+const LOAD_FRACTION: Parameter = Parameter {
+    name: "load_fraction",
+    symbol: "r",
+    unit: "1",
+    scale: 0.1,
+    bounds: (0.0, 0.98),
+    plausible: (0.05, 0.95),
+    per_session: false,
+};
+
+/// Frequency at which the load of a single axis oscillates while the motor stands. Only motion up to twice a resonance shows
+/// it, so it is at most half of the highest compared frequency, 40 Hz on the table. A fit that ends on a bound is rejected.
+const FREQUENCY: Parameter = Parameter {
+    name: "frequency_hz",
+    symbol: "f",
+    unit: "Hz",
+    scale: 10.0,
+    bounds: (0.8, 22.0),
+    plausible: (1.0, 20.0),
+    per_session: false,
+};
+
+/// Damping ratio of motor and load: every machine has some, and above 0.7 there is no resonance.
+const DAMPING_RATIO: Parameter = Parameter {
+    name: "damping_ratio",
+    symbol: "ζ",
+    unit: "1",
+    scale: 0.05,
+    bounds: (0.002, 0.7),
+    plausible: (0.005, 0.5),
+    per_session: false,
 };
 
 /// Compliance (m/N) below which belts are rigid: a simulation step could not resolve the resonance.

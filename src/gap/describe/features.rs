@@ -260,6 +260,7 @@ mod tests {
             velocity: 12.0,
             acceleration: 90.0,
             sample_period: 0.02,
+            band: 2.0,
             duration: 30.0,
             input_unit: "V",
             position_unit: "rad",

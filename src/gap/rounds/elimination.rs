@@ -2,7 +2,7 @@
 
 use super::{Added, Search, uncertainty_of};
 use crate::{
-    effects::Effect,
+    effects::{Effect, Physics},
     gap::{
         batch::in_parallel,
         fit::{self, Fit, Uncertainty},
@@ -176,22 +176,53 @@ impl Search<'_> {
         self.added.len() < before
     }
 
-    /// Remove the effects that were added to a single axis where they explain less than half of what the known parameters
-    /// leave, and the rest is above its floor: the cause is another, which they imitate. Return whether any was removed.
-    /// On a table, the floor of a calibrated twin contains its model error.
+    /// Remove effects that were added to a single axis, the weakest first, while the rest is above its noise floor and the
+    /// effect explains less than half of what the twin leaves without it: the cause is another, which it may imitate.
+    /// All waves of a ripple are one effect. Return whether any was removed. On a table, the floor of a calibrated twin
+    /// contains its model error.
     pub(super) fn remove_minor(&mut self, given: &Twin) -> bool {
-        let is_table = self.best.point.twin.machine == Machine::Table;
-        let is_major = self.train.thresholds().majority < self.total_gain();
-        if is_table || is_major || !self.is_above_floor(given) {
-            return false;
-        }
-        let reason = "The added effects explain less than half of the residual, and the rest is above its noise floor";
         let before = self.added.len();
-        while let Some(step) = self.added.iter().rfind(|step| step.unstated.is_none()).cloned() {
-            let rest = self.without(&step);
-            self.remove_step(&step, rest, reason);
+        let is_table = self.best.point.twin.machine == Machine::Table;
+        while !is_table
+            && self.is_above_floor(given)
+            && let Some((effect, gain, rest)) = self.weakest()
+            && gain < self.train.thresholds().majority
+        {
+            let reason =
+                "It explains less than half of the residual, and the rest is above its noise floor";
+            let steps: Vec<Added> =
+                self.added.iter().filter(|own| own.effect == effect).cloned().collect();
+            steps.iter().for_each(|step| self.remove_step(step, rest.clone(), reason));
         }
         self.added.len() < before
+    }
+
+    /// The added effect that explains the least, and the fit without it. The fraction is the smallest of three: of the
+    /// validation error when it was added, and of the squared residuals of the training and validation sessions without it.
+    fn weakest(&self) -> Option<(&'static Effect, f64, (Fit, Filters))> {
+        let squares = |fit: &Fit| -> [f64; 2] {
+            let validated = self.held_out.squares(&self.validated_of(fit));
+            [self.train.squares(&fit.point), validated].map(|all| all.iter().map(|own| own.0).sum())
+        };
+        let with = squares(&self.best);
+        let mut effects: Vec<&'static Effect> = Vec::new();
+        for step in self.added.iter().filter(|step| step.unstated.is_none()) {
+            if !effects.contains(&step.effect) {
+                effects.push(step.effect);
+            }
+        }
+        let without = |effect: &'static Effect| {
+            let mut rest = self.best.clone();
+            let mut left_when_added = 1.0;
+            for step in self.added.iter().filter(|own| own.effect == effect) {
+                remove_from(&mut rest, step);
+                left_when_added *= 1.0 - step.validation_gain;
+            }
+            let rest = fit::converge(&self.train, rest.point, &rest.slots, 5);
+            let left = with.iter().zip(squares(&rest.0)).map(|(with, without)| with / without);
+            (effect, 1.0 - left.fold(left_when_added, f64::max), rest)
+        };
+        effects.into_iter().map(without).min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// Whether a single axis without reference is at its noise floor. The floor of a table is that of its simulator.
@@ -210,7 +241,8 @@ impl Search<'_> {
     fn floor_ratios(&self, given: &Twin) -> Vec<(&str, f64)> {
         let Some(part) = self.train.parts.first() else { return Vec::new() };
         let channels = part.stage.channels();
-        let residuals = self.train.rms(&self.best.point).into_iter().zip(floors(channels, given));
+        let floors = floors(part.stage, given, &self.best.point.twin);
+        let residuals = self.train.rms(&self.best.point).into_iter().zip(floors);
         let ratios = residuals.map(|(rms, floor)| rms / floor.rms);
         channels.iter().map(|own| own.signal.as_str()).zip(ratios).collect()
     }
@@ -263,7 +295,9 @@ impl Search<'_> {
             let own: Vec<(usize, &Slot)> = fitted
                 .filter(|(k, slot)| Some(slot.instance) == index && !uncertainty.undetermined[*k])
                 .collect();
-            step.unstated.is_none() && contains_null(twin, &own, uncertainty)
+            step.unstated.is_none()
+                && (contains_null(twin, &own, uncertainty)
+                    || is_without_motor(step.effect, twin, &own, uncertainty))
         };
         self.added.iter().find(is_insignificant).cloned()
     }
@@ -398,16 +432,36 @@ fn remove_from(best: &mut Fit, step: &Added) {
     later.for_each(|slot| slot.instance -= 1);
 }
 
-/// Return whether the joint 95 % intervals (Bonferroni) of `parameters`, with their indices in the fit, contain the
+/// Standard errors in half of each joint 95 % interval (Bonferroni) of `count` parameters.
+fn joint_quantile(count: usize, uncertainty: &Uncertainty) -> f64 {
+    t_quantile(1.0 - 0.025 / count.max(1) as f64, uncertainty.freedom)
+}
+
+/// Return whether the joint 95 % intervals of `parameters`, with their indices in the fit, contain the
 /// values without the effect; false for an empty list.
 fn contains_null(twin: &Twin, parameters: &[(usize, &Slot)], uncertainty: &Uncertainty) -> bool {
-    let level = 1.0 - 0.025 / parameters.len().max(1) as f64;
-    let quantile = t_quantile(level, uncertainty.freedom);
+    let quantile = joint_quantile(parameters.len(), uncertainty);
     let contains = |(index, slot): &(usize, &Slot)| {
         let null = twin.instances[slot.instance].effect.null[slot.parameter];
         (twin.get(**slot) - null).abs() < quantile * uncertainty.standard_errors[*index]
     };
     !parameters.is_empty() && parameters.iter().all(contains)
+}
+
+/// Return whether the joint 95 % interval of the mass fraction of an elastic load contains the whole mass, so that the data
+/// do not show that anything else moves with the motor.
+fn is_without_motor(
+    effect: &Effect,
+    twin: &Twin,
+    parameters: &[(usize, &Slot)],
+    uncertainty: &Uncertainty,
+) -> bool {
+    let quantile = joint_quantile(parameters.len(), uncertainty);
+    let mut fractions = parameters.iter().filter(|(_, slot)| slot.parameter == 0);
+    matches!(effect.physics, Physics::ElasticLoad(_))
+        && fractions.any(|(index, slot)| {
+            1.0 <= twin.get(**slot) + quantile * uncertainty.standard_errors[*index]
+        })
 }
 
 /// Return whether every parameter of `effect` is a magnitude, and none a shape.

@@ -1,9 +1,16 @@
 //! The functions of all instances that act on a single axis, by their place in the chain.
 
 use crate::{
-    effects::{Bristles, InputKind, Law, Motion, Physics, Place, VelocityController, follow},
+    effects::{
+        Bristles, ElasticLoad, ElasticState, InputKind, Law, Motion, Physics, Place, Resonance,
+        VelocityController, follow,
+    },
     twin::{Instance, Twin},
 };
+
+/// Steps into which a free-running axis divides a sample period with an elastic load, whose motor side oscillates faster than
+/// the load.
+const ELASTIC_STEPS: u32 = 8;
 
 /// Numbers of memory that all effects on the way of the command may have together.
 const MOST_MEMORY: usize = 32;
@@ -51,6 +58,10 @@ pub(super) struct Chain {
     frictions: Vec<MotionPart>,
     bristles: Vec<BristlesPart>,
     masses: Vec<MassPart>,
+    /// Load behind the motor; `None` for a rigid axis.
+    elastic_load: Option<ElasticLoad>,
+    /// Resonance before the measured load; its forces are those of the input.
+    pub(super) resonance: Option<Resonance>,
     /// What is the same in every motion: viscous friction (N s/m), friction level (N) and moving mass (kg), or the time
     /// constant of a velocity controller (s).
     damping: f64,
@@ -66,15 +77,25 @@ pub(super) struct Chain {
 pub(super) struct Memory {
     way: [f64; MOST_MEMORY],
     load: Vec<f64>,
+    /// `None` until the load follows the motor.
+    elastic: Option<ElasticState>,
     /// Force of the controller, and the part that its integral action makes.
     controller: [f64; 2],
 }
 
 impl Memory {
+    /// Continue at `motion`, to which the motor and its load were moved.
+    pub(super) fn move_to(&mut self, motion: &Motion) {
+        if let Some(elastic) = &mut self.elastic {
+            elastic.move_to(motion);
+        }
+    }
+
     /// Become equal to `other`, the memory of the same chain.
     pub(super) fn copy_from(&mut self, other: &Self) {
         self.way = other.way;
         self.load.copy_from_slice(&other.load);
+        self.elastic = other.elastic;
         self.controller = other.controller;
     }
 }
@@ -82,6 +103,8 @@ impl Memory {
 /// Forces at one motion, in the unit of the input.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Loads {
+    /// Mass that follows the motor rigidly (kg, or the input's unit per m/s^2).
+    pub(super) mass: f64,
     /// Sum of the forces without dry friction.
     pub(super) forces: f64,
     /// Dry friction that changes its sign with the velocity; at rest it has any value up to this level.
@@ -128,9 +151,12 @@ impl Chain {
     /// limit smooths the input, which takes the noise of a measured force away and looks like a gain.
     pub(super) fn calls(physics: &Physics, kind: InputKind) -> bool {
         let is_called = |equation: &Physics| match equation {
-            Physics::Effort(_) | Physics::Mass(_) | Physics::Inertia(_) | Physics::Windup(_) => {
-                kind == InputKind::Force
-            }
+            Physics::Effort(_)
+            | Physics::Mass(_)
+            | Physics::Inertia(_)
+            | Physics::ElasticLoad(_)
+            | Physics::Resonance(_)
+            | Physics::Windup(_) => kind == InputKind::Force,
             Physics::VelocityController(_) | Physics::Ramp(_) => kind == InputKind::Velocity,
             Physics::CommandDelay(_)
             | Physics::Command(_)
@@ -178,6 +204,8 @@ impl Chain {
                 self.bristles.push(Part { call, p, memory: load, length });
                 self.load += length;
             }
+            Physics::ElasticLoad(call) => self.elastic_load = Some(call(&p)),
+            Physics::Resonance(call) => self.resonance = Some(call(&p)),
             Physics::Inertia(call) => {
                 self.masses.push(Part { call, p, memory: 0, length: 0 });
             }
@@ -194,9 +222,19 @@ impl Chain {
         }
     }
 
+    /// Steps of a free-running axis in one sample period.
+    pub(super) fn steps(&self) -> u32 {
+        if self.elastic_load.is_some() { ELASTIC_STEPS } else { 1 }
+    }
+
     /// Memory at rest.
     pub(super) fn memory(&self) -> Memory {
-        Memory { way: [0.0; MOST_MEMORY], load: vec![0.0; self.load], controller: [0.0; 2] }
+        Memory {
+            way: [0.0; MOST_MEMORY],
+            load: vec![0.0; self.load],
+            elastic: None,
+            controller: [0.0; 2],
+        }
     }
 
     /// Moving mass at `motion` (kg, or the input's unit per m/s^2).
@@ -208,6 +246,7 @@ impl Chain {
     /// Forces at `motion`. Elastic contacts carry the same fraction of the dry friction at every level.
     pub(super) fn loads(&self, memory: &mut Memory, motion: &Motion) -> Loads {
         let mut loads = Loads {
+            mass: motion.mass,
             forces: -self.damping * motion.velocity,
             rigid: self.level,
             ..Loads::default()
@@ -224,6 +263,12 @@ impl Chain {
             });
             loads.rigid += 0.5 * (forwards + backwards);
             loads.forces -= 0.5 * (forwards - backwards);
+        }
+        if let Some(load) = self.elastic_load.filter(|own| 0.0 < own.fraction) {
+            let mass = load.fraction * motion.mass;
+            let state = memory.elastic.get_or_insert_with(|| load.following(motion));
+            loads.forces -= mass * load.follow(state, motion);
+            loads.mass -= mass;
         }
         let level = loads.rigid.max(0.0);
         let ratio = if 0.0 < self.level { level / self.level } else { 1.0 };

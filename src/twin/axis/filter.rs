@@ -31,14 +31,18 @@ impl LowPass {
         Self::from_poles(BUTTERWORTH_ORDER, share, 1.0, |angle| (-angle.sin(), angle.cos()))
     }
 
+    /// Edge of [`before_decimation`](Self::before_decimation) (cycles per sample).
+    pub(super) fn decimation_edge(factor: usize) -> f64 {
+        0.5 * CHEBYSHEV_EDGE / factor as f64
+    }
+
     /// What precedes keeping every `factor`-th sample: Chebyshev of the first kind, whose highest
     /// gain is one.
     pub(super) fn before_decimation(factor: usize) -> Self {
         let epsilon = (10.0_f64.powf(0.1 * CHEBYSHEV_RIPPLE_DB) - 1.0).sqrt();
         let mu = (1.0 / epsilon).asinh() / CHEBYSHEV_ORDER as f64;
         let lowest = 10.0_f64.powf(-0.05 * CHEBYSHEV_RIPPLE_DB);
-        let share = 0.5 * CHEBYSHEV_EDGE / factor as f64;
-        Self::from_poles(CHEBYSHEV_ORDER, share, lowest, |angle| {
+        Self::from_poles(CHEBYSHEV_ORDER, Self::decimation_edge(factor), lowest, |angle| {
             (-mu.sinh() * angle.sin(), mu.cosh() * angle.cos())
         })
     }

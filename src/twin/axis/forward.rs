@@ -40,6 +40,7 @@ impl AxisStage {
                 continue;
             }
             let mut motion = self.motion(begin, chain.origin);
+            course.memory.move_to(&motion);
             for (index, input) in inputs.iter().enumerate().skip(begin).take(length) {
                 let error = motion.position + chain.origin - self.signals.position[index];
                 squares += error * error;
@@ -96,7 +97,11 @@ pub(in crate::twin) fn respond(
 /// reached at the end.
 fn inputs_of_steps(chain: &Chain, input: &[f64], dt: f64) -> Vec<f64> {
     let place = if chain.input_per_velocity == 0.0 { 0.5 } else { 1.0 };
-    shifted(input, place - chain.delay / dt)
+    let inputs = shifted(input, place - chain.delay / dt);
+    match &chain.resonance {
+        Some(own) => own.forwards(&inputs, dt),
+        None => inputs,
+    }
 }
 
 /// An axis on its way, step by step: the midpoint method, of second order where forces are smooth.
@@ -119,6 +124,14 @@ impl<'c> Course<'c> {
 
     /// Advance `motion` by its time step, on which `input` acts.
     fn step(&mut self, input: f64, motion: &mut Motion) {
+        let (steps, dt, before) = (self.chain.steps(), motion.dt, motion.velocity);
+        motion.dt /= f64::from(steps);
+        (0..steps).for_each(|_| self.substep(input, motion));
+        motion.dt = dt;
+        motion.acceleration = (motion.velocity - before) / dt;
+    }
+
+    fn substep(&mut self, input: f64, motion: &mut Motion) {
         self.trial.copy_from(&self.memory);
         let mut ahead = *motion;
         advance(self.chain, &mut self.trial, (input, motion), &mut ahead);
@@ -140,7 +153,7 @@ fn advance(chain: &Chain, memory: &mut Memory, (input, at): (f64, &Motion), moti
     let loads = chain.loads(memory, &at);
     let before = motion.velocity;
     // The velocity after the step: inertia * (velocity - before) = force_of(velocity) + forces - friction.
-    let inertia = at.mass / motion.dt;
+    let inertia = loads.mass / motion.dt;
     let resistance = inertia + chain.input_per_velocity;
     let standing = Motion { velocity: 0.0, ..at };
     let free = (inertia * before + chain.force_of(memory, at.force, &standing) + loads.forces)

@@ -9,6 +9,7 @@
 //! because what it contributes passes the last filter like the friction, with which it makes the input continuous at a kink.
 
 use super::filter::{LowPass, derivative};
+use crate::seed::Stream;
 use std::{f64::consts::TAU, ops::Range};
 
 /// Edges of the low-pass filter for position and input that are tried, in cycles per sample, the widest first.
@@ -34,6 +35,10 @@ const REST: usize = 10;
 pub(super) struct Signals {
     /// Edge of the low-pass filter (cycles per sample).
     pub(super) cutoff: f64,
+    /// Edge of the wider filter (cycles per sample).
+    inner: f64,
+    /// Standard deviation of the white noise of the measured position.
+    noise: f64,
     /// Input and position behind that filter.
     pub(super) input: Vec<f64>,
     pub(super) position: Vec<f64>,
@@ -84,6 +89,8 @@ impl Signals {
         let (velocity, may_stand) = adapted(&narrowest, &beside, &estimates);
         Self {
             cutoff,
+            inner,
+            noise,
             input: filtered(input, cutoff),
             direction: each_segment(segments, &velocity, mean_sign),
             acceleration: slope(&narrowest),
@@ -95,6 +102,30 @@ impl Signals {
             position: smooth,
             velocity,
         }
+    }
+
+    /// The same with further noise of the position, as large as that which was measured. Directions and rests remain.
+    pub(super) fn with_more_noise(&self, segments: &[Range<usize>], dt: f64) -> Self {
+        let mut stream = Stream::new(0, "position noise");
+        let half_width = 3.0_f64.sqrt() * self.noise;
+        let mut sample = || half_width * f64::from(stream.uniform_f32(-1.0, 1.0));
+        let noise: Vec<f64> = self.position.iter().map(|_| sample()).collect();
+        let filtered = |edge: f64| {
+            let low_pass = LowPass::butterworth(edge);
+            each_segment(segments, &noise, |own| low_pass.apply(own))
+        };
+        let slope = |values: &[f64]| each_segment(segments, values, |own| derivative(own, dt));
+        let position = filtered(self.cutoff);
+        let velocity = slope(&position);
+        let added = |values: &mut [f64], noise: &[f64]| {
+            values.iter_mut().zip(noise).for_each(|(value, noise)| *value += noise);
+        };
+        let mut noisy = self.clone();
+        added(&mut noisy.acceleration, &slope(&velocity));
+        added(&mut noisy.inner_acceleration, &slope(&slope(&filtered(self.inner))));
+        added(&mut noisy.velocity, &velocity);
+        added(&mut noisy.position, &position);
+        noisy
     }
 }
 

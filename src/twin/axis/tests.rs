@@ -37,6 +37,7 @@ fn velocity_driven(effects: &[(&str, &[f64])]) -> Twin {
         velocity: 0.13,
         acceleration: 0.9,
         sample_period: DT,
+        band: 0.04 / DT,
         duration: 8.0,
         input_unit: "m/s",
         position_unit: "m",
@@ -92,11 +93,17 @@ fn largest_difference(one: &[f64], other: &[f64]) -> f64 {
 }
 
 fn rms(stage: &AxisStage, twin: &Twin) -> f64 {
+    rms_inside(0, stage, twin)
+}
+
+/// As [`rms`], without the first and last `ends` compared samples.
+fn rms_inside(ends: usize, stage: &AxisStage, twin: &Twin) -> f64 {
     let predicted = predicted(stage, twin);
     let channel = &stage.channels()[0];
     assert_eq!(predicted.len(), channel.measured.len());
-    let errors = channel.measured.iter().zip(&predicted).map(|(a, b)| a - b);
-    let squares: Vec<f64> = errors.filter(|e| e.is_finite()).map(|e| e * e).collect();
+    let errors: Vec<f64> = channel.measured.iter().zip(&predicted).map(|(a, b)| a - b).collect();
+    let inside = errors[ends..errors.len() - ends].iter();
+    let squares: Vec<f64> = inside.filter(|e| e.is_finite()).map(|e| e * e).collect();
     assert!(500 < squares.len());
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
@@ -278,6 +285,125 @@ fn a_setpoint_hardly_passes_a_slow_integral_action() {
     };
     let [none, slow] = [0.0, 1e-5].map(|rate| predicted(&stage, &of(rate)));
     assert!(largest_difference(&none, &slow) < SETPOINT_TOLERANCE);
+}
+
+/// Typical sizes of the axis of [`stage`].
+const SLIDE: AxisScales = AxisScales {
+    input: 5.0,
+    position: 0.06,
+    velocity: 0.13,
+    acceleration: 0.9,
+    sample_period: DT,
+    band: 0.04 / DT,
+    duration: 8.0,
+    input_unit: "N",
+    position_unit: "m",
+};
+
+/// A mass of 3 kg with the form of `drive.compliance.belt` that has as many parameters as `values`.
+fn elastic(values: &[f64]) -> Twin {
+    let belt = effects::find("drive.compliance.belt").expect("the catalogue has it");
+    let mut forms = belt.forms_on_axis().into_iter();
+    let form = forms.find(|form| form.parameters.len() == values.len()).expect("such a form");
+    let mut twin = twin(&[("gantry.inertia", &[3.0])]);
+    let form = form.on_axis(&SLIDE);
+    twin.instances.push(Instance::new(form, Axis::Motors, values, Source::Known));
+    twin.axis_frame = Some(AxisFrame { position_origin: 0.0, scales: SLIDE });
+    twin
+}
+
+/// The force for the tones of [`stage`], whose transfer from acceleration at `rate` (rad/s) is `(in phase, ahead)`.
+fn stage_with_transfer(transfer: impl Fn(f64) -> (f64, f64)) -> AxisStage {
+    stage(|t, _, _, _| {
+        let force = |(size, rate): &(f64, f64)| {
+            let ((sine, cosine), (in_phase, ahead)) = ((rate * t).sin_cos(), transfer(*rate));
+            -size * rate * rate * (in_phase * sine + ahead * cosine)
+        };
+        TONES.iter().map(force).sum()
+    })
+}
+
+/// Residual (N) of a right twin of an elastic axis, less than a hundredth of its force.
+const ELASTIC_TOLERANCE: f64 = 0.02;
+
+/// Where the motor is measured, the load has (w^2 + 2 i z w s) / (w^2 - s^2 + 2 i z w s) of its acceleration at the rate s.
+#[test]
+fn a_load_on_a_belt_oscillates_against_the_measured_motor() {
+    const OMEGA: f64 = 20.0;
+    const DAMPING: f64 = 0.3;
+    // Within 1 s, what the load does at the start decays to a four-hundredth.
+    const START: usize = 100;
+    const FRACTION: f64 = 0.7;
+    let stage = stage_with_transfer(|rate| {
+        let (stiff, damped) = (OMEGA * OMEGA - rate * rate, 2.0 * DAMPING * OMEGA * rate);
+        let square = stiff * stiff + damped * damped;
+        let in_phase = (OMEGA * OMEGA * stiff + damped * damped) / square;
+        let ahead = (damped * stiff - OMEGA * OMEGA * damped) / square;
+        (3.0 * (1.0 - FRACTION + FRACTION * in_phase), 3.0 * FRACTION * ahead)
+    });
+    let of = |fraction: f64| elastic(&[fraction, OMEGA / TAU, DAMPING]);
+    let [right, half, rigid] =
+        [FRACTION, 0.5 * FRACTION, 0.0].map(|own| rms_inside(START, &stage, &of(own)));
+    assert!(right < ELASTIC_TOLERANCE, "{right} N");
+    assert!(10.0 * ELASTIC_TOLERANCE < half && half < rigid, "{half} N, {rigid} N");
+}
+
+/// Where the load is measured, the force of the motor is (1 + 2 i z p s - p^2 s^2) of that on the load at the rate s.
+#[test]
+fn the_motor_oscillates_against_the_measured_load() {
+    const PERIOD: f64 = 0.3;
+    const DAMPING: f64 = 0.1;
+    let stage = stage_with_transfer(|rate| {
+        let turn = PERIOD / TAU * rate;
+        (3.0 * (1.0 - turn * turn), 3.0 * 2.0 * DAMPING * turn)
+    });
+    let of = |period: f64| elastic(&[period, DAMPING]);
+    // At the ends the filters know one side only.
+    let [right, rigid] = [PERIOD, 0.0].map(|period| rms_inside(20, &stage, &of(period)));
+    assert!(right < ELASTIC_TOLERANCE && 10.0 * right < rigid, "{right} N, {rigid} N");
+}
+
+/// Consistency of the two directions, not a test against independent truth.
+#[test]
+fn a_free_run_of_an_elastic_axis_agrees_with_its_inverse_dynamics() {
+    let force =
+        |t: f64| (1.0 - (-t).exp()) * (4.0 * (7.0 * t).sin() + 2.0 * (17.0 * t + 1.0).sin());
+    let input: Vec<f64> = (0..8000).map(|index| force(DT * f64::from(index))).collect();
+    for twin in [elastic(&[0.7, 3.0, 0.05]), elastic(&[0.2, 0.1])] {
+        let states = respond(&twin, (0.0, DT), &input, [0.0; 2]);
+        let measured = Measured {
+            name: "slide".into(),
+            unit: "N",
+            position_unit: "m",
+            start: 0.0,
+            dt: DT,
+            input: input.clone(),
+            position: states.iter().map(|state| state[0]).collect(),
+        };
+        let error = rms_inside(20, &AxisStage::new(measured, &[0.0..8.0]), &twin);
+        assert!(error < ELASTIC_TOLERANCE, "{error} N");
+    }
+}
+
+/// The residual of the right twin is what the noise of the position makes of its prediction.
+#[test]
+fn noise_of_the_position_is_propagated_to_the_input() {
+    const NOISE: f64 = 2e-6;
+    let mut noise = crate::seed::Stream::new(1, "test");
+    let (mut input, mut position) = (Vec::new(), Vec::new());
+    for index in 0..16_000 {
+        let t = DT * f64::from(index);
+        input.push(-3.0 * 0.05 * 9.0 * (3.0 * t).sin());
+        let error = 3.0_f64.sqrt() * f64::from(noise.uniform_f32(-1.0, 1.0));
+        position.push(0.05 * (3.0 * t).sin() + NOISE * error);
+    }
+    let (name, dt) = ("slide".into(), DT);
+    let measured =
+        Measured { name, unit: "N", position_unit: "m", start: 0.0, dt, input, position };
+    let stage = AxisStage::new(measured, &[0.0..16.0]);
+    let right = twin(&[("gantry.inertia", &[3.0])]);
+    let (residual, propagated) = (rms(&stage, &right), stage.propagated_noise(&right)[0]);
+    assert!((propagated / residual - 1.0).abs() < 0.15, "{propagated} of {residual} N");
 }
 
 #[test]

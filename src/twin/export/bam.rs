@@ -151,6 +151,7 @@ mod tests {
             velocity: 1.0,
             acceleration: 1.0,
             sample_period: 1e-3,
+            band: 40.0,
             duration: 10.0,
             input_unit,
             position_unit: "rad",
