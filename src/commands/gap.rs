@@ -108,7 +108,7 @@ impl Inputs {
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let inputs = Inputs::read(&args.search.all_of(&args.recordings), args.twin.as_deref())?;
     let sessions = inputs.sessions(&args.search.of_sessions())?;
-    let options = args.search.of_search(twin::machine_of(&sessions))?;
+    let options = args.search.of_search(&sessions)?;
     let mut results = Results::begin(&args.output, &FILES, args.overwrite)?;
     note(&format!("comparing {} sessions with the twin", sessions.len()));
     let view = SearchView::new();
@@ -145,7 +145,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     }
     let inputs = Inputs::read(&args.search.all_of(&args.recordings), args.twin.as_deref())?;
     let sessions = inputs.sessions(&args.search.of_sessions())?;
-    let options = args.search.of_search(twin::machine_of(&sessions))?;
+    let options = args.search.of_search(&sessions)?;
     let view = SearchView::new();
     let context = view.context(&options);
     let found = gap::find(&sessions, inputs.start.as_ref(), Task::Calibrate, context);

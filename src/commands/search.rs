@@ -9,7 +9,7 @@ use klasktron::{
         ThresholdValue, Thresholds,
     },
     parallel,
-    twin::{Machine, Mask, SessionOptions, StageKind},
+    twin::{Mask, Session, SessionOptions, StageKind, Twin},
 };
 use std::{
     num::NonZeroUsize,
@@ -90,15 +90,16 @@ impl SearchArgs {
         SessionOptions { validation: self.validation.clone(), masks: self.mask.clone() }
     }
 
-    /// Options of the search on a `machine`; limits the threads as well.
-    pub(super) fn of_search(&self, machine: Machine) -> Result<SearchOptions, OptionError> {
+    /// Options of the search on the machine of `sessions`; limits the threads as well.
+    pub(super) fn of_search(&self, sessions: &[Session]) -> Result<SearchOptions, OptionError> {
         if let Some(threads) = self.threads {
             parallel::limit_threads(threads);
         }
         let defined = self.effects.iter().flat_map(|file| file.effects.iter().copied()).collect();
         let options =
             SearchOptions::default().with_effects(defined).select(&self.only, &self.exclude)?;
-        let options = options.fix(&self.fix, machine)?.with_family_error(self.alpha);
+        let machine = Twin::nominal_of(sessions).framed(sessions);
+        let options = options.fix(&self.fix, &machine)?.with_family_error(self.alpha);
         Ok(options.with_thresholds(&self.threshold))
     }
 

@@ -8,7 +8,7 @@
 
 use super::{
     COMMAND_UNIT, Effect, Parameter, Physics,
-    drive::compliance_belt::{COMPLIANCE_BEFORE_ENCODER, COMPLIANCE_ON_AXIS},
+    drive::compliance_belt::{COMPLIANCE_ENCODER_ON_LOAD, COMPLIANCE_ENCODER_ON_MOTOR},
     find,
 };
 use std::sync::{Mutex, PoisonError};
@@ -56,7 +56,7 @@ pub(super) const PERIOD_UNIT: &str = "period";
 const SESSION_TIME: f64 = 1.0;
 
 /// Effects with another equation on a single axis, in the sizes of the table.
-static ON_AXIS: [&Effect; 2] = [&COMPLIANCE_ON_AXIS, &COMPLIANCE_BEFORE_ENCODER];
+static ON_AXIS: [&Effect; 2] = [&COMPLIANCE_ENCODER_ON_MOTOR, &COMPLIANCE_ENCODER_ON_LOAD];
 
 /// Effects in the units of an axis. They are kept for the life of the program, one set for each set of scales.
 static POOL: Mutex<Vec<(AxisScales, &'static Effect)>> = Mutex::new(Vec::new());
@@ -214,6 +214,19 @@ impl Effect {
     pub fn forms_on_axis(&'static self) -> Vec<&'static Self> {
         let own = self.axis_forms();
         if own.is_empty() { vec![self] } else { own }
+    }
+
+    /// The form on a single axis that has all parameters called `names`, else the first one; in the sizes of the table.
+    #[must_use]
+    pub fn form_on_axis<'n>(
+        &'static self,
+        names: impl IntoIterator<Item = &'n str> + Clone,
+    ) -> &'static Self {
+        let forms = self.forms_on_axis();
+        let has = |form: &Self, name: &str| form.parameters.iter().any(|own| own.name == name);
+        let with_all =
+            forms.iter().find(|form| names.clone().into_iter().all(|name| has(form, name)));
+        with_all.unwrap_or(&forms[0])
     }
 
     /// Forms on a single axis that differ from the effect on a table.

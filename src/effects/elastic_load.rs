@@ -106,11 +106,12 @@ impl Resonance {
     /// Force of the motor at steps of `dt` seconds, for the `forces` on the load side, which go on linearly at both ends.
     #[must_use]
     pub fn backwards(&self, forces: &[f64], dt: f64) -> Vec<f64> {
-        let Some(last) = forces.len().checked_sub(2 + 2 * UNCERTAIN) else {
+        if forces.len() < 2 + 2 * UNCERTAIN {
             return forces.to_vec();
-        };
+        }
+        let last = forces.len() - 2 - UNCERTAIN;
         let at = |index: usize| {
-            let inner = index.clamp(UNCERTAIN, UNCERTAIN + last);
+            let inner = index.clamp(UNCERTAIN, last);
             let slope = forces[inner + 1] - forces[inner];
             forces[inner] + slope * (index as f64 - inner as f64)
         };

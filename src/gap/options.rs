@@ -41,7 +41,10 @@ pub enum OptionError {
         known: Vec<&'static str>,
     },
     /// The value is outside of the bounds.
-    #[error("{name} is {value}; allowed are {} to {}{}", bounds.0, bounds.1, after_space(unit))]
+    #[error(
+        "{name} is {value}; allowed are {} to {}{}",
+        rounded(bounds.0), rounded(bounds.1), after_space(unit)
+    )]
     OutOfBounds {
         /// Dotted name of the parameter.
         name: String,
@@ -87,6 +90,11 @@ fn hint(nearest: &Option<String>) -> String {
     )
 }
 
+/// `value` with at most four significant digits: the bounds of an axis follow from its recordings.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
+}
+
 /// `unit` after a space; empty without a unit.
 fn after_space(unit: &str) -> String {
     if unit.is_empty() { String::new() } else { format!(" {unit}") }
@@ -112,9 +120,8 @@ impl FromStr for FixedParameter {
         let (effect, parameter) = name.trim().rsplit_once('.').ok_or_else(syntax)?;
         let effect = effects::find(effect).ok_or_else(|| unknown(effect))?;
         // The machine is not known yet.
-        let forms = effect.forms_on_axis();
         let found = parameter_of(effect, parameter).or_else(|unknown| {
-            forms.iter().find_map(|form| parameter_of(form, parameter).ok()).ok_or(unknown)
+            parameter_of(effect.form_on_axis([parameter]), parameter).map_err(|_| unknown)
         });
         Ok(Self { effect, parameter: found?.name, value })
     }
@@ -138,20 +145,16 @@ impl fmt::Display for FixedParameter {
 }
 
 impl FixedParameter {
-    /// The parameter of the effect as it is on `machine`. The bounds of a single axis are in its own units.
-    fn on(self, machine: Machine) -> Result<Self, OptionError> {
-        if machine.axes(self.effect.site).is_empty() {
-            return Err(OptionError::NotOnMachine { machine, effect: self.effect.name });
+    /// The parameter of the effect on the machine of `twin`, in its units.
+    fn on(self, twin: &Twin) -> Result<Self, OptionError> {
+        if twin.machine.axes(self.effect.site).is_empty() {
+            let (machine, effect) = (twin.machine, self.effect.name);
+            return Err(OptionError::NotOnMachine { machine, effect });
         }
-        let forms = match machine {
-            Machine::Axis => self.effect.forms_on_axis(),
-            Machine::Table => vec![self.effect],
-        };
-        let effect = forms.iter().find(|form| parameter_of(form, self.parameter).is_ok());
-        let effect = effect.unwrap_or(&forms[0]);
+        let effect = twin.form_of(self.effect, [self.parameter]);
         let own = parameter_of(effect, self.parameter)?;
         let (low, high) = own.bounds;
-        if machine == Machine::Table && !(low..=high).contains(&self.value) {
+        if !(low..=high).contains(&self.value) {
             return Err(OptionError::OutOfBounds {
                 name: format!("{}.{}", effect.name, own.name),
                 value: self.value,
@@ -173,12 +176,10 @@ impl FixedParameter {
                     .map(|location| Instance::new(self.effect, location, probe, Source::Nominal)),
             );
         }
+        let mut parameters = self.effect.parameters.iter();
+        let Some(index) = parameters.position(|own| own.name == self.parameter) else { return };
         for own in twin.instances.iter_mut().filter(|own| own.effect == self.effect) {
-            let known = Value { value: self.value, ci95: None, source: Source::Known };
-            let parameters = own.effect.parameters.iter().zip(&mut own.values);
-            parameters
-                .filter(|(parameter, _)| parameter.name == self.parameter)
-                .for_each(|(_, value)| *value = known);
+            own.values[index] = Value { value: self.value, ci95: None, source: Source::Known };
         }
     }
 }
@@ -273,12 +274,12 @@ impl SearchOptions {
         group(name).map(|_| ())
     }
 
-    /// Set parameters that are known.
+    /// Set parameters that are known, in the units of the machine of `twin`.
     ///
     /// # Errors
-    /// The `machine` cannot have one of the effects or parameters, or a table not the value.
-    pub fn fix(mut self, fixed: &[FixedParameter], machine: Machine) -> Result<Self, OptionError> {
-        self.fixed = fixed.iter().map(|own| own.on(machine)).collect::<Result<_, _>>()?;
+    /// The machine cannot have one of the effects, parameters or values.
+    pub fn fix(mut self, fixed: &[FixedParameter], twin: &Twin) -> Result<Self, OptionError> {
+        self.fixed = fixed.iter().map(|own| own.on(twin)).collect::<Result<_, _>>()?;
         Ok(self)
     }
 
@@ -373,6 +374,7 @@ fn unknown(name: &str) -> OptionError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{effects::AxisScales, twin::AxisFrame};
 
     fn select(only: &[&str], exclude: &[&str]) -> Result<SearchOptions, OptionError> {
         let own = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
@@ -408,7 +410,8 @@ mod tests {
     fn a_fixed_parameter_is_known_in_the_twin() {
         let fixed: FixedParameter = "drive.delay.delay_s=0.012".parse().unwrap();
         assert_eq!(fixed.to_string(), "drive.delay.delay_s=0.012");
-        let options = SearchOptions::default().fix(&[fixed], Machine::Table).unwrap();
+        let options =
+            SearchOptions::default().fix(&[fixed], &Twin::nominal(Machine::Table)).unwrap();
         let twin = options.applied_to(Twin::nominal(Machine::Table));
         let own = twin.instances.iter().find(|own| own.effect.name == "drive.delay").unwrap();
         assert_eq!((own.values[0].value, own.values[0].source), (0.012, Source::Known));
@@ -423,17 +426,45 @@ mod tests {
         assert!(said("drive.delay.delay_s=fast").contains("write EFFECT.PARAMETER=VALUE"));
         assert!(said("drive.dealy.delay_s=0.01").contains("did you mean 'drive.delay'?"));
         assert!(said("drive.delay.delay=0.01").contains("its parameters are delay_s"));
-        let fixed = |text: &str, machine: Machine| {
+        let fixed = |text: &str, twin: &Twin| {
+            SearchOptions::default().fix(&[text.parse().unwrap()], twin).map_err(|e| e.to_string())
+        };
+        let table = Twin::nominal(Machine::Table);
+        let said = fixed("drive.delay.delay_s=7", &table).unwrap_err();
+        assert!(said.contains("is 7; allowed are -0.02 to 0.2 s"), "{said}");
+        let said = fixed("drive.compliance.belt.load_fraction=0.5", &table).unwrap_err();
+        assert!(said.contains("compliance_m_per_n, rotor_kg, damping_ratio"), "{said}");
+    }
+
+    #[test]
+    fn a_parameter_of_a_single_axis_has_the_bounds_of_its_recordings() {
+        let scales = AxisScales {
+            input: 5000.0,
+            position: 0.3,
+            velocity: 0.6,
+            acceleration: 3.0,
+            sample_period: 0.01,
+            band: 4.0,
+            duration: 60.0,
+            input_unit: "N",
+            position_unit: "m",
+        };
+        let axis_frame = Some(AxisFrame { position_origin: 0.0, scales });
+        let press = Twin { axis_frame, ..Twin::nominal(Machine::Axis) };
+        let fixed = |text: &str| {
             SearchOptions::default()
-                .fix(&[text.parse().unwrap()], machine)
+                .fix(&[text.parse().unwrap()], &press)
                 .map_err(|e| e.to_string())
         };
-        let said = fixed("drive.delay.delay_s=7", Machine::Table).unwrap_err();
-        assert!(said.contains("is 7; allowed are -0.02 to 0.2 s"), "{said}");
-        // The bounds of an axis follow from its recordings, and some effects have other parameters there.
-        assert!(fixed("gantry.inertia.mass_kg=700", Machine::Axis).is_ok());
-        assert!(fixed("drive.compliance.belt.load_fraction=0.5", Machine::Axis).is_ok());
-        let said = fixed("drive.compliance.belt.load_fraction=0.5", Machine::Table).unwrap_err();
-        assert!(said.contains("compliance_m_per_n, rotor_kg, damping_ratio"), "{said}");
+        for text in [
+            "gantry.inertia.mass_kg=7000",
+            "drive.delay.delay_s=0.7",
+            "drive.compliance.belt.load_fraction=0.5",
+            "drive.compliance.belt.resonance_period_s=1.5",
+        ] {
+            assert!(fixed(text).is_ok(), "{text}: {:?}", fixed(text));
+        }
+        let said = fixed("drive.delay.delay_s=7").unwrap_err();
+        assert!(said.contains("is 7; allowed are -0.2 to 2 s"), "{said}");
     }
 }

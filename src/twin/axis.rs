@@ -26,7 +26,7 @@ pub use load::AxisError;
 pub(super) use load::{INPUT_UNITS, POSITION_UNITS, position_unit, resampled, unit_of};
 
 use super::{Channel, Stage, StageKind, Twin, axis_frame::MotionSums};
-use crate::effects::{Domain, Effect, InputKind, Motion, Physics, Regressor};
+use crate::effects::{Domain, Effect, InputKind, Motion, Physics, Regressor, Resonance};
 use chain::Chain;
 use filter::{LowPass, derivative};
 use signals::{Signals, each_segment};
@@ -296,17 +296,25 @@ impl AxisStage {
         each_segment(&self.segments, values, |own| shifted(own, delay / self.dt))
     }
 
+    /// `values` of all samples that `pass` the resonance of `chain`, each segment by itself.
+    fn through_resonance(
+        &self,
+        chain: &Chain,
+        values: Vec<f64>,
+        pass: fn(&Resonance, &[f64], f64) -> Vec<f64>,
+    ) -> Vec<f64> {
+        match &chain.resonance {
+            Some(own) => each_segment(&self.segments, &values, |values| pass(own, values, self.dt)),
+            None => values,
+        }
+    }
+
     /// The input of every sample that the twin needs for the measured motion, on the load side of a resonance.
     fn inverse(&self, chain: &Chain) -> Vec<f64> {
         let mut memory = chain.memory();
         // The measured input, when it acts.
         let acting = self.shifted_in_segments(&self.signals.inner_input, -chain.delay);
-        let acting = match &chain.resonance {
-            Some(own) => {
-                each_segment(&self.segments, &acting, |values| own.forwards(values, self.dt))
-            }
-            None => acting,
-        };
+        let acting = self.through_resonance(chain, acting, Resonance::forwards);
         let mut inputs = Vec::with_capacity(self.signals.position.len());
         for (index, input) in acting.into_iter().enumerate() {
             let begins = index == 0 || self.segments.iter().any(|own| own.start == index);
@@ -345,13 +353,7 @@ impl AxisStage {
     fn predicted(&self, twin: &Twin) -> Vec<f64> {
         let chain = Chain::new(twin);
         let inputs = self.shifted_in_segments(&self.inverse(&chain), chain.delay);
-        match &chain.resonance {
-            Some(own) => {
-                let of_motor = |values: &[f64]| own.backwards(values, self.dt);
-                self.compared(&each_segment(&self.segments, &inputs, of_motor))
-            }
-            None => self.compared(&inputs),
-        }
+        self.compared(&self.through_resonance(&chain, inputs, Resonance::backwards))
     }
 }
 

@@ -117,6 +117,17 @@ impl Twin {
         }
     }
 
+    /// The form of `effect` on the machine that has all parameters called `names`, else the first one; in its units.
+    #[must_use]
+    pub fn form_of<'n>(
+        &self,
+        effect: &'static Effect,
+        names: impl IntoIterator<Item = &'n str> + Clone,
+    ) -> &'static Effect {
+        let on_axis = |frame: AxisFrame| effect.form_on_axis(names).on_axis(&frame.scales);
+        self.axis_frame.map_or(effect, on_axis)
+    }
+
     /// Position from which the positions in effects count.
     pub(crate) fn position_origin(&self) -> f64 {
         self.axis_frame.map_or(0.0, |frame| frame.position_origin)

@@ -6,7 +6,7 @@ use super::{
     axis::{INPUT_UNITS, POSITION_UNITS},
 };
 use crate::{
-    effects::{self, Axis, AxisScales, Definition, DefinitionError, Effect},
+    effects::{self, Axis, AxisScales, Definition, DefinitionError},
     recording::{ExistingFile, RecordingError, write_bytes},
 };
 use serde::{Deserialize, Serialize};
@@ -155,7 +155,7 @@ struct AxisEntry {
     acceleration_rms: f64,
     sample_period_s: f64,
     /// Absent in older twins.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     highest_compared_frequency_hz: Option<f64>,
     duration_s: f64,
 }
@@ -357,13 +357,9 @@ impl EffectEntry {
                 known: known.iter().map(Axis::to_string).collect(),
             });
         }
-        let has_all = |form: &&&'static Effect| {
-            let has = |name: &str| form.parameters.iter().any(|parameter| parameter.name == name);
-            self.parameters.iter().all(|given| has(&given.name))
-        };
-        let forms = effect.forms_on_axis();
-        let form = forms.iter().find(has_all).unwrap_or(&forms[0]);
-        let effect = frame.map_or(effect, |frame| form.on_axis(&frame.scales));
+        let given = self.parameters.iter().map(|own| own.name.as_str());
+        let effect =
+            frame.map_or(effect, |frame| effect.form_on_axis(given).on_axis(&frame.scales));
         let wrong = |parameter: &str, problem: String| TwinError::Parameter {
             path: path.to_owned(),
             effect: effect.name.to_owned(),

@@ -79,7 +79,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
 ///
 /// `gantry.inertia` is the whole moving mass M. Far below the frequency f, the load follows the motor. Far above it, only the
 /// fraction 1 - r of the mass resists the motor. The frequency is that of the load while the motor stands (antiresonance).
-pub(in crate::effects) static COMPLIANCE_ON_AXIS: Effect = Effect {
+pub(in crate::effects) static COMPLIANCE_ENCODER_ON_MOTOR: Effect = Effect {
     summary: "the load oscillates against the motor, whose position is measured",
     equation: "F = (1 − r) M · a + r M · a_load, a_load = (2π f)² (q − q_load) + 2 ζ · 2π f (v − v_load)",
     parameters: &[LOAD_FRACTION, FREQUENCY, DAMPING_RATIO],
@@ -107,7 +107,7 @@ pub(in crate::effects) static COMPLIANCE_ON_AXIS: Effect = Effect {
 ///
 /// Motor and load resonate with the period T. Far below the resonance, the motor drives one mass. Forces are those on the
 /// load side.
-pub(in crate::effects) static COMPLIANCE_BEFORE_ENCODER: Effect = Effect {
+pub(in crate::effects) static COMPLIANCE_ENCODER_ON_LOAD: Effect = Effect {
     summary: "the motor oscillates against the load, whose position is measured",
     equation: "F = F_load + 2 ζ · T / (2π) · dF_load/dt + (T / (2π))² · d²F_load/dt², F_load = M · a + friction",
     parameters: &[
@@ -125,7 +125,7 @@ pub(in crate::effects) static COMPLIANCE_BEFORE_ENCODER: Effect = Effect {
     null: &[0.0, 0.05],
     probes: &[&[0.055, 0.05], &[0.08, 0.05], &[0.12, 0.05], &[0.2, 0.05], &[0.3, 0.05]],
     physics: Physics::Resonance(|p| Resonance { angular_period: p[0] / TAU, damping_ratio: p[1] }),
-    ..COMPLIANCE_ON_AXIS
+    ..COMPLIANCE_ENCODER_ON_MOTOR
 };
 
 /// Mass of the load over the whole moving mass of a single axis.

@@ -437,8 +437,8 @@ fn joint_quantile(count: usize, uncertainty: &Uncertainty) -> f64 {
     t_quantile(1.0 - 0.025 / count.max(1) as f64, uncertainty.freedom)
 }
 
-/// Return whether the joint 95 % intervals of `parameters`, with their indices in the fit, contain the
-/// values without the effect; false for an empty list.
+/// Return whether the joint 95 % intervals of `parameters`, with their indices in the fit, contain the values without the
+/// effect; false for an empty list.
 fn contains_null(twin: &Twin, parameters: &[(usize, &Slot)], uncertainty: &Uncertainty) -> bool {
     let quantile = joint_quantile(parameters.len(), uncertainty);
     let contains = |(index, slot): &(usize, &Slot)| {

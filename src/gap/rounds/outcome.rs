@@ -181,7 +181,7 @@ impl Added {
     /// Best candidate of the round with a larger loss and another effect.
     pub(in crate::gap) fn runner_up(&self) -> Option<&RankedCandidate> {
         let own = self.loss()?;
-        self.ranking.iter().find(|other| other.effect != self.effect && own <= other.loss)
+        self.ranking.iter().find(|other| other.effect.name != self.effect.name && own <= other.loss)
     }
 }
 

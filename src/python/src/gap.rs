@@ -137,9 +137,10 @@ fn searched(
     let parsed: Result<Vec<FixedParameter>, _> =
         options.fix.iter().map(|text| text.parse()).collect();
     let fixed = parsed.map_err(raised)?;
+    let machine = twin::Twin::nominal_of(&sessions).framed(&sessions);
     let search = SearchOptions::default()
         .select(&options.only, &options.exclude)
-        .and_then(|own| own.fix(&fixed, twin::machine_of(&sessions)))
+        .and_then(|own| own.fix(&fixed, &machine))
         .map_err(raised)?
         .with_family_error(options.alpha);
     let context = Context { options: &search, observer: watch };

@@ -35,10 +35,6 @@ const REST: usize = 10;
 pub(super) struct Signals {
     /// Edge of the low-pass filter (cycles per sample).
     pub(super) cutoff: f64,
-    /// Edge of the wider filter (cycles per sample).
-    inner: f64,
-    /// Standard deviation of the white noise of the measured position.
-    noise: f64,
     /// Input and position behind that filter.
     pub(super) input: Vec<f64>,
     pub(super) position: Vec<f64>,
@@ -55,6 +51,10 @@ pub(super) struct Signals {
     pub(super) standing: Vec<bool>,
     /// Whether the sample belongs to a longer rest.
     pub(super) resting: Vec<bool>,
+    /// Edge of the wider filter (cycles per sample).
+    inner: f64,
+    /// Standard deviation of the white noise of the measured position.
+    noise: f64,
 }
 
 impl Signals {
@@ -65,11 +65,8 @@ impl Signals {
         let cutoff = edge(&EDGES, segments, position, noise, ACCELERATION_NOISE);
         let inner_edges = [&WIDER_EDGES[..], &EDGES].concat();
         let inner = edge(&inner_edges, segments, position, noise, INNER_ACCELERATION_NOISE);
-        let filtered = |values: &[f64], edge: f64| {
-            let low_pass = LowPass::butterworth(edge);
-            each_segment(segments, values, |own| low_pass.apply(own))
-        };
-        let slope = |values: &[f64]| each_segment(segments, values, |own| derivative(own, dt));
+        let filtered = |values: &[f64], edge: f64| filtered(segments, values, edge);
+        let slope = |values: &[f64]| slope(segments, values, dt);
         let smooth = filtered(position, cutoff);
         let narrowest = slope(&smooth);
         // A line as long as half a period of the filter averages about as much.
@@ -110,19 +107,18 @@ impl Signals {
         let half_width = 3.0_f64.sqrt() * self.noise;
         let mut sample = || half_width * f64::from(stream.uniform_f32(-1.0, 1.0));
         let noise: Vec<f64> = self.position.iter().map(|_| sample()).collect();
-        let filtered = |edge: f64| {
-            let low_pass = LowPass::butterworth(edge);
-            each_segment(segments, &noise, |own| low_pass.apply(own))
-        };
-        let slope = |values: &[f64]| each_segment(segments, values, |own| derivative(own, dt));
-        let position = filtered(self.cutoff);
+        let slope = |values: &[f64]| slope(segments, values, dt);
+        let position = filtered(segments, &noise, self.cutoff);
         let velocity = slope(&position);
         let added = |values: &mut [f64], noise: &[f64]| {
             values.iter_mut().zip(noise).for_each(|(value, noise)| *value += noise);
         };
         let mut noisy = self.clone();
         added(&mut noisy.acceleration, &slope(&velocity));
-        added(&mut noisy.inner_acceleration, &slope(&slope(&filtered(self.inner))));
+        added(
+            &mut noisy.inner_acceleration,
+            &slope(&slope(&filtered(segments, &noise, self.inner))),
+        );
         added(&mut noisy.velocity, &velocity);
         added(&mut noisy.position, &position);
         noisy
@@ -157,6 +153,17 @@ pub(super) fn each_segment(
         changed[segment.clone()].copy_from_slice(&change(&values[segment.clone()]));
     }
     changed
+}
+
+/// `values` behind a low-pass filter with the `edge` (cycles per sample).
+fn filtered(segments: &[Range<usize>], values: &[f64], edge: f64) -> Vec<f64> {
+    let low_pass = LowPass::butterworth(edge);
+    each_segment(segments, values, |own| low_pass.apply(own))
+}
+
+/// Derivative of `values`, which are `dt` apart.
+fn slope(segments: &[Range<usize>], values: &[f64], dt: f64) -> Vec<f64> {
+    each_segment(segments, values, |own| derivative(own, dt))
 }
 
 /// Samples at rest, with `noise` of the velocity; all samples outside of `segments` are.

@@ -68,16 +68,21 @@ fn stage_with(unit: &'static str, input_at: impl Fn(f64, f64, f64, f64) -> f64) 
         input.push(input_at(t, q, v, a));
         position.push(q);
     }
-    let measured = Measured {
+    let measured = Measured { unit, ..slide(input, position) };
+    AxisStage::new(measured, &[0.0..4.0, 4.0..8.0])
+}
+
+/// A recording of a slide driven by a force (N) at steps of [`DT`].
+fn slide(input: Vec<f64>, position: Vec<f64>) -> Measured {
+    Measured {
         name: "slide".into(),
-        unit,
+        unit: "N",
         position_unit: "m",
         start: 0.0,
         dt: DT,
         input,
         position,
-    };
-    AxisStage::new(measured, &[0.0..4.0, 4.0..8.0])
+    }
 }
 
 /// The input that `twin` predicts.
@@ -371,15 +376,8 @@ fn a_free_run_of_an_elastic_axis_agrees_with_its_inverse_dynamics() {
     let input: Vec<f64> = (0..8000).map(|index| force(DT * f64::from(index))).collect();
     for twin in [elastic(&[0.7, 3.0, 0.05]), elastic(&[0.2, 0.1])] {
         let states = respond(&twin, (0.0, DT), &input, [0.0; 2]);
-        let measured = Measured {
-            name: "slide".into(),
-            unit: "N",
-            position_unit: "m",
-            start: 0.0,
-            dt: DT,
-            input: input.clone(),
-            position: states.iter().map(|state| state[0]).collect(),
-        };
+        let positions = states.iter().map(|state| state[0]).collect();
+        let measured = slide(input.clone(), positions);
         let error = rms_inside(20, &AxisStage::new(measured, &[0.0..8.0]), &twin);
         assert!(error < ELASTIC_TOLERANCE, "{error} N");
     }
@@ -397,10 +395,7 @@ fn noise_of_the_position_is_propagated_to_the_input() {
         let error = 3.0_f64.sqrt() * f64::from(noise.uniform_f32(-1.0, 1.0));
         position.push(0.05 * (3.0 * t).sin() + NOISE * error);
     }
-    let (name, dt) = ("slide".into(), DT);
-    let measured =
-        Measured { name, unit: "N", position_unit: "m", start: 0.0, dt, input, position };
-    let stage = AxisStage::new(measured, &[0.0..16.0]);
+    let stage = AxisStage::new(slide(input, position), &[0.0..16.0]);
     let right = twin(&[("gantry.inertia", &[3.0])]);
     let (residual, propagated) = (rms(&stage, &right), stage.propagated_noise(&right)[0]);
     assert!((propagated / residual - 1.0).abs() < 0.15, "{propagated} of {residual} N");
@@ -421,15 +416,8 @@ fn a_position_that_restarts_at_a_run_is_no_acceleration() {
         (0.05 * (3.0 * t).sin(), -0.45 * (3.0 * t).sin())
     };
     let restarted = |index: usize| if index < 4000 { 0.0 } else { 0.7 };
-    let measured = Measured {
-        name: "slide".into(),
-        unit: "N",
-        position_unit: "m",
-        start: 0.0,
-        dt: DT,
-        input: (0..8000).map(|index| 3.0 * at(index).1).collect(),
-        position: (0..8000).map(|index| at(index).0 + restarted(index)).collect(),
-    };
+    let input = (0..8000).map(|index| 3.0 * at(index).1).collect();
+    let measured = slide(input, (0..8000).map(|index| at(index).0 + restarted(index)).collect());
     let stage = AxisStage::in_segments(measured, vec![0..4000, 4000..8000], &[0.0..4.0, 4.0..8.0]);
     let right = twin(&[("gantry.inertia", &[3.0])]);
     assert!(rms(&stage, &right) < 0.01, "{}", rms(&stage, &right));
@@ -441,15 +429,8 @@ fn a_position_that_restarts_at_a_run_is_no_acceleration() {
 /// Number of moving samples of a sine of `frequency` (Hz), sampled at 60 Hz for 20 s.
 fn moving_samples_at_60_hz(frequency: f64) -> usize {
     let position = |k: usize| 0.3 * (TAU * frequency * k as f64 / 60.0).sin();
-    let measured = Measured {
-        name: "slide".into(),
-        unit: "N",
-        position_unit: "m",
-        start: 0.0,
-        dt: 1.0 / 60.0,
-        input: (0..1200).map(|k| -position(k)).collect(),
-        position: (0..1200).map(position).collect(),
-    };
+    let input = (0..1200).map(|k| -position(k)).collect();
+    let measured = Measured { dt: 1.0 / 60.0, ..slide(input, (0..1200).map(position).collect()) };
     let stage = AxisStage::new(measured, &[0.0..20.0]);
     stage.signals.resting.iter().filter(|rests| !**rests).count()
 }

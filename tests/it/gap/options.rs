@@ -150,6 +150,7 @@ fn wrong_options_are_refused_in_one_sentence_with_the_way_out() {
         (["--exclude", "frction"], 2, "is no effect and no group of effects"),
         (["--fix", "drive.delay.delay_s"], 2, "write EFFECT.PARAMETER=VALUE"),
         (["--fix", "drive.delay.delay=0.01"], 2, "its parameters are delay_s"),
+        (["--fix", "drive.delay.delay_s=7"], 1, "allowed are -0.02 to 0.2 s"),
         (["--fix", "ball.rolling_resistance.coefficent=0.1"], 2, "its parameters are coefficient"),
         (["--alpha", "2"], 2, "must be a probability above 0 and at most 0.5"),
         (["--mask", "5"], 2, "FROM..TO"),
