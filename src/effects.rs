@@ -467,6 +467,7 @@ pub static CATALOGUE: &[&Effect] = &[
     &gantry::belt_asymmetry::BELT_ASYMMETRY,
     &gantry::mass_position::MASS_POSITION,
     &gantry::stiffness::STIFFNESS,
+    &gantry::gravity::GRAVITY,
     &gantry::tilt::TILT,
     &gantry::endstop::ENDSTOP,
     &gantry::squareness::SQUARENESS,

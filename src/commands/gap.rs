@@ -110,7 +110,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let sessions = inputs.sessions(&args.search.of_sessions())?;
     let options = args.search.of_search(&sessions)?;
     let mut results = Results::begin(&args.output, &FILES, args.overwrite)?;
-    note(&format!("comparing {} sessions with the twin", sessions.len()));
+    let plural = if sessions.len() == 1 { "" } else { "s" };
+    note(&format!("comparing {} session{plural} with the twin", sessions.len()));
     let view = SearchView::new();
     let context = view.context(&options);
     let found = gap::find(&sessions, inputs.start.as_ref(), Task::CloseGap, context);
@@ -251,14 +252,14 @@ fn summary(document: &Document) -> String {
         lines.push(format!("    {}", effect.explanation));
     }
     for change in &document.parameter_changes {
+        let [before, after] = [change.before, change.after].map(gap::significant);
+        let interval = change.ci95.map(|ends| ends.map(gap::significant));
         let interval =
-            change.ci95.map_or_else(String::new, |[low, high]| format!(" ({low:.4} to {high:.4})"));
+            interval.map_or_else(String::new, |[low, high]| format!(" ({low} to {high})"));
         lines.push(format!(
-            "  {}{}: {:.4} -> {:.4}{interval} {}",
+            "  {}{}: {before} -> {after}{interval} {}",
             change.name,
             change.location.phrase(),
-            change.before,
-            change.after,
             change.unit
         ));
     }

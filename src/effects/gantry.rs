@@ -3,6 +3,7 @@
 pub(super) mod belt_asymmetry;
 pub(super) mod cross_coupling;
 pub(super) mod endstop;
+pub(super) mod gravity;
 pub(super) mod inertia;
 pub(super) mod mass_position;
 pub(super) mod racking;

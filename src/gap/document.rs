@@ -12,9 +12,10 @@ use super::{
     floor::{Floor, FloorSource},
     incident::Incident,
     journal::{JournalEntry, MoveKind},
-    known::sample_period_above_lag,
+    known::{added_lag, lag, sample_period_above_lag},
     locate,
     page::text::label,
+    problem::Point,
     rounds::{self, Added, Outcome, Reason},
     thresholds::Thresholds,
     verdict::{Answer, Findings},
@@ -131,7 +132,8 @@ fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
     twin.axis_frame?;
     let instance = &twin.instances[rounds::instance_of(twin, step)?];
     let why = lag_within_a_sample(start, twin, instance)
-        .or_else(|| rigid(step.effect, &instance.values))?;
+        .or_else(|| rigid(step.effect, &instance.values))
+        .or_else(|| contains_none(step.effect, &instance.values))?;
     Some(format!(
         "{why}, so {} is part of the twin and does not count as missing",
         step.effect.name
@@ -141,10 +143,12 @@ fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
 /// Why a lag shorter than the sample period is no effect of an axis.
 fn lag_within_a_sample(start: &Twin, twin: &Twin, instance: &Instance) -> Option<String> {
     let period = sample_period_above_lag(start, twin, instance)?;
+    let than =
+        if start.reference_residuals.is_empty() { "" } else { " more than in the given twin" };
     Some(format!(
-        "the motion follows the input by {} s, which is less than the sample period of {} s: the time stamps or a \
+        "the motion follows the input by {} s{than}, which is less than the sample period of {} s: the time stamps or a \
          zero-order hold explain it",
-        significant(instance.values[0].value),
+        significant(added_lag(start, twin)),
         significant(period)
     ))
 }
@@ -162,6 +166,18 @@ fn rigid(effect: &Effect, values: &[Value]) -> Option<String> {
     Some(format!(
         "the interval of the {what} of elastic contacts contains zero: that is Coulomb friction"
     ))
+}
+
+/// Why an effect is not there if the intervals of all its parameters contain the values without it.
+fn contains_none(effect: &Effect, values: &[Value]) -> Option<String> {
+    let contains_null = |(value, null): (&Value, &f64)| {
+        value.ci95.is_some_and(|[low, high]| (low..=high).contains(null))
+    };
+    values
+        .iter()
+        .zip(effect.null)
+        .all(contains_null)
+        .then(|| "the intervals of its parameters contain the values without it".to_owned())
 }
 
 fn indistinguishable(step: &Added) -> Indistinguishable {
@@ -222,46 +238,84 @@ fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
 }
 
 /// Known parameters outside the interval of what was known of them, on stages on which the validation sessions prefer
-/// the final twin. The limit is corrected for the number of parameters that could have changed (Bonferroni).
+/// the final twin. The limit is corrected for the number of parameters that could have changed (Bonferroni). Where they
+/// changed jointly, but none by itself, because their errors are correlated, the one farthest outside is stated.
 fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
+    let known = material.twin.instances.iter().enumerate();
+    let possible = known.flat_map(|(index, after)| possible_changes(material, index, after));
+    let mut possible: Vec<(f64, ParameterChange)> = possible.collect();
+    if possible.iter().all(|(ratio, _)| *ratio <= 1.0)
+        && material.outcomes.iter().zip(material.floors).any(explains_most_by_refit)
+        && let Some((ratio, _)) = possible.iter_mut().max_by(|a, b| a.0.total_cmp(&b.0))
+    {
+        *ratio = f64::INFINITY;
+    }
+    possible.into_iter().filter(|(ratio, _)| 1.0 < *ratio).map(|(_, change)| change).collect()
+}
+
+/// Return whether the given twin leaves a residual above its noise floor on the validation sessions, of whose square other
+/// values of the known parameters explain most, and no effect was added.
+fn explains_most_by_refit((outcome, floors): (&Outcome<'_>, &Vec<Floor>)) -> bool {
+    let thresholds = outcome.train.thresholds();
+    let rms = |point: &Point| outcome.held_out.rms(point).into_iter().zip(floors);
+    let sum = |point: &Point| rms(point).map(|(rms, floor)| (rms / floor.rms).powi(2)).sum::<f64>();
+    let is_above = |(rms, floor): (f64, &Floor)| thresholds.floor_ratio * floor.rms < rms;
+    outcome.is_better
+        && outcome.added.is_empty()
+        && rms(&outcome.start_held_out).any(is_above)
+        && sum(&outcome.last_held_out) < (1.0 - thresholds.majority) * sum(&outcome.start_held_out)
+}
+
+/// Differences of the parameters of the instance `index` of the final twin from the given values, each with its ratio to
+/// the limit of chance.
+fn possible_changes(
+    material: &Material<'_, '_>,
+    index: usize,
+    after: &Instance,
+) -> Vec<(f64, ParameterChange)> {
     let Material { start, twin, outcomes, thresholds, .. } = *material;
+    let (Some(known), Some(outcome)) =
+        (known_as(start, index, after), confirmed_by(outcomes, twin, index))
+    else {
+        return Vec::new();
+    };
     let tries: usize = outcomes.iter().map(|outcome| outcome.last.slots.len()).sum();
     let beyond_chance = 1.0 - 0.5 * thresholds.family_error / tries.max(1) as f64;
     let plain = start.plain();
-    let mut changes = Vec::new();
-    for (index, after) in twin.instances.iter().enumerate() {
-        let Some(known) = known_as(start, index, after) else { continue };
-        let before = &start.instances[known];
-        let Some(outcome) = confirmed_by(outcomes, twin, index) else { continue };
-        let freedom = outcome.uncertainty.freedom;
-        let in_half_intervals = t_quantile(beyond_chance, freedom) / t_quantile(0.975, freedom);
-        for (k, parameter) in before.effect.parameters.iter().enumerate() {
-            let (old, new) = (&before.values[k], &after.values[k]);
-            let Some([low, high]) = new.ci95 else { continue };
-            if new.source != Source::Fitted || parameter.per_session {
-                continue;
-            }
-            let old_half = old.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low));
-            // The model error is part of both values, and not of their difference.
-            let slot = Slot { instance: known, parameter: k };
-            let common =
-                t_quantile(0.975, freedom) * thresholds.model_error * changed(&plain, start, slot);
-            let old_half = (old_half.powi(2) - common.powi(2)).max(0.0).sqrt();
-            let limit = in_half_intervals * (0.5 * (high - low)).hypot(old_half);
-            let change = (new.value - old.value).abs();
-            if limit < change {
-                changes.push(ParameterChange {
-                    name: format!("{}.{}", before.effect.effect_of_parameter(k), parameter.name),
-                    location: after.axis,
-                    before: old.value,
-                    after: new.value,
-                    ci95: new.ci95,
-                    unit: parameter.unit.to_owned(),
-                });
-            }
+    let before = &start.instances[known];
+    let freedom = outcome.uncertainty.freedom;
+    let in_half_intervals = t_quantile(beyond_chance, freedom) / t_quantile(0.975, freedom);
+    // Of several lags only the sum is known.
+    let is_redistributed = twin.instances[start.instances.len()..]
+        .iter()
+        .any(|added| sample_period_above_lag(start, twin, added).is_some())
+        && lag(before).is_some();
+    let change_of = |(k, parameter): (usize, &Parameter)| {
+        let (old, new) = (&before.values[k], &after.values[k]);
+        let [low, high] = new.ci95?;
+        if new.source != Source::Fitted || parameter.per_session || is_redistributed {
+            return None;
         }
-    }
-    changes
+        let old_half = old.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low));
+        // The model error is part of both values, and not of their difference.
+        let slot = Slot { instance: known, parameter: k };
+        let common =
+            t_quantile(0.975, freedom) * thresholds.model_error * changed(&plain, start, slot);
+        let old_half = (old_half.powi(2) - common.powi(2)).max(0.0).sqrt();
+        let limit = in_half_intervals * (0.5 * (high - low)).hypot(old_half);
+        let change = ParameterChange {
+            name: format!("{}.{}", before.effect.effect_of_parameter(k), parameter.name),
+            location: after.axis,
+            before: old.value,
+            after: new.value,
+            ci95: new.ci95,
+            unit: parameter.unit.to_owned(),
+        };
+        let difference = (new.value - old.value).abs();
+        // A value that was given exactly, and stays, is no change.
+        (0.0 < difference).then(|| (difference / limit, change))
+    };
+    before.effect.parameters.iter().enumerate().filter_map(change_of).collect()
 }
 
 /// The outcome that has fitted the instance `index` of `twin` and whose validation sessions prefer the final twin.
@@ -312,7 +366,8 @@ fn signal_residuals(outcome: &Outcome<'_>, floors: &[Floor]) -> Vec<SignalResidu
                     format!("third differences of the measured signal, {} samples", floor.samples)
                 }
                 FloorSource::Propagated => format!(
-                    "third differences of the measured signal, and propagated noise of the position, {} samples",
+                    "propagated noise of the measured input and position, and the model error of the simulation, {} \
+                     samples",
                     floor.samples
                 ),
                 FloorSource::Reference => {
@@ -394,7 +449,7 @@ fn masked(session: &str, incident: &Incident) -> String {
     let Incident { signal, unit, farthest, span } = incident;
     format!(
         "{session}: a one-off disturbance of {signal} by up to {farthest:.3} {unit} from {:.1} to {:.1} s is left out, since \
-         nothing like it recurs (a hand on the machine, or an end stop?)",
+         nothing like it recurs (a hand on the machine, an end stop, or a limit?)",
         span.start, span.end
     )
 }

@@ -25,6 +25,13 @@ const OF_TWO_AXES: [&str; 6] = [
     "sensor.camera_scale_rotation",
 ];
 
+/// Effects of a single axis that its known parameters imitate in most motions: a constant force is its offset, and a gain
+/// multiplies its mass and frictions.
+const IMITATED: [&str; 2] = ["gantry.tilt", "drive.gain"];
+
+/// What an experiment of a table needs, and a recording of a single axis always has.
+const WITH_TORQUE: &str = ", with the torque recorded";
+
 /// Most patterns of one experiment.
 const MOST_PATTERNS: usize = 4;
 
@@ -38,6 +45,8 @@ pub(super) struct Setup<'a> {
     /// Bus of a real table; `None` for the virtual one and for simulations.
     bus: Option<&'a str>,
     has_camera: bool,
+    /// `true` where the outcomes have a drive that klasktron commands.
+    is_driven: bool,
     /// `true` where the experiment adds a camera that the recordings lack.
     adds_camera: bool,
 }
@@ -51,13 +60,23 @@ impl<'a> Setup<'a> {
             machine,
             bus: is_real.then(|| stated.unwrap_or(BUS)),
             has_camera: sessions.iter().any(|session| session.camera.is_some()),
+            is_driven: false,
             adds_camera: false,
         }
     }
 
     /// Return whether a motion of this machine can show `effect`.
     fn can_show(&self, effect: &Effect) -> bool {
-        self.machine == Machine::Table || !OF_TWO_AXES.contains(&effect.name)
+        self.machine == Machine::Table
+            || !OF_TWO_AXES.contains(&effect.name) && !IMITATED.contains(&effect.name)
+    }
+
+    /// The motion that shows `effect`.
+    fn motion(&self, effect: &'static Effect) -> &'static str {
+        match self.machine {
+            Machine::Table => effect.excitation,
+            Machine::Axis => effect.excitation.trim_end_matches(WITH_TORQUE),
+        }
     }
 
     /// A `collect` command that drives `patterns` twice each.
@@ -95,10 +114,11 @@ pub(super) fn next_experiment(
 ) -> Option<NextExperiment> {
     let is_driven = setup.machine == Machine::Table
         && outcomes.iter().any(|outcome| outcome.kind == StageKind::Drive);
+    let setup = Setup { is_driven, ..setup };
     if let Some(first) = indistinguishable.first() {
         let of_set = first.names.iter().filter_map(|name| effects::find(name)).collect::<Vec<_>>();
         let decides = format!("which of {} is present", first.names.join(" and "));
-        return Some(experiment(&of_set, decides, is_driven.then_some(setup)));
+        return Some(experiment(&of_set, decides, setup));
     }
     let rejected = outcomes.iter().flat_map(|outcome| &outcome.rejected);
     let hidden = rejected.filter(|own| own.reason == Reason::NotTestable);
@@ -122,30 +142,27 @@ pub(super) fn next_experiment(
     (!open.is_empty()).then(|| {
         let verb = if open.len() == 1 { "acts" } else { "act" };
         let decides = format!("whether {} {verb}", listed(&open));
-        experiment(&open, decides, is_driven.then_some(setup))
+        experiment(&open, decides, setup)
     })
 }
 
-/// Motion that shows `effects`, the first before the others, and its command on a `setup` that klasktron drives.
-fn experiment(
-    effects: &[&'static Effect],
-    decides: String,
-    setup: Option<Setup<'_>>,
-) -> NextExperiment {
+/// Motion that shows `effects`, the first before the others, and its command if klasktron drives the machine of `setup`.
+fn experiment(effects: &[&'static Effect], decides: String, setup: Setup<'_>) -> NextExperiment {
     let mut patterns: Vec<&str> = Vec::new();
     let mut motions: Vec<&str> = Vec::new();
     for effect in effects {
         if !effect.experiment.is_empty() && !patterns.contains(&effect.experiment) {
             patterns.push(effect.experiment);
         }
-        if !motions.contains(&effect.excitation) {
-            motions.push(effect.excitation);
+        let motion = setup.motion(effect);
+        if !motions.contains(&motion) {
+            motions.push(motion);
         }
     }
     patterns.truncate(MOST_PATTERNS);
     motions.truncate(MOST_PATTERNS);
     NextExperiment {
-        command: setup.filter(|_| !patterns.is_empty()).map(|setup| setup.command(&patterns)),
+        command: (setup.is_driven && !patterns.is_empty()).then(|| setup.command(&patterns)),
         motion: motions.join("; "),
         decides,
     }
@@ -165,8 +182,13 @@ fn listed(effects: &[&'static Effect]) -> String {
 mod tests {
     use super::*;
 
-    const VIRTUAL: Setup<'_> =
-        Setup { machine: Machine::Table, bus: None, has_camera: true, adds_camera: false };
+    const VIRTUAL: Setup<'_> = Setup {
+        machine: Machine::Table,
+        bus: None,
+        has_camera: true,
+        is_driven: false,
+        adds_camera: false,
+    };
     const AXIS: Setup<'_> = Setup { machine: Machine::Axis, ..VIRTUAL };
 
     fn set(names: &[&str]) -> Indistinguishable {

@@ -6,9 +6,12 @@ use super::{
     rounds::{self, Added, Outcome, RankedCandidate, Unstated},
 };
 use crate::{
-    effects::{Axis, Parameter},
+    effects::{Axis, Effect, Parameter},
     twin::{Channel, Twin, Value},
 };
+
+/// Effect with positions as parameters.
+const ENDSTOP: &str = "gantry.endstop";
 
 /// Residual that an effect changes most, before and after it was added.
 struct Reduction {
@@ -42,7 +45,8 @@ pub(super) fn identified(outcome: &Outcome<'_>, step: &Added, twin: &Twin) -> Id
         validation_gain: has_validation
             .then_some(step.validation_gain)
             .filter(|gain| gain.is_finite()),
-        explanation: explanation(step, reduction.as_ref(), &parameters),
+        explanation: explanation(step, reduction.as_ref(), &parameters)
+            + &origin(step.effect, twin).unwrap_or_default(),
         rmse_before: reduction.as_ref().and_then(|own| own.before),
         rmse_after: reduction.as_ref().and_then(|own| own.after),
         signal: reduction.as_ref().map(|own| own.signal.clone()),
@@ -117,6 +121,16 @@ fn explanation(
         step.p_value, step.data, step.comparisons
     );
     text + &second_best(step)
+}
+
+/// Sentence about the origin of the positions among the parameters of `effect`, on a single axis.
+fn origin(effect: &Effect, twin: &Twin) -> Option<String> {
+    let frame = twin.axis_frame.filter(|_| effect.name == ENDSTOP)?;
+    Some(format!(
+        " These positions count from {} {}, the middle of the recorded range.",
+        significant(frame.position_origin),
+        frame.scales.position_unit
+    ))
 }
 
 /// Sentence about the law of an effect and where it acts.

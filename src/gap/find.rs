@@ -444,7 +444,9 @@ pub(super) fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
 fn floors_of(outcome: &Outcome<'_>) -> Vec<Floor> {
     let part = outcome.train.parts.first();
     let (given, fitted) = (&outcome.start.twin, &outcome.last.point.twin);
-    part.map_or(Vec::new(), |part| floor::floors(part.stage, given, fitted))
+    part.map_or(Vec::new(), |part| {
+        floor::floors(part.stage, given, fitted, outcome.train.thresholds())
+    })
 }
 
 /// Note the residual of each signal on the recordings to which the twin was fitted.

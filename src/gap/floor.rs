@@ -1,11 +1,15 @@
 //! Noise floor of a signal, from measurements alone: never from the residual of a model.
 //!
-//! The floor of a signal follows from its third differences: a cubic has none, and white noise of standard deviation s
-//! gives them s sqrt(20). Their median is taken, so that starts and stops do not count. A single axis is predicted from its
-//! measured position, so the noise of the position contributes too.
+//! The floor of a signal of a table follows from its third differences: a cubic has none, and white noise of standard
+//! deviation s gives them s sqrt(20). Their median is taken, so that starts and stops do not count.
+//!
+//! The input of a single axis is compared after a filter and fewer times per second, so its differences are mostly motion. Its
+//! floor is the white noise of input and position, measured at the rate of the recording and propagated to the residual,
+//! and the model error of the simulation as a fraction of the input's standard deviation.
 
+use super::thresholds::Thresholds;
 use crate::{
-    stats::median,
+    stats::{median, standard_deviation},
     twin::{Channel, ReferenceResidual, Stage, Twin},
 };
 use serde::{Deserialize, Serialize};
@@ -22,7 +26,7 @@ const MEDIAN_OF_HALF_NORMAL: f64 = 0.674_489_750_196_081_7;
 pub enum FloorSource {
     /// Third differences of the measured signal.
     Smoothness,
-    /// The same, and the noise of other measured signals that the prediction contains.
+    /// Propagated noise of all measured signals, and the model error of the simulation.
     Propagated,
     /// Reference residual of the given twin: measurement noise and model error.
     Reference,
@@ -42,17 +46,6 @@ pub struct Floor {
 }
 
 impl Floor {
-    /// The floor with the independent `noise` of the prediction; unknown if the floor is.
-    #[must_use]
-    fn with(self, noise: f64) -> Self {
-        match self.source {
-            FloorSource::Smoothness if 0.0 < noise => {
-                Self { rms: self.rms.hypot(noise), source: FloorSource::Propagated, ..self }
-            }
-            _ => self,
-        }
-    }
-
     /// The floor, or the `reference` residual of the given twin where that is larger or the only one.
     #[must_use]
     pub(super) fn at_least(self, reference: Option<f64>) -> Self {
@@ -63,18 +56,41 @@ impl Floor {
     }
 }
 
-/// Floor of each channel of `stage`: from the measurements, which the `fitted` twin propagates where it predicts from
+/// Floor of each channel of `stage`: from the measurements, whose noise the `fitted` twin propagates where it predicts from
 /// them, or the reference residual of the `given` twin where that is larger.
 #[must_use]
-pub(super) fn floors(stage: &dyn Stage, given: &Twin, fitted: &Twin) -> Vec<Floor> {
-    let propagated = stage.propagated_noise(fitted);
+pub(super) fn floors(
+    stage: &dyn Stage,
+    given: &Twin,
+    fitted: &Twin,
+    thresholds: &Thresholds,
+) -> Vec<Floor> {
+    let propagated = stage.noise(fitted);
     let of_channel = |(index, channel): (usize, &Channel)| {
         let is_known = |own: &&ReferenceResidual| own.signal == channel.signal && own.searched;
         let reference = given.reference_residuals.iter().find(is_known);
-        let noise = propagated.get(index).copied().unwrap_or(0.0);
-        floor(channel).with(noise).at_least(reference.map(|own| own.residual_rms))
+        let own = match propagated.get(index) {
+            Some(noise) => predicted_from_measurements(channel, *noise, thresholds.model_error),
+            None => floor(channel),
+        };
+        own.at_least(reference.map(|own| own.residual_rms))
     };
     stage.channels().iter().enumerate().map(of_channel).collect()
+}
+
+/// The floor of `channel`, which is predicted from measured signals: the `noise` of all of them, and the `model_error` of
+/// its standard deviation, because a simulation follows no change exactly.
+fn predicted_from_measurements(channel: &Channel, noise: f64, model_error: f64) -> Floor {
+    let samples = channel.runs.iter().flat_map(|run| &channel.measured[run.clone()]);
+    let compared: Vec<f64> = samples.copied().filter(|value| value.is_finite()).collect();
+    match standard_deviation(&compared) {
+        Some(deviation) => Floor {
+            rms: noise.hypot(model_error * deviation),
+            source: FloorSource::Propagated,
+            samples: compared.len(),
+        },
+        None => Floor { rms: 0.0, source: FloorSource::Unknown, samples: 0 },
+    }
 }
 
 /// The floor of `channel` by itself.
@@ -139,13 +155,15 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_the_prediction_is_part_of_a_known_floor() {
-        let found = Floor { rms: 3.0, source: FloorSource::Smoothness, samples: 200 };
-        let with = found.with(4.0);
-        assert_eq!((with.rms, with.source), (5.0, FloorSource::Propagated));
-        assert_eq!(found.with(0.0), found);
-        let unknown = Floor { rms: 0.0, source: FloorSource::Unknown, samples: 0 };
-        assert_eq!(unknown.with(4.0), unknown);
+    fn model_error_is_a_fraction_of_the_variation_of_the_signal() {
+        let found = predicted_from_measurements(&channel(noise(4000)), 0.3, 0.4);
+        assert_eq!((found.source, found.samples), (FloorSource::Propagated, 4000));
+        assert!((found.rms - 0.5).abs() < 0.02, "{}", found.rms);
+        let shifted = noise(4000).into_iter().map(|value| value + 70.0).collect();
+        let other = predicted_from_measurements(&channel(shifted), 0.3, 0.4);
+        assert!((other.rms - found.rms).abs() < 1e-9, "{}", other.rms);
+        let nothing = predicted_from_measurements(&channel(vec![]), 0.3, 0.4);
+        assert_eq!(nothing.source, FloorSource::Unknown);
     }
 
     #[test]

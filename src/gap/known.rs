@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     effects::{Domain, Effect, Physics},
-    twin::{Discrepancy, Instance, ReferenceResidual, StageKind, Twin},
+    twin::{Discrepancy, Instance, Machine, ReferenceResidual, StageKind, Twin},
 };
 
 /// Excess of the recordings over the reference residuals, as fractions of the squared residual.
@@ -58,11 +58,12 @@ pub(super) fn excess<const N: usize>(
     Some(excess)
 }
 
-/// Whether the residual of a machine without reference is at its noise floor: what it explains beyond that may be an error
-/// of the floor, which is low where the noise is coloured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Whether the residual of a single axis is at its noise floor: what an effect explains beyond that may be an error of the
+/// floor, which is low where the noise is coloured, or a model error of the simulation.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum AtFloor {
-    Yes,
+    /// Ratio of the residual to its floor.
+    Yes(f64),
     No,
 }
 
@@ -74,16 +75,23 @@ pub(super) fn lag(instance: &Instance) -> Option<f64> {
     (parameter.unit == "s").then_some(lag.value)
 }
 
-/// Sample period (s) of the axis of `twin`, where `instance` is a lag below it. The stamp of an input does not say
-/// whether it acts at that time, until the next stamp (zero-order hold), or since the last one. `None` where the `given`
-/// twin has a reference, whose recordings show how their stamps relate inputs to the motion.
+/// Sample period (s) of the axis of `twin`, where `instance` is a lag and all lags together differ from those of the `given`
+/// twin by less than that period. The stamp of an input does not say whether it acts at that time, until the next stamp
+/// (zero-order hold), or since the last one; and lags of the same sum are hardly distinguishable.
 pub(super) fn sample_period_above_lag(
     given: &Twin,
     twin: &Twin,
     instance: &Instance,
 ) -> Option<f64> {
     let period = twin.axis_frame?.scales.sample_period;
-    (lag(instance)? < period && given.reference_residuals.is_empty()).then_some(period)
+    lag(instance)?;
+    (added_lag(given, twin).abs() < period).then_some(period)
+}
+
+/// Difference between the sums of all lags of two twins (s).
+pub(super) fn added_lag(given: &Twin, twin: &Twin) -> f64 {
+    let sum = |twin: &Twin| twin.instances.iter().filter_map(lag).sum::<f64>();
+    sum(twin) - sum(given)
 }
 
 /// Fraction of the squared validation error that an effect must remove to be added.
@@ -98,7 +106,11 @@ pub(super) struct RequiredGain<'t> {
     conditional: f64,
     /// Discrepancy of the given twin.
     discrepancy: &'t [Discrepancy],
+    /// Squared reference residual of a single axis as a fraction of the present one: what a discrepancy explained is a
+    /// fraction of the former. That of a table grows with the change, as its simulator does not follow it exactly.
+    reference_fraction: f64,
     stage: StageKind,
+    floor: AtFloor,
     /// `true` where the given twin has a reference residual.
     has_reference: bool,
     /// `true` where the gain in one signal, or in the plain residual, counts as well. `false` after an effect was
@@ -115,17 +127,28 @@ impl<'t> RequiredGain<'t> {
         (excess, floor): (Option<Excess>, AtFloor),
     ) -> Self {
         let general = match floor {
-            AtFloor::Yes => thresholds.large_excess,
+            // A fraction of the squared floor, as of an unexplained dependence: smaller changes are model errors.
+            AtFloor::Yes(ratio) => {
+                thresholds.large_excess.max(thresholds.reference_excess / ratio.powi(2))
+            }
             AtFloor::No => thresholds.least_gain(excess),
         };
         let is_elsewhere = excess.is_some_and(|own| own.is_on_another_course(thresholds));
         Self {
             thresholds,
             general,
-            known: if is_elsewhere { general } else { thresholds.min_gain },
+            known: match floor {
+                AtFloor::No if !is_elsewhere => thresholds.min_gain,
+                _ => general,
+            },
             conditional: 0.0,
             discrepancy: &given.discrepancy,
+            reference_fraction: match (given.machine, excess) {
+                (Machine::Axis, Some(excess)) => 1.0 / (1.0 + excess.most.max(0.0)),
+                _ => 1.0,
+            },
             stage,
+            floor,
             has_reference: excess.is_some(),
             any_signal: excess.is_some(),
         }
@@ -141,6 +164,13 @@ impl<'t> RequiredGain<'t> {
         }
         self.any_signal = false;
         self
+    }
+
+    /// Return whether `twin` only distributes the lags of `base` otherwise, on a machine with a reference and at its noise
+    /// floor: the sums of all lags differ by less than a sample period. It must then explain most of the residual.
+    pub(super) fn only_redistributes_lag(&self, base: &Twin, twin: &Twin) -> bool {
+        let is_lag = |last: &Instance| sample_period_above_lag(base, twin, last).is_some();
+        self.has_reference && self.floor != AtFloor::No && twin.instances.last().is_some_and(is_lag)
     }
 
     /// Gain below which `effect` is never added, for any discrepancy and any effects before it.
@@ -176,7 +206,9 @@ impl<'t> RequiredGain<'t> {
     /// Required gain of `effect` with its parameter values.
     pub(super) fn of(&self, effect: &Effect, values: &[f64]) -> f64 {
         let thresholds = self.thresholds;
-        let biased = |own: &Discrepancy| thresholds.size_ratio * own.explained_fraction;
+        let biased = |own: &Discrepancy| {
+            thresholds.size_ratio * own.explained_fraction * self.reference_fraction
+        };
         let own = match self.known(effect).map(biased) {
             Some(fraction) if self.is_exact(effect) => fraction.max(thresholds.min_gain_map),
             Some(fraction) => fraction.max(self.known),
@@ -269,9 +301,24 @@ impl Thresholds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::Machine;
+    use crate::{
+        effects::{Axis, AxisScales},
+        twin::{AxisFrame, Source},
+    };
 
     const DEFAULT: Thresholds = Thresholds::DEFAULT;
+
+    const SCALES: AxisScales = AxisScales {
+        input: 3.0,
+        position: 0.1,
+        velocity: 0.2,
+        acceleration: 2.0,
+        sample_period: 1e-3,
+        band: 40.0,
+        duration: 20.0,
+        input_unit: "N",
+        position_unit: "m",
+    };
 
     /// The same excess in every signal.
     fn even(fraction: f64) -> Option<Excess> {
@@ -285,7 +332,38 @@ mod tests {
         let of = |floor| {
             RequiredGain::new(&DEFAULT, (&twin, StageKind::Axis), (None, floor)).of(lag, &[0.1])
         };
-        assert_eq!([of(AtFloor::Yes), of(AtFloor::No)], [DEFAULT.large_excess, DEFAULT.min_gain]);
+        let gains = [of(AtFloor::Yes(1.0)), of(AtFloor::No)];
+        assert_eq!(gains, [DEFAULT.large_excess, DEFAULT.min_gain]);
+        // Far below the floor no gain suffices: it is a fraction of the squared floor.
+        assert!((of(AtFloor::Yes(0.25)) - 0.8).abs() < 1e-12);
+        assert!(1.0 < of(AtFloor::Yes(0.1)));
+    }
+
+    #[test]
+    fn lags_of_the_same_sum_are_no_new_lag() {
+        let lags = |delay: f64, lag1: Option<f64>| {
+            let mut twin = Twin::nominal(Machine::Axis);
+            twin.axis_frame = Some(AxisFrame { position_origin: 0.0, scales: SCALES });
+            let mut add = |name: &str, value: f64| {
+                let effect = crate::effects::find(name).unwrap();
+                twin.instances.push(Instance::new(effect, Axis::Single, &[value], Source::Fitted));
+            };
+            add("drive.delay", delay);
+            if let Some(time) = lag1 {
+                add("drive.lag1", time);
+            }
+            twin
+        };
+        let period = lags(0.0, None).axis_frame.unwrap().scales.sample_period;
+        let known = lags(2.0 * period, None);
+        let floor =
+            |floor| RequiredGain::new(&DEFAULT, (&known, StageKind::Axis), (even(0.0), floor));
+        let other = lags(0.5 * period, Some(1.6 * period));
+        assert!((added_lag(&known, &other) - 0.1 * period).abs() < 1e-12);
+        assert!(floor(AtFloor::Yes(0.5)).only_redistributes_lag(&known, &other));
+        assert!(!floor(AtFloor::No).only_redistributes_lag(&known, &other));
+        let slower = lags(0.5 * period, Some(4.0 * period));
+        assert!(!floor(AtFloor::Yes(0.5)).only_redistributes_lag(&known, &slower));
     }
 
     #[test]

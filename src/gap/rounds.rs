@@ -14,7 +14,7 @@ use super::{
     unknown::{self, Unknown},
     whiten::{self, Filters},
 };
-use crate::twin::{Instance, Slot, StageKind, Twin};
+use crate::twin::{Instance, Machine, Slot, StageKind, Twin};
 
 mod elimination;
 mod note;
@@ -308,7 +308,7 @@ impl Search<'_> {
 
     /// Gain that the first effect must have.
     fn required_gain<'s>(&'s self, given: &'s Point, excess: Option<Excess>) -> RequiredGain<'s> {
-        let floor = self.at_floor(&given.twin, excess);
+        let floor = self.at_floor(&given.twin);
         let stage = (&given.twin, self.kind);
         RequiredGain::new(self.train.thresholds(), stage, (excess, floor))
     }
@@ -369,9 +369,8 @@ impl Search<'_> {
         let strongest = unknown::strongest(train, held_out, &self.best, validated, &self.filters);
         let larger =
             strongest.filter(|own| self.is_above_noise(own)).into_iter().chain(disturbance);
-        let unknown = larger
-            .max_by(|a, b| a.fraction.total_cmp(&b.fraction))
-            .or_else(|| self.speed_dependence())?;
+        let on_speed = || self.speed_dependence().filter(|own| self.is_above_noise(own));
+        let unknown = larger.max_by(|a, b| a.fraction.total_cmp(&b.fraction)).or_else(on_speed)?;
         self.eliminate_smaller_than(&unknown);
         Some(unknown)
     }
@@ -437,13 +436,14 @@ impl Search<'_> {
         )
     }
 
-    /// Disturbance that depends on no measured quantity. The residual is above its reference in training and validation
+    /// Disturbance that depends on no measured quantity. A single axis is above its noise floor, and the residual is above its reference in training and validation
     /// sessions, and exceeds the fraction `clear_gain` of the gap that the fit closed. A drive with backlash is exempt:
     /// its impact times depend on noise, so no simulation reproduces them.
     fn disturbance(&self, given: &Point, validated: &Point) -> Option<Unknown> {
         let twin = &self.best.point.twin;
         let rattles = self.kind == StageKind::Drive && twin.instances.iter().any(Instance::rattles);
-        if !self.may_be_disturbed || rattles {
+        let is_noise = twin.machine == Machine::Axis && !self.is_above_floor(&given.twin);
+        if !self.may_be_disturbed || rattles || is_noise {
             return None;
         }
         let before = excess(twin, [(&self.train, given)])?.most;

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     effects::Axis,
-    twin::{Source, Twin},
+    twin::{Machine, Source, Twin},
 };
 
 /// Data behind a verdict.
@@ -43,7 +43,9 @@ fn verdict(findings: &Findings<'_, '_>) -> Verdict {
     let Findings { start, effects, indistinguishable, parameter_changes, residuals, .. } =
         *findings;
     let Findings { outcomes, thresholds, .. } = *findings;
-    if is_other_machine(start, parameter_changes, thresholds) {
+    // What an effect of a single axis changes may be most of its few parameters.
+    let may_be_rebuilt = start.machine == Machine::Table || effects.is_empty();
+    if may_be_rebuilt && is_other_machine(start, parameter_changes, thresholds) {
         Verdict::DifferentMachine
     } else if !effects.is_empty() {
         if indistinguishable.len() == effects.len() { Verdict::Ambiguous } else { Verdict::Named }

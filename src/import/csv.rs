@@ -2,8 +2,8 @@
 //!
 //! The first row holds the column names. The separator is the most frequent of comma, semicolon and
 //! tab in that row, or white space. Lines that begin with `#` are comments. Up to two rows of text below
-//! the names, such as units, are left out. A row with an empty cell in a wanted column is skipped and
-//! counted. NaN and infinities are refused, because their meaning is unknown. A comma is the decimal sign
+//! the names, such as units, are left out. A row without a value in a wanted column (an empty cell, NaN and
+//! the like) is skipped and counted. Infinities are refused. A comma is the decimal sign
 //! where it is not the separator and no number has a point. The time may be a date with a time of day
 //! (RFC 3339 and similar forms), or a time of day. The text is UTF-8, UTF-16 with a byte order mark, or
 //! else Latin-1.
@@ -907,7 +907,7 @@ mod tests {
             "row 3, column 't': time 0 s does not come after 0 s; sort the rows and remove duplicates"
         );
         assert_eq!(
-            fault("t,u,x,v\n0,1,nan,3\n1,1,inf,3\n"),
+            fault("t,u,x,v\n0,1,-inf,3\n1,1,inf,3\n"),
             "column 'x' holds 2 values that are not finite, the first in row 2; repair or remove \
              those rows first"
         );

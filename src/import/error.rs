@@ -193,8 +193,8 @@ pub enum ImportError {
         /// Number of occurrences.
         count: usize,
     },
-    /// Rows with an empty cell, where every row is needed.
-    #[error("{}: {count} rows with an empty cell, the first is row {row}; fill or remove them", path.display())]
+    /// Rows without a value, where every row is needed.
+    #[error("{}: {count} rows without a value (an empty cell or nan), the first is row {row}; fill or remove them", path.display())]
     EmptyCells {
         /// The file.
         path: PathBuf,

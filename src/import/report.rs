@@ -96,7 +96,7 @@ pub enum Notice {
         /// Its cells.
         cells: String,
     },
-    /// Rows of a table with an empty cell in a wanted column.
+    /// Rows of a table without a value in a wanted column.
     EmptyCells {
         /// The file.
         file: String,
@@ -212,7 +212,7 @@ fn write_empty_cells(
 ) -> fmt::Result {
     write!(
         f,
-        "lost: {file}: {rows} rows with an empty cell were skipped, the first is row {first_row}"
+        "lost: {file}: {rows} rows without a value (an empty cell or nan) were skipped, the first is row {first_row}"
     )
 }
 

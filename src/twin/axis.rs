@@ -38,9 +38,10 @@ const ENDS: usize = 5;
 const BLOCK: usize = 25;
 /// Effect of an amplifier that ignores small inputs.
 const DEAD_BAND: &str = "drive.input_deadband";
-/// Unit of an input that may have one. The integral action of a current loop removes that of its amplifier. Behind a
-/// velocity controller, Coulomb friction is a dead band.
+/// Unit of a force that may have one: the integral action of a current loop removes that of its amplifier.
 const WITH_DEAD_BAND: &str = "V";
+/// Effect of an angle.
+const GRAVITY: &str = "gantry.gravity";
 
 /// What was measured on one axis, at equal steps.
 #[derive(Debug, Clone)]
@@ -372,8 +373,14 @@ impl Stage for AxisStage {
         let is_loaded = effect.regressors.contains(&Regressor::Load)
             && (matches!(effect.physics, Physics::Effort(_))
                 || self.input_kind == InputKind::Velocity);
-        let is_behind = effect.name == DEAD_BAND && self.channels[0].unit != WITH_DEAD_BAND;
-        !is_loaded && !is_behind && Chain::calls(&effect.physics, self.input_kind)
+        let is_possible = match effect.name {
+            DEAD_BAND => {
+                self.input_kind == InputKind::Velocity || self.channels[0].unit == WITH_DEAD_BAND
+            }
+            GRAVITY => self.position_unit == "rad",
+            _ => true,
+        };
+        is_possible && !is_loaded && Chain::calls(&effect.physics, self.input_kind)
     }
 
     fn regressor(&self, regressor: Regressor) -> Option<Vec<f64>> {
@@ -400,15 +407,17 @@ impl Stage for AxisStage {
     }
 
     /// Propagation of distributions by simulation (JCGM 101) with one draw, as long as the recording.
-    fn propagated_noise(&self, twin: &Twin) -> Vec<f64> {
-        let signals = self.signals.with_more_noise(&self.segments, self.dt);
+    fn noise(&self, twin: &Twin) -> Vec<f64> {
+        let (signals, input) = self.signals.with_more_noise(&self.segments, self.dt);
         let noisy = Self { signals, ..self.clone() };
         let (plain, noisy) = (self.predicted(twin), noisy.predicted(twin));
+        let measured = self.compared(&input);
         let channel = &self.channels[0];
         let is_compared = |k: &usize| channel.measured[*k].is_finite();
         let samples: Vec<usize> =
             channel.runs.iter().flat_map(Clone::clone).filter(is_compared).collect();
-        let square: f64 = samples.iter().map(|k| (noisy[*k] - plain[*k]).powi(2)).sum();
+        let error = |k: &usize| measured[*k] + plain[*k] - noisy[*k];
+        let square: f64 = samples.iter().map(|k| error(k).powi(2)).sum();
         vec![(square / samples.len().max(1) as f64).sqrt()]
     }
 

@@ -120,9 +120,9 @@ pub trait Stage: Sync {
         None
     }
 
-    /// RMS of what the noise of measured signals makes in the prediction of each channel by `twin`; empty where none is
-    /// predicted from measured signals.
-    fn propagated_noise(&self, _twin: &Twin) -> Vec<f64> {
+    /// RMS of what the noise of all measured signals makes in the residual of `twin`, for each channel; empty where the
+    /// stage does not know it.
+    fn noise(&self, _twin: &Twin) -> Vec<f64> {
         Vec::new()
     }
 

@@ -129,7 +129,7 @@ fn what_cannot_be_simulated_is_refused_in_one_sentence() {
         (
             at("table.json"),
             bad("empty.csv", "time_s,command_vx_m_per_s,command_vy_m_per_s\n0,0,0\n1,,0\n"),
-            "1 rows with an empty cell, the first is row 3",
+            "1 rows without a value (an empty cell or nan), the first is row 3",
         ),
         (
             at("axis.json"),

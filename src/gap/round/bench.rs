@@ -36,7 +36,7 @@ pub(super) struct Bench<'a, 'b> {
     /// Fitted parameters of the given twin that a candidate may not leave on a bound.
     pub(super) known: Vec<Slot>,
     pub(super) base_train_rows: Vec<f64>,
-    base_held: Point,
+    pub(super) base_held: Point,
     pub(super) base_held_rows: Vec<f64>,
 }
 
@@ -197,7 +197,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     }
 
     /// Fraction of the squared residual on the validation sessions that the trial removes.
-    fn validation_gain(&self, trial: &Trial) -> f64 {
+    pub(super) fn validation_gain(&self, trial: &Trial) -> f64 {
         let before = fit::squared(&self.base_held_rows);
         (before - fit::squared(&trial.held_rows)) / before.max(f64::MIN_POSITIVE)
     }

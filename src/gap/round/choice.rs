@@ -2,10 +2,12 @@
 
 use super::{
     bench::Bench,
+    objection::aligns_stamps,
     slots_of_last,
     trial::{Trial, may_be_confused, squared_distance},
 };
 use crate::{
+    effects::Physics,
     gap::{
         batch::in_parallel,
         evidence::{Amplitude, Blocks},
@@ -30,7 +32,7 @@ impl Bench<'_, '_> {
     ) -> Option<(Fit, Added)> {
         let free = in_parallel(passed, |trial| self.required_parameters(trial));
         let counted: Vec<Counted<'_>> = passed.iter().copied().zip(free).collect();
-        let (own, free) = self.strongest(self.simplest(&counted)?, &counted);
+        let (own, free) = as_delay(self.strongest(self.simplest(&counted)?, &counted), &counted);
         let mut indistinguishable = Vec::new();
         for (other, parameters) in counted.iter().filter(|(other, _)| !std::ptr::eq(*other, own)) {
             let name = other.candidate.effect.name;
@@ -40,7 +42,9 @@ impl Bench<'_, '_> {
             let is_as_good = *parameters <= free + scanned
                 && self.is_rival(own, other)
                 && self.is_rival(other, own);
-            if name != own.candidate.effect.name && is_as_good {
+            let is_alignment =
+                [own, other].iter().all(|trial| aligns_stamps(&trial.fit.point.twin));
+            if name != own.candidate.effect.name && (is_as_good || is_alignment) {
                 if !indistinguishable.contains(&name) {
                     indistinguishable.push(name);
                 }
@@ -155,6 +159,19 @@ impl Bench<'_, '_> {
         let (own, other) = (change(own), change(other));
         let shared = dot(&own, &other).max(0.0).powi(2);
         self.thresholds().majority * fit::squared(&own) * fit::squared(&other) <= shared
+    }
+}
+
+/// The delay among the trials that passed, if `best` only aligns the stamps of input and motion: stamps and holds delay. As a
+/// delay it remains distinguishable from a lag of the machine that appears later.
+fn as_delay<'t>(best: Counted<'t>, passed: &[Counted<'t>]) -> Counted<'t> {
+    let is_delay = |(trial, _): &&Counted<'_>| {
+        matches!(trial.candidate.effect.physics, Physics::CommandDelay(_))
+            && aligns_stamps(&trial.fit.point.twin)
+    };
+    match aligns_stamps(&best.0.fit.point.twin) {
+        true => passed.iter().find(is_delay).copied().unwrap_or(best),
+        false => best,
     }
 }
 

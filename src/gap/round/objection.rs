@@ -10,7 +10,7 @@ use crate::{
     gap::{
         evidence::Amplitude,
         fit,
-        known::{lag, sample_period_above_lag},
+        known::lag,
         problem::{Point, Problem},
         rounds::{Reason, known_on_bound},
         speed_dependence::{self, SessionResiduals},
@@ -139,7 +139,10 @@ impl Bench<'_, '_> {
         });
         // What only aligns the stamps of input and motion is no claim, so it needs no size.
         let is_small = !aligns_stamps(&trial.fit.point.twin) && !self.exceeds_required_gain(trial);
-        (is_old || is_small).then_some(Reason::TooSmall)
+        let (base, twin) = (&self.base_held.twin, &trial.fit.point.twin);
+        let is_same_lag = self.required_gain.only_redistributes_lag(base, twin)
+            && self.validation_gain(trial) < thresholds.majority;
+        (is_old || is_small || is_same_lag).then_some(Reason::TooSmall)
     }
 
     /// Return whether the data prefer `trial` beyond chance to its twin with the parameter `slot` at its null value.
@@ -170,9 +173,12 @@ impl Bench<'_, '_> {
     }
 }
 
-/// Return whether the last instance of `twin` is a lag below the sample period of an axis, and the only lag of the twin.
-fn aligns_stamps(twin: &Twin) -> bool {
+/// Return whether the last instance of `twin` is a lag below the sample period of an axis, and the only lag of the twin,
+/// which has no reference: its recordings would show how their stamps relate inputs to the motion.
+pub(super) fn aligns_stamps(twin: &Twin) -> bool {
     let Some((last, others)) = twin.instances.split_last() else { return false };
-    !others.iter().any(|own| lag(own).is_some())
-        && sample_period_above_lag(twin, twin, last).is_some()
+    let period = twin.axis_frame.map(|frame| frame.scales.sample_period);
+    twin.reference_residuals.is_empty()
+        && !others.iter().any(|own| lag(own).is_some())
+        && lag(last).zip(period).is_some_and(|(lag, period)| lag < period)
 }

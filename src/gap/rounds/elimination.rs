@@ -7,7 +7,7 @@ use crate::{
         batch::in_parallel,
         fit::{self, Fit, Uncertainty},
         floor::floors,
-        known::{AtFloor, Excess, RequiredGain},
+        known::{AtFloor, RequiredGain},
         problem::{Point, Problem},
         round::on_bound_of,
         unknown::Unknown,
@@ -225,14 +225,18 @@ impl Search<'_> {
         effects.into_iter().map(without).min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Whether a single axis without reference is at its noise floor. The floor of a table is that of its simulator.
-    pub(super) fn at_floor(&self, given: &Twin, excess: Option<Excess>) -> AtFloor {
-        let is_new_axis = excess.is_none() && given.machine == Machine::Axis;
-        if is_new_axis && !self.is_above_floor(given) { AtFloor::Yes } else { AtFloor::No }
+    /// Whether a single axis is at its noise floor, or below. The floor of a table is that of its simulator.
+    pub(super) fn at_floor(&self, given: &Twin) -> AtFloor {
+        let ratios = self.floor_ratios(given).into_iter().map(|(_, ratio)| ratio);
+        let ratio = ratios.fold(0.0, f64::max);
+        match given.machine {
+            Machine::Axis if ratio <= 1.0 => AtFloor::Yes(ratio),
+            _ => AtFloor::No,
+        }
     }
 
     /// Return whether a signal of the training sessions is above its floor.
-    fn is_above_floor(&self, given: &Twin) -> bool {
+    pub(super) fn is_above_floor(&self, given: &Twin) -> bool {
         let ratio = self.train.thresholds().floor_ratio;
         self.floor_ratios(given).iter().any(|(_, own)| ratio < *own)
     }
@@ -241,7 +245,7 @@ impl Search<'_> {
     fn floor_ratios(&self, given: &Twin) -> Vec<(&str, f64)> {
         let Some(part) = self.train.parts.first() else { return Vec::new() };
         let channels = part.stage.channels();
-        let floors = floors(part.stage, given, &self.best.point.twin);
+        let floors = floors(part.stage, given, &self.best.point.twin, self.train.thresholds());
         let residuals = self.train.rms(&self.best.point).into_iter().zip(floors);
         let ratios = residuals.map(|(rms, floor)| rms / floor.rms);
         channels.iter().map(|own| own.signal.as_str()).zip(ratios).collect()

@@ -4,6 +4,9 @@ use crate::import::error::ImportError;
 use chrono::{DateTime, NaiveDate, NaiveDateTime, NaiveTime};
 use std::path::Path;
 
+/// Texts of a missing value, besides an empty cell, in any case of letters.
+const MISSING: [&str; 5] = ["nan", "na", "n/a", "null", "none"];
+
 /// Start of a comment line, which is skipped.
 const COMMENT: char = '#';
 
@@ -35,7 +38,7 @@ pub(super) struct Row {
 /// Wanted rows of a table.
 #[derive(Debug)]
 pub(super) struct Rows {
-    /// Rows without an empty cell in a wanted column; at least one.
+    /// Rows with a value in every wanted column; at least one.
     pub(super) rows: Vec<Row>,
     /// Number of skipped rows and line of the first one, where there are any.
     pub(super) skipped: Option<(usize, usize)>,
@@ -104,7 +107,7 @@ impl<'a> Table<'a> {
     }
 
     /// Return the values of `columns` and the text of the column `run` by row, without the rows that
-    /// have an empty cell in one of them. The first column may hold dates or times of day instead of numbers.
+    /// lack a value in one of them. The first column may hold dates or times of day instead of numbers.
     pub(super) fn numbers(&self, columns: &[&str], run: Option<&str>) -> Result<Rows, ImportError> {
         let positions: Vec<usize> =
             columns.iter().map(|column| self.position_of(column)).collect::<Result<_, _>>()?;
@@ -115,7 +118,7 @@ impl<'a> Table<'a> {
         let mut skipped: Option<(usize, usize)> = None;
         for (number, cells) in &self.rows[texts.len()..] {
             let cell = |position: usize| cell(cells, position);
-            if positions.iter().copied().chain(run).any(|position| cell(position).is_empty()) {
+            if positions.iter().copied().chain(run).any(|position| is_missing(cell(position))) {
                 skipped.get_or_insert((0, *number)).0 += 1;
                 continue;
             }
@@ -226,6 +229,11 @@ impl NumberForm {
 /// Cell at `position`; empty beyond the end of its line.
 fn cell(cells: &[String], position: usize) -> &str {
     cells.get(position).map_or("", String::as_str)
+}
+
+/// Return whether a cell says that there is no value: empty, or one of [`MISSING`].
+fn is_missing(text: &str) -> bool {
+    text.is_empty() || MISSING.iter().any(|own| text.eq_ignore_ascii_case(own))
 }
 
 /// Seconds of a date with a time of day since 1970, or of a time of day since midnight.
@@ -344,6 +352,14 @@ mod tests {
             error.to_string().ends_with("row 2, column 'u': '1,500' is not a number"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn rows_without_a_value_are_skipped_and_counted() {
+        let rows = parsed("t,u\n0,1\n1,NaN\n2,\n3,N/A\n4,2\n").numbers(&["t", "u"], None).unwrap();
+        let values: Vec<&[f64]> = rows.rows.iter().map(|row| &row.values[..]).collect();
+        assert_eq!(values, [[0.0, 1.0], [4.0, 2.0]]);
+        assert_eq!(rows.skipped, Some((3, 3)));
     }
 
     #[test]

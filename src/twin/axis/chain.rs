@@ -62,6 +62,8 @@ pub(super) struct Chain {
     elastic_load: Option<ElasticLoad>,
     /// Resonance before the measured load; its forces are those of the input.
     pub(super) resonance: Option<Resonance>,
+    /// Whether the input is a voltage, of which the back-EMF, a part of the viscous friction, makes no force.
+    has_back_emf: bool,
     /// What is the same in every motion: viscous friction (N s/m), friction level (N) and moving mass (kg), or the time
     /// constant of a velocity controller (s).
     damping: f64,
@@ -136,6 +138,7 @@ impl Chain {
             input_per_velocity: if kind == InputKind::Velocity { 1.0 } else { 0.0 },
             origin: twin.position_origin(),
             input_size: scales.map_or(1.0, |own| own.input),
+            has_back_emf: scales.is_some_and(|own| own.input_unit == "V"),
             ..Self::default()
         };
         for instance in twin.instances.iter().filter(|instance| instance.axis.covers(0)) {
@@ -245,6 +248,8 @@ impl Chain {
 
     /// Forces at `motion`. Elastic contacts carry the same fraction of the dry friction at every level.
     pub(super) fn loads(&self, memory: &mut Memory, motion: &Motion) -> Loads {
+        let back_emf = if self.has_back_emf { self.damping * motion.velocity } else { 0.0 };
+        let motion = &Motion { force: motion.force - back_emf, ..*motion };
         let mut loads = Loads {
             mass: motion.mass,
             forces: -self.damping * motion.velocity,

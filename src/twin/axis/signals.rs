@@ -53,15 +53,16 @@ pub(super) struct Signals {
     pub(super) resting: Vec<bool>,
     /// Edge of the wider filter (cycles per sample).
     inner: f64,
-    /// Standard deviation of the white noise of the measured position.
+    /// Standard deviation of the white noise of the measured position and of the measured input.
     noise: f64,
+    input_noise: f64,
 }
 
 impl Signals {
     /// Signals of the recorded `input` and `position` at steps of `dt` seconds, of which each of `segments` was recorded
     /// without interruption.
     pub(super) fn of(segments: &[Range<usize>], input: &[f64], position: &[f64], dt: f64) -> Self {
-        let noise = position_noise(segments, position);
+        let noise = white_noise(segments, position);
         let cutoff = edge(&EDGES, segments, position, noise, ACCELERATION_NOISE);
         let inner_edges = [&WIDER_EDGES[..], &EDGES].concat();
         let inner = edge(&inner_edges, segments, position, noise, INNER_ACCELERATION_NOISE);
@@ -88,6 +89,7 @@ impl Signals {
             cutoff,
             inner,
             noise,
+            input_noise: white_noise(segments, input),
             input: filtered(input, cutoff),
             direction: each_segment(segments, &velocity, mean_sign),
             acceleration: slope(&narrowest),
@@ -101,12 +103,16 @@ impl Signals {
         }
     }
 
-    /// The same with further noise of the position, as large as that which was measured. Directions and rests remain.
-    pub(super) fn with_more_noise(&self, segments: &[Range<usize>], dt: f64) -> Self {
-        let mut stream = Stream::new(0, "position noise");
-        let half_width = 3.0_f64.sqrt() * self.noise;
-        let mut sample = || half_width * f64::from(stream.uniform_f32(-1.0, 1.0));
-        let noise: Vec<f64> = self.position.iter().map(|_| sample()).collect();
+    /// The same with further white noise of the position, and such noise of the input, each as large as that which was
+    /// measured. Directions and rests remain.
+    pub(super) fn with_more_noise(&self, segments: &[Range<usize>], dt: f64) -> (Self, Vec<f64>) {
+        let draw = |deviation: f64, name: &str| -> Vec<f64> {
+            let mut stream = Stream::new(0, name);
+            let half_width = 3.0_f64.sqrt() * deviation;
+            let mut sample = || half_width * f64::from(stream.uniform_f32(-1.0, 1.0));
+            self.position.iter().map(|_| sample()).collect()
+        };
+        let noise = draw(self.noise, "position noise");
         let slope = |values: &[f64]| slope(segments, values, dt);
         let position = filtered(segments, &noise, self.cutoff);
         let velocity = slope(&position);
@@ -121,7 +127,7 @@ impl Signals {
         );
         added(&mut noisy.velocity, &velocity);
         added(&mut noisy.position, &position);
-        noisy
+        (noisy, draw(self.input_noise, "input noise"))
     }
 }
 
@@ -279,10 +285,10 @@ fn mean_sign(velocity: &[f64]) -> Vec<f64> {
     (0..velocity.len()).map(of_sample).collect()
 }
 
-/// Standard deviation of the white noise of a position: from its sixth differences, which hardly show motion (a wave of
+/// Standard deviation of the white noise of a measured signal: from its sixth differences, which hardly show motion (a wave of
 /// eight samples counts as a fiftieth of noise of its size), and at least that of its quantization.
-fn position_noise(segments: &[Range<usize>], position: &[f64]) -> f64 {
-    let own = || segments.iter().map(|own| &position[own.clone()]);
+fn white_noise(segments: &[Range<usize>], signal: &[f64]) -> f64 {
+    let own = || segments.iter().map(|own| &signal[own.clone()]);
     let sixth = own().flat_map(|values| {
         values
             .windows(7)

@@ -383,6 +383,38 @@ fn a_free_run_of_an_elastic_axis_agrees_with_its_inverse_dynamics() {
     }
 }
 
+/// Of a voltage, the part against the back-EMF makes no force, so it loads nothing.
+#[test]
+fn friction_by_load_knows_the_back_emf() {
+    const TOLERANCE_V: f64 = 0.01;
+    let (inertia, back_emf, coulomb, fraction) = (0.4, 2.0, 0.3, 0.25);
+    let parts = [
+        ("gantry.inertia", &[inertia][..]),
+        ("drive.friction.viscous", &[back_emf]),
+        ("drive.friction.coulomb", &[coulomb]),
+        ("drive.friction.load", &[fraction]),
+    ];
+    let input = |_: f64, _: f64, v: f64, a: f64| {
+        // The force of the motor is M a + (F_c + K |force|) sign(v).
+        let direction = v.signum();
+        let free = inertia * a + coulomb * direction;
+        let force =
+            if 0.0 < free * direction { free / (1.0 - fraction) } else { free / (1.0 + fraction) };
+        force + back_emf * v
+    };
+    let scales = AxisScales { input_unit: "V", ..SLIDE };
+    let driven = |unit: &'static str| Twin {
+        axis_frame: Some(AxisFrame {
+            position_origin: 0.0,
+            scales: AxisScales { input_unit: unit, ..scales },
+        }),
+        ..twin(&parts)
+    };
+    let recorded = stage_with("V", input);
+    let [voltage, force] = ["V", "N"].map(|unit| rms(&recorded, &driven(unit)));
+    assert!(voltage < TOLERANCE_V && 10.0 * voltage < force, "{voltage} V, as a force {force}");
+}
+
 /// The residual of the right twin is what the noise of the position makes of its prediction.
 #[test]
 fn noise_of_the_position_is_propagated_to_the_input() {
@@ -397,7 +429,7 @@ fn noise_of_the_position_is_propagated_to_the_input() {
     }
     let stage = AxisStage::new(slide(input, position), &[0.0..16.0]);
     let right = twin(&[("gantry.inertia", &[3.0])]);
-    let (residual, propagated) = (rms(&stage, &right), stage.propagated_noise(&right)[0]);
+    let (residual, propagated) = (rms(&stage, &right), stage.noise(&right)[0]);
     assert!((propagated / residual - 1.0).abs() < 0.15, "{propagated} of {residual} N");
 }
 

@@ -187,6 +187,101 @@ fn the_delay_and_the_limit_of_a_velocity_setpoint_are_named() {
     }
 }
 
+/// A session of an arm that a position controller turns by up to two radians; a payload adds `payload_kg` at [`ARM_M`].
+fn arm(dir: &Path, name: &str, seed: u64, payload_kg: f64) -> String {
+    let (inertia, weight) =
+        (ARM_KG_M2 + payload_kg * ARM_M * ARM_M, ARM_N_M + GRAVITY_M_PER_S2 * ARM_M * payload_kg);
+    let mut table = "t_s,torque_nm,angle_deg\n".to_owned();
+    let [mut q, mut v] = [0.0_f64; 2];
+    for k in 0..SAMPLES {
+        let t = SAMPLE_S * k as f64;
+        let [target, speed, acceleration] =
+            reference(t, seed as f64).map(|own| own * ARM_RAD_PER_M);
+        let wanted = acceleration + 200.0 * (target - q) + 25.0 * (speed - v);
+        let torque = inertia * wanted + weight * q.sin();
+        let angle = (q / ARM_ENCODER_RAD).round() * ARM_ENCODER_RAD;
+        writeln!(table, "{t},{torque},{}", angle.to_degrees()).unwrap();
+        for _ in 0..STEPS_PER_SAMPLE {
+            let free = v + STEP_S / inertia * (torque - weight * q.sin());
+            v = free.signum() * (free.abs() - STEP_S / inertia * ARM_COULOMB_N_M).max(0.0);
+            q += STEP_S * v;
+        }
+    }
+    let [source, output] = ["csv", "mcap"].map(|end| dir.join(format!("{name}.{end}")));
+    fs::write(&source, table).unwrap();
+    let [source, output] = [source, output].map(|path| path.display().to_string());
+    let words = ["import", "csv", &source, "--time", "t_s", "--input", "torque_nm:Nm"];
+    let rest = ["--position", "angle_deg:deg", "-o", &output];
+    let (_, errors, status) = said(&klasktron(&[&words[..], &rest].concat()));
+    assert_eq!(status, 0, "{errors}");
+    output
+}
+
+const GRAVITY_M_PER_S2: f64 = 9.81;
+const ARM_M: f64 = 0.3;
+const ARM_KG_M2: f64 = 0.2;
+const ARM_N_M: f64 = 3.0;
+const ARM_COULOMB_N_M: f64 = 0.4;
+const ARM_ENCODER_RAD: f64 = 2e-5;
+const ARM_RAD_PER_M: f64 = 12.0;
+
+#[test]
+fn the_weight_of_an_arm_and_its_payload_are_identified() {
+    const PAYLOAD_KG: f64 = 0.4;
+    const TOLERANCE: f64 = 0.02;
+    let dir = tempfile::tempdir().unwrap();
+    let out = |name: &str| dir.path().join(name);
+    let sessions = pair(|name, seed| arm(dir.path(), name, seed, 0.0));
+    let (document, _) = gap(&sessions, None, &out("base"));
+    assert_eq!(names(&document), ["gantry.gravity"], "{document:#}");
+    let sine = parameter(&document, 0, 0);
+    assert!((sine - ARM_N_M).abs() < TOLERANCE * ARM_N_M, "{sine} N m");
+    let twin = out("base").join("twin.json").display().to_string();
+    let loaded =
+        pair(|name, seed| arm(dir.path(), &format!("loaded-{name}"), seed + 2, PAYLOAD_KG));
+    let (document, _) = gap(&loaded, Some(&twin), &out("loaded"));
+    assert_eq!(document["verdict"], "refit_only", "{document:#}");
+    let changes = document["parameter_changes"].as_array().unwrap();
+    let after = |name: &str| {
+        let own = changes.iter().find(|own| own["name"] == name);
+        own.unwrap_or_else(|| panic!("{name}: {changes:?}"))["after"].as_f64().unwrap()
+    };
+    for (name, truth) in [
+        ("gantry.gravity.sine_n", ARM_N_M + GRAVITY_M_PER_S2 * ARM_M * PAYLOAD_KG),
+        ("gantry.inertia.mass_kg", ARM_KG_M2 + PAYLOAD_KG * ARM_M * ARM_M),
+    ] {
+        assert!((after(name) - truth).abs() < TOLERANCE * truth, "{name}: {changes:?}");
+    }
+}
+
+/// A delay in the given twin is no missing effect of an unchanged axis, and a larger delay is no lag of another kind.
+#[test]
+fn a_larger_delay_of_a_known_axis_is_a_delay() {
+    let dir = tempfile::tempdir().unwrap();
+    let session = |name: &str, seed, late_samples| {
+        let drive = Drive { late_samples, ..DRIVE };
+        velocity_setpoints(dir.path(), name, seed, drive)
+    };
+    let base = pair(|name, seed| session(name, seed, 1));
+    let out = |name: &str| dir.path().join(name);
+    gap(&base, None, &out("base"));
+    let twin = out("base").join("twin.json").display().to_string();
+    let again = pair(|name, seed| session(&format!("again-{name}"), seed + 2, 1));
+    let (unchanged, _) = gap(&again, Some(&twin), &out("again"));
+    assert_eq!(
+        (names(&unchanged), &unchanged["verdict"]),
+        (vec![], &"none".into()),
+        "{unchanged:#}"
+    );
+    let late = pair(|name, seed| session(&format!("late-{name}"), seed + 4, 4));
+    let (document, _) = gap(&late, Some(&twin), &out("late"));
+    let changed = document["parameter_changes"].as_array().unwrap();
+    let mut found = names(&document);
+    found.extend(changed.iter().map(|own| own["name"].as_str().unwrap()));
+    assert!(["drive.delay", "drive.delay.delay_s"].contains(&found[0]), "{document:#}");
+    assert_eq!(found.len(), 1, "{document:#}");
+}
+
 #[test]
 fn a_velocity_setpoint_of_another_coordinate_is_refused() {
     let dir = tempfile::tempdir().unwrap();
