@@ -68,7 +68,7 @@ def steps(document):
 
 
 def draw(rows, path):
-    """Write the picture: bars from the measurement noise, on a logarithmic axis."""
+    """Write the picture: bars from the noise floor, on a logarithmic axis."""
     mpl.rcParams.update({"font.family": "DejaVu Sans", "font.size": points(TEXT_PX), "text.color": INK})
     figure = plt.figure(figsize=(WIDTH_PX / PX_PER_INCH, HEIGHT_PX / PX_PER_INCH))
     axes = figure.add_axes((0.205, 0.135, 0.395, 0.62))
@@ -86,7 +86,7 @@ def draw(rows, path):
     axes.grid(axis="x", color="#e6eaee", linewidth=0.8)
     axes.spines[:].set_visible(False)
     axes.axvline(1.0, color=FLOOR, linewidth=1.8)
-    axes.set_xlabel("residual RMS, in multiples of the measurement noise", color=MUTED)
+    axes.set_xlabel("residual RMS, in multiples of the noise floor", color=MUTED)
     for height, (_, level, remark) in zip(heights, rows):
         shown = f"{level:.0f}×" if level >= 20 else f"{level:.1f}×"
         beside = {"textcoords": "offset points", "va": "center_baseline", "weight": "bold"}
@@ -94,7 +94,7 @@ def draw(rows, path):
         place = {"xycoords": ("axes fraction", "data"), "va": "center_baseline", "color": MUTED}
         axes.annotate(remark, (1.04, height), **place)
     at_noise = {"textcoords": "offset points", "ha": "center", "va": "bottom", "color": FLOOR}
-    axes.annotate("measurement noise", (1.0, -0.6), (0, 3), **at_noise)
+    axes.annotate("noise floor", (1.0, -0.6), (0, 3), **at_noise)
     figure.text(0.02, 0.925, "gap adds the effects that the model is missing", size=points(HEADING_PX), weight="bold")
     figure.text(0.02, 0.86, "validation session of a simulated axis with four hidden effects", color=MUTED)
     figure.text(0.62, 0.775, "identified (95 % interval) and true size", color=INK)
