@@ -286,10 +286,9 @@ fn possible_changes(
     let freedom = outcome.uncertainty.freedom;
     let in_half_intervals = t_quantile(beyond_chance, freedom) / t_quantile(0.975, freedom);
     // Of several lags only the sum is known.
-    let is_redistributed = twin.instances[start.instances.len()..]
-        .iter()
-        .any(|added| sample_period_above_lag(start, twin, added).is_some())
-        && lag(before).is_some();
+    let mut added = twin.instances.iter().skip(start.instances.len());
+    let is_redistributed = lag(before).is_some()
+        && added.any(|own| sample_period_above_lag(start, twin, own).is_some());
     let change_of = |(k, parameter): (usize, &Parameter)| {
         let (old, new) = (&before.values[k], &after.values[k]);
         let [low, high] = new.ci95?;

@@ -167,7 +167,7 @@ impl<'t> RequiredGain<'t> {
     }
 
     /// Return whether `twin` only distributes the lags of `base` otherwise, on a machine with a reference and at its noise
-    /// floor: the sums of all lags differ by less than a sample period. It must then explain most of the residual.
+    /// floor: the sums of all lags differ by less than a sample period. Such a change must explain most of the residual.
     pub(super) fn only_redistributes_lag(&self, base: &Twin, twin: &Twin) -> bool {
         let is_lag = |last: &Instance| sample_period_above_lag(base, twin, last).is_some();
         self.has_reference && self.floor != AtFloor::No && twin.instances.last().is_some_and(is_lag)

@@ -290,7 +290,8 @@ pub(in crate::gap) fn residuals(page: &mut Page, found: &Found<'_>) {
     page.section("Residuals");
     page.paragraph(
         "RMS of measured minus simulated, with the given twin (before) and with the final twin (after). Validation \
-         sessions were not fitted. The noise floor is the measurement noise, on a single axis with the model error of the simulation, or the residual that the given twin left on its own recordings, where that is larger.",
+         sessions were not fitted. The noise floor is the measurement noise, on a single axis with the model error of \
+         the simulation. Where the given twin left a larger residual on its own recordings, that is the floor.",
     );
     for (outcome, floors) in found.outcomes.iter().zip(&found.floors) {
         let Some(chart) = steps::chart(outcome, floors) else { continue };

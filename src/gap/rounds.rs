@@ -436,14 +436,14 @@ impl Search<'_> {
         )
     }
 
-    /// Disturbance that depends on no measured quantity. A single axis is above its noise floor, and the residual is above its reference in training and validation
-    /// sessions, and exceeds the fraction `clear_gain` of the gap that the fit closed. A drive with backlash is exempt:
-    /// its impact times depend on noise, so no simulation reproduces them.
+    /// Disturbance that depends on no measured quantity. The residual is above its reference in training and validation
+    /// sessions, and exceeds the fraction `clear_gain` of the gap that the fit closed; that of a single axis is also above
+    /// its noise floor. A drive with backlash is exempt: its impact times depend on noise, so no simulation reproduces them.
     fn disturbance(&self, given: &Point, validated: &Point) -> Option<Unknown> {
         let twin = &self.best.point.twin;
         let rattles = self.kind == StageKind::Drive && twin.instances.iter().any(Instance::rattles);
-        let is_noise = twin.machine == Machine::Axis && !self.is_above_floor(&given.twin);
-        if !self.may_be_disturbed || rattles || is_noise {
+        let is_noise = || twin.machine == Machine::Axis && !self.is_above_floor(&given.twin);
+        if !self.may_be_disturbed || rattles || is_noise() {
             return None;
         }
         let before = excess(twin, [(&self.train, given)])?.most;

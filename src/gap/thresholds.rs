@@ -78,8 +78,9 @@ thresholds! {
     /// an effect is beyond what a simulator follows. A larger value calls more effects indistinguishable.
     equal_prediction = 1e-4, 0.0..=1.0, "";
     /// Fraction that is most of a quantity. The quantities are the squared cosine of two changes that explain the same,
-    /// the residual that one-off disturbances or measurement noise account for, the samples that a twin predicts, and
-    /// the gain that a rival has in common.
+    /// the residual that one-off disturbances or measurement noise account for, the samples that a twin predicts,
+    /// the gain that a rival has in common, the residual that an effect above the floor, another distribution of lags or a
+    /// refit explains.
     majority = 0.5, 0.0..=1.0, "";
     /// Ratio of the closed fractions of the plain residual from which another effect precedes the most significant one.
     stronger_ratio = 1.5, 1.0..=1e9, "";
@@ -95,15 +96,15 @@ thresholds! {
     /// The same of an effect that maps positions and simulates nothing, so that only noise limits it.
     min_gain_map = 0.005, 0.0..=1.0, "";
     /// Fraction by which a squared residual may differ from its reference on the same motion: sampling. An unexplained
-    /// dependence must hold as much.
+    /// dependence must hold as much, and an effect of a single axis at its floor as much of the squared floor.
     reference_excess = 0.05, 0.0..=1e9, "";
     /// Fraction of the squared reference residual that another motion moves from one signal to another at most.
     moved_residual = 0.15, 0.0..=1.0, "";
     /// Fraction by which a squared residual is far above its reference: a disturbance that depends on no measured
     /// quantity, a multistart, a change of the measurement noise. Least gain of an effect on
-    /// a new axis that is at its floor.
+    /// a single axis that is at its floor.
     large_excess = 0.3, 0.0..=1e9, "";
-    /// Ratio of residual and noise floor up to which a residual is at its floor. Floors come from the measured signal
+    /// Ratio of residual and noise floor up to which a residual is at its floor. Floors contain white noise
     /// alone and are low where the noise is coloured. A larger value answers `none` with a larger residual.
     floor_ratio = 1.5, 1.0..=1e9, "";
     /// Relative change of a fitted parameter that indicates another machine.
@@ -111,7 +112,8 @@ thresholds! {
     /// Parameters that change so much together in another machine.
     machine_changes = 4.0, 0.0..=1e9, "";
     /// Relative standard error of every change due to the simulation (type B, JCGM 100, section 4.3): errors of 234
-    /// blind cases of another simulator beyond their standard errors (`reports/2026-11-23-gap-unseen`).
+    /// blind cases of another simulator beyond their standard errors (`reports/2026-11-23-gap-unseen`). As a fraction of the
+    /// input, part of the noise floor of a single axis.
     model_error = 0.025, 0.0..=1.0, "";
     /// Ratio from which a value is an outlier: a sample over the usual distance of neighbours, a one-off disturbance over the
     /// largest residual elsewhere.

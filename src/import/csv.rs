@@ -2,11 +2,11 @@
 //!
 //! The first row holds the column names. The separator is the most frequent of comma, semicolon and
 //! tab in that row, or white space. Lines that begin with `#` are comments. Up to two rows of text below
-//! the names, such as units, are left out. A row without a value in a wanted column (an empty cell, NaN and
-//! the like) is skipped and counted. Infinities are refused. A comma is the decimal sign
-//! where it is not the separator and no number has a point. The time may be a date with a time of day
-//! (RFC 3339 and similar forms), or a time of day. The text is UTF-8, UTF-16 with a byte order mark, or
-//! else Latin-1.
+//! the names, such as units, are left out. A row without a value in a wanted
+//! column (an empty cell, NaN and the like) is skipped and counted. Infinities are refused. A comma is
+//! the decimal sign where it is not the separator and no number has a point. The time may be a date
+//! with a time of day (RFC 3339 and similar forms), or a time of day. The text is UTF-8, UTF-16 with a
+//! byte order mark, or else Latin-1.
 //!
 //! Units are converted here: a recorded value is the value of the table times the factor of its
 //! unit. The metadata keep the units of the source as `time_unit_in_source` and the like.

@@ -38,8 +38,8 @@ const ENDS: usize = 5;
 const BLOCK: usize = 25;
 /// Effect of an amplifier that ignores small inputs.
 const DEAD_BAND: &str = "drive.input_deadband";
-/// Unit of a force that may have one: the integral action of a current loop removes that of its amplifier.
-const WITH_DEAD_BAND: &str = "V";
+/// Unit of a voltage, the only force with a dead band and a back-EMF: the current loop of other amplifiers removes both.
+const VOLT: &str = "V";
 /// Effect of an angle.
 const GRAVITY: &str = "gantry.gravity";
 
@@ -374,9 +374,7 @@ impl Stage for AxisStage {
             && (matches!(effect.physics, Physics::Effort(_))
                 || self.input_kind == InputKind::Velocity);
         let is_possible = match effect.name {
-            DEAD_BAND => {
-                self.input_kind == InputKind::Velocity || self.channels[0].unit == WITH_DEAD_BAND
-            }
+            DEAD_BAND => self.input_kind == InputKind::Velocity || self.channels[0].unit == VOLT,
             GRAVITY => self.position_unit == "rad",
             _ => true,
         };
@@ -408,10 +406,10 @@ impl Stage for AxisStage {
 
     /// Propagation of distributions by simulation (JCGM 101) with one draw, as long as the recording.
     fn noise(&self, twin: &Twin) -> Vec<f64> {
-        let (signals, input) = self.signals.with_more_noise(&self.segments, self.dt);
+        let signals = self.signals.with_more_noise(&self.segments, self.dt);
         let noisy = Self { signals, ..self.clone() };
         let (plain, noisy) = (self.predicted(twin), noisy.predicted(twin));
-        let measured = self.compared(&input);
+        let measured = self.compared(&self.signals.more_input_noise());
         let channel = &self.channels[0];
         let is_compared = |k: &usize| channel.measured[*k].is_finite();
         let samples: Vec<usize> =

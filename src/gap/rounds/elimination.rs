@@ -227,12 +227,11 @@ impl Search<'_> {
 
     /// Whether a single axis is at its noise floor, or below. The floor of a table is that of its simulator.
     pub(super) fn at_floor(&self, given: &Twin) -> AtFloor {
-        let ratios = self.floor_ratios(given).into_iter().map(|(_, ratio)| ratio);
-        let ratio = ratios.fold(0.0, f64::max);
-        match given.machine {
-            Machine::Axis if ratio <= 1.0 => AtFloor::Yes(ratio),
-            _ => AtFloor::No,
+        if given.machine == Machine::Table {
+            return AtFloor::No;
         }
+        let ratio = self.floor_ratios(given).iter().fold(0.0, |most: f64, own| most.max(own.1));
+        if ratio <= 1.0 { AtFloor::Yes(ratio) } else { AtFloor::No }
     }
 
     /// Return whether a signal of the training sessions is above its floor.

@@ -4,7 +4,7 @@ use crate::import::error::ImportError;
 use chrono::{DateTime, NaiveDate, NaiveDateTime, NaiveTime};
 use std::path::Path;
 
-/// Texts of a missing value, besides an empty cell, in any case of letters.
+/// Texts of a missing number, besides an empty cell, in any case of letters.
 const MISSING: [&str; 5] = ["nan", "na", "n/a", "null", "none"];
 
 /// Start of a comment line, which is skipped.
@@ -118,7 +118,8 @@ impl<'a> Table<'a> {
         let mut skipped: Option<(usize, usize)> = None;
         for (number, cells) in &self.rows[texts.len()..] {
             let cell = |position: usize| cell(cells, position);
-            if positions.iter().copied().chain(run).any(|position| is_missing(cell(position))) {
+            let lacks_run = run.is_some_and(|position| cell(position).is_empty());
+            if lacks_run || positions.iter().any(|position| is_missing(cell(*position))) {
                 skipped.get_or_insert((0, *number)).0 += 1;
                 continue;
             }
@@ -231,7 +232,7 @@ fn cell(cells: &[String], position: usize) -> &str {
     cells.get(position).map_or("", String::as_str)
 }
 
-/// Return whether a cell says that there is no value: empty, or one of [`MISSING`].
+/// Return whether a cell says that there is no number: empty, or one of [`MISSING`].
 fn is_missing(text: &str) -> bool {
     text.is_empty() || MISSING.iter().any(|own| text.eq_ignore_ascii_case(own))
 }
@@ -360,6 +361,10 @@ mod tests {
         let values: Vec<&[f64]> = rows.rows.iter().map(|row| &row.values[..]).collect();
         assert_eq!(values, [[0.0, 1.0], [4.0, 2.0]]);
         assert_eq!(rows.skipped, Some((3, 3)));
+        // A run may be called none.
+        let rows = parsed("run,u\nnone,1\nNA,2\n,3\n").numbers(&["u"], Some("run")).unwrap();
+        let runs: Vec<&str> = rows.rows.iter().map(|row| row.run.as_str()).collect();
+        assert_eq!((runs, rows.skipped), (vec!["none", "NA"], Some((1, 4))));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The functions of all instances that act on a single axis, by their place in the chain.
 
+use super::VOLT;
 use crate::{
     effects::{
         Bristles, ElasticLoad, ElasticState, InputKind, Law, Motion, Physics, Place, Resonance,
@@ -138,7 +139,7 @@ impl Chain {
             input_per_velocity: if kind == InputKind::Velocity { 1.0 } else { 0.0 },
             origin: twin.position_origin(),
             input_size: scales.map_or(1.0, |own| own.input),
-            has_back_emf: scales.is_some_and(|own| own.input_unit == "V"),
+            has_back_emf: scales.is_some_and(|own| own.input_unit == VOLT),
             ..Self::default()
         };
         for instance in twin.instances.iter().filter(|instance| instance.axis.covers(0)) {

@@ -53,8 +53,9 @@ pub(super) struct Signals {
     pub(super) resting: Vec<bool>,
     /// Edge of the wider filter (cycles per sample).
     inner: f64,
-    /// Standard deviation of the white noise of the measured position and of the measured input.
+    /// Standard deviation of the white noise of the measured position.
     noise: f64,
+    /// The same of the measured input.
     input_noise: f64,
 }
 
@@ -103,16 +104,14 @@ impl Signals {
         }
     }
 
-    /// The same with further white noise of the position, and such noise of the input, each as large as that which was
-    /// measured. Directions and rests remain.
-    pub(super) fn with_more_noise(&self, segments: &[Range<usize>], dt: f64) -> (Self, Vec<f64>) {
-        let draw = |deviation: f64, name: &str| -> Vec<f64> {
-            let mut stream = Stream::new(0, name);
-            let half_width = 3.0_f64.sqrt() * deviation;
-            let mut sample = || half_width * f64::from(stream.uniform_f32(-1.0, 1.0));
-            self.position.iter().map(|_| sample()).collect()
-        };
-        let noise = draw(self.noise, "position noise");
+    /// White noise of the input as large as that which was measured.
+    pub(super) fn more_input_noise(&self) -> Vec<f64> {
+        white_samples(self.input_noise, "input noise", self.input.len())
+    }
+
+    /// The same with further noise of the position, as large as that which was measured. Directions and rests remain.
+    pub(super) fn with_more_noise(&self, segments: &[Range<usize>], dt: f64) -> Self {
+        let noise = white_samples(self.noise, "position noise", self.position.len());
         let slope = |values: &[f64]| slope(segments, values, dt);
         let position = filtered(segments, &noise, self.cutoff);
         let velocity = slope(&position);
@@ -127,8 +126,15 @@ impl Signals {
         );
         added(&mut noisy.velocity, &velocity);
         added(&mut noisy.position, &position);
-        (noisy, draw(self.input_noise, "input noise"))
+        noisy
     }
+}
+
+/// `count` independent samples with this standard `deviation`, from the random stream called `name`.
+fn white_samples(deviation: f64, name: &str, count: usize) -> Vec<f64> {
+    let mut stream = Stream::new(0, name);
+    let half_width = 3.0_f64.sqrt() * deviation;
+    (0..count).map(|_| half_width * f64::from(stream.uniform_f32(-1.0, 1.0))).collect()
 }
 
 /// The `narrowest` estimate of a velocity, `beside` reversals that of a shorter window, and whether the axis may stand.

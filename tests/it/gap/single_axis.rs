@@ -17,6 +17,14 @@ const VISCOUS_N_S_PER_M: f64 = 3.0;
 const ENCODER_M: f64 = 1e-6;
 const DISTURBANCE_N: f64 = 0.05;
 
+const GRAVITY_M_PER_S2: f64 = 9.81;
+const ARM_M: f64 = 0.3;
+const ARM_KG_M2: f64 = 0.2;
+const ARM_N_M: f64 = 3.0;
+const ARM_COULOMB_N_M: f64 = 0.4;
+const ARM_ENCODER_RAD: f64 = 2e-5;
+const ARM_RAD_PER_M: f64 = 12.0;
+
 /// Position, velocity and acceleration of the reference at `t` seconds; `phase` makes sessions differ.
 fn reference(t: f64, phase: f64) -> [f64; 3] {
     let mut motion = [0.0; 3];
@@ -60,13 +68,13 @@ impl Mass {
     }
 }
 
-/// Import `table` with its input column.
-fn import(dir: &Path, name: &str, table: &str, input: &str) -> String {
+/// Import `table` with its columns of time, input and position.
+fn import(dir: &Path, name: &str, table: &str, [time, input, position]: [&str; 3]) -> String {
     let [source, output] = ["csv", "mcap"].map(|end| dir.join(format!("{name}.{end}")));
     fs::write(&source, table).unwrap();
     let [source, output] = [source, output].map(|path| path.display().to_string());
-    let words = ["import", "csv", &source, "--time", "t_ms:ms", "--input", input];
-    let rest = ["--position", "position_mm:mm", "-o", &output];
+    let words = ["import", "csv", &source, "--time", time, "--input", input];
+    let rest = ["--position", position, "-o", &output];
     let (_, errors, status) = said(&klasktron(&[&words[..], &rest].concat()));
     assert_eq!(status, 0, "{errors}");
     output
@@ -86,7 +94,7 @@ fn held_forces(dir: &Path, name: &str, seed: u64, extra: fn(f64) -> f64) -> Stri
             mass.step(force + extra(mass.q));
         }
     }
-    import(dir, name, &table, "force_mn:mN")
+    import(dir, name, &table, ["t_ms:ms", "force_mn:mN", "position_mm:mm"])
 }
 
 /// A velocity controller and what is in front of it.
@@ -120,7 +128,7 @@ fn velocity_setpoints(dir: &Path, name: &str, seed: u64, drive: Drive) -> String
             mass.step(drive.proportional * error + drive.integral * sum);
         }
     }
-    import(dir, name, &table, "setpoint_mm_per_s:mm/s")
+    import(dir, name, &table, ["t_ms:ms", "setpoint_mm_per_s:mm/s", "position_mm:mm"])
 }
 
 /// A session for training and one for validation.
@@ -207,23 +215,8 @@ fn arm(dir: &Path, name: &str, seed: u64, payload_kg: f64) -> String {
             q += STEP_S * v;
         }
     }
-    let [source, output] = ["csv", "mcap"].map(|end| dir.join(format!("{name}.{end}")));
-    fs::write(&source, table).unwrap();
-    let [source, output] = [source, output].map(|path| path.display().to_string());
-    let words = ["import", "csv", &source, "--time", "t_s", "--input", "torque_nm:Nm"];
-    let rest = ["--position", "angle_deg:deg", "-o", &output];
-    let (_, errors, status) = said(&klasktron(&[&words[..], &rest].concat()));
-    assert_eq!(status, 0, "{errors}");
-    output
+    import(dir, name, &table, ["t_s", "torque_nm:Nm", "angle_deg:deg"])
 }
-
-const GRAVITY_M_PER_S2: f64 = 9.81;
-const ARM_M: f64 = 0.3;
-const ARM_KG_M2: f64 = 0.2;
-const ARM_N_M: f64 = 3.0;
-const ARM_COULOMB_N_M: f64 = 0.4;
-const ARM_ENCODER_RAD: f64 = 2e-5;
-const ARM_RAD_PER_M: f64 = 12.0;
 
 #[test]
 fn the_weight_of_an_arm_and_its_payload_are_identified() {
@@ -289,7 +282,8 @@ fn a_velocity_setpoint_of_another_coordinate_is_refused() {
         writeln!(table, "{},{},{}", 5 * k, 60.0, k).unwrap();
         table
     });
-    let recording = import(dir.path(), "one", &table, "setpoint_rpm:rpm");
+    let recording =
+        import(dir.path(), "one", &table, ["t_ms:ms", "setpoint_rpm:rpm", "position_mm:mm"]);
     let out = dir.path().join("out").display().to_string();
     let (_, errors, status) = said(&klasktron(&["gap", &recording, "-o", &out]));
     assert_ne!(status, 0);
