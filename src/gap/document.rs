@@ -127,7 +127,7 @@ pub(super) fn document(material: &Material<'_, '_>, mut journal: Vec<JournalEntr
     }
 }
 
-/// What to say of an effect of a single axis that is part of the twin and does not count as missing.
+/// Statement on an effect of a single axis that is part of the twin and does not count as missing.
 fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
     twin.axis_frame?;
     let instance = &twin.instances[rounds::instance_of(twin, step)?];
@@ -140,7 +140,7 @@ fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
     ))
 }
 
-/// Why a lag shorter than the sample period is no effect of an axis.
+/// Reason why a lag shorter than the sample period is no effect of an axis.
 fn lag_within_a_sample(start: &Twin, twin: &Twin, instance: &Instance) -> Option<String> {
     let period = sample_period_above_lag(start, twin, instance)?;
     let than =
@@ -153,7 +153,8 @@ fn lag_within_a_sample(start: &Twin, twin: &Twin, instance: &Instance) -> Option
     ))
 }
 
-/// Why contacts that may carry nothing, or be rigid, are no effect: what is left is Coulomb friction.
+/// Reason why contacts that may carry nothing, or be rigid, are no effect: Coulomb friction
+/// remains.
 fn rigid(effect: &Effect, values: &[Value]) -> Option<String> {
     let Physics::Bristles(_) = effect.physics else { return None };
     let contains_zero = |value: &Value| value.ci95.is_some_and(|[low, _]| low < 0.0);
@@ -168,7 +169,8 @@ fn rigid(effect: &Effect, values: &[Value]) -> Option<String> {
     ))
 }
 
-/// Why an effect is not there if the intervals of all its parameters contain the values without it.
+/// Reason why an effect is absent if the intervals of all its parameters contain the values without
+/// it.
 fn contains_none(effect: &Effect, values: &[Value]) -> Option<String> {
     let contains_null = |(value, null): (&Value, &f64)| {
         value.ci95.is_some_and(|[low, high]| (low..=high).contains(null))
@@ -237,9 +239,10 @@ fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
     }
 }
 
-/// Known parameters outside the interval of what was known of them, on stages on which the validation sessions prefer
-/// the final twin. The limit is corrected for the number of parameters that could have changed (Bonferroni). Where they
-/// changed jointly, but none by itself, because their errors are correlated, the one farthest outside is stated.
+/// Known parameters outside the interval of what was known of them, on stages on which the
+/// validation sessions prefer the final twin. The limit is corrected for the number of parameters
+/// that could have changed (Bonferroni). If they changed jointly, but none by itself, because their
+/// errors are correlated, the one farthest outside is stated.
 fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
     let known = material.twin.instances.iter().enumerate();
     let possible = known.flat_map(|(index, after)| possible_changes(material, index, after));
@@ -253,8 +256,9 @@ fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
     possible.into_iter().filter(|(ratio, _)| 1.0 < *ratio).map(|(_, change)| change).collect()
 }
 
-/// Return whether the given twin leaves a residual above its noise floor on the validation sessions, of whose square other
-/// values of the known parameters explain most, and no effect was added.
+/// Return whether other values of the known parameters explain the residual without a new effect.
+/// The given twin leaves a residual above its noise floor on the validation sessions, these values
+/// explain most of its square, and no effect was added.
 fn explains_most_by_refit((outcome, floors): (&Outcome<'_>, &Vec<Floor>)) -> bool {
     let thresholds = outcome.train.thresholds();
     let rms = |point: &Point| outcome.held_out.rms(point).into_iter().zip(floors);

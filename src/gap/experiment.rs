@@ -29,7 +29,7 @@ const OF_TWO_AXES: [&str; 6] = [
 /// multiplies its mass and frictions.
 const IMITATED: [&str; 2] = ["gantry.tilt", "drive.gain"];
 
-/// What an experiment of a table needs, and a recording of a single axis always has.
+/// Requirement of an experiment on a table; a recording of a single axis always meets it.
 const WITH_TORQUE: &str = ", with the torque recorded";
 
 /// Most patterns of one experiment.

@@ -148,7 +148,7 @@ fn check<'a>(sessions: &[Session], start: &Twin, request: Request<'_>) -> Option
     }
     let objection = check_selection(sessions, start, request)?;
     let mut found = refused(start.clone(), sessions, &objection);
-    // No other data answer an empty selection.
+    // No other data resolve an empty selection.
     found.document.next_experiment = None;
     Some(found)
 }

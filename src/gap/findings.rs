@@ -278,7 +278,7 @@ pub struct Document {
     pub parameter_changes: Vec<ParameterChange>,
     /// Sparse equation of an unexplained residual; null where the verdict is another one, and where no feature passed.
     pub description: Option<Description>,
-    /// The recording that would answer what is open.
+    /// Recording that would resolve the open question.
     pub next_experiment: Option<NextExperiment>,
     /// Warnings about data and fit, as sentences.
     pub warnings: Vec<String>,

@@ -1,11 +1,13 @@
 //! Noise floor of a signal, from measurements alone: never from the residual of a model.
 //!
-//! The floor of a signal of a table follows from its third differences: a cubic has none, and white noise of standard
-//! deviation s gives them s sqrt(20). Their median is taken, so that starts and stops do not count.
+//! The floor of a signal of a table follows from its third differences: a cubic has none, and white
+//! noise of standard deviation s gives them s sqrt(20). Their median is taken, so that starts and
+//! stops do not count.
 //!
-//! The input of a single axis is compared after a filter and fewer times per second, so its differences are mostly motion. Its
-//! floor is the white noise of input and position, measured at the rate of the recording and propagated to the residual,
-//! and the model error of the simulation as a fraction of the input's standard deviation.
+//! The input of a single axis is compared after filtering and decimation, so its differences are
+//! mostly motion. Its floor combines measurement noise and model error. The noise is the white
+//! noise of input and position, measured at the rate of the recording and propagated to the
+//! residual. The model error of the simulation is a fraction of the input's standard deviation.
 
 use super::thresholds::Thresholds;
 use crate::{
@@ -56,8 +58,9 @@ impl Floor {
     }
 }
 
-/// Floor of each channel of `stage`: from the measurements, whose noise the `fitted` twin propagates where it predicts from
-/// them, or the reference residual of the `given` twin where that is larger.
+/// Floor of each channel of `stage`. If the `fitted` twin predicts from measurements, their noise,
+/// propagated by that twin, sets the floor; otherwise it follows from the channel. The reference
+/// residual of the `given` twin replaces a smaller floor.
 #[must_use]
 pub(super) fn floors(
     stage: &dyn Stage,

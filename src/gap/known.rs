@@ -58,8 +58,9 @@ pub(super) fn excess<const N: usize>(
     Some(excess)
 }
 
-/// Whether the residual of a single axis is at its noise floor: what an effect explains beyond that may be an error of the
-/// floor, which is low where the noise is coloured, or a model error of the simulation.
+/// Comparison of the residual of a single axis with its noise floor. Below the floor, an effect may
+/// explain an error of the floor, which is low where the noise is coloured, or a model error of the
+/// simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum AtFloor {
     /// Ratio of the residual to its floor.
@@ -75,9 +76,10 @@ pub(super) fn lag(instance: &Instance) -> Option<f64> {
     (parameter.unit == "s").then_some(lag.value)
 }
 
-/// Sample period (s) of the axis of `twin`, where `instance` is a lag and all lags together differ from those of the `given`
-/// twin by less than that period. The stamp of an input does not say whether it acts at that time, until the next stamp
-/// (zero-order hold), or since the last one; and lags of the same sum are hardly distinguishable.
+/// Sample period (s) of the axis of `twin`, where `instance` is a lag and all lags together differ
+/// from those of the `given` twin by less than that period. The stamp of an input does not define
+/// when it acts: at that time, until the next stamp (zero-order hold), or since the last one. Lags
+/// of the same sum are hardly distinguishable.
 pub(super) fn sample_period_above_lag(
     given: &Twin,
     twin: &Twin,
@@ -119,8 +121,9 @@ pub(super) struct RequiredGain<'t> {
 }
 
 impl<'t> RequiredGain<'t> {
-    /// Required gains of the first effect from the reference residual of the given twin, the [`excess`] over it, and
-    /// whether the residual is at its noise `floor`. The discrepancy of the twin says little about another motion.
+    /// Required gains of the first effect from the reference residual of the given twin, the
+    /// [`excess`] over it, and whether the residual is at its noise `floor`. The discrepancy of the
+    /// twin hardly applies to another motion.
     pub(super) fn new(
         thresholds: &'t Thresholds,
         (given, stage): (&'t Twin, StageKind),
@@ -166,8 +169,9 @@ impl<'t> RequiredGain<'t> {
         self
     }
 
-    /// Return whether `twin` only distributes the lags of `base` otherwise, on a machine with a reference and at its noise
-    /// floor: the sums of all lags differ by less than a sample period. Such a change must explain most of the residual.
+    /// Return whether `twin` only redistributes the lags of `base`, on a machine with a reference
+    /// and at its noise floor. The sums of all lags then differ by less than a sample period. Such
+    /// a change must explain most of the residual.
     pub(super) fn only_redistributes_lag(&self, base: &Twin, twin: &Twin) -> bool {
         let is_lag = |last: &Instance| sample_period_above_lag(base, twin, last).is_some();
         self.has_reference && self.floor != AtFloor::No && twin.instances.last().is_some_and(is_lag)

@@ -42,7 +42,7 @@ pub fn search<'a>(data: &StageData<'a>, start: &Twin, task: Task) -> Outcome<'a>
         Task::CloseGap => search.add_effects(&given, excess),
     };
     let mut known = search.eliminate_insignificant();
-    // What a removed effect had in common with others is theirs now.
+    // Effects now include the part that a removed effect had in common with them.
     while search.remove_minor(&given.twin) {
         known = search.eliminate_insignificant();
     }
@@ -436,9 +436,10 @@ impl Search<'_> {
         )
     }
 
-    /// Disturbance that depends on no measured quantity. The residual is above its reference in training and validation
-    /// sessions, and exceeds the fraction `clear_gain` of the gap that the fit closed; that of a single axis is also above
-    /// its noise floor. A drive with backlash is exempt: its impact times depend on noise, so no simulation reproduces them.
+    /// Disturbance that depends on no measured quantity. The residual is above its reference in
+    /// training and validation sessions, and exceeds the fraction `clear_gain` of the reduction
+    /// that the fit achieved. The residual of a single axis is also above its noise floor. A drive
+    /// with backlash is exempt: its impact times depend on noise, so no simulation reproduces them.
     fn disturbance(&self, given: &Point, validated: &Point) -> Option<Unknown> {
         let twin = &self.best.point.twin;
         let rattles = self.kind == StageKind::Drive && twin.instances.iter().any(Instance::rattles);

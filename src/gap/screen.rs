@@ -219,7 +219,7 @@ pub(super) fn magnitude_ratio(effect: &Effect, probe: &[f64]) -> f64 {
     let null = effect.null[0];
     let away = (probe[0] - null).abs();
     let farthest = (low - null).abs().max((high - null).abs());
-    // Where null is far outside the plausible range (a limit that never acts), the probe decides.
+    // If null is far outside the plausible range (a limit that never acts), the probe decides.
     if away == 0.0 || (low..=high).contains(&null) || null == 0.0 {
         if away == 0.0 { 1.0 } else { (farthest / away).max(1.0) }
     } else {

@@ -77,10 +77,10 @@ thresholds! {
     /// Squared distance of two predictions, as a fraction of the squared change, below which they are equal: a hundredth of
     /// an effect is beyond what a simulator follows. A larger value calls more effects indistinguishable.
     equal_prediction = 1e-4, 0.0..=1.0, "";
-    /// Fraction that is most of a quantity. The quantities are the squared cosine of two changes that explain the same,
-    /// the residual that one-off disturbances or measurement noise account for, the samples that a twin predicts,
-    /// the gain that a rival has in common, the residual that an effect above the floor, another distribution of lags or a
-    /// refit explains.
+    /// Fraction that is most of a quantity. It applies to the squared cosine of two changes that
+    /// explain the same, the residual of one-off disturbances or measurement noise, and the samples
+    /// that a twin predicts. It also applies to the gain that a rival has in common, and to the
+    /// residual that an effect above the floor, another distribution of lags or a refit explains.
     majority = 0.5, 0.0..=1.0, "";
     /// Ratio of the closed fractions of the plain residual from which another effect precedes the most significant one.
     stronger_ratio = 1.5, 1.0..=1e9, "";
@@ -124,8 +124,9 @@ thresholds! {
     min_time = 4.0, 0.0..=1e9, "s";
     /// Samples in motion of a single axis below which nothing is compared.
     min_samples = 40.0, 0.0..=1e9, "";
-    /// Least fraction of the motion in each direction, of the commanded speed that a motor moves, of the variance that
-    /// input or motion explain, and of the RMS of the input that varies.
+    /// Least fraction of the motion in each direction, of the commanded speed that a motor moves,
+    /// and of the variance that input or motion explain. Also the least fraction of the input's RMS
+    /// that varies.
     min_fraction = 0.05, 0.0..=0.5, "";
     /// Change of the latency within 50 s, or within a shorter session, from which the clocks drift. Other motion
     /// changes it by some hundredths, and the worst crystals by a quarter of this.

@@ -43,7 +43,7 @@ fn verdict(findings: &Findings<'_, '_>) -> Verdict {
     let Findings { start, effects, indistinguishable, parameter_changes, residuals, .. } =
         *findings;
     let Findings { outcomes, thresholds, .. } = *findings;
-    // What an effect of a single axis changes may be most of its few parameters.
+    // An effect of a single axis may change most of its few parameters.
     let may_be_rebuilt = start.machine == Machine::Table || effects.is_empty();
     if may_be_rebuilt && is_other_machine(start, parameter_changes, thresholds) {
         Verdict::DifferentMachine

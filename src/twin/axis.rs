@@ -1,18 +1,19 @@
-//! A single axis driven by force or by a velocity setpoint: its measured motion to the input that it took.
+//! Inverse dynamics of a single axis, driven by a force or a velocity setpoint: its input from its
+//! measured motion.
 //!
 //! The input follows from the measured motion by inverse dynamics, u = chain^-1(M a - F +
-//! friction), because the position of a controlled axis hardly shows its friction. Where the input is a velocity
-//! setpoint, it is u = chain^-1(v + controller^-1(T a - F + friction)): a velocity controller makes a force from the
-//! velocity error, so forces are in the unit of the setpoint, and the mass is a time constant T. Position is
-//! low-pass filtered without phase and differentiated centrally; measured and predicted input pass
-//! one more filter of that kind and are decimated (Gautier and Janot's procedure for robots, as in
-//! the EMPS benchmark). All physics comes from the twin's instances by its place; motor and rail
-//! are one coordinate here.
+//! friction), because the position of a controlled axis hardly shows its friction. A velocity
+//! setpoint is u = chain^-1(v + controller^-1(T a - F + friction)). A velocity controller makes a
+//! force from the velocity error, so forces are in the unit of the setpoint, and the mass is a time
+//! constant T. The position passes a zero-phase low-pass filter and is differentiated centrally.
+//! Measured and predicted input pass one more filter of that kind and are decimated (Gautier and
+//! Janot's procedure for robots, as in the EMPS benchmark). All physics comes from the twin's
+//! instances, by their position in the chain. Motor and guide are one coordinate here.
 //!
-//! While it stands, rigid friction takes any value within its level, so there the input is predicted as near to the
-//! measured one as friction allows. The friction of elastic contacts follows from their deflection, except in longer
-//! rests, which are not compared. An axis stands where the velocity beside a reversal does not differ from zero beyond its
-//! noise.
+//! While the axis stands, rigid friction takes any value within its level. The input predicted
+//! there is as near to the measured one as friction allows. The friction of elastic contacts
+//! follows from their deflection, except in longer rests, which are not compared. An axis stands
+//! where its velocity near a reversal does not differ from zero beyond its noise.
 
 mod chain;
 mod filter;
@@ -43,7 +44,7 @@ const VOLT: &str = "V";
 /// Effect of an angle.
 const GRAVITY: &str = "gantry.gravity";
 
-/// What was measured on one axis, at equal steps.
+/// Measurements of one axis, at equal steps.
 #[derive(Debug, Clone)]
 pub(super) struct Measured {
     /// Name of the axis in its topics.
@@ -186,7 +187,8 @@ impl AxisStage {
         1.0 / (self.dt * self.factor as f64)
     }
 
-    /// Distance that the axis moved towards positive and towards negative positions (m), rests aside.
+    /// Distance that the axis moved towards positive and towards negative positions (m), without
+    /// rests.
     #[must_use]
     pub fn ways(&self) -> [f64; 2] {
         let moving =
@@ -195,7 +197,7 @@ impl AxisStage {
         steps.fold([0.0; 2], |[up, down], step| [up + step.max(0.0), down + (-step).max(0.0)])
     }
 
-    /// What the input sets.
+    /// Quantity that the input sets.
     #[must_use]
     pub fn input_kind(&self) -> InputKind {
         self.input_kind
@@ -207,7 +209,7 @@ impl AxisStage {
         (self.channels[0].unit, self.position_unit)
     }
 
-    /// Sums over the recorded samples, from which the typical sizes of the axis follow.
+    /// Sums over the recorded samples, from which the typical magnitudes of the axis follow.
     pub(super) fn motion_sums(&self) -> MotionSums {
         let inside = || self.segments.iter().flat_map(Clone::clone);
         let moving = || inside().filter(|index| !self.signals.resting[*index]);
@@ -268,13 +270,14 @@ impl AxisStage {
         [within, square]
     }
 
-    /// When the segment of a sample began (s).
+    /// Start time of the segment of a sample (s).
     fn run_start_time(&self, index: usize) -> f64 {
         let begins = self.segments.partition_point(|own| own.start <= index);
         begins.checked_sub(1).map_or(0.0, |own| self.time(self.segments[own].start))
     }
 
-    /// The measured motion at one sample, with the position from `origin`; `force` is the input as it was measured.
+    /// Measured motion at one sample, with the position from `origin`; `force` is the measured
+    /// input.
     fn motion(&self, index: usize, origin: f64) -> Motion {
         Motion {
             time: self.time(index),
@@ -368,8 +371,8 @@ impl Stage for AxisStage {
     }
 
     fn calls(&self, effect: &Effect) -> bool {
-        // A limit under load cannot be inverted: every measured force would be its own prediction. A velocity setpoint does
-        // not tell the load.
+        // A limit under load cannot be inverted: every measured force would be its own prediction.
+        // A velocity setpoint does not contain the load.
         let is_loaded = effect.regressors.contains(&Regressor::Load)
             && (matches!(effect.physics, Physics::Effort(_))
                 || self.input_kind == InputKind::Velocity);
@@ -426,15 +429,15 @@ impl Stage for AxisStage {
     }
 }
 
-/// The number nearest to `wanted` that differs from `middle` by at most `reach`.
+/// Value nearest to `wanted` that differs from `middle` by at most `reach`.
 fn within(wanted: f64, middle: f64, reach: f64) -> f64 {
     let reach = reach.max(0.0);
     // Not `clamp`, which panics where a number is undefined.
     wanted.max(middle - reach).min(middle + reach)
 }
 
-/// `values` read `samples` later, by the cubic through the four beside each place (Catmull-Rom),
-/// held still beyond the ends.
+/// `values` read `samples` later, by the cubic through the four nearest samples (Catmull-Rom),
+/// constant beyond the ends.
 fn shifted(values: &[f64], samples: f64) -> Vec<f64> {
     let last = values.len().saturating_sub(1) as f64;
     let at = |index: f64| values[index.clamp(0.0, last) as usize];

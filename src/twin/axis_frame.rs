@@ -1,4 +1,5 @@
-//! Coordinate and typical sizes of a single axis, from the recordings to which its twin is fitted.
+//! Coordinate and typical magnitudes of a single axis, from the recordings to which its twin is
+//! fitted.
 
 use super::{AxisStage, Machine, Session, Source, Twin, machine_of};
 use crate::{
@@ -13,11 +14,11 @@ pub struct AxisFrame {
     /// Position from which the positions in effects count, in the unit of the position: the middle of the range to which
     /// the twin was first fitted.
     pub position_origin: f64,
-    /// Typical sizes.
+    /// Typical magnitudes.
     pub scales: AxisScales,
 }
 
-/// Sums over the samples of an axis in motion, from which the typical sizes follow.
+/// Sums over the samples of an axis in motion, from which the typical magnitudes follow.
 #[derive(Debug, Clone)]
 pub(super) struct MotionSums {
     pub(super) positions: Range<f64>,
@@ -44,7 +45,7 @@ impl MotionSums {
     }
 }
 
-/// The frame of the training sessions' `axes`; `None` where nothing moves or nothing drives.
+/// Frame of the training sessions' `axes`; `None` without motion or input.
 fn frame_of(axes: &[&AxisStage]) -> Option<AxisFrame> {
     let first = axes.first()?;
     let sums =
@@ -72,8 +73,9 @@ fn frame_of(axes: &[&AxisStage]) -> Option<AxisFrame> {
 }
 
 impl Twin {
-    /// The twin in the frame of the single axis of `sessions`: the catalogue in its units, and where the twin has no
-    /// origin of its positions yet, that of the training sessions. A table, and an axis that does not move, have no frame.
+    /// The twin in the frame of the single axis of `sessions`, with the catalogue in its units. A
+    /// twin without an origin of its positions gets that of the training sessions. A table, and an
+    /// axis that does not move, have no frame.
     #[must_use]
     pub fn framed(self, sessions: &[Session]) -> Self {
         if self.machine != Machine::Axis || machine_of(sessions) != Machine::Axis {

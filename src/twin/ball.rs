@@ -21,15 +21,15 @@ use std::ops::Range;
 /// Half of the board's sides (m).
 const HALF_BOARD: [f64; 2] = [0.16, 0.21];
 
-/// Typical sizes of a roll's start: place (m) and velocity (m/s).
+/// Typical magnitudes of a roll's start: position (m) and velocity (m/s).
 const START_SCALE: [f64; 4] = [1e-3, 1e-3, 0.01, 0.01];
 
-/// The rolls of one session. A roll is a piece of the ball's track on which nothing but board, air
-/// and walls acts; its start (place and velocity) is unknown and is a nuisance group of its own.
+/// Rolls of one session. A roll is a piece of the ball's track on which only board, air and walls
+/// act. Its start (position and velocity) is unknown and is a nuisance group of its own.
 ///
-/// Two channels, `camera.ball_x` and `camera.ball_y` (`camera.ball_roll_x` and `camera.ball_roll_y` of
-/// whole rolls); run `k` of both is roll `k`. A constant age of the camera's picture moves the starts
-/// and nothing else, so it cannot be seen here.
+/// Two channels, `camera.ball_x` and `camera.ball_y` (`camera.ball_roll_x` and `camera.ball_roll_y`
+/// of whole rolls); run `k` of both is roll `k`. A constant latency of the camera moves the starts
+/// and nothing else, so it is not identifiable here.
 pub struct BallStage {
     extent: Extent,
     channels: Vec<Channel>,
@@ -43,9 +43,9 @@ impl BallStage {
         &mut self.channels
     }
 
-    /// The free rolls in `recording`, in pieces, and whole as well where any was cut; nothing without
-    /// any. Only what lies in one of `spans` (seconds since the recording began) counts, and no roll
-    /// goes on beyond its end.
+    /// Free rolls of `recording` in pieces, and whole ones as well if any was cut; empty without
+    /// rolls. Only samples in one of `spans` (seconds since the recording began) count, and no roll
+    /// continues beyond the end of its span.
     ///
     /// # Errors
     /// When detections do not decode.
@@ -85,13 +85,13 @@ impl BallStage {
         Some(Self { extent, channels, tracks, rolls })
     }
 
-    /// How many rolls there are.
+    /// Number of rolls.
     #[must_use]
     pub fn roll_count(&self) -> usize {
         self.rolls.len()
     }
 
-    /// Every impact on a wall that the camera's samples show, measured from the samples beside it,
+    /// Every impact on a wall that the camera's samples show, measured from the samples around it,
     /// in order of time; no twin is involved.
     #[must_use]
     pub fn impacts(&self) -> Vec<WallImpact> {

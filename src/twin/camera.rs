@@ -1,28 +1,29 @@
-//! Measured carriage to the striker that the camera sees.
+//! Prediction of the striker that the camera sees, from the measured carriage.
 
 use super::{
     Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, noise::FrameLosses, plant::Part,
 };
 use crate::effects::{Axis, Carriage, Effect, Physics, Place, both};
 
-/// Step of a march along the measured path (s).
+/// Time step along the measured path (s).
 pub(super) const STEP: f64 = 1e-3;
 
-/// How long before the first run the march begins, so that memories have settled (s).
+/// Time by which the march begins before the first run, so that memories have settled (s).
 const RUN_IN: f64 = 0.3;
 
-/// One gantry of one session: the carriage of the encoders in, the camera's striker out.
+/// One gantry of one session. Input: the carriage of the encoders; output: the striker of the
+/// camera.
 #[derive(Debug, Clone)]
 pub struct CameraStage {
-    /// The carriage as the encoders tell it.
+    /// Carriage as measured by the encoders.
     pub carriage: MeasuredPath,
     /// `camera.striker_x`, `camera.striker_y` (m).
     pub channels: Vec<Channel>,
-    /// Height of what the camera sees above the board (m).
+    /// Height of the detected object above the board (m).
     pub height: f64,
-    /// Whether the drives were recorded as well: then they show what the motors feel of their load.
+    /// True if the drives were recorded as well: they then show the load on the motors.
     pub has_drives: bool,
-    /// Frames that did not come or came twice; `None` of too few.
+    /// Frames that were lost or came twice; `None` with too few frames.
     pub losses: Option<FrameLosses>,
 }
 
@@ -112,7 +113,8 @@ impl Stage for CameraStage {
         self.losses.as_ref()
     }
 
-    /// One offset for the whole session: the camera's zero against that of the homed carriage.
+    /// One offset for the whole session: the zero of the camera relative to that of the homed
+    /// carriage.
     fn nuisance_groups(&self) -> Vec<std::ops::Range<usize>> {
         let session = 0..self.channels[0].runs.len();
         vec![session]
@@ -165,8 +167,8 @@ impl CameraStage {
         }
     }
 
-    /// With memory, the path is marched in small steps and read between them, from the first run to the last: what
-    /// slipped in one stays away in the next.
+    /// With memory, the path is marched in small steps and read between them, from the first run to
+    /// the last: slip in one run remains in the next.
     fn march(
         &self,
         chain: &mut Chain,

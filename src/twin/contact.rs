@@ -13,9 +13,9 @@ const SATURATED: f64 = 22.0;
 /// Bristles of one coordinate, of each simulation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BristleLanes<S: Simd> {
-    /// Where there are any.
+    /// Simulations with bristles.
     exist: Mask<S>,
-    /// As [`Bristles`] has them.
+    /// Fields of [`Bristles`].
     force: Lanes<S>,
     distance: Lanes<S>,
     velocity: Lanes<S>,
@@ -59,16 +59,16 @@ impl<S: Simd> BristleLanes<S> {
     }
 }
 
-/// What rubs on one coordinate during a step.
+/// Friction of one coordinate during a step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Contact<S: Simd> {
     /// Largest friction (N).
     pub(super) level: Lanes<S>,
-    /// The part of it that bends before it slides.
+    /// Part of it that bends before it slides.
     pub(super) bristles: Option<BristleLanes<S>>,
 }
 
-/// How a coordinate would move over a step without friction.
+/// Motion of a coordinate over a step without friction.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Free<S: Simd> {
     /// Its mass (kg).
@@ -80,7 +80,8 @@ pub(super) struct Free<S: Simd> {
 }
 
 impl<S: Simd> Contact<S> {
-    /// Friction (N) over a step of a coordinate that would move as `free` says without it; moves the `bend` on.
+    /// Friction (N) over a step of a coordinate whose frictionless motion is `motion`; advances the
+    /// `bend`.
     ///
     /// Rigid friction is the impulse that would stop the motion, held within its level (Coulomb's law without
     /// chatter). Bristles follow the velocity at the end of the step (implicit Euler): stable however stiff they
@@ -157,7 +158,7 @@ mod tests {
         friction.get(0)
     }
 
-    /// Drives 2 kg with `force(time)` for `seconds`: place, velocity and bend at the end.
+    /// Drives 2 kg with `force(time)` for `seconds`: position, velocity and bend at the end.
     fn driven(
         level: f64,
         bristles: Bristles,
@@ -185,7 +186,7 @@ mod tests {
     #[test]
     fn below_the_level_bristles_are_a_spring() {
         let own = Bristles { force: 10.0, distance: 1e-3, velocity: 1e-7, damping: 283.0 };
-        // 0.1 N on 1e4 N/m: a hundredth of the way over which they bend.
+        // 0.1 N on 1e4 N/m: a hundredth of the distance over which they bend.
         let [place, velocity, bend] = driven(10.0, own, 2.0, |_| 0.1);
         assert!((place - 1e-5).abs() < 2e-7 && velocity.abs() < 1e-4, "{place} {velocity}");
         assert!((bend - 0.01).abs() < 1e-4, "{bend}");
@@ -196,7 +197,7 @@ mod tests {
         let own = Bristles { force: 4.0, distance: 1e-5, velocity: 1e-6, damping: 0.0 };
         let [_, velocity, bend] = driven(6.0, own, 0.5, |_| 8.0);
         assert!((bend - 1.0).abs() < 1e-6);
-        // 8 N less 6 N on 2 kg for 0.5 s, and a little for the way over which they bent.
+        // 8 N less 6 N on 2 kg for 0.5 s, and a little for the distance over which they bent.
         assert!((0.5..0.51).contains(&velocity), "{velocity}");
     }
 

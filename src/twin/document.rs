@@ -1,4 +1,5 @@
-//! `twin.json`: the effects that are switched on, each number with unit, bounds, source and interval.
+//! `twin.json`: the effects that are switched on, each parameter with unit, bounds, source and
+//! interval.
 
 use super::{
     AxisFrame, Discrepancy, Instance, Machine, MeasurementNoise, ReferenceResidual, Source, Twin,
@@ -18,7 +19,7 @@ const SCHEMA_VERSION: u32 = 2;
 /// Longest belt per motor turn (m), as for recordings and robot files.
 const LONGEST_BELT: f64 = 1.0;
 
-/// Why a twin could not be read.
+/// Reasons why a twin could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum TwinError {
     /// The file cannot be read.
@@ -26,15 +27,15 @@ pub enum TwinError {
     Io {
         /// The file.
         path: String,
-        /// Why.
+        /// Cause.
         source: io::Error,
     },
-    /// It is no twin.
+    /// The file is no twin.
     #[error("{path} is no twin.json: {source}")]
     Syntax {
         /// The file.
         path: String,
-        /// Where it departs from one.
+        /// Error of the parser.
         source: serde_json::Error,
     },
     /// Another version, or none.
@@ -90,7 +91,7 @@ pub enum TwinError {
     Definition {
         /// The file.
         path: String,
-        /// What is wrong.
+        /// Error of the definition.
         source: DefinitionError,
     },
     /// A unit that an axis cannot have.
@@ -100,9 +101,9 @@ pub enum TwinError {
         path: String,
         /// The key.
         key: &'static str,
-        /// What it holds.
+        /// Unit in the file.
         found: String,
-        /// What it may hold.
+        /// Allowed units.
         known: String,
     },
     /// A parameter is missing, unknown or out of its bounds.
@@ -114,7 +115,7 @@ pub enum TwinError {
         effect: String,
         /// The parameter.
         parameter: String,
-        /// What is wrong, with the allowed range.
+        /// Description of the error, with the allowed range.
         problem: String,
     },
 }
@@ -143,7 +144,7 @@ struct Document {
     fitted_to_sha256: Vec<String>,
 }
 
-/// Coordinate of a single axis and its typical sizes, in the units of its recordings.
+/// Coordinate of a single axis and its typical magnitudes, in the units of its recordings.
 #[derive(Serialize, Deserialize)]
 struct AxisEntry {
     position_origin: f64,
@@ -383,7 +384,7 @@ impl EffectEntry {
             .map(|(index, (parameter, null))| {
                 let Some(given) = self.parameters.iter().find(|own| own.name == parameter.name)
                 else {
-                    // An older version had fewer numbers: those that came later do nothing at zero.
+                    // An older version had fewer parameters: later ones have no effect at zero.
                     let came_later = index != 0 && *null == 0.0;
                     let nothing = || Value { value: 0.0, ci95: None, source: Source::Nominal };
                     let missing = || wrong(parameter.name, "is missing".to_owned());
@@ -414,10 +415,8 @@ impl Twin {
     }
 }
 
-/// Reads `twin.json`.
-///
-/// # Errors
-/// When it cannot be read, is no twin of this version, names an unknown effect, or has a number out of its bounds.
+/// When it cannot be read, is no twin of this version, contains an unknown effect, or has a
+/// parameter out of its bounds.
 pub fn read_twin(path: &Path) -> Result<Twin, TwinError> {
     let shown = path.display().to_string();
     let text =
@@ -425,10 +424,7 @@ pub fn read_twin(path: &Path) -> Result<Twin, TwinError> {
     parse_twin(&text, &shown)
 }
 
-/// Read the twin in `text`, the content of a `twin.json`; errors call it `path`.
-///
-/// # Errors
-/// As [`read_twin`], but for reading.
+/// As [`read_twin`], except for reading the file.
 pub fn parse_twin(text: &str, path: &str) -> Result<Twin, TwinError> {
     let syntax = |source| TwinError::Syntax { path: path.to_owned(), source };
     // The version first: the keys of another version are no errors of syntax.
@@ -458,7 +454,7 @@ mod tests {
     use super::*;
     use crate::twin::{Estimate, StageKind};
 
-    /// The built-in twin of a table as its file, without the number `parameter` of the effect `name`.
+    /// The built-in twin of a table as its file, without the `parameter` of the effect `name`.
     fn without(name: &str, parameter: &str) -> Result<Twin, TwinError> {
         let text = Twin::nominal(Machine::Table).to_json().unwrap();
         let mut document: Document = serde_json::from_str(&text).unwrap();

@@ -1,4 +1,4 @@
-//! Commands to motor motion: the plant, driven by the recorded commands.
+//! Prediction of motor motion: the plant, driven by the recorded commands.
 
 mod march;
 
@@ -10,16 +10,16 @@ use crate::{
 use march::Job;
 use std::f64::consts::TAU;
 
-/// Time after the start of a run in which the recorded command may stem from before it (s): there
-/// the plant runs but nothing is compared.
+/// Time after the start of a run during which the command in force may precede the run (s): the
+/// plant runs there, but nothing is compared.
 pub(super) const SETTLING: f64 = 0.1;
 
-/// One gantry of one session: commands in, motor velocities and torques out.
+/// One gantry of one session. Input: commands; output: motor velocities and torques.
 #[derive(Debug, Clone)]
 pub struct DriveStage {
     /// Time of each command (s).
     pub command_times: Vec<f64>,
-    /// Time from then until each motor has heard it (s), as far as it is known.
+    /// Latency from then until each motor has received it (s), as far as it is known.
     pub arrivals: [f64; 2],
     /// Commanded velocity in board coordinates (m/s).
     pub commands: Vec<[f64; 2]>,
@@ -27,7 +27,7 @@ pub struct DriveStage {
     pub starts: Vec<RunStart>,
     /// `motor_a.velocity`, `motor_b.velocity` (m/s of belt), and torques (N m) where recorded.
     pub channels: Vec<Channel>,
-    /// Which output each channel is.
+    /// Output of the plant on each channel.
     pub outputs: Vec<Output>,
     /// Measured path of the carriage, by its motors; `None` where nothing was measured.
     pub path: Option<MeasuredPath>,
@@ -40,11 +40,11 @@ pub struct RunStart {
     pub time: f64,
     /// End of the run (s).
     pub end: f64,
-    /// Place of the carriage (m).
+    /// Position of the carriage (m).
     pub position: [f64; 2],
     /// Its velocity (m/s).
     pub velocity: [f64; 2],
-    /// Whether nothing was recorded just before, so that the plant starts anew.
+    /// True if nothing was recorded just before, so that the plant starts anew.
     pub fresh: bool,
 }
 
@@ -135,7 +135,8 @@ impl Stage for DriveStage {
 }
 
 impl DriveStage {
-    /// Motor commands in force at `time`, each its own `delay` ago, and until when they are.
+    /// Motor commands in force at `time`, each sent its own `delay` before, and the time until
+    /// which both are in force (s).
     fn command_at(&self, time: f64, delays: [f64; 2], cursors: &mut [usize; 2]) -> ([f64; 2], f64) {
         let mut until = f64::INFINITY;
         let command = both(|motor| {
@@ -154,7 +155,7 @@ impl DriveStage {
     }
 }
 
-/// What can be compared after one step.
+/// Outputs that can be compared after one step.
 struct Outputs {
     /// End of the step (s).
     time: f64,
@@ -164,7 +165,7 @@ struct Outputs {
     velocity: [f64; 2],
     /// Middle of the step (s).
     middle: f64,
-    /// When each drive reports the force that it had then (s).
+    /// Time at which each drive reports the force of the middle of the step (s).
     told: [f64; 2],
     /// Acceleration of each motor then (m/s^2 of belt).
     acceleration: [f64; 2],
@@ -173,8 +174,8 @@ struct Outputs {
 }
 
 impl Outputs {
-    /// Of `plant` at `time` (s) after a step of `dt` seconds, in which it got to this place with this velocity,
-    /// acceleration and forces of the motors.
+    /// Outputs of `plant` at `time` (s), after a step of `dt` seconds. `motion` contains position,
+    /// velocity and acceleration, and the forces of the motors.
     fn of(plant: &Plant, [time, dt]: [f64; 2], motion: [[f64; 2]; 4]) -> Self {
         let [position, velocity, acceleration, force] = motion;
         let middle = time - 0.5 * dt;
@@ -198,8 +199,9 @@ impl Outputs {
         }
     }
 
-    /// Second derivative of `output` in the step that ends here after one that ended at `before`, as far as it is
-    /// known: a force is read between the middles of two steps, across whatever bends it.
+    /// Second derivative of `output` in the step that ends here, after one that ended at `before`,
+    /// as far as it is known. For a force it is zero: a force is interpolated between the middles
+    /// of two steps, across any bend.
     fn bend(&self, before: &Self, output: Output) -> f64 {
         match output {
             Output::Position(motor) => self.acceleration[motor],
@@ -216,9 +218,9 @@ impl Outputs {
 struct Reader<'a> {
     stage: &'a DriveStage,
     radius: f64,
-    /// The next sample of each channel.
+    /// Next sample of each channel.
     next: Vec<usize>,
-    /// Time of the next one of a position or velocity, and of each torque (s).
+    /// Time of the next sample of a position or velocity, and of each torque (s).
     due: f64,
     torque_due: [f64; 2],
 }
@@ -236,13 +238,14 @@ impl<'a> Reader<'a> {
         self.look_ahead(run);
     }
 
-    /// Whether a sample lies before the end of a step at `time`, whose middle the motors report at `told` (s).
+    /// Return whether a sample lies before the end of a step at `time`, whose middle the motors
+    /// report at `told` (s).
     #[inline(always)]
     fn is_due(&self, time: f64, told: [f64; 2]) -> bool {
         self.due <= time || self.torque_due[0] <= told[0] || self.torque_due[1] <= told[1]
     }
 
-    /// Looks for the next samples of `run`.
+    /// Find the next samples of `run`.
     fn look_ahead(&mut self, run: usize) {
         (self.due, self.torque_due) = (f64::INFINITY, [f64::INFINITY; 2]);
         let channels = self.stage.channels.iter().zip(&self.stage.outputs);
@@ -257,7 +260,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Reads what lies between two steps' outputs.
+    /// Read the samples between the outputs of two steps.
     fn read(&mut self, run: usize, step: [&Outputs; 2], predicted: &mut [Vec<f64>]) {
         for (index, channel) in self.stage.channels.iter().enumerate() {
             let output = self.stage.outputs[index];
@@ -274,7 +277,7 @@ impl<'a> Reader<'a> {
         self.look_ahead(run);
     }
 
-    /// Reads what is left of a run after its last step.
+    /// Read the remaining samples of a run after its last step.
     fn finish(&mut self, run: usize, last: &Outputs, predicted: &mut [Vec<f64>]) {
         for (index, channel) in self.stage.channels.iter().enumerate() {
             let (_, value) = last.get(self.stage.outputs[index], self.radius);
@@ -295,7 +298,7 @@ mod tests {
         twin::{Instance, Machine, Source},
     };
 
-    /// On both rails (kg).
+    /// Mass on both axes of the carriage (kg).
     const MASS: f64 = 2.4;
 
     /// A frictionless table whose loops are critically damped, at `omega` (rad/s), with commands that are
@@ -319,7 +322,7 @@ mod tests {
         twin
     }
 
-    /// The same with an `age` (s) of what is `parameter` of its loops.
+    /// The same with a delay of `age` (s) as `parameter` of its loops.
     fn aged(mut twin: Twin, parameter: &str, age: f64) -> Twin {
         let gains = twin.instances.iter_mut().find(|own| own.effect.name == "drive.velocity_loop");
         let gains = gains.unwrap();
@@ -347,17 +350,17 @@ mod tests {
         (1..40).map(|k| 0.0103 + 0.0007 * f64::from(k)).collect()
     }
 
-    /// What the first motor does when 1 m/s along x is asked for at 0.01 s: velocities and torques.
+    /// Response of the first motor to a command of 1 m/s along x at 0.01 s: velocities and torques.
     fn answers(twin: &Twin, times: &[f64]) -> [Vec<f64>; 2] {
         answers_to(twin, [1.0, 0.0], 0, times)
     }
 
-    /// What `motor` does when `velocity` (m/s) is asked for at 0.01 s: velocities and torques.
+    /// Response of `motor` to a command of `velocity` (m/s) at 0.01 s: velocities and torques.
     fn answers_to(twin: &Twin, velocity: [f64; 2], motor: usize, times: &[f64]) -> [Vec<f64>; 2] {
         answers_after([0.0; 2], twin, velocity, motor, times)
     }
 
-    /// The same where each motor hears its command `arrivals` (s) after it was recorded.
+    /// The same with a latency of `arrivals` (s) until each motor receives its command.
     fn answers_after(
         arrivals: [f64; 2],
         twin: &Twin,
@@ -385,8 +388,8 @@ mod tests {
         predicted.try_into().expect("two channels")
     }
 
-    /// A drive keeps its gains when it has to move more: with twice the mass the loop is slower by the root of two, and
-    /// damped by as much less.
+    /// A drive keeps its gains with a larger mass. With twice the mass, the natural frequency and
+    /// the damping ratio of the loop are smaller by the root of two.
     #[test]
     fn the_gains_of_a_loop_do_not_follow_the_mass() {
         let omega = 120.0;
@@ -415,8 +418,8 @@ mod tests {
         assert!(1e-3 < apart(&kept, &other), "{}", apart(&kept, &other));
     }
 
-    /// The closed form of a PI loop that follows a ramp from rest: the error is r t exp(-w t), so the velocity is
-    /// r t (1 - exp(-w t)) and the force m r (1 - (1 - w t) exp(-w t)).
+    /// Closed form of a PI loop that follows a ramp from rest. The error is `r t exp(-w t)`, so the
+    /// velocity is `r t (1 - exp(-w t))` and the force `m r (1 - (1 - w t) exp(-w t))`.
     #[test]
     fn velocity_and_torque_are_those_of_the_closed_form_at_every_sample() {
         let (omega, delay, slope) = (120.0, 0.0079, 17.0);
@@ -424,7 +427,8 @@ mod tests {
         let twin = aged(table(omega, delay, slope), "torque_report_delay_s", age);
         let times = sampled();
         let [velocities, torques] = answers(&twin, &times);
-        // Along x both motors pull: each moves half of the mass, in metres of belt that are those of the rail.
+        // Along x both motors pull: each moves half of the mass, in metres of belt, which equal
+        // those along the axis.
         let force = 0.5 * MASS * slope * twin.belt_metres_per_turn / TAU;
         for (k, time) in times.iter().enumerate() {
             let t = (time - 0.01 - delay).max(0.0);
@@ -432,14 +436,14 @@ mod tests {
             let then = omega * (t - age).max(0.0);
             let torque = force * (1.0 - (1.0 - then) * (-then).exp());
             let (seen, felt) = (velocities[k], torques[k]);
-            // Half of what a sensor scatters.
+            // Half of the noise of a sensor.
             assert!((seen - velocity).abs() < 2.5e-4, "{t} s: {seen} not {velocity} m/s");
             assert!((felt - torque).abs() < 0.01 * force, "{t} s: {felt} not {torque} N m");
         }
     }
 
-    /// With one mass on both rails the motors do not feel each other, so that a later frame is a dead time of its
-    /// motor alone.
+    /// With one mass on both axes, the motors do not affect each other, so a later frame is a dead
+    /// time of its motor alone.
     #[test]
     fn a_motor_that_hears_its_command_later_moves_later() {
         let [sooner, later] = [table(120.0, 0.002, 17.0), table(120.0, 0.005, 17.0)];
@@ -453,7 +457,8 @@ mod tests {
         }
     }
 
-    /// The same loop, but its velocity is old: by small steps of the definition, with a memory of velocities.
+    /// The same loop with a delayed velocity, by small steps of the definition with a memory of
+    /// velocities.
     #[test]
     fn a_loop_that_sees_old_velocities_swings_as_its_definition_does() {
         let (omega, slope, age) = (120.0, 17.0, 3e-4);
@@ -475,13 +480,14 @@ mod tests {
         let worst = |own: &[f64]| {
             times.iter().zip(own).fold(0.0_f64, |most, (t, v)| most.max((v - at(*t)).abs()))
         };
-        // Half of what a sensor scatters, and far less than the age makes.
+        // Half of the noise of a sensor, and far less than the effect of the delay.
         assert!(worst(&seen) < 2.5e-4, "{} m/s", worst(&seen));
         assert!(8.0 * worst(&seen) < worst(&fresh), "{} m/s", worst(&fresh));
     }
 
-    /// A motor that runs out of force at speed, by small steps of the definition: the loop stops integrating where it
-    /// demands more than the limit that it knows, and comes back without what it would have gathered.
+    /// A motor that runs out of force at speed, by small steps of the definition. The loop stops
+    /// integrating where it demands more than the limit that it knows, and recovers without the
+    /// integral that it would have accumulated.
     #[test]
     fn a_loop_at_its_limit_stops_integrating() {
         let (omega, slope, most, top) = (60.0, 17.0, 22.0, 1.6);
@@ -513,12 +519,13 @@ mod tests {
         let worst =
             |own: &[f64]| seen.iter().zip(own).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
         let (right, wrong) = (worst(&simulated(true)), worst(&simulated(false)));
-        // The switch falls anywhere within a step; what the integral would gather is far more.
+        // The switch falls anywhere within a step; the effect of the accumulated integral is far
+        // larger.
         assert!(right < 4e-3 && 50.0 * right < wrong, "{right} and {wrong} m/s");
     }
 
-    /// Along one rail both motors pull on one mass, by small steps of the definition; the mass on the other is none of
-    /// it, but in the gains.
+    /// Along one axis both motors pull on one mass, by small steps of the definition. The mass on
+    /// the other axis counts in the gains only.
     #[test]
     fn each_rail_answers_with_its_own_mass() {
         let (omega, slope, masses) = (60.0, 17.0, [2.0, 3.0]);
@@ -547,8 +554,9 @@ mod tests {
         assert!(next == times.len() && worst < 2.5e-4, "{worst} m/s");
     }
 
-    /// On a diagonal one motor turns and the other is held, by its own friction for a part and by the rails for
-    /// another: by small steps of the definition, in which friction is a very steep line.
+    /// On a diagonal, one motor turns and the other is held, partly by its own friction and partly
+    /// by that of the guides. The reference is by small steps of the definition, with friction as a
+    /// very steep line.
     #[test]
     fn friction_at_a_motor_that_is_held_leaves_the_rails_theirs() {
         let (omega, slope, speed, on_rails, at_motors) = (60.0, 17.0, 0.2, [2.0, 3.0], 0.5);
@@ -585,8 +593,8 @@ mod tests {
         assert!(off.iter().all(|off| off.abs() < 0.02 * at_motors), "{off:?} N");
     }
 
-    /// A motor first crosses half of its play with its rotor alone, and then takes the load along: by small steps of
-    /// the definition.
+    /// A motor first crosses half of its backlash with its rotor alone, and then takes the load
+    /// along: by small steps of the definition.
     #[test]
     fn a_motor_feels_its_own_play_and_not_that_of_a_rail() {
         let (omega, slope, width, rotor) = (60.0, 17.0, 2e-3, 0.98_f64);
@@ -621,11 +629,12 @@ mod tests {
                 next += 1;
             }
         }
-        // What an impact leaves is felt through a step of the loop.
+        // The effect of an impact lasts through a step of the loop.
         assert!(worst[0] < 0.01 && 3.0 * worst[0] < worst[1], "{worst:?} m/s");
     }
 
-    /// Beside a belt that is soft, one that hardly stretches and one that is rigid swing alike, whatever rubs.
+    /// With one soft belt, the other belt swings alike if it hardly stretches and if it is rigid,
+    /// also with friction.
     #[test]
     fn beside_a_soft_belt_a_rigid_one_is_the_limit_of_a_stiff_one() {
         let find = |name| crate::effects::find(name).unwrap();
@@ -643,7 +652,7 @@ mod tests {
             let both = ours[k].iter().zip(&theirs[k]);
             both.fold(0.0_f64, |most, (own, other)| most.max((own - other).abs()))
         };
-        // What a sensor scatters.
+        // Noise of a sensor.
         assert!(apart(0) < 5e-4, "{} m/s", apart(0));
         assert!(apart(1) < 1.5e-3, "{} N m", apart(1));
     }

@@ -1,10 +1,10 @@
-//! Positions of the camera to the velocities that the state estimator reports.
+//! Prediction of the velocities that the state estimator reports, from the positions of the camera.
 //!
-//! The true velocity is the slope of a parabola through the camera's places around each instant,
-//! which looks ahead as far as it looks back and so does not lag. Of a striker whose carriage is
-//! measured, it is the carriage's velocity and the slope of the difference between both ([`guide`]), with what that
-//! slope misses of the twin's own striker ([`swing`]). The twin's estimator effects make of it what `/board/state` should
-//! say.
+//! The true velocity is the slope of a parabola through the camera's positions around each instant,
+//! which looks ahead as far as it looks back and so does not lag. For a striker with a measured
+//! carriage, it is the velocity of the carriage plus the slope of the difference between both
+//! ([`guide`]). The velocity of the twin's own striker that this slope misses is added ([`swing`]).
+//! The estimator effects of the twin turn the true velocity into that of `/board/state`.
 
 mod guide;
 mod swing;
@@ -24,23 +24,24 @@ use guide::Guide;
 use std::ops::Range;
 use swing::{Swing, Window};
 
-/// Frames on each side of an instant, of which the velocity is made.
+/// Frames on each side of an instant from which the velocity is computed.
 const FRAMES_BESIDE: usize = 4;
-/// The same where the carriage guides: the striker differs from it slowly.
+/// The same with a guiding carriage: the striker differs from it slowly.
 const GUIDED_FRAMES_BESIDE: usize = 12;
-/// Fewest frames and states of an object that is looked at.
+/// Fewest frames and states of an object that is compared.
 const FEWEST: usize = 50;
-/// The effect that reports zeros, so it is sought only where at least [`FEWEST`] velocities are exactly zero. At rest, a
-/// zero has less noise than the slope of measured places, so that noise alone would look like it.
+/// Effect that reports zeros, so it is searched only where at least [`FEWEST`] velocities are
+/// exactly zero. At rest, a zero has less noise than the slope of measured positions, so that noise
+/// alone would resemble it.
 const DEAD_ZONE: &str = "estimator.velocity_deadzone";
-/// An object that covers less (m) does not move.
+/// Range of positions below which an object does not move (m).
 const LEAST_TRAVEL_M: f64 = 0.01;
-/// The estimator starts anew after a longer gap (s).
+/// Longest dropout that does not restart the estimator (s).
 const LONGEST_GAP_S: f64 = 0.25;
-/// A velocity that was there long enough for any estimator to have settled: steps of 1 s.
+/// Steps of 1 s with the same velocity after which any estimator has settled.
 const SETTLING_STEPS: usize = 20;
-/// A parabola that misses the places by this many times the usual distance does not describe them:
-/// an impact.
+/// Distance of a parabola from the positions, as a multiple of the usual one, above which it does
+/// not describe them: an impact.
 const POOR_FIT: f64 = 5.0;
 
 /// Velocities of `/board/state`, of each object that moves: `state.left_vx` and so on.
@@ -57,18 +58,18 @@ pub struct EstimatorStage {
 /// One instant at which the true velocity is known: a frame or a state.
 #[derive(Debug, Clone, Copy)]
 struct Step {
-    /// Since the instant before (s); not finite where the estimator starts anew.
+    /// Time since the instant before (s); not finite where the estimator starts anew.
     dt: f64,
     /// True velocity (m/s).
     velocity: f64,
-    /// That of the other coordinate, where both are reported as zero together (m/s).
+    /// Velocity of the other coordinate, if both are reported as zero together (m/s).
     across: Option<f64>,
     /// Sample of the channel that is reported now.
     reports: Option<usize>,
 }
 
 impl Step {
-    /// With what was missed of its velocity, and of the other coordinate's where that counts.
+    /// Add the missed part of its velocity, and that of the other coordinate if it counts.
     fn with(mut self, [own, other]: [f64; 2]) -> Self {
         self.velocity += own;
         self.across = self.across.map(|across| across + other);
@@ -76,20 +77,20 @@ impl Step {
     }
 }
 
-/// Times (s) and places (m) of one object.
+/// Times (s) and positions (m) of one object.
 #[derive(Default)]
 struct Track<'p> {
     times: Vec<f64>,
-    /// Less those of the guide.
+    /// Positions, less those of the guide.
     places: Vec<[f64; 2]>,
     guide: Option<Guide<'p>>,
 }
 
-/// Velocity by a parabola, and how far the parabola misses the places.
+/// Velocity by a parabola, and the distance of the parabola from the positions.
 struct Slope {
     velocity: [f64; 2],
     misses: f64,
-    /// Over which frames, where a carriage guides.
+    /// Window of frames, with a guiding carriage.
     window: Option<Window>,
 }
 
@@ -144,7 +145,8 @@ impl EstimatorStage {
         Ok((!stage.channels.is_empty()).then_some(stage))
     }
 
-    /// Adds both velocities of an object if it moves and the states in `runs` tell velocities of it.
+    /// Add both velocities of an object if it moves and the states in `runs` contain its
+    /// velocities.
     fn add(
         &mut self,
         name: &str,
@@ -201,8 +203,8 @@ impl EstimatorStage {
         }
     }
 
-    /// What estimators with `instances` report, of velocities with what windows have `missed` of them: of channel and
-    /// step.
+    /// Predict the reports of estimators with `instances`. `missed` is the part of the velocity
+    /// that the windows miss, by channel and step.
     fn report(
         &self,
         instances: &[Instance],
@@ -303,7 +305,8 @@ const OBJECTS: [Object; 3] = [
     },
 ];
 
-/// Whether velocities are reported as zero along both coordinates at once, more often than along one alone.
+/// Return whether zeros are reported along both coordinates together more often than along one
+/// alone.
 fn zeroed_together(reported: &[Option<[f64; 2]>]) -> bool {
     let zeros = |count: usize| {
         let is_zero =
@@ -320,7 +323,7 @@ fn rate(times: &[f64]) -> f64 {
 }
 
 impl<'p> Track<'p> {
-    /// The places that are there, at increasing times.
+    /// Detected positions, at increasing times.
     fn new<'a>(times: &[f64], places: impl Iterator<Item = Option<&'a Point>>) -> Self {
         let mut track = Self::default();
         for (time, place) in times.iter().zip(places) {
@@ -334,7 +337,7 @@ impl<'p> Track<'p> {
         track
     }
 
-    /// The same less what the carriage on `path` does, where it moves and follows that.
+    /// The same less the motion of the carriage on `path`, if the object moves and follows that.
     fn guided(mut self, path: Option<&'p MeasuredPath>) -> Self {
         let Some(path) = path.filter(|_| self.moves()) else { return self };
         self.guide = Guide::of(path, &self.times, &self.places);
@@ -347,7 +350,7 @@ impl<'p> Track<'p> {
         self
     }
 
-    /// Whether the places range over more than noise.
+    /// Return whether the range of the positions exceeds noise.
     fn moves(&self) -> bool {
         let range = |axis: usize| {
             let places: Vec<f64> = self.places.iter().map(|place| place[axis]).collect();
@@ -370,8 +373,8 @@ impl<'p> Track<'p> {
             .collect()
     }
 
-    /// The parabola through the frames beside `time`, in units of the window's half length; `None`
-    /// at the ends of the track and where frames are missing.
+    /// Parabola through the frames around `time`, in units of the window's half length; `None` at
+    /// the ends of the track and where frames are missing.
     fn slope(&self, time: f64, period: f64) -> Option<Slope> {
         let beside = if self.guide.is_some() { GUIDED_FRAMES_BESIDE } else { FRAMES_BESIDE };
         let after = self.times.partition_point(|frame| *frame < time);
@@ -414,7 +417,7 @@ impl<'p> Track<'p> {
     }
 }
 
-/// What each moment adds to the slope of the parabola with these sums of powers.
+/// Contribution of each moment to the slope of the parabola with these sums of powers.
 fn slope_by_moment(powers: &[f64; 5]) -> Option<[f64; 3]> {
     let [a, b, c] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     Some([parabola(powers, &a)?[1], parabola(powers, &b)?[1], parabola(powers, &c)?[1]])

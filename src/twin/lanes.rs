@@ -1,22 +1,23 @@
-//! Numbers of several independent simulations side by side, one in each lane of a vector.
+//! Values of several independent simulations side by side, one in each lane of a vector.
 //!
-//! Every operation is that of `f64` in each lane, rounded alike: no multiplication is fused with an addition, and no
-//! sum runs across lanes. A simulation so gives the same bytes in any lane, beside any others, at any vector width.
+//! Every operation is that of `f64` in each lane, rounded alike: no multiplication is fused with an
+//! addition, and no sum runs across lanes. A simulation therefore gives the same bytes in any lane,
+//! next to any other simulations, at any vector width.
 //!
-//! The operators are generic over [`Simd`]: with [`pulp::Scalar`] they are those of one `f64`. All is inlined into the
-//! caller, which alone is compiled for the instructions of the processor.
+//! The operators are generic over [`Simd`]: with [`pulp::Scalar`] they are those of one `f64`. All
+//! is inlined into the caller, which alone is compiled for the instructions of the processor.
 
 use pulp::{Simd, bytemuck};
 use std::ops::{Add, BitAnd, Div, Mul, Neg, Sub};
 
-/// One number of each simulation.
+/// One value of each simulation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lanes<S: Simd> {
     simd: S,
     all: S::f64s,
 }
 
-/// One truth of each simulation.
+/// One truth value of each simulation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Mask<S: Simd> {
     simd: S,
@@ -107,7 +108,7 @@ impl<S: Simd> Lanes<S> {
 }
 
 impl<S: Simd> Mask<S> {
-    /// The truth `of` each lane.
+    /// The truth value `of` each lane.
     #[inline(always)]
     pub(super) fn from_fn(simd: S, of: impl Fn(usize) -> bool) -> Self {
         let ones = Lanes::from_fn(simd, |lane| if of(lane) { 1.0 } else { 0.0 });
@@ -131,13 +132,13 @@ impl<S: Simd> Mask<S> {
         Self { all: self.simd.not_m64s(self.all), ..self }
     }
 
-    /// Whether it is true in any lane.
+    /// Return whether it is true in any lane.
     #[inline(always)]
     pub(super) fn any(self) -> bool {
         self.simd.first_true_m64s(self.all) < S::F64_LANES
     }
 
-    /// Whether it is true in all lanes.
+    /// Return whether it is true in all lanes.
     #[inline(always)]
     pub(super) fn all(self) -> bool {
         !self.not().any()

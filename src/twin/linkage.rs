@@ -1,4 +1,4 @@
-//! Carriage to striker: encoders, play, geometry of the gantry, magnet.
+//! Chain from the carriage to the striker: encoders, backlash, geometry of the gantry, magnet.
 
 use super::{Instance, Twin, lanes::Lanes, plant::Part, transmission};
 use crate::{
@@ -12,16 +12,17 @@ type EncoderPart = Part<Law<fn(&[f64], f64, f64) -> f64>>;
 type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
 type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
 
-/// Way over which friction on a rail builds up after a reversal (m): contacts bend by some micrometres before they
-/// slide (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), section 2.1).
+/// Distance over which friction on a guide builds up after a reversal (m). Contacts bend by some
+/// micrometres before they slide (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica
+/// 30(7), section 2.1).
 const PRESLIDING_M: f64 = 1e-5;
 
-/// What the places of a carriage are.
+/// Kind of the positions of a carriage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Places {
-    /// Where the encoders say that it is; what they add is taken away.
+    /// Positions that the encoders report; the errors of the encoders are subtracted.
     Reported,
-    /// Where its motors truly are, as a [`super::Plant`] has them.
+    /// True positions of its motors, as in a [`super::Plant`].
     True,
 }
 
@@ -39,7 +40,8 @@ pub struct Linkage {
     memory: usize,
 }
 
-/// Friction on one rail. Belts transmit the force that overcomes it, as they do that of the moving mass.
+/// Friction on one guide. Belts transmit the force that overcomes it, as they do that of the moving
+/// mass.
 #[derive(Debug, Clone, Default)]
 struct Rub {
     /// Coulomb friction (N).
@@ -48,7 +50,7 @@ struct Rub {
     damping: f64,
     /// Friction whose level depends on the motion.
     levels: Vec<PlayPart>,
-    /// Place in the memory of the Coulomb friction over the last step (N).
+    /// Index in the memory of the Coulomb friction over the last step (N).
     slot: usize,
 }
 
@@ -85,7 +87,7 @@ impl Linkage {
             }
         }
         linkage.leave_rotors_out(twin);
-        // Only what stretches or has play asks for the force.
+        // Only compliance and backlash need the force.
         if linkage.has_plays() {
             for rub in &mut linkage.rubs {
                 rub.slot = linkage.memory;
@@ -157,30 +159,31 @@ impl Linkage {
         }
     }
 
-    /// Numbers that it remembers for one carriage.
+    /// Number of values that it remembers for one carriage.
     #[must_use]
     pub fn memory(&self) -> usize {
         self.memory
     }
 
-    /// Whether anything in it remembers or depends on motion.
+    /// Return whether anything in it has a memory or depends on motion.
     #[must_use]
     pub fn is_dynamic(&self) -> bool {
         self.has_plays() || self.couples() || !self.frames.is_empty()
     }
 
-    /// Whether anything between motors and carriage stretches or has play.
+    /// Return whether anything between motors and carriage has compliance or backlash.
     fn has_plays(&self) -> bool {
         self.belt_plays.iter().chain(&self.rail_plays).any(|parts| !parts.is_empty())
     }
 
-    /// Whether the striker may move beside its magnet.
+    /// Return whether the striker may move relative to its magnet.
     #[must_use]
     pub fn couples(&self) -> bool {
         !self.couplings.is_empty()
     }
 
-    /// How far the striker is from its magnet (m), which is where the `carriage` is.
+    /// Displacement of the striker from its magnet (m); the magnet is at the position of the
+    /// `carriage`.
     #[must_use]
     pub fn away(&self, memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
         let magnet = carriage.position;
@@ -190,14 +193,14 @@ impl Linkage {
         })
     }
 
-    /// Striker (m) of a carriage at one time; `memory` is that of this carriage, [`memory`](Self::memory) numbers,
-    /// all zero after a long rest.
+    /// Position of the striker (m) for a carriage at one time. `memory` is that of this carriage:
+    /// [`memory`](Self::memory) values, all zero after a long rest.
     #[must_use]
     pub fn striker(&self, memory: &mut [f64], mut carriage: Carriage) -> [f64; 2] {
         let mut belt = belts(carriage.position);
         for (k, parts) in self.encoders.iter().enumerate() {
             for part in parts {
-                // The path holds the reported position: take away what the encoder adds.
+                // The path holds the reported position: subtract the error of the encoder.
                 belt[k] -= part.call.at(part.p(), belt[k], self.turns_per_metre) - belt[k];
             }
         }
@@ -234,7 +237,7 @@ impl Linkage {
         both(|k| carriage.position[k] + away[k])
     }
 
-    /// Motion of the `carriage` along rail `k`.
+    /// Motion of the `carriage` along axis `k`.
     fn motion(carriage: &Carriage, k: usize) -> Motion {
         Motion {
             dt: carriage.dt,
@@ -245,7 +248,7 @@ impl Linkage {
         }
     }
 
-    /// Force (N) along each rail that moves the `carriage`.
+    /// Force (N) along each axis that moves the `carriage`.
     fn force(&self, memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
         both(|k| {
             let friction = self.rubs[k].force(memory, &Self::motion(carriage, k));
@@ -262,7 +265,7 @@ mod tests {
         twin::{Machine, Source},
     };
 
-    /// Compliance of both belts (m/N), friction (N) and viscous friction (N s/m) of both rails.
+    /// Compliance of both belts (m/N), friction (N) and viscous friction (N s/m) of both guides.
     const COMPLIANCE: f64 = 1e-4;
     const LEVEL: f64 = 2.0;
     const DAMPING: f64 = 3.0;
@@ -280,7 +283,8 @@ mod tests {
         Linkage::new(&twin, Places::Reported)
     }
 
-    /// How far the striker is behind a motor that moves along x with `velocity` (m/s) for a while.
+    /// Distance (m) of the striker behind a motor that moves along x with `velocity` (m/s) for a
+    /// while.
     fn behind(linkage: &Linkage, memory: &mut [f64], velocity: f64) -> f64 {
         let mut place = [0.0; 2];
         for _ in 0..10 {

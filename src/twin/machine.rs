@@ -4,11 +4,11 @@ use super::{Session, StageKind};
 use crate::effects::{Axis, Site};
 use serde::{Deserialize, Serialize};
 
-/// What kind of machine a twin describes.
+/// Kind of machine that a twin describes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Machine {
-    /// The KlaskTron table: two motors, two rails, magnet, striker, camera, ball.
+    /// The KlaskTron table: two motors, two axes, magnet, striker, camera, ball.
     Table,
     /// A single axis.
     Axis,
@@ -33,7 +33,7 @@ impl Machine {
         }
     }
 
-    /// The places at which an effect of `site` may act on this machine.
+    /// Locations at which an effect of `site` may act on this machine.
     #[must_use]
     pub fn axes(self, site: Site) -> Vec<Axis> {
         match self {

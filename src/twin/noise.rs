@@ -1,9 +1,9 @@
-//! What the scatter of signals says: the effects that change no value (`sensor.frame_jitter`,
-//! `sensor.noise_model`, `sensor.frame_drop`, `sensor.encoder_quantisation`) are measured here.
+//! Noise of signals: measurement of the effects that change no value (`sensor.frame_jitter`,
+//! `sensor.noise_model`, `sensor.frame_drop`, `sensor.encoder_quantisation`).
 //!
-//! Samples close in time are not independent, so standard errors come from leaving out one block
-//! at a time (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11). Values
-//! that are not finite mark gaps; nothing is differenced across them.
+//! Samples close in time are not independent, so standard errors come from leaving out one block at
+//! a time (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11). Values that
+//! are not finite mark missing samples; nothing is differenced across them.
 
 use crate::stats::{half_central_spread, median};
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ const FEWEST_BLOCKS: usize = 5;
 /// Standard error of a median, in those of a mean (normal errors).
 const MEDIAN_ERROR: f64 = 1.2533;
 
-/// An interval of this many periods is a pause, and no loss of frames.
+/// Number of periods from which an interval is a pause, and no loss of frames.
 const PAUSE_PERIODS: f64 = 30.0;
 
 /// An estimate and its standard error, in one unit.
@@ -30,17 +30,17 @@ pub struct Estimate {
     pub standard_error: f64,
 }
 
-/// A measured property of the scatter.
+/// Measured property of the noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseFinding {
-    /// In the unit of the effect's parameter.
+    /// Value, in the unit of the effect's parameter.
     pub value: f64,
-    /// Of the value.
+    /// Standard error of the value.
     pub standard_error: f64,
-    /// Distance from nothing being there in standard errors, signed; of the quantity that is tested,
-    /// which is the variance for a jitter and the logarithm for a ratio.
+    /// Distance from no effect in standard errors, signed. It is that of the tested quantity, which
+    /// is the variance for a jitter and the logarithm for a ratio.
     pub t: f64,
-    /// Blocks on which it stands; `t` has one degree of freedom fewer.
+    /// Number of blocks behind the value; `t` has one degree of freedom fewer.
     pub blocks: usize,
 }
 
@@ -76,28 +76,30 @@ fn jackknife<const N: usize>(
     (value.is_finite() && standard_error.is_finite()).then_some(Estimate { value, standard_error })
 }
 
-/// How a coordinate of the camera scatters, each with its standard error.
+/// Noise of one coordinate of the camera, with standard errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scattering {
     /// Variance of the time stamps (s^2); below zero by chance where they have none.
     pub timestamp_variance_s2: Estimate,
-    /// Variance at rest of what changes from frame to frame (m^2), scaled to that of white noise.
+    /// Variance at rest of the part that changes from frame to frame (m^2), scaled to that of white
+    /// noise.
     pub frame_to_frame_variance_m2: Estimate,
-    /// Variance about the prediction at rest (m^2): the same for white noise, larger for what is smooth.
+    /// Variance about the prediction at rest (m^2): the same for white noise, larger for smooth
+    /// errors.
     pub total_variance_m2: Estimate,
     /// Mean square of the speed (m^2/s^2).
     pub mean_square_speed: f64,
-    /// Blocks on which it stands.
+    /// Number of blocks behind the estimates.
     pub blocks: usize,
 }
 
-/// How a camera coordinate scatters, from its `residual` (m) and the speed of the object along it (m/s) at the
-/// same frames, in order.
+/// Noise of a camera coordinate, from its `residual` (m) and the speed of the object along it (m/s)
+/// at the same frames, in order.
 ///
-/// The residual's second difference, scaled to the variance of a white residual, leaves out what is
-/// smooth from frame to frame: a wrong latency also grows with speed, but smoothly. Its square is
-/// regressed on the squared speed; the slope is the variance of the time stamps, the intercept that of the
-/// places.
+/// The second difference of the residual, scaled to the variance of a white residual, removes its
+/// smooth part: a wrong latency also grows with speed, but smoothly. Its square is regressed on the
+/// squared speed. The slope is the variance of the time stamps, the intercept that of the
+/// positions.
 #[must_use]
 pub fn scattering(residual: &[f64], speed: &[f64], block: usize) -> Option<Scattering> {
     let n = residual.len().min(speed.len());
@@ -134,7 +136,7 @@ pub fn scattering(residual: &[f64], speed: &[f64], block: usize) -> Option<Scatt
     })
 }
 
-/// Frames that are missing from an even sequence or came twice, by blocks of time.
+/// Frames that are missing from an even sequence or repeated, by blocks of time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameLosses {
     /// Seconds and number of all intervals, seconds and number of those of about one period, and repeated frames.
@@ -153,12 +155,13 @@ pub struct LostFraction {
 }
 
 impl FrameLosses {
-    /// Of frames taken at `times` (s, in the order of arrival), some of which only repeat the one before.
+    /// Losses of frames taken at `times` (s, in the order of arrival), some of which only repeat
+    /// the one before.
     ///
-    /// Jitter moves time from one interval to the next and takes none away, whatever its distribution; it is as often
-    /// early as late, as the difference of two equal errors is. So the mean of the intervals near the median is the
-    /// period of the camera, and the mean of all exceeds it by the lost frames. A much longer one is a pause of the
-    /// recording.
+    /// Jitter moves time from one interval to the next and removes none, for any distribution. It
+    /// is as often early as late, like the difference of two equal errors. So the mean of the
+    /// intervals near the median is the period of the camera, and the mean of all exceeds it by the
+    /// lost frames. A much longer interval is a pause of the recording.
     #[must_use]
     pub fn new(times: &[f64], repeated: &[bool], block: usize) -> Option<Self> {
         let intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -201,12 +204,12 @@ impl FrameLosses {
     }
 }
 
-/// Step of the grid on which `positions` (m) lie; 0 where they lie on none. `t` is the root of
+/// Step of the grid on which `positions` (m) lie; 0 if they lie on no grid. `t` is the root of
 /// twice the Rayleigh statistic of the differences on that grid.
 ///
-/// Differences of neighbours are whole multiples of the step, and so are the gaps between those
-/// differences in order of size. Several of both are tried as the step, each refined by ever larger
-/// differences; the largest that suits nearly all is taken.
+/// Differences of neighbours are whole multiples of the step, and so are the differences between
+/// these, in order of magnitude. Several of both are tried as the step, each refined by ever larger
+/// differences. The largest step that fits nearly all differences is chosen.
 #[must_use]
 pub fn encoder_quantisation(positions: &[f64]) -> Option<NoiseFinding> {
     /// Differences below this are rounding (m).
@@ -246,28 +249,29 @@ pub fn encoder_quantisation(positions: &[f64]) -> Option<NoiseFinding> {
     })
 }
 
-/// How well differences suit a grid.
+/// Grid with the quality of its fit to the differences.
 struct Grid {
     step: f64,
     error: f64,
-    /// Length of the mean pointer of the differences on the grid, those within its first half step
-    /// counted against it.
+    /// Length of the mean phasor of the differences on the grid; those within its first half step
+    /// count against it.
     coherence: f64,
-    /// Differences that were used.
+    /// Number of differences that were used.
     count: usize,
-    /// Share of them whose multiple of the step is none of the two most frequent.
+    /// Fraction of them whose multiple of the step is not one of the two most frequent.
     others: f64,
 }
 
 impl Grid {
-    /// Differences of one or two sizes, as at constant speeds, are no grid.
+    /// Return whether it is a grid. Differences of one or two magnitudes, as at constant speeds,
+    /// make no grid.
     fn is_one(&self) -> bool {
         0.9 < self.coherence && 0.02 < self.others
     }
 }
 
-/// The grid near `guess` that suits `steps` (in order of size) best. A difference is used while the
-/// error of the step so far leaves no doubt of its multiple.
+/// Grid near `guess` that fits `steps` (in order of magnitude) best. A difference is used while the
+/// error of the step so far leaves its multiple certain.
 fn on_grid(steps: &[f64], guess: f64) -> Grid {
     const KNOWN_TO: f64 = 0.02;
     let (mut step, mut weight, mut moment, mut squares) = (guess, 0.0_f64, 0.0, 0.0);

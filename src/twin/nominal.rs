@@ -1,4 +1,4 @@
-//! The built-in start: deliberately plain, so that everything beyond it is found and not assumed.
+//! Built-in start: deliberately plain, so that everything beyond it is identified and not assumed.
 
 use super::{AxisStage, Instance, Machine, Session, Source, Twin, machine_of};
 use crate::{
@@ -6,14 +6,14 @@ use crate::{
     gantry::BELT_METRES_PER_TURN,
 };
 
-/// Masses from the table's drawings: carriage 0.25 kg, bridge 0.45 kg (moves along y), two rotors of
-/// 4.0e-5 kg m^2 on 0.04 m of belt per turn, each 0.987 kg of belt.
+/// Masses from the table's drawings: a carriage of 0.25 kg, a bridge of 0.45 kg (moves along y),
+/// and two rotors. A rotor has 4.0e-5 kg m^2 on 0.04 m of belt per turn, which is 0.987 kg of belt.
 const MASS_KG: [f64; 2] = [2.22, 2.67];
 
 /// Mass of the striker above the board (kg).
 const STRIKER_MASS_KG: f64 = 0.012;
 
-/// Effects of the plain table: name, axis, numbers.
+/// Effects of the plain table: name, axis, values.
 const TABLE: &[(&str, Axis, &[f64])] = &[
     ("drive.velocity_loop", Axis::Motors, &[20.0, 2.0, 0.0, 0.0]),
     ("drive.saturation.slew", Axis::Motors, &[15.0]),

@@ -1,8 +1,8 @@
-//! A measured motion between its samples.
+//! Measured motion between its samples.
 
 use crate::effects::{Carriage, both};
 
-/// Positions and velocities at known times, read anywhere between them.
+/// Positions and velocities at known times, interpolated between them.
 #[derive(Debug, Clone, Default)]
 pub struct MeasuredPath {
     times: Vec<f64>,
@@ -46,8 +46,9 @@ impl MeasuredPath {
         &self.velocity
     }
 
-    /// How long the measured velocities are behind the slope of the positions (s), by least squares: drives tell
-    /// the velocity of the sampling period that has passed, or of a filter. 0 where the motion does not show it.
+    /// Delay of the measured velocities behind the slope of the positions (s), by least squares.
+    /// Drives report the velocity of the past sampling period, or of a filter. Zero where the
+    /// motion does not show it.
     #[must_use]
     pub fn velocity_lag(&self) -> f64 {
         let (mut along, mut whole) = (0.0, 0.0);
@@ -69,8 +70,9 @@ impl MeasuredPath {
         Carriage { dt, position, velocity, acceleration, striker_mass }
     }
 
-    /// Position, velocity and acceleration at `time`: the cubic through the samples beside it
-    /// (Hermite), held still beyond the ends. `cursor` remembers the place between calls.
+    /// Position, velocity and acceleration at `time`. The position is the cubic through the two
+    /// nearest samples (Hermite), held still beyond the ends. `cursor` remembers the index between
+    /// calls.
     pub fn at(&self, time: f64, cursor: &mut usize) -> ([f64; 2], [f64; 2], [f64; 2]) {
         let n = self.times.len();
         if n == 0 {

@@ -1,14 +1,15 @@
-//! Drives and gantry in free-running time: the equations that all instances of a twin make together.
+//! Free-running simulation of drives and gantry: the joint equations of all instances of a twin.
 //!
-//! Per motor, in metres of belt: command -> effects on the command -> ramp -> velocity loop -> effects
-//! on the force; the loop sees the velocity that its encoder reports. Per rail: sum of both belts'
-//! forces, forces and friction of all instances, moving mass. The step is semi-implicit: the loop's
-//! force is taken at the middle of the step, with the velocity that it will have there to first order,
-//! and friction is the impulse that would stop the motion, held within its level (Coulomb's law without
-//! chatter, as in the simulators of BAM); what of it bends before it slides is solved with the step
-//! ([`contact`](super::contact)).
+//! Per motor, in metres of belt: command -> effects on the command -> slew limit -> velocity loop
+//! -> effects on the force. The loop sees the velocity that its encoder reports. Per axis of the
+//! carriage: sum of both belts' forces, forces and friction of all instances, moving mass.
 //!
-//! A single axis is a plant with one motor and one rail, which are the same coordinate.
+//! The step is semi-implicit. The loop's force is taken at the middle of the step, with the
+//! velocity that it will have there to first order. Friction is the impulse that would stop the
+//! motion, held within its level (Coulomb's law without chatter, as in the simulators of BAM). The
+//! part of it that bends before it slides is solved with the step ([`contact`](super::contact)).
+//!
+//! A single axis is a plant with one motor and one guide, which are the same coordinate.
 
 mod fleet;
 mod step;
@@ -33,13 +34,13 @@ pub(super) use step::{Aside, PlantLanes, StateLanes};
 /// Most parameters that one effect has.
 const MOST_PARAMETERS: usize = 8;
 
-/// Least mass on a rail (kg): no division by zero.
+/// Least mass on an axis (kg): prevents a division by zero.
 const LEAST_MASS: f64 = 1e-6;
 
 /// Longest step of the integration (s). A step ends wherever a command takes effect.
 pub(super) const LONGEST_STEP: f64 = 1e-3;
 
-/// One function of one instance, with its numbers and the place of its memory.
+/// One function of one instance, with its parameters and the location of its memory.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Part<F> {
     pub(super) call: F,
@@ -77,7 +78,7 @@ type MassPart = Part<fn(&[f64], &Motion) -> f64>;
 type ReactionPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
 type EncoderPart = Part<Law<fn(&[f64], f64, f64) -> f64>>;
 
-/// Way over which the slope of an encoder's reading is taken (m).
+/// Distance over which the slope of an encoder's reading is computed (m).
 const SLOPE: f64 = 1e-6;
 
 /// Functions that act on one motor (belt coordinate).
@@ -90,7 +91,7 @@ struct MotorParts {
     ramps: Vec<CommandPart>,
     gains: LoopGains,
     efforts: Vec<MotionPart>,
-    /// Demands (N of belt) from each of which the loop stops integrating.
+    /// Demands (N of belt) above each of which the loop stops integrating.
     windups: Vec<f64>,
     /// Viscous friction (N s/m).
     damping: f64,
@@ -100,7 +101,7 @@ struct MotorParts {
     spring: Option<Spring>,
 }
 
-/// Functions that act on one rail.
+/// Functions that act on one axis of the carriage.
 #[derive(Debug, Clone, Default)]
 struct RailParts {
     /// Mass that is the same everywhere (kg).
@@ -112,13 +113,13 @@ struct RailParts {
     rubs: Rubs,
 }
 
-/// What rubs on one motor or rail.
+/// Friction on one motor or guide.
 #[derive(Debug, Clone, Default)]
 struct Rubs {
     /// Level that is the same in every motion (N).
     constant: f64,
     levels: Vec<MotionPart>,
-    /// Of several the last, and where its bend is remembered.
+    /// The last bristles of several, and the index of their bend in the memory.
     bristles: Option<(Bristles, usize)>,
 }
 
@@ -127,24 +128,24 @@ struct Rubs {
 pub struct Plant {
     motors: Vec<MotorParts>,
     rails: Vec<RailParts>,
-    /// What lies between motors and load, where it is soft.
+    /// Ties between motors and load; `None` if both belts are rigid.
     ties: Option<[Tie; 2]>,
-    /// What the striker does to the carriage.
+    /// Reactions of the striker on the carriage.
     reactions: Vec<ReactionPart>,
     striker_mass: f64,
     /// Scales the gains of the loops: mass on one belt for which they are stated (kg).
     gain_mass: f64,
     memory: usize,
-    /// Whether a ripple follows the position of a rotor.
+    /// True if a ripple follows the position of a rotor.
     follows_phase: bool,
 }
 
-/// Everything that changes while a plant steps. Rails are x, y; motors a, b.
+/// Everything that changes while a plant steps. Axes are x, y; motors a, b.
 #[derive(Debug, Clone, Default)]
 pub struct PlantState {
     /// Time since the start (s).
     pub time: f64,
-    /// Place of the carriage, by the motors (m).
+    /// Position of the carriage, by the motors (m).
     pub position: [f64; 2],
     /// Its velocity (m/s).
     pub velocity: [f64; 2],
@@ -154,17 +155,18 @@ pub struct PlantState {
     pub force: [f64; 2],
     setpoint: [f64; 2],
     integral: [f64; 2],
-    /// Friction over the last step: on each rail (N), and at each motor (N of belt).
+    /// Friction over the last step: on each guide (N), and at each motor (N of belt).
     friction: [f64; 2],
     rubbed: [f64; 2],
-    /// Where belts are soft: how far the load is ahead of the motors (m), and its velocity less theirs (m/s).
+    /// Displacement of the load ahead of the motors with soft belts (m), and its velocity less
+    /// theirs (m/s).
     ahead: [f64; 2],
     gaining: [f64; 2],
     memory: Vec<f64>,
 }
 
 impl PlantState {
-    /// Puts the carriage down at `position` (m) with `velocity` (m/s), as if it had moved so for long.
+    /// Set the carriage to `position` (m) with `velocity` (m/s), as if it had moved so for long.
     pub fn place(&mut self, position: [f64; 2], velocity: [f64; 2]) {
         self.position = position;
         self.velocity = velocity;
@@ -172,7 +174,7 @@ impl PlantState {
         (self.ahead, self.gaining) = ([0.0; 2], [0.0; 2]);
     }
 
-    /// Every number of the state, always in the same order: to keep it and to put it back.
+    /// Every value of the state, always in the same order: to save and to restore it.
     pub fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
         let Self { position, velocity, acceleration, force, setpoint, integral, friction, .. } =
             self;
@@ -181,8 +183,8 @@ impl PlantState {
         pairs.flatten().chain(&mut self.memory).chain([&mut self.time])
     }
 
-    /// Sets what has decayed to nothing to zero, before it becomes denormal numbers, which are a hundred times
-    /// slower. Between two steps.
+    /// Set decayed values to zero before they become denormal numbers, which are a hundred times
+    /// slower. Call it between two steps.
     pub fn flush(&mut self) {
         for value in self.numbers() {
             if value.abs() < f64::from(f32::MIN_POSITIVE) {
@@ -232,13 +234,13 @@ impl Plant {
         plant
     }
 
-    /// Whether an effect depends on the position of a rotor to a fraction of its turn.
+    /// Return whether an effect depends on the position of a rotor to a fraction of its turn.
     #[must_use]
     pub fn follows_phase(&self) -> bool {
         self.follows_phase
     }
 
-    /// Mean moving mass of the rails in the origin (kg).
+    /// Mean moving mass of the axes at the origin (kg).
     #[must_use]
     pub fn mean_mass(&self) -> f64 {
         let masses = self.rails.iter().map(|rail| rail.mass(&Motion::default()));
@@ -286,7 +288,7 @@ impl Plant {
                 let part = Part::new(call, instance, memory);
                 rubs.bristles = Some((call(part.p()), part.memory));
             }
-            // What lies between a rail and its load is behind all that the motors feel.
+            // A transmission between a guide and its load does not act on the motors.
             Physics::Transmission(call) if at_motor => {
                 let springs = [motor.spring, call(&instance.numbers())];
                 motor.spring = springs.into_iter().flatten().reduce(Spring::in_series);
@@ -296,7 +298,7 @@ impl Plant {
             }
             Physics::Mass(call) => rail.constant_mass += call(&instance.numbers()),
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
-            // On both rails at once.
+            // On both axes at once.
             Physics::Reaction(call) if index == 0 => {
                 self.reactions.push(Part::new(call, instance, memory));
             }
@@ -305,7 +307,7 @@ impl Plant {
         }
     }
 
-    /// Adds the expression of a user at its place.
+    /// Add the expression of a user at its point of action.
     fn add_expression(
         &mut self,
         instance: &Instance,
@@ -342,13 +344,13 @@ impl Plant {
         both(|index| self.motors.get(index).map_or(0.0, |motor| motor.delay))
     }
 
-    /// Age of the torque that each drive reports (s).
+    /// Delay of the torque that each drive reports (s).
     #[must_use]
     pub fn torque_ages(&self) -> [f64; 2] {
         both(|index| self.motors.get(index).map_or(0.0, |motor| motor.gains.torque_report_delay_s))
     }
 
-    /// A state at rest in the origin.
+    /// A state at rest at the origin.
     #[must_use]
     pub fn start(&self) -> PlantState {
         PlantState { memory: self.memory(), ..PlantState::default() }
@@ -360,7 +362,7 @@ impl Plant {
         vec![0.0; self.memory]
     }
 
-    /// Puts `state` at rest in `position` (m), as [`start`](Self::start) does, without allocating.
+    /// Set `state` to rest at `position` (m), as [`start`](Self::start) does, without allocating.
     pub fn restart(&self, state: &mut PlantState, position: [f64; 2]) {
         let mut memory = std::mem::take(&mut state.memory);
         memory.resize(self.memory, 0.0);
@@ -400,14 +402,15 @@ impl Plant {
         })
     }
 
-    /// Whether a belt is soft: only such plants, or only others, step side by side.
+    /// Return whether a belt is soft. Plants with soft belts and plants without do not step side by
+    /// side.
     #[must_use]
     pub(super) fn is_soft(&self) -> bool {
         self.ties.is_some()
     }
 
-    /// One step of `dt` seconds with each motor's `command` (m/s of belt), at most
-    /// 1 ms for the accuracy that the tests state.
+    /// One step of `dt` seconds with each motor's `command` (m/s of belt), at most 1 ms for the
+    /// accuracy that the tests state.
     pub fn step(&self, state: &mut PlantState, command: [f64; 2], dt: f64) {
         let plants = [self];
         let lanes = PlantLanes::new(Scalar, &plants);
@@ -427,7 +430,8 @@ impl Plant {
         state.memory = memory;
     }
 
-    /// One step of a single axis of `dt` seconds with its `command` (m/s); time stays.
+    /// One step of a single axis of `dt` seconds with its `command` (m/s); the time does not
+    /// advance.
     fn step_single(&self, state: &mut PlantState, command: f64, dt: f64) {
         let (motor, rail) = (&self.motors[0], &self.rails[0]);
         let memory = &mut state.memory;
@@ -462,7 +466,7 @@ impl Plant {
         for part in &motor.efforts {
             motion.force = part.call.at(part.p(), part.memory(memory), &motion);
         }
-        // Motor and rail are one coordinate; what bends on one of them bends for both.
+        // Motor and guide are one coordinate: bristles on one of them act for both.
         let level = |rubs: &Rubs, memory: &mut [f64]| {
             (rubs.constant + sum(&rubs.levels, memory, &motion)).max(0.0)
         };
@@ -489,8 +493,8 @@ impl Rubs {
     }
 }
 
-/// Velocity after a step from `motion` under `force` and the friction of a contact (its level in N, and its bristles
-/// with where their bend is remembered), and the friction force.
+/// Velocity after a step from `motion` under `force` and friction, and the friction force. The
+/// contact has a level (N), and bristles with the index of their bend in the memory.
 fn slide(
     motion: &Motion,
     force: f64,
@@ -533,12 +537,12 @@ impl MotorParts {
             .fold(taken_in, |value, part| part.call.at(part.p(), part.memory(memory), value, dt))
     }
 
-    /// What the `encoder` reports of a `position` (m of belt).
+    /// Reading of the `encoder` at a `position` (m of belt).
     fn read(&self, encoder: &EncoderPart, position: f64) -> f64 {
         encoder.call.at(encoder.p(), position, self.turns_per_metre)
     }
 
-    /// What the encoder makes of a `velocity` (m/s of belt) at `position` (m of belt).
+    /// Velocity that the encoder reports for a `velocity` (m/s of belt) at `position` (m of belt).
     fn reported(&self, mut position: f64, mut velocity: f64) -> f64 {
         for part in &self.encoders {
             let read = |at: f64| self.read(part, at);
@@ -553,7 +557,8 @@ impl MotorParts {
         if self.ramps.is_empty() { after } else { 0.5 * (before + after) }
     }
 
-    /// From the start of a step to when the velocity was measured that the loop acts on in its middle (s).
+    /// Time from the start of a step to the measurement of the velocity on which the loop acts in
+    /// its middle (s).
     fn ahead(&self, dt: f64) -> f64 {
         0.5 * dt - self.gains.feedback_delay_s
     }
@@ -563,26 +568,28 @@ impl MotorParts {
         error * dt + self.gains.feedback_delay_s * changed
     }
 
-    /// What the loop adds to its integral of the `gained` force while it makes this `demand` (N of belt).
+    /// Increment of the loop's integral for the `gained` force at this `demand` (N of belt); zero
+    /// if it would raise a demand beyond a limit.
     fn taken(&self, gained: f64, demand: f64) -> f64 {
         let is_full = |most: &f64| *most < demand.abs() && 0.0 < demand * gained;
         if self.windups.iter().any(is_full) { 0.0 } else { gained }
     }
 
-    /// Force at the middle of the step (N of belt), as if the loops' own forces moved nothing until then: of the
-    /// velocity errors at its start, and then. Its gains are for `mass` (kg).
+    /// Force at the middle of the step (N of belt), as if the loops' own forces moved nothing until
+    /// then. It follows from the velocity errors at the start and in the middle of the step; the
+    /// gains are for `mass` (kg).
     fn asked(&self, error: [f64; 2], integral: f64, mass: f64, dt: f64) -> f64 {
         let halfway = integral + 0.5 * dt * mass * self.gains.integral_per_s2 * error[0];
         mass * self.gains.proportional_per_s * error[1] + halfway
     }
 
-    /// What that force falls by where the belt accelerates (N s^2/m).
+    /// Decrease of that force with the acceleration of the belt (N s^2/m).
     fn gives_way(&self, mass: f64, dt: f64) -> f64 {
         self.ahead(dt) * mass * self.gains.proportional_per_s
     }
 }
 
-/// Whether a plant calls the physics of an effect, whatever it is on.
+/// Return whether a plant calls the physics of an effect, on any axis.
 pub(super) fn calls(physics: &Physics) -> bool {
     let is_called = |equation: &Physics| {
         matches!(
@@ -608,7 +615,8 @@ pub(super) fn calls(physics: &Physics) -> bool {
     physics.equations().iter().any(is_called)
 }
 
-/// Whether a plant feels physics of this kind on `axis`: what a rail's load has for itself it does not.
+/// Return whether a plant responds to physics of this kind on `axis`. It does not respond to a
+/// transmission between a guide and its load.
 pub(super) fn feels(physics: &Physics, axis: Axis) -> bool {
     let is_between = |equation: &Physics| matches!(equation, Physics::Transmission(_));
     calls(physics) && (axis.is_motor() || !physics.equations().iter().any(is_between))

@@ -1,14 +1,15 @@
-//! Camera frames that came twice.
+//! Repeated camera frames.
 
-/// Steps between frames of fewer quanta than this are those of a coarse grid, on which an object at rest stays
-/// where it is.
+/// Steps between frames of fewer quanta than this are those of a coarse grid, on which an object at
+/// rest keeps its position.
 const MOVES: f64 = 5.0;
 
-/// Coordinates nearer to each other than this (m) are the same one, rounded.
+/// Distance below which coordinates are the same one, rounded (m).
 const ROUNDING_M: f64 = 1e-12;
 
-/// Which of `places` (m, frame by frame) repeat the one before exactly although the object moves: a camera or its
-/// driver sent one picture twice, and the second says nothing of its time.
+/// Mark those of `places` (m, frame by frame) that repeat the one before exactly although the
+/// object moves. A camera or its driver sent one frame twice, and the second contains nothing about
+/// its time.
 pub(super) fn repeats(places: &[[f64; 2]]) -> Vec<bool> {
     let step = |k: usize| (places[k][0] - places[k - 1][0]).hypot(places[k][1] - places[k - 1][1]);
     let quantum = quantum(places);
@@ -24,8 +25,8 @@ pub(super) fn repeats(places: &[[f64; 2]]) -> Vec<bool> {
     found
 }
 
-/// The smallest distance between two different values of a coordinate: the grid of the detector, or next to nothing
-/// where it has none (m).
+/// Smallest distance between two different values of a coordinate (m): the grid of the detector, or
+/// nearly zero if it has no grid.
 fn quantum(places: &[[f64; 2]]) -> f64 {
     let of_axis = |axis: usize| {
         let mut values: Vec<f64> =
@@ -42,8 +43,8 @@ mod tests {
     use super::repeats;
     use crate::seed::Stream;
 
-    /// A course at 120 Hz with 0.2 mm of scatter, rounded to `grid`, with every tenth frame a copy of the one
-    /// before.
+    /// Motion at 120 Hz with 0.2 mm of noise, rounded to `grid`, with every tenth frame a copy of
+    /// the one before.
     fn course(speed: f64, grid: f64) -> Vec<[f64; 2]> {
         let mut stream = Stream::new(1, "course");
         let mut places: Vec<[f64; 2]> = (0..100)

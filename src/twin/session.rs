@@ -1,4 +1,4 @@
-//! Recordings as sessions: each link's measured input and output, cut into runs.
+//! Recordings as sessions: measured input and output of each stage, cut into runs.
 
 mod gantry;
 mod links;
@@ -24,7 +24,7 @@ use std::ops::Range;
 /// Length of the runs into which a recording without markers is cut (s).
 const UNMARKED_RUN: f64 = 5.0;
 
-/// Why a recording gives no session.
+/// Reasons why a recording gives no session.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// It could not be read.
@@ -74,9 +74,9 @@ pub enum SessionError {
         /// Length of the longest session that it concerns (s).
         length: f64,
     },
-    /// None of the links has both input and output.
+    /// None of the stages has both input and output.
     #[error(
-        "{path} holds no link with measured input and output: needed are commands with motor or \
+        "{path} holds no stage with measured input and output: needed are commands with motor or \
          carriage states, carriage with camera, free rolls of the ball, or /axis/NAME/input with \
          /axis/NAME/output"
     )]
@@ -93,7 +93,7 @@ pub struct Run {
     pub span: Range<f64>,
     /// Name of its pattern; empty without markers.
     pub pattern: String,
-    /// What it may be used for, where markers or metadata say.
+    /// Purpose, if markers or metadata state it.
     pub split: Option<Split>,
 }
 
@@ -128,13 +128,13 @@ pub struct Session {
     pub name: String,
     /// SHA-256 of the file.
     pub sha256: String,
-    /// What it may be used for.
+    /// Purpose of the session.
     pub split: Split,
     /// Its runs.
     pub runs: Vec<Run>,
     /// The whole recording's length (s).
     pub length: f64,
-    /// How many commands were recorded.
+    /// Number of recorded commands.
     pub commands: usize,
     /// Machine and bus, as the recording states them.
     pub source: RecordedSource,
@@ -153,13 +153,13 @@ pub struct Session {
 }
 
 impl Session {
-    /// Whether a carriage moved and nothing says what moved it.
+    /// Return whether a carriage moved and nothing states the cause of its motion.
     #[must_use]
     pub fn is_without_input(&self) -> bool {
         self.commands == 0 && self.ball.is_empty() && self.axes.is_empty()
     }
 
-    /// Its links.
+    /// Its stages.
     #[must_use]
     pub fn stages(&self) -> Vec<&dyn Stage> {
         let mut stages: Vec<&dyn Stage> = Vec::new();
@@ -199,14 +199,14 @@ fn unmarked_runs(length: f64, split: Option<Split>) -> Vec<Run> {
     (0..count as usize).map(|k| Run { span: piece(k), pattern: String::new(), split }).collect()
 }
 
-/// Every this many runs one is held out, where recordings do not say what is for what.
+/// Every this many runs one is held out, if recordings do not state their purpose.
 const HELD_OUT_EVERY: usize = 3;
 
-/// The sessions of `recordings`: each file's runs by their purpose. Where nothing says what is held
-/// out, it is the last of several recordings, or every third run of one.
+/// The sessions of `recordings`: each file's runs by their purpose. If nothing states the held-out
+/// data, it is the last of several recordings, or every third run of one.
 ///
 /// # Errors
-/// When a message does not decode, or a recording has no link that can be compared.
+/// When a message does not decode, or a recording has no stage that can be compared.
 pub fn sessions_of(recordings: &[Recording]) -> Result<Vec<Session>, SessionError> {
     sessions_with(recordings, &SessionOptions::default())
 }
@@ -282,8 +282,8 @@ fn session_name(recording: &Recording) -> String {
     )
 }
 
-/// Gives every run of every recording a purpose, where markers and metadata leave it open: the last of
-/// several recordings is held out, or every third run of one.
+/// Set the purpose of every run of every recording that markers and metadata leave open: the last
+/// of several recordings is held out, or every third run of one.
 pub fn divide(recordings: &mut [Vec<Run>]) {
     let says = |split| move |runs: &Vec<Run>| runs.iter().any(|run| run.split == Some(split));
     let held_out_known = recordings.iter().any(says(Split::Validation));
@@ -306,7 +306,7 @@ pub fn divide(recordings: &mut [Vec<Run>]) {
     }
 }
 
-/// The links of one recording with this gantry and belt per motor turn (m), in `runs`.
+/// Session of one recording with this gantry and belt per motor turn (m), in `runs`.
 fn session_of(
     recording: &Recording,
     (gantry, belt): (Option<&Gantry>, f64),

@@ -1,11 +1,11 @@
-//! One link of the chain: measured input, measured output, prediction between them.
+//! One stage of the chain: measured input, measured output, prediction between them.
 
 use super::{Twin, noise::FrameLosses};
 use crate::effects::{Axis, Domain, Effect, PhaseSeries, Regressor};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Which link.
+/// Kind of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StageKind {
@@ -51,51 +51,52 @@ pub struct Channel {
     pub rate_hz: f64,
     /// Time of each sample since the session began (s).
     pub times: Vec<f64>,
-    /// Measured values; not finite where there is none.
+    /// Measured values; not finite where a value is missing.
     pub measured: Vec<f64>,
     /// Samples of each run; every channel of a stage has as many runs, in the same order.
     pub runs: Vec<Range<usize>>,
 }
 
-/// One link of one session: what was measured, and how a twin predicts it.
+/// One stage of one session: its measurements, and their prediction by a twin.
 pub trait Stage: Sync {
-    /// Which link.
+    /// Kind of the stage.
     fn kind(&self) -> StageKind;
 
     /// The measured outputs.
     fn channels(&self) -> &[Channel];
 
-    /// Whether this link calls the physics of `effect`, so that it can be fitted here.
+    /// Return whether this stage calls the physics of `effect`, so that it can be fitted here.
     fn calls(&self, effect: &Effect) -> bool;
 
-    /// Whether `effect` changes anything here when it acts on `axis`.
+    /// Return whether `effect` changes anything here when it acts on `axis`.
     fn feels(&self, effect: &Effect, _axis: Axis) -> bool {
         self.calls(effect)
     }
 
-    /// Runs that share one set of nuisance numbers (starts of rolls, offsets); empty without any.
+    /// Runs that share one set of nuisance parameters (starts of rolls, offsets); empty without
+    /// any.
     fn nuisance_groups(&self) -> Vec<Range<usize>> {
         Vec::new()
     }
 
-    /// First guess of the nuisance numbers of `group`.
+    /// First guess of the nuisance parameters of `group`.
     fn nuisance_start(&self, _group: usize) -> Vec<f64> {
         Vec::new()
     }
 
-    /// Typical size of each nuisance number, by which steps of the fit are scaled.
+    /// Typical magnitude of each nuisance parameter, by which steps of the fit are scaled.
     fn nuisance_scale(&self) -> Vec<f64> {
         Vec::new()
     }
 
-    /// What `nuisance` adds to every sample of each channel, where its numbers do nothing else; the prediction without
-    /// is that of zeros.
+    /// Offset that `nuisance` adds to every sample of each channel, if its parameters do nothing
+    /// else; the prediction without is that of zeros.
     fn offsets(&self, _nuisance: &[Vec<f64>]) -> Option<Vec<f64>> {
         None
     }
 
-    /// What a residual of the first channel may depend on, sample by sample; `None` where the stage
-    /// does not know it.
+    /// Quantity on which a residual of the first channel may depend, sample by sample; `None` where
+    /// the stage does not know it.
     fn regressor(&self, _regressor: Regressor) -> Option<Vec<f64>> {
         None
     }
@@ -115,23 +116,24 @@ pub trait Stage: Sync {
         0.5
     }
 
-    /// Which frames of the camera were lost; `None` where none measures this link.
+    /// Lost frames of the camera; `None` if no camera measures this stage.
     fn frame_losses(&self) -> Option<&FrameLosses> {
         None
     }
 
-    /// RMS of what the noise of all measured signals makes in the residual of `twin`, for each channel; empty where the
-    /// stage does not know it.
+    /// RMS of the noise of all measured signals in the residual of `twin`, for each channel; empty
+    /// where the stage does not know it.
     fn noise(&self, _twin: &Twin) -> Vec<f64> {
         Vec::new()
     }
 
-    /// Predicts every sample of every channel: `predicted[channel][sample]`, not finite where the
-    /// twin says nothing. `nuisance[group]` are the numbers of each group.
+    /// Predict every sample of every channel: `predicted[channel][sample]`, not finite where the
+    /// twin predicts nothing. `nuisance[group]` are the parameters of each group.
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]);
 
-    /// The same for several twins side by side, with the same nuisance numbers: `predicted[twin][channel][sample]`. Gives
-    /// false, and predicts nothing, where the stage predicts one twin at a time.
+    /// The same for several twins side by side, with the same nuisance parameters:
+    /// `predicted[twin][channel][sample]`. Return false, and predict nothing, where the stage
+    /// predicts one twin at a time.
     fn predict_each(
         &self,
         _twins: &[&Twin],
@@ -146,7 +148,8 @@ pub trait Stage: Sync {
         0
     }
 
-    /// How many twins are best predicted at once on this processor; the predictions do not depend on it.
+    /// Number of twins that are best predicted at once on this processor; the predictions do not
+    /// depend on it.
     fn width(&self) -> usize {
         1
     }

@@ -1,4 +1,5 @@
-//! Two masses with a spring between them, per motor: one step of a gantry whose belts are soft or have play.
+//! Two masses with a spring between them, per motor: one step of a gantry whose belts have
+//! compliance or backlash.
 
 use super::{
     contact::{Contact, Free},
@@ -7,16 +8,16 @@ use super::{
 use crate::effects::{Spring, both};
 use pulp::Simd;
 
-/// Largest share of a rail's mass that is rotors.
+/// Largest fraction of the mass on an axis that is rotors.
 const MOST_ROTOR: f64 = 0.95;
 
-/// Longest part of a step that motor and load may cross a play in (s).
+/// Longest part of a step in which motor and load may cross the backlash (s).
 const LONGEST_WITH_PLAY: f64 = 2.5e-4;
 
-/// How often the sides are sought on which springs with play touch over a step.
+/// Most searches for the sides on which springs with backlash touch over a step.
 const MOST_SEARCHES: usize = 4;
 
-/// A motor and what ties it to the load; without a spring the belt is rigid.
+/// Motor and its tie to the load; without a spring the belt is rigid.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tie {
     pub(super) spring: Option<Spring>,
@@ -33,9 +34,9 @@ pub(super) fn ties(soft: [Option<Spring>; 2]) -> Option<[Tie; 2]> {
 /// One motor and its tie to the load, of each simulation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TieLanes<S: Simd> {
-    /// Where the belt is soft.
+    /// True for a soft belt.
     pub(super) is_soft: Mask<S>,
-    /// Of the spring (N/m, N s/m).
+    /// Stiffness and damping of the spring (N/m, N s/m).
     stiffness: Lanes<S>,
     damping: Lanes<S>,
     /// Width within which no force passes (m).
@@ -61,13 +62,15 @@ impl<S: Simd> TieLanes<S> {
     }
 }
 
-/// Share of `rotors` (kg) that counts as rotor beside `mass` on the rails (kg): no more than moves on either rail.
+/// Fraction of `rotors` (kg) that counts as rotor, with `mass` on the axes (kg): no more than moves
+/// along either axis.
 #[inline(always)]
 pub(super) fn rotor_share<S: Simd>(simd: S, mass: [Lanes<S>; 2], rotors: Lanes<S>) -> Lanes<S> {
     (MOST_ROTOR * mass[0].min(mass[1]) / rotors).min(Lanes::splat(simd, 1.0))
 }
 
-/// The ties with rotors that are no more than what moves on either rail, and the mass there that is no rotor (kg).
+/// Ties whose rotors are no more than the mass on either axis, and the mass there without rotors
+/// (kg).
 #[inline(always)]
 pub(super) fn parted<S: Simd>(
     simd: S,
@@ -88,9 +91,9 @@ pub(super) fn parted<S: Simd>(
 pub(super) struct TwoMasses<S: Simd> {
     pub(super) simd: S,
     pub(super) ties: [TieLanes<S>; 2],
-    /// Mass of the load on each rail (kg).
+    /// Mass of the load on each axis (kg).
     pub(super) load_mass: [Lanes<S>; 2],
-    /// How far the load is ahead of the motors, in board coordinates (m).
+    /// Displacement of the load ahead of the motors, in board coordinates (m).
     pub(super) ahead: [Lanes<S>; 2],
     /// Velocity of the motors (m/s of belt).
     pub(super) motor: [Lanes<S>; 2],
@@ -100,14 +103,14 @@ pub(super) struct TwoMasses<S: Simd> {
     pub(super) dt: Lanes<S>,
 }
 
-/// What rubs on both sides of the springs.
+/// Friction on both sides of the springs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rubbing<S: Simd> {
     pub(super) motors: [Contact<S>; 2],
     pub(super) rails: [Contact<S>; 2],
 }
 
-/// How far all contacts are bent: those at the motors, those on the rails.
+/// Bends of all contacts: those at the motors, those on the guides.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bends<S: Simd> {
     pub(super) motors: [Lanes<S>; 2],
@@ -142,9 +145,9 @@ pub(super) struct Moved<S: Simd> {
     pub(super) motor: [Lanes<S>; 2],
     /// Velocity of the load (m/s).
     pub(super) load: [Lanes<S>; 2],
-    /// How far the load is ahead of the motors, in board coordinates (m).
+    /// Displacement of the load ahead of the motors, in board coordinates (m).
     pub(super) ahead: [Lanes<S>; 2],
-    /// Friction, its mean over the step: on each rail (N), and at each motor (N of belt).
+    /// Friction, its mean over the step: on each guide (N), and at each motor (N of belt).
     pub(super) friction: [Lanes<S>; 2],
     pub(super) rubbed: [Lanes<S>; 2],
 }
@@ -163,16 +166,16 @@ impl<S: Simd> Moved<S> {
     }
 }
 
-/// How the motors answer to forces over a step.
+/// Response of the motors to forces over a step.
 pub(super) struct Answer<S: Simd> {
     /// Acceleration of each motor without forces of the motors (m/s^2 of belt).
     pub(super) drag: [Lanes<S>; 2],
-    /// What a force of each motor (columns) adds to that of each (rows; 1/kg).
+    /// Contribution of a force of each motor (columns) to the acceleration of each (rows; 1/kg).
     pub(super) gives: [[Lanes<S>; 2]; 2],
 }
 
 impl<S: Simd> Answer<S> {
-    /// The same where the motors are `rubbed` as well (N of belt).
+    /// The same with friction `rubbed` at the motors (N of belt).
     #[inline(always)]
     pub(super) fn rubbed(self, rubbed: [Lanes<S>; 2]) -> Self {
         let [own, other] = self.gives;
@@ -183,8 +186,8 @@ impl<S: Simd> Answer<S> {
         Self { drag, ..self }
     }
 
-    /// Forces of two loops (N of belt): what they `asked` for, less what each `gives_way` to the acceleration of its
-    /// motor (N s^2/m), to which both forces add.
+    /// Forces of two loops (N of belt): the `asked` ones, less the decrease `gives_way` with the
+    /// acceleration of the motor (N s^2/m), to which both forces contribute.
     #[inline(always)]
     pub(super) fn demand(&self, asked: [Lanes<S>; 2], gives_way: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
         let falls = both(
@@ -201,8 +204,8 @@ impl<S: Simd> Answer<S> {
     }
 }
 
-/// Where the play of each tie ends that it touches (m from its middle, where the motor is ahead), and whether it
-/// touches any.
+/// End of the backlash that each tie touches (m from its middle, positive where the motor is
+/// ahead), and whether it touches one.
 #[derive(Debug, Clone, Copy)]
 struct Ends<S: Simd> {
     touch: [Mask<S>; 2],
@@ -210,7 +213,7 @@ struct Ends<S: Simd> {
 }
 
 impl<S: Simd> Ends<S> {
-    /// Where both are the same.
+    /// Lanes in which both are the same.
     #[inline(always)]
     fn are(&self, other: &Self) -> Mask<S> {
         let same = both(
@@ -224,22 +227,22 @@ impl<S: Simd> Ends<S> {
     }
 }
 
-/// What one tie makes of a step. With the velocities at its end, the motor's is that of the load for a `share`, and for
-/// the rest what it would be alone.
+/// Tie over one step. At its end, the velocity of the motor is a weighted mean. The weight of the
+/// load's velocity is `share`; the rest belongs to the velocity that the motor would have alone.
 #[derive(Debug, Clone, Copy)]
 struct Link<S: Simd> {
-    /// Of the rotor (kg/s).
+    /// Inertia of the rotor (kg/s).
     inertia: Lanes<S>,
-    /// 1 of a rigid tie, less of a soft one, 0 inside a play.
+    /// 1 for a rigid tie, less for a soft one, 0 inside the backlash.
     share: Lanes<S>,
-    /// What the tie pulls at its motor, were motor and load as fast (N of belt).
+    /// Pull of the tie at its motor if motor and load were equally fast (N of belt).
     still: Lanes<S>,
-    /// What the motor adds to the inertia of the load (kg/s).
+    /// Contribution of the motor to the inertia of the load (kg/s).
     drag: Lanes<S>,
 }
 
-/// What the load resists a change of its velocity over a step (kg/s): on each rail, and on one of the velocity along
-/// the other, where one motor is tied to it more firmly.
+/// Resistance of the load to a change of its velocity over a step (kg/s). It has a value along each
+/// axis, and one across the axes if one motor is tied to the load more firmly.
 #[derive(Debug, Clone, Copy)]
 struct Resistance<S: Simd> {
     own: [Lanes<S>; 2],
@@ -250,7 +253,7 @@ struct Resistance<S: Simd> {
 }
 
 impl<S: Simd> Resistance<S> {
-    /// Velocity along the rails (m/s) under a `push` over the step (N).
+    /// Velocity along the axes (m/s) under a `push` over the step (N).
     #[inline(always)]
     fn yields(&self, push: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
         let Self { own, across, determinant, .. } = *self;
@@ -260,14 +263,14 @@ impl<S: Simd> Resistance<S> {
         ]
     }
 
-    /// What a push along each rail meets (kg/s).
+    /// Resistance to a push along each axis (kg/s).
     #[inline(always)]
     fn along_rails(&self) -> [Lanes<S>; 2] {
         let Self { own, determinant, .. } = *self;
         [1.0 / (own[1] / determinant), 1.0 / (own[0] / determinant)]
     }
 
-    /// What a push of each belt meets (kg/s).
+    /// Resistance to a push of each belt (kg/s).
     #[inline(always)]
     fn along_belts(&self) -> [Lanes<S>; 2] {
         let Self { own, across, determinant, .. } = *self;
@@ -278,7 +281,8 @@ impl<S: Simd> Resistance<S> {
 }
 
 impl<S: Simd> TwoMasses<S> {
-    /// How the motors answer over the step with `pull` on the rails (N), while every play touches what it touches now.
+    /// Response of the motors over the step with `pull` on the axes (N), while the contact of each
+    /// tie stays as it is now.
     #[inline(always)]
     pub(super) fn answer(&self, pull: [Lanes<S>; 2]) -> Answer<S> {
         let nothing = Lanes::splat(self.simd, 0.0);
@@ -306,7 +310,7 @@ impl<S: Simd> TwoMasses<S> {
         Answer { drag, gives }
     }
 
-    /// The ends that the ties touch when each motor has `gained` so much on the load (m of belt).
+    /// Ends that the ties touch when each motor has `gained` this distance on the load (m of belt).
     #[inline(always)]
     fn ends(&self, gained: [Lanes<S>; 2]) -> Ends<S> {
         let ahead = belts(self.ahead);
@@ -322,8 +326,8 @@ impl<S: Simd> TwoMasses<S> {
         }
     }
 
-    /// How far each motor gets ahead of the load over a step at whose end they move with `motor` and `load`
-    /// (m of belt).
+    /// Distance that each motor gains on the load over a step at whose end they move with `motor`
+    /// and `load` (m of belt).
     #[inline(always)]
     fn gained(&self, motor: [Lanes<S>; 2], load: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
         let (before, load) = (self.rates(), belts(load));
@@ -333,15 +337,15 @@ impl<S: Simd> TwoMasses<S> {
         )
     }
 
-    /// How fast each motor runs ahead of the load (m/s of belt).
+    /// Velocity of each motor relative to the load (m/s of belt).
     #[inline(always)]
     fn rates(&self) -> [Lanes<S>; 2] {
         let load = belts(self.load);
         [self.motor[0] - load[0], self.motor[1] - load[1]]
     }
 
-    /// What the ties, which touch at `ends`, make of the step. Springs follow the motion through the step (the implicit
-    /// midpoint rule), which neither damps nor feeds the swinging.
+    /// Links of the ties, which touch at `ends`, over the step. Springs follow the motion through
+    /// the step (the implicit midpoint rule), which neither damps nor feeds the oscillation.
     #[inline(always)]
     fn links(&self, ends: Ends<S>) -> [Link<S>; 2] {
         let (ahead, rate, dt) = (belts(self.ahead), self.rates(), self.dt);
@@ -362,8 +366,8 @@ impl<S: Simd> TwoMasses<S> {
         )
     }
 
-    /// What the load gets from the ties under `force` of the motors, with these eliminated: `given - drag load` (N of
-    /// belt).
+    /// Force of the ties on the load under `force` of the motors, with the motors eliminated:
+    /// `given - drag load` (N of belt).
     #[inline(always)]
     fn given(&self, links: &[Link<S>; 2], force: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
         both(
@@ -377,7 +381,7 @@ impl<S: Simd> TwoMasses<S> {
         )
     }
 
-    /// What the load, with what the ties add to it, resists a change of its velocity.
+    /// Resistance of the load to a change of its velocity, with the contribution of the ties.
     #[inline(always)]
     fn resistance(&self, links: &[Link<S>; 2]) -> Resistance<S> {
         let along = links[0].drag + links[1].drag;
@@ -387,8 +391,8 @@ impl<S: Simd> TwoMasses<S> {
         Resistance { own, across, determinant: own[0] * own[1] - across * across, load }
     }
 
-    /// Velocity of the load after the step without friction, under `force` of the motors (N of belt) and `pull` on the
-    /// rails (N).
+    /// Velocity of the load after the step without friction, under `force` of the motors (N of
+    /// belt) and `pull` on the axes (N).
     #[inline(always)]
     fn free(
         &self,
@@ -404,7 +408,8 @@ impl<S: Simd> TwoMasses<S> {
         ))
     }
 
-    /// Velocity of motor `m` after the step, of a load that then moves with `load` (m/s of belt) there.
+    /// Velocity of motor `m` after the step, for a load that then moves with `load` (m/s of belt)
+    /// there.
     #[inline(always)]
     fn motor(&self, m: usize, link: &Link<S>, force: Lanes<S>, load: Lanes<S>) -> Lanes<S> {
         let alone = self.motor[m] + (force - link.still) / link.inertia;
@@ -417,8 +422,8 @@ impl<S: Simd> TwoMasses<S> {
         Self { ahead: moved.ahead, motor: moved.motor, load: moved.load, ..*self }
     }
 
-    /// The step under `forces` of the motors (N of belt) and on the rails (N), with what `rubs` on motors and rails,
-    /// which is bent so far.
+    /// Step under `forces` of the motors (N of belt) and on the axes (N), with the friction of
+    /// `rubs` on motors and guides and its current `bends`.
     #[inline(always)]
     pub(super) fn step(
         &self,
@@ -440,7 +445,7 @@ impl<S: Simd> TwoMasses<S> {
         self.in_parts(parts, forces, rubs, bends)
     }
 
-    /// The same in `parts` of equal length.
+    /// The same step in `parts` of equal length.
     #[inline(always)]
     fn in_parts(
         &self,
@@ -484,7 +489,7 @@ impl<S: Simd> TwoMasses<S> {
         }
     }
 
-    /// A part of the step, over which every play touches one end or none.
+    /// Part of the step, over which every tie touches one end of its backlash, or is inside it.
     #[inline(always)]
     fn part(
         &self,
@@ -512,7 +517,7 @@ impl<S: Simd> TwoMasses<S> {
         moved
     }
 
-    /// The same with ties that touch as `links` say.
+    /// The same with ties that touch as in `links`.
     #[inline(always)]
     fn touching(
         &self,
@@ -523,7 +528,7 @@ impl<S: Simd> TwoMasses<S> {
     ) -> Moved<S> {
         let (simd, dt) = (self.simd, self.dt);
         let nothing = Lanes::splat(simd, 0.0);
-        // Whatever the forces are.
+        // Independent of the forces.
         let resistance = self.resistance(&links);
         let mut free = self.free(&resistance, &links, force, pull);
         let mut rubbed = [nothing; 2];
@@ -569,7 +574,7 @@ mod tests {
     use pulp::Scalar;
 
     const DT: f64 = 1e-3;
-    /// As `drive.backlash` says of a millimetre.
+    /// Spring of `drive.backlash` for a millimetre.
     const BACKLASH_OF_A_MM: Spring =
         Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, backlash: 1e-3 };
 
@@ -582,7 +587,7 @@ mod tests {
         values.map(|value| value.get(0))
     }
 
-    /// Motors and load that are as far apart as they rest.
+    /// Motors and load at their rest distance.
     fn two_masses(
         soft: [Option<Spring>; 2],
         load_mass: [f64; 2],
@@ -636,7 +641,8 @@ mod tests {
 
     #[test]
     fn it_swings_at_the_frequency_of_two_masses() {
-        // 4e4 N/m between 2 and 0.5 kg: 316 rad/s. After a half period the load has all it can have.
+        // 4e4 N/m between 2 and 0.5 kg: 316 rad/s. After a half period the load has its highest
+        // velocity.
         let half = std::f64::consts::PI / (4e4 * (1.0 / 2.0 + 1.0 / 0.5_f64)).sqrt();
         let (_, load) = swung(100, half / 100.0);
         assert!((load - 2.0 * 0.1 * 2.0 / 2.5).abs() < 1e-4, "{load}");
@@ -649,7 +655,7 @@ mod tests {
             let Answer { drag, gives } = two.answer(alone([1.0, 2.0]));
             (number(drag), gives.map(number))
         };
-        // Two rotors of 1 kg on each rail: 2.5 kg move along x and 3 kg along y.
+        // Two rotors of 1 kg on each axis: 2.5 kg move along x and 3 kg along y.
         let [along_x, along_y] = [1.0 / 2.5, 1.0 / 3.0];
         let (drag, gives) = answer(soft(1e12));
         let near = |own: [f64; 2], wanted: [f64; 2]| {
@@ -691,7 +697,8 @@ mod tests {
             }
             two = two.after(&moved);
         }
-        // All forces are inside: 2 N for 0.2 s on 2.5 kg, and the load is behind by half the play and a little more.
+        // All other forces are internal: 2 N for 0.2 s on 2.5 kg, and the load is behind by half
+        // the backlash and a little more.
         let (motor, load) = (number(two.motor), number(two.load));
         let momentum = 0.5 * load[0] + motor[0] + motor[1];
         assert!((momentum - 0.4).abs() < 1e-9, "{momentum}");
@@ -702,7 +709,7 @@ mod tests {
 
     #[test]
     fn at_the_end_of_a_play_half_of_the_speed_comes_back() {
-        // On this table: a rotor of 0.98 kg against what each belt moves of the load.
+        // On this table: a rotor of 0.98 kg against the part of the load that each belt moves.
         let soft = [Some(BACKLASH_OF_A_MM); 2];
         let mut two = two_masses(soft, [0.48; 2], [[0.05; 2], [0.0; 2]], DT);
         for _ in 0..30 {
@@ -737,7 +744,7 @@ mod tests {
             let off = number(two.motor)[0] - number(belts(two.load))[0];
             assert!(off.abs() < 1e-12 && number(belts(two.ahead))[0].abs() < 1e-12);
         }
-        // All forces are inside: what 2 N along x give in 0.1 s.
+        // All other forces are internal: the momentum of 2 N along x after 0.1 s.
         let (motor, load) = (number(two.motor), number(two.load));
         let momentum = 0.5 * load[0] + motor[0] + motor[1];
         assert!((momentum - 0.2).abs() < 1e-9, "{momentum}");

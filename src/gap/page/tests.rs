@@ -75,7 +75,7 @@ fn the_verdict_is_a_badge() {
     let html = html("one");
     assert!(html.contains("<span class=\"badge warn\">ambiguous</span>"));
     assert!(html.contains("<h2>Missing effects</h2>") && html.contains("Next experiment: Steps."));
-    // What the document does not have is no section.
+    // The page has no section for content that the document lacks.
     for section in ["Residuals", "Parameter changes", "Rejected candidates"] {
         assert!(!html.contains(&format!("<h2>{section}</h2>")), "{section}");
     }

@@ -137,7 +137,8 @@ impl Bench<'_, '_> {
         let is_old = size_of_last(&trial.fit.point.twin).is_some_and(|size| {
             self.required_gain.is_within_discrepancy(trial.candidate.effect, size)
         });
-        // What only aligns the stamps of input and motion is no claim, so it needs no size.
+        // An effect that only aligns the stamps of input and motion is no claim, so it needs no
+        // magnitude.
         let is_small = !aligns_stamps(&trial.fit.point.twin) && !self.exceeds_required_gain(trial);
         let (base, twin) = (&self.base_held.twin, &trial.fit.point.twin);
         let is_same_lag = self.required_gain.only_redistributes_lag(base, twin)
@@ -173,8 +174,9 @@ impl Bench<'_, '_> {
     }
 }
 
-/// Return whether the last instance of `twin` is a lag below the sample period of an axis, and the only lag of the twin,
-/// which has no reference: its recordings would show how their stamps relate inputs to the motion.
+/// Return whether the last instance of `twin` is a lag below the sample period of its axis, and the
+/// only lag of a twin without a reference. Recordings of a reference would show how their stamps
+/// relate inputs to the motion.
 pub(super) fn aligns_stamps(twin: &Twin) -> bool {
     let Some((last, others)) = twin.instances.split_last() else { return false };
     let period = twin.axis_frame.map(|frame| frame.scales.sample_period);

@@ -176,10 +176,11 @@ impl Search<'_> {
         self.added.len() < before
     }
 
-    /// Remove effects that were added to a single axis, the weakest first, while the rest is above its noise floor and the
-    /// effect explains less than half of what the twin leaves without it: the cause is another, which it may imitate.
-    /// All waves of a ripple are one effect. Return whether any was removed. On a table, the floor of a calibrated twin
-    /// contains its model error.
+    /// Remove effects that were added to a single axis, the weakest first. An effect is removed if
+    /// it explains less than half of the residual of the twin without it, and the rest is above its
+    /// noise floor. The cause is then another one, which the effect may imitate. All waves of a
+    /// ripple are one effect. Return whether any was removed. On a table, the floor of a calibrated
+    /// twin contains its model error.
     pub(super) fn remove_minor(&mut self, given: &Twin) -> bool {
         let before = self.added.len();
         let is_table = self.best.point.twin.machine == Machine::Table;
@@ -225,7 +226,8 @@ impl Search<'_> {
         effects.into_iter().map(without).min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Whether a single axis is at its noise floor, or below. The floor of a table is that of its simulator.
+    /// Comparison of a single axis with its noise floor. The floor of a table is that of its
+    /// simulator.
     pub(super) fn at_floor(&self, given: &Twin) -> AtFloor {
         if given.machine == Machine::Table {
             return AtFloor::No;
@@ -451,8 +453,8 @@ fn contains_null(twin: &Twin, parameters: &[(usize, &Slot)], uncertainty: &Uncer
     !parameters.is_empty() && parameters.iter().all(contains)
 }
 
-/// Return whether the joint 95 % interval of the mass fraction of an elastic load contains the whole mass, so that the data
-/// do not show that anything else moves with the motor.
+/// Return whether the joint 95 % interval of the mass fraction of an elastic load contains the
+/// whole mass. The data then do not show that anything else moves with the motor.
 fn is_without_motor(
     effect: &Effect,
     twin: &Twin,

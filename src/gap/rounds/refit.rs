@@ -95,10 +95,11 @@ pub(super) fn with_nuisances_only(
     (kept, filters)
 }
 
-/// Better fit of the same parameters from another start, if there is one. A fit can stop in a local minimum: a spring far
-/// softer, a delay far longer, parameters that compensated for an effect that was missing until now, or parameters that a
-/// large change of another one displaced. The starts are the given values, also with one effect as fitted. If the residual
-/// is far above its reference, or has none, they are also the probes of each effect.
+/// Better fit of the same parameters from another start, if there is one. A fit can stop in a local
+/// minimum: a spring far softer, a delay far longer, or parameters that compensated for an effect
+/// that was missing until now. A large change of one parameter can also displace others. The starts
+/// are the given values, also with one effect as fitted. If the residual is far above its
+/// reference, or has none, they are also the probes of each effect.
 fn best_restart(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point> {
     let thresholds = train.thresholds();
     let is_far = excess(&given.twin, [(train, &best.point)])

@@ -1,4 +1,4 @@
-//! The functions of all instances that act on a single axis, by their place in the chain.
+//! Functions of all instances that act on a single axis, by their position in the chain.
 
 use super::VOLT;
 use crate::{
@@ -13,14 +13,14 @@ use crate::{
 /// the load.
 const ELASTIC_STEPS: u32 = 8;
 
-/// Numbers of memory that all effects on the way of the command may have together.
+/// Values of memory that all effects on the command path may have together.
 const MOST_MEMORY: usize = 32;
 
 /// Steps and their length (sample periods) after which no lag remembers its start.
 const SETTLING_STEPS: usize = 300;
 const SETTLING_STEP: f64 = 20.0;
 
-/// One function of one instance, with its numbers and the place of its memory.
+/// One function of one instance, with its parameters and the location of its memory.
 #[derive(Debug, Clone)]
 struct Part<F> {
     call: F,
@@ -51,7 +51,7 @@ pub(super) struct Chain {
     integral_rate: f64,
     /// Position from which the positions in effects count.
     pub(super) origin: f64,
-    /// Typical size of the input.
+    /// Typical magnitude of the input.
     input_size: f64,
     commands: Vec<CommandPart>,
     efforts: Vec<MotionPart>,
@@ -63,14 +63,14 @@ pub(super) struct Chain {
     elastic_load: Option<ElasticLoad>,
     /// Resonance before the measured load; its forces are those of the input.
     pub(super) resonance: Option<Resonance>,
-    /// Whether the input is a voltage, of which the back-EMF, a part of the viscous friction, makes no force.
+    /// True for a voltage, of which the back-EMF, a part of the viscous friction, makes no force.
     has_back_emf: bool,
-    /// What is the same in every motion: viscous friction (N s/m), friction level (N) and moving mass (kg), or the time
-    /// constant of a velocity controller (s).
+    /// Constants of every motion: viscous friction (N s/m), friction level (N) and moving mass
+    /// (kg), or the time constant of a velocity controller (s).
     damping: f64,
     level: f64,
     mass: f64,
-    /// Memory of commands and efforts, then that of forces and frictions.
+    /// Length of the memory of commands and efforts, then that of forces and frictions.
     way: usize,
     load: usize,
 }
@@ -130,7 +130,7 @@ impl Loads {
 }
 
 impl Chain {
-    /// The functions of the instances in `twin`. Motor and rail of a single axis are one
+    /// Chain of the functions of the instances in `twin`. Motor and guide of a single axis are one
     /// coordinate.
     pub(super) fn new(twin: &Twin) -> Self {
         let scales = twin.axis_frame.map(|frame| frame.scales);
@@ -150,9 +150,10 @@ impl Chain {
         chain
     }
 
-    /// Whether physics of this kind is called, all of it. Behind a velocity setpoint, neither the force of the motor nor
-    /// the mass is known. The integration of a velocity loop, which a limit stops, is no part of an axis with a force. A slew
-    /// limit smooths the input, which takes the noise of a measured force away and looks like a gain.
+    /// Return whether all equations of `physics` are called. Behind a velocity setpoint, neither
+    /// the force of the motor nor the mass is known. The integration of a velocity loop, which a
+    /// limit stops, is not part of an axis with a force. A slew limit smooths the input: it removes
+    /// the noise of a measured force and resembles a gain.
     pub(super) fn calls(physics: &Physics, kind: InputKind) -> bool {
         let is_called = |equation: &Physics| match equation {
             Physics::Effort(_)
@@ -285,7 +286,7 @@ impl Chain {
             }
             let deflection = &mut part.memory(&mut memory.load)[0];
             let before = *deflection / bristles.distance;
-            // What has stopped is held by the deflected contacts.
+            // The deflected contacts hold an axis that has stopped.
             let bend = match motion.velocity {
                 0.0 => before,
                 velocity => bristles.bent(before, velocity, motion.dt),
@@ -298,13 +299,15 @@ impl Chain {
         loads
     }
 
-    /// Force that `input` makes behind the command path: the input itself, or what a velocity controller makes of it.
+    /// Force that `input` makes behind the command path: the input itself, or the force of a
+    /// velocity controller.
     pub(super) fn force_of(&self, memory: &Memory, input: f64, motion: &Motion) -> f64 {
         input - self.input_per_velocity * motion.velocity + memory.controller[1]
     }
 
-    /// What must arrive behind the command path for `force`: the force itself, or the setpoint of a velocity controller.
-    /// Its integral action follows the force as a first-order lag, so the error is what is left.
+    /// Value behind the command path that gives `force`: the force itself, or the setpoint of a
+    /// velocity controller. The integral action follows the force as a first-order lag, so the
+    /// velocity error is the difference of both.
     pub(super) fn demand(&self, memory: &mut Memory, force: f64, motion: &Motion) -> f64 {
         if 0.0 < self.integral_rate {
             follow(1.0 / self.integral_rate, &mut memory.controller, force, motion.dt);
@@ -322,7 +325,7 @@ impl Chain {
         self.through(&mut memory.way, input, motion)
     }
 
-    /// What the input `input` gives behind the command path, before the memory follows it.
+    /// Value behind the command path for `input`, without advancing the memory.
     pub(super) fn given(&self, memory: &Memory, input: f64, motion: &Motion) -> f64 {
         self.through(&mut memory.way.clone(), input, motion)
     }
@@ -337,8 +340,8 @@ impl Chain {
         })
     }
 
-    /// The input from which the motor gives `force`: of several, the one beside `near`; where none
-    /// does (a limit), `near` plus what is lacking.
+    /// Input for which the motor gives `force`; of several, the one nearest to `near`. At a limit,
+    /// where no input gives it, `near` plus the missing force.
     pub(super) fn input(&self, memory: &mut Memory, force: f64, near: f64, motion: &Motion) -> f64 {
         if self.commands.is_empty() && self.efforts.is_empty() {
             return force;
@@ -364,8 +367,9 @@ impl Chain {
         found
     }
 
-    /// Brings the memory of the way to where the motor has given `force` for long. A velocity controller has integrated
-    /// nothing yet, as after it was enabled, so that a slow integral action is nearly none.
+    /// Set the memory of the command path to the state after a long time at this `force` of the
+    /// motor. A velocity controller has integrated nothing yet, as after it was enabled, so that a
+    /// slow integral action has nearly no effect.
     pub(super) fn settle(&self, memory: &mut Memory, force: f64, motion: &Motion) {
         memory.controller = [force, 0.0];
         let force = self.demand(memory, force, motion);
@@ -376,7 +380,7 @@ impl Chain {
         }
     }
 
-    /// Brings the memory of the way to where `input` has stood for long.
+    /// Set the memory of the command path to the state after a long time at a constant `input`.
     pub(super) fn settle_input(&self, memory: &mut Memory, input: f64, motion: &Motion) {
         let motion = Motion { dt: SETTLING_STEP * motion.dt, ..*motion };
         for _ in 0..SETTLING_STEPS {

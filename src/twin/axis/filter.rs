@@ -8,7 +8,7 @@ const BUTTERWORTH_ORDER: usize = 4;
 const CHEBYSHEV_ORDER: usize = 8;
 /// Ripple of its pass band (dB).
 const CHEBYSHEV_RIPPLE_DB: f64 = 0.05;
-/// Its edge, as a share of the highest frequency that the kept samples can show.
+/// Its edge, as a fraction of the Nyquist frequency of the kept samples.
 const CHEBYSHEV_EDGE: f64 = 0.8;
 
 /// `g (1 + z^-1)^2 / (1 + a1 z^-1 + a2 z^-2)`.
@@ -19,14 +19,14 @@ struct Section {
     a2: f64,
 }
 
-/// A low-pass filter without phase.
+/// Zero-phase low-pass filter.
 #[derive(Debug, Clone)]
 pub(super) struct LowPass {
     sections: Vec<Section>,
 }
 
 impl LowPass {
-    /// Butterworth with the edge `share` (cycles per sample).
+    /// Butterworth filter with the edge `share` (cycles per sample).
     pub(super) fn butterworth(share: f64) -> Self {
         Self::from_poles(BUTTERWORTH_ORDER, share, 1.0, |angle| (-angle.sin(), angle.cos()))
     }
@@ -36,8 +36,8 @@ impl LowPass {
         0.5 * CHEBYSHEV_EDGE / factor as f64
     }
 
-    /// What precedes keeping every `factor`-th sample: Chebyshev of the first kind, whose highest
-    /// gain is one.
+    /// Anti-aliasing filter before decimation by `factor`: Chebyshev of the first kind, whose
+    /// highest gain is one.
     pub(super) fn before_decimation(factor: usize) -> Self {
         let epsilon = (10.0_f64.powf(0.1 * CHEBYSHEV_RIPPLE_DB) - 1.0).sqrt();
         let mu = (1.0 / epsilon).asinh() / CHEBYSHEV_ORDER as f64;
@@ -47,8 +47,9 @@ impl LowPass {
         })
     }
 
-    /// Bilinear transform of an all-pole filter of even `order`: `pole` gives the pole (1/s at an
-    /// edge of 1 rad/s) of each angle in the upper half plane, `constant` is the gain at rest.
+    /// Bilinear transform of an all-pole filter of even `order`. `pole` gives the pole (1/s at an
+    /// edge of 1 rad/s) of each angle in the upper half plane; `constant` is the gain at zero
+    /// frequency.
     fn from_poles(
         order: usize,
         share: f64,
@@ -70,8 +71,7 @@ impl LowPass {
         Self { sections: (0..pairs).map(section).collect() }
     }
 
-    /// `values` filtered forwards and backwards; at its ends it is continued by its point
-    /// reflection.
+    /// `values` filtered forwards and backwards; both ends are continued by point reflection.
     pub(super) fn apply(&self, values: &[f64]) -> Vec<f64> {
         let n = values.len();
         if n < 2 {
@@ -93,7 +93,7 @@ impl LowPass {
 }
 
 impl Section {
-    /// One pass, begun as if the first value had stood for long.
+    /// One pass, started as if the first value had been constant for long.
     fn run(&self, values: &mut [f64]) {
         let Some(first) = values.first().copied() else { return };
         let constant = first * 4.0 * self.gain / (1.0 + self.a1 + self.a2);

@@ -1,4 +1,4 @@
-//! The axis run free: from its measured input to its position.
+//! Free run of the axis: simulation of its position from the measured input.
 
 use super::{
     AxisStage,
@@ -9,7 +9,7 @@ use super::{
 use crate::{effects::Motion, twin::Twin};
 use std::ops::Range;
 
-/// How far a free-running axis strays from its measured position.
+/// Position error of a free-running axis, compared with its measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FreeRun {
     /// RMS of the position error (m or rad).
@@ -21,9 +21,9 @@ pub struct FreeRun {
 }
 
 impl AxisStage {
-    /// Runs `twin` from the measured input, anew from the measured state after each `window`
-    /// seconds. To report beside the input's residual, never to fit: an integrator piles up the
-    /// smallest bias. `None` without a whole window.
+    /// Run `twin` from the measured input, restarted from the measured state after each `window`
+    /// seconds. The error is reported together with the residual of the input and never fitted: an
+    /// integrator accumulates the smallest bias. `None` without a whole window.
     #[must_use]
     pub fn free_run(&self, twin: &Twin, window: f64) -> Option<FreeRun> {
         let chain = Chain::new(twin);
@@ -93,8 +93,8 @@ pub(in crate::twin) fn respond(
     states
 }
 
-/// The input of each step of `dt` seconds: a force changes the velocity by its value in the middle, a velocity setpoint is
-/// reached at the end.
+/// Input of each step of `dt` seconds. A force changes the velocity by its value in the middle of
+/// the step; a velocity setpoint is reached at its end.
 fn inputs_of_steps(chain: &Chain, input: &[f64], dt: f64) -> Vec<f64> {
     let place = if chain.input_per_velocity == 0.0 { 0.5 } else { 1.0 };
     let inputs = shifted(input, place - chain.delay / dt);
@@ -104,7 +104,7 @@ fn inputs_of_steps(chain: &Chain, input: &[f64], dt: f64) -> Vec<f64> {
     }
 }
 
-/// An axis on its way, step by step: the midpoint method, of second order where forces are smooth.
+/// Stepwise simulation of an axis by the midpoint method, of second order where forces are smooth.
 struct Course<'c> {
     chain: &'c Chain,
     memory: Memory,
@@ -145,8 +145,8 @@ impl<'c> Course<'c> {
     }
 }
 
-/// Advance `motion` by its time step with the forces at the motion `at`. Friction takes away at most the whole
-/// velocity.
+/// Advance `motion` by its time step with the forces at the motion `at`. Friction removes at most
+/// the whole velocity.
 fn advance(chain: &Chain, memory: &mut Memory, (input, at): (f64, &Motion), motion: &mut Motion) {
     let mut at = Motion { mass: chain.mass(at).max(f64::MIN_POSITIVE), ..*at };
     at.force = chain.force(memory, input, &at);

@@ -1,4 +1,4 @@
-//! Single axes out of a recording.
+//! Single axes of a recording.
 
 use super::{AxisStage, Measured};
 use crate::{
@@ -20,7 +20,7 @@ const PIECES: f64 = 8.0;
 const LEAST_PIECES: f64 = 2.0;
 /// Fewest samples of an axis that is compared.
 const LEAST_SAMPLES: usize = 200;
-/// Steps of missing samples that are a pause.
+/// Longest step between samples that is no pause, in usual steps.
 const PAUSE_STEPS: f64 = 10.0;
 /// Units of the input of a single axis: those of a force, of what makes one, or of a velocity setpoint.
 pub(in crate::twin) const INPUT_UNITS: &[&str] = &["N", "N m", "A", "V", "m/s", "rad/s"];
@@ -31,7 +31,7 @@ const ONE_TURN: f64 = 1.01 * TAU;
 /// Fewest samples of a segment that is filtered by itself.
 const LEAST_SEGMENT: usize = 30;
 
-/// Why an axis of a recording cannot be compared.
+/// Reasons why an axis of a recording cannot be compared.
 #[derive(Debug, thiserror::Error)]
 pub enum AxisError {
     /// The recording could not be decoded.
@@ -46,7 +46,7 @@ pub enum AxisError {
     OtherInput {
         /// The axis.
         name: String,
-        /// What its input is.
+        /// Quantity of its input.
         what: &'static str,
         /// Unit of its input.
         unit: String,
@@ -64,7 +64,7 @@ pub enum AxisError {
         /// Unit of its position.
         position_unit: &'static str,
     },
-    /// Too little to compare.
+    /// Too few samples to compare.
     #[error(
         "axis '{name}' has {found} samples of input and position at the same time; at least \
          {LEAST_SAMPLES} are needed"
@@ -72,14 +72,14 @@ pub enum AxisError {
     TooShort {
         /// The axis.
         name: String,
-        /// How many there are.
+        /// Number of samples.
         found: usize,
     },
 }
 
 impl AxisStage {
     /// Every axis of `recording` that has both input and output, in `spans` (seconds since the
-    /// recording began), of which long ones are cut into pieces.
+    /// recording began); long spans are cut into pieces.
     ///
     /// # Errors
     /// When messages do not decode, an input has another unit, or an axis is too short.
@@ -282,7 +282,7 @@ fn integrated(velocities: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Samples at equal steps, on the straight lines between those recorded.
+/// Samples at equal steps, by linear interpolation of the recorded ones.
 pub(in crate::twin) fn resampled(
     samples: &[(f64, f64)],
     start: f64,
@@ -340,7 +340,8 @@ mod tests {
             };
             assert!(wrapped.iter().zip(&turned).all(is_same));
         }
-        // What was counted beyond a turn, what jumps in a pause, and what never jumps stays.
+        // Angles that were counted beyond a turn, that jump in a pause, or that never jump remain
+        // unchanged.
         let fast = (0..400).map(|k| (0.01 * k as f64, 4.0 * k as f64)).collect();
         let second_run = (0..400).map(|k| {
             (0.01 * k as f64 + if k < 200 { 0.0 } else { 9.0 }, if k < 200 { 1.0 } else { 5.0 })

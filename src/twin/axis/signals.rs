@@ -1,12 +1,16 @@
 //! Filtered signals of a single axis.
 //!
-//! Friction changes its sign where the velocity does, and makes a kink in the velocity there. One filter for all samples
-//! moves that moment, which looks like presliding, or averages too little elsewhere. So the velocity of each sample beside
-//! a reversal is the slope of a straight line through the positions around it, over the longest window whose confidence
-//! interval intersects those of all shorter ones (intersection of confidence intervals: Goldenshluger and Nemirovski 1997,
-//! Mathematical Methods of Statistics 6, 135-170). A window within a rest knows nothing of the motion beside it, whereas a
-//! recursive filter rings there. The acceleration in the inverse dynamics passes a wider filter than the regressors,
-//! because what it contributes passes the last filter like the friction, with which it makes the input continuous at a kink.
+//! Friction changes its sign where the velocity does, and makes a kink in the velocity there. One
+//! filter for all samples moves that moment, which looks like presliding, or averages too little
+//! elsewhere. The velocity of each sample near a reversal is therefore the slope of a straight line
+//! through the positions around it. The window is the longest one whose confidence interval
+//! intersects those of all shorter ones (intersection of confidence intervals: Goldenshluger and
+//! Nemirovski 1997, Mathematical Methods of Statistics 6, 135-170). A window within a rest is
+//! independent of the motion around it, whereas a recursive filter rings there.
+//!
+//! The acceleration in the inverse dynamics passes a wider filter than the regressors. Its
+//! contribution passes the last filter like the friction, with which it makes the input continuous
+//! at a kink.
 
 use super::filter::{LowPass, derivative};
 use crate::seed::Stream;
@@ -18,8 +22,9 @@ const EDGES: [f64; 7] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125];
 const WIDER_EDGES: [f64; 4] = [0.4, 0.28, 0.2, 0.14];
 /// Samples to each side through which the straight lines go, the shortest first.
 const REACHES: [usize; 11] = [1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40];
-/// Standard deviation of the acceleration's noise over the RMS of the acceleration, up to which an edge is taken: noise
-/// of a regressor biases its coefficient by the square of this ratio.
+/// Largest ratio of the standard deviation of the acceleration's noise to the RMS of the
+/// acceleration at which an edge is chosen. Noise of a regressor biases its coefficient by the
+/// square of this ratio.
 const ACCELERATION_NOISE: f64 = 0.1;
 /// The same ratio before the last filter, which removes most of this noise.
 const INNER_ACCELERATION_NOISE: f64 = 0.5;
@@ -38,7 +43,7 @@ pub(super) struct Signals {
     /// Input and position behind that filter.
     pub(super) input: Vec<f64>,
     pub(super) position: Vec<f64>,
-    /// Velocity, beside reversals over a shorter window.
+    /// Velocity; near reversals over a shorter window.
     pub(super) velocity: Vec<f64>,
     /// Mean sign of the velocity over the period of a sample.
     pub(super) direction: Vec<f64>,
@@ -47,9 +52,9 @@ pub(super) struct Signals {
     /// Input and acceleration behind a wider filter, for the inverse dynamics.
     pub(super) inner_input: Vec<f64>,
     pub(super) inner_acceleration: Vec<f64>,
-    /// Whether the axis may stand: friction takes any value within its level there.
+    /// True where the axis may stand: friction takes any value within its level there.
     pub(super) standing: Vec<bool>,
-    /// Whether the sample belongs to a longer rest.
+    /// True where the sample belongs to a longer rest.
     pub(super) resting: Vec<bool>,
     /// Edge of the wider filter (cycles per sample).
     inner: f64,
@@ -104,12 +109,13 @@ impl Signals {
         }
     }
 
-    /// White noise of the input as large as that which was measured.
+    /// Additional white noise of the input, as large as the measured one.
     pub(super) fn more_input_noise(&self) -> Vec<f64> {
         white_samples(self.input_noise, "input noise", self.input.len())
     }
 
-    /// The same with further noise of the position, as large as that which was measured. Directions and rests remain.
+    /// Copy with additional noise of the position, as large as the measured one. Directions and
+    /// rests remain.
     pub(super) fn with_more_noise(&self, segments: &[Range<usize>], dt: f64) -> Self {
         let noise = white_samples(self.noise, "position noise", self.position.len());
         let slope = |values: &[f64]| slope(segments, values, dt);
@@ -137,7 +143,8 @@ fn white_samples(deviation: f64, name: &str, count: usize) -> Vec<f64> {
     (0..count).map(|_| half_width * f64::from(stream.uniform_f32(-1.0, 1.0))).collect()
 }
 
-/// The `narrowest` estimate of a velocity, `beside` reversals that of a shorter window, and whether the axis may stand.
+/// Velocity of each sample, and whether the axis may stand there. The velocity is the `narrowest`
+/// estimate, or that of a shorter window for the samples `beside` reversals.
 fn adapted(
     narrowest: &[f64],
     beside: &[bool],
@@ -178,7 +185,7 @@ fn slope(segments: &[Range<usize>], values: &[f64], dt: f64) -> Vec<f64> {
     each_segment(segments, values, |own| derivative(own, dt))
 }
 
-/// Samples at rest, with `noise` of the velocity; all samples outside of `segments` are.
+/// Samples at rest, with `noise` of the velocity; all samples outside of `segments` count as rest.
 fn resting(segments: &[Range<usize>], velocity: &[f64], noise: f64) -> Vec<bool> {
     let mut resting = vec![true; velocity.len()];
     for own in segments {
@@ -187,8 +194,9 @@ fn resting(segments: &[Range<usize>], velocity: &[f64], noise: f64) -> Vec<bool>
     resting
 }
 
-/// The first of `edges` (cycles per sample) at which the `noise` of `position` makes at most the `fraction` of the RMS of
-/// its acceleration; the last one where there is none.
+/// First of `edges` (cycles per sample) at which the acceleration has little noise; without one,
+/// the last edge. The `noise` of `position` then makes at most the `fraction` of the RMS of its
+/// acceleration.
 fn edge(
     edges: &[f64],
     segments: &[Range<usize>],
@@ -221,8 +229,9 @@ fn beside_reversals(velocity: &[f64], noise: f64, reach: usize) -> Vec<bool> {
     spread(&reversals, reach)
 }
 
-/// Slope (per second) of the straight line through each value and up to `reach` values on each side, which are `dt` apart;
-/// beside the ends through fewer, as many on either side. At the ends, where there are none, the slope to the neighbour.
+/// Slope (per second) of the straight line through each value and up to `reach` values on each
+/// side, which are `dt` apart. Near the ends, the line uses fewer values, as many on either side.
+/// The first and last slope are those to the neighbour.
 fn line_slopes(values: &[f64], reach: usize, dt: f64) -> Vec<f64> {
     let mut slopes = derivative(values, dt);
     for (k, slope) in slopes.iter_mut().enumerate() {
@@ -255,8 +264,10 @@ fn spread(marks: &[bool], reach: usize) -> Vec<bool> {
     wider
 }
 
-/// Of the `estimates` of a velocity with their standard deviations, from the shortest window to the longest: in each sample
-/// the last one before the intersection of the confidence intervals is empty, with its standard deviation.
+/// Longest agreeing estimate of a velocity in each sample, with its standard deviation. The
+/// `estimates`, each with its standard deviation, are ordered from the shortest window to the
+/// longest. The last one before the intersection of the confidence intervals becomes empty is
+/// taken.
 fn longest_agreeing(estimates: &[(Vec<f64>, f64)]) -> (Vec<f64>, Vec<f64>) {
     let count = estimates.first().map_or(0, |(velocities, _)| velocities.len());
     let of_sample = |index: usize| {
@@ -291,8 +302,9 @@ fn mean_sign(velocity: &[f64]) -> Vec<f64> {
     (0..velocity.len()).map(of_sample).collect()
 }
 
-/// Standard deviation of the white noise of a measured signal: from its sixth differences, which hardly show motion (a wave of
-/// eight samples counts as a fiftieth of noise of its size), and at least that of its quantization.
+/// Standard deviation of the white noise of a measured signal, from its sixth differences, and at
+/// least that of its quantization. Sixth differences hardly show motion: a wave of eight samples
+/// counts as a fiftieth of noise of its magnitude.
 fn white_noise(segments: &[Range<usize>], signal: &[f64]) -> f64 {
     let own = || segments.iter().map(|own| &signal[own.clone()]);
     let sixth = own().flat_map(|values| {

@@ -48,7 +48,8 @@ fn velocity_driven(effects: &[(&str, &[f64])]) -> Twin {
 /// Amplitude (m) and rate (rad/s) of the tones in the position of [`stage`].
 const TONES: [(f64, f64); 2] = [(0.05, 3.0), (0.01, 11.0)];
 
-/// Two slow tones of position; the force is what `force` says about time, position, velocity and acceleration.
+/// Two slow tones of position; `force` gives the force at a time, position, velocity and
+/// acceleration.
 fn stage(force: impl Fn(f64, f64, f64, f64) -> f64) -> AxisStage {
     stage_with("N", force)
 }
@@ -183,8 +184,8 @@ fn contacts_carry_the_friction_that_the_load_adds() {
     assert!(with < 0.01 * COULOMB && 0.1 * COULOMB < without, "{with} N, {without} N");
 }
 
-/// Friction that differs between the directions by a constant is a force: neither reversals nor contacts tell it from an
-/// offset.
+/// Friction that differs between the directions by a constant is a force: neither reversals nor
+/// contacts distinguish it from an offset.
 #[test]
 fn a_constant_difference_of_friction_is_an_offset() {
     const DIFFERENCE: f64 = 2.0;
@@ -222,7 +223,7 @@ fn free_run_follows_its_own_input() {
     assert!(1e-3 < stage.free_run(&heavy, 1.5).expect("five windows").position_rms);
 }
 
-/// Of a velocity of 0.13 m/s RMS.
+/// Tolerance of a setpoint (m/s), at a velocity of 0.13 m/s RMS.
 const SETPOINT_TOLERANCE: f64 = 3e-4;
 
 #[test]
@@ -277,7 +278,7 @@ fn a_setpoint_passes_the_integral_action_of_its_controller() {
     assert!(run.position_rms < 2e-3, "{run:?}");
 }
 
-/// A slower integral action than the recording is none, whatever the friction at the start.
+/// An integral action slower than the recording has no effect, for any friction at the start.
 #[test]
 fn a_setpoint_hardly_passes_a_slow_integral_action() {
     let stage = stage_with("m/s", |_, _, v, a| v + 0.03 * a + 0.02 * v.signum());
@@ -328,15 +329,16 @@ fn stage_with_transfer(transfer: impl Fn(f64) -> (f64, f64)) -> AxisStage {
     })
 }
 
-/// Residual (N) of a right twin of an elastic axis, less than a hundredth of its force.
+/// Residual (N) of the correct twin of an elastic axis, less than a hundredth of its force.
 const ELASTIC_TOLERANCE: f64 = 0.02;
 
-/// Where the motor is measured, the load has (w^2 + 2 i z w s) / (w^2 - s^2 + 2 i z w s) of its acceleration at the rate s.
+/// With a measured motor, the acceleration of the load is `(w^2 + 2 i z w s) / (w^2 - s^2 + 2 i z w
+/// s)` times that of the motor at the rate s.
 #[test]
 fn a_load_on_a_belt_oscillates_against_the_measured_motor() {
     const OMEGA: f64 = 20.0;
     const DAMPING: f64 = 0.3;
-    // Within 1 s, what the load does at the start decays to a four-hundredth.
+    // Within 1 s, the initial transient of the load decays to a four-hundredth.
     const START: usize = 100;
     const FRACTION: f64 = 0.7;
     let stage = stage_with_transfer(|rate| {
@@ -353,7 +355,8 @@ fn a_load_on_a_belt_oscillates_against_the_measured_motor() {
     assert!(10.0 * ELASTIC_TOLERANCE < half && half < rigid, "{half} N, {rigid} N");
 }
 
-/// Where the load is measured, the force of the motor is (1 + 2 i z p s - p^2 s^2) of that on the load at the rate s.
+/// With a measured load, the force of the motor is `1 + 2 i z p s - p^2 s^2` times that on the load
+/// at the rate s.
 #[test]
 fn the_motor_oscillates_against_the_measured_load() {
     const PERIOD: f64 = 0.3;
@@ -383,7 +386,7 @@ fn a_free_run_of_an_elastic_axis_agrees_with_its_inverse_dynamics() {
     }
 }
 
-/// Of a voltage, the part against the back-EMF makes no force, so it loads nothing.
+/// The part of a voltage against the back-EMF makes no force, so it loads nothing.
 #[test]
 fn friction_by_load_knows_the_back_emf() {
     const TOLERANCE_V: f64 = 0.01;
@@ -415,7 +418,7 @@ fn friction_by_load_knows_the_back_emf() {
     assert!(voltage < TOLERANCE_V && 10.0 * voltage < force, "{voltage} V, as a force {force}");
 }
 
-/// The residual of the right twin is what the noise of the position makes of its prediction.
+/// The residual of the correct twin is the noise of the position, propagated to its prediction.
 #[test]
 fn noise_of_the_position_is_propagated_to_the_input() {
     const NOISE: f64 = 2e-6;

@@ -1,4 +1,4 @@
-//! Impacts as the camera's samples show them, for looking at restitution without any twin.
+//! Impacts measured from the camera's samples, to examine restitution without a twin.
 
 use super::{
     BALL_RADIUS, HALF_BOARD,
@@ -10,7 +10,8 @@ use std::ops::Range;
 /// Most and fewest samples on each side from which a velocity is measured.
 const BESIDE: Range<usize> = 3..7;
 
-/// Distance from the wall within which a turn is an impact (m), besides the way of two frames.
+/// Distance from the wall within which a turn is an impact (m), in addition to the distance of two
+/// frames.
 const NEAR: f64 = 0.006;
 
 /// Least normal speed before an impact (m/s); slower ones are lost in the noise.
@@ -19,18 +20,20 @@ const LEAST_SPEED: f64 = 0.05;
 /// Fewest samples between impacts from which the usual deceleration is measured.
 const STRETCH: usize = 20;
 
-/// One impact of the ball on a wall, measured from straight lines through the samples beside it.
+/// One impact of the ball on a wall, measured from straight lines through the samples before and
+/// after it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WallImpact {
     /// Index of the roll.
     pub roll: usize,
     /// Time (s since the session began).
     pub time: f64,
-    /// Which wall.
+    /// Wall of the impact.
     pub wall: Wall,
-    /// Place along the wall, from its middle (m).
+    /// Position along the wall, from its middle (m).
     pub along: f64,
-    /// How far beyond the nominal wall the ball turned (m); negative on the board's side of it.
+    /// Distance beyond the nominal wall at which the ball turned (m); negative on the board's side
+    /// of it.
     pub beyond: f64,
     /// Speed into the wall (m/s).
     pub speed_in: f64,
@@ -45,7 +48,7 @@ pub struct WallImpact {
 }
 
 impl WallImpact {
-    /// Share of the normal speed that the wall gave back.
+    /// Coefficient of restitution: normal speed after the impact, as a fraction of that before it.
     #[must_use]
     pub fn restitution(&self) -> f64 {
         self.speed_out / self.speed_in
@@ -77,8 +80,8 @@ fn turns_of(tracks: &Tracks, roll: &Roll) -> Vec<(usize, Wall)> {
         .collect()
 }
 
-/// Median deceleration between impacts (m/s^2): velocities are measured beside an impact, not at
-/// it.
+/// Median deceleration between impacts (m/s^2): velocities are measured before and after an impact,
+/// not at it.
 fn usual_deceleration(tracks: &Tracks, rolls: &[Roll], turns: &[Vec<(usize, Wall)>]) -> f64 {
     let mut found = Vec::new();
     for (roll, turns) in rolls.iter().zip(turns) {
@@ -97,7 +100,7 @@ fn usual_deceleration(tracks: &Tracks, rolls: &[Roll], turns: &[Vec<(usize, Wall
     median(&found).unwrap_or(0.0).max(0.0)
 }
 
-/// Whether the ball is furthest out towards `wall` at `sample`, and near it.
+/// Return whether the ball is furthest out towards `wall` at `sample`, and near it.
 fn turns_at(tracks: &Tracks, sample: usize, wall: Wall) -> bool {
     let (axis, sign) = wall.outward();
     let out = |i: usize| sign * tracks.ball[i][axis];

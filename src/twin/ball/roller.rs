@@ -1,18 +1,18 @@
-//! The ball between and at the walls.
+//! Simulation of the ball between and at the walls.
 //!
-//! Steps of at most a millisecond; within a step the accelerations are constant and the impacts are
-//! solved for, so the path depends smoothly on every number:
+//! Steps take at most a millisecond. Within a step the accelerations are constant and the impacts
+//! are solved for, so the path depends smoothly on every parameter:
 //!
 //! ```text
 //! velocity  v' = (v + a t - friction of sliding) shortened by r t, and 0 when nothing is left
-//! place     x' = x + (v + v') t / 2, or to where it stops
+//! position  x' = x + (v + v') t / 2, or to where it stops
 //! impact    n.x = wall + shift - radius   ->   v_n' = -e v_n, v_t' and spin by the effects
 //! ```
 //!
 //! `a` is the sum of [`Physics::Roll`], `r` that of [`Physics::Resistance`]. After an impact the
-//! ball still turns as it did before: the contact point slips by the change of velocity. Friction
-//! of sliding ([`Physics::Slide`]) takes from the velocity 2/7 of what it takes from the slip
-//! (solid sphere: acceleration `mu g` of the centre, `5/2 mu g` of the surface).
+//! ball still turns as it did before: the contact point slips by the change of velocity. Sliding
+//! friction ([`Physics::Slide`]) reduces the velocity by 2/7 of the amount by which it reduces the
+//! slip (solid sphere: acceleration `mu g` of the centre, `5/2 mu g` of the surface).
 
 use super::{BALL_RADIUS, HALF_BOARD};
 use crate::{
@@ -26,19 +26,19 @@ const STEP: f64 = 1e-3;
 /// Impacts within one step; beyond it the ball rests against its wall for the rest of the step.
 const MOST_IMPACTS: usize = 8;
 
-/// Further than this from every wall (m) there is no impact; more than any shift.
+/// Distance from every wall (m) beyond which there is no impact; more than any shift.
 const NEAR_A_WALL: f64 = 0.04;
 
-/// Share of the slip that sliding takes from the velocity of a solid sphere.
+/// Change of the velocity of a sliding solid sphere, as a fraction of the change of its slip.
 const GRIP: f64 = 2.0 / 7.0;
 
 /// Distance over which the direction of a wall is measured (m).
 const ALONG: f64 = 1e-3;
 
-/// Iterations that solve for the time of an impact.
+/// Most iterations that solve for the time of an impact.
 const ITERATIONS: usize = 60;
 
-/// The physics of one place with the numbers of its instance.
+/// Function of one kind of physics, with the parameters of its instance.
 type Law<F> = (F, Vec<f64>);
 type RollLaw = fn(&[f64], &Ball) -> [f64; 2];
 type BallLaw = fn(&[f64], &Ball) -> f64;
@@ -48,8 +48,8 @@ type CameraLaw = fn(&[f64], [f64; 2], f64) -> [f64; 2];
 type DelayLaw = fn(&[f64], f64) -> f64;
 type LaunchLaw = fn(&[f64]) -> f64;
 
-/// What a twin says about the ball: the functions of its instances by place, in the order of the
-/// catalogue, so that the order in which effects were found does not matter.
+/// Functions of a twin's instances that act on the ball, by kind of physics, in the order of the
+/// catalogue. The order in which effects were found therefore does not matter.
 #[derive(Default)]
 pub(super) struct Rules {
     roll: Vec<Law<RollLaw>>,
@@ -92,12 +92,12 @@ impl Rules {
         }
     }
 
-    /// Age of the picture at `elapsed` seconds of the session (s).
+    /// Latency of the camera at `elapsed` seconds of the session (s).
     pub(super) fn age(&self, elapsed: f64) -> f64 {
         self.delay.iter().map(|(law, p)| law(p, elapsed)).sum()
     }
 
-    /// Where the camera sees the ball that is at `place`.
+    /// Position at which the camera sees the ball that is at `place`.
     pub(super) fn seen(&self, place: [f64; 2]) -> [f64; 2] {
         self.camera.iter().fold(place, |place, (law, p)| law(p, place, BALL_RADIUS))
     }
@@ -117,7 +117,7 @@ impl Rules {
         forces
     }
 
-    /// How far the ball may still go towards `wall` from `place` (m).
+    /// Distance that the ball can still move towards `wall` from `place` (m).
     fn gap(&self, wall: Wall, place: [f64; 2]) -> f64 {
         let (axis, sign) = wall.outward();
         HALF_BOARD[axis] - BALL_RADIUS - sign * place[axis] + self.shift(wall, place[1 - axis])
@@ -143,7 +143,7 @@ fn length(vector: [f64; 2]) -> f64 {
     (vector[0] * vector[0] + vector[1] * vector[1]).sqrt()
 }
 
-/// What acts on the ball during one step (m/s^2).
+/// Accelerations of the ball during one step (m/s^2).
 #[derive(Clone, Copy, Default)]
 struct Forces {
     push: [f64; 2],
@@ -151,7 +151,7 @@ struct Forces {
     slide: f64,
 }
 
-/// The ball at one time.
+/// State of the ball at one time.
 #[derive(Clone, Copy)]
 struct Free {
     place: [f64; 2],
@@ -161,7 +161,7 @@ struct Free {
 }
 
 impl Free {
-    /// The ball `t` seconds later under constant `forces`, walls aside.
+    /// The ball `t` seconds later under constant `forces`, without walls.
     fn after(&self, forces: &Forces, t: f64) -> Self {
         let mut velocity = both(|k| self.velocity[k] + forces.push[k] * t);
         let mut slip = self.slip;
@@ -188,12 +188,12 @@ impl Free {
     }
 }
 
-/// Whether a wall, shifted as far as walls can be, may be reached at `place`.
+/// Return whether the ball may reach a wall, shifted as far as walls can be, at `place`.
 fn near_any_wall(place: [f64; 2]) -> bool {
     (0..2).any(|k| HALF_BOARD[k] - BALL_RADIUS - NEAR_A_WALL < place[k].abs())
 }
 
-/// A ball that is being rolled.
+/// Simulated ball on its roll.
 pub(super) struct Roller<'a> {
     rules: &'a Rules,
     ball: Ball,
@@ -214,12 +214,12 @@ impl<'a> Roller<'a> {
         Self { rules, ball, slip: ball.velocity.map(|v| launch * v), spin: 0.0 }
     }
 
-    /// It is in the middle of its roll: what was left of sliding is not known.
+    /// Continue in the middle of a roll without slip: the remaining slip is unknown.
     pub(super) fn rolls_without_slip(&mut self) {
         self.slip = [0.0; 2];
     }
 
-    /// Tells where the strikers are from now on.
+    /// Set the positions of the strikers from now on.
     pub(super) fn strikers(&mut self, strikers: [Option<[f64; 2]>; 2]) {
         self.ball.strikers = strikers;
     }
@@ -389,7 +389,7 @@ impl<'a> Roller<'a> {
         self.ball.since_impact = 0.0;
     }
 
-    /// What is left of a step in which the ball chatters against a wall: it only moves along it.
+    /// Complete a step in which the ball chatters against a wall: it only moves along the wall.
     fn rest_against_walls(&mut self, span: f64) {
         for wall in Wall::ALL {
             let normal = self.rules.normal(wall, self.ball.position);

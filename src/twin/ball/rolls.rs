@@ -1,9 +1,9 @@
-//! From the camera's samples to free rolls.
+//! Free rolls of the ball, from the camera's samples.
 //!
-//! A roll ends where samples are missing, where the ball comes near a striker, where it is put
-//! elsewhere or pushed (its velocity changes away from every wall), at the end of its run, and
-//! where its [`Extent`] says so. Pieces in which it hardly moves are left out, and so is rest before
-//! and after.
+//! A roll ends at missing samples, at the end of its run, and where its [`Extent`] requires it. It
+//! also ends where the ball approaches a striker, is put elsewhere, or is pushed (its velocity
+//! changes away from every wall). Pieces in which the ball hardly moves are left out, and so is
+//! rest before and after.
 
 use super::{BALL_RADIUS, HALF_BOARD};
 use crate::{
@@ -18,22 +18,22 @@ use crate::{
 };
 use std::ops::Range;
 
-/// Nearer to a striker's centre than this (m) the ball may touch it.
+/// Distance to a striker's centre (m) below which the ball may touch it.
 const STRIKER_REACH: f64 = 0.025;
 
 /// Longest pause between samples of one roll (s).
 const GAP: f64 = 0.1;
 
-/// Faster than this (m/s) no ball rolls: it was put elsewhere.
+/// Highest speed of a rolling ball (m/s): a faster one was put elsewhere.
 const FASTEST: f64 = 8.0;
 
-/// How much of a roll is predicted from one start.
+/// Length of a roll that is predicted from one start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Extent {
-    /// Pieces of a third to two thirds of a second: what is wrong with a twin grows with every impact, and a
-    /// fit that starts far off finds its way back over so short a time.
+    /// Pieces of a third to two thirds of a second. Errors of a twin grow with every impact; over
+    /// so short a time, a fit that starts far off still converges.
     Pieces,
-    /// All of it: what acts gently (rolling resistance, slope) shows with the square of the time.
+    /// Whole roll: weak effects (rolling resistance, slope) show with the square of the time.
     Whole,
 }
 
@@ -50,13 +50,13 @@ impl Extent {
 /// Fewest samples of a roll.
 const FEWEST: usize = 24;
 
-/// Least way of a roll (m).
+/// Least displacement of a roll (m).
 const LEAST_WAY: f64 = 0.02;
 
-/// Most and fewest samples from which the start of a roll is guessed.
+/// Most and fewest samples from which the start of a roll is estimated.
 const FIRST: Range<usize> = 5..11;
 
-/// Samples on each side from which a push is judged.
+/// Samples on each side from which a push is detected.
 const BESIDE: usize = 5;
 
 /// Samples left out on each side of a push.
@@ -65,22 +65,22 @@ const AROUND: usize = 2;
 /// Least sudden change of velocity away from walls that is a push (m/s).
 const PUSH: f64 = 0.15;
 
-/// Samples over which motion and rest are told apart, and the least displacement over them (m).
+/// Samples over which motion is distinguished from rest, and the least displacement over them (m).
 const REST: (usize, f64) = (8, 1.2e-3);
 
 /// Time for which a ball that came to rest is still watched (s).
 const WATCHED_REST: f64 = 0.15;
 
-/// What the camera saw of the ball.
+/// Detections of the ball, with those of the strikers.
 #[derive(Clone)]
 pub(super) struct Tracks {
-    /// When each frame was taken, as far as it is known (s since the recording began).
+    /// Capture time of each frame, as far as it is known (s since the recording began).
     pub(super) times: Vec<f64>,
-    /// When each arrived (s since the recording began).
+    /// Arrival time of each frame (s since the recording began).
     arrivals: Vec<f64>,
-    /// The ball (m).
+    /// Position of the ball (m).
     pub(super) ball: Vec<[f64; 2]>,
-    /// The strikers, where they were seen (m).
+    /// Positions of the strikers, where they were seen (m).
     pub(super) strikers: Vec<[Option<[f64; 2]>; 2]>,
     /// Usual rate of the frames (Hz).
     pub(super) rate_hz: f64,
@@ -91,13 +91,13 @@ pub(super) struct Tracks {
 /// One frame with a ball in it.
 #[derive(Debug, Clone)]
 pub(super) struct Sample {
-    /// When it was taken (s since the recording began).
+    /// Capture time (s since the recording began).
     pub(super) time: f64,
-    /// When it arrived (s since the recording began).
+    /// Arrival time (s since the recording began).
     pub(super) arrival: f64,
-    /// The ball (m).
+    /// Position of the ball (m).
     pub(super) ball: [f64; 2],
-    /// The strikers, where they were seen (m).
+    /// Positions of the strikers, where they were seen (m).
     pub(super) strikers: [Option<[f64; 2]>; 2],
 }
 
@@ -107,7 +107,7 @@ pub(super) struct Roll {
     pub(super) samples: Range<usize>,
     /// First guess of x, y (m), vx, vy (m/s) at the first of them.
     pub(super) start: [f64; 4],
-    /// Whether it is the same roll that ends where this piece begins.
+    /// True if this piece continues the roll that ends where it begins.
     pub(super) goes_on: bool,
 }
 
@@ -157,14 +157,14 @@ impl Tracks {
             .windows(3)
             .flat_map(|w| [0, 1].map(|k| (w[2][k] - 2.0 * w[1][k] + w[0][k]).abs()))
             .collect();
-        // Of independent noise a second difference has sqrt 6 of the spread, and half of all normal
-        // values lie within 0.6745 of it.
+        // The second difference of independent noise has sqrt(6) times its standard deviation, and
+        // half of all normal values lie within 0.6745 standard deviations.
         tracks.noise = median(&bends)? / (0.6745 * 6.0_f64.sqrt());
         Some(tracks)
     }
 
-    /// Straight lines through the samples: place at `at` and velocity, by axis, with the root of
-    /// the mean squared distance of the samples from them.
+    /// Straight lines through the samples: position at `at` and velocity, by axis, with the RMS
+    /// distance of the samples from them.
     pub(super) fn line(&self, samples: Range<usize>, at: f64) -> Line {
         let count = samples.len() as f64;
         let mean = |value: &dyn Fn(usize) -> f64| samples.clone().map(value).sum::<f64>() / count;
@@ -181,7 +181,7 @@ impl Tracks {
         Line { middle, place, velocity, off_rms }
     }
 
-    /// Standard deviation by noise of a velocity from `samples` samples in a row (m/s).
+    /// Standard deviation of a velocity from `samples` consecutive samples, caused by noise (m/s).
     pub(super) fn velocity_spread(&self, samples: usize) -> f64 {
         let count = samples as f64;
         self.noise * self.rate_hz * (12.0 / (count * (count * count - 1.0))).sqrt()
@@ -206,7 +206,7 @@ impl Line {
     }
 }
 
-/// A straight piece of the track.
+/// Straight line through a piece of the track.
 #[derive(Clone, Copy)]
 pub(super) struct Line {
     /// Time of the middle of the samples (s).
@@ -227,7 +227,7 @@ pub(super) fn cut(tracks: &Tracks, spans: &[Range<f64>], extent: Extent) -> Vec<
     rolls
 }
 
-/// Pieces without gap, jump, striker or end of a span.
+/// Pieces without missing samples, jump, striker or end of a span.
 fn continuous_pieces(tracks: &Tracks, spans: &[Range<f64>]) -> Vec<Range<usize>> {
     let span_of = |i: usize| spans.iter().position(|span| span.contains(&tracks.arrivals[i]));
     let usable = |i: usize| span_of(i).is_some() && !tracks.near_striker(i);
@@ -320,8 +320,8 @@ fn cut_long(tracks: &Tracks, part: Range<usize>, extent: Extent, rolls: &mut Vec
     }
 }
 
-/// The roll in `samples`, from the first place where its start can be told; `None` where it hardly
-/// moves.
+/// Roll in `samples`, from the first sample at which its start can be determined; `None` where it
+/// hardly moves.
 fn roll_of(tracks: &Tracks, samples: Range<usize>) -> Option<Roll> {
     let good = 1.6 * tracks.noise + 5e-5;
     let mut first = samples.start;

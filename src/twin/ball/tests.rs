@@ -1,4 +1,4 @@
-//! The ball against what can be known without simulating it.
+//! Tests of the ball against results that need no simulation.
 
 use super::*;
 use crate::{
@@ -22,7 +22,7 @@ fn rules(instances: &[(&str, &[f64])]) -> Rules {
     Rules::new(&instances)
 }
 
-/// Where a ball from `start` is after each of `times`.
+/// Positions of a ball from `start` after each of `times`.
 fn path(rules: &Rules, start: [f64; 4], times: &[f64]) -> Vec<[f64; 2]> {
     let mut roller = Roller::new(rules, &start);
     times

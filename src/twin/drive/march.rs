@@ -15,7 +15,7 @@ use pulp::{Arch, Simd, WithSimd};
 /// The first steps after a command (s), which takes effect within the first of them.
 const FIRST_STEPS: [f64; 4] = [2e-5, 1e-4, 2e-4, 4e-4];
 
-/// One plant and where its predictions go.
+/// One plant and the destination of its predictions.
 pub(super) struct Job<'a> {
     pub(super) plant: &'a Plant,
     /// Radius of the pulleys (m).
@@ -24,7 +24,7 @@ pub(super) struct Job<'a> {
     pub(super) predicted: &'a mut Vec<Vec<f64>>,
 }
 
-/// How many plants march at once on this processor.
+/// Number of plants that march at once on this processor.
 pub(super) fn width() -> usize {
     struct Width;
 
@@ -40,7 +40,7 @@ pub(super) fn width() -> usize {
     Arch::new().dispatch(Width)
 }
 
-/// Marches all plants, of which all have soft belts or none.
+/// March all plants, of which either all or none have soft belts.
 pub(super) fn side_by_side(stage: &DriveStage, mut jobs: Vec<Job<'_>>) {
     for jobs in jobs.chunks_mut(width()) {
         let march = March { stage, jobs };
@@ -101,18 +101,18 @@ impl WithSimd for March<'_, '_> {
     }
 }
 
-/// The way of one plant through the runs of a stage.
+/// Progress of one plant through the runs of a stage.
 struct Walk<'a> {
     stage: &'a DriveStage,
     reader: Reader<'a>,
-    /// From a command until each motor takes it (s).
+    /// Delay from a command until each motor executes it (s).
     delays: [f64; 2],
-    /// Age of the torque that each drive reports (s).
+    /// Delay of the torque that each drive reports (s).
     torque_ages: [f64; 2],
     cursors: [usize; 2],
-    /// Place in the measured path.
+    /// Index in the measured path.
     path_cursor: usize,
-    /// Number of runs that have begun, and whether the last of them goes on.
+    /// Number of runs that have begun, and whether the last of them continues.
     begun: usize,
     is_running: bool,
     /// Command in force (m/s of belt), and the steps until the next one.
@@ -170,7 +170,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// How far each measured motor is ahead of the simulated one in `lane` (m of belt).
+    /// Distance of each measured motor ahead of the simulated one in `lane` (m of belt).
     fn measured_ahead<S: Simd>(
         &mut self,
         lane: usize,
@@ -213,7 +213,7 @@ impl<'a> Walk<'a> {
         Some(())
     }
 
-    /// Reads what was measured during a step of `dt` seconds between two states.
+    /// Read the samples that were measured during a step of `dt` seconds between two states.
     #[inline(always)]
     fn read<S: Simd>(
         &mut self,
@@ -233,7 +233,7 @@ impl<'a> Walk<'a> {
         self.before = dt;
     }
 
-    /// What can be compared after a step of `dt` seconds.
+    /// Outputs that can be compared after a step of `dt` seconds.
     fn outputs<S: Simd>(
         &self,
         lane: usize,
@@ -245,11 +245,11 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Steps (s) that make up a span after a command: short ones first, for there the force bends, and what is read
-/// between the middles of two steps would be rounded off.
+/// Steps (s) that make up a span after a command. The first ones are short, because the force bends
+/// there and is interpolated between the middles of two steps, which would round the bend off.
 struct Steps {
     first: [f64; FIRST_STEPS.len()],
-    /// The first ones that are over.
+    /// Number of the first steps that are over.
     taken: usize,
     /// Length of the others, and how many of them are left.
     rest: f64,
@@ -299,7 +299,7 @@ mod tests {
         },
     };
 
-    /// Two runs with a jump of the place between them, and a third after a pause.
+    /// Two runs with a jump of the position between them, and a third after a pause.
     fn stage() -> DriveStage {
         let starts = [(0.0, 0.35, true), (0.35, 0.6, false), (1.0, 1.4, true)];
         let starts: Vec<RunStart> = starts
@@ -339,7 +339,7 @@ mod tests {
         }
     }
 
-    /// The plain table with `effects`, each on an axis with its numbers.
+    /// The plain table with `effects`, each on an axis with its values.
     fn with(effects: &[(&str, Axis, &[f64])]) -> Twin {
         let mut twin = Twin::nominal(Machine::Table);
         for (name, axis, numbers) in effects {
@@ -349,7 +349,7 @@ mod tests {
         twin
     }
 
-    /// Twins with rigid belts, with soft ones and with play, and every kind of function.
+    /// Twins with rigid belts, with soft ones and with backlash, and every kind of function.
     fn twins() -> Vec<Twin> {
         let rubs = ("drive.friction.presliding", Axis::Guides, &[1.5, 1e-4, 1e-3, 20.0][..]);
         let held = ("drive.friction.coulomb", Axis::Motors, &[0.7][..]);

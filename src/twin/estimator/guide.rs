@@ -1,33 +1,34 @@
-//! The carriage as a guide to the striker: where encoders say how it moves, the camera need only say how the
-//! striker differs from it.
+//! The carriage as a guide to the striker. Encoders measure the motion of the carriage, so the
+//! camera only has to measure the difference of the striker from it.
 //!
-//! Encoders tell a jump of the acceleration that frames with noise cannot: what is left to be smoothed is the
-//! small difference of both, over a longer window and so with less noise.
+//! Encoders resolve a jump of the acceleration that noisy frames do not. Only the small difference
+//! of both remains to be smoothed, over a longer window and therefore with less noise.
 
 use crate::{effects::both, twin::MeasuredPath};
 use faer::{Mat, linalg::solvers::Solve};
 
-/// Delays of the frames behind the carriage that are tried (s), and the steps in which they are.
+/// Delays of the frames behind the carriage that are searched (s), and the steps of the search.
 const DELAYS: (f64, f64) = (-0.05, 0.2);
 const STEPS: [f64; 4] = [5e-3, 5e-4, 5e-5, 5e-6];
 
-/// Share of the striker's variance that its carriage may leave; beyond it they do not belong together.
+/// Largest fraction of the striker's variance that its carriage may leave unexplained; above it
+/// they do not belong together.
 const MOST_LEFT: f64 = 0.02;
 
 /// A carriage as the camera would see it, were the striker rigid on it.
 pub(super) struct Guide<'p> {
     pub(super) path: &'p MeasuredPath,
-    /// Frames behind the carriage (s).
+    /// Delay of the frames behind the carriage (s).
     pub(super) delay: f64,
-    /// Velocities of the carriage behind its places (s).
+    /// Delay of the carriage's velocities behind its positions (s).
     velocity_lag: f64,
-    /// Place in the camera: `[axis][x, y, 1]`.
+    /// Map to positions in the camera: `[axis][x, y, 1]`.
     pub(super) map: [[f64; 3]; 2],
 }
 
 impl<'p> Guide<'p> {
-    /// The delay and the affine map with which `path` comes nearest to `places` at `times`; `None` where they do
-    /// not follow it.
+    /// Delay and affine map with which `path` is nearest to `places` at `times`; `None` where they
+    /// do not follow it.
     pub(super) fn of(
         path: &'p MeasuredPath,
         times: &[f64],
@@ -51,7 +52,7 @@ impl<'p> Guide<'p> {
         best.filter(|(left, _)| *left < MOST_LEFT).map(|(_, guide)| guide)
     }
 
-    /// Place (m) and velocity (m/s) at `time` (s).
+    /// Position (m) and velocity (m/s) at `time` (s).
     pub(super) fn at(&self, time: f64) -> ([f64; 2], [f64; 2]) {
         let then = time - self.delay;
         let ([x, y], ..) = self.path.at(then, &mut self.cursor(then));
@@ -64,14 +65,14 @@ impl<'p> Guide<'p> {
         (both(|axis| image(axis, [x, y, 1.0])), both(|axis| image(axis, [vx, vy, 0.0])))
     }
 
-    /// Where in the path to look.
+    /// Index in the path at which to look.
     fn cursor(&self, then: f64) -> usize {
         self.path.times().partition_point(|at| *at < then).saturating_sub(1)
     }
 }
 
-/// Share of the variance of `places` that the best affine map of the path, so much later, leaves, and the map;
-/// `None` where the motion does not determine it.
+/// Fraction of the variance of `places` that the best affine map of the path with this `delay`
+/// leaves, and the map; `None` where the motion does not determine it.
 fn fitted(
     path: &MeasuredPath,
     delay: f64,

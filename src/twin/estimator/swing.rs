@@ -1,8 +1,9 @@
-//! How the striker moves beside its magnet, by the twin: faster than a window over many frames follows.
+//! Motion of the striker relative to its magnet, as the twin predicts it: too fast for a window
+//! over many frames.
 //!
-//! Of a striker whose carriage is measured the true velocity is that of the carriage and the slope of the difference
-//! between both over a window. A striker that swings on its magnet does so within that window: what the window misses of
-//! the twin's own striker is added.
+//! For a striker with a measured carriage, the true velocity is that of the carriage plus the slope
+//! of the difference between both over a window. A striker that swings on its magnet does so within
+//! that window. The velocity of the twin's own striker that the window misses is added.
 
 use super::Track;
 use crate::{
@@ -10,25 +11,26 @@ use crate::{
     twin::{Linkage, MeasuredPath, Places, Twin, camera::STEP},
 };
 
-/// The striker of one player, its frames, and the windows over which its velocity is told.
+/// Striker of one player, its frames, and the windows over which its velocity is computed.
 #[derive(Debug, Clone)]
 pub(super) struct Swing {
     path: MeasuredPath,
-    /// Frames behind the carriage (s).
+    /// Delay of the frames behind the carriage (s).
     delay: f64,
-    /// From rails to the camera: `[axis][x, y]`.
+    /// Map from the axes of the carriage to the camera: `[axis][x, y]`.
     turn: [[f64; 2]; 2],
-    /// When each frame arrived (s).
+    /// Arrival time of each frame (s).
     frames: Vec<f64>,
     windows: Vec<Window>,
 }
 
-/// Over which frames a velocity is told, and how: the slope of a parabola is linear in the places.
+/// Window of frames over which a velocity is computed, and its weights: the slope of a parabola is
+/// linear in the positions.
 #[derive(Debug, Clone)]
 pub(super) struct Window {
     /// Instant of the velocity (s).
     pub(super) time: f64,
-    /// Its first frame, and how many.
+    /// Its first frame, and the number of frames.
     pub(super) first: usize,
     pub(super) count: usize,
     /// Weight of a frame that is `s` half windows after the instant: `row[0] + row[1] s + row[2] s^2` (1/s).
@@ -38,7 +40,7 @@ pub(super) struct Window {
 }
 
 impl Window {
-    /// The slope that it makes of `place` at the frames (m/s).
+    /// Slope of `place` over the frames of the window (m/s).
     fn slope(&self, frames: &[f64], mut place: impl FnMut(f64) -> [f64; 2]) -> [f64; 2] {
         let mut slope = [0.0; 2];
         for time in &frames[self.first..self.first + self.count] {
@@ -52,7 +54,8 @@ impl Window {
 }
 
 impl Swing {
-    /// That of `track`, with velocities at the instants of `windows`; `None` without a carriage that guides it.
+    /// Swing of `track`, with velocities at the instants of `windows`; `None` without a carriage
+    /// that guides it.
     pub(super) fn of(track: &Track<'_>, windows: Vec<Window>) -> Option<Self> {
         let guide = track.guide.as_ref()?;
         Some(Self {
@@ -64,8 +67,8 @@ impl Swing {
         })
     }
 
-    /// What the windows miss of the velocity at each instant (m/s); nothing where the striker of `twin` follows its
-    /// carriage.
+    /// Velocity that the windows miss at each instant (m/s); `None` if the striker of `twin`
+    /// follows its carriage.
     pub(super) fn missed(&self, twin: &Twin) -> Option<Vec<[f64; 2]>> {
         let linkage = Linkage::new(twin, Places::Reported);
         if !linkage.couples() {
@@ -80,7 +83,8 @@ impl Swing {
         Some(missed.collect())
     }
 
-    /// Where the striker is beside its magnet, in the camera, from the first frame to the last.
+    /// Position of the striker relative to its magnet, in the camera, from the first frame to the
+    /// last.
     fn marched(&self, linkage: &Linkage, striker_mass: f64) -> Beside {
         let (first, last) = (self.frames[0], self.frames[self.frames.len() - 1]);
         let mut memory = vec![0.0; linkage.memory()];
@@ -96,14 +100,14 @@ impl Swing {
     }
 }
 
-/// Places (m) at equal [`STEP`]s from a first time (s) on.
+/// Positions (m) at equal [`STEP`]s from a first time (s) on.
 struct Beside {
     first: f64,
     places: Vec<[f64; 2]>,
 }
 
 impl Beside {
-    /// Place (m) and velocity (m/s) at `time` (s).
+    /// Position (m) and velocity (m/s) at `time` (s).
     fn at(&self, time: f64) -> ([f64; 2], [f64; 2]) {
         let last = self.places.len() - 2;
         let place = ((time - self.first) / STEP).clamp(0.0, last as f64);

@@ -1,4 +1,4 @@
-//! Against a recording of a sine whose estimators are known in closed form.
+//! Tests with a recording of a sine whose estimators are known in closed form.
 
 use super::*;
 use crate::effects::{Axis, find};
@@ -11,8 +11,9 @@ use std::f64::consts::TAU;
 const AMPLITUDE: f64 = 0.08;
 const OMEGA: f64 = TAU;
 
-/// Records 20 s: frames at 120 Hz with their own clock (an hour off, 100 ppm fast), arriving 5 ms
-/// later; states at 50 Hz whose velocity is `velocity(t)`, t counted with the arrivals.
+/// Records 20 s of frames and states. Frames at 120 Hz have their own clock (an hour off, 100 ppm
+/// fast) and arrive 1 ms to 5 ms later. States come at 50 Hz with the velocity `velocity(t)`; t
+/// counts with the arrivals.
 fn recording(velocity: impl Fn(f64) -> f64) -> Recording {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("sine.mcap");
@@ -21,7 +22,7 @@ fn recording(velocity: impl Fn(f64) -> f64) -> Recording {
     let at = |seconds: f64| Nanos(1_000_000_000).after_seconds(seconds);
     for k in 0..2400 {
         let t = f64::from(k) / 120.0;
-        // Arrivals scatter by up to 2 ms around t.
+        // Arrivals vary by up to 2 ms around t.
         let arrived = t + 0.002 * (f64::from(k) * 2.399_963).sin();
         let detections = CameraDetections {
             capture_time_ns: Nanos(3_600_000_000_000).after_seconds(1.0001 * t).0,
@@ -55,7 +56,7 @@ fn shifted(gain: f64, phase: f64) -> impl Fn(f64) -> f64 {
     move |t| AMPLITUDE * OMEGA * gain * (OMEGA * t - phase).cos()
 }
 
-/// RMS (m/s) of what `instances` leave of `state.left_vx`, away from the ends.
+/// RMS (m/s) of the residual of `state.left_vx` with `instances`, away from the ends.
 fn left_over(stage: &EstimatorStage, instances: &[Instance]) -> f64 {
     let mut predicted = vec![Vec::new(); stage.channels.len()];
     stage.report(instances, |_, _| [0.0; 2], &mut predicted);
@@ -185,7 +186,7 @@ fn encoders_tell_a_reversal_that_frames_smear() {
     let reported: Vec<_> = states.iter().map(|t| Some([1.02 * velocity(t - 0.024), 0.1])).collect();
     stage.add("left", &guided, &reported, (&states, &[0..200, 200..400]));
     assert_eq!(stage.channels.len(), 2);
-    // Another's carriage is no guide.
+    // The carriage of another player is no guide.
     let other = MeasuredPath::new(
         times.clone(),
         times.iter().map(|t| [0.05 * (7.3 * t).sin(), 0.05 * (5.1 * t).cos()]).collect(),

@@ -3,9 +3,9 @@
 use super::mechanics::{CARRIAGE_KG, Drive, Guide, Mechanics};
 use crate::twin::Twin;
 
-/// The file, with a place for the numbers.
+/// The file, with a placeholder for the parameters.
 const TEMPLATE: &str = include_str!("isaaclab_actuator.py");
-/// Place of the numbers.
+/// Placeholder for the parameters.
 const PLACE: &str = "@CONSTANTS@";
 
 /// The drives of one gantry.

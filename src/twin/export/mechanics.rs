@@ -1,4 +1,4 @@
-//! Drives and slides of a twin as numbers, as far as other simulators have them.
+//! Drives and slides of a twin as parameters, as far as other simulators have them.
 
 use super::{Inexpressible, Target};
 use crate::{
@@ -10,10 +10,11 @@ use crate::{
 /// striker stays within some millimetres.
 const LINEAR_FROM: f64 = 0.1;
 
-/// Mass of the carriage's body (kg) in other simulators; the rest of what moves is armature. The bridge has half of it.
+/// Mass of the carriage's body (kg) in other simulators; the rest of the moving mass is armature.
+/// The bridge has half of it.
 pub(super) const CARRIAGE_KG: f64 = 0.25;
 
-/// Numbers of one motor.
+/// Parameters of one motor.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Drive {
     /// Dead time of the command (s).
@@ -37,7 +38,7 @@ pub(super) struct Drive {
     pub(super) friction: f64,
 }
 
-/// Numbers of one guide.
+/// Parameters of one guide.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Guide {
     pub(super) damping: f64,

@@ -1,4 +1,4 @@
-//! Against synthetic noise of known size, and against none.
+//! Tests with synthetic noise of known magnitude, and without noise.
 
 use super::*;
 use crate::seed::Stream;
@@ -16,12 +16,12 @@ fn normals(seed: u64, name: &str, n: usize) -> Vec<f64> {
     (0..n).map(|_| normal(&mut stream)).collect()
 }
 
-/// Velocity of a smooth to and fro at 120 Hz (m/s).
+/// Velocity of a smooth oscillation at 120 Hz (m/s).
 fn velocities(n: usize) -> Vec<f64> {
     (0..n).map(|k| 0.5 * (TAU * 0.7 * k as f64 / 120.0).sin()).collect()
 }
 
-/// 60 s of a camera with `scatter` (m), `jitter` (s) and an age wrong by `latency` (s).
+/// 60 s of a camera with `scatter` (m), `jitter` (s) and a latency that is wrong by `latency` (s).
 fn camera(seed: u64, scatter: f64, jitter: f64, latency: f64) -> (Vec<f64>, Vec<f64>) {
     let n = 7200;
     let speed = velocities(n);
@@ -86,7 +86,7 @@ fn what_is_smooth_scatters_about_the_prediction_but_not_from_frame_to_frame() {
     assert!(found.frame_to_frame_variance_m2.value < 0.2 * 6.25e-8, "{found:?}");
 }
 
-/// Times of frames with jitter (s), a share of them lost.
+/// Times of frames with jitter (s), a fraction of them lost.
 fn frame_times(seed: u64, jitter: f64, lost: f64) -> Vec<f64> {
     let noise = normals(seed, "frames", 7200);
     let mut stream = Stream::new(seed, "lost");
@@ -96,7 +96,7 @@ fn frame_times(seed: u64, jitter: f64, lost: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Share of these frames lost, none of which repeats another.
+/// Fraction of these frames that were lost; no frame repeats another.
 fn lost(times: &[f64]) -> LostFraction {
     let losses = FrameLosses::new(times, &vec![false; times.len()], 120).unwrap();
     FrameLosses::fraction(&[&losses]).unwrap()

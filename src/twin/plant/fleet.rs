@@ -19,7 +19,7 @@ pub struct Moved {
     pub acceleration: [f64; 2],
 }
 
-/// Commands of the carriages, and what a carriage meets on its path.
+/// Commands of the carriages, and obstacles on their paths.
 pub trait Course {
     /// Command of each motor of `carriage` during `step` (m/s of belt).
     fn command(&self, carriage: usize, step: usize) -> [f64; 2];
@@ -39,7 +39,7 @@ pub struct Fleet {
 }
 
 impl Fleet {
-    /// `count` carriages at rest in the origin.
+    /// `count` carriages at rest at the origin.
     #[must_use]
     pub fn new(plant: Plant, count: usize) -> Self {
         Self { states: vec![plant.start(); count], memories: vec![Vec::new(); MOST_LANES], plant }
@@ -56,7 +56,7 @@ impl Fleet {
         &self.states[carriage]
     }
 
-    /// Every number of all states, always in the same order.
+    /// Every value of all states, always in the same order.
     pub fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
         self.states.iter_mut().flat_map(PlantState::numbers)
     }

@@ -11,14 +11,16 @@ use crate::{
 };
 use pulp::Simd;
 
-/// How often friction on motors and rails is sought in turn, and the change of it from which on it is found (N).
+/// Most sweeps over the friction on motors and guides, and the change of friction below which it
+/// has converged (N).
 const MOST_SWEEPS: usize = 6;
 const FOUND: f64 = 1e-6;
 
-/// A number of both coordinates, of each plant.
+/// A value of both coordinates, of each plant.
 type Both<S> = [Lanes<S>; 2];
 
-/// Everything that changes while plants step but for the memories of their effects; see [`PlantState`].
+/// Everything that changes while plants step except the memories of their effects; see
+/// [`PlantState`].
 #[derive(Debug, Clone, Copy)]
 pub(in crate::twin) struct StateLanes<S: Simd> {
     /// Time since the start (s).
@@ -37,7 +39,7 @@ pub(in crate::twin) struct StateLanes<S: Simd> {
 }
 
 impl<S: Simd> StateLanes<S> {
-    /// All at rest in the origin.
+    /// All at rest at the origin.
     #[inline(always)]
     pub(in crate::twin) fn new(simd: S) -> Self {
         let nothing = [Lanes::splat(simd, 0.0); 2];
@@ -155,9 +157,9 @@ impl<S: Simd> StateLanes<S> {
     }
 }
 
-/// Fixed numbers of one motor, of each plant.
+/// Constant parameters of one motor, of each plant.
 struct MotorLanes<S: Simd> {
-    /// As [`LoopGains`](crate::effects::LoopGains) has them.
+    /// Fields of [`LoopGains`](crate::effects::LoopGains).
     proportional_per_s: Lanes<S>,
     integral_per_s2: Lanes<S>,
     feedback_delay_s: Lanes<S>,
@@ -167,7 +169,7 @@ struct MotorLanes<S: Simd> {
     has_ramps: Mask<S>,
 }
 
-/// Fixed numbers of one rail, of each plant: what is the same in every motion.
+/// Constant parameters of one axis, of each plant: the same in every motion.
 struct RailLanes<S: Simd> {
     /// Mass (kg).
     mass: Lanes<S>,
@@ -177,7 +179,7 @@ struct RailLanes<S: Simd> {
     level: Lanes<S>,
 }
 
-/// Which kinds of functions any of the plants has: the others need no call.
+/// Kinds of functions that any of the plants has: the others need no call.
 #[derive(Default)]
 struct Called {
     encoders: bool,
@@ -193,13 +195,13 @@ struct Called {
 }
 
 impl Called {
-    /// Whether any function is told how a belt moves.
+    /// Return whether any function depends on the motion of a belt.
     #[inline(always)]
     fn on_belts(&self) -> bool {
         self.efforts || self.motor_forces || self.motor_levels
     }
 
-    /// Whether any function is told how a rail moves.
+    /// Return whether any function depends on the motion along an axis.
     #[inline(always)]
     fn on_rails(&self) -> bool {
         self.masses || self.rail_forces || self.rail_levels
@@ -226,24 +228,25 @@ impl Called {
     }
 }
 
-/// What plants need beside their lanes; one of each for every plant.
+/// Data of plants outside of their lanes; one of each for every plant.
 pub(in crate::twin) struct Aside<'m> {
     /// Memories of their effects.
     pub(in crate::twin) memories: &'m mut [Vec<f64>],
-    /// Room for the motions of rails and belts.
+    /// Storage for the motions of axes and belts.
     pub(in crate::twin) rails: &'m mut [[Motion; 2]],
     pub(in crate::twin) belts: &'m mut [[Motion; 2]],
 }
 
 impl Aside<'_> {
-    /// Tells the effects of the plant in `lane` how far each measured motor is ahead of the simulated one (m of belt).
+    /// Give the effects of the plant in `lane` the distance of each measured motor ahead of the
+    /// simulated one (m of belt).
     pub(in crate::twin) fn tell_measured(&mut self, lane: usize, ahead: [f64; 2]) {
         for (motion, ahead) in self.belts[lane].iter_mut().zip(ahead) {
             motion.measured_ahead = ahead;
         }
     }
 
-    /// Tells the effects of the plant in `lane` when its run began (s).
+    /// Give the effects of the plant in `lane` the start time of its run (s).
     pub(in crate::twin) fn tell_run_start(&mut self, lane: usize, time: f64) {
         for motion in self.rails[lane].iter_mut().chain(&mut self.belts[lane]) {
             motion.run_start_time = time;
@@ -254,20 +257,21 @@ impl Aside<'_> {
 /// Plants side by side, one in each lane.
 pub(in crate::twin) struct PlantLanes<'p, S: Simd> {
     simd: S,
-    /// As many as there are lanes, or fewer; the other lanes step too, without any effect, and nobody looks.
+    /// As many as there are lanes, or fewer; the other lanes step too, without any effect, and
+    /// their results are ignored.
     plants: &'p [&'p Plant],
     called: Called,
     motors: [MotorLanes<S>; 2],
     rails: [RailLanes<S>; 2],
     motor_bristles: [Option<BristleLanes<S>>; 2],
     rail_bristles: [Option<BristleLanes<S>>; 2],
-    /// What lies between motors and load, where belts are soft.
+    /// Ties between motors and load, with soft belts.
     ties: Option<[TieLanes<S>; 2]>,
     gain_mass: Lanes<S>,
 }
 
 impl<'p, S: Simd> PlantLanes<'p, S> {
-    /// The `plants`, at most one for each lane, all with belts that are soft or all without.
+    /// Lanes of the `plants`, at most one for each lane, all with soft belts or all without.
     #[inline(always)]
     pub(in crate::twin) fn new(simd: S, plants: &'p [&'p Plant]) -> Self {
         let plant = |lane: usize| plants[lane.min(plants.len() - 1)];
@@ -348,7 +352,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
     ) {
         let step = GantryStep::new(self, state, aside, dt);
         let seen = self.reported(state);
-        // Loads on the rails, with the motors' forces of the step before where one depends on them.
+        // Loads on the axes, with the motors' forces of the step before where one depends on them.
         let load = self.loads(&step, state.force, aside);
         let setpoint = self.setpoints(command, aside.memories, dt);
         let resisted = [load[0] + state.friction[0], load[1] + state.friction[1]];
@@ -404,7 +408,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         }
     }
 
-    /// Mass on each rail (kg) in its motion; any but 0 in lanes without a plant.
+    /// Mass on each axis (kg) in its motion; any but 0 in lanes without a plant.
     #[inline(always)]
     fn masses(&self, motions: &[[Motion; 2]]) -> Both<S> {
         let least = Lanes::splat(self.simd, LEAST_MASS);
@@ -441,7 +445,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         command
     }
 
-    /// What the loops ask for over a step, as if their own forces moved nothing until its middle.
+    /// Demands of the loops over a step, as if their own forces moved nothing until its middle.
     #[inline(always)]
     fn loops(
         &self,
@@ -458,7 +462,8 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
             // A ramp is half-way in the middle of the step, a jump has happened at its start.
             let half_way = 0.5 * (before + setpoint[index]);
             let middle = motor.has_ramps.select(half_way, setpoint[index]);
-            // From the start of a step to when the velocity was measured that the loop acts on in its middle.
+            // Time from the start of a step to the measurement of the velocity on which the loop
+            // acts in its middle.
             let ahead = 0.5 * dt - motor.feedback_delay_s;
             let now = before - seen[index];
             let error = middle - seen[index] - ahead * answer.drag[index];
@@ -470,7 +475,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         loops
     }
 
-    /// What the loop of motor `index` adds to its integral of the `gained` force while it makes this `demand` (N of
+    /// Increment of the integral of loop `index` for the `gained` force at this `demand` (N of
     /// belt).
     #[inline(always)]
     fn taken(&self, index: usize, gained: Lanes<S>, demand: Lanes<S>) -> Lanes<S> {
@@ -484,7 +489,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         taken
     }
 
-    /// The motors' `force` with what else pulls at them (N of belt).
+    /// The motors' `force` with all other forces on them except dry friction (N of belt).
     #[inline(always)]
     fn driven(&self, step: &GantryStep<S>, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
         let velocity = step.belts.velocity;
@@ -500,7 +505,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         [driven[0] + other[0], driven[1] + other[1]]
     }
 
-    /// What rubs on motors and rails under the motors' `force`.
+    /// Friction on motors and guides under the motors' `force`.
     #[inline(always)]
     fn rubs(&self, force: Both<S>, aside: &mut Aside<'_>) -> Rubbing<S> {
         let nothing = Lanes::splat(self.simd, 0.0);
@@ -531,7 +536,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         }
     }
 
-    /// Force on each rail that is no motor's and no friction.
+    /// Force on each axis, without motors and dry friction.
     #[inline(always)]
     fn loads(&self, step: &GantryStep<S>, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
         let velocity = step.rails.velocity;
@@ -561,7 +566,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         loads
     }
 
-    /// Force that each motor makes of what its loop demands.
+    /// Force of each motor for the demand of its loop.
     #[inline(always)]
     fn efforts(&self, mut demand: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
         if self.called.efforts {
@@ -571,7 +576,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         demand
     }
 
-    /// Sum of what the parts `of` each plant and coordinate say of its motion under `force`.
+    /// Sum of the parts `of` each plant and coordinate, for its motion under `force`.
     #[inline(always)]
     fn sums(
         &self,
@@ -586,8 +591,8 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
     }
 }
 
-// Calls of effects, in functions of their own: around each call in the midst of vector code all vectors would be put
-// away.
+// Calls of effects, in functions of their own: around each call in the midst of vector code all
+// vectors would be spilled.
 
 #[inline(never)]
 fn add_parts<S: Simd>(
@@ -651,27 +656,27 @@ fn put_efforts<S: Simd>(
     }
 }
 
-/// What the velocity loops ask for over a step.
+/// Demands of the velocity loops over a step.
 struct Loops<S: Simd> {
     /// Setpoint in its middle (m/s of belt).
     middle: Both<S>,
     /// Force (N of belt).
     asked: Both<S>,
-    /// What that force falls by where the belt accelerates (N s^2/m).
+    /// Decrease of that force with the acceleration of the belt (N s^2/m).
     gives_way: Both<S>,
 }
 
 /// The carriage after a step.
 #[derive(Clone, Copy)]
 struct Slid<S: Simd> {
-    /// Velocity of the rails (m/s).
+    /// Velocity of the carriage along its axes (m/s).
     velocity: Both<S>,
-    /// Friction over the step: on each rail (N), and at each motor (N of belt).
+    /// Friction over the step: on each guide (N), and at each motor (N of belt).
     friction: Both<S>,
     rubbed: Both<S>,
 }
 
-/// How two coordinates, both rails or both belts, move at the start of a step.
+/// Motion of two coordinates, both axes or both belts, at the start of a step.
 #[derive(Clone, Copy)]
 struct Frame<S: Simd> {
     time: Lanes<S>,
@@ -729,21 +734,21 @@ impl<S: Simd> Frame<S> {
     }
 }
 
-/// What gantries are and do at the start of a step.
+/// State of gantries at the start of a step.
 struct GantryStep<S: Simd> {
     simd: S,
     rails: Frame<S>,
     belts: Frame<S>,
-    /// Mass on each rail (kg); without rotors where belts are soft.
+    /// Mass on each axis (kg); without rotors if belts are soft.
     mass: Both<S>,
     /// Mass that the force of each belt moves (kg).
     belt_mass: Both<S>,
-    /// Motors and load, where belts are soft.
+    /// Motors and load, with soft belts.
     two_masses: Option<TwoMasses<S>>,
 }
 
 impl<S: Simd> GantryStep<S> {
-    /// The step of `dt` seconds, and how it moves rails and belts put `aside`.
+    /// Step of `dt` seconds; the motions of axes and belts are put `aside`.
     #[inline(always)]
     fn new(
         lanes: &PlantLanes<'_, S>,
@@ -792,7 +797,7 @@ impl<S: Simd> GantryStep<S> {
         step
     }
 
-    /// How the motors answer to forces over the step, with `load` on the rails (N).
+    /// Response of the motors to forces over the step, with `load` on the axes (N).
     #[inline(always)]
     fn answer(&self, load: Both<S>) -> Answer<S> {
         if let Some(two) = &self.two_masses {
@@ -804,7 +809,8 @@ impl<S: Simd> GantryStep<S> {
         Answer { drag, gives: [[own, other], [other, own]] }
     }
 
-    /// Velocity of the rails after the step under `pull` of the belts and `load` on the rails, without friction.
+    /// Velocity along the axes after the step under `pull` of the belts and `load` on the axes,
+    /// without friction.
     #[inline(always)]
     fn free(&self, pull: Both<S>, load: Both<S>) -> Both<S> {
         let Frame { velocity, dt, .. } = self.rails;
@@ -815,9 +821,9 @@ impl<S: Simd> GantryStep<S> {
         )
     }
 
-    /// The step of rigid belts under `forces` of the motors (N of belt) and on the rails (N), with what `rubs`. What is
-    /// held on one coordinate need not be held on another: the frictions are sought in turn (projected Gauss-Seidel),
-    /// from the `friction` of the rails a step ago.
+    /// Step of rigid belts under `forces` of the motors (N of belt) and on the axes (N), with the
+    /// friction of `rubs`. A coordinate may be held while another one slides: the frictions are
+    /// solved in turn (projected Gauss-Seidel), from the `friction` of the guides a step ago.
     #[inline(always)]
     fn slide(
         &self,
@@ -855,7 +861,7 @@ impl<S: Simd> GantryStep<S> {
         slid
     }
 
-    /// One search for the frictions, from those of `last`.
+    /// One sweep over the frictions, from those of `last`.
     #[inline(always)]
     fn sweep(
         &self,
@@ -899,7 +905,7 @@ impl<S: Simd> GantryStep<S> {
     }
 }
 
-/// Sets the `force` along both coordinates in all `motions`.
+/// Set the `force` along both coordinates in all `motions`.
 #[inline(always)]
 fn set_force<S: Simd>(motions: &mut [[Motion; 2]], force: &Both<S>) {
     for (lane, [one, other]) in motions.iter_mut().enumerate() {
@@ -909,7 +915,7 @@ fn set_force<S: Simd>(motions: &mut [[Motion; 2]], force: &Both<S>) {
     }
 }
 
-/// Sets the `mass` of each coordinate in all `motions`.
+/// Set the `mass` of each coordinate in all `motions`.
 #[inline(always)]
 fn set_mass<S: Simd>(motions: &mut [[Motion; 2]], mass: &Both<S>) {
     for (lane, [one, other]) in motions.iter_mut().enumerate() {
@@ -917,7 +923,8 @@ fn set_mass<S: Simd>(motions: &mut [[Motion; 2]], mass: &Both<S>) {
     }
 }
 
-/// Mass that the force of each belt moves where some are soft, with this `load` on the rails (kg).
+/// Mass that the force of each belt moves if some belts are soft, with this `load` on the axes
+/// (kg).
 #[inline(always)]
 fn soft_belt_mass<S: Simd>([a, b]: &[TieLanes<S>; 2], load: Both<S>) -> Both<S> {
     if (a.is_soft & b.is_soft).all() {
@@ -930,7 +937,7 @@ fn soft_belt_mass<S: Simd>([a, b]: &[TieLanes<S>; 2], load: Both<S>) -> Both<S> 
     ]
 }
 
-/// Mass that the force of one belt moves with this `mass` on the rails (kg).
+/// Mass that the force of one belt moves with this `mass` on the axes (kg).
 #[inline(always)]
 fn rigid_belt_mass<S: Simd>(mass: Both<S>) -> Lanes<S> {
     1.0 / (1.0 / mass[0] + 1.0 / mass[1])

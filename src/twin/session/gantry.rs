@@ -14,19 +14,19 @@ use crate::{
 /// Fewest readings of a signal that is used.
 const FEWEST: usize = 11;
 
-/// One gantry as it was measured; what was not recorded is made of what was.
+/// One gantry as measured; signals that were not recorded are derived from those that were.
 pub(super) struct Gantry {
-    /// Whose it is.
+    /// Its player.
     pub(super) player: Player,
     /// Position and velocity in metres of belt, torque in N m (NaN without).
     pub(super) motors: [Readings<3>; 2],
-    /// Place (m) and velocity (m/s) in board coordinates.
+    /// Position (m) and velocity (m/s) in board coordinates.
     pub(super) carriage: Readings<4>,
 }
 
 impl Gantry {
-    /// The gantry with the longest way, the left one of equals; `None` where none was measured. `belt` is the belt per
-    /// motor turn (m).
+    /// The gantry with the longest travel, the left one of equals; `None` without measurements.
+    /// `belt` is the belt per motor turn (m).
     ///
     /// # Errors
     /// When a message does not decode.
@@ -64,15 +64,15 @@ impl Gantry {
         })
     }
 
-    /// Length of the carriage's way (m).
+    /// Length of the carriage's travel (m).
     fn travel(&self) -> f64 {
         let step = |pair: &[[f64; 4]]| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
         self.carriage.values.windows(2).map(step).filter(|step| step.is_finite()).sum()
     }
 }
 
-/// Motors of one gantry with so much `belt` per turn (m): position and velocity in metres of belt, torque in N m (NaN
-/// without).
+/// Motors of one gantry with this `belt` per turn (m): position and velocity in metres of belt,
+/// torque in N m (NaN without).
 fn motor_readings(
     recording: &Recording,
     (player, belt): (Player, f64),
@@ -106,7 +106,7 @@ fn carriage_readings(
     ))
 }
 
-/// Carriage out of the motors' positions, for recordings without the carriage's topic.
+/// Carriage from the motors' positions, for recordings without the carriage's topic.
 fn carriage_of_motors(motors: &[Readings<3>; 2]) -> Readings<4> {
     let [a, b] = motors;
     let mut cursor = 0;
@@ -123,7 +123,7 @@ fn carriage_of_motors(motors: &[Readings<3>; 2]) -> Readings<4> {
     }))
 }
 
-/// Motors out of the carriage, for recordings without the motors' topics.
+/// Motors from the carriage, for recordings without the motors' topics.
 fn motors_of_carriage(carriage: &Readings<4>) -> [Readings<3>; 2] {
     [0, 1].map(|k| {
         Readings::collect(carriage.times.iter().zip(&carriage.values).map(|(time, value)| {

@@ -1,4 +1,4 @@
-//! The links of a measured gantry: commands to motors, and carriage to camera.
+//! Stages of a measured gantry: commands to motors, and carriage to camera.
 
 use super::{Readings, Run, gantry::Gantry};
 use crate::{
@@ -20,16 +20,16 @@ use std::ops::Range;
 /// A pause of the recording after which the plant starts anew (s).
 const PAUSE: f64 = 0.2;
 
-/// Fewest commands of a drive that is looked at.
+/// Fewest commands of a drive that is compared.
 const FEWEST_COMMANDS: usize = 10;
 
-/// Fewest pictures of a striker that is looked at.
+/// Fewest frames of a striker that is compared.
 const FEWEST_PICTURES: usize = 20;
 
 /// Height of the striker's mark above the board (m).
 pub(in crate::twin) const STRIKER_HEIGHT: f64 = 0.02;
 
-/// The drive's link of `gantry`.
+/// The drive stage of `gantry`.
 ///
 /// # Errors
 /// When a message does not decode.
@@ -96,9 +96,9 @@ fn run_starts(runs: &[Run], carriage: &Readings<4>) -> Vec<RunStart> {
     starts
 }
 
-/// The link from the carriage of `gantry` to the camera. Where frames carry a clock of their own
-/// epoch or none, the camera's latency is the time up to their arrival (see [`FrameTimes`]). `has_drives` says whether
-/// the drives were recorded.
+/// Stage from the carriage of `gantry` to the camera. If frames carry a clock of their own epoch,
+/// or no clock, the camera's latency is the time up to their arrival (see [`FrameTimes`]).
+/// `has_drives` states whether the drives were recorded.
 ///
 /// # Errors
 /// When a message does not decode.

@@ -128,7 +128,7 @@ fn unknown(name: &str, recordings: &[Recording]) -> SessionError {
 }
 
 impl Session {
-    /// Exclude what was measured in `span` (s since the session began) from fits and metrics.
+    /// Exclude the samples in `span` (s since the session began) from fits and metrics.
     pub(super) fn exclude(&mut self, span: &Range<f64>) {
         let mut channels = Vec::new();
         channels.extend(self.drive.iter_mut().flat_map(|stage| stage.channels.iter_mut()));

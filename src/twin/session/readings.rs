@@ -18,7 +18,7 @@ pub(super) struct Readings<const N: usize> {
 }
 
 impl<const N: usize> Readings<N> {
-    /// Readings with increasing times: what repeats a time is left out.
+    /// Readings with increasing times: a reading that repeats a time is left out.
     pub(super) fn collect(from: impl Iterator<Item = (f64, [f64; N])>) -> Self {
         let mut readings = Self::default();
         for (time, value) in from {

@@ -1,4 +1,4 @@
-//! Sessions of a recorded sine: what belongs to which run, and by which clock.
+//! Sessions of a recorded sine: the samples of each run, and their clock.
 
 use super::*;
 use crate::{
@@ -18,9 +18,9 @@ use crate::{
 const BEGAN: Nanos = Nanos(1_700_000_000_000_000_000);
 /// Amplitude of the sine (m) and its angular frequency (rad/s).
 const SINE: (f64, f64) = (0.08, 3.0);
-/// From exposure to arrival of a picture (s).
+/// Time from exposure to arrival of a frame (s).
 const TRANSPORT: f64 = 0.03;
-/// Runs by number: start and end (s), and what they are for.
+/// Runs by number: start and end (s), and their purpose.
 const RUNS: [(f64, f64, &str); 4] = [
     (1.0, 4.0, "train"),
     (4.0, 7.0, "validation"),
@@ -41,7 +41,7 @@ fn velocity(t: f64) -> f64 {
 }
 
 /// 12 s in which the left carriage and its striker are at `place(t)`, with commands, carriage and
-/// states at 50 Hz and pictures at 120 Hz that carry `stamp(exposure)`.
+/// states at 50 Hz and frames at 120 Hz that carry `stamp(exposure)`.
 fn recording(stamp: impl Fn(f64) -> Nanos) -> Recording {
     recording_with(stamp, &[])
 }

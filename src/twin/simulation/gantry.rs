@@ -169,7 +169,8 @@ pub fn simulate_table(
     let outputs = [sampled.as_slice(), &[Output::Torque(0), Output::Torque(1)], &sampled].concat();
     let [mut a, mut b, mut va, mut vb, ta, tb, pa, pb, wa, wb] =
         drive(twin, commands, outputs, &times, &path_times);
-    // The encoders start at the initial position of the carriage, whatever error they have there.
+    // The encoders start at the initial position of the carriage, for any error that they have
+    // there.
     let path = MeasuredPath::new(
         path_times,
         pa.iter().zip(&pb).map(|(a, b)| rails([*a, *b])).collect(),

@@ -47,7 +47,7 @@ fn noisy_position(velocity: impl Fn(usize) -> f64, count: usize, noise: f64) -> 
         .collect()
 }
 
-/// Slopes over the windows of a wide filter, and what agrees.
+/// Slopes over the windows of a wide filter, and the longest agreeing ones.
 fn agreeing(position: &[f64], noise: f64) -> (Vec<(Vec<f64>, f64)>, Vec<f64>) {
     let estimates: Vec<(Vec<f64>, f64)> = REACHES
         .into_iter()
@@ -57,7 +57,8 @@ fn agreeing(position: &[f64], noise: f64) -> (Vec<(Vec<f64>, f64)>, Vec<f64>) {
     (estimates, found)
 }
 
-/// A velocity with a kink at sample 500, as friction makes it: a long window far from it, a short one beside it.
+/// A velocity with a kink at sample 500, as friction makes it: the window is long far from it, and
+/// short near it.
 #[test]
 fn a_kink_has_a_short_window_and_the_rest_a_long_one() {
     const NOISE_M: f64 = 1e-7;
@@ -72,8 +73,9 @@ fn a_kink_has_a_short_window_and_the_rest_a_long_one() {
     assert!(worst(&found, 200..300) < 0.5 * worst(short, 200..300));
 }
 
-/// An axis that sticks for 20 samples, between motions with a constant acceleration: the samples of the rest may stand, but
-/// for two at an end, where a longer window still agrees, and none of the motion.
+/// An axis that sticks for 20 samples, between motions with a constant acceleration. The samples of
+/// the rest may stand, except for two at an end, where a longer window still agrees. No sample of
+/// the motion may stand.
 #[test]
 fn a_short_rest_is_not_hidden_by_the_motion_beside_it() {
     const NOISE_M: f64 = 1e-7;
