@@ -6,7 +6,7 @@
 
 DEMO is the folder of a finished `klasktron demo`: its twin (unless --twin names another one), actuator network, filter and
 rig files are used. Every arm is the same learner in another simulation, with the settings of FILE (default: those of the
-program). Each policy plays on the rig and in its own simulation: the same opponents, both seats, the same serves; one
+program). The arm `rig` trains on the rig itself; its simulation is the twin. Each policy plays on the rig and in its own simulation: the same opponents, both seats, the same serves; one
 referee scores both. Results in OUT are not computed again. With --ablate each policy also plays on rigs without one of the
 demo's hidden effects, and on one without any. With --join the runs of other finished OUT folders, such as those with other
 settings, count as further seeds of the same arms; with --seeds 0 there are no others.
@@ -31,6 +31,7 @@ ARMS = {
     "ideal-sensors": "ideal --ekf {demo}/ekf/ekf.json",
     "learned-sensors": "{demo}/actuator/actuator.mcap --ekf {demo}/ekf/ekf.json",
     "twin-sensors": "{twin} --ekf {demo}/ekf/ekf.json",
+    "rig": "{twin} --rig {demo}/rigs/match-chaser-left.json --ekf {demo}/ekf/ekf.json",
     "twin-without-history": "{twin} --no-sensors --action-history 0",
 }
 OPPONENTS = ["stationary", "chaser", "goalkeeper"]
@@ -45,6 +46,8 @@ CLAIMS = [
     ("twin-sensors", "ideal"),
     ("twin-sensors", "ideal-sensors"),
     ("twin", "twin-without-history"),
+    ("rig", "ideal"),
+    ("rig", "twin-sensors"),
 ]
 DRAWS = 4000
 # Keys of the demo's rig file, with the values of an unchanged rig.

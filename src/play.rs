@@ -49,15 +49,18 @@
 
 mod error;
 mod pilot;
+mod rig_games;
 mod score;
 mod seat;
 mod simulated;
+mod table_state;
 #[cfg(test)]
 mod tests;
 
 pub use crate::game::IN_CUP_SECONDS;
 pub use error::PlayError;
 pub use pilot::{Match, label};
+pub use rig_games::{RigGames, TrainingRig};
 pub use score::{MatchFormat, MatchScore};
 pub use seat::{Seat, Who, WhoError};
 pub use simulated::{SimulatedGoals, SimulatedMatch};

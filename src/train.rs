@@ -61,6 +61,7 @@ mod block;
 mod checkpoint;
 mod curve;
 mod elo;
+mod environments;
 mod error;
 mod evaluate;
 mod file;
@@ -82,6 +83,7 @@ pub use curve::{CurvePoint, TimeShares};
 pub use elo::{
     BASE as ELO_BASE, EloRow, K as ELO_K, Played, expected_score, ratings, table as elo_table,
 };
+pub use environments::{EnvironmentSource, Environments};
 pub use error::{Mismatch, TrainError};
 pub use evaluate::{Estimate, Evaluation, LEARNER_NAME, OpponentEvaluation, evaluate};
 pub use file::{POLICY_METADATA, Summary, UPDATE_TOPIC, write_policy};

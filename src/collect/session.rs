@@ -112,27 +112,35 @@ pub fn run_session(
         problems.push(Problem::NoCameraFrames);
     }
     if !problems.is_empty() {
-        writer.discard();
+        discard(writer);
         return Err(SessionError::Preflight(problems));
     }
     if let Err(error) = homing::reference(&mut station, &config.players, config.homing) {
-        writer.discard();
+        discard(writer);
         return Err(error.into());
     }
-    log::info!("positions are referenced; recording starts");
-    let mut metadata = config.metadata.clone();
-    metadata.extend(control::arrivals(&config.players, &robot.can));
-    station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
+    log::info!("positions are referenced");
+    if let Some(writer) = writer {
+        let mut metadata = config.metadata.clone();
+        metadata.extend(control::arrivals(&config.players, &robot.can));
+        station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
+    }
     let mut session = Session::new(station, config, &work, show);
     let reason = session.drive(work).err().unwrap_or(StopReason::Completed);
     log::info!("{reason}");
     session.close(&reason, started, bus)
 }
 
+fn discard(writer: Option<RecordingWriter>) {
+    if let Some(writer) = writer {
+        writer.discard();
+    }
+}
+
 /// Output of a session: recording, interruption and live view.
 pub struct SessionOutput<'a> {
-    /// Writer of the recording.
-    pub writer: RecordingWriter,
+    /// Writer of the recording; `None` for a session that is not recorded.
+    pub writer: Option<RecordingWriter>,
     /// Number of Ctrl-C presses.
     pub presses: &'a AtomicUsize,
     /// Live view, called ten times a second.
@@ -497,7 +505,9 @@ pub fn listen(
     }
     let mut metadata = config.metadata.clone();
     metadata.insert("carriage_origin".to_owned(), "unknown".to_owned());
-    station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
+    if let Some(writer) = writer {
+        station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
+    }
     let started = station.now();
     let mut session = Session::new(station, config, &Work::Legs(&[]), show);
     let reason = session.hear(started.after_seconds(seconds)).err();

@@ -176,8 +176,11 @@ impl SessionArgs {
             "emergency stop; press Ctrl-C again to abort",
         )?;
         let view = LiveView::new();
-        let session_output =
-            SessionOutput { writer, presses, show: &mut |progress| view.show(progress) };
+        let session_output = SessionOutput {
+            writer: Some(writer),
+            presses,
+            show: &mut |progress| view.show(progress),
+        };
         let result = run(&mut table, session_output);
         view.close();
         live::tell_dropped(server.as_ref());

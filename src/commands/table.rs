@@ -134,7 +134,7 @@ impl TableArgs {
         Ok(TableFiles {
             robot: read_or_default(self.robot.as_deref(), |text| Ok(Robot::from_json(text)?))?,
             rig: match self.rig.as_deref() {
-                Some(path) => read_json(path, |text| Ok(RigConfig::from_json(text)?))?,
+                Some(path) => read_rig(path)?,
                 None => usual_rig,
             },
         })
@@ -243,6 +243,11 @@ pub(crate) fn read_or_default<T: Default>(
     parse: impl Fn(&str) -> anyhow::Result<T>,
 ) -> anyhow::Result<T> {
     path.map_or_else(|| Ok(T::default()), |path| read_json(path, parse))
+}
+
+/// Read the file of a virtual rig.
+pub(crate) fn read_rig(path: &Path) -> anyhow::Result<RigConfig> {
+    read_json(path, |text| Ok(RigConfig::from_json(text)?))
 }
 
 fn read_json<T>(path: &Path, parse: impl Fn(&str) -> anyhow::Result<T>) -> anyhow::Result<T> {

@@ -5,20 +5,25 @@ use super::{
     engine::{EngineArgs, Finished, PrintKind, Sweep, conclude},
     interrupt, note, print,
     results::OverwriteArgs,
+    table::read_rig,
     tell, terminal,
 };
 use anyhow::{Context as _, bail};
 use indicatif::ProgressBar;
 use klasktron::{
-    game::{GameSettings, ObservationKind},
+    ekf::FilterSettings,
+    game::{GameSettings, ObservationKind, SensorSettings},
+    gantry::Robot,
     opponent::Scripted,
     parallel::cores,
+    play::TrainingRig,
     provenance::Provenance,
     recording::{
         ExistingFile, Recording,
         table::{TableFormat, read_table, write_table},
         write_bytes,
     },
+    rig::RigConfig,
     sweep::{InputHashes, Plan, Point, SlurmRequest, Store, SweptCommand},
     train::{
         ActuatorSource, Choice, Curriculum, CurvePoint, EventFile, Machine, Opponent, OpponentMode,
@@ -69,6 +74,10 @@ pub(crate) struct Args {
     /// Actuator model: ideal, a twin.json or an actuator.mcap
     #[arg(long, value_name = "ideal|FILE", default_value = "ideal")]
     actuator: PathBuf,
+    /// Train on this virtual rig (JSON, as for `play --rig`) instead of a simulation, through its camera and the
+    /// state estimator; --actuator is then the simulation of the evaluation
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["no_sensors", "randomize", "biscuits", "seeds"])]
+    rig: Option<PathBuf>,
     /// Train through the camera and the state estimator of an ekf.json, as `play --ekf` uses them
     /// [default: untuned for a twin, none for other actuators]
     #[arg(long, value_name = "FILE")]
@@ -180,6 +189,8 @@ struct Places {
 struct Task {
     settings: TrainSettings,
     game: GameSettings,
+    /// Rig to train on; `None` for a simulation.
+    rig: Option<RigConfig>,
     actuator: ActuatorSource,
     places: Places,
     provenance: Provenance,
@@ -204,7 +215,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&settings.to_json())?;
         return Ok(Outcome::Done);
     }
-    let (game, actuator) = game_with_actuator(&args.actuator)?;
+    let (game, mut actuator) = game_with_actuator(&args.actuator)?;
+    let rig = args.rig.as_deref().map(read_rig).transpose()?;
+    if let Some(path) = &args.rig {
+        actuator = ActuatorSource::of_rig(path)?;
+    }
     if let Some(seeds) = args.seeds {
         return run_seeds(args, &settings, seeds);
     }
@@ -216,7 +231,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let threads = threads.unwrap_or(NonZeroUsize::MIN);
     let places = args.places();
     let settings = args.continued(settings, &places.policy)?;
-    let task = Task { settings, game, actuator, places, provenance, threads };
+    let task = Task { settings, game, rig, actuator, places, provenance, threads };
     let mut run = task.begin(args)?;
     let stop = interrupt::raised_by_ctrl_c("finishing the current update")?;
     let mut events = args
@@ -367,6 +382,10 @@ impl Args {
         } else if self.ekf.is_some() || self.settings.is_none() {
             settings.sensors = sensors_of(self.ekf.as_deref(), &self.actuator)?;
         }
+        if self.rig.is_some() {
+            let untuned = SensorSettings::of(FilterSettings::default());
+            settings.sensors = settings.sensors.or(Some(untuned));
+        }
         if self.randomize {
             settings.randomization = RandomizationKind::Paper;
         }
@@ -395,7 +414,7 @@ impl Args {
             hidden.join(","),
             settings.seed,
             self.actuator.display()
-        )
+        ) + &self.rig.as_ref().map_or_else(String::new, |rig| format!(" --rig {}", rig.display()))
     }
 
     fn places(&self) -> Places {
@@ -421,7 +440,8 @@ impl Task {
         if args.resume && policy.exists() {
             let recording = Recording::open(policy)?;
             let checkpoint = read_checkpoint(&recording, &self.settings, &self.actuator)?;
-            return Ok(Run::resume(&self.settings, &self.game, machine, checkpoint)?);
+            let run = Run::resume(&self.settings, &self.game, machine, checkpoint)?;
+            return self.placed(run);
         }
         if args.resume {
             note(&format!(
@@ -442,7 +462,17 @@ impl Task {
             fs::create_dir_all(folder)
                 .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
         }
-        Ok(Run::new(&self.settings, &self.game, machine)?)
+        self.placed(Run::new(&self.settings, &self.game, machine)?)
+    }
+
+    /// The run on the rig, if there is one.
+    fn placed(&self, run: Run) -> anyhow::Result<Run> {
+        let Some(rig) = &self.rig else { return Ok(run) };
+        let filter = self.settings.sensors.map(|sensors| sensors.filter).unwrap_or_default();
+        let game = run.game().clone();
+        let seed = self.settings.seed;
+        let rig = TrainingRig::new(rig.clone(), Robot::default(), filter, game, seed)?;
+        Ok(run.in_environments(Box::new(rig)))
     }
 
     /// Update until training is complete or interrupted; every checkpoint writes the file.
@@ -476,12 +506,18 @@ impl Task {
         Ok(())
     }
 
-    /// Write the run before a number that is not finite, and return the error.
+    /// Write the run before an error that ended it, and return the error.
     fn keep_checkpoint(&self, run: &Run, error: TrainError) -> anyhow::Result<()> {
+        let advice = match error {
+            TrainError::NotFinite { .. } => "; try a lower learning_rate",
+            // The environments could not be built.
+            _ if run.curve().is_empty() => return Err(error.into()),
+            _ => "",
+        };
         self.write(run, &self.summary(run, None), &[])?;
         let kept = self.places.policy.display();
         Err(anyhow::Error::new(error)
-            .context(format!("{kept} keeps the newest checkpoint; try a lower learning_rate")))
+            .context(format!("{kept} keeps the newest checkpoint{advice}")))
     }
 
     fn summary(&self, run: &Run, evaluation: Option<klasktron::train::Evaluation>) -> Summary {

@@ -63,6 +63,14 @@ pub enum GameError {
         /// Velocity towards the other player (m/s).
         y: f32,
     },
+    /// A virtual rig as an environment that cannot go on.
+    #[error("the rig of environment {environment}: {reason}")]
+    Rig {
+        /// Number of the environment, counted over all ranges.
+        environment: usize,
+        /// Reason of the session or of the configuration.
+        reason: String,
+    },
     /// An environment with a state that is not finite.
     #[error(
         "environment {environment}: the state is not finite in step {step} of episode {episode}, seed {seed}"

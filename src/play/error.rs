@@ -21,6 +21,15 @@ pub enum PlayError {
         "the rig file has no ball.start, so there is no serve; add it, such as {{\"y_m\": 0.065}}"
     )]
     NoServe,
+    /// A rig that never returns the ball to its start.
+    #[error(
+        "ball.{name} of the rig file is 0, so the ball is never returned and an episode never begins; set it to \
+         seconds, such as 1"
+    )]
+    BallNotReturned {
+        /// Name of the field.
+        name: &'static str,
+    },
     /// A setting of the simulation, or a state that is not finite.
     #[error(transparent)]
     Game(#[from] GameError),

@@ -1,13 +1,10 @@
 //! Pilot of a match: from camera frames to velocities.
 
-use super::{MatchFormat, MatchScore, PlayError, Seat, score::Scoring};
+use super::{MatchFormat, MatchScore, PlayError, Seat, score::Scoring, table_state::TableState};
 use crate::{
-    collect::{Carriage, Decision, Moment, Pilot, RunLabel, StopReason},
+    collect::{Decision, Moment, Pilot, RunLabel, StopReason},
     ekf::{Detections, FilterSettings, board_state},
-    game::{
-        CONTROL_PERIOD, CommandLimits, Estimator, GameSettings, Observation, PreviousCommands,
-        turned,
-    },
+    game::{CONTROL_PERIOD, CommandLimits, Observation, turned},
     gantry::Robot,
     opponent,
     ppo::Scratch,
@@ -19,7 +16,7 @@ use crate::{
 use std::collections::BTreeMap;
 
 /// Time without a ball in play after which a match ends (s): a person has served it by then.
-const MOST_SECONDS_WITHOUT_BALL: f64 = 30.0;
+pub(super) const MOST_SECONDS_WITHOUT_BALL: f64 = 30.0;
 
 /// Pattern name in the markers of a match.
 const PATTERN: &str = "match";
@@ -36,17 +33,13 @@ pub struct Match {
     seed: u64,
     /// Speed of scripted players (m/s).
     speed: f32,
-    estimator: Estimator,
+    table: TableState,
     filter_settings: FilterSettings,
     /// When the ball was last in play; before that, the first decision.
     ball_in_play: Option<Nanos>,
     /// Capture time of the first frame, from which the referee counts.
     first_frame: Option<Nanos>,
     scoring: Scoring,
-    /// Wall limiters with the workspace of training and that of the robot.
-    limits: [CommandLimits; 2],
-    /// Previous commands of each player, before the wall limiters, as in training.
-    previous: [PreviousCommands; 2],
     scratch: Scratch,
 }
 
@@ -72,23 +65,16 @@ impl Match {
             }
             check_speed(seat, robot)?;
         }
-        let limits = [GameSettings::default(), GameSettings::default().within_robot(robot)]
-            .map(|g| g.limits);
-        let home = |player| {
-            let home = robot.home.of(player);
-            [home.x_m, home.y_m]
-        };
+        let table = TableState::new(robot, filter_settings);
         Ok(Self {
             seats,
             seed,
-            speed: scripted_speed(&limits[0], robot),
-            estimator: Estimator::new(filter_settings, Player::BOTH.map(home)),
+            speed: scripted_speed(table.training_limits(), robot),
+            table,
             filter_settings: *filter_settings,
             ball_in_play: None,
             first_frame: None,
             scoring: Scoring::new(None),
-            limits,
-            previous: [PreviousCommands::default(); 2],
             scratch: Scratch::default(),
         })
     }
@@ -174,7 +160,7 @@ impl Match {
                 script.velocity(&seen.0, moment, self.speed)
             }
             Seat::Policy { policy, .. } => {
-                policy.velocity(&seen, &self.previous[player as usize], &mut self.scratch)
+                policy.velocity(&seen, &self.table.previous[player as usize], &mut self.scratch)
             }
         };
         turned(player, velocity.map(f64::from))
@@ -190,12 +176,17 @@ pub(super) fn scripted_speed(limits: &CommandLimits, robot: &Robot) -> f32 {
 /// silently.
 fn check_speed(seat: &Seat, robot: &Robot) -> Result<(), PlayError> {
     let Seat::Policy { file, policy, .. } = seat else { return Ok(()) };
-    let (scale, top) = (policy.action_scale_m_per_s, robot.limits.speed_m_per_s);
+    check_speed_of(file, policy.action_scale_m_per_s, robot)
+}
+
+/// Check that the speed `scale` (m/s) of a full action of `owner` is within the robot's limit.
+pub(super) fn check_speed_of(owner: &str, scale: f64, robot: &Robot) -> Result<(), PlayError> {
+    let top = robot.limits.speed_m_per_s;
     if scale <= top {
         return Ok(());
     }
     let mismatch = Mismatch {
-        path: file.into(),
+        path: owner.into(),
         what: "action_scale_m_per_s".to_owned(),
         found: scale.to_string(),
         other: "limits.speed_m_per_s of the robot file",
@@ -207,32 +198,19 @@ fn check_speed(seat: &Seat, robot: &Robot) -> Result<(), PlayError> {
 
 impl Pilot for Match {
     fn see(&mut self, shown: Nanos, picture: &CameraDetections) {
-        self.estimator.see(&Detections::of(shown, picture));
+        self.table.see(&Detections::of(shown, picture));
         let first = *self.first_frame.get_or_insert(shown);
         self.scoring.referee().see(&Frame::of(shown.seconds_since(first), picture));
     }
 
     fn decide(&mut self, moment: &Moment) -> Decision {
-        let carriages = moment.carriages.map(|carriage| {
-            let Carriage { position: [x, y], velocity: [vx, vy] } = carriage?;
-            Some([x, y, vx, vy])
-        });
-        let seen = self.estimator.look(moment.now, carriages);
-        let velocities = Player::BOTH.map(|player| {
-            let wanted = match seen.ball {
-                Some(ball) => self.wanted(player, (&seen.strikers, ball), moment.step),
-                None => [0.0; 2],
-            };
-            let own = turned(player, wanted).map(|value| value as f32);
-            self.previous[player as usize].push(own);
-            let Some(carriage) = moment.carriages[player as usize] else { return wanted };
-            self.limits.iter().fold(wanted, |velocity, limits| {
-                let velocity = velocity.map(|v| v.clamp(-limits.speed, limits.speed));
-                limits.before_walls(limits.field.of(player), carriage.position, velocity)
-            })
+        let seen = self.table.look(moment);
+        let wanted = Player::BOTH.map(|player| match seen.ball {
+            Some(ball) => self.wanted(player, (&seen.strikers, ball), moment.step),
+            None => [0.0; 2],
         });
         Decision {
-            velocities,
+            velocities: self.table.limited(moment, wanted),
             belief: Some(board_state(seen.estimates)),
             stop: self.without_ball(seen.ball, moment.now),
             note: self.scoring.update().map(|score| format!("score {score}")),

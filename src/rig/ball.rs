@@ -11,6 +11,7 @@
 use super::{
     config::{BallConfig, CupConfig, Launch},
     magnet::Peg,
+    truth::Hits,
 };
 use crate::seed::Stream;
 
@@ -35,6 +36,10 @@ pub(super) struct Ball {
     pub(super) velocity: [f64; 2],
     /// Number of balls in the cup of y < 0 and of y > 0.
     pub(super) goals: [u32; 2],
+    /// Number of times that the ball was put on the board.
+    pub(super) served: u32,
+    /// Bounces off the strikers, left first.
+    pub(super) hits: [Hits; 2],
     in_cup_s: Option<f64>,
     still_since_s: Option<f64>,
     next_launch_s: f64,
@@ -118,6 +123,8 @@ impl Ball {
             place: None,
             velocity: [0.0; 2],
             goals: [0; 2],
+            served: 0,
+            hits: [Hits::default(); 2],
             in_cup_s: None,
             still_since_s: None,
             next_launch_s: config.launch_every_s,
@@ -153,7 +160,13 @@ impl Ball {
             left -= time;
             match obstacle {
                 Obstacle::Wall { axis } => self.hit_wall(axis),
-                Obstacle::Peg { idx } => self.hit_peg(place, left, &mut pegs[idx]),
+                Obstacle::Peg { idx } => {
+                    let closing = self.hit_peg(place, left, &mut pegs[idx]);
+                    if LEAST_BOUNCE <= closing {
+                        let count = self.hits[idx].count + 1;
+                        self.hits[idx] = Hits { count, newest_m_per_s: closing };
+                    }
+                }
             }
         }
         for (axis, coordinate) in place.iter_mut().enumerate() {
@@ -194,6 +207,7 @@ impl Ball {
         self.in_cup_s = None;
         self.still_since_s = None;
         let Some([place, velocity]) = self.serves.next() else { return };
+        self.served += 1;
         self.place =
             Some([0, 1].map(|axis| place[axis].clamp(self.reach[axis][0], self.reach[axis][1])));
         self.velocity = velocity;
@@ -320,11 +334,12 @@ impl Ball {
         *along -= loss.copysign(*along);
     }
 
-    fn hit_peg(&mut self, place: [f64; 2], left: f64, peg: &mut Peg) {
+    /// Impact on a striker; return the closing speed (m/s).
+    fn hit_peg(&mut self, place: [f64; 2], left: f64, peg: &mut Peg) -> f64 {
         let d = [0, 1].map(|axis| place[axis] - (peg.position[axis] - peg.velocity[axis] * left));
         let distance = d[0].hypot(d[1]);
         if distance == 0.0 {
-            return;
+            return 0.0;
         }
         let normal = d.map(|component| component / distance);
         let w = [0, 1].map(|axis| self.velocity[axis] - peg.velocity[axis]);
@@ -343,6 +358,7 @@ impl Ball {
             peg.velocity[axis] -= change;
             peg.position[axis] -= change * left;
         }
+        closing
     }
 
     fn enter_cup(&mut self, place: [f64; 2], now_s: f64) {

@@ -64,6 +64,15 @@ pub struct DriveTruth {
     pub fet_celsius: f64,
 }
 
+/// Bounces of the ball off one striker; a ball that is pushed does not bounce.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Hits {
+    /// Number since the start.
+    pub count: u32,
+    /// Closing speed of the newest one (m/s).
+    pub newest_m_per_s: f64,
+}
+
 /// Everything at one instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
@@ -77,6 +86,10 @@ pub struct Truth {
     pub ball: Option<Body>,
     /// Number of balls in the cup of y < 0 and of y > 0.
     pub goals: [u32; 2],
+    /// Number of times that the ball was put on the board, including the first.
+    pub serves: u32,
+    /// Bounces of the ball off the strikers, left first.
+    pub hits: [Hits; 2],
     /// The drives in the order of the configuration.
     pub drives: Vec<DriveTruth>,
 }

@@ -282,6 +282,8 @@ impl World {
             right,
             ball: self.ball.place.map(|place| Body::new(place, self.ball.velocity)),
             goals: self.ball.goals,
+            serves: self.ball.served,
+            hits: self.ball.hits,
             drives: drives.collect(),
         }
     }

@@ -15,18 +15,41 @@ use std::path::Path;
 const FRAME_DROP: &str = "sensor.frame_drop";
 const CAMERA_LATENCY: &str = "sensor.camera_latency";
 
+/// Kind of actuator of a virtual rig.
+const VIRTUAL_RIG: &str = "virtual_rig";
+
 /// The name of the ideal actuator.
 pub const IDEAL: &str = "ideal";
 
 /// Provenance of the actuator model of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ActuatorSource {
-    /// `ideal`, `twin` or `learned`.
+    /// `ideal`, `twin`, `learned` or `virtual_rig`.
     pub kind: String,
     /// Name of its file, if any.
     pub file: Option<String>,
     /// SHA-256 of that file.
     pub sha256: Option<String>,
+}
+
+impl ActuatorSource {
+    /// Return whether training is on a rig instead of a simulation.
+    #[must_use]
+    pub fn is_rig(&self) -> bool {
+        self.kind == VIRTUAL_RIG
+    }
+
+    /// Provenance of the virtual rig in `file`.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn of_rig(file: &Path) -> Result<Self, TrainError> {
+        Ok(Self {
+            kind: VIRTUAL_RIG.to_owned(),
+            file: file.file_name().map(|name| name.to_string_lossy().into_owned()),
+            sha256: Some(sha256_of_file(file)?),
+        })
+    }
 }
 
 /// Build the game with the actuator `choice`: `ideal`, a `twin.json`, or an `actuator.mcap`.

@@ -168,7 +168,7 @@ impl Arena<'_> {
         results: &mut [GameResult],
     ) -> Result<ActuatorQueries, GameError> {
         let range = first..first + results.len();
-        let mut tables = Tables::new(range, self.game, (self.observations, self.seed, || 0.0))?;
+        let mut tables = Tables::new(range, self.game, (self.observations, self.seed))?;
         let mut open = vec![true; results.len()];
         let [all_first, all_second] = [0, 1].map(|player| vec![player; results.len()]);
         for step in 0..u64::from(self.game.most_steps()) {

@@ -5,6 +5,7 @@
 
 use super::{
     curve::Tally,
+    environments::Environments,
     pool::{GameResult, Pool, is_scripted, velocity_of},
     reward::{RewardSettings, ShapingForm, Step},
     table::{Tables, across},
@@ -46,7 +47,7 @@ pub(super) struct Scene<'a> {
 /// A block of environments.
 #[derive(Debug)]
 pub(super) struct Block {
-    pub(super) tables: Tables,
+    pub(super) tables: Tables<dyn Environments>,
     /// Opponent in each environment.
     drawn: Vec<u32>,
     /// Return of the current episode in each environment.
@@ -92,7 +93,7 @@ struct Finals {
 
 impl Block {
     /// New environments; the opponents of their first episodes are those of control period `step`.
-    pub(super) fn new(tables: Tables, pool: &Pool, seed: u64, step: u64) -> Self {
+    pub(super) fn new(tables: Tables<dyn Environments>, pool: &Pool, seed: u64, step: u64) -> Self {
         let count = tables.len();
         let drawn =
             (0..count).map(|row| pool.draw(seed, (tables.first + row) as u64, step)).collect();
@@ -108,7 +109,10 @@ impl Block {
     }
 
     /// Restore the environments of `tables` from a checkpoint.
-    pub(super) fn restore(mut tables: Tables, state: &BlockState) -> Result<Self, GameError> {
+    pub(super) fn restore(
+        mut tables: Tables<dyn Environments>,
+        state: &BlockState,
+    ) -> Result<Self, GameError> {
         let BlockState { games, sensors, previous_commands, .. } = state.clone();
         tables.restore(&ObservedState { games, sensors, previous_commands })?;
         for found in [state.drawn.len(), state.returns.len(), state.lengths.len()] {
@@ -123,17 +127,17 @@ impl Block {
         Ok(Self { drawn, returns, lengths, potentials, tally, finals, tables })
     }
 
-    /// State of the environments for a checkpoint.
-    pub(super) fn state(&self) -> BlockState {
-        let ObservedState { games, sensors, previous_commands } = self.tables.observed.save();
-        BlockState {
+    /// State of the environments for a checkpoint; `None` where it cannot be saved.
+    pub(super) fn state(&self) -> Option<BlockState> {
+        let ObservedState { games, sensors, previous_commands } = self.tables.observed.save()?;
+        Some(BlockState {
             games,
             sensors,
             previous_commands,
             drawn: self.drawn.clone(),
             returns: self.returns.clone(),
             lengths: self.lengths.clone(),
-        }
+        })
     }
 
     /// Remove the oldest `count` opponents; the oldest remaining one replaces them in running

@@ -3,6 +3,7 @@
 //! bit, unlike JSON. The environments are compressed.
 
 use super::{
+    actuator::ActuatorSource,
     block::BlockState,
     pool::{Choice, Member, Opponent, PoolState, scripted_of},
     run::Checkpoint,
@@ -111,9 +112,10 @@ impl Checkpoint {
         attachments
     }
 
-    /// Inverse of [`to_attachments`](Self::to_attachments); `curve` is that of the whole run.
+    /// Inverse of [`to_attachments`](Self::to_attachments); `curve` is that of the whole run. Rigs are not saved.
     pub(super) fn from_attachments(
         settings: &TrainSettings,
+        actuator: &ActuatorSource,
         curve: &[super::CurvePoint],
         find: &dyn Fn(&str) -> Option<Vec<u8>>,
     ) -> Result<Self, Refusal> {
@@ -142,7 +144,7 @@ impl Checkpoint {
             .blocks;
         let members = counters.members.len() as u32;
         check_opponents(&boards, members, settings.opponents.scripted_weights)?;
-        if boards.is_empty() != (updates == 0) {
+        if boards.is_empty() != (updates == 0 || actuator.is_rig()) {
             let reason = format!("{} blocks of environments after {updates} updates", boards.len());
             return Err((BOARDS.to_owned(), reason));
         }

@@ -8,14 +8,15 @@ use super::{
     TrainError,
     block::{Block, BlockState, Scene, ranges},
     curve::{CurvePoint, Tally, TimeShares},
+    environments::{EnvironmentSource, Environments},
     pool::{Opponent, Pool, PoolState},
     settings::TrainSettings,
     table::Tables,
 };
 use crate::{
     game::{
-        ActuatorQueries, BiscuitSettings, ClockFn, EpisodeSettings, GameError, GameSettings,
-        Outcomes, PreviousCommands,
+        ActuatorQueries, BiscuitSettings, ClockFn, EpisodeSettings, GameError, GameSettings, Games,
+        ObservedGames, Outcomes, PreviousCommands,
     },
     opponent::{Moment, Scripted},
     ppo::{Learner, LearnerState, Policy, PpoError, Rollout, RolloutPart, RolloutShape, for_each},
@@ -53,7 +54,7 @@ pub struct Checkpoint {
     pub(super) queries: ActuatorQueries,
     /// Learning curve so far.
     pub(super) curve: Vec<CurvePoint>,
-    /// Environments by block; empty before the first update.
+    /// Environments by block; empty before the first update, and where they cannot be saved.
     pub(super) boards: Vec<BlockState>,
 }
 
@@ -63,6 +64,8 @@ pub struct Run {
     settings: TrainSettings,
     game: GameSettings,
     machine: Machine,
+    /// Builder of the environments; `None` for simulated games.
+    source: Option<Box<dyn EnvironmentSource>>,
     learner: Learner,
     pool: Pool,
     blocks: Vec<Block>,
@@ -158,7 +161,15 @@ impl Run {
             settings: settings.clone(),
             game,
             machine,
+            source: None,
         })
+    }
+
+    /// The same run in the environments of `source`; [`game`](Self::game) remains that of the
+    /// evaluation.
+    #[must_use]
+    pub fn in_environments(self, source: Box<dyn EnvironmentSource>) -> Self {
+        Self { source: Some(source), ..self }
     }
 
     /// Settings of the run.
@@ -221,10 +232,7 @@ impl Run {
     /// Queries of the actuator models so far.
     #[must_use]
     pub fn queries(&self) -> ActuatorQueries {
-        self.blocks
-            .iter()
-            .map(|block| block.tables.observed.games().queries())
-            .fold(self.queries, plus)
+        self.blocks.iter().map(|block| block.tables.observed.queries()).fold(self.queries, plus)
     }
 
     /// Return whether all updates are done.
@@ -278,7 +286,7 @@ impl Run {
     fn times_of_blocks(&self) -> [f64; 2] {
         self.blocks
             .iter()
-            .map(|block| block.tables.observed.games().spent())
+            .map(|block| block.tables.observed.spent())
             .fold([0.0; 2], |sum, spent| [sum[0] + spent.physics, sum[1] + spent.actuators])
     }
 
@@ -301,13 +309,20 @@ impl Run {
 
     /// Create the environments from the checkpoint, or new ones.
     fn set_up(&mut self) -> Result<(), TrainError> {
-        let Self { settings, game, machine, pool, checkpoint, .. } = self;
+        let Self { settings, game, machine, pool, checkpoint, source, .. } = self;
         let starts = Stream::new(settings.seed, "train.boards").below(1 << 62) as u64;
         let step = self.learner.updates() * settings.ppo.horizon as u64;
         let mut kept = checkpoint.boards.iter();
         let blocks = ranges(settings.environments).into_iter().map(|range| {
-            let made_of = (settings.layout(), starts, machine.clock);
-            let tables = Tables::new(range, game, made_of)?;
+            let observed: Box<dyn Environments> = match &source {
+                Some(source) => source.build(range.clone())?,
+                None => {
+                    let mut games = ObservedGames::new(Games::range(range.clone(), game, starts)?);
+                    games.set_clock(machine.clock);
+                    Box::new(games)
+                }
+            };
+            let tables = Tables::over(observed, range, game, settings.layout());
             match kept.next() {
                 Some(state) => Block::restore(tables, state),
                 None => Ok(Block::new(tables, pool, settings.seed, step)),
@@ -328,7 +343,9 @@ impl Run {
             curve: self.curve.clone(),
             boards: match self.learner.updates() {
                 0 => Vec::new(),
-                _ => self.blocks.iter().map(Block::state).collect(),
+                _ => {
+                    self.blocks.iter().map(Block::state).collect::<Option<_>>().unwrap_or_default()
+                }
             },
         };
     }
@@ -358,7 +375,7 @@ impl Run {
             *outcome = block.play(&scene, part, last_values);
         });
         let failed = outcomes.into_iter().find_map(Result::err);
-        failed.map_or(Ok(()), |error| Err(self.stopped_game(&error)))
+        failed.map_or(Ok(()), |error| Err(self.stopped_game(error)))
     }
 
     /// Sum of the tallies of all blocks; resets them.
@@ -390,8 +407,11 @@ impl Run {
         self.not_finite(error.to_string())
     }
 
-    fn stopped_game(&self, error: &GameError) -> TrainError {
-        self.not_finite(error.to_string())
+    fn stopped_game(&self, error: GameError) -> TrainError {
+        match error {
+            GameError::Rig { .. } => error.into(),
+            _ => self.not_finite(error.to_string()),
+        }
     }
 }
 
@@ -455,7 +475,7 @@ fn look_around(
 ) -> Result<(), TrainError> {
     let count = settings.environments.min(LOOK_BOARDS);
     let seed = Stream::new(settings.seed, "train.look").below(1 << 62) as u64;
-    let mut games = crate::game::Games::new(count, game, seed)?;
+    let mut games = Games::new(count, game, seed)?;
     let mut outcomes = Outcomes::new(count);
     let layout = settings.layout();
     let mut seen = vec![0.0; count * layout.len()];

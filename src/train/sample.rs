@@ -48,7 +48,7 @@ fn play_one(
     players: &[Opponent; 2],
     (number, seed): (usize, u64),
 ) -> Result<SampleGame, TrainError> {
-    let mut tables = Tables::new(number..number + 1, game, (observations, seed, || 0.0))?;
+    let mut tables = Tables::new(number..number + 1, game, (observations, seed))?;
     let own = seat(number);
     let mut moments = Vec::new();
     for step in 0.. {

@@ -247,7 +247,7 @@ pub fn read_checkpoint(
     }
     let curve = read_curve(recording)?;
     let find = |name: &str| recording.attachment(name).map(|attachment| attachment.data.clone());
-    Checkpoint::from_attachments(settings, &curve, &find)
+    Checkpoint::from_attachments(settings, actuator, &curve, &find)
         .map_err(|(attachment, reason)| parts.bad(format!("{attachment}: {reason}")))
 }
 

@@ -2,10 +2,13 @@
 //!
 //! Shared by training and evaluation, so that a policy plays the same game in both.
 
-use super::pool::{Opponent, Question};
+use super::{
+    environments::Environments,
+    pool::{Opponent, Question},
+};
 use crate::{
     game::{
-        ClockFn, GameError, GameSettings, Games, Observation, ObservationLayout, ObservedGames,
+        GameError, GameSettings, Games, Observation, ObservationLayout, ObservedGames,
         ObservedState,
     },
     ppo::Scratch,
@@ -29,10 +32,10 @@ pub(super) fn seat(board: usize) -> Player {
 
 /// A range of environments with its buffers.
 #[derive(Debug)]
-pub(super) struct Tables {
+pub(super) struct Tables<E: ?Sized = ObservedGames> {
     /// Number of the first environment.
     pub(super) first: usize,
-    pub(super) observed: ObservedGames,
+    pub(super) observed: Box<E>,
     layout: ObservationLayout,
     /// Observations of left and right player, `[boards][width]`.
     seen: [Vec<f32>; 2],
@@ -55,16 +58,27 @@ struct Hand {
     actions: Vec<f32>,
 }
 
-impl Tables {
+impl Tables<ObservedGames> {
     /// The environments `range`, at the start of their first episode.
     pub(super) fn new(
         range: Range<usize>,
         settings: &GameSettings,
-        (layout, seed, clock): (ObservationLayout, u64, ClockFn),
+        (layout, seed): (ObservationLayout, u64),
     ) -> Result<Self, GameError> {
+        let observed = ObservedGames::new(Games::range(range.clone(), settings, seed)?);
+        Ok(Self::over(Box::new(observed), range, settings, layout))
+    }
+}
+
+impl<E: Environments + ?Sized> Tables<E> {
+    /// The environments `range`, which are `observed`.
+    pub(super) fn over(
+        observed: Box<E>,
+        range: Range<usize>,
+        settings: &GameSettings,
+        layout: ObservationLayout,
+    ) -> Self {
         let count = range.len();
-        let mut observed = ObservedGames::new(Games::range(range.clone(), settings, seed)?);
-        observed.set_clock(clock);
         let mut tables = Self {
             first: range.start,
             observed,
@@ -76,7 +90,7 @@ impl Tables {
             scratch: Scratch::default(),
         };
         tables.look();
-        Ok(tables)
+        tables
     }
 
     /// Restore saved environments.
@@ -103,7 +117,7 @@ impl Tables {
 
     /// Exact observation of `player` in the `row`-th environment, for rewards.
     pub(super) fn exact(&self, row: usize, player: Player) -> Observation {
-        self.observed.games().observation(row, player)
+        self.observed.exact(row, player)
     }
 
     /// Observations of the first players, `[boards][width]`.

@@ -113,7 +113,7 @@ impl Bench {
         let (existing, flush) = (ExistingFile::Refuse, FlushPolicy::EverySecond);
         let writer = RecordingWriter::create(&self.path(), existing, flush).unwrap();
         let presses = AtomicUsize::new(0);
-        let output = SessionOutput { writer, presses: &presses, show: &mut |_| {} };
+        let output = SessionOutput { writer: Some(writer), presses: &presses, show: &mut |_| {} };
         listen(&mut link, &self.robot, &self.config(), seconds, output).unwrap()
     }
 
@@ -143,7 +143,7 @@ impl Bench {
                 assert!(!self.panics, "a bug in the middle of a run");
             }
         };
-        let output = SessionOutput { writer, presses: &presses, show: &mut show };
+        let output = SessionOutput { writer: Some(writer), presses: &presses, show: &mut show };
         run_session(link, &self.robot, &config, Work::Legs(&self.legs()), output)
     }
 }

@@ -89,7 +89,7 @@ impl Bench {
                 presses.store(self.presses, Ordering::Relaxed);
             }
         };
-        let output = SessionOutput { writer, presses: &presses, show: &mut show };
+        let output = SessionOutput { writer: Some(writer), presses: &presses, show: &mut show };
         let stretch = FreeStretch { pilot, seconds: self.seconds, label: label() };
         run_session(link, &self.robot, &config, Work::Free(stretch), output)
     }

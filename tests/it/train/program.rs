@@ -317,3 +317,63 @@ fn ctrl_c_leaves_a_whole_file_and_resume_goes_on() {
     let [a, b] = [&resumed, &whole].map(|folder| fs::read(folder.join("policy.mcap")).unwrap());
     assert!(a == b, "{done} updates before the interruption");
 }
+
+#[test]
+fn training_on_a_virtual_rig_repeats_itself_on_any_threads_and_resumes() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut small = tiny();
+    small.environments = 8;
+    small.steps = 4 * small.transitions_per_update();
+    let settings = settings_file(dir.path(), &small);
+    let rig = dir.path().join("rig.json");
+    fs::write(&rig, r#"{"ball": {"start": {"y_m": -0.065}, "put_back_still_after_s": 2.0}}"#)
+        .unwrap();
+    let rig = rig.to_str().unwrap();
+    let policies = ["1", "2"].map(|threads| {
+        let out = dir.path().join(threads);
+        let (_, errors, status) = train(&settings, &out, &["--rig", rig, "--threads", threads]);
+        assert_eq!(status, 0, "{errors}");
+        fs::read(out.join("policy.mcap")).unwrap()
+    });
+    assert!(policies[0] == policies[1]);
+    let simulated = dir.path().join("simulated");
+    assert_eq!(train(&settings, &simulated, &[]).2, 0);
+    assert!(policies[0] != fs::read(simulated.join("policy.mcap")).unwrap());
+
+    // A rig cannot be saved: the resumed run begins new episodes and ends with all updates.
+    let more = (6 * small.transitions_per_update()).to_string();
+    let out = dir.path().join("1");
+    let resumed = ["--rig", rig, "--resume", "--steps", &more];
+    let (_, errors, status) = train(&settings, &out, &resumed);
+    assert_eq!(status, 0, "{errors}");
+    assert_eq!(Recording::open(&out.join("policy.mcap")).unwrap().count(UPDATE_TOPIC), 6);
+    // Continuing in a simulation is another training.
+    let (_, errors, status) = train(&settings, &out, &["--resume", "--steps", &more]);
+    assert_eq!(status, 1);
+    assert!(errors.contains("virtual_rig"), "{errors}");
+}
+
+#[test]
+fn a_rig_that_cannot_be_trained_on_is_refused_in_one_sentence() {
+    let dir = tempfile::tempdir().unwrap();
+    let settings = settings_file(dir.path(), &tiny());
+    let out = dir.path().join("policy");
+    for (text, want) in [
+        (r#"{"ball": {"put_back_after_s": 0.0}}"#, "ball.put_back_after_s of the rig file is 0"),
+        (r#"{"ball": {"start": null}}"#, "no ball.start"),
+        (r#"{"balls": 2}"#, "balls"),
+        (
+            r#"{"ball": {"put_back_still_after_s": 1.0}, "camera": {"drop_fraction": 1.0}}"#,
+            "the rig of environment 0: ",
+        ),
+    ] {
+        let rig = dir.path().join("rig.json");
+        fs::write(&rig, text).unwrap();
+        let (_, errors, status) = train(&settings, &out, &["--rig", rig.to_str().unwrap()]);
+        assert_eq!(status, 1, "{text}: {errors}");
+        assert!(errors.contains(want), "{text}: {errors}");
+        assert!(!out.join("policy.mcap").exists(), "{text}");
+    }
+    let (_, errors, status) = train(&settings, &out, &["--rig", "rig.json", "--no-sensors"]);
+    assert_eq!(status, 2, "{errors}");
+}
