@@ -2,7 +2,7 @@
 
 use super::{MatchFormat, MatchScore, PlayError, Seat, score::Scoring, table_state::TableState};
 use crate::{
-    collect::{Decision, Moment, Pilot, RunLabel, StopReason},
+    collect::{Decision, Moment, Pilot, RunLabel},
     ekf::{Detections, FilterSettings, board_state},
     game::{CONTROL_PERIOD, CommandLimits, Observation, turned},
     gantry::Robot,
@@ -14,9 +14,6 @@ use crate::{
     units::Nanos,
 };
 use std::collections::BTreeMap;
-
-/// Time without a ball in play after which a match ends (s): a person has served it by then.
-pub(super) const MOST_SECONDS_WITHOUT_BALL: f64 = 30.0;
 
 /// Pattern name in the markers of a match.
 const PATTERN: &str = "match";
@@ -35,8 +32,6 @@ pub struct Match {
     speed: f32,
     table: TableState,
     filter_settings: FilterSettings,
-    /// When the ball was last in play; before that, the first decision.
-    ball_in_play: Option<Nanos>,
     /// Capture time of the first frame, from which the referee counts.
     first_frame: Option<Nanos>,
     scoring: Scoring,
@@ -72,7 +67,6 @@ impl Match {
             speed: scripted_speed(table.training_limits(), robot),
             table,
             filter_settings: *filter_settings,
-            ball_in_play: None,
             first_frame: None,
             scoring: Scoring::new(None),
             scratch: Scratch::default(),
@@ -132,17 +126,6 @@ impl Match {
             }
         }
         entries
-    }
-
-    /// Reason to end a match that has been without a ball for too long.
-    fn without_ball(&mut self, ball: Option<[f64; 4]>, now: Nanos) -> Option<StopReason> {
-        let since = *self.ball_in_play.get_or_insert(now);
-        if ball.is_some() {
-            self.ball_in_play = Some(now);
-            return None;
-        }
-        let (age_s, limit_s) = (now.seconds_since(since), MOST_SECONDS_WITHOUT_BALL);
-        (limit_s < age_s).then_some(StopReason::BallMissing { age_s, limit_s })
     }
 
     /// Velocity that `player` commands, before wall limits (m/s, board frame).
@@ -212,7 +195,7 @@ impl Pilot for Match {
         Decision {
             velocities: self.table.limited(moment, wanted),
             belief: Some(board_state(seen.estimates)),
-            stop: self.without_ball(seen.ball, moment.now),
+            stop: self.table.without_ball(&seen, moment.now),
             note: self.scoring.update().map(|score| format!("score {score}")),
             complete: self.scoring.is_over(),
         }

@@ -16,15 +16,11 @@
 //! Results do not depend on threads. A rig cannot be saved, so a resumed training begins new
 //! episodes.
 
-use super::{
-    PlayError, label,
-    pilot::{MOST_SECONDS_WITHOUT_BALL, check_speed_of},
-    table_state::TableState,
-};
+use super::{PlayError, label, pilot::check_speed_of, table_state::TableState};
 use crate::{
     collect::{
         Decision, FreeStretch, HomingPolicy, Moment, Pilot, RawFrames, SessionConfig,
-        SessionOutput, StopReason, WatchdogPolicy, Work, run_session,
+        SessionOutput, WatchdogPolicy, Work, run_session,
     },
     ekf::{Detections, FilterSettings},
     game::{
@@ -381,7 +377,6 @@ struct Trainee<'a> {
     counted: Option<Counted>,
     /// Number of serves after which the next episode begins.
     serves_at_begin: u32,
-    ball_in_play: Option<Nanos>,
     /// Last estimate of a ball in play.
     ball: [f64; 4],
     last: Scene,
@@ -400,7 +395,6 @@ impl<'a> Trainee<'a> {
             steps: 0,
             counted: None,
             serves_at_begin: 0,
-            ball_in_play: None,
             ball: [0.0; 4],
             last: Scene {
                 seen: [nothing; 2],
@@ -499,16 +493,6 @@ impl<'a> Trainee<'a> {
             }
         }
     }
-
-    /// Reason to end a session that has been without a ball for too long.
-    fn without_ball(&mut self, is_in_play: bool, now: Nanos) -> Option<StopReason> {
-        let since = *self.ball_in_play.get_or_insert(now);
-        if is_in_play {
-            self.ball_in_play = Some(now);
-        }
-        let (age_s, limit_s) = (now.seconds_since(since), MOST_SECONDS_WITHOUT_BALL);
-        (!is_in_play && limit_s < age_s).then_some(StopReason::BallMissing { age_s, limit_s })
-    }
 }
 
 impl Pilot for Trainee<'_> {
@@ -535,7 +519,7 @@ impl Pilot for Trainee<'_> {
         let wanted = if seen.ball.is_some() { wanted } else { [[0.0; 2]; 2] };
         Decision {
             velocities: self.table.limited(moment, wanted),
-            stop: self.without_ball(seen.ball.is_some(), moment.now),
+            stop: self.table.without_ball(&seen, moment.now),
             complete: self.phase == Phase::Left,
             ..Decision::default()
         }

@@ -4,12 +4,16 @@
 //! trained on a rig sees and moves there as in a match.
 
 use crate::{
-    collect::{Carriage, Moment},
+    collect::{Carriage, Moment, StopReason},
     ekf::{Detections, FilterSettings},
     game::{CommandLimits, Estimator, GameSettings, PreviousCommands, Seen, turned},
     gantry::Robot,
     recording::topic::Player,
+    units::Nanos,
 };
+
+/// Time without a ball in play after which a match ends (s): a person has served it by then.
+const MOST_SECONDS_WITHOUT_BALL: f64 = 30.0;
 
 /// Estimate of the table, previous commands and wall limiters.
 pub(super) struct TableState {
@@ -18,6 +22,8 @@ pub(super) struct TableState {
     limits: [CommandLimits; 2],
     /// Previous commands of each player, before the wall limiters, as in training.
     pub(super) previous: [PreviousCommands; 2],
+    /// When the ball was last in play; before that, the first decision.
+    ball_in_play: Option<Nanos>,
 }
 
 impl TableState {
@@ -32,6 +38,7 @@ impl TableState {
             estimator: Estimator::new(filter, home),
             limits,
             previous: [PreviousCommands::default(); 2],
+            ball_in_play: None,
         }
     }
 
@@ -52,6 +59,17 @@ impl TableState {
             Some([x, y, vx, vy])
         });
         self.estimator.look(moment.now, carriages)
+    }
+
+    /// Reason to end a match that has been without a ball for too long.
+    pub(super) fn without_ball(&mut self, seen: &Seen, now: Nanos) -> Option<StopReason> {
+        let since = *self.ball_in_play.get_or_insert(now);
+        if seen.ball.is_some() {
+            self.ball_in_play = Some(now);
+            return None;
+        }
+        let (age_s, limit_s) = (now.seconds_since(since), MOST_SECONDS_WITHOUT_BALL);
+        (limit_s < age_s).then_some(StopReason::BallMissing { age_s, limit_s })
     }
 
     /// Velocities after the wall limiters, from the `wanted` ones of left and right player (m/s,
