@@ -14,7 +14,7 @@ use super::{
     journal::{JournalEntry, MoveKind},
     known::{added_lag, lag, sample_period_above_lag},
     locate,
-    page::text::label,
+    page::text::dependence,
     problem::Point,
     rounds::{self, Added, Outcome, Reason},
     thresholds::Thresholds,
@@ -400,9 +400,9 @@ fn warnings(sessions: &[Session], outcomes: &[Outcome<'_>]) -> Vec<String> {
         }
         if let Some(unknown) = &outcome.unexplained {
             warnings.push(format!(
-                "the residual of {} still depends on {} ({:.0} % of its square)",
+                "the residual of {} still {} ({:.0} % of its square)",
                 unknown.signal,
-                label(&unknown.name),
+                dependence(&unknown.name),
                 100.0 * unknown.fraction
             ));
         }

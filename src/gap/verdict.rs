@@ -2,7 +2,7 @@
 
 use super::{
     findings::{IdentifiedEffect, Indistinguishable, ParameterChange, SignalResidual, Verdict},
-    page::text::label,
+    page::text::dependence,
     rounds::Outcome,
     thresholds::Thresholds,
     unknown::Unknown,
@@ -185,11 +185,11 @@ fn unexplained(
     };
     match (unknown, above) {
         (Some(unknown), _) => format!(
-            "{lead} of {}: {:.0} % of its square on the training sessions depends on {} (F = {:.0}, p = {:.1e}, corrected \
+            "{lead} of {}: {:.0} % of its square on the training sessions {} (F = {:.0}, p = {:.1e}, corrected \
              for {} comparisons).",
             unknown.signal,
             100.0 * unknown.fraction,
-            label(&unknown.name),
+            dependence(&unknown.name),
             unknown.statistic,
             unknown.p_value,
             unknown.comparisons

@@ -31,8 +31,8 @@ pub(in crate::gap) fn section(page: &mut Page, found: &Found<'_>, sessions: &[Se
         stage(page, found, outcome, floors, sessions);
         if let Some(unknown) = &outcome.unexplained {
             page.warning(&format!(
-                "The final residual still depends on {}, and no effect of the catalogue explains it.",
-                text::label(&unknown.name)
+                "The final residual still {}. No effect of the catalogue explains it.",
+                text::dependence(&unknown.name)
             ));
         }
     }

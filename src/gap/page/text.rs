@@ -113,6 +113,17 @@ pub(in crate::gap) fn label(name: &str) -> String {
     }
 }
 
+/// Predicate of a residual that follows the regressor `name`: `depends on speed (above 1 m/s)`, or `lies at 2.00 Hz` for
+/// a regressor of time.
+pub(in crate::gap) fn dependence(name: &str) -> String {
+    let Some(band) = name.strip_prefix("unknown.time[") else {
+        return format!("depends on {}", label(name));
+    };
+    let band = band.trim_end_matches(']');
+    let preposition = if band.contains(" to ") { "from" } else { "at" };
+    format!("lies {preposition} {band}, and follows no measured quantity")
+}
+
 /// `1 run`, `2 runs`.
 pub(in crate::gap) fn count(number: usize, noun: &str) -> String {
     if number == 1 { format!("1 {noun}") } else { format!("{number} {noun}s") }
@@ -137,6 +148,14 @@ mod tests {
     fn small_intervals_have_powers_of_ten() {
         let found = with_interval(4.24e-6, Some([1.24e-6, 7.24e-6]));
         assert_eq!(found, ["4.2e-6", "1.2e-6 to 7.2e-6"]);
+    }
+
+    #[test]
+    fn a_residual_depends_on_a_quantity_or_lies_in_a_band() {
+        assert_eq!(dependence("unknown.speed[above 1 m/s]"), "depends on speed (above 1 m/s)");
+        let bands = ["unknown.time[2.00 Hz]", "unknown.time[0.3 to 2.0 Hz]"].map(dependence);
+        let wanted = ["lies at 2.00 Hz", "lies from 0.3 to 2.0 Hz"];
+        assert_eq!(bands, wanted.map(|own| format!("{own}, and follows no measured quantity")));
     }
 
     #[test]
