@@ -277,9 +277,12 @@ impl Games {
     pub fn restart_ended(&mut self, outcomes: &Outcomes) -> Result<(), GameError> {
         self.check_length("outcomes", outcomes.len())?;
         for (board, ended) in outcomes.ended.iter().enumerate() {
-            if ended.is_some() {
-                let clock = &mut self.clocks[board];
-                *clock = Clock { episode: clock.episode + 1, ..Clock::default() };
+            let Some(ending) = *ended else { continue };
+            let clock = &mut self.clocks[board];
+            *clock = Clock { episode: clock.episode + 1, ..Clock::default() };
+            if self.is_continued(board, ending) {
+                self.put_ball_back(board);
+            } else {
                 self.begin(board);
             }
         }
@@ -473,6 +476,37 @@ impl Games {
         let velocity = draw_velocity(&self.settings.episode, &mut stream);
         self.balls[board] = BallState { velocity, ..BallState::at(ball) };
         self.stand(board, strikers);
+    }
+
+    /// Return whether the players go on from where they are in the current episode of `board`,
+    /// after the `ending` of the last one.
+    pub(super) fn is_continued(&self, board: usize, ending: Ending) -> bool {
+        let fraction = self.settings.episode.continued_fraction;
+        if fraction == 0.0 || !matches!(ending, Ending::Goal { .. } | Ending::TimeLimit) {
+            return false;
+        }
+        f64::from(self.stream("game.continued", board).uniform_f32(0.0, 1.0)) < fraction
+    }
+
+    /// Put the ball to its next start, clear of the strikers where they are; if no draw is clear,
+    /// to the last one.
+    fn put_ball_back(&mut self, board: usize) {
+        let mut stream = self.stream("game.start", board);
+        let strikers = self.strikers[board].map(|striker| striker.position());
+        let is_clear = |ball: [f64; 2]| {
+            let distance = |striker: &[f64; 2]| length(subtract(ball, *striker));
+            strikers.iter().all(|striker| BALL_RADIUS + STRIKER_RADIUS < distance(striker))
+        };
+        let (_strikers, mut ball) = self.draw_start(board, &mut stream);
+        for _ in 1..MOST_DRAWS {
+            if is_clear(ball) {
+                break;
+            }
+            (_, ball) = self.draw_start(board, &mut stream);
+        }
+        let velocity = draw_velocity(&self.settings.episode, &mut stream);
+        self.balls[board] = BallState { velocity, ..BallState::at(ball) };
+        self.draw_physics(board);
     }
 
     /// Start positions of the strikers and of the ball, in the half that the serve favours.

@@ -94,8 +94,9 @@ impl ObservedGames {
     pub fn begin_ended(&mut self) -> Result<(), GameError> {
         self.games.restart_ended(&self.outcomes)?;
         for board in 0..self.games.len() {
-            if self.outcomes.ended[board].is_some() {
-                self.look_anew(board);
+            let Some(ending) = self.outcomes.ended[board] else { continue };
+            self.look_anew(board);
+            if !self.games.is_continued(board, ending) {
                 self.previous.iter_mut().for_each(|own| own[board] = PreviousCommands::default());
             }
         }

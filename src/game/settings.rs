@@ -267,6 +267,9 @@ pub struct EpisodeSettings {
     /// the other cup, 0 to 1; 0. The fraction counts draws: a start that would put the striker over
     /// its own cup stays as it was.
     pub aligned_fraction: f64,
+    /// Fraction of the episodes after a goal or a time limit in which the players go on from where
+    /// they are, as in a match, and only the ball is put back; 0 to 1; 0.
+    pub continued_fraction: f64,
     /// Maximum speed of a moving ball at the start (m/s), drawn uniformly, as is the direction; 1.
     pub ball_speed: f64,
 }
@@ -283,6 +286,7 @@ impl Default for EpisodeSettings {
             moving_fraction: 0.0,
             served_fraction: 0.0,
             aligned_fraction: 0.0,
+            continued_fraction: 0.0,
             ball_speed: 1.0,
         }
     }
@@ -424,6 +428,7 @@ impl GameSettings {
         within("episode.moving_fraction", episode.moving_fraction, 0.0, 1.0)?;
         within("episode.served_fraction", episode.served_fraction, -1.0, 1.0)?;
         within("episode.aligned_fraction", episode.aligned_fraction, 0.0, 1.0)?;
+        within("episode.continued_fraction", episode.continued_fraction, 0.0, 1.0)?;
         within("episode.ball_speed_m_per_s", episode.ball_speed, 0.0, 10.0)
     }
 }

@@ -188,13 +188,19 @@ impl Run {
     #[must_use]
     pub fn evaluation_game(&self) -> GameSettings {
         let time_limit = self.settings.evaluation.time_limit_s;
-        let EpisodeSettings { moving_fraction, served_fraction, aligned_fraction, .. } =
-            EpisodeSettings::default();
+        let EpisodeSettings {
+            moving_fraction,
+            served_fraction,
+            aligned_fraction,
+            continued_fraction,
+            ..
+        } = EpisodeSettings::default();
         let episode = EpisodeSettings {
             time_limit,
             moving_fraction,
             served_fraction,
             aligned_fraction,
+            continued_fraction,
             ..self.game.episode
         };
         GameSettings { episode, ..self.game.clone() }
@@ -424,6 +430,7 @@ fn game_of(settings: &TrainSettings, game: &GameSettings) -> GameSettings {
             ball_speed: starts.ball_speed_m_per_s,
             served_fraction: starts.served_fraction,
             aligned_fraction: starts.aligned_fraction,
+            continued_fraction: starts.continued_fraction,
             ..game.episode
         },
         randomization: settings.randomization_ranges(),

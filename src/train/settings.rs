@@ -84,6 +84,10 @@ pub struct StartSettings {
     /// other cup, 0 to 1; 0 in the presets of paper and upstream.
     #[serde(default)]
     pub aligned_fraction: f64,
+    /// Fraction of the episodes after a goal or a time limit in which the players go on from where
+    /// they are, as in a match, 0 to 1; 0.
+    #[serde(default)]
+    pub continued_fraction: f64,
 }
 
 impl Default for StartSettings {
@@ -93,6 +97,7 @@ impl Default for StartSettings {
             ball_speed_m_per_s: 1.0,
             served_fraction: 0.0,
             aligned_fraction: 0.0,
+            continued_fraction: 0.0,
         }
     }
 }
@@ -326,6 +331,7 @@ impl TrainSettings {
                 ball_speed_m_per_s: 1.0,
                 served_fraction: 0.3,
                 aligned_fraction: 0.3,
+                continued_fraction: 0.0,
             },
             reward: RewardSettings::of(Curriculum::Motion),
             opponents: OpponentSettings {
@@ -441,6 +447,7 @@ impl TrainSettings {
             fraction("starts.moving_fraction", self.starts.moving_fraction),
             fraction("starts.served_fraction", self.starts.served_fraction),
             fraction("starts.aligned_fraction", self.starts.aligned_fraction),
+            fraction("starts.continued_fraction", self.starts.continued_fraction),
             (
                 "starts.ball_speed_m_per_s",
                 self.starts.ball_speed_m_per_s,

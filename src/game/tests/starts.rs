@@ -1,8 +1,9 @@
 //! Starts of episodes.
 
 use crate::{
-    board::CUP_RADIUS,
-    game::{EpisodeSettings, GameSettings, Games},
+    board::{BALL_RADIUS, CUP_RADIUS, STRIKER_RADIUS},
+    game::{Ending, EpisodeSettings, GameSettings, Games, Outcomes},
+    recording::topic::Player,
 };
 
 const BOARDS: usize = 4000;
@@ -59,4 +60,39 @@ fn balls_move_and_strikers_are_aligned_as_often_as_set() {
         left[0].hypot(left[1] + cup).min(right[0].hypot(right[1] - cup)) < CUP_RADIUS
     };
     assert_eq!(share(over_cup), 0.0);
+}
+
+#[test]
+fn players_go_on_after_goals_and_time_limits_as_often_as_set_and_the_ball_is_clear_of_them() {
+    let goal = Ending::Goal { scorer: Player::Left };
+    let own_goal = Ending::OwnGoal { loser: Player::Left };
+    for (ending, fraction, expected) in [
+        (goal, 1.0, 1.0),
+        (goal, 0.3, 0.3),
+        (Ending::TimeLimit, 0.3, 0.3),
+        (goal, 0.0, 0.0),
+        (own_goal, 1.0, 0.0),
+    ] {
+        let mut games = games(|episode| {
+            (episode.continued_fraction, episode.served_fraction) = (fraction, 1.0);
+        });
+        let before: Vec<_> = (0..BOARDS).map(|board| games.snapshot(board)).collect();
+        let mut outcomes = Outcomes::new(BOARDS);
+        outcomes.ended.fill(Some(ending));
+        games.restart_ended(&outcomes).unwrap();
+        let stays = |board: usize| {
+            games.snapshot(board).striker_positions == before[board].striker_positions
+        };
+        assert!((share(stays) - expected).abs() < 0.03, "{ending:?} {fraction}: {}", share(stays));
+        for (board, before) in before.iter().enumerate() {
+            let now = games.snapshot(board);
+            assert_eq!((now.episode, now.step), (before.episode + 1, 0));
+            assert_eq!(now.ball_position[1] < 0.0, board.is_multiple_of(2), "the serve");
+            assert_eq!(stays(board), games.is_continued(board, ending));
+            for [x, y] in now.striker_positions {
+                let [ball_x, ball_y] = now.ball_position;
+                assert!(BALL_RADIUS + STRIKER_RADIUS < f64::hypot(ball_x - x, ball_y - y));
+            }
+        }
+    }
 }
