@@ -24,7 +24,7 @@ use crate::{
     },
     ekf::{Detections, FilterSettings},
     game::{
-        ActuatorQueries, CONTROL_PERIOD, Ending, GameError, GameSettings, Observation,
+        ActuatorQueries, CONTROL_PERIOD, ClockFn, Ending, GameError, GameSettings, Observation,
         ObservationLayout, ObservedState, Outcomes, PreviousCommands, StepTimes, turned,
     },
     gantry::Robot,
@@ -103,6 +103,9 @@ pub struct RigGames {
     scenes: Vec<Scene>,
     outcomes: Outcomes,
     cup_distance: f32,
+    clock: ClockFn,
+    /// Time in which the rigs were stepped (s).
+    spent_s: f64,
 }
 
 impl TrainingRig {
@@ -136,13 +139,17 @@ impl TrainingRig {
 }
 
 impl EnvironmentSource for TrainingRig {
-    fn build(&self, range: Range<usize>) -> Result<Box<dyn Environments>, GameError> {
-        Ok(Box::new(RigGames::new(&self.shared, range)?))
+    fn build(
+        &self,
+        range: Range<usize>,
+        clock: ClockFn,
+    ) -> Result<Box<dyn Environments>, GameError> {
+        Ok(Box::new(RigGames::new(&self.shared, range, clock)?))
     }
 }
 
 impl RigGames {
-    fn new(shared: &Arc<Shared>, range: Range<usize>) -> Result<Self, GameError> {
+    fn new(shared: &Arc<Shared>, range: Range<usize>, clock: ClockFn) -> Result<Self, GameError> {
         let first = range.start;
         let tables = range.map(|number| Table::open(shared, number));
         let tables = tables.collect::<Result<Vec<_>, _>>()?;
@@ -151,6 +158,8 @@ impl RigGames {
             outcomes: Outcomes::new(tables.len()),
             scenes: Vec::with_capacity(tables.len()),
             cup_distance: shared.game.cup.distance as f32,
+            clock,
+            spent_s: 0.0,
             tables,
         };
         for board in 0..games.tables.len() {
@@ -171,6 +180,7 @@ impl RigGames {
 
 impl Environments for RigGames {
     fn advance(&mut self, commands: &mut [Commands]) -> Result<(), GameError> {
+        let begun = (self.clock)();
         for (table, commands) in self.tables.iter().zip(commands) {
             // A thread that has ended has sent the reason.
             let _gone = table.commands.send(*commands);
@@ -182,15 +192,18 @@ impl Environments for RigGames {
             self.outcomes.hit_speeds[board] = scene.hit_speeds;
             self.scenes[board] = scene;
         }
+        self.spent_s += (self.clock)() - begun;
         Ok(())
     }
 
     fn begin_ended(&mut self) -> Result<(), GameError> {
+        let begun = (self.clock)();
         for board in 0..self.tables.len() {
             if self.outcomes.ended[board].is_some() {
                 self.scenes[board] = self.next_scene(board)?;
             }
         }
+        self.spent_s += (self.clock)() - begun;
         Ok(())
     }
 
@@ -222,7 +235,7 @@ impl Environments for RigGames {
     }
 
     fn spent(&self) -> StepTimes {
-        StepTimes::default()
+        StepTimes { actuators: 0.0, physics: self.spent_s }
     }
 }
 

@@ -2,8 +2,8 @@
 
 use crate::{
     game::{
-        ActuatorQueries, GameError, Observation, ObservationLayout, ObservedGames, ObservedState,
-        Outcomes, StepTimes,
+        ActuatorQueries, ClockFn, GameError, Observation, ObservationLayout, ObservedGames,
+        ObservedState, Outcomes, StepTimes,
     },
     recording::topic::Player,
 };
@@ -53,11 +53,15 @@ pub trait Environments: fmt::Debug + Send {
 
 /// Builder of environments other than simulated games.
 pub trait EnvironmentSource: fmt::Debug + Send + Sync {
-    /// Build the environments `range` of all.
+    /// Build the environments `range` of all; `clock` measures the time of their steps.
     ///
     /// # Errors
     /// When they cannot be built.
-    fn build(&self, range: Range<usize>) -> Result<Box<dyn Environments>, GameError>;
+    fn build(
+        &self,
+        range: Range<usize>,
+        clock: ClockFn,
+    ) -> Result<Box<dyn Environments>, GameError>;
 }
 
 impl Environments for ObservedGames {

@@ -321,7 +321,7 @@ impl Run {
         let mut kept = checkpoint.boards.iter();
         let blocks = ranges(settings.environments).into_iter().map(|range| {
             let observed: Box<dyn Environments> = match &source {
-                Some(source) => source.build(range.clone())?,
+                Some(source) => source.build(range.clone(), machine.clock)?,
                 None => {
                     let mut games = ObservedGames::new(Games::range(range.clone(), game, starts)?);
                     games.set_clock(machine.clock);

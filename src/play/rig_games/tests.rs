@@ -48,7 +48,7 @@ fn play(
 
 #[test]
 fn a_ball_in_a_cup_is_a_goal_of_the_other_player_and_the_next_episode_begins_at_the_serve() {
-    let mut games = source(into_left_cup()).build(0..2).unwrap();
+    let mut games = source(into_left_cup()).build(0..2, || 0.0).unwrap();
     let endings = play(games.as_mut(), (2, 150), |_player, _seen| [0.0; 2]);
     for (own, scorer) in endings.iter().zip([Player::Right, Player::Left]) {
         assert!(2 < own.len(), "{endings:?}");
@@ -67,7 +67,7 @@ fn a_striker_over_its_own_cup_is_an_own_goal_once() {
     let mut rig = into_left_cup();
     rig.ball.start = Some(Launch { x_m: 0.12, y_m: -0.02, ..Launch::default() });
     rig.ball.put_back_still_after_s = 100.0;
-    let mut games = source(rig).build(0..2).unwrap();
+    let mut games = source(rig).build(0..2, || 0.0).unwrap();
     // The right player goes back until it stands over its cup, and stays.
     let back = |player: Player, seen: &Observation| {
         if player == Player::Left {
@@ -91,7 +91,7 @@ fn the_time_limit_ends_an_episode_and_the_players_go_on() {
     rig.ball.put_back_still_after_s = 100.0;
     let source =
         TrainingRig::new(rig, Robot::default(), FilterSettings::default(), game, 4).unwrap();
-    let mut games = source.build(0..1).unwrap();
+    let mut games = source.build(0..1, || 0.0).unwrap();
     let endings = play(games.as_mut(), (1, 100), |_player, _seen| [0.0; 2]);
     assert_eq!(endings, [[Ending::TimeLimit; 2]]);
 }
@@ -141,7 +141,7 @@ fn the_players_see_and_move_as_in_a_match_on_the_same_rig() {
     let scripts = [Scripted::Chaser, Scripted::Goalkeeper];
     let wanted = path_of_a_match(source.shared.rig_of(0, seed), scripts, STEPS);
 
-    let mut games = source.build(0..1).unwrap();
+    let mut games = source.build(0..1, || 0.0).unwrap();
     let layout = ObservationLayout { state: ObservationKind::Standard12, commands: 0 };
     let speed = GameSettings::default().limits.speed as f32;
     let mut path = Vec::new();
@@ -172,7 +172,7 @@ fn hits_are_counted_and_equal_seeds_give_equal_games() {
     let mut rig = RigConfig { ball: BallConfig::in_a_match(), ..RigConfig::default() };
     rig.ball.start = Some(Launch { y_m: -0.06, ..Launch::default() });
     let run = || {
-        let mut games = source(rig.clone()).build(2..4).unwrap();
+        let mut games = source(rig.clone()).build(2..4, || 0.0).unwrap();
         let mut hits = [0; 2];
         let mut last = Vec::new();
         for step in 0..300 {
@@ -217,6 +217,6 @@ fn a_rig_that_never_returns_the_ball_or_cannot_start_is_an_error() {
     // Without drives of one player the session does not start.
     let mut rig = into_left_cup();
     rig.drives.truncate(2);
-    let error = source(rig).build(3..4).unwrap_err();
+    let error = source(rig).build(3..4, || 0.0).unwrap_err();
     assert!(error.to_string().starts_with("the rig of environment 3: "), "{error}");
 }
