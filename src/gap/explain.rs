@@ -198,8 +198,8 @@ fn second_best(step: &Added) -> String {
     match step.ranking.iter().find(|other| step.is_less_significant_than(other)).map(name) {
         Some(name) => {
             format!(
-                " {name} is more significant. It was not selected, because it has more parameters or reduces the residual \
-                 much less."
+                " {name} is more significant. It was not selected in this step, because it has more \
+                 parameters or reduces the residual much less."
             )
         }
         None => step.runner_up().map(name).map_or_else(String::new, |name| {
