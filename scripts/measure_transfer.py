@@ -6,10 +6,11 @@
 
 DEMO is the folder of a finished `klasktron demo`: its twin (unless --twin names another one), actuator network, filter and
 rig files are used. Every arm is the same learner in another simulation, with the settings of FILE (default: those of the
-program). The arm `rig` trains on the rig itself; its simulation is the twin. Each policy plays on the rig and in its own simulation: the same opponents, both seats, the same serves; one
-referee scores both. Results in OUT are not computed again. With --ablate each policy also plays on rigs without one of the
-demo's hidden effects, and on one without any. With --join the runs of other finished OUT folders, such as those with other
-settings, count as further seeds of the same arms; with --seeds 0 there are no others.
+program). The arm `rig` trains on the rig itself; its simulation is the twin. Each policy plays on the rig and in its own
+simulation: the same opponents, both seats, the same serves; one referee scores both. Results in OUT are not computed
+again. With --ablate each policy also plays on rigs without one of the demo's hidden effects, and on one without any. With
+--join the runs of other finished OUT folders, such as those with other settings, count as further seeds of the same arms;
+with --seeds 0 there are no others.
 
 Intervals are 95 %: bootstrap over training seeds, and over the episodes of each seed within (Efron and Tibshirani 1993).
 Writes OUT/transfer.json and prints the tables.

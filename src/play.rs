@@ -59,7 +59,7 @@ mod tests;
 
 pub use crate::game::IN_CUP_SECONDS;
 pub use error::PlayError;
-pub use pilot::{Match, label};
+pub use pilot::{HOLD_GAIN_PER_S, Match, label};
 pub use rig_games::{RigGames, TrainingRig};
 pub use score::{MatchFormat, MatchScore};
 pub use seat::{Seat, Who, WhoError};

@@ -58,5 +58,5 @@ pub use config::{ConfigError, FaultKind, FaultPlan, FaultStart, RigConfig};
 pub use draw::{Artist, Scene};
 pub use serve::{DriveReport, ServeError, ServeReport, Shown, serve};
 pub use truth::{Body, DriveTruth, Hits, PlayerTruth, Truth};
-pub use virtual_link::{Speed, VirtualLink, Vision};
+pub use virtual_link::{Speed, VIRTUAL_START, VirtualLink, Vision};
 pub use world::World;

@@ -98,4 +98,5 @@ pub use settings::{
     ScriptedWeights, StartSettings, TrainSettings,
 };
 pub use stored::{PolicyFormat, StoredPolicy, read_checkpoint, read_curve, read_policy};
+pub(crate) use table::seat;
 pub use tensorboard::EventFile;

@@ -120,15 +120,25 @@ pub fn run_session(
         return Err(error.into());
     }
     log::info!("positions are referenced");
-    if let Some(writer) = writer {
-        let mut metadata = config.metadata.clone();
-        metadata.extend(control::arrivals(&config.players, &robot.can));
-        station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
-    }
+    record(&mut station, writer, config, control::arrivals(&config.players, &robot.can))?;
     let mut session = Session::new(station, config, &work, show);
     let reason = session.drive(work).err().unwrap_or(StopReason::Completed);
     log::info!("{reason}");
     session.close(&reason, started, bus)
+}
+
+/// Begin the recording, if there is one, with the metadata of `config` and `more` entries.
+fn record(
+    station: &mut Station<'_>,
+    writer: Option<RecordingWriter>,
+    config: &SessionConfig,
+    more: impl IntoIterator<Item = (String, String)>,
+) -> Result<(), SessionError> {
+    let Some(writer) = writer else { return Ok(()) };
+    let mut metadata = config.metadata.clone();
+    metadata.extend(more);
+    station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
+    Ok(())
 }
 
 fn discard(writer: Option<RecordingWriter>) {
@@ -503,11 +513,8 @@ pub fn listen(
     for player in Player::BOTH {
         station.carriage_mut(player).count_from_zero();
     }
-    let mut metadata = config.metadata.clone();
-    metadata.insert("carriage_origin".to_owned(), "unknown".to_owned());
-    if let Some(writer) = writer {
-        station.record_to(Recorder::start(writer, metadata, config.scene.clone())?);
-    }
+    let unknown_origin = [("carriage_origin".to_owned(), "unknown".to_owned())];
+    record(&mut station, writer, config, unknown_origin)?;
     let started = station.now();
     let mut session = Session::new(station, config, &Work::Legs(&[]), show);
     let reason = session.hear(started.after_seconds(seconds)).err();

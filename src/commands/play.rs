@@ -12,15 +12,15 @@ use klasktron::{
     collect::{FreeStretch, SessionReport, Work, run_session},
     ekf::read_settings,
     link::BusSpec,
-    play::{Match, MatchFormat, MatchScore, Seat, SimulatedGoals, SimulatedMatch, Who, label},
+    play::{
+        HOLD_GAIN_PER_S, Match, MatchFormat, MatchScore, Seat, SimulatedGoals, SimulatedMatch, Who,
+        label,
+    },
     rig::{RigConfig, Truth, config::BallConfig},
     train::{ActuatorSource, TrainSettings, game_with_actuator},
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-
-/// Gain of the position hold in the moves before a match ((m/s)/m).
-const HOLD_GAIN_PER_S: f64 = 1.0;
 
 /// Arguments of `klasktron play`.
 #[derive(Debug, clap::Args)]

@@ -10,7 +10,7 @@ use klasktron::{
         BusLock, BusSpec, CameraFeed, CameraSocket, CameraSpec, Link, LiveLink, Replay, ReplayLink,
         TransportSpec,
     },
-    rig::{RigConfig, Speed, Truth, VirtualLink},
+    rig::{RigConfig, Speed, Truth, VIRTUAL_START, VirtualLink},
     units::Nanos,
 };
 use std::{
@@ -19,9 +19,6 @@ use std::{
     str::FromStr,
     time::{SystemTime, UNIX_EPOCH},
 };
-
-/// Start time of recordings of the virtual rig at full speed (2026-01-01, UTC): equal settings give equal bytes.
-const VIRTUAL_START: Nanos = Nanos(1_767_225_600_000_000_000);
 
 /// Environment variable for `--bus`.
 pub(crate) const BUS_VARIABLE: &str = "KLASKTRON_BUS";

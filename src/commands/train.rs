@@ -215,11 +215,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&settings.to_json())?;
         return Ok(Outcome::Done);
     }
-    let (game, mut actuator) = game_with_actuator(&args.actuator)?;
+    let (game, simulated) = game_with_actuator(&args.actuator)?;
     let rig = args.rig.as_deref().map(read_rig).transpose()?;
-    if let Some(path) = &args.rig {
-        actuator = ActuatorSource::of_rig(path)?;
-    }
+    let actuator = match &args.rig {
+        Some(path) => ActuatorSource::of_rig(path)?,
+        None => simulated,
+    };
     if let Some(seeds) = args.seeds {
         return run_seeds(args, &settings, seeds);
     }

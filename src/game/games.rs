@@ -493,13 +493,9 @@ impl Games {
     fn put_ball_back(&mut self, board: usize) {
         let mut stream = self.stream("game.start", board);
         let strikers = self.strikers[board].map(|striker| striker.position());
-        let is_clear = |ball: [f64; 2]| {
-            let distance = |striker: &[f64; 2]| length(subtract(ball, *striker));
-            strikers.iter().all(|striker| BALL_RADIUS + STRIKER_RADIUS < distance(striker))
-        };
         let (_strikers, mut ball) = self.draw_start(board, &mut stream);
         for _ in 1..MOST_DRAWS {
-            if is_clear(ball) {
+            if is_clear(ball, &strikers) {
                 break;
             }
             (_, ball) = self.draw_start(board, &mut stream);
@@ -602,6 +598,12 @@ fn draw_velocity(settings: &EpisodeSettings, stream: &mut Stream) -> [f64; 2] {
     [speed * angle.cos(), speed * angle.sin()]
 }
 
+/// Return whether a ball at `ball` touches none of the `strikers` (m).
+fn is_clear(ball: [f64; 2], strikers: &[[f64; 2]; 2]) -> bool {
+    let distance = |striker: &[f64; 2]| length(subtract(ball, *striker));
+    strikers.iter().all(|striker| BALL_RADIUS + STRIKER_RADIUS < distance(striker))
+}
+
 /// Start positions of the strikers and of the ball.
 fn draw_start(settings: &EpisodeSettings, stream: &mut Stream) -> ([[f64; 2]; 2], [f64; 2]) {
     let mut draw =
@@ -612,15 +614,10 @@ fn draw_start(settings: &EpisodeSettings, stream: &mut Stream) -> ([[f64; 2]; 2]
         let own = [draw(-striker_x, striker_x), -draw(near, far)];
         turned(player, own)
     });
-    let clear = |ball: [f64; 2]| {
-        strikers
-            .iter()
-            .all(|striker| BALL_RADIUS + STRIKER_RADIUS < length(subtract(ball, *striker)))
-    };
     for _ in 0..MOST_DRAWS {
         let (x, side) = (draw(-ball_x, ball_x), draw(-1.0, 1.0));
         let ball = [x, draw(ball_near, ball_far).copysign(side)];
-        if clear(ball) {
+        if is_clear(ball, &strikers) {
             return (strikers, ball);
         }
     }

@@ -15,6 +15,9 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
+/// Gain of the position hold in the moves before a match ((m/s)/m).
+pub const HOLD_GAIN_PER_S: f64 = 1.0;
+
 /// Pattern name in the markers of a match.
 const PATTERN: &str = "match";
 

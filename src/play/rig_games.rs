@@ -16,7 +16,11 @@
 //! Results do not depend on threads. A rig cannot be saved, so a resumed training begins new
 //! episodes.
 
-use super::{PlayError, label, pilot::check_speed_of, table_state::TableState};
+use super::{
+    PlayError, label,
+    pilot::{HOLD_GAIN_PER_S, check_speed_of},
+    table_state::TableState,
+};
 use crate::{
     collect::{
         Decision, FreeStretch, HomingPolicy, Moment, Pilot, RawFrames, SessionConfig,
@@ -30,9 +34,9 @@ use crate::{
     gantry::Robot,
     link::{Capabilities, Event, Link, LinkError},
     recording::{message::CameraDetections, topic::Player},
-    rig::{Body, Hits, RigConfig, Speed, Truth, VirtualLink},
+    rig::{Body, Hits, RigConfig, Speed, Truth, VIRTUAL_START, VirtualLink},
     seed::Stream,
-    train::{EnvironmentSource, Environments},
+    train::{EnvironmentSource, Environments, seat},
     units::Nanos,
 };
 use std::{
@@ -48,10 +52,6 @@ use std::{
     thread,
 };
 
-/// Start of the time of a rig; any instant.
-const START: Nanos = Nanos(1_767_225_600_000_000_000);
-/// Gain of the position hold before the first decision ((m/s)/m).
-const HOLD_GAIN_PER_S: f64 = 1.0;
 /// Length of a session (s): longer than any training.
 const SESSION_SECONDS: f64 = 1e9;
 /// Stack of the thread of one environment (bytes).
@@ -260,7 +260,7 @@ impl Shared {
         let mut seeds = Stream::new(self.seed, &format!("train.rig.{number}"));
         loop {
             let rig = self.rig_of(number, seeds.below(1 << 62) as u64);
-            let link = match VirtualLink::new(rig, Speed::Maximum, START) {
+            let link = match VirtualLink::new(rig, Speed::Maximum, VIRTUAL_START) {
                 Ok(link) => Rc::new(RefCell::new(link)),
                 Err(error) => return trainer.fail(error.to_string()),
             };
@@ -284,12 +284,10 @@ impl Shared {
     /// The rig of the environment `number`.
     fn rig_of(&self, number: usize, seed: u64) -> RigConfig {
         let mut rig = RigConfig { seed, ..self.rig.clone() };
-        if let Some(start) = rig.ball.start.as_mut().filter(|_| !number.is_multiple_of(2)) {
-            for value in
-                [&mut start.x_m, &mut start.y_m, &mut start.vx_m_per_s, &mut start.vy_m_per_s]
-            {
-                *value = -*value;
-            }
+        if let Some(start) = &mut rig.ball.start {
+            let turn = |pair| turned(seat(number), pair);
+            [start.x_m, start.y_m] = turn([start.x_m, start.y_m]);
+            [start.vx_m_per_s, start.vy_m_per_s] = turn([start.vx_m_per_s, start.vy_m_per_s]);
         }
         rig
     }

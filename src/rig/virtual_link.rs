@@ -25,6 +25,9 @@ use std::{
     time::{Duration, Instant},
 };
 
+/// Start time of virtual rigs at full speed (2026-01-01, UTC): equal settings give equal bytes.
+pub const VIRTUAL_START: Nanos = Nanos(1_767_225_600_000_000_000);
+
 /// Name of the bus in messages.
 const NAME: &str = "the virtual bus";
 

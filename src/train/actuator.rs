@@ -44,8 +44,12 @@ impl ActuatorSource {
     /// # Errors
     /// When the file cannot be read.
     pub fn of_rig(file: &Path) -> Result<Self, TrainError> {
+        Self::of_file(VIRTUAL_RIG, file)
+    }
+
+    fn of_file(kind: &str, file: &Path) -> Result<Self, TrainError> {
         Ok(Self {
-            kind: VIRTUAL_RIG.to_owned(),
+            kind: kind.to_owned(),
             file: file.file_name().map(|name| name.to_string_lossy().into_owned()),
             sha256: Some(sha256_of_file(file)?),
         })
@@ -76,11 +80,7 @@ pub fn game_with_actuator(choice: &Path) -> Result<(GameSettings, ActuatorSource
         }
     };
     game.check()?;
-    let source = ActuatorSource {
-        kind: game.actuation.name().to_owned(),
-        file: choice.file_name().map(|name| name.to_string_lossy().into_owned()),
-        sha256: Some(sha256_of_file(choice)?),
-    };
+    let source = ActuatorSource::of_file(game.actuation.name(), choice)?;
     Ok((game, source))
 }
 

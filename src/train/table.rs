@@ -26,7 +26,7 @@ pub(super) fn across(player: Player) -> Player {
 
 /// Seat of the learner, or of the first of two players: left in environments of even number, right
 /// in the others.
-pub(super) fn seat(board: usize) -> Player {
+pub(crate) fn seat(board: usize) -> Player {
     if board.is_multiple_of(2) { Player::Left } else { Player::Right }
 }
 

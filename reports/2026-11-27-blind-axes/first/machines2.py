@@ -29,3 +29,14 @@ for k in M2:
     M2[k]['bp']='in input units: '+', '.join(f'{x} {p[x]/g:.4g}' for x in('M','FC','FV','K','G','RA') if x in p)+(f", ke {p['KE']}" if 'KE' in p else '')+(f", period {p['RP']:.5g}" if 'RP' in p else '')+(f", rho {p['KI']/p['KP']:.3g}" if 'KI' in p else '')
 C2=[]
 def c(*a): C2.append(a)
+KINDS={'V':'voltage','duty':'voltage (duty)','A':'current','mA':'current','mm/s':'velocity setpoint','rpm':'velocity setpoint'}
+def write_cases(rows,number,seed):
+    """Record the cases of set `number`: rows of (name, machine's key, machine, change, options, truth, acceptable, true parameter, reason)."""
+    cases=[]
+    for nm,mk,m,ov,opt,truth,alt,tp,why in rows:
+        files=[]; st=[]; ov=dict(ov) if ov is not None else None; single=ov is None or bool(ov.pop('_single',0))
+        for i in (1,2):
+            seed+=1; fn=f'./csv/{nm}-{i}.csv'; st.append(record(m,ov or {},seed,fn,**opt)); files.append(fn)
+        x=st[0]; print(f"{nm:16s} u {x['urms']:.3g} span {x['qspan']:.3g} v {x['vrms']:.3g} max {x['vmax']:.3g} err {x['err']:.2g} still {x['still']:.2f}")
+        cases.append(dict(name=nm,machine=mk,set=number,description=m['desc'],kind=KINDS.get(m['iu'],'force/torque'),input_unit=m['iu'],position_unit=m['pu'],rate_hz=m['fs'],seconds=m['T'],single=single,changed=ov or {},course=opt,truth=truth,acceptable=alt,true_parameter=tp,reason=why,files=files,machine_parameters=m['p'],stats=st))
+    json.dump(cases,open(f'./cases{number}.json','w'),indent=1); print(len(cases))

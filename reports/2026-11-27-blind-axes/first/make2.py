@@ -55,11 +55,4 @@ c('CR_load2','CR',dict(M=1.1e6),{},['gantry.inertia'],[],'9e5 -> 1.1e6','')
 c('CR_wind2','CR',dict(F0=4e3),{},['gantry.tilt'],[R+'offset',R+'friction.asymmetric'],'4 kNm','')
 c('CR_out_gust2','CR',dict(XA=8e3,XF=.35),{},['unexplained'],[],'8 kNm at .35 Hz','outside')
 c('CR_null_course2','CR',{},dict(course='sine'),[],[],'-','')
-cases=[]; seed=91000
-for nm,mk,ov,opt,truth,alt,tp,why in C2:
-    m=M2[mk]; files=[]; st=[]; ov=dict(ov) if ov is not None else None; single=ov is None or bool(ov.pop('_single',0))
-    for i in (1,2):
-        seed+=1; fn=f'./csv/{nm}-{i}.csv'; st.append(record(m,ov or {},seed,fn,**opt)); files.append(fn)
-    x=st[0]; print(f"{nm:16s} u {x['urms']:.3g} span {x['qspan']:.3g} v {x['vrms']:.3g} max {x['vmax']:.3g} err {x['err']:.2g} still {x['still']:.2f}")
-    cases.append(dict(name=nm,machine=mk,set=2,description=m['desc'],kind={'V':'voltage','duty':'voltage (duty)','A':'current','mA':'current','mm/s':'velocity setpoint','rpm':'velocity setpoint'}.get(m['iu'],'force/torque'),input_unit=m['iu'],position_unit=m['pu'],rate_hz=m['fs'],seconds=m['T'],single=single,changed=ov or {},course=opt,truth=truth,acceptable=alt,true_parameter=tp,reason=why,files=files,machine_parameters=m['p'],stats=st))
-json.dump(cases,open('./cases2.json','w'),indent=1); print(len(cases))
+write_cases([(nm,mk,M2[mk],*rest) for nm,mk,*rest in C2],2,91000)

@@ -26,11 +26,4 @@ run('VC_endstop4','VC',M2,dict(EK=4000,EHI=.0015),{},['gantry.endstop'],'363.6 A
 run('GA_slew_current','GA',M2,dict(USAT=260),{},[R+'saturation.speed'],'260 N amplifier limit')
 run('RV_cog4','RV',M2,dict(RA=.25,RP=2*pi/6,RPH=.3),{},[R+'ripple.motor'],'.1667 rad/s, period 1.047')
 run('RV_tilt4','RV',M2,dict(F0=.3),{},['gantry.tilt'],'.2 rad/s')
-cases=[];seed=330000
-for nm,mk,mm,ov,opt,truth,tp in C2:
-    m=mm[mk];files=[];st=[]
-    for i in (1,2):
-        seed+=1; fn=f'./csv/{nm}-{i}.csv'; st.append(record(m,ov,seed,fn,**opt)); files.append(fn)
-    x=st[0]; print(nm,x)
-    cases.append(dict(name=nm,machine=mk,set=4,description=m['desc'],kind={'V':'voltage','duty':'voltage (duty)','A':'current','mA':'current','mm/s':'velocity setpoint','rpm':'velocity setpoint'}.get(m['iu'],'force/torque'),input_unit=m['iu'],position_unit=m['pu'],rate_hz=m['fs'],seconds=m['T'],single=False,changed=ov,course=opt,truth=truth,acceptable=[],true_parameter=tp,reason='',files=files,machine_parameters=m['p'],stats=st))
-json.dump(cases,open('./cases4.json','w'),indent=1)
+write_cases([(nm,mk,mm[mk],ov,opt,truth,[],tp,'') for nm,mk,mm,ov,opt,truth,tp in C2],4,330000)

@@ -118,7 +118,7 @@ fn path_of_a_match(rig: RigConfig, scripts: [Scripted; 2], steps: usize) -> Vec<
     let robot = Robot::default();
     let seats = scripts.map(|script| Some(Seat::Scripted(script)));
     let game = Match::new(seats, &robot, &FilterSettings::default(), 0).unwrap();
-    let link = Rc::new(RefCell::new(VirtualLink::new(rig, Speed::Maximum, START).unwrap()));
+    let link = Rc::new(RefCell::new(VirtualLink::new(rig, Speed::Maximum, VIRTUAL_START).unwrap()));
     let mut pilot = Watched { game, link: Rc::clone(&link), path: Vec::new() };
     let config = session_config();
     let presses = AtomicUsize::new(0);
