@@ -15,12 +15,12 @@ const HEIGHT: u32 = 260;
 
 /// Learning curves: title, metric, quantity, unit.
 const CURVES: [(&str, &str, &str, &str); 10] = [
-    ("Score against the opponents", "play/score", "won minus lost games", "fraction"),
+    ("Score against the opponents", "play/score", "won minus lost", "fraction"),
     ("Running Elo", "play/elo", "Elo", ""),
     ("Episode return", "play/return", "return", ""),
     ("Hits of the ball", "play/hits_per_minute", "rate", "1/min"),
     ("Episode length", "play/episode_s", "length", "s"),
-    ("Own goals", "play/own_goal_fraction", "games lost by own goal", "fraction"),
+    ("Own goals", "play/own_goal_fraction", "own goals", "fraction"),
     ("Policy entropy", "losses/entropy", "entropy", "nat"),
     ("Approximate KL per update", "losses/kl", "KL divergence", "nat"),
     ("Value loss", "losses/value", "loss", ""),
@@ -72,7 +72,8 @@ pub(super) fn learning_charts(series: &dyn Fn(&str) -> Vec<Series>) -> Vec<Chart
 }
 
 fn badge(page: &mut Page, summary: &Summary) {
-    let Some(verdict) = &summary.evaluation else {
+    let evaluation = summary.evaluation.as_ref().filter(|own| !own.opponents.is_empty());
+    let Some(verdict) = evaluation else {
         page.badge("not evaluated", Badge::Note);
         return;
     };
