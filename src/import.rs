@@ -51,7 +51,9 @@ mod topics;
 
 pub use bam::import_bam;
 pub use candump::import_candump;
-pub use csv::{AxisColumns, ColumnError, PositionUnit, column_names, import_csv, read_columns};
+pub use csv::{
+    AxisColumns, ColumnError, PositionUnit, Quantity, column_names, import_csv, read_columns,
+};
 pub use error::ImportError;
 pub use npz::{GRID_SECONDS, import_npz};
 pub use report::{ImportReport, Notice, SkipReason, TopicCount};

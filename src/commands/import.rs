@@ -12,7 +12,7 @@ use klasktron::{
     gantry::CoreXy,
     import::{
         self, AxisColumns, ColumnError, ImportConfig, ImportError, ImportReport, PositionUnit,
-        SourceKind, Table,
+        Quantity, SourceKind, Table,
     },
     recording::Split,
 };
@@ -162,10 +162,10 @@ struct CsvOptions {
     #[arg(long, value_name = "SECONDS")]
     step_s: Option<f64>,
     /// Column of the input and its unit, such as current:mA
-    ///
-    /// Units: m/s, mm/s, rad/s, deg/s, rpm, turns/s, m, mm, N, mN, kN, N m (or Nm), mN m (or mNm), V, mV, A, mA,
-    /// and duty (-1 to 1, with --supply-v).
-    #[arg(long, value_name = "COLUMN:UNIT")]
+    #[arg(long, value_name = "COLUMN:UNIT", long_help = format!(
+        "Column of the input and its unit, such as current:mA\n\nUnits: {}. A duty is from -1 to 1 and needs --supply-v.",
+        Quantity::Input.unit_list()
+    ))]
     input: String,
     /// Factor of the input before its unit applies; a negative one reverses the sign
     #[arg(long, value_name = "FACTOR", default_value = "1", allow_hyphen_values = true)]
@@ -173,11 +173,20 @@ struct CsvOptions {
     /// Supply voltage of the unit duty (V)
     #[arg(long, value_name = "VOLTS")]
     supply_v: Option<f64>,
-    /// Column of the position and its unit: m, mm, um, rad, deg, turns or counts
-    #[arg(long, value_name = "COLUMN[:UNIT]", required_unless_present = "velocity")]
+    /// Column of the position and its unit
+    #[arg(
+        long,
+        value_name = "COLUMN[:UNIT]",
+        required_unless_present = "velocity",
+        long_help = format!("Column of the position and its unit: {}", Quantity::Position.unit_list())
+    )]
     position: Option<String>,
-    /// Column of the velocity and its unit: m/s, mm/s, rad/s, deg/s, rpm, turns/s or counts/s
-    #[arg(long, value_name = "COLUMN[:UNIT]")]
+    /// Column of the velocity and its unit
+    #[arg(
+        long,
+        value_name = "COLUMN[:UNIT]",
+        long_help = format!("Column of the velocity and its unit: {}", Quantity::Velocity.unit_list())
+    )]
     velocity: Option<String>,
     /// Unit of a position without its own unit; such a velocity has it per second
     #[arg(long, default_value = "m")]

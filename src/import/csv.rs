@@ -19,6 +19,8 @@
 mod table;
 mod units;
 
+pub use units::Quantity;
+
 use super::{
     error::ImportError,
     report::{ImportReport, Notice},
@@ -35,7 +37,7 @@ use crate::{
 };
 use std::{fs, path::Path};
 use table::{Row, Table};
-use units::{Quantity, Unit};
+use units::Unit;
 
 /// Pause between two runs (s).
 const RUN_PAUSE_S: f64 = 1.0;
@@ -71,17 +73,17 @@ impl PositionUnit {
 /// | column | units | recorded |
 /// |---|---|---|
 /// | time | s (default), ms, us, ns, steps | ns |
-/// | input | m/s, mm/s | m/s |
-/// | input | rad/s, deg/s, rpm, turns/s | rad/s |
+/// | input | m/s, cm/s, mm/s, m/min, mm/min, in/s | m/s |
+/// | input | rad/s, deg/s, rpm, turns/s, rev/s | rad/s |
 /// | input | m, mm | m |
-/// | input | N, mN, kN | N |
-/// | input | N m (or Nm), mN m (or mNm) | N m |
+/// | input | N, mN, kN, lbf | N |
+/// | input | N m (or Nm), mN m (or mNm), kgf cm, lbf in, ozf in | N m |
 /// | input | V, mV, duty (-1 to 1) | V |
 /// | input | A, mA | A |
-/// | position | m, mm, um | m |
-/// | position | rad, deg, turns, counts | rad |
-/// | velocity | m/s, mm/s | m/s |
-/// | velocity | rad/s, deg/s, rpm, turns/s, counts/s | rad/s |
+/// | position | m, cm, mm, um, in | m |
+/// | position | rad, mrad, deg, turns, rev, counts | rad |
+/// | velocity | m/s, cm/s, mm/s, m/min, mm/min, in/s | m/s |
+/// | velocity | rad/s, deg/s, rpm, turns/s, rev/s, counts/s | rad/s |
 ///
 /// The text behind the last colon is the unit. If it is no unit of the quantity, it belongs to the
 /// column's name.
@@ -788,10 +790,10 @@ mod tests {
         let degree = TAU / 360.0;
         let times = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("steps", 0.01), ("s", 1.0)];
         let inputs = [("mA", 1e-3, "A"), ("mNm", 1e-3, "Nm"), ("rpm", TAU / 60.0, "rad/s")];
-        let angles = [("deg", degree), ("turns", TAU), ("counts", TAU / 2000.0), ("rad", 1.0)];
+        let angles = [("deg", degree), ("rev", TAU), ("counts", TAU / 2000.0), ("rad", 1.0)];
         let speeds = [
             ("deg/s", degree),
-            ("turns/s", TAU),
+            ("rev/s", TAU),
             ("counts/s", TAU / 2000.0),
             ("rpm", TAU / 60.0),
             ("rad/s", 1.0),
@@ -948,7 +950,7 @@ mod tests {
         assert_eq!(
             fault("t,u,pos\n0,1,2\n", &AxisColumns::new("t", "u:V").position("pos:xyz")),
             "no column 'pos:xyz'; the columns are t, u, pos; the units of --position are m, cm, mm, \
-             um, in, rad, mrad, deg, turns, counts"
+             um, in, rad, mrad, deg, turns, rev, counts"
         );
         assert_eq!(
             fault("t,u,x\n0,1,2\n", &columns("t:min")),
@@ -1045,7 +1047,7 @@ mod tests {
         assert_eq!(
             wrong(moved("u:stone")),
             "input 'u:stone' is not COLUMN:UNIT with a unit of m/s, cm/s, mm/s, m/min, mm/min, in/s, rad/s, deg/s, rpm, \
-             turns/s, m, mm, N, mN, kN, lbf, Nm, mNm, kgfcm, lbfin, ozfin, V, mV, A, mA, duty"
+             turns/s, rev/s, m, mm, N, mN, kN, lbf, Nm, mNm, kgfcm, lbfin, ozfin, V, mV, A, mA, duty"
         );
         assert!(wrong(moved("u")).contains("COLUMN:UNIT"));
         assert_eq!(

@@ -32,10 +32,14 @@ enum Factor {
 
 /// Quantity that a column holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Quantity {
+pub enum Quantity {
+    /// Time of a sample.
     Time,
+    /// Input of the axis.
     Input,
+    /// Measured position.
     Position,
+    /// Measured velocity.
     Velocity,
 }
 
@@ -57,7 +61,7 @@ const GRAVITY: f64 = 9.80665;
 const POUND_FORCE: f64 = 0.453_592_37 * GRAVITY;
 
 /// Speeds, which inputs and velocities share.
-static SPEEDS: [Unit; 10] = [
+static SPEEDS: [Unit; 11] = [
     constant("m/s", "m/s", 1.0),
     constant("cm/s", "m/s", 1e-2),
     constant("mm/s", "m/s", 1e-3),
@@ -68,6 +72,7 @@ static SPEEDS: [Unit; 10] = [
     constant("deg/s", "rad/s", PI / 180.0),
     constant("rpm", "rad/s", TAU / 60.0),
     constant("turns/s", "rad/s", TAU),
+    constant("rev/s", "rad/s", TAU),
 ];
 
 /// Inputs other than [`SPEEDS`].
@@ -90,7 +95,7 @@ static INPUTS: [Unit; 16] = [
     Unit { name: "duty", recorded: "V", factor: Factor::Supply },
 ];
 
-static POSITIONS: [Unit; 10] = [
+static POSITIONS: [Unit; 11] = [
     constant("m", "m", 1.0),
     constant("cm", "m", 1e-2),
     constant("mm", "m", 1e-3),
@@ -100,6 +105,7 @@ static POSITIONS: [Unit; 10] = [
     constant("mrad", "rad", 1e-3),
     constant("deg", "rad", PI / 180.0),
     constant("turns", "rad", TAU),
+    constant("rev", "rad", TAU),
     Unit { name: "counts", recorded: "rad", factor: Factor::Count },
 ];
 
@@ -133,7 +139,8 @@ impl Quantity {
     }
 
     /// Names of the units, as they are typed without quotes.
-    pub(super) fn unit_list(self) -> String {
+    #[must_use]
+    pub fn unit_list(self) -> String {
         self.units().map(|unit| unit.name.replace(' ', "")).collect::<Vec<_>>().join(", ")
     }
 
@@ -228,7 +235,7 @@ mod tests {
     }
 
     /// Quantity, value, unit, the value in the recorded unit, and that unit; computed by hand.
-    const EXAMPLES: [(Quantity, f64, &str, f64, &str); 53] = [
+    const EXAMPLES: [(Quantity, f64, &str, f64, &str); 56] = [
         (Quantity::Time, 2.5, "s", 2.5, "s"),
         (Quantity::Time, 1500.0, "ms", 1.5, "s"),
         (Quantity::Time, 250.0, "us", 0.00025, "s"),
@@ -244,6 +251,7 @@ mod tests {
         (Quantity::Input, 90.0, "deg/s", PI / 2.0, "rad/s"),
         (Quantity::Input, 60.0, "rpm", TAU, "rad/s"),
         (Quantity::Input, 0.5, "turns/s", PI, "rad/s"),
+        (Quantity::Input, 0.5, "rev/s", PI, "rad/s"),
         (Quantity::Input, 0.02, "m", 0.02, "m"),
         (Quantity::Input, 20.0, "mm", 0.02, "m"),
         (Quantity::Input, -7.0, "N", -7.0, "N"),
@@ -272,6 +280,7 @@ mod tests {
         (Quantity::Position, 1.0, "rad", 1.0, "rad"),
         (Quantity::Position, 180.0, "deg", PI, "rad"),
         (Quantity::Position, -0.25, "turns", -PI / 2.0, "rad"),
+        (Quantity::Position, -0.25, "rev", -PI / 2.0, "rad"),
         (Quantity::Position, 4096.0, "counts", TAU, "rad"),
         (Quantity::Velocity, 100.0, "mm/s", 0.1, "m/s"),
         (Quantity::Velocity, 10.0, "cm/s", 0.1, "m/s"),
@@ -281,6 +290,7 @@ mod tests {
         (Quantity::Velocity, 180.0, "deg/s", PI, "rad/s"),
         (Quantity::Velocity, 60.0, "rpm", TAU, "rad/s"),
         (Quantity::Velocity, 2.0, "turns/s", 2.0 * TAU, "rad/s"),
+        (Quantity::Velocity, 2.0, "rev/s", 2.0 * TAU, "rad/s"),
         (Quantity::Velocity, 1024.0, "counts/s", PI / 2.0, "rad/s"),
     ];
 
