@@ -28,7 +28,7 @@ const FILES: [&str; 5] = ["gap.json", "twin.json", "index.html", "residuals.svg"
     after_help = "Example:\n  klasktron gap monday.mcap tuesday.mcap --twin twin.json -o gap"
 )]
 pub(crate) struct Args {
-    /// Recordings of at least two sessions; those marked split=validation are held out
+    /// Recordings, best of at least two sessions; those marked split=validation are held out
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// Initial twin [default: the built-in nominal twin]

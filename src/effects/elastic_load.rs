@@ -29,6 +29,12 @@ pub struct ElasticState {
 }
 
 impl ElasticState {
+    /// The same with another position and velocity of the load, by these differences.
+    #[must_use]
+    pub fn with_load_moved(self, [position, velocity]: [f64; 2]) -> Self {
+        Self { load: self.load + position, velocity: self.velocity + velocity, ..self }
+    }
+
     /// Move motor and load together, to where the motor is in `motion`.
     pub fn move_to(&mut self, motion: &Motion) {
         self.load += motion.position - self.motor;

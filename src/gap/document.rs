@@ -24,7 +24,7 @@ use crate::{
     effects::{Effect, Parameter, Physics},
     recording::Split,
     stats::t_quantile,
-    twin::{Instance, Session, Slot, Source, StageKind, Twin, Value},
+    twin::{Instance, Machine, Session, Slot, Source, StageKind, Twin, Value},
 };
 
 /// Everything from which the document is made.
@@ -207,7 +207,7 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
             "low and high speeds disagree on its magnitude: the cause is another effect".to_owned()
         }
         Reason::SessionsDisagree => "the sessions disagree on its sign or magnitude".to_owned(),
-        Reason::TooSmall => "explains less than the model error of the simulation".to_owned(),
+        Reason::TooSmall => "not distinguishable from a model error of the simulation".to_owned(),
         Reason::NotTestable => {
             let needed = rejected.candidate.effect.excitation;
             format!("not testable with this motion: it needs {needed}")
@@ -244,11 +244,15 @@ fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
 /// that could have changed (Bonferroni). If they changed jointly, but none by itself, because their
 /// errors are correlated, the one farthest outside is stated.
 fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
+    let stages = || material.outcomes.iter().zip(material.floors);
+    if material.start.machine == Machine::Axis && stages().all(is_refit_within_model_error) {
+        return Vec::new();
+    }
     let known = material.twin.instances.iter().enumerate();
     let possible = known.flat_map(|(index, after)| possible_changes(material, index, after));
     let mut possible: Vec<(f64, ParameterChange)> = possible.collect();
     if possible.iter().all(|(ratio, _)| *ratio <= 1.0)
-        && material.outcomes.iter().zip(material.floors).any(explains_most_by_refit)
+        && stages().any(explains_most_by_refit)
         && let Some((ratio, _)) = possible.iter_mut().max_by(|a, b| a.0.total_cmp(&b.0))
     {
         *ratio = f64::INFINITY;
@@ -261,13 +265,42 @@ fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
 /// explain most of its square, and no effect was added.
 fn explains_most_by_refit((outcome, floors): (&Outcome<'_>, &Vec<Floor>)) -> bool {
     let thresholds = outcome.train.thresholds();
-    let rms = |point: &Point| outcome.held_out.rms(point).into_iter().zip(floors);
-    let sum = |point: &Point| rms(point).map(|(rms, floor)| (rms / floor.rms).powi(2)).sum::<f64>();
-    let is_above = |(rms, floor): (f64, &Floor)| thresholds.floor_ratio * floor.rms < rms;
+    let refit = Refit::of(outcome, floors);
     outcome.is_better
         && outcome.added.is_empty()
-        && rms(&outcome.start_held_out).any(is_above)
-        && sum(&outcome.last_held_out) < (1.0 - thresholds.majority) * sum(&outcome.start_held_out)
+        && thresholds.floor_ratio < refit.floor_ratio
+        && thresholds.majority < refit.gain
+}
+
+/// Return whether other values of the known parameters of a single axis explain no more than a model error: the given
+/// twin is at the noise floor, and they explain less than an effect there must explain.
+fn is_refit_within_model_error((outcome, floors): (&Outcome<'_>, &Vec<Floor>)) -> bool {
+    let Refit { floor_ratio, gain } = Refit::of(outcome, floors);
+    outcome.added.is_empty()
+        && floor_ratio <= 1.0
+        && gain < outcome.train.thresholds().least_gain_at_floor(floor_ratio)
+}
+
+/// Known parameters of the given twin, refitted, on the validation sessions.
+struct Refit {
+    /// Largest ratio of a signal's residual to its noise floor with the given values; infinite without a residual.
+    floor_ratio: f64,
+    /// Fraction of the squared residual, in noise floors, that the new values explain.
+    gain: f64,
+}
+
+impl Refit {
+    fn of(outcome: &Outcome<'_>, floors: &[Floor]) -> Self {
+        let ratios = |point: &Point| -> Vec<f64> {
+            outcome.held_out.rms(point).iter().zip(floors).map(|(rms, own)| rms / own.rms).collect()
+        };
+        let sum = |ratios: &[f64]| ratios.iter().map(|ratio| ratio * ratio).sum::<f64>();
+        let (before, after) = (ratios(&outcome.start_held_out), ratios(&outcome.last_held_out));
+        Self {
+            floor_ratio: before.iter().copied().reduce(f64::max).unwrap_or(f64::INFINITY),
+            gain: 1.0 - sum(&after) / sum(&before).max(f64::MIN_POSITIVE),
+        }
+    }
 }
 
 /// Differences of the parameters of the instance `index` of the final twin from the given values, each with its ratio to

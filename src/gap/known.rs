@@ -115,6 +115,7 @@ pub(super) struct RequiredGain<'t> {
     floor: AtFloor,
     /// `true` where the given twin has a reference residual.
     has_reference: bool,
+    machine: Machine,
     /// `true` where the gain in one signal, or in the plain residual, counts as well. `false` after an effect was
     /// added, and without a reference residual: a model error may be concentrated in one signal, and is mostly slow.
     pub(super) any_signal: bool,
@@ -130,10 +131,7 @@ impl<'t> RequiredGain<'t> {
         (excess, floor): (Option<Excess>, AtFloor),
     ) -> Self {
         let general = match floor {
-            // A fraction of the squared floor, as of an unexplained dependence: smaller changes are model errors.
-            AtFloor::Yes(ratio) => {
-                thresholds.large_excess.max(thresholds.reference_excess / ratio.powi(2))
-            }
+            AtFloor::Yes(ratio) => thresholds.least_gain_at_floor(ratio),
             AtFloor::No => thresholds.least_gain(excess),
         };
         let is_elsewhere = excess.is_some_and(|own| own.is_on_another_course(thresholds));
@@ -153,18 +151,23 @@ impl<'t> RequiredGain<'t> {
             stage,
             floor,
             has_reference: excess.is_some(),
+            machine: given.machine,
             any_signal: excess.is_some(),
         }
     }
 
     /// Required gains of one more effect. The added ones `removed` a squared residual, and a square of `left` remains, both
-    /// in the metric in which the effect is tested. On a machine with a reference, the rest may be a model error along the
-    /// added effects, in proportion to them.
+    /// in the metric in which the effect is tested. On a table with a reference, the rest may be a model error along the
+    /// added effects, in proportion to them. The noise floor of a single axis contains its model error; below the floor,
+    /// one more effect must explain most of the rest.
     pub(super) fn in_addition_to(mut self, removed: f64, left: f64) -> Self {
-        if self.has_reference {
-            let ratio = removed.max(0.0) / left.max(f64::MIN_POSITIVE);
-            self.conditional = self.thresholds.clear_gain * ratio;
-        }
+        self.conditional = match (self.machine, self.floor) {
+            (Machine::Table, _) if self.has_reference => {
+                self.thresholds.clear_gain * removed.max(0.0) / left.max(f64::MIN_POSITIVE)
+            }
+            (Machine::Axis, AtFloor::Yes(_)) => self.thresholds.majority,
+            _ => 0.0,
+        };
         self.any_signal = false;
         self
     }
@@ -291,6 +294,12 @@ impl Thresholds {
     /// Return whether recordings with this [`excess`] contain nothing new.
     pub(super) fn is_at_reference(&self, excess: Option<Excess>) -> bool {
         excess.is_some_and(|excess| excess.new_fraction(self) < self.reference_excess)
+    }
+
+    /// The same on a single axis whose residual is at its noise floor, with this `ratio` to it: a fraction of the
+    /// squared floor, as of an unexplained dependence. Smaller changes are model errors.
+    pub(super) fn least_gain_at_floor(&self, ratio: f64) -> f64 {
+        self.large_excess.max(self.reference_excess / ratio.powi(2))
     }
 
     /// Fraction of the squared validation residual that an effect must remove.
@@ -422,6 +431,15 @@ mod tests {
         assert!((conditional.of(delay, &[1e-3]) - 0.15).abs() < 1e-12 && !conditional.any_signal);
         let unknown = required_gain(StageKind::Drive, None).in_addition_to(3.0, 2.0);
         assert!(unknown.of(delay, &[1e-3]) == DEFAULT.min_gain && !unknown.any_signal);
+        // The floor of a single axis contains its model error.
+        let axis = Twin { machine: Machine::Axis, ..twin.clone() };
+        let of_axis = |floor| {
+            RequiredGain::new(&DEFAULT, (&axis, StageKind::Axis), (even(1.0), floor))
+                .in_addition_to(3.0, 2.0)
+                .of(delay, &[1e-3])
+        };
+        assert_eq!(of_axis(AtFloor::No), DEFAULT.min_gain);
+        assert_eq!(of_axis(AtFloor::Yes(0.9)), DEFAULT.majority);
         // A map of positions simulates nothing: applied to measured positions, it may be small.
         let shear = effect("gantry.squareness");
         let required_for_shear = |stage| required_gain(stage, even(0.0)).of(shear, &[1e-3]);

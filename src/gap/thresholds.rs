@@ -8,6 +8,7 @@ use super::{
     evidence::{Amplitude, Blocks},
     options::OptionError,
 };
+use crate::twin::Machine;
 use std::{fmt, ops::RangeInclusive, str::FromStr};
 use strsim::jaro_winkler;
 
@@ -80,7 +81,8 @@ thresholds! {
     /// Fraction that is most of a quantity. It applies to the squared cosine of two changes that
     /// explain the same, the residual of one-off disturbances or measurement noise, and the samples
     /// that a twin predicts. It also applies to the gain that a rival has in common, and to the
-    /// residual that an effect above the floor, another distribution of lags or a refit explains.
+    /// residual that an effect above the floor, one more effect of a single axis below it, another
+    /// distribution of lags or a refit explains.
     majority = 0.5, 0.0..=1.0, "";
     /// Ratio of the closed fractions of the plain residual from which another effect precedes the most significant one.
     stronger_ratio = 1.5, 1.0..=1e9, "";
@@ -90,8 +92,8 @@ thresholds! {
     /// squared training residual by a multistart near the reference. A larger value rejects small effects, prefers simple
     /// ones, and keeps more first fits.
     min_gain = 0.02, 0.0..=1.0, "";
-    /// The same where the model error is larger. The residual is at its reference, other effects were added before (of
-    /// their gain), the effect is smaller than plausible, or a multistart or a split replaces a fit.
+    /// The same where the model error is larger. The residual is at its reference, other effects of a table were added
+    /// before (of their gain), the effect is smaller than plausible, or a multistart or a split replaces a fit.
     clear_gain = 0.1, 0.0..=1.0, "";
     /// The same of an effect that maps positions and simulates nothing, so that only noise limits it.
     min_gain_map = 0.005, 0.0..=1.0, "";
@@ -199,6 +201,15 @@ impl Thresholds {
         all.filter(|(_, (value, own))| **value != own.default)
             .map(|(index, (value, _))| ThresholdValue { index, value: *value })
             .collect()
+    }
+
+    /// Fraction of a squared change by which the simulation of `machine` may err. A table is simulated; on a single
+    /// axis, the input follows from the measured motion.
+    pub(super) fn model_error_of(&self, machine: Machine) -> f64 {
+        match machine {
+            Machine::Table => self.min_gain,
+            Machine::Axis => self.model_error.powi(2),
+        }
     }
 
     /// Return whether the data follow a change of the residual from `before` to `after` beyond chance, and are

@@ -135,7 +135,7 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
             for set in indistinguishable {
                 text += &format!(" The data cannot distinguish {}.", set.names.join(" from "));
             }
-            text + &remaining(above_floor(findings.residuals, findings.thresholds))
+            text + &remaining(findings)
         }
         Verdict::RefitOnly => {
             let changes = parameter_changes.iter().map(|own| (own.name.as_str(), own.location));
@@ -157,19 +157,29 @@ fn summary(verdict: Verdict, findings: &Findings<'_, '_>) -> String {
         Verdict::NotTestable | Verdict::InputNotConnected => {
             "No signal could be compared with the simulation.".to_owned()
         }
-        Verdict::None => "No effect is missing: every residual is at its floor.".to_owned(),
+        Verdict::None => {
+            format!("No effect is missing: every residual is {}.", at_floor(findings.residuals))
+        }
     }
 }
 
 /// Sentence about the residual with all effects.
-fn remaining(above: Option<(&SignalResidual, Option<f64>)>) -> String {
-    match above {
-        None => " Every residual is then at its noise floor.".to_owned(),
+fn remaining(findings: &Findings<'_, '_>) -> String {
+    match above_floor(findings.residuals, findings.thresholds) {
+        None => format!(" Every residual is then {}.", at_floor(findings.residuals)),
         Some((own, Some(ratio))) => format!(
             " The residual of {} is then still {ratio:.1} times its noise floor.",
             own.signal
         ),
         Some((own, None)) => format!(" No noise floor of {} could be measured.", own.signal),
+    }
+}
+
+/// How `residuals`, none of which is above its floor, compare with it.
+fn at_floor(residuals: &[SignalResidual]) -> String {
+    match residuals.iter().filter_map(floor_ratio).fold(0.0, f64::max) {
+        ratio if ratio < 1.05 => "at its noise floor".to_owned(),
+        ratio => format!("at most {ratio:.1} times its noise floor"),
     }
 }
 

@@ -37,6 +37,9 @@ use std::ops::Range;
 const ENDS: usize = 5;
 /// Compared samples of a block over which errors count as dependent: twice the memory of the noise model.
 const BLOCK: usize = 25;
+/// Least determinant of the normal equations of a load's start, relative to their diagonal: below it, the responses to
+/// both states are the same.
+const LEAST_DETERMINANT: f64 = 1e-9;
 /// Effect of an amplifier that ignores small inputs.
 const DEAD_BAND: &str = "drive.input_deadband";
 /// Unit of a voltage, the only force with a dead band and a back-EMF: the current loop of other amplifiers removes both.
@@ -313,8 +316,9 @@ impl AxisStage {
         }
     }
 
-    /// The input of every sample that the twin needs for the measured motion, on the load side of a resonance.
-    fn inverse(&self, chain: &Chain) -> Vec<f64> {
+    /// The input of every sample that the twin needs for the measured motion, on the load side of a resonance. Each segment
+    /// begins with an elastic load that follows the motor, but for the `difference` of its position and velocity.
+    fn inverse(&self, chain: &Chain, difference: [f64; 2]) -> Vec<f64> {
         let mut memory = chain.memory();
         // The measured input, when it acts.
         let acting = self.shifted_in_segments(&self.signals.inner_input, -chain.delay);
@@ -329,6 +333,7 @@ impl AxisStage {
             if begins {
                 memory = chain.memory();
                 chain.settle_input(&mut memory, motion.force, &motion);
+                chain.start_load(&mut memory, difference, &motion);
             }
             let loads = chain.loads(&mut memory, &motion);
             let frictionless = loads.mass * motion.acceleration - loads.forces;
@@ -356,8 +361,63 @@ impl AxisStage {
     /// Prediction of the compared samples.
     fn predicted(&self, twin: &Twin) -> Vec<f64> {
         let chain = Chain::new(twin);
-        let inputs = self.shifted_in_segments(&self.inverse(&chain), chain.delay);
-        self.compared(&self.through_resonance(&chain, inputs, Resonance::backwards))
+        let of_start = |difference| {
+            let inputs = self.shifted_in_segments(&self.inverse(&chain, difference), chain.delay);
+            self.compared(&self.through_resonance(&chain, inputs, Resonance::backwards))
+        };
+        let following = of_start([0.0; 2]);
+        match self.load_displacement(&chain) {
+            None => following,
+            Some([position, velocity]) => {
+                let displaced = [[position, 0.0], [0.0, velocity]].map(of_start);
+                self.with_fitted_starts(following, &displaced)
+            }
+        }
+    }
+
+    /// Typical displacement of an elastic load from the motor, and its velocity; `None` for a rigid axis.
+    fn load_displacement(&self, chain: &Chain) -> Option<[f64; 2]> {
+        let rate = chain.elastic_load.filter(|own| 0.0 < own.fraction)?.angular_frequency;
+        let squares = self.signals.acceleration.iter().map(|value| value * value);
+        let rms = (squares.sum::<f64>() / self.signals.acceleration.len() as f64).sqrt();
+        Some([rms / (rate * rate), rms / rate]).filter(|own| own.iter().all(|own| 0.0 < *own))
+    }
+
+    /// Prediction with an elastic load in the state at the start of each segment that fits the measured input best: a
+    /// recording may begin while the load swings. `following` is the prediction with loads that follow the motor, and
+    /// the response to the two `displaced` states is linear. Linear parameters of a nonlinear problem are eliminated
+    /// by such a projection (Golub and Pereyra 1973, SIAM Journal on Numerical Analysis 10, 413-432).
+    fn with_fitted_starts(&self, following: Vec<f64>, displaced: &[Vec<f64>; 2]) -> Vec<f64> {
+        let measured = &self.channels[0].measured;
+        let responses: Vec<[f64; 2]> = (0..following.len())
+            .map(|k| [0, 1].map(|state| displaced[state][k] - following[k]))
+            .collect();
+        let mut predicted = following;
+        let places: Vec<usize> = self.kept().collect();
+        for segment in &self.segments {
+            let first = places.partition_point(|index| *index < segment.start);
+            let own = first..places.partition_point(|index| *index < segment.end);
+            let samples = own.clone().filter(|k| measured[*k].is_finite());
+            let (mut squares, mut along) = ([[0.0; 2]; 2], [0.0; 2]);
+            for k in samples {
+                for (row, a) in responses[k].iter().enumerate() {
+                    along[row] += a * (measured[k] - predicted[k]);
+                    for (column, b) in responses[k].iter().enumerate() {
+                        squares[row][column] += a * b;
+                    }
+                }
+            }
+            let [[aa, ab], [_, bb]] = squares;
+            let determinant = aa * bb - ab * ab;
+            if determinant <= LEAST_DETERMINANT * aa * bb {
+                continue;
+            }
+            let [a, b] = [bb * along[0] - ab * along[1], aa * along[1] - ab * along[0]];
+            for k in own {
+                predicted[k] += (a * responses[k][0] + b * responses[k][1]) / determinant;
+            }
+        }
+        predicted
     }
 }
 
@@ -379,6 +439,7 @@ impl Stage for AxisStage {
         let is_possible = match effect.name {
             DEAD_BAND => self.input_kind == InputKind::Velocity || self.channels[0].unit == VOLT,
             GRAVITY => self.position_unit == "rad",
+            _ if effect.regressors.contains(&Regressor::OtherAxis) => false,
             _ => true,
         };
         is_possible && !is_loaded && Chain::calls(&effect.physics, self.input_kind)

@@ -58,6 +58,22 @@ pub enum SessionError {
         /// Its belt per motor turn (m).
         expected: f64,
     },
+    /// Single axes, or axis and twin, with different units.
+    #[error(
+        "{path} has an input in {} and a position in {}, {other} {} and {}: these are different machines; give the twin of \
+         that machine, or correct the units at the import",
+        found.0, found.1, expected.0, expected.1
+    )]
+    OtherUnits {
+        /// The recording.
+        path: String,
+        /// Its units of input and position.
+        found: (&'static str, &'static str),
+        /// The other recording, or the twin.
+        other: String,
+        /// Its units.
+        expected: (&'static str, &'static str),
+    },
     /// A name is that of no session.
     #[error("'{name}' is none of the recordings; the sessions are {known}")]
     UnknownSession {
@@ -250,12 +266,13 @@ pub fn sessions_with(
 /// Check that `sessions` are of one machine, that of the `given` twin if there is one.
 ///
 /// # Errors
-/// When the kind of machine or its belt differs.
+/// When the kind of machine, its belt or the units of an axis differ.
 pub fn check_machine(sessions: &[Session], given: Option<&Twin>) -> Result<(), SessionError> {
     let recorded = machine_of(sessions);
     if let Some(twin) = given.filter(|twin| twin.machine != recorded) {
         return Err(SessionError::OtherMachine { twin: twin.machine, recorded });
     }
+    check_units(sessions, given)?;
     let mut driven = sessions.iter().filter(|own| own.drive.is_some() || own.camera.is_some());
     let first = given.map(|twin| ("the twin", twin.belt_metres_per_turn));
     let own = |session: &'_ Session| session.belt_metres_per_turn;
@@ -266,6 +283,25 @@ pub fn check_machine(sessions: &[Session], given: Option<&Twin>) -> Result<(), S
         Some(session) => Err(SessionError::OtherBelt {
             path: session.name.clone(),
             found: own(session),
+            other: other.to_owned(),
+            expected,
+        }),
+    }
+}
+
+/// Check that all single axes of `sessions` have the same units, those of the `given` twin if it is of an axis.
+fn check_units(sessions: &[Session], given: Option<&Twin>) -> Result<(), SessionError> {
+    let scales = given.and_then(|twin| twin.axis_frame).map(|frame| frame.scales);
+    let of_twin = scales.map(|own| ("the twin", (own.input_unit, own.position_unit)));
+    let mut recorded = sessions
+        .iter()
+        .flat_map(|session| session.axes.iter().map(|axis| (session.name.as_str(), axis.units())));
+    let Some((other, expected)) = of_twin.or_else(|| recorded.next()) else { return Ok(()) };
+    match recorded.find(|(_, units)| *units != expected) {
+        None => Ok(()),
+        Some((path, found)) => Err(SessionError::OtherUnits {
+            path: path.to_owned(),
+            found,
             other: other.to_owned(),
             expected,
         }),

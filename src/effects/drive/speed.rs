@@ -25,7 +25,7 @@ pub(crate) static SPEED: Effect = Effect {
     physics: Physics::Command(|p, _, command, _| command.clamp(-p[0], p[0])),
     regressors: &[Regressor::Command, Regressor::Speed],
     signals: Signal::DRIVE,
-    excitation: "moves faster than the limit, along both diagonals",
+    excitation: "moves faster than the limit, in both directions",
     experiment: "step_ladder",
     confused_with: &["drive.saturation.torque_speed", "drive.gain", "drive.friction.quadratic"],
     reference: "ODrive documentation, controller.config.vel_limit; Åström and Murray 2021, Feedback Systems (saturation)",

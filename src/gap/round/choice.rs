@@ -108,10 +108,11 @@ impl Bench<'_, '_> {
         let joint = |trial: &Trial| {
             trial.candidate.effect.physics.equations().first().map(mem::discriminant)
         };
+        let machine = own.fit.point.twin.machine;
         joint(own) == joint(other)
             && may_be_confused(own, other)
             && self.is_same(own, other)
-            && (1.0 - self.thresholds().min_gain) * removes(own) <= removes(other)
+            && (1.0 - self.thresholds().model_error_of(machine)) * removes(own) <= removes(other)
     }
 
     /// Trial to add first: among effects that explain different things, one that closes far more of the gap precedes

@@ -281,8 +281,9 @@ impl Search<'_> {
             let problems = (&self.train, &self.held_out);
             let others = (&self.rejected[..], &self.added[..]);
             let found = uncertainty_of(problems, &self.best, &self.filters, others);
-            let Some(step) = self.first_insignificant(&found.1) else { return Some(found) };
-            let reason = "The joint confidence intervals of its parameters contain the values without the effect";
+            let Some(step) = self.least_of_insignificant(&found.1) else { return Some(found) };
+            let reason = "The joint confidence intervals of its parameters, or of an effect that it may be confused with, \
+                          contain the values without the effect";
             log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);
             let rest = self.without(&step);
             self.remove_step(&step, rest, reason);
@@ -290,9 +291,10 @@ impl Search<'_> {
         None
     }
 
-    /// First step whose joint intervals contain the values without the effect; parameters that the data do not
+    /// Step whose joint intervals contain the values without the effect. Of several, and of those that may be confused with
+    /// it, which widen its intervals, the one without which the residual grows least. Parameters that the data do not
     /// determine have no interval.
-    fn first_insignificant(&self, uncertainty: &Uncertainty) -> Option<Added> {
+    fn least_of_insignificant(&self, uncertainty: &Uncertainty) -> Option<Added> {
         let twin = &self.best.point.twin;
         let is_insignificant = |step: &&Added| {
             let index = instance_of(twin, step);
@@ -304,7 +306,23 @@ impl Search<'_> {
                 && (contains_null(twin, &own, uncertainty)
                     || is_without_motor(step.effect, twin, &own, uncertainty))
         };
-        self.added.iter().find(is_insignificant).cloned()
+        let insignificant: Vec<&Added> = self.added.iter().filter(is_insignificant).collect();
+        let is_alike = |step: &&Added| {
+            insignificant.iter().any(|own| {
+                let [own, other] = [own.effect, step.effect];
+                own == other
+                    || own.confused_with.contains(&other.name)
+                    || other.confused_with.contains(&own.name)
+            })
+        };
+        let steps: Vec<&Added> =
+            self.added.iter().filter(|own| own.unstated.is_none()).filter(is_alike).collect();
+        if let [_, _, ..] = steps[..] {
+            let left = |own: &ReducedFit| fit::squared(&own.rows[0]);
+            let reduced_fits = self.reduced_fits(&steps).into_iter();
+            return reduced_fits.min_by(|a, b| left(a).total_cmp(&left(b))).map(|own| own.step);
+        }
+        steps.first().map(|step| (*step).clone())
     }
 
     /// First step whose effect is insignificant, has its magnitude on a bound, or is the end stiffness of a backlash.

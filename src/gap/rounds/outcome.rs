@@ -70,7 +70,7 @@ pub enum Reason {
     SessionsDisagree,
     /// Its magnitude differs between low and high speeds.
     SpeedsDisagree,
-    /// It explains less than the model error of the simulation.
+    /// It is not distinguishable from a model error of the simulation.
     TooSmall,
     /// The motion does not show it beyond a change of known parameters.
     NotTestable,

@@ -60,7 +60,7 @@ pub(super) struct Chain {
     bristles: Vec<BristlesPart>,
     masses: Vec<MassPart>,
     /// Load behind the motor; `None` for a rigid axis.
-    elastic_load: Option<ElasticLoad>,
+    pub(super) elastic_load: Option<ElasticLoad>,
     /// Resonance before the measured load; its forces are those of the input.
     pub(super) resonance: Option<Resonance>,
     /// True for a voltage, of which the back-EMF, a part of the viscous friction, makes no force.
@@ -240,6 +240,12 @@ impl Chain {
             elastic: None,
             controller: [0.0; 2],
         }
+    }
+
+    /// Let the load follow the motor in `motion`, but for these differences of its position and velocity.
+    pub(super) fn start_load(&self, memory: &mut Memory, difference: [f64; 2], motion: &Motion) {
+        let load = self.elastic_load.filter(|own| 0.0 < own.fraction);
+        memory.elastic = load.map(|own| own.following(motion).with_load_moved(difference));
     }
 
     /// Moving mass at `motion` (kg, or the input's unit per m/s^2).

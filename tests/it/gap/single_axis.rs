@@ -232,6 +232,10 @@ fn the_weight_of_an_arm_and_its_payload_are_identified() {
     let twin = out("base").join("twin.json").display().to_string();
     let loaded =
         pair(|name, seed| arm(dir.path(), &format!("loaded-{name}"), seed + 2, PAYLOAD_KG));
+    let hardly_loaded =
+        pair(|name, seed| arm(dir.path(), &format!("hardly-{name}"), seed + 2, PAYLOAD_KG / 100.0));
+    let (document, _) = gap(&hardly_loaded, Some(&twin), &out("hardly"));
+    assert_eq!(document["verdict"], "none", "far below the noise floor: {document:#}");
     let (document, _) = gap(&loaded, Some(&twin), &out("loaded"));
     assert_eq!(document["verdict"], "refit_only", "{document:#}");
     let changes = document["parameter_changes"].as_array().unwrap();
