@@ -442,10 +442,10 @@ impl Games {
         clock.step += 1;
         let moves = STILL_SPEED <= length(self.balls[board].velocity);
         clock.still = if moves { 0 } else { clock.still + 1 };
-        let over = self.most_steps <= clock.step || self.most_still_steps <= clock.still;
-        if ended.is_none() && over {
-            ended = Some(Ending::TimeLimit);
-        }
+        let [_, y] = self.balls[board].position;
+        let at_rest = (self.most_still_steps <= clock.still).then(|| Ending::at_rest(y));
+        let late = (self.most_steps <= clock.step).then_some(Ending::TimeLimit);
+        ended = ended.or(at_rest).or(late);
         outcomes.ended[board] = ended;
         outcomes.hits[board] = all.hits;
         outcomes.hit_speeds[board] = all.struck.map(|speed| speed as f32);
@@ -482,7 +482,7 @@ impl Games {
     /// after the `ending` of the last one.
     pub(super) fn is_continued(&self, board: usize, ending: Ending) -> bool {
         let fraction = self.settings.episode.continued_fraction;
-        if fraction == 0.0 || !matches!(ending, Ending::Goal { .. } | Ending::TimeLimit) {
+        if fraction == 0.0 || matches!(ending, Ending::OwnGoal { .. } | Ending::Biscuits { .. }) {
             return false;
         }
         f64::from(self.stream("game.continued", board).uniform_f32(0.0, 1.0)) < fraction

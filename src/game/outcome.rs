@@ -20,18 +20,28 @@ pub enum Ending {
         /// Owner of the striker.
         loser: Player,
     },
-    /// Time limit without a winner, or the ball was at rest for too long.
+    /// The ball was at rest for too long.
+    BallAtRest {
+        /// Player in whose half it lies.
+        half: Player,
+    },
+    /// Time limit without a winner.
     TimeLimit,
 }
 
 impl Ending {
-    /// Player who wins the point; `None` at the time limit.
+    /// The ball at rest at `y` in the board frame (m).
+    pub(crate) fn at_rest(y: f64) -> Self {
+        Self::BallAtRest { half: if y < 0.0 { Player::Left } else { Player::Right } }
+    }
+
+    /// Player who wins the point; `None` at the time limit and for a ball at rest.
     #[must_use]
     pub fn winner(self) -> Option<Player> {
         match self {
             Self::Goal { scorer } => Some(scorer),
             Self::OwnGoal { loser } | Self::Biscuits { loser } => Some(other(loser)),
-            Self::TimeLimit => None,
+            Self::BallAtRest { .. } | Self::TimeLimit => None,
         }
     }
 }

@@ -461,7 +461,10 @@ impl<'a> Trainee<'a> {
             Some(Ending::OwnGoal { loser: Player::Left })
         } else if entered(1) {
             Some(Ending::OwnGoal { loser: Player::Right })
-        } else if before.serves < now.serves || self.shared.game.most_steps() <= self.steps {
+        } else if before.serves < now.serves {
+            let [.., y, _, _] = self.last.exact[Player::Left as usize].0;
+            Some(Ending::at_rest(f64::from(y)))
+        } else if self.shared.game.most_steps() <= self.steps {
             Some(Ending::TimeLimit)
         } else {
             None

@@ -9,8 +9,10 @@
 //! ```
 //!
 //! Results are the paper's: +1, -1, and -1 for an own goal; an own goal of the opponent earns
-//! nothing, as in upstream. The paper gives no other parameter. `D` (0.2 m), `v_0` (0.1 m/s) and
-//! `N` (1e7) are upstream's. The weights are smaller than upstream's. With upstream's, a ball held
+//! nothing, as in upstream. A ball that comes to rest draws the game, and costs the player in whose
+//! half it lies `ball_at_rest`. Without that price a policy that avoids the ball loses nothing,
+//! whereas the results of both players sum to less than zero. The paper gives no other parameter.
+//! `D` (0.2 m), `v_0` (0.1 m/s) and `N` (1e7) are upstream's. The weights are smaller than upstream's. With upstream's, a ball held
 //! before the other cup earns more than a goal (0.04 per step, so 2.8 goals at gamma 0.99). Here
 //! the maximum discounted shaping, `R / (1 - gamma)`, stays below the one goal that ends it.
 
@@ -33,7 +35,8 @@ pub enum Curriculum {
     /// Results alone.
     Sparse,
     /// Reward shaping by the motion of the striker towards the ball and of the ball towards the
-    /// other cup, which soon decays. Ours; a ball that is held earns nothing.
+    /// other cup, which soon decays, and a price for a ball that comes to rest in the own half.
+    /// Ours; a ball that is held earns nothing.
     Motion,
 }
 
@@ -62,6 +65,10 @@ pub struct RewardSettings {
     pub own_goal: f32,
     /// Reward of an own goal of the opponent; 0.
     pub opponent_own_goal: f32,
+    /// Reward when the game is drawn because the ball is at rest in the own half; 0, and -0.5 in
+    /// the motion curriculum.
+    #[serde(default)]
+    pub ball_at_rest: f32,
     /// Form of the three terms by closeness.
     #[serde(default)]
     pub form: ShapingForm,
@@ -118,6 +125,7 @@ impl RewardSettings {
             goal_conceded: -1.0,
             own_goal: -1.0,
             opponent_own_goal: 0.0,
+            ball_at_rest: 0.0,
             form: ShapingForm::PerStep,
             progress: 0.0,
             defence: 0.0,
@@ -134,6 +142,7 @@ impl RewardSettings {
         match curriculum {
             Curriculum::Sparse => sparse,
             Curriculum::Motion => Self {
+                ball_at_rest: -0.5,
                 approach_per_m: 0.5,
                 ball_to_cup_per_m: 0.5,
                 decay_transitions: 6e6,
@@ -173,6 +182,8 @@ impl RewardSettings {
                 self.own_goal
             }
             Some(Ending::OwnGoal { .. } | Ending::Biscuits { .. }) => self.opponent_own_goal,
+            Some(Ending::BallAtRest { half }) if half == step.player => self.ball_at_rest,
+            Some(Ending::BallAtRest { .. }) => 0.0,
         }
     }
 
@@ -236,6 +247,7 @@ impl RewardSettings {
             ("reward.goal_conceded", self.goal_conceded),
             ("reward.own_goal", self.own_goal),
             ("reward.opponent_own_goal", self.opponent_own_goal),
+            ("reward.ball_at_rest", self.ball_at_rest),
             ("reward.progress", self.progress),
             ("reward.defence", self.defence),
             ("reward.proximity", self.proximity),
@@ -284,8 +296,10 @@ mod tests {
     #[test]
     fn results_have_their_signs_for_both_players() {
         let seen = seen();
-        let settings = RewardSettings::of(Curriculum::DenseBallToGoal);
-        let sparse = RewardSettings::of(Curriculum::Sparse);
+        let resting =
+            |curriculum| RewardSettings { ball_at_rest: -0.25, ..RewardSettings::of(curriculum) };
+        let settings = resting(Curriculum::DenseBallToGoal);
+        let sparse = resting(Curriculum::Sparse);
         let (left, right) = (Player::Left, Player::Right);
         for (ending, of_left, of_right) in [
             (Ending::Goal { scorer: left }, 1.0, -1.0),
@@ -294,6 +308,7 @@ mod tests {
             (Ending::OwnGoal { loser: right }, 0.0, -1.0),
             (Ending::Biscuits { loser: left }, -1.0, 0.0),
             (Ending::TimeLimit, 0.0, 0.0),
+            (Ending::BallAtRest { half: left }, -0.25, 0.0),
         ] {
             for (player, expected) in [(left, of_left), (right, of_right)] {
                 let potential = (0.0, 0.99);

@@ -150,13 +150,17 @@ fn nobody_wins_at_the_time_limit() {
 
 #[test]
 fn nobody_wins_when_the_ball_lies_still_for_too_long() {
-    let mut games = one(&GameSettings::default(), [0.1, 0.0], [0.0; 2]);
-    assert_eq!(until_end(&mut games, STILL), (Ending::TimeLimit, 100));
+    for (y, half) in [(-0.05, Player::Left), (0.05, Player::Right)] {
+        let mut games = one(&GameSettings::default(), [0.1, y], [0.0; 2]);
+        let (ending, steps) = until_end(&mut games, STILL);
+        assert_eq!((ending, steps), (Ending::BallAtRest { half }, 100));
+        assert_eq!(ending.winner(), None);
+    }
     // A rolling ball does not end the episode: 0.1 m/s at about 0.1 m/s^2 for one second, then two
     // at rest.
     let mut games = one(&GameSettings::default(), [0.1, 0.0], [-0.1, 0.0]);
     let (ending, steps) = until_end(&mut games, STILL);
-    assert_eq!(ending, Ending::TimeLimit);
+    assert_eq!(ending, Ending::BallAtRest { half: Player::Right });
     assert!((130..200).contains(&steps), "{steps}");
 }
 

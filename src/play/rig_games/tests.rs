@@ -83,6 +83,18 @@ fn a_striker_over_its_own_cup_is_an_own_goal_once() {
 }
 
 #[test]
+fn a_ball_at_rest_ends_an_episode_in_the_half_where_it_lies() {
+    let mut rig = into_left_cup();
+    rig.ball.start = Some(Launch { x_m: 0.12, y_m: -0.05, ..Launch::default() });
+    let mut games = source(rig).build(0..2, || 0.0).unwrap();
+    let endings = play(games.as_mut(), (2, 150), |_player, _seen| [0.0; 2]);
+    for (own, half) in endings.iter().zip(Player::BOTH) {
+        assert!(!own.is_empty(), "{endings:?}");
+        assert!(own.iter().all(|ending| *ending == Ending::BallAtRest { half }), "{endings:?}");
+    }
+}
+
+#[test]
 fn the_time_limit_ends_an_episode_and_the_players_go_on() {
     let mut game = GameSettings::default();
     game.episode.time_limit = 1.0;
