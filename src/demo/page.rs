@@ -9,6 +9,7 @@ use crate::{
     board::{BoardSize, CUP_DISTANCE, CUP_RADIUS},
     provenance::Provenance,
     report::{Axis, Badge, Chart, Colour, Page, Points, Series, Table, with_same_y},
+    stats::Interval,
 };
 use serde_json::Value;
 use std::{collections::BTreeMap, f64::consts::TAU};
@@ -51,7 +52,6 @@ pub fn page(story: &Story<'_>) -> String {
     let mut page = Page::new("klasktron demo");
     badge(&mut page, story);
     page.lead(&lead(story));
-    key_figures(&mut page, story);
     transfer(&mut page, story);
     hidden(&mut page);
     for stage in &story.plan.stages {
@@ -117,48 +117,49 @@ fn lead(story: &Story<'_>) -> String {
     format!("{start} Net goals per minute on the rig: {}.", results.join("; "))
 }
 
-/// Scoring rate of each policy against the opponent that moves.
-fn key_figures(page: &mut Page, story: &Story<'_>) {
-    let Some(experiment) = story.experiment else { return };
-    let Some(opponent) = OPPONENTS.last() else { return };
-    let of_opponent = experiment.contests.iter().filter(|one| one.opponent == *opponent);
-    let names: Vec<(String, String)> = of_opponent
-        .map(|one| {
-            let name =
-                format!("goals per minute on the rig, {} policy against {opponent}", one.policy);
-            (name, shown(one.goals_per_min))
-        })
-        .collect();
-    let figures: Vec<(&str, String)> =
-        names.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
-    page.key_figures(&figures);
-}
-
-/// Transfer ratio of each policy over all opponents, with error bars.
+/// Net goals and transfer ratio of each policy over all opponents.
 fn transfer(page: &mut Page, story: &Story<'_>) {
     let Some(experiment) = story.experiment else { return };
-    let ratios = &experiment.transfer_ratios;
-    let percent = |value: f64| 100.0 * value;
-    let points = ratios.iter().enumerate().map(|(at, (_, one))| (at as f64, percent(one.value)));
-    let ranges = ratios.iter().enumerate().filter_map(|(at, (_, one))| {
-        let ci = one.ci95?;
-        Some((at as f64, percent(ci.low), percent(ci.high)))
-    });
-    let dots = Series::dots("transfer ratio", Colour::Blue, points.collect());
-    let names = ratios.iter().map(|(policy, _)| (*policy).to_owned()).collect();
+    let in_percent = |(policy, ratio): &(&'static str, Estimate)| {
+        let of = |value: f64| 100.0 * value;
+        let ci95 = ratio.ci95.map(|ci| Interval { low: of(ci.low), high: of(ci.high) });
+        (*policy, Estimate { value: of(ratio.value), ci95 })
+    };
+    let ratios: Vec<_> = experiment.transfer_ratios.iter().map(in_percent).collect();
+    page.chart(&of_policies(
+        "Net goals on the rig",
+        Axis::new("scored minus conceded", "1/min").including(0.0),
+        "net goals per minute",
+        &experiment.net_goals_per_min,
+    ));
     page.chart(
-        &Chart::of_lines(
+        &of_policies(
             "Transfer ratio: scoring rate on the rig relative to that in the policy's simulation",
-            Axis::of_categories("policy", names),
             Axis::new("rig / simulation", "%").including(0.0),
+            "transfer ratio",
+            &ratios,
         )
-        .with(dots.with_whiskers(ranges.collect()))
         .with(Series::level("equal rates", Colour::Grey, 100.0)),
     );
     page.paragraph(
         "All opponents and both seats together. Rig and simulation have the same serves, rules, time and referee. \
          Whiskers are 95 % intervals over episodes; they do not contain the variance between training seeds.",
     );
+}
+
+/// Chart of one estimate, called `name`, for each policy, with error bars.
+fn of_policies(
+    title: &str,
+    axis: Axis,
+    name: &str,
+    estimates: &[(&'static str, Estimate)],
+) -> Chart {
+    let places = || estimates.iter().enumerate().map(|(at, (_, one))| (at as f64, one));
+    let points = places().map(|(at, one)| (at, one.value)).collect();
+    let ranges = places().filter_map(|(at, one)| one.ci95.map(|ci| (at, ci.low, ci.high)));
+    let names = estimates.iter().map(|(policy, _)| (*policy).to_owned()).collect();
+    Chart::of_lines(title, Axis::of_categories("policy", names), axis)
+        .with(Series::dots(name, Colour::Blue, points).with_whiskers(ranges.collect()))
 }
 
 fn hidden(page: &mut Page) {

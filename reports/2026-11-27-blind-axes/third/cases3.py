@@ -1,0 +1,52 @@
+import cases
+A=dict(cases.AX)
+import cases2
+from cases import AX,C,ax,c,R
+for k,v in A.items(): AX.setdefault(k,v)
+C.clear()
+N="null";s="single";d="double"
+def S(a,n,m,acc,par=None,course="",kind=s): c(a,n,kind,m,acc,par,course)
+# fixes
+S("A4","deadband2","db=1.8 dbs=0",["drive.input_deadband"],{"threshold":1.8},"c=6 amp=9 hold=0.3 f0=1.5")
+S("A4","deadband3","db=1.8 dbs=1",["drive.input_deadband","refit:coulomb"],{"threshold":1.8},"c=6 amp=9 hold=0.3 f0=1.5")
+S("A12","jitter2","jit=0.00012",["UNEXPLAINED","NONE"]); S("B12","jitter2","jit=0.0007",["UNEXPLAINED","NONE"])
+# gravity at several ranges, refs exist
+for amp,nm in ((0.4,"23"),(0.8,"46"),(1.6,"92"),(3.0,"172")): S("A3",f"grav{nm}","dgA=4 dgB=1.5",["gantry.gravity"]+(["gantry.stiffness"] if amp<0.5 else []),{"sine_n":4,"cosine_n":1.5},f"amp={amp}")
+S("A11","grav","dgA=3",["gantry.gravity"],{"sine_n":3}); S("A5","grav","dgA=0.03",["gantry.gravity"],{"sine_n":0.03}); S("B11","spring2","dK=-5000",["gantry.stiffness"],{"stiffness_n_per_m":-5000})
+S("A3","spring","dK=3",["gantry.stiffness"],{"stiffness_n_per_m":3}); S("A5","spring","dK=0.03",["gantry.stiffness"],{"stiffness_n_per_m":0.03})
+# null courses on elastic joint
+S("B10","nullf4","",[],None,"c=2 amp=0.3 f0=0.3 f1=4 spd=1",N); S("B10","nullrw","",[],None,"c=6 amp=0.9 hold=0.4 f0=1.2",N); S("B10","nullch","",[],None,"c=3 amp=0.4 f0=0.3 f1=4 hold=16 spd=1",N)
+for a,cs in (("A1","c=6 amp=0.12 hold=0.4 f0=1.2"),("A2","amp=1e-3 f1=20"),("A3","c=6 amp=0.9 hold=0.6 f0=0.8"),("A4","c=2 amp=7 f0=0.2 f1=4 spd=0.2"),("A5","c=2 amp=0.6 f0=0.1 f1=1.5 spd=0.8"),("A6","c=6 amp=0.6 hold=0.9 f0=0.7"),("A7","c=6 amp=1.2 hold=0.6 f0=0.9"),("A8","c=5 amp=0.15 hold=0.4"),("A9","c=6 amp=60 hold=2 f0=0.25"),("A10","c=2 amp=0.06 f0=0.5 f1=6 spd=1"),("A11","c=1 amp=0.5 spd=1.5 acc=10 hold=0.2"),("A12","c=5 amp=0.1 hold=0.25")): S(a,"nullx","",[],None,cs,N)
+# compliance at higher rate: new axes (no twin)
+S("A1","newcompl2k","lf=0.4 cf=30 cz=0.04",["drive.compliance.belt"],{"load_fraction":0.4,"frequency_hz":30},"fs=2000 T=12 Kp=10000 Kd=700 dit=20 df0=4 df1=70","new")
+S("A1","newcompl4k","lf=0.4 cf=30 cz=0.04",["drive.compliance.belt"],{"load_fraction":0.4,"frequency_hz":30},"fs=4000 T=8 sub=10 Kp=10000 Kd=700 dit=20 df0=4 df1=70","new")
+S("A1","newcompl15","lf=0.4 cf=15 cz=0.04",["drive.compliance.belt"],{"load_fraction":0.4,"frequency_hz":15},"Kp=6000 Kd=500 dit=20 df0=3 df1=40","new")
+S("A3","newcomplload","lf=0.5 cf=8 cz=0.08 encl=1",["drive.compliance.belt"],{},"Kp=100 Kd=12 Mff=0.6 dit=1 df0=1 df1=15","new")
+S("A10","newcomplload","lf=0.5 cf=30 cz=0.06 encl=1",["drive.ripple.motor","drive.compliance.belt","drive.current_loop|drive.lag1|drive.delay"],{},"Kp=150 Kd=5 dit=0.1 df0=3 df1=60","new")
+S("A3","complload","lf=0.5 cf=8 cz=0.08 encl=1",["drive.compliance.belt"],{},"Kp=100 Kd=12 Mff=0.6 dit=1 df0=1 df1=15")
+# new axes with single hidden effect, no twin
+S("A3","newstribeck","Fs=2.5 vs=0.12",["drive.friction.stribeck"],{"force_n":2.5,"velocity_m_per_s":0.12},"","new")
+S("B11","newload","Kl=0.15",["drive.friction.load"],{"coefficient":0.15},"c=1 amp=0.12 spd=0.35 acc=2 hold=0.2","new")
+S("B4","newdeadband","db=0.06",["drive.input_deadband"],{"threshold":0.06},"c=2 amp=0.3 f0=0.1 f1=3 spd=0.5","new")
+S("B7","newslew","slew=1.5",["drive.saturation.slew"],{"limit_m_per_s2":1.5},"","new")
+S("B3","newdelay","delay=0.3",["drive.delay"],{"delay_s":0.3},"","new")
+S("A6","newasym","adv=0.3",["drive.friction.asymmetric"],{"viscous_difference_n_s_per_m":0.3},"","new")
+S("A9","newquad","bq=1e-4",["drive.friction.quadratic"],{"coefficient_n_s2_per_m2":1e-4},"","new")
+S("A5","newunbal","dgA=0.03",["gantry.gravity"],{"sine_n":0.03},"amp=1.6","new")
+S("B5","newpre","pre=0.003",["drive.friction.presliding"],{"force_n":2,"distance_m":0.003},"","new")
+S("B2","newsat","sat=2",["drive.saturation.speed"],{"limit_m_per_s":2},"","new")
+S("A2","newendstop","es=400 eh=0.0010 el=-1",["gantry.endstop"],{"stiffness_n_per_m":400},"","new")
+S("B8","newthermal","dFc=8 th=-8 thT=20",["drive.friction.quadratic","drive.friction.thermal_drift"],{"time_constant_s":20},"","new")
+S("A11","newmasspos","m1=0.15",["gantry.stiffness","gantry.mass_position"],{"slope_kg_per_m":0.15},"","new")
+S("B9","newtilt+pre","dFc=0.003 pre=2e-5",["drive.friction.presliding"],{"force_n":0.0035,"distance_m":2e-5},"","new")
+S("B6","newload","Kl=0.25",["gantry.gravity|drive.ripple.motor","drive.friction.load"],{"coefficient":0.25},"","new")
+# today, more singles & doubles
+S("A10","ripple2","drA=0.1 drP=0.012",["drive.ripple.motor"],{"period_m":0.012}); S("A12","ripple","drA=0.006 drP=0.004",["drive.ripple.motor"],{"period_m":0.004})
+S("A12","deadband","db=0.012",["drive.input_deadband"],{"threshold":0.012}); S("A6","deadband","db=0.06 dbs=0",["drive.input_deadband"],{"threshold":0.06},"c=6 amp=0.5 hold=0.8 f0=0.8"); S("B7","deadband","db=0.01",["drive.input_deadband"],{"threshold":0.01})
+S("A1","sat","sat=45",["drive.saturation.speed","drive.saturation.torque_speed"],{"limit_m_per_s":45}); S("A8","endstop","es=20 eh=0.05 el=-0.06",["gantry.endstop"],{"stiffness_n_per_m":20}); S("A8","quadratic","bq=1.2",["drive.friction.quadratic"],{"coefficient_n_s2_per_m2":1.2})
+S("A11","load","Kl=0.2",["drive.friction.load"],{"coefficient":0.2}); S("A2","stribeck","Fs=0.02 vs=0.003",["drive.friction.stribeck"],{"force_n":0.02,"velocity_m_per_s":0.003}); S("A2","presliding","pre=1e-4",["drive.friction.presliding"],{"force_n":0.02,"distance_m":1e-4})
+S("A1","eccentric","ec=4e-5 ecP=0.01",["UNEXPLAINED","drive.ripple.motor","sensor.encoder_eccentricity"]); S("B7","lost","lost=0.4 lostn=0.002",["UNEXPLAINED","NONE"]); S("A3","scale","sc=1.06",["drive.gain",R+"all"])
+S("A8","lag","lag=0.02",["drive.lag1"],{"time_constant_s":0.02}); S("B12","slower+grav","te=0.08 dgA=0.03",["gantry.gravity",R+"time"],{"sine_n":0.03}); S("B2","lag","lag=0.08",["drive.lag1"],{"time_constant_s":0.08}); S("B11","lag","lag=0.02",["drive.lag1"],{"time_constant_s":0.02}); S("A10","lag","te=0.003",[R+"current_loop"])
+S("A9","stribeck+asym","Fs=0.4 vs=5 adv=0.01",["drive.friction.stribeck","drive.friction.asymmetric"],{"force_n":0.4},"",d); S("A11","lag+load","lag=0.02 Kl=0.2",["drive.lag1|drive.current_loop","drive.friction.load"],{"coefficient":0.2},"",d)
+S("B7","slew+ripple","slew=1.5 drA=0.015 drP=0.01",["drive.saturation.slew","drive.ripple.motor"],{"limit_m_per_s2":1.5},"",d); S("B5","stribeck+spring","Fs=1.5 vs=0.02 dK=5",["drive.friction.stribeck","gantry.stiffness"],{"force_n":1.5,"stiffness_n_per_m":5},"",d)
+S("A3","gravity+stribeck","dgA=4 Fs=2.5 vs=0.12",["gantry.gravity","drive.friction.stribeck"],{"sine_n":4,"force_n":2.5},"",d); S("A4","sat+inertia","sat=6 dM=0.01",["drive.saturation.speed",R+"inertia"],{"limit_m_per_s":6},"",d); S("A10","masspos+load","m1=0.3 Kl=0.12",["gantry.mass_position","drive.friction.load"],{"coefficient":0.12,"slope_kg_per_m":0.3},"",d)
