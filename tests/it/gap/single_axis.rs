@@ -293,3 +293,18 @@ fn a_velocity_setpoint_of_another_coordinate_is_refused() {
     assert_ne!(status, 0);
     assert!(errors.contains("a velocity setpoint in rad/s and a position in m"), "{errors}");
 }
+
+#[test]
+fn axes_of_different_units_are_different_machines() {
+    let dir = tempfile::tempdir().unwrap();
+    let slide = held_forces(dir.path(), "slide", 1, |_| 0.0);
+    let turning = arm(dir.path(), "arm", 1, 0.0);
+    let out = dir.path().join("out").display().to_string();
+    let (_, errors, status) = said(&klasktron(&["gap", &slide, &turning, "-o", &out]));
+    assert_eq!(status, 1, "{errors}");
+    assert!(
+        errors.contains("an input in N m and a position in rad") && errors.contains("N and m"),
+        "{errors}"
+    );
+    assert_eq!(errors.trim().lines().count(), 1, "{errors}");
+}
