@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// Size of a demo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Size {
-    /// About four minutes on two cores: a check of all commands with rough results.
+    /// About five minutes on two cores: a check of all commands with rough results.
     Quick,
     /// Twenty million transitions per policy, and matches long enough for narrow intervals.
     Full,
@@ -206,7 +206,7 @@ impl Size {
                 fit_epochs: 100,
                 transitions: 8_000_000,
                 games: 200,
-                match_seconds: 300,
+                match_seconds: 600,
                 gap_options: "",
             },
             Self::Smallest => Amounts {
