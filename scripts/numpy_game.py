@@ -123,8 +123,8 @@ class NumpyGame:
         return np.concatenate(parts, 1).astype(np.float32)
 
     def step(self, actions, restart=True):
-        """Step with actions of the left player; the right one rests. Goals, own goals, and the time limit end episodes:
-        flags `terminated` and `truncated`."""
+        """Step with actions of the left player; the right one rests. Goals, own goals, a ball at rest and the time limit
+        end episodes: flags `terminated` and `truncated`."""
         ways = self.lead(np.clip(actions, -1, 1).astype(np.float64) * SPEED)
         terminated = np.zeros(len(self.ball), bool)
         busy = self.play_quiet(ways)
@@ -133,7 +133,8 @@ class NumpyGame:
         self.steps += 1
         moves = dot(self.velocity, self.velocity) >= 0.005**2
         self.still = np.where(moves, 0, self.still + 1)
-        truncated = ~terminated & ((self.steps >= MOST_STEPS) | (self.still >= MOST_STILL_STEPS))
+        terminated |= self.still >= MOST_STILL_STEPS
+        truncated = ~terminated & (self.steps >= MOST_STEPS)
         if restart:
             self.begin(np.flatnonzero(terminated | truncated))
         return terminated, truncated

@@ -63,7 +63,7 @@ def test_a_seed_makes_later_resets_the_same():
 def test_an_episode_ends_with_its_last_observation_and_the_next_begins():
     envs = KlaskVectorEnv(64, opponent="random", time_limit_s=2.0, reward="sparse")
     envs.reset(seed=0)
-    ends = {"won": 0, "lost": 0, "time": 0}
+    ends = {"won": 0, "lost": 0, "drawn": 0}
     generator = np.random.default_rng(0)
     age = np.zeros(64, int)
     for _ in range(1500):
@@ -78,9 +78,10 @@ def test_an_episode_ends_with_its_last_observation_and_the_next_begins():
             assert last.shape == (12,) and not np.array_equal(last, seen[index])
             result = infos["final_info"][index]["result"]
             assert infos["_final_obs"][index] and result == infos["result"][index]
-            if truncated[index]:
-                assert result == 0 and rewards[index] == 0
-                ends["time"] += 1
+            if result == 0:
+                # The time limit, or a ball at rest for as long.
+                assert truncated[index] != terminated[index] and rewards[index] == 0
+                ends["drawn"] += 1
             elif result == 1:
                 # Nothing for an own goal of the other player.
                 assert rewards[index] in (0, 1)

@@ -13,8 +13,9 @@ Observations are single precision, in the player's own frame (m, m/s, rad): own 
 position and velocity (`standard12`), then angles and distances (`augmented20`), then the geometry of a shot
 (`aiming29`). Actions are velocities of the striker, `[2]` from -1 to 1 of 0.4 m/s along x and y of the own frame.
 
-Episodes end with a goal or an own goal (terminated), or at the time limit (truncated). A vector environment begins the
-next episode in the same step (`AutoresetMode.SAME_STEP`): the last observation is in `infos["final_obs"]`.
+Episodes end with a goal, an own goal or a ball at rest (terminated), or at the time limit (truncated). A vector
+environment begins the next episode in the same step (`AutoresetMode.SAME_STEP`): the last observation is in
+`infos["final_obs"]`.
 
 Gymnasium knows the first two as `klasktron/Klask-v0` after `import klasktron.envs`.
 """
