@@ -399,6 +399,12 @@ impl Effect {
         self.null[0] == 0.0 && !shape.is_empty() && shape.iter().all(|null| *null != 0.0)
     }
 
+    /// Return whether either effect lists the other one as similar.
+    #[must_use]
+    pub fn may_be_confused_with(&self, other: &Self) -> bool {
+        self.confused_with.contains(&other.name) || other.confused_with.contains(&self.name)
+    }
+
     /// Return whether a parameter only comes beside the effect: it is zero without it, and at every start of a search.
     #[must_use]
     pub fn is_optional(&self, parameter: usize) -> bool {

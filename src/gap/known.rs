@@ -296,18 +296,18 @@ impl Thresholds {
         excess.is_some_and(|excess| excess.new_fraction(self) < self.reference_excess)
     }
 
-    /// The same on a single axis whose residual is at its noise floor, with this `ratio` to it: a fraction of the
-    /// squared floor, as of an unexplained dependence. Smaller changes are model errors.
-    pub(super) fn least_gain_at_floor(&self, ratio: f64) -> f64 {
-        self.large_excess.max(self.reference_excess / ratio.powi(2))
-    }
-
     /// Fraction of the squared validation residual that an effect must remove.
     pub(super) fn least_gain(&self, excess: Option<Excess>) -> f64 {
         match self.is_at_reference(excess) {
             true => self.clear_gain,
             false => self.min_gain,
         }
+    }
+
+    /// The same on a single axis whose residual is at its noise floor, with this `ratio` to it: a fraction of the
+    /// squared floor, as of an unexplained dependence. Smaller changes are model errors.
+    pub(super) fn least_gain_at_floor(&self, ratio: f64) -> f64 {
+        self.large_excess.max(self.reference_excess / ratio.powi(2))
     }
 }
 

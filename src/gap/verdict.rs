@@ -175,10 +175,13 @@ fn remaining(findings: &Findings<'_, '_>) -> String {
     }
 }
 
+/// Ratio below which one decimal shows at most 1.0.
+const ROUNDED_TO_ONE: f64 = 1.05;
+
 /// How `residuals`, none of which is above its floor, compare with it.
 fn at_floor(residuals: &[SignalResidual]) -> String {
     match residuals.iter().filter_map(floor_ratio).fold(0.0, f64::max) {
-        ratio if ratio < 1.05 => "at its noise floor".to_owned(),
+        ratio if ratio < ROUNDED_TO_ONE => "at its noise floor".to_owned(),
         ratio => format!("at most {ratio:.1} times its noise floor"),
     }
 }

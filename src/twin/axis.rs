@@ -377,7 +377,7 @@ impl AxisStage {
 
     /// Typical displacement of an elastic load from the motor, and its velocity; `None` for a rigid axis.
     fn load_displacement(&self, chain: &Chain) -> Option<[f64; 2]> {
-        let rate = chain.elastic_load.filter(|own| 0.0 < own.fraction)?.angular_frequency;
+        let rate = chain.moving_load()?.angular_frequency;
         let squares = self.signals.acceleration.iter().map(|value| value * value);
         let rms = (squares.sum::<f64>() / self.signals.acceleration.len() as f64).sqrt();
         Some([rms / (rate * rate), rms / rate]).filter(|own| own.iter().all(|own| 0.0 < *own))
@@ -397,24 +397,11 @@ impl AxisStage {
         for segment in &self.segments {
             let first = places.partition_point(|index| *index < segment.start);
             let own = first..places.partition_point(|index| *index < segment.end);
-            let samples = own.clone().filter(|k| measured[*k].is_finite());
-            let (mut squares, mut along) = ([[0.0; 2]; 2], [0.0; 2]);
-            for k in samples {
-                for (row, a) in responses[k].iter().enumerate() {
-                    along[row] += a * (measured[k] - predicted[k]);
-                    for (column, b) in responses[k].iter().enumerate() {
-                        squares[row][column] += a * b;
-                    }
-                }
-            }
-            let [[aa, ab], [_, bb]] = squares;
-            let determinant = aa * bb - ab * ab;
-            if determinant <= LEAST_DETERMINANT * aa * bb {
-                continue;
-            }
-            let [a, b] = [bb * along[0] - ab * along[1], aa * along[1] - ab * along[0]];
+            let compared = own.clone().filter(|k| measured[*k].is_finite());
+            let errors = compared.map(|k| (responses[k], measured[k] - predicted[k]));
+            let Some(factors) = two_factors(errors) else { continue };
             for k in own {
-                predicted[k] += (a * responses[k][0] + b * responses[k][1]) / determinant;
+                predicted[k] += factors[0] * responses[k][0] + factors[1] * responses[k][1];
             }
         }
         predicted
@@ -488,6 +475,21 @@ impl Stage for AxisStage {
             *values = self.predicted(twin);
         }
     }
+}
+
+/// Least-squares factors of two responses on an error, given sample by sample; `None` where the responses are alike.
+fn two_factors(samples: impl Iterator<Item = ([f64; 2], f64)>) -> Option<[f64; 2]> {
+    let [mut aa, mut ab, mut bb, mut ae, mut be] = [0.0; 5];
+    for ([a, b], error) in samples {
+        aa += a * a;
+        ab += a * b;
+        bb += b * b;
+        ae += a * error;
+        be += b * error;
+    }
+    let determinant = aa * bb - ab * ab;
+    (LEAST_DETERMINANT * aa * bb < determinant)
+        .then(|| [(bb * ae - ab * be) / determinant, (aa * be - ab * ae) / determinant])
 }
 
 /// Value nearest to `wanted` that differs from `middle` by at most `reach`.

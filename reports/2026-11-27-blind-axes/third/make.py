@@ -1,8 +1,9 @@
-"""Writes the recordings of all cases of the module MODULE: data/ID-1.csv and data/ID-2.csv, with SIMULATOR.
+"""Writes the recordings of all cases of the module MODULE: data/ID-1.csv and data/ID-2.csv, with ./sim.
 
-    gcc -O2 -o sim sim.c -lm && gcc -O2 -o sim4 sim4.c -lm
-    for module in cases cases2 cases3; do python3 make.py $module ./sim; done
-    python3 make.py cases4 ./sim4
+    gcc -O2 -o sim sim.c -lm
+    for module in cases cases2 cases3 cases4; do python3 make.py $module; done
+
+The first three sets begin with a kick: their reference has a velocity from the first sample on.
 """
 
 import importlib
@@ -11,14 +12,15 @@ import sys
 import zlib
 from pathlib import Path
 
-name, simulator = sys.argv[1:]
+[name] = sys.argv[1:]
 Path("data").mkdir(exist_ok=True)
 module = importlib.import_module(name)
 for case in module.C:
     words = f"{module.AX[case['axis']]['p']} {case['mod']} {case['course']}".split()
     values = dict(word.split("=") for word in words)
+    values["kick"] = int(name != "cases4")
     for session in (1, 2):
         values["seed"] = zlib.crc32(f"{case['id']}{session}".encode()) % 100000 + 1
         with open(f"data/{case['id']}-{session}.csv", "w") as table:
             arguments = [f"{key}={value}" for key, value in values.items()]
-            subprocess.run([simulator, *arguments], stdout=table, stderr=subprocess.DEVNULL, check=True)
+            subprocess.run(["./sim", *arguments], stdout=table, stderr=subprocess.DEVNULL, check=True)

@@ -45,8 +45,7 @@ pub(super) fn squared_distance(one: &[f64], other: &[f64]) -> f64 {
 
 /// Return whether the effects of two trials may be confused.
 pub(super) fn may_be_confused(one: &Trial, other: &Trial) -> bool {
-    let (one, other) = (one.candidate.effect, other.candidate.effect);
-    one.confused_with.contains(&other.name) || other.confused_with.contains(&one.name)
+    one.candidate.effect.may_be_confused_with(other.candidate.effect)
 }
 
 /// First of these values: the magnitude of the effect.

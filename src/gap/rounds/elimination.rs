@@ -309,10 +309,7 @@ impl Search<'_> {
         let insignificant: Vec<&Added> = self.added.iter().filter(is_insignificant).collect();
         let is_alike = |step: &&Added| {
             insignificant.iter().any(|own| {
-                let [own, other] = [own.effect, step.effect];
-                own == other
-                    || own.confused_with.contains(&other.name)
-                    || other.confused_with.contains(&own.name)
+                own.effect == step.effect || own.effect.may_be_confused_with(step.effect)
             })
         };
         let steps: Vec<&Added> =

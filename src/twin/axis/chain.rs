@@ -60,7 +60,7 @@ pub(super) struct Chain {
     bristles: Vec<BristlesPart>,
     masses: Vec<MassPart>,
     /// Load behind the motor; `None` for a rigid axis.
-    pub(super) elastic_load: Option<ElasticLoad>,
+    elastic_load: Option<ElasticLoad>,
     /// Resonance before the measured load; its forces are those of the input.
     pub(super) resonance: Option<Resonance>,
     /// True for a voltage, of which the back-EMF, a part of the viscous friction, makes no force.
@@ -242,10 +242,15 @@ impl Chain {
         }
     }
 
+    /// Elastic load with a mass.
+    pub(super) fn moving_load(&self) -> Option<ElasticLoad> {
+        self.elastic_load.filter(|own| 0.0 < own.fraction)
+    }
+
     /// Let the load follow the motor in `motion`, but for these differences of its position and velocity.
     pub(super) fn start_load(&self, memory: &mut Memory, difference: [f64; 2], motion: &Motion) {
-        let load = self.elastic_load.filter(|own| 0.0 < own.fraction);
-        memory.elastic = load.map(|own| own.following(motion).with_load_moved(difference));
+        memory.elastic =
+            self.moving_load().map(|own| own.following(motion).with_load_moved(difference));
     }
 
     /// Moving mass at `motion` (kg, or the input's unit per m/s^2).
@@ -277,7 +282,7 @@ impl Chain {
             loads.rigid += 0.5 * (forwards + backwards);
             loads.forces -= 0.5 * (forwards - backwards);
         }
-        if let Some(load) = self.elastic_load.filter(|own| 0.0 < own.fraction) {
+        if let Some(load) = self.moving_load() {
             let mass = load.fraction * motion.mass;
             let state = memory.elastic.get_or_insert_with(|| load.following(motion));
             loads.forces -= mass * load.follow(state, motion);
