@@ -405,6 +405,20 @@ impl Effect {
         self.confused_with.contains(&other.name) || other.confused_with.contains(&self.name)
     }
 
+    /// Return whether a parameter is a shape, such as an exponent or a period: it has no value without the effect.
+    #[must_use]
+    pub fn is_shape(&self, parameter: usize) -> bool {
+        0 < parameter && self.null[parameter] != 0.0
+    }
+
+    /// Return whether a parameter is a limit, which does nothing at its upper bound. A limit acts by its reciprocal: a lower
+    /// one acts more, and of all that are never reached none differs from another.
+    #[must_use]
+    pub fn is_limit(&self, parameter: usize) -> bool {
+        let (low, high) = self.parameters[parameter].bounds;
+        0.0 < low && self.null[parameter] == high
+    }
+
     /// Return whether a parameter only comes beside the effect: it is zero without it, and at every start of a search.
     #[must_use]
     pub fn is_optional(&self, parameter: usize) -> bool {

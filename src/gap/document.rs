@@ -1,5 +1,7 @@
 //! Document `gap.json` from the outcomes of all stages.
 
+mod sparse;
+
 use super::{
     checks::Objection,
     experiment::{self, Setup},
@@ -241,23 +243,39 @@ fn unseen_effect(effect: &'static Effect) -> RejectedEffect {
 
 /// Known parameters outside the interval of what was known of them, on stages on which the
 /// validation sessions prefer the final twin. The limit is corrected for the number of parameters
-/// that could have changed (Bonferroni). If they changed jointly, but none by itself, because their
-/// errors are correlated, the one farthest outside is stated.
+/// that could have changed (Bonferroni). If those of a stage changed jointly, but none by itself,
+/// because their errors are correlated, the fewest that explain the change are stated.
 fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
     let stages = || material.outcomes.iter().zip(material.floors);
     if material.start.machine == Machine::Axis && stages().all(is_refit_within_model_error) {
         return Vec::new();
     }
     let known = material.twin.instances.iter().enumerate();
-    let possible = known.flat_map(|(index, after)| possible_changes(material, index, after));
-    let mut possible: Vec<(f64, ParameterChange)> = possible.collect();
-    if possible.iter().all(|(ratio, _)| *ratio <= 1.0)
-        && stages().any(explains_most_by_refit)
-        && let Some((ratio, _)) = possible.iter_mut().max_by(|a, b| a.0.total_cmp(&b.0))
-    {
-        *ratio = f64::INFINITY;
+    let mut possible: Vec<PossibleChange> =
+        known.flat_map(|(index, after)| possible_changes(material, index, after)).collect();
+    for (outcome, floors) in stages() {
+        let is_own = |own: &PossibleChange| outcome.last.slots.contains(&own.slot);
+        let is_clear = possible.iter().any(|own| is_own(own) && 1.0 < own.ratio);
+        if is_clear || !explains_most_by_refit((outcome, floors)) {
+            continue;
+        }
+        let slots: Vec<Slot> =
+            possible.iter().filter(|own| is_own(own)).map(|own| own.slot).collect();
+        let changed = sparse::fewest_changes(outcome, &slots);
+        possible
+            .iter_mut()
+            .filter(|own| changed.contains(&own.slot))
+            .for_each(|own| own.ratio = f64::INFINITY);
     }
-    possible.into_iter().filter(|(ratio, _)| 1.0 < *ratio).map(|(_, change)| change).collect()
+    possible.into_iter().filter(|own| 1.0 < own.ratio).map(|own| own.change).collect()
+}
+
+/// Difference of a parameter of the final twin from the given value.
+struct PossibleChange {
+    slot: Slot,
+    /// Ratio of the difference to the limit of chance.
+    ratio: f64,
+    change: ParameterChange,
 }
 
 /// Return whether other values of the known parameters explain the residual without a new effect.
@@ -303,13 +321,12 @@ impl Refit {
     }
 }
 
-/// Differences of the parameters of the instance `index` of the final twin from the given values, each with its ratio to
-/// the limit of chance.
+/// Differences of the parameters of the instance `index` of the final twin from the given values.
 fn possible_changes(
     material: &Material<'_, '_>,
     index: usize,
     after: &Instance,
-) -> Vec<(f64, ParameterChange)> {
+) -> Vec<PossibleChange> {
     let Material { start, twin, outcomes, thresholds, .. } = *material;
     let (Some(known), Some(outcome)) =
         (known_as(start, index, after), confirmed_by(outcomes, twin, index))
@@ -328,17 +345,22 @@ fn possible_changes(
         && added.any(|own| sample_period_above_lag(start, twin, own).is_some());
     let change_of = |(k, parameter): (usize, &Parameter)| {
         let (old, new) = (&before.values[k], &after.values[k]);
-        let [low, high] = new.ci95?;
-        if new.source != Source::Fitted || parameter.per_session || is_redistributed {
+        if new.ci95.is_none()
+            || new.source != Source::Fitted
+            || parameter.per_session
+            || is_redistributed
+        {
             return None;
         }
-        let old_half = old.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low));
+        let [was, is] = [old, new].map(|own| Magnitude::of(own, before.effect.is_limit(k)));
         // The model error is part of both values, and not of their difference.
         let slot = Slot { instance: known, parameter: k };
-        let common =
-            t_quantile(0.975, freedom) * thresholds.model_error * changed(&plain, start, slot);
-        let old_half = (old_half.powi(2) - common.powi(2)).max(0.0).sqrt();
-        let limit = in_half_intervals * (0.5 * (high - low)).hypot(old_half);
+        let common = t_quantile(0.975, freedom)
+            * thresholds.model_error
+            * changed(&plain, start, slot)
+            * was.slope;
+        let old_half = (was.half.powi(2) - common.powi(2)).max(0.0).sqrt();
+        let limit = in_half_intervals * is.half.hypot(old_half);
         let change = ParameterChange {
             name: format!("{}.{}", before.effect.effect_of_parameter(k), parameter.name),
             location: after.axis,
@@ -347,11 +369,38 @@ fn possible_changes(
             ci95: new.ci95,
             unit: parameter.unit.to_owned(),
         };
-        let difference = (new.value - old.value).abs();
+        let difference = (is.value - was.value).abs();
         // A value that was given exactly, and stays, is no change.
-        (0.0 < difference).then(|| (difference / limit, change))
+        (0.0 < difference).then(|| PossibleChange {
+            slot: Slot { instance: index, parameter: k },
+            ratio: difference / limit,
+            change,
+        })
     };
     before.effect.parameters.iter().enumerate().filter_map(change_of).collect()
+}
+
+/// Value of a parameter, half of its interval (zero without one), and its derivative by the parameter: the parameter itself,
+/// or the reciprocal of a limit.
+struct Magnitude {
+    value: f64,
+    half: f64,
+    slope: f64,
+}
+
+impl Magnitude {
+    fn of(own: &Value, is_limit: bool) -> Self {
+        let Value { value, ci95, .. } = *own;
+        let [low, high] = ci95.unwrap_or([value; 2]);
+        let half = 0.5 * (high - low);
+        if !is_limit {
+            return Self { value, half, slope: 1.0 };
+        }
+        let slope = 1.0 / (value * value);
+        // The upper end may be at the bound. Earlier twins have a lower end below zero.
+        let half = if 0.0 < low { 1.0 / low - 1.0 / value } else { half * slope };
+        Self { value: 1.0 / value, half, slope }
+    }
 }
 
 /// The outcome that has fitted the instance `index` of `twin` and whose validation sessions prefer the final twin.
@@ -488,4 +537,22 @@ fn masked(session: &str, incident: &Incident) -> String {
          nothing like it recurs (a hand on the machine, an end stop, or a limit?)",
         span.start, span.end
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_that_was_never_reached_differs_from_one_that_is() {
+        let of = |value: f64, ci95: [f64; 2]| {
+            Magnitude::of(&Value { value, ci95: Some(ci95), source: Source::Fitted }, true)
+        };
+        let (never, now) = (of(500.0, [200.0, 500.0]), of(4.0, [3.8, 4.2]));
+        assert!((never.half - 0.003).abs() < 1e-12, "{}", never.half);
+        assert!(20.0 * never.half.hypot(now.half) < now.value - never.value);
+        // A twin of an earlier version has an interval that is symmetric about the value.
+        let earlier = of(500.0, [-250.0, 1250.0]);
+        assert!((earlier.half - 0.003).abs() < 1e-12, "{}", earlier.half);
+    }
 }

@@ -228,30 +228,34 @@ impl<'t> RequiredGain<'t> {
     }
 }
 
-/// Note the discrepancy of the stage of `outcome`: the fraction of the final residual that each rejected effect
-/// explains.
+/// Note the discrepancy of the stage of `outcome`: the fraction of the final residual that each rejected effect explains,
+/// and each that was added and removed again.
 pub(super) fn note_discrepancy(twin: &mut Twin, outcome: &Outcome<'_>) {
     twin.discrepancy.retain(|own| own.stage != outcome.kind);
-    let mut noted: Vec<Discrepancy> = Vec::new();
-    for rejected in &outcome.rejected {
-        let effect = rejected.candidate.effect.name;
+    let rejected = outcome.rejected.iter().map(|rejected| Discrepancy {
+        stage: outcome.kind,
+        effect: rejected.candidate.effect.name.to_owned(),
         // A simulated candidate may have been screened at the given twin, which left a larger residual.
-        let screened = rejected.candidate.explained_fraction;
-        let fraction = rejected.validation_gain.map_or(screened, |gain| gain.max(0.0));
-        let offsets = rejected.candidate.parameter_offsets.clone();
-        match noted.iter_mut().find(|other| other.effect == effect) {
+        explained_fraction: rejected
+            .validation_gain
+            .map_or(rejected.candidate.explained_fraction, |gain| gain.max(0.0)),
+        parameter_offsets: rejected.candidate.parameter_offsets.clone(),
+    });
+    let is_absent =
+        |own: &&Discrepancy| !outcome.added.iter().any(|step| step.effect.name == own.effect);
+    let removed = outcome.removed.iter().filter(is_absent).cloned();
+    let mut noted: Vec<Discrepancy> = Vec::new();
+    for own in rejected.chain(removed) {
+        match noted.iter_mut().find(|other| other.effect == own.effect) {
             Some(other) => {
-                if other.explained_fraction < fraction || other.parameter_offsets.is_empty() {
-                    other.parameter_offsets = offsets;
+                if other.explained_fraction < own.explained_fraction
+                    || other.parameter_offsets.is_empty()
+                {
+                    other.parameter_offsets = own.parameter_offsets;
                 }
-                other.explained_fraction = other.explained_fraction.max(fraction);
+                other.explained_fraction = other.explained_fraction.max(own.explained_fraction);
             }
-            None => noted.push(Discrepancy {
-                stage: outcome.kind,
-                effect: effect.to_owned(),
-                explained_fraction: fraction,
-                parameter_offsets: offsets,
-            }),
+            None => noted.push(own),
         }
     }
     twin.discrepancy.extend(noted);

@@ -14,9 +14,10 @@ use super::{
     unknown::{self, Unknown},
     whiten::{self, Filters},
 };
-use crate::twin::{Instance, Machine, Slot, StageKind, Twin};
+use crate::twin::{Discrepancy, Instance, Machine, Slot, StageKind, Twin};
 
 mod elimination;
+mod exchange;
 mod note;
 mod outcome;
 mod refit;
@@ -28,8 +29,8 @@ pub(in crate::gap) use elimination::{instance_of, known_on_bound};
 pub use outcome::{Added, Held, Outcome, Reason, Rejected, StageData, Task};
 pub(super) use outcome::{RankedCandidate, Unstated};
 
-/// Most effects that are added on one stage.
-const MOST_ADDED: usize = 6;
+/// Most effects that are added on one stage: a bound of the time. The belts and drives of a table have up to eight at once.
+const MOST_ADDED: usize = 10;
 
 /// Search one stage from the twin `start`.
 #[must_use]
@@ -46,8 +47,17 @@ pub fn search<'a>(data: &StageData<'a>, start: &Twin, task: Task) -> Outcome<'a>
     while search.remove_minor(&given.twin) {
         known = search.eliminate_insignificant();
     }
-    let Search { train, held_out, mut best, mut filters, added, rejected, mut journal, .. } =
-        search;
+    let Search {
+        train,
+        held_out,
+        mut best,
+        mut filters,
+        added,
+        rejected,
+        removed,
+        mut journal,
+        ..
+    } = search;
     let twins = (start, &best.point.twin);
     let least = train.thresholds().least_gain(excess);
     let is_better = is_better(&held_out, twins, &filters, least);
@@ -82,6 +92,7 @@ pub fn search<'a>(data: &StageData<'a>, start: &Twin, task: Task) -> Outcome<'a>
         filters,
         added,
         rejected,
+        removed,
         unexplained,
         journal,
     }
@@ -165,6 +176,8 @@ struct Search<'a> {
     /// Twin before the first effect was added, everything fitted.
     before_added: Option<Twin>,
     rejected: Vec<Rejected>,
+    /// What effects that were removed explain.
+    removed: Vec<Discrepancy>,
     journal: Vec<JournalEntry>,
     /// One-off disturbances that are in the journal.
     masked: Vec<incident::Incident>,
@@ -223,6 +236,7 @@ impl<'a> Search<'a> {
             added: vec![],
             before_added: None,
             rejected: vec![],
+            removed: vec![],
             journal: vec![],
             masked: vec![],
         };
@@ -289,9 +303,10 @@ impl Search<'_> {
         self.note_end_of_rounds(MOST_ADDED);
         let least = RequiredGain::new(thresholds, stage, (excess, AtFloor::No));
         let is_less = self.eliminate_unneeded(&least, usize::from(!has_split));
+        let is_other = self.exchange(given, excess);
         let is_fewer = self.eliminate_null();
         let is_minor = self.remove_minor(&given.twin);
-        if self.remove_with_known_on_bound() || is_minor || is_fewer || is_less {
+        if self.remove_with_known_on_bound() || is_minor || is_fewer || is_other || is_less {
             excess = self.excess(validated.insert(self.validated()));
         }
         let validated = validated.unwrap_or_else(|| self.validated());

@@ -2,8 +2,8 @@
 //! measured there.
 
 use super::{
-    Problems,
-    trial::{Trial, may_be_confused, scanned},
+    Problems, slots_of_last,
+    trial::{Trial, may_be_confused, on_bound_of, scanned},
 };
 use crate::{
     gap::{
@@ -94,8 +94,7 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Fit a candidate in this metric and validate it; `known` are the columns of known parameters.
     pub(super) fn trial(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Trial {
-        let how = fit::How { filters: self.filters, iterations: 8, known };
-        let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
+        let fit = self.fitted(candidate, rough, known);
         let held_point = fit::on(self.held_out, &fit.point.twin, self.filters);
         let mut trial = Trial {
             candidate: candidate.clone(),
@@ -107,6 +106,21 @@ impl<'a, 'b> Bench<'a, 'b> {
         };
         trial.objection = self.objection(&trial);
         trial
+    }
+
+    /// Fit a candidate. A shape that ends on its bound is held at its start: the data do not determine it.
+    fn fitted(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Fit {
+        let how = fit::How { filters: self.filters, iterations: 8, known };
+        let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
+        let ended = on_bound_of(&fit.point.twin, slots_of_last(&fit.point.twin));
+        let Some((shape, _)) = ended.filter(|(slot, _)| candidate.effect.is_shape(slot.parameter))
+        else {
+            return fit;
+        };
+        let mut start = rough.point.clone();
+        start.twin.set(shape, candidate.start[shape.parameter]);
+        let slots: Vec<Slot> = rough.slots.iter().copied().filter(|slot| *slot != shape).collect();
+        fit::fit_with(self.train, start, &slots, &how)
     }
 
     /// Fit the trials that may be confused with the best one again, from its known parameters: a rival must not lose

@@ -14,7 +14,7 @@ use crate::{
         whiten::Filters,
     },
     stats::t_quantile,
-    twin::{Instance, Machine, Slot, Twin},
+    twin::{Discrepancy, Instance, Machine, Slot, Twin},
 };
 
 /// Elimination candidates that are fitted to convergence. A larger number costs one fit each per step.
@@ -48,7 +48,7 @@ impl Search<'_> {
         let with = self.rows(&self.best);
         let trials = self.reduced_fits(&self.elimination_candidates());
         let is_needed = |own: &ReducedFit| {
-            self.is_beyond_chance(own, &with)
+            self.is_better_beyond_chance(&own.rows, &with)
                 && (with[1].is_empty()
                     || required_gain.least(own.step.effect) <= own.gain(1, &with))
         };
@@ -359,32 +359,55 @@ impl Search<'_> {
             return false;
         }
         let with = self.rows(&self.best);
-        self.reduced_fits(&[step]).iter().all(|own| self.is_beyond_chance(own, &with))
+        self.reduced_fits(&[step]).iter().all(|own| self.is_better_beyond_chance(&own.rows, &with))
     }
 
-    /// Return whether the training sessions, and the validation sessions if any, are predicted worse beyond chance
-    /// without the effect.
-    fn is_beyond_chance(&self, own: &ReducedFit, with: &[Vec<f64>; 2]) -> bool {
+    /// Return whether the training sessions, and the validation sessions if any, are predicted better beyond chance with
+    /// the residuals `after` than with those `before`.
+    pub(super) fn is_better_beyond_chance(
+        &self,
+        before: &[Vec<f64>; 2],
+        after: &[Vec<f64>; 2],
+    ) -> bool {
         let is_in = |kind: usize, problem: &Problem<'_>| {
-            problem.thresholds().is_in(&own.rows[kind], &with[kind], &problem.blocks())
+            problem.thresholds().is_in(&before[kind], &after[kind], &problem.blocks())
         };
-        is_in(0, &self.train) && (with[1].is_empty() || is_in(1, &self.held_out))
+        is_in(0, &self.train) && (after[1].is_empty() || is_in(1, &self.held_out))
     }
 
     /// Fit without the effect of `step`.
-    fn without(&self, step: &Added) -> (Fit, Filters) {
+    pub(super) fn without(&self, step: &Added) -> (Fit, Filters) {
         let mut rest = self.best.clone();
         remove_from(&mut rest, step);
         fit::converge(&self.train, rest.point, &rest.slots, 5)
     }
 
     /// Remove `step` for `reason`; `rest` is the fit of everything else.
-    fn remove_step(&mut self, step: &Added, rest: (Fit, Filters), reason: &str) {
+    pub(super) fn remove_step(&mut self, step: &Added, rest: (Fit, Filters), reason: &str) {
         self.note_removed(step, reason);
+        self.removed.extend(self.discrepancy_along(step, &rest.0));
         self.added.retain(|own| {
             own.effect != step.effect || own.axis != step.axis || own.scanned != step.scanned
         });
         (self.best, self.filters) = rest;
+    }
+
+    /// What the effect of `step` explains of the residual of `rest`, the fit without it; `None` where it explains nothing.
+    fn discrepancy_along(&self, step: &Added, rest: &Fit) -> Option<Discrepancy> {
+        let (with, without) = (self.rows(&self.best), self.rows(rest));
+        let kind = usize::from(!with[1].is_empty());
+        let explained_fraction = 1.0 - fit::squared(&with[kind]) / fit::squared(&without[kind]);
+        let twin = &self.best.point.twin;
+        let values = twin.instances[instance_of(twin, step)?].numbers();
+        // Only the magnitude has a value without the effect.
+        let offset =
+            |(k, value): (usize, f64)| if k == 0 { value - step.effect.null[0] } else { 0.0 };
+        (0.0 < explained_fraction).then(|| Discrepancy {
+            stage: self.kind,
+            effect: step.effect.name.to_owned(),
+            explained_fraction,
+            parameter_offsets: values.into_iter().enumerate().map(offset).collect(),
+        })
     }
 }
 

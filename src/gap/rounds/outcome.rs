@@ -13,7 +13,7 @@ use crate::{
         unknown::Unknown,
         whiten::Filters,
     },
-    twin::{Instance, Slot, Stage, StageKind, Twin},
+    twin::{Discrepancy, Instance, Slot, Stage, StageKind, Twin},
 };
 
 /// One stage of the measured chain in all sessions.
@@ -215,6 +215,8 @@ pub struct Outcome<'a> {
     pub added: Vec<Added>,
     /// Rejected candidates.
     pub rejected: Vec<Rejected>,
+    /// What effects that were added and removed again explain of the residual.
+    pub removed: Vec<Discrepancy>,
     /// Dependence of the final residual that no effect explains.
     pub unexplained: Option<Unknown>,
     /// Decisions of the search, in order.

@@ -1,0 +1,78 @@
+//! Exchange of an added effect for another one.
+
+use super::{Added, Search};
+use crate::gap::{
+    fit::{self, Fit},
+    known::Excess,
+    problem::Point,
+    round::{Round, RoundStart},
+    whiten::Filters,
+};
+
+/// Effect in place of another one, with the fit of everything.
+struct Replacement {
+    fit: Fit,
+    filters: Filters,
+    step: Added,
+}
+
+impl Search<'_> {
+    /// Sequential replacement (Miller 2002, Subset Selection in Regression, section 3.5): each added effect but the last is
+    /// tried for exchange. Forward selection keeps an effect that stood in for others before they were added. Return
+    /// whether any was exchanged.
+    pub(super) fn exchange(&mut self, given: &Point, excess: Option<Excess>) -> bool {
+        let mut has_changed = false;
+        // The last one was chosen with all others in place.
+        let early = self.added.len().saturating_sub(1);
+        for step in self.added.iter().take(early).cloned().collect::<Vec<_>>() {
+            let Some(own) = self.replacement(&step, given, excess) else { continue };
+            log::info!(
+                "{:?}: {} on {} takes the place of {} on {}",
+                self.kind,
+                own.step.effect.name,
+                own.step.axis,
+                step.effect.name,
+                step.axis
+            );
+            let reason = format!(
+                "With the other effects in place, {} in its place leaves a smaller residual beyond chance",
+                own.step.effect.name
+            );
+            self.remove_step(&step, (own.fit, own.filters), &reason);
+            self.note_added(&own.step);
+            self.added.push(own.step);
+            has_changed = true;
+        }
+        has_changed
+    }
+
+    /// Effect that passes every check in place of `step`, and leaves a smaller residual beyond chance in training and
+    /// validation sessions.
+    fn replacement(
+        &self,
+        step: &Added,
+        given: &Point,
+        excess: Option<Excess>,
+    ) -> Option<Replacement> {
+        let (base, filters) = self.without(step);
+        let round_start = RoundStart {
+            base: &base,
+            filters: &filters,
+            given: None,
+            given_instances: given.twin.instances.len(),
+            before_added: self.before_added.as_ref(),
+            required_gain: self.required_gain(given, excess),
+        };
+        let (fit, winner) = Round::run(self.problems(), &round_start).winner?;
+        if winner.effect == step.effect && winner.axis == step.axis {
+            return None;
+        }
+        let (fit, filters) = fit::converge(&self.train, fit.point, &fit.slots, 8);
+        let (with, replaced) = (self.rows(&self.best), self.rows(&fit));
+        self.is_better_beyond_chance(&with, &replaced).then_some(Replacement {
+            fit,
+            filters,
+            step: winner,
+        })
+    }
+}
