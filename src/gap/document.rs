@@ -352,7 +352,9 @@ fn possible_changes(
         {
             return None;
         }
-        let [was, is] = [old, new].map(|own| Magnitude::of(own, before.effect.is_limit(k)));
+        let is_limit = before.effect.is_limit(k);
+        let magnitude = if is_limit { Magnitude::of_limit } else { Magnitude::of };
+        let [was, is] = [old, new].map(magnitude);
         // The model error is part of both values, and not of their difference.
         let slot = Slot { instance: known, parameter: k };
         let common = t_quantile(0.975, freedom)
@@ -389,16 +391,22 @@ struct Magnitude {
 }
 
 impl Magnitude {
-    fn of(own: &Value, is_limit: bool) -> Self {
+    /// The parameter itself.
+    fn of(own: &Value) -> Self {
         let Value { value, ci95, .. } = *own;
         let [low, high] = ci95.unwrap_or([value; 2]);
-        let half = 0.5 * (high - low);
-        if !is_limit {
-            return Self { value, half, slope: 1.0 };
-        }
+        Self { value, half: 0.5 * (high - low), slope: 1.0 }
+    }
+
+    /// The reciprocal of a limit.
+    fn of_limit(own: &Value) -> Self {
+        let Self { value, half, .. } = Self::of(own);
         let slope = 1.0 / (value * value);
-        // The upper end may be at the bound. Earlier twins have a lower end below zero.
-        let half = if 0.0 < low { 1.0 / low - 1.0 / value } else { half * slope };
+        let half = match own.ci95 {
+            // The upper end may be at the bound. Earlier twins have a lower end below zero.
+            Some([low, _]) if 0.0 < low => 1.0 / low - 1.0 / value,
+            _ => half * slope,
+        };
         Self { value: 1.0 / value, half, slope }
     }
 }
@@ -546,7 +554,7 @@ mod tests {
     #[test]
     fn a_limit_that_was_never_reached_differs_from_one_that_is() {
         let of = |value: f64, ci95: [f64; 2]| {
-            Magnitude::of(&Value { value, ci95: Some(ci95), source: Source::Fitted }, true)
+            Magnitude::of_limit(&Value { value, ci95: Some(ci95), source: Source::Fitted })
         };
         let (never, now) = (of(500.0, [200.0, 500.0]), of(4.0, [3.8, 4.2]));
         assert!((never.half - 0.003).abs() < 1e-12, "{}", never.half);

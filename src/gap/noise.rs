@@ -145,6 +145,7 @@ impl Change {
             log_score: None,
             validation_gain: 1.0 - after / before.max(f64::MIN_POSITIVE),
             indistinguishable: Vec::new(),
+            has_rival: false,
             held_out_steps: (rms.clone(), rms),
             unstated: Some(self.unstated),
             ranking: Vec::new(),

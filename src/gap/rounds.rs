@@ -29,8 +29,8 @@ pub(in crate::gap) use elimination::{instance_of, known_on_bound};
 pub use outcome::{Added, Held, Outcome, Reason, Rejected, StageData, Task};
 pub(super) use outcome::{RankedCandidate, Unstated};
 
-/// Most effects that are added on one stage: a bound of the time. The belts and drives of a table have up to eight at once.
-const MOST_ADDED: usize = 10;
+/// Most effects that are added on one stage.
+const MOST_ADDED: usize = 6;
 
 /// Search one stage from the twin `start`.
 #[must_use]

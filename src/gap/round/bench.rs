@@ -176,6 +176,11 @@ impl<'a, 'b> Bench<'a, 'b> {
             loss: trial.fit.loss / trial.fit.rows.max(1) as f64,
             has_passed: trial.objection.is_none(),
         };
+        let removes = |trial: &Trial| fit::squared(&self.base_train_rows) - trial.fit.loss;
+        let is_near = |other: &Trial| self.thresholds().majority * removes(own) <= removes(other);
+        let has_rival = trials
+            .iter()
+            .any(|other| other.candidate.effect != own.candidate.effect && is_near(other));
         Added {
             effect: own.candidate.effect,
             axis: own.candidate.axis,
@@ -187,6 +192,7 @@ impl<'a, 'b> Bench<'a, 'b> {
             log_score: self.log_score_gain(own),
             validation_gain: self.validation_gain(own),
             indistinguishable,
+            has_rival,
             held_out_steps: (
                 self.held_out.rms(&self.base_held),
                 self.held_out.rms(&own.held_point),

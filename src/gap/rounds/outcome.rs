@@ -126,6 +126,8 @@ pub struct Added {
     pub validation_gain: f64,
     /// Other effects that explain the data equally well.
     pub indistinguishable: Vec<&'static str>,
+    /// `true` where another effect, alone, removes at least half as much of the residual.
+    pub has_rival: bool,
     /// Residual RMS per signal on the validation sessions before and after this step, in the order of the channels.
     pub held_out_steps: (Vec<f64>, Vec<f64>),
     /// Statistics that the effect changes where it changes no residual.
