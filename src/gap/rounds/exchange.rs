@@ -1,14 +1,16 @@
 //! Exchange of an added effect for another one.
 
 use super::{Added, Search};
-use crate::gap::{
-    fit::{self, Fit},
-    known::Excess,
-    problem::Point,
-    round::{Round, RoundStart},
-    whiten::Filters,
+use crate::{
+    gap::{
+        fit::{self, Fit},
+        known::Excess,
+        problem::Point,
+        round::{Round, RoundStart},
+        whiten::Filters,
+    },
+    twin::Machine,
 };
-use crate::twin::Machine;
 
 /// Effect in place of another one, with the fit of everything.
 struct Replacement {
