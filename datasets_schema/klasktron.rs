@@ -415,7 +415,7 @@ impl ::prost::Name for MatchEvent {
         "/klasktron.MatchEvent".into()
     }
 }
-/// Any single axis with a recorded input; unit is one of m/s, m, N, N m, V, A.
+/// Any single axis with a recorded input; unit is one of m/s, rad/s, m, N, N m, V, A.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct AxisInput {
     #[prost(double, tag = "1")]

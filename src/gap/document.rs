@@ -261,7 +261,8 @@ fn parameter_changes(material: &Material<'_, '_>) -> Vec<ParameterChange> {
         }
         let slots: Vec<Slot> =
             possible.iter().filter(|own| is_own(own)).map(|own| own.slot).collect();
-        let changed = sparse::fewest_changes(outcome, &slots);
+        let points = [&outcome.start, &outcome.last.point];
+        let changed = sparse::fewest_changes(&outcome.train, &outcome.filters, points, &slots);
         possible
             .iter_mut()
             .filter(|own| changed.contains(&own.slot))

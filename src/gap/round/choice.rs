@@ -2,7 +2,6 @@
 
 use super::{
     bench::Bench,
-    objection::aligns_stamps,
     slots_of_last,
     trial::{Trial, may_be_confused, squared_distance},
 };
@@ -42,8 +41,7 @@ impl Bench<'_, '_> {
             let is_as_good = *parameters <= free + scanned
                 && self.is_rival(own, other)
                 && self.is_rival(other, own);
-            let is_alignment =
-                [own, other].iter().all(|trial| aligns_stamps(&trial.fit.point.twin));
+            let is_alignment = [own, other].iter().all(|trial| trial.aligns_stamps());
             if name != own.candidate.effect.name && (is_as_good || is_alignment) {
                 if !indistinguishable.contains(&name) {
                     indistinguishable.push(name);
@@ -167,10 +165,9 @@ impl Bench<'_, '_> {
 /// delay it remains distinguishable from a lag of the machine that appears later.
 fn as_delay<'t>(best: Counted<'t>, passed: &[Counted<'t>]) -> Counted<'t> {
     let is_delay = |(trial, _): &&Counted<'_>| {
-        matches!(trial.candidate.effect.physics, Physics::CommandDelay(_))
-            && aligns_stamps(&trial.fit.point.twin)
+        matches!(trial.candidate.effect.physics, Physics::CommandDelay(_)) && trial.aligns_stamps()
     };
-    match aligns_stamps(&best.0.fit.point.twin) {
+    match best.0.aligns_stamps() {
         true => passed.iter().find(is_delay).copied().unwrap_or(best),
         false => best,
     }

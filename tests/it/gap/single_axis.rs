@@ -23,7 +23,6 @@ const ARM_KG_M2: f64 = 0.2;
 const ARM_N_M: f64 = 3.0;
 const ARM_COULOMB_N_M: f64 = 0.4;
 const ARM_ENCODER_RAD: f64 = 2e-5;
-const ARM_RAD_PER_M: f64 = 12.0;
 
 /// Position, velocity and acceleration of the reference at `t` seconds; `phase` makes sessions differ.
 fn reference(t: f64, phase: f64) -> [f64; 3] {
@@ -195,23 +194,57 @@ fn the_delay_and_the_limit_of_a_velocity_setpoint_are_named() {
     }
 }
 
-/// A session of an arm that a position controller turns by up to two radians; a payload adds `payload_kg` at [`ARM_M`].
-fn arm(dir: &Path, name: &str, seed: u64, payload_kg: f64) -> String {
-    let (inertia, weight) =
-        (ARM_KG_M2 + payload_kg * ARM_M * ARM_M, ARM_N_M + GRAVITY_M_PER_S2 * ARM_M * payload_kg);
+/// An arm that a position controller turns.
+#[derive(Clone, Copy)]
+struct Arm {
+    inertia_kg_m2: f64,
+    /// Torque of its weight where it is horizontal.
+    weight_n_m: f64,
+    /// Friction beyond the dry one at rest, and the speed over which it decays (Gaussian).
+    stribeck_n_m: f64,
+    stribeck_rad_per_s: f64,
+    /// Angle of the reference motion.
+    turn_rad_per_m: f64,
+}
+
+/// Arm that turns by up to two radians.
+const ARM: Arm = Arm {
+    inertia_kg_m2: ARM_KG_M2,
+    weight_n_m: ARM_N_M,
+    stribeck_n_m: 0.0,
+    stribeck_rad_per_s: 0.3,
+    turn_rad_per_m: 12.0,
+};
+
+impl Arm {
+    /// The arm with `payload_kg` at [`ARM_M`].
+    fn loaded(payload_kg: f64) -> Self {
+        Self {
+            inertia_kg_m2: ARM.inertia_kg_m2 + payload_kg * ARM_M * ARM_M,
+            weight_n_m: ARM.weight_n_m + GRAVITY_M_PER_S2 * ARM_M * payload_kg,
+            ..ARM
+        }
+    }
+}
+
+/// A session of an arm.
+fn arm(dir: &Path, name: &str, seed: u64, arm: Arm) -> String {
+    let (inertia, weight) = (arm.inertia_kg_m2, arm.weight_n_m);
     let mut table = "t_s,torque_nm,angle_deg\n".to_owned();
     let [mut q, mut v] = [0.0_f64; 2];
     for k in 0..SAMPLES {
         let t = SAMPLE_S * k as f64;
         let [target, speed, acceleration] =
-            reference(t, seed as f64).map(|own| own * ARM_RAD_PER_M);
+            reference(t, seed as f64).map(|own| own * arm.turn_rad_per_m);
         let wanted = acceleration + 200.0 * (target - q) + 25.0 * (speed - v);
         let torque = inertia * wanted + weight * q.sin();
         let angle = (q / ARM_ENCODER_RAD).round() * ARM_ENCODER_RAD;
         writeln!(table, "{t},{torque},{}", angle.to_degrees()).unwrap();
         for _ in 0..STEPS_PER_SAMPLE {
             let free = v + STEP_S / inertia * (torque - weight * q.sin());
-            v = free.signum() * (free.abs() - STEP_S / inertia * ARM_COULOMB_N_M).max(0.0);
+            let friction =
+                ARM_COULOMB_N_M + arm.stribeck_n_m * (-(v / arm.stribeck_rad_per_s).powi(2)).exp();
+            v = free.signum() * (free.abs() - STEP_S / inertia * friction).max(0.0);
             q += STEP_S * v;
         }
     }
@@ -224,16 +257,18 @@ fn the_weight_of_an_arm_and_its_payload_are_identified() {
     const TOLERANCE: f64 = 0.02;
     let dir = tempfile::tempdir().unwrap();
     let out = |name: &str| dir.path().join(name);
-    let sessions = pair(|name, seed| arm(dir.path(), name, seed, 0.0));
+    let sessions = pair(|name, seed| arm(dir.path(), name, seed, ARM));
     let (document, _) = gap(&sessions, None, &out("base"));
     assert_eq!(names(&document), ["gantry.gravity"], "{document:#}");
     let sine = parameter(&document, 0, 0);
     assert!((sine - ARM_N_M).abs() < TOLERANCE * ARM_N_M, "{sine} N m");
     let twin = out("base").join("twin.json").display().to_string();
-    let loaded =
-        pair(|name, seed| arm(dir.path(), &format!("loaded-{name}"), seed + 2, PAYLOAD_KG));
-    let hardly_loaded =
-        pair(|name, seed| arm(dir.path(), &format!("hardly-{name}"), seed + 2, PAYLOAD_KG / 100.0));
+    let loaded = pair(|name, seed| {
+        arm(dir.path(), &format!("loaded-{name}"), seed + 2, Arm::loaded(PAYLOAD_KG))
+    });
+    let hardly_loaded = pair(|name, seed| {
+        arm(dir.path(), &format!("hardly-{name}"), seed + 2, Arm::loaded(PAYLOAD_KG / 100.0))
+    });
     let (document, _) = gap(&hardly_loaded, Some(&twin), &out("hardly"));
     assert_eq!(document["verdict"], "none", "far below the noise floor: {document:#}");
     let (document, _) = gap(&loaded, Some(&twin), &out("loaded"));
@@ -249,6 +284,39 @@ fn the_weight_of_an_arm_and_its_payload_are_identified() {
     ] {
         assert!((after(name) - truth).abs() < TOLERANCE * truth, "{name}: {changes:?}");
     }
+}
+
+/// Within a radian, a spring stands in for the weight until the Stribeck friction has been added.
+#[test]
+fn a_spring_that_stood_in_for_the_weight_of_an_arm_is_removed() {
+    const TOLERANCE: f64 = 0.1;
+    let lying = Arm { weight_n_m: 0.0, turn_rad_per_m: 6.0, ..ARM };
+    let upright = Arm { weight_n_m: 1.0, stribeck_n_m: 0.5, ..lying };
+    let dir = tempfile::tempdir().unwrap();
+    let out = |name: &str| dir.path().join(name);
+    let sessions = pair(|name, seed| arm(dir.path(), name, seed, lying));
+    let (document, _) = gap(&sessions, None, &out("base"));
+    assert!(names(&document).is_empty(), "{document:#}");
+    let twin = out("base").join("twin.json").display().to_string();
+    let changed = pair(|name, seed| arm(dir.path(), &format!("up-{name}"), seed + 2, upright));
+    let (document, _) = gap(&changed, Some(&twin), &out("upright"));
+    let journal = document["journal"].as_array().unwrap();
+    let moves = |kind: &str, effect: &str| {
+        let own = journal.iter().map(|entry| &entry["move"]);
+        own.filter(|own| own["kind"] == kind && own["effect"] == effect).count()
+    };
+    assert_eq!(moves("remove", "gantry.stiffness"), 1, "{journal:#?}");
+    let mut found = names(&document);
+    found.sort();
+    assert_eq!(found, ["drive.friction.stribeck", "gantry.gravity"], "{document:#}");
+    let of_effect = |name: &str| {
+        let effects = document["effects"].as_array().unwrap();
+        parameter(&document, effects.iter().position(|own| own["name"] == name).unwrap(), 0)
+    };
+    let (weight, stribeck) = (of_effect("gantry.gravity"), of_effect("drive.friction.stribeck"));
+    assert!((weight - upright.weight_n_m).abs() < TOLERANCE * upright.weight_n_m, "{weight} N m");
+    let relative = stribeck / upright.stribeck_n_m - 1.0;
+    assert!(relative.abs() < TOLERANCE, "{stribeck} N m");
 }
 
 /// A delay in the given twin is no missing effect of an unchanged axis, and a larger delay is no lag of another kind.
@@ -298,7 +366,7 @@ fn a_velocity_setpoint_of_another_coordinate_is_refused() {
 fn axes_of_different_units_are_different_machines() {
     let dir = tempfile::tempdir().unwrap();
     let slide = held_forces(dir.path(), "slide", 1, |_| 0.0);
-    let turning = arm(dir.path(), "arm", 1, 0.0);
+    let turning = arm(dir.path(), "arm", 1, ARM);
     let out = dir.path().join("out").display().to_string();
     let (_, errors, status) = said(&klasktron(&["gap", &slide, &turning, "-o", &out]));
     assert_eq!(status, 1, "{errors}");
