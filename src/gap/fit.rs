@@ -127,23 +127,6 @@ impl Linearization for Linear {
     }
 }
 
-/// Filters that only scale each signal: by its reference residuals in the given twin, or by the residuals at `point` where
-/// one of them has no reference. By its own residual, a signal counts the less, the worse it is fitted: a fit stays where
-/// another signal is fitted below its noise at its cost.
-#[must_use]
-pub(super) fn scales(problem: &Problem<'_>, point: &Point) -> Filters {
-    let mut filters = problem.filters(point, whiten::scale_filters);
-    let reference = |signal: &String| {
-        let mut all = point.twin.reference_residuals.iter();
-        all.find(|own| own.signal == *signal && own.searched).map(|own| own.residual_rms)
-    };
-    let references: Option<Vec<f64>> = filters.keys().map(reference).collect();
-    for (filter, reference) in filters.values_mut().zip(references.into_iter().flatten()) {
-        filter.standard_deviation = reference.max(f64::MIN_POSITIVE);
-    }
-    filters
-}
-
 /// Fit from a distant start: first with each signal only scaled, then whitened by its own residual.
 #[must_use]
 pub(super) fn fit_from_distant_start(
@@ -315,68 +298,4 @@ pub(super) fn correlations(problem: &Problem<'_>, found: &Fit, filters: &Filters
 fn sandwich(problem: &Problem<'_>, point: &Point, slots: &[Slot], filters: &Filters) -> Sandwich {
     let linear = problem.linear(point, slots, filters);
     Sandwich::new(&linear.columns, &linear.residual, &linear.blocks)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{
-        gap::test_stage::TestStage,
-        seed::Stream,
-        twin::{Machine, ReferenceResidual, Stage},
-    };
-
-    const SIGNALS: [&str; 2] = ["motor_a.velocity", "motor_b.velocity"];
-    const NOISE_RMS: f64 = 0.1;
-    const MODEL_ERROR_RMS: f64 = 1.5;
-
-    fn mass(twin: &Twin) -> Slot {
-        let is_mass = |own: &crate::twin::Instance| own.effect.name == "gantry.inertia";
-        Slot { instance: twin.instances.iter().position(is_mass).unwrap(), parameter: 0 }
-    }
-
-    fn twin_of(mass_kg: f64) -> Twin {
-        let mut twin = Twin::nominal(Machine::Table);
-        let slot = mass(&twin);
-        twin.set(slot, mass_kg);
-        twin
-    }
-
-    /// Motor A follows a mass of 1 kg with a little noise, motor B one of 3 kg, which is the error of the model.
-    fn contradicting_motors() -> TestStage<impl Fn(&Twin, f64) -> f64 + Sync> {
-        let mut random = Stream::new(11, "noise");
-        let bound = (3f64.sqrt() * NOISE_RMS) as f32;
-        let predict = |twin: &Twin, time: f64| twin.get(mass(twin)) * time.sin();
-        let times = || (0..2000).map(|k| 0.01 * f64::from(k));
-        let of_a = times().map(|time| time.sin() + f64::from(random.uniform_f32(-bound, bound)));
-        let of_b = times().map(|time| 3.0 * time.sin());
-        TestStage::drives([of_a.collect(), of_b.collect()], predict)
-    }
-
-    #[test]
-    fn a_fit_counts_each_signal_by_its_reference_residual() {
-        let stage = contradicting_motors();
-        let mass_from = |start: Twin| {
-            let train = Problem::new(&[&stage as &dyn Stage], &start);
-            let slot = mass(&start);
-            let point = train.start(start);
-            let found = fit(&train, point.clone(), &[slot], &scales(&train, &point), 15);
-            found.point.twin.get(slot)
-        };
-        // By the residuals at the start, the signal that is fitted well there keeps the fit there.
-        let start = twin_of(2.8);
-        assert!((mass_from(start.clone()) - 3.0).abs() < 0.05);
-        let references = SIGNALS.into_iter().zip([NOISE_RMS, MODEL_ERROR_RMS]);
-        let reference_of = |(signal, residual_rms): (&str, f64)| ReferenceResidual {
-            signal: signal.into(),
-            residual_rms,
-            searched: true,
-        };
-        let reference_residuals: Vec<_> = references.map(reference_of).collect();
-        let known = Twin { reference_residuals: reference_residuals.clone(), ..start.clone() };
-        assert!((mass_from(known) - 1.0).abs() < 0.05);
-        // One reference alone does not say how the signals compare.
-        let half = Twin { reference_residuals: reference_residuals[..1].to_vec(), ..start };
-        assert!((mass_from(half) - 3.0).abs() < 0.05);
-    }
 }

@@ -1,4 +1,4 @@
-//! Stage of unit tests: signals, all predicted by the same function of twin and time.
+//! Stage of unit tests: one signal, predicted by a function of twin and time.
 
 use crate::{
     effects::{Domain, Effect},
@@ -12,23 +12,27 @@ pub(super) const CAMERA_SIGNAL: &str = "camera.striker_x";
 /// RMS of its noise (m).
 pub(super) const CAMERA_NOISE_RMS: f64 = 0.1;
 
-/// Stage whose signals `F` predicts from the twin and the time (s).
+/// Stage with one signal, which `F` predicts from the twin and the time (s).
 pub(super) struct TestStage<F> {
     kind: StageKind,
-    channels: Vec<Channel>,
+    channels: [Channel; 1],
     predict: F,
 }
 
 impl<F: Fn(&Twin, f64) -> f64 + Sync> TestStage<F> {
     /// Velocity of motor A at 100 Hz from 0 on: the values in `measured` (m/s).
     pub(super) fn drive(measured: Vec<f64>, predict: F) -> Self {
-        Self { kind: StageKind::Drive, channels: vec![motor("a", measured)], predict }
-    }
-
-    /// The same of both motors.
-    pub(super) fn drives([a, b]: [Vec<f64>; 2], predict: F) -> Self {
-        let channels = vec![motor("a", a), motor("b", b)];
-        Self { kind: StageKind::Drive, channels, predict }
+        let channel = Channel {
+            signal: "motor_a.velocity".into(),
+            unit: "m/s",
+            domain: Domain::Drive,
+            axis: "a",
+            rate_hz: 100.0,
+            times: (0..measured.len()).map(|k| 0.01 * k as f64).collect(),
+            runs: std::iter::once(0..measured.len()).collect(),
+            measured,
+        };
+        Self { kind: StageKind::Drive, channels: [channel], predict }
     }
 
     /// Position of the striker along x (m), 20 s at 100 Hz: the prediction of `truth` with uniform noise.
@@ -48,7 +52,7 @@ impl<F: Fn(&Twin, f64) -> f64 + Sync> TestStage<F> {
             times,
             runs: std::iter::once(0..2000).collect(),
         };
-        Self { kind: StageKind::Camera, channels: vec![channel], predict }
+        Self { kind: StageKind::Camera, channels: [channel], predict }
     }
 }
 
@@ -66,22 +70,7 @@ impl<F: Fn(&Twin, f64) -> f64 + Sync> Stage for TestStage<F> {
     }
 
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-        for (values, channel) in predicted.iter_mut().zip(&self.channels) {
-            *values = channel.times.iter().map(|time| (self.predict)(twin, *time)).collect();
-        }
-    }
-}
-
-/// Velocity of the motor `axis` at 100 Hz from 0 on (m/s).
-fn motor(axis: &'static str, measured: Vec<f64>) -> Channel {
-    Channel {
-        signal: format!("motor_{axis}.velocity"),
-        unit: "m/s",
-        domain: Domain::Drive,
-        axis,
-        rate_hz: 100.0,
-        times: (0..measured.len()).map(|k| 0.01 * k as f64).collect(),
-        runs: std::iter::once(0..measured.len()).collect(),
-        measured,
+        let times = self.channels[0].times.iter();
+        predicted[0] = times.map(|time| (self.predict)(twin, *time)).collect();
     }
 }

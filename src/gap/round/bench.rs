@@ -17,7 +17,7 @@ use crate::{
         thresholds::Thresholds,
         whiten::{self, Filters},
     },
-    twin::{Slot, Twin},
+    twin::{Machine, Slot, Twin},
 };
 
 /// Common metric and base of all trials of a round.
@@ -108,15 +108,16 @@ impl<'a, 'b> Bench<'a, 'b> {
         trial
     }
 
-    /// Fit a candidate. A shape that ends on its bound is held at its start: the data do not determine it.
+    /// Fit a candidate. On a table, a shape that ends on its bound is held at its start: the data do not determine it. On
+    /// single axes, that named Stribeck friction in place of a dead band, and gave no right answer more.
     fn fitted(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Fit {
         let how = fit::How { filters: self.filters, iterations: 8, known };
         let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
         let ended = on_bound_of(&fit.point.twin, slots_of_last(&fit.point.twin));
-        let Some((shape, _)) = ended.filter(|(slot, _)| candidate.effect.is_shape(slot.parameter))
-        else {
-            return fit;
+        let is_held = |slot: Slot| {
+            fit.point.twin.machine == Machine::Table && candidate.effect.is_shape(slot.parameter)
         };
+        let Some((shape, _)) = ended.filter(|(slot, _)| is_held(*slot)) else { return fit };
         let mut start = rough.point.clone();
         start.twin.set(shape, candidate.start[shape.parameter]);
         let slots: Vec<Slot> = rough.slots.iter().copied().filter(|slot| *slot != shape).collect();

@@ -104,7 +104,7 @@ fn best_restart(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point>
     let thresholds = train.thresholds();
     let is_far = excess(&given.twin, [(train, &best.point)])
         .is_none_or(|excess| thresholds.large_excess <= excess.most);
-    let scales = fit::scales(train, &best.point);
+    let scales = train.filters(&best.point, whiten::scale_filters);
     let loss = |point: &Point| fit::squared(&train.whitened(point, &scales));
     let mut starts = starts_with_one_change(best, given);
     if is_far {
