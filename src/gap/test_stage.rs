@@ -3,7 +3,7 @@
 use crate::{
     effects::{Domain, Effect},
     seed::Stream,
-    twin::{Channel, Stage, StageKind, Twin},
+    twin::{Channel, Slot, Stage, StageKind, Twin},
 };
 
 /// Signal of [`TestStage::camera`].
@@ -11,6 +11,14 @@ pub(super) const CAMERA_SIGNAL: &str = "camera.striker_x";
 
 /// RMS of its noise (m).
 pub(super) const CAMERA_NOISE_RMS: f64 = 0.1;
+
+/// First parameter of each of `effects`, on the first axis that has it.
+pub(super) fn first_parameters<const N: usize>(twin: &Twin, effects: [&str; N]) -> [Slot; N] {
+    effects.map(|name| {
+        let instance = twin.instances.iter().position(|own| own.effect.name == name).unwrap();
+        Slot { instance, parameter: 0 }
+    })
+}
 
 /// Stage with one signal, which `F` predicts from the twin and the time (s).
 pub(super) struct TestStage<F> {

@@ -14,10 +14,10 @@ use crate::{
 const ITERATIONS: usize = 6;
 
 /// Those of `slots` that explain what the refit of all known parameters, from `given` to `refitted`, explains of the training
-/// sessions. All start at the given values. One by one, the parameter is freed that explains most beside the ones before it, until what is left to
-/// explain, or the best further one, is less than the fraction `clear_gain` of the whole. Errors of the given values
-/// that are correlated, such as a scale of all forces, leave the residual as it is, so they need no change (forward
-/// selection; Miller 2002, Subset Selection in Regression, section 3.2).
+/// sessions. All start at the given values. One by one, the parameter is freed that explains most in addition to the ones
+/// before it, until what is left to explain, or the best further one, is less than the fraction `clear_gain` of the whole.
+/// Errors of the given values that are correlated, such as a scale of all forces, leave the residual as it is, so they
+/// need no change (forward selection; Miller 2002, Subset Selection in Regression, section 3.2).
 pub(super) fn fewest_changes(
     train: &Problem<'_>,
     filters: &Filters,
@@ -52,20 +52,18 @@ pub(super) fn fewest_changes(
 mod tests {
     use super::*;
     use crate::{
-        gap::{test_stage::TestStage, whiten},
+        gap::{
+            test_stage::{TestStage, first_parameters},
+            whiten,
+        },
         twin::{Machine, Stage, Twin},
     };
 
     const EFFECTS: [&str; 3] =
         ["drive.friction.coulomb", "gantry.inertia", "drive.friction.viscous"];
 
-    /// First parameter of each of [`EFFECTS`] on the first axis.
-    fn slots_of(twin: &Twin) -> Vec<Slot> {
-        let of = |name: &&str| {
-            let instance = twin.instances.iter().position(|own| own.effect.name == *name).unwrap();
-            Slot { instance, parameter: 0 }
-        };
-        EFFECTS.iter().map(of).collect()
+    fn slots_of(twin: &Twin) -> [Slot; 3] {
+        first_parameters(twin, EFFECTS)
     }
 
     fn twin_at(values: [f64; 3]) -> Twin {

@@ -168,7 +168,7 @@ fn fitted_instances(best: &Fit, given: &Point) -> impl Iterator<Item = usize> {
 mod tests {
     use super::*;
     use crate::{
-        gap::test_stage::{CAMERA_NOISE_RMS, CAMERA_SIGNAL, TestStage},
+        gap::test_stage::{CAMERA_NOISE_RMS, CAMERA_SIGNAL, TestStage, first_parameters},
         twin::{Machine, ReferenceResidual, Stage},
     };
     use std::f64::consts::TAU;
@@ -198,10 +198,7 @@ mod tests {
     const SMALL_AMPLITUDE: f64 = 0.05;
 
     fn slots_of(twin: &Twin) -> [Slot; 2] {
-        ["drive.friction.coulomb", "gantry.inertia"].map(|name| {
-            let instance = twin.instances.iter().position(|own| own.effect.name == name).unwrap();
-            Slot { instance, parameter: 0 }
-        })
+        first_parameters(twin, ["drive.friction.coulomb", "gantry.inertia"])
     }
 
     /// Sum of two sines. Coulomb friction is the amplitude of one, mass the frequency (Hz) of the other.
