@@ -90,16 +90,6 @@ pub(super) fn sample_period_above_lag(
     (added_lag(given, twin).abs() < period).then_some(period)
 }
 
-/// Return whether instance `index` of `twin` is a lag below the sample period of its axis, and the only lag of a twin
-/// without a reference. Recordings of a reference would show how their stamps relate inputs to the motion.
-pub(super) fn aligns_stamps(twin: &Twin, index: usize) -> bool {
-    let period = twin.axis_frame.map(|frame| frame.scales.sample_period);
-    let mut lags = twin.instances.iter().enumerate().filter_map(|(k, own)| Some((k, lag(own)?)));
-    let only = lags.next().filter(|_| lags.next().is_none());
-    let is_short = |(k, lag): (usize, f64)| k == index && period.is_some_and(|period| lag < period);
-    twin.reference_residuals.is_empty() && only.is_some_and(is_short)
-}
-
 /// Difference between the sums of all lags of two twins (s).
 pub(super) fn added_lag(given: &Twin, twin: &Twin) -> f64 {
     let sum = |twin: &Twin| twin.instances.iter().filter_map(lag).sum::<f64>();
@@ -323,11 +313,6 @@ impl Thresholds {
     pub(super) fn least_gain_at_floor(&self, ratio: f64) -> f64 {
         self.large_excess.max(self.reference_excess / ratio.powi(2))
     }
-
-    /// The same of an effect beside others: it must explain most of the rest. The floor holds the model error of the others.
-    pub(super) fn least_gain_beside_others_at_floor(&self, ratio: f64) -> f64 {
-        self.least_gain_at_floor(ratio).max(self.majority)
-    }
 }
 
 #[cfg(test)]
@@ -371,49 +356,22 @@ mod tests {
         assert!(1.0 < of(AtFloor::Yes(0.1)));
     }
 
-    /// Axis with a delay (s), and a first-order lag (s) where there is one.
-    fn lags(delay: f64, lag1: Option<f64>) -> Twin {
-        let mut twin = Twin::nominal(Machine::Axis);
-        twin.axis_frame = Some(AxisFrame { position_origin: 0.0, scales: SCALES });
-        let mut add = |name: &str, value: f64| {
-            let effect = crate::effects::find(name).unwrap();
-            twin.instances.push(Instance::new(effect, Axis::Single, &[value], Source::Fitted));
-        };
-        add("drive.delay", delay);
-        if let Some(time) = lag1 {
-            add("drive.lag1", time);
-        }
-        twin
-    }
-
-    #[test]
-    fn only_a_single_lag_below_the_sample_period_of_a_new_axis_aligns_stamps() {
-        let short = 0.5 * SCALES.sample_period;
-        let twin = lags(short, None);
-        let last = twin.instances.len() - 1;
-        assert!(aligns_stamps(&twin, last) && !aligns_stamps(&twin, 0));
-        assert!(!aligns_stamps(&lags(2.0 * SCALES.sample_period, None), last));
-        assert!(!aligns_stamps(&lags(short, Some(short)), last));
-        let reference = ReferenceResidual {
-            signal: "axis.axis.force".into(),
-            residual_rms: 0.1,
-            searched: true,
-        };
-        let known = Twin { reference_residuals: vec![reference], ..twin };
-        assert!(!aligns_stamps(&known, last));
-    }
-
-    #[test]
-    fn an_effect_beside_others_at_the_floor_must_explain_most_of_the_rest() {
-        assert_eq!(DEFAULT.least_gain_beside_others_at_floor(1.0), DEFAULT.majority);
-        let far_below = DEFAULT.least_gain_beside_others_at_floor(0.25);
-        assert_eq!(far_below.to_bits(), DEFAULT.least_gain_at_floor(0.25).to_bits());
-        assert!(DEFAULT.majority < far_below);
-    }
-
     #[test]
     fn lags_of_the_same_sum_are_no_new_lag() {
-        let period = SCALES.sample_period;
+        let lags = |delay: f64, lag1: Option<f64>| {
+            let mut twin = Twin::nominal(Machine::Axis);
+            twin.axis_frame = Some(AxisFrame { position_origin: 0.0, scales: SCALES });
+            let mut add = |name: &str, value: f64| {
+                let effect = crate::effects::find(name).unwrap();
+                twin.instances.push(Instance::new(effect, Axis::Single, &[value], Source::Fitted));
+            };
+            add("drive.delay", delay);
+            if let Some(time) = lag1 {
+                add("drive.lag1", time);
+            }
+            twin
+        };
+        let period = lags(0.0, None).axis_frame.unwrap().scales.sample_period;
         let known = lags(2.0 * period, None);
         let floor =
             |floor| RequiredGain::new(&DEFAULT, (&known, StageKind::Axis), (even(0.0), floor));

@@ -323,7 +323,7 @@ impl Search<'_> {
 
     /// Gain that the first effect must have.
     fn required_gain<'s>(&'s self, given: &'s Point, excess: Option<Excess>) -> RequiredGain<'s> {
-        let floor = self.at_floor(&given.twin, &self.best.point);
+        let floor = self.at_floor(&given.twin);
         let stage = (&given.twin, self.kind);
         RequiredGain::new(self.train.thresholds(), stage, (excess, floor))
     }

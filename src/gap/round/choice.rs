@@ -2,6 +2,7 @@
 
 use super::{
     bench::Bench,
+    objection::aligns_stamps,
     slots_of_last,
     trial::{Trial, may_be_confused, squared_distance},
 };
@@ -41,7 +42,8 @@ impl Bench<'_, '_> {
             let is_as_good = *parameters <= free + scanned
                 && self.is_rival(own, other)
                 && self.is_rival(other, own);
-            let is_alignment = [own, other].iter().all(|trial| trial.aligns_stamps());
+            let is_alignment =
+                [own, other].iter().all(|trial| aligns_stamps(&trial.fit.point.twin));
             if name != own.candidate.effect.name && (is_as_good || is_alignment) {
                 if !indistinguishable.contains(&name) {
                     indistinguishable.push(name);
@@ -165,9 +167,10 @@ impl Bench<'_, '_> {
 /// delay it remains distinguishable from a lag of the machine that appears later.
 fn as_delay<'t>(best: Counted<'t>, passed: &[Counted<'t>]) -> Counted<'t> {
     let is_delay = |(trial, _): &&Counted<'_>| {
-        matches!(trial.candidate.effect.physics, Physics::CommandDelay(_)) && trial.aligns_stamps()
+        matches!(trial.candidate.effect.physics, Physics::CommandDelay(_))
+            && aligns_stamps(&trial.fit.point.twin)
     };
-    match best.0.aligns_stamps() {
+    match aligns_stamps(&best.0.fit.point.twin) {
         true => passed.iter().find(is_delay).copied().unwrap_or(best),
         false => best,
     }

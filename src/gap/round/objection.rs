@@ -10,6 +10,7 @@ use crate::{
     gap::{
         evidence::Amplitude,
         fit,
+        known::lag,
         problem::{Point, Problem},
         rounds::{Reason, known_on_bound},
         speed_dependence::{self, SessionResiduals},
@@ -138,7 +139,7 @@ impl Bench<'_, '_> {
         });
         // An effect that only aligns the stamps of input and motion is no claim, so it needs no
         // magnitude.
-        let is_small = !trial.aligns_stamps() && !self.exceeds_required_gain(trial);
+        let is_small = !aligns_stamps(&trial.fit.point.twin) && !self.exceeds_required_gain(trial);
         let (base, twin) = (&self.base_held.twin, &trial.fit.point.twin);
         let is_same_lag = self.required_gain.only_redistributes_lag(base, twin)
             && self.validation_gain(trial) < thresholds.majority;
@@ -171,4 +172,15 @@ impl Bench<'_, '_> {
         };
         slots_of_last(twin).into_iter().map(shown).collect()
     }
+}
+
+/// Return whether the last instance of `twin` is a lag below the sample period of its axis, and the
+/// only lag of a twin without a reference. Recordings of a reference would show how their stamps
+/// relate inputs to the motion.
+pub(super) fn aligns_stamps(twin: &Twin) -> bool {
+    let Some((last, others)) = twin.instances.split_last() else { return false };
+    let period = twin.axis_frame.map(|frame| frame.scales.sample_period);
+    twin.reference_residuals.is_empty()
+        && !others.iter().any(|own| lag(own).is_some())
+        && lag(last).zip(period).is_some_and(|(lag, period)| lag < period)
 }

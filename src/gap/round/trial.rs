@@ -2,7 +2,7 @@
 
 use super::{slots_of_last, values_of_last};
 use crate::{
-    gap::{fit::Fit, known::aligns_stamps, problem::Point, rounds::Reason, screen::Candidate},
+    gap::{fit::Fit, problem::Point, rounds::Reason, screen::Candidate},
     twin::{Instance, Slot, Twin},
 };
 
@@ -23,12 +23,6 @@ impl Trial {
         let Candidate { effect, axis, .. } = &self.candidate;
         let (values, loss) = (values_of_last(&self.fit.point.twin), self.fit.loss);
         log::debug!("{} on {axis}: {values:?} leave {loss}, {:?}", effect.name, self.objection);
-    }
-
-    /// Return whether its effect only aligns the stamps of input and motion.
-    pub(super) fn aligns_stamps(&self) -> bool {
-        let twin = &self.fit.point.twin;
-        aligns_stamps(twin, twin.instances.len() - 1)
     }
 
     /// Replace this trial by `again`, another fit of the same candidate, where its loss is smaller.

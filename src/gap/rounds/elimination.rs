@@ -7,7 +7,7 @@ use crate::{
         batch::in_parallel,
         fit::{self, Fit, Uncertainty},
         floor::floors,
-        known::{AtFloor, RequiredGain, aligns_stamps},
+        known::{AtFloor, RequiredGain},
         problem::{Point, Problem},
         round::on_bound_of,
         unknown::Unknown,
@@ -50,28 +50,13 @@ impl Search<'_> {
         let is_needed = |own: &ReducedFit| {
             self.is_better_beyond_chance(&own.rows, &with)
                 && (with[1].is_empty()
-                    || self.least_gain_of(own, required_gain) <= own.gain(1, &with))
+                    || required_gain.least(own.step.effect) <= own.gain(1, &with))
         };
         trials
             .into_iter()
             .filter(|own| !is_needed(own))
             .min_by(|a, b| a.gain(0, &with).total_cmp(&b.gain(0, &with)))
             .map(|own| (own.step, own.fit, own.filters))
-    }
-
-    /// Fraction of the squared validation error without it that the effect of `own` must remove. Where a single axis is at
-    /// its noise floor without the effect, the order in which effects were added does not matter: it must remove what
-    /// one more effect must remove there, unless it only aligns stamps.
-    fn least_gain_of(&self, own: &ReducedFit, required_gain: &RequiredGain<'_>) -> f64 {
-        let least = required_gain.least(own.step.effect);
-        let twin = &self.best.point.twin;
-        let is_claim = instance_of(twin, &own.step).is_none_or(|index| !aligns_stamps(twin, index));
-        match self.at_floor(twin, &own.fit.point) {
-            AtFloor::Yes(ratio) if is_claim => {
-                least.max(self.train.thresholds().least_gain_beside_others_at_floor(ratio))
-            }
-            _ => least,
-        }
     }
 
     /// Remove effects, the smallest first, that explain less than the `unknown` dependence: several effects of the
@@ -241,29 +226,28 @@ impl Search<'_> {
         effects.into_iter().map(without).min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Comparison of a single axis at `point` with its noise floor. The floor of a table is that of its
+    /// Comparison of a single axis with its noise floor. The floor of a table is that of its
     /// simulator.
-    pub(super) fn at_floor(&self, given: &Twin, point: &Point) -> AtFloor {
+    pub(super) fn at_floor(&self, given: &Twin) -> AtFloor {
         if given.machine == Machine::Table {
             return AtFloor::No;
         }
-        let ratios = self.floor_ratios(given, point);
-        let ratio = ratios.iter().fold(0.0, |most: f64, own| most.max(own.1));
+        let ratio = self.floor_ratios(given).iter().fold(0.0, |most: f64, own| most.max(own.1));
         if ratio <= 1.0 { AtFloor::Yes(ratio) } else { AtFloor::No }
     }
 
     /// Return whether a signal of the training sessions is above its floor.
     pub(super) fn is_above_floor(&self, given: &Twin) -> bool {
         let ratio = self.train.thresholds().floor_ratio;
-        self.floor_ratios(given, &self.best.point).iter().any(|(_, own)| ratio < *own)
+        self.floor_ratios(given).iter().any(|(_, own)| ratio < *own)
     }
 
-    /// Signals of the training sessions, with the ratio of residual and noise floor at `point`.
-    fn floor_ratios(&self, given: &Twin, point: &Point) -> Vec<(&str, f64)> {
+    /// Signals of the training sessions, with the ratio of residual and noise floor.
+    fn floor_ratios(&self, given: &Twin) -> Vec<(&str, f64)> {
         let Some(part) = self.train.parts.first() else { return Vec::new() };
         let channels = part.stage.channels();
-        let floors = floors(part.stage, given, &point.twin, self.train.thresholds());
-        let residuals = self.train.rms(point).into_iter().zip(floors);
+        let floors = floors(part.stage, given, &self.best.point.twin, self.train.thresholds());
+        let residuals = self.train.rms(&self.best.point).into_iter().zip(floors);
         let ratios = residuals.map(|(rms, floor)| rms / floor.rms);
         channels.iter().map(|own| own.signal.as_str()).zip(ratios).collect()
     }
@@ -274,7 +258,7 @@ impl Search<'_> {
         let twin = &self.best.point.twin;
         let excess = self.train.thresholds().reference_excess;
         let is_above = |ratio: f64| excess <= unknown.fraction * ratio.min(1.0).powi(2);
-        let mut ratios = self.floor_ratios(twin, &self.best.point).into_iter();
+        let mut ratios = self.floor_ratios(twin).into_iter();
         twin.machine == Machine::Table
             || ratios.all(|(signal, ratio)| signal != unknown.signal || is_above(ratio))
     }
