@@ -21,7 +21,7 @@ CURVES = [
     ("hits per minute", lambda d: d.hits_per_minute),
     ("entropy (nat)", lambda d: d.entropy),
 ]
-OPPONENTS = ["random", "stationary", "goalkeeper", "chaser"]
+OPPONENTS = ["random", "stationary", "goalkeeper", "chaser", "shooter"]
 
 
 def read(path):

@@ -10,6 +10,7 @@
 //! | `random` | moves in a random direction at a random speed, drawn every 0.2 s |
 //! | `goalkeeper` | stays close to its own cup, on the line from the cup to the ball |
 //! | `chaser` | moves behind a ball in its half and hits it towards the other cup; otherwise waits between ball and own cup |
+//! | `shooter` | like the chaser, but shoots a resting ball over a side wall and the end wall if the other striker covers the cup |
 //!
 //! ```
 //! use klasktron::opponent::{Moment, Scripted};
@@ -24,7 +25,7 @@
 //! These definitions are our own; the paper and upstream name such players without a definition.
 
 use crate::{
-    board::{BALL_RADIUS, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
+    board::{BALL_RADIUS, BoardSize, CUP_DISTANCE, CUP_RADIUS, STRIKER_RADIUS},
     seed::Stream,
 };
 use serde::{Deserialize, Serialize};
@@ -55,6 +56,18 @@ const FAR_EDGE: f32 = -0.0335;
 const BRAKING: f32 = 0.09;
 /// Longest prediction of the ball by the chaser (s); a bounce is likely later.
 const LONGEST_LEAD: f32 = 0.2;
+/// Image of the other cup in the right wall and the end wall (m): a ball that is hit towards it, and that the walls reflect
+/// like a mirror, enters the cup from behind. The middle of the ball turns a radius before each wall.
+const RIGHT_IMAGE: [f32; 2] = [
+    (BoardSize::STANDARD.short_side - 2.0 * BALL_RADIUS) as f32,
+    (BoardSize::STANDARD.long_side - 2.0 * BALL_RADIUS - CUP_DISTANCE) as f32,
+];
+/// Distance from the line of a direct shot within which a striker covers it (m): that of a ball that it touches, and 10 mm
+/// that it moves meanwhile.
+const COVERED: f32 = (STRIKER_RADIUS + BALL_RADIUS) as f32 + 0.01;
+/// Speed of the ball below which it is shot over the walls (m/s): the line of a shot moves with the ball, and has to stay
+/// until the striker is on it.
+const RESTING: f32 = 0.05;
 /// Waiting position of the chaser: distance from its own cup towards the ball (m).
 const WAIT_DISTANCE: f32 = 0.08;
 
@@ -70,6 +83,8 @@ pub enum Scripted {
     Goalkeeper,
     /// Chases the ball.
     Chaser,
+    /// Shoots past the other striker.
+    Shooter,
 }
 
 /// Time and environment of a decision; only the random player depends on it.
@@ -85,9 +100,10 @@ pub struct Moment {
 
 impl Scripted {
     /// All players, weakest first.
-    pub const ALL: [Self; 4] = [Self::Stationary, Self::Random, Self::Goalkeeper, Self::Chaser];
+    pub const ALL: [Self; 5] =
+        [Self::Stationary, Self::Random, Self::Goalkeeper, Self::Chaser, Self::Shooter];
 
-    /// `stationary`, `random`, `goalkeeper` or `chaser`.
+    /// `stationary`, `random`, `goalkeeper`, `chaser` or `shooter`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -95,6 +111,7 @@ impl Scripted {
             Self::Random => "random",
             Self::Goalkeeper => "goalkeeper",
             Self::Chaser => "chaser",
+            Self::Shooter => "shooter",
         }
     }
 
@@ -113,7 +130,8 @@ impl Scripted {
                 let place = along(OWN_CUP, ball, KEEPER_DISTANCE);
                 towards(place, own, speed)
             }
-            Self::Chaser => chase(own, ball, [seen[10], seen[11]], speed),
+            Self::Chaser => chase(seen, OTHER_CUP, speed),
+            Self::Shooter => shoot(seen, speed),
         }
     }
 }
@@ -133,18 +151,41 @@ fn random(moment: Moment, speed: f32) -> [f32; 2] {
     [stream.uniform_f32(-speed, speed), stream.uniform_f32(-speed, speed)]
 }
 
-fn chase(own: [f32; 2], ball: [f32; 2], ball_velocity: [f32; 2], speed: f32) -> [f32; 2] {
+/// Velocity of [`Scripted::Shooter`], as [`Scripted::velocity`] returns it.
+pub(crate) fn shoot(seen: &[f32], speed: f32) -> [f32; 2] {
+    chase(seen, shot_target(seen), speed)
+}
+
+/// Target of a shot: the other cup, or its image if the ball rests and the other striker covers the cup. The image is in
+/// the end wall and in that side wall which a hit from here sends the ball to.
+fn shot_target(seen: &[f32]) -> [f32; 2] {
+    let [own, other, ball, ball_velocity] = [0, 4, 8, 10].map(|k| [seen[k], seen[k + 1]]);
+    let hit = unit(minus(OTHER_CUP, ball));
+    let from_ball = minus(other, ball);
+    let is_covered = 0.0 < dot(from_ball, hit) && dot(from_ball, [hit[1], -hit[0]]).abs() < COVERED;
+    if is_covered && length(ball_velocity) < RESTING {
+        [RIGHT_IMAGE[0].copysign(ball[0] - own[0]), RIGHT_IMAGE[1]]
+    } else {
+        OTHER_CUP
+    }
+}
+
+/// Velocity behind the ball, then through it towards `target`.
+fn chase(seen: &[f32], target: [f32; 2], speed: f32) -> [f32; 2] {
+    let (own, ball, ball_velocity) = ([seen[0], seen[1]], [seen[8], seen[9]], [seen[10], seen[11]]);
     if OUT_OF_REACH < ball[1] {
         return towards(along(OWN_CUP, ball, WAIT_DISTANCE), own, speed);
     }
     // Position of the ball at the time at which the striker can reach it.
     let time = (length(minus(ball, own)) / speed).min(LONGEST_LEAD);
     let ball = [ball[0] + time * ball_velocity[0], ball[1] + time * ball_velocity[1]];
-    let hit = unit(minus(OTHER_CUP, ball));
+    let hit = unit(minus(target, ball));
     let across = [hit[1], -hit[0]];
     let from_ball = minus(own, ball);
     let (behind, beside) = (-dot(from_ball, hit), dot(from_ball, across));
-    if 0.0 < behind && beside.abs() < ON_LINE {
+    // A shot over the walls is about twice as long, so half the error is allowed.
+    let on_line = if target == OTHER_CUP { ON_LINE } else { 0.5 * ON_LINE };
+    if 0.0 < behind && beside.abs() < on_line {
         return strike(own, [hit, across], beside, speed);
     }
     let mut place = [ball[0] - RUN_UP * hit[0], ball[1] - RUN_UP * hit[1]];
@@ -277,8 +318,40 @@ mod tests {
     }
 
     #[test]
+    fn the_shooter_scores_past_the_goalkeeper() {
+        let goals = |script| {
+            let (endings, _) = play([script, Scripted::Goalkeeper], 200);
+            wins(&endings, Player::Left)
+        };
+        let (shooter, chaser) = (goals(Scripted::Shooter), goals(Scripted::Chaser));
+        assert!(5 * chaser.max(1) < shooter, "{shooter} {chaser}");
+    }
+
+    #[test]
+    fn a_covered_shot_goes_over_the_walls_to_the_side_of_the_hit() {
+        let ball = [0.02, -0.1];
+        let keeper = along(OTHER_CUP, ball, KEEPER_DISTANCE);
+        let target = |own: [f32; 2], other: [f32; 2], ball_speed| {
+            let mut seen = [0.0; 12];
+            for (first, value) in [(0, own), (4, other), (8, ball), (10, [ball_speed, 0.0])] {
+                seen[first..first + 2].copy_from_slice(&value);
+            }
+            shot_target(&seen)
+        };
+        let (left_of_it, right_of_it) = ([-0.01, -0.12], [0.05, -0.12]);
+        assert_eq!(target(left_of_it, keeper, 0.0), RIGHT_IMAGE);
+        assert_eq!(target(right_of_it, keeper, 0.0), [-RIGHT_IMAGE[0], RIGHT_IMAGE[1]]);
+        assert_eq!(target(left_of_it, [0.1, 0.1], 0.0), OTHER_CUP);
+        assert_eq!(target(left_of_it, keeper, 0.1), OTHER_CUP);
+        // By hand: 2 (0.16 - 0.007) and 2 (0.21 - 0.007) - 0.17.
+        assert!((RIGHT_IMAGE[0] - 0.306).abs() < 1e-6 && (RIGHT_IMAGE[1] - 0.236).abs() < 1e-6);
+    }
+
+    #[test]
     fn careful_players_do_not_fall_into_their_cups() {
-        for script in [Scripted::Stationary, Scripted::Goalkeeper, Scripted::Chaser] {
+        for script in
+            [Scripted::Stationary, Scripted::Goalkeeper, Scripted::Chaser, Scripted::Shooter]
+        {
             let (endings, _) = play([script, Scripted::Chaser], 40);
             let own = endings.iter().filter(|e| **e == Ending::OwnGoal { loser: Player::Left });
             assert!(own.count() <= 1, "{script}: {endings:?}");

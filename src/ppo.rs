@@ -105,7 +105,8 @@ pub use policy::Policy;
 pub use reflection::Reflection;
 pub use rollout::{End, Rollout, RolloutPart, RolloutShape, RolloutStep};
 pub use settings::{
-    AdvantageNormalization, NetworkLayout, Normalization, PpoSettings, Schedule, Spaces, ValueLoss,
+    AdvantageNormalization, Imitation, NetworkLayout, Normalization, PpoSettings, Schedule, Spaces,
+    ValueLoss,
 };
 pub use state::LearnerState;
 pub(crate) use workers::for_each;

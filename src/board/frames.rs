@@ -24,7 +24,7 @@ pub struct BoardSize {
 
 impl Default for BoardSize {
     fn default() -> Self {
-        Self { short_side: 0.32, long_side: 0.42 }
+        Self::STANDARD
     }
 }
 
@@ -42,6 +42,9 @@ pub struct BoardSizeError {
 }
 
 impl BoardSize {
+    /// Size of the KlaskTron board.
+    pub const STANDARD: Self = Self { short_side: 0.32, long_side: 0.42 };
+
     /// Create a board of `short_side` by `long_side` (m).
     ///
     /// # Errors

@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
       --left none --right policy/policy.mcap -o against-me.mcap
   klasktron eval match.mcap -o eval")]
 pub(crate) struct Args {
-    /// Player at y < 0: stationary, random, goalkeeper, chaser, none, or a policy.mcap
+    /// Player at y < 0: stationary, random, goalkeeper, chaser, shooter, none, or a policy.mcap
     #[arg(long, value_name = "WHO")]
     left: Who,
     /// Player at y > 0, with the same choice

@@ -91,7 +91,7 @@ pub(crate) struct Args {
     /// Play with three magnets, which stick to strikers; two of them lose the point
     #[arg(long)]
     biscuits: bool,
-    /// Observation: 12 standard values, 20 with angles and distances, 29 with the geometry of a shot [default: from the preset]
+    /// Observation: 12 standard values, 20 with angles and distances, 29 with the geometry of a shot, 31 with the command of the scripted shooter [default: from the preset]
     #[arg(long, value_enum)]
     observations: Option<ObservationsArg>,
     /// Own previous commands in the observation, 0 to 8, for delayed actuators [default: from the preset]
@@ -143,6 +143,7 @@ enum OpponentsArg {
     Random,
     Goalkeeper,
     Chaser,
+    Shooter,
 }
 
 impl OpponentsArg {
@@ -155,6 +156,7 @@ impl OpponentsArg {
             Self::Random => OpponentMode::Scripted(Scripted::Random),
             Self::Goalkeeper => OpponentMode::Scripted(Scripted::Goalkeeper),
             Self::Chaser => OpponentMode::Scripted(Scripted::Chaser),
+            Self::Shooter => OpponentMode::Scripted(Scripted::Shooter),
         }
     }
 }
@@ -167,6 +169,8 @@ enum ObservationsArg {
     Augmented,
     #[value(name = "29")]
     Aiming,
+    #[value(name = "31")]
+    Shooting,
 }
 
 fn parse_steps(text: &str) -> Result<u64, String> {
@@ -368,6 +372,7 @@ impl Args {
                 ObservationsArg::Standard => ObservationKind::Standard12,
                 ObservationsArg::Augmented => ObservationKind::Augmented20,
                 ObservationsArg::Aiming => ObservationKind::Aiming29,
+                ObservationsArg::Shooting => ObservationKind::Shooting31,
             };
         }
         settings.action_history = self.action_history.unwrap_or(settings.action_history);

@@ -24,6 +24,14 @@
 //! | 25, 26 | velocity of the own striker across and along the hit line (m/s) |
 //! | 27, 28 | velocity of the ball across and along the hit line (m/s) |
 //!
+//! The largest set adds the velocity (m/s) that the scripted shooter ([`Scripted::Shooter`](crate::opponent::Scripted)) would command, at most 0.4 m/s
+//! along each axis. It aims a shot within a millimetre, which no network learned from the other values. Its target is on
+//! the KlaskTron board.
+//!
+//! | index | value |
+//! |---|---|
+//! | 29, 30 | command of the shooter along x and y |
+//!
 //! After these values a policy may observe its own previous commands, the newest first (m/s, own
 //! frame, before the wall limiter): [`ObservationLayout`]. A command that has not reached its drive yet is
 //! part of the state of the simulation; without it, a policy behind a delay sees half a state (Katsikopoulos
@@ -36,7 +44,7 @@
 //! ([`Sensors`](super::Sensors)); all features are computed from the same values.
 
 use super::body::{BallState, StrikerState};
-use crate::recording::topic::Player;
+use crate::{opponent::shoot, recording::topic::Player};
 use serde::{Deserialize, Serialize};
 
 /// Set of observed values.
@@ -51,18 +59,25 @@ pub enum ObservationKind {
     /// These and the geometry of a shot: 29 values.
     #[serde(rename = "aiming29")]
     Aiming29,
+    /// These and the command of the scripted shooter: 31 values.
+    #[serde(rename = "shooting31")]
+    Shooting31,
 }
 
 /// Lateral offset at which value 24 is one half (m): a ball that is hit 1.4 mm off its middle
 /// leaves 0.1 rad off, which is half a cup at the other end.
 const AIM_SCALE: f32 = 0.005;
 
+/// Maximum speed of the observed shooter along each axis (m/s): the default limit of commands.
+const SHOOTER_SPEED: f32 = 0.4;
+
 impl ObservationKind {
     /// All sets, the smallest first.
-    pub const ALL: [Self; 3] = [Self::Standard12, Self::Augmented20, Self::Aiming29];
+    pub const ALL: [Self; 4] =
+        [Self::Standard12, Self::Augmented20, Self::Aiming29, Self::Shooting31];
 
     /// Number of values of the largest set.
-    pub const MOST: usize = 29;
+    pub const MOST: usize = 31;
 
     /// Name in settings and files.
     #[must_use]
@@ -71,6 +86,7 @@ impl ObservationKind {
             Self::Standard12 => "standard12",
             Self::Augmented20 => "augmented20",
             Self::Aiming29 => "aiming29",
+            Self::Shooting31 => "shooting31",
         }
     }
 
@@ -80,7 +96,8 @@ impl ObservationKind {
         match self {
             Self::Standard12 => 12,
             Self::Augmented20 => 20,
-            Self::Aiming29 => Self::MOST,
+            Self::Aiming29 => 29,
+            Self::Shooting31 => Self::MOST,
         }
     }
 
@@ -117,6 +134,8 @@ impl ObservationKind {
             "own_speed_along_hit_line_m_per_s",
             "ball_speed_across_hit_line_m_per_s",
             "ball_speed_along_hit_line_m_per_s",
+            "shooter_vx_m_per_s",
+            "shooter_vy_m_per_s",
         ];
         &NAMES[..self.len()]
     }
@@ -127,7 +146,7 @@ impl ObservationKind {
     pub fn mirror_signs(self) -> Vec<i8> {
         let is_x = |index: &usize| match index {
             0..12 => index.is_multiple_of(2),
-            _ => [20, 22, 24, 25, 27].contains(index),
+            _ => [20, 22, 24, 25, 27, 29].contains(index),
         };
         (0..self.len()).map(|index| if is_x(&index) { -1 } else { 1 }).collect()
     }
@@ -280,12 +299,18 @@ impl Observation {
     pub fn write(&self, kind: ObservationKind, cup_distance: f32, row: &mut [f32]) {
         let (standard, augmented) = row.split_at_mut(12);
         standard.copy_from_slice(&self.0);
-        if kind != ObservationKind::Standard12 {
-            let (features, aiming) = augmented.split_at_mut(8);
-            features.copy_from_slice(&self.features(cup_distance));
-            if kind == ObservationKind::Aiming29 {
-                aiming.copy_from_slice(&self.aiming(cup_distance));
-            }
+        if kind == ObservationKind::Standard12 {
+            return;
+        }
+        let (features, aiming) = augmented.split_at_mut(8);
+        features.copy_from_slice(&self.features(cup_distance));
+        if kind == ObservationKind::Augmented20 {
+            return;
+        }
+        let (aiming, shooting) = aiming.split_at_mut(9);
+        aiming.copy_from_slice(&self.aiming(cup_distance));
+        if kind == ObservationKind::Shooting31 {
+            shooting.copy_from_slice(&shoot(&self.0, SHOOTER_SPEED));
         }
     }
 
@@ -392,7 +417,7 @@ mod tests {
         let mut seen = [0.0; 12];
         (seen[0], seen[1], seen[2], seen[3]) = (own[0], own[1], 0.3, 0.4);
         (seen[8], seen[9], seen[10], seen[11]) = (ball[0], ball[1], 0.0, 1.0);
-        let mut row = [0.0; ObservationKind::MOST];
+        let mut row = [0.0; ObservationKind::Aiming29.len()];
         Observation(seen).write(ObservationKind::Aiming29, 0.17, &mut row);
         let [bx, by] = [ball[0] - own[0], ball[1] - own[1]];
         let wanted = [bx, by, 0.005, 0.03, 0.5, 0.0, 0.5, -0.6, 0.8];
@@ -402,8 +427,19 @@ mod tests {
     }
 
     #[test]
+    fn the_last_values_are_the_command_of_the_scripted_shooter() {
+        let seen = [0.01, -0.15, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.03, -0.1, 0.02, 0.0];
+        let mut row = [0.0; ObservationKind::MOST];
+        Observation(seen).write(ObservationKind::Shooting31, 0.17, &mut row);
+        let moment = crate::opponent::Moment { seed: 0, board: 0, step: 0 };
+        let wanted = crate::opponent::Scripted::Shooter.velocity(&seen, moment, SHOOTER_SPEED);
+        assert_eq!(row[29..], wanted);
+        assert_ne!(wanted, [0.0; 2]);
+    }
+
+    #[test]
     fn the_mirrored_board_is_seen_with_the_signs() {
-        let kind = ObservationKind::Aiming29;
+        let kind = ObservationKind::Shooting31;
         let row = |mirror: f64| {
             let strikers =
                 [[mirror * 0.02, -0.1, mirror * 0.3, 0.1], [mirror * -0.05, 0.12, 0.0, 0.3]];

@@ -331,7 +331,9 @@ fn players_are_named_as_they_are_typed() {
     assert_eq!("chaser".parse(), Ok(Who::Scripted(Scripted::Chaser)));
     assert_eq!("p/policy.mcap".parse(), Ok(Who::Policy("p/policy.mcap".into())));
     let said = "chasr".parse::<Who>().unwrap_err().to_string();
-    assert!(said.contains("`chasr` is no player") && said.contains("goalkeeper, chaser, none"));
+    assert!(
+        said.contains("`chasr` is no player") && said.contains("goalkeeper, chaser, shooter, none")
+    );
     let error = Seat::read(&Who::Policy("nowhere.mcap".into())).unwrap_err();
     assert!(matches!(error, PlayError::Recording(_)) && error.to_string().contains("nowhere.mcap"));
 }

@@ -21,12 +21,14 @@ use std::{num::NonZeroUsize, ops::Range};
 const ADVANTAGE_EPSILON: f64 = 1e-8;
 
 /// Samples `[samples][stride]`: standardised observation, action, mean, log-probability, advantage,
-/// target and old value in the critic's unit.
+/// target and old value in the critic's unit, and the demonstrated action where there is one.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Batch {
     values: Vec<f32>,
     observations: usize,
     actions: usize,
+    /// Length of a demonstrated action; 0 without demonstrations.
+    demonstrated: usize,
     /// Reflection of marked samples; without one no sample is marked.
     reflection: StandardReflection,
 }
@@ -41,6 +43,8 @@ pub(super) struct Units<'a> {
     pub(super) observations: &'a Standardizer,
     pub(super) values: &'a Standardizer,
     pub(super) reflection: Option<&'a Reflection>,
+    /// Whether the rollout has demonstrations.
+    pub(super) is_demonstrated: bool,
 }
 
 /// One step of the rollout, processed by one thread.
@@ -52,7 +56,7 @@ struct Piece<'a> {
 
 impl Batch {
     fn stride(&self) -> usize {
-        self.observations + 2 * self.actions + 4
+        self.observations + 2 * self.actions + 4 + self.demonstrated
     }
 
     /// Append the standardised observation of an entry of an epoch to `out`.
@@ -86,6 +90,7 @@ impl Batch {
             advantage: record[1],
             target: record[2],
             old_value: record[3],
+            demonstration: (0 < self.demonstrated).then(|| signed(&record[4..])),
         }
     }
 
@@ -99,6 +104,7 @@ impl Batch {
     ) -> Result<Moments, PpoError> {
         let RolloutShape { horizon, environments, spaces } = rollout.shape;
         (self.observations, self.actions) = (spaces.observations, spaces.actions);
+        self.demonstrated = if units.is_demonstrated { spaces.actions } else { 0 };
         let reflect = |own| StandardReflection::new(own, units.observations);
         self.reflection = units.reflection.map(reflect).unwrap_or_default();
         let stride = self.stride();
@@ -138,6 +144,7 @@ fn check_step(rollout: &Rollout, step: usize, update: u64) -> Result<(), PpoErro
     check("the mean of an action", step_of(&rollout.means, rollout, step))?;
     check("a log-probability", step_of(&rollout.log_probabilities, rollout, step))?;
     check("the reward", step_of(&rollout.rewards, rollout, step))?;
+    check("a demonstrated action", step_of(&rollout.demonstrations, rollout, step))?;
     check("the value", step_of(&rollout.values, rollout, step))?;
     let finals = step_of(&rollout.final_values, rollout, step);
     let ends = &rollout.ends[step * environments..];
@@ -170,6 +177,7 @@ fn fill_step(rollout: &Rollout, units: &Units<'_>, step: usize, records: &mut [f
     let observations = step_of(&rollout.observations, rollout, step);
     let actions = step_of(&rollout.actions, rollout, step);
     let means = step_of(&rollout.means, rollout, step);
+    let demonstrations = step_of(&rollout.demonstrations, rollout, step);
     let records = records.chunks_exact_mut(records.len() / environments);
     for (environment, record) in records.enumerate() {
         let index = step * environments + environment;
@@ -180,7 +188,10 @@ fn fill_step(rollout: &Rollout, units: &Units<'_>, step: usize, records: &mut [f
         let (action, record) = record.split_at_mut(spaces.actions);
         action.copy_from_slice(&actions[row.clone()]);
         let (mean, record) = record.split_at_mut(spaces.actions);
-        mean.copy_from_slice(&means[row]);
+        mean.copy_from_slice(&means[row.clone()]);
+        if units.is_demonstrated {
+            record[4..].copy_from_slice(&demonstrations[row]);
+        }
         record[0] = rollout.log_probabilities[index];
         record[1] = units.advantages[index];
         units.values.apply(&[units.targets[index]], &mut record[2..3]);

@@ -287,6 +287,7 @@ impl Learner {
             observations: &self.observations,
             values: &values,
             reflection: self.reflection.as_ref(),
+            is_demonstrated: self.imitates(),
         };
         let seen = self.batch.fill(rollout, &units, (threads, update))?;
         let keys = (self.seed, update, self.reflection.is_some());
@@ -298,9 +299,21 @@ impl Learner {
             old: self.model.gaussian(),
             update,
             threads: threads.get(),
+            imitation_coef: self.imitation_coef(),
         };
         let passed = passes.run(&self.model, self.rate())?;
         self.keep(passed, (seen, targets), rollout)
+    }
+
+    /// Return whether the next update learns from [demonstrations](RolloutStep::demonstrations).
+    #[must_use]
+    pub fn imitates(&self) -> bool {
+        0.0 < self.imitation_coef()
+    }
+
+    /// Weight of the imitation loss in the next update.
+    fn imitation_coef(&self) -> f32 {
+        self.settings.imitation.map_or(0.0, |imitation| imitation.coef_after(self.updates))
     }
 
     /// Learning rate at the start of the next update.

@@ -9,8 +9,9 @@
 //!
 //! `l_v` is half the squared error `(v - R)^2`, or the larger of it and of
 //! `(v_old + clamp(v - v_old, -c, c) - R)^2 / 2`. `b` is the squared excess of each mean over 1.1 in
-//! magnitude (rl_games, `a2c_continuous.py`, `bound_loss`). The loss of a minibatch is the mean. The
-//! entropy does not depend on the sample and is added once per minibatch.
+//! magnitude (rl_games, `a2c_continuous.py`, `bound_loss`). Early in training, `imitation_coef m` is
+//! added: `m` is half the squared difference of the means from a demonstrated action. The loss of a
+//! minibatch is the mean. The entropy does not depend on the sample and is added once per minibatch.
 
 use super::{Gaussian, PpoSettings, ValueLoss};
 use crate::nn::MAX_OUTPUTS;
@@ -25,6 +26,7 @@ pub(super) struct LossTerms {
     pub(super) value_loss: ValueLoss,
     pub(super) value_coef: f32,
     pub(super) bounds_coef: f32,
+    pub(super) imitation_coef: f32,
     /// Current policy.
     pub(super) new: Gaussian,
     /// Policy that acted.
@@ -43,6 +45,7 @@ impl LossTerms {
             value_loss: settings.value_loss,
             value_coef: settings.value_coef,
             bounds_coef: settings.bounds_coef,
+            imitation_coef: 0.0,
             new,
             old,
             advantage_mean: 0.0,
@@ -62,6 +65,7 @@ pub(super) struct Sample {
     pub(super) advantage: f32,
     pub(super) target: f32,
     pub(super) old_value: f32,
+    pub(super) demonstration: Option<[f32; MAX_OUTPUTS]>,
 }
 
 /// Derivatives of the minibatch's loss with respect to one sample's outputs.
@@ -80,6 +84,8 @@ pub(super) struct LossSums {
     pub(super) value: f64,
     /// Bounds loss, without its coefficient.
     pub(super) bounds: f64,
+    /// Imitation loss, without its coefficient.
+    pub(super) imitation: f64,
     /// KL divergence from the policy that acted (nat).
     pub(super) divergence: f64,
     /// Number of samples with a ratio outside the clip range.
@@ -93,6 +99,7 @@ impl LossSums {
         self.policy += other.policy;
         self.value += other.value;
         self.bounds += other.bounds;
+        self.imitation += other.imitation;
         self.divergence += other.divergence;
         self.clipped += other.clipped;
         for (sum, slope) in self.log_deviation_slopes.iter_mut().zip(other.log_deviation_slopes) {
@@ -125,6 +132,13 @@ pub(super) fn sample_loss(
             + 2.0 * terms.bounds_coef * terms.weight * excess;
         sums.log_deviation_slopes[action] +=
             f64::from(log_slope * (scores[action] * scores[action] - 1.0));
+    }
+    if let Some(demonstration) = sample.demonstration {
+        for ((slope, mean), action) in slopes.means.iter_mut().zip(means).zip(demonstration) {
+            let difference = mean - action;
+            sums.imitation += f64::from(0.5 * difference * difference);
+            *slope += terms.imitation_coef * terms.weight * difference;
+        }
     }
     sums.divergence += f64::from(terms.new.divergence_from(&terms.old, &sample.old_means, means));
     slopes.value = terms.value_coef * terms.weight * value_loss(terms, sample, value, sums);

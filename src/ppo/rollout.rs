@@ -50,6 +50,7 @@ pub struct Rollout {
     pub(super) rewards: Vec<f32>,
     pub(super) ends: Vec<End>,
     pub(super) final_values: Vec<f32>,
+    pub(super) demonstrations: Vec<f32>,
 }
 
 /// One step of a range of environments, `[environment]` or `[environment][width]`.
@@ -73,6 +74,9 @@ pub struct RolloutStep<'a> {
     /// Value of the last observation of an episode that was truncated in this step; written by the
     /// caller, from [`Learner::values`](super::Learner::values). Read only there.
     pub final_values: &'a mut [f32],
+    /// Actions of the demonstrator for the observations; written by the caller and read only while
+    /// [`Learner::imitates`](super::Learner::imitates).
+    pub demonstrations: &'a mut [f32],
 }
 
 /// All steps of a range of environments, for one thread.
@@ -99,6 +103,7 @@ impl Rollout {
             rewards: vec![0.0; samples],
             ends: vec![End::Running; samples],
             final_values: vec![0.0; samples],
+            demonstrations: vec![0.0; samples * shape.spaces.actions],
         }
     }
 
@@ -163,9 +168,10 @@ impl Rollout {
         let rewards = self.rewards.chunks_exact_mut(environments);
         let ends = self.ends.chunks_exact_mut(environments);
         let final_values = self.final_values.chunks_exact_mut(environments);
+        let demonstrations = self.demonstrations.chunks_exact_mut(environments * spaces.actions);
         let policy = observations.zip(actions).zip(means).zip(log_probabilities).zip(values);
-        policy.zip(rewards.zip(ends).zip(final_values)).map(
-            |(policy, ((rewards, ends), finals))| {
+        policy.zip(rewards.zip(ends).zip(final_values.zip(demonstrations))).map(
+            |(policy, ((rewards, ends), (final_values, demonstrations)))| {
                 let ((((observations, actions), means), log_probabilities), values) = policy;
                 RolloutStep {
                     observations,
@@ -175,7 +181,8 @@ impl Rollout {
                     values,
                     rewards,
                     ends,
-                    final_values: finals,
+                    final_values,
+                    demonstrations,
                 }
             },
         )
@@ -194,6 +201,8 @@ impl<'a> RolloutStep<'a> {
         let (rewards, rewards_left) = self.rewards.split_at_mut(count);
         let (ends, ends_left) = self.ends.split_at_mut(count);
         let (final_values, final_left) = self.final_values.split_at_mut(count);
+        let (demonstrations, demonstrations_left) =
+            self.demonstrations.split_at_mut(count * spaces.actions);
         let first = Self {
             observations,
             actions,
@@ -203,6 +212,7 @@ impl<'a> RolloutStep<'a> {
             rewards,
             ends,
             final_values,
+            demonstrations,
         };
         let left = RolloutStep {
             observations: observations_left,
@@ -213,6 +223,7 @@ impl<'a> RolloutStep<'a> {
             rewards: rewards_left,
             ends: ends_left,
             final_values: final_left,
+            demonstrations: demonstrations_left,
         };
         (first, left)
     }

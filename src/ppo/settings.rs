@@ -82,6 +82,24 @@ pub enum ValueLoss {
     Clipped,
 }
 
+/// Imitation of a demonstrator, which decides for what the learner observes, with a weight that
+/// decays linearly to zero (Schmitt et al., "Kickstarting Deep Reinforcement Learning", 2018).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Imitation {
+    /// Initial weight of half the squared difference of mean and demonstrated action, 0 or more.
+    pub coef: f32,
+    /// Index of the update, from 0, at which the weight is zero.
+    pub updates: u64,
+}
+
+impl Imitation {
+    /// Weight in the update that follows `updates` others.
+    pub(super) fn coef_after(self, updates: u64) -> f32 {
+        let left = 1.0 - updates as f64 / self.updates as f64;
+        (f64::from(self.coef) * left.max(0.0)) as f32
+    }
+}
+
 /// Settings of the learner, with the usual names of PPO implementations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -135,6 +153,9 @@ pub struct PpoSettings {
     /// Early stopping: an update ends before a minibatch whose KL divergence from the policy that
     /// acted is above 1.5 times this (nat), above 0; `None` for never.
     pub kl_stop: Option<f32>,
+    /// Imitation of a demonstrator; set by the caller, who knows when it ends, and not stored.
+    #[serde(skip)]
+    pub imitation: Option<Imitation>,
 }
 
 impl PpoSettings {
@@ -168,6 +189,7 @@ impl PpoSettings {
             observations: Normalization::Running { limit: 10.0, epsilon: 1e-8 },
             values: Normalization::Off,
             kl_stop: None,
+            imitation: None,
         }
     }
 

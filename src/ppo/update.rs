@@ -50,6 +50,8 @@ pub(super) struct Passes<'a> {
     /// Index of this update, from 1.
     pub(super) update: u64,
     pub(super) threads: usize,
+    /// Weight of the imitation loss.
+    pub(super) imitation_coef: f32,
 }
 
 /// Results of the epochs.
@@ -236,10 +238,11 @@ impl<'a> Worker<'a> {
         minibatch: &Minibatch,
         turn: usize,
     ) {
-        let Passes { settings, old, .. } = *self.shared.passes;
+        let Passes { settings, old, imitation_coef, .. } = *self.shared.passes;
         let terms = LossTerms {
             advantage_mean: minibatch.advantage_mean,
             advantage_scale: minibatch.advantage_scale,
+            imitation_coef,
             weight: (samples.len() as f32).recip(),
             ..LossTerms::new(settings, self.model.gaussian(), old)
         };

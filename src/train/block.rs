@@ -12,6 +12,7 @@ use super::{
 };
 use crate::{
     game::{ClockFn, Ending, GameError, ObservedState},
+    opponent::shoot,
     ppo::{End, Learner, RolloutPart, RolloutStep, StepIndex},
 };
 use std::ops::Range;
@@ -197,6 +198,9 @@ impl Block {
             let seat = tables.seat(row);
             tables.commands[row][seat as usize] = velocity_of(action, tables.speed);
         }
+        if scene.learner.imitates() {
+            demonstrate(step, tables.speed);
+        }
         let first = tables.first;
         let other = |row: usize| across(super::table::seat(first + row));
         tables.ask(&|drawn| scene.pool.opponent(drawn), &self.drawn, (scene.seed, number), other);
@@ -270,6 +274,15 @@ impl Block {
             step.final_values[*row] = *value;
         }
         self.tally.spent.policy += (scene.clock)() - begun;
+    }
+}
+
+/// Write the actions of the scripted shooter for the observations of `step`.
+fn demonstrate(step: &mut RolloutStep<'_>, speed: f32) {
+    let width = step.observations.len() / step.values.len();
+    let observations = step.observations.chunks_exact(width);
+    for (seen, action) in observations.zip(step.demonstrations.chunks_exact_mut(2)) {
+        action.copy_from_slice(&shoot(seen, speed).map(|component| component / speed));
     }
 }
 

@@ -10,7 +10,7 @@ use crate::{
         MOST_PREVIOUS_COMMANDS, ObservationKind, ObservationLayout, Randomization, SensorSettings,
     },
     opponent::Scripted,
-    ppo::{PpoSettings, Reflection, Schedule, Spaces},
+    ppo::{Imitation, PpoSettings, Reflection, Schedule, Spaces},
 };
 use serde::{Deserialize, Serialize};
 use std::{fs, path::Path};
@@ -61,6 +61,9 @@ pub struct TrainSettings {
     /// point. Players do not observe them.
     #[serde(default)]
     pub biscuits: bool,
+    /// Imitation of a scripted player early in training; null in the presets of paper and upstream.
+    #[serde(default)]
+    pub imitation: Option<ImitationSettings>,
     /// Updates between two checkpoints, at least 1.
     pub checkpoint_updates: u64,
     /// Evaluation at the end.
@@ -100,6 +103,16 @@ impl Default for StartSettings {
             continued_fraction: 0.0,
         }
     }
+}
+
+/// Imitation of [`Scripted::Shooter`], which decides for what the learner observes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImitationSettings {
+    /// Initial weight of half the squared difference between mean and demonstrated action, 0 to 1000.
+    pub coef: f32,
+    /// Transitions after which a linear decay of the weight reaches zero, at least 1.
+    pub decay_transitions: u64,
 }
 
 /// Domain randomization.
@@ -199,6 +212,16 @@ fn fraction(name: &'static str, value: f64) -> Check {
     (name, value, "from 0 to 1", (0.0..=1.0).contains(&value))
 }
 
+impl ImitationSettings {
+    fn checks(&self) -> [Check; 2] {
+        let coef = f64::from(self.coef);
+        [
+            ("imitation.coef", coef, "from 0 to 1000", (0.0..=1000.0).contains(&coef)),
+            at_least_one("imitation.decay_transitions", self.decay_transitions),
+        ]
+    }
+}
+
 impl OpponentSettings {
     fn checks(&self) -> [Check; 9] {
         let weights = self.scripted_weights;
@@ -293,6 +316,7 @@ impl TrainSettings {
             randomization: RandomizationKind::Off,
             sensors: None,
             biscuits: false,
+            imitation: None,
             checkpoint_updates: 64,
             evaluation: EvaluationSettings {
                 time_limit_s: 30.0,
@@ -311,11 +335,11 @@ impl TrainSettings {
         let paper = Self::preset(Preset::Paper);
         Self {
             environments: 1024,
-            observations: ObservationKind::Aiming29,
+            observations: ObservationKind::Shooting31,
             action_history: 3,
             ppo: PpoSettings {
                 hidden: vec![128, 64],
-                initial_log_deviation: -0.5,
+                initial_log_deviation: -1.5,
                 horizon: 32,
                 epochs: 3,
                 minibatch: 1024,
@@ -339,6 +363,7 @@ impl TrainSettings {
                 scripted_fraction: 0.5,
                 ..paper.opponents
             },
+            imitation: Some(ImitationSettings { coef: 1.0, decay_transitions: 3_000_000 }),
             ..paper
         }
     }
@@ -350,15 +375,17 @@ impl TrainSettings {
         Self { steps, anneal_transitions, ..self }
     }
 
-    /// Settings of the learner in this run: with the schedule of
-    /// [`anneal_transitions`](Self::anneal_transitions).
+    /// Settings of the learner in this run: with the schedules of
+    /// [`anneal_transitions`](Self::anneal_transitions) and [`imitation`](Self::imitation).
     #[must_use]
     pub fn learner(&self) -> PpoSettings {
-        let annealed = |transitions: u64| Schedule::Linear {
-            updates: transitions.div_ceil(self.transitions_per_update()),
-        };
+        let updates = |transitions: u64| transitions.div_ceil(self.transitions_per_update());
+        let annealed = |transitions| Schedule::Linear { updates: updates(transitions) };
         let schedule = self.anneal_transitions.map_or(self.ppo.schedule, annealed);
-        PpoSettings { schedule, ..self.ppo.clone() }
+        let imitation = self.imitation.map(|ImitationSettings { coef, decay_transitions }| {
+            Imitation { coef, updates: updates(decay_transitions) }
+        });
+        PpoSettings { schedule, imitation, ..self.ppo.clone() }
     }
 
     /// Symmetry of the game across the long axis of the board, if it is learned from.
@@ -463,7 +490,8 @@ impl TrainSettings {
             even("evaluation.games_per_opponent", evaluation.games_per_opponent),
             even("evaluation.games_per_pair", evaluation.games_per_pair),
         ];
-        let mut all = checks.into_iter().chain(opponents.checks());
+        let imitation = self.imitation.iter().flat_map(|own| own.checks());
+        let mut all = checks.into_iter().chain(opponents.checks()).chain(imitation);
         if let Some((name, value, range, _)) = all.find(|(.., is_valid)| !is_valid) {
             return Err(TrainError::Setting { name, value, range });
         }
@@ -524,6 +552,12 @@ mod tests {
                         ScriptedWeights { stationary: 0, goalkeeper: 0, chaser: 0 };
                 },
                 "opponents.scripted_weights (sum) is 0; it must be at least 1",
+            ),
+            (
+                &|s| {
+                    s.imitation = Some(ImitationSettings { coef: -1.0, decay_transitions: 1 });
+                },
+                "imitation.coef is -1; it must be from 0 to 1000",
             ),
             (&|s| s.evaluation.games_per_pair = 3, "games_per_pair is 3; it must be even"),
             (&|s| s.reward.cup_scale_m = 0.0, "reward.cup_scale_m is 0; it must be above 0"),

@@ -41,7 +41,7 @@ def test_pettingzoo_accepts_the_environment():
     test.parallel_seed_test(KlaskParallelEnv, num_cycles=50)
 
 
-@pytest.mark.parametrize("opponent", ["random", "goalkeeper", "chaser"])
+@pytest.mark.parametrize("opponent", ["random", "goalkeeper", "chaser", "shooter"])
 def test_games_depend_on_the_seed_alone(opponent):
     one = roll(KlaskVectorEnv(200, opponent=opponent, threads=1))
     assert same(one, roll(KlaskVectorEnv(200, opponent=opponent, threads=3)))

@@ -99,9 +99,7 @@ fn the_right_player_sees_what_the_left_one_sees_on_the_turned_board() {
     let mut games = Games::new(2, &GameSettings::default(), 0).unwrap();
     games.set_positions(0, [0.03, 0.05], [0.4, -0.7], [[0.01, -0.1], [-0.06, 0.12]]);
     games.set_positions(1, [-0.03, -0.05], [-0.4, 0.7], [[0.06, -0.12], [-0.01, 0.1]]);
-    let kinds =
-        [ObservationKind::Standard12, ObservationKind::Augmented20, ObservationKind::Aiming29];
-    for kind in kinds {
+    for kind in ObservationKind::ALL {
         let (mut left, mut right) = (vec![0.0; 2 * kind.len()], vec![0.0; 2 * kind.len()]);
         games.observe(Player::Left, kind, &mut left).unwrap();
         games.observe(Player::Right, kind, &mut right).unwrap();

@@ -19,6 +19,8 @@ use std::num::NonZeroUsize;
 const SAMPLES: usize = 150;
 const ADVANTAGE_MEAN: f32 = 0.2;
 const ADVANTAGE_SCALE: f32 = 1.5;
+/// Weight of the imitation loss.
+const IMITATION_COEF: f64 = 0.6;
 const OLD_LOG_DEVIATIONS: [f32; 2] = [-0.4, -0.1];
 
 /// Parameters in double precision.
@@ -97,6 +99,9 @@ fn plain_loss(settings: &PpoSettings, plain: &Plain, rollout: &Rollout, targets:
         sum += 0.5 * f64::from(settings.value_coef) * value_loss;
         let excess = means.iter().map(|mean| (mean.abs() - 1.1).max(0.0).powi(2)).sum::<f64>();
         sum += f64::from(settings.bounds_coef) * excess;
+        let demonstration = &rollout.demonstrations[2 * sample..2 * sample + 2];
+        let squares = means.iter().zip(demonstration).map(|(m, d)| (m - f64::from(*d)).powi(2));
+        sum += 0.5 * IMITATION_COEF * squares.sum::<f64>();
     }
     let entropy: f64 = plain
         .log_deviations
@@ -137,6 +142,7 @@ fn samples(plain: &Plain) -> (Rollout, Vec<f32>) {
     let mut stream = Stream::new(3, "samples");
     let mut targets = Vec::new();
     rollout.observations.iter_mut().for_each(|x| *x = stream.uniform_f32(-2.0, 2.0));
+    rollout.demonstrations.iter_mut().for_each(|a| *a = stream.uniform_f32(-1.0, 1.0));
     for sample in 0..SAMPLES {
         let x = &rollout.observations[3 * sample..3 * sample + 3];
         let outputs: Vec<f64> = plain.networks.iter().flat_map(|n| n.forward(x)).collect();
@@ -193,6 +199,7 @@ fn check(settings: &PpoSettings) {
         observations: &Standardizer::identity(3),
         values: &Standardizer::identity(1),
         reflection: None,
+        is_demonstrated: true,
     };
     let mut batch = Batch::default();
     batch.fill(&rollout, &units, (NonZeroUsize::MIN, 1)).unwrap();
@@ -201,6 +208,7 @@ fn check(settings: &PpoSettings) {
         advantage_mean: ADVANTAGE_MEAN,
         advantage_scale: ADVANTAGE_SCALE,
         weight: (SAMPLES as f32).recip(),
+        imitation_coef: IMITATION_COEF as f32,
         ..LossTerms::new(settings, model.gaussian(), old)
     };
     let mut gradient = vec![0.0; model.parameter_count()];
@@ -217,6 +225,7 @@ fn check(settings: &PpoSettings) {
     let found = mean(sums.policy)
         + f64::from(settings.value_coef) * mean(sums.value)
         + f64::from(settings.bounds_coef) * mean(sums.bounds)
+        + IMITATION_COEF * mean(sums.imitation)
         - f64::from(settings.entropy_coef * model.gaussian().entropy());
     let loss = |plain: &Plain| plain_loss(settings, plain, &rollout, &targets);
     assert!((found - loss(&plain)).abs() < 1e-5, "{found} {}", loss(&plain));

@@ -4,8 +4,8 @@
 use super::threads;
 use crate::{
     ppo::{
-        End, Learner, Normalization, PpoSettings, Reflection, Rollout, RolloutShape, Scratch,
-        Spaces, StepIndex,
+        AdvantageNormalization, End, Imitation, Learner, Normalization, PpoSettings, Reflection,
+        Rollout, RolloutShape, Scratch, Spaces, StepIndex,
     },
     seed::Stream,
 };
@@ -208,4 +208,58 @@ fn a_bandit_is_solved_and_its_value_is_known_in_units_of_reward() {
     assert!(error < 0.05, "{error}");
     assert!(0.3 < turned, "{turned}");
     assert!((value - 300.0).abs() < 3.0, "{value}");
+}
+
+/// RMS error of the mean action from half the observation, after updates without any reward in which that action is
+/// demonstrated. Mirrored samples have the action times `sign`.
+fn train_imitation(imitation: Option<Imitation>, sign: i8) -> f32 {
+    const UPDATES: u64 = 20;
+    let settings = PpoSettings {
+        hidden: vec![16],
+        learning_rate: 1e-2,
+        minibatch: 128,
+        advantages: AdvantageNormalization::Off,
+        imitation,
+        ..PpoSettings::paper()
+    };
+    let spaces = Spaces { observations: 1, actions: 1 };
+    let reflection = Reflection { observations: vec![-1], actions: vec![sign] };
+    let mut learner = Learner::new(&settings, spaces, 3).unwrap().with_reflection(reflection);
+    let shape = RolloutShape { horizon: 8, environments: ENVIRONMENTS, spaces };
+    let mut rollout = Rollout::new(shape);
+    let mut stream = Stream::new(4, "imitation");
+    let mut scratch = Scratch::default();
+    for update in 0..UPDATES {
+        let expected = imitation.is_some_and(|imitation| update < imitation.updates);
+        assert_eq!(learner.imitates(), expected, "update {update}");
+        for (number, mut row) in rollout.whole().steps.into_iter().enumerate() {
+            row.observations.iter_mut().for_each(|x| *x = stream.uniform_f32(-1.0, 1.0));
+            let place = StepIndex { step: 8 * update + number as u64, first_environment: 0 };
+            learner.act(place, &mut row, &mut scratch);
+            row.rewards.fill(0.0);
+            row.ends.fill(End::Terminal);
+            for (action, x) in row.demonstrations.iter_mut().zip(row.observations.iter()) {
+                *action = 0.5 * x;
+            }
+        }
+        learner.learn(&rollout, &[0.0; ENVIRONMENTS], threads(1)).unwrap();
+    }
+    let observations: Vec<f32> = (0..21).map(|i| -1.0 + 0.1 * i as f32).collect();
+    let mut actions = [0.0; 21];
+    learner.policy().act_mean(&observations, &mut actions, &mut scratch);
+    let errors = actions.iter().zip(&observations).map(|(a, x)| (a - 0.5 * x).powi(2));
+    (errors.sum::<f32>() / 21.0).sqrt()
+}
+
+#[test]
+fn demonstrations_are_imitated_as_long_as_the_settings_say() {
+    let imitation = |updates| Some(Imitation { coef: 10.0, updates });
+    let (taught, wrongly_mirrored) =
+        (train_imitation(imitation(15), -1), train_imitation(imitation(15), 1));
+    let alone = train_imitation(None, -1);
+    println!("taught {taught}, mirrored with a wrong sign {wrongly_mirrored}, alone {alone}");
+    // An idle policy errs by 0.3.
+    assert!(taught < 0.05, "{taught}");
+    assert!(0.2 < wrongly_mirrored, "{wrongly_mirrored}");
+    assert!(0.2 < alone, "{alone}");
 }

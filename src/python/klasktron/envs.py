@@ -11,7 +11,7 @@ All three share the game of `klasktron train`: one control period (20 ms) per st
 
 Observations are single precision, in the player's own frame (m, m/s, rad): own striker, other striker and ball, each
 position and velocity (`standard12`), then angles and distances (`augmented20`), then the geometry of a shot
-(`aiming29`). Actions are velocities of the striker, `[2]` from -1 to 1 of 0.4 m/s along x and y of the own frame.
+(`aiming29`), then the command of the scripted shooter (`shooting31`). Actions are velocities of the striker, `[2]` from -1 to 1 of 0.4 m/s along x and y of the own frame.
 
 Episodes end with a goal, an own goal or a ball at rest (terminated), or at the time limit (truncated). A vector
 environment begins the next episode in the same step (`AutoresetMode.SAME_STEP`): the last observation is in
@@ -86,10 +86,10 @@ class KlaskVectorEnv(VectorEnv):
         num_envs: Number of games.
         actuator: `"ideal"`, a `twin.json` of `gap` or `calibrate`, or an `actuator.mcap` of `fit-actuator`.
         sensors: An `ekf.json` of `tune-ekf` for camera and state estimator; exact observations by default.
-        observations: `"standard12"`, `"augmented20"` or `"aiming29"`.
+        observations: `"standard12"`, `"augmented20"`, `"aiming29"` or `"shooting31"`.
         action_history: Number of previous commands of the own striker (m/s) after these values, newest first, 0 to 8.
-        opponent: `"stationary"`, `"random"`, `"goalkeeper"`, `"chaser"`, or a function from observations
-            `[num_envs][values]` to actions `[num_envs][2]`, such as a `klasktron.Policy` or the learner itself.
+        opponent: `"stationary"`, `"random"`, `"goalkeeper"`, `"chaser"`, `"shooter"`, or a function from
+            observations `[num_envs][values]` to actions `[num_envs][2]`, such as a `klasktron.Policy` or the learner itself.
         player: Side of the learner, `"left"` or `"right"`.
         reward: `"sparse"` (1 for a goal, -1 against), or with shaping that does not decay: `"dense_ball_to_goal"`,
             `"collision_only"`, `"motion"`.

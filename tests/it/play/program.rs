@@ -197,7 +197,7 @@ fn policies_that_do_not_belong_here_are_refused_with_both_values() {
         ),
         (
             altered("narrow.mcap", &[("observations", "standard12")]),
-            "the width of the network's input is 35, but its observation layout has 18",
+            "the width of the network's input is 37, but its observation layout has 18",
         ),
         (
             policy.display().to_string(),

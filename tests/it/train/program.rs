@@ -4,6 +4,7 @@ use super::support::{settings_file, tiny};
 use crate::support::{Rig, klasktron, said};
 use klasktron::{
     effects::{Axis, find},
+    opponent::Scripted,
     recording::{Recording, message::TrainingUpdate},
     train::{TrainSettings, UPDATE_TOPIC, read_policy},
     twin::{Instance, Machine, Source, Twin},
@@ -82,7 +83,7 @@ fn the_file_holds_curve_weights_and_games_that_eval_reads() {
     assert_eq!(status, 0, "{errors}");
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(json["finished"], true);
-    assert_eq!(json["evaluation"]["opponents"].as_array().unwrap().len(), 4);
+    assert_eq!(json["evaluation"]["opponents"].as_array().unwrap().len(), Scripted::ALL.len());
     let shares = json["time_shares"].as_object().unwrap();
     let sum: f64 = shares.values().filter_map(serde_json::Value::as_f64).sum();
     assert!((sum - 1.0).abs() < 1e-6, "{shares:?}");
@@ -90,7 +91,7 @@ fn the_file_holds_curve_weights_and_games_that_eval_reads() {
     let curve = recording.series::<TrainingUpdate>(UPDATE_TOPIC).unwrap().values;
     assert_eq!(curve.iter().map(|point| point.update).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
     let stored = read_policy(&recording).unwrap();
-    assert_eq!((stored.policy.network().inputs(), stored.action_scale_m_per_s), (35, 0.4));
+    assert_eq!((stored.policy.network().inputs(), stored.action_scale_m_per_s), (37, 0.4));
     assert!(recording.attachment("policy.onnx").is_some());
     assert!(out.with_extension("html").exists());
     check_events(&events, &curve);
