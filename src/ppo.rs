@@ -60,6 +60,7 @@
 //! | C8, C9 reward scaling and clipping | not used; instead the critic can use normalized values (rl_games, `normalize_value`) | [`PpoSettings::values`] |
 //! | early stopping by KL | before a minibatch above 1.5 times the limit (Stable-Baselines3, `target_kl`) | [`PpoSettings::kl_stop`] |
 //! | mirrored experience | half of each minibatch is reflected where the task is symmetric (Mittal et al. 2024) | [`Reflection`] |
+//! | imitation | early in training, squared difference from a demonstrated action with a decaying weight (Schmitt et al. 2018) | [`Imitation`], `loss::sample_loss` |
 //! | KL divergence | analytic, from means and standard deviations, not estimated from ratios | [`Gaussian::divergence_from`] |
 //! | non-finite numbers | the whole update is discarded | `Learner::keep`, [`PpoError`] |
 //!

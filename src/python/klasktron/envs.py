@@ -11,7 +11,8 @@ All three share the game of `klasktron train`: one control period (20 ms) per st
 
 Observations are single precision, in the player's own frame (m, m/s, rad): own striker, other striker and ball, each
 position and velocity (`standard12`), then angles and distances (`augmented20`), then the geometry of a shot
-(`aiming29`), then the command of the scripted shooter (`shooting31`). Actions are velocities of the striker, `[2]` from -1 to 1 of 0.4 m/s along x and y of the own frame.
+(`aiming29`), then the command of the scripted shooter (`shooting31`). Actions are velocities of the striker, `[2]`
+from -1 to 1 of 0.4 m/s along x and y of the own frame.
 
 Episodes end with a goal, an own goal or a ball at rest (terminated), or at the time limit (truncated). A vector
 environment begins the next episode in the same step (`AutoresetMode.SAME_STEP`): the last observation is in
