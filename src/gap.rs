@@ -60,6 +60,7 @@ mod isolability;
 mod journal;
 mod known;
 mod locate;
+mod magnitude;
 mod memo;
 mod noise;
 mod nuisance;

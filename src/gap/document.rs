@@ -16,6 +16,7 @@ use super::{
     journal::{JournalEntry, MoveKind},
     known::{added_lag, lag, sample_period_above_lag},
     locate,
+    magnitude::{Magnitude, Scale},
     page::text::dependence,
     problem::Point,
     rounds::{self, Added, Outcome, Reason},
@@ -353,9 +354,8 @@ fn possible_changes(
         {
             return None;
         }
-        let is_limit = before.effect.is_limit(k);
-        let magnitude = if is_limit { Magnitude::of_limit } else { Magnitude::of };
-        let [was, is] = [old, new].map(magnitude);
+        let scale = Scale::of(before.effect, k);
+        let [was, is] = [old, new].map(|own| Magnitude::of(scale, own));
         // The model error is part of both values, and not of their difference.
         let slot = Slot { instance: known, parameter: k };
         let common = t_quantile(0.975, freedom)
@@ -381,35 +381,6 @@ fn possible_changes(
         })
     };
     before.effect.parameters.iter().enumerate().filter_map(change_of).collect()
-}
-
-/// Value of a parameter, half of its interval (zero without one), and its derivative by the parameter: the parameter itself,
-/// or the reciprocal of a limit.
-struct Magnitude {
-    value: f64,
-    half: f64,
-    slope: f64,
-}
-
-impl Magnitude {
-    /// The parameter itself.
-    fn of(own: &Value) -> Self {
-        let Value { value, ci95, .. } = *own;
-        let [low, high] = ci95.unwrap_or([value; 2]);
-        Self { value, half: 0.5 * (high - low), slope: 1.0 }
-    }
-
-    /// The reciprocal of a limit.
-    fn of_limit(own: &Value) -> Self {
-        let Self { value, half, .. } = Self::of(own);
-        let slope = 1.0 / (value * value);
-        let half = match own.ci95 {
-            // The upper end may be at the bound. Earlier twins have a lower end below zero.
-            Some([low, _]) if 0.0 < low => 1.0 / low - 1.0 / value,
-            _ => half * slope,
-        };
-        Self { value: 1.0 / value, half, slope }
-    }
 }
 
 /// The outcome that has fitted the instance `index` of `twin` and whose validation sessions prefer the final twin.
@@ -546,22 +517,4 @@ fn masked(session: &str, incident: &Incident) -> String {
          nothing like it recurs (a hand on the machine, an end stop, or a limit?)",
         span.start, span.end
     )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_limit_that_was_never_reached_differs_from_one_that_is() {
-        let of = |value: f64, ci95: [f64; 2]| {
-            Magnitude::of_limit(&Value { value, ci95: Some(ci95), source: Source::Fitted })
-        };
-        let (never, now) = (of(500.0, [200.0, 500.0]), of(4.0, [3.8, 4.2]));
-        assert!((never.half - 0.003).abs() < 1e-12, "{}", never.half);
-        assert!(10.0 * never.half.hypot(now.half) < now.value - never.value);
-        // A twin of an earlier version has an interval that is symmetric about the value.
-        let earlier = of(500.0, [-250.0, 1250.0]);
-        assert!((earlier.half - 0.003).abs() < 1e-12, "{}", earlier.half);
-    }
 }

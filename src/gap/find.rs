@@ -8,7 +8,9 @@ use super::{
     findings::{Document, SignalResidual, Verdict},
     floor::{self, Floor},
     journal::{JournalEntry, MoveKind},
-    known, noise,
+    known,
+    magnitude::Scale,
+    noise,
     options::{Context, SearchOptions},
     rounds::{self, Held, Outcome, StageData, Task},
     user_effects,
@@ -417,21 +419,11 @@ fn stated(first: &Twin, outcome: &Outcome<'_>) -> Twin {
             half += offsets.get(slot.parameter).map_or(0.0, |offset| offset.abs());
         }
         let effect = twin.instances[slot.instance].effect;
-        let ci95 = Some(interval(effect, slot.parameter, value, half));
+        let ci95 = Some(Scale::of(effect, slot.parameter).interval(value, half));
         twin.instances[slot.instance].values[slot.parameter] =
             Value { value, ci95, source: Source::Fitted };
     }
     twin
-}
-
-/// Interval of a parameter about `value`, with half its linearized width. That of a limit is symmetric in its reciprocal.
-fn interval(effect: &Effect, parameter: usize, value: f64, half: f64) -> [f64; 2] {
-    if !effect.is_limit(parameter) {
-        return [value - half, value + half];
-    }
-    let (reciprocal, half) = (1.0 / value, half / (value * value));
-    let unlimited = 1.0 / effect.null[parameter];
-    [1.0 / (reciprocal + half), 1.0 / (reciprocal - half).max(unlimited)]
 }
 
 /// Change of a parameter of `twin` from the `first` one, where a fit had determined it (also before a split). For an
@@ -445,10 +437,9 @@ pub(super) fn changed(first: &Twin, twin: &Twin, slot: Slot) -> f64 {
     let null = effect.null[slot.parameter];
     let at_place = first.instances.get(slot.instance).filter(is_same);
     match at_place.or_else(same).map(|own| &own.values[slot.parameter]) {
-        Some(before) if before.source == Source::Fitted => match effect.is_limit(slot.parameter) {
-            true => value * (value / before.value - 1.0).abs(),
-            false => (value - before.value).abs(),
-        },
+        Some(before) if before.source == Source::Fitted => {
+            Scale::of(effect, slot.parameter).difference(value, before.value)
+        }
         Some(_) => 0.0,
         None if effect.is_shape(slot.parameter) => 0.0,
         None => (value - null).abs().min(value.abs()),
@@ -538,21 +529,8 @@ fn not_searched(sessions: &[Session], start: &Twin, options: &SearchOptions) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects;
 
     const SLEW: &str = "drive.saturation.slew";
-
-    #[test]
-    fn the_interval_of_a_limit_is_symmetric_in_its_reciprocal_and_ends_without_a_limit() {
-        let slew = effects::find(SLEW).unwrap();
-        let [low, high] = interval(slew, 0, 4.0, 0.4);
-        assert!((1.0 / low + 1.0 / high - 0.5).abs() < 1e-12 && (low - 4.0 / 1.1).abs() < 1e-12);
-        // Far above what the commands reach: any limit from 200 m/s^2 on is in it.
-        let [low, high] = interval(slew, 0, 500.0, 750.0);
-        assert!((low - 200.0).abs() < 1e-9 && high == 500.0, "{low} {high}");
-        let coulomb = effects::find("drive.friction.coulomb").unwrap();
-        assert_eq!(interval(coulomb, 0, 1.0, 0.25), [0.75, 1.25]);
-    }
 
     #[test]
     fn a_limit_that_comes_into_reach_has_changed_by_about_itself() {

@@ -91,7 +91,9 @@ fn key_figures(summary: &Summary) -> Vec<(&'static str, String)> {
     ];
     let opponents = summary.evaluation.iter().flat_map(|verdict| &verdict.opponents);
     let rates: Vec<String> = opponents
-        .filter_map(|judged| Some(format!("{:.0} % {}", 100.0 * judged.win_rate?, judged.opponent)))
+        .filter_map(|judged| {
+            Some(format!("{:.0}\u{a0}% {}", 100.0 * judged.win_rate?, judged.opponent))
+        })
         .collect();
     if !rates.is_empty() {
         figures.push(("win rate of decided games against", rates.join(", ")));
