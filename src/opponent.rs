@@ -162,7 +162,7 @@ fn shot_target(seen: &[f32]) -> [f32; 2] {
     let [own, other, ball, ball_velocity] = [0, 4, 8, 10].map(|k| [seen[k], seen[k + 1]]);
     let hit = unit(minus(OTHER_CUP, ball));
     let from_ball = minus(other, ball);
-    let is_covered = 0.0 < dot(from_ball, hit) && dot(from_ball, [hit[1], -hit[0]]).abs() < COVERED;
+    let is_covered = 0.0 < dot(from_ball, hit) && dot(from_ball, right_of(hit)).abs() < COVERED;
     if is_covered && length(ball_velocity) < RESTING {
         [RIGHT_IMAGE[0].copysign(ball[0] - own[0]), RIGHT_IMAGE[1]]
     } else {
@@ -180,7 +180,7 @@ fn chase(seen: &[f32], target: [f32; 2], speed: f32) -> [f32; 2] {
     let time = (length(minus(ball, own)) / speed).min(LONGEST_LEAD);
     let ball = [ball[0] + time * ball_velocity[0], ball[1] + time * ball_velocity[1]];
     let hit = unit(minus(target, ball));
-    let across = [hit[1], -hit[0]];
+    let across = right_of(hit);
     let from_ball = minus(own, ball);
     let (behind, beside) = (-dot(from_ball, hit), dot(from_ball, across));
     // A shot over the walls is about twice as long, so half the error is allowed.
@@ -235,6 +235,11 @@ fn dot(a: [f32; 2], b: [f32; 2]) -> f32 {
 
 fn length(a: [f32; 2]) -> f32 {
     dot(a, a).sqrt()
+}
+
+/// Vector `a`, turned to the right by 90 degrees.
+fn right_of([x, y]: [f32; 2]) -> [f32; 2] {
+    [y, -x]
 }
 
 /// Unit vector of `a`; straight ahead for a zero vector.

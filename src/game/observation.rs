@@ -43,7 +43,10 @@
 //! The state is exact and current, or that of the state estimator behind a camera
 //! ([`Sensors`](super::Sensors)); all features are computed from the same values.
 
-use super::body::{BallState, StrikerState};
+use super::{
+    body::{BallState, StrikerState},
+    settings::CommandLimits,
+};
 use crate::{opponent::shoot, recording::topic::Player};
 use serde::{Deserialize, Serialize};
 
@@ -68,8 +71,8 @@ pub enum ObservationKind {
 /// leaves 0.1 rad off, which is half a cup at the other end.
 const AIM_SCALE: f32 = 0.005;
 
-/// Maximum speed of the observed shooter along each axis (m/s): the default limit of commands.
-const SHOOTER_SPEED: f32 = 0.4;
+/// Maximum speed of the observed shooter along each axis (m/s).
+const SHOOTER_SPEED: f32 = CommandLimits::DEFAULT_SPEED as f32;
 
 impl ObservationKind {
     /// All sets, the smallest first.

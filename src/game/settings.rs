@@ -209,7 +209,7 @@ pub enum LimiterPlace {
 /// Limits on commands before they reach a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CommandLimits {
-    /// Maximum speed along each axis (m/s); 0.4.
+    /// Maximum speed along each axis (m/s); [`DEFAULT_SPEED`](Self::DEFAULT_SPEED).
     pub speed: f64,
     /// Slew limit along each axis (m/s^2); 10, upstream's simulator.
     pub slew: f64,
@@ -224,12 +224,17 @@ pub struct CommandLimits {
     pub limiter: LimiterPlace,
 }
 
+impl CommandLimits {
+    /// Default maximum speed along each axis (m/s).
+    pub const DEFAULT_SPEED: f64 = 0.4;
+}
+
 impl Default for CommandLimits {
     fn default() -> Self {
         let field =
             |y_min_m, y_max_m| Rectangle { x_min_m: -0.16, x_max_m: 0.16, y_min_m, y_max_m };
         Self {
-            speed: 0.4,
+            speed: Self::DEFAULT_SPEED,
             slew: 10.0,
             deceleration_distance: 0.09,
             clearance: 0.0135,
