@@ -22,6 +22,8 @@ pub(super) struct Excess {
     pub(super) most: f64,
     /// Smallest excess of a signal; negative where the residual is below its reference.
     least: f64,
+    /// Mean excess of all signals.
+    mean: f64,
 }
 
 impl Excess {
@@ -45,7 +47,7 @@ pub(super) fn excess<const N: usize>(
     let squares = points
         .map(|(problem, point)| problem.squares(&fit::with_refitted_nuisances(problem, point)));
     let channels = points.first()?.0.parts.first()?.stage.channels();
-    let mut excess = Excess { most: f64::NEG_INFINITY, least: f64::INFINITY };
+    let mut excess = Excess { most: f64::NEG_INFINITY, least: f64::INFINITY, mean: 0.0 };
     for (k, channel) in channels.iter().enumerate() {
         let own = squares.iter().filter_map(|problem| problem.get(k));
         let (sum, count) = own.fold((0.0, 0), |all, own| (all.0 + own.0, all.1 + own.1));
@@ -53,7 +55,11 @@ pub(super) fn excess<const N: usize>(
         let reference = twin.reference_residuals.iter().find(is_known)?;
         let known = reference.residual_rms.powi(2) * count as f64;
         let own = sum / known.max(f64::MIN_POSITIVE) - 1.0;
-        excess = Excess { most: excess.most.max(own), least: excess.least.min(own) };
+        excess = Excess {
+            most: excess.most.max(own),
+            least: excess.least.min(own),
+            mean: excess.mean + own / channels.len() as f64,
+        };
     }
     Some(excess)
 }
@@ -123,16 +129,17 @@ pub(super) struct RequiredGain<'t> {
 
 impl<'t> RequiredGain<'t> {
     /// Required gains of the first effect from the reference residual of the given twin, the
-    /// [`excess`] over it, and whether the residual is at its noise `floor`. The discrepancy of the
-    /// twin hardly applies to another motion.
+    /// [`excess`] of `given` and `fitted` twin over it, and whether the residual is at its noise
+    /// `floor`. The discrepancy of the twin hardly applies to another motion.
     pub(super) fn new(
         thresholds: &'t Thresholds,
         (given, stage): (&'t Twin, StageKind),
-        (excess, floor): (Option<Excess>, AtFloor),
+        (excess, fitted): (Option<Excess>, Option<Excess>),
+        floor: AtFloor,
     ) -> Self {
         let general = match floor {
             AtFloor::Yes(ratio) => thresholds.least_gain_at_floor(ratio),
-            AtFloor::No => thresholds.least_gain(excess),
+            AtFloor::No => thresholds.least_gain(excess, fitted),
         };
         let is_elsewhere = excess.is_some_and(|own| own.is_on_another_course(thresholds));
         Self {
@@ -300,11 +307,13 @@ impl Thresholds {
         excess.is_some_and(|excess| excess.new_fraction(self) < self.reference_excess)
     }
 
-    /// Fraction of the squared validation residual that an effect must remove.
-    pub(super) fn least_gain(&self, excess: Option<Excess>) -> f64 {
-        match self.is_at_reference(excess) {
-            true => self.clear_gain,
-            false => self.min_gain,
+    /// Fraction of the squared validation residual of the `fitted` twin that a change must remove, if the given twin has
+    /// this `excess`. At the reference, it is a fraction of the squared reference residual: smaller changes are model
+    /// errors.
+    pub(super) fn least_gain(&self, excess: Option<Excess>, fitted: Option<Excess>) -> f64 {
+        match fitted.filter(|_| self.is_at_reference(excess)) {
+            Some(fitted) => self.clear_gain / (1.0 + fitted.mean.min(0.0)).max(f64::MIN_POSITIVE),
+            None => self.min_gain,
         }
     }
 
@@ -339,7 +348,7 @@ mod tests {
 
     /// The same excess in every signal.
     fn even(fraction: f64) -> Option<Excess> {
-        Some(Excess { most: fraction, least: fraction })
+        Some(Excess { most: fraction, least: fraction, mean: fraction })
     }
 
     #[test]
@@ -347,7 +356,8 @@ mod tests {
         let twin = Twin::nominal(Machine::Axis);
         let lag = crate::effects::find("drive.lag1").unwrap();
         let of = |floor| {
-            RequiredGain::new(&DEFAULT, (&twin, StageKind::Axis), (None, floor)).of(lag, &[0.1])
+            RequiredGain::new(&DEFAULT, (&twin, StageKind::Axis), (None, None), floor)
+                .of(lag, &[0.1])
         };
         let gains = [of(AtFloor::Yes(1.0)), of(AtFloor::No)];
         assert_eq!(gains, [DEFAULT.large_excess, DEFAULT.min_gain]);
@@ -373,8 +383,9 @@ mod tests {
         };
         let period = lags(0.0, None).axis_frame.unwrap().scales.sample_period;
         let known = lags(2.0 * period, None);
-        let floor =
-            |floor| RequiredGain::new(&DEFAULT, (&known, StageKind::Axis), (even(0.0), floor));
+        let floor = |floor| {
+            RequiredGain::new(&DEFAULT, (&known, StageKind::Axis), (even(0.0), even(0.0)), floor)
+        };
         let other = lags(0.5 * period, Some(1.6 * period));
         assert!((added_lag(&known, &other) - 0.1 * period).abs() < 1e-12);
         assert!(floor(AtFloor::Yes(0.5)).only_redistributes_lag(&known, &other));
@@ -389,13 +400,17 @@ mod tests {
         assert!(!DEFAULT.is_at_reference(even(0.06)));
         // A twin without a search has no reference residual.
         assert!(!DEFAULT.is_at_reference(None));
-        assert!(DEFAULT.least_gain(None) < DEFAULT.least_gain(even(0.0)));
-        assert_eq!(DEFAULT.least_gain(even(0.5)), DEFAULT.least_gain(None));
+        let least = |given, fitted| DEFAULT.least_gain(given, fitted);
+        assert!(least(None, None) < least(even(0.0), even(0.0)));
+        assert_eq!(least(even(0.5), even(-0.5)), least(None, None));
+        // Where a refit leaves a quarter of the reference, an effect must remove the same of the reference.
+        assert_eq!(least(even(0.0), even(-0.75)), 4.0 * least(even(0.0), even(0.0)));
+        assert_eq!(least(even(0.04), even(0.04)), least(even(0.0), even(0.0)));
     }
 
     #[test]
     fn a_deficit_in_one_signal_offsets_an_excess_in_another() {
-        let uneven = |most, least| Some(Excess { most, least });
+        let uneven = |most, least| Some(Excess { most, least, mean: 0.5 * (most + least) });
         assert!(
             DEFAULT.is_at_reference(uneven(0.12, -0.1))
                 && !DEFAULT.is_at_reference(uneven(0.12, -0.04))
@@ -415,8 +430,9 @@ mod tests {
             explained_fraction: 0.03,
             parameter_offsets: vec![2e-5],
         }];
-        let required_gain =
-            |stage, excess| RequiredGain::new(&DEFAULT, (&twin, stage), (excess, AtFloor::No));
+        let required_gain = |stage, excess| {
+            RequiredGain::new(&DEFAULT, (&twin, stage), (excess, excess), AtFloor::No)
+        };
         let known = required_gain(StageKind::Drive, even(0.0));
         assert!((known.of(lag, &[1e-3]) - 0.09).abs() < 1e-12 && known.any_signal);
         assert_eq!(known.of(delay, &[1e-3]), DEFAULT.clear_gain);
@@ -428,8 +444,9 @@ mod tests {
         assert!(
             !known.is_within_discrepancy(lag, -5e-5) && !known.is_within_discrepancy(delay, 1e-5)
         );
-        let elsewhere = required_gain(StageKind::Drive, Some(Excess { most: 0.0, least: -0.1 }));
-        assert_eq!(elsewhere.of(lag, &[1e-3]), DEFAULT.clear_gain);
+        let elsewhere = Excess { most: 0.0, least: -0.1, mean: -0.05 };
+        let elsewhere = required_gain(StageKind::Drive, Some(elsewhere));
+        assert_eq!(elsewhere.of(lag, &[1e-3]), DEFAULT.clear_gain / 0.95);
         // An effect added after a large one must be large too, unless the machine has no reference.
         let conditional = required_gain(StageKind::Drive, even(1.0)).in_addition_to(3.0, 2.0);
         assert!((conditional.of(delay, &[1e-3]) - 0.15).abs() < 1e-12 && !conditional.any_signal);
@@ -438,7 +455,7 @@ mod tests {
         // The floor of a single axis contains its model error.
         let axis = Twin { machine: Machine::Axis, ..twin.clone() };
         let of_axis = |floor| {
-            RequiredGain::new(&DEFAULT, (&axis, StageKind::Axis), (even(1.0), floor))
+            RequiredGain::new(&DEFAULT, (&axis, StageKind::Axis), (even(1.0), even(1.0)), floor)
                 .in_addition_to(3.0, 2.0)
                 .of(delay, &[1e-3])
         };

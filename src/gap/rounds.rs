@@ -59,7 +59,7 @@ pub fn search<'a>(data: &StageData<'a>, start: &Twin, task: Task) -> Outcome<'a>
         ..
     } = search;
     let twins = (start, &best.point.twin);
-    let least = train.thresholds().least_gain(excess);
+    let least = train.thresholds().least_gain(excess, excess);
     let is_better = is_better(&held_out, twins, &filters, least);
     if task != Task::Calibrate && added.is_empty() && !is_better {
         (best, filters) = with_nuisances_only(&train, &given, &slots);
@@ -273,7 +273,7 @@ impl Search<'_> {
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
                 before_added: self.before_added.as_ref(),
-                required_gain: self.required_gain(given, excess),
+                required_gain: self.required_gain((given, excess), &self.best),
             };
             let round = Round::run(self.problems(), &round_start);
             self.rejected = round.rejected;
@@ -301,7 +301,7 @@ impl Search<'_> {
             excess = self.add_winner(winner, given, &mut validated);
         }
         self.note_end_of_rounds(MOST_ADDED);
-        let least = RequiredGain::new(thresholds, stage, (excess, AtFloor::No));
+        let least = RequiredGain::new(thresholds, stage, (excess, excess), AtFloor::No);
         let is_less = self.eliminate_unneeded(&least, usize::from(!has_split));
         let is_other = self.exchange(given, excess);
         let is_fewer = self.eliminate_null();
@@ -321,11 +321,19 @@ impl Search<'_> {
         self.unexplained(&validated, disturbance)
     }
 
-    /// Gain that the first effect must have.
-    fn required_gain<'s>(&'s self, given: &'s Point, excess: Option<Excess>) -> RequiredGain<'s> {
-        let floor = self.at_floor(&given.twin);
+    /// Gain that the first effect must have in addition to `base`, if the given twin has this `excess`.
+    fn required_gain<'s>(
+        &'s self,
+        (given, excess): (&'s Point, Option<Excess>),
+        base: &Fit,
+    ) -> RequiredGain<'s> {
+        let thresholds = self.train.thresholds();
+        let fitted = thresholds
+            .is_at_reference(excess)
+            .then(|| self.excess_of(base, &self.validated_of(base)))
+            .flatten();
         let stage = (&given.twin, self.kind);
-        RequiredGain::new(self.train.thresholds(), stage, (excess, floor))
+        RequiredGain::new(thresholds, stage, (excess, fitted), self.at_floor(&given.twin))
     }
 
     /// Replace the refit by the given twin.
@@ -445,10 +453,12 @@ impl Search<'_> {
 
     /// Residual above the reference residual.
     fn excess(&self, validated: &Point) -> Option<Excess> {
-        excess(
-            &self.best.point.twin,
-            [(&self.train, &self.best.point), (&self.held_out, validated)],
-        )
+        self.excess_of(&self.best, validated)
+    }
+
+    /// The same of another `fit`.
+    fn excess_of(&self, fit: &Fit, validated: &Point) -> Option<Excess> {
+        excess(&fit.point.twin, [(&self.train, &fit.point), (&self.held_out, validated)])
     }
 
     /// Disturbance that depends on no measured quantity. The residual is above its reference in

@@ -129,7 +129,8 @@ fn best_restart(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point>
         .map(|found| found.point)
 }
 
-/// Starts of [`best_restart`]: the given effects at their given values, then the same with one of them as fitted.
+/// Starts of [`best_restart`]: the given effects at their given values, then the same with one of them as fitted, and
+/// the fit with one parameter of the given effects at its null value.
 fn starts_with_one_change(best: &Fit, given: &Point) -> Vec<Point> {
     let mut as_given = best.point.clone();
     for (own, instance) in as_given.twin.instances.iter_mut().zip(&given.twin.instances) {
@@ -140,7 +141,17 @@ fn starts_with_one_change(best: &Fit, given: &Point) -> Vec<Point> {
         point.twin.instances[index].values.clone_from(&best.point.twin.instances[index].values);
         point
     });
-    std::iter::once(as_given.clone()).chain(changed).collect()
+    let without = best.slots.iter().filter(|slot| is_optional(&given.twin, **slot)).map(|slot| {
+        let mut point = best.point.clone();
+        point.twin.set_to_null(*slot);
+        point
+    });
+    std::iter::once(as_given.clone()).chain(changed).chain(without).collect()
+}
+
+/// Return whether `slot` is a parameter of an effect of `given` that the effect can do without.
+fn is_optional(given: &Twin, slot: Slot) -> bool {
+    slot.instance < given.instances.len() && 0 < slot.parameter
 }
 
 /// Starts of [`best_restart`]: `as_given` with one of the fitted effects at one of its probes.
@@ -168,8 +179,9 @@ fn fitted_instances(best: &Fit, given: &Point) -> impl Iterator<Item = usize> {
 mod tests {
     use super::*;
     use crate::{
+        effects::{Axis, find},
         gap::test_stage::{CAMERA_NOISE_RMS, CAMERA_SIGNAL, TestStage, first_parameters},
-        twin::{Machine, ReferenceResidual, Stage},
+        twin::{Instance, Machine, ReferenceResidual, Source, Stage},
     };
     use std::f64::consts::TAU;
 
@@ -239,5 +251,48 @@ mod tests {
         assert!((frequency - FREQUENCY_HZ).abs() < 0.01, "{frequency}");
         let (best, _) = fit::converge(&train, better, &slots_of(&given.twin), RESTART_ITERATIONS);
         assert!(best_restart(&train, &best, &given).is_none(), "the optimum has no better start");
+    }
+
+    /// Sum of three sines. The first two have the frequencies (Hz) Coulomb friction and mass, the third the angular
+    /// frequency (rad/s) of the integral rate, if it is not zero.
+    fn three_sines(twin: &Twin, time: f64) -> f64 {
+        const AMPLITUDE: f64 = 0.3;
+        let [first, second] = slots_of(twin).map(|slot| twin.get(slot));
+        let third = twin.get(integral_rate_of(twin));
+        (TAU * first * time).sin() + (TAU * second * time).sin() + AMPLITUDE * (third * time).sin()
+    }
+
+    fn integral_rate_of(twin: &Twin) -> Slot {
+        let [time_constant] = first_parameters(twin, ["drive.velocity_controller"]);
+        Slot { parameter: 1, ..time_constant }
+    }
+
+    #[test]
+    fn a_parameter_that_compensated_for_a_missing_effect_returns_to_its_null_value() {
+        let twin_at = |frequencies: [f64; 2], rate: f64| {
+            let mut twin = Twin::nominal(Machine::Axis);
+            let controller = find("drive.velocity_controller").unwrap();
+            twin.instances.push(Instance::new(
+                controller,
+                Axis::Single,
+                &[0.0, rate],
+                Source::Fitted,
+            ));
+            for (slot, frequency) in slots_of(&twin).into_iter().zip(frequencies) {
+                twin.set(slot, frequency);
+            }
+            twin
+        };
+        let (given, truth) = (twin_at([5.0, 7.0], 0.0), twin_at([5.6, 7.7], 0.0));
+        let stage = TestStage::camera(&truth, three_sines, 3);
+        let train = Problem::new(&[&stage as &dyn Stage], &given);
+        let given = train.start(given);
+        let found = twin_at([5.6, 7.7], 50.0);
+        let mut slots = slots_of(&found).to_vec();
+        slots.push(integral_rate_of(&found));
+        let fit = Fit { point: train.start(found), slots, loss: 0.0, rows: 2000 };
+        let better = best_restart(&train, &fit, &given).unwrap();
+        let rate = better.twin.get(integral_rate_of(&better.twin));
+        assert!(rate.abs() < 0.01, "{rate}");
     }
 }
