@@ -121,20 +121,16 @@ impl Bench<'_, '_> {
     /// Trial to add first: among effects that explain different things, one that closes far more of the gap precedes
     /// `best`, the most significant one. The latter counts as fitted to the gap: whitening tolerates slow errors.
     fn strongest<'t>(&self, best: Counted<'t>, passed: &[Counted<'t>]) -> Counted<'t> {
-        let far_stronger = |point: &Point| {
-            let most = self.thresholds().stronger_ratio * self.closed_fraction(point);
-            let others = passed.iter().map(|own| (self.closed_fraction(&own.0.fit.point), *own));
-            others
-                .filter(|(closed_fraction, _)| most < *closed_fraction)
-                .max_by(|a, b| a.0.total_cmp(&b.0))
-                .map(|(_, own)| own)
-        };
+        let closed = passed.iter().map(|own| (self.closed_fraction(&own.0.fit.point), *own));
+        let Some((most, rival)) = closed.max_by(|a, b| a.0.total_cmp(&b.0)) else { return best };
+        let is_far_stronger =
+            |point| self.thresholds().stronger_ratio * self.closed_fraction(point) < most;
         let Fit { point, slots, .. } = &best.0.fit;
-        if far_stronger(point).is_none() {
+        if !is_far_stronger(point) {
             return best;
         }
         let refitted = fit::fit(self.train, point.clone(), slots, &self.scales, PLAIN_ITERATIONS);
-        far_stronger(&refitted.point).unwrap_or(best)
+        if is_far_stronger(&refitted.point) { rival } else { best }
     }
 
     /// Fraction of the squared gap on the training sessions that is closed at `point`, every signal in units of its RMS.
