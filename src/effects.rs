@@ -445,12 +445,6 @@ impl Effect {
     pub fn scanned_parameter(&self) -> Option<usize> {
         SCANS.iter().find(|(own, _)| own.name == self.name).map(|(_, scan)| scan.parameter)
     }
-
-    /// Return whether it acts at one unknown position: its probes have one magnitude at many positions.
-    #[must_use]
-    pub fn is_localized(&self) -> bool {
-        self.probes.iter().all(|probe| probe[0] == self.probes[0][0])
-    }
 }
 
 /// Every effect, by domain.
@@ -557,13 +551,6 @@ mod tests {
             let others = own.filter(|name| *name != effect.name).count();
             assert_eq!(others, usize::from(effect.name == spring.name), "{}", effect.name);
         }
-    }
-
-    #[test]
-    fn patches_and_end_stops_are_localized() {
-        let names = CATALOGUE.iter().filter(|effect| 6 <= effect.probes.len());
-        let found = names.filter(|effect| effect.is_localized()).map(|effect| effect.name);
-        assert_eq!(found.collect::<Vec<_>>(), ["gantry.endstop", "ball.stiction_patch"]);
     }
 
     #[test]

@@ -203,9 +203,10 @@ fn unit_of_velocity_driven(unit: &str, position: &str) -> Option<String> {
 
 impl Effect {
     /// Return whether the effect changes the command and nothing else.
-    fn is_on_command(&self) -> bool {
-        let is_command =
-            |equation: &Physics| matches!(equation, Physics::Command(_) | Physics::Ramp(_));
+    pub(crate) fn is_on_command(&self) -> bool {
+        let is_command = |equation: &Physics| {
+            matches!(equation, Physics::Command(_) | Physics::CommandDelay(_) | Physics::Ramp(_))
+        };
         self.physics.equations().iter().all(is_command)
     }
 

@@ -135,8 +135,7 @@ fn not_counted(start: &Twin, twin: &Twin, step: &Added) -> Option<String> {
     twin.axis_frame?;
     let instance = &twin.instances[rounds::instance_of(twin, step)?];
     let why = lag_within_a_sample(start, twin, instance)
-        .or_else(|| rigid(step.effect, &instance.values))
-        .or_else(|| contains_none(step.effect, &instance.values))?;
+        .or_else(|| rigid(step.effect, &instance.values))?;
     Some(format!(
         "{why}, so {} is part of the twin and does not count as missing",
         step.effect.name
@@ -170,19 +169,6 @@ fn rigid(effect: &Effect, values: &[Value]) -> Option<String> {
     Some(format!(
         "the interval of the {what} of elastic contacts contains zero: that is Coulomb friction"
     ))
-}
-
-/// Reason why an effect is absent if the intervals of all its parameters contain the values without
-/// it.
-fn contains_none(effect: &Effect, values: &[Value]) -> Option<String> {
-    let contains_null = |(value, null): (&Value, &f64)| {
-        value.ci95.is_some_and(|[low, high]| (low..=high).contains(null))
-    };
-    values
-        .iter()
-        .zip(effect.null)
-        .all(contains_null)
-        .then(|| "the intervals of its parameters contain the values without it".to_owned())
 }
 
 fn indistinguishable(step: &Added) -> Indistinguishable {

@@ -179,6 +179,11 @@ impl<'t> RequiredGain<'t> {
         self
     }
 
+    /// Required gains of an effect among others, tested without it, whichever of them was added first.
+    pub(super) fn in_any_order(self) -> Self {
+        self.in_addition_to(0.0, 1.0)
+    }
+
     /// Return whether `twin` only redistributes the lags of `base`, on a machine with a reference
     /// and at its noise floor. The sums of all lags then differ by less than a sample period. Such
     /// a change must explain most of the residual.
@@ -187,12 +192,13 @@ impl<'t> RequiredGain<'t> {
         self.has_reference && self.floor != AtFloor::No && twin.instances.last().is_some_and(is_lag)
     }
 
-    /// Gain below which `effect` is never added, for any discrepancy and any effects before it.
+    /// Gain below which `effect` is never added, for any discrepancy.
     pub(super) fn least(&self, effect: &Effect) -> f64 {
-        match self.is_exact(effect) {
+        let least = match self.is_exact(effect) {
             true => self.thresholds.min_gain_map,
             false => self.known.min(self.general),
-        }
+        };
+        least.max(self.conditional)
     }
 
     /// Return whether `effect` maps positions after the measurement.
@@ -461,6 +467,13 @@ mod tests {
         };
         assert_eq!(of_axis(AtFloor::No), DEFAULT.min_gain);
         assert_eq!(of_axis(AtFloor::Yes(0.9)), DEFAULT.majority);
+        let least = |floor| {
+            RequiredGain::new(&DEFAULT, (&axis, StageKind::Axis), (even(1.0), even(1.0)), floor)
+                .in_any_order()
+                .least(delay)
+        };
+        assert_eq!(least(AtFloor::No), DEFAULT.min_gain);
+        assert_eq!(least(AtFloor::Yes(0.9)), DEFAULT.majority);
         // A map of positions simulates nothing: applied to measured positions, it may be small.
         let shear = effect("gantry.squareness");
         let required_for_shear = |stage| required_gain(stage, even(0.0)).of(shear, &[1e-3]);

@@ -43,6 +43,8 @@ const IDLE: f64 = 1e-9;
 pub(super) struct Round {
     pub(super) winner: Option<(Fit, Added)>,
     pub(super) rejected: Vec<Rejected>,
+    /// Fits of all candidates on the short list.
+    pub(super) fits: Vec<Fit>,
 }
 
 /// State in which a round begins.
@@ -58,6 +60,8 @@ pub(super) struct RoundStart<'p> {
     pub(super) given_instances: usize,
     /// Twin before the first effect was added, everything fitted.
     pub(super) before_added: Option<&'p Twin>,
+    /// Fits of the candidates of the round before.
+    pub(super) previous: &'p [Fit],
     /// Gain that the first effect must have.
     pub(super) required_gain: RequiredGain<'p>,
 }
@@ -132,7 +136,9 @@ impl Round {
             fit.loss.is_finite() && on_bound(fit).is_none() && is_driven(fit).is_none()
         };
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
-        let Some(lead) = lead.or(rough.first()) else { return Self { winner: None, rejected } };
+        let Some(lead) = lead.or(rough.first()) else {
+            return Self { winner: None, rejected, fits: vec![] };
+        };
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
         let known = train.columns(&at_lead, &base.slots, &sharp);
@@ -159,7 +165,7 @@ impl Round {
             }
         }
         let winner = bench.winner(&acceptable, &trials, &mut rejected);
-        Self { winner, rejected }
+        Self { winner, rejected, fits: trials.into_iter().map(|trial| trial.fit).collect() }
     }
 }
 

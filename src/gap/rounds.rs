@@ -5,7 +5,7 @@ use super::{
     fit::{self, Fit, Uncertainty},
     incident,
     journal::{JournalEntry, MoveKind},
-    known::{AtFloor, Excess, RequiredGain, excess},
+    known::{Excess, RequiredGain, excess},
     noise,
     observer::SearchStep,
     problem::{Point, Problem},
@@ -28,6 +28,7 @@ use refit::{exclude_outliers, multistart, refit_in_agreement, with_nuisances_onl
 pub(in crate::gap) use elimination::{instance_of, known_on_bound};
 pub use outcome::{Added, Held, Outcome, Reason, Rejected, StageData, Task};
 pub(super) use outcome::{RankedCandidate, Unstated};
+pub(in crate::gap) use refit::without;
 
 /// Most effects that are added on one stage.
 const MOST_ADDED: usize = 6;
@@ -263,7 +264,7 @@ impl Search<'_> {
         let thresholds = self.train.thresholds();
         let mut may_restart = !thresholds.is_at_reference(excess) && !self.is_confirmed(given);
         let mut has_split = false;
-        let stage = (&given.twin, self.kind);
+        let mut previous = Vec::new();
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !has_split && !thresholds.is_at_reference(excess);
             let as_given = first.then(|| self.as_given(given));
@@ -273,10 +274,12 @@ impl Search<'_> {
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
                 before_added: self.before_added.as_ref(),
+                previous: &previous,
                 required_gain: self.required_gain((given, excess), &self.best),
             };
             let round = Round::run(self.problems(), &round_start);
             self.rejected = round.rejected;
+            previous = round.fits;
             // A refit in a wrong local minimum hides effects that the given twin shows.
             let has_no_candidate = round.winner.is_none() && self.added.is_empty();
             if has_no_candidate && std::mem::take(&mut may_restart) {
@@ -301,8 +304,7 @@ impl Search<'_> {
             excess = self.add_winner(winner, given, &mut validated);
         }
         self.note_end_of_rounds(MOST_ADDED);
-        let least = RequiredGain::new(thresholds, stage, (excess, excess), AtFloor::No);
-        let is_less = self.eliminate_unneeded(&least, usize::from(!has_split));
+        let is_less = self.eliminate_unneeded((&given.twin, excess), usize::from(!has_split));
         let is_other = self.exchange(given, excess);
         let is_fewer = self.eliminate_null();
         let is_minor = self.remove_minor(&given.twin);
@@ -333,7 +335,7 @@ impl Search<'_> {
             .then(|| self.excess_of(base, &self.validated_of(base)))
             .flatten();
         let stage = (&given.twin, self.kind);
-        RequiredGain::new(thresholds, stage, (excess, fitted), self.at_floor(&given.twin))
+        RequiredGain::new(thresholds, stage, (excess, fitted), self.at_floor(&given.twin, base))
     }
 
     /// Replace the refit by the given twin.

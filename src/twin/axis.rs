@@ -64,6 +64,8 @@ pub(super) struct Measured {
     pub input: Vec<f64>,
     /// Position (m or rad).
     pub position: Vec<f64>,
+    /// Velocity, per second, where the position is its integral.
+    pub velocity: Option<Vec<f64>>,
 }
 
 /// One force-driven axis of one session: motion in, input out.
@@ -103,9 +105,9 @@ impl AxisStage {
         segments: Vec<Range<usize>>,
         spans: &[Range<f64>],
     ) -> Self {
-        let Measured { name, unit, position_unit, start, dt, input: raw_input, position: raw } =
+        let Measured { name, unit, position_unit, start, dt, input: raw_input, position, velocity } =
             measured;
-        let signals = Signals::of(&segments, &raw_input, &raw, dt);
+        let signals = Signals::of(&segments, &raw_input, (&position, velocity.as_deref()), dt);
         let factor = ((1.0 / signals.cutoff).round() as usize).max(1);
         let mut stage = Self {
             start,

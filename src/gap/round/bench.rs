@@ -12,7 +12,7 @@ use crate::{
         fit::{self, Fit},
         known::RequiredGain,
         problem::{Point, Problem},
-        rounds::{Added, RankedCandidate, Reason, Rejected},
+        rounds::{Added, RankedCandidate, Reason, Rejected, without},
         screen::Candidate,
         thresholds::Thresholds,
         whiten::{self, Filters},
@@ -94,7 +94,7 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Fit a candidate in this metric and validate it; `known` are the columns of known parameters.
     pub(super) fn trial(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Trial {
-        let fit = self.fitted(candidate, rough, known);
+        let fit = self.off_bounds(self.fitted(candidate, rough, known));
         let held_point = fit::on(self.held_out, &fit.point.twin, self.filters);
         let mut trial = Trial {
             candidate: candidate.clone(),
@@ -122,6 +122,18 @@ impl<'a, 'b> Bench<'a, 'b> {
         start.twin.set(shape, candidate.start[shape.parameter]);
         let slots: Vec<Slot> = rough.slots.iter().copied().filter(|slot| *slot != shape).collect();
         fit::fit_with(self.train, start, &slots, &how)
+    }
+
+    /// The fit, or a better one from the null value of an optional known parameter that ended on a bound.
+    fn off_bounds(&self, fit: Fit) -> Fit {
+        let ended = |slot: &Slot| on_bound_of(&fit.point.twin, [*slot]);
+        let ended = self.known.iter().filter_map(ended);
+        let Some(start) = ended.filter_map(|(slot, _)| without(&fit.point, slot)).next() else {
+            return fit;
+        };
+        let how = fit::How { filters: self.filters, iterations: 20, known: &[] };
+        let again = fit::fit_with(self.train, start, &fit.slots, &how);
+        if again.loss < fit.loss { again } else { fit }
     }
 
     /// Fit the trials that may be confused with the best one again, from its known parameters: a rival must not lose

@@ -76,9 +76,11 @@ impl Bench<'_, '_> {
             && needs(self.train, &trial.train_rows)
     }
 
-    /// Return whether the data prefer the effect multiplied by the speed to the effect as its physics states it.
+    /// Return whether the data prefer the effect multiplied by the speed to the effect as its physics states it. An effect
+    /// on the command does not depend on the speed: a limit acts at the highest commands only.
     fn grows_with_speed(&self, trial: &Trial) -> bool {
-        if !speed_dependence::are_speeds_known(self.train) {
+        let is_on_command = trial.candidate.effect.is_on_command();
+        if is_on_command || !speed_dependence::are_speeds_known(self.train) {
             return false;
         }
         let mut twin = trial.fit.point.twin.clone();

@@ -1,6 +1,6 @@
 //! First fits of the candidates, from several starts.
 
-use super::{IDLE, RoundStart, slots_of_last};
+use super::{IDLE, RoundStart, slots_of_last, values_of_last};
 use crate::{
     gap::{
         batch::in_parallel,
@@ -15,12 +15,15 @@ use crate::{
 /// Number of probes from which an effect has a magnitude without slope.
 const MANY_PROBES: usize = 6;
 
-/// Positions at which a localized effect is fitted in addition to that of the screen.
-const OTHER_POSITIONS: usize = 3;
+/// Probes from which such an effect is fitted in addition to the start of the screen.
+const OTHER_PROBES: usize = 3;
 
 /// Factors of a magnitude without slope that are tried, and number of repetitions.
 const MAGNITUDE_FACTORS: [f64; 8] = [0.7, 0.82, 0.9, 0.96, 1.04, 1.1, 1.2, 1.4];
 const MAGNITUDE_SEARCHES: usize = 3;
+
+/// Fractions of the magnitude of the last winner at which a candidate's fit of the round before is tried.
+const WINNER_FRACTIONS: [f64; 3] = [1.0, 0.5, 0.25];
 
 /// Fits of all candidates on the short list, each from its start with the smallest loss.
 pub(super) fn rough_fits(
@@ -35,6 +38,7 @@ pub(super) fn rough_fits(
     bases.extend(round_start.given.map(|(given, _)| (given, columns(given))));
     in_parallel(short, |candidate| {
         let fit = fitted(train, &bases, candidate, round_start.filters);
+        let fit = from_previous_fit(train, fit, round_start, candidate);
         train.context.observer.candidate_done();
         fit
     })
@@ -75,9 +79,9 @@ fn fitted(
     }
     // Whole rolls have many local minima: an early change is amplified along the roll.
     let is_whole = train.parts.iter().any(|part| part.stage.kind() == StageKind::WholeRolls);
-    let found = match candidate.effect.is_localized() && !is_whole {
-        true => from_other_positions(train, found, candidate, &how),
-        false => found,
+    let found = match is_whole {
+        true => found,
+        false => from_other_probes(train, found, candidate, &how),
     };
     search_magnitude(train, found, &how)
 }
@@ -94,20 +98,65 @@ fn from_other_starts(
     from_starts(train, found, starts, how)
 }
 
-/// The fit, or a better one from another position of a localized effect: no slope leads there from far away.
-fn from_other_positions(
+/// The fit, or a better one from that of the same candidate in the round before, with the winner of that round added.
+/// The known parameters were fitted there with the candidate in place; since then, they and the winner may have taken its
+/// place.
+fn from_previous_fit(
+    train: &Problem<'_>,
+    found: Fit,
+    round_start: &RoundStart<'_>,
+    candidate: &Candidate,
+) -> Fit {
+    let base = &round_start.base.point.twin;
+    let is_same = |fit: &&Fit| {
+        let instances = &fit.point.twin.instances;
+        let last = instances.last().map(|own| (own.effect, own.axis));
+        instances.len() == base.instances.len() && last == Some((candidate.effect, candidate.axis))
+    };
+    let previous = round_start.previous.iter().find(is_same);
+    let (Some(previous), Some(winner)) = (previous, base.instances.last()) else { return found };
+    let filters = round_start.filters;
+    // The winner may have been larger without the candidate.
+    let starts = WINNER_FRACTIONS.map(|fraction| {
+        let (mut point, mut winner) = (previous.point.clone(), winner.clone());
+        let null = winner.effect.null[0];
+        winner.values[0].value = null + fraction * (winner.values[0].value - null);
+        let last = point.twin.instances.len() - 1;
+        point.twin.instances.insert(last, winner);
+        (fit::squared(&train.whitened(&point, filters)), point)
+    });
+    let nearest = starts.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    let nearest = nearest.map(|(_, point)| point).into_iter().collect();
+    from_starts(train, found, nearest, &fit::How { filters, iterations: 10, known: &[] })
+}
+
+/// The fit, or a better one from other probes: with their magnitude or the fitted one, or with one shape parameter of
+/// theirs. No slope leads to another position from far away, or to another cause of the same shape.
+fn from_other_probes(
     train: &Problem<'_>,
     found: Fit,
     candidate: &Candidate,
     how: &fit::How<'_>,
 ) -> Fit {
-    let tries = candidate.effect.probes.iter().map(|probe| {
-        let point = with_last(&found.point, probe);
+    let fitted = values_of_last(&found.point.twin);
+    let mut starts: Vec<Vec<f64>> = Vec::new();
+    for probe in candidate.effect.probes {
+        let with_fitted_magnitude = [&fitted[..1], &probe[1..]].concat();
+        let with_one_shape = (1..fitted.len()).map(|changed| {
+            let mut values = fitted.clone();
+            values[changed] = probe[changed];
+            values
+        });
+        let own = [probe.to_vec(), with_fitted_magnitude].into_iter().chain(with_one_shape);
+        starts.extend(own.filter(|own| !starts.contains(own)).collect::<Vec<_>>());
+    }
+    let tries = in_parallel(&starts, |values| {
+        let point = with_last(&found.point, values);
         (fit::squared(&train.whitened(&point, how.filters)), point)
     });
-    let mut tries: Vec<_> = tries.collect();
+    let mut tries: Vec<_> = tries.into_iter().collect();
     tries.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let starts = tries.into_iter().take(OTHER_POSITIONS).map(|(_, point)| point).collect();
+    let starts = tries.into_iter().take(OTHER_PROBES).map(|(_, point)| point).collect();
     from_starts(train, found, starts, how)
 }
 
@@ -142,4 +191,98 @@ fn search_magnitude(train: &Problem<'_>, mut found: Fit, how: &fit::How<'_>) -> 
         found = fit::fit_with(train, point, &found.slots, how);
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, find},
+        gap::{
+            known::AtFloor,
+            known::RequiredGain,
+            test_stage::{TestStage, first_parameters},
+            thresholds::Thresholds,
+            whiten,
+        },
+        twin::{Machine, Twin},
+    };
+    use std::f64::consts::TAU;
+
+    const FREQUENCY_HZ: f64 = 5.0;
+
+    fn with_last(twin: &Twin, name: &str, value: f64) -> Twin {
+        screen::with(twin, find(name).unwrap(), Axis::Single, &[value])
+    }
+
+    /// Sine with the mass as frequency (Hz), and one of 1 Hz each with the lag and the delay as amplitude.
+    fn sines(twin: &Twin, time: f64) -> f64 {
+        let amplitude = |name: &str| {
+            let own = twin.instances.iter().find(|own| own.effect.name == name);
+            own.map_or(0.0, |own| own.values[0].value)
+        };
+        let frequency = amplitude("gantry.inertia");
+        (TAU * frequency * time).sin()
+            + amplitude("drive.lag1") * (TAU * time).sin()
+            + amplitude("drive.delay") * (TAU * time).cos()
+    }
+
+    #[test]
+    fn a_candidate_also_starts_from_its_fit_in_the_round_before() {
+        let nominal = Twin::nominal(Machine::Axis);
+        let at = |frequency: f64| {
+            let mut twin = nominal.clone();
+            let [slot] = first_parameters(&twin, ["gantry.inertia"]);
+            twin.set(slot, frequency);
+            twin
+        };
+        let truth = with_last(&with_last(&at(FREQUENCY_HZ), "drive.lag1", 0.3), "drive.delay", 0.5);
+        let stage = TestStage::camera(&truth, sines, 3);
+        let train = Problem::new(&[&stage as _], &nominal);
+        let fit_of = |twin: Twin| {
+            let point = train.start(twin);
+            let mut slots = first_parameters(&point.twin, ["gantry.inertia"]).to_vec();
+            slots.extend(slots_of_last(&point.twin));
+            Fit { point, slots, loss: f64::INFINITY, rows: 2000 }
+        };
+        // Since the winner was added, the frequency is in another local minimum.
+        let base = fit_of(with_last(&at(5.7), "drive.lag1", 0.3));
+        let previous = [fit_of(with_last(&at(FREQUENCY_HZ), "drive.delay", 0.5))];
+        let filters = train.filters(&base.point, whiten::scale_filters);
+        let candidate = Candidate {
+            effect: find("drive.delay").unwrap(),
+            axis: Axis::Single,
+            start: vec![0.4],
+            probe: vec![0.4],
+            explained_fraction: 0.1,
+            statistic: 30.0,
+            p_value: 1e-6,
+            detectability: 10.0,
+            is_as_good_as_refit: false,
+            tries: 1,
+            parameter_offsets: vec![0.0],
+            shift: vec![0.0],
+            other_starts: Vec::new(),
+        };
+        let thresholds = Thresholds::DEFAULT;
+        let of_stage = (&nominal, StageKind::Camera);
+        let frequency_after = |previous: &[Fit]| {
+            let round_start = RoundStart {
+                base: &base,
+                filters: &filters,
+                given: None,
+                given_instances: nominal.instances.len(),
+                before_added: None,
+                previous,
+                required_gain: RequiredGain::new(&thresholds, of_stage, (None, None), AtFloor::No),
+            };
+            let [found] = &rough_fits(&train, &round_start, &[candidate.clone()])[..] else {
+                panic!()
+            };
+            let [slot] = first_parameters(&found.point.twin, ["gantry.inertia"]);
+            found.point.twin.get(slot)
+        };
+        assert!((frequency_after(&previous) - FREQUENCY_HZ).abs() < 0.01);
+        assert!((frequency_after(&[]) - FREQUENCY_HZ).abs() > 0.1, "the base leads elsewhere");
+    }
 }

@@ -7,7 +7,7 @@ use crate::{
         batch::in_parallel,
         fit::{self, Fit, Uncertainty},
         floor::floors,
-        known::{AtFloor, RequiredGain},
+        known::{AtFloor, Excess, RequiredGain},
         problem::{Point, Problem},
         round::on_bound_of,
         unknown::Unknown,
@@ -28,12 +28,12 @@ impl Search<'_> {
     /// a known effect.
     pub(super) fn eliminate_unneeded(
         &mut self,
-        required_gain: &RequiredGain<'_>,
+        given: (&Twin, Option<Excess>),
         kept: usize,
     ) -> bool {
         let before = self.added.len();
         while kept < self.added.len()
-            && let Some((step, fit, filters)) = self.least_needed(required_gain)
+            && let Some((step, fit, filters)) = self.least_needed(given)
         {
             log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);
             let reason = "Backward elimination: without it, all other parameters refitted, the residual does not grow \
@@ -44,13 +44,22 @@ impl Search<'_> {
     }
 
     /// Least needed step with the fit without it; `None` where every step is needed.
-    fn least_needed(&self, required_gain: &RequiredGain<'_>) -> Option<(Added, Fit, Filters)> {
+    fn least_needed(
+        &self,
+        (given, excess): (&Twin, Option<Excess>),
+    ) -> Option<(Added, Fit, Filters)> {
+        let thresholds = self.train.thresholds();
+        let required_gain = |own: &ReducedFit| {
+            let floor = self.at_floor(given, &own.fit);
+            let first = RequiredGain::new(thresholds, (given, self.kind), (excess, excess), floor);
+            if self.added.len() == 1 { first } else { first.in_any_order() }
+        };
         let with = self.rows(&self.best);
         let trials = self.reduced_fits(&self.elimination_candidates());
         let is_needed = |own: &ReducedFit| {
             self.is_better_beyond_chance(&own.rows, &with)
                 && (with[1].is_empty()
-                    || required_gain.least(own.step.effect) <= own.gain(1, &with))
+                    || required_gain(own).least(own.step.effect) <= own.gain(1, &with))
         };
         trials
             .into_iter()
@@ -226,28 +235,29 @@ impl Search<'_> {
         effects.into_iter().map(without).min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Comparison of a single axis with its noise floor. The floor of a table is that of its
+    /// Comparison of the residual of `fit` on a single axis with its noise floor. The floor of a table is that of its
     /// simulator.
-    pub(super) fn at_floor(&self, given: &Twin) -> AtFloor {
+    pub(super) fn at_floor(&self, given: &Twin, fit: &Fit) -> AtFloor {
         if given.machine == Machine::Table {
             return AtFloor::No;
         }
-        let ratio = self.floor_ratios(given).iter().fold(0.0, |most: f64, own| most.max(own.1));
+        let ratio =
+            self.floor_ratios(given, fit).iter().fold(0.0, |most: f64, own| most.max(own.1));
         if ratio <= 1.0 { AtFloor::Yes(ratio) } else { AtFloor::No }
     }
 
     /// Return whether a signal of the training sessions is above its floor.
     pub(super) fn is_above_floor(&self, given: &Twin) -> bool {
         let ratio = self.train.thresholds().floor_ratio;
-        self.floor_ratios(given).iter().any(|(_, own)| ratio < *own)
+        self.floor_ratios(given, &self.best).iter().any(|(_, own)| ratio < *own)
     }
 
     /// Signals of the training sessions, with the ratio of residual and noise floor.
-    fn floor_ratios(&self, given: &Twin) -> Vec<(&str, f64)> {
+    fn floor_ratios(&self, given: &Twin, fit: &Fit) -> Vec<(&str, f64)> {
         let Some(part) = self.train.parts.first() else { return Vec::new() };
         let channels = part.stage.channels();
-        let floors = floors(part.stage, given, &self.best.point.twin, self.train.thresholds());
-        let residuals = self.train.rms(&self.best.point).into_iter().zip(floors);
+        let floors = floors(part.stage, given, &fit.point.twin, self.train.thresholds());
+        let residuals = self.train.rms(&fit.point).into_iter().zip(floors);
         let ratios = residuals.map(|(rms, floor)| rms / floor.rms);
         channels.iter().map(|own| own.signal.as_str()).zip(ratios).collect()
     }
@@ -258,7 +268,7 @@ impl Search<'_> {
         let twin = &self.best.point.twin;
         let excess = self.train.thresholds().reference_excess;
         let is_above = |ratio: f64| excess <= unknown.fraction * ratio.min(1.0).powi(2);
-        let mut ratios = self.floor_ratios(twin).into_iter();
+        let mut ratios = self.floor_ratios(twin, &self.best).into_iter();
         twin.machine == Machine::Table
             || ratios.all(|(signal, ratio)| signal != unknown.signal || is_above(ratio))
     }
@@ -292,19 +302,23 @@ impl Search<'_> {
     }
 
     /// Step whose joint intervals contain the values without the effect. Of several, and of those that may be confused with
-    /// it, which widen its intervals, the one without which the residual grows least. Parameters that the data do not
-    /// determine have no interval.
+    /// it, which widen its intervals, the one without which the residual grows least. One that most of the residual needs
+    /// stays: correlated parameters may each be zero, but not all of them. Parameters that the data do not determine have
+    /// no interval.
     fn least_of_insignificant(&self, uncertainty: &Uncertainty) -> Option<Added> {
         let twin = &self.best.point.twin;
-        let is_insignificant = |step: &&Added| {
+        let determined = |step: &Added| -> Vec<(usize, &Slot)> {
             let index = instance_of(twin, step);
             let fitted = self.best.slots.iter().enumerate();
-            let own: Vec<(usize, &Slot)> = fitted
+            fitted
                 .filter(|(k, slot)| Some(slot.instance) == index && !uncertainty.undetermined[*k])
-                .collect();
+                .collect()
+        };
+        let has_no_motor =
+            |step: &Added| is_without_motor(step.effect, twin, &determined(step), uncertainty);
+        let is_insignificant = |step: &&Added| {
             step.unstated.is_none()
-                && (contains_null(twin, &own, uncertainty)
-                    || is_without_motor(step.effect, twin, &own, uncertainty))
+                && (contains_null(twin, &determined(step), uncertainty) || has_no_motor(step))
         };
         let insignificant: Vec<&Added> = self.added.iter().filter(is_insignificant).collect();
         let is_alike = |step: &&Added| {
@@ -314,12 +328,18 @@ impl Search<'_> {
         };
         let steps: Vec<&Added> =
             self.added.iter().filter(|own| own.unstated.is_none()).filter(is_alike).collect();
-        if let [_, _, ..] = steps[..] {
-            let left = |own: &ReducedFit| fit::squared(&own.rows[0]);
-            let reduced_fits = self.reduced_fits(&steps).into_iter();
-            return reduced_fits.min_by(|a, b| left(a).total_cmp(&left(b))).map(|own| own.step);
-        }
-        steps.first().map(|step| (*step).clone())
+        let with = self.rows(&self.best);
+        let kind = usize::from(!with[1].is_empty());
+        let is_needed = |own: &ReducedFit| {
+            self.train.thresholds().majority <= own.gain(kind, &with)
+                && self.is_better_beyond_chance(&own.rows, &with)
+        };
+        let left = |own: &ReducedFit| fit::squared(&own.rows[0]);
+        let reduced_fits = self.reduced_fits(&steps).into_iter();
+        reduced_fits
+            .filter(|own| has_no_motor(&own.step) || !is_needed(own))
+            .min_by(|a, b| left(a).total_cmp(&left(b)))
+            .map(|own| own.step)
     }
 
     /// First step whose effect is insignificant, has its magnitude on a bound, or is the end stiffness of a backlash.

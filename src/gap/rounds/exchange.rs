@@ -68,6 +68,7 @@ impl Search<'_> {
             given: None,
             given_instances: given.twin.instances.len(),
             before_added: self.before_added.as_ref(),
+            previous: &[],
             required_gain: self.required_gain((given, excess), &base),
         };
         let (fit, winner) = Round::run(self.problems(), &round_start).winner?;

@@ -141,17 +141,19 @@ fn starts_with_one_change(best: &Fit, given: &Point) -> Vec<Point> {
         point.twin.instances[index].values.clone_from(&best.point.twin.instances[index].values);
         point
     });
-    let without = best.slots.iter().filter(|slot| is_optional(&given.twin, **slot)).map(|slot| {
-        let mut point = best.point.clone();
-        point.twin.set_to_null(*slot);
-        point
-    });
+    let is_given = |slot: &&Slot| slot.instance < given.twin.instances.len();
+    let without = best.slots.iter().filter(is_given).filter_map(|slot| without(&best.point, *slot));
     std::iter::once(as_given.clone()).chain(changed).chain(without).collect()
 }
 
-/// Return whether `slot` is a parameter of an effect of `given` that the effect can do without.
-fn is_optional(given: &Twin, slot: Slot) -> bool {
-    slot.instance < given.instances.len() && 0 < slot.parameter
+/// `point` with the parameter `slot` at its null value; `None` where its effect cannot do without it, or already does.
+pub(in crate::gap) fn without(point: &Point, slot: Slot) -> Option<Point> {
+    let null = point.twin.instances[slot.instance].effect.null[slot.parameter];
+    (0 < slot.parameter && point.twin.get(slot) != null).then(|| {
+        let mut point = point.clone();
+        point.twin.set_to_null(slot);
+        point
+    })
 }
 
 /// Starts of [`best_restart`]: `as_given` with one of the fitted effects at one of its probes.
@@ -291,6 +293,11 @@ mod tests {
         let mut slots = slots_of(&found).to_vec();
         slots.push(integral_rate_of(&found));
         let fit = Fit { point: train.start(found), slots, loss: 0.0, rows: 2000 };
+        // Parameters that are at their null value, and magnitudes, give no start.
+        let starts = starts_with_one_change(&fit, &given);
+        assert!(without(&given, integral_rate_of(&given.twin)).is_none());
+        assert!(fit.slots[..2].iter().all(|slot| without(&fit.point, *slot).is_none()));
+        assert_eq!(starts.len(), 5);
         let better = best_restart(&train, &fit, &given).unwrap();
         let rate = better.twin.get(integral_rate_of(&better.twin));
         assert!(rate.abs() < 0.01, "{rate}");

@@ -351,8 +351,31 @@ impl Chain {
         })
     }
 
+    /// Factor by which limits without memory reduce `input`, at most 1.
+    fn reduction(&self, memory: &Memory, input: f64, motion: &Motion) -> f64 {
+        let way = &mut memory.way.clone();
+        let (mut value, mut reduction) = (input, 1.0);
+        let mut pass = |length: usize, next: f64| {
+            let ratio = next / value;
+            if length == 0 && 0.0 < ratio {
+                reduction *= ratio.min(1.0);
+            }
+            value = next;
+            next
+        };
+        let taken_in = self.commands.iter().fold(input, |value, part| {
+            pass(part.length, part.call.at(&part.p, part.memory(way), value, motion.dt))
+        });
+        self.efforts.iter().fold(taken_in, |force, part| {
+            let motion = Motion { force, ..*motion };
+            pass(part.length, part.call.at(&part.p, part.memory(way), &motion))
+        });
+        reduction
+    }
+
     /// Input for which the motor gives `force`; of several, the one nearest to `near`. At a limit,
-    /// where no input gives it, `near` plus the missing force.
+    /// where no input gives it, `near` plus the missing force, in terms of the input: a lower limit and smaller forces
+    /// would else explain any input.
     pub(super) fn input(&self, memory: &mut Memory, force: f64, near: f64, motion: &Motion) -> f64 {
         if self.commands.is_empty() && self.efforts.is_empty() {
             return force;
@@ -373,7 +396,10 @@ impl Chain {
             (from, lacking) = (to, left);
         }
         let solved = lacking.abs() <= 1e4 * tolerance;
-        let found = if solved { from } else { near + force - at_near };
+        let found = match solved {
+            true => from,
+            false => near + (force - at_near) / self.reduction(memory, near, motion),
+        };
         self.through(&mut memory.way, found, motion);
         found
     }

@@ -141,11 +141,12 @@ fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<
         .iter()
         .filter_map(|(time, message)| Some((time.seconds_since(origin), message.position?)))
         .collect();
+    let mut velocity: Option<Vec<(f64, f64)>> = None;
     if position.is_empty() {
-        position =
-            integrated(outputs.iter().filter_map(|(time, message)| {
-                Some((time.seconds_since(origin), message.velocity?))
-            }));
+        let measured = outputs
+            .iter()
+            .filter_map(|(time, message)| Some((time.seconds_since(origin), message.velocity?)));
+        position = integrated(velocity.insert(measured.collect()));
     }
     if position_unit == "rad" {
         unwrap_turns(&mut position);
@@ -167,6 +168,7 @@ fn measured(recording: &Recording, name: String) -> Result<(Measured, Vec<Range<
     let measured = Measured {
         input: resampled(&input, start, dt, count),
         position: resampled(&position, start, dt, count),
+        velocity: velocity.map(|velocity| resampled(&velocity, start, dt, count)),
         name,
         unit,
         position_unit,
@@ -268,11 +270,12 @@ pub(in crate::twin) fn position_unit(recorded: &str, input_unit: &str) -> &'stat
 }
 
 /// Positions from velocities, from zero, by trapezia.
-fn integrated(velocities: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
+fn integrated(velocities: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut before: Option<(f64, f64)> = None;
     let mut position = 0.0;
     velocities
-        .map(|(time, velocity)| {
+        .iter()
+        .map(|&(time, velocity)| {
             if let Some((earlier, last)) = before {
                 position += 0.5 * (time - earlier) * (velocity + last);
             }
@@ -365,6 +368,7 @@ mod tests {
             dt: 0.01,
             input: vec![0.0; count],
             position: vec![0.0; count],
+            velocity: None,
         };
         let whole = segments(&measured(1000), &[], &[]);
         assert_eq!((whole.len(), &whole[0]), (1, &(0..1000)));

@@ -83,6 +83,7 @@ fn slide(input: Vec<f64>, position: Vec<f64>) -> Measured {
         dt: DT,
         input,
         position,
+        velocity: None,
     }
 }
 

@@ -51,7 +51,12 @@ fn noisy_position(velocity: impl Fn(usize) -> f64, count: usize, noise: f64) -> 
 fn agreeing(position: &[f64], noise: f64) -> (Vec<(Vec<f64>, f64)>, Vec<f64>) {
     let estimates: Vec<(Vec<f64>, f64)> = REACHES
         .into_iter()
-        .map(|reach| (line_slopes(position, reach, DT), line_slope_noise(noise, reach, DT)))
+        .map(|reach| {
+            (
+                line_slopes(position, reach, DT),
+                MotionNoise { position: noise, velocity: 0.0 }.of_line_slope(reach, DT),
+            )
+        })
         .collect();
     let (found, _) = longest_agreeing(&estimates);
     (estimates, found)
@@ -86,7 +91,8 @@ fn a_short_rest_is_not_hidden_by_the_motion_beside_it() {
     };
     let position = noisy_position(velocity, 1000, NOISE_M);
     let whole = 0..position.len();
-    let signals = Signals::of(std::slice::from_ref(&whole), &vec![0.0; 1000], &position, DT);
+    let signals =
+        Signals::of(std::slice::from_ref(&whole), &vec![0.0; 1000], (&position, None), DT);
     let hidden: Vec<usize> = (502..518).filter(|k| !signals.standing[*k]).collect();
     assert!(hidden.is_empty(), "{hidden:?}");
     let elsewhere = || (0..490).chain(530..1000);
@@ -101,13 +107,57 @@ fn a_line_has_its_slope_and_its_noise() {
         let slopes = line_slopes(&straight, reach, DT);
         assert!(slopes.iter().all(|slope| (slope - 0.5 / DT).abs() < 1e-9 / DT), "{reach}");
     }
-    let position = noisy_position(|_| 0.0, 20_000, 1.0);
-    for reach in [1, 5, 20] {
-        let slopes = line_slopes(&position, reach, DT);
-        let inside = &slopes[reach..slopes.len() - reach];
-        let square = inside.iter().map(|own| own * own).sum::<f64>() / inside.len() as f64;
-        let ratio = square.sqrt() / line_slope_noise(1.0, reach, DT);
-        assert!((ratio - 1.0).abs() < 0.1, "{reach} {ratio}");
-    }
     assert_eq!(line_slopes(&[1.0], 3, DT), [0.0]);
+}
+
+/// RMS of `values` without the first and last `ends`.
+fn rms_inside(values: &[f64], ends: usize) -> f64 {
+    let inside = &values[ends..values.len() - ends];
+    (inside.iter().map(|own| own * own).sum::<f64>() / inside.len() as f64).sqrt()
+}
+
+/// The noise of lines, filtered velocities and filtered accelerations is that of a simulation.
+#[test]
+fn noise_of_position_and_of_velocity_passes_lines_and_filters() {
+    const COUNT: usize = 20_000;
+    const ENDS: usize = 200;
+    let whole = [0..COUNT];
+    for (position, velocity) in [(1e-6, 0.0), (0.0, 1e-3), (1e-6, 3e-4)] {
+        let noise = MotionNoise { position, velocity };
+        let position = noise.positions(COUNT, DT);
+        for reach in [1, 5, 20] {
+            let ratio = rms_inside(&line_slopes(&position, reach, DT), ENDS)
+                / noise.of_line_slope(reach, DT);
+            assert!((ratio - 1.0).abs() < 0.1, "{noise:?} {reach} {ratio}");
+        }
+        for edge in [0.025, 0.05] {
+            let velocity = slope(&whole, &filtered(&whole, &position, edge), DT);
+            let acceleration = slope(&whole, &velocity, DT);
+            let ratios = [
+                rms_inside(&velocity, ENDS) / noise.of_velocity(edge, DT),
+                rms_inside(&acceleration, ENDS) / noise.of_acceleration(edge, DT),
+            ];
+            assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.25), "{noise:?} {ratios:?}");
+        }
+    }
+}
+
+/// A measured velocity has white noise, or that of the positions it was computed from.
+#[test]
+fn the_noise_of_a_measured_velocity_is_white_or_that_of_positions() {
+    const COUNT: usize = 8000;
+    const EDGE: f64 = 0.05;
+    let moving = |k: usize| 0.2 * (3.0 * DT * k as f64).sin();
+    let found = |noise: &dyn Fn(usize) -> f64| {
+        let velocity: Vec<f64> = (0..COUNT).map(|k| moving(k) + noise(k)).collect();
+        MotionNoise::of(&[0..COUNT], (&[], Some(&velocity)), DT).of_velocity(EDGE, DT)
+    };
+    let white = white_samples(1.0, "white", COUNT + 1);
+    let ratio = found(&|k| 2e-3 * white[k])
+        / MotionNoise { position: 0.0, velocity: 2e-3 }.of_velocity(EDGE, DT);
+    assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
+    let backward = found(&|k| 1e-6 * (white[k + 1] - white[k]) / DT);
+    let of_positions = MotionNoise { position: 1e-6, velocity: 0.0 }.of_velocity(EDGE, DT);
+    let ratio = backward / of_positions;
+    assert!((0.9..2.0).contains(&ratio), "{ratio}");
 }
