@@ -43,8 +43,21 @@ const IDLE: f64 = 1e-9;
 pub(super) struct Round {
     pub(super) winner: Option<(Fit, Added)>,
     pub(super) rejected: Vec<Rejected>,
-    /// Fits of all candidates on the short list.
-    pub(super) fits: Vec<Fit>,
+    pub(super) tried: Vec<Tried>,
+}
+
+/// Candidate that was simulated and fitted.
+pub(super) struct Tried {
+    candidate: Candidate,
+    fit: Fit,
+    /// `true` where it passed every check.
+    has_passed: bool,
+}
+
+impl Tried {
+    fn is_of(&self, candidate: &Candidate) -> bool {
+        self.candidate.effect == candidate.effect && self.candidate.axis == candidate.axis
+    }
 }
 
 /// State in which a round begins.
@@ -60,8 +73,8 @@ pub(super) struct RoundStart<'p> {
     pub(super) given_instances: usize,
     /// Twin before the first effect was added, everything fitted.
     pub(super) before_added: Option<&'p Twin>,
-    /// Fits of the candidates of the round before.
-    pub(super) previous: &'p [Fit],
+    /// Candidates of the round before.
+    pub(super) previous: &'p [Tried],
     /// Gain that the first effect must have.
     pub(super) required_gain: RequiredGain<'p>,
 }
@@ -125,6 +138,14 @@ impl Round {
                 }
             }
         }
+        // What passed before may be hidden now: the winner and the known parameters may have taken its place.
+        for earlier in round_start.previous.iter().filter(|earlier| earlier.has_passed) {
+            let is_winner = has_effect(&base.point.twin, &earlier.candidate);
+            if !is_winner && !short.iter().any(|own| earlier.is_of(own)) {
+                rejected.retain(|other| !earlier.is_of(&other.candidate));
+                short.push(earlier.candidate.clone());
+            }
+        }
         // First in the metric of the base residual, then in that of the best candidate's residual.
         let observer = train.context.observer;
         // Each is fitted twice: roughly, and in the metric of the best.
@@ -137,7 +158,7 @@ impl Round {
         };
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(lead) = lead.or(rough.first()) else {
-            return Self { winner: None, rejected, fits: vec![] };
+            return Self { winner: None, rejected, tried: vec![] };
         };
         let sharp = train.filters(&lead.point, whiten::fit_filters);
         let at_lead = train.evaluated(lead.point.clone());
@@ -165,8 +186,18 @@ impl Round {
             }
         }
         let winner = bench.winner(&acceptable, &trials, &mut rejected);
-        Self { winner, rejected, fits: trials.into_iter().map(|trial| trial.fit).collect() }
+        let tried = trials.into_iter().map(|trial| Tried {
+            candidate: trial.candidate,
+            fit: trial.fit,
+            has_passed: trial.objection.is_none(),
+        });
+        Self { winner, rejected, tried: tried.collect() }
     }
+}
+
+/// Return whether `twin` has the effect of `candidate` on its axis.
+fn has_effect(twin: &Twin, candidate: &Candidate) -> bool {
+    twin.instances.iter().any(|own| own.effect == candidate.effect && own.axis == candidate.axis)
 }
 
 /// Candidates that are simulated and fitted, and the others with the reason of their rejection.

@@ -279,7 +279,7 @@ impl Search<'_> {
             };
             let round = Round::run(self.problems(), &round_start);
             self.rejected = round.rejected;
-            previous = round.fits;
+            previous = round.tried;
             // A refit in a wrong local minimum hides effects that the given twin shows.
             let has_no_candidate = round.winner.is_none() && self.added.is_empty();
             if has_no_candidate && std::mem::take(&mut may_restart) {

@@ -64,6 +64,17 @@ impl<F: Fn(&Twin, f64) -> f64 + Sync> TestStage<F> {
     }
 }
 
+impl<F> TestStage<F> {
+    /// The same samples, each of which took `factor` times as long.
+    pub(super) fn slower(mut self, factor: f64) -> Self {
+        for channel in &mut self.channels {
+            channel.rate_hz /= factor;
+            channel.times.iter_mut().for_each(|time| *time *= factor);
+        }
+        self
+    }
+}
+
 impl<F: Fn(&Twin, f64) -> f64 + Sync> Stage for TestStage<F> {
     fn kind(&self) -> StageKind {
         self.kind

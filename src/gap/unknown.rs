@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 /// Bins of a regressor.
 const BINS: usize = 8;
 
-/// Lowest and highest frequency of a line (Hz).
+/// Lowest and highest frequency of a line (Hz), where the signals are sampled fast enough.
 const LINES_HZ: (f64, f64) = (0.15, 20.0);
 
 /// Unexplained dependence of the residual.
@@ -213,8 +213,11 @@ fn binned(
         .collect()
 }
 
-/// Frequencies at the resolution of the longest part.
+/// Frequencies at the resolution of the longest part, up to half the sample rate of the fastest signal.
 fn line_frequencies(problem: &Problem<'_>) -> Vec<f64> {
+    let channels = problem.parts.iter().flat_map(|part| part.stage.channels());
+    let rate = channels.map(|channel| channel.rate_hz).fold(0.0, f64::max);
+    let (lowest, highest) = (LINES_HZ.0, LINES_HZ.1.min(0.5 * rate));
     let length = problem
         .parts
         .iter()
@@ -227,8 +230,8 @@ fn line_frequencies(problem: &Problem<'_>) -> Vec<f64> {
         return Vec::new();
     }
     let step = 0.5 / length;
-    let count = ((LINES_HZ.1 - LINES_HZ.0) / step) as usize;
-    (0..count).map(|k| LINES_HZ.0 + k as f64 * step).collect()
+    let count = ((highest - lowest) / step).max(0.0) as usize;
+    (0..count).map(|k| lowest + k as f64 * step).collect()
 }
 
 /// Disturbance that depends on no measured quantity: the signal of `problem` with the largest excess, and the frequency
@@ -281,8 +284,8 @@ fn rows_of(problem: &Problem<'_>, point: &Point) -> Vec<f64> {
         .collect()
 }
 
-/// Bin length of the scan for lines (s): at the highest line it costs 7 % of the amplitude.
-const SCAN_BIN: f64 = 0.01;
+/// Bin length of the scan for lines, in periods of the highest line: it costs 7 % of the amplitude there.
+const SCAN_BIN_PERIODS: f64 = 0.2;
 
 /// Lines and signals with enough energy to be tested.
 fn strong_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f64, usize)> {
@@ -302,6 +305,8 @@ fn strong_lines(problem: &Problem<'_>, linear: &Linear, lines: &[f64]) -> Vec<(f
 fn energies(problem: &Problem<'_>, rows: &[f64], lines: &[f64]) -> Vec<Vec<f64>> {
     let signals = problem.parts.first().map_or(0, |part| part.stage.channels().len());
     let mut energy = vec![vec![0.0; signals]; lines.len()];
+    let Some(highest) = lines.last() else { return energy };
+    let bin_length = SCAN_BIN_PERIODS / highest;
     let mut row = 0;
     for part in &problem.parts {
         let channels = part.stage.channels();
@@ -310,7 +315,7 @@ fn energies(problem: &Problem<'_>, rows: &[f64], lines: &[f64]) -> Vec<Vec<f64>>
         for own in &part.layout.rows {
             let signal = own.channel as usize;
             let times = &channels[signal].times;
-            let bin = ((times[own.sample as usize] - times[0]) / SCAN_BIN) as usize;
+            let bin = ((times[own.sample as usize] - times[0]) / bin_length) as usize;
             if bins[signal].len() <= bin {
                 bins[signal].resize(bin + 1, 0.0);
             }
@@ -319,7 +324,7 @@ fn energies(problem: &Problem<'_>, rows: &[f64], lines: &[f64]) -> Vec<Vec<f64>>
             row += 1;
         }
         for (line, energy) in lines.iter().zip(&mut energy) {
-            let (turn_sine, turn_cosine) = (TAU * line * SCAN_BIN).sin_cos();
+            let (turn_sine, turn_cosine) = (TAU * line * bin_length).sin_cos();
             for ((bins, count), energy) in bins.iter().zip(&counts).zip(energy) {
                 let (mut sine, mut cosine) = (0.0_f64, 1.0_f64);
                 let (mut along_sine, mut along_cosine) = (0.0, 0.0);
@@ -372,4 +377,49 @@ fn line(
             column
         })
         .to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        gap::test_stage::TestStage,
+        twin::{Machine, Stage, Twin},
+    };
+
+    /// Lines of a signal of 20 s at 100 Hz, and the one with the most energy of a sine at `frequency` (Hz).
+    fn scanned(frequency: f64) -> (Vec<f64>, f64) {
+        let twin = Twin::nominal(Machine::Axis);
+        let stage = TestStage::camera(&twin, |_, time| (TAU * frequency * time).sin(), 1);
+        let problem = Problem::new(&[&stage as &dyn Stage], &twin);
+        let lines = line_frequencies(&problem);
+        let part = &problem.parts[0];
+        let measured = &part.stage.channels()[0].measured;
+        let rows: Vec<f64> =
+            part.layout.rows.iter().map(|row| measured[row.sample as usize]).collect();
+        let energies = energies(&problem, &rows, &lines);
+        let most = (0..lines.len()).max_by(|a, b| energies[*a][0].total_cmp(&energies[*b][0]));
+        let found = lines[most.unwrap()];
+        (lines, found)
+    }
+
+    #[test]
+    fn a_line_is_found_at_its_frequency() {
+        for frequency in [0.5, 3.0, 17.3] {
+            let (lines, found) = scanned(frequency);
+            assert!((found - frequency).abs() < 0.03, "{frequency} {found}");
+            assert!(lines.last().is_some_and(|last| *last < LINES_HZ.1));
+        }
+    }
+
+    /// A recording whose time in ms was read as seconds.
+    #[test]
+    fn lines_beyond_half_the_sample_rate_are_not_scanned() {
+        let twin = Twin::nominal(Machine::Axis);
+        let stage = TestStage::camera(&twin, |_, time| time.sin(), 1).slower(100.0);
+        let problem = Problem::new(&[&stage as &dyn Stage], &twin);
+        let lines = line_frequencies(&problem);
+        assert!(lines.iter().all(|line| *line < 0.5), "{:?}", lines.last());
+        assert!(energies(&problem, &vec![0.0; 2000], &[]).is_empty());
+    }
 }

@@ -1,6 +1,6 @@
 //! First fits of the candidates, from several starts.
 
-use super::{IDLE, RoundStart, slots_of_last, values_of_last};
+use super::{IDLE, RoundStart, Tried, slots_of_last, values_of_last};
 use crate::{
     gap::{
         batch::in_parallel,
@@ -108,12 +108,10 @@ fn from_previous_fit(
     candidate: &Candidate,
 ) -> Fit {
     let base = &round_start.base.point.twin;
-    let is_same = |fit: &&Fit| {
-        let instances = &fit.point.twin.instances;
-        let last = instances.last().map(|own| (own.effect, own.axis));
-        instances.len() == base.instances.len() && last == Some((candidate.effect, candidate.axis))
+    let is_same = |tried: &&Tried| {
+        tried.is_of(candidate) && tried.fit.point.twin.instances.len() == base.instances.len()
     };
-    let previous = round_start.previous.iter().find(is_same);
+    let previous = round_start.previous.iter().find(is_same).map(|tried| &tried.fit);
     let (Some(previous), Some(winner)) = (previous, base.instances.last()) else { return found };
     let filters = round_start.filters;
     // The winner may have been larger without the candidate.
@@ -150,11 +148,10 @@ fn from_other_probes(
         let own = [probe.to_vec(), with_fitted_magnitude].into_iter().chain(with_one_shape);
         starts.extend(own.filter(|own| !starts.contains(own)).collect::<Vec<_>>());
     }
-    let tries = in_parallel(&starts, |values| {
+    let mut tries = in_parallel(&starts, |values| {
         let point = with_last(&found.point, values);
         (fit::squared(&train.whitened(&point, how.filters)), point)
     });
-    let mut tries: Vec<_> = tries.into_iter().collect();
     tries.sort_by(|a, b| a.0.total_cmp(&b.0));
     let starts = tries.into_iter().take(OTHER_PROBES).map(|(_, point)| point).collect();
     from_starts(train, found, starts, how)
@@ -199,8 +196,7 @@ mod tests {
     use crate::{
         effects::{Axis, find},
         gap::{
-            known::AtFloor,
-            known::RequiredGain,
+            known::{AtFloor, RequiredGain},
             test_stage::{TestStage, first_parameters},
             thresholds::Thresholds,
             whiten,
@@ -247,7 +243,6 @@ mod tests {
         };
         // Since the winner was added, the frequency is in another local minimum.
         let base = fit_of(with_last(&at(5.7), "drive.lag1", 0.3));
-        let previous = [fit_of(with_last(&at(FREQUENCY_HZ), "drive.delay", 0.5))];
         let filters = train.filters(&base.point, whiten::scale_filters);
         let candidate = Candidate {
             effect: find("drive.delay").unwrap(),
@@ -264,9 +259,14 @@ mod tests {
             shift: vec![0.0],
             other_starts: Vec::new(),
         };
+        let previous = [Tried {
+            candidate: candidate.clone(),
+            fit: fit_of(with_last(&at(FREQUENCY_HZ), "drive.delay", 0.5)),
+            has_passed: true,
+        }];
         let thresholds = Thresholds::DEFAULT;
         let of_stage = (&nominal, StageKind::Camera);
-        let frequency_after = |previous: &[Fit]| {
+        let frequency_after = |previous: &[Tried]| {
             let round_start = RoundStart {
                 base: &base,
                 filters: &filters,

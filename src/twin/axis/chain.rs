@@ -13,6 +13,9 @@ use crate::{
 /// the load.
 const ELASTIC_STEPS: u32 = 8;
 
+/// Slope of the force over the input below which the input is beyond a limit.
+const LEAST_SLOPE: f64 = 1e-6;
+
 /// Values of memory that all effects on the command path may have together.
 const MOST_MEMORY: usize = 32;
 
@@ -386,8 +389,9 @@ impl Chain {
         let at_near = given(near);
         let (mut from, mut lacking) = (near, force - at_near);
         let mut slope = (given(near + step) - at_near) / step;
+        let is_at_limit = slope.abs() < LEAST_SLOPE;
         for _ in 0..4 {
-            if lacking.abs() <= tolerance || slope.abs() < 1e-6 {
+            if lacking.abs() <= tolerance || slope.abs() < LEAST_SLOPE {
                 break;
             }
             let to = from + lacking / slope;
@@ -395,10 +399,11 @@ impl Chain {
             slope = if to == from { 0.0 } else { (lacking - left) / (to - from) };
             (from, lacking) = (to, left);
         }
-        let solved = lacking.abs() <= 1e4 * tolerance;
-        let found = match solved {
-            true => from,
-            false => near + (force - at_near) / self.reduction(memory, near, motion),
+        let is_solved = lacking.abs() <= 1e4 * tolerance;
+        let found = match (is_solved, is_at_limit) {
+            (true, _) => from,
+            (false, false) => near + force - at_near,
+            (false, true) => near + (force - at_near) / self.reduction(memory, near, motion),
         };
         self.through(&mut memory.way, found, motion);
         found

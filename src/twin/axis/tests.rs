@@ -213,6 +213,26 @@ fn a_limit_does_not_hide_what_was_commanded_beyond_it() {
     assert!(rms(&stage, &limited) < 0.01);
 }
 
+/// An axis without mass behind a limit of nearly zero predicts no force at all.
+#[test]
+fn a_low_limit_does_not_explain_every_input() {
+    const FORCE_N_PER_M: f64 = 400.0;
+    let stage = stage(|_, q, _, a| 3.0 * a + FORCE_N_PER_M * q);
+    let nothing =
+        |limit: f64| twin(&[("gantry.inertia", &[limit]), ("drive.saturation.speed", &[limit])]);
+    let rigid = rms(&stage, &twin(&[("gantry.inertia", &[3.0])]));
+    for limit in [1e-1, 1e-2, 1e-3] {
+        let left = rms(&stage, &nothing(limit));
+        assert!(0.5 * rigid < left, "{limit} {left} {rigid}");
+    }
+    let right = twin(&[
+        ("gantry.inertia", &[3.0]),
+        ("gantry.stiffness", &[FORCE_N_PER_M]),
+        ("drive.saturation.speed", &[100.0]),
+    ]);
+    assert!(rms(&stage, &right) < 0.05);
+}
+
 #[test]
 fn free_run_follows_its_own_input() {
     let stage = stage(|_, _, v, a| 3.0 * a + 8.0 * v);
