@@ -118,34 +118,10 @@ pub(super) struct Problems<'a, 'b> {
 
 impl Round {
     pub(super) fn run(problems: Problems<'_, '_>, round_start: &RoundStart<'_>) -> Self {
-        let RoundStart { base, filters, given, .. } = *round_start;
+        let base = round_start.base;
         let known_slots = round_start.known();
         let train = problems.train;
-        let candidates = screen::screen(train, base, filters);
-        let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
-        let (mut rejected, mut short) = short_list(candidates, tries, train.thresholds());
-        if let Some((given, filters)) = given {
-            let nearest = direct::nearest(train, (given, filters), &base.point);
-            for candidate in nearest.into_iter().take(GIVEN_SHORT_LIST) {
-                let same =
-                    |own: &Candidate| own.effect == candidate.effect && own.axis == candidate.axis;
-                if let Some(own) = short.iter_mut().find(|own| same(own)) {
-                    own.start = candidate.start;
-                    own.is_as_good_as_refit = candidate.is_as_good_as_refit;
-                } else {
-                    rejected.retain(|other| !same(&other.candidate));
-                    short.push(candidate);
-                }
-            }
-        }
-        // What passed before may be hidden now: the winner and the known parameters may have taken its place.
-        for earlier in round_start.previous.iter().filter(|earlier| earlier.has_passed) {
-            let is_winner = has_effect(&base.point.twin, &earlier.candidate);
-            if !is_winner && !short.iter().any(|own| earlier.is_of(own)) {
-                rejected.retain(|other| !earlier.is_of(&other.candidate));
-                short.push(earlier.candidate.clone());
-            }
-        }
+        let (mut rejected, short, tries) = chosen(train, round_start);
         // First in the metric of the base residual, then in that of the best candidate's residual.
         let observer = train.context.observer;
         // Each is fitted twice: roughly, and in the metric of the best.
@@ -193,6 +169,41 @@ impl Round {
         });
         Self { winner, rejected, tried: tried.collect() }
     }
+}
+
+/// Candidates that are simulated and fitted, the others with the reason of their rejection, and the number of tests that
+/// were made to choose them.
+fn chosen(
+    train: &Problem<'_>,
+    round_start: &RoundStart<'_>,
+) -> (Vec<Rejected>, Vec<Candidate>, usize) {
+    let RoundStart { base, filters, given, previous, .. } = *round_start;
+    let candidates = screen::screen(train, base, filters);
+    let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
+    let (mut rejected, mut short) = short_list(candidates, tries, train.thresholds());
+    if let Some((given, filters)) = given {
+        let nearest = direct::nearest(train, (given, filters), &base.point);
+        for candidate in nearest.into_iter().take(GIVEN_SHORT_LIST) {
+            let same =
+                |own: &Candidate| own.effect == candidate.effect && own.axis == candidate.axis;
+            if let Some(own) = short.iter_mut().find(|own| same(own)) {
+                own.start = candidate.start;
+                own.is_as_good_as_refit = candidate.is_as_good_as_refit;
+            } else {
+                rejected.retain(|other| !same(&other.candidate));
+                short.push(candidate);
+            }
+        }
+    }
+    // What passed before may be hidden now: the winner and the known parameters may have taken its place.
+    for earlier in previous.iter().filter(|earlier| earlier.has_passed) {
+        let is_winner = has_effect(&base.point.twin, &earlier.candidate);
+        if !is_winner && !short.iter().any(|own| earlier.is_of(own)) {
+            rejected.retain(|other| !earlier.is_of(&other.candidate));
+            short.push(earlier.candidate.clone());
+        }
+    }
+    (rejected, short, tries)
 }
 
 /// Return whether `twin` has the effect of `candidate` on its axis.

@@ -6,9 +6,10 @@ use crate::{
     effects::InputKind,
     gap::{
         evidence::least_squares, explain::significant, findings::Verdict, thresholds::Thresholds,
+        whiten::Layout,
     },
     recording::Split,
-    twin::{AxisStage, Session, Stage as _},
+    twin::{AxisStage, Channel, Session, Stage as _},
 };
 
 /// First refusal of the axes of `sessions`, if any.
@@ -27,16 +28,31 @@ pub(super) fn check_axes(sessions: &[Session], thresholds: &Thresholds) -> Optio
                 .filter(|axis| axis.channels()[0].signal == name)
                 .collect()
         };
-        check(name, &of(Split::Train), thresholds).or_else(|| {
-            let held_out = of(Split::Validation);
-            let count = held_out.iter().map(|axis| axis.motion_and_input().len()).sum();
-            if held_out.is_empty() {
-                None
-            } else {
-                check_count(name, "validation", count, thresholds)
-            }
-        })
+        check(name, &of(Split::Train), thresholds)
+            .or_else(|| check_validation(name, &of(Split::Validation)))
     })
+}
+
+/// Refusal of the axis with the signal `name`, if its validation sessions leave nothing to compare.
+fn check_validation(name: &str, sessions: &[&AxisStage]) -> Option<Objection> {
+    if sessions.is_empty() || sessions.iter().any(|axis| compares_any(axis)) {
+        return None;
+    }
+    objection(
+        Verdict::NotTestable,
+        format!(
+            "{name}: no sample of the validation sessions can be compared: their stretches of motion are too short after \
+             filtering; record longer moves, or at a higher rate"
+        ),
+    )
+}
+
+/// Return whether a stretch of motion is long enough to be compared.
+fn compares_any(axis: &AxisStage) -> bool {
+    let is_measured =
+        |channel: &Channel| channel.measured.iter().map(|own| own.is_finite()).collect();
+    let usable: Vec<Vec<bool>> = axis.channels().iter().map(is_measured).collect();
+    !Layout::new(axis, &usable).rows.is_empty()
 }
 
 /// Refusal of the axis with the signal `name`, from its training sessions.
@@ -79,28 +95,18 @@ fn check(name: &str, train: &[&AxisStage], thresholds: &Thresholds) -> Option<Ob
         );
     }
     let samples: Vec<[f64; 5]> = train.iter().flat_map(|axis| axis.motion_and_input()).collect();
-    check_count(name, "training", samples.len(), thresholds)
-        .or_else(|| check_connection(name, train[0].input_kind(), &samples, thresholds))
-}
-
-/// Refusal of the sessions of a `split` of the axis with the signal `name`, if they leave too few samples to compare.
-fn check_count(
-    name: &str,
-    split: &str,
-    count: usize,
-    thresholds: &Thresholds,
-) -> Option<Objection> {
-    if thresholds.min_samples <= count as f64 {
-        return None;
+    if (samples.len() as f64) < thresholds.min_samples {
+        return objection(
+            Verdict::NotTestable,
+            format!(
+                "{name}: only {} samples in motion remain after filtering, at least {} are needed; record \
+                 longer, or at a higher rate",
+                samples.len(),
+                thresholds.min_samples
+            ),
+        );
     }
-    objection(
-        Verdict::NotTestable,
-        format!(
-            "{name}: only {count} samples in motion remain in the {split} sessions after filtering, at least {} are \
-             needed; record longer, or at a higher rate",
-            thresholds.min_samples
-        ),
-    )
+    check_connection(name, train[0].input_kind(), &samples, thresholds)
 }
 
 /// Refusal where input and motion are not those of one axis; `samples` are input, acceleration, velocity, direction and
@@ -205,16 +211,6 @@ mod tests {
             };
             assert_eq!(verdict(force), None);
         }
-    }
-
-    #[test]
-    fn sessions_without_compared_samples_are_refused() {
-        let check =
-            |count| check_count("axis.slide.force", "validation", count, &Thresholds::DEFAULT);
-        let found = check(0).unwrap();
-        assert_eq!(found.verdict, Verdict::NotTestable);
-        assert!(found.says.contains("only 0 samples"), "{}", found.says);
-        assert!(check(Thresholds::DEFAULT.min_samples as usize).is_none());
     }
 
     #[test]

@@ -276,7 +276,8 @@ mod tests {
                 previous,
                 required_gain: RequiredGain::new(&thresholds, of_stage, (None, None), AtFloor::No),
             };
-            let [found] = &rough_fits(&train, &round_start, &[candidate.clone()])[..] else {
+            let [found] = &rough_fits(&train, &round_start, std::slice::from_ref(&candidate))[..]
+            else {
                 panic!()
             };
             let [slot] = first_parameters(&found.point.twin, ["gantry.inertia"]);

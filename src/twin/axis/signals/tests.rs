@@ -121,7 +121,7 @@ fn rms_inside(values: &[f64], ends: usize) -> f64 {
 fn noise_of_position_and_of_velocity_passes_lines_and_filters() {
     const COUNT: usize = 20_000;
     const ENDS: usize = 200;
-    let whole = [0..COUNT];
+    let whole = std::slice::from_ref(&(0..COUNT));
     for (position, velocity) in [(1e-6, 0.0), (0.0, 1e-3), (1e-6, 3e-4)] {
         let noise = MotionNoise { position, velocity };
         let position = noise.positions(COUNT, DT);
@@ -131,8 +131,8 @@ fn noise_of_position_and_of_velocity_passes_lines_and_filters() {
             assert!((ratio - 1.0).abs() < 0.1, "{noise:?} {reach} {ratio}");
         }
         for edge in [0.025, 0.05] {
-            let velocity = slope(&whole, &filtered(&whole, &position, edge), DT);
-            let acceleration = slope(&whole, &velocity, DT);
+            let velocity = slope(whole, &filtered(whole, &position, edge), DT);
+            let acceleration = slope(whole, &velocity, DT);
             let ratios = [
                 rms_inside(&velocity, ENDS) / noise.of_velocity(edge, DT),
                 rms_inside(&acceleration, ENDS) / noise.of_acceleration(edge, DT),
@@ -150,7 +150,8 @@ fn the_noise_of_a_measured_velocity_is_white_or_that_of_positions() {
     let moving = |k: usize| 0.2 * (3.0 * DT * k as f64).sin();
     let found = |noise: &dyn Fn(usize) -> f64| {
         let velocity: Vec<f64> = (0..COUNT).map(|k| moving(k) + noise(k)).collect();
-        MotionNoise::of(&[0..COUNT], (&[], Some(&velocity)), DT).of_velocity(EDGE, DT)
+        MotionNoise::of(std::slice::from_ref(&(0..COUNT)), (&[], Some(&velocity)), DT)
+            .of_velocity(EDGE, DT)
     };
     let white = white_samples(1.0, "white", COUNT + 1);
     let ratio = found(&|k| 2e-3 * white[k])
