@@ -192,7 +192,7 @@ impl<'t> RequiredGain<'t> {
         self.has_reference && self.floor != AtFloor::No && twin.instances.last().is_some_and(is_lag)
     }
 
-    /// Gain below which `effect` is never added, for any discrepancy.
+    /// Gain that `effect` must have for any discrepancy of the given twin.
     pub(super) fn least(&self, effect: &Effect) -> f64 {
         let least = match self.is_exact(effect) {
             true => self.thresholds.min_gain_map,

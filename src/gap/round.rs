@@ -25,7 +25,7 @@ use super::{
     thresholds::Thresholds,
     whiten::{self, Filters},
 };
-use crate::twin::{Machine, Slot, Twin};
+use crate::twin::{Instance, Machine, Slot, Twin};
 
 /// Most candidates that are simulated and fitted in one round.
 const SHORT_LIST: usize = 7;
@@ -56,7 +56,7 @@ pub(super) struct Tried {
 
 impl Tried {
     fn is_of(&self, candidate: &Candidate) -> bool {
-        self.candidate.effect == candidate.effect && self.candidate.axis == candidate.axis
+        self.candidate.is(candidate.effect, candidate.axis)
     }
 }
 
@@ -184,8 +184,7 @@ fn chosen(
     if let Some((given, filters)) = given {
         let nearest = direct::nearest(train, (given, filters), &base.point);
         for candidate in nearest.into_iter().take(GIVEN_SHORT_LIST) {
-            let same =
-                |own: &Candidate| own.effect == candidate.effect && own.axis == candidate.axis;
+            let same = |own: &Candidate| own.is(candidate.effect, candidate.axis);
             if let Some(own) = short.iter_mut().find(|own| same(own)) {
                 own.start = candidate.start;
                 own.is_as_good_as_refit = candidate.is_as_good_as_refit;
@@ -197,18 +196,15 @@ fn chosen(
     }
     // What passed before may be hidden now: the winner and the known parameters may have taken its place.
     for earlier in previous.iter().filter(|earlier| earlier.has_passed) {
-        let is_winner = has_effect(&base.point.twin, &earlier.candidate);
-        if !is_winner && !short.iter().any(|own| earlier.is_of(own)) {
+        let is_acting = |own: &Instance| earlier.candidate.is(own.effect, own.axis);
+        if !base.point.twin.instances.iter().any(is_acting)
+            && !short.iter().any(|own| earlier.is_of(own))
+        {
             rejected.retain(|other| !earlier.is_of(&other.candidate));
             short.push(earlier.candidate.clone());
         }
     }
     (rejected, short, tries)
-}
-
-/// Return whether `twin` has the effect of `candidate` on its axis.
-fn has_effect(twin: &Twin, candidate: &Candidate) -> bool {
-    twin.instances.iter().any(|own| own.effect == candidate.effect && own.axis == candidate.axis)
 }
 
 /// Candidates that are simulated and fitted, and the others with the reason of their rejection.

@@ -28,7 +28,7 @@ use refit::{exclude_outliers, multistart, refit_in_agreement, with_nuisances_onl
 pub(in crate::gap) use elimination::{instance_of, known_on_bound};
 pub use outcome::{Added, Held, Outcome, Reason, Rejected, StageData, Task};
 pub(super) use outcome::{RankedCandidate, Unstated};
-pub(in crate::gap) use refit::without;
+pub(in crate::gap) use refit::at_null;
 
 /// Most effects that are added on one stage.
 const MOST_ADDED: usize = 6;

@@ -55,6 +55,13 @@ pub struct Candidate {
     pub other_starts: Vec<Vec<f64>>,
 }
 
+impl Candidate {
+    /// Return whether it is this `effect` on this `axis`.
+    pub(super) fn is(&self, effect: &Effect, axis: Axis) -> bool {
+        self.effect == effect && self.axis == axis
+    }
+}
+
 /// Most waves of one effect on one axis.
 const MOST_WAVES: usize = 5;
 
@@ -190,7 +197,7 @@ impl Screen<'_, '_> {
                 p_value: tested.p_value,
                 tries: 1,
             };
-            match best.iter_mut().find(|other| other.effect == effect && other.axis == axis) {
+            match best.iter_mut().find(|other| other.is(effect, axis)) {
                 Some(other) => {
                     let tries = other.tries + 1;
                     let detectability = other.detectability.max(candidate.detectability);

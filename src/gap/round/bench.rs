@@ -12,7 +12,7 @@ use crate::{
         fit::{self, Fit},
         known::RequiredGain,
         problem::{Point, Problem},
-        rounds::{Added, RankedCandidate, Reason, Rejected, without},
+        rounds::{Added, RankedCandidate, Reason, Rejected, at_null},
         screen::Candidate,
         thresholds::Thresholds,
         whiten::{self, Filters},
@@ -128,7 +128,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     fn off_bounds(&self, fit: Fit) -> Fit {
         let ended = |slot: &Slot| on_bound_of(&fit.point.twin, [*slot]);
         let ended = self.known.iter().filter_map(ended);
-        let Some(start) = ended.filter_map(|(slot, _)| without(&fit.point, slot)).next() else {
+        let Some(start) = ended.filter_map(|(slot, _)| at_null(&fit.point, slot)).next() else {
             return fit;
         };
         let how = fit::How { filters: self.filters, iterations: 20, known: &[] };

@@ -291,12 +291,12 @@ impl Search<'_> {
             let problems = (&self.train, &self.held_out);
             let others = (&self.rejected[..], &self.added[..]);
             let found = uncertainty_of(problems, &self.best, &self.filters, others);
-            let Some(step) = self.least_of_insignificant(&found.1) else { return Some(found) };
+            let Some(least) = self.least_of_insignificant(&found.1) else { return Some(found) };
+            let ReducedFit { step, fit, filters, .. } = least;
             let reason = "The joint confidence intervals of its parameters, or of an effect that it may be confused with, \
                           contain the values without the effect";
             log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);
-            let rest = self.without(&step);
-            self.remove_step(&step, rest, reason);
+            self.remove_step(&step, (fit, filters), reason);
         }
         None
     }
@@ -305,7 +305,7 @@ impl Search<'_> {
     /// it, which widen its intervals, the one without which the residual grows least. One that most of the residual needs
     /// stays: correlated parameters may each be zero, but not all of them. Parameters that the data do not determine have
     /// no interval.
-    fn least_of_insignificant(&self, uncertainty: &Uncertainty) -> Option<Added> {
+    fn least_of_insignificant(&self, uncertainty: &Uncertainty) -> Option<ReducedFit> {
         let twin = &self.best.point.twin;
         let determined = |step: &Added| -> Vec<(usize, &Slot)> {
             let index = instance_of(twin, step);
@@ -328,6 +328,9 @@ impl Search<'_> {
         };
         let steps: Vec<&Added> =
             self.added.iter().filter(|own| own.unstated.is_none()).filter(is_alike).collect();
+        if steps.is_empty() {
+            return None;
+        }
         let with = self.rows(&self.best);
         let kind = usize::from(!with[1].is_empty());
         let is_needed = |own: &ReducedFit| {
@@ -339,7 +342,6 @@ impl Search<'_> {
         reduced_fits
             .filter(|own| has_no_motor(&own.step) || !is_needed(own))
             .min_by(|a, b| left(a).total_cmp(&left(b)))
-            .map(|own| own.step)
     }
 
     /// First step whose effect is insignificant, has its magnitude on a bound, or is the end stiffness of a backlash.

@@ -129,8 +129,8 @@ fn best_restart(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point>
         .map(|found| found.point)
 }
 
-/// Starts of [`best_restart`]: the given effects at their given values, then the same with one of them as fitted, and
-/// the fit with one parameter of the given effects at its null value.
+/// Starts of [`best_restart`]: the given effects at their given values, and the same with one of them as fitted. The last
+/// ones are the fit with one parameter of the given effects at its null value.
 fn starts_with_one_change(best: &Fit, given: &Point) -> Vec<Point> {
     let mut as_given = best.point.clone();
     for (own, instance) in as_given.twin.instances.iter_mut().zip(&given.twin.instances) {
@@ -142,12 +142,12 @@ fn starts_with_one_change(best: &Fit, given: &Point) -> Vec<Point> {
         point
     });
     let is_given = |slot: &&Slot| slot.instance < given.twin.instances.len();
-    let without = best.slots.iter().filter(is_given).filter_map(|slot| without(&best.point, *slot));
-    std::iter::once(as_given.clone()).chain(changed).chain(without).collect()
+    let nulled = best.slots.iter().filter(is_given).filter_map(|slot| at_null(&best.point, *slot));
+    std::iter::once(as_given.clone()).chain(changed).chain(nulled).collect()
 }
 
 /// `point` with the parameter `slot` at its null value; `None` where its effect cannot do without it, or already does.
-pub(in crate::gap) fn without(point: &Point, slot: Slot) -> Option<Point> {
+pub(in crate::gap) fn at_null(point: &Point, slot: Slot) -> Option<Point> {
     let null = point.twin.instances[slot.instance].effect.null[slot.parameter];
     (0 < slot.parameter && point.twin.get(slot) != null).then(|| {
         let mut point = point.clone();
@@ -295,8 +295,8 @@ mod tests {
         let fit = Fit { point: train.start(found), slots, loss: 0.0, rows: 2000 };
         // Parameters that are at their null value, and magnitudes, give no start.
         let starts = starts_with_one_change(&fit, &given);
-        assert!(without(&given, integral_rate_of(&given.twin)).is_none());
-        assert!(fit.slots[..2].iter().all(|slot| without(&fit.point, *slot).is_none()));
+        assert!(at_null(&given, integral_rate_of(&given.twin)).is_none());
+        assert!(fit.slots[..2].iter().all(|slot| at_null(&fit.point, *slot).is_none()));
         assert_eq!(starts.len(), 5);
         let better = best_restart(&train, &fit, &given).unwrap();
         let rate = better.twin.get(integral_rate_of(&better.twin));

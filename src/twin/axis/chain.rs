@@ -345,33 +345,38 @@ impl Chain {
     }
 
     fn through(&self, memory: &mut [f64; MOST_MEMORY], input: f64, motion: &Motion) -> f64 {
+        self.through_each(memory, input, motion, |_, _, _| ())
+    }
+
+    /// As [`Self::through`]; `seen` gets the length of the memory of each function, its argument and its value.
+    fn through_each(
+        &self,
+        memory: &mut [f64; MOST_MEMORY],
+        input: f64,
+        motion: &Motion,
+        mut seen: impl FnMut(usize, f64, f64),
+    ) -> f64 {
         let taken_in = self.commands.iter().fold(input, |value, part| {
-            part.call.at(&part.p, part.memory(memory), value, motion.dt)
+            let next = part.call.at(&part.p, part.memory(memory), value, motion.dt);
+            seen(part.length, value, next);
+            next
         });
         self.efforts.iter().fold(taken_in, |force, part| {
             let motion = Motion { force, ..*motion };
-            part.call.at(&part.p, part.memory(memory), &motion)
+            let next = part.call.at(&part.p, part.memory(memory), &motion);
+            seen(part.length, force, next);
+            next
         })
     }
 
     /// Factor by which limits without memory reduce `input`, at most 1.
     fn reduction(&self, memory: &Memory, input: f64, motion: &Motion) -> f64 {
-        let way = &mut memory.way.clone();
-        let (mut value, mut reduction) = (input, 1.0);
-        let mut pass = |length: usize, next: f64| {
+        let mut reduction = 1.0;
+        self.through_each(&mut memory.way.clone(), input, motion, |length, value, next| {
             let ratio = next / value;
             if length == 0 && 0.0 < ratio {
                 reduction *= ratio.min(1.0);
             }
-            value = next;
-            next
-        };
-        let taken_in = self.commands.iter().fold(input, |value, part| {
-            pass(part.length, part.call.at(&part.p, part.memory(way), value, motion.dt))
-        });
-        self.efforts.iter().fold(taken_in, |force, part| {
-            let motion = Motion { force, ..*motion };
-            pass(part.length, part.call.at(&part.p, part.memory(way), &motion))
         });
         reduction
     }

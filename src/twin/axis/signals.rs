@@ -67,19 +67,19 @@ pub(super) struct Signals {
 /// Standard deviations of the white noise of the measured motion. The noise of a velocity that was computed from positions is
 /// theirs.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct MotionNoise {
+struct MotionNoise {
     /// Of the position.
     position: f64,
     /// Of the velocity (per second).
     velocity: f64,
 }
 
-/// Mean of the spectrum of a difference of white noise of variance 1 under the weight of a sixth difference of each sample,
-/// and of every second one: the ratio of the binomial coefficients of 14 over 7 and 12 over 6, and 2.
+/// Variance of a difference of white noise of variance 1, as sixth differences of each sample and of every second one see
+/// it. The first is the ratio of the binomial coefficients of 14 over 7 and of 12 over 6.
 const DIFFERENCE_VARIANCES: [f64; 2] = [3432.0 / 924.0, 2.0];
 
-/// Two standard deviations of the white part of the variance for a difference alone, as a fraction of the variance and times
-/// the root of the number of samples: 400 simulations of 1000, 4000 and 16 000 samples gave 11.6, 12.1 and 11.0.
+/// Two standard deviations of the white part of the variance for a difference alone. It is a fraction of the variance, times
+/// the root of the number of samples. By 400 simulations each: 11.6, 12.1 and 11.0 for 1000, 4000 and 16 000 samples.
 const WHITE_VARIANCE_ERROR: f64 = 11.6;
 
 impl MotionNoise {
