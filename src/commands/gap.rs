@@ -123,7 +123,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     write_outcome(&found, &provenance, &inputs, &sessions, &mut results)?;
     let written = results.listed();
     results.finish()?;
-    for warning in &found.document.warnings {
+    for warning in found.document.doubts() {
         tell(&format!("warning: {warning}"));
     }
     if args.json {
@@ -168,7 +168,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<Outcome> {
     write_file(&report, args.overwrite, |existing| {
         Ok(write_bytes(&report, existing, page.as_bytes())?)
     })?;
-    for warning in &found.document.warnings {
+    for warning in found.document.doubts() {
         tell(&format!("warning: {warning}"));
     }
     if args.json {

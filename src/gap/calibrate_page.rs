@@ -30,7 +30,7 @@ pub fn calibration_page(
     page.badge(&words, tone);
     page.lead(&document.summary);
     page.key_figures(&key_figures(found, &rows));
-    for warning in document.warnings.iter().filter(|warning| **warning != document.summary) {
+    for warning in document.doubts() {
         page.warning(&text::sentence(warning));
     }
     page.section("Parameters");

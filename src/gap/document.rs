@@ -202,7 +202,9 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
             format!("not testable with this motion: it needs {needed}")
         }
     };
-    let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+    // The test of an effect that this motion does not show says nothing.
+    let was_tested = rejected.reason != Reason::NotTestable;
+    let finite = |value: f64| Some(value).filter(|value| was_tested && value.is_finite());
     RejectedEffect {
         name: rejected.candidate.effect.name.to_owned(),
         location: rejected.candidate.axis,

@@ -6,12 +6,12 @@ use super::{
     describe::{self, Features},
     document::{self, Material},
     findings::{Document, SignalResidual, Verdict},
-    floor::{self, Floor},
+    floor::{self, Floor, FloorSource},
     journal::{JournalEntry, MoveKind},
     known,
     magnitude::Scale,
     noise,
-    options::{Context, SearchOptions},
+    options::{Context, FixedParameter, SearchOptions},
     rounds::{self, Held, Outcome, StageData, Task},
     user_effects,
 };
@@ -69,6 +69,16 @@ impl Found<'_> {
         let verdict = self.document.verdict;
         !matches!(verdict, Verdict::NotTestable | Verdict::InputNotConnected)
     }
+
+    /// Method of the noise floor of `signal`.
+    pub(super) fn floor_source(&self, signal: &str) -> Option<FloorSource> {
+        let of_outcome = |(outcome, floors): (&Outcome<'_>, &Vec<Floor>)| {
+            let channels = outcome.train.parts.first()?.stage.channels();
+            let index = channels.iter().position(|own| own.signal == signal)?;
+            floors.get(index).map(|own| own.source)
+        };
+        self.outcomes.iter().zip(&self.floors).find_map(of_outcome)
+    }
 }
 
 /// Run the workflow on `sessions` from the `given` twin, or from the nominal one, in a `context` of options and
@@ -82,6 +92,7 @@ pub fn find<'a>(
 ) -> Found<'a> {
     let thresholds = context.options.thresholds();
     let start = given.cloned().unwrap_or_else(|| Twin::nominal_of(sessions));
+    let added: Vec<String> = context.options.added_to(&start).map(of_added).collect();
     let start = context.options.applied_to(start).framed(sessions);
     let request = Request { task, context };
     if let Some(refused) = check(sessions, &start, request) {
@@ -133,6 +144,7 @@ pub fn find<'a>(
     if document.verdict == Verdict::Unexplained {
         describe_rest(&mut document, sessions, &outcomes, context);
     }
+    document.warnings.extend(added);
     document.warnings.extend(of_options(context, start.machine, sessions));
     if task == Task::CloseGap {
         document.warnings.extend(not_searched(sessions, &start, context.options));
@@ -153,6 +165,11 @@ fn check<'a>(sessions: &[Session], start: &Twin, request: Request<'_>) -> Option
     // No other data resolve an empty selection.
     found.document.next_experiment = None;
     Some(found)
+}
+
+/// Warning about a known parameter of an effect that the initial twin does not have.
+fn of_added(known: &FixedParameter) -> String {
+    format!("the initial twin does not have the effect of `--fix {known}`: it was added")
 }
 
 /// Warnings about the options: changed thresholds, and effects of the user that are not searched.

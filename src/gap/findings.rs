@@ -285,3 +285,10 @@ pub struct Document {
     /// Decisions of the search, in order.
     pub journal: Vec<JournalEntry>,
 }
+
+impl Document {
+    /// The warnings that say more than the summary.
+    pub fn doubts(&self) -> impl Iterator<Item = &String> {
+        self.warnings.iter().filter(|warning| **warning != self.summary)
+    }
+}

@@ -165,10 +165,14 @@ impl FixedParameter {
         Ok(Self { effect, ..self })
     }
 
+    fn is_in(&self, twin: &Twin) -> bool {
+        twin.instances.iter().any(|own| own.effect == self.effect)
+    }
+
     /// Set the parameter in `twin` at every location of the effect, which is added where the twin lacks it. Other
     /// parameters of an added effect begin at its first probe.
     fn apply(&self, twin: &mut Twin) {
-        if twin.instances.iter().all(|own| own.effect != self.effect) {
+        if !self.is_in(twin) {
             let location = twin.machine.axes(self.effect.site).first().copied();
             let probe = self.effect.probes.first().copied().unwrap_or(self.effect.null);
             twin.instances.extend(
@@ -322,6 +326,11 @@ impl SearchOptions {
             .is_none_or(|selected| selected.iter().any(|own| own.name == effect.name))
     }
 
+    /// Parameters that are known of effects that `twin` does not have.
+    pub(super) fn added_to(&self, twin: &Twin) -> impl Iterator<Item = &FixedParameter> {
+        self.fixed.iter().filter(|own| !own.is_in(twin))
+    }
+
     /// `twin` with the known parameters.
     #[must_use]
     pub(super) fn applied_to(&self, mut twin: Twin) -> Twin {
@@ -412,7 +421,10 @@ mod tests {
         assert_eq!(fixed.to_string(), "drive.delay.delay_s=0.012");
         let options =
             SearchOptions::default().fix(&[fixed], &Twin::nominal(Machine::Table)).unwrap();
-        let twin = options.applied_to(Twin::nominal(Machine::Table));
+        let nominal = Twin::nominal(Machine::Table);
+        assert_eq!(options.added_to(&nominal).collect::<Vec<_>>(), [&options.fixed[0]]);
+        let twin = options.applied_to(nominal);
+        assert_eq!(options.added_to(&twin).count(), 0);
         let own = twin.instances.iter().find(|own| own.effect.name == "drive.delay").unwrap();
         assert_eq!((own.values[0].value, own.values[0].source), (0.012, Source::Known));
         let again = options.applied_to(twin.clone());

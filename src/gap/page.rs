@@ -16,6 +16,7 @@ use super::{
         Description, Document, IdentifiedEffect, NextExperiment, ParameterChange, SignalResidual,
         Verdict,
     },
+    floor::FloorSource,
 };
 use crate::{
     provenance::Provenance,
@@ -165,7 +166,7 @@ fn notes(page: &mut Page, document: &Document) {
     if let Some(description) = &document.description {
         described(page, description);
     }
-    for warning in document.warnings.iter().filter(|warning| **warning != document.summary) {
+    for warning in document.doubts() {
         page.warning(&sentence(warning));
     }
 }
@@ -299,14 +300,24 @@ pub(in crate::gap) fn residuals(page: &mut Page, found: &Found<'_>) {
         page.chart(&chart);
     }
     page.table_of_words(&residual_table(residuals));
-    let low: Vec<&str> =
-        residuals.iter().filter(ends_below).map(|residual| residual.signal.as_str()).collect();
-    if !low.is_empty() {
-        page.paragraph(&format!(
-            "The final residual of {} is below the noise floor. The floor is too high there, because its estimate \
-             counts fast motion as noise.",
-            low.join(", ")
-        ));
+    for (source, reason) in [
+        (FloorSource::Smoothness, "there: its estimate counts fast motion as noise"),
+        (
+            FloorSource::Propagated,
+            "for this machine: it contains a general model error of a simulation",
+        ),
+    ] {
+        let low: Vec<&str> = residuals
+            .iter()
+            .filter(|own| ends_below(own) && found.floor_source(&own.signal) == Some(source))
+            .map(|own| own.signal.as_str())
+            .collect();
+        if !low.is_empty() {
+            page.paragraph(&format!(
+                "The final residual of {} is below the noise floor, which is too high {reason}.",
+                low.join(", ")
+            ));
+        }
     }
 }
 
@@ -326,7 +337,7 @@ pub fn residual_figure(found: &Found<'_>) -> Option<Result<String, String>> {
 }
 
 /// Return whether a final residual is clearly smaller than its noise floor.
-fn ends_below(residual: &&SignalResidual) -> bool {
+fn ends_below(residual: &SignalResidual) -> bool {
     let after = residual.validation_after.or(residual.train_after);
     after.zip(residual.noise_floor).is_some_and(|(after, floor)| after < BELOW_FLOOR * floor)
 }

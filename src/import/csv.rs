@@ -73,17 +73,15 @@ impl PositionUnit {
 /// | column | units | recorded |
 /// |---|---|---|
 /// | time | s (default), ms, us, ns, steps | ns |
-/// | input | m/s, cm/s, mm/s, m/min, mm/min, in/s | m/s |
-/// | input | rad/s, deg/s, rpm, turns/s, rev/s | rad/s |
+/// | input, velocity | m/s, cm/s, mm/s, um/s, nm/s, m/min, mm/min, in/s, in/min | m/s |
+/// | input, velocity | rad/s, mrad/s, deg/s, rpm, turns/s, rev/s, counts/s | rad/s |
 /// | input | m, mm | m |
-/// | input | N, mN, kN, lbf | N |
-/// | input | N m (or Nm), mN m (or mNm), kgf cm, lbf in, ozf in | N m |
+/// | input | N, mN, kN, kgf, lbf | N |
+/// | input | N m (or Nm), kN m, N cm, mN m, kgf m, kgf cm, lbf in, lbf ft, ozf in | N m |
 /// | input | V, mV, duty (-1 to 1) | V |
-/// | input | A, mA | A |
-/// | position | m, cm, mm, um, in | m |
+/// | input | A, mA, uA | A |
+/// | position | m, cm, mm, um, nm, in | m |
 /// | position | rad, mrad, deg, turns, rev, counts | rad |
-/// | velocity | m/s, cm/s, mm/s, m/min, mm/min, in/s | m/s |
-/// | velocity | rad/s, deg/s, rpm, turns/s, rev/s, counts/s | rad/s |
 ///
 /// The text behind the last colon is the unit. If it is no unit of the quantity, it belongs to the
 /// column's name.
@@ -1046,8 +1044,9 @@ mod tests {
         let moved = |input: &str| AxisColumns::new("t", input).position("x");
         assert_eq!(
             wrong(moved("u:stone")),
-            "input 'u:stone' is not COLUMN:UNIT with a unit of m/s, cm/s, mm/s, m/min, mm/min, in/s, rad/s, deg/s, rpm, \
-             turns/s, rev/s, m, mm, N, mN, kN, lbf, Nm, mNm, kgfcm, lbfin, ozfin, V, mV, A, mA, duty"
+            "input 'u:stone' is not COLUMN:UNIT with a unit of m/s, cm/s, mm/s, um/s, nm/s, m/min, mm/min, in/s, in/min, \
+             rad/s, mrad/s, deg/s, rpm, turns/s, rev/s, counts/s, m, mm, N, mN, kN, kgf, lbf, Nm, kNm, Ncm, mNm, kgfm, \
+             kgfcm, lbfin, lbfft, ozfin, V, mV, A, mA, uA, duty"
         );
         assert!(wrong(moved("u")).contains("COLUMN:UNIT"));
         assert_eq!(

@@ -29,7 +29,7 @@ pub(super) use load::{INPUT_UNITS, POSITION_UNITS, position_unit, resampled, uni
 use super::{Channel, Stage, StageKind, Twin, axis_frame::MotionSums};
 use crate::effects::{Domain, Effect, InputKind, Motion, Physics, Regressor, Resonance};
 use chain::Chain;
-use filter::{LowPass, derivative};
+use filter::{Decimation, derivative};
 use signals::{Signals, each_segment};
 use std::ops::Range;
 
@@ -76,7 +76,7 @@ pub struct AxisStage {
     position_unit: &'static str,
     input_kind: InputKind,
     factor: usize,
-    decimation: LowPass,
+    decimation: Decimation,
     /// Samples that were recorded without interruption: no filter crosses their borders.
     segments: Vec<Range<usize>>,
     /// Input as recorded.
@@ -115,7 +115,7 @@ impl AxisStage {
             position_unit,
             input_kind: InputKind::of(unit, position_unit),
             factor,
-            decimation: LowPass::before_decimation(factor),
+            decimation: Decimation::before_decimation(factor),
             segments,
             raw_input,
             signals,
@@ -232,7 +232,7 @@ impl AxisStage {
             ],
             count: moving().count() as f64,
             sample_period: self.dt,
-            band: LowPass::decimation_edge(self.factor) / self.dt,
+            band: Decimation::decimation_edge(self.factor) / self.dt,
             duration: self.dt * self.signals.position.len() as f64,
         }
     }
@@ -325,9 +325,10 @@ impl AxisStage {
         // The measured input, when it acts.
         let acting = self.shifted_in_segments(&self.signals.inner_input, -chain.delay);
         let acting = self.through_resonance(chain, acting, Resonance::forwards);
+        let mut starts = self.segments.iter().map(|own| own.start).peekable();
         let mut inputs = Vec::with_capacity(self.signals.position.len());
         for (index, input) in acting.into_iter().enumerate() {
-            let begins = index == 0 || self.segments.iter().any(|own| own.start == index);
+            let begins = starts.next_if_eq(&index).is_some() || index == 0;
             let mut motion = self.motion(index, chain.origin);
             motion.acceleration = self.signals.inner_acceleration[index];
             motion.force = input;

@@ -5,7 +5,8 @@ use crate::effects::{COMMAND_UNIT, Domain, Effect, Parameter, Physics, Regressor
 /// `drive.offset`: constant offset of the drive input.
 ///
 /// The unit is that of the command. A velocity drive takes m/s of belt. A force drive takes N:
-/// there the offset is a constant force, and the published offset of an inverse model is -u0.
+/// there the offset is a constant force, and the published offset of an inverse model is -u0. On a
+/// single axis it acts behind limits and dead bands, where a constant load acts too.
 pub(crate) static OFFSET: Effect = Effect {
     name: "drive.offset",
     summary: "the drive adds a constant to its command, independent of direction and position",

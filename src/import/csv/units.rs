@@ -51,6 +51,9 @@ static TIMES: [Unit; 5] = [
     Unit { name: "steps", recorded: "s", factor: Factor::Step },
 ];
 
+/// Micro sign and the Greek letter, which look the same.
+const MICRO: [char; 2] = ['\u{b5}', '\u{3bc}'];
+
 /// International inch (m).
 const INCH: f64 = 0.0254;
 
@@ -61,45 +64,57 @@ const GRAVITY: f64 = 9.80665;
 const POUND_FORCE: f64 = 0.453_592_37 * GRAVITY;
 
 /// Speeds, which inputs and velocities share.
-static SPEEDS: [Unit; 11] = [
+static SPEEDS: [Unit; 16] = [
     constant("m/s", "m/s", 1.0),
     constant("cm/s", "m/s", 1e-2),
     constant("mm/s", "m/s", 1e-3),
+    constant("um/s", "m/s", 1e-6),
+    constant("nm/s", "m/s", 1e-9),
     constant("m/min", "m/s", 1.0 / 60.0),
     constant("mm/min", "m/s", 1e-3 / 60.0),
     constant("in/s", "m/s", INCH),
+    constant("in/min", "m/s", INCH / 60.0),
     constant("rad/s", "rad/s", 1.0),
+    constant("mrad/s", "rad/s", 1e-3),
     constant("deg/s", "rad/s", PI / 180.0),
     constant("rpm", "rad/s", TAU / 60.0),
     constant("turns/s", "rad/s", TAU),
     constant("rev/s", "rad/s", TAU),
+    Unit { name: "counts/s", recorded: "rad/s", factor: Factor::Count },
 ];
 
 /// Inputs other than [`SPEEDS`].
-static INPUTS: [Unit; 16] = [
+static INPUTS: [Unit; 22] = [
     constant("m", "m", 1.0),
     constant("mm", "m", 1e-3),
     constant("N", "N", 1.0),
     constant("mN", "N", 1e-3),
     constant("kN", "N", 1e3),
+    constant("kgf", "N", GRAVITY),
     constant("lbf", "N", POUND_FORCE),
     constant("N m", "N m", 1.0),
+    constant("kN m", "N m", 1e3),
+    constant("N cm", "N m", 1e-2),
     constant("mN m", "N m", 1e-3),
+    constant("kgf m", "N m", GRAVITY),
     constant("kgf cm", "N m", 1e-2 * GRAVITY),
     constant("lbf in", "N m", POUND_FORCE * INCH),
+    constant("lbf ft", "N m", POUND_FORCE * 12.0 * INCH),
     constant("ozf in", "N m", POUND_FORCE / 16.0 * INCH),
     constant("V", "V", 1.0),
     constant("mV", "V", 1e-3),
     constant("A", "A", 1.0),
     constant("mA", "A", 1e-3),
+    constant("uA", "A", 1e-6),
     Unit { name: "duty", recorded: "V", factor: Factor::Supply },
 ];
 
-static POSITIONS: [Unit; 11] = [
+static POSITIONS: [Unit; 12] = [
     constant("m", "m", 1.0),
     constant("cm", "m", 1e-2),
     constant("mm", "m", 1e-3),
     constant("um", "m", 1e-6),
+    constant("nm", "m", 1e-9),
     constant("in", "m", INCH),
     constant("rad", "rad", 1.0),
     constant("mrad", "rad", 1e-3),
@@ -108,10 +123,6 @@ static POSITIONS: [Unit; 11] = [
     constant("rev", "rad", TAU),
     Unit { name: "counts", recorded: "rad", factor: Factor::Count },
 ];
-
-/// Velocities other than [`SPEEDS`].
-static VELOCITIES: [Unit; 1] =
-    [Unit { name: "counts/s", recorded: "rad/s", factor: Factor::Count }];
 
 const fn constant(name: &'static str, recorded: &'static str, factor: f64) -> Unit {
     Unit { name, recorded, factor: Factor::Constant(factor) }
@@ -133,7 +144,7 @@ impl Quantity {
             Self::Time => (&[], &TIMES),
             Self::Input => (&SPEEDS, &INPUTS),
             Self::Position => (&[], &POSITIONS),
-            Self::Velocity => (&SPEEDS, &VELOCITIES),
+            Self::Velocity => (&SPEEDS, &[]),
         };
         shared.iter().chain(own)
     }
@@ -144,7 +155,9 @@ impl Quantity {
         self.units().map(|unit| unit.name.replace(' ', "")).collect::<Vec<_>>().join(", ")
     }
 
+    /// The unit called `name`; µ may be written as itself or as u.
     fn find(self, name: &str) -> Option<&'static Unit> {
+        let name = name.replace(MICRO, "u");
         self.units().find(|unit| unit.name == name || unit.name.replace(' ', "") == name)
     }
 
@@ -235,7 +248,7 @@ mod tests {
     }
 
     /// Quantity, value, unit, the value in the recorded unit, and that unit; computed by hand.
-    const EXAMPLES: [(Quantity, f64, &str, f64, &str); 56] = [
+    const EXAMPLES: [(Quantity, f64, &str, f64, &str); 74] = [
         (Quantity::Time, 2.5, "s", 2.5, "s"),
         (Quantity::Time, 1500.0, "ms", 1.5, "s"),
         (Quantity::Time, 250.0, "us", 0.00025, "s"),
@@ -247,6 +260,12 @@ mod tests {
         (Quantity::Input, 30.0, "m/min", 0.5, "m/s"),
         (Quantity::Input, 6000.0, "mm/min", 0.1, "m/s"),
         (Quantity::Input, 10.0, "in/s", 0.254, "m/s"),
+        (Quantity::Input, 600.0, "in/min", 0.254, "m/s"),
+        (Quantity::Input, 250.0, "um/s", 2.5e-4, "m/s"),
+        (Quantity::Input, 250.0, "\u{b5}m/s", 2.5e-4, "m/s"),
+        (Quantity::Input, 40.0, "nm/s", 4e-8, "m/s"),
+        (Quantity::Input, 500.0, "mrad/s", 0.5, "rad/s"),
+        (Quantity::Input, 2048.0, "counts/s", PI, "rad/s"),
         (Quantity::Input, 4.0, "rad/s", 4.0, "rad/s"),
         (Quantity::Input, 90.0, "deg/s", PI / 2.0, "rad/s"),
         (Quantity::Input, 60.0, "rpm", TAU, "rad/s"),
@@ -258,6 +277,11 @@ mod tests {
         (Quantity::Input, 125.0, "mN", 0.125, "N"),
         (Quantity::Input, 0.25, "kN", 250.0, "N"),
         (Quantity::Input, 10.0, "lbf", 44.482_216_152_605, "N"),
+        (Quantity::Input, 10.0, "kgf", 98.0665, "N"),
+        (Quantity::Input, 10.0, "kgf m", 98.0665, "N m"),
+        (Quantity::Input, 10.0, "lbf ft", 13.558_179_483_314_004, "N m"),
+        (Quantity::Input, 2.5, "kN m", 2500.0, "N m"),
+        (Quantity::Input, 250.0, "N cm", 2.5, "N m"),
         (Quantity::Input, 100.0, "kgf cm", 9.80665, "N m"),
         (Quantity::Input, 1000.0, "lbf in", 112.984_829_027_616_7, "N m"),
         (Quantity::Input, 1000.0, "ozfin", 7.061_551_814_226_044, "N m"),
@@ -270,11 +294,14 @@ mod tests {
         (Quantity::Input, 3300.0, "mV", 3.3, "V"),
         (Quantity::Input, 2.0, "A", 2.0, "A"),
         (Quantity::Input, 850.0, "mA", 0.85, "A"),
+        (Quantity::Input, 850.0, "uA", 8.5e-4, "A"),
         (Quantity::Input, 0.5, "duty", 6.0, "V"),
         (Quantity::Position, 0.1, "m", 0.1, "m"),
         (Quantity::Position, 100.0, "mm", 0.1, "m"),
         (Quantity::Position, 10.0, "cm", 0.1, "m"),
         (Quantity::Position, 50.0, "um", 5e-5, "m"),
+        (Quantity::Position, 50.0, "\u{3bc}m", 5e-5, "m"),
+        (Quantity::Position, 50.0, "nm", 5e-8, "m"),
         (Quantity::Position, 2.0, "in", 0.0508, "m"),
         (Quantity::Position, 500.0, "mrad", 0.5, "rad"),
         (Quantity::Position, 1.0, "rad", 1.0, "rad"),
@@ -287,6 +314,10 @@ mod tests {
         (Quantity::Velocity, 3.0, "m/min", 0.05, "m/s"),
         (Quantity::Velocity, 3000.0, "mm/min", 0.05, "m/s"),
         (Quantity::Velocity, 100.0, "in/s", 2.54, "m/s"),
+        (Quantity::Velocity, 100.0, "in/min", 0.254 / 6.0, "m/s"),
+        (Quantity::Velocity, 100.0, "um/s", 1e-4, "m/s"),
+        (Quantity::Velocity, 100.0, "nm/s", 1e-7, "m/s"),
+        (Quantity::Velocity, 100.0, "mrad/s", 0.1, "rad/s"),
         (Quantity::Velocity, 180.0, "deg/s", PI, "rad/s"),
         (Quantity::Velocity, 60.0, "rpm", TAU, "rad/s"),
         (Quantity::Velocity, 2.0, "turns/s", 2.0 * TAU, "rad/s"),

@@ -13,6 +13,9 @@ use crate::{
 /// the load.
 const ELASTIC_STEPS: u32 = 8;
 
+/// Effect of a constant input.
+const OFFSET: &str = "drive.offset";
+
 /// Slope of the force over the input below which the input is beyond a limit.
 const LEAST_SLOPE: f64 = 1e-6;
 
@@ -56,6 +59,8 @@ pub(super) struct Chain {
     pub(super) origin: f64,
     /// Typical magnitude of the input.
     input_size: f64,
+    /// Constant that the drive adds behind all limits of its command. A constant load acts there too, so the base model contains it.
+    offset: f64,
     commands: Vec<CommandPart>,
     efforts: Vec<MotionPart>,
     forces: Vec<MotionPart>,
@@ -184,6 +189,7 @@ impl Chain {
         let (way, load) = (self.way, self.load);
         match equation {
             Physics::CommandDelay(call) => self.delay += call(&p),
+            Physics::Command(_) if instance.effect.name == OFFSET => self.offset += p[0],
             Physics::Command(call) | Physics::Ramp(call) if way + length <= MOST_MEMORY => {
                 self.commands.push(Part { call: Law::Function(call), p, memory: way, length });
                 self.way += length;
@@ -361,12 +367,13 @@ impl Chain {
             seen(part.length, value, next);
             next
         });
-        self.efforts.iter().fold(taken_in, |force, part| {
+        let given = self.efforts.iter().fold(taken_in, |force, part| {
             let motion = Motion { force, ..*motion };
             let next = part.call.at(&part.p, part.memory(memory), &motion);
             seen(part.length, force, next);
             next
-        })
+        });
+        given + self.offset
     }
 
     /// Factor by which limits without memory reduce `input`, at most 1.
@@ -386,7 +393,7 @@ impl Chain {
     /// would else explain any input.
     pub(super) fn input(&self, memory: &mut Memory, force: f64, near: f64, motion: &Motion) -> f64 {
         if self.commands.is_empty() && self.efforts.is_empty() {
-            return force;
+            return force - self.offset;
         }
         let tolerance = 1e-13 * (self.input_size + force.abs() + near.abs());
         let step = 1e-3 * (self.input_size + near.abs());

@@ -12,7 +12,7 @@
 //! contribution passes the last filter like the friction, with which it makes the input continuous
 //! at a kink.
 
-use super::filter::{LowPass, derivative};
+use super::filter::{Smoothing, derivative};
 use crate::seed::Stream;
 use std::{f64::consts::TAU, ops::Range};
 
@@ -262,7 +262,7 @@ pub(super) fn each_segment(
 
 /// `values` behind a low-pass filter with the `edge` (cycles per sample).
 fn filtered(segments: &[Range<usize>], values: &[f64], edge: f64) -> Vec<f64> {
-    let low_pass = LowPass::butterworth(edge);
+    let low_pass = Smoothing::butterworth(edge);
     each_segment(segments, values, |own| low_pass.apply(own))
 }
 

@@ -213,6 +213,25 @@ fn a_limit_does_not_hide_what_was_commanded_beyond_it() {
     assert!(rms(&stage, &limited) < 0.01);
 }
 
+/// The offset of the base model acts behind a limit or a dead band that was added later, as a constant load does.
+#[test]
+fn an_offset_is_a_constant_force_behind_limits_and_dead_bands() {
+    const FORCE: f64 = 0.7;
+    const TOLERANCE: f64 = 1e-9;
+    let stage = stage(|_, _, v, a| 3.0 * a + 0.5 * v.signum() - FORCE);
+    for (name, values) in
+        [("drive.saturation.speed", &[2.0][..]), ("drive.input_deadband", &[0.5, 1.0])]
+    {
+        let with = |constant: (&str, &[f64])| {
+            let rigid = [("gantry.inertia", &[3.0][..]), ("drive.friction.coulomb", &[0.5])];
+            predicted(&stage, &twin(&[&rigid[..], &[constant, (name, values)]].concat()))
+        };
+        let offset = with(("drive.offset", &[FORCE]));
+        let tilt = with(("gantry.tilt", &[FORCE]));
+        assert!(largest_difference(&offset, &tilt) < TOLERANCE, "{name}");
+    }
+}
+
 /// An axis without mass behind a limit of nearly zero predicts no force at all.
 #[test]
 fn a_low_limit_does_not_explain_every_input() {
