@@ -183,6 +183,18 @@ pub(super) fn joint(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> 
     (best.0, (2.0 * best.1).min(1.0))
 }
 
+/// Tail probability of the change from a prediction with the whitened residual `before` to one with `after`, in which `count`
+/// parameters were fitted: the squared error that it removes per parameter, over its variance between blocks.
+#[must_use]
+pub(super) fn p_value_of(before: &[f64], after: &[f64], count: usize, blocks: &Blocks) -> f64 {
+    let Amplitude { standard_error, freedom, .. } = Amplitude::of(before, after, blocks);
+    let change: f64 = before.iter().zip(after).map(|(b, a)| (b - a).powi(2)).sum();
+    let explained = dot(before, before) - dot(after, after);
+    let dispersion = standard_error.powi(2) * change;
+    let f = explained / (count as f64 * dispersion);
+    if f.is_finite() { f_tail(f, count as f64, freedom) } else { 1.0 }
+}
+
 /// Hotelling's one-sample test of zero mean for the correlations of the columns with the residual, block by block.
 /// Every block has the same weight, independent of its residual.
 fn by_agreement(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64, f64) {
@@ -353,10 +365,21 @@ mod tests {
         assert!((p / 0.054_936_847_6 - 1.0).abs() < 1e-6, "{p}");
     }
 
+    /// A test that takes the effect for noise has no power: the residual of the fit is the noise.
+    #[test]
+    fn a_fit_that_removes_nearly_everything_is_significant() {
+        let change: Vec<f64> = (0..ROWS).map(|row| 30.0 * (row as f64 * 0.003).sin()).collect();
+        let after = noise(7, 0.5);
+        let before: Vec<f64> = after.iter().zip(&change).map(|(a, c)| a + c).collect();
+        assert!(p_value_of(&before, &after, 2, &blocks()) < 1e-20);
+        assert!(p_value_of(&after, &after, 2, &blocks()) == 1.0, "nothing was removed");
+        assert!(p_value_of(&after, &before, 2, &blocks()) == 1.0, "more than before");
+    }
+
     #[test]
     fn coloured_noise_alone_is_rarely_an_effect() {
         let trials = 400;
-        let (mut named, mut joined) = (0, 0);
+        let (mut named, mut joined, mut fitted) = (0, 0, 0);
         for seed in 0..trials {
             let residual = noise(2 * seed, 0.7);
             let columns = [noise(2 * seed + 1, 0.7), noise(9000 + seed, 0.9)];
@@ -364,8 +387,11 @@ mod tests {
                 residual.iter().zip(&columns[0]).map(|(r, c)| r - 0.1 * c).collect();
             named += usize::from(Amplitude::of(&residual, &after, &blocks()).is_above(0.0, 0.01));
             joined += usize::from(joint(&columns, &residual, &blocks()).1 < 0.01);
+            let factors = least_squares(&columns, &residual).unwrap();
+            let rest = without(&columns, &factors, &residual);
+            fitted += usize::from(p_value_of(&residual, &rest, 2, &blocks()) < 0.01);
         }
-        assert!(named <= 12 && joined <= 12, "{named} {joined} of {trials}");
+        assert!(named.max(joined).max(fitted) <= 12, "{named} {joined} {fitted} of {trials}");
         assert!(0 < named + joined, "a test at one in a hundred that never errs tests nothing");
     }
 }

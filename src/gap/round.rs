@@ -128,7 +128,8 @@ impl Round {
         observer.step_begun(SearchStep::Trial, 2 * short.len());
         let rough = rough_fits(train, round_start, &short);
         // A rejected fit must not define the metric either.
-        let is_driven = |fit: &Fit| known_on_bound(&fit.point.twin, &known_slots);
+        let inside = off_bounds(&base.point.twin, &known_slots);
+        let is_driven = |fit: &Fit| known_on_bound(&fit.point.twin, &inside);
         let sound = |fit: &&Fit| {
             fit.loss.is_finite() && on_bound(fit).is_none() && is_driven(fit).is_none()
         };
@@ -169,6 +170,13 @@ impl Round {
         });
         Self { winner, rejected, tried: tried.collect() }
     }
+}
+
+/// Those of `slots` that are on no bound in `twin`. A candidate is rejected for a bound on which it leaves a known parameter, not
+/// for one on which the base already is: the missing effects together may take the parameter off it. The last twin is
+/// checked again.
+fn off_bounds(twin: &Twin, slots: &[Slot]) -> Vec<Slot> {
+    slots.iter().copied().filter(|slot| on_bound_of(twin, [*slot]).is_none()).collect()
 }
 
 /// Candidates that are simulated and fitted, the others with the reason of their rejection, and the number of tests that

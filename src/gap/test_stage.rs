@@ -1,16 +1,49 @@
 //! Stage of unit tests: one signal, predicted by a function of twin and time.
 
+use super::screen::Candidate;
 use crate::{
-    effects::{Domain, Effect},
+    effects::{Axis, Domain, Effect, find},
     seed::Stream,
     twin::{Channel, Slot, Stage, StageKind, Twin},
 };
+use std::f64::consts::TAU;
 
 /// Signal of [`TestStage::camera`].
 pub(super) const CAMERA_SIGNAL: &str = "camera.striker_x";
 
 /// RMS of its noise (m).
 pub(super) const CAMERA_NOISE_RMS: f64 = 0.1;
+
+/// Sine with the mass as frequency (Hz), and one of 1 Hz each with the lag and the delay as amplitude.
+pub(super) fn sines(twin: &Twin, time: f64) -> f64 {
+    let amplitude = |name: &str| {
+        let own = twin.instances.iter().find(|own| own.effect.name == name);
+        own.map_or(0.0, |own| own.values[0].value)
+    };
+    let frequency = amplitude("gantry.inertia");
+    (TAU * frequency * time).sin()
+        + amplitude("drive.lag1") * (TAU * time).sin()
+        + amplitude("drive.delay") * (TAU * time).cos()
+}
+
+/// Significant candidate for the effect called `name`, which has one parameter.
+pub(super) fn candidate(name: &str, start: f64) -> Candidate {
+    Candidate {
+        effect: find(name).unwrap(),
+        axis: Axis::Single,
+        start: vec![start],
+        probe: vec![start],
+        explained_fraction: 0.1,
+        statistic: 30.0,
+        p_value: 1e-6,
+        detectability: 10.0,
+        is_as_good_as_refit: false,
+        tries: 1,
+        parameter_offsets: vec![0.0],
+        shift: vec![0.0],
+        other_starts: Vec::new(),
+    }
+}
 
 /// First parameter of each of `effects`, on the first axis that has it.
 pub(super) fn first_parameters<const N: usize>(twin: &Twin, effects: [&str; N]) -> [Slot; N] {

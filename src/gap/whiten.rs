@@ -3,8 +3,9 @@
 //!
 //! For each signal, an autoregressive model is fitted to the residual of the base model by least squares. The Bayesian
 //! information criterion selects its order, up to [`MOST_ORDER`]. Measurement, base columns and candidate columns are
-//! filtered with its inverse and divided by the standard deviation of the innovations (Prais and Winsten; Ljung,
-//! "System Identification", 2nd ed., chapter 7). The start of every run is dropped, so that no run influences another.
+//! filtered with its inverse and divided by the standard deviation of the innovations (Ljung, "System Identification",
+//! 2nd ed., chapter 7). Every stretch of a signal begins with the predictors of lower order, so that no sample is lost and
+//! no run influences another (Prais and Winsten; Brockwell and Davis, "Time Series: Theory and Methods", 2nd ed., section 5.2).
 
 use crate::twin::Stage;
 use faer::{Mat, linalg::solvers::Solve};
@@ -18,16 +19,67 @@ pub(super) const MOST_ORDER: usize = 12;
 /// fast noise. The tests by blocks account for the remaining colour.
 const SOFTENING: f64 = 1.0;
 
+/// Samples that each order of the model needs.
+const SAMPLES_PER_ORDER: usize = 10;
+
 /// Longest dropout of a signal that is bridged for the filter (samples); after a longer one the filter restarts.
 const LONGEST_BRIDGE: usize = 8;
+
+/// Prediction of a sample from those before it.
+#[derive(Debug, Clone, PartialEq)]
+struct Predictor {
+    /// Weights of the preceding samples, the nearest first.
+    coefficients: Vec<f64>,
+    /// Standard deviation of its error, in the signal's unit.
+    standard_deviation: f64,
+}
+
+impl Predictor {
+    /// Error of the prediction of `values[k]`, in standard deviations.
+    fn innovation(&self, values: &[f64], k: usize) -> f64 {
+        let past = values[..k].iter().rev().zip(&self.coefficients);
+        let predicted: f64 = past.map(|(value, weight)| value * weight).sum();
+        (values[k] - predicted) / self.standard_deviation
+    }
+}
 
 /// Inverse of one signal's autoregressive model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filter {
-    /// Weights of the preceding samples, the nearest first.
-    pub coefficients: Vec<f64>,
-    /// Standard deviation of the innovations, in the signal's unit.
-    pub standard_deviation: f64,
+    /// Predictors of the first samples of a stretch, from order 0 on.
+    starts: Vec<Predictor>,
+    /// Predictor of all others.
+    settled: Predictor,
+}
+
+impl Filter {
+    /// Filter of white noise with this standard deviation, in the signal's unit.
+    fn white(standard_deviation: f64) -> Self {
+        Self {
+            starts: Vec::new(),
+            settled: Predictor { coefficients: Vec::new(), standard_deviation },
+        }
+    }
+
+    /// Innovations of the `values` of one stretch, in standard deviations.
+    fn apply(&self, values: &[f64], innovations: &mut Vec<f64>) {
+        let starts = self.starts.iter().take(values.len()).enumerate();
+        innovations.clear();
+        innovations.extend(starts.map(|(k, own)| own.innovation(values, k)));
+        let Predictor { coefficients, standard_deviation } = &self.settled;
+        let order = coefficients.len();
+        let Some(later) = values.get(order..) else { return };
+        let inverse_deviation = 1.0 / standard_deviation;
+        innovations.extend(later.iter().map(|value| inverse_deviation * value));
+        // Lag by lag over the whole stretch, so that the processor vectorizes over samples.
+        for (lag, weight) in coefficients.iter().enumerate() {
+            let weight = inverse_deviation * weight;
+            let past = &values[order - 1 - lag..];
+            for (value, past) in innovations[order..].iter_mut().zip(past) {
+                *value -= weight * past;
+            }
+        }
+    }
 }
 
 /// Filters by signal.
@@ -72,8 +124,7 @@ struct Stretch {
 }
 
 impl Layout {
-    /// Layout of `stage` with the measured samples `usable[channel][sample]`. The first 12 samples of each stretch only
-    /// initialize the filter.
+    /// Layout of `stage` with the measured samples `usable[channel][sample]`.
     #[must_use]
     pub fn new(stage: &dyn Stage, usable: &[Vec<bool>]) -> Self {
         let channels = stage.channels();
@@ -91,7 +142,7 @@ impl Layout {
                 for samples in stretches(&usable[index], channel.runs[run].clone()) {
                     let counts = usable[index][samples.clone()].to_vec();
                     let row = layout.rows.len();
-                    for sample in samples.clone().skip(MOST_ORDER) {
+                    for sample in samples.clone() {
                         if usable[index][sample] {
                             let block =
                                 ((channel.times[sample] - begin) / stage.block_seconds()) as usize;
@@ -130,19 +181,9 @@ impl Layout {
                 &stretch.counts,
                 &mut bridged,
             );
-            // Lag by lag over the whole stretch, so that the processor vectorizes over samples.
-            let inverse_deviation = 1.0 / filter.standard_deviation;
-            innovations.clear();
-            innovations.extend(bridged[MOST_ORDER..].iter().map(|value| inverse_deviation * value));
-            for (lag, weight) in filter.coefficients.iter().enumerate() {
-                let weight = inverse_deviation * weight;
-                let past = &bridged[MOST_ORDER - 1 - lag..];
-                for (value, past) in innovations.iter_mut().zip(past) {
-                    *value -= weight * past;
-                }
-            }
+            filter.apply(&bridged, &mut innovations);
             let rows = out[stretch.first_row..].iter_mut();
-            let counted = innovations.iter().zip(&stretch.counts[MOST_ORDER..]);
+            let counted = innovations.iter().zip(&stretch.counts);
             let counted = counted.filter(|(_, counts)| **counts).map(|(value, _)| value);
             rows.zip(counted).for_each(|(row, value)| *row = *value);
         }
@@ -182,7 +223,6 @@ fn stretches(usable: &[bool], run: std::ops::Range<usize>) -> Vec<std::ops::Rang
         last = sample;
     }
     pieces.extend(start.map(|begin| begin..last + 1));
-    pieces.retain(|piece| MOST_ORDER + 4 < piece.len());
     pieces
 }
 
@@ -235,10 +275,7 @@ pub(super) fn scale_filters(parts: &[Residual<'_>]) -> Filters {
                 }
             }
         }
-        *filter = Filter {
-            coefficients: Vec::new(),
-            standard_deviation: (sum / count.max(1) as f64).sqrt().max(f64::MIN_POSITIVE),
-        };
+        *filter = Filter::white((sum / count.max(1) as f64).sqrt().max(f64::MIN_POSITIVE));
     }
     filters
 }
@@ -249,65 +286,53 @@ pub(super) fn in_order(stage: &dyn Stage, filters: &Filters) -> Vec<Filter> {
     stage
         .channels()
         .iter()
-        .map(|channel| {
-            filters
-                .get(&channel.signal)
-                .cloned()
-                .unwrap_or(Filter { coefficients: Vec::new(), standard_deviation: 1.0 })
-        })
+        .map(|channel| filters.get(&channel.signal).cloned().unwrap_or_else(|| Filter::white(1.0)))
         .collect()
 }
 
-/// Least squares over all pieces for every order, the order by the Bayesian information criterion. `softening` is the
-/// variance of white noise, as a fraction of that of the pieces, that is added to the model.
+/// Yule-Walker equations for every order, the order by the Bayesian information criterion. `softening` is the variance of white
+/// noise, as a fraction of that of the pieces, that is added to the model. The covariances are sums over all pieces, divided by
+/// the number of all samples, so that every order is stable (Brockwell and Davis, sections 7.2 and 8.1).
 fn autoregressive(pieces: &[Vec<f64>], softening: f64) -> Filter {
-    let mut gram = Mat::<f64>::zeros(MOST_ORDER + 1, MOST_ORDER + 1);
-    let mut count = 0_usize;
+    let mut sums = [0.0; MOST_ORDER + 1];
     for piece in pieces {
-        for k in MOST_ORDER..piece.len() {
-            count += 1;
-            for i in 0..=MOST_ORDER {
-                for j in i..=MOST_ORDER {
-                    gram[(i, j)] += piece[k - i] * piece[k - j];
-                }
-            }
+        for (lag, sum) in sums.iter_mut().enumerate() {
+            *sum += piece
+                .iter()
+                .zip(piece.iter().skip(lag))
+                .map(|(one, other)| one * other)
+                .sum::<f64>();
         }
     }
-    for i in 0..=MOST_ORDER {
-        for j in 0..i {
-            gram[(i, j)] = gram[(j, i)];
-        }
-    }
+    let count = pieces.iter().map(Vec::len).sum::<usize>();
     let n = count.max(1) as f64;
-    let total = gram[(0, 0)].max(f64::MIN_POSITIVE);
-    let mut best = Filter { coefficients: Vec::new(), standard_deviation: (total / n).sqrt() };
-    let mut best_score = n * (total / n).ln();
-    for order in 1..=MOST_ORDER {
-        if count < 10 * order {
-            break;
-        }
-        let ridge = softening * total;
+    let total = sums[0].max(f64::MIN_POSITIVE);
+    let mut predictors: Vec<Predictor> = Vec::new();
+    let (mut best_order, mut best_score) = (0, f64::INFINITY);
+    for order in 0..=MOST_ORDER.min(count / SAMPLES_PER_ORDER) {
         let left = Mat::from_fn(order, order, |i, j| {
-            gram[(i + 1, j + 1)] + if i == j { ridge } else { 0.0 }
+            sums[i.abs_diff(j)] + if i == j { softening * total } else { 0.0 }
         });
-        let right = Mat::from_fn(order, 1, |i, _| gram[(i + 1, 0)]);
+        let right = Mat::from_fn(order, 1, |i, _| sums[i + 1]);
         let solution = left.partial_piv_lu().solve(&right);
         let weight = |i: usize| if i == 0 { 1.0 } else { -solution[(i - 1, 0)] };
         let rest: f64 = (0..=order)
             .flat_map(|i| (0..=order).map(move |j| (i, j)))
-            .map(|(i, j)| weight(i) * weight(j) * gram[(i, j)])
+            .map(|(i, j)| weight(i) * weight(j) * sums[i.abs_diff(j)])
             .sum();
         let rest = rest.max(1e-12 * total);
         let score = n * (rest / n).ln() + order as f64 * n.ln();
         if score < best_score {
-            best_score = score;
-            best = Filter {
-                coefficients: (0..order).map(|i| solution[(i, 0)]).collect(),
-                standard_deviation: (rest / n).sqrt(),
-            };
+            (best_order, best_score) = (order, score);
         }
+        predictors.push(Predictor {
+            coefficients: (0..order).map(|i| solution[(i, 0)]).collect(),
+            standard_deviation: (rest / n).sqrt(),
+        });
     }
-    best
+    let settled = predictors.swap_remove(best_order);
+    predictors.truncate(best_order);
+    Filter { starts: predictors, settled }
 }
 
 #[cfg(test)]
@@ -341,10 +366,7 @@ mod tests {
 
     /// Innovations of `values` under `filter`.
     fn innovations(values: &[f64], filter: &Filter) -> Vec<f64> {
-        let own = |k: usize| {
-            let past = filter.coefficients.iter().enumerate();
-            values[k] - past.map(|(lag, weight)| weight * values[k - 1 - lag]).sum::<f64>()
-        };
+        let own = |k| filter.settled.standard_deviation * filter.settled.innovation(values, k);
         (MOST_ORDER..values.len()).map(own).collect()
     }
 
@@ -360,12 +382,12 @@ mod tests {
             let filter = autoregressive(std::slice::from_ref(&values), 0.0);
             for (index, weight) in weights.iter().enumerate() {
                 assert!(
-                    (filter.coefficients[index] - weight).abs() < BAND,
+                    (filter.settled.coefficients[index] - weight).abs() < BAND,
                     "{weights:?}: {filter:?}"
                 );
             }
             assert!(
-                (filter.standard_deviation / DEVIATION - 1.0).abs() < BAND,
+                (filter.settled.standard_deviation / DEVIATION - 1.0).abs() < BAND,
                 "{weights:?}: {filter:?}"
             );
             let rest = innovations(&values, &filter);
@@ -376,11 +398,35 @@ mod tests {
         }
     }
 
+    /// Short stretches are white from their first sample on, so none has to be left out.
+    #[test]
+    fn the_first_samples_of_a_stretch_are_as_white_as_the_others() {
+        const LENGTH: usize = 5;
+        const TOLERANCE: f64 = 0.06;
+        let values = process(2, &[1.2, -0.5]);
+        let filter = autoregressive(std::slice::from_ref(&values), 0.0);
+        let mut innovations = Vec::new();
+        let mut products = [[0.0; LENGTH]; LENGTH];
+        for stretch in values.chunks_exact(LENGTH) {
+            filter.apply(stretch, &mut innovations);
+            for (row, one) in products.iter_mut().zip(&innovations) {
+                row.iter_mut().zip(&innovations).for_each(|(sum, other)| *sum += one * other);
+            }
+        }
+        let count = (COUNT / LENGTH) as f64;
+        for (i, row) in products.iter().enumerate() {
+            for (j, sum) in row.iter().enumerate() {
+                let expected = if i == j { 1.0 } else { 0.0 };
+                assert!((sum / count - expected).abs() < TOLERANCE, "{i} {j}: {}", sum / count);
+            }
+        }
+    }
+
     #[test]
     fn the_order_is_that_of_the_process() {
         for weights in [&[][..], &[0.7], &[1.2, -0.5]] {
             let orders: Vec<usize> = (0..5)
-                .map(|seed| autoregressive(&[process(seed, weights)], 0.0).coefficients.len())
+                .map(|seed| autoregressive(&[process(seed, weights)], 0.0).starts.len())
                 .collect();
             let right = orders.iter().filter(|order| **order == weights.len()).count();
             assert!(4 <= right, "{weights:?}: {orders:?}");
@@ -392,19 +438,20 @@ mod tests {
         let values = process(3, &[0.6]);
         let gram = |lag: usize| covariance(&values, lag);
         let filter = autoregressive(std::slice::from_ref(&values), SOFTENING);
-        let order = filter.coefficients.len();
+        let order = filter.settled.coefficients.len();
         assert!(1 <= order);
         // The normal equations with the softened variance hold for the coefficients.
         for i in 0..order {
-            let softened = SOFTENING * gram(0) * filter.coefficients[i];
-            let left: f64 =
-                (0..order).map(|j| gram(i.abs_diff(j)) * filter.coefficients[j]).sum::<f64>()
-                    + softened;
+            let softened = SOFTENING * gram(0) * filter.settled.coefficients[i];
+            let left: f64 = (0..order)
+                .map(|j| gram(i.abs_diff(j)) * filter.settled.coefficients[j])
+                .sum::<f64>()
+                + softened;
             assert!((left / gram(0) - gram(i + 1) / gram(0)).abs() < BAND, "{filter:?}");
         }
         let variance = covariance(&innovations(&values, &filter), 0);
         assert!(
-            (filter.standard_deviation.powi(2) / variance - 1.0).abs() < BAND,
+            (filter.settled.standard_deviation.powi(2) / variance - 1.0).abs() < BAND,
             "{filter:?} {variance}"
         );
     }

@@ -33,9 +33,12 @@ use filter::{Decimation, derivative};
 use signals::{Signals, each_segment};
 use std::ops::Range;
 
-/// Compared samples left out at both ends, where the filters know one side only.
-const ENDS: usize = 5;
-/// Compared samples of a block over which errors count as dependent: twice the memory of the noise model.
+/// Compared samples left out at the end of a segment, where the filters know one side only.
+const LAST: usize = 5;
+/// Those left out at its start, where the state of the machine is unknown too: the response of the decimation to an impulse
+/// is below 1 % of its peak after them.
+const FIRST: usize = 17;
+/// Compared samples of a block over which errors count as dependent: twice the longest memory of the noise model.
 const BLOCK: usize = 25;
 /// Least determinant of the normal equations of a load's start, relative to their diagonal: below it, the responses to
 /// both states are the same.
@@ -171,13 +174,13 @@ impl AxisStage {
     fn kept(&self) -> impl Iterator<Item = usize> + use<> {
         let count = self.signals.position.len().div_ceil(self.factor);
         let factor = self.factor;
-        (ENDS..count.saturating_sub(ENDS)).map(move |index| index * factor)
+        (FIRST..count.saturating_sub(LAST)).map(move |index| index * factor)
     }
 
     /// Return whether the filters know both sides of the sample `index`.
     fn is_inside(&self, index: usize) -> bool {
-        let margin = ENDS * self.factor;
-        self.segments.iter().any(|own| own.start + margin <= index && index + margin < own.end)
+        let [first, last] = [FIRST, LAST].map(|samples| samples * self.factor);
+        self.segments.iter().any(|own| own.start + first <= index && index + last < own.end)
     }
 
     /// `values` of all samples as they are compared: filtered and decimated.

@@ -26,7 +26,11 @@ pub(crate) static QUADRATIC: Effect = Effect {
     signals: Signal::DRIVE,
     excitation: "maximum speed and half of it, in both directions",
     experiment: "ramp",
-    confused_with: &["drive.friction.viscous", "drive.saturation.torque_speed"],
+    confused_with: &[
+        "drive.friction.viscous",
+        "drive.friction.stribeck",
+        "drive.saturation.torque_speed",
+    ],
     reference: "Olsson, Åström, Canudas de Wit, Gäfvert and Lischinsky 1998, European Journal of Control 4(3), 176-195",
 };
 

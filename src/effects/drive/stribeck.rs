@@ -43,7 +43,7 @@ pub(crate) static STRIBECK: Effect = Effect {
         },
     ],
     null: &[0.0, 0.01, 1.0],
-    probes: &[&[0.5, 0.01, 1.0], &[0.5, 0.003, 1.0], &[0.5, 0.03, 2.0]],
+    probes: &[&[0.5, 0.01, 1.0], &[0.5, 0.003, 1.0], &[0.5, 0.03, 2.0], &[0.5, 0.08, 1.0]],
     memory: 0,
     physics: Physics::Friction(|p, _, motion| {
         p[0] * (-(motion.velocity / p[1]).abs().powf(p[2])).exp()
@@ -57,6 +57,7 @@ pub(crate) static STRIBECK: Effect = Effect {
         "drive.lag1",
         "drive.delay",
         "drive.friction.coulomb",
+        "drive.friction.quadratic",
     ],
     reference: "Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), 1083-1138",
 };

@@ -8,12 +8,12 @@ use super::{
 use crate::{
     gap::{
         batch::in_parallel,
-        evidence::LogScoreGain,
+        evidence::{self, LogScoreGain},
         fit::{self, Fit},
         known::RequiredGain,
         problem::{Point, Problem},
         rounds::{Added, RankedCandidate, Reason, Rejected, at_null},
-        screen::Candidate,
+        screen::{self, Candidate},
         thresholds::Thresholds,
         whiten::{self, Filters},
     },
@@ -35,6 +35,7 @@ pub(super) struct Bench<'a, 'b> {
     tries: usize,
     /// Fitted parameters of the given twin that a candidate may not leave on a bound.
     pub(super) known: Vec<Slot>,
+    pub(super) base: &'b Fit,
     pub(super) base_train_rows: Vec<f64>,
     pub(super) base_held: Point,
     pub(super) base_held_rows: Vec<f64>,
@@ -82,6 +83,7 @@ impl<'a, 'b> Bench<'a, 'b> {
             required_gain,
             tries,
             known,
+            base,
             base_train_rows: train.whitened(&base.point, filters),
             base_held_rows: held_out.whitened(&base_held, filters),
             base_held,
@@ -94,7 +96,8 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Fit a candidate in this metric and validate it; `known` are the columns of known parameters.
     pub(super) fn trial(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Trial {
-        let fit = self.off_bounds(self.fitted(candidate, rough, known));
+        let fit = self.nested(candidate, self.fitted(candidate, rough, known));
+        let fit = self.off_bounds(fit);
         let held_point = fit::on(self.held_out, &fit.point.twin, self.filters);
         let mut trial = Trial {
             candidate: candidate.clone(),
@@ -122,6 +125,24 @@ impl<'a, 'b> Bench<'a, 'b> {
         start.twin.set(shape, candidate.start[shape.parameter]);
         let slots: Vec<Slot> = rough.slots.iter().copied().filter(|slot| *slot != shape).collect();
         fit::fit_with(self.train, start, &slots, &how)
+    }
+
+    /// The fit, or one from the base with a small effect where that leaves less. The base is nested in every candidate, so a
+    /// fit that leaves more than the base has stopped in another minimum.
+    fn nested(&self, candidate: &Candidate, fit: Fit) -> Fit {
+        if fit.loss <= fit::squared(&self.base_train_rows) {
+            return fit;
+        }
+        let Point { twin, nuisance } = &self.base.point;
+        let starts = screen::starts_towards_null(candidate).into_iter().map(|values| {
+            let twin = screen::with(twin, candidate.effect, candidate.axis, &values);
+            let point = Point { twin, nuisance: nuisance.clone() };
+            (fit::squared(&self.train.whitened(&point, self.filters)), point)
+        });
+        let Some((_, start)) = starts.min_by(|a, b| a.0.total_cmp(&b.0)) else { return fit };
+        let how = fit::How { filters: self.filters, iterations: 20, known: &[] };
+        let again = fit::fit_with(self.train, start, &fit.slots, &how);
+        if again.loss < fit.loss { again } else { fit }
     }
 
     /// The fit, or a better one from the null value of an optional known parameter that ended on a bound.
@@ -216,9 +237,19 @@ impl<'a, 'b> Bench<'a, 'b> {
         }
     }
 
-    /// Probability of the gain by chance, corrected for all comparisons (Bonferroni).
+    /// Probability of the gain by chance, corrected for all comparisons (Bonferroni): that of the screen. For an effect that
+    /// removes most of the residual, twice that of its fit where that is smaller: such an effect is most of what the
+    /// screen takes for noise.
     pub(super) fn p_value(&self, trial: &Trial) -> f64 {
-        (trial.candidate.p_value * self.tries as f64).min(1.0)
+        let screened = (trial.candidate.p_value * self.tries as f64).min(1.0);
+        let (before, after) = (&self.base_train_rows, &trial.train_rows);
+        let left = fit::squared(after) / fit::squared(before).max(f64::MIN_POSITIVE);
+        if screened <= self.thresholds().family_error || 1.0 - left < self.thresholds().majority {
+            return screened;
+        }
+        let count = trial.candidate.effect.parameters.len();
+        let fitted = evidence::p_value_of(before, after, count, &self.train.blocks());
+        (2.0 * fitted * self.tries as f64).min(screened)
     }
 
     /// Gain of the log score on the validation sessions under the residual variance that the trial leaves on the
@@ -271,4 +302,60 @@ fn training_blocks(train: &Problem<'_>) -> String {
     let blocks = train.parts.iter().map(|part| part.layout.blocks).sum::<usize>();
     let seconds = train.parts.first().map_or(0.0, |part| part.stage.block_seconds());
     format!("training sessions, {blocks} blocks of {} s", (1e6 * seconds).round() / 1e6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, find},
+        gap::{
+            known::AtFloor,
+            test_stage::{TestStage, candidate, first_parameters, sines},
+        },
+        twin::StageKind,
+    };
+
+    #[test]
+    fn a_fit_that_leaves_more_than_the_base_is_repeated_from_the_base() {
+        const FREQUENCY_HZ: f64 = 5.0;
+        const LAG: f64 = 0.3;
+        let nominal = Twin::nominal(Machine::Axis);
+        let at = |frequency: f64| {
+            let mut twin = nominal.clone();
+            let [slot] = first_parameters(&twin, ["gantry.inertia"]);
+            twin.set(slot, frequency);
+            twin
+        };
+        let with_lag = |twin: &Twin, value: f64| {
+            screen::with(twin, find("drive.lag1").unwrap(), Axis::Single, &[value])
+        };
+        let truth = with_lag(&at(FREQUENCY_HZ), LAG);
+        let stage = TestStage::camera(&truth, sines, 4);
+        let train = Problem::new(&[&stage as _], &nominal);
+        let nothing = Problem::new(&[], &nominal);
+        let problems = Problems { train: &train, held_out: &nothing, witness: &nothing };
+        let slots = first_parameters(&nominal, ["gantry.inertia"]).to_vec();
+        let base = Fit { point: train.start(at(FREQUENCY_HZ)), slots, loss: 0.0, rows: 2000 };
+        // The rough fit has the lag, and stopped at another frequency.
+        let point = train.start(with_lag(&at(5.7), LAG));
+        let slots = [&base.slots[..], &slots_of_last(&point.twin)].concat();
+        let rough = Fit { point, slots, loss: 0.0, rows: 2000 };
+        let filters = train.filters(&base.point, whiten::scale_filters);
+        let thresholds = Thresholds::DEFAULT;
+        let of_stage = (&nominal, StageKind::Camera);
+        let gain = RequiredGain::new(&thresholds, of_stage, (None, None), AtFloor::No);
+        let bench = Bench::new(problems, (&base, Vec::new()), (&filters, &gain), 1);
+        let known = train.columns(&train.evaluated(rough.point.clone()), &base.slots, &filters);
+        let candidate = candidate("drive.lag1", LAG);
+        let alone = bench.fitted(&candidate, &rough, &known);
+        assert!(
+            fit::squared(&bench.base_train_rows) < alone.loss,
+            "the test needs a worse minimum"
+        );
+        let twin = bench.trial(&candidate, &rough, &known).fit.point.twin;
+        let [frequency, lag] = first_parameters(&twin, ["gantry.inertia", "drive.lag1"]);
+        assert!((twin.get(frequency) - FREQUENCY_HZ).abs() < 0.01, "{}", twin.get(frequency));
+        assert!((twin.get(lag) - LAG).abs() < 0.05, "{}", twin.get(lag));
+    }
 }

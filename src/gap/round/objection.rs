@@ -3,7 +3,7 @@
 use super::{
     IDLE,
     bench::Bench,
-    slots_of_last,
+    off_bounds, slots_of_last,
     trial::{Trial, on_bound, size_of_last, squared_distance, wrong_sign},
 };
 use crate::{
@@ -100,7 +100,10 @@ impl Bench<'_, '_> {
     /// Reason to reject the trial, if any.
     pub(super) fn objection(&self, trial: &Trial) -> Option<Reason> {
         let thresholds = self.thresholds();
-        let known = || known_on_bound(&trial.fit.point.twin, &self.known);
+        let known = || {
+            let inside = off_bounds(&self.base.point.twin, &self.known);
+            known_on_bound(&trial.fit.point.twin, &inside)
+        };
         if let Some(name) = on_bound(&trial.fit).or_else(|| wrong_sign(&trial.fit)).or_else(known) {
             return Some(Reason::OnBound(name));
         }

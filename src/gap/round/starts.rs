@@ -197,30 +197,17 @@ mod tests {
         effects::{Axis, find},
         gap::{
             known::{AtFloor, RequiredGain},
-            test_stage::{TestStage, first_parameters},
+            test_stage::{TestStage, candidate, first_parameters, sines},
             thresholds::Thresholds,
             whiten,
         },
         twin::{Machine, Twin},
     };
-    use std::f64::consts::TAU;
 
     const FREQUENCY_HZ: f64 = 5.0;
 
     fn with_last(twin: &Twin, name: &str, value: f64) -> Twin {
         screen::with(twin, find(name).unwrap(), Axis::Single, &[value])
-    }
-
-    /// Sine with the mass as frequency (Hz), and one of 1 Hz each with the lag and the delay as amplitude.
-    fn sines(twin: &Twin, time: f64) -> f64 {
-        let amplitude = |name: &str| {
-            let own = twin.instances.iter().find(|own| own.effect.name == name);
-            own.map_or(0.0, |own| own.values[0].value)
-        };
-        let frequency = amplitude("gantry.inertia");
-        (TAU * frequency * time).sin()
-            + amplitude("drive.lag1") * (TAU * time).sin()
-            + amplitude("drive.delay") * (TAU * time).cos()
     }
 
     #[test]
@@ -244,21 +231,7 @@ mod tests {
         // Since the winner was added, the frequency is in another local minimum.
         let base = fit_of(with_last(&at(5.7), "drive.lag1", 0.3));
         let filters = train.filters(&base.point, whiten::scale_filters);
-        let candidate = Candidate {
-            effect: find("drive.delay").unwrap(),
-            axis: Axis::Single,
-            start: vec![0.4],
-            probe: vec![0.4],
-            explained_fraction: 0.1,
-            statistic: 30.0,
-            p_value: 1e-6,
-            detectability: 10.0,
-            is_as_good_as_refit: false,
-            tries: 1,
-            parameter_offsets: vec![0.0],
-            shift: vec![0.0],
-            other_starts: Vec::new(),
-        };
+        let candidate = candidate("drive.delay", 0.4);
         let previous = [Tried {
             candidate: candidate.clone(),
             fit: fit_of(with_last(&at(FREQUENCY_HZ), "drive.delay", 0.5)),

@@ -32,7 +32,7 @@ impl AxisStage {
         let mut course = Course::new(&chain);
         course.settle(inputs.first().copied()?, &self.motion(0, chain.origin));
         let (mut squares, mut worst, mut count, mut windows) = (0.0_f64, 0.0_f64, 0, 0);
-        let first = super::ENDS * self.factor;
+        let first = super::LAST * self.factor;
         let end = (self.signals.position.len() + 1).saturating_sub(first + length);
         for begin in (first..end).step_by(length) {
             let is_whole = |own: &Range<usize>| own.start <= begin && begin + length <= own.end;

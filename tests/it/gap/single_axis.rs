@@ -81,6 +81,17 @@ fn import(dir: &Path, name: &str, table: &str, [time, input, position]: [&str; 3
 
 /// A session of a position controller that holds each force until the next sample; `extra` is a force at a position (N).
 fn held_forces(dir: &Path, name: &str, seed: u64, extra: fn(f64) -> f64) -> String {
+    session(dir, name, seed, reference, extra)
+}
+
+/// The same along another `reference`.
+fn session(
+    dir: &Path,
+    name: &str,
+    seed: u64,
+    reference: impl Fn(f64, f64) -> [f64; 3],
+    extra: fn(f64) -> f64,
+) -> String {
     let mut table = "t_ms,force_mn,position_mm\n".to_owned();
     let mut mass = Mass::new(seed);
     for k in 0..SAMPLES {
@@ -159,6 +170,43 @@ fn a_spring_beside_a_held_input_is_named() {
     assert_eq!(names(&document), ["gantry.stiffness"], "{document:#}");
     let stiffness = parameter(&document, 0, 0);
     assert!((stiffness - SPRING_N_PER_M).abs() < 0.05 * SPRING_N_PER_M, "{stiffness}");
+}
+
+/// Moves of 0.4 s with rests between them: most of the compared samples are the first ones of a move.
+#[test]
+fn a_spring_is_named_from_short_moves() {
+    const SPRING_N_PER_M: f64 = 60.0;
+    const PERIOD_S: f64 = 1.2;
+    const MOVE_S: f64 = 0.4;
+    let short = |t: f64, phase: f64| {
+        let number = (t / PERIOD_S).floor();
+        let [from, to] = [number, number + 1.0].map(|k| 0.1 * (1.7 * k + phase).sin());
+        let s = ((t - number * PERIOD_S) / MOVE_S).min(1.0);
+        let change = to - from;
+        [
+            from + change * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s),
+            change * 30.0 * (s * (1.0 - s)).powi(2) / MOVE_S,
+            change * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / MOVE_S.powi(2),
+        ]
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let spring = |q: f64| -SPRING_N_PER_M * q;
+    let sessions = pair(|name, seed| session(dir.path(), name, seed, short, spring));
+    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    assert_eq!(names(&document), ["gantry.stiffness"], "{document:#}");
+    let stiffness = parameter(&document, 0, 0);
+    assert!((stiffness - SPRING_N_PER_M).abs() < 0.05 * SPRING_N_PER_M, "{stiffness}");
+}
+
+#[test]
+fn a_validation_session_without_motion_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let train = held_forces(dir.path(), "one", 1, |_| 0.0);
+    let validation = session(dir.path(), "validation", 2, |_, _| [0.0; 3], |_| 0.0);
+    let (document, status) = gap(&[train, validation], None, &dir.path().join("out"));
+    assert_eq!((&document["verdict"], status), (&"not_testable".into(), 3), "{document:#}");
+    let summary = document["summary"].as_str().unwrap();
+    assert!(summary.contains("no sample of the validation sessions can be compared"), "{summary}");
 }
 
 #[test]
