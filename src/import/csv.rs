@@ -948,7 +948,7 @@ mod tests {
         assert_eq!(
             fault("t,u,pos\n0,1,2\n", &AxisColumns::new("t", "u:V").position("pos:xyz")),
             "no column 'pos:xyz'; the columns are t, u, pos; the units of --position are m, cm, mm, \
-             um, in, rad, mrad, deg, turns, rev, counts"
+             um, nm, in, rad, mrad, deg, turns, rev, counts"
         );
         assert_eq!(
             fault("t,u,x\n0,1,2\n", &columns("t:min")),
