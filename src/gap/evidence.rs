@@ -183,8 +183,8 @@ pub(super) fn joint(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> 
     (best.0, (2.0 * best.1).min(1.0))
 }
 
-/// Tail probability of the change from a prediction with the whitened residual `before` to one with `after`, in which `count`
-/// parameters were fitted: the squared error that it removes per parameter, over its variance between blocks.
+/// Tail probability of the change from the whitened residual `before` to `after`, for which `count` parameters were fitted.
+/// F is the squared error that it removes per parameter, over its variance between blocks.
 #[must_use]
 pub(super) fn p_value_of(before: &[f64], after: &[f64], count: usize, blocks: &Blocks) -> f64 {
     let Amplitude { standard_error, freedom, .. } = Amplitude::of(before, after, blocks);

@@ -128,10 +128,9 @@ impl Round {
         observer.step_begun(SearchStep::Trial, 2 * short.len());
         let rough = rough_fits(train, round_start, &short);
         // A rejected fit must not define the metric either.
-        let inside = off_bounds(&base.point.twin, &known_slots);
-        let is_driven = |fit: &Fit| known_on_bound(&fit.point.twin, &inside);
         let sound = |fit: &&Fit| {
-            fit.loss.is_finite() && on_bound(fit).is_none() && is_driven(fit).is_none()
+            let driven = newly_on_bound(&base.point.twin, &fit.point.twin, &known_slots);
+            fit.loss.is_finite() && on_bound(fit).is_none() && driven.is_none()
         };
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(lead) = lead.or(rough.first()) else {
@@ -172,11 +171,13 @@ impl Round {
     }
 }
 
-/// Those of `slots` that are on no bound in `twin`. A candidate is rejected for a bound on which it leaves a known parameter, not
-/// for one on which the base already is: the missing effects together may take the parameter off it. The last twin is
-/// checked again.
-fn off_bounds(twin: &Twin, slots: &[Slot]) -> Vec<Slot> {
-    slots.iter().copied().filter(|slot| on_bound_of(twin, [*slot]).is_none()).collect()
+/// Name of the first of the `known` parameters that is on a bound in `twin` and was on none in its `base`. A candidate is
+/// rejected only for a bound that it causes: the missing effects together may take a parameter off its bound. The last
+/// twin is checked again.
+fn newly_on_bound(base: &Twin, twin: &Twin, known: &[Slot]) -> Option<String> {
+    let was_inside = |slot: &&Slot| on_bound_of(base, [**slot]).is_none();
+    let inside: Vec<Slot> = known.iter().filter(was_inside).copied().collect();
+    known_on_bound(twin, &inside)
 }
 
 /// Candidates that are simulated and fitted, the others with the reason of their rejection, and the number of tests that

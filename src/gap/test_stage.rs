@@ -1,10 +1,10 @@
 //! Stage of unit tests: one signal, predicted by a function of twin and time.
 
-use super::screen::Candidate;
+use super::screen::{self, Candidate};
 use crate::{
     effects::{Axis, Domain, Effect, find},
     seed::Stream,
-    twin::{Channel, Slot, Stage, StageKind, Twin},
+    twin::{Channel, Machine, Slot, Stage, StageKind, Twin},
 };
 use std::f64::consts::TAU;
 
@@ -24,6 +24,19 @@ pub(super) fn sines(twin: &Twin, time: f64) -> f64 {
     (TAU * frequency * time).sin()
         + amplitude("drive.lag1") * (TAU * time).sin()
         + amplitude("drive.delay") * (TAU * time).cos()
+}
+
+/// Nominal single axis with this mass: for [`sines`], a frequency (Hz).
+pub(super) fn axis_of_frequency(frequency: f64) -> Twin {
+    let mut twin = Twin::nominal(Machine::Axis);
+    let [slot] = first_parameters(&twin, ["gantry.inertia"]);
+    twin.set(slot, frequency);
+    twin
+}
+
+/// The same with the effect called `name`, which has one parameter.
+pub(super) fn with(twin: &Twin, name: &str, value: f64) -> Twin {
+    screen::with(twin, find(name).unwrap(), Axis::Single, &[value])
 }
 
 /// Significant candidate for the effect called `name`, which has one parameter.

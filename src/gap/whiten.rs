@@ -1,18 +1,18 @@
 //! Prewhitening: residuals of real machines are coloured. Tests and intervals that assume white noise are far
 //! overconfident.
 //!
-//! For each signal, an autoregressive model is fitted to the residual of the base model by least squares. The Bayesian
-//! information criterion selects its order, up to [`MOST_ORDER`]. Measurement, base columns and candidate columns are
+//! For each signal, an autoregressive model is fitted to the residual of the base model (Yule-Walker equations). The
+//! Bayesian information criterion selects its order, up to [`MOST_ORDER`]. Measurement, base columns and candidate columns are
 //! filtered with its inverse and divided by the standard deviation of the innovations (Ljung, "System Identification",
-//! 2nd ed., chapter 7). Every stretch of a signal begins with the predictors of lower order, so that no sample is lost and
-//! no run influences another (Prais and Winsten; Brockwell and Davis, "Time Series: Theory and Methods", 2nd ed., section 5.2).
+//! 2nd ed., chapter 7). Every stretch of a signal begins with the predictors of lower order. So no sample is lost, and no
+//! run influences another (Prais and Winsten; Brockwell and Davis, "Time Series: Theory and Methods", 2nd ed., section 5.2).
 
 use crate::twin::Stage;
 use faer::{Mat, linalg::solvers::Solve};
 use std::collections::BTreeMap;
 
 /// Highest order of the autoregressive model.
-pub(super) const MOST_ORDER: usize = 12;
+const MOST_ORDER: usize = 12;
 
 /// Fraction of a residual's variance that counts as white, for any spectrum. An incomplete base model leaves a strongly
 /// coloured residual. Full whitening would shift the weight of the fit from the slow errors, which are the gap, to the

@@ -35,8 +35,8 @@ use std::ops::Range;
 
 /// Compared samples left out at the end of a segment, where the filters know one side only.
 const LAST: usize = 5;
-/// Those left out at its start, where the state of the machine is unknown too: the response of the decimation to an impulse
-/// is below 1 % of its peak after them.
+/// Those left out at its start, where the state of the machine is unknown too. The decimation then responds to an impulse
+/// before them with less than 1 % of its peak.
 const FIRST: usize = 17;
 /// Compared samples of a block over which errors count as dependent: twice the longest memory of the noise model.
 const BLOCK: usize = 25;

@@ -3,6 +3,7 @@
 
 use super::{
     Problems, slots_of_last,
+    starts::{from_starts, with_candidate},
     trial::{Trial, may_be_confused, on_bound_of, scanned},
 };
 use crate::{
@@ -13,12 +14,15 @@ use crate::{
         known::RequiredGain,
         problem::{Point, Problem},
         rounds::{Added, RankedCandidate, Reason, Rejected, at_null},
-        screen::{self, Candidate},
+        screen::Candidate,
         thresholds::Thresholds,
         whiten::{self, Filters},
     },
     twin::{Machine, Slot, Twin},
 };
+
+/// Iterations of a fit from another start.
+const RESTART_ITERATIONS: usize = 20;
 
 /// Common metric and base of all trials of a round.
 pub(super) struct Bench<'a, 'b> {
@@ -133,28 +137,23 @@ impl<'a, 'b> Bench<'a, 'b> {
         if fit.loss <= fit::squared(&self.base_train_rows) {
             return fit;
         }
-        let Point { twin, nuisance } = &self.base.point;
-        let starts = screen::starts_towards_null(candidate).into_iter().map(|values| {
-            let twin = screen::with(twin, candidate.effect, candidate.axis, &values);
-            let point = Point { twin, nuisance: nuisance.clone() };
-            (fit::squared(&self.train.whitened(&point, self.filters)), point)
-        });
-        let Some((_, start)) = starts.min_by(|a, b| a.0.total_cmp(&b.0)) else { return fit };
-        let how = fit::How { filters: self.filters, iterations: 20, known: &[] };
-        let again = fit::fit_with(self.train, start, &fit.slots, &how);
-        if again.loss < fit.loss { again } else { fit }
+        let starts = with_candidate(self.train, &self.base.point, candidate, self.filters);
+        let nearest = starts.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, point)| point);
+        self.restarted(fit, nearest)
+    }
+
+    /// The fit, or a better one from `start`.
+    fn restarted(&self, fit: Fit, start: Option<Point>) -> Fit {
+        let how = fit::How { filters: self.filters, iterations: RESTART_ITERATIONS, known: &[] };
+        from_starts(self.train, fit, start, &how)
     }
 
     /// The fit, or a better one from the null value of an optional known parameter that ended on a bound.
     fn off_bounds(&self, fit: Fit) -> Fit {
         let ended = |slot: &Slot| on_bound_of(&fit.point.twin, [*slot]);
         let ended = self.known.iter().filter_map(ended);
-        let Some(start) = ended.filter_map(|(slot, _)| at_null(&fit.point, slot)).next() else {
-            return fit;
-        };
-        let how = fit::How { filters: self.filters, iterations: 20, known: &[] };
-        let again = fit::fit_with(self.train, start, &fit.slots, &how);
-        if again.loss < fit.loss { again } else { fit }
+        let start = ended.filter_map(|(slot, _)| at_null(&fit.point, slot)).next();
+        self.restarted(fit, start)
     }
 
     /// Fit the trials that may be confused with the best one again, from its known parameters: a rival must not lose
@@ -308,10 +307,9 @@ fn training_blocks(train: &Problem<'_>) -> String {
 mod tests {
     use super::*;
     use crate::{
-        effects::{Axis, find},
         gap::{
             known::AtFloor,
-            test_stage::{TestStage, candidate, first_parameters, sines},
+            test_stage::{TestStage, axis_of_frequency, candidate, first_parameters, sines, with},
         },
         twin::StageKind,
     };
@@ -321,24 +319,16 @@ mod tests {
         const FREQUENCY_HZ: f64 = 5.0;
         const LAG: f64 = 0.3;
         let nominal = Twin::nominal(Machine::Axis);
-        let at = |frequency: f64| {
-            let mut twin = nominal.clone();
-            let [slot] = first_parameters(&twin, ["gantry.inertia"]);
-            twin.set(slot, frequency);
-            twin
-        };
-        let with_lag = |twin: &Twin, value: f64| {
-            screen::with(twin, find("drive.lag1").unwrap(), Axis::Single, &[value])
-        };
-        let truth = with_lag(&at(FREQUENCY_HZ), LAG);
+        let right = axis_of_frequency(FREQUENCY_HZ);
+        let truth = with(&right, "drive.lag1", LAG);
         let stage = TestStage::camera(&truth, sines, 4);
         let train = Problem::new(&[&stage as _], &nominal);
         let nothing = Problem::new(&[], &nominal);
         let problems = Problems { train: &train, held_out: &nothing, witness: &nothing };
         let slots = first_parameters(&nominal, ["gantry.inertia"]).to_vec();
-        let base = Fit { point: train.start(at(FREQUENCY_HZ)), slots, loss: 0.0, rows: 2000 };
+        let base = Fit { point: train.start(right), slots, loss: 0.0, rows: 2000 };
         // The rough fit has the lag, and stopped at another frequency.
-        let point = train.start(with_lag(&at(5.7), LAG));
+        let point = train.start(with(&axis_of_frequency(5.7), "drive.lag1", LAG));
         let slots = [&base.slots[..], &slots_of_last(&point.twin)].concat();
         let rough = Fit { point, slots, loss: 0.0, rows: 2000 };
         let filters = train.filters(&base.point, whiten::scale_filters);

@@ -3,7 +3,7 @@
 use super::{
     IDLE,
     bench::Bench,
-    off_bounds, slots_of_last,
+    newly_on_bound, slots_of_last,
     trial::{Trial, on_bound, size_of_last, squared_distance, wrong_sign},
 };
 use crate::{
@@ -12,7 +12,7 @@ use crate::{
         fit,
         known::lag,
         problem::{Point, Problem},
-        rounds::{Reason, known_on_bound},
+        rounds::Reason,
         speed_dependence::{self, SessionResiduals},
     },
     twin::{Slot, Twin},
@@ -100,10 +100,7 @@ impl Bench<'_, '_> {
     /// Reason to reject the trial, if any.
     pub(super) fn objection(&self, trial: &Trial) -> Option<Reason> {
         let thresholds = self.thresholds();
-        let known = || {
-            let inside = off_bounds(&self.base.point.twin, &self.known);
-            known_on_bound(&trial.fit.point.twin, &inside)
-        };
+        let known = || newly_on_bound(&self.base.point.twin, &trial.fit.point.twin, &self.known);
         if let Some(name) = on_bound(&trial.fit).or_else(|| wrong_sign(&trial.fit)).or_else(known) {
             return Some(Reason::OnBound(name));
         }

@@ -53,14 +53,9 @@ fn fitted(
     candidate: &Candidate,
     filters: &Filters,
 ) -> Fit {
-    // The linearization of the screen may overshoot for a nonlinear effect: smaller magnitudes are starts too.
-    let magnitudes = screen::starts_towards_null(candidate);
     let fits = bases.iter().filter_map(|(base, known)| {
         let nothing = fit::squared(&train.whitened(&base.point, filters));
-        let starts = magnitudes.iter().map(|values| {
-            let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, values);
-            let point = Point { twin, nuisance: base.point.nuisance.clone() };
-            let loss = fit::squared(&train.whitened(&point, filters));
+        let starts = with_candidate(train, &base.point, candidate, filters).map(|(loss, point)| {
             // A limit that is never reached has no slope.
             let is_idle = (loss - nothing).abs() <= IDLE * nothing;
             (is_idle, loss, point)
@@ -84,6 +79,21 @@ fn fitted(
         false => from_other_probes(train, found, candidate, &how),
     };
     search_magnitude(train, found, &how)
+}
+
+/// `base` with the effect of `candidate` at each of its magnitudes, with the squared residual. The linearization of the
+/// screen may overshoot for a nonlinear effect, so smaller magnitudes are starts too.
+pub(super) fn with_candidate(
+    train: &Problem<'_>,
+    base: &Point,
+    candidate: &Candidate,
+    filters: &Filters,
+) -> impl Iterator<Item = (f64, Point)> {
+    screen::starts_towards_null(candidate).into_iter().map(move |values| {
+        let twin = screen::with(&base.twin, candidate.effect, candidate.axis, &values);
+        let point = Point { twin, nuisance: base.nuisance.clone() };
+        (fit::squared(&train.whitened(&point, filters)), point)
+    })
 }
 
 /// The fit, or a better one from the other values of a parameter that was scanned for.
@@ -124,7 +134,7 @@ fn from_previous_fit(
         (fit::squared(&train.whitened(&point, filters)), point)
     });
     let nearest = starts.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-    let nearest = nearest.map(|(_, point)| point).into_iter().collect();
+    let nearest = nearest.map(|(_, point)| point);
     from_starts(train, found, nearest, &fit::How { filters, iterations: 10, known: &[] })
 }
 
@@ -153,7 +163,7 @@ fn from_other_probes(
         (fit::squared(&train.whitened(&point, how.filters)), point)
     });
     tries.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let starts = tries.into_iter().take(OTHER_PROBES).map(|(_, point)| point).collect();
+    let starts = tries.into_iter().take(OTHER_PROBES).map(|(_, point)| point);
     from_starts(train, found, starts, how)
 }
 
@@ -166,7 +176,12 @@ fn with_last(point: &Point, values: &[f64]) -> Point {
 }
 
 /// The fit, or the best one from `starts` where that is better.
-fn from_starts(train: &Problem<'_>, found: Fit, starts: Vec<Point>, how: &fit::How<'_>) -> Fit {
+pub(super) fn from_starts(
+    train: &Problem<'_>,
+    found: Fit,
+    starts: impl IntoIterator<Item = Point>,
+    how: &fit::How<'_>,
+) -> Fit {
     let fits = starts.into_iter().map(|point| fit::fit_with(train, point, &found.slots, how));
     let best = fits.min_by(|a, b| a.loss.total_cmp(&b.loss));
     best.filter(|best| best.loss < found.loss).unwrap_or(found)
@@ -194,10 +209,9 @@ fn search_magnitude(train: &Problem<'_>, mut found: Fit, how: &fit::How<'_>) -> 
 mod tests {
     use super::*;
     use crate::{
-        effects::{Axis, find},
         gap::{
             known::{AtFloor, RequiredGain},
-            test_stage::{TestStage, candidate, first_parameters, sines},
+            test_stage::{TestStage, axis_of_frequency, candidate, first_parameters, sines, with},
             thresholds::Thresholds,
             whiten,
         },
@@ -206,20 +220,11 @@ mod tests {
 
     const FREQUENCY_HZ: f64 = 5.0;
 
-    fn with_last(twin: &Twin, name: &str, value: f64) -> Twin {
-        screen::with(twin, find(name).unwrap(), Axis::Single, &[value])
-    }
-
     #[test]
     fn a_candidate_also_starts_from_its_fit_in_the_round_before() {
         let nominal = Twin::nominal(Machine::Axis);
-        let at = |frequency: f64| {
-            let mut twin = nominal.clone();
-            let [slot] = first_parameters(&twin, ["gantry.inertia"]);
-            twin.set(slot, frequency);
-            twin
-        };
-        let truth = with_last(&with_last(&at(FREQUENCY_HZ), "drive.lag1", 0.3), "drive.delay", 0.5);
+        let truth =
+            with(&with(&axis_of_frequency(FREQUENCY_HZ), "drive.lag1", 0.3), "drive.delay", 0.5);
         let stage = TestStage::camera(&truth, sines, 3);
         let train = Problem::new(&[&stage as _], &nominal);
         let fit_of = |twin: Twin| {
@@ -229,12 +234,12 @@ mod tests {
             Fit { point, slots, loss: f64::INFINITY, rows: 2000 }
         };
         // Since the winner was added, the frequency is in another local minimum.
-        let base = fit_of(with_last(&at(5.7), "drive.lag1", 0.3));
+        let base = fit_of(with(&axis_of_frequency(5.7), "drive.lag1", 0.3));
         let filters = train.filters(&base.point, whiten::scale_filters);
         let candidate = candidate("drive.delay", 0.4);
         let previous = [Tried {
             candidate: candidate.clone(),
-            fit: fit_of(with_last(&at(FREQUENCY_HZ), "drive.delay", 0.5)),
+            fit: fit_of(with(&axis_of_frequency(FREQUENCY_HZ), "drive.delay", 0.5)),
             has_passed: true,
         }];
         let thresholds = Thresholds::DEFAULT;

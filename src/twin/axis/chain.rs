@@ -59,7 +59,7 @@ pub(super) struct Chain {
     pub(super) origin: f64,
     /// Typical magnitude of the input.
     input_size: f64,
-    /// Constant that the drive adds behind all limits of its command. A constant load acts there too, so the base model contains it.
+    /// Constant that the drive adds behind all limits of its command. A constant load acts there too.
     offset: f64,
     commands: Vec<CommandPart>,
     efforts: Vec<MotionPart>,
