@@ -302,6 +302,10 @@ impl Search<'_> {
             let Some(winner) = round.winner else { break };
             self.note_added(&winner.1);
             excess = self.add_winner(winner, given, &mut validated);
+            // What is at its reference hides nothing.
+            if thresholds.is_at_reference(excess) {
+                previous.clear();
+            }
         }
         self.note_end_of_rounds(MOST_ADDED);
         let is_less = self.eliminate_unneeded((&given.twin, excess), usize::from(!has_split));
