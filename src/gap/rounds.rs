@@ -308,11 +308,7 @@ impl Search<'_> {
             }
         }
         self.note_end_of_rounds(MOST_ADDED);
-        let is_less = self.eliminate_unneeded((&given.twin, excess), usize::from(!has_split));
-        let is_other = self.exchange(given, excess);
-        let is_fewer = self.eliminate_null();
-        let is_minor = self.remove_minor(&given.twin);
-        if self.remove_with_known_on_bound() || is_minor || is_fewer || is_other || is_less {
+        if self.revise(given, excess, usize::from(!has_split)) {
             excess = self.excess(validated.insert(self.validated()));
         }
         let validated = validated.unwrap_or_else(|| self.validated());
@@ -325,6 +321,16 @@ impl Search<'_> {
             false => self.disturbance(given, &validated),
         };
         self.unexplained(&validated, disturbance)
+    }
+
+    /// Remove or exchange added effects that others replace; return whether anything changed. Backward elimination
+    /// keeps at least `kept` effects.
+    fn revise(&mut self, given: &Point, excess: Option<Excess>, kept: usize) -> bool {
+        let is_less = self.eliminate_unneeded((&given.twin, excess), kept);
+        let is_other = self.exchange(given, excess);
+        let is_fewer = self.eliminate_null();
+        let is_minor = self.remove_minor(&given.twin);
+        self.remove_with_known_on_bound() || is_minor || is_fewer || is_other || is_less
     }
 
     /// Gain that the first effect must have in addition to `base`, if the given twin has this `excess`.
