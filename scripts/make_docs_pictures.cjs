@@ -72,7 +72,7 @@ async function shootTerminal(browser, name) {
   await page.setContent('<pre id="shown"></pre>');
   await page.addStyleTag({
     content: 'body{margin:0;background:#1d2733}' +
-      'pre{margin:0;padding:14px 16px;color:#e6e9ee;font:13px/1.45 "DejaVu Sans Mono",monospace;white-space:pre-wrap}' +
+      'pre{margin:0;padding:14px 16px;color:#e6e9ee;font:13px/1.45 "DejaVu Sans Mono",monospace;white-space:pre-wrap;overflow-wrap:anywhere}' +
       'b{color:#8fc1ff;font-weight:600}',
   });
   await page.evaluate((text) => {
