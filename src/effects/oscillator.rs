@@ -6,7 +6,9 @@ const SHORT_TURN_SQUARED: f64 = 0.25;
 /// x'' + 2 z w x' + w^2 x = 0 over one step, for any damping.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Oscillator {
-    natural: f64,
+    /// w^2 (1/s^2).
+    stiffness: f64,
+    /// z w (1/s).
     damping: f64,
     cosine: f64,
     sine: f64,
@@ -18,32 +20,42 @@ impl Oscillator {
     /// With p = sqrt(|1 - z^2|) w the solution is exp(-z w t) times cosines and sines of p t, or
     /// hyperbolic ones above critical damping. They are expanded so that none overflows.
     pub(crate) fn new(natural: f64, ratio: f64, dt: f64) -> Self {
-        let damping = ratio * natural;
+        Self::with_stiffness(natural * natural, ratio * natural, dt)
+    }
+
+    /// The same with w^2 = `stiffness` (1/s^2) and z w = `damping` (1/s).
+    pub(crate) fn with_stiffness(stiffness: f64, damping: f64, dt: f64) -> Self {
         let decay = (-damping * dt).exp();
-        let square = (1.0 - ratio * ratio) * (natural * dt) * (natural * dt);
+        let square = (stiffness - damping * damping) * dt * dt;
         let turn = || square.abs().sqrt() / dt;
         let (cosine, sine) = if square.abs() <= SHORT_TURN_SQUARED {
             let (cosine, sine) = short_turn(square);
             (decay * cosine, decay * dt * sine)
-        } else if ratio < 1.0 {
+        } else if 0.0 < square {
             let turn = turn();
             (decay * (turn * dt).cos(), decay * (turn * dt).sin() / turn)
         } else {
             let turn = turn();
-            let slow = (-natural * natural / (damping + turn) * dt).exp();
+            let slow = (-stiffness / (damping + turn) * dt).exp();
             let fast = (-(damping + turn) * dt).exp();
             (0.5 * (slow + fast), 0.5 * (slow - fast) / turn)
         };
-        Self { natural, damping, cosine, sine }
+        Self { stiffness, damping, cosine, sine }
     }
 
     /// Position and velocity after the step.
     pub(crate) fn step(&self, place: f64, velocity: f64) -> (f64, f64) {
-        let Self { natural, damping, cosine, sine } = *self;
+        let Self { stiffness, damping, cosine, sine } = *self;
         (
             place * cosine + (velocity + damping * place) * sine,
-            velocity * cosine - (damping * velocity + natural * natural * place) * sine,
+            velocity * cosine - (damping * velocity + stiffness * place) * sine,
         )
+    }
+
+    /// Position and velocity after a step that begins at 0 without velocity, while the place of rest is at 1.
+    pub(crate) fn response(&self) -> (f64, f64) {
+        let (from_rest, velocity) = self.step(-1.0, 0.0);
+        (1.0 + from_rest, velocity)
     }
 }
 

@@ -290,8 +290,8 @@ pub enum Physics {
     CommandDelay(fn(p: &[f64]) -> f64),
     /// Velocity command of one motor to the input of the drive (m/s of belt), over `dt` seconds.
     Command(fn(p: &[f64], m: &mut [f64], command: f64, dt: f64) -> f64),
-    /// Command to the setpoint of the velocity loop (m/s of belt), over `dt` seconds.
-    Ramp(fn(p: &[f64], m: &mut [f64], command: f64, dt: f64) -> f64),
+    /// Largest rate of the setpoint of the velocity loop (m/s^2 of belt), which follows the command.
+    Ramp(fn(p: &[f64]) -> f64),
     /// Gains and delays of the velocity loop.
     VelocityLoop(fn(p: &[f64]) -> LoopGains),
     /// Velocity controller of a single axis with a velocity setpoint.

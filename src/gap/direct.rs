@@ -18,8 +18,11 @@ use crate::{
     stats::f_tail,
 };
 
-/// Effects whose own parameters are fitted, after all probes.
-const FITTED: usize = 8;
+/// Effects on all motors or axes together that are also simulated on one of them, after all probes.
+const LEADING: usize = 8;
+
+/// Effects and locations whose own parameters are fitted, after all probes.
+const FITTED: usize = 12;
 
 /// Iterations of these fits.
 const ITERATIONS: usize = 4;
@@ -48,16 +51,19 @@ pub(super) fn nearest(
     let (shared, single): (Vec<_>, Vec<_>) =
         pairs.into_iter().partition(|(_, axis)| screen::is_shared(*axis));
     let mut tries = simulated(problem, &given.point, filters, &shared);
-    tries.truncate(FITTED);
+    tries.truncate(LEADING);
     let leading: Vec<&'static Effect> = tries.iter().map(|own| own.effect).collect();
     let alone: Vec<_> = single.into_iter().filter(|(effect, _)| leading.contains(effect)).collect();
     tries.extend(simulated(problem, &given.point, filters, &alone));
+    let count = tries.len();
+    tries.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+    tries.truncate(FITTED);
     let before = problem.whitened(&given.point, filters);
     let refitted = problem.whitened(refit, filters);
-    let count = tries.len();
     let mut found: Vec<Candidate> = in_parallel(&tries, |own| {
         let slots = slots_of_last(&own.point.twin);
-        let fit = fit::fit(problem, own.point.clone(), &slots, filters, ITERATIONS);
+        let how = fit::How::start(filters, ITERATIONS);
+        let fit = fit::fit_with(problem, own.point.clone(), &slots, &how);
         let after = problem.whitened(&fit.point, filters);
         let amplitude = Amplitude::of(&before, &after, &problem.blocks());
         let statistic = (amplitude.value / amplitude.standard_error).max(0.0).powi(2);

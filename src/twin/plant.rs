@@ -88,7 +88,8 @@ struct MotorParts {
     turns_per_metre: f64,
     delay: f64,
     commands: Vec<CommandPart>,
-    ramps: Vec<CommandPart>,
+    /// Largest rate of the setpoint (m/s^2 of belt), if there is one.
+    slew_limit: Option<f64>,
     gains: LoopGains,
     efforts: Vec<MotionPart>,
     /// Demands (N of belt) above each of which the loop stops integrating.
@@ -258,7 +259,8 @@ impl Plant {
                 motor.commands.push(Part::new(Law::Function(call), instance, memory))
             }
             Physics::Ramp(call) => {
-                motor.ramps.push(Part::new(Law::Function(call), instance, memory))
+                let limit = call(&instance.numbers());
+                motor.slew_limit = Some(motor.slew_limit.map_or(limit, |own| own.min(limit)));
             }
             Physics::VelocityLoop(call) => motor.gains = call(&instance.numbers()),
             Physics::Effort(call) => {
@@ -455,7 +457,7 @@ impl Plant {
         let viscous = -(rail.damping + motor.damping) * motion.velocity;
         let others = sum(&rail.forces, memory, &motion) + sum(&motor.forces, memory, &motion);
         let load = viscous + others;
-        let setpoint = motor.setpoint(command, memory, dt);
+        let setpoint = motor.setpoint(command, state.setpoint[0], memory, dt);
         let middle = motor.middle(state.setpoint[0], setpoint);
         let drag = (load + state.friction[0]) / mass;
         let now = state.setpoint[0] - state.velocity[0];
@@ -520,6 +522,11 @@ fn sum(parts: &[MotionPart], memory: &mut [f64], motion: &Motion) -> f64 {
 }
 
 impl RailParts {
+    /// Return whether any function depends on the motion along the axis.
+    fn has_functions(&self) -> bool {
+        !(self.masses.is_empty() && self.forces.is_empty() && self.rubs.levels.is_empty())
+    }
+
     fn mass(&self, motion: &Motion) -> f64 {
         let others = self.masses.iter().map(|part| (part.call)(part.p(), motion));
         (self.constant_mass + others.sum::<f64>()).max(LEAST_MASS)
@@ -527,14 +534,25 @@ impl RailParts {
 }
 
 impl MotorParts {
-    fn setpoint(&self, command: f64, memory: &mut [f64], dt: f64) -> f64 {
-        let taken_in = self
-            .commands
+    /// Return whether any function depends on the motion of the belt.
+    fn has_functions(&self) -> bool {
+        !(self.efforts.is_empty() && self.forces.is_empty() && self.rubs.levels.is_empty())
+    }
+
+    /// Setpoint after a step from the setpoint `before`.
+    fn setpoint(&self, command: f64, before: f64, memory: &mut [f64], dt: f64) -> f64 {
+        let taken_in = self.taken_in(command, memory, dt);
+        match self.slew_limit {
+            Some(limit) => before + (taken_in - before).clamp(-limit * dt, limit * dt),
+            None => taken_in,
+        }
+    }
+
+    /// Command after all effects on it but the slew limit.
+    fn taken_in(&self, command: f64, memory: &mut [f64], dt: f64) -> f64 {
+        self.commands
             .iter()
-            .fold(command, |value, part| part.call.at(part.p(), part.memory(memory), value, dt));
-        self.ramps
-            .iter()
-            .fold(taken_in, |value, part| part.call.at(part.p(), part.memory(memory), value, dt))
+            .fold(command, |value, part| part.call.at(part.p(), part.memory(memory), value, dt))
     }
 
     /// Reading of the `encoder` at a `position` (m of belt).
@@ -554,7 +572,7 @@ impl MotorParts {
 
     /// Setpoint in the middle of a step: a ramp is half-way, a jump has happened at its start.
     fn middle(&self, before: f64, after: f64) -> f64 {
-        if self.ramps.is_empty() { after } else { 0.5 * (before + after) }
+        if self.slew_limit.is_none() { after } else { 0.5 * (before + after) }
     }
 
     /// Time from the start of a step to the measurement of the velocity on which the loop acts in

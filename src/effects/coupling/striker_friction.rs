@@ -84,24 +84,23 @@ pub(super) fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2
             (0..2).for_each(|axis| memory[axis] -= 0.5 * h * (before[axis] + after[axis]));
             continue;
         }
-        let spring = Oscillator::new(square.sqrt(), p[2] / softened.sqrt(), h);
-        let swung = |drag: [f64; 2]| {
-            both(|axis| {
-                let rest = -(carriage.acceleration[axis] + drag[axis]) / square;
-                let rate = memory[2 + axis] - before[axis];
-                let (from_rest, rate) = spring.step(away[axis] - rest, rate);
-                [rest + from_rest, rate + after[axis]]
-            })
-        };
+        let spring = Oscillator::with_stiffness(square, p[2] * stiffest, h);
+        let swung = both(|axis| {
+            let rest = -carriage.acceleration[axis] / square;
+            let rate = memory[2 + axis] - before[axis];
+            let (from_rest, rate) = spring.step(away[axis] - rest, rate);
+            [rest + from_rest, rate + after[axis]]
+        });
         // Friction opposes the velocity that the step would reach without it: at low speeds its direction changes
         // within a step.
-        let [[_, x], [_, y]] = swung([0.0; 2]);
+        let [[_, x], [_, y]] = swung;
         let free = (x * x + y * y).sqrt().max(f64::MIN_POSITIVE);
         let along = [x / free, y / free];
-        for (axis, [place, velocity]) in
-            swung(along.map(|share| friction * share)).into_iter().enumerate()
-        {
-            (memory[axis], memory[2 + axis]) = (place, velocity);
+        let (displaced, sped_up) = spring.response();
+        for (axis, [place, velocity]) in swung.into_iter().enumerate() {
+            let held_back = friction * along[axis] / square;
+            memory[axis] = place - displaced * held_back;
+            memory[2 + axis] = velocity - sped_up * held_back;
         }
         // Friction stops the striker and does not reverse it.
         if memory[2] * along[0] + memory[3] * along[1] <= 0.0 {

@@ -21,10 +21,7 @@ pub(crate) static SLEW: Effect = Effect {
     null: &[500.0],
     probes: &[&[30.0], &[10.0], &[4.0]],
     memory: 1,
-    physics: Physics::Ramp(|p, memory, command, dt| {
-        memory[0] += (command - memory[0]).clamp(-p[0] * dt, p[0] * dt);
-        memory[0]
-    }),
+    physics: Physics::Ramp(|p| p[0]),
     regressors: &[Regressor::Acceleration],
     signals: Signal::DRIVE,
     excitation: "velocity steps larger than the drive can follow within one sample",

@@ -27,7 +27,7 @@ pub(super) fn fewest_changes(
     let [before, after] =
         [given, refitted].map(|point| fit::squared(&train.whitened(point, filters)));
     let least = train.thresholds().clear_gain * (before - after);
-    let how = fit::How { filters, iterations: ITERATIONS, known: &[] };
+    let how = fit::How::start(filters, ITERATIONS);
     // A parameter that was split has no value of its own in the given twin.
     let is_given = |slot: &&Slot| slot.instance < given.twin.instances.len();
     let slots: Vec<Slot> = slots.iter().filter(is_given).copied().collect();

@@ -118,7 +118,8 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// Fit a candidate. On a table, a shape that ends on its bound is held at its start: the data do not determine it. On
     /// single axes, that named Stribeck friction in place of a dead band, and gave no right answer more.
     fn fitted(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Fit {
-        let how = fit::How { filters: self.filters, iterations: 8, known };
+        let precision = fit::Precision::Minimum;
+        let how = fit::How { filters: self.filters, iterations: 8, known, precision };
         let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
         let ended = on_bound_of(&fit.point.twin, slots_of_last(&fit.point.twin));
         let is_held = |slot: Slot| {
@@ -144,7 +145,7 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// The fit, or a better one from `start`.
     fn restarted(&self, fit: Fit, start: Option<Point>) -> Fit {
-        let how = fit::How { filters: self.filters, iterations: RESTART_ITERATIONS, known: &[] };
+        let how = fit::How::start(self.filters, RESTART_ITERATIONS);
         from_starts(self.train, fit, start, &how)
     }
 

@@ -63,7 +63,7 @@ fn fitted(
         let (.., point) = starts.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))?;
         let mut slots = bases[0].0.slots.clone();
         slots.extend(slots_of_last(&point.twin));
-        let how = fit::How { filters, iterations: 10, known };
+        let how = fit::How { known, ..fit::How::start(filters, 10) };
         Some((fit::fit_with(train, point, &slots, &how), how))
     });
     let best = fits.min_by(|a, b| a.0.loss.total_cmp(&b.0.loss));
@@ -135,7 +135,7 @@ fn from_previous_fit(
     });
     let nearest = starts.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
     let nearest = nearest.map(|(_, point)| point);
-    from_starts(train, found, nearest, &fit::How { filters, iterations: 10, known: &[] })
+    from_starts(train, found, nearest, &fit::How::start(filters, 10))
 }
 
 /// The fit, or a better one from other probes: with their magnitude or the fitted one, or with one shape parameter of

@@ -144,7 +144,8 @@ impl Search<'_> {
         let columns = self.best.slots.iter().zip(columns).filter(|(slot, _)| stays(slot));
         let known: Vec<Vec<f64>> = columns.map(|(_, column)| column.clone()).collect();
         remove_from(&mut rest, step);
-        let how = fit::How { filters: &self.filters, iterations: 3, known: &known };
+        let precision = fit::Precision::Minimum;
+        let how = fit::How { filters: &self.filters, iterations: 3, known: &known, precision };
         fit::fit_with(&self.train, rest.point, &rest.slots, &how)
     }
 

@@ -120,7 +120,8 @@ fn best_restart(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point>
     let chosen: Vec<Point> =
         promising.take(OTHER_STARTS).map(|index| starts[index].clone()).collect();
     let fits = in_parallel(&chosen, |start| {
-        fit::fit(train, start.clone(), &best.slots, &scales, RESTART_ITERATIONS)
+        let how = fit::How::start(&scales, RESTART_ITERATIONS);
+        fit::fit_with(train, start.clone(), &best.slots, &how)
     });
     let gain = if is_far { thresholds.clear_gain } else { thresholds.min_gain };
     fits.into_iter()

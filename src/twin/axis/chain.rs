@@ -41,6 +41,12 @@ impl<F> Part<F> {
     }
 }
 
+/// Setpoint after a step of `dt` seconds with this `command`, whose rate is at most `p[0]`; `memory` is the setpoint.
+fn slewed(p: &[f64], memory: &mut [f64], command: f64, dt: f64) -> f64 {
+    memory[0] += (command - memory[0]).clamp(-p[0] * dt, p[0] * dt);
+    memory[0]
+}
+
 type CommandPart = Part<Law<fn(&[f64], &mut [f64], f64, f64) -> f64>>;
 type MotionPart = Part<Law<fn(&[f64], &mut [f64], &Motion) -> f64>>;
 type BristlesPart = Part<fn(&[f64]) -> Bristles>;
@@ -190,8 +196,13 @@ impl Chain {
         match equation {
             Physics::CommandDelay(call) => self.delay += call(&p),
             Physics::Command(_) if instance.effect.name == OFFSET => self.offset += p[0],
-            Physics::Command(call) | Physics::Ramp(call) if way + length <= MOST_MEMORY => {
+            Physics::Command(call) if way + length <= MOST_MEMORY => {
                 self.commands.push(Part { call: Law::Function(call), p, memory: way, length });
+                self.way += length;
+            }
+            Physics::Ramp(limit) if way + length <= MOST_MEMORY => {
+                let (call, p) = (Law::Function(slewed as _), vec![limit(&p)]);
+                self.commands.push(Part { call, p, memory: way, length });
                 self.way += length;
             }
             Physics::Effort(call) if way + length <= MOST_MEMORY => {

@@ -42,11 +42,14 @@ pub(super) fn width() -> usize {
 
 /// March all plants, of which either all or none have soft belts.
 pub(super) fn side_by_side(stage: &DriveStage, mut jobs: Vec<Job<'_>>) {
-    for jobs in jobs.chunks_mut(width()) {
-        let march = March { stage, jobs };
-        match march.jobs.len() {
-            1 => march.with_simd(pulp::Scalar),
-            _ => Arch::new().dispatch(march),
+    let width = width();
+    // A vector takes about as long as a quarter of its lanes one after the other.
+    let few = width.div_ceil(4);
+    for jobs in jobs.chunks_mut(width) {
+        if jobs.len() <= few {
+            jobs.chunks_mut(1).for_each(|jobs| March { stage, jobs }.with_simd(pulp::Scalar));
+        } else {
+            Arch::new().dispatch(March { stage, jobs });
         }
     }
 }
@@ -359,6 +362,9 @@ mod tests {
         let late = ("drive.delay", Axis::A, &[0.0033][..]);
         let round = ("sensor.encoder_eccentricity", Axis::A, &[2e-4, 1e-4][..]);
         let spring = ("coupling.striker_friction", Axis::Whole, &[0.05, 40.0, 0.2, 0.02][..]);
+        let rough = ("drive.friction.position", Axis::X, &[0.0, 0.0, 0.3, 0.0, 0.07][..]);
+        let loaded = ("drive.friction.load", Axis::B, &[0.05][..]);
+        let heavy = ("gantry.mass_position", Axis::X, &[0.5, 0.0][..]);
         let lists: &[&[(&str, Axis, &[f64])]] = &[
             &[],
             &[rubs],
@@ -372,6 +378,8 @@ mod tests {
             &[round, limit],
             &[soft],
             &[spring],
+            &[rough],
+            &[loaded, heavy],
         ];
         lists.iter().map(|list| with(list)).collect()
     }

@@ -166,7 +166,9 @@ struct MotorLanes<S: Simd> {
     /// Viscous friction (N s/m), and the level of friction that is the same in every motion (N).
     damping: Lanes<S>,
     level: Lanes<S>,
-    has_ramps: Mask<S>,
+    /// Plants with a slew limit, and the limit (m/s^2 of belt).
+    is_slewed: Mask<S>,
+    slew_limit: Lanes<S>,
 }
 
 /// Constant parameters of one axis, of each plant: the same in every motion.
@@ -192,21 +194,34 @@ struct Called {
     rail_forces: bool,
     rail_levels: bool,
     reactions: bool,
+    /// Plants with a function of the motion of a belt, and of the motion along an axis.
+    on_belts: LaneSet,
+    on_rails: LaneSet,
+}
+
+/// Some of the lanes of a vector.
+#[derive(Clone, Copy, Default)]
+struct LaneSet(u32);
+
+impl LaneSet {
+    #[inline(always)]
+    fn of(plants: &[&Plant], is_in: impl Fn(&Plant) -> bool) -> Self {
+        let bits = plants.iter().enumerate().map(|(lane, plant)| u32::from(is_in(plant)) << lane);
+        Self(bits.sum())
+    }
+
+    #[inline(always)]
+    fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    #[inline(always)]
+    fn contains(self, lane: usize) -> bool {
+        self.0 >> lane & 1 == 1
+    }
 }
 
 impl Called {
-    /// Return whether any function depends on the motion of a belt.
-    #[inline(always)]
-    fn on_belts(&self) -> bool {
-        self.efforts || self.motor_forces || self.motor_levels
-    }
-
-    /// Return whether any function depends on the motion along an axis.
-    #[inline(always)]
-    fn on_rails(&self) -> bool {
-        self.masses || self.rail_forces || self.rail_levels
-    }
-
     #[inline(always)]
     fn by(plants: &[&Plant]) -> Self {
         let any =
@@ -215,7 +230,7 @@ impl Called {
             |has: fn(&RailParts) -> bool| plants.iter().any(|plant| plant.rails.iter().any(has));
         Self {
             encoders: any(|motor| !motor.encoders.is_empty()),
-            commands: any(|motor| !motor.commands.is_empty() || !motor.ramps.is_empty()),
+            commands: any(|motor| !motor.commands.is_empty()),
             efforts: any(|motor| !motor.efforts.is_empty()),
             motor_forces: any(|motor| !motor.forces.is_empty()),
             motor_levels: any(|motor| !motor.rubs.levels.is_empty()),
@@ -224,6 +239,10 @@ impl Called {
             rail_forces: any_rail(|rail| !rail.forces.is_empty()),
             rail_levels: any_rail(|rail| !rail.rubs.levels.is_empty()),
             reactions: plants.iter().any(|plant| !plant.reactions.is_empty()),
+            on_belts: LaneSet::of(plants, |plant| {
+                plant.motors.iter().any(MotorParts::has_functions)
+            }),
+            on_rails: LaneSet::of(plants, |plant| plant.rails.iter().any(RailParts::has_functions)),
         }
     }
 }
@@ -275,20 +294,19 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
     #[inline(always)]
     pub(in crate::twin) fn new(simd: S, plants: &'p [&'p Plant]) -> Self {
         let plant = |lane: usize| plants[lane.min(plants.len() - 1)];
-        let is_gantry = |index: usize| index < plants[0].motors.len();
         let motor = |index: usize| {
             let number = |get: fn(&MotorParts) -> f64| {
                 Lanes::from_fn(simd, |lane| plant(lane).motors.get(index).map_or(0.0, get))
             };
-            let has_ramps =
-                |lane: usize| is_gantry(index) && !plant(lane).motors[index].ramps.is_empty();
+            let slew_limit = |lane: usize| plant(lane).motors.get(index)?.slew_limit;
             MotorLanes {
                 proportional_per_s: number(|motor| motor.gains.proportional_per_s),
                 integral_per_s2: number(|motor| motor.gains.integral_per_s2),
                 feedback_delay_s: number(|motor| motor.gains.feedback_delay_s),
                 damping: number(|motor| motor.damping),
                 level: number(|motor| motor.rubs.constant),
-                has_ramps: Mask::from_fn(simd, has_ramps),
+                is_slewed: Mask::from_fn(simd, |lane| slew_limit(lane).is_some()),
+                slew_limit: Lanes::from_fn(simd, |lane| slew_limit(lane).unwrap_or_default()),
             }
         };
         let rail = |index: usize| {
@@ -354,7 +372,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         let seen = self.reported(state);
         // Loads on the axes, with the motors' forces of the step before where one depends on them.
         let load = self.loads(&step, state.force, aside);
-        let setpoint = self.setpoints(command, aside.memories, dt);
+        let setpoint = self.setpoints(command, state.setpoint, aside.memories, dt);
         let resisted = [load[0] + state.friction[0], load[1] + state.friction[1]];
         let answer = step.answer(resisted).rubbed(state.rubbed);
         let loops = self.loops(state, setpoint, seen, (&answer, dt));
@@ -438,11 +456,25 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
 
     /// Setpoints of the loops (m/s of belt) after a step with this `command`.
     #[inline(always)]
-    fn setpoints(&self, mut command: Both<S>, memories: &mut [Vec<f64>], dt: Lanes<S>) -> Both<S> {
+    fn setpoints(
+        &self,
+        mut command: Both<S>,
+        before: Both<S>,
+        memories: &mut [Vec<f64>],
+        dt: Lanes<S>,
+    ) -> Both<S> {
         if self.called.commands {
-            put_setpoints(self.plants, memories, &dt, &mut command);
+            put_commands(self.plants, memories, &dt, &mut command);
         }
-        command
+        both(
+            #[inline(always)]
+            |index| {
+                let MotorLanes { is_slewed, slew_limit, .. } = self.motors[index];
+                let most = slew_limit * dt;
+                let change = (command[index] - before[index]).clamp(-most, most);
+                is_slewed.select(before[index] + change, command[index])
+            },
+        )
     }
 
     /// Demands of the loops over a step, as if their own forces moved nothing until its middle.
@@ -461,7 +493,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
             let before = state.setpoint[index];
             // A ramp is half-way in the middle of the step, a jump has happened at its start.
             let half_way = 0.5 * (before + setpoint[index]);
-            let middle = motor.has_ramps.select(half_way, setpoint[index]);
+            let middle = motor.is_slewed.select(half_way, setpoint[index]);
             // Time from the start of a step to the measurement of the velocity on which the loop
             // acts in its middle.
             let ahead = 0.5 * dt - motor.feedback_delay_s;
@@ -624,7 +656,7 @@ fn put_masses<S: Simd>(plants: &[&Plant], motions: &[[Motion; 2]], masses: &mut 
 }
 
 #[inline(never)]
-fn put_setpoints<S: Simd>(
+fn put_commands<S: Simd>(
     plants: &[&Plant],
     memories: &mut [Vec<f64>],
     dt: &Lanes<S>,
@@ -632,8 +664,8 @@ fn put_setpoints<S: Simd>(
 ) {
     for (lane, (plant, memory)) in plants.iter().zip(memories).enumerate() {
         for (command, motor) in command.iter_mut().zip(&plant.motors) {
-            let setpoint = motor.setpoint(command.get(lane), memory, dt.get(lane));
-            command.set(lane, setpoint);
+            let taken_in = motor.taken_in(command.get(lane), memory, dt.get(lane));
+            command.set(lane, taken_in);
         }
     }
 }
@@ -687,10 +719,13 @@ struct Frame<S: Simd> {
 }
 
 impl<S: Simd> Frame<S> {
-    /// Motions of both coordinates of each plant, without force and mass.
+    /// Motions of both coordinates of each plant in `lanes`, without force and mass.
     #[inline(never)]
-    fn put_into(&self, motions: &mut [[Motion; 2]]) {
+    fn put_into(&self, motions: &mut [[Motion; 2]], lanes: LaneSet) {
         for (lane, both) in motions.iter_mut().enumerate() {
+            if !lanes.contains(lane) {
+                continue;
+            }
             let (time, dt) = (self.time.get(lane), self.dt.get(lane));
             let own = [0, 1].map(|index: usize| CrossMotion {
                 position: self.position[index].get(lane),
@@ -766,17 +801,17 @@ impl<S: Simd> GantryStep<S> {
             velocity: belts(velocity),
             acceleration: belts(acceleration),
         };
-        let on_rails = lanes.called.on_rails();
-        if on_rails {
-            rails.put_into(aside.rails);
+        let Called { on_belts, on_rails, .. } = lanes.called;
+        if !on_rails.is_empty() {
+            rails.put_into(aside.rails, on_rails);
         }
         let mass = lanes.masses(aside.rails);
         let mut step = Self { simd, rails, belts, mass, belt_mass: mass, two_masses: None };
         if let Some(ties) = &lanes.ties {
             rails.position = [position[0] + ahead[0], position[1] + ahead[1]];
             rails.velocity = [velocity[0] + gaining[0], velocity[1] + gaining[1]];
-            if on_rails {
-                rails.put_into(aside.rails);
+            if !on_rails.is_empty() {
+                rails.put_into(aside.rails, on_rails);
             }
             let (ties, load_mass) = transmission::parted(simd, ties, mass);
             let (motor, load) = (belts.velocity, rails.velocity);
@@ -787,11 +822,11 @@ impl<S: Simd> GantryStep<S> {
         } else {
             step.belt_mass = [rigid_belt_mass(mass); 2];
         }
-        if on_rails {
+        if !on_rails.is_empty() {
             set_mass(aside.rails, &step.mass);
         }
-        if lanes.called.on_belts() {
-            belts.put_into(aside.belts);
+        if !on_belts.is_empty() {
+            belts.put_into(aside.belts, on_belts);
             set_mass(aside.belts, &step.belt_mass);
         }
         step
