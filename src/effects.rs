@@ -41,6 +41,7 @@ pub use block::Block;
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
 pub use drive::scan::{PhaseSeries, SCANS, Scan, periods};
+pub(crate) use drive::slew::slewed;
 pub use elastic_load::{ElasticLoad, ElasticState, Resonance};
 pub use expression::{
     Coordinates, Definition, DefinitionError, Expression, ParameterDefinition, Place, Sign,

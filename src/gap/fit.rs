@@ -59,8 +59,7 @@ pub(super) fn fit(
     filters: &Filters,
     iterations: usize,
 ) -> Fit {
-    let how = How { filters, iterations, known: &[], precision: Precision::Minimum };
-    fit_with(problem, start, slots, &how)
+    fit_with(problem, start, slots, &How::minimum(filters, iterations))
 }
 
 /// Options of a fit.
@@ -78,6 +77,11 @@ impl<'a> How<'a> {
     /// Options of a fit that only finds the start of a further one.
     pub(super) fn start(filters: &'a Filters, iterations: usize) -> Self {
         Self { filters, iterations, known: &[], precision: Precision::Start }
+    }
+
+    /// Options of a fit of all parameters to the minimum.
+    pub(super) fn minimum(filters: &'a Filters, iterations: usize) -> Self {
+        Self { precision: Precision::Minimum, ..Self::start(filters, iterations) }
     }
 }
 

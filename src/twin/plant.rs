@@ -23,7 +23,7 @@ use super::{
 use crate::{
     effects::{
         Axis, Bristles, Carriage, CrossMotion, Expression, Law, LoopGains, Motion, Physics, Place,
-        Regressor, Spring, both,
+        Regressor, Spring, both, slewed,
     },
     gantry::belts,
 };
@@ -543,7 +543,7 @@ impl MotorParts {
     fn setpoint(&self, command: f64, before: f64, memory: &mut [f64], dt: f64) -> f64 {
         let taken_in = self.taken_in(command, memory, dt);
         match self.slew_limit {
-            Some(limit) => before + (taken_in - before).clamp(-limit * dt, limit * dt),
+            Some(limit) => slewed(before, taken_in, limit * dt),
             None => taken_in,
         }
     }

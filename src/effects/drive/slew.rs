@@ -2,6 +2,11 @@
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
 
+/// Setpoint after a step from the setpoint `before`, which follows the `command` and changes by `most` at most.
+pub(crate) fn slewed(before: f64, command: f64, most: f64) -> f64 {
+    before + (command - before).clamp(-most, most)
+}
+
 /// `drive.saturation.slew`: limit in metres of belt.
 pub(crate) static SLEW: Effect = Effect {
     name: "drive.saturation.slew",

@@ -118,8 +118,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// Fit a candidate. On a table, a shape that ends on its bound is held at its start: the data do not determine it. On
     /// single axes, that named Stribeck friction in place of a dead band, and gave no right answer more.
     fn fitted(&self, candidate: &Candidate, rough: &Fit, known: &[Vec<f64>]) -> Fit {
-        let precision = fit::Precision::Minimum;
-        let how = fit::How { filters: self.filters, iterations: 8, known, precision };
+        let how = fit::How { known, ..fit::How::minimum(self.filters, 8) };
         let fit = fit::fit_with(self.train, rough.point.clone(), &rough.slots, &how);
         let ended = on_bound_of(&fit.point.twin, slots_of_last(&fit.point.twin));
         let is_held = |slot: Slot| {

@@ -144,8 +144,7 @@ impl Search<'_> {
         let columns = self.best.slots.iter().zip(columns).filter(|(slot, _)| stays(slot));
         let known: Vec<Vec<f64>> = columns.map(|(_, column)| column.clone()).collect();
         remove_from(&mut rest, step);
-        let precision = fit::Precision::Minimum;
-        let how = fit::How { filters: &self.filters, iterations: 3, known: &known, precision };
+        let how = fit::How { known: &known, ..fit::How::minimum(&self.filters, 3) };
         fit::fit_with(&self.train, rest.point, &rest.slots, &how)
     }
 

@@ -4,7 +4,7 @@ use super::VOLT;
 use crate::{
     effects::{
         Bristles, ElasticLoad, ElasticState, InputKind, Law, Motion, Physics, Place, Resonance,
-        VelocityController, follow,
+        VelocityController, follow, slewed,
     },
     twin::{Instance, Twin},
 };
@@ -42,8 +42,8 @@ impl<F> Part<F> {
 }
 
 /// Setpoint after a step of `dt` seconds with this `command`, whose rate is at most `p[0]`; `memory` is the setpoint.
-fn slewed(p: &[f64], memory: &mut [f64], command: f64, dt: f64) -> f64 {
-    memory[0] += (command - memory[0]).clamp(-p[0] * dt, p[0] * dt);
+fn follow_slewed(p: &[f64], memory: &mut [f64], command: f64, dt: f64) -> f64 {
+    memory[0] = slewed(memory[0], command, p[0] * dt);
     memory[0]
 }
 
@@ -201,7 +201,7 @@ impl Chain {
                 self.way += length;
             }
             Physics::Ramp(limit) if way + length <= MOST_MEMORY => {
-                let (call, p) = (Law::Function(slewed as _), vec![limit(&p)]);
+                let (call, p) = (Law::Function(follow_slewed as _), vec![limit(&p)]);
                 self.commands.push(Part { call, p, memory: way, length });
                 self.way += length;
             }
