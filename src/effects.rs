@@ -38,6 +38,7 @@ mod sensor;
 
 pub use axis_scales::{AxisScales, InputKind};
 pub use block::Block;
+pub(crate) use coupling::striker::{CarriageLanes, StateLanes as StrikerStateLanes, StrikerLanes};
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
 pub use drive::scan::{PhaseSeries, SCANS, Scan, periods};
@@ -53,7 +54,7 @@ pub(crate) use impact::wall_friction_spin::spin_ratio;
 pub(crate) use oscillator::Oscillator;
 pub use physics::{
     Ball, Bristles, Carriage, Change, CrossMotion, Impact, Law, LoopGains, Motion, Noise, Physics,
-    Sample, Spring, VelocityController, Wall,
+    Sample, Spring, Striker, VelocityController, Wall,
 };
 
 use serde::{Deserialize, Serialize};
@@ -614,6 +615,7 @@ mod tests {
             Physics::Frame(_)
             | Physics::Backlash(_)
             | Physics::Coupling(_)
+            | Physics::Striker(_)
             | Physics::Camera(_)
             | Physics::CameraDelay(_) => Some(Signal::StrikerPosition),
             _ => Some(Signal::MotorVelocity),

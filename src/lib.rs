@@ -39,6 +39,7 @@
 //! | | [`seed`] | independent named random streams from one user seed |
 //! | | [`stats`] | summaries, bootstrap intervals, permutation tests |
 //! | | [`parallel`] | parallel work on independent items |
+//! | | `lanes` | simulations side by side in the vectors of the processor |
 //! | | [`report`] | pages of sections, tables and plots |
 //! | | [`provenance`] | command line, version and commit of a result |
 //! | 1 data | [`board`] | geometry and coordinate frames of the table |
@@ -77,6 +78,7 @@
 //! - An output file appears under its name only when it is complete.
 //! - A recording that is marked for validation is never fitted.
 
+mod lanes;
 pub mod parallel;
 pub mod provenance;
 pub mod report;

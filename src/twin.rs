@@ -29,7 +29,6 @@ mod document;
 mod drive;
 mod estimator;
 pub mod export;
-mod lanes;
 mod linkage;
 mod machine;
 pub mod noise;

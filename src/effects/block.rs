@@ -76,7 +76,7 @@ impl Block {
             | Physics::ElasticLoad(_)
             | Physics::Resonance(_) => Self::Transmission,
             Physics::Frame(_) => Self::Geometry,
-            Physics::Coupling(_) | Physics::Reaction(_) => Self::Coupling,
+            Physics::Coupling(_) | Physics::Striker(_) | Physics::Reaction(_) => Self::Coupling,
             Physics::Encoder(_)
             | Physics::Noise(Noise::EncoderStep)
             | Physics::Expression(Place::Output, _) => Self::Encoder,

@@ -2,5 +2,6 @@
 
 pub(super) mod magnet_slip;
 pub(super) mod magnet_spring;
+pub(super) mod striker;
 pub(super) mod striker_friction;
 pub(super) mod striker_wobble;

@@ -189,6 +189,19 @@ pub struct Carriage {
     pub striker_mass: f64,
 }
 
+/// Striker on the spring of its magnet, with friction on the board.
+#[derive(Debug, Clone, Copy)]
+pub struct Striker {
+    /// Dry friction on the board (N).
+    pub friction: f64,
+    /// Stiffness of the spring at zero displacement (N/m).
+    pub stiffness: f64,
+    /// Damping ratio at that stiffness.
+    pub damping_ratio: f64,
+    /// Displacement of the largest force (m).
+    pub softening: f64,
+}
+
 /// State of the rolling ball.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Ball {
@@ -330,8 +343,10 @@ pub enum Physics {
     Frame(fn(p: &[f64], carriage: &Carriage) -> [f64; 2]),
     /// Magnet state to the position of the striker (m).
     Coupling(fn(p: &[f64], m: &mut [f64], carriage: &Carriage) -> [f64; 2]),
-    /// Force of the striker on the carriage (N), without that of its mass, which counts as part of the carriage.
-    Reaction(fn(p: &[f64], m: &mut [f64], carriage: &Carriage) -> [f64; 2]),
+    /// Striker on the spring of its magnet, with friction on the board; its states are displacement and velocity.
+    Striker(fn(p: &[f64]) -> Striker),
+    /// The same striker, whose force acts on the carriage; that of its mass counts as part of the carriage.
+    Reaction(fn(p: &[f64]) -> Striker),
     /// Latency of the camera (s) at `elapsed` seconds of the session.
     CameraDelay(fn(p: &[f64], elapsed: f64) -> f64),
     /// True to reported position (m) of an object `height` metres above the board.

@@ -3,7 +3,15 @@
 use super::{
     Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, noise::FrameLosses, plant::Part,
 };
-use crate::effects::{Axis, Carriage, Effect, Physics, Place, both};
+use crate::{
+    effects::{
+        Axis, Carriage, CarriageLanes, Effect, Physics, Place, Striker, StrikerLanes,
+        StrikerStateLanes, both,
+    },
+    lanes::{self, Lanes, SideBySide},
+};
+use pulp::Simd;
+use std::cmp::Ordering;
 
 /// Time step along the measured path (s).
 pub(super) const STEP: f64 = 1e-3;
@@ -96,6 +104,7 @@ impl Stage for CameraStage {
                     | Physics::Expression(Place::Output, _)
                     | Physics::Frame(_)
                     | Physics::Coupling(_)
+                    | Physics::Striker(_)
                     | Physics::Camera(_)
                     | Physics::CameraDelay(_)
             )
@@ -133,31 +142,43 @@ impl Stage for CameraStage {
     }
 
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-        let mut chain = Chain::new(twin);
+        let mut all = [predicted.iter_mut().map(std::mem::take).collect()];
+        self.predict_each(&[twin], nuisance, &mut all);
+        let [all] = all;
+        predicted.iter_mut().zip(all).for_each(|(to, own)| *to = own);
+    }
+
+    fn predict_each(
+        &self,
+        twins: &[&Twin],
+        nuisance: &[Vec<f64>],
+        predicted: &mut [Vec<Vec<f64>>],
+    ) -> bool {
         let offset = nuisance.first().map_or([0.0; 2], |both| [both[0], both[1]]);
-        for values in predicted.iter_mut() {
-            values.fill(f64::NAN);
+        predicted.iter_mut().flatten().for_each(|values| values.fill(f64::NAN));
+        let samples: Vec<usize> = self.samples().collect();
+        let mut dynamic = Vec::new();
+        for (twin, predicted) in twins.iter().zip(predicted) {
+            let mut chain = Chain::new(twin);
+            match chain.linkage.is_dynamic() {
+                true => dynamic.push(Walk::new(chain, &samples, predicted)),
+                false => self.look_up(&mut chain, offset, predicted),
+            }
         }
-        let samples = self.channels[0].runs.iter().cloned().flatten();
-        if chain.linkage.is_dynamic() {
-            self.march(&mut chain, samples, offset, predicted);
-        } else {
-            self.look_up(&mut chain, samples, offset, predicted);
-        }
+        lanes::side_by_side(&mut March { stage: self, offset }, &mut dynamic);
+        true
+    }
+
+    fn width(&self) -> usize {
+        lanes::width()
     }
 }
 
 impl CameraStage {
     /// Without memory in the chain, each sample is a reading of the path.
-    fn look_up(
-        &self,
-        chain: &mut Chain,
-        samples: impl Iterator<Item = usize>,
-        offset: [f64; 2],
-        predicted: &mut [Vec<f64>],
-    ) {
+    fn look_up(&self, chain: &mut Chain, offset: [f64; 2], predicted: &mut [Vec<f64>]) {
         let mut cursor = 0;
-        for sample in samples {
+        for sample in self.samples() {
             let time = self.channels[0].times[sample];
             let carriage = chain.carriage(&self.carriage, time - chain.delay(time), &mut cursor);
             let place = chain.striker(carriage);
@@ -167,40 +188,112 @@ impl CameraStage {
         }
     }
 
-    /// With memory, the path is marched in small steps and read between them, from the first run to
-    /// the last: slip in one run remains in the next.
-    fn march(
-        &self,
-        chain: &mut Chain,
-        samples: impl Iterator<Item = usize>,
-        offset: [f64; 2],
-        predicted: &mut [Vec<f64>],
-    ) {
-        let times = &self.channels[0].times;
-        let mut samples = samples.peekable();
-        let Some(first) = samples.peek().and_then(|first| times.get(*first).copied()) else {
-            return;
-        };
-        let mut cursor = 0;
-        let mut time = first - chain.delay(first) - RUN_IN;
-        let mut at = |time: f64, chain: &mut Chain| {
-            let carriage = chain.carriage(&self.carriage, time, &mut cursor);
-            chain.striker(carriage)
-        };
-        let mut before = at(time, chain);
-        let mut after = before;
-        for sample in samples {
-            let wanted = times[sample] - chain.delay(times[sample]);
-            while time < wanted {
-                time += STEP;
-                before = after;
-                after = at(time, chain);
-            }
-            let share = (1.0 - (time - wanted) / STEP).clamp(0.0, 1.0);
+    /// Samples of all runs, in order.
+    fn samples(&self) -> impl Iterator<Item = usize> {
+        self.channels[0].runs.iter().cloned().flatten()
+    }
+}
+
+/// March of several twins. With memory, the path is marched in small steps and read between them, from the first run
+/// to the last: slip in one run remains in the next.
+struct March<'a> {
+    stage: &'a CameraStage,
+    offset: [f64; 2],
+}
+
+/// Progress of one twin along the path.
+struct Walk<'a> {
+    chain: Chain,
+    predicted: &'a mut [Vec<f64>],
+    /// Samples that were not read, and the time on the path of the first of them (s).
+    samples: &'a [usize],
+    wanted: f64,
+    /// End of the present step (s), and the index of the path there.
+    time: f64,
+    cursor: usize,
+    /// Striker at the end of the last step and of the present one (m).
+    strikers: [[f64; 2]; 2],
+}
+
+impl<'a> Walk<'a> {
+    /// Walk through the `samples`.
+    fn new(chain: Chain, samples: &'a [usize], predicted: &'a mut [Vec<f64>]) -> Self {
+        let (wanted, time, cursor, strikers) = (0.0, 0.0, 0, [[0.0; 2]; 2]);
+        Self { chain, predicted, samples, wanted, time, cursor, strikers }
+    }
+
+    /// Find the time of the next sample, if there is one.
+    fn look_ahead(&mut self, stage: &CameraStage) {
+        if let Some(next) = self.samples.first() {
+            let time = stage.channels[0].times[*next];
+            self.wanted = time - self.chain.delay(time);
+        }
+    }
+
+    /// Magnet at the end of the present step. `strikers` receives the position of the striker without that on a spring.
+    #[inline(never)]
+    fn magnet(&mut self, stage: &CameraStage) -> Carriage {
+        let Chain { linkage, memory, striker_mass, .. } = &mut self.chain;
+        let carriage = stage.carriage.carriage(self.time, STEP, *striker_mass, &mut self.cursor);
+        let magnet = linkage.magnet(memory, carriage);
+        let away = linkage.away(memory, &magnet);
+        self.strikers = [self.strikers[1], both(|k| magnet.position[k] + away[k])];
+        magnet
+    }
+
+    /// Read all samples of the present step and go on to the next one. The striker is `away` from where it would be
+    /// without a spring (m).
+    #[inline(never)]
+    fn read(&mut self, away: [f64; 2], March { stage, offset }: &March<'_>) {
+        self.strikers[1] = both(|k| self.strikers[1][k] + away[k]);
+        let [before, after] = self.strikers;
+        // A delay that is no number ends the walk as well.
+        while let Some((sample, rest)) = self.samples.split_first()
+            && self.time.partial_cmp(&self.wanted) != Some(Ordering::Less)
+        {
+            let share = (1.0 - (self.time - self.wanted) / STEP).clamp(0.0, 1.0);
             let place = both(|k| before[k] + share * (after[k] - before[k]));
-            let seen = chain.seen(place, self.height);
-            predicted[0][sample] = seen[0] + offset[0];
-            predicted[1][sample] = seen[1] + offset[1];
+            let seen = self.chain.seen(place, stage.height);
+            for (axis, predicted) in self.predicted.iter_mut().enumerate() {
+                predicted[*sample] = seen[axis] + offset[axis];
+            }
+            self.samples = rest;
+            self.look_ahead(stage);
+        }
+        self.time += STEP;
+    }
+}
+
+impl<'a> SideBySide for March<'a> {
+    type Item = Walk<'a>;
+
+    #[inline(always)]
+    fn run<S: Simd>(&mut self, simd: S, walks: &mut [Walk<'a>]) {
+        let springs: Vec<Option<(Striker, f64)>> =
+            walks.iter_mut().map(|walk| walk.chain.linkage.take_striker()).collect();
+        let strikers = StrikerLanes::new(simd, |lane| *springs.get(lane)?);
+        let nothing = [Lanes::splat(simd, 0.0); 2];
+        let mut state = StrikerStateLanes { away: nothing, speed: nothing };
+        let dt = Lanes::splat(simd, STEP);
+        let mut motion = CarriageLanes { dt, velocity: nothing, acceleration: nothing };
+        for walk in walks.iter_mut() {
+            walk.look_ahead(self.stage);
+            walk.time = walk.wanted - RUN_IN;
+        }
+        while walks.iter().any(|walk| !walk.samples.is_empty()) {
+            for (lane, walk) in walks.iter_mut().enumerate() {
+                let magnet = walk.magnet(self.stage);
+                for k in 0..2 {
+                    motion.velocity[k].set(lane, magnet.velocity[k]);
+                    motion.acceleration[k].set(lane, magnet.acceleration[k]);
+                }
+            }
+            if let Some(strikers) = &strikers {
+                strikers.step(&mut state, &motion);
+            }
+            for (lane, walk) in walks.iter_mut().enumerate() {
+                walk.read([state.away[0].get(lane), state.away[1].get(lane)], self);
+            }
         }
     }
 }
@@ -212,6 +305,83 @@ mod tests {
         effects::{Axis, Domain, find},
         twin::{Instance, Machine, Source},
     };
+
+    /// Runs of a carriage that swings along x and y.
+    fn swinging() -> CameraStage {
+        let times: Vec<f64> = (0..300).map(|k| 0.01 * f64::from(k)).collect();
+        let at = |t: f64| [0.05 * (4.0 * t).sin(), 0.03 * (7.0 * t).cos()];
+        let velocity = |t: f64| [0.2 * (4.0 * t).cos(), -0.21 * (7.0 * t).sin()];
+        let carriage = MeasuredPath::new(
+            times.clone(),
+            times.iter().map(|t| at(*t)).collect(),
+            times.iter().map(|t| velocity(*t)).collect(),
+        );
+        let frames: Vec<f64> = (0..300).map(|k| 0.05 + 0.009 * f64::from(k)).collect();
+        let channel = |axis: &'static str| Channel {
+            signal: format!("camera.striker_{axis}"),
+            unit: "m",
+            domain: Domain::Sensor,
+            axis,
+            rate_hz: 111.0,
+            times: frames.clone(),
+            measured: vec![0.0; frames.len()],
+            runs: vec![0..120, 150..300],
+        };
+        let channels = vec![channel("x"), channel("y")];
+        CameraStage { carriage, channels, height: 0.0, has_drives: false, losses: None }
+    }
+
+    #[test]
+    fn side_by_side_every_twin_predicts_what_it_does_alone() {
+        let rubs = |p: &'static [f64]| ("coupling.striker_friction", Axis::Whole, p);
+        let late = ("sensor.camera_latency", Axis::Whole, &[0.013][..]);
+        let play = ("drive.backlash", Axis::Motors, &[4e-4, 20.0][..]);
+        let wobble = ("coupling.striker_wobble", Axis::Whole, &[1e-4, 10.0, 0.05][..]);
+        let spring = ("coupling.magnet_spring", Axis::Whole, &[100.0, 0.3, 0.02, 0.0][..]);
+        let lists: &[&[(&str, Axis, &[f64])]] = &[
+            &[],
+            &[rubs(&[0.1, 400.0, 0.2, 0.02])],
+            &[rubs(&[0.5, 2500.0, 3.0, 0.02]), late],
+            &[late],
+            &[play, rubs(&[0.05, 5000.0, 0.1, 1.0])],
+            &[play],
+            &[spring, wobble],
+            &[wobble, late],
+            &[spring, rubs(&[0.02, 100.0, 0.2, 0.02])],
+            &[rubs(&[0.0, 5000.0, 20.0, 1.0])],
+            &[spring],
+        ];
+        let stage = swinging();
+        let twins = lists.iter().map(|list| {
+            let mut twin = Twin::nominal(Machine::Table);
+            twin.striker_mass = 0.012;
+            for (name, axis, values) in *list {
+                let effect = find(name).unwrap();
+                twin.instances.push(Instance::new(effect, *axis, values, Source::Known));
+            }
+            twin
+        });
+        let twins: Vec<Twin> = twins.collect();
+        let nuisance = [vec![1e-3, -2e-3]];
+        let blank = || vec![vec![0.0; 300]; 2];
+        let mut together = vec![blank(); twins.len()];
+        let all: Vec<&Twin> = twins.iter().collect();
+        assert!(stage.predict_each(&all, &nuisance, &mut together));
+        let bits = |all: &[Vec<f64>]| -> Vec<u64> {
+            all.iter().flatten().map(|value| value.to_bits()).collect()
+        };
+        for (index, twin) in twins.iter().enumerate() {
+            let mut alone = blank();
+            stage.predict(twin, &nuisance, &mut alone);
+            assert_eq!(bits(&alone), bits(&together[index]), "twin {index}");
+            assert_eq!(together[index].iter().flatten().filter(|own| own.is_finite()).count(), 540);
+            let is_same = |other: &Vec<Vec<f64>>| bits(other) == bits(&together[index]);
+            assert!(
+                !together[..index].iter().any(is_same),
+                "twin {index} predicts what another does"
+            );
+        }
+    }
 
     /// Two runs with a pause between them: a hard stop in the first, rest in the second.
     #[test]

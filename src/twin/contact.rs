@@ -1,7 +1,9 @@
 //! Dry friction over one step of a simulation.
 
-use super::lanes::{Lanes, Mask};
-use crate::effects::Bristles;
+use crate::{
+    effects::Bristles,
+    lanes::{Lanes, Mask},
+};
 use pulp::Simd;
 
 /// Ratio of speed to creep speed below which it is rest.
@@ -20,6 +22,9 @@ pub(super) struct BristleLanes<S: Simd> {
     distance: Lanes<S>,
     velocity: Lanes<S>,
     damping: Lanes<S>,
+    /// Reciprocals of distance (1/m) and velocity (s/m).
+    per_distance: Lanes<S>,
+    per_velocity: Lanes<S>,
 }
 
 impl<S: Simd> BristleLanes<S> {
@@ -31,19 +36,22 @@ impl<S: Simd> BristleLanes<S> {
         }
         let number =
             |get: fn(Bristles) -> f64| Lanes::from_fn(simd, |lane| of(lane).map_or(1.0, get));
+        let (distance, velocity) = (number(|own| own.distance), number(|own| own.velocity));
         Some(Self {
             exist: Mask::from_fn(simd, |lane| of(lane).is_some()),
             force: number(|own| own.force),
-            distance: number(|own| own.distance),
-            velocity: number(|own| own.velocity),
+            distance,
+            velocity,
             damping: number(|own| own.damping),
+            per_distance: 1.0 / distance,
+            per_velocity: 1.0 / velocity,
         })
     }
 
     /// Relaxation speed of the deflection (m/s) at a `speed`; see [`Bristles::pace`].
     #[inline(always)]
     fn pace(&self, simd: S, speed: Lanes<S>) -> Lanes<S> {
-        let ratio = speed / self.velocity;
+        let ratio = speed * self.per_velocity;
         let creeps = ratio.less_than(Lanes::splat(simd, CREEPING));
         let saturates = Lanes::splat(simd, SATURATED).less_than(ratio);
         let mut tanh = Lanes::splat(simd, 1.0);
@@ -71,12 +79,13 @@ pub(super) struct Contact<S: Simd> {
 /// Motion of a coordinate over a step without friction.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Free<S: Simd> {
-    /// Its mass (kg).
-    pub(super) mass: Lanes<S>,
+    /// Its inertia over the step (kg/s): the force per velocity that it loses.
+    pub(super) inertia: Lanes<S>,
     /// Its velocity before and after the step (m/s).
     pub(super) velocity: [Lanes<S>; 2],
-    /// Length of the step (s).
+    /// Length of the step (s), and its reciprocal (1/s).
     pub(super) dt: Lanes<S>,
+    pub(super) per_dt: Lanes<S>,
 }
 
 impl<S: Simd> Contact<S> {
@@ -88,8 +97,7 @@ impl<S: Simd> Contact<S> {
     /// are, and still a quadratic equation in that velocity.
     #[inline(always)]
     pub(super) fn force(&self, simd: S, bend: &mut Lanes<S>, motion: Free<S>) -> Lanes<S> {
-        let Free { mass, velocity: [velocity, free], dt } = motion;
-        let inertia = mass / dt;
+        let Free { inertia, velocity: [velocity, free], dt, per_dt } = motion;
         let stopping = inertia * free;
         let rigid_force = -stopping.clamp(-self.level, self.level);
         let Some(own) = &self.bristles else { return rigid_force };
@@ -99,18 +107,24 @@ impl<S: Simd> Contact<S> {
         }
         // At most the level is dry friction: see `Bristles::held_to`.
         let fits = own.force.at_most(self.level);
-        let force = fits.select(own.force, self.level);
-        let shorter =
-            (own.distance * self.level / own.force).max(Lanes::splat(simd, f64::MIN_POSITIVE));
-        let distance = fits.select(own.distance, shorter);
+        let (mut force, mut distance, mut per_distance) =
+            (own.force, own.distance, own.per_distance);
+        if !fits.all() {
+            let shorter =
+                (own.distance * self.level / own.force).max(Lanes::splat(simd, f64::MIN_POSITIVE));
+            force = fits.select(force, self.level);
+            distance = fits.select(distance, shorter);
+            per_distance = fits.select(per_distance, 1.0 / shorter);
+        }
         let rigid = self.level - force;
-        let per_speed = dt / distance;
+        let per_speed = dt * per_distance;
         let relaxed = 1.0 + per_speed * (own.pace(simd, velocity.abs()) - velocity.abs());
-        let damped = own.damping * distance / dt;
+        let damped = own.damping * distance * per_dt;
         let elastic = force + damped;
-        let pull = stopping - elastic * *bend / relaxed + damped * *bend;
+        let relaxed_bend = *bend / relaxed;
+        let pull = stopping - elastic * relaxed_bend + damped * *bend;
         let holds = pull.abs().at_most(rigid);
-        let mut found = (-stopping, *bend / relaxed);
+        let mut found = (-stopping, relaxed_bend);
         if !holds.all() {
             // (inertia (u - w) + rigid - damped s) (relaxed + per_speed u) + elastic (s + per_speed u) = 0 for the
             // speed u > 0 in the direction of the pull, with w and s the free velocity and the bend along it.
@@ -151,7 +165,8 @@ mod tests {
         let of = |value| Lanes::splat(Scalar, value);
         let contact =
             Contact { level: of(level), bristles: BristleLanes::new(Scalar, |_| bristles) };
-        let free = Free { mass: of(mass), velocity: velocity.map(of), dt: of(dt) };
+        let (inertia, per_dt) = (of(mass / dt), of(1.0 / dt));
+        let free = Free { inertia, velocity: velocity.map(of), dt: of(dt), per_dt };
         let mut bent = of(*bend);
         let friction = contact.force(Scalar, &mut bent, free);
         *bend = bent.get(0);

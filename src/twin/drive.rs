@@ -8,7 +8,7 @@ use crate::{
     gantry::belts,
 };
 use march::Job;
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, ops::Range};
 
 /// Time after the start of a run during which the command in force may precede the run (s): the
 /// plant runs there, but nothing is compared.
@@ -107,8 +107,8 @@ impl Stage for DriveStage {
                 predicted,
             })
             .partition(|job| job.plant.is_soft());
-        march::side_by_side(self, soft);
-        march::side_by_side(self, rigid);
+        march::march(self, soft);
+        march::march(self, rigid);
         true
     }
 
@@ -130,11 +130,20 @@ impl Stage for DriveStage {
     }
 
     fn width(&self) -> usize {
-        march::width()
+        march::width(self.sequences().len().max(1))
     }
 }
 
 impl DriveStage {
+    /// Sequences of runs, each of which begins with a plant that starts anew.
+    fn sequences(&self) -> Vec<Range<usize>> {
+        let count = self.starts.len();
+        let is_first = |run: &usize| *run == 0 || self.starts[*run].fresh;
+        let mut firsts: Vec<usize> = (0..count).filter(is_first).collect();
+        firsts.push(count);
+        firsts.windows(2).map(|pair| pair[0]..pair[1]).filter(|runs| !runs.is_empty()).collect()
+    }
+
     /// Motor commands in force at `time`, each sent its own `delay` before, and the time until
     /// which both are in force (s).
     fn command_at(&self, time: f64, delays: [f64; 2], cursors: &mut [usize; 2]) -> ([f64; 2], f64) {

@@ -1,21 +1,29 @@
 //! Chain from the carriage to the striker: encoders, backlash, geometry of the gantry, magnet.
 
-use super::{Instance, Twin, lanes::Lanes, plant::Part, transmission};
+use super::{Instance, Twin, plant::Part, transmission};
 use crate::{
-    effects::{Carriage, Law, Motion, Physics, Place, Spring, both},
+    effects::{Carriage, Law, Motion, Physics, Place, Spring, Striker, StrikerLanes, both},
     gantry::{belts, rails},
+    lanes::Lanes,
 };
 use pulp::Scalar;
 
 type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type EncoderPart = Part<Law<fn(&[f64], f64, f64) -> f64>>;
 type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
-type CouplingPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
+type CouplingPart = Part<Coupling>;
 
 /// Distance over which friction on a guide builds up after a reversal (m). Contacts bend by some
 /// micrometres before they slide (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica
 /// 30(7), section 2.1).
 const PRESLIDING_M: f64 = 1e-5;
+
+/// Coupling of magnet and striker.
+#[derive(Debug, Clone, Copy)]
+enum Coupling {
+    Function(fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]),
+    Striker(Striker, StrikerLanes<Scalar>),
+}
 
 /// Kind of the positions of a carriage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +43,7 @@ pub struct Linkage {
     frames: Vec<FramePart>,
     couplings: Vec<CouplingPart>,
     mass: [f64; 2],
+    striker_mass: f64,
     rubs: [Rub; 2],
     turns_per_metre: f64,
     memory: usize,
@@ -77,6 +86,7 @@ impl Linkage {
             frames: Vec::new(),
             couplings: Vec::new(),
             mass: [0.0; 2],
+            striker_mass: twin.striker_mass,
             rubs: Default::default(),
             turns_per_metre: twin.belt_metres_per_turn.recip(),
             memory: 0,
@@ -134,7 +144,15 @@ impl Linkage {
                 covered.for_each(|k| plays[k].push(Part::new(call, instance, memory)));
             }
             Physics::Frame(call) => self.frames.push(Part::new(call, instance, memory)),
-            Physics::Coupling(call) => self.couplings.push(Part::new(call, instance, memory)),
+            Physics::Coupling(call) => {
+                self.couplings.push(Part::new(Coupling::Function(call), instance, memory));
+            }
+            Physics::Striker(call) => {
+                let striker = call(&instance.numbers());
+                let lanes = StrikerLanes::alone(striker, self.striker_mass);
+                let own = Coupling::Striker(striker, lanes);
+                self.couplings.push(Part::new(own, instance, memory));
+            }
             Physics::Mass(call) => {
                 let mass = call(&instance.numbers());
                 covered.for_each(|k| self.mass[k] += mass);
@@ -188,7 +206,11 @@ impl Linkage {
     pub fn away(&self, memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
         let magnet = carriage.position;
         self.couplings.iter().fold([0.0; 2], |away, part| {
-            let moved = (part.call)(part.p(), part.memory(memory), carriage);
+            let memory = part.memory(memory);
+            let moved = match part.call {
+                Coupling::Function(call) => call(part.p(), memory, carriage),
+                Coupling::Striker(_, own) => own.striker(memory, carriage),
+            };
             both(|k| away[k] + moved[k] - magnet[k])
         })
     }
@@ -196,7 +218,15 @@ impl Linkage {
     /// Position of the striker (m) for a carriage at one time. `memory` is that of this carriage:
     /// [`memory`](Self::memory) values, all zero after a long rest.
     #[must_use]
-    pub fn striker(&self, memory: &mut [f64], mut carriage: Carriage) -> [f64; 2] {
+    pub fn striker(&self, memory: &mut [f64], carriage: Carriage) -> [f64; 2] {
+        let magnet = self.magnet(memory, carriage);
+        let away = self.away(memory, &magnet);
+        both(|k| magnet.position[k] + away[k])
+    }
+
+    /// State of the magnet for a carriage at one time, with the same `memory`.
+    #[must_use]
+    pub(super) fn magnet(&self, memory: &mut [f64], mut carriage: Carriage) -> Carriage {
         let mut belt = belts(carriage.position);
         for (k, parts) in self.encoders.iter().enumerate() {
             for part in parts {
@@ -233,8 +263,15 @@ impl Linkage {
         for part in &self.frames {
             carriage.position = (part.call)(part.p(), &carriage);
         }
-        let away = self.away(memory, &carriage);
-        both(|k| carriage.position[k] + away[k])
+        carriage
+    }
+
+    /// Take the last striker on a spring out, with its mass (kg), to simulate it beside those of other linkages.
+    pub(super) fn take_striker(&mut self) -> Option<(Striker, f64)> {
+        let is_striker = |part: &CouplingPart| matches!(part.call, Coupling::Striker(..));
+        let index = self.couplings.iter().rposition(is_striker)?;
+        let Coupling::Striker(striker, _) = self.couplings.remove(index).call else { return None };
+        Some((striker, self.striker_mass))
     }
 
     /// Motion of the `carriage` along axis `k`.

@@ -17,15 +17,15 @@ mod step;
 use super::{
     Instance, Twin,
     contact::{BristleLanes, Contact, Free},
-    lanes::Lanes,
     transmission::{self, Tie},
 };
 use crate::{
     effects::{
-        Axis, Bristles, Carriage, CrossMotion, Expression, Law, LoopGains, Motion, Physics, Place,
-        Regressor, Spring, both, slewed,
+        Axis, Bristles, CrossMotion, Expression, Law, LoopGains, Motion, Physics, Place, Regressor,
+        Spring, Striker, both, slewed,
     },
     gantry::belts,
+    lanes::Lanes,
 };
 pub use fleet::{Course, Fleet, Moved};
 use pulp::Scalar;
@@ -70,12 +70,15 @@ impl<F> Part<F> {
     pub(super) fn memory<'a>(&self, memory: &'a mut [f64]) -> &'a mut [f64] {
         &mut memory[self.memory..self.memory + self.length]
     }
+
+    fn memory_in<'a>(&self, memory: &'a [f64]) -> &'a [f64] {
+        &memory[self.memory..self.memory + self.length]
+    }
 }
 
 type CommandPart = Part<Law<fn(&[f64], &mut [f64], f64, f64) -> f64>>;
 type MotionPart = Part<Law<fn(&[f64], &mut [f64], &Motion) -> f64>>;
 type MassPart = Part<fn(&[f64], &Motion) -> f64>;
-type ReactionPart = Part<fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]>;
 type EncoderPart = Part<Law<fn(&[f64], f64, f64) -> f64>>;
 
 /// Distance over which the slope of an encoder's reading is computed (m).
@@ -131,8 +134,8 @@ pub struct Plant {
     rails: Vec<RailParts>,
     /// Ties between motors and load; `None` if both belts are rigid.
     ties: Option<[Tie; 2]>,
-    /// Reactions of the striker on the carriage.
-    reactions: Vec<ReactionPart>,
+    /// Striker whose force acts on the carriage; the last of several.
+    striker: Option<Part<Striker>>,
     striker_mass: f64,
     /// Scales the gains of the loops: mass on one belt for which they are stated (kg).
     gain_mass: f64,
@@ -210,7 +213,7 @@ impl Plant {
             ],
             rails: vec![RailParts::default(); count],
             ties: None,
-            reactions: Vec::new(),
+            striker: None,
             striker_mass: twin.striker_mass,
             gain_mass: 0.0,
             memory: 0,
@@ -302,7 +305,7 @@ impl Plant {
             Physics::Inertia(call) => rail.masses.push(Part::new(call, instance, memory)),
             // On both axes at once.
             Physics::Reaction(call) if index == 0 => {
-                self.reactions.push(Part::new(call, instance, memory));
+                self.striker = Some(Part::new(call(&instance.numbers()), instance, memory));
             }
             Physics::Expression(place, own) => self.add_expression(instance, (place, own), index),
             _ => {}
@@ -419,7 +422,7 @@ impl Plant {
         let mut all = StateLanes::new(Scalar);
         let mut memory = std::mem::take(&mut state.memory);
         all.put(0, state);
-        all.put_bends(0, self, &memory);
+        all.put_remembered(0, self, &memory);
         let command = command.map(|own| Lanes::splat(Scalar, own));
         let mut aside = Aside {
             memories: std::slice::from_mut(&mut memory),
@@ -428,7 +431,7 @@ impl Plant {
         };
         lanes.step(&mut all, &mut aside, command, Lanes::splat(Scalar, dt));
         all.get(0, state);
-        all.get_bends(0, self, &mut memory);
+        all.get_remembered(0, self, &mut memory);
         state.memory = memory;
     }
 
@@ -508,7 +511,8 @@ fn slide(
     let of = |value: f64| Lanes::splat(Scalar, value);
     let bristles_of = |_| bristles.map(|(own, _)| own);
     let contact = Contact { level: of(level), bristles: BristleLanes::new(Scalar, bristles_of) };
-    let step = Free { mass: of(mass), velocity: [of(velocity), of(free)], dt: of(dt) };
+    let (inertia, per_dt) = (of(mass / dt), of(1.0 / dt));
+    let step = Free { inertia, velocity: [of(velocity), of(free)], dt: of(dt), per_dt };
     let mut bend = of(bristles.map_or(0.0, |(_, place)| memory[place]));
     let friction = contact.force(Scalar, &mut bend, step).get(0);
     if let Some((_, place)) = bristles {

@@ -1,11 +1,11 @@
 //! Two masses with a spring between them, per motor: one step of a gantry whose belts have
 //! compliance or backlash.
 
-use super::{
-    contact::{Contact, Free},
+use super::contact::{Contact, Free};
+use crate::{
+    effects::{Spring, both},
     lanes::{Lanes, Mask, belts, rails},
 };
-use crate::effects::{Spring, both};
 use pulp::Simd;
 
 /// Largest fraction of the mass on an axis that is rotors.
@@ -41,8 +41,9 @@ pub(super) struct TieLanes<S: Simd> {
     damping: Lanes<S>,
     /// Width within which no force passes (m).
     backlash: Lanes<S>,
-    /// Mass that stays with the motor (kg of belt).
+    /// Mass that stays with the motor (kg of belt), and its reciprocal (1/kg).
     pub(super) motor_mass: Lanes<S>,
+    per_motor_mass: Lanes<S>,
 }
 
 impl<S: Simd> TieLanes<S> {
@@ -52,13 +53,22 @@ impl<S: Simd> TieLanes<S> {
         let number = |get: fn(&Spring) -> f64| {
             Lanes::from_fn(simd, |lane| of(lane).spring.as_ref().map_or(0.0, get))
         };
+        let motor_mass = Lanes::from_fn(simd, |lane| of(lane).motor_mass);
         Self {
             is_soft: Mask::from_fn(simd, |lane| of(lane).spring.is_some()),
             stiffness: number(|spring| spring.stiffness),
             damping: number(Spring::damping),
             backlash: number(|spring| spring.backlash),
-            motor_mass: Lanes::from_fn(simd, |lane| of(lane).motor_mass),
+            motor_mass,
+            per_motor_mass: 1.0 / motor_mass,
         }
+    }
+
+    /// The same with this fraction of the mass.
+    #[inline(always)]
+    fn with_share(&self, share: Lanes<S>) -> Self {
+        let motor_mass = share * self.motor_mass;
+        Self { motor_mass, per_motor_mass: 1.0 / motor_mass, ..*self }
     }
 }
 
@@ -78,12 +88,15 @@ pub(super) fn parted<S: Simd>(
     mass: [Lanes<S>; 2],
 ) -> ([TieLanes<S>; 2], [Lanes<S>; 2]) {
     let rotors = a.motor_mass + b.motor_mass;
+    let most = MOST_ROTOR * mass[0].min(mass[1]);
+    if rotors.at_most(most).all() {
+        return ([*a, *b], [mass[0] - rotors, mass[1] - rotors]);
+    }
     let share = rotor_share(simd, mass, rotors);
-    let ties = [
-        TieLanes { motor_mass: share * a.motor_mass, ..*a },
-        TieLanes { motor_mass: share * b.motor_mass, ..*b },
-    ];
-    (ties, [mass[0] - share * rotors, mass[1] - share * rotors])
+    (
+        [a.with_share(share), b.with_share(share)],
+        [mass[0] - share * rotors, mass[1] - share * rotors],
+    )
 }
 
 /// Motors and load at the start of a step.
@@ -99,8 +112,9 @@ pub(super) struct TwoMasses<S: Simd> {
     pub(super) motor: [Lanes<S>; 2],
     /// Velocity of the load (m/s).
     pub(super) load: [Lanes<S>; 2],
-    /// Length of the step (s).
+    /// Length of the step (s), and its reciprocal (1/s).
     pub(super) dt: Lanes<S>,
+    pub(super) per_dt: Lanes<S>,
 }
 
 /// Friction on both sides of the springs.
@@ -196,10 +210,10 @@ impl<S: Simd> Answer<S> {
         );
         let own = [1.0 + falls[0][0], 1.0 + falls[1][1]];
         let other = [falls[0][1], falls[1][0]];
-        let determinant = own[0] * own[1] - other[0] * other[1];
+        let per_determinant = 1.0 / (own[0] * own[1] - other[0] * other[1]);
         [
-            (own[1] * asked[0] - other[0] * asked[1]) / determinant,
-            (own[0] * asked[1] - other[1] * asked[0]) / determinant,
+            (own[1] * asked[0] - other[0] * asked[1]) * per_determinant,
+            (own[0] * asked[1] - other[1] * asked[0]) * per_determinant,
         ]
     }
 }
@@ -231,8 +245,11 @@ impl<S: Simd> Ends<S> {
 /// load's velocity is `share`; the rest belongs to the velocity that the motor would have alone.
 #[derive(Debug, Clone, Copy)]
 struct Link<S: Simd> {
-    /// Inertia of the rotor (kg/s).
+    /// Inertia of the rotor (kg/s), and its reciprocal (s/kg).
     inertia: Lanes<S>,
+    per_inertia: Lanes<S>,
+    /// Inertia of the rotor on its spring (kg/s).
+    sprung_inertia: Lanes<S>,
     /// 1 for a rigid tie, less for a soft one, 0 inside the backlash.
     share: Lanes<S>,
     /// Pull of the tie at its motor if motor and load were equally fast (N of belt).
@@ -248,6 +265,7 @@ struct Resistance<S: Simd> {
     own: [Lanes<S>; 2],
     across: Lanes<S>,
     determinant: Lanes<S>,
+    per_determinant: Lanes<S>,
     /// Inertia of the load alone (kg/s).
     load: [Lanes<S>; 2],
 }
@@ -256,10 +274,10 @@ impl<S: Simd> Resistance<S> {
     /// Velocity along the axes (m/s) under a `push` over the step (N).
     #[inline(always)]
     fn yields(&self, push: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
-        let Self { own, across, determinant, .. } = *self;
+        let Self { own, across, per_determinant, .. } = *self;
         [
-            (own[1] * push[0] - across * push[1]) / determinant,
-            (own[0] * push[1] - across * push[0]) / determinant,
+            (own[1] * push[0] - across * push[1]) * per_determinant,
+            (own[0] * push[1] - across * push[0]) * per_determinant,
         ]
     }
 
@@ -267,16 +285,15 @@ impl<S: Simd> Resistance<S> {
     #[inline(always)]
     fn along_rails(&self) -> [Lanes<S>; 2] {
         let Self { own, determinant, .. } = *self;
-        [1.0 / (own[1] / determinant), 1.0 / (own[0] / determinant)]
+        [determinant / own[1], determinant / own[0]]
     }
 
     /// Resistance to a push of each belt (kg/s).
     #[inline(always)]
     fn along_belts(&self) -> [Lanes<S>; 2] {
         let Self { own, across, determinant, .. } = *self;
-        let a = [(own[1] - across) / determinant, (own[0] - across) / determinant];
-        let b = [(own[1] + across) / determinant, (-own[0] - across) / determinant];
-        [1.0 / (a[0] + a[1]), 1.0 / (b[0] - b[1])]
+        let (sum, twice) = (own[0] + own[1], 2.0 * across);
+        [determinant / (sum - twice), determinant / (sum + twice)]
     }
 }
 
@@ -291,7 +308,7 @@ impl<S: Simd> TwoMasses<S> {
         let free = belts(self.free(&resistance, &links, [nothing; 2], pull));
         let drag = both(
             #[inline(always)]
-            |m| (self.motor(m, &links[m], nothing, free[m]) - self.motor[m]) / self.dt,
+            |m| (self.motor(m, &links[m], nothing, free[m]) - self.motor[m]) * self.per_dt,
         );
         let [a, b] = [links[0].share, links[1].share];
         let moved = [belts(resistance.yields([a, a])), belts(resistance.yields([b, -b]))];
@@ -301,8 +318,8 @@ impl<S: Simd> TwoMasses<S> {
                 both(
                     #[inline(always)]
                     |of| {
-                        let alone = if m == of { 1.0 / links[m].inertia } else { nothing };
-                        (alone + links[m].share * (moved[of][m] - alone)) / self.dt
+                        let alone = if m == of { links[m].per_inertia } else { nothing };
+                        (alone + links[m].share * (moved[of][m] - alone)) * self.per_dt
                     },
                 )
             },
@@ -355,13 +372,15 @@ impl<S: Simd> TwoMasses<S> {
             #[inline(always)]
             |m| {
                 let tie = &self.ties[m];
-                let inertia = tie.motor_mass / dt;
+                let inertia = tie.motor_mass * self.per_dt;
                 let pulls = ends.touch[m] & tie.is_soft;
                 let follow = 0.25 * tie.stiffness * dt + 0.5 * tie.damping;
                 let still = follow * rate[m] - tie.stiffness * (ahead[m] + ends.at[m]);
                 let (follow, still) = (pulls.select(follow, nothing), pulls.select(still, nothing));
-                let share = tie.is_soft.select(follow / (inertia + follow), one);
-                Link { inertia, share, still, drag: share * inertia }
+                let sprung_inertia = inertia + follow;
+                let share = tie.is_soft.select(follow / sprung_inertia, one);
+                let per_inertia = dt * tie.per_motor_mass;
+                Link { inertia, per_inertia, sprung_inertia, share, still, drag: share * inertia }
             },
         )
     }
@@ -386,9 +405,10 @@ impl<S: Simd> TwoMasses<S> {
     fn resistance(&self, links: &[Link<S>; 2]) -> Resistance<S> {
         let along = links[0].drag + links[1].drag;
         let across = links[0].drag - links[1].drag;
-        let load = [self.load_mass[0] / self.dt, self.load_mass[1] / self.dt];
+        let load = [self.load_mass[0] * self.per_dt, self.load_mass[1] * self.per_dt];
         let own = [load[0] + along, load[1] + along];
-        Resistance { own, across, determinant: own[0] * own[1] - across * across, load }
+        let determinant = own[0] * own[1] - across * across;
+        Resistance { own, across, determinant, per_determinant: 1.0 / determinant, load }
     }
 
     /// Velocity of the load after the step without friction, under `force` of the motors (N of
@@ -412,7 +432,7 @@ impl<S: Simd> TwoMasses<S> {
     /// there.
     #[inline(always)]
     fn motor(&self, m: usize, link: &Link<S>, force: Lanes<S>, load: Lanes<S>) -> Lanes<S> {
-        let alone = self.motor[m] + (force - link.still) / link.inertia;
+        let alone = self.motor[m] + (force - link.still) * link.per_inertia;
         alone + link.share * (load - alone)
     }
 
@@ -455,7 +475,8 @@ impl<S: Simd> TwoMasses<S> {
         bends: &mut Bends<S>,
     ) -> Moved<S> {
         let nothing = Lanes::splat(self.simd, 0.0);
-        let mut now = Self { dt: self.dt / parts, ..*self };
+        let share = 1.0 / parts;
+        let mut now = Self { dt: self.dt * share, per_dt: self.per_dt * parts, ..*self };
         let mut total = Moved {
             motor: now.motor,
             load: now.load,
@@ -475,11 +496,11 @@ impl<S: Simd> TwoMasses<S> {
             let next = Moved {
                 friction: both(
                     #[inline(always)]
-                    |rail| total.friction[rail] + moved.friction[rail] / parts,
+                    |rail| total.friction[rail] + moved.friction[rail] * share,
                 ),
                 rubbed: both(
                     #[inline(always)]
-                    |m| total.rubbed[m] + moved.rubbed[m] / parts,
+                    |m| total.rubbed[m] + moved.rubbed[m] * share,
                 ),
                 ..moved
             };
@@ -526,7 +547,7 @@ impl<S: Simd> TwoMasses<S> {
         rubs: &Rubbing<S>,
         bends: &mut Bends<S>,
     ) -> Moved<S> {
-        let (simd, dt) = (self.simd, self.dt);
+        let (simd, dt, per_dt) = (self.simd, self.dt, self.per_dt);
         let nothing = Lanes::splat(simd, 0.0);
         // Independent of the forces.
         let resistance = self.resistance(&links);
@@ -538,9 +559,8 @@ impl<S: Simd> TwoMasses<S> {
             for m in 0..2 {
                 let link = &links[m];
                 let motor = self.motor(m, link, force[m], along[m]);
-                let soft = link.inertia / (1.0 - link.share);
-                let held = self.ties[m].is_soft.select(soft, rigid[m]);
-                let motion = Free { mass: held * dt, velocity: [self.motor[m], motor], dt };
+                let inertia = self.ties[m].is_soft.select(link.sprung_inertia, rigid[m]);
+                let motion = Free { inertia, velocity: [self.motor[m], motor], dt, per_dt };
                 rubbed[m] = rubs.motors[m].force(simd, &mut bends.motors[m], motion);
                 force[m] = force[m] + rubbed[m];
             }
@@ -550,7 +570,7 @@ impl<S: Simd> TwoMasses<S> {
         let inertia = resistance.along_rails();
         for rail in 0..2 {
             let velocity = [self.load[rail], load[rail]];
-            let motion = Free { mass: inertia[rail] * dt, velocity, dt };
+            let motion = Free { inertia: inertia[rail], velocity, dt, per_dt };
             let held = rubs.rails[rail].force(simd, &mut bends.rails[rail], motion);
             let push = if rail == 0 { [held, nothing] } else { [nothing, held] };
             let slowed = resistance.yields(push);
@@ -602,6 +622,7 @@ mod tests {
             motor: alone(motor),
             load: alone(load),
             dt: Lanes::splat(Scalar, dt),
+            per_dt: Lanes::splat(Scalar, 1.0 / dt),
         }
     }
 

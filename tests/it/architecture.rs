@@ -8,7 +8,7 @@ use std::{
 
 /// Rooms by layer, lowest first; `cli` and `commands` belong to the binary.
 const LAYERS: [&[&str]; 4] = [
-    &["units", "seed", "stats", "parallel", "report", "provenance"],
+    &["units", "seed", "stats", "parallel", "lanes", "report", "provenance"],
     &["board", "recording", "nn"],
     &[
         "can", "gantry", "link", "live", "scene", "rig", "camera", "actuator", "effects", "twin",

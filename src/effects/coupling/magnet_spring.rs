@@ -1,7 +1,7 @@
 //! Elastic coupling of striker and magnet.
 
-use super::striker_friction::{FRICTION, rub};
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
+use super::{striker::STATES, striker_friction::FRICTION};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site, Striker};
 
 /// Stiffness of the magnetic coupling.
 pub(super) const STIFFNESS: Parameter = Parameter {
@@ -56,8 +56,8 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
         &[30.0, 3.0, 0.02, 0.0],
         &[300.0, 0.3, 0.02, 0.0],
     ],
-    memory: 4,
-    physics: Physics::Coupling(swing),
+    memory: STATES,
+    physics: Physics::Striker(striker),
     regressors: &[Regressor::Acceleration],
     signals: Signal::STRIKER,
     excitation: "hard starts and stops, with camera and encoders",
@@ -71,30 +71,27 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
     reference: "Furlani 2001, Permanent Magnet and Electromechanical Devices",
 };
 
-/// Ratio of the secant stiffness at the displacement `away` (m) to that at zero; `softening` is the
-/// displacement of the largest force (m).
-pub(super) fn softened(away: [f64; 2], softening: f64) -> f64 {
-    1.0 / (1.0 + (away[0] * away[0] + away[1] * away[1]) / (softening * softening))
-}
-
-/// Position of the striker (m) after one step; `memory` is that of [`rub`].
-fn swing(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-    rub(&[p[3], p[0], p[1], p[2]], memory, carriage)
+fn striker(p: &[f64]) -> Striker {
+    Striker { friction: p[3], stiffness: p[0], damping_ratio: p[1], softening: p[2] }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::{Carriage, StrikerLanes};
+
+    const MASS: f64 = 0.012;
 
     fn after(p: &[f64], acceleration: [f64; 2], seconds: f64) -> [f64; 2] {
-        let mut memory = [0.0; 4];
+        let mut memory = [0.0; STATES];
+        let own = StrikerLanes::alone(striker(p), MASS);
         let dt = 1e-3;
         let steps = (seconds / dt).round() as usize;
         (1..=steps).fold([0.0; 2], |_, step| {
             let velocity = acceleration.map(|own| own * dt * step as f64);
             let carriage =
-                Carriage { dt, velocity, acceleration, striker_mass: 0.012, ..Carriage::default() };
-            swing(p, &mut memory, &carriage)
+                Carriage { dt, velocity, acceleration, striker_mass: MASS, ..Carriage::default() };
+            own.striker(&mut memory, &carriage)
         })
     }
 
@@ -103,7 +100,7 @@ mod tests {
         let [x, y] = after(&[30.0, 0.3, 1e3, 0.0], [5.0, -10.0], 3.0);
         assert!((x + 0.002).abs() < 1e-9 && (y - 0.004).abs() < 1e-9);
         // Undamped it reaches twice that displacement after half a period.
-        let half = std::f64::consts::PI * (0.012_f64 / 30.0).sqrt();
+        let half = std::f64::consts::PI * (MASS / 30.0).sqrt();
         let [x, _] = after(&[30.0, 0.0, 1e3, 0.0], [5.0, 0.0], half);
         assert!((x + 0.004).abs() < 1e-5, "{x}");
     }
@@ -112,6 +109,6 @@ mod tests {
     fn a_softening_spring_rests_where_its_force_holds_the_striker() {
         let [x, _] = after(&[30.0, 0.5, 0.005, 0.0], [4.0, 0.0], 3.0);
         let force = 30.0 * x / (1.0 + (x / 0.005).powi(2));
-        assert!((force + 0.012 * 4.0).abs() < 1e-9, "{x}");
+        assert!((force + MASS * 4.0).abs() < 1e-9, "{x}");
     }
 }

@@ -1,8 +1,10 @@
 //! Friction of the striker on the board.
 
-use super::magnet_spring::{DAMPING, SOFTENING, STIFFNESS, softened};
-use crate::effects::oscillator::Oscillator;
-use crate::effects::{Carriage, Domain, Effect, Parameter, Physics, Regressor, Signal, Site, both};
+use super::{
+    magnet_spring::{DAMPING, SOFTENING, STIFFNESS},
+    striker::STATES,
+};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site, Striker};
 
 /// Friction of the striker.
 pub(super) const FRICTION: Parameter = Parameter {
@@ -40,8 +42,8 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
         &[0.02, 100.0, 0.2, 0.02],
         &[0.1, 100.0, 0.2, 0.02],
     ],
-    memory: 4,
-    physics: Physics::Both(&[Physics::Coupling(rub), Physics::Reaction(hold_back)]),
+    memory: STATES,
+    physics: Physics::Both(&[Physics::Striker(striker), Physics::Reaction(striker)]),
     regressors: &[Regressor::Direction, Regressor::SinceReversal],
     signals: Signal::MOTION,
     excitation: "slow reversals along the axes and diagonals, with camera and encoders",
@@ -55,76 +57,36 @@ pub(crate) static STRIKER_FRICTION: Effect = Effect {
     reference: "Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), 1083-1138",
 };
 
-/// Largest phase of the oscillator in one integration step (rad).
-const TURN: f64 = 0.25;
-
-/// Largest number of integration steps within one step of the carriage.
-const MOST_STEPS: f64 = 32.0;
-
-/// Position of the striker (m) after one step.
-///
-/// `memory` holds the displacement of the striker from the magnet, then its velocity on the board.
-pub(super) fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-    let stiffest = (p[1] / carriage.striker_mass).sqrt();
-    let steps = (stiffest * carriage.dt / TURN).ceil().clamp(1.0, MOST_STEPS);
-    let h = carriage.dt / steps;
-    let friction = p[0] / carriage.striker_mass;
-    for step in 1..=steps as usize {
-        let left = carriage.dt - h * step as f64;
-        let after = both(|axis| carriage.velocity[axis] - carriage.acceleration[axis] * left);
-        let before = both(|axis| after[axis] - carriage.acceleration[axis] * h);
-        let away = [memory[0], memory[1]];
-        let softened = softened(away, p[3]);
-        let square = softened * stiffest * stiffest;
-        let pull = both(|axis| {
-            -square * away[axis] - 2.0 * p[2] * stiffest * (memory[2 + axis] - before[axis])
-        });
-        let is_at_rest = memory[2] == 0.0 && memory[3] == 0.0;
-        if is_at_rest && pull[0] * pull[0] + pull[1] * pull[1] <= friction * friction {
-            (0..2).for_each(|axis| memory[axis] -= 0.5 * h * (before[axis] + after[axis]));
-            continue;
-        }
-        let spring = Oscillator::with_stiffness(square, p[2] * stiffest, h);
-        let swung = both(|axis| {
-            let rest = -carriage.acceleration[axis] / square;
-            let rate = memory[2 + axis] - before[axis];
-            let (from_rest, rate) = spring.step(away[axis] - rest, rate);
-            [rest + from_rest, rate + after[axis]]
-        });
-        // Friction opposes the velocity that the step would reach without it: at low speeds its direction changes
-        // within a step.
-        let [[_, x], [_, y]] = swung;
-        let free = (x * x + y * y).sqrt().max(f64::MIN_POSITIVE);
-        let along = [x / free, y / free];
-        let (displaced, sped_up) = spring.response();
-        for (axis, [place, velocity]) in swung.into_iter().enumerate() {
-            let held_back = friction * along[axis] / square;
-            memory[axis] = place - displaced * held_back;
-            memory[2 + axis] = velocity - sped_up * held_back;
-        }
-        // Friction stops the striker and does not reverse it.
-        if memory[2] * along[0] + memory[3] * along[1] <= 0.0 {
-            (memory[2], memory[3]) = (0.0, 0.0);
-        }
-    }
-    both(|axis| carriage.position[axis] + memory[axis])
-}
-
-/// Force on the carriage (N) in addition to that of the striker's mass: k d + 2 z sqrt(k m) d' + m a.
-fn hold_back(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-    rub(p, memory, carriage);
-    let mass = carriage.striker_mass;
-    let stiffness = p[1] * softened([memory[0], memory[1]], p[3]);
-    let damping = 2.0 * p[2] * (p[1] * mass).sqrt();
-    both(|axis| {
-        let rate = memory[2 + axis] - carriage.velocity[axis];
-        stiffness * memory[axis] + damping * rate + mass * carriage.acceleration[axis]
-    })
+fn striker(p: &[f64]) -> Striker {
+    Striker { friction: p[0], stiffness: p[1], damping_ratio: p[2], softening: p[3] }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{
+        effects::{Carriage, CarriageLanes, StrikerLanes, StrikerStateLanes},
+        lanes::Lanes,
+    };
+    use pulp::Scalar;
+
+    fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
+        StrikerLanes::alone(striker(p), carriage.striker_mass).striker(memory, carriage)
+    }
+
+    fn hold_back(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
+        let of = |value: f64| Lanes::splat(Scalar, value);
+        rub(p, memory, carriage);
+        let own = StrikerLanes::alone(striker(p), carriage.striker_mass);
+        let [x, y, u, v] = [0, 1, 2, 3].map(|index: usize| of(memory[index]));
+        let state = StrikerStateLanes { away: [x, y], speed: [u, v] };
+        let motion = CarriageLanes {
+            dt: of(carriage.dt),
+            velocity: carriage.velocity.map(of),
+            acceleration: carriage.acceleration.map(of),
+        };
+        own.hold_back(&state, &motion).map(|own| own.get(0))
+    }
 
     const MASS: f64 = 0.012;
 

@@ -1,16 +1,20 @@
 //! The march of several plants through the commands of one stage, side by side.
+//!
+//! A plant starts anew after a pause of the recording. So the sequences of runs between such pauses are independent, and
+//! those of one plant are simulated side by side, too.
 
 use super::{DriveStage, Outputs, Reader};
 use crate::{
     effects::{Motion, both},
     gantry::belts,
+    lanes::{self, Lanes, SideBySide},
     twin::{
         MeasuredPath, Plant,
-        lanes::Lanes,
         plant::{Aside, LONGEST_STEP, PlantLanes, StateLanes},
     },
 };
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Simd;
+use std::ops::Range;
 
 /// The first steps after a command (s), which takes effect within the first of them.
 const FIRST_STEPS: [f64; 4] = [2e-5, 1e-4, 2e-4, 4e-4];
@@ -24,62 +28,62 @@ pub(super) struct Job<'a> {
     pub(super) predicted: &'a mut Vec<Vec<f64>>,
 }
 
-/// Number of plants that march at once on this processor.
-pub(super) fn width() -> usize {
-    struct Width;
+/// Fewest plants that fill all lanes of this processor with `sequences` of runs each.
+pub(super) fn width(sequences: usize) -> usize {
+    let lanes = lanes::width();
+    (1..lanes).find(|plants| (plants * sequences).is_multiple_of(lanes)).unwrap_or(lanes)
+}
 
-    impl WithSimd for Width {
-        type Output = usize;
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, _simd: S) -> usize {
-            S::F64_LANES
-        }
-    }
-
-    Arch::new().dispatch(Width)
+/// One sequence of runs of one plant.
+struct Task {
+    job: usize,
+    runs: Range<usize>,
 }
 
 /// March all plants, of which either all or none have soft belts.
-pub(super) fn side_by_side(stage: &DriveStage, mut jobs: Vec<Job<'_>>) {
-    let width = width();
-    // A vector takes about as long as a quarter of its lanes one after the other.
-    let few = width.div_ceil(4);
-    for jobs in jobs.chunks_mut(width) {
-        if jobs.len() <= few {
-            jobs.chunks_mut(1).for_each(|jobs| March { stage, jobs }.with_simd(pulp::Scalar));
-        } else {
-            Arch::new().dispatch(March { stage, jobs });
-        }
-    }
+pub(super) fn march(stage: &DriveStage, mut jobs: Vec<Job<'_>>) {
+    jobs.iter_mut().flat_map(|job| job.predicted.iter_mut()).for_each(|own| own.fill(f64::NAN));
+    let mut sequences = stage.sequences();
+    let seconds = |runs: &Range<usize>| {
+        stage.starts[runs.clone()].iter().map(|run| run.end - run.time).sum::<f64>()
+    };
+    // Lanes of similar length finish together.
+    sequences.sort_by(|one, other| seconds(other).total_cmp(&seconds(one)));
+    let of_all = |runs: &Range<usize>| {
+        let runs = runs.clone();
+        (0..jobs.len()).map(move |job| Task { job, runs: runs.clone() }).collect::<Vec<_>>()
+    };
+    let mut tasks: Vec<Task> = sequences.iter().flat_map(of_all).collect();
+    lanes::side_by_side(&mut March { stage, jobs: &mut jobs }, &mut tasks);
 }
 
-/// As many plants as there are lanes, or fewer.
 struct March<'a, 'j> {
     stage: &'a DriveStage,
     jobs: &'a mut [Job<'j>],
 }
 
-impl WithSimd for March<'_, '_> {
-    type Output = ();
+impl SideBySide for March<'_, '_> {
+    type Item = Task;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
+    fn run<S: Simd>(&mut self, simd: S, tasks: &mut [Task]) {
         let Self { stage, jobs } = self;
-        let plants: Vec<&Plant> = jobs.iter().map(|job| job.plant).collect();
+        let tasks = &*tasks;
+        let plants: Vec<&Plant> = tasks.iter().map(|task| jobs[task.job].plant).collect();
         let lanes = PlantLanes::new(simd, &plants);
         let mut state = StateLanes::new(simd);
         let mut memories: Vec<Vec<f64>> = plants.iter().map(|plant| plant.memory()).collect();
         let mut rails = vec![[Motion::default(); 2]; plants.len()];
         let mut belts: Vec<[Motion; 2]> = plants.iter().map(|plant| plant.belts()).collect();
         let mut aside = Aside { memories: &mut memories, rails: &mut rails, belts: &mut belts };
-        let mut walks: Vec<Walk<'_>> = jobs.iter().map(|job| Walk::new(stage, job)).collect();
-        jobs.iter_mut().flat_map(|job| job.predicted.iter_mut()).for_each(|own| own.fill(f64::NAN));
+        let walk = |task: &Task| Walk::new(stage, &jobs[task.job], task.runs.clone());
+        let mut walks: Vec<Walk<'_>> = tasks.iter().map(walk).collect();
         let mut dt = Lanes::splat(simd, LONGEST_STEP);
         let mut command = [Lanes::splat(simd, 0.0); 2];
         loop {
             let mut goes_on = false;
-            for (lane, (walk, job)) in walks.iter_mut().zip(jobs.iter_mut()).enumerate() {
+            for (lane, (walk, task)) in walks.iter_mut().zip(tasks).enumerate() {
+                let job = &mut jobs[task.job];
                 let next = walk.next(lane, &mut state, &mut aside.memories[lane], job);
                 if walk.before == 0.0 {
                     aside.tell_run_start(lane, walk.run_start_time());
@@ -97,14 +101,14 @@ impl WithSimd for March<'_, '_> {
             }
             let before = state;
             lanes.step(&mut state, &mut aside, command, dt);
-            for (lane, (walk, job)) in walks.iter_mut().zip(jobs.iter_mut()).enumerate() {
-                walk.read(lane, [&before, &state], dt.get(lane), job);
+            for (lane, (walk, task)) in walks.iter_mut().zip(tasks).enumerate() {
+                walk.read(lane, [&before, &state], dt.get(lane), &mut jobs[task.job]);
             }
         }
     }
 }
 
-/// Progress of one plant through the runs of a stage.
+/// Progress of one plant through a sequence of runs.
 struct Walk<'a> {
     stage: &'a DriveStage,
     reader: Reader<'a>,
@@ -115,8 +119,9 @@ struct Walk<'a> {
     cursors: [usize; 2],
     /// Index in the measured path.
     path_cursor: usize,
-    /// Number of runs that have begun, and whether the last of them continues.
-    begun: usize,
+    /// Runs that have not begun, the one that began last, and whether it continues.
+    ahead: Range<usize>,
+    run: usize,
     is_running: bool,
     /// Command in force (m/s of belt), and the steps until the next one.
     command: [f64; 2],
@@ -126,7 +131,7 @@ struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    fn new(stage: &'a DriveStage, job: &Job<'_>) -> Self {
+    fn new(stage: &'a DriveStage, job: &Job<'_>, runs: Range<usize>) -> Self {
         let dead = job.plant.delays();
         Self {
             stage,
@@ -135,7 +140,8 @@ impl<'a> Walk<'a> {
             torque_ages: job.plant.torque_ages(),
             cursors: [0; 2],
             path_cursor: 0,
-            begun: 0,
+            run: runs.start,
+            ahead: runs,
             is_running: false,
             command: [0.0; 2],
             steps: Steps::none(),
@@ -159,7 +165,7 @@ impl<'a> Walk<'a> {
             if !self.is_running {
                 self.begin(lane, state, memory, job)?;
             }
-            let run = &self.stage.starts[self.begun - 1];
+            let run = &self.stage.starts[self.run];
             let time = state.time.get(lane);
             if time < run.end {
                 let (command, until) = self.stage.command_at(time, self.delays, &mut self.cursors);
@@ -167,7 +173,7 @@ impl<'a> Walk<'a> {
                 self.steps = Steps::of((until.min(run.end) - time).max(1e-9));
             } else {
                 let last = self.outputs(lane, state, self.before, job);
-                self.reader.finish(self.begun - 1, &last, job.predicted);
+                self.reader.finish(self.run, &last, job.predicted);
                 self.is_running = false;
             }
         }
@@ -188,10 +194,10 @@ impl<'a> Walk<'a> {
 
     /// Time at which the run began (s).
     fn run_start_time(&self) -> f64 {
-        self.begun.checked_sub(1).map_or(0.0, |run| self.stage.starts[run].time)
+        self.stage.starts[self.run].time
     }
 
-    /// Begins the next run; `None` after the last.
+    /// Begin the next run; `None` after the last.
     fn begin<S: Simd>(
         &mut self,
         lane: usize,
@@ -199,20 +205,21 @@ impl<'a> Walk<'a> {
         memory: &mut [f64],
         job: &Job<'_>,
     ) -> Option<()> {
-        let run = self.stage.starts.get(self.begun)?;
-        if run.fresh || self.begun == 0 {
+        let index = self.ahead.next()?;
+        let run = &self.stage.starts[index];
+        if run.fresh || index == 0 {
             let mut fresh = job.plant.start();
             fresh.time = run.time;
             fresh.place(run.position, run.velocity);
             state.put(lane, &fresh);
             memory.fill(0.0);
-            state.put_bends(lane, job.plant, memory);
+            state.put_remembered(lane, job.plant, memory);
             self.cursors = [0; 2];
         } else {
             state.put_at(lane, run.position);
         }
-        self.reader.begin(self.begun);
-        (self.begun, self.is_running, self.before) = (self.begun + 1, true, 0.0);
+        self.reader.begin(index);
+        (self.run, self.is_running, self.before) = (index, true, 0.0);
         Some(())
     }
 
@@ -231,7 +238,7 @@ impl<'a> Walk<'a> {
         if self.is_running && self.reader.is_due(end, told) {
             let before = self.outputs(lane, step[0], self.before, job);
             let after = self.outputs(lane, step[1], dt, job);
-            self.reader.read(self.begun - 1, [&before, &after], job.predicted);
+            self.reader.read(self.run, [&before, &after], job.predicted);
         }
         self.before = dt;
     }
@@ -295,6 +302,7 @@ impl Iterator for Steps {
 
 #[cfg(test)]
 mod tests {
+    use super::{Range, width};
     use crate::{
         effects::{Axis, Domain, find},
         twin::{
@@ -362,6 +370,7 @@ mod tests {
         let late = ("drive.delay", Axis::A, &[0.0033][..]);
         let round = ("sensor.encoder_eccentricity", Axis::A, &[2e-4, 1e-4][..]);
         let spring = ("coupling.striker_friction", Axis::Whole, &[0.05, 40.0, 0.2, 0.02][..]);
+        let damped = ("coupling.striker_friction", Axis::Whole, &[0.2, 4000.0, 4.0, 0.5][..]);
         let rough = ("drive.friction.position", Axis::X, &[0.0, 0.0, 0.3, 0.0, 0.07][..]);
         let loaded = ("drive.friction.load", Axis::B, &[0.05][..]);
         let heavy = ("gantry.mass_position", Axis::X, &[0.5, 0.0][..]);
@@ -378,10 +387,54 @@ mod tests {
             &[round, limit],
             &[soft],
             &[spring],
+            &[damped, rubs],
             &[rough],
             &[loaded, heavy],
         ];
         lists.iter().map(|list| with(list)).collect()
+    }
+
+    /// `stage` with the runs of one sequence only.
+    fn only(stage: &DriveStage, runs: &Range<usize>) -> DriveStage {
+        let mut own = stage.clone();
+        own.starts = stage.starts[runs.clone()].to_vec();
+        for channel in &mut own.channels {
+            channel.runs = channel.runs[runs.clone()].to_vec();
+        }
+        own
+    }
+
+    #[test]
+    fn a_sequence_of_runs_does_not_depend_on_the_others() {
+        let (stage, twins) = (stage(), twins());
+        let sequences = stage.sequences();
+        assert_eq!(sequences, [0..2, 2..3]);
+        for twin in &twins {
+            let predict = |stage: &DriveStage| {
+                let mut predicted = vec![vec![0.0; 140]; 3];
+                stage.predict(twin, &[], &mut predicted);
+                predicted
+            };
+            let whole = predict(&stage);
+            for runs in &sequences {
+                let alone = predict(&only(&stage, runs));
+                let pairs = whole.iter().flatten().zip(alone.iter().flatten());
+                let mut known = 0;
+                for (whole, alone) in pairs.filter(|(_, alone)| alone.is_finite()) {
+                    assert_eq!(whole.to_bits(), alone.to_bits());
+                    known += 1;
+                }
+                assert!(100 < known, "{known}");
+            }
+        }
+    }
+
+    #[test]
+    fn as_few_plants_as_fill_all_lanes_are_simulated_at_once() {
+        let lanes = width(1);
+        assert_eq!(width(lanes), 1);
+        assert_eq!(width(3 * lanes), 1);
+        assert_eq!(width(3), lanes, "no fewer than all lanes give a whole number of vectors");
     }
 
     #[test]

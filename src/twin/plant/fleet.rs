@@ -1,7 +1,7 @@
 //! Many carriages under one plant, each with its own state and commands, marched side by side.
 
 use super::{Aside, Plant, PlantLanes, PlantState, StateLanes};
-use crate::{effects::Motion, twin::lanes::Lanes};
+use crate::{effects::Motion, lanes::Lanes};
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
@@ -102,7 +102,7 @@ impl<C: Course, L: Iterator<Item = f64> + Clone> WithSimd for March<'_, C, L> {
             for (lane, state) in states[first..first + count].iter_mut().enumerate() {
                 std::mem::swap(&mut state.memory, &mut memories[lane]);
                 all.put(lane, state);
-                all.put_bends(lane, plant, &memories[lane]);
+                all.put_remembered(lane, plant, &memories[lane]);
             }
             let mut aside = Aside {
                 memories: &mut memories[..count],
@@ -129,7 +129,7 @@ impl<C: Course, L: Iterator<Item = f64> + Clone> WithSimd for March<'_, C, L> {
             }
             for (lane, state) in states[first..first + count].iter_mut().enumerate() {
                 all.get(lane, state);
-                all.get_bends(lane, plant, &mut memories[lane]);
+                all.get_remembered(lane, plant, &mut memories[lane]);
                 std::mem::swap(&mut state.memory, &mut memories[lane]);
                 state.flush();
             }

@@ -2,10 +2,10 @@
 
 use super::{LEAST_MASS, MotionPart, MotorParts, Plant, PlantState, RailParts};
 use crate::{
-    effects::{Carriage, CrossMotion, Motion, both},
+    effects::{CarriageLanes, CrossMotion, Motion, StrikerLanes, StrikerStateLanes, both},
+    lanes::{Lanes, Mask, belts, rails},
     twin::{
         contact::{BristleLanes, Contact, Free},
-        lanes::{Lanes, Mask, belts, rails},
         transmission::{self, Answer, Bends, Rubbing, TieLanes, TwoMasses, select},
     },
 };
@@ -36,6 +36,7 @@ pub(in crate::twin) struct StateLanes<S: Simd> {
     ahead: Both<S>,
     gaining: Both<S>,
     bends: Bends<S>,
+    striker: StrikerStateLanes<S>,
 }
 
 impl<S: Simd> StateLanes<S> {
@@ -56,6 +57,7 @@ impl<S: Simd> StateLanes<S> {
             ahead: nothing,
             gaining: nothing,
             bends: Bends { motors: nothing, rails: nothing },
+            striker: StrikerStateLanes { away: nothing, speed: nothing },
         }
     }
 
@@ -96,18 +98,21 @@ impl<S: Simd> StateLanes<S> {
         state.time = self.time.get(lane);
     }
 
-    /// Puts the bends of bristles of `plant` into `lane`, from its `memory`.
+    /// Puts the bends of bristles and the striker of `plant` into `lane`, from its `memory`.
     #[inline(always)]
-    pub(in crate::twin) fn put_bends(&mut self, lane: usize, plant: &Plant, memory: &[f64]) {
+    pub(in crate::twin) fn put_remembered(&mut self, lane: usize, plant: &Plant, memory: &[f64]) {
         for index in 0..plant.motors.len() {
             self.bends.motors[index].set(lane, plant.motors[index].rubs.bend(memory));
             self.bends.rails[index].set(lane, plant.rails[index].rubs.bend(memory));
         }
+        if let Some(striker) = &plant.striker {
+            self.striker.put(lane, striker.memory_in(memory));
+        }
     }
 
-    /// Gets the bends in `lane` back into the `memory` of `plant`.
+    /// Gets them in `lane` back into the `memory` of `plant`.
     #[inline(always)]
-    pub(in crate::twin) fn get_bends(&self, lane: usize, plant: &Plant, memory: &mut [f64]) {
+    pub(in crate::twin) fn get_remembered(&self, lane: usize, plant: &Plant, memory: &mut [f64]) {
         for index in 0..plant.motors.len() {
             let motor = (&plant.motors[index].rubs, &self.bends.motors[index]);
             let rail = (&plant.rails[index].rubs, &self.bends.rails[index]);
@@ -116,6 +121,9 @@ impl<S: Simd> StateLanes<S> {
                     memory[place] = bend.get(lane);
                 }
             }
+        }
+        if let Some(striker) = &plant.striker {
+            self.striker.get(lane, striker.memory(memory));
         }
     }
 
@@ -141,13 +149,13 @@ impl<S: Simd> StateLanes<S> {
         all.map(|own| [own[0].get(lane), own[1].get(lane)])
     }
 
-    /// Moves the carriages on by `dt`, at the end of which they have `velocity`.
+    /// Moves the carriages on by a step of [dt, 1/dt], at the end of which they have `velocity`.
     #[inline(always)]
-    fn arrive(&mut self, velocity: Both<S>, dt: Lanes<S>) {
+    fn arrive(&mut self, velocity: Both<S>, [dt, per_dt]: [Lanes<S>; 2]) {
         let before = self.velocity;
         self.acceleration = both(
             #[inline(always)]
-            |index| (velocity[index] - before[index]) / dt,
+            |index| (velocity[index] - before[index]) * per_dt,
         );
         self.position = both(
             #[inline(always)]
@@ -193,7 +201,6 @@ struct Called {
     masses: bool,
     rail_forces: bool,
     rail_levels: bool,
-    reactions: bool,
     /// Plants with a function of the motion of a belt, and of the motion along an axis.
     on_belts: LaneSet,
     on_rails: LaneSet,
@@ -238,7 +245,6 @@ impl Called {
             masses: any_rail(|rail| !rail.masses.is_empty()),
             rail_forces: any_rail(|rail| !rail.forces.is_empty()),
             rail_levels: any_rail(|rail| !rail.rubs.levels.is_empty()),
-            reactions: plants.iter().any(|plant| !plant.reactions.is_empty()),
             on_belts: LaneSet::of(plants, |plant| {
                 plant.motors.iter().any(MotorParts::has_functions)
             }),
@@ -286,6 +292,8 @@ pub(in crate::twin) struct PlantLanes<'p, S: Simd> {
     rail_bristles: [Option<BristleLanes<S>>; 2],
     /// Ties between motors and load, with soft belts.
     ties: Option<[TieLanes<S>; 2]>,
+    /// Strikers that hold their carriages back.
+    strikers: Option<StrikerLanes<S>>,
     gain_mass: Lanes<S>,
 }
 
@@ -339,6 +347,10 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
             motor_bristles: [at_motor(0), at_motor(1)],
             rail_bristles: [on_rail(0), on_rail(1)],
             ties: plants[0].ties.map(|[a, b]| [tie(0, a), tie(1, b)]),
+            strikers: StrikerLanes::new(simd, |lane| {
+                let own = plants.get(lane)?;
+                Some((own.striker.as_ref()?.call, own.striker_mass))
+            }),
             gain_mass: Lanes::from_fn(simd, |lane| plant(lane).gain_mass),
         }
     }
@@ -371,7 +383,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         let step = GantryStep::new(self, state, aside, dt);
         let seen = self.reported(state);
         // Loads on the axes, with the motors' forces of the step before where one depends on them.
-        let load = self.loads(&step, state.force, aside);
+        let load = self.loads(&step, state.force, &mut state.striker, aside);
         let setpoint = self.setpoints(command, state.setpoint, aside.memories, dt);
         let resisted = [load[0] + state.friction[0], load[1] + state.friction[1]];
         let answer = step.answer(resisted).rubbed(state.rubbed);
@@ -380,17 +392,20 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         let force = self.efforts(demand, aside);
         let forces = [self.driven(&step, force, aside), load];
         let rubs = self.rubs(force, aside);
-        let slid = match &step.two_masses {
-            Some(two) => {
+        let slid = match &step.belting {
+            Belting::Soft(two) => {
                 let moved = two.step(forces, &rubs, &mut state.bends);
                 let velocity = rails(moved.motor);
                 state.gaining = [moved.load[0] - velocity[0], moved.load[1] - velocity[1]];
                 state.ahead = moved.ahead;
                 Slid { velocity, friction: moved.friction, rubbed: moved.rubbed }
             }
-            None => step.slide(forces, &rubs, state.friction, &mut state.bends),
+            Belting::Rigid(belts) => {
+                let step = RigidStep { step: &step, belts };
+                step.slide(forces, &rubs, state.friction, &mut state.bends)
+            }
         };
-        state.arrive(slid.velocity, dt);
+        state.arrive(slid.velocity, [dt, step.per_dt]);
         let seen_after = self.reported(state);
         for index in 0..2 {
             let motor = &self.motors[index];
@@ -418,10 +433,10 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         for (lane, plant) in self.plants.iter().enumerate() {
             state.get(lane, &mut own);
             own.memory = std::mem::take(&mut memories[lane]);
-            state.get_bends(lane, plant, &mut own.memory);
+            state.get_remembered(lane, plant, &mut own.memory);
             plant.step_single(&mut own, command.get(lane), dt.get(lane));
             state.put(lane, &own);
-            state.put_bends(lane, plant, &own.memory);
+            state.put_remembered(lane, plant, &own.memory);
             memories[lane] = std::mem::take(&mut own.memory);
         }
     }
@@ -570,7 +585,13 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
 
     /// Force on each axis, without motors and dry friction.
     #[inline(always)]
-    fn loads(&self, step: &GantryStep<S>, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
+    fn loads(
+        &self,
+        step: &GantryStep<S>,
+        force: Both<S>,
+        striker: &mut StrikerStateLanes<S>,
+        aside: &mut Aside<'_>,
+    ) -> Both<S> {
         let velocity = step.rails.velocity;
         let nothing = Lanes::splat(self.simd, 0.0);
         let mut loads = both(
@@ -583,17 +604,11 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
                 self.sums(aside.memories, motions, |plant, index| &plant.rails[index].forces);
             loads = [loads[0] + others[0], loads[1] + others[1]];
         }
-        if self.called.reactions {
-            for (lane, plant) in self.plants.iter().enumerate() {
-                for part in &plant.reactions {
-                    let memory = part.memory(&mut aside.memories[lane]);
-                    let carriage = step.rails.carriage(lane, plant.striker_mass);
-                    let held = (part.call)(part.p(), memory, &carriage);
-                    for (load, held) in loads.iter_mut().zip(held) {
-                        load.set(lane, load.get(lane) + held);
-                    }
-                }
-            }
+        if let Some(strikers) = &self.strikers {
+            let carriage = step.rails.carriage();
+            strikers.step(striker, &carriage);
+            let held = strikers.hold_back(striker, &carriage);
+            loads = [loads[0] + held[0], loads[1] + held[1]];
         }
         loads
     }
@@ -755,17 +770,11 @@ impl<S: Simd> Frame<S> {
         }
     }
 
-    /// The carriage in one `lane` with a striker of `striker_mass` (kg).
+    /// Motion of the carriages.
     #[inline(always)]
-    fn carriage(&self, lane: usize, striker_mass: f64) -> Carriage {
-        let get = |both: &Both<S>| [both[0].get(lane), both[1].get(lane)];
-        Carriage {
-            dt: self.dt.get(lane),
-            position: get(&self.position),
-            velocity: get(&self.velocity),
-            acceleration: get(&self.acceleration),
-            striker_mass,
-        }
+    fn carriage(&self) -> CarriageLanes<S> {
+        let Self { dt, velocity, acceleration, .. } = *self;
+        CarriageLanes { dt, velocity, acceleration }
     }
 }
 
@@ -774,12 +783,35 @@ struct GantryStep<S: Simd> {
     simd: S,
     rails: Frame<S>,
     belts: Frame<S>,
-    /// Mass on each axis (kg); without rotors if belts are soft.
-    mass: Both<S>,
+    /// Reciprocal of the length of the step (1/s).
+    per_dt: Lanes<S>,
+    belting: Belting<S>,
+}
+
+/// What the belts connect.
+enum Belting<S: Simd> {
+    Rigid(RigidBelts<S>),
+    Soft(TwoMasses<S>),
+}
+
+impl<S: Simd> Belting<S> {
     /// Mass that the force of each belt moves (kg).
-    belt_mass: Both<S>,
-    /// Motors and load, with soft belts.
-    two_masses: Option<TwoMasses<S>>,
+    #[inline(always)]
+    fn belt_mass(&self) -> Both<S> {
+        match self {
+            Self::Rigid(rigid) => [rigid.belt_mass; 2],
+            Self::Soft(two) => soft_belt_mass(&two.ties, two.load_mass),
+        }
+    }
+}
+
+/// Carriage that follows its motors exactly.
+struct RigidBelts<S: Simd> {
+    /// Mass on each axis (kg), and its reciprocal (1/kg).
+    mass: Both<S>,
+    per_mass: Both<S>,
+    /// Mass that the force of each belt moves (kg).
+    belt_mass: Lanes<S>,
 }
 
 impl<S: Simd> GantryStep<S> {
@@ -806,8 +838,8 @@ impl<S: Simd> GantryStep<S> {
             rails.put_into(aside.rails, on_rails);
         }
         let mass = lanes.masses(aside.rails);
-        let mut step = Self { simd, rails, belts, mass, belt_mass: mass, two_masses: None };
-        if let Some(ties) = &lanes.ties {
+        let per_dt = 1.0 / dt;
+        let (belting, mass) = if let Some(ties) = &lanes.ties {
             rails.position = [position[0] + ahead[0], position[1] + ahead[1]];
             rails.velocity = [velocity[0] + gaining[0], velocity[1] + gaining[1]];
             if !on_rails.is_empty() {
@@ -815,44 +847,54 @@ impl<S: Simd> GantryStep<S> {
             }
             let (ties, load_mass) = transmission::parted(simd, ties, mass);
             let (motor, load) = (belts.velocity, rails.velocity);
-            let two = TwoMasses { simd, ties, load_mass, ahead, motor, load, dt };
-            (step.rails, step.mass) = (rails, load_mass);
-            step.belt_mass = soft_belt_mass(&ties, load_mass);
-            step.two_masses = Some(two);
+            let two = TwoMasses { simd, ties, load_mass, ahead, motor, load, dt, per_dt };
+            (Belting::Soft(two), load_mass)
         } else {
-            step.belt_mass = [rigid_belt_mass(mass); 2];
-        }
+            let per_mass = [1.0 / mass[0], 1.0 / mass[1]];
+            let belt_mass = 1.0 / (per_mass[0] + per_mass[1]);
+            (Belting::Rigid(RigidBelts { mass, per_mass, belt_mass }), mass)
+        };
         if !on_rails.is_empty() {
-            set_mass(aside.rails, &step.mass);
+            set_mass(aside.rails, &mass);
         }
         if !on_belts.is_empty() {
             belts.put_into(aside.belts, on_belts);
-            set_mass(aside.belts, &step.belt_mass);
+            set_mass(aside.belts, &belting.belt_mass());
         }
-        step
+        Self { simd, rails, belts, per_dt, belting }
     }
 
     /// Response of the motors to forces over the step, with `load` on the axes (N).
     #[inline(always)]
     fn answer(&self, load: Both<S>) -> Answer<S> {
-        if let Some(two) = &self.two_masses {
-            return two.answer(load);
+        match &self.belting {
+            Belting::Soft(two) => two.answer(load),
+            Belting::Rigid(RigidBelts { per_mass: [along_x, along_y], .. }) => {
+                let (own, other) = (*along_x + *along_y, *along_x - *along_y);
+                let drag = belts([load[0] * *along_x, load[1] * *along_y]);
+                Answer { drag, gives: [[own, other], [other, own]] }
+            }
         }
-        let [along_x, along_y] = [1.0 / self.mass[0], 1.0 / self.mass[1]];
-        let (own, other) = (along_x + along_y, along_x - along_y);
-        let drag = belts([load[0] / self.mass[0], load[1] / self.mass[1]]);
-        Answer { drag, gives: [[own, other], [other, own]] }
     }
+}
 
+/// Step of carriages on rigid belts.
+struct RigidStep<'s, S: Simd> {
+    step: &'s GantryStep<S>,
+    belts: &'s RigidBelts<S>,
+}
+
+impl<S: Simd> RigidStep<'_, S> {
     /// Velocity along the axes after the step under `pull` of the belts and `load` on the axes,
     /// without friction.
     #[inline(always)]
     fn free(&self, pull: Both<S>, load: Both<S>) -> Both<S> {
-        let Frame { velocity, dt, .. } = self.rails;
+        let Frame { velocity, dt, .. } = self.step.rails;
+        let per_mass = self.belts.per_mass;
         let along = belts(pull);
         both(
             #[inline(always)]
-            |rail| velocity[rail] + dt * (along[rail] + load[rail]) / self.mass[rail],
+            |rail| velocity[rail] + dt * (along[rail] + load[rail]) * per_mass[rail],
         )
     }
 
@@ -867,9 +909,9 @@ impl<S: Simd> GantryStep<S> {
         friction: Both<S>,
         bends: &mut Bends<S>,
     ) -> Slid<S> {
-        let nothing = Lanes::splat(self.simd, 0.0);
+        let nothing = Lanes::splat(self.step.simd, 0.0);
         let before = *bends;
-        let mut slid = Slid { velocity: self.rails.velocity, friction, rubbed: [nothing; 2] };
+        let mut slid = Slid { velocity: self.step.rails.velocity, friction, rubbed: [nothing; 2] };
         let mut is_sought = nothing.equals(nothing);
         for _ in 0..MOST_SWEEPS {
             let mut bent = before;
@@ -878,7 +920,7 @@ impl<S: Simd> GantryStep<S> {
                 #[inline(always)]
                 |rail| {
                     let change = (next.friction[rail] - slid.friction[rail]).abs();
-                    change.less_than(Lanes::splat(self.simd, FOUND))
+                    change.less_than(Lanes::splat(self.step.simd, FOUND))
                 },
             );
             let is_free = next.rubbed[0].equals(nothing) & next.rubbed[1].equals(nothing);
@@ -905,7 +947,9 @@ impl<S: Simd> GantryStep<S> {
         last: &Slid<S>,
         bends: &mut Bends<S>,
     ) -> Slid<S> {
-        let (simd, dt) = (self.simd, self.rails.dt);
+        let GantryStep { simd, ref rails, per_dt, .. } = *self.step;
+        let RigidBelts { mass, per_mass, belt_mass } = self.belts;
+        let dt = rails.dt;
         let nothing = Lanes::splat(simd, 0.0);
         let mut rubbed = last.rubbed;
         for m in 0..2 {
@@ -918,23 +962,24 @@ impl<S: Simd> GantryStep<S> {
             let mut pull = driven;
             pull[other] = driven[other] + rubbed[other];
             let held = [load[0] + last.friction[0], load[1] + last.friction[1]];
-            let velocity = [self.belts.velocity[m], belts(self.free(pull, held))[m]];
-            let motion = Free { mass: self.belt_mass[m], velocity, dt };
+            let velocity = [self.step.belts.velocity[m], belts(self.free(pull, held))[m]];
+            let motion = Free { inertia: *belt_mass * per_dt, velocity, dt, per_dt };
             let force = contact.force(simd, &mut bends.motors[m], motion);
             rubbed[m] = acts.select(force, rubbed[m]);
         }
-        let free = self.free([driven[0] + rubbed[0], driven[1] + rubbed[1]], load);
+        let pull = [driven[0] + rubbed[0], driven[1] + rubbed[1]];
+        let free = self.free(pull, load);
         let friction = both(
             #[inline(always)]
             |rail| {
-                let velocity = [self.rails.velocity[rail], free[rail]];
-                let motion = Free { mass: self.mass[rail], velocity, dt };
+                let velocity = [rails.velocity[rail], free[rail]];
+                let motion = Free { inertia: mass[rail] * per_dt, velocity, dt, per_dt };
                 rubs.rails[rail].force(simd, &mut bends.rails[rail], motion)
             },
         );
         let velocity = both(
             #[inline(always)]
-            |rail| free[rail] + dt * friction[rail] / self.mass[rail],
+            |rail| free[rail] + dt * friction[rail] * per_mass[rail],
         );
         Slid { velocity, friction, rubbed }
     }

@@ -7,19 +7,68 @@
 //! The operators are generic over [`Simd`]: with [`pulp::Scalar`] they are those of one `f64`. All
 //! is inlined into the caller, which alone is compiled for the instructions of the processor.
 
-use pulp::{Simd, bytemuck};
+use pulp::{Arch, Scalar, Simd, WithSimd, bytemuck};
 use std::ops::{Add, BitAnd, Div, Mul, Neg, Sub};
+
+/// Number of lanes on this processor.
+pub(crate) fn width() -> usize {
+    struct Width;
+
+    impl WithSimd for Width {
+        type Output = usize;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _simd: S) -> usize {
+            S::F64_LANES
+        }
+    }
+
+    Arch::new().dispatch(Width)
+}
+
+/// Simulation of several items at once.
+pub(crate) trait SideBySide {
+    type Item;
+
+    /// Simulate at most as many items as `simd` has lanes. Implementations are `#[inline(always)]`.
+    fn run<S: Simd>(&mut self, simd: S, items: &mut [Self::Item]);
+}
+
+/// Simulate all `items`, as many at once as there are lanes.
+pub(crate) fn side_by_side<W: SideBySide>(work: &mut W, items: &mut [W::Item]) {
+    struct Dispatched<'w, W: SideBySide>(&'w mut W, &'w mut [W::Item]);
+
+    impl<W: SideBySide> WithSimd for Dispatched<'_, W> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            self.0.run(simd, self.1);
+        }
+    }
+
+    let lanes = width();
+    // A vector takes about as long as a quarter of its lanes one after the other.
+    let few = lanes.div_ceil(4);
+    for items in items.chunks_mut(lanes) {
+        if items.len() <= few {
+            items.chunks_mut(1).for_each(|item| Dispatched(&mut *work, item).with_simd(Scalar));
+        } else {
+            Arch::new().dispatch(Dispatched(&mut *work, items));
+        }
+    }
+}
 
 /// One value of each simulation.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Lanes<S: Simd> {
+pub(crate) struct Lanes<S: Simd> {
     simd: S,
     all: S::f64s,
 }
 
 /// One truth value of each simulation.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Mask<S: Simd> {
+pub(crate) struct Mask<S: Simd> {
     simd: S,
     all: S::m64s,
 }
@@ -27,13 +76,19 @@ pub(super) struct Mask<S: Simd> {
 impl<S: Simd> Lanes<S> {
     /// The same `value` in all lanes.
     #[inline(always)]
-    pub(super) fn splat(simd: S, value: f64) -> Self {
+    pub(crate) fn splat(simd: S, value: f64) -> Self {
         Self { simd, all: simd.splat_f64s(value) }
+    }
+
+    /// The same `value` in all lanes, as many as there are here.
+    #[inline(always)]
+    pub(crate) fn like(self, value: f64) -> Self {
+        Self::splat(self.simd, value)
     }
 
     /// The value `of` each lane.
     #[inline(always)]
-    pub(super) fn from_fn(simd: S, mut of: impl FnMut(usize) -> f64) -> Self {
+    pub(crate) fn from_fn(simd: S, mut of: impl FnMut(usize) -> f64) -> Self {
         let mut lanes = Self::splat(simd, 0.0);
         for lane in 0..S::F64_LANES {
             lanes.set(lane, of(lane));
@@ -43,48 +98,48 @@ impl<S: Simd> Lanes<S> {
 
     /// The value in `lane`.
     #[inline(always)]
-    pub(super) fn get(&self, lane: usize) -> f64 {
+    pub(crate) fn get(&self, lane: usize) -> f64 {
         bytemuck::cast_slice(std::slice::from_ref(&self.all))[lane]
     }
 
     /// Replaces the value in `lane`.
     #[inline(always)]
-    pub(super) fn set(&mut self, lane: usize, value: f64) {
+    pub(crate) fn set(&mut self, lane: usize, value: f64) {
         bytemuck::cast_slice_mut(std::slice::from_mut(&mut self.all))[lane] = value;
     }
 
     #[inline(always)]
-    pub(super) fn abs(self) -> Self {
+    pub(crate) fn abs(self) -> Self {
         Self { all: self.simd.abs_f64s(self.all), ..self }
     }
 
     #[inline(always)]
-    pub(super) fn sqrt(self) -> Self {
+    pub(crate) fn sqrt(self) -> Self {
         Self { all: self.simd.sqrt_f64s(self.all), ..self }
     }
 
     /// The larger of both; `other` where this is no number.
     #[inline(always)]
-    pub(super) fn max(self, other: Self) -> Self {
+    pub(crate) fn max(self, other: Self) -> Self {
         other.less_than(self).select(self, other)
     }
 
     /// The smaller of both; `other` where this is no number.
     #[inline(always)]
-    pub(super) fn min(self, other: Self) -> Self {
+    pub(crate) fn min(self, other: Self) -> Self {
         self.less_than(other).select(self, other)
     }
 
     /// As [`f64::clamp`] does, of which `low` must not be above `high`.
     #[inline(always)]
-    pub(super) fn clamp(self, low: Self, high: Self) -> Self {
+    pub(crate) fn clamp(self, low: Self, high: Self) -> Self {
         let raised = self.less_than(low).select(low, self);
         high.less_than(raised).select(high, raised)
     }
 
     /// This magnitude with the sign of `sign`.
     #[inline(always)]
-    pub(super) fn copysign(self, sign: Self) -> Self {
+    pub(crate) fn copysign(self, sign: Self) -> Self {
         let simd = self.simd;
         let bit = simd.splat_f64s(-0.0);
         let magnitude = simd.and_f64s(simd.not_f64s(bit), self.all);
@@ -92,17 +147,17 @@ impl<S: Simd> Lanes<S> {
     }
 
     #[inline(always)]
-    pub(super) fn less_than(self, other: Self) -> Mask<S> {
+    pub(crate) fn less_than(self, other: Self) -> Mask<S> {
         Mask { simd: self.simd, all: self.simd.less_than_f64s(self.all, other.all) }
     }
 
     #[inline(always)]
-    pub(super) fn at_most(self, other: Self) -> Mask<S> {
+    pub(crate) fn at_most(self, other: Self) -> Mask<S> {
         Mask { simd: self.simd, all: self.simd.less_than_or_equal_f64s(self.all, other.all) }
     }
 
     #[inline(always)]
-    pub(super) fn equals(self, other: Self) -> Mask<S> {
+    pub(crate) fn equals(self, other: Self) -> Mask<S> {
         Mask { simd: self.simd, all: self.simd.equal_f64s(self.all, other.all) }
     }
 }
@@ -110,37 +165,37 @@ impl<S: Simd> Lanes<S> {
 impl<S: Simd> Mask<S> {
     /// The truth value `of` each lane.
     #[inline(always)]
-    pub(super) fn from_fn(simd: S, of: impl Fn(usize) -> bool) -> Self {
+    pub(crate) fn from_fn(simd: S, of: impl Fn(usize) -> bool) -> Self {
         let ones = Lanes::from_fn(simd, |lane| if of(lane) { 1.0 } else { 0.0 });
         Lanes::splat(simd, 0.5).less_than(ones)
     }
 
     /// `yes` in the lanes in which this is true, `no` in the others.
     #[inline(always)]
-    pub(super) fn select(self, yes: Lanes<S>, no: Lanes<S>) -> Lanes<S> {
+    pub(crate) fn select(self, yes: Lanes<S>, no: Lanes<S>) -> Lanes<S> {
         let all = self.simd.select_f64s(self.all, yes.all, no.all);
         Lanes { simd: self.simd, all }
     }
 
     #[inline(always)]
-    pub(super) fn or(self, other: Self) -> Self {
+    pub(crate) fn or(self, other: Self) -> Self {
         Self { all: self.simd.or_m64s(self.all, other.all), ..self }
     }
 
     #[inline(always)]
-    pub(super) fn not(self) -> Self {
+    pub(crate) fn not(self) -> Self {
         Self { all: self.simd.not_m64s(self.all), ..self }
     }
 
     /// Return whether it is true in any lane.
     #[inline(always)]
-    pub(super) fn any(self) -> bool {
+    pub(crate) fn any(self) -> bool {
         self.simd.first_true_m64s(self.all) < S::F64_LANES
     }
 
     /// Return whether it is true in all lanes.
     #[inline(always)]
-    pub(super) fn all(self) -> bool {
+    pub(crate) fn all(self) -> bool {
         !self.not().any()
     }
 }
@@ -194,12 +249,12 @@ operator!(Div, div, div_f64s);
 
 /// Belt coordinates of a vector in board coordinates; see [`crate::gantry::belts`].
 #[inline(always)]
-pub(super) fn belts<S: Simd>([x, y]: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
+pub(crate) fn belts<S: Simd>([x, y]: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
     [x + y, x - y]
 }
 
 /// Board coordinates of a vector in belt coordinates; see [`crate::gantry::rails`].
 #[inline(always)]
-pub(super) fn rails<S: Simd>([a, b]: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
+pub(crate) fn rails<S: Simd>([a, b]: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
     [0.5 * (a + b), 0.5 * (a - b)]
 }
