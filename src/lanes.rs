@@ -258,3 +258,13 @@ pub(crate) fn belts<S: Simd>([x, y]: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
 pub(crate) fn rails<S: Simd>([a, b]: [Lanes<S>; 2]) -> [Lanes<S>; 2] {
     [0.5 * (a + b), 0.5 * (a - b)]
 }
+
+/// Both of `yes` where `mask` is true, both of `no` elsewhere.
+#[inline(always)]
+pub(crate) fn select<S: Simd>(
+    mask: Mask<S>,
+    yes: [Lanes<S>; 2],
+    no: [Lanes<S>; 2],
+) -> [Lanes<S>; 2] {
+    [mask.select(yes[0], no[0]), mask.select(yes[1], no[1])]
+}

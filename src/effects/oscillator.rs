@@ -11,51 +11,22 @@ const SHORT_DECAY: f64 = 1.0;
 
 /// x'' + 2 z w x' + w^2 x = 0 over one step, for any damping.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Oscillator {
-    /// w^2 (1/s^2).
-    stiffness: f64,
-    /// z w (1/s).
-    damping: f64,
-    cosine: f64,
-    sine: f64,
-}
+pub(crate) struct Oscillator(OscillatorLanes<Scalar>);
 
 impl Oscillator {
     /// A step of `dt` seconds at the angular frequency `natural` (1/s) with the damping `ratio`.
-    ///
-    /// With p = sqrt(|1 - z^2|) w the solution is exp(-z w t) times cosines and sines of p t, or
-    /// hyperbolic ones above critical damping. They are expanded so that none overflows.
     pub(crate) fn new(natural: f64, ratio: f64, dt: f64) -> Self {
+        let of = |value: f64| Lanes::splat(Scalar, value);
         let damping = ratio * natural;
-        Self::with_decay(natural * natural, damping, dt, (-damping * dt).exp())
-    }
-
-    /// The same with w^2 = `stiffness` (1/s^2), z w = `damping` (1/s), and exp(-z w dt) = `decay`.
-    pub(crate) fn with_decay(stiffness: f64, damping: f64, dt: f64, decay: f64) -> Self {
-        let square = (stiffness - damping * damping) * dt * dt;
-        let turn = || square.abs().sqrt() / dt;
-        let (cosine, sine) = if square.abs() <= SHORT_TURN_SQUARED {
-            let (cosine, sine) = short_turn(Lanes::splat(Scalar, square));
-            (decay * cosine.get(0), decay * dt * sine.get(0))
-        } else if 0.0 < square {
-            let turn = turn();
-            (decay * (turn * dt).cos(), decay * (turn * dt).sin() / turn)
-        } else {
-            let turn = turn();
-            let slow = (-stiffness / (damping + turn) * dt).exp();
-            let fast = (-(damping + turn) * dt).exp();
-            (0.5 * (slow + fast), 0.5 * (slow - fast) / turn)
-        };
-        Self { stiffness, damping, cosine, sine }
+        let decay = of((-damping * dt).exp());
+        Self(OscillatorLanes::with_decay(of(natural * natural), of(damping), of(dt), decay))
     }
 
     /// Position and velocity after the step.
     pub(crate) fn step(&self, place: f64, velocity: f64) -> (f64, f64) {
-        let Self { stiffness, damping, cosine, sine } = *self;
-        (
-            place * cosine + (velocity + damping * place) * sine,
-            velocity * cosine - (damping * velocity + stiffness * place) * sine,
-        )
+        let of = |value: f64| Lanes::splat(Scalar, value);
+        let (place, velocity) = self.0.step(of(place), of(velocity));
+        (place.get(0), velocity.get(0))
     }
 }
 
@@ -78,11 +49,29 @@ fn series<S: Simd, const N: usize>(x: Lanes<S>, divisors: [f64; N]) -> Lanes<S> 
     sum
 }
 
+/// `cosine` and `sine` of [`OscillatorLanes`] for one step that is too long for [`short_turn`].
+///
+/// With p = sqrt(|1 - z^2|) w the solution is exp(-z w t), which is `decay`, times cosines and sines of p t, or hyperbolic
+/// ones above critical damping. They are expanded so that none overflows.
+fn long_turn([stiffness, damping]: [f64; 2], dt: f64, decay: f64) -> (f64, f64) {
+    let square = stiffness - damping * damping;
+    let turn = (square * dt * dt).abs().sqrt() / dt;
+    if 0.0 < square {
+        return (decay * (turn * dt).cos(), decay * (turn * dt).sin() / turn);
+    }
+    let slow = (-stiffness / (damping + turn) * dt).exp();
+    let fast = (-(damping + turn) * dt).exp();
+    (0.5 * (slow + fast), 0.5 * (slow - fast) / turn)
+}
+
 /// Oscillators of several simulations; see [`Oscillator`].
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct OscillatorLanes<S: Simd> {
+    /// w^2 (1/s^2).
     stiffness: Lanes<S>,
+    /// z w (1/s).
     damping: Lanes<S>,
+    /// exp(-z w t) times cos(p t), and times sin(p t) / p (s).
     cosine: Lanes<S>,
     sine: Lanes<S>,
 }
@@ -103,11 +92,10 @@ impl<S: Simd> OscillatorLanes<S> {
         if !is_short.all() {
             for lane in 0..S::F64_LANES {
                 if SHORT_TURN_SQUARED < square.get(lane).abs() {
-                    let [stiffness, damping] = [stiffness.get(lane), damping.get(lane)];
-                    let own =
-                        Oscillator::with_decay(stiffness, damping, dt.get(lane), decay.get(lane));
-                    cosine.set(lane, own.cosine);
-                    sine.set(lane, own.sine);
+                    let own = [stiffness.get(lane), damping.get(lane)];
+                    let (own_cosine, own_sine) = long_turn(own, dt.get(lane), decay.get(lane));
+                    cosine.set(lane, own_cosine);
+                    sine.set(lane, own_sine);
                 }
             }
         }

@@ -142,10 +142,7 @@ impl Stage for CameraStage {
     }
 
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-        let mut all = [predicted.iter_mut().map(std::mem::take).collect()];
-        self.predict_each(&[twin], nuisance, &mut all);
-        let [all] = all;
-        predicted.iter_mut().zip(all).for_each(|(to, own)| *to = own);
+        self.predict_alone(twin, nuisance, predicted);
     }
 
     fn predict_each(
@@ -161,7 +158,7 @@ impl Stage for CameraStage {
         for (twin, predicted) in twins.iter().zip(predicted) {
             let mut chain = Chain::new(twin);
             match chain.linkage.is_dynamic() {
-                true => dynamic.push(Walk::new(chain, &samples, predicted)),
+                true => dynamic.push(Walk::new(self, chain, &samples, predicted)),
                 false => self.look_up(&mut chain, offset, predicted),
             }
         }
@@ -216,10 +213,18 @@ struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    /// Walk through the `samples`.
-    fn new(chain: Chain, samples: &'a [usize], predicted: &'a mut [Vec<f64>]) -> Self {
+    /// Walk through the `samples` of a `stage`.
+    fn new(
+        stage: &CameraStage,
+        chain: Chain,
+        samples: &'a [usize],
+        predicted: &'a mut [Vec<f64>],
+    ) -> Self {
         let (wanted, time, cursor, strikers) = (0.0, 0.0, 0, [[0.0; 2]; 2]);
-        Self { chain, predicted, samples, wanted, time, cursor, strikers }
+        let mut walk = Self { chain, predicted, samples, wanted, time, cursor, strikers };
+        walk.look_ahead(stage);
+        walk.time = walk.wanted - RUN_IN;
+        walk
     }
 
     /// Find the time of the next sample, if there is one.
@@ -233,8 +238,8 @@ impl<'a> Walk<'a> {
     /// Magnet at the end of the present step. `strikers` receives the position of the striker without that on a spring.
     #[inline(never)]
     fn magnet(&mut self, stage: &CameraStage) -> Carriage {
-        let Chain { linkage, memory, striker_mass, .. } = &mut self.chain;
-        let carriage = stage.carriage.carriage(self.time, STEP, *striker_mass, &mut self.cursor);
+        let carriage = self.chain.carriage(&stage.carriage, self.time, &mut self.cursor);
+        let Chain { linkage, memory, .. } = &mut self.chain;
         let magnet = linkage.magnet(memory, carriage);
         let away = linkage.away(memory, &magnet);
         self.strikers = [self.strikers[1], both(|k| magnet.position[k] + away[k])];
@@ -273,13 +278,9 @@ impl<'a> SideBySide for March<'a> {
             walks.iter_mut().map(|walk| walk.chain.linkage.take_striker()).collect();
         let strikers = StrikerLanes::new(simd, |lane| *springs.get(lane)?);
         let nothing = [Lanes::splat(simd, 0.0); 2];
-        let mut state = StrikerStateLanes { away: nothing, speed: nothing };
+        let mut state = StrikerStateLanes::at_rest(simd);
         let dt = Lanes::splat(simd, STEP);
         let mut motion = CarriageLanes { dt, velocity: nothing, acceleration: nothing };
-        for walk in walks.iter_mut() {
-            walk.look_ahead(self.stage);
-            walk.time = walk.wanted - RUN_IN;
-        }
         while walks.iter().any(|walk| !walk.samples.is_empty()) {
             for (lane, walk) in walks.iter_mut().enumerate() {
                 let magnet = walk.magnet(self.stage);
@@ -305,30 +306,44 @@ mod tests {
         effects::{Axis, Domain, find},
         twin::{Instance, Machine, Source},
     };
+    use std::ops::Range;
 
-    /// Runs of a carriage that swings along x and y.
-    fn swinging() -> CameraStage {
-        let times: Vec<f64> = (0..300).map(|k| 0.01 * f64::from(k)).collect();
-        let at = |t: f64| [0.05 * (4.0 * t).sin(), 0.03 * (7.0 * t).cos()];
-        let velocity = |t: f64| [0.2 * (4.0 * t).cos(), -0.21 * (7.0 * t).sin()];
-        let carriage = MeasuredPath::new(
-            times.clone(),
-            times.iter().map(|t| at(*t)).collect(),
-            times.iter().map(|t| velocity(*t)).collect(),
-        );
-        let frames: Vec<f64> = (0..300).map(|k| 0.05 + 0.009 * f64::from(k)).collect();
+    /// Stage of a carriage with position and velocity `at` each of `times`, seen in `frames` (s).
+    fn stage(
+        times: Vec<f64>,
+        at: impl Fn(f64) -> [[f64; 2]; 2],
+        frames: &[f64],
+        runs: &[Range<usize>],
+    ) -> CameraStage {
+        let (position, velocity) = times.iter().map(|time| at(*time).into()).unzip();
         let channel = |axis: &'static str| Channel {
             signal: format!("camera.striker_{axis}"),
             unit: "m",
             domain: Domain::Sensor,
             axis,
-            rate_hz: 111.0,
-            times: frames.clone(),
+            rate_hz: 100.0,
+            times: frames.to_vec(),
             measured: vec![0.0; frames.len()],
-            runs: vec![0..120, 150..300],
+            runs: runs.to_vec(),
         };
-        let channels = vec![channel("x"), channel("y")];
-        CameraStage { carriage, channels, height: 0.0, has_drives: false, losses: None }
+        CameraStage {
+            carriage: MeasuredPath::new(times, position, velocity),
+            channels: vec![channel("x"), channel("y")],
+            height: 0.0,
+            has_drives: false,
+            losses: None,
+        }
+    }
+
+    /// Runs of a carriage that swings along x and y.
+    fn swinging() -> CameraStage {
+        let at = |t: f64| {
+            let position = [0.05 * (4.0 * t).sin(), 0.03 * (7.0 * t).cos()];
+            [position, [0.2 * (4.0 * t).cos(), -0.21 * (7.0 * t).sin()]]
+        };
+        let times = (0..300).map(|k| 0.01 * f64::from(k)).collect();
+        let frames: Vec<f64> = (0..300).map(|k| 0.05 + 0.009 * f64::from(k)).collect();
+        stage(times, at, &frames, &[0..120, 150..300])
     }
 
     #[test]
@@ -391,26 +406,10 @@ mod tests {
             let braked = (t - 0.5).clamp(0.0, 0.05);
             t.min(0.5) + braked - 10.0 * braked * braked
         };
-        let times: Vec<f64> = (0..6000).map(|k| 1e-3 * f64::from(k)).collect();
-        let carriage = MeasuredPath::new(
-            times.clone(),
-            times.iter().map(|t| [place(*t), 0.0]).collect(),
-            times.iter().map(|t| [velocity(*t), 0.0]).collect(),
-        );
+        let times = (0..6000).map(|k| 1e-3 * f64::from(k)).collect();
         let frames: Vec<f64> = (0..600).map(|k| 0.01 * f64::from(k)).collect();
-        let channel = |axis: &'static str| Channel {
-            signal: format!("camera.striker_{axis}"),
-            unit: "m",
-            domain: Domain::Sensor,
-            axis,
-            rate_hz: 100.0,
-            times: frames.clone(),
-            measured: vec![0.0; frames.len()],
-            runs: vec![10..200, 400..600],
-        };
-        let channels = vec![channel("x"), channel("y")];
-        let stage =
-            CameraStage { carriage, channels, height: 0.0, has_drives: false, losses: None };
+        let at = |t: f64| [[place(t), 0.0], [velocity(t), 0.0]];
+        let stage = stage(times, at, &frames, &[10..200, 400..600]);
         let mut twin = Twin::nominal(Machine::Table);
         twin.striker_mass = 0.012;
         let slip = find("coupling.magnet_slip").unwrap();

@@ -86,10 +86,7 @@ impl Stage for DriveStage {
     }
 
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
-        let mut all = [predicted.iter_mut().map(std::mem::take).collect()];
-        self.predict_each(&[twin], nuisance, &mut all);
-        let [all] = all;
-        predicted.iter_mut().zip(all).for_each(|(to, own)| *to = own);
+        self.predict_alone(twin, nuisance, predicted);
     }
 
     fn predict_each(

@@ -22,7 +22,18 @@ const PRESLIDING_M: f64 = 1e-5;
 #[derive(Debug, Clone, Copy)]
 enum Coupling {
     Function(fn(&[f64], &mut [f64], &Carriage) -> [f64; 2]),
+    /// Striker on a spring, and the same in the only lane of a vector.
     Striker(Striker, StrikerLanes<Scalar>),
+}
+
+impl Coupling {
+    /// The striker, if it is on a spring.
+    fn striker(&self) -> Option<Striker> {
+        match self {
+            Self::Striker(striker, _) => Some(*striker),
+            Self::Function(_) => None,
+        }
+    }
 }
 
 /// Kind of the positions of a carriage.
@@ -268,9 +279,10 @@ impl Linkage {
 
     /// Take the last striker on a spring out, with its mass (kg), to simulate it beside those of other linkages.
     pub(super) fn take_striker(&mut self) -> Option<(Striker, f64)> {
-        let is_striker = |part: &CouplingPart| matches!(part.call, Coupling::Striker(..));
-        let index = self.couplings.iter().rposition(is_striker)?;
-        let Coupling::Striker(striker, _) = self.couplings.remove(index).call else { return None };
+        let parts = self.couplings.iter().enumerate().rev();
+        let (index, striker) =
+            parts.filter_map(|(k, part)| Some((k, part.call.striker()?))).next()?;
+        self.couplings.remove(index);
         Some((striker, self.striker_mass))
     }
 

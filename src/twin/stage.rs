@@ -143,6 +143,14 @@ pub trait Stage: Sync {
         false
     }
 
+    /// [`predict`](Self::predict) of a stage that implements [`predict_each`](Self::predict_each).
+    fn predict_alone(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
+        let mut all = [predicted.iter_mut().map(std::mem::take).collect()];
+        self.predict_each(&[twin], nuisance, &mut all);
+        let [all] = all;
+        predicted.iter_mut().zip(all).for_each(|(to, own)| *to = own);
+    }
+
     /// Twins of the same lot are best predicted at once.
     fn lot(&self, _twin: &Twin) -> usize {
         0

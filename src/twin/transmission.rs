@@ -4,7 +4,7 @@
 use super::contact::{Contact, Free};
 use crate::{
     effects::{Spring, both},
-    lanes::{Lanes, Mask, belts, rails},
+    lanes::{Lanes, Mask, belts, rails, select},
 };
 use pulp::Simd;
 
@@ -88,10 +88,6 @@ pub(super) fn parted<S: Simd>(
     mass: [Lanes<S>; 2],
 ) -> ([TieLanes<S>; 2], [Lanes<S>; 2]) {
     let rotors = a.motor_mass + b.motor_mass;
-    let most = MOST_ROTOR * mass[0].min(mass[1]);
-    if rotors.at_most(most).all() {
-        return ([*a, *b], [mass[0] - rotors, mass[1] - rotors]);
-    }
     let share = rotor_share(simd, mass, rotors);
     (
         [a.with_share(share), b.with_share(share)],
@@ -140,16 +136,6 @@ impl<S: Simd> Bends<S> {
             rails: select(is_ours, self.rails, other.rails),
         }
     }
-}
-
-/// Both of `yes` where `mask` is true, both of `no` elsewhere.
-#[inline(always)]
-pub(super) fn select<S: Simd>(
-    mask: Mask<S>,
-    yes: [Lanes<S>; 2],
-    no: [Lanes<S>; 2],
-) -> [Lanes<S>; 2] {
-    [mask.select(yes[0], no[0]), mask.select(yes[1], no[1])]
 }
 
 /// Motors and load at the end of a step.

@@ -6,7 +6,7 @@ use crate::{
         oscillator::OscillatorLanes,
         physics::{Carriage, Striker},
     },
-    lanes::{Lanes, Mask},
+    lanes::{Lanes, Mask, select},
 };
 use pulp::{Scalar, Simd};
 
@@ -52,14 +52,33 @@ pub(crate) struct CarriageLanes<S: Simd> {
     pub(crate) acceleration: [Lanes<S>; 2],
 }
 
+impl CarriageLanes<Scalar> {
+    /// Motion of one carriage.
+    pub(crate) fn alone(carriage: &Carriage) -> Self {
+        let of = |value: f64| Lanes::splat(Scalar, value);
+        Self {
+            dt: of(carriage.dt),
+            velocity: carriage.velocity.map(of),
+            acceleration: carriage.acceleration.map(of),
+        }
+    }
+}
+
 /// Displacement of several strikers from their magnets (m), and their velocity on the board (m/s).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StateLanes<S: Simd> {
     pub(crate) away: [Lanes<S>; 2],
-    pub(crate) speed: [Lanes<S>; 2],
+    speed: [Lanes<S>; 2],
 }
 
 impl<S: Simd> StateLanes<S> {
+    /// All on their magnets, at rest.
+    #[inline(always)]
+    pub(crate) fn at_rest(simd: S) -> Self {
+        let nothing = [Lanes::splat(simd, 0.0); 2];
+        Self { away: nothing, speed: nothing }
+    }
+
     /// Put the states in a `memory` into `lane`.
     #[inline(always)]
     pub(crate) fn put(&mut self, lane: usize, memory: &[f64]) {
@@ -79,12 +98,13 @@ impl<S: Simd> StateLanes<S> {
         }
     }
 
+    /// This in the lanes in which `is_ours`, the `other` elsewhere.
     #[inline(always)]
     fn or(self, is_ours: Mask<S>, other: Self) -> Self {
-        let select = |own: [Lanes<S>; 2], other: [Lanes<S>; 2]| {
-            [is_ours.select(own[0], other[0]), is_ours.select(own[1], other[1])]
-        };
-        Self { away: select(self.away, other.away), speed: select(self.speed, other.speed) }
+        Self {
+            away: select(is_ours, self.away, other.away),
+            speed: select(is_ours, self.speed, other.speed),
+        }
     }
 }
 
@@ -244,10 +264,7 @@ impl<S: Simd> StrikerLanes<S> {
         );
         // Friction stops the striker and does not reverse it.
         let is_stopped = (u * along[0] + v * along[1]).at_most(nothing);
-        StateLanes {
-            away: [x, y],
-            speed: [is_stopped.select(nothing, u), is_stopped.select(nothing, v)],
-        }
+        StateLanes { away: [x, y], speed: select(is_stopped, [nothing; 2], [u, v]) }
     }
 
     /// Force on the carriages after a step (N) in addition to that of the striker's mass: k d + 2 z sqrt(k m) d' + m a.
@@ -279,15 +296,9 @@ impl StrikerLanes<Scalar> {
 
     /// Position of the one striker (m) after a step of its `carriage`; `memory` holds its states.
     pub(crate) fn striker(&self, memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-        let of = |value: f64| Lanes::splat(Scalar, value);
-        let at = |index: usize| of(memory[index]);
-        let mut state = StateLanes { away: [at(0), at(1)], speed: [at(2), at(3)] };
-        let own = CarriageLanes {
-            dt: of(carriage.dt),
-            velocity: carriage.velocity.map(of),
-            acceleration: carriage.acceleration.map(of),
-        };
-        self.step(&mut state, &own);
+        let mut state = StateLanes::at_rest(Scalar);
+        state.put(0, memory);
+        self.step(&mut state, &CarriageLanes::alone(carriage));
         state.get(0, memory);
         both(|axis| carriage.position[axis] + memory[axis])
     }

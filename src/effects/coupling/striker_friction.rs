@@ -64,10 +64,7 @@ fn striker(p: &[f64]) -> Striker {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        effects::{Carriage, CarriageLanes, StrikerLanes, StrikerStateLanes},
-        lanes::Lanes,
-    };
+    use crate::effects::{Carriage, CarriageLanes, StrikerLanes, StrikerStateLanes};
     use pulp::Scalar;
 
     fn rub(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
@@ -75,17 +72,11 @@ mod tests {
     }
 
     fn hold_back(p: &[f64], memory: &mut [f64], carriage: &Carriage) -> [f64; 2] {
-        let of = |value: f64| Lanes::splat(Scalar, value);
         rub(p, memory, carriage);
         let own = StrikerLanes::alone(striker(p), carriage.striker_mass);
-        let [x, y, u, v] = [0, 1, 2, 3].map(|index: usize| of(memory[index]));
-        let state = StrikerStateLanes { away: [x, y], speed: [u, v] };
-        let motion = CarriageLanes {
-            dt: of(carriage.dt),
-            velocity: carriage.velocity.map(of),
-            acceleration: carriage.acceleration.map(of),
-        };
-        own.hold_back(&state, &motion).map(|own| own.get(0))
+        let mut state = StrikerStateLanes::at_rest(Scalar);
+        state.put(0, memory);
+        own.hold_back(&state, &CarriageLanes::alone(carriage)).map(|own| own.get(0))
     }
 
     const MASS: f64 = 0.012;

@@ -49,10 +49,8 @@ pub(super) fn march(stage: &DriveStage, mut jobs: Vec<Job<'_>>) {
     };
     // Lanes of similar length finish together.
     sequences.sort_by(|one, other| seconds(other).total_cmp(&seconds(one)));
-    let of_all = |runs: &Range<usize>| {
-        let runs = runs.clone();
-        (0..jobs.len()).map(move |job| Task { job, runs: runs.clone() }).collect::<Vec<_>>()
-    };
+    let count = jobs.len();
+    let of_all = |runs| (0..count).map(move |job| Task { job, runs: Range::clone(runs) });
     let mut tasks: Vec<Task> = sequences.iter().flat_map(of_all).collect();
     lanes::side_by_side(&mut March { stage, jobs: &mut jobs }, &mut tasks);
 }

@@ -3,10 +3,10 @@
 use super::{LEAST_MASS, MotionPart, MotorParts, Plant, PlantState, RailParts};
 use crate::{
     effects::{CarriageLanes, CrossMotion, Motion, StrikerLanes, StrikerStateLanes, both},
-    lanes::{Lanes, Mask, belts, rails},
+    lanes::{Lanes, Mask, belts, rails, select},
     twin::{
         contact::{BristleLanes, Contact, Free},
-        transmission::{self, Answer, Bends, Rubbing, TieLanes, TwoMasses, select},
+        transmission::{self, Answer, Bends, Rubbing, TieLanes, TwoMasses},
     },
 };
 use pulp::Simd;
@@ -57,7 +57,7 @@ impl<S: Simd> StateLanes<S> {
             ahead: nothing,
             gaining: nothing,
             bends: Bends { motors: nothing, rails: nothing },
-            striker: StrikerStateLanes { away: nothing, speed: nothing },
+            striker: StrikerStateLanes::at_rest(simd),
         }
     }
 
