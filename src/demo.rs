@@ -10,8 +10,8 @@
 //! actuator model loses less performance on the table than one trained with ideal actuators,
 //! randomized or not. A difference is claimed only if its 95 % interval excludes 0.
 //!
-//! A finished step is not run again: its record holds a hash of its command, of all commands before
-//! its stage and of the program.
+//! A step starts when the steps whose results it reads are done. A finished step is not run again: its record holds
+//! a hash of its command, of the commands whose results it reads and of the program.
 //!
 //! ```
 //! use klasktron::demo::{Plan, Size};

@@ -54,7 +54,7 @@ pub(crate) use impact::wall_friction_spin::spin_ratio;
 pub(crate) use oscillator::Oscillator;
 pub use physics::{
     Ball, Bristles, Carriage, Change, CrossMotion, Impact, Law, LoopGains, Motion, Noise, Physics,
-    Sample, Spring, Striker, VelocityController, Wall,
+    Sample, Spring, Striker, VelocityController, Wall, Wave,
 };
 
 use serde::{Deserialize, Serialize};

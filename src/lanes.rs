@@ -7,6 +7,8 @@
 //! The operators are generic over [`Simd`]: with [`pulp::Scalar`] they are those of one `f64`. All
 //! is inlined into the caller, which alone is compiled for the instructions of the processor.
 
+mod sine;
+
 use pulp::{Arch, Scalar, Simd, WithSimd, bytemuck};
 use std::ops::{Add, BitAnd, Div, Mul, Neg, Sub};
 

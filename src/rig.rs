@@ -60,3 +60,9 @@ pub use serve::{DriveReport, ServeError, ServeReport, Shown, serve};
 pub use truth::{Body, DriveTruth, Hits, PlayerTruth, Truth};
 pub use virtual_link::{Speed, VIRTUAL_START, VirtualLink, Vision};
 pub use world::World;
+
+/// Length of a vector whose components are far from the limits of `f64`: for those, `f64::hypot` takes several times as
+/// long.
+fn length([x, y]: [f64; 2]) -> f64 {
+    (x * x + y * y).sqrt()
+}

@@ -49,10 +49,12 @@ pub use diff::{Change, EffectDiff, ParameterDiff, PropertyDiff, TwinDiff};
 pub use document::{TwinError, parse_twin, read_twin, write_twin};
 pub use drive::{DriveStage, Output};
 pub use estimator::EstimatorStage;
+pub(crate) use linkage::TakenStriker;
 pub use linkage::{Linkage, Places};
 pub use machine::{Machine, machine_of};
 pub use noise::Estimate;
 pub use path::MeasuredPath;
+pub(crate) use plant::MOST_LANES;
 pub use plant::{Course, Fleet, Moved, Plant, PlantState};
 pub use session::{
     Mask, RecordedSource, Run, Session, SessionError, SessionOptions, check_machine, divide,

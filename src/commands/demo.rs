@@ -8,8 +8,8 @@ use super::{
 };
 use anyhow::{Context as _, bail};
 use klasktron::{
-    demo::{Estimate, Experiment, Plan, Record, Size, Stage, Step, Story, begin, page, pictures},
-    parallel::{cores, in_parallel_on},
+    demo::{Estimate, Experiment, Plan, Record, Size, Step, Story, begin, page, pictures},
+    parallel::{cores, in_order_of_needs},
     provenance::Provenance,
     recording::{ExistingFile, SESSION_COMPLETED, write_bytes},
 };
@@ -57,11 +57,12 @@ struct Demo<'a> {
     total: usize,
 }
 
-/// Step with its number and the hash of its inputs.
+/// Step with its number, the hash of its inputs and its threads.
 struct Task<'a> {
     step: &'a Step,
     key: &'a str,
     number: usize,
+    threads: usize,
 }
 
 /// Run `klasktron demo`.
@@ -70,7 +71,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let plan = Plan::new(size, args.seed);
     let stop = interrupt::raised_by_ctrl_c("stopping the demo; finished steps are kept")?;
     let program = std::env::current_exe().context("cannot find the program itself")?;
-    let total = plan.stages.iter().map(|stage| stage.steps.len()).sum();
+    let total = plan.steps().count();
     let demo = Demo { folder: &args.output, program, stop, total };
     demo.prepare(&plan)?;
     note(&format!(
@@ -78,12 +79,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.output.display(),
         size.expected_minutes()
     ));
-    let mut records = BTreeMap::new();
-    let mut number = 0;
-    for (stage, keys) in plan.stages.iter().zip(plan.keys()) {
-        records.extend(demo.stage(stage, &keys, number)?);
-        number += stage.steps.len();
-    }
+    let records = demo.records(&plan)?;
     let results =
         records.iter().map(|(name, record)| (name.clone(), record.result.clone())).collect();
     let experiment = Experiment::new(&results);
@@ -142,28 +138,18 @@ impl Demo<'_> {
         Ok(())
     }
 
-    /// Run the steps of a stage that are not finished, and return the records of all.
-    fn stage(
-        &self,
-        stage: &Stage,
-        keys: &[String],
-        before: usize,
-    ) -> anyhow::Result<Vec<(String, Record)>> {
-        let tasks: Vec<Task<'_>> = stage
-            .steps
-            .iter()
-            .zip(keys)
-            .zip(before + 1..)
-            .map(|((step, key), number)| Task { step, key, number })
-            .collect();
-        let threads = if stage.side_by_side { cores() } else { 1 };
-        let done = in_parallel_on(threads, &tasks, |task| self.record(task));
-        let named = tasks.iter().zip(done).map(|(task, done)| Ok((task.step.name.clone(), done?)));
-        named.collect()
+    /// Run the steps that are not finished, and return the records of all.
+    fn records(&self, plan: &Plan) -> anyhow::Result<BTreeMap<String, Record>> {
+        let keys = plan.keys();
+        let steps: Vec<&Step> = plan.steps().collect();
+        let done = in_order_of_needs(cores(), &plan.needs(), |at, threads| {
+            self.record(&Task { step: steps[at], key: &keys[at], number: at + 1, threads })
+        })?;
+        Ok(steps.iter().map(|step| step.name.clone()).zip(done).collect())
     }
 
     fn record(&self, task: &Task<'_>) -> anyhow::Result<Record> {
-        let Task { step, key, number } = task;
+        let Task { step, key, number, threads } = task;
         if self.stop.load(Ordering::Relaxed) {
             return Err(interrupted(*number));
         }
@@ -173,7 +159,10 @@ impl Demo<'_> {
             return Ok(record);
         }
         let again = begin(self.folder, &step.name, key)?;
-        let arguments = if again { step.resumed() } else { step.arguments.clone() };
+        let mut arguments = if again { step.resumed() } else { step.arguments.clone() };
+        arguments.extend(
+            step.limit.into_iter().flat_map(|limit| [limit.to_owned(), threads.to_string()]),
+        );
         log::info!("klasktron {}", arguments.join(" "));
         let start = Instant::now();
         let output = self.output(&arguments)?;

@@ -2,7 +2,7 @@
 
 use crate::train::{Preset, TrainSettings};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::{cmp::Reverse, collections::BTreeMap, path::PathBuf};
 
 /// Size of a demo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,8 +22,12 @@ pub struct Step {
     pub name: String,
     /// Words typed after `klasktron`.
     pub arguments: Vec<String>,
+    /// Names of the steps whose results it reads.
+    pub needs: Vec<String>,
     /// Replacement of `--overwrite` after an interruption.
     pub resume: Option<&'static str>,
+    /// Option that limits the threads of the command; its results do not depend on them.
+    pub limit: Option<&'static str>,
 }
 
 /// Purpose of a stage.
@@ -94,10 +98,8 @@ impl Chapter {
 pub struct Stage {
     /// Chapter of the stage.
     pub chapter: Chapter,
-    /// Steps in this order.
+    /// Steps; those that are ready start in this order.
     pub steps: Vec<Step>,
-    /// True if the steps may run in parallel; each then uses one core only.
-    pub side_by_side: bool,
 }
 
 /// Plan of a demo.
@@ -118,10 +120,41 @@ pub struct PolicyKind {
     pub name: &'static str,
     /// Actuator model and physics of its simulation.
     pub summary: &'static str,
-    actuator: &'static str,
+    actuator: ActuatorKind,
     randomized: bool,
     /// Trained through the camera and the estimator of `tune-ekf`.
     sensors: bool,
+}
+
+/// Actuator model in a simulation, in the order of its computing time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum ActuatorKind {
+    /// The velocity equals the command.
+    Ideal,
+    /// The network of `fit-actuator`.
+    Learned,
+    /// The twin of `gap`.
+    Twin,
+}
+
+impl ActuatorKind {
+    /// Value of `--actuator` and `--simulation`.
+    fn argument(self) -> &'static str {
+        match self {
+            Self::Ideal => "ideal",
+            Self::Learned => "actuator/actuator.mcap",
+            Self::Twin => "gap/twin.json",
+        }
+    }
+
+    /// Name of the step that identifies it.
+    fn step(self) -> Option<&'static str> {
+        match self {
+            Self::Ideal => None,
+            Self::Learned => Some("fit-actuator"),
+            Self::Twin => Some("gap"),
+        }
+    }
 }
 
 /// The policies: those of the paper's claim, worst first, then those with sensors in training.
@@ -129,42 +162,42 @@ pub const POLICIES: [PolicyKind; 6] = [
     PolicyKind {
         name: "ideal",
         summary: "ideal actuators: the velocity equals the command",
-        actuator: "ideal",
+        actuator: ActuatorKind::Ideal,
         randomized: false,
         sensors: false,
     },
     PolicyKind {
         name: "randomized",
         summary: "ideal actuators with domain randomization",
-        actuator: "ideal",
+        actuator: ActuatorKind::Ideal,
         randomized: true,
         sensors: false,
     },
     PolicyKind {
         name: "twin",
         summary: "the twin with the effects that gap identified",
-        actuator: "gap/twin.json",
+        actuator: ActuatorKind::Twin,
         randomized: false,
         sensors: false,
     },
     PolicyKind {
         name: "learned",
         summary: "the actuator network fitted to the recordings",
-        actuator: "actuator/actuator.mcap",
+        actuator: ActuatorKind::Learned,
         randomized: false,
         sensors: false,
     },
     PolicyKind {
         name: "ideal-sensors",
         summary: "ideal actuators; camera and state estimator between game and policy",
-        actuator: "ideal",
+        actuator: ActuatorKind::Ideal,
         randomized: false,
         sensors: true,
     },
     PolicyKind {
         name: "twin-sensors",
         summary: "the twin; camera and state estimator between game and policy",
-        actuator: "gap/twin.json",
+        actuator: ActuatorKind::Twin,
         randomized: false,
         sensors: true,
     },
@@ -180,6 +213,11 @@ pub const SEATS: [&str; 2] = ["left", "right"];
 #[must_use]
 pub fn match_name(policy: &str, opponent: &str, seat: &str) -> String {
     format!("{policy}-{opponent}-{seat}")
+}
+
+/// Name of the step that trains a policy.
+fn train_name(policy: &PolicyKind) -> String {
+    format!("train-{}", policy.name)
 }
 
 /// Parameters that depend on the size.
@@ -243,6 +281,9 @@ impl Size {
     }
 }
 
+/// Commands with the option `--threads`.
+const THREADED: [&str; 4] = ["fit-actuator", "gap", "train", "eval"];
+
 /// Distance of a serve from the middle line (m), about a third of a half.
 const SERVE_DISTANCE_M: f64 = 0.065;
 
@@ -301,8 +342,21 @@ impl Plan {
         plan
     }
 
+    /// All steps, in the order of the stages.
+    pub fn steps(&self) -> impl Iterator<Item = &Step> {
+        self.stages.iter().flat_map(|stage| &stage.steps)
+    }
+
+    /// Of each step, the numbers of the steps whose results it reads.
+    #[must_use]
+    pub fn needs(&self) -> Vec<Vec<usize>> {
+        let numbers: BTreeMap<&str, usize> =
+            self.steps().map(|step| &*step.name).zip(0..).collect();
+        self.steps().map(|step| step.needs.iter().map(|name| numbers[&**name]).collect()).collect()
+    }
+
     fn stage(&mut self, chapter: Chapter, steps: Vec<Step>) {
-        self.stages.push(Stage { chapter, steps, side_by_side: false });
+        self.stages.push(Stage { chapter, steps });
     }
 
     /// Write a rig file; returns its name.
@@ -342,28 +396,16 @@ impl Plan {
 
     fn identify(&mut self, amounts: &Amounts) {
         let Amounts { fit_seeds, fit_epochs, gap_options, .. } = amounts;
-        let step = |name, line: &str| vec![Step::new(name, line)];
-        self.stage(Chapter::FitActuator, step(
-                "fit-actuator",
-                &format!(
-                    "fit-actuator monday.mcap tuesday.mcap --seeds {fit_seeds} --epochs {fit_epochs} \
-                     --output actuator --json"
-                ),
-            ),
+        let sessions = ["collect-monday", "collect-tuesday"];
+        let fit = format!(
+            "fit-actuator monday.mcap tuesday.mcap --seeds {fit_seeds} --epochs {fit_epochs} --output actuator --json"
         );
-        self.stage(
-            Chapter::TuneFilter,
-            step("tune-ekf", "tune-ekf ball.mcap --output ekf --overwrite --json"),
-        );
-        self.stage(
-            Chapter::CloseGap,
-            step(
-                "gap",
-                &format!(
-                    "gap monday.mcap tuesday.mcap {gap_options}--output gap --overwrite --json"
-                ),
-            ),
-        );
+        self.stage(Chapter::FitActuator, vec![Step::new("fit-actuator", &fit).after(sessions)]);
+        let tune = "tune-ekf ball.mcap --output ekf --overwrite --json";
+        self.stage(Chapter::TuneFilter, vec![Step::new("tune-ekf", tune).after(["collect-ball"])]);
+        let gap =
+            format!("gap monday.mcap tuesday.mcap {gap_options}--output gap --overwrite --json");
+        self.stage(Chapter::CloseGap, vec![Step::new("gap", &gap).after(sessions)]);
     }
 
     fn train(&mut self, amounts: &Amounts, seed: u64) {
@@ -371,17 +413,24 @@ impl Plan {
         let mut settings = TrainSettings::preset(Preset::Tuned).for_steps(transitions);
         settings.reward.decay_transitions = SHAPING_DECAY;
         self.files.push((TRAINING.into(), settings.to_json()));
+        // The longest first, so that no core waits at the end.
+        let mut kinds = POLICIES;
+        kinds.sort_by_key(|kind| Reverse((kind.actuator, kind.sensors)));
         let policy = |kind: &PolicyKind| {
             let randomize = if kind.randomized { "--randomize " } else { "" };
             let sensors = if kind.sensors { "--ekf ekf/ekf.json " } else { "--no-sensors " };
             let line = format!(
                 "train --settings {TRAINING} --actuator {} {randomize}{sensors}--games {games} --seed {seed} --output {} \
                  --overwrite --json",
-                kind.actuator, kind.name
+                kind.actuator.argument(),
+                kind.name
             );
-            Step { resume: Some("--resume"), ..Step::new(&format!("train-{}", kind.name), &line) }
+            let step = Step::new(&train_name(kind), &line)
+                .after(kind.actuator.step())
+                .after(kind.sensors.then_some("tune-ekf"));
+            Step { resume: Some("--resume"), ..step }
         };
-        self.stage(Chapter::Train, POLICIES.iter().map(policy).collect());
+        self.stage(Chapter::Train, kinds.iter().map(policy).collect());
     }
 
     fn play(&mut self, amounts: &Amounts, seed: u64) {
@@ -411,34 +460,54 @@ impl Plan {
                         "play --speed max --rig {file} --ekf ekf/ekf.json --left {left} --right {right} \
                          --seconds {seconds} --seed {seed} --output matches/{name}.mcap --overwrite --json"
                     );
-                    steps.push(Step::new(&format!("play-{name}"), &line));
+                    let trained = train_name(kind);
+                    let step = Step::new(&format!("play-{name}"), &line);
+                    steps.push(step.after(["tune-ekf", &trained]));
                     // The same serves, in the policy's own simulation.
                     let line = format!(
                         "play --simulation {} --speed max --rig {file} --left {left} --right {right} \
                          --seconds {seconds} --seed {seed} --output simulated/{name}.mcap --overwrite --json",
-                        kind.actuator
+                        kind.actuator.argument()
                     );
-                    steps.push(Step::new(&format!("simulate-{name}"), &line));
+                    let step = Step::new(&format!("simulate-{name}"), &line);
+                    steps.push(step.after([&*trained]).after(kind.actuator.step()));
                 }
             }
         }
-        self.stages.push(Stage { chapter: Chapter::Play, steps, side_by_side: true });
-        self.stage(
-            Chapter::Score,
-            vec![
-                Step::new("eval", "eval matches --output eval --overwrite --json"),
-                Step::new(
-                    "eval-simulated",
-                    "eval simulated --output eval-simulated --overwrite --json",
-                ),
-            ],
-        );
+        let score = |name: &str, folder: &str, played: &str| {
+            let matches = steps.iter().map(|step| &*step.name);
+            Step::new(name, &format!("eval {folder} --output {name} --overwrite --json"))
+                .after(matches.filter(|name| name.starts_with(played)))
+        };
+        let scores = vec![
+            score("eval", "matches", "play-"),
+            score("eval-simulated", "simulated", "simulate-"),
+        ];
+        self.stage(Chapter::Play, steps);
+        self.stage(Chapter::Score, scores);
     }
 }
 
 impl Step {
     fn new(name: &str, line: &str) -> Self {
-        Self { name: name.to_owned(), arguments: words(line), resume: None }
+        let arguments = words(line);
+        let threaded = arguments.first().is_some_and(|command| THREADED.contains(&&**command));
+        let limit = threaded.then_some("--threads");
+        Self { name: name.to_owned(), arguments, needs: Vec::new(), resume: None, limit }
+    }
+
+    /// This step, after those called `names`.
+    fn after<'a>(mut self, names: impl IntoIterator<Item = &'a str>) -> Self {
+        self.needs.extend(names.into_iter().map(ToOwned::to_owned));
+        self
+    }
+
+    /// File or folder that the step writes.
+    #[must_use]
+    pub fn output(&self) -> Option<&str> {
+        let mut words = self.arguments.iter();
+        words.find(|word| *word == "-o" || *word == "--output")?;
+        words.next().map(String::as_str)
     }
 
     /// Command line of the step.
@@ -468,13 +537,63 @@ mod tests {
         let settings: TrainSettings = serde_json::from_str(text).unwrap();
         settings.check().unwrap();
         assert_eq!((settings.steps, settings.anneal_transitions), (8_000_000, Some(8_000_000)));
-        let steps = plan.stages.iter().flat_map(|stage| &stage.steps);
-        let trained = steps.filter(|step| step.name.starts_with("train-"));
+        let trained = plan.steps().filter(|step| step.name.starts_with("train-"));
         let settings_of = |step: &Step| {
             let place = step.arguments.iter().position(|word| word == "--settings").unwrap();
             step.arguments[place + 1].clone()
         };
         assert_eq!(trained.map(settings_of).collect::<Vec<_>>(), [TRAINING; POLICIES.len()]);
+    }
+
+    #[test]
+    fn a_step_needs_those_whose_results_it_reads() {
+        let plan = Plan::new(Size::Quick, 0);
+        let step = |name: &str| plan.steps().find(|step| step.name == name).unwrap();
+        let of = |name: &str| &*step(name).needs;
+        let files = |words: &[String]| -> Vec<PathBuf> {
+            words.iter().filter(|word| word.contains(['/', '.'])).map(PathBuf::from).collect()
+        };
+        for step in plan.steps() {
+            for file in files(&step.arguments) {
+                let writes =
+                    |other: &&Step| other.output().is_some_and(|out| file.starts_with(out));
+                let writer = plan.steps().find(writes).filter(|writer| *writer != step);
+                assert!(
+                    writer.is_none_or(|writer| step.needs.contains(&writer.name)),
+                    "{} reads {}",
+                    step.name,
+                    file.display()
+                );
+            }
+        }
+        assert_eq!(of("collect-tuesday"), [""; 0]);
+        assert_eq!(of("gap"), ["collect-monday", "collect-tuesday"]);
+        assert_eq!(of("train-ideal"), [""; 0]);
+        assert_eq!(of("train-learned"), ["fit-actuator"]);
+        assert_eq!(of("train-twin-sensors"), ["gap", "tune-ekf"]);
+        assert_eq!(of("play-ideal-chaser-left"), ["tune-ekf", "train-ideal"]);
+        assert_eq!(of("simulate-twin-chaser-left"), ["train-twin", "gap"]);
+        let matches = POLICIES.len() * OPPONENTS.len() * SEATS.len();
+        assert_eq!(of("eval").len(), matches);
+        assert!(of("eval-simulated").iter().all(|name| name.starts_with("simulate-")));
+    }
+
+    #[test]
+    fn the_key_of_a_step_depends_on_what_it_reads() {
+        let plan = Plan::new(Size::Quick, 0);
+        let mut changed = plan.clone();
+        let gap = changed.stages.iter_mut().flat_map(|stage| &mut stage.steps);
+        gap.filter(|step| step.name == "gap").for_each(|gap| gap.arguments.push("-v".to_owned()));
+        let names = plan.steps().map(|step| &*step.name);
+        let keys = plan.keys().into_iter().zip(changed.keys());
+        let other: Vec<&str> =
+            names.zip(keys).filter(|(_, (a, b))| a != b).map(|(name, _)| name).collect();
+        assert!(
+            other
+                .iter()
+                .all(|name| name.contains("twin") || name.contains("gap") || name.contains("eval"))
+        );
+        assert_eq!(other.len(), 1 + 2 + 4 * OPPONENTS.len() * SEATS.len() + 2, "{other:?}");
     }
 
     #[test]

@@ -72,37 +72,23 @@ pub fn begin(folder: &Path, name: &str, key: &str) -> Result<bool, RecordingErro
     Ok(again)
 }
 
-impl Step {
-    /// File or folder that the step writes.
-    #[must_use]
-    pub fn output(&self) -> Option<&str> {
-        let mut words = self.arguments.iter();
-        words.find(|word| *word == "-o" || *word == "--output")?;
-        words.next().map(String::as_str)
-    }
-}
-
 impl Plan {
-    /// Hashes of all steps by stage: of the command, of everything before its stage, and of the
-    /// program. Equal keys give equal results.
+    /// Hashes of all steps, in their order: of the command, of the keys of the steps whose results it reads, of the
+    /// plan's files and of the program. Equal keys give equal results.
     #[must_use]
-    pub fn keys(&self) -> Vec<Vec<String>> {
-        let mut before = Sha256::new();
-        before.update(GIT_HASH);
+    pub fn keys(&self) -> Vec<String> {
+        let mut common = Sha256::new();
+        common.update(GIT_HASH);
         for (name, text) in &self.files {
-            before.update(name.to_string_lossy().as_bytes());
-            before.update(text);
+            common.update(name.to_string_lossy().as_bytes());
+            common.update(text);
         }
-        let mut keys = Vec::new();
-        for stage in &self.stages {
-            let key = |step: &Step| {
-                let mut hash = before.clone();
-                hash.update(step.line());
-                hexadecimal(&hash.finalize())
-            };
-            let of_stage: Vec<String> = stage.steps.iter().map(key).collect();
-            of_stage.iter().for_each(|key| before.update(key));
-            keys.push(of_stage);
+        let mut keys: Vec<String> = Vec::new();
+        for (step, needs) in self.steps().zip(self.needs()) {
+            let mut hash = common.clone();
+            hash.update(step.line());
+            needs.iter().for_each(|needed| hash.update(&keys[*needed]));
+            keys.push(hexadecimal(&hash.finalize()));
         }
         keys
     }

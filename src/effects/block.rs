@@ -62,6 +62,7 @@ impl Block {
             | Physics::Windup(_)
             | Physics::Both(_) => Self::Drive,
             Physics::Force(_)
+            | Physics::Wave(_)
             | Physics::Friction(_)
             | Physics::Coulomb(_)
             | Physics::Damping(_)

@@ -4,6 +4,8 @@ use super::{
     elastic_load::{ElasticLoad, Resonance},
     expression::{Expression, Place},
 };
+use crate::lanes::Lanes;
+use pulp::Scalar;
 
 /// State of the perpendicular coordinate.
 #[derive(Debug, Clone, Copy, Default)]
@@ -56,11 +58,26 @@ impl Motion {
     pub fn phase_position(&self) -> f64 {
         self.position + self.measured_ahead
     }
+}
 
-    /// Angle of the motor's shaft at [`phase_position`](Self::phase_position) (rad).
+/// Force that repeats along the way: A sin(k q) + B cos(k q).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wave {
+    /// Amplitude A of the sine (N).
+    pub sine: f64,
+    /// Amplitude B of the cosine (N).
+    pub cosine: f64,
+    /// Angle k per way (rad/m).
+    pub per_metre: f64,
+}
+
+impl Wave {
+    /// Force (N) in this motion.
     #[must_use]
-    pub fn shaft_angle(&self) -> f64 {
-        std::f64::consts::TAU * self.turns_per_metre * self.phase_position()
+    pub fn force(&self, motion: &Motion) -> f64 {
+        let angle = self.per_metre * motion.phase_position();
+        let (sine, cosine) = Lanes::splat(Scalar, angle).sin_cos();
+        self.sine * sine.get(0) + self.cosine * cosine.get(0)
     }
 }
 
@@ -315,6 +332,8 @@ pub enum Physics {
     Windup(fn(p: &[f64]) -> f64),
     /// Force on the coordinate (N), positive along it.
     Force(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Force on the coordinate that repeats along it, with its turns per metre.
+    Wave(fn(p: &[f64], turns_per_metre: f64) -> Wave),
     /// Friction level (N, not negative); friction opposes the motion and holds at rest.
     Friction(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
     /// Friction level that is the same in every motion (N, not negative).

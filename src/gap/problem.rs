@@ -12,7 +12,8 @@ use super::{
     thresholds::Thresholds,
     whiten::{self, Filter, Filters, Layout, Residual},
 };
-use crate::twin::{Slot, Stage, Twin};
+use crate::twin::{Machine, Slot, Stage, Twin};
+use std::sync::OnceLock;
 
 /// One stage of one session with its measurements.
 pub struct Part<'a> {
@@ -51,6 +52,16 @@ impl<'a> Part<'a> {
             .collect();
         part.count(&usable);
         part
+    }
+
+    /// Range of the position on which the phase of a wave depends; zero where it is not known.
+    fn travel(&self) -> f64 {
+        let measured: Vec<Vec<f64>> =
+            self.stage.channels().iter().map(|channel| channel.measured.clone()).collect();
+        let series = self.stage.phase_series(&measured);
+        let positions = || series.iter().flat_map(|own| &own.position).copied();
+        let highest = positions().fold(f64::NEG_INFINITY, f64::max);
+        (highest - positions().fold(f64::INFINITY, f64::min)).max(0.0)
     }
 
     /// Prediction of the stage for `twin`.
@@ -167,6 +178,8 @@ pub struct Problem<'a> {
     pub parts: Vec<Part<'a>>,
     /// Options and observer of the search.
     pub context: Context<'a>,
+    /// Range of the position on which the phase of a wave depends, once it was asked for.
+    travel: OnceLock<f64>,
 }
 
 /// Point with its prediction.
@@ -185,12 +198,31 @@ pub struct Point {
     pub nuisance: Vec<Vec<Vec<f64>>>,
 }
 
+/// Longest period of a wave along a position that is scanned for, in ranges of that position. A motor of a table makes
+/// many turns in its travel; the arm on a single axis may make less than one.
+pub(super) fn longest_period(machine: Machine) -> f64 {
+    match machine {
+        Machine::Table => 0.5,
+        Machine::Axis => 4.0,
+    }
+}
+
 impl<'a> Problem<'a> {
     /// Problem of `stages`, on all samples that `twin` can predict.
     #[must_use]
     pub fn new(stages: &[&'a dyn Stage], twin: &Twin) -> Self {
         let parts = stages.iter().map(|stage| Part::new(*stage, twin)).collect();
-        Self { parts, context: Context::default() }
+        Self { parts, context: Context::default(), travel: OnceLock::new() }
+    }
+
+    /// Longest period of a wave along the position that is scanned for, in the unit of the position; infinite where the
+    /// position is not known. A fit of a longer one describes a bend.
+    pub(super) fn longest_period(&self, machine: Machine) -> f64 {
+        let travel = || {
+            let travels = self.parts.iter().map(Part::travel);
+            travels.reduce(f64::max).filter(|travel| 0.0 < *travel).unwrap_or(f64::INFINITY)
+        };
+        longest_period(machine) * *self.travel.get_or_init(travel)
     }
 
     /// The same problem in the `context` of a search.

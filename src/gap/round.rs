@@ -130,7 +130,7 @@ impl Round {
         // A rejected fit must not define the metric either.
         let sound = |fit: &&Fit| {
             let driven = newly_on_bound(&base.point.twin, &fit.point.twin, &known_slots);
-            fit.loss.is_finite() && on_bound(fit).is_none() && driven.is_none()
+            fit.loss.is_finite() && on_bound(train, fit).is_none() && driven.is_none()
         };
         let lead = rough.iter().filter(sound).min_by(|a, b| a.loss.total_cmp(&b.loss));
         let Some(lead) = lead.or(rough.first()) else {

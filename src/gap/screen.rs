@@ -11,7 +11,7 @@ use super::{
     fit::Fit,
     numerics::normal::Normal,
     observer::SearchStep,
-    problem::{Evaluated, Linear, Problem, dot},
+    problem::{Evaluated, Linear, Problem, dot, longest_period},
     user_effects,
     whiten::Filters,
 };
@@ -142,15 +142,6 @@ fn probes(
         })
         .collect();
     if proposed.is_empty() { listed } else { proposed }
-}
-
-/// Longest period of a scan along a position, in ranges of that position. A motor of a table makes many turns in its
-/// travel; the arm on a single axis may make less than one.
-fn longest_period(machine: Machine) -> f64 {
-    match machine {
-        Machine::Table => 0.5,
-        Machine::Axis => 4.0,
-    }
 }
 
 /// Common data of all tests of one screen.

@@ -2,7 +2,7 @@
 
 use super::screen::{self, Candidate};
 use crate::{
-    effects::{Axis, Domain, Effect, find},
+    effects::{Axis, Domain, Effect, Regressor, find},
     seed::Stream,
     twin::{Channel, Machine, Slot, Stage, StageKind, Twin},
 };
@@ -70,6 +70,8 @@ pub(super) fn first_parameters<const N: usize>(twin: &Twin, effects: [&str; N]) 
 pub(super) struct TestStage<F> {
     kind: StageKind,
     channels: [Channel; 1],
+    /// Position at each sample (m), where it is known.
+    position: Option<Vec<f64>>,
     predict: F,
 }
 
@@ -86,7 +88,7 @@ impl<F: Fn(&Twin, f64) -> f64 + Sync> TestStage<F> {
             runs: std::iter::once(0..measured.len()).collect(),
             measured,
         };
-        Self { kind: StageKind::Drive, channels: [channel], predict }
+        Self { kind: StageKind::Drive, channels: [channel], position: None, predict }
     }
 
     /// Position of the striker along x (m), 20 s at 100 Hz: the prediction of `truth` with uniform noise.
@@ -106,11 +108,19 @@ impl<F: Fn(&Twin, f64) -> f64 + Sync> TestStage<F> {
             times,
             runs: std::iter::once(0..2000).collect(),
         };
-        Self { kind: StageKind::Camera, channels: [channel], predict }
+        Self { kind: StageKind::Camera, channels: [channel], position: None, predict }
     }
 }
 
 impl<F> TestStage<F> {
+    /// The same samples along a way of this length (m).
+    pub(super) fn along(mut self, travel: f64) -> Self {
+        let times = &self.channels[0].times;
+        let per_second = travel / (times[times.len() - 1] - times[0]);
+        self.position = Some(times.iter().map(|time| per_second * time).collect());
+        self
+    }
+
     /// The same samples, each of which took `factor` times as long.
     pub(super) fn slower(mut self, factor: f64) -> Self {
         for channel in &mut self.channels {
@@ -132,6 +142,10 @@ impl<F: Fn(&Twin, f64) -> f64 + Sync> Stage for TestStage<F> {
 
     fn calls(&self, _effect: &Effect) -> bool {
         true
+    }
+
+    fn regressor(&self, regressor: Regressor) -> Option<Vec<f64>> {
+        self.position.clone().filter(|_| regressor == Regressor::Position)
     }
 
     fn predict(&self, twin: &Twin, _nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {

@@ -10,6 +10,7 @@
 
 use super::{
     config::{BallConfig, CupConfig, Launch},
+    length,
     magnet::Peg,
     truth::Hits,
 };
@@ -180,9 +181,8 @@ impl Ball {
     /// Actions of people: return the ball after a goal or when it is at rest, and roll it
     /// periodically.
     fn handle(&mut self, now_s: f64) {
-        let still = self.place.is_some()
-            && self.in_cup_s.is_none()
-            && self.velocity[0].hypot(self.velocity[1]) < STILL;
+        let still =
+            self.place.is_some() && self.in_cup_s.is_none() && length(self.velocity) < STILL;
         self.still_since_s = if still { self.still_since_s.or(Some(now_s)) } else { None };
         let is_over = |since: Option<f64>, wait: f64| {
             since.is_some_and(|since| 0.0 < wait && since + wait <= now_s)
@@ -226,9 +226,9 @@ impl Ball {
         for (axis, slope) in slope.into_iter().enumerate() {
             self.velocity[axis] -= ROLLING * GRAVITY * slope * dt;
         }
-        let speed = self.velocity[0].hypot(self.velocity[1]);
+        let speed = length(self.velocity);
         let patch = &config.patch;
-        let worse = if (place[0] - patch.x_m).hypot(place[1] - patch.y_m) < patch.radius_m {
+        let worse = if length([place[0] - patch.x_m, place[1] - patch.y_m]) < patch.radius_m {
             patch.extra_resistance
         } else {
             0.0
@@ -244,7 +244,7 @@ impl Ball {
     /// Sliding friction on the slip `v - u`: the centre loses `mu g`, the surface gains 5/2 of it.
     fn slide(&mut self, dt: f64) {
         let slip = [0, 1].map(|axis| self.velocity[axis] - self.spin[axis]);
-        let size = slip[0].hypot(slip[1]);
+        let size = length(slip);
         let change = self.config.sliding_friction * GRAVITY * dt;
         // The slip decreases by 7/2 of the change; rolling begins when it is zero.
         if self.config.sliding_friction == 0.0 {
@@ -266,7 +266,7 @@ impl Ball {
         }
         for peg in pegs {
             let way = [0, 1].map(|axis| peg.position[axis] - place[axis]);
-            let distance = way[0].hypot(way[1]).max(1e-6);
+            let distance = length(way).max(1e-6);
             let gap = (distance - config.radius_m - peg.radius()).max(0.0);
             let pull =
                 config.peg_attraction_m_per_s2 * (-gap / config.peg_attraction_range_m).exp();
@@ -337,7 +337,7 @@ impl Ball {
     /// Impact on a striker; return the closing speed (m/s).
     fn hit_peg(&mut self, place: [f64; 2], left: f64, peg: &mut Peg) -> f64 {
         let d = [0, 1].map(|axis| place[axis] - (peg.position[axis] - peg.velocity[axis] * left));
-        let distance = d[0].hypot(d[1]);
+        let distance = length(d);
         if distance == 0.0 {
             return 0.0;
         }
@@ -364,8 +364,8 @@ impl Ball {
     fn enter_cup(&mut self, place: [f64; 2], now_s: f64) {
         let side = if place[1] < 0.0 { -1.0 } else { 1.0 };
         let centre = [0.0, self.cups.distance_m * side];
-        let distance = (place[0] - centre[0]).hypot(place[1] - centre[1]);
-        let speed = self.velocity[0].hypot(self.velocity[1]);
+        let distance = length([place[0] - centre[0], place[1] - centre[1]]);
+        let speed = length(self.velocity);
         if distance < self.cups.radius_m && speed <= self.cups.capture_speed_m_per_s {
             self.place = Some(centre);
             self.velocity = [0.0; 2];

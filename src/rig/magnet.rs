@@ -7,7 +7,10 @@
 //! the magnet is nearer than `caught_at_m`. Friction of the striker on the board is Coulomb
 //! friction in the plane. It stops at walls and does not fall into the cups.
 
-use super::config::{MagnetConfig, PegConfig};
+use super::{
+    config::{MagnetConfig, PegConfig},
+    length,
+};
 use std::f64::consts::TAU;
 
 /// State of a striker.
@@ -81,7 +84,7 @@ impl Peg {
         for (axis, velocity) in self.velocity.iter_mut().enumerate() {
             *velocity += (pull[axis] - drag * *velocity) / mass * dt;
         }
-        let speed = self.velocity[0].hypot(self.velocity[1]);
+        let speed = length(self.velocity);
         let loss = self.config.friction_n / mass * dt;
         let kept = if speed <= loss { 0.0 } else { 1.0 - loss / speed };
         for axis in 0..2 {

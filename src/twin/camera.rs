@@ -1,12 +1,13 @@
 //! Prediction of the striker that the camera sees, from the measured carriage.
 
 use super::{
-    Channel, Linkage, MeasuredPath, Places, Stage, StageKind, Twin, noise::FrameLosses, plant::Part,
+    Channel, Linkage, MeasuredPath, Places, Stage, StageKind, TakenStriker, Twin,
+    noise::FrameLosses, plant::Part,
 };
 use crate::{
     effects::{
-        Axis, Carriage, CarriageLanes, Effect, Physics, Place, Striker, StrikerLanes,
-        StrikerStateLanes, both,
+        Axis, Carriage, CarriageLanes, Effect, Physics, Place, StrikerLanes, StrikerStateLanes,
+        both,
     },
     lanes::{self, Lanes, SideBySide},
 };
@@ -274,20 +275,16 @@ impl<'a> SideBySide for March<'a> {
 
     #[inline(always)]
     fn run<S: Simd>(&mut self, simd: S, walks: &mut [Walk<'a>]) {
-        let springs: Vec<Option<(Striker, f64)>> =
+        let taken: Vec<Option<TakenStriker>> =
             walks.iter_mut().map(|walk| walk.chain.linkage.take_striker()).collect();
-        let strikers = StrikerLanes::new(simd, |lane| *springs.get(lane)?);
+        let strikers = StrikerLanes::new(simd, |lane| Some(taken.get(lane)?.as_ref()?.on_spring()));
         let nothing = [Lanes::splat(simd, 0.0); 2];
         let mut state = StrikerStateLanes::at_rest(simd);
         let dt = Lanes::splat(simd, STEP);
         let mut motion = CarriageLanes { dt, velocity: nothing, acceleration: nothing };
         while walks.iter().any(|walk| !walk.samples.is_empty()) {
             for (lane, walk) in walks.iter_mut().enumerate() {
-                let magnet = walk.magnet(self.stage);
-                for k in 0..2 {
-                    motion.velocity[k].set(lane, magnet.velocity[k]);
-                    motion.acceleration[k].set(lane, magnet.acceleration[k]);
-                }
+                motion.put(lane, &walk.magnet(self.stage));
             }
             if let Some(strikers) = &strikers {
                 strikers.step(&mut state, &motion);

@@ -36,6 +36,26 @@ impl Coupling {
     }
 }
 
+/// Striker on a spring that was taken out of a linkage.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TakenStriker {
+    part: Part<Striker>,
+    /// Mass (kg).
+    mass: f64,
+}
+
+impl TakenStriker {
+    /// The striker with its mass (kg).
+    pub(crate) fn on_spring(&self) -> (Striker, f64) {
+        (self.part.call, self.mass)
+    }
+
+    /// Its states in the memory of the linkage.
+    pub(crate) fn states<'m>(&self, memory: &'m mut [f64]) -> &'m mut [f64] {
+        self.part.memory(memory)
+    }
+}
+
 /// Kind of the positions of a carriage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Places {
@@ -237,7 +257,11 @@ impl Linkage {
 
     /// State of the magnet for a carriage at one time, with the same `memory`.
     #[must_use]
-    pub(super) fn magnet(&self, memory: &mut [f64], mut carriage: Carriage) -> Carriage {
+    pub(crate) fn magnet(&self, memory: &mut [f64], mut carriage: Carriage) -> Carriage {
+        let has_encoders = self.encoders.iter().any(|parts| !parts.is_empty());
+        if !has_encoders && self.frames.is_empty() && !self.has_plays() {
+            return carriage;
+        }
         let mut belt = belts(carriage.position);
         for (k, parts) in self.encoders.iter().enumerate() {
             for part in parts {
@@ -277,13 +301,13 @@ impl Linkage {
         carriage
     }
 
-    /// Take the last striker on a spring out, with its mass (kg), to simulate it beside those of other linkages.
-    pub(super) fn take_striker(&mut self) -> Option<(Striker, f64)> {
+    /// Take the last striker on a spring out, to simulate it beside others.
+    pub(crate) fn take_striker(&mut self) -> Option<TakenStriker> {
         let parts = self.couplings.iter().enumerate().rev();
         let (index, striker) =
             parts.filter_map(|(k, part)| Some((k, part.call.striker()?))).next()?;
-        self.couplings.remove(index);
-        Some((striker, self.striker_mass))
+        let part = self.couplings.remove(index).with(striker);
+        Some(TakenStriker { part, mass: self.striker_mass })
     }
 
     /// Motion of the `carriage` along axis `k`.

@@ -22,11 +22,12 @@ use super::{
 use crate::{
     effects::{
         Axis, Bristles, CrossMotion, Expression, Law, LoopGains, Motion, Physics, Place, Regressor,
-        Spring, Striker, both, slewed,
+        Spring, Striker, Wave, both, slewed,
     },
     gantry::belts,
     lanes::Lanes,
 };
+pub(crate) use fleet::MOST_LANES;
 pub use fleet::{Course, Fleet, Moved};
 use pulp::Scalar;
 pub(super) use step::{Aside, PlantLanes, StateLanes};
@@ -61,6 +62,12 @@ impl<F> Part<F> {
         let part = Self { call, p, count, memory: *memory, length: instance.effect.memory };
         *memory += instance.effect.memory;
         part
+    }
+
+    /// The same place and parameters with another function.
+    pub(super) fn with<G>(self, call: G) -> Part<G> {
+        let Self { p, count, memory, length, .. } = self;
+        Part { call, p, count, memory, length }
     }
 
     pub(super) fn p(&self) -> &[f64] {
@@ -100,6 +107,7 @@ struct MotorParts {
     /// Viscous friction (N s/m).
     damping: f64,
     forces: Vec<MotionPart>,
+    waves: Vec<Wave>,
     rubs: Rubs,
     encoders: Vec<EncoderPart>,
     spring: Option<Spring>,
@@ -275,6 +283,9 @@ impl Plant {
             }
             Physics::Force(call) => {
                 rail.forces.push(Part::new(Law::Function(call), instance, memory))
+            }
+            Physics::Wave(call) => {
+                motor.waves.push(call(&instance.numbers(), motor.turns_per_metre));
             }
             Physics::Damping(call) => {
                 let damping = if at_motor { &mut motor.damping } else { &mut rail.damping };
@@ -458,7 +469,9 @@ impl Plant {
         let mass = rail.mass(&motion);
         motion.mass = mass;
         let viscous = -(rail.damping + motor.damping) * motion.velocity;
-        let others = sum(&rail.forces, memory, &motion) + sum(&motor.forces, memory, &motion);
+        let waves: f64 = motor.waves.iter().map(|wave| wave.force(&motion)).sum();
+        let others =
+            sum(&rail.forces, memory, &motion) + sum(&motor.forces, memory, &motion) + waves;
         let load = viscous + others;
         let setpoint = motor.setpoint(command, state.setpoint[0], memory, dt);
         let middle = motor.middle(state.setpoint[0], setpoint);
@@ -623,6 +636,7 @@ pub(super) fn calls(physics: &Physics) -> bool {
                 | Physics::Effort(_)
                 | Physics::Windup(_)
                 | Physics::Force(_)
+                | Physics::Wave(_)
                 | Physics::Friction(_)
                 | Physics::Coulomb(_)
                 | Physics::Damping(_)

@@ -52,6 +52,17 @@ pub(crate) struct CarriageLanes<S: Simd> {
     pub(crate) acceleration: [Lanes<S>; 2],
 }
 
+impl<S: Simd> CarriageLanes<S> {
+    /// Put velocity and acceleration of a `carriage` into `lane`.
+    #[inline(always)]
+    pub(crate) fn put(&mut self, lane: usize, carriage: &Carriage) {
+        for axis in 0..2 {
+            self.velocity[axis].set(lane, carriage.velocity[axis]);
+            self.acceleration[axis].set(lane, carriage.acceleration[axis]);
+        }
+    }
+}
+
 impl CarriageLanes<Scalar> {
     /// Motion of one carriage.
     pub(crate) fn alone(carriage: &Carriage) -> Self {

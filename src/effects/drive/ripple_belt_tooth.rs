@@ -1,7 +1,6 @@
 //! Force ripple of the belt teeth.
 
-use super::ripple_motor::wave;
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site, Wave};
 use std::f64::consts::TAU;
 
 /// `drive.ripple.belt_tooth`: force ripple of the belt teeth.
@@ -36,7 +35,7 @@ pub(crate) static RIPPLE_BELT_TOOTH: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.2, 0.0], &[0.0, 0.2]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| wave(p, TAU * motion.phase_position() / PITCH)),
+    physics: Physics::Wave(|p, _| Wave { sine: p[0], cosine: p[1], per_metre: TAU / PITCH }),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::MOTOR,
     excitation: "slow moves at several positions",
@@ -55,12 +54,13 @@ mod tests {
 
     #[test]
     fn it_repeats_with_the_period() {
-        let Physics::Force(force) = RIPPLE_BELT_TOOTH.physics else { panic!("it is a force") };
-        let at = |position| Motion { position, ..Motion::default() };
+        let Physics::Wave(wave) = RIPPLE_BELT_TOOTH.physics else { panic!("it is a wave") };
+        let force =
+            |p: &[f64], position| wave(p, 0.0).force(&Motion { position, ..Motion::default() });
         let p = [3.0, 2.0];
-        assert!((force(&p, &mut [], &at(0.0)) - 2.0).abs() < 1e-12);
-        assert!((force(&p, &mut [], &at(PITCH / 4.0)) - 3.0).abs() < 1e-9);
-        assert!((force(&p, &mut [], &at(PITCH * 7.0)) - 2.0).abs() < 1e-9);
-        assert_eq!(force(RIPPLE_BELT_TOOTH.null, &mut [], &at(0.1)), 0.0);
+        assert!((force(&p, 0.0) - 2.0).abs() < 1e-12);
+        assert!((force(&p, PITCH / 4.0) - 3.0).abs() < 1e-9);
+        assert!((force(&p, PITCH * 7.0) - 2.0).abs() < 1e-9);
+        assert_eq!(force(RIPPLE_BELT_TOOTH.null, 0.1), 0.0);
     }
 }

@@ -1,6 +1,6 @@
 //! Torque ripple and cogging of the motor.
 
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site, Wave};
 use std::f64::consts::TAU;
 
 /// `drive.ripple.motor`: torque ripple and cogging of the motor.
@@ -45,7 +45,7 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     null: &[0.0, 0.0, 0.01],
     probes: &[&[0.2, 0.0, 0.04], &[0.2, 0.0, 0.01]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| wave(p, TAU * motion.phase_position() / p[2])),
+    physics: Physics::Wave(|p, _| Wave { sine: p[0], cosine: p[1], per_metre: TAU / p[2] }),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::DRIVE,
     excitation: "slow constant speed over many turns",
@@ -54,12 +54,6 @@ pub(crate) static RIPPLE_MOTOR: Effect = Effect {
     reference: "Holtz and Springob 1996, IEEE Transactions on Industrial Electronics 43(2), 309-320",
 };
 
-/// Sinusoid with the sine and cosine amplitudes `p` at an `angle` (rad).
-pub(super) fn wave(p: &[f64], angle: f64) -> f64 {
-    let (sine, cosine) = angle.sin_cos();
-    p[0] * sine + p[1] * cosine
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,11 +61,12 @@ mod tests {
 
     #[test]
     fn it_repeats_with_its_period() {
-        let Physics::Force(force) = RIPPLE_MOTOR.physics else { panic!("it is a force") };
-        let at = |position| Motion { position, ..Motion::default() };
-        assert!((force(&[3.0, 2.0, 0.008], &mut [], &at(0.0)) - 2.0).abs() < 1e-12);
-        assert!((force(&[3.0, 2.0, 0.008], &mut [], &at(0.002)) - 3.0).abs() < 1e-12);
-        assert!((force(&[3.0, 2.0, 0.008], &mut [], &at(0.018)) - 3.0).abs() < 1e-9);
-        assert_eq!(force(RIPPLE_MOTOR.null, &mut [], &at(0.1)), 0.0);
+        let Physics::Wave(wave) = RIPPLE_MOTOR.physics else { panic!("it is a wave") };
+        let force =
+            |p: &[f64], position| wave(p, 0.0).force(&Motion { position, ..Motion::default() });
+        assert!((force(&[3.0, 2.0, 0.008], 0.0) - 2.0).abs() < 1e-12);
+        assert!((force(&[3.0, 2.0, 0.008], 0.002) - 3.0).abs() < 1e-12);
+        assert!((force(&[3.0, 2.0, 0.008], 0.018) - 3.0).abs() < 1e-9);
+        assert_eq!(force(RIPPLE_MOTOR.null, 0.1), 0.0);
     }
 }

@@ -1,7 +1,7 @@
 //! Force ripple of an eccentric pulley.
 
-use super::ripple_motor::wave;
-use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
+use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site, Wave};
+use std::f64::consts::TAU;
 
 /// `drive.ripple.pulley`: force ripple of an eccentric pulley.
 ///
@@ -35,7 +35,11 @@ pub(crate) static RIPPLE_PULLEY: Effect = Effect {
     null: &[0.0, 0.0],
     probes: &[&[0.2, 0.0], &[0.0, 0.2]],
     memory: 0,
-    physics: Physics::Force(|p, _, motion| wave(p, motion.shaft_angle())),
+    physics: Physics::Wave(|p, turns_per_metre| Wave {
+        sine: p[0],
+        cosine: p[1],
+        per_metre: TAU * turns_per_metre,
+    }),
     regressors: &[Regressor::Phase, Regressor::Position],
     signals: Signal::MOTOR,
     excitation: "slow diagonals over many turns",
@@ -56,12 +60,14 @@ mod tests {
     #[test]
     fn it_repeats_with_every_turn_of_the_motor() {
         const TURN: f64 = 0.05;
-        let Physics::Force(force) = RIPPLE_PULLEY.physics else { panic!("it is a force") };
-        let at = |position| Motion { position, turns_per_metre: 1.0 / TURN, ..Motion::default() };
+        let Physics::Wave(wave) = RIPPLE_PULLEY.physics else { panic!("it is a wave") };
+        let force = |p: &[f64], position| {
+            wave(p, 1.0 / TURN).force(&Motion { position, ..Motion::default() })
+        };
         let p = [3.0, 2.0];
-        assert!((force(&p, &mut [], &at(0.0)) - 2.0).abs() < 1e-12);
-        assert!((force(&p, &mut [], &at(TURN / 4.0)) - 3.0).abs() < 1e-9);
-        assert!((force(&p, &mut [], &at(TURN * 7.0)) - 2.0).abs() < 1e-9);
-        assert_eq!(force(RIPPLE_PULLEY.null, &mut [], &at(0.1)), 0.0);
+        assert!((force(&p, 0.0) - 2.0).abs() < 1e-12);
+        assert!((force(&p, TURN / 4.0) - 3.0).abs() < 1e-9);
+        assert!((force(&p, TURN * 7.0) - 2.0).abs() < 1e-9);
+        assert_eq!(force(RIPPLE_PULLEY.null, 0.1), 0.0);
     }
 }

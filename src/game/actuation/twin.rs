@@ -7,11 +7,14 @@
 
 use super::{Leading, Travel, turned};
 use crate::{
-    effects::Carriage,
+    effects::{Carriage, CarriageLanes, StrikerLanes, StrikerStateLanes, both},
     game::{body::StrikerState, settings::CONTROL_PERIOD},
     gantry::belts,
-    twin::{Course, Fleet, Linkage, Moved, Places, Plant, Twin},
+    lanes::Lanes,
+    twin::{Course, Fleet, Linkage, MOST_LANES, Moved, Places, Plant, TakenStriker, Twin},
 };
+use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 
 /// One integration step of the plant within a control period.
 #[derive(Debug, Clone, Copy)]
@@ -29,7 +32,9 @@ struct PlantStep {
 pub(in crate::game) struct TwinDrives {
     /// Carriages by `[board][player]`, each in the player's own frame.
     fleet: Fleet,
+    /// All between carriage and striker except the `striker` on its spring.
     linkage: Linkage,
+    striker: Option<TakenStriker>,
     striker_mass: f64,
     travel: Travel,
     schedule: Vec<PlantStep>,
@@ -39,17 +44,24 @@ pub(in crate::game) struct TwinDrives {
     commands: Vec<[f64; 2]>,
     /// State of the linkage by `[board][player][memory]`.
     memories: Vec<f64>,
+    /// Magnets of one group of carriages by `[step][carriage]`, where there is a striker on a spring.
+    magnets: Vec<Carriage>,
 }
 
 impl TwinDrives {
     pub(super) fn new(twin: &Twin, step: f64, travel: &Travel, count: usize) -> Self {
         let plant = Plant::new(twin);
-        let linkage = Linkage::new(twin, Places::True);
+        let mut linkage = Linkage::new(twin, Places::True);
+        let memory = linkage.memory();
+        let striker = linkage.take_striker();
         let schedule = schedule(plant.delays(), step, travel.pieces);
+        let followed = if striker.is_some() { schedule.len() * MOST_LANES } else { 0 };
         let depth = schedule.iter().flat_map(|step| step.ages).max().unwrap_or(0) + 1;
         Self {
             commands: vec![[0.0; 2]; 2 * count * depth],
-            memories: vec![0.0; 2 * count * linkage.memory()],
+            memories: vec![0.0; 2 * count * memory],
+            magnets: vec![Carriage::default(); followed],
+            striker,
             striker_mass: twin.striker_mass,
             travel: travel.clone(),
             schedule,
@@ -99,19 +111,26 @@ impl TwinDrives {
             sent[0] = belts(turned(index % 2, *command));
             way[0] = striker.led;
         }
-        let mut period = LedPeriod {
-            schedule: &self.schedule,
-            linkage: &self.linkage,
-            travel: &self.travel,
-            striker_mass: self.striker_mass,
-            depth: self.depth,
-            commands: &self.commands,
-            memories: &mut self.memories,
-            first: carriages.start,
-            ways,
-        };
         let lengths = self.schedule.iter().map(|step| step.dt);
-        self.fleet.march(carriages.clone(), lengths, &mut period);
+        for first in carriages.clone().step_by(MOST_LANES) {
+            let group = first..(first + MOST_LANES).min(carriages.end);
+            let mut period = LedPeriod {
+                schedule: &self.schedule,
+                linkage: &self.linkage,
+                travel: &self.travel,
+                striker_mass: self.striker_mass,
+                depth: self.depth,
+                commands: &self.commands,
+                memories: &mut self.memories,
+                group: group.clone(),
+                magnets: &mut self.magnets,
+                ways: &mut ways[(first - carriages.start) * stride..],
+            };
+            self.fleet.march(group, lengths.clone(), &mut period);
+            if let Some(striker) = self.striker {
+                Arch::new().dispatch(StrikerMarch { striker, period });
+            }
+        }
         let length = self.linkage.memory();
         for value in &mut self.memories[carriages.start * length..carriages.end * length] {
             if value.abs() < f64::from(f32::MIN_POSITIVE) {
@@ -129,7 +148,7 @@ impl TwinDrives {
     }
 }
 
-/// One control period of a chunk of carriages: their commands, and the paths of their magnets.
+/// One control period of a group of carriages: their commands, and the paths of their magnets.
 struct LedPeriod<'a> {
     schedule: &'a [PlantStep],
     linkage: &'a Linkage,
@@ -138,9 +157,25 @@ struct LedPeriod<'a> {
     depth: usize,
     commands: &'a [[f64; 2]],
     memories: &'a mut [f64],
-    /// Number of the first carriage, to which `ways` begin.
-    first: usize,
+    /// Carriages of the group, at most [`MOST_LANES`]; `ways` are theirs.
+    group: Range<usize>,
+    magnets: &'a mut [Carriage],
     ways: &'a mut [[f64; 2]],
+}
+
+impl LedPeriod<'_> {
+    /// State of the linkage of `carriage`.
+    fn memory(&mut self, carriage: usize) -> &mut [f64] {
+        let length = self.linkage.memory();
+        &mut self.memories[carriage * length..(carriage + 1) * length]
+    }
+
+    /// Enter the striker of `carriage` at the end of a piece.
+    fn arrive(&mut self, carriage: usize, piece: usize, led: [f64; 2]) {
+        let (place, stride) = (carriage - self.group.start, self.travel.pieces + 1);
+        let player = carriage % 2;
+        self.ways[place * stride + piece] = self.travel.clamp(player, turned(player, led));
+    }
 }
 
 impl Course for LedPeriod<'_> {
@@ -154,20 +189,64 @@ impl Course for LedPeriod<'_> {
         let PlantStep { dt, ends_piece, .. } = self.schedule[step];
         let player = carriage % 2;
         stop_at_ends(moved, player, self.travel);
-        if !self.linkage.is_dynamic() && ends_piece.is_none() {
+        if self.magnets.is_empty() && !self.linkage.is_dynamic() && ends_piece.is_none() {
             return;
         }
-        let length = self.linkage.memory();
-        let memory = &mut self.memories[carriage * length..(carriage + 1) * length];
+        let linkage = self.linkage;
         let Moved { position, velocity, acceleration } = *moved;
         let striker_mass = self.striker_mass;
-        let led = self
-            .linkage
-            .striker(memory, Carriage { dt, position, velocity, acceleration, striker_mass });
-        if let Some(piece) = ends_piece {
-            let stride = self.travel.pieces + 1;
-            self.ways[(carriage - self.first) * stride + piece] =
-                self.travel.clamp(player, turned(player, led));
+        let memory = self.memory(carriage);
+        let mut magnet =
+            linkage.magnet(memory, Carriage { dt, position, velocity, acceleration, striker_mass });
+        let away = linkage.away(memory, &magnet);
+        magnet.position = both(|axis| magnet.position[axis] + away[axis]);
+        if !self.magnets.is_empty() {
+            self.magnets[step * MOST_LANES + carriage - self.group.start] = magnet;
+        } else if let Some(piece) = ends_piece {
+            self.arrive(carriage, piece, magnet.position);
+        }
+    }
+}
+
+/// The strikers on their springs, behind the magnets of a period.
+struct StrikerMarch<'a> {
+    striker: TakenStriker,
+    period: LedPeriod<'a>,
+}
+
+impl WithSimd for StrikerMarch<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { striker, mut period } = self;
+        let Some(strikers) = StrikerLanes::new(simd, |_| Some(striker.on_spring())) else { return };
+        let nothing = [Lanes::splat(simd, 0.0); 2];
+        for first in period.group.clone().step_by(S::F64_LANES) {
+            let count = S::F64_LANES.min(period.group.end - first);
+            let mut state = StrikerStateLanes::at_rest(simd);
+            for lane in 0..count {
+                state.put(lane, striker.states(period.memory(first + lane)));
+            }
+            for (step, PlantStep { dt, ends_piece, .. }) in period.schedule.iter().enumerate() {
+                let row = step * MOST_LANES + first - period.group.start;
+                let dt = Lanes::splat(simd, *dt);
+                let mut motion = CarriageLanes { dt, velocity: nothing, acceleration: nothing };
+                for lane in 0..count {
+                    motion.put(lane, &period.magnets[row + lane]);
+                }
+                strikers.step(&mut state, &motion);
+                if let Some(piece) = ends_piece {
+                    for lane in 0..count {
+                        let [x, y] = period.magnets[row + lane].position;
+                        let [by_x, by_y] = state.away.map(|away| away.get(lane));
+                        period.arrive(first + lane, *piece, [x + by_x, y + by_y]);
+                    }
+                }
+            }
+            for lane in 0..count {
+                state.get(lane, striker.states(period.memory(first + lane)));
+            }
         }
     }
 }

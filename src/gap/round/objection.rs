@@ -101,7 +101,8 @@ impl Bench<'_, '_> {
     pub(super) fn objection(&self, trial: &Trial) -> Option<Reason> {
         let thresholds = self.thresholds();
         let known = || newly_on_bound(&self.base.point.twin, &trial.fit.point.twin, &self.known);
-        if let Some(name) = on_bound(&trial.fit).or_else(|| wrong_sign(&trial.fit)).or_else(known) {
+        let own = || on_bound(self.train, &trial.fit);
+        if let Some(name) = own().or_else(|| wrong_sign(&trial.fit)).or_else(known) {
             return Some(Reason::OnBound(name));
         }
         if thresholds.family_error < self.p_value(trial) {

@@ -1,6 +1,6 @@
 //! First fits of the candidates, from several starts.
 
-use super::{IDLE, RoundStart, Tried, slots_of_last, values_of_last};
+use super::{IDLE, RoundStart, Tried, slots_of_last, trial::is_bend, values_of_last};
 use crate::{
     gap::{
         batch::in_parallel,
@@ -183,8 +183,10 @@ pub(super) fn from_starts(
     how: &fit::How<'_>,
 ) -> Fit {
     let fits = starts.into_iter().map(|point| fit::fit_with(train, point, &found.slots, how));
-    let best = fits.min_by(|a, b| a.loss.total_cmp(&b.loss));
-    best.filter(|best| best.loss < found.loss).unwrap_or(found)
+    // A bend may leave less than the waves between which it was to decide.
+    let loss = |fit: &Fit| if is_bend(train, fit) { f64::INFINITY } else { fit.loss };
+    let best = fits.min_by(|a, b| loss(a).total_cmp(&loss(b)));
+    best.filter(|best| loss(best) < loss(&found)).unwrap_or(found)
 }
 
 /// The fit, or a better one from other magnitudes of the last effect: a threshold has no slope between two values at

@@ -2,7 +2,12 @@
 
 use super::{slots_of_last, values_of_last};
 use crate::{
-    gap::{fit::Fit, problem::Point, rounds::Reason, screen::Candidate},
+    gap::{
+        fit::Fit,
+        problem::{Point, Problem},
+        rounds::Reason,
+        screen::Candidate,
+    },
     twin::{Instance, Slot, Twin},
 };
 
@@ -69,11 +74,22 @@ pub(super) fn wrong_sign(fit: &Fit) -> Option<String> {
     (one_sign && size_of_last(&fit.point.twin)? < 0.0).then(|| parameter.name.to_owned())
 }
 
-/// Name of the first parameter of the added effect that stopped on a bound. A later parameter may have no influence, or
-/// a bound that is itself plausible (contacts that do not creep).
-pub(super) fn on_bound(fit: &Fit) -> Option<String> {
+/// Return whether the added effect is a wave along the position with a longer period than any that is scanned for.
+pub(super) fn is_bend(train: &Problem<'_>, fit: &Fit) -> bool {
     let twin = &fit.point.twin;
-    on_bound_of(twin, slots_of_last(twin)).map(|(_, name)| name)
+    let period = scanned(twin.instances.last());
+    period.is_some_and(|period| train.longest_period(twin.machine) < period)
+}
+
+/// Name of the first parameter of the added effect that stopped on a bound, or beyond the periods that are scanned for. A
+/// later parameter may have no influence, or a bound that is itself plausible (contacts that do not creep).
+pub(super) fn on_bound(train: &Problem<'_>, fit: &Fit) -> Option<String> {
+    let twin = &fit.point.twin;
+    let bend = || {
+        let effect = twin.instances.last().filter(|_| is_bend(train, fit))?.effect;
+        Some(effect.parameters[effect.scanned_parameter()?].name.to_owned())
+    };
+    on_bound_of(twin, slots_of_last(twin)).map(|(_, name)| name).or_else(bend)
 }
 
 /// The same for an effect with these slots.
@@ -101,7 +117,7 @@ mod tests {
     use super::*;
     use crate::{
         effects::{Axis, find},
-        gap::screen,
+        gap::{screen, test_stage::TestStage},
         twin::Machine,
     };
 
@@ -114,12 +130,27 @@ mod tests {
 
     #[test]
     fn a_magnitude_on_its_bound_is_rejected_and_a_later_parameter_at_null_is_not() {
-        let bound =
-            |values: &[f64]| on_bound(&ended("ball.rolling_resistance", Axis::Whole, values));
+        let bound = |values: &[f64]| {
+            let twin = ended("ball.rolling_resistance", Axis::Whole, values).point.twin;
+            on_bound_of(&twin, slots_of_last(&twin)).map(|(_, name)| name)
+        };
         assert_eq!(bound(&[0.0, 0.1]), Some("coefficient".to_owned()));
         assert_eq!(bound(&[0.3, 0.1]), Some("coefficient".to_owned()));
         assert_eq!(bound(&[0.01, 5.0]), Some("viscous_per_s".to_owned()));
         assert_eq!(bound(&[0.01, 0.0]), None);
+    }
+
+    #[test]
+    fn a_wave_longer_than_half_the_travel_of_a_table_is_a_bend() {
+        let stage = TestStage::drive(vec![0.0; 500], |_, _| 0.0).along(0.2);
+        let standing = TestStage::drive(vec![0.0; 500], |_, _| 0.0);
+        let bound = |stage: &dyn crate::twin::Stage, period: f64| {
+            let train = Problem::new(&[stage], &Twin::nominal(Machine::Table));
+            on_bound(&train, &ended("drive.ripple.motor", Axis::A, &[0.5, 0.1, period]))
+        };
+        assert_eq!(bound(&stage, 0.09), None);
+        assert_eq!(bound(&stage, 0.11), Some("period_m".to_owned()));
+        assert_eq!(bound(&standing, 0.11), None, "its travel is not known");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::VOLT;
 use crate::{
     effects::{
         Bristles, ElasticLoad, ElasticState, InputKind, Law, Motion, Physics, Place, Resonance,
-        VelocityController, follow, slewed,
+        VelocityController, Wave, follow, slewed,
     },
     twin::{Instance, Twin},
 };
@@ -45,6 +45,11 @@ impl<F> Part<F> {
 fn follow_slewed(p: &[f64], memory: &mut [f64], command: f64, dt: f64) -> f64 {
     memory[0] = slewed(memory[0], command, p[0] * dt);
     memory[0]
+}
+
+/// Force (N) of the wave with the parameters `p`.
+fn repeating(p: &[f64], _memory: &mut [f64], motion: &Motion) -> f64 {
+    Wave { sine: p[0], cosine: p[1], per_metre: p[2] }.force(motion)
 }
 
 type CommandPart = Part<Law<fn(&[f64], &mut [f64], f64, f64) -> f64>>;
@@ -180,6 +185,7 @@ impl Chain {
             Physics::CommandDelay(_)
             | Physics::Command(_)
             | Physics::Force(_)
+            | Physics::Wave(_)
             | Physics::Friction(_)
             | Physics::Coulomb(_)
             | Physics::Damping(_)
@@ -211,6 +217,12 @@ impl Chain {
             }
             Physics::Force(call) => {
                 self.forces.push(Part { call: Law::Function(call), p, memory: load, length });
+                self.load += length;
+            }
+            Physics::Wave(call) => {
+                let Wave { sine, cosine, per_metre } = call(&p, 0.0);
+                let (call, p) = (Law::Function(repeating as _), vec![sine, cosine, per_metre]);
+                self.forces.push(Part { call, p, memory: load, length });
                 self.load += length;
             }
             Physics::Friction(call) => {

@@ -6,7 +6,7 @@ use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
 /// Maximum number of carriages that one vector holds.
-const MOST_LANES: usize = 8;
+pub(crate) const MOST_LANES: usize = 8;
 
 /// A carriage after a step: position (m), velocity (m/s) and acceleration (m/s^2), by its motors.
 #[derive(Debug, Clone, Copy, PartialEq)]

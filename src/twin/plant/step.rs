@@ -2,7 +2,7 @@
 
 use super::{LEAST_MASS, MotionPart, MotorParts, Plant, PlantState, RailParts};
 use crate::{
-    effects::{CarriageLanes, CrossMotion, Motion, StrikerLanes, StrikerStateLanes, both},
+    effects::{CarriageLanes, CrossMotion, Motion, StrikerLanes, StrikerStateLanes, Wave, both},
     lanes::{Lanes, Mask, belts, rails, select},
     twin::{
         contact::{BristleLanes, Contact, Free},
@@ -196,6 +196,8 @@ struct Called {
     commands: bool,
     efforts: bool,
     motor_forces: bool,
+    /// Largest number of waves on one motor.
+    waves: usize,
     motor_levels: bool,
     windups: bool,
     masses: bool,
@@ -240,6 +242,12 @@ impl Called {
             commands: any(|motor| !motor.commands.is_empty()),
             efforts: any(|motor| !motor.efforts.is_empty()),
             motor_forces: any(|motor| !motor.forces.is_empty()),
+            waves: plants
+                .iter()
+                .flat_map(|plant| &plant.motors)
+                .map(|motor| motor.waves.len())
+                .max()
+                .unwrap_or(0),
             motor_levels: any(|motor| !motor.rubs.levels.is_empty()),
             windups: any(|motor| !motor.windups.is_empty()),
             masses: any_rail(|rail| !rail.masses.is_empty()),
@@ -540,16 +548,40 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
     #[inline(always)]
     fn driven(&self, step: &GantryStep<S>, force: Both<S>, aside: &mut Aside<'_>) -> Both<S> {
         let velocity = step.belts.velocity;
-        let driven = both(
+        let mut driven = both(
             #[inline(always)]
             |m| force[m] - self.motors[m].damping * velocity[m],
         );
+        for wave in 0..self.called.waves {
+            driven = both(
+                #[inline(always)]
+                |m| driven[m] + self.wave([wave, m], step.belts.position[m], aside),
+            );
+        }
         if !self.called.motor_forces {
             return driven;
         }
         let motions = (&mut *aside.belts, force);
         let other = self.sums(aside.memories, motions, |plant, index| &plant.motors[index].forces);
         [driven[0] + other[0], driven[1] + other[1]]
+    }
+
+    /// Force (N of belt) of one `wave` on `motor` with its belt at `position` (m).
+    #[inline(always)]
+    fn wave(&self, [wave, motor]: [usize; 2], position: Lanes<S>, aside: &Aside<'_>) -> Lanes<S> {
+        let mut own = [Lanes::splat(self.simd, 0.0); 3];
+        let mut phase = position;
+        for (lane, plant) in self.plants.iter().enumerate() {
+            let Some(Wave { sine, cosine, per_metre }) = plant.motors[motor].waves.get(wave) else {
+                continue;
+            };
+            own[0].set(lane, *sine);
+            own[1].set(lane, *cosine);
+            own[2].set(lane, *per_metre);
+            phase.set(lane, position.get(lane) + aside.belts[lane][motor].measured_ahead);
+        }
+        let (sine, cosine) = (own[2] * phase).sin_cos();
+        own[0] * sine + own[1] * cosine
     }
 
     /// Friction on motors and guides under the motors' `force`.
