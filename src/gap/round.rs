@@ -266,3 +266,44 @@ pub(super) fn slots_of_last(twin: &Twin) -> Vec<Slot> {
 pub(super) fn values_of_last(twin: &Twin) -> Vec<f64> {
     slots_of_last(twin).into_iter().map(|slot| twin.get(slot)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        gap::{
+            known::AtFloor,
+            test_stage::{TestStage, axis_of_frequency, candidate, sines, with},
+            whiten,
+        },
+        twin::StageKind,
+    };
+
+    #[test]
+    fn what_passed_before_is_tried_again_without_a_significant_screen() {
+        let nominal = Twin::nominal(Machine::Axis);
+        let truth = with(&axis_of_frequency(5.0), "drive.lag1", 0.3);
+        let stage = TestStage::camera(&truth, sines, 4);
+        let train = Problem::new(&[&stage as _], &nominal);
+        let base = Fit { point: train.start(truth), slots: vec![], loss: 1.0, rows: 2000 };
+        let filters = train.filters(&base.point, whiten::scale_filters);
+        let thresholds = Thresholds::DEFAULT;
+        let is_tried = |has_passed: bool| {
+            let candidate = candidate("drive.delay", 0.4);
+            let previous = [Tried { candidate, fit: base.clone(), has_passed }];
+            let of_stage = (&nominal, StageKind::Camera);
+            let round_start = RoundStart {
+                base: &base,
+                filters: &filters,
+                given: None,
+                given_instances: nominal.instances.len(),
+                before_added: None,
+                previous: &previous,
+                required_gain: RequiredGain::new(&thresholds, of_stage, (None, None), AtFloor::No),
+            };
+            let (_, short, _) = chosen(&train, &round_start);
+            short.iter().any(|own| own.effect.name == "drive.delay")
+        };
+        assert!(is_tried(true) && !is_tried(false));
+    }
+}

@@ -15,7 +15,7 @@ use crate::{
     can::{AxisErrors, AxisState, Frame},
     link::{LinkError, Received, Transport},
     seed::Stream,
-    units::Nanos,
+    units::{NANOS_PER_SECOND, Nanos},
 };
 use std::{
     collections::VecDeque,
@@ -193,7 +193,7 @@ impl Watch {
             let DriveTruth { node, state, errors, velocity_turns_per_s, .. } = *drive;
             if (state, errors) != *known {
                 *known = (state, errors);
-                let elapsed = world.now_ns() as f64 * 1e-9;
+                let elapsed = world.now_ns() as f64 / NANOS_PER_SECOND as f64;
                 let report = DriveReport { elapsed, node, state, errors, velocity_turns_per_s };
                 on_change(report);
             }

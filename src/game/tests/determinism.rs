@@ -71,6 +71,21 @@ fn settings(actuation: Actuation) -> GameSettings {
     }
 }
 
+/// Twin with effects on command, motors and striker.
+fn twin() -> Twin {
+    let mut twin = Twin::nominal(Machine::Table);
+    let effects = [
+        ("drive.delay", Axis::Motors),
+        ("drive.ripple.motor", Axis::Motors),
+        ("coupling.magnet_spring", Axis::Whole),
+    ];
+    for (name, axis) in effects {
+        let effect = effects::find(name).unwrap();
+        twin.instances.push(Instance::new(effect, axis, effect.probes[0], Source::Nominal));
+    }
+    twin
+}
+
 fn check_division(settings: &GameSettings, count: usize, steps: usize) {
     let whole = play(settings, 0..count, steps, 11);
     for cuts in [vec![0, 1, count], vec![0, 37, 64, 70, count]] {
@@ -102,8 +117,9 @@ fn learned_boards_play_alike_in_any_division_over_threads() {
 
 #[test]
 fn boards_of_a_twin_play_alike_in_any_division_over_threads() {
-    let actuation = Actuation::twin(Twin::nominal(Machine::Table));
-    check_division(&settings(actuation), 75, 30);
+    for twin in [Twin::nominal(Machine::Table), twin()] {
+        check_division(&settings(Actuation::twin(twin)), 75, 30);
+    }
 }
 
 #[test]
@@ -126,11 +142,7 @@ fn the_next_episode_does_not_depend_on_how_the_last_one_ended() {
 #[test]
 fn restored_boards_go_on_as_the_saved_ones() {
     let layout = Layout { kind: LayoutKind::KlaskRl, history_steps: 10 };
-    let mut twin = Twin::nominal(Machine::Table);
-    for (name, axis) in [("drive.delay", Axis::Motors), ("coupling.magnet_spring", Axis::Whole)] {
-        let effect = effects::find(name).unwrap();
-        twin.instances.push(Instance::new(effect, axis, effect.probes[0], Source::Nominal));
-    }
+    let twin = twin();
     let actuations =
         [Actuation::Ideal, Actuation::learned(network(layout, 8)), Actuation::twin(twin)];
     let mut lengths = Vec::new();

@@ -371,6 +371,8 @@ mod tests {
         let damped = ("coupling.striker_friction", Axis::Whole, &[0.2, 4000.0, 4.0, 0.5][..]);
         let rough = ("drive.friction.position", Axis::X, &[0.0, 0.0, 0.3, 0.0, 0.07][..]);
         let loaded = ("drive.friction.load", Axis::B, &[0.05][..]);
+        let wave = ("drive.ripple.motor", Axis::Motors, &[0.4, -0.3, 1.7e-3][..]);
+        let turns = ("drive.ripple.pulley", Axis::B, &[0.2, 0.5][..]);
         let heavy = ("gantry.mass_position", Axis::X, &[0.5, 0.0][..]);
         let lists: &[&[(&str, Axis, &[f64])]] = &[
             &[],
@@ -388,6 +390,8 @@ mod tests {
             &[damped, rubs],
             &[rough],
             &[loaded, heavy],
+            &[wave, held],
+            &[turns, wave, rubs],
         ];
         lists.iter().map(|list| with(list)).collect()
     }

@@ -181,7 +181,8 @@ mod tests {
         let rubs = ("drive.friction.presliding", Axis::Guides, &[1.5, 1e-4, 1e-3, 20.0][..]);
         let held = ("drive.friction.coulomb", Axis::Motors, &[0.7][..]);
         let play = ("drive.backlash", Axis::Motors, &[4e-4, 50.0][..]);
-        for effects in [&[][..], &[held], &[rubs, held], &[play, held]] {
+        let wave = ("drive.ripple.motor", Axis::Motors, &[0.4, -0.3, 1.7e-3][..]);
+        for effects in [&[][..], &[held], &[rubs, held], &[play, held], &[wave, held]] {
             let plant = Plant::new(&twin(effects));
             let count = 2 * MOST_LANES + 3;
             let mut fleet = Fleet::new(plant.clone(), count);
