@@ -160,9 +160,11 @@ impl Demo<'_> {
         }
         let again = begin(self.folder, &step.name, key)?;
         let mut arguments = if again { step.resumed() } else { step.arguments.clone() };
-        arguments.extend(
-            step.limit.into_iter().flat_map(|limit| [limit.to_owned(), threads.to_string()]),
-        );
+        if let Some(limit) = step.limit {
+            arguments.extend([limit.to_owned(), threads.to_string()]);
+            let plural = if *threads == 1 { "" } else { "s" };
+            note(&format!("{heading}: begins on {threads} thread{plural}"));
+        }
         log::info!("klasktron {}", arguments.join(" "));
         let start = Instant::now();
         let output = self.output(&arguments)?;

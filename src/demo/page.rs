@@ -9,6 +9,7 @@ use crate::{
     board::{BoardSize, CUP_DISTANCE, CUP_RADIUS},
     provenance::Provenance,
     report::{Axis, Badge, Chart, Colour, Page, Points, Series, Table, with_same_y},
+    rig::RigConfig,
     stats::Interval,
 };
 use serde_json::Value;
@@ -170,6 +171,27 @@ fn hidden(page: &mut Page) {
     );
     let rows = HIDDEN.map(|(setting, effect)| texts(&[setting, effect])).into();
     page.table_of_words(&Table { head: texts(&["setting of the rig", "effect"]), rows });
+    page.paragraph(&of_any_rig(&RigConfig::default()));
+}
+
+/// What every virtual rig does and the plain simulation lacks, with the rig's default settings.
+fn of_any_rig(rig: &RigConfig) -> String {
+    let on_belt = TAU / rig.belt_metres_per_turn;
+    let cogging = rig.drive.cogging.iter().map(|own| {
+        format!(
+            "cogging of {:.2} N with a period of {:.2} mm",
+            own.amplitude_nm * on_belt,
+            1e3 * rig.belt_metres_per_turn / own.periods_per_turn
+        )
+    });
+    let friction = rig.drive.friction.coulomb_nm * on_belt;
+    let effects: Vec<String> =
+        std::iter::once(format!("Coulomb friction of {friction:.2} N")).chain(cogging).collect();
+    format!(
+        "Every virtual rig also has these effects at its motors, in terms of the belt, which the plain simulation \
+         lacks: {}.",
+        effects.join(", ")
+    )
 }
 
 fn result<'a>(story: &Story<'a>, name: &str) -> Option<&'a Value> {
