@@ -243,7 +243,7 @@ impl Size {
                 fit_seeds: 2,
                 fit_epochs: 100,
                 transitions: 8_000_000,
-                games: 200,
+                games: 100,
                 match_seconds: 600,
                 gap_options: "",
             },
