@@ -270,12 +270,12 @@ impl Size {
         }
     }
 
-    /// Expected time on two cores (min): the quick one measured, the full one extrapolated.
+    /// Expected time on two cores (min): the quick one measured, the full one from its processor time of 1603 s.
     #[must_use]
     pub fn expected_minutes(self) -> f64 {
         match self {
             Self::Quick => 5.0,
-            Self::Full => 25.0,
+            Self::Full => 14.0,
             Self::Smallest => 1.0,
         }
     }
