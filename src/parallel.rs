@@ -4,7 +4,7 @@ use std::{
     num::NonZeroUsize,
     panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
     sync::{
-        Condvar, Mutex, MutexGuard, PoisonError,
+        Condvar, Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering},
     },
     thread,
@@ -139,7 +139,7 @@ pub fn in_order_of_needs<R: Send, E: Send>(
     let lock = || schedule.lock().unwrap_or_else(PoisonError::into_inner);
     // The next ready item; `None` when no other will start.
     let next = || {
-        let mut state: MutexGuard<'_, Schedule<'_, R, E>> = lock();
+        let mut state = lock();
         loop {
             let waits = state.progress.iter().any(|one| matches!(one, Progress::Waiting));
             if state.failed.is_some() || !waits {

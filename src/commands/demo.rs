@@ -160,8 +160,8 @@ impl Demo<'_> {
         }
         let again = begin(self.folder, &step.name, key)?;
         let mut arguments = if again { step.resumed() } else { step.arguments.clone() };
-        if let Some(limit) = step.limit {
-            arguments.extend([limit.to_owned(), threads.to_string()]);
+        if step.is_threaded() {
+            arguments.extend(["--threads".to_owned(), threads.to_string()]);
             let plural = if *threads == 1 { "" } else { "s" };
             note(&format!("{heading}: begins on {threads} thread{plural}"));
         }

@@ -174,7 +174,7 @@ fn hidden(page: &mut Page) {
     page.paragraph(&of_any_rig(&RigConfig::default()));
 }
 
-/// What every virtual rig does and the plain simulation lacks, with the rig's default settings.
+/// Effects of every virtual rig that the plain simulation lacks, with the default settings of the `rig`.
 fn of_any_rig(rig: &RigConfig) -> String {
     let on_belt = TAU / rig.belt_metres_per_turn;
     let cogging = rig.drive.cogging.iter().map(|own| {

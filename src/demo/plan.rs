@@ -26,8 +26,6 @@ pub struct Step {
     pub needs: Vec<String>,
     /// Replacement of `--overwrite` after an interruption.
     pub resume: Option<&'static str>,
-    /// Option that limits the threads of the command; its results do not depend on them.
-    pub limit: Option<&'static str>,
 }
 
 /// Purpose of a stage.
@@ -490,10 +488,13 @@ impl Plan {
 
 impl Step {
     fn new(name: &str, line: &str) -> Self {
-        let arguments = words(line);
-        let threaded = arguments.first().is_some_and(|command| THREADED.contains(&&**command));
-        let limit = threaded.then_some("--threads");
-        Self { name: name.to_owned(), arguments, needs: Vec::new(), resume: None, limit }
+        Self { name: name.to_owned(), arguments: words(line), needs: Vec::new(), resume: None }
+    }
+
+    /// Return whether the command has the option `--threads`; its results do not depend on it.
+    #[must_use]
+    pub fn is_threaded(&self) -> bool {
+        self.arguments.first().is_some_and(|command| THREADED.contains(&&**command))
     }
 
     /// This step, after those called `names`.

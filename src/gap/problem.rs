@@ -56,12 +56,10 @@ impl<'a> Part<'a> {
 
     /// Range of the position on which the phase of a wave depends; zero where it is not known.
     fn travel(&self) -> f64 {
-        let measured: Vec<Vec<f64>> =
-            self.stage.channels().iter().map(|channel| channel.measured.clone()).collect();
-        let series = self.stage.phase_series(&measured);
-        let positions = || series.iter().flat_map(|own| &own.position).copied();
-        let highest = positions().fold(f64::NEG_INFINITY, f64::max);
-        (highest - positions().fold(f64::INFINITY, f64::min)).max(0.0)
+        let positions = self.stage.phase_positions();
+        let highest = positions.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let lowest = positions.iter().copied().fold(f64::INFINITY, f64::min);
+        (highest - lowest).max(0.0)
     }
 
     /// Prediction of the stage for `twin`.
@@ -200,7 +198,7 @@ pub struct Point {
 
 /// Longest period of a wave along a position that is scanned for, in ranges of that position. A motor of a table makes
 /// many turns in its travel; the arm on a single axis may make less than one.
-pub(super) fn longest_period(machine: Machine) -> f64 {
+pub(super) fn longest_in_travels(machine: Machine) -> f64 {
     match machine {
         Machine::Table => 0.5,
         Machine::Axis => 4.0,
@@ -222,7 +220,7 @@ impl<'a> Problem<'a> {
             let travels = self.parts.iter().map(Part::travel);
             travels.reduce(f64::max).filter(|travel| 0.0 < *travel).unwrap_or(f64::INFINITY)
         };
-        longest_period(machine) * *self.travel.get_or_init(travel)
+        longest_in_travels(machine) * *self.travel.get_or_init(travel)
     }
 
     /// The same problem in the `context` of a search.

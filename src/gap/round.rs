@@ -26,6 +26,8 @@ use super::{
     whiten::{self, Filters},
 };
 use crate::twin::{Instance, Machine, Slot, Twin};
+#[cfg(test)]
+use crate::{gap::known::AtFloor, twin::StageKind};
 
 /// Most candidates that are simulated and fitted in one round.
 const SHORT_LIST: usize = 7;
@@ -268,15 +270,29 @@ pub(super) fn values_of_last(twin: &Twin) -> Vec<f64> {
 }
 
 #[cfg(test)]
+impl<'p> RoundStart<'p> {
+    /// Round of the camera stage with everything in the `base` and no effect on the `nominal` twin.
+    fn at(base: &'p Fit, filters: &'p Filters, nominal: &'p Twin, previous: &'p [Tried]) -> Self {
+        let of_stage = (nominal, StageKind::Camera);
+        let thresholds = &Thresholds::DEFAULT;
+        Self {
+            base,
+            filters,
+            given: None,
+            given_instances: nominal.instances.len(),
+            before_added: None,
+            previous,
+            required_gain: RequiredGain::new(thresholds, of_stage, (None, None), AtFloor::No),
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        gap::{
-            known::AtFloor,
-            test_stage::{TestStage, axis_of_frequency, candidate, sines, with},
-            whiten,
-        },
-        twin::StageKind,
+    use crate::gap::{
+        test_stage::{TestStage, axis_of_frequency, candidate, sines, with},
+        whiten,
     };
 
     #[test]
@@ -287,20 +303,10 @@ mod tests {
         let train = Problem::new(&[&stage as _], &nominal);
         let base = Fit { point: train.start(truth), slots: vec![], loss: 1.0, rows: 2000 };
         let filters = train.filters(&base.point, whiten::scale_filters);
-        let thresholds = Thresholds::DEFAULT;
         let is_tried = |has_passed: bool| {
             let candidate = candidate("drive.delay", 0.4);
             let previous = [Tried { candidate, fit: base.clone(), has_passed }];
-            let of_stage = (&nominal, StageKind::Camera);
-            let round_start = RoundStart {
-                base: &base,
-                filters: &filters,
-                given: None,
-                given_instances: nominal.instances.len(),
-                before_added: None,
-                previous: &previous,
-                required_gain: RequiredGain::new(&thresholds, of_stage, (None, None), AtFloor::No),
-            };
+            let round_start = RoundStart::at(&base, &filters, &nominal, &previous);
             let (_, short, _) = chosen(&train, &round_start);
             short.iter().any(|own| own.effect.name == "drive.delay")
         };

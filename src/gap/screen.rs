@@ -11,7 +11,7 @@ use super::{
     fit::Fit,
     numerics::normal::Normal,
     observer::SearchStep,
-    problem::{Evaluated, Linear, Problem, dot, longest_period},
+    problem::{Evaluated, Linear, Problem, dot, longest_in_travels},
     user_effects,
     whiten::Filters,
 };
@@ -133,7 +133,7 @@ fn probes(
         return listed;
     };
     let series = part.stage.phase_series(residual);
-    let proposed: Vec<Vec<f64>> = (scan.propose)(&series, longest_period(machine))
+    let proposed: Vec<Vec<f64>> = (scan.propose)(&series, longest_in_travels(machine))
         .into_iter()
         .map(|value| {
             let mut probe = first.clone();

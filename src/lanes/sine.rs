@@ -49,11 +49,10 @@ impl<S: Simd> Lanes<S> {
         let turned = quarters - 4.0 * (0.25 * quarters).round();
         let is_odd = turned.abs().equals(self.like(1.0));
         let is_half = self.like(1.0).less_than(turned.abs());
-        let negated = |value: Self, is_negated: Mask<S>| is_negated.select(-value, value);
         let backward = turned.less_than(self.like(0.0)) & is_odd;
         let forward = self.like(0.0).less_than(turned) & is_odd;
-        let mut sines = negated(is_odd.select(cosine, sine), is_half.or(backward));
-        let mut cosines = negated(is_odd.select(sine, cosine), is_half.or(forward));
+        let mut sines = is_odd.select(cosine, sine).negated(is_half.or(backward));
+        let mut cosines = is_odd.select(sine, cosine).negated(is_half.or(forward));
         if !self.abs().at_most(self.like(LARGEST_ANGLE)).all() {
             for lane in 0..S::F64_LANES {
                 let angle = self.get(lane);
@@ -64,6 +63,12 @@ impl<S: Simd> Lanes<S> {
             }
         }
         (sines, cosines)
+    }
+
+    /// The negative in the lanes in which `is_negated`, this in the others.
+    #[inline(always)]
+    fn negated(self, is_negated: Mask<S>) -> Self {
+        is_negated.select(-self, self)
     }
 
     /// The nearest whole number; magnitudes are below 2^50.

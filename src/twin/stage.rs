@@ -143,6 +143,14 @@ pub trait Stage: Sync {
         false
     }
 
+    /// Positions on which the phase of a ripple depends; none where the stage does not know them.
+    fn phase_positions(&self) -> Vec<f64> {
+        let measured: Vec<Vec<f64>> =
+            self.channels().iter().map(|channel| channel.measured.clone()).collect();
+        let positions = self.phase_series(&measured).into_iter().flat_map(|own| own.position);
+        positions.filter(|position| position.is_finite()).collect()
+    }
+
     /// [`predict`](Self::predict) of a stage that implements [`predict_each`](Self::predict_each).
     fn predict_alone(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
         let mut all = [predicted.iter_mut().map(std::mem::take).collect()];

@@ -123,21 +123,11 @@ impl Sizes {
 
     fn of_table(twin: &Twin, stages: &[&dyn Stage]) -> Option<Self> {
         let channels = || stages.iter().flat_map(|stage| stage.channels());
-        let finite =
-            |values: &[f64]| values.iter().copied().filter(|own| own.is_finite()).collect();
         let velocities: Vec<f64> = channels()
             .filter(|channel| channel.unit == "m/s")
-            .flat_map(|channel| -> Vec<f64> { finite(&channel.measured) })
+            .flat_map(|channel| channel.measured.iter().copied().filter(|own| own.is_finite()))
             .collect();
-        let positions: Vec<f64> = stages
-            .iter()
-            .flat_map(|stage| {
-                let residual: Vec<Vec<f64>> =
-                    stage.channels().iter().map(|own| own.measured.clone()).collect();
-                stage.phase_series(&residual)
-            })
-            .flat_map(|series| -> Vec<f64> { finite(&series.position) })
-            .collect();
+        let positions: Vec<f64> = stages.iter().flat_map(|stage| stage.phase_positions()).collect();
         let squares: f64 = velocities.iter().map(|own| own * own).sum();
         let velocity = (squares / velocities.len().max(1) as f64).sqrt();
         let acceleration = velocity / stages.first()?.block_seconds();

@@ -212,9 +212,7 @@ mod tests {
     use super::*;
     use crate::{
         gap::{
-            known::{AtFloor, RequiredGain},
             test_stage::{TestStage, axis_of_frequency, candidate, first_parameters, sines, with},
-            thresholds::Thresholds,
             whiten,
         },
         twin::{Machine, Twin},
@@ -244,18 +242,8 @@ mod tests {
             fit: fit_of(with(&axis_of_frequency(FREQUENCY_HZ), "drive.delay", 0.5)),
             has_passed: true,
         }];
-        let thresholds = Thresholds::DEFAULT;
-        let of_stage = (&nominal, StageKind::Camera);
         let frequency_after = |previous: &[Tried]| {
-            let round_start = RoundStart {
-                base: &base,
-                filters: &filters,
-                given: None,
-                given_instances: nominal.instances.len(),
-                before_added: None,
-                previous,
-                required_gain: RequiredGain::new(&thresholds, of_stage, (None, None), AtFloor::No),
-            };
+            let round_start = RoundStart::at(&base, &filters, &nominal, previous);
             let [found] = &rough_fits(&train, &round_start, std::slice::from_ref(&candidate))[..]
             else {
                 panic!()

@@ -555,7 +555,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         for wave in 0..self.called.waves {
             driven = both(
                 #[inline(always)]
-                |m| driven[m] + self.wave([wave, m], step.belts.position[m], aside),
+                |m| driven[m] + self.wave(wave, m, step.belts.position[m], aside),
             );
         }
         if !self.called.motor_forces {
@@ -568,7 +568,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
 
     /// Force (N of belt) of one `wave` on `motor` with its belt at `position` (m).
     #[inline(always)]
-    fn wave(&self, [wave, motor]: [usize; 2], position: Lanes<S>, aside: &Aside<'_>) -> Lanes<S> {
+    fn wave(&self, wave: usize, motor: usize, position: Lanes<S>, aside: &Aside<'_>) -> Lanes<S> {
         let mut own = [Lanes::splat(self.simd, 0.0); 3];
         let mut phase = position;
         for (lane, plant) in self.plants.iter().enumerate() {
