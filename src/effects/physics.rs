@@ -179,6 +179,8 @@ pub struct LoopGains {
     pub feedback_delay_s: f64,
     /// Delay of the reported torque (s).
     pub torque_report_delay_s: f64,
+    /// Time constant of the estimator that computes the velocity from the encoder (s).
+    pub estimator_time_constant_s: f64,
 }
 
 /// Velocity controller of a single axis whose force was not recorded. Forces are in the unit of the setpoint: divided by

@@ -167,10 +167,9 @@ struct Outputs {
     time: f64,
     /// Position of each motor then, as its encoder reports it (m of belt).
     position: [f64; 2],
-    /// Velocity of each motor then, as its encoder reports it (m/s of belt).
+    /// Velocity of each motor then, as its drive reports it (m/s of belt), and its rate (m/s^2 of belt).
     velocity: [f64; 2],
-    /// Middle of the step (s).
-    middle: f64,
+    rate: [f64; 2],
     /// Time at which each drive reports the force of the middle of the step (s).
     told: [f64; 2],
     /// Acceleration of each motor then (m/s^2 of belt).
@@ -180,16 +179,16 @@ struct Outputs {
 }
 
 impl Outputs {
-    /// Outputs of `plant` at `time` (s), after a step of `dt` seconds. `motion` contains position,
-    /// velocity and acceleration, and the forces of the motors.
-    fn of(plant: &Plant, [time, dt]: [f64; 2], motion: [[f64; 2]; 4]) -> Self {
+    /// Outputs of `plant` at `time` (s), after a step of `dt` seconds. `motion` contains position, velocity and
+    /// acceleration, and the forces of the motors; `lag` that of the estimators.
+    fn of(plant: &Plant, [time, dt]: [f64; 2], motion: [[f64; 2]; 4], lag: [[f64; 2]; 2]) -> Self {
         let [position, velocity, acceleration, force] = motion;
         let middle = time - 0.5 * dt;
         Self {
             time,
             position: plant.reported_position(position),
-            velocity: plant.reported(position, velocity),
-            middle,
+            velocity: plant.reported_velocity(position, velocity, lag),
+            rate: plant.reported_rate(lag),
             told: plant.torque_ages().map(|age| middle + age),
             acceleration: belts(acceleration),
             force,
@@ -212,8 +211,7 @@ impl Outputs {
         match output {
             Output::Position(motor) => self.acceleration[motor],
             Output::Velocity(motor) => {
-                (self.acceleration[motor] - before.acceleration[motor])
-                    / (self.middle - before.middle)
+                (self.rate[motor] - before.rate[motor]) / (self.time - before.time)
             }
             Output::Torque(_) => 0.0,
         }
@@ -317,7 +315,7 @@ mod tests {
             let effect = crate::effects::find(name).unwrap();
             twin.instances.push(Instance::new(effect, Axis::Motors, values, Source::Nominal));
         };
-        set("drive.velocity_loop", &[omega / TAU, 1.0, 0.0, 0.0]);
+        set("drive.velocity_loop", &[omega / TAU, 1.0, 0.0, 0.0, 0.0]);
         set("drive.saturation.slew", &[slope]);
         set("drive.delay", &[delay]);
         for instance in &mut twin.instances {
@@ -445,6 +443,52 @@ mod tests {
             // Half of the noise of a sensor.
             assert!((seen - velocity).abs() < 2.5e-4, "{t} s: {seen} not {velocity} m/s");
             assert!((felt - torque).abs() < 0.01 * force, "{t} s: {felt} not {torque} N m");
+        }
+    }
+
+    /// Velocity and force (m/s, N) at each of `times` (s after the command) of a mass behind a PI loop on a phase-locked
+    /// loop with the time constant `time` (s), under a ramp of `slope` (m/s^2): their equations in small steps.
+    fn by_its_equations(omega: f64, slope: f64, time: f64, times: &[f64]) -> Vec<[f64; 2]> {
+        const TINY: f64 = 1e-7;
+        let mass = 0.5 * MASS;
+        let (mut position, mut velocity, mut integral) = (0.0, 0.0, 0.0);
+        let (mut estimated_position, mut estimated_velocity) = (0.0, 0.0);
+        let (mut all, mut now, mut force) = (Vec::new(), 0.0, 0.0);
+        for until in times {
+            while now < *until {
+                let error = slope * now - estimated_velocity;
+                integral += TINY * error;
+                force = mass * (2.0 * omega * error + omega * omega * integral);
+                let ahead: f64 = position - estimated_position;
+                estimated_position += TINY * (estimated_velocity + 2.0 * ahead / time);
+                estimated_velocity += TINY * ahead / (time * time);
+                position += TINY * velocity;
+                velocity += TINY * force / mass;
+                now += TINY;
+            }
+            all.push([estimated_velocity, force]);
+        }
+        all
+    }
+
+    #[test]
+    fn a_loop_on_an_estimator_does_what_its_equations_say() {
+        let (omega, slope) = (90.0, 17.0);
+        for time in [3e-4, 1e-3, 2e-3] {
+            let twin = aged(table(omega, 0.0, slope), "estimator_time_constant_s", time);
+            let times = sampled();
+            let [velocities, torques] = answers(&twin, &times);
+            let after: Vec<f64> = times.iter().map(|own| own - 0.01).collect();
+            let expected = by_its_equations(omega, slope, time, &after);
+            let radius = twin.belt_metres_per_turn / TAU;
+            let most = 0.5 * MASS * slope * radius;
+            for (k, [velocity, force]) in expected.into_iter().enumerate() {
+                let (seen, felt) = (velocities[k], torques[k]);
+                // Half of the noise of a sensor.
+                assert!((seen - velocity).abs() < 2.5e-4, "{time} s: {seen} not {velocity} m/s");
+                let torque = force * radius;
+                assert!((felt - torque).abs() < 0.01 * most, "{time} s: {felt} not {torque} N m");
+            }
         }
     }
 

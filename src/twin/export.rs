@@ -236,10 +236,16 @@ mod tests {
     fn the_actuator_has_feedback_delays_and_no_striker() {
         let mut twin = Twin::nominal(Machine::Table);
         twin.instances[0].values[2].value = 2e-4;
-        assert!(listed(&twin)[0].contains("the feedback delay of 0.0002 s"));
+        twin.instances[0].values[4].value = 1e-3;
+        assert!(
+            listed(&twin)[0].contains("the lag of 0.0022 s of its feedback"),
+            "{:?}",
+            listed(&twin)
+        );
         with(&mut twin, "coupling.magnet_spring", Axis::Whole, &[100.0, 0.3, 1.0, 0.0]);
         let exported = export(&twin, Target::IsaacLab).unwrap();
         assert!(exported.text.contains("FEEDBACK_DELAY_S = [0.0002, 0.0002]"));
+        assert!(exported.text.contains("ESTIMATOR_TIME_CONSTANT_S = [0.001, 0.001]"));
         assert!(!exported.text.contains("@CONSTANTS@"));
         let missing: Vec<String> = exported.inexpressible.iter().map(ToString::to_string).collect();
         assert_eq!(missing, ["coupling.magnet_spring on all"]);

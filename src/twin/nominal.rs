@@ -15,7 +15,7 @@ const STRIKER_MASS_KG: f64 = 0.012;
 
 /// Effects of the plain table: name, axis, values.
 const TABLE: &[(&str, Axis, &[f64])] = &[
-    ("drive.velocity_loop", Axis::Motors, &[20.0, 2.0, 0.0, 0.0]),
+    ("drive.velocity_loop", Axis::Motors, &[20.0, 2.0, 0.0, 0.0, 0.0]),
     ("drive.saturation.slew", Axis::Motors, &[15.0]),
     ("drive.friction.coulomb", Axis::X, &[1.0]),
     ("drive.friction.coulomb", Axis::Y, &[1.0]),

@@ -1,28 +1,26 @@
 //! Free-running simulation of drives and gantry: the joint equations of all instances of a twin.
 //!
 //! Per motor, in metres of belt: command -> effects on the command -> slew limit -> velocity loop
-//! -> effects on the force. The loop sees the velocity that its encoder reports. Per axis of the
-//! carriage: sum of both belts' forces, forces and friction of all instances, moving mass.
+//! -> effects on the force. The loop sees the velocity that the drive estimates from its encoder
+//! ([`estimator`]). Per axis of the carriage: sum of both belts' forces, forces and friction of all instances, moving mass.
 //!
 //! The step is semi-implicit. The loop's force is taken at the middle of the step, with the
 //! velocity that it will have there to first order. Friction is the impulse that would stop the
 //! motion, held within its level (Coulomb's law without chatter, as in the simulators of BAM). The
 //! part of it that bends before it slides is solved with the step ([`contact`](super::contact)).
-//!
-//! A single axis is a plant with one motor and one guide, which are the same coordinate.
 
+mod estimator;
 mod fleet;
 mod step;
 
 use super::{
     Instance, Twin,
-    contact::{BristleLanes, Contact, Free},
     transmission::{self, Tie},
 };
 use crate::{
     effects::{
-        Axis, Bristles, CrossMotion, Expression, Law, LoopGains, Motion, Physics, Place, Regressor,
-        Spring, Striker, Wave, both, slewed,
+        Axis, Bristles, Expression, Law, LoopGains, Motion, Physics, Place, Regressor, Spring,
+        Striker, Wave, both,
     },
     gantry::belts,
     lanes::Lanes,
@@ -167,6 +165,9 @@ pub struct PlantState {
     pub force: [f64; 2],
     setpoint: [f64; 2],
     integral: [f64; 2],
+    /// Lag of each filter of the drives' estimators (m/s of belt).
+    first_lag: [f64; 2],
+    second_lag: [f64; 2],
     /// Friction over the last step: on each guide (N), and at each motor (N of belt).
     friction: [f64; 2],
     rubbed: [f64; 2],
@@ -184,6 +185,7 @@ impl PlantState {
         self.velocity = velocity;
         self.acceleration = [0.0; 2];
         (self.ahead, self.gaining) = ([0.0; 2], [0.0; 2]);
+        (self.first_lag, self.second_lag) = ([0.0; 2], [0.0; 2]);
     }
 
     /// Every value of the state, always in the same order: to save and to restore it.
@@ -192,6 +194,7 @@ impl PlantState {
             self;
         let pairs = [position, velocity, acceleration, force, setpoint, integral, friction];
         let pairs = pairs.into_iter().chain([&mut self.rubbed, &mut self.ahead, &mut self.gaining]);
+        let pairs = pairs.chain([&mut self.first_lag, &mut self.second_lag]);
         pairs.flatten().chain(&mut self.memory).chain([&mut self.time])
     }
 
@@ -398,16 +401,31 @@ impl Plant {
         })
     }
 
-    /// Velocity of each motor (m/s of belt) as its encoder reports it, with the carriage at `position` (m) and with
-    /// `velocity` (m/s).
+    /// Velocity of each motor (m/s of belt) as its drive estimates and reports it, with the carriage at `position` (m) and
+    /// with `velocity` (m/s); `lag[filter][motor]` are those of the estimators (m/s of belt).
     #[must_use]
-    pub fn reported(&self, position: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
+    pub(super) fn reported_velocity(
+        &self,
+        position: [f64; 2],
+        velocity: [f64; 2],
+        lag: [[f64; 2]; 2],
+    ) -> [f64; 2] {
         let (position, velocity) = (belts(position), belts(velocity));
-        let of = |index: usize| match self.motors.get(index) {
-            Some(motor) => motor.reported(position[index], velocity[index]),
-            None => velocity[index],
+        both(|index| {
+            let own = velocity[index];
+            let seen = self.motors.get(index).map_or(own, |it| it.reported(position[index], own));
+            seen - lag[0][index] - lag[1][index]
+        })
+    }
+
+    /// Rate of that velocity (m/s^2 of belt).
+    #[must_use]
+    pub(super) fn reported_rate(&self, lag: [[f64; 2]; 2]) -> [f64; 2] {
+        let time = |index: usize| {
+            let of = |motor: &MotorParts| motor.gains.estimator_time_constant_s;
+            self.motors.get(index).map_or(0.0, of).max(estimator::LEAST_TIME)
         };
-        both(of)
+        both(|index| lag[1][index] / time(index))
     }
 
     /// Belts before they move.
@@ -425,8 +443,8 @@ impl Plant {
         self.ties.is_some()
     }
 
-    /// One step of `dt` seconds with each motor's `command` (m/s of belt), at most 1 ms for the
-    /// accuracy that the tests state.
+    /// One step of a table of `dt` seconds with each motor's `command` (m/s of belt), at most 1 ms for
+    /// the accuracy that the tests state.
     pub fn step(&self, state: &mut PlantState, command: [f64; 2], dt: f64) {
         let plants = [self];
         let lanes = PlantLanes::new(Scalar, &plants);
@@ -445,63 +463,6 @@ impl Plant {
         all.get_remembered(0, self, &mut memory);
         state.memory = memory;
     }
-
-    /// One step of a single axis of `dt` seconds with its `command` (m/s); the time does not
-    /// advance.
-    fn step_single(&self, state: &mut PlantState, command: f64, dt: f64) {
-        let (motor, rail) = (&self.motors[0], &self.rails[0]);
-        let memory = &mut state.memory;
-        let mut motion = Motion {
-            index: 0,
-            time: state.time,
-            run_start_time: 0.0,
-            measured_ahead: 0.0,
-            position_origin: 0.0,
-            turns_per_metre: 0.0,
-            dt,
-            position: state.position[0],
-            velocity: state.velocity[0],
-            acceleration: state.acceleration[0],
-            force: state.force[0],
-            mass: 0.0,
-            other: CrossMotion::default(),
-        };
-        let mass = rail.mass(&motion);
-        motion.mass = mass;
-        let viscous = -(rail.damping + motor.damping) * motion.velocity;
-        let waves: f64 = motor.waves.iter().map(|wave| wave.force(&motion)).sum();
-        let others =
-            sum(&rail.forces, memory, &motion) + sum(&motor.forces, memory, &motion) + waves;
-        let load = viscous + others;
-        let setpoint = motor.setpoint(command, state.setpoint[0], memory, dt);
-        let middle = motor.middle(state.setpoint[0], setpoint);
-        let drag = (load + state.friction[0]) / mass;
-        let now = state.setpoint[0] - state.velocity[0];
-        let error = middle - state.velocity[0] - motor.ahead(dt) * drag;
-        let asked = motor.asked([now, error], state.integral[0], self.gain_mass, dt);
-        let demand = asked / (1.0 + motor.gives_way(self.gain_mass, dt) / mass);
-        motion.force = demand;
-        for part in &motor.efforts {
-            motion.force = part.call.at(part.p(), part.memory(memory), &motion);
-        }
-        // Motor and guide are one coordinate: bristles on one of them act for both.
-        let level = |rubs: &Rubs, memory: &mut [f64]| {
-            (rubs.constant + sum(&rubs.levels, memory, &motion)).max(0.0)
-        };
-        let level = level(&rail.rubs, memory) + level(&motor.rubs, memory);
-        let contact = (level, rail.rubs.bristles.or(motor.rubs.bristles));
-        let (velocity, friction) = slide(&motion, motion.force + load, contact, memory);
-        let error = middle - 0.5 * (state.velocity[0] + velocity);
-        let travelled = motor.travelled(error, velocity - state.velocity[0], dt);
-        let gained = self.gain_mass * motor.gains.integral_per_s2 * travelled;
-        state.integral[0] += motor.taken(gained, demand);
-        state.acceleration[0] = (velocity - state.velocity[0]) / dt;
-        state.position[0] += 0.5 * dt * (velocity + state.velocity[0]);
-        state.velocity[0] = velocity;
-        state.friction[0] = friction;
-        state.force[0] = motion.force;
-        state.setpoint[0] = setpoint;
-    }
 }
 
 impl Rubs {
@@ -509,33 +470,6 @@ impl Rubs {
     fn bend(&self, memory: &[f64]) -> f64 {
         self.bristles.map_or(0.0, |(_, place)| memory[place])
     }
-}
-
-/// Velocity after a step from `motion` under `force` and friction, and the friction force. The
-/// contact has a level (N), and bristles with the index of their bend in the memory.
-fn slide(
-    motion: &Motion,
-    force: f64,
-    (level, bristles): (f64, Option<(Bristles, usize)>),
-    memory: &mut [f64],
-) -> (f64, f64) {
-    let Motion { velocity, mass, dt, .. } = *motion;
-    let free = velocity + dt * force / mass;
-    let of = |value: f64| Lanes::splat(Scalar, value);
-    let bristles_of = |_| bristles.map(|(own, _)| own);
-    let contact = Contact { level: of(level), bristles: BristleLanes::new(Scalar, bristles_of) };
-    let (inertia, per_dt) = (of(mass / dt), of(1.0 / dt));
-    let step = Free { inertia, velocity: [of(velocity), of(free)], dt: of(dt), per_dt };
-    let mut bend = of(bristles.map_or(0.0, |(_, place)| memory[place]));
-    let friction = contact.force(Scalar, &mut bend, step).get(0);
-    if let Some((_, place)) = bristles {
-        memory[place] = bend.get(0);
-    }
-    (free + dt * friction / mass, friction)
-}
-
-fn sum(parts: &[MotionPart], memory: &mut [f64], motion: &Motion) -> f64 {
-    parts.iter().map(|part| part.call.at(part.p(), part.memory(memory), motion)).sum()
 }
 
 impl RailParts {
@@ -554,15 +488,6 @@ impl MotorParts {
     /// Return whether any function depends on the motion of the belt.
     fn has_functions(&self) -> bool {
         !(self.efforts.is_empty() && self.forces.is_empty() && self.rubs.levels.is_empty())
-    }
-
-    /// Setpoint after a step from the setpoint `before`.
-    fn setpoint(&self, command: f64, before: f64, memory: &mut [f64], dt: f64) -> f64 {
-        let taken_in = self.taken_in(command, memory, dt);
-        match self.slew_limit {
-            Some(limit) => slewed(before, taken_in, limit * dt),
-            None => taken_in,
-        }
     }
 
     /// Command after all effects on it but the slew limit.
@@ -587,40 +512,11 @@ impl MotorParts {
         velocity
     }
 
-    /// Setpoint in the middle of a step: a ramp is half-way, a jump has happened at its start.
-    fn middle(&self, before: f64, after: f64) -> f64 {
-        if self.slew_limit.is_none() { after } else { 0.5 * (before + after) }
-    }
-
-    /// Time from the start of a step to the measurement of the velocity on which the loop acts in
-    /// its middle (s).
-    fn ahead(&self, dt: f64) -> f64 {
-        0.5 * dt - self.gains.feedback_delay_s
-    }
-
-    /// Travelled error (m) of a step with this `error` in its middle, in which the velocity `changed` (m/s).
-    fn travelled(&self, error: f64, changed: f64, dt: f64) -> f64 {
-        error * dt + self.gains.feedback_delay_s * changed
-    }
-
     /// Increment of the loop's integral for the `gained` force at this `demand` (N of belt); zero
     /// if it would raise a demand beyond a limit.
     fn taken(&self, gained: f64, demand: f64) -> f64 {
         let is_full = |most: &f64| *most < demand.abs() && 0.0 < demand * gained;
         if self.windups.iter().any(is_full) { 0.0 } else { gained }
-    }
-
-    /// Force at the middle of the step (N of belt), as if the loops' own forces moved nothing until
-    /// then. It follows from the velocity errors at the start and in the middle of the step; the
-    /// gains are for `mass` (kg).
-    fn asked(&self, error: [f64; 2], integral: f64, mass: f64, dt: f64) -> f64 {
-        let halfway = integral + 0.5 * dt * mass * self.gains.integral_per_s2 * error[0];
-        mass * self.gains.proportional_per_s * error[1] + halfway
-    }
-
-    /// Decrease of that force with the acceleration of the belt (N s^2/m).
-    fn gives_way(&self, mass: f64, dt: f64) -> f64 {
-        self.ahead(dt) * mass * self.gains.proportional_per_s
     }
 }
 

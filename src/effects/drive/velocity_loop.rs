@@ -7,15 +7,17 @@ use std::f64::consts::TAU;
 /// velocity error.
 ///
 /// The closed loop with the mass M is (2 z w s + w^2) / (s^2 + 2 z w s + w^2). M is the mass for
-/// which the loop was first fitted: the gains stay when the mass changes. The loop is digital:
-/// sampling, encoder filter and actuation delay the velocity in its error. The drive also reports
-/// its torque with a delay, by its last cycle and its filter.
+/// which the loop was first fitted: the gains stay when the mass changes. The velocity in the error
+/// is the output of an estimator, a critically damped phase-locked loop on the encoder with the
+/// bandwidth 1/T (ODrive documentation, `encoder_bandwidth`). The drive reports that velocity, too.
+/// The loop is digital: sampling and actuation delay the velocity in its error. The drive also
+/// reports its torque with a delay, by its last cycle and its filter.
 pub(crate) static VELOCITY_LOOP: Effect = Effect {
     name: "drive.velocity_loop",
     summary: "the velocity loop has another bandwidth or damping",
     domain: Domain::Drive,
     site: Site::Motors,
-    equation: "F = M · (2 ζ · ω · e + ω² · ∫ e dt), e = r − v(t − T_v), ω = 2π · f; reported force = F(t − T_t)",
+    equation: "F = M · (2 ζ · ω · e + ω² · ∫ e dt), e = r − v_e(t − T_v), ω = 2π · f; v_e = v / (1 + s · T_e)^2; reported force = F(t − T_t)",
     parameters: &[
         Parameter {
             name: "natural_frequency_hz",
@@ -53,9 +55,22 @@ pub(crate) static VELOCITY_LOOP: Effect = Effect {
             plausible: (0.0, 1e-3),
             per_session: false,
         },
+        Parameter {
+            name: "estimator_time_constant_s",
+            symbol: "T_e",
+            unit: "s",
+            scale: 2e-4,
+            bounds: (0.0, 5e-3),
+            plausible: (0.0, 2e-3),
+            per_session: false,
+        },
     ],
-    null: &[300.0, 1.0, 0.0, 0.0],
-    probes: &[&[20.0, 1.0, 0.0, 0.0], &[60.0, 1.0, 0.0, 0.0], &[10.0, 0.5, 0.0, 0.0]],
+    null: &[300.0, 1.0, 0.0, 0.0, 0.0],
+    probes: &[
+        &[20.0, 1.0, 0.0, 0.0, 0.0],
+        &[60.0, 1.0, 0.0, 0.0, 0.0],
+        &[10.0, 0.5, 0.0, 0.0, 0.0],
+    ],
     memory: 0,
     physics: Physics::VelocityLoop(|p| {
         let w = TAU * p[0];
@@ -64,6 +79,7 @@ pub(crate) static VELOCITY_LOOP: Effect = Effect {
             integral_per_s2: w * w,
             feedback_delay_s: p[2],
             torque_report_delay_s: p[3],
+            estimator_time_constant_s: p[4],
         }
     }),
     regressors: &[Regressor::Acceleration, Regressor::Jerk],

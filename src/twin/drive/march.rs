@@ -249,7 +249,7 @@ impl<'a> Walk<'a> {
         dt: f64,
         job: &Job<'_>,
     ) -> Outputs {
-        Outputs::of(job.plant, [state.time.get(lane), dt], state.motion(lane))
+        Outputs::of(job.plant, [state.time.get(lane), dt], state.motion(lane), state.lag(lane))
     }
 }
 

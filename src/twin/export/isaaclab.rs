@@ -23,6 +23,7 @@ pub(super) fn table(twin: &Twin, mechanics: &Mechanics) -> String {
         ("PROPORTIONAL_N_S_PER_M", of_drives(|own| own.proportional)),
         ("INTEGRAL_N_PER_M", of_drives(|own| own.integral)),
         ("FEEDBACK_DELAY_S", of_drives(|own| own.feedback_delay)),
+        ("ESTIMATOR_TIME_CONSTANT_S", of_drives(|own| own.estimator_time_constant)),
         ("BELT_DAMPING_N_S_PER_M", of_drives(|own| own.damping)),
         ("MASS_KG", mechanics.mass),
         ("DAMPING_N_S_PER_M", of_guides(|own| own.damping)),

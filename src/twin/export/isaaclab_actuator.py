@@ -2,8 +2,8 @@
 
 Written by `klasktron export TWIN --to isaaclab`. `TwinActuator` turns velocity commands into forces on the slides x and
 y of one gantry. It has the command delay, gain, offset and lag, the slew limit, the velocity loop with its feedback
-delay, and the viscous friction of belts and guides. Joint friction and armature are settings of the simulated joints:
-`JOINT_FRICTION_N` and `JOINT_ARMATURE_KG`.
+delay and its velocity estimator, and the viscous friction of belts and guides. Joint friction and armature are settings
+of the simulated joints: `JOINT_FRICTION_N` and `JOINT_ARMATURE_KG`.
 
 Without Isaac Lab the file is complete: `simulate` integrates the same gantry in torch. With Isaac Lab it also defines
 `KlasktronActuatorCfg`, whose joints are the slides in the order x, y.
@@ -20,6 +20,14 @@ def belts(slides):
     """Belt velocities `[..., a b]` of slide velocities `[..., x y]`."""
     x, y = slides[..., 0], slides[..., 1]
     return torch.stack([x + y, x - y], dim=-1)
+
+
+def remaining(length):
+    """exp(-length) as the twin computes it: by the series of exp(length)."""
+    series = torch.ones_like(length)
+    for k in range(6, 0, -1):
+        series = 1 + length / k * series
+    return 1 / series
 
 
 def on_slides(forces):
@@ -60,7 +68,13 @@ class TwinActuator:
         inverse = 1 / self.mass
         together, apart = inverse[0] + inverse[1], inverse[0] - inverse[1]
         mobility = torch.stack([torch.stack([together, apart]), torch.stack([apart, together])])
-        self.ahead = 0.5 * dt - self.feedback_delay
+        # The estimator of the velocity over half of a step: its output follows the acceleration by `ahead`.
+        self.time = tensor(ESTIMATOR_TIME_CONSTANT_S).clamp(min=1e-7)
+        self.half = 0.5 * dt / self.time
+        self.rest = remaining(self.half)
+        self.turned = self.half * self.rest
+        self.ahead = self.time * (self.half + self.turned - 2 * (1 - self.rest))
+        self.ahead -= self.feedback_delay * (1 - self.rest - self.turned)
         yields = (self.ahead * self.proportional)[:, None] * mobility
         self.solve = torch.linalg.inv(torch.eye(2, device=device, dtype=dtype) + yields)
         zeros = {"device": device, "dtype": dtype}
@@ -83,15 +97,18 @@ class TwinActuator:
         own, dt = self.state, self.dt
         seen = belts(velocity)
         # The integral of the step that has ended, now that its last velocity is known.
-        error = own["middle"] - 0.5 * (own["seen"] + seen)
-        travelled = error * dt + self.feedback_delay * (seen - own["seen"])
+        changed = own["running"] * (seen - own["seen"])
+        travelled = (own["middle"] - seen + 0.5 * changed) * dt + self.estimated(changed)
         own["integral"] += own["running"] * self.integral_gain * travelled
         setpoint = self.setpoint(command)
         before = own["setpoint"]
         middle = torch.where(self.has_ramp > 0, 0.5 * (before + setpoint), setpoint)
         drag = self.constant_force - self.damping * velocity
-        error = middle - seen - self.ahead * belts((drag + own["friction"]) / self.mass)
-        halfway = own["integral"] + 0.5 * dt * self.integral_gain * (before - seen)
+        behind = self.turned * own["first_lag"] + self.rest * own["second_lag"]
+        estimate = seen - self.rest * own["first_lag"] - behind - self.feedback_delay * behind / self.time
+        error = middle - estimate - self.ahead * belts((drag + own["friction"]) / self.mass)
+        now = before - seen + own["first_lag"] + own["second_lag"]
+        halfway = own["integral"] + 0.5 * dt * self.integral_gain * now
         force = (self.proportional * error + halfway) @ self.solve.T
         own["running"] = torch.ones_like(seen)
         own["setpoint"], own["middle"], own["seen"] = setpoint, middle, seen
@@ -100,6 +117,18 @@ class TwinActuator:
         free = velocity + dt * effort / self.mass
         own["friction"] = -torch.sign(free) * torch.minimum(self.friction, free.abs() * self.mass / dt)
         return effort
+
+    def estimated(self, changed):
+        """Update the lags of the estimator by a step in which the velocity `changed`; the travel that it missed (m)."""
+        own = self.state
+        length, rest = 2 * self.half, self.rest * self.rest
+        steady = changed / length
+        first, second = own["first_lag"] - steady, own["second_lag"] - steady
+        first, second = steady + rest * first, steady + rest * (second + length * first)
+        after_one = changed - (first - own["first_lag"])
+        after_both = after_one - (second - own["second_lag"])
+        own["first_lag"], own["second_lag"] = first, second
+        return self.time * (after_one + after_both) + self.feedback_delay * after_both
 
     def setpoint(self, command):
         """Setpoint of each belt (m/s) after delay, gain, offset, lag and slew limit."""
@@ -136,7 +165,7 @@ def simulate(commands, dt, dtype=torch.float64, device="cpu"):
     return torch.stack(positions), torch.stack(velocities)
 
 
-STATES = ("setpoint", "middle", "seen", "integral", "running", "friction", "lagged")
+STATES = ("setpoint", "middle", "seen", "first_lag", "second_lag", "integral", "running", "friction", "lagged")
 
 try:
     from isaaclab.actuators import ActuatorBase, ActuatorBaseCfg

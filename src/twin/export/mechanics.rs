@@ -31,6 +31,8 @@ pub(super) struct Drive {
     pub(super) integral: f64,
     /// Delay of the velocity in the loop (s).
     pub(super) feedback_delay: f64,
+    /// Time constant of the estimator of that velocity (s).
+    pub(super) estimator_time_constant: f64,
     /// Largest force (N of belt).
     pub(super) force_limit: Option<f64>,
     /// Friction at the motor, in metres of belt.
@@ -147,32 +149,34 @@ impl Mechanics {
                 )));
             }
             "drive.velocity_loop" => {
-                let delay = self.add_loop(twin, instance, index);
-                let is_missing = 0.0 < delay && target == Target::Mjcf;
-                return Some(is_missing.then(|| format!("the feedback delay of {delay} s")));
+                let lag = self.add_loop(twin, instance, index);
+                let is_missing = 0.0 < lag && target == Target::Mjcf;
+                return Some(is_missing.then(|| {
+                    format!("the lag of {lag} s of its feedback, by delay and velocity estimator")
+                }));
             }
             _ => return None,
         }
         Some(None)
     }
 
-    /// Add the loop of motor `index`; the delay of its feedback (s).
+    /// Add the loop of motor `index`; the lag of its feedback behind a steady acceleration (s).
     fn add_loop(&mut self, twin: &Twin, instance: &Instance, index: usize) -> f64 {
         let numbers = instance.numbers();
         let gains = instance.effect.physics.equations().iter().find_map(|own| match own {
             Physics::VelocityLoop(call) => Some(call(&numbers)),
             _ => None,
         });
-        let LoopGains { proportional_per_s, integral_per_s2, feedback_delay_s, .. } =
-            gains.unwrap_or_default();
+        let gains: LoopGains = gains.unwrap_or_default();
         let reference =
             twin.controller_reference_mass.unwrap_or_else(|| Plant::new(twin).mean_mass());
         let mass = reference / twin.machine.motors() as f64;
         let drive = &mut self.drives[index];
-        drive.proportional = mass * proportional_per_s;
-        drive.integral = mass * integral_per_s2;
-        drive.feedback_delay = feedback_delay_s;
-        feedback_delay_s
+        drive.proportional = mass * gains.proportional_per_s;
+        drive.integral = mass * gains.integral_per_s2;
+        drive.feedback_delay = gains.feedback_delay_s;
+        drive.estimator_time_constant = gains.estimator_time_constant_s;
+        gains.feedback_delay_s + 2.0 * gains.estimator_time_constant_s
     }
 
     /// Add an effect on the motion along guide or belt `index`; as [`Self::add_to_drive`].

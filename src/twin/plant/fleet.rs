@@ -195,6 +195,9 @@ mod tests {
                     for (step, dt) in STEPS.iter().enumerate() {
                         plant.step(state, course.command(carriage, step), *dt);
                         if 2e-3 < state.position[0] {
+                            // The estimates of both motors stay.
+                            state.first_lag =
+                                state.first_lag.map(|lag| lag + (0.0 - state.velocity[0]));
                             (state.position[0], state.velocity[0]) = (2e-3, 0.0);
                         }
                     }

@@ -1,8 +1,12 @@
 //! One step of several plants side by side.
 
-use super::{LEAST_MASS, MotionPart, MotorParts, Plant, PlantState, RailParts};
+use super::{
+    LEAST_MASS, MotionPart, MotorParts, Plant, PlantState, RailParts,
+    estimator::{Estimators, Half, Lag},
+};
 use crate::{
     effects::{CarriageLanes, CrossMotion, Motion, StrikerLanes, StrikerStateLanes, Wave, both},
+    gantry,
     lanes::{Lanes, Mask, belts, rails, select},
     twin::{
         contact::{BristleLanes, Contact, Free},
@@ -31,6 +35,8 @@ pub(in crate::twin) struct StateLanes<S: Simd> {
     force: Both<S>,
     setpoint: Both<S>,
     integral: Both<S>,
+    first_lag: Both<S>,
+    second_lag: Both<S>,
     friction: Both<S>,
     rubbed: Both<S>,
     ahead: Both<S>,
@@ -52,6 +58,8 @@ impl<S: Simd> StateLanes<S> {
             force: nothing,
             setpoint: nothing,
             integral: nothing,
+            first_lag: nothing,
+            second_lag: nothing,
             friction: nothing,
             rubbed: nothing,
             ahead: nothing,
@@ -74,6 +82,8 @@ impl<S: Simd> StateLanes<S> {
         put(&mut self.force, &state.force);
         put(&mut self.setpoint, &state.setpoint);
         put(&mut self.integral, &state.integral);
+        put(&mut self.first_lag, &state.first_lag);
+        put(&mut self.second_lag, &state.second_lag);
         put(&mut self.friction, &state.friction);
         put(&mut self.rubbed, &state.rubbed);
         put(&mut self.ahead, &state.ahead);
@@ -91,6 +101,8 @@ impl<S: Simd> StateLanes<S> {
         state.force = get(&self.force);
         state.setpoint = get(&self.setpoint);
         state.integral = get(&self.integral);
+        state.first_lag = get(&self.first_lag);
+        state.second_lag = get(&self.second_lag);
         state.friction = get(&self.friction);
         state.rubbed = get(&self.rubbed);
         state.ahead = get(&self.ahead);
@@ -134,12 +146,30 @@ impl<S: Simd> StateLanes<S> {
         self.position[1].set(lane, position[1]);
     }
 
-    /// Puts the carriage in `lane` to `position` (m) with `velocity` (m/s); all else stays.
+    /// Puts the carriage in `lane` to `position` (m) with `velocity` (m/s); all else stays, also the outputs of the
+    /// filters in the estimators.
     #[inline(always)]
     pub(in crate::twin) fn stop_at(&mut self, lane: usize, position: [f64; 2], velocity: [f64; 2]) {
         self.put_at(lane, position);
+        let before = [self.velocity[0].get(lane), self.velocity[1].get(lane)];
+        let changed = gantry::belts([velocity[0] - before[0], velocity[1] - before[1]]);
+        for (motor, lag) in self.first_lag.iter_mut().enumerate() {
+            lag.set(lane, lag.get(lane) + changed[motor]);
+        }
         self.velocity[0].set(lane, velocity[0]);
         self.velocity[1].set(lane, velocity[1]);
+    }
+
+    /// Lag of each filter of the estimators in `lane`: `[filter][motor]` (m/s of belt).
+    #[inline(always)]
+    pub(in crate::twin) fn lag(&self, lane: usize) -> [[f64; 2]; 2] {
+        [&self.first_lag, &self.second_lag].map(|own| [own[0].get(lane), own[1].get(lane)])
+    }
+
+    /// Lag of the estimator of `motor`.
+    #[inline(always)]
+    fn lag_of(&self, motor: usize) -> Lag<S> {
+        Lag { first: self.first_lag[motor], second: self.second_lag[motor] }
     }
 
     /// Position and velocity of the carriage by the motors, its acceleration, and the forces of the motors, in `lane`.
@@ -171,6 +201,7 @@ struct MotorLanes<S: Simd> {
     proportional_per_s: Lanes<S>,
     integral_per_s2: Lanes<S>,
     feedback_delay_s: Lanes<S>,
+    estimators: Estimators<S>,
     /// Viscous friction (N s/m), and the level of friction that is the same in every motion (N).
     damping: Lanes<S>,
     level: Lanes<S>,
@@ -319,6 +350,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
                 proportional_per_s: number(|motor| motor.gains.proportional_per_s),
                 integral_per_s2: number(|motor| motor.gains.integral_per_s2),
                 feedback_delay_s: number(|motor| motor.gains.feedback_delay_s),
+                estimators: Estimators::new(number(|motor| motor.gains.estimator_time_constant_s)),
                 damping: number(|motor| motor.damping),
                 level: number(|motor| motor.rubs.constant),
                 is_slewed: Mask::from_fn(simd, |lane| slew_limit(lane).is_some()),
@@ -372,11 +404,7 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         command: Both<S>,
         dt: Lanes<S>,
     ) {
-        if self.plants[0].motors.len() == 2 {
-            self.step_gantry(state, aside, command, dt);
-        } else {
-            self.step_singles(state, aside.memories, command[0], dt);
-        }
+        self.step_gantry(state, aside, command, dt);
         state.time = state.time + dt;
     }
 
@@ -419,34 +447,19 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
             let motor = &self.motors[index];
             let error = loops.middle[index] - 0.5 * (seen[index] + seen_after[index]);
             let changed = seen_after[index] - seen[index];
-            let travelled = error * dt + motor.feedback_delay_s * changed;
+            let before = state.lag_of(index);
+            let lag = motor.estimators.after(&loops.half[index], &before, changed);
+            let estimate_changed = changed - (lag.whole() - before.whole());
+            let travelled = error * dt
+                + motor.estimators.travelled([&before, &lag], changed)
+                + motor.feedback_delay_s * estimate_changed;
             let gained = self.gain_mass * motor.integral_per_s2 * travelled;
             let taken = self.taken(index, gained, demand[index]);
             state.integral[index] = state.integral[index] + taken;
+            (state.first_lag[index], state.second_lag[index]) = (lag.first, lag.second);
         }
         (state.friction, state.rubbed) = (slid.friction, slid.rubbed);
         (state.force, state.setpoint) = (force, setpoint);
-    }
-
-    /// Single axes, one after the other.
-    #[inline(always)]
-    fn step_singles(
-        &self,
-        state: &mut StateLanes<S>,
-        memories: &mut [Vec<f64>],
-        command: Lanes<S>,
-        dt: Lanes<S>,
-    ) {
-        let mut own = PlantState::default();
-        for (lane, plant) in self.plants.iter().enumerate() {
-            state.get(lane, &mut own);
-            own.memory = std::mem::take(&mut memories[lane]);
-            state.get_remembered(lane, plant, &mut own.memory);
-            plant.step_single(&mut own, command.get(lane), dt.get(lane));
-            state.put(lane, &own);
-            state.put_remembered(lane, plant, &own.memory);
-            memories[lane] = std::mem::take(&mut own.memory);
-        }
     }
 
     /// Mass on each axis (kg) in its motion; any but 0 in lanes without a plant.
@@ -510,18 +523,24 @@ impl<'p, S: Simd> PlantLanes<'p, S> {
         (answer, dt): (&Answer<S>, Lanes<S>),
     ) -> Loops<S> {
         let mass = self.gain_mass;
-        let mut loops = Loops { middle: setpoint, asked: setpoint, gives_way: setpoint };
+        let half = both(
+            #[inline(always)]
+            |index| self.motors[index].estimators.half(dt),
+        );
+        let mut loops = Loops { half, middle: setpoint, asked: setpoint, gives_way: setpoint };
         for index in 0..2 {
             let motor = &self.motors[index];
             let before = state.setpoint[index];
             // A ramp is half-way in the middle of the step, a jump has happened at its start.
             let half_way = 0.5 * (before + setpoint[index]);
             let middle = motor.is_slewed.select(half_way, setpoint[index]);
-            // Time from the start of a step to the measurement of the velocity on which the loop
-            // acts in its middle.
-            let ahead = 0.5 * dt - motor.feedback_delay_s;
-            let now = before - seen[index];
-            let error = middle - seen[index] - ahead * answer.drag[index];
+            let lag = state.lag_of(index);
+            let expected = motor.estimators.expected(&half[index], &lag);
+            // The loop acts on the estimate of the velocity a delay earlier.
+            let ahead = expected.ahead - motor.feedback_delay_s * expected.rate_ahead;
+            let output = expected.output - motor.feedback_delay_s * expected.rate;
+            let now = before - (seen[index] - lag.whole());
+            let error = middle - (seen[index] + output) - ahead * answer.drag[index];
             let halfway = state.integral[index] + 0.5 * dt * mass * motor.integral_per_s2 * now;
             loops.middle[index] = middle;
             loops.asked[index] = mass * motor.proportional_per_s * error + halfway;
@@ -737,6 +756,8 @@ fn put_efforts<S: Simd>(
 
 /// Demands of the velocity loops over a step.
 struct Loops<S: Simd> {
+    /// The first half of the step, of the estimators.
+    half: [Half<S>; 2],
     /// Setpoint in its middle (m/s of belt).
     middle: Both<S>,
     /// Force (N of belt).

@@ -107,7 +107,7 @@ pub struct TableMotion {
     pub times: Vec<f64>,
     /// Position of each motor by its encoder (m of belt).
     pub motor_position: [Vec<f64>; 2],
-    /// Velocity of each motor by its encoder (m/s of belt).
+    /// Velocity of each motor as its drive reports it (m/s of belt).
     pub motor_velocity: [Vec<f64>; 2],
     /// Torque of each motor as its drive reports it (N m).
     pub motor_torque: [Vec<f64>; 2],
@@ -126,7 +126,7 @@ impl TableMotion {
         rails([self.motor_position[0][index], self.motor_position[1][index]])
     }
 
-    /// Velocity of the carriage by the encoders at sample `index` (m/s).
+    /// Velocity of the carriage as the drives report it at sample `index` (m/s).
     #[must_use]
     pub fn velocity(&self, index: usize) -> [f64; 2] {
         rails([self.motor_velocity[0][index], self.motor_velocity[1][index]])
