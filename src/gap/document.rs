@@ -192,6 +192,7 @@ fn rejected_effect(rejected: &rounds::Rejected) -> RejectedEffect {
             format!("{parameter} is on its bound: wrong sign, or the effect is not there")
         }
         Reason::HeldOut => "the validation sessions do not confirm it".to_owned(),
+        Reason::Contradicted => "pieces of the same rolls contradict it".to_owned(),
         Reason::SpeedsDisagree => {
             "low and high speeds disagree on its magnitude: the cause is another effect".to_owned()
         }

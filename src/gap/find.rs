@@ -7,7 +7,6 @@ use super::{
     document::{self, Material},
     findings::{Document, SignalResidual, Verdict},
     floor::{self, Floor, FloorSource},
-    journal::{JournalEntry, MoveKind},
     known,
     magnitude::Scale,
     noise,
@@ -24,6 +23,8 @@ use crate::{
         Value,
     },
 };
+
+mod gantry;
 
 /// Stages after those of the gantry, in the order of the chain.
 const BEHIND_GANTRY: [StageKind; 4] =
@@ -45,10 +46,6 @@ struct Request<'a> {
     task: Task,
     context: Context<'a>,
 }
-
-/// Most searches of the drives. The reaction force is first that of the camera stage alone, then zero, then that of the
-/// camera stage after the fit of the drives.
-const MOST_DRIVE_SEARCHES: usize = 3;
 
 /// Result of the complete search.
 pub struct Found<'a> {
@@ -99,7 +96,7 @@ pub fn find<'a>(
         return refused;
     }
     let mut journal = Vec::new();
-    let (mut outcomes, mut twin) = search_gantry(sessions, &start, request, &mut journal);
+    let (mut outcomes, mut twin) = gantry::search(sessions, &start, request, &mut journal);
     for kind in BEHIND_GANTRY {
         if let Some(outcome) = search_stage(sessions, kind, &twin, request, &outcomes) {
             twin = stated(&start, &outcome);
@@ -258,75 +255,6 @@ fn not_selected(twin: &Twin, context: Context<'_>) -> Vec<Held> {
     .collect()
 }
 
-/// Effect added on the camera stage that acts behind the carriage and exerts a reaction force on the drives.
-fn reaction_of(camera: &Outcome<'_>) -> Option<Instance> {
-    let is_felt = |effect: &Effect| {
-        effect.physics.equations().iter().any(|own| matches!(own, Physics::Reaction(_)))
-    };
-    let step = camera.added.iter().find(|step| is_felt(step.effect))?;
-    camera.last.point.twin.instance(step.effect.name, step.axis).cloned()
-}
-
-/// Search of drives and camera, and the twin after both.
-///
-/// The striker's motion on the camera implies a reaction force on the drives, and the camera stage starts from the
-/// fitted drives. The search repeats until the assumed reaction is the identified one. The `journal` receives the
-/// decisions of repeated searches.
-fn search_gantry<'a>(
-    sessions: &'a [Session],
-    start: &Twin,
-    request: Request<'a>,
-    journal: &mut Vec<JournalEntry>,
-) -> (Vec<Outcome<'a>>, Twin) {
-    let of = |kind, twin: &Twin, before: &[Outcome<'_>]| {
-        search_stage(sessions, kind, twin, request, before)
-    };
-    let has_drives = stages(sessions, StageKind::Drive, Split::Train).next().is_some();
-    let initial =
-        (request.task == Task::CloseGap && has_drives).then(|| of(StageKind::Camera, start, &[]));
-    let initial = initial.flatten();
-    journal.extend(initial.iter().flat_map(|outcome| outcome.journal.clone()));
-    let mut reaction = initial.as_ref().and_then(reaction_of);
-    let mut searches = 0;
-    loop {
-        searches += 1;
-        let mut outcomes = Vec::new();
-        let mut twin = start.clone();
-        twin.instances.extend(reaction.clone());
-        if let Some(drive) = of(StageKind::Drive, &twin, &outcomes) {
-            twin = stated(start, &drive);
-            outcomes.push(drive);
-        }
-        let is_reaction = |own: &Instance| {
-            reaction.as_ref().is_some_and(|reaction| own.effect == reaction.effect)
-        };
-        twin.instances.retain(|own| !is_reaction(own));
-        let Some(camera) = of(StageKind::Camera, &twin, &outcomes) else {
-            return (outcomes, twin);
-        };
-        let shown = reaction_of(&camera);
-        let effect = |reaction: &Option<Instance>| reaction.as_ref().map(|own| own.effect);
-        let is_without_consequence =
-            reaction.is_none() && outcomes.iter().all(|drive| drive.added.is_empty());
-        twin = stated(start, &camera);
-        outcomes.push(camera);
-        if effect(&shown) == effect(&reaction)
-            || is_without_consequence
-            || searches == MOST_DRIVE_SEARCHES
-        {
-            return (outcomes, twin);
-        }
-        reaction = shown;
-        log::info!("the force of the striker on the drives changed: the drives are searched again");
-        journal.extend(outcomes.iter().flat_map(|outcome| outcome.journal.clone()));
-        journal.push(JournalEntry::new(
-            MoveKind::Refit,
-            Some(StageKind::Drive),
-            "The camera shows another force of the striker on the carriage than was assumed: the drives are searched again",
-        ));
-    }
-}
-
 /// One stage in all sessions, after those `before` it.
 fn stage_data<'a>(
     sessions: &'a [Session],
@@ -347,6 +275,10 @@ fn stage_data<'a>(
         },
         companions: match kind {
             StageKind::Drive => of(StageKind::Camera, Split::Train),
+            _ => Vec::new(),
+        },
+        predecessors: match kind {
+            StageKind::WholeRolls => of(StageKind::Ball, Split::Train),
             _ => Vec::new(),
         },
         held: match kind {

@@ -116,6 +116,8 @@ pub(super) struct Problems<'a, 'b> {
     pub(super) held_out: &'b Problem<'a>,
     /// Another stage in the validation sessions, on which the same effects act for longer.
     pub(super) witness: &'b Problem<'a>,
+    /// Another stage in the training sessions, which was searched before and which no effect must contradict.
+    pub(super) predecessor: &'b Problem<'a>,
 }
 
 impl Round {

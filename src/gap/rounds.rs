@@ -127,7 +127,13 @@ fn shifts(
     let is_there = |own: &&Rejected| {
         own.candidate.p_value * (tries as f64) < family_error
             && !is_replacement(&own.candidate)
-            && !matches!(own.reason, Reason::NotSignificant | Reason::OnBound(_) | Reason::HeldOut)
+            && !matches!(
+                own.reason,
+                Reason::NotSignificant
+                    | Reason::OnBound(_)
+                    | Reason::HeldOut
+                    | Reason::Contradicted
+            )
     };
     rejected.iter().filter(is_there).map(|own| own.candidate.shift.as_slice()).collect()
 }
@@ -171,6 +177,7 @@ struct Search<'a> {
     train: Problem<'a>,
     held_out: Problem<'a>,
     witness: Problem<'a>,
+    predecessor: Problem<'a>,
     best: Fit,
     filters: Filters,
     added: Vec<Added>,
@@ -232,6 +239,7 @@ impl<'a> Search<'a> {
             train,
             held_out,
             witness: Problem::new(&data.witnesses, start).within(context),
+            predecessor: Problem::new(&data.predecessors, start).within(context),
             best,
             filters,
             added: vec![],
@@ -495,7 +503,8 @@ impl Search<'_> {
     }
 
     fn problems(&self) -> Problems<'_, '_> {
-        Problems { train: &self.train, held_out: &self.held_out, witness: &self.witness }
+        let Self { train, held_out, witness, predecessor, .. } = self;
+        Problems { train, held_out, witness, predecessor }
     }
 
     /// Best twin on the validation sessions.

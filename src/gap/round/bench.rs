@@ -30,6 +30,8 @@ pub(super) struct Bench<'a, 'b> {
     pub(super) held_out: &'b Problem<'a>,
     /// Validation sessions in which the plain residual may show the gain of an effect.
     views: Vec<View<'a, 'b>>,
+    /// Another stage that was searched before.
+    predecessor: Option<View<'a, 'b>>,
     /// Metric: whitening of the best candidate's residual.
     pub(super) filters: &'b Filters,
     /// One over the RMS of each signal's residual: the metric of the gap.
@@ -74,7 +76,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         (filters, required_gain): (&'b Filters, &'b RequiredGain<'b>),
         tries: usize,
     ) -> Self {
-        let Problems { train, held_out, witness } = problems;
+        let Problems { train, held_out, witness, predecessor } = problems;
         let seen = [held_out, witness].into_iter();
         let seen = seen.filter(|problem| required_gain.any_signal && !problem.parts.is_empty());
         let base_held = fit::on(held_out, &base.point.twin, filters);
@@ -82,6 +84,8 @@ impl<'a, 'b> Bench<'a, 'b> {
             train,
             held_out,
             views: seen.map(|problem| View::new(problem, &base.point.twin)).collect(),
+            predecessor: (!predecessor.parts.is_empty())
+                .then(|| View::new(predecessor, &base.point.twin)),
             filters,
             scales: train.filters(&base.point, whiten::scale_filters),
             required_gain,
@@ -96,6 +100,14 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     pub(super) fn thresholds(&self) -> &Thresholds {
         self.train.thresholds()
+    }
+
+    /// Return whether the stage that was searched before prefers the base to `trial` beyond chance.
+    pub(super) fn contradicts(&self, trial: &Trial) -> bool {
+        self.predecessor.as_ref().is_some_and(|view| {
+            let rows = view.rows(&trial.fit.point.twin);
+            self.thresholds().is_in(&rows, &view.base_rows, &view.problem.blocks())
+        })
     }
 
     /// Fit a candidate in this metric and validate it; `known` are the columns of known parameters.
@@ -324,7 +336,12 @@ mod tests {
         let stage = TestStage::camera(&truth, sines, 4);
         let train = Problem::new(&[&stage as _], &nominal);
         let nothing = Problem::new(&[], &nominal);
-        let problems = Problems { train: &train, held_out: &nothing, witness: &nothing };
+        let problems = Problems {
+            train: &train,
+            held_out: &nothing,
+            witness: &nothing,
+            predecessor: &nothing,
+        };
         let slots = first_parameters(&nominal, ["gantry.inertia"]).to_vec();
         let base = Fit { point: train.start(right), slots, loss: 0.0, rows: 2000 };
         // The rough fit has the lag, and stopped at another frequency.

@@ -231,7 +231,12 @@ mod tests {
             (None, None),
             AtFloor::No,
         );
-        let problems = Problems { train: &train, held_out: &nothing, witness: &nothing };
+        let problems = Problems {
+            train: &train,
+            held_out: &nothing,
+            witness: &nothing,
+            predecessor: &nothing,
+        };
         f(&Bench::new(problems, (&base, vec![]), (&filters, &required_gain), 1))
     }
 

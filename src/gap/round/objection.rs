@@ -134,6 +134,9 @@ impl Bench<'_, '_> {
         if !thresholds.is_in(before, &trial.held_rows, &blocks) {
             return Some(Reason::HeldOut);
         }
+        if self.contradicts(trial) {
+            return Some(Reason::Contradicted);
+        }
         if self.grows_with_speed(trial) {
             return Some(Reason::SpeedsDisagree);
         }

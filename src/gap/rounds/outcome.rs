@@ -29,6 +29,9 @@ pub struct StageData<'a> {
     pub witnesses: Vec<&'a dyn Stage>,
     /// Another stage on which some of the same parameters act. A refit of these must not contradict it.
     pub companions: Vec<&'a dyn Stage>,
+    /// Another stage on which all of the same effects act, and which was searched before. No added effect must contradict
+    /// it.
+    pub predecessors: Vec<&'a dyn Stage>,
     /// Parameters that an earlier stage determined from these recordings; they stay fixed.
     pub held: Vec<Held>,
     /// `true` where a residual above the reference may be a disturbance. `false` where errors accumulate along a whole
@@ -66,6 +69,8 @@ pub enum Reason {
     OnBound(String),
     /// The validation sessions do not confirm it.
     HeldOut,
+    /// A stage that was searched before contradicts it.
+    Contradicted,
     /// The sessions disagree on its sign or magnitude.
     SessionsDisagree,
     /// Its magnitude differs between low and high speeds.
