@@ -56,6 +56,9 @@ pub struct MotorState {
     pub torque_target_nm: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "4")]
     pub torque_estimate_nm: ::core::option::Option<f64>,
+    /// the drive reported the torques by this time before position and velocity
+    #[prost(double, optional, tag = "5")]
+    pub torque_age_s: ::core::option::Option<f64>,
 }
 impl ::prost::Name for MotorState {
     const NAME: &'static str = "MotorState";

@@ -185,11 +185,12 @@ fn of_any_rig(rig: &RigConfig) -> String {
         )
     });
     let friction = rig.drive.friction.coulomb_nm * on_belt;
+    let compliance = 1e6 / rig.gantry.left.belt_a_stiffness_n_per_m;
     let effects: Vec<String> =
         std::iter::once(format!("Coulomb friction of {friction:.2} N")).chain(cogging).collect();
     format!(
         "Every virtual rig also has these effects at its motors, in terms of the belt, which the plain simulation \
-         lacks: {}.",
+         lacks: {}. Its belts stretch by {compliance:.0} um/N.",
         effects.join(", ")
     )
 }

@@ -307,6 +307,9 @@ pub const HIDDEN: [(&str, &str); 3] = [
     ),
 ];
 
+/// Period of the torques that the drives report in the recordings for actuator and gap (ms).
+const TORQUE_PERIOD_MS: u32 = 10;
+
 /// Configuration of the rig with the hidden changes.
 fn rig(seed: u64) -> Value {
     let peg = json!({"friction_n": 0.6});
@@ -315,6 +318,13 @@ fn rig(seed: u64) -> Value {
         "drive": {"command_delay_s": 0.02, "slew_turns_per_s2": 160.0},
         "peg": {"left": peg, "right": peg},
     })
+}
+
+/// The same whose drives report their torques, from which the search determines masses and forces.
+fn rig_with_torques(seed: u64) -> Value {
+    let mut rig = rig(seed);
+    rig["drive"]["cyclic_ms"] = json!({"torques": TORQUE_PERIOD_MS});
+    rig
 }
 
 fn rig_with_ball(seed: u64, ball: Value) -> Value {
@@ -371,7 +381,7 @@ impl Plan {
         let patterns = patterns.join(" ");
         let mut steps = Vec::new();
         for (number, name) in (1..).zip(["monday", "tuesday"]) {
-            let file = self.rig_file(name, &rig(seed + number));
+            let file = self.rig_file(name, &rig_with_torques(seed + number));
             steps.push(Step::new(
                 &format!("collect-{name}"),
                 &format!(

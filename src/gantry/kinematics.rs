@@ -132,6 +132,7 @@ impl MotorSeat {
             velocity_turns_per_s: self.directed(report.velocity_turns_per_s),
             torque_target_nm: report.torque_target_nm.map(|torque| self.directed(torque)),
             torque_estimate_nm: report.torque_estimate_nm.map(|torque| self.directed(torque)),
+            torque_age_s: report.torque_age_s,
         }
     }
 }

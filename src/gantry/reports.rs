@@ -79,6 +79,7 @@ impl DriveReports {
             velocity_turns_per_s,
             torque_target_nm: torque.map(|(_, [target, _])| target),
             torque_estimate_nm: torque.map(|(_, [_, estimate])| estimate),
+            torque_age_s: torque.map(|(at, _)| time.seconds_since(at)),
         })
     }
 }
@@ -160,9 +161,10 @@ mod tests {
         };
         assert_eq!([motor.position_turns, motor.velocity_turns_per_s], [-2.0, 1.0]);
         assert_eq!([motor.torque_target_nm, motor.torque_estimate_nm], [Some(-0.5), Some(0.25)]);
+        assert_eq!(motor.torque_age_s, Some(0.015));
         let Some(DriveReport::Motor(motor)) = reports.push(Nanos(16 * MS), &encoder) else {
             panic!("no motion")
         };
-        assert_eq!(motor.torque_target_nm, None);
+        assert_eq!((motor.torque_target_nm, motor.torque_age_s), (None, None));
     }
 }

@@ -19,8 +19,8 @@ use crate::{
     recording::Split,
     stats::t_quantile,
     twin::{
-        Instance, Machine, Plant, ReferenceResidual, Session, Slot, Source, Stage, StageKind, Twin,
-        Value,
+        Channel, Instance, Machine, Plant, ReferenceResidual, Session, Slot, Source, Stage,
+        StageKind, Twin, Value,
     },
 };
 
@@ -142,6 +142,7 @@ pub fn find<'a>(
         describe_rest(&mut document, sessions, &outcomes, context);
     }
     document.warnings.extend(added);
+    document.warnings.extend(without_torques(sessions));
     document.warnings.extend(of_options(context, start.machine, sessions));
     if task == Task::CloseGap {
         document.warnings.extend(not_searched(sessions, &start, context.options));
@@ -167,6 +168,18 @@ fn check<'a>(sessions: &[Session], start: &Twin, request: Request<'_>) -> Option
 /// Warning about a known parameter of an effect that the initial twin does not have.
 fn of_added(known: &FixedParameter) -> String {
     format!("the initial twin does not have the effect of `--fix {known}`: it was added")
+}
+
+/// Warning about recordings of a table in which no drive reported its torque.
+fn without_torques(sessions: &[Session]) -> Option<String> {
+    let drives = || stages(sessions, StageKind::Drive, Split::Train);
+    let is_torque = |channel: &Channel| channel.unit == "N m";
+    let shows = |(_, stage): (&Session, &dyn Stage)| stage.channels().iter().any(is_torque);
+    (drives().next().is_some() && !drives().any(shows)).then(|| {
+        "no drive reported its torque: masses and forces of the table are determined up to a common factor only, so let the \
+         drives send their torques (ODrive: axis0.config.can.torques_msg_rate_ms = 10)"
+            .to_owned()
+    })
 }
 
 /// Warnings about the options: changed thresholds, and effects of the user that are not searched.

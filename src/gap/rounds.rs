@@ -552,7 +552,8 @@ mod tests {
             rejected(1e-6, Reason::NotSignificant, 3.0),
             rejected(1e-6, Reason::OnBound("time_constant_s".into()), 4.0),
             rejected(1e-6, Reason::HeldOut, 5.0),
-            rejected(0.5, Reason::TooSmall, 6.0),
+            rejected(1e-6, Reason::Contradicted, 6.0),
+            rejected(0.5, Reason::TooSmall, 7.0),
         ];
         assert_eq!(shifts(&all, |_| false, 0.01), [[1.0], [2.0]]);
         // A replacement of an added effect shifts no parameter.

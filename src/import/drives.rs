@@ -271,6 +271,7 @@ mod tests {
                     velocity_turns_per_s: -10.0,
                     torque_target_nm: Some(-0.2),
                     torque_estimate_nm: None,
+                    torque_age_s: None,
                 };
                 let time = Nanos((10 * step + u64::from(node)) * MS);
                 push_motor(&mut tape, MotorSeat::of_node(node).unwrap(), time, &report);

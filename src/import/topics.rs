@@ -233,6 +233,7 @@ impl Mapping<'_> {
             velocity_turns_per_s: finite(value, "vel_estimate")?,
             torque_target_nm: torque("torque_target")?,
             torque_estimate_nm: torque("torque_estimate")?,
+            torque_age_s: None,
         };
         let state = Health::State {
             axis_state: small(value, "axis_state")?,

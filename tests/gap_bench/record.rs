@@ -144,6 +144,7 @@ pub(crate) fn write_gantry(
                 velocity_turns_per_s: o.turns_per_s[index][m],
                 torque_target_nm: Some(o.target_nm[index][m]),
                 torque_estimate_nm: Some(o.torque_nm[index][m]),
+                torque_age_s: None,
             };
             sheet.add(time, Entry::Motor(motor, message));
         }

@@ -34,8 +34,9 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
             symbol: "m_r",
             unit: "kg",
             scale: 0.1,
-            bounds: (0.05, 5.0),
-            plausible: (0.05, 2.0),
+            // Large motors on small pulleys are ten times as heavy as the carriage.
+            bounds: (0.05, 50.0),
+            plausible: (0.05, 20.0),
             per_session: false,
         },
         Parameter {
@@ -56,6 +57,8 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
         &[0.0001, 0.98, 0.05],
         &[1e-05, 0.6, 0.05],
         &[4e-05, 0.6, 0.05],
+        &[1e-05, 5.0, 0.05],
+        &[4e-05, 5.0, 0.05],
     ],
     memory: 0,
     physics: Physics::Both(&[

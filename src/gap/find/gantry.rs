@@ -128,14 +128,91 @@ fn begins_with(twin: &Twin, start: &Twin) -> bool {
 /// effects keep their index, before those of the drives.
 fn after_drives<'a>(mut camera: Outcome<'a>, start: &Twin, drives: &Twin) -> Outcome<'a> {
     let merged = |own: &Twin| {
-        let shared = start.instances.len();
-        let pairs = own.instances[..shared].iter().zip(&drives.instances[..shared]);
-        let first =
-            pairs.map(|(own, drive)| if is_called(&camera, own.effect) { own } else { drive });
-        let added = own.instances[shared..].iter().chain(&drives.instances[shared..]);
-        Twin { instances: first.chain(added).cloned().collect(), ..drives.clone() }
+        merged([own, drives], start.instances.len(), |effect| is_called(&camera, effect))
     };
     let [last, held_out] = [&camera.last.point.twin, &camera.last_held_out.twin].map(merged);
     (camera.last.point.twin, camera.last_held_out.twin) = (last, held_out);
     camera
+}
+
+/// The twin of the drives with the effects of that of the camera that it calls. Their first effects, `shared` ones, are
+/// the same; further ones of the camera come before those of the drives.
+fn merged(
+    [camera, drives]: [&Twin; 2],
+    shared: usize,
+    is_called: impl Fn(&Effect) -> bool,
+) -> Twin {
+    let pairs = camera.instances[..shared].iter().zip(&drives.instances[..shared]);
+    let first = pairs.map(|(own, drive)| if is_called(own.effect) { own } else { drive });
+    let added = camera.instances[shared..].iter().chain(&drives.instances[shared..]);
+    Twin { instances: first.chain(added).cloned().collect(), ..drives.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        effects::{Axis, find},
+        twin::{Machine, Source},
+    };
+
+    /// The nominal table with further effects, each on an axis with its values.
+    fn with(effects: &[(&str, Axis, &[f64])]) -> Twin {
+        let mut twin = Twin::nominal(Machine::Table);
+        for (name, axis, values) in effects {
+            let effect = find(name).unwrap();
+            twin.instances.push(Instance::new(effect, *axis, values, Source::Fitted));
+        }
+        twin
+    }
+
+    const LATENCY: &str = "sensor.camera_latency";
+    const DELAY: &str = "drive.delay";
+
+    #[test]
+    fn each_stage_keeps_its_values_and_the_effects_that_it_added() {
+        let scale = ("sensor.camera_scale_rotation", Axis::Whole, &[1.01, 0.0][..]);
+        let start = with(&[scale]);
+        let mut camera = with(&[scale, (LATENCY, Axis::Whole, &[0.02])]);
+        let shared = start.instances.len();
+        let scale = Slot { instance: shared - 1, parameter: 0 };
+        camera.set(scale, 1.02);
+        let mut drives = with(&[("sensor.camera_scale_rotation", Axis::Whole, &[1.0, 0.0])]);
+        drives.instances.push(Instance::new(
+            find(DELAY).unwrap(),
+            Axis::Motors,
+            &[0.01],
+            Source::Fitted,
+        ));
+        drives.controller_reference_mass = Some(3.0);
+        let frequency = Slot { instance: 0, parameter: 0 };
+        drives.set(frequency, 17.0);
+        let both = merged([&camera, &drives], shared, |effect| effect.name.starts_with("sensor"));
+        assert_eq!((both.get(frequency), both.get(scale)), (17.0, 1.02));
+        assert_eq!(
+            both.instances[shared..].iter().map(|own| own.effect.name).collect::<Vec<_>>(),
+            [LATENCY, DELAY]
+        );
+        assert_eq!(both.controller_reference_mass, Some(3.0));
+    }
+
+    #[test]
+    fn a_twin_with_another_effect_among_the_first_does_not_begin_with_them() {
+        let start = with(&[(DELAY, Axis::Motors, &[0.01])]);
+        assert!(begins_with(&with(&[(DELAY, Axis::Motors, &[0.02])]), &start));
+        let longer = with(&[(DELAY, Axis::Motors, &[0.02]), (LATENCY, Axis::Whole, &[0.0])]);
+        assert!(begins_with(&longer, &start));
+        let split = with(&[(DELAY, Axis::A, &[0.02]), (DELAY, Axis::B, &[0.02])]);
+        assert!(!begins_with(&split, &start) && !begins_with(&with(&[]), &start));
+    }
+
+    #[test]
+    fn compliance_and_backlash_let_the_carriage_move_relative_to_its_motors() {
+        for name in ["drive.backlash", "drive.compliance.belt", "gantry.belt_asymmetry"] {
+            assert!(is_play(find(name).unwrap()), "{name}");
+        }
+        for name in [DELAY, LATENCY, "coupling.magnet_spring", "gantry.squareness"] {
+            assert!(!is_play(find(name).unwrap()), "{name}");
+        }
+    }
 }

@@ -323,46 +323,81 @@ mod tests {
             known::AtFloor,
             test_stage::{TestStage, axis_of_frequency, candidate, first_parameters, sines, with},
         },
-        twin::StageKind,
+        twin::{Stage, StageKind},
     };
 
-    #[test]
-    fn a_fit_that_leaves_more_than_the_base_is_repeated_from_the_base() {
-        const FREQUENCY_HZ: f64 = 5.0;
-        const LAG: f64 = 0.3;
-        let nominal = Twin::nominal(Machine::Axis);
+    const FREQUENCY_HZ: f64 = 5.0;
+    const LAG: f64 = 0.3;
+
+    /// Stage of the camera that shows a lag or not.
+    fn stage(has_lag: bool, seed: u64) -> TestStage<fn(&Twin, f64) -> f64> {
         let right = axis_of_frequency(FREQUENCY_HZ);
-        let truth = with(&right, "drive.lag1", LAG);
-        let stage = TestStage::camera(&truth, sines, 4);
+        let truth = if has_lag { with(&right, "drive.lag1", LAG) } else { right };
+        TestStage::camera(&truth, sines as fn(&Twin, f64) -> f64, seed)
+    }
+
+    /// Bench of a stage that shows a lag, whose base has none, and which comes after the stages `before`.
+    fn with_bench<T>(before: &[&dyn Stage], of: impl Fn(&Bench<'_, '_>) -> T) -> T {
+        let nominal = Twin::nominal(Machine::Axis);
+        let stage = stage(true, 4);
         let train = Problem::new(&[&stage as _], &nominal);
-        let nothing = Problem::new(&[], &nominal);
+        let (nothing, predecessor) = (Problem::new(&[], &nominal), Problem::new(before, &nominal));
         let problems = Problems {
             train: &train,
             held_out: &nothing,
             witness: &nothing,
-            predecessor: &nothing,
+            predecessor: &predecessor,
         };
         let slots = first_parameters(&nominal, ["gantry.inertia"]).to_vec();
-        let base = Fit { point: train.start(right), slots, loss: 0.0, rows: 2000 };
-        // The rough fit has the lag, and stopped at another frequency.
-        let point = train.start(with(&axis_of_frequency(5.7), "drive.lag1", LAG));
-        let slots = [&base.slots[..], &slots_of_last(&point.twin)].concat();
-        let rough = Fit { point, slots, loss: 0.0, rows: 2000 };
+        let point = train.start(axis_of_frequency(FREQUENCY_HZ));
+        let base = Fit { point, slots, loss: 0.0, rows: 2000 };
         let filters = train.filters(&base.point, whiten::scale_filters);
         let thresholds = Thresholds::DEFAULT;
         let of_stage = (&nominal, StageKind::Camera);
         let gain = RequiredGain::new(&thresholds, of_stage, (None, None), AtFloor::No);
-        let bench = Bench::new(problems, (&base, Vec::new()), (&filters, &gain), 1);
-        let known = train.columns(&train.evaluated(rough.point.clone()), &base.slots, &filters);
-        let candidate = candidate("drive.lag1", LAG);
-        let alone = bench.fitted(&candidate, &rough, &known);
-        assert!(
-            fit::squared(&bench.base_train_rows) < alone.loss,
-            "the test needs a worse minimum"
-        );
-        let twin = bench.trial(&candidate, &rough, &known).fit.point.twin;
-        let [frequency, lag] = first_parameters(&twin, ["gantry.inertia", "drive.lag1"]);
-        assert!((twin.get(frequency) - FREQUENCY_HZ).abs() < 0.01, "{}", twin.get(frequency));
-        assert!((twin.get(lag) - LAG).abs() < 0.05, "{}", twin.get(lag));
+        of(&Bench::new(problems, (&base, Vec::new()), (&filters, &gain), 1))
+    }
+
+    /// Rough fit of the lag that stopped at this frequency (Hz).
+    fn rough(bench: &Bench<'_, '_>, frequency: f64) -> Fit {
+        let point = bench.train.start(with(&axis_of_frequency(frequency), "drive.lag1", LAG));
+        let slots = [&bench.base.slots[..], &slots_of_last(&point.twin)].concat();
+        Fit { point, slots, loss: 0.0, rows: 2000 }
+    }
+
+    fn trial(bench: &Bench<'_, '_>, rough: &Fit) -> Trial {
+        let at = bench.train.evaluated(rough.point.clone());
+        let known = bench.train.columns(&at, &bench.base.slots, bench.filters);
+        bench.trial(&candidate("drive.lag1", LAG), rough, &known)
+    }
+
+    #[test]
+    fn a_fit_that_leaves_more_than_the_base_is_repeated_from_the_base() {
+        with_bench(&[], |bench| {
+            let rough = rough(bench, 5.7);
+            let at = bench.train.evaluated(rough.point.clone());
+            let known = bench.train.columns(&at, &bench.base.slots, bench.filters);
+            let alone = bench.fitted(&candidate("drive.lag1", LAG), &rough, &known);
+            assert!(
+                fit::squared(&bench.base_train_rows) < alone.loss,
+                "the test needs a worse minimum"
+            );
+            let twin = trial(bench, &rough).fit.point.twin;
+            let [frequency, lag] = first_parameters(&twin, ["gantry.inertia", "drive.lag1"]);
+            assert!((twin.get(frequency) - FREQUENCY_HZ).abs() < 0.01, "{}", twin.get(frequency));
+            assert!((twin.get(lag) - LAG).abs() < 0.05, "{}", twin.get(lag));
+        });
+    }
+
+    #[test]
+    fn a_stage_that_was_searched_before_contradicts_an_effect_that_it_does_not_have() {
+        let contradicts = |before: &[&dyn Stage]| {
+            with_bench(before, |bench| {
+                bench.contradicts(&trial(bench, &rough(bench, FREQUENCY_HZ)))
+            })
+        };
+        assert!(contradicts(&[&stage(false, 5)]));
+        assert!(!contradicts(&[&stage(true, 6)]));
+        assert!(!contradicts(&[]), "there is none");
     }
 }

@@ -83,8 +83,8 @@ log_time_ns,publish_time_ns,id,extended,remote,error,data,direction
     assert_eq!(fs::read_to_string(&path).unwrap(), golden);
     fs::remove_file(path).unwrap();
     let golden = "\
-log_time_ns,publish_time_ns,position_turns,velocity_turns_per_s,torque_target_nm,torque_estimate_nm
-1,1,1.5,0.0,0.0,
+log_time_ns,publish_time_ns,position_turns,velocity_turns_per_s,torque_target_nm,torque_estimate_nm,torque_age_s
+1,1,1.5,0.0,0.0,,
 ";
     let path = exported(&made, &a, TableFormat::Csv);
     assert_eq!(fs::read_to_string(path).unwrap(), golden);

@@ -18,8 +18,10 @@ const FEWEST: usize = 11;
 pub(super) struct Gantry {
     /// Its player.
     pub(super) player: Player,
-    /// Position and velocity in metres of belt, torque in N m (NaN without).
-    pub(super) motors: [Readings<3>; 2],
+    /// Position and velocity in metres of belt.
+    pub(super) motors: [Readings<2>; 2],
+    /// Torque of each motor in N m when its drive reported it, where it did.
+    pub(super) torques: [Readings<1>; 2],
     /// Position (m) and velocity (m/s) in board coordinates.
     pub(super) carriage: Readings<4>,
 }
@@ -51,16 +53,18 @@ impl Gantry {
         let Some((origin, _)) = recording.time_range() else { return Ok(None) };
         let carriage = carriage_readings(recording, player, origin)?;
         let carriage = (FEWEST <= carriage.times.len()).then_some(carriage);
-        let motors = motor_readings(recording, (player, belt), origin)?;
+        let (motors, torques) = motor_readings(recording, (player, belt), origin)?;
         Ok(match (motors, carriage) {
             (None, None) => None,
             (Some(motors), None) => {
-                Some(Self { player, carriage: carriage_of_motors(&motors), motors })
+                let carriage = carriage_of_motors(&motors);
+                Some(Self { player, carriage, motors, torques })
             }
             (None, Some(carriage)) => {
-                Some(Self { player, motors: motors_of_carriage(&carriage), carriage })
+                let motors = motors_of_carriage(&carriage);
+                Some(Self { player, motors, torques, carriage })
             }
-            (Some(motors), Some(carriage)) => Some(Self { player, motors, carriage }),
+            (Some(motors), Some(carriage)) => Some(Self { player, motors, torques, carriage }),
         })
     }
 
@@ -71,25 +75,29 @@ impl Gantry {
     }
 }
 
-/// Motors of one gantry with this `belt` per turn (m): position and velocity in metres of belt,
-/// torque in N m (NaN without).
+/// Motors of one gantry with this `belt` per turn (m), where there are enough readings: position and velocity in metres
+/// of belt. And their torques in N m. A drive reports these in a message of its own, at another time.
 fn motor_readings(
     recording: &Recording,
     (player, belt): (Player, f64),
     origin: Nanos,
-) -> Result<Option<[Readings<3>; 2]>, RecordingError> {
-    let mut both = [Readings::default(), Readings::default()];
-    for (readings, motor) in both.iter_mut().zip([Motor::A, Motor::B]) {
+) -> Result<(Option<[Readings<2>; 2]>, [Readings<1>; 2]), RecordingError> {
+    let mut motors = [Readings::default(), Readings::default()];
+    let mut torques = [Readings::default(), Readings::default()];
+    for (k, motor) in [Motor::A, Motor::B].into_iter().enumerate() {
         let series = recording.series::<MotorState>(&topic::motor(player, motor))?;
-        *readings = Readings::collect(series.iter().map(|(time, state)| {
-            let torque = state.torque_estimate_nm.or(state.torque_target_nm).unwrap_or(f64::NAN);
-            let position = state.position_turns * belt;
-            let velocity = state.velocity_turns_per_s * belt;
-            (time.seconds_since(origin), [position, velocity, torque])
+        motors[k] = Readings::collect(series.iter().map(|(time, state)| {
+            let (position, velocity) = (state.position_turns, state.velocity_turns_per_s);
+            (time.seconds_since(origin), [position * belt, velocity * belt])
+        }));
+        torques[k] = Readings::collect(series.iter().filter_map(|(time, state)| {
+            let torque = state.torque_estimate_nm.or(state.torque_target_nm)?;
+            let age = state.torque_age_s.filter(|age| age.is_finite()).unwrap_or(0.0);
+            torque.is_finite().then(|| (time.seconds_since(origin) - age, [torque]))
         }));
     }
-    let usable = both.iter().all(|readings| FEWEST <= readings.times.len());
-    Ok(usable.then_some(both))
+    let usable = motors.iter().all(|readings| FEWEST <= readings.times.len());
+    Ok((usable.then_some(motors), torques))
 }
 
 /// Carriage: position and velocity in board coordinates.
@@ -107,7 +115,7 @@ fn carriage_readings(
 }
 
 /// Carriage from the motors' positions, for recordings without the carriage's topic.
-fn carriage_of_motors(motors: &[Readings<3>; 2]) -> Readings<4> {
+fn carriage_of_motors(motors: &[Readings<2>; 2]) -> Readings<4> {
     let [a, b] = motors;
     let mut cursor = 0;
     Readings::collect(a.times.iter().zip(&a.values).filter_map(|(time, value)| {
@@ -124,12 +132,12 @@ fn carriage_of_motors(motors: &[Readings<3>; 2]) -> Readings<4> {
 }
 
 /// Motors from the carriage, for recordings without the motors' topics.
-fn motors_of_carriage(carriage: &Readings<4>) -> [Readings<3>; 2] {
+fn motors_of_carriage(carriage: &Readings<4>) -> [Readings<2>; 2] {
     [0, 1].map(|k| {
         Readings::collect(carriage.times.iter().zip(&carriage.values).map(|(time, value)| {
             let position = belts([value[0], value[1]])[k];
             let velocity = belts([value[2], value[3]])[k];
-            (*time, [position, velocity, f64::NAN])
+            (*time, [position, velocity])
         }))
     })
 }

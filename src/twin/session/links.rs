@@ -58,9 +58,10 @@ pub(super) fn drive_stage(
         let name = (velocity_names[k], "m/s", Domain::Drive, axes[k]);
         channels.push(even.channel(1, &spans, name));
         outputs.push(Output::Velocity(k));
-        if even.values.iter().filter(|value| value[2].is_finite()).count() * 2 > even.values.len() {
+        let torque = &gantry.torques[k];
+        if even.values.len() < 2 * torque.values.len() {
             let name = (torque_names[k], "N m", Domain::Drive, axes[k]);
-            channels.push(even.channel(2, &spans, name));
+            channels.push(torque.evened().channel(0, &spans, name));
             outputs.push(Output::Torque(k));
         }
     }

@@ -5,8 +5,8 @@ use crate::{
     recording::{
         ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingWriter, arrival_key,
         message::{
-            BoardState, CameraDetections, CarriageState, ObjectState, Point, RunMarker,
-            VelocityCommand, run_marker::Phase,
+            BoardState, CameraDetections, CarriageState, MotorState, ObjectState, Point,
+            RunMarker, VelocityCommand, run_marker::Phase,
         },
         topic::{Motor, Player},
     },
@@ -20,6 +20,8 @@ const BEGAN: Nanos = Nanos(1_700_000_000_000_000_000);
 const SINE: (f64, f64) = (0.08, 3.0);
 /// Time from exposure to arrival of a frame (s).
 const TRANSPORT: f64 = 0.03;
+/// Time by which each motor reports its torque before its position (s).
+const TORQUE_AGES: [f64; 2] = [0.004, 0.007];
 /// Runs by number: start and end (s), and their purpose.
 const RUNS: [(f64, f64, &str); 4] = [
     (1.0, 4.0, "train"),
@@ -62,6 +64,16 @@ fn recording_with(stamp: impl Fn(f64) -> Nanos, metadata: &[(String, &str)]) -> 
         writer.write(&topic::command(left), at(t), &command).unwrap();
         let carriage = CarriageState { x, y: 0.0, vx, vy: 0.0 };
         writer.write(&topic::carriage(left), at(t), &carriage).unwrap();
+        for (motor, age) in Motor::BOTH.into_iter().zip(TORQUE_AGES) {
+            let report = MotorState {
+                position_turns: x / BELT_METRES_PER_TURN,
+                velocity_turns_per_s: vx / BELT_METRES_PER_TURN,
+                torque_target_nm: None,
+                torque_estimate_nm: Some(velocity(t - age)),
+                torque_age_s: Some(age),
+            };
+            writer.write(&topic::motor(left, motor), at(t), &report).unwrap();
+        }
         let state = ObjectState { x, y: 0.0, vx, vy: 0.0 };
         let state = BoardState { left: Some(state), ..BoardState::default() };
         writer.write(topic::BOARD_STATE, at(t), &state).unwrap();
@@ -139,6 +151,21 @@ fn each_motor_hears_commands_when_the_metadata_say_and_at_once_without() {
         let expected = format!("command_arrival_left_b_s = '{wrong}', which must be a time from 0");
         assert!(said.contains(&expected), "{said}");
     }
+}
+
+#[test]
+fn a_torque_is_compared_at_the_time_at_which_its_drive_reported_it() {
+    let sessions = sessions(at);
+    let drive = sessions[0].drive.as_ref().expect("commands and motors are there");
+    let torques = drive.channels.iter().filter(|channel| channel.unit == "N m");
+    let mut count = 0;
+    for channel in torques {
+        for (time, measured) in channel.times.iter().zip(&channel.measured) {
+            assert!((measured - velocity(*time)).abs() < 1e-6, "{time} s: {measured} N m");
+            count += 1;
+        }
+    }
+    assert!(1000 < count, "{count} torques");
 }
 
 /// RMS of the camera's sine against the carriage `delay` (s) before (m).

@@ -179,6 +179,7 @@ pub fn write_table_recording(
                 velocity_turns_per_s: motion.motor_velocity[k][index] / twin.belt_metres_per_turn,
                 torque_target_nm: None,
                 torque_estimate_nm: Some(motion.motor_torque[k][index]),
+                torque_age_s: Some(0.0),
             });
             messages.push(&topic::motor(player, motor), *time, message);
         }
