@@ -5,8 +5,8 @@ use crate::{
     recording::{
         ExistingFile, FlushPolicy, RECORDING_METADATA, RecordingWriter, arrival_key,
         message::{
-            BoardState, CameraDetections, CarriageState, MotorState, ObjectState, Point,
-            RunMarker, VelocityCommand, run_marker::Phase,
+            BoardState, CameraDetections, CarriageState, MotorState, ObjectState, Point, RunMarker,
+            VelocityCommand, run_marker::Phase,
         },
         topic::{Motor, Player},
     },
