@@ -141,8 +141,7 @@ pub fn find<'a>(
     if document.verdict == Verdict::Unexplained {
         describe_rest(&mut document, sessions, &outcomes, context);
     }
-    document.warnings.extend(added);
-    document.warnings.extend(without_torques(sessions));
+    document.warnings.extend(added.into_iter().chain(without_torques(sessions)));
     document.warnings.extend(of_options(context, start.machine, sessions));
     if task == Task::CloseGap {
         document.warnings.extend(not_searched(sessions, &start, context.options));

@@ -329,17 +329,23 @@ mod tests {
     const FREQUENCY_HZ: f64 = 5.0;
     const LAG: f64 = 0.3;
 
-    /// Stage of the camera that shows a lag or not.
-    fn stage(has_lag: bool, seed: u64) -> TestStage<fn(&Twin, f64) -> f64> {
-        let right = axis_of_frequency(FREQUENCY_HZ);
-        let truth = if has_lag { with(&right, "drive.lag1", LAG) } else { right };
-        TestStage::camera(&truth, sines as fn(&Twin, f64) -> f64, seed)
+    /// Stage of the camera that shows `truth`.
+    fn stage(truth: &Twin, seed: u64) -> TestStage<fn(&Twin, f64) -> f64> {
+        TestStage::camera(truth, sines as fn(&Twin, f64) -> f64, seed)
+    }
+
+    /// The base, and the base with a lag.
+    fn twins() -> [Twin; 2] {
+        let base = axis_of_frequency(FREQUENCY_HZ);
+        let lagging = with(&base, "drive.lag1", LAG);
+        [base, lagging]
     }
 
     /// Bench of a stage that shows a lag, whose base has none, and which comes after the stages `before`.
     fn with_bench<T>(before: &[&dyn Stage], of: impl Fn(&Bench<'_, '_>) -> T) -> T {
         let nominal = Twin::nominal(Machine::Axis);
-        let stage = stage(true, 4);
+        let [_, lagging] = twins();
+        let stage = stage(&lagging, 4);
         let train = Problem::new(&[&stage as _], &nominal);
         let (nothing, predecessor) = (Problem::new(&[], &nominal), Problem::new(before, &nominal));
         let problems = Problems {
@@ -396,8 +402,9 @@ mod tests {
                 bench.contradicts(&trial(bench, &rough(bench, FREQUENCY_HZ)))
             })
         };
-        assert!(contradicts(&[&stage(false, 5)]));
-        assert!(!contradicts(&[&stage(true, 6)]));
+        let [base, lagging] = twins();
+        assert!(contradicts(&[&stage(&base, 5)]));
+        assert!(!contradicts(&[&stage(&lagging, 6)]));
         assert!(!contradicts(&[]), "there is none");
     }
 }
