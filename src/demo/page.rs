@@ -7,6 +7,7 @@ use super::{
 };
 use crate::{
     board::{BoardSize, CUP_DISTANCE, CUP_RADIUS},
+    gap::significant,
     provenance::Provenance,
     report::{Axis, Badge, Chart, Colour, Page, Points, Series, Table, with_same_y},
     rig::RigConfig,
@@ -315,10 +316,12 @@ fn closed(page: &mut Page, story: &Story<'_>) {
 
 /// Parameter of an added effect with its unit and interval.
 fn parameter(one: &Value) -> String {
-    let number = one["value"].as_f64().map_or_else(String::new, |value| format!("{value:.4}"));
+    let number = one["value"].as_f64().map_or_else(String::new, significant);
     let range =
         one["ci95"].as_array().and_then(|ci| Some((ci.first()?.as_f64()?, ci.get(1)?.as_f64()?)));
-    let range = range.map_or_else(String::new, |(low, high)| format!(" ({low:.4} to {high:.4})"));
+    let range = range.map_or_else(String::new, |(low, high)| {
+        format!(" ({} to {})", significant(low), significant(high))
+    });
     let text = |key: &str| one[key].as_str().unwrap_or_default();
     let unit = match text("unit") {
         "" | "1" => String::new(),

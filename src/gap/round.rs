@@ -6,6 +6,7 @@ mod objection;
 mod starts;
 mod trial;
 
+pub(super) use bench::View;
 pub(super) use trial::on_bound_of;
 
 use self::{

@@ -100,4 +100,14 @@ impl Twin {
             fitted_to: Vec::new(),
         }
     }
+
+    /// The plain table with further `effects`: name, axis, values.
+    #[cfg(test)]
+    pub(crate) fn table_with(effects: &[(&str, Axis, &[f64])]) -> Self {
+        let mut twin = Self::nominal(Machine::Table);
+        let further = instances(effects);
+        assert_eq!(further.len(), effects.len(), "an effect is not in the catalogue");
+        twin.instances.extend(further);
+        twin
+    }
 }

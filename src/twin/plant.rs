@@ -2,7 +2,8 @@
 //!
 //! Per motor, in metres of belt: command -> effects on the command -> slew limit -> velocity loop
 //! -> effects on the force. The loop sees the velocity that the drive estimates from its encoder
-//! ([`estimator`]). Per axis of the carriage: sum of both belts' forces, forces and friction of all instances, moving mass.
+//! ([`estimator`]). Per axis of the carriage: sum of both belts' forces, forces and friction of all
+//! instances, moving mass.
 //!
 //! The step is semi-implicit. The loop's force is taken at the middle of the step, with the
 //! velocity that it will have there to first order. Friction is the impulse that would stop the
@@ -243,9 +244,8 @@ impl Plant {
         if let [a, b] = &plant.motors[..] {
             plant.ties = transmission::ties([a.spring, b.spring]);
         }
-        let on_one_belt = if count == 1 { 1.0 } else { 0.5 };
-        plant.gain_mass =
-            on_one_belt * twin.controller_reference_mass.unwrap_or_else(|| plant.mean_mass());
+        let mass = twin.controller_reference_mass.unwrap_or_else(|| plant.mean_mass());
+        plant.gain_mass = 0.5 * mass;
         plant
     }
 
@@ -421,11 +421,8 @@ impl Plant {
     /// Rate of that velocity (m/s^2 of belt).
     #[must_use]
     pub(super) fn reported_rate(&self, lag: [[f64; 2]; 2]) -> [f64; 2] {
-        let time = |index: usize| {
-            let of = |motor: &MotorParts| motor.gains.estimator_time_constant_s;
-            self.motors.get(index).map_or(0.0, of).max(estimator::LEAST_TIME)
-        };
-        both(|index| lag[1][index] / time(index))
+        let time = |motor: &MotorParts| motor.gains.estimator_time_constant_s;
+        both(|index| estimator::rate(self.motors.get(index).map_or(0.0, time), lag[1][index]))
     }
 
     /// Belts before they move.

@@ -127,10 +127,10 @@ fn begins_with(twin: &Twin, start: &Twin) -> bool {
 /// Result of a search of the camera from the twin `start`, on the `drives` twin that begins with the same effects. Added
 /// effects keep their index, before those of the drives.
 fn after_drives<'a>(mut camera: Outcome<'a>, start: &Twin, drives: &Twin) -> Outcome<'a> {
-    let merged = |own: &Twin| {
+    let on_drives = |own: &Twin| {
         merged([own, drives], start.instances.len(), |effect| is_called(&camera, effect))
     };
-    let [last, held_out] = [&camera.last.point.twin, &camera.last_held_out.twin].map(merged);
+    let [last, held_out] = [&camera.last.point.twin, &camera.last_held_out.twin].map(on_drives);
     (camera.last.point.twin, camera.last_held_out.twin) = (last, held_out);
     camera
 }
@@ -151,39 +151,21 @@ fn merged(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        effects::{Axis, find},
-        twin::{Machine, Source},
-    };
-
-    /// The nominal table with further effects, each on an axis with its values.
-    fn with(effects: &[(&str, Axis, &[f64])]) -> Twin {
-        let mut twin = Twin::nominal(Machine::Table);
-        for (name, axis, values) in effects {
-            let effect = find(name).unwrap();
-            twin.instances.push(Instance::new(effect, *axis, values, Source::Fitted));
-        }
-        twin
-    }
+    use crate::effects::{Axis, find};
 
     const LATENCY: &str = "sensor.camera_latency";
     const DELAY: &str = "drive.delay";
 
     #[test]
     fn each_stage_keeps_its_values_and_the_effects_that_it_added() {
-        let scale = ("sensor.camera_scale_rotation", Axis::Whole, &[1.01, 0.0][..]);
-        let start = with(&[scale]);
-        let mut camera = with(&[scale, (LATENCY, Axis::Whole, &[0.02])]);
-        let shared = start.instances.len();
+        let scaled = |scale: f64, effect: &str, axis: Axis, value: f64| {
+            let own = ("sensor.camera_scale_rotation", Axis::Whole, &[scale, 0.0][..]);
+            Twin::table_with(&[own, (effect, axis, &[value])])
+        };
+        let camera = scaled(1.02, LATENCY, Axis::Whole, 0.02);
+        let mut drives = scaled(1.0, DELAY, Axis::Motors, 0.01);
+        let shared = camera.instances.len() - 1;
         let scale = Slot { instance: shared - 1, parameter: 0 };
-        camera.set(scale, 1.02);
-        let mut drives = with(&[("sensor.camera_scale_rotation", Axis::Whole, &[1.0, 0.0])]);
-        drives.instances.push(Instance::new(
-            find(DELAY).unwrap(),
-            Axis::Motors,
-            &[0.01],
-            Source::Fitted,
-        ));
         drives.controller_reference_mass = Some(3.0);
         let frequency = Slot { instance: 0, parameter: 0 };
         drives.set(frequency, 17.0);
@@ -198,12 +180,13 @@ mod tests {
 
     #[test]
     fn a_twin_with_another_effect_among_the_first_does_not_begin_with_them() {
-        let start = with(&[(DELAY, Axis::Motors, &[0.01])]);
-        assert!(begins_with(&with(&[(DELAY, Axis::Motors, &[0.02])]), &start));
-        let longer = with(&[(DELAY, Axis::Motors, &[0.02]), (LATENCY, Axis::Whole, &[0.0])]);
+        let start = Twin::table_with(&[(DELAY, Axis::Motors, &[0.01])]);
+        assert!(begins_with(&Twin::table_with(&[(DELAY, Axis::Motors, &[0.02])]), &start));
+        let longer =
+            Twin::table_with(&[(DELAY, Axis::Motors, &[0.02]), (LATENCY, Axis::Whole, &[0.0])]);
         assert!(begins_with(&longer, &start));
-        let split = with(&[(DELAY, Axis::A, &[0.02]), (DELAY, Axis::B, &[0.02])]);
-        assert!(!begins_with(&split, &start) && !begins_with(&with(&[]), &start));
+        let split = Twin::table_with(&[(DELAY, Axis::A, &[0.02]), (DELAY, Axis::B, &[0.02])]);
+        assert!(!begins_with(&split, &start) && !begins_with(&Twin::table_with(&[]), &start));
     }
 
     #[test]

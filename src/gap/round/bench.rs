@@ -47,15 +47,15 @@ pub(super) struct Bench<'a, 'b> {
     pub(super) base_held_rows: Vec<f64>,
 }
 
-/// Validation sessions without whitening: every signal in units of the RMS of the base residual.
-struct View<'a, 'b> {
+/// A stage without whitening: every signal in units of the RMS of the residual of the base twin.
+pub(in crate::gap) struct View<'a, 'b> {
     problem: &'b Problem<'a>,
     scales: Filters,
     base_rows: Vec<f64>,
 }
 
 impl<'a, 'b> View<'a, 'b> {
-    fn new(problem: &'b Problem<'a>, base: &Twin) -> Self {
+    pub(in crate::gap) fn new(problem: &'b Problem<'a>, base: &Twin) -> Self {
         let scales = problem.filters(&problem.start(base.clone()), whiten::scale_filters);
         let mut view = Self { problem, scales, base_rows: Vec::new() };
         view.base_rows = view.rows(base);
@@ -66,6 +66,12 @@ impl<'a, 'b> View<'a, 'b> {
     fn rows(&self, twin: &Twin) -> Vec<f64> {
         let point = fit::on(self.problem, twin, &self.scales);
         self.problem.whitened(&point, &self.scales)
+    }
+
+    /// Return whether the stage prefers the base to `twin` beyond chance.
+    pub(in crate::gap) fn contradicts(&self, twin: &Twin) -> bool {
+        let (rows, blocks) = (self.rows(twin), self.problem.blocks());
+        self.problem.thresholds().is_in(&rows, &self.base_rows, &blocks)
     }
 }
 
@@ -104,10 +110,7 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Return whether the stage that was searched before prefers the base to `trial` beyond chance.
     pub(super) fn contradicts(&self, trial: &Trial) -> bool {
-        self.predecessor.as_ref().is_some_and(|view| {
-            let rows = view.rows(&trial.fit.point.twin);
-            self.thresholds().is_in(&rows, &view.base_rows, &view.problem.blocks())
-        })
+        self.predecessor.as_ref().is_some_and(|view| view.contradicts(&trial.fit.point.twin))
     }
 
     /// Fit a candidate in this metric and validate it; `known` are the columns of known parameters.
@@ -372,17 +375,20 @@ mod tests {
     }
 
     fn trial(bench: &Bench<'_, '_>, rough: &Fit) -> Trial {
+        bench.trial(&candidate("drive.lag1", LAG), rough, &known_columns(bench, rough))
+    }
+
+    /// Columns of the known parameters at the `rough` fit.
+    fn known_columns(bench: &Bench<'_, '_>, rough: &Fit) -> Vec<Vec<f64>> {
         let at = bench.train.evaluated(rough.point.clone());
-        let known = bench.train.columns(&at, &bench.base.slots, bench.filters);
-        bench.trial(&candidate("drive.lag1", LAG), rough, &known)
+        bench.train.columns(&at, &bench.base.slots, bench.filters)
     }
 
     #[test]
     fn a_fit_that_leaves_more_than_the_base_is_repeated_from_the_base() {
         with_bench(&[], |bench| {
             let rough = rough(bench, 5.7);
-            let at = bench.train.evaluated(rough.point.clone());
-            let known = bench.train.columns(&at, &bench.base.slots, bench.filters);
+            let known = known_columns(bench, &rough);
             let alone = bench.fitted(&candidate("drive.lag1", LAG), &rough, &known);
             assert!(
                 fit::squared(&bench.base_train_rows) < alone.loss,

@@ -1,6 +1,6 @@
 //! Refits of all known parameters, from the given values and from other starts (multistart).
 
-use super::{StageData, validation_rows};
+use super::StageData;
 use crate::{
     gap::{
         batch::in_parallel,
@@ -8,6 +8,7 @@ use crate::{
         incident,
         known::excess,
         problem::{Point, Problem},
+        round::View,
         whiten::{self, Filters},
     },
     twin::{Slot, StageKind, Twin},
@@ -41,7 +42,7 @@ pub(super) fn refit_in_agreement<'a>(
 ) -> (Fit, Filters) {
     let (best, filters) = refit(data.kind, train, held_out, (given, slots));
     let companions = Problem::new(&data.companions, start).within(data.context);
-    if !contradicts(&companions, start, &best.point.twin) {
+    if !View::new(&companions, start).contradicts(&best.point.twin) {
         return (best, filters);
     }
     slots.retain(|slot| {
@@ -49,13 +50,6 @@ pub(super) fn refit_in_agreement<'a>(
         !data.companions.iter().any(|stage| stage.calls(effect))
     });
     refit(data.kind, train, held_out, (given, slots))
-}
-
-/// Return whether the `companions` prefer the given twin to a refit beyond chance.
-fn contradicts(companions: &Problem<'_>, given: &Twin, refitted: &Twin) -> bool {
-    let scales = companions.filters(&companions.start(given.clone()), whiten::scale_filters);
-    let [before, after] = validation_rows(companions, (given, refitted), &scales);
-    companions.thresholds().is_in(&after, &before, &companions.blocks())
 }
 
 /// Fit all known parameters; outliers and one-off disturbances of the rough fit are excluded from then on.
@@ -197,7 +191,7 @@ mod tests {
                 let predict = |twin: &Twin, time: f64| twin.striker_mass * time.sin();
                 let stage = TestStage::camera(&twin(1.0), predict, *seed);
                 let companions = Problem::new(&[&stage as &dyn Stage], &twin(given));
-                contradicts(&companions, &twin(given), &twin(refitted))
+                View::new(&companions, &twin(given)).contradicts(&twin(refitted))
             });
             answers.into_iter().filter(|own| *own).count()
         };
@@ -207,7 +201,7 @@ mod tests {
         assert_eq!(contradictions(0.9, 1.05), 0);
         assert_eq!(contradictions(1.2, 1.2), 0);
         let nothing = Problem::new(&[], &twin(1.0));
-        assert!(!contradicts(&nothing, &twin(1.0), &twin(1.2)));
+        assert!(!View::new(&nothing, &twin(1.0)).contradicts(&twin(1.2)));
     }
 
     const SMALL_AMPLITUDE: f64 = 0.05;

@@ -158,7 +158,8 @@ class Twin:
         Returns:
             Columns by name. Table: `time_s`, `command_m_per_s`, `carriage_m`, `carriage_m_per_s` (x, y), `motor_m`,
             `motor_m_per_s` (belt), `motor_torque_nm` (a, b), `striker_m` as the camera sees it, and `frame_time_s` with
-            `frame_striker_m`. Velocities and torques are those that the drives report. Single axis: `time_s`, the input, position and velocity, with the unit in the name.
+            `frame_striker_m`. Velocities and torques are those that the drives report. Single axis: `time_s`, the input,
+            position and velocity, with the unit in the name.
 
         Raises:
             KlasktronError: If a shape, dtype, rate or time is wrong, or the commands are those of another machine.

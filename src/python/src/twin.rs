@@ -199,6 +199,12 @@ impl Twin {
         commands: &Bound<'py, PyAny>,
         dt_s: f64,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        if self.inner.machine != Machine::Table {
+            let machine = self.inner.machine;
+            return Err(refused(format!(
+                "step_plant needs the twin of a table, not of a {machine}"
+            )));
+        }
         let array = floats(commands, ARRAY, &[Length::Any("n"), Length::Exactly(2)])?;
         let commands = pairs::<2>(&array)?;
         let plant = Plant::new(&self.inner);

@@ -302,10 +302,8 @@ impl Iterator for Steps {
 mod tests {
     use super::{Range, width};
     use crate::{
-        effects::{Axis, Domain, find},
-        twin::{
-            Channel, DriveStage, Instance, Machine, Output, Source, Stage, Twin, drive::RunStart,
-        },
+        effects::{Axis, Domain},
+        twin::{Channel, DriveStage, Output, Stage, Twin, drive::RunStart},
     };
 
     /// Two runs with a jump of the position between them, and a third after a pause.
@@ -348,16 +346,6 @@ mod tests {
         }
     }
 
-    /// The plain table with `effects`, each on an axis with its values.
-    fn with(effects: &[(&str, Axis, &[f64])]) -> Twin {
-        let mut twin = Twin::nominal(Machine::Table);
-        for (name, axis, numbers) in effects {
-            let effect = find(name).unwrap();
-            twin.instances.push(Instance::new(effect, *axis, numbers, Source::Nominal));
-        }
-        twin
-    }
-
     /// Twins with rigid belts, with soft ones and with backlash, and every kind of function.
     fn twins() -> Vec<Twin> {
         let rubs = ("drive.friction.presliding", Axis::Guides, &[1.5, 1e-4, 1e-3, 20.0][..]);
@@ -393,7 +381,7 @@ mod tests {
             &[wave, held],
             &[turns, wave, rubs],
         ];
-        lists.iter().map(|list| with(list)).collect()
+        lists.iter().map(|list| Twin::table_with(list)).collect()
     }
 
     /// `stage` with the runs of one sequence only.

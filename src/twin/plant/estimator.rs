@@ -8,7 +8,12 @@ use crate::lanes::Lanes;
 use pulp::Simd;
 
 /// Least time constant (s): a shorter one does not change any result.
-pub(super) const LEAST_TIME: f64 = 1e-7;
+const LEAST_TIME: f64 = 1e-7;
+
+/// Rate of the output (m/s^2) of an estimator with this `time_constant` (s) and lag of its second filter (m/s).
+pub(super) fn rate(time_constant: f64, second_lag: f64) -> f64 {
+    second_lag / time_constant.max(LEAST_TIME)
+}
 
 /// Estimators of one motor, of each plant.
 #[derive(Debug, Clone, Copy)]
@@ -57,8 +62,8 @@ impl<S: Simd> Estimators<S> {
     #[inline(always)]
     pub(super) fn half(&self, dt: Lanes<S>) -> Half<S> {
         let length = 0.5 * dt * self.per_time;
-        // exp(-x) is the reciprocal of the series of exp(x), of which a filter that is faster than the step needs no
-        // more than that it goes to zero.
+        // exp(-x) by the reciprocal of the series of exp(x): within 1e-4 up to x = 1. For a filter that is far faster than
+        // the step it goes to zero, as it must.
         let series = [6, 5, 4, 3, 2, 1]
             .into_iter()
             .fold(length.like(1.0), |sum, k| 1.0 + (1.0 / f64::from(k)) * length * sum);
@@ -123,8 +128,8 @@ mod tests {
         Lag { first: lanes(0.0), second: lanes(0.0) }
     }
 
-    /// Velocity of an estimator with the time constant `time` (s) at the end of each of `steps` steps of `dt` seconds, by
-    /// small steps of its equations `p' = v + 2 e / T`, `v' = e / T^2`.
+    /// Velocity of an estimator with the time constant `time` (s) at the end of each step of `dt` seconds with these
+    /// `rates` of the true velocity (m/s^2), by small steps of its equations `p' = v + 2 e / T`, `v' = e / T^2`.
     fn by_its_equations(time: f64, dt: f64, rates: &[f64]) -> Vec<f64> {
         let tiny = dt / 2000.0;
         let (mut true_position, mut true_velocity) = (0.0, 0.0);

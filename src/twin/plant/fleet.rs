@@ -140,10 +140,7 @@ impl<C: Course, L: Iterator<Item = f64> + Clone> WithSimd for March<'_, C, L> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        effects::{Axis, find},
-        twin::{Instance, Machine, Source, Twin},
-    };
+    use crate::{effects::Axis, twin::Twin};
 
     const STEPS: [f64; 5] = [2e-3, 1e-3, 5e-4, 2e-3, 1.5e-3];
 
@@ -167,15 +164,6 @@ mod tests {
         }
     }
 
-    fn twin(effects: &[(&str, Axis, &[f64])]) -> Twin {
-        let mut twin = Twin::nominal(Machine::Table);
-        for (name, axis, numbers) in effects {
-            let effect = find(name).unwrap();
-            twin.instances.push(Instance::new(effect, *axis, numbers, Source::Nominal));
-        }
-        twin
-    }
-
     #[test]
     fn every_carriage_moves_as_it_does_alone() {
         let rubs = ("drive.friction.presliding", Axis::Guides, &[1.5, 1e-4, 1e-3, 20.0][..]);
@@ -183,7 +171,7 @@ mod tests {
         let play = ("drive.backlash", Axis::Motors, &[4e-4, 50.0][..]);
         let wave = ("drive.ripple.motor", Axis::Motors, &[0.4, -0.3, 1.7e-3][..]);
         for effects in [&[][..], &[held], &[rubs, held], &[play, held], &[wave, held]] {
-            let plant = Plant::new(&twin(effects));
+            let plant = Plant::new(&Twin::table_with(effects));
             let count = 2 * MOST_LANES + 3;
             let mut fleet = Fleet::new(plant.clone(), count);
             let mut alone = vec![plant.start(); count];
@@ -196,8 +184,8 @@ mod tests {
                         plant.step(state, course.command(carriage, step), *dt);
                         if 2e-3 < state.position[0] {
                             // The estimates of both motors stay.
-                            state.first_lag =
-                                state.first_lag.map(|lag| lag + (0.0 - state.velocity[0]));
+                            let lost = state.velocity[0];
+                            state.first_lag = state.first_lag.map(|lag| lag - lost);
                             (state.position[0], state.velocity[0]) = (2e-3, 0.0);
                         }
                     }
