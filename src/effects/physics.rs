@@ -145,10 +145,10 @@ impl Bristles {
 pub struct Spring {
     /// Stiffness (N/m), positive.
     pub stiffness: f64,
-    /// Damping ratio of the motor's mass on the spring.
+    /// Damping ratio of the load on the spring.
     pub damping_ratio: f64,
-    /// Mass on the motor side (kg of belt), positive: the rotor.
-    pub motor_mass: f64,
+    /// Mass of the load as a fraction of all that moves along the lighter axis; the rotors have the rest. Positive.
+    pub load_fraction: f64,
     /// Width of the backlash, within which no force passes (m).
     pub backlash: f64,
 }
@@ -159,12 +159,6 @@ impl Spring {
     pub fn in_series(self, other: Self) -> Self {
         let softer = if other.stiffness < self.stiffness { other } else { self };
         Self { backlash: self.backlash + other.backlash, ..softer }
-    }
-
-    /// Damping (N s/m).
-    #[must_use]
-    pub fn damping(&self) -> f64 {
-        2.0 * self.damping_ratio * (self.stiffness * self.motor_mass).sqrt()
     }
 }
 

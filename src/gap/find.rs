@@ -142,6 +142,7 @@ pub fn find<'a>(
         describe_rest(&mut document, sessions, &outcomes, context);
     }
     document.warnings.extend(added.into_iter().chain(without_torques(sessions)));
+    document.warnings.extend(outcomes.iter().flat_map(late_sessions));
     document.warnings.extend(of_options(context, start.machine, sessions));
     if task == Task::CloseGap {
         document.warnings.extend(not_searched(sessions, &start, context.options));
@@ -179,6 +180,23 @@ fn without_torques(sessions: &[Session]) -> Option<String> {
          drives send their torques (ODrive: axis0.config.can.torques_msg_rate_ms = 10)"
             .to_owned()
     })
+}
+
+/// Warnings about sessions whose commands waited on the bus by another time than in the first training session.
+fn late_sessions(outcome: &Outcome<'_>) -> Vec<String> {
+    let problems = [(&outcome.train, "training"), (&outcome.held_out, "validation")];
+    let all = problems
+        .into_iter()
+        .flat_map(|(problem, split)| problem.parts.iter().map(move |part| (part.late, split)));
+    let said = |([a, b], split): ([f64; 2], &str)| {
+        format!(
+            "in a {split} session, commands reached motors a and b {:.2} and {:.2} ms later than in the first training session, \
+             as they wait on the bus: drive.delay is that of the first",
+            1e3 * a,
+            1e3 * b
+        )
+    };
+    all.filter(|(late, _)| *late != [0.0; 2]).map(said).collect()
 }
 
 /// Warnings about the options: changed thresholds, and effects of the user that are not searched.

@@ -266,7 +266,9 @@ pub(super) fn uncertainty(
             && !other.undetermined[index]
             && !effect.parameters[slot.parameter].per_session
         {
-            variance += excess_variance(other.step[index], variance + other.variances[index]);
+            let late = held_out.lateness(&found.point.twin, *slot) / found.point.twin.scale(*slot);
+            let step = other.step[index] + late;
+            variance += excess_variance(step, variance + other.variances[index]);
         }
         standard_errors.push(variance.sqrt() * found.point.twin.scale(*slot));
     }

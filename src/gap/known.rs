@@ -170,7 +170,8 @@ impl<'t> RequiredGain<'t> {
     pub(super) fn in_addition_to(mut self, removed: f64, left: f64) -> Self {
         self.conditional = match (self.machine, self.floor) {
             (Machine::Table, _) if self.has_reference => {
-                self.thresholds.clear_gain * removed.max(0.0) / left.max(f64::MIN_POSITIVE)
+                let model_error = self.thresholds.model_error_of(self.machine);
+                model_error * removed.max(0.0) / left.max(f64::MIN_POSITIVE)
             }
             (Machine::Axis, AtFloor::Yes(_)) => self.thresholds.majority,
             _ => 0.0,
@@ -453,9 +454,12 @@ mod tests {
         let elsewhere = Excess { most: 0.0, least: -0.1, mean: -0.05 };
         let elsewhere = required_gain(StageKind::Drive, Some(elsewhere));
         assert_eq!(elsewhere.of(lag, &[1e-3]), DEFAULT.clear_gain / 0.95);
-        // An effect added after a large one must be large too, unless the machine has no reference.
+        // An effect added after a large one must exceed the model error of that one, unless the machine has no reference.
         let conditional = required_gain(StageKind::Drive, even(1.0)).in_addition_to(3.0, 2.0);
-        assert!((conditional.of(delay, &[1e-3]) - 0.15).abs() < 1e-12 && !conditional.any_signal);
+        assert!(
+            (conditional.of(delay, &[1e-3]) - 1.5 * DEFAULT.min_gain).abs() < 1e-12
+                && !conditional.any_signal
+        );
         let unknown = required_gain(StageKind::Drive, None).in_addition_to(3.0, 2.0);
         assert!(unknown.of(delay, &[1e-3]) == DEFAULT.min_gain && !unknown.any_signal);
         // The floor of a single axis contains its model error.

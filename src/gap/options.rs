@@ -444,8 +444,8 @@ mod tests {
         let table = Twin::nominal(Machine::Table);
         let said = fixed("drive.delay.delay_s=7", &table).unwrap_err();
         assert!(said.contains("is 7; allowed are -0.02 to 0.2 s"), "{said}");
-        let said = fixed("drive.compliance.belt.load_fraction=0.5", &table).unwrap_err();
-        assert!(said.contains("compliance_m_per_n, rotor_kg, damping_ratio"), "{said}");
+        let said = fixed("drive.compliance.belt.frequency_hz=0.5", &table).unwrap_err();
+        assert!(said.contains("compliance_m_per_n, load_fraction, damping_ratio"), "{said}");
     }
 
     #[test]

@@ -23,6 +23,9 @@ pub struct Part<'a> {
     pub layout: Layout,
     /// One-off disturbances, which are excluded.
     pub incidents: Vec<Incident>,
+    /// Time (s) by which commands reach each motor later than in the first training session, which is part of
+    /// `drive.delay`.
+    pub(super) late: [f64; 2],
     /// Rows of each nuisance group.
     pub(super) groups: Vec<std::ops::Range<usize>>,
     /// Earlier predictions.
@@ -34,8 +37,14 @@ impl<'a> Part<'a> {
     #[must_use]
     pub fn new(stage: &'a dyn Stage, twin: &Twin) -> Self {
         let memo = Memo::default();
-        let mut part =
-            Self { stage, layout: Layout::default(), incidents: vec![], groups: vec![], memo };
+        let mut part = Self {
+            stage,
+            layout: Layout::default(),
+            incidents: vec![],
+            late: [0.0; 2],
+            groups: vec![],
+            memo,
+        };
         let predicted = part.predict(twin, &starts(stage));
         let usable: Vec<Vec<bool>> = stage
             .channels()
@@ -68,9 +77,18 @@ impl<'a> Part<'a> {
         self.predict_each(&[twin], nuisance).swap_remove(0)
     }
 
+    /// Prediction of the stage for `twin`, with commands that reach each motor `late` (s).
+    #[must_use]
+    pub(super) fn predict_late(&self, twin: &Twin, late: [f64; 2]) -> Vec<Vec<f64>> {
+        self.remembered(&[twin], &[late.to_vec()]).swap_remove(0)
+    }
+
     /// Predictions of the stage for each of `twins`: `[twin][channel][sample]`.
     #[must_use]
     fn predict_each(&self, twins: &[&Twin], nuisance: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
+        if self.late != [0.0; 2] {
+            return self.remembered(twins, &[self.late.to_vec()]);
+        }
         let Some(offsets) = self.stage.offsets(nuisance) else {
             return self.remembered(twins, nuisance);
         };

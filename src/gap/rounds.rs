@@ -16,6 +16,7 @@ use super::{
 };
 use crate::twin::{Discrepancy, Instance, Machine, Slot, StageKind, Twin};
 
+mod alignment;
 mod elimination;
 mod exchange;
 mod note;
@@ -31,7 +32,7 @@ pub(super) use outcome::{RankedCandidate, Unstated};
 pub(in crate::gap) use refit::at_null;
 
 /// Most effects that are added on one stage.
-const MOST_ADDED: usize = 6;
+const MOST_ADDED: usize = 10;
 
 /// Search one stage from the twin `start`.
 #[must_use]
@@ -251,6 +252,7 @@ impl<'a> Search<'a> {
         };
         let reference =
             if is_new { "is above its reference, or has none" } else { "is at its reference" };
+        search.align_sessions();
         search.note_refit(&given, slots.len(), reference);
         if slots.len() < count {
             search.note(
@@ -382,6 +384,7 @@ impl Search<'_> {
         self.added.push(step);
         let converged = fit::converge(&self.train, fit.point, &fit.slots, 8);
         (self.best, self.filters) = multistart(&self.train, converged, given);
+        self.align_sessions();
         self.exclude_disturbances();
         let mut excess = self.excess(validated.insert(self.validated()));
         if !self.train.thresholds().is_at_reference(excess)

@@ -85,6 +85,7 @@ impl Stage for DriveStage {
         plant::feels(&effect.physics, axis)
     }
 
+    /// The one nuisance group, if given, is the time (s) by which commands reach each motor later than by `arrivals`.
     fn predict(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
         self.predict_alone(twin, nuisance, predicted);
     }
@@ -92,14 +93,19 @@ impl Stage for DriveStage {
     fn predict_each(
         &self,
         twins: &[&Twin],
-        _nuisance: &[Vec<f64>],
+        nuisance: &[Vec<f64>],
         predicted: &mut [Vec<Vec<f64>>],
     ) -> bool {
+        let late = match nuisance {
+            [late] => both(|motor| late[motor]),
+            _ => [0.0; 2],
+        };
         let plants: Vec<Plant> = twins.iter().map(|twin| Plant::new(twin)).collect();
         let all = plants.iter().zip(twins).zip(predicted);
         let (soft, rigid): (Vec<_>, Vec<_>) = all
             .map(|((plant, twin), predicted)| Job {
                 plant,
+                late,
                 radius: twin.belt_metres_per_turn / TAU,
                 predicted,
             })
@@ -361,20 +367,14 @@ mod tests {
 
     /// Response of `motor` to a command of `velocity` (m/s) at 0.01 s: velocities and torques.
     fn answers_to(twin: &Twin, velocity: [f64; 2], motor: usize, times: &[f64]) -> [Vec<f64>; 2] {
-        answers_after([0.0; 2], twin, velocity, motor, times)
+        predicted(&stage(velocity, motor, times), twin, &[])
     }
 
-    /// The same with a latency of `arrivals` (s) until each motor receives its command.
-    fn answers_after(
-        arrivals: [f64; 2],
-        twin: &Twin,
-        velocity: [f64; 2],
-        motor: usize,
-        times: &[f64],
-    ) -> [Vec<f64>; 2] {
-        let stage = DriveStage {
+    /// Stage on which `motor` is measured after a command of `velocity` (m/s) at 0.01 s.
+    fn stage(velocity: [f64; 2], motor: usize, times: &[f64]) -> DriveStage {
+        DriveStage {
             command_times: vec![0.0, 0.01],
-            arrivals,
+            arrivals: [0.0; 2],
             commands: vec![[0.0, 0.0], velocity],
             starts: vec![RunStart {
                 time: 0.0,
@@ -386,9 +386,13 @@ mod tests {
             channels: vec![channel("velocity", times), channel("torque", times)],
             outputs: vec![Output::Velocity(motor), Output::Torque(motor)],
             path: None,
-        };
-        let mut predicted = vec![vec![0.0; times.len()]; 2];
-        stage.predict(twin, &[], &mut predicted);
+        }
+    }
+
+    /// Prediction of `stage`, with nuisance parameters: velocities and torques.
+    fn predicted(stage: &DriveStage, twin: &Twin, nuisance: &[Vec<f64>]) -> [Vec<f64>; 2] {
+        let mut predicted = vec![vec![0.0; stage.channels[0].times.len()]; 2];
+        stage.predict(twin, nuisance, &mut predicted);
         predicted.try_into().expect("two channels")
     }
 
@@ -499,7 +503,11 @@ mod tests {
         let [sooner, later] = [table(120.0, 0.002, 17.0), table(120.0, 0.005, 17.0)];
         let times = sampled();
         for (motor, twin) in [(0, &sooner), (1, &later)] {
-            let with_frames = answers_after([0.0, 0.003], &sooner, [1.0, 0.0], motor, &times);
+            let frames = [0.0, 0.003];
+            let at_once = stage([1.0, 0.0], motor, &times);
+            let with_frames =
+                predicted(&DriveStage { arrivals: frames, ..at_once.clone() }, &sooner, &[]);
+            assert_eq!(predicted(&at_once, &sooner, &[frames.to_vec()]), with_frames);
             let dead = answers_to(twin, [1.0, 0.0], motor, &times);
             let apart = |k: usize| (with_frames[0][k] - dead[0][k]).abs();
             let worst = (0..times.len()).map(apart).fold(0.0, f64::max);
@@ -647,7 +655,8 @@ mod tests {
     /// along: by small steps of the definition.
     #[test]
     fn a_motor_feels_its_own_play_and_not_that_of_a_rail() {
-        let (omega, slope, width, rotor) = (60.0, 17.0, 2e-3, 0.98_f64);
+        let (omega, slope, width, mass) = (60.0, 17.0, 2e-3, 0.5 * MASS);
+        let (load_mass, rotor) = (0.11 * mass, 0.89 * mass);
         let with_play = |axis| {
             let mut twin = table(omega, 0.0, slope);
             let play = crate::effects::find("drive.backlash").unwrap();
@@ -658,7 +667,7 @@ mod tests {
         let [seen, _] = answers(&with_play(Axis::Motors), &times);
         let [rigid, _] = answers(&table(omega, 0.0, slope), &times);
         assert_eq!(answers(&with_play(Axis::Guides), &times)[0], rigid);
-        let (dt, mass) = (1e-6, 0.5 * MASS);
+        let dt = 1e-6;
         let (mut motor, mut load, mut ahead) = (0.0_f64, 0.0_f64, 0.0_f64);
         let (mut setpoint, mut integral) = (0.0_f64, 0.0_f64);
         let mut worst = [0.0_f64; 2];
@@ -668,10 +677,10 @@ mod tests {
             let error = setpoint - motor;
             integral += mass * omega * omega * error * dt;
             let beyond = ahead - ahead.clamp(-0.5 * width, 0.5 * width);
-            let damping = 0.2 * (5e5 * rotor).sqrt() * (motor - load);
+            let damping = 2.0 * 0.28 * (5e5 * load_mass).sqrt() * (motor - load);
             let pull = if beyond == 0.0 { 0.0 } else { 5e5 * beyond + damping };
             motor += dt * (mass * 2.0 * omega * error + integral - pull) / rotor;
-            load += dt * pull / (mass - rotor);
+            load += dt * pull / load_mass;
             ahead += dt * (motor - load);
             if times.get(next).is_some_and(|time| *time <= f64::from(step) * dt) {
                 worst[0] = worst[0].max((seen[next] - motor).abs());

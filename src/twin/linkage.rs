@@ -4,7 +4,6 @@ use super::{Instance, Twin, plant::Part, transmission};
 use crate::{
     effects::{Carriage, Law, Motion, Physics, Place, Spring, Striker, StrikerLanes, both},
     gantry::{belts, rails},
-    lanes::Lanes,
 };
 use pulp::Scalar;
 
@@ -148,11 +147,8 @@ impl Linkage {
                 twin.instances.iter().filter(|own| own.axis.is_motor() && own.axis.covers(motor));
             own.filter_map(Instance::spring).reduce(Spring::in_series)
         });
-        if let Some([a, b]) = transmission::ties(springs) {
-            let rotors = a.motor_mass + b.motor_mass;
-            let of = |value: f64| Lanes::splat(Scalar, value);
-            let share = transmission::rotor_share(Scalar, self.mass.map(of), of(rotors)).get(0);
-            self.mass = self.mass.map(|mass| mass - share * rotors);
+        if let Some([a, b]) = transmission::ties(springs, self.mass) {
+            self.mass = self.mass.map(|mass| mass - (a.motor_mass + b.motor_mass));
         }
     }
 

@@ -241,8 +241,9 @@ impl Plant {
                 }
             }
         }
-        if let [a, b] = &plant.motors[..] {
-            plant.ties = transmission::ties([a.spring, b.spring]);
+        if let ([a, b], [x, y]) = (&plant.motors[..], &plant.rails[..]) {
+            let mass = [x, y].map(|rail| rail.mass(&Motion::default()));
+            plant.ties = transmission::ties([a.spring, b.spring], mass);
         }
         let mass = twin.controller_reference_mass.unwrap_or_else(|| plant.mean_mass());
         plant.gain_mass = 0.5 * mass;

@@ -40,7 +40,8 @@ pub(super) const SOFTENING: Parameter = Parameter {
 ///
 /// D is the displacement of the magnet from the striker. The force between two magnets grows with
 /// the displacement, is largest at d0 and decreases beyond it. A striker on a soft spring shows the friction that a stiff
-/// one hides; where the friction F_c explains more than the spring, the effect is `coupling.striker_friction`.
+/// one hides; where the friction F_c explains more than the spring, the effect is `coupling.striker_friction`. The carriage
+/// feels the coupling force.
 pub(crate) static MAGNET_SPRING: Effect = Effect {
     name: "coupling.magnet_spring",
     summary: "the magnet holds the striker like a soft spring: the striker lags during acceleration and oscillates afterwards",
@@ -57,9 +58,9 @@ pub(crate) static MAGNET_SPRING: Effect = Effect {
         &[300.0, 0.3, 0.02, 0.0],
     ],
     memory: STATES,
-    physics: Physics::Striker(striker),
+    physics: Physics::Both(&[Physics::Striker(striker), Physics::Reaction(striker)]),
     regressors: &[Regressor::Acceleration],
-    signals: Signal::STRIKER,
+    signals: Signal::MOTION,
     excitation: "hard starts and stops, with camera and encoders",
     experiment: "step_ladder",
     confused_with: &[

@@ -8,8 +8,8 @@ use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Sign
 /// the gap its own friction decelerates it by a_f. A load with much friction stays until the motor
 /// has crossed the gap. A load with little friction coasts to the other end when the motor brakes.
 /// At an end it takes the velocity of the motor. It starts in the middle of the gap. A motor feels
-/// its own backlash: within the gap no force passes, so that only its rotor (0.98 kg of belt by the
-/// drawings of the table) resists it.
+/// its own backlash: within the gap no force passes, so that only its rotor resists it (the load is 11 %
+/// of what moves along x, by the drawings of the table).
 pub(crate) static BACKLASH: Effect = Effect {
     name: "drive.backlash",
     summary: "after a reversal the motor turns before the load follows",
@@ -69,7 +69,7 @@ const NO_BACKLASH: f64 = 5e-6;
 /// Contact of motor and load at the ends of the gap: the largest stiffness (N/m) that a simulation step
 /// resolves. On this table they rebound with half of their speed.
 const END_CONTACT: Spring =
-    Spring { stiffness: 5e5, damping_ratio: 0.1, motor_mass: 0.98, backlash: 0.0 };
+    Spring { stiffness: 5e5, damping_ratio: 0.28, load_fraction: 0.11, backlash: 0.0 };
 
 fn slack(p: &[f64]) -> Option<Spring> {
     (NO_BACKLASH <= p[0]).then(|| Spring { backlash: p[0], ..END_CONTACT })

@@ -10,14 +10,14 @@ use std::f64::consts::TAU;
 ///
 /// Motor and load are two masses on a spring of the compliance C. The rotor oscillates against the
 /// load. The load lags by C F with the force F that the belt transmits; below the resonance this is
-/// C M a, which camera and encoders together show. `gantry.inertia` includes the rotor, 0.98 kg of
-/// belt by the drawings of the table. The damping ratio is that of the rotor on its belt.
+/// C M a, which camera and encoders together show. `gantry.inertia` M includes the rotors; the load is the fraction r of it
+/// along the lighter axis (0.11 by the drawings of the table). The damping ratio is that of the load against motors that stand.
 pub(crate) static COMPLIANCE_BELT: Effect = Effect {
     name: "drive.compliance.belt",
     summary: "the belt stretches, so the load lags during acceleration",
     domain: Domain::Drive,
     site: Site::Motors,
-    equation: "F = (q_motor − q_load) / C + 2 ζ · √(m_r / C) · (v_motor − v_load)",
+    equation: "F = (q_motor − q_load) / C + 2 ζ · √(r M / (2 C)) · (v_motor − v_load), m_rotor = (1 − r) M / 2",
     parameters: &[
         Parameter {
             name: "compliance_m_per_n",
@@ -29,36 +29,20 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
             plausible: (RIGID, 2e-4),
             per_session: false,
         },
-        Parameter {
-            name: "rotor_kg",
-            symbol: "m_r",
-            unit: "kg",
-            scale: 0.1,
-            // Large motors on small pulleys are ten times as heavy as the carriage.
-            bounds: (0.05, 50.0),
-            plausible: (0.05, 20.0),
-            per_session: false,
-        },
-        Parameter {
-            name: "damping_ratio",
-            symbol: "ζ",
-            unit: "1",
-            scale: 0.05,
-            bounds: (0.0, 2.0),
-            plausible: (0.0, 0.5),
-            per_session: false,
-        },
+        // Large motors on small pulleys are fifty times as heavy as the carriage.
+        Parameter { bounds: (0.005, 0.98), plausible: (0.01, 0.95), ..LOAD_FRACTION },
+        Parameter { bounds: (0.0, 2.0), plausible: (0.0, 1.0), ..DAMPING_RATIO },
     ],
-    null: &[0.0, 0.98, 0.05],
+    null: &[0.0, 0.11, 0.1],
     probes: &[
-        &[4e-06, 0.98, 0.05],
-        &[1e-05, 0.98, 0.05],
-        &[4e-05, 0.98, 0.05],
-        &[0.0001, 0.98, 0.05],
-        &[1e-05, 0.6, 0.05],
-        &[4e-05, 0.6, 0.05],
-        &[1e-05, 5.0, 0.05],
-        &[4e-05, 5.0, 0.05],
+        &[4e-06, 0.11, 0.1],
+        &[1e-05, 0.11, 0.1],
+        &[4e-05, 0.11, 0.1],
+        &[0.0001, 0.11, 0.1],
+        &[1e-05, 0.5, 0.1],
+        &[4e-05, 0.5, 0.1],
+        &[1e-05, 0.025, 0.1],
+        &[4e-05, 0.025, 0.1],
     ],
     memory: 0,
     physics: Physics::Both(&[
@@ -131,7 +115,7 @@ pub(in crate::effects) static COMPLIANCE_ENCODER_ON_LOAD: Effect = Effect {
     ..COMPLIANCE_ENCODER_ON_MOTOR
 };
 
-/// Mass of the load over the whole moving mass of a single axis.
+/// Mass of the load over the whole moving mass.
 const LOAD_FRACTION: Parameter = Parameter {
     name: "load_fraction",
     symbol: "r",
@@ -169,9 +153,9 @@ const DAMPING_RATIO: Parameter = Parameter {
 const RIGID: f64 = 2e-6;
 
 fn spring(p: &[f64]) -> Option<Spring> {
-    let soft =
-        |stiffness| Spring { stiffness, damping_ratio: p[2], motor_mass: p[1], backlash: 0.0 };
-    (RIGID <= p[0]).then(|| soft(1.0 / p[0]))
+    let [compliance, load_fraction, damping_ratio] = [p[0], p[1], p[2]];
+    let stiffness = 1.0 / compliance;
+    (RIGID <= compliance).then(|| Spring { stiffness, damping_ratio, load_fraction, backlash: 0.0 })
 }
 
 #[cfg(test)]
@@ -185,7 +169,7 @@ mod tests {
             panic!("the belt transmits")
         };
         let motion = Motion { position: 0.2, force: 5.0, ..Motion::default() };
-        assert!((stretch(&[1e-4, 0.98, 0.05], &mut [], &motion) - 0.1995).abs() < 1e-12);
+        assert!((stretch(&[1e-4, 0.11, 0.1], &mut [], &motion) - 0.1995).abs() < 1e-12);
         assert_eq!(stretch(COMPLIANCE_BELT.null, &mut [], &motion), 0.2);
     }
 
@@ -193,7 +177,7 @@ mod tests {
     fn a_tiny_compliance_is_rigid() {
         assert_eq!(spring(COMPLIANCE_BELT.null), None);
         let soft = spring(&[1e-5, 0.5, 0.1]).unwrap();
-        assert!((soft.stiffness - 1e5).abs() < 1e-6 && soft.motor_mass == 0.5);
+        assert!((soft.stiffness - 1e5).abs() < 1e-6 && soft.load_fraction == 0.5);
         assert_eq!(soft.damping_ratio, 0.1);
     }
 }

@@ -5,29 +5,58 @@ use crate::{
     effects::{Effect, Physics},
     gap::{
         journal::{JournalEntry, MoveKind},
+        problem::Problem,
+        round::View,
         rounds::{Outcome, Task},
     },
     recording::Split,
     twin::{Instance, Session, Slot, StageKind, Twin},
 };
 
-/// Most searches of the drives. The reaction force is first that of the camera stage alone, then zero, then that of the
-/// camera stage after the fit of the drives.
+/// Most searches of the drives. The reaction force is first that of the camera stage alone, then that of the given twin,
+/// then that of the camera stage after the fit of the drives.
 const MOST_DRIVE_SEARCHES: usize = 3;
 
-/// Effect added on the camera stage that acts behind the carriage and exerts a reaction force on the drives.
-fn reaction_of(camera: &Outcome<'_>) -> Option<Instance> {
-    let is_felt = |effect: &Effect| {
-        effect.physics.equations().iter().any(|own| matches!(own, Physics::Reaction(_)))
-    };
-    let step = camera.added.iter().find(|step| is_felt(step.effect))?;
-    camera.last.point.twin.instance(step.effect.name, step.axis).cloned()
+/// Return whether an effect acts behind the carriage and exerts a reaction force on the drives.
+fn reacts(effect: &Effect) -> bool {
+    effect.physics.equations().iter().any(|own| matches!(own, Physics::Reaction(_)))
+}
+
+/// All effects of `twin` with a reaction force on the drives.
+fn reactions_of(twin: &Twin) -> Vec<Instance> {
+    twin.instances.iter().filter(|own| reacts(own.effect)).cloned().collect()
+}
+
+/// `twin` with these `reactions` in place of its own. Other effects keep their index.
+fn with_reactions(twin: &Twin, reactions: &[Instance]) -> Twin {
+    let is_same =
+        |one: &Instance, other: &Instance| one.effect == other.effect && one.axis == other.axis;
+    let mut twin = twin.clone();
+    twin.instances.retain_mut(|own| {
+        if !reacts(own.effect) {
+            return true;
+        }
+        let reaction = reactions.iter().find(|reaction| is_same(own, reaction));
+        reaction.map(|reaction| own.clone_from(reaction)).is_some()
+    });
+    let further: Vec<Instance> = reactions
+        .iter()
+        .filter(|reaction| !twin.instances.iter().any(|own| is_same(own, reaction)))
+        .cloned()
+        .collect();
+    twin.instances.extend(further);
+    twin
+}
+
+/// Return whether the drives of `problem` tell one twin from the other beyond chance.
+fn tells_apart(problem: &Problem<'_>, [one, other]: [&Twin; 2]) -> bool {
+    View::new(problem, one).contradicts(other) || View::new(problem, other).contradicts(one)
 }
 
 /// Search of drives and camera, and the twin after both.
 ///
 /// The striker's motion on the camera implies a reaction force on the drives, and the camera stage starts from the
-/// fitted drives. The search repeats until the assumed reaction is the identified one. The `journal` receives the
+/// fitted drives. The search repeats until the drives do not tell the assumed reaction from the identified one. The `journal` receives the
 /// decisions of repeated searches.
 pub(super) fn search<'a>(
     sessions: &'a [Session],
@@ -41,21 +70,20 @@ pub(super) fn search<'a>(
     let has_drives = stages(sessions, StageKind::Drive, Split::Train).next().is_some();
     let precedes_drives = request.task == Task::CloseGap && has_drives;
     let mut first = precedes_drives.then(|| of(StageKind::Camera, start, &[])).flatten();
-    let mut reaction = first.as_ref().and_then(reaction_of);
+    let given = reactions_of(start);
+    let reactions = |camera: &Outcome<'_>| reactions_of(&camera.last.point.twin);
+    let mut assumed = first.as_ref().map_or_else(|| given.clone(), reactions);
     let mut searches = 0;
     loop {
         searches += 1;
         let mut outcomes = Vec::new();
-        let mut twin = start.clone();
-        twin.instances.extend(reaction.clone());
+        let mut twin = with_reactions(start, &assumed);
         if let Some(drive) = of(StageKind::Drive, &twin, &outcomes) {
             twin = stated(start, &drive);
             outcomes.push(drive);
         }
-        let is_reaction = |own: &Instance| {
-            reaction.as_ref().is_some_and(|reaction| own.effect == reaction.effect)
-        };
-        twin.instances.retain(|own| !is_reaction(own));
+        // The camera searches from the given ones.
+        twin = with_reactions(&twin, &given);
         let camera = match (first.take(), outcomes.first()) {
             (Some(camera), Some(drive)) if is_independent(&camera, drive, start) => {
                 Some(after_drives(camera, start, &twin))
@@ -68,19 +96,17 @@ pub(super) fn search<'a>(
         let Some(camera) = camera else {
             return (outcomes, twin);
         };
-        let shown = reaction_of(&camera);
-        let effect = |reaction: &Option<Instance>| reaction.as_ref().map(|own| own.effect);
-        let is_without_consequence =
-            reaction.is_none() && outcomes.iter().all(|drive| drive.added.is_empty());
+        let shown = reactions(&camera);
+        let is_noticed = outcomes.iter().any(|drive| {
+            let found = &drive.last.point.twin;
+            tells_apart(&drive.train, [found, &with_reactions(found, &shown)])
+        });
         twin = stated(start, &camera);
         outcomes.push(camera);
-        if effect(&shown) == effect(&reaction)
-            || is_without_consequence
-            || searches == MOST_DRIVE_SEARCHES
-        {
+        if !is_noticed || searches == MOST_DRIVE_SEARCHES {
             return (outcomes, twin);
         }
-        reaction = shown;
+        assumed = shown;
         log::info!("the force of the striker on the drives changed: the drives are searched again");
         journal.extend(outcomes.iter().flat_map(|outcome| outcome.journal.clone()));
         journal.push(JournalEntry::new(
@@ -155,6 +181,29 @@ mod tests {
 
     const LATENCY: &str = "sensor.camera_latency";
     const DELAY: &str = "drive.delay";
+
+    const RUBS: &str = "coupling.striker_friction";
+
+    #[test]
+    fn the_drives_feel_the_striker_as_the_camera_has_shown_it() {
+        let rubs = |force: f64| (RUBS, Axis::Whole, vec![force, 600.0, 0.3, 0.01]);
+        let twin = |delay: f64, striker: &[(&'static str, Axis, Vec<f64>)]| {
+            let mut list = vec![(DELAY, Axis::Motors, vec![delay])];
+            list.extend(striker.iter().cloned());
+            let list: Vec<_> = list.iter().map(|own| (own.0, own.1, &own.2[..])).collect();
+            Twin::table_with(&list)
+        };
+        let start = twin(0.01, &[rubs(0.01)]);
+        let given = reactions_of(&start);
+        let shown = reactions_of(&twin(0.02, &[rubs(0.6)]));
+        assert_eq!(with_reactions(&start, &shown).instances, twin(0.01, &[rubs(0.6)]).instances);
+        assert_eq!(with_reactions(&start, &given).instances, start.instances);
+        // Added by the camera, and left out again before it searches.
+        let plain = twin(0.01, &[]);
+        let felt = with_reactions(&plain, &shown);
+        assert_eq!(felt.instances, twin(0.01, &[rubs(0.6)]).instances);
+        assert_eq!(with_reactions(&felt, &[]).instances, plain.instances);
+    }
 
     #[test]
     fn each_stage_keeps_its_values_and_the_effects_that_it_added() {

@@ -50,7 +50,7 @@ impl Normal {
 
     /// The step of least squares with Marquardt's scaling of the damping.
     #[must_use]
-    pub(super) fn step(&self, damping: f64) -> Vec<f64> {
+    pub(in crate::gap) fn step(&self, damping: f64) -> Vec<f64> {
         let count = self.right.len();
         if count == 0 {
             return Vec::new();

@@ -22,6 +22,8 @@ const FIRST_STEPS: [f64; 4] = [2e-5, 1e-4, 2e-4, 4e-4];
 /// One plant and the destination of its predictions.
 pub(super) struct Job<'a> {
     pub(super) plant: &'a Plant,
+    /// Time by which commands reach each motor later than by the arrivals of the stage (s).
+    pub(super) late: [f64; 2],
     /// Radius of the pulleys (m).
     pub(super) radius: f64,
     /// `[channel][sample]`.
@@ -134,7 +136,7 @@ impl<'a> Walk<'a> {
         Self {
             stage,
             reader: Reader::new(stage, job.radius),
-            delays: [stage.arrivals[0] + dead[0], stage.arrivals[1] + dead[1]],
+            delays: both(|motor| stage.arrivals[motor] + job.late[motor] + dead[motor]),
             torque_ages: job.plant.torque_ages(),
             cursors: [0; 2],
             path_cursor: 0,
