@@ -141,9 +141,8 @@ pub fn find<'a>(
     if document.verdict == Verdict::Unexplained {
         describe_rest(&mut document, sessions, &outcomes, context);
     }
-    document.warnings.extend(added.into_iter().chain(without_torques(sessions)));
-    document.warnings.extend(outcomes.iter().flat_map(late_sessions));
-    document.warnings.extend(of_options(context, start.machine, sessions));
+    let further = warnings(context, (&start, sessions), &outcomes);
+    document.warnings.extend(added.into_iter().chain(further));
     if task == Task::CloseGap {
         document.warnings.extend(not_searched(sessions, &start, context.options));
     }
@@ -170,6 +169,17 @@ fn of_added(known: &FixedParameter) -> String {
     format!("the initial twin does not have the effect of `--fix {known}`: it was added")
 }
 
+/// Warnings about the data and the options.
+fn warnings(
+    context: Context<'_>,
+    (start, sessions): (&Twin, &[Session]),
+    outcomes: &[Outcome<'_>],
+) -> Vec<String> {
+    let of_data = without_torques(sessions).into_iter();
+    let of_data = of_data.chain(outcomes.iter().flat_map(late_sessions));
+    of_data.chain(of_options(context, start.machine, sessions)).collect()
+}
+
 /// Warning about recordings of a table in which no drive reported its torque.
 fn without_torques(sessions: &[Session]) -> Option<String> {
     let drives = || stages(sessions, StageKind::Drive, Split::Train);
@@ -190,8 +200,8 @@ fn late_sessions(outcome: &Outcome<'_>) -> Vec<String> {
         .flat_map(|(problem, split)| problem.parts.iter().map(move |part| (part.late, split)));
     let said = |([a, b], split): ([f64; 2], &str)| {
         format!(
-            "in a {split} session, commands reached motors a and b {:.2} and {:.2} ms later than in the first training session, \
-             as they wait on the bus: drive.delay is that of the first",
+            "in a {split} session, commands waited on the bus by another time than in the first training session: {:+.2} ms for \
+             motor a, {:+.2} ms for motor b. drive.delay contains the wait of the first",
             1e3 * a,
             1e3 * b
         )

@@ -154,8 +154,8 @@ const RIGID: f64 = 2e-6;
 
 fn spring(p: &[f64]) -> Option<Spring> {
     let [compliance, load_fraction, damping_ratio] = [p[0], p[1], p[2]];
-    let stiffness = 1.0 / compliance;
-    (RIGID <= compliance).then(|| Spring { stiffness, damping_ratio, load_fraction, backlash: 0.0 })
+    let soft = Spring { stiffness: 1.0 / compliance, damping_ratio, load_fraction, backlash: 0.0 };
+    (RIGID <= compliance).then_some(soft)
 }
 
 #[cfg(test)]

@@ -21,6 +21,9 @@ use crate::{
 /// Longest difference of the wait that is explained by a bus (s): a period of the cyclic messages.
 const LONGEST: f64 = 0.01;
 
+/// Shortest one that matters (s): the least plausible delay.
+const SHORTEST: f64 = 2e-4;
+
 /// Iterations of the estimate, and the step (s) that ends them.
 const MOST_ITERATIONS: usize = 6;
 const SMALL_STEP: f64 = 1e-5;
@@ -72,8 +75,7 @@ impl Search<'_> {
         }
         self.note(
             MoveKind::Refit,
-            "Commands reach the motors later or earlier than in the first training session, as they wait on the bus: the other \
-             sessions are aligned",
+            "Commands wait on the bus by another time than in the first training session: the other sessions are aligned with it",
         );
     }
 }
@@ -106,7 +108,7 @@ fn align(
 
 /// Return whether these differences (s) may be the wait on a bus.
 fn is_wait(late: &[f64; 2]) -> bool {
-    late.iter().all(|late| late.abs() <= LONGEST)
+    late.iter().all(|late| late.abs() <= LONGEST) && late.iter().any(|late| SHORTEST <= late.abs())
 }
 
 /// Time (s) by which commands of a session reach each motor later than `twin` tells, by least squares.
@@ -129,7 +131,8 @@ fn lateness(part: &Part<'_>, twin: &Twin, filters: &Filters) -> Option<[f64; 2]>
         let step = Normal::new(&columns, &residual).step(0.0);
         let next = both(|motor| late[motor] + step[motor].clamp(-LONGEST, LONGEST));
         let left = rows(next);
-        if !(fit::squared(&left) < fit::squared(&residual)) {
+        let is_less = fit::squared(&left) < fit::squared(&residual);
+        if !is_less {
             break;
         }
         (late, residual) = (next, left);
