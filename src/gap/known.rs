@@ -165,13 +165,14 @@ impl<'t> RequiredGain<'t> {
 
     /// Required gains of one more effect. The added ones `removed` a squared residual, and a square of `left` remains, both
     /// in the metric in which the effect is tested. On a table with a reference, the rest may be a model error along the
-    /// added effects, in proportion to them. The noise floor of a single axis contains its model error; below the floor,
-    /// one more effect must explain most of the rest.
+    /// added effects, in proportion to them, unless one more effect explains most of it. The noise floor of a single axis
+    /// contains its model error; below the floor, one more effect must explain most of the rest.
     pub(super) fn in_addition_to(mut self, removed: f64, left: f64) -> Self {
         self.conditional = match (self.machine, self.floor) {
             (Machine::Table, _) if self.has_reference => {
                 let model_error = self.thresholds.model_error_of(self.machine);
-                model_error * removed.max(0.0) / left.max(f64::MIN_POSITIVE)
+                let least = model_error * removed.max(0.0) / left.max(f64::MIN_POSITIVE);
+                least.min(self.thresholds.majority)
             }
             (Machine::Axis, AtFloor::Yes(_)) => self.thresholds.majority,
             _ => 0.0,
@@ -460,6 +461,8 @@ mod tests {
             (conditional.of(delay, &[1e-3]) - 1.5 * DEFAULT.min_gain).abs() < 1e-12
                 && !conditional.any_signal
         );
+        let most = required_gain(StageKind::Drive, even(1.0)).in_addition_to(1e3, 1.0);
+        assert_eq!(most.of(delay, &[1e-3]), DEFAULT.majority);
         let unknown = required_gain(StageKind::Drive, None).in_addition_to(3.0, 2.0);
         assert!(unknown.of(delay, &[1e-3]) == DEFAULT.min_gain && !unknown.any_signal);
         // The floor of a single axis contains its model error.
