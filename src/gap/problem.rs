@@ -80,14 +80,22 @@ impl<'a> Part<'a> {
     /// Prediction of the stage for `twin`, with commands that reach each motor `late` (s).
     #[must_use]
     pub(super) fn predict_late(&self, twin: &Twin, late: [f64; 2]) -> Vec<Vec<f64>> {
-        self.remembered(&[twin], &[late.to_vec()]).swap_remove(0)
+        self.remembered_late(&[twin], late).swap_remove(0)
+    }
+
+    /// The same for each of `twins`. Commands that are not late need no simulation of their own.
+    fn remembered_late(&self, twins: &[&Twin], late: [f64; 2]) -> Vec<Vec<Vec<f64>>> {
+        match late {
+            [0.0, 0.0] => self.remembered(twins, &[]),
+            late => self.remembered(twins, &[late.to_vec()]),
+        }
     }
 
     /// Predictions of the stage for each of `twins`: `[twin][channel][sample]`.
     #[must_use]
     fn predict_each(&self, twins: &[&Twin], nuisance: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
         if self.late != [0.0; 2] {
-            return self.remembered(twins, &[self.late.to_vec()]);
+            return self.remembered_late(twins, self.late);
         }
         let Some(offsets) = self.stage.offsets(nuisance) else {
             return self.remembered(twins, nuisance);

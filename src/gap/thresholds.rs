@@ -88,10 +88,9 @@ thresholds! {
     stronger_ratio = 1.5, 1.0..=1e9, "";
     /// Ratio of the gain in one signal to that in all signals that counts the same: most signals do not show most effects.
     single_signal_ratio = 4.0, 1.0..=1e9, "";
-    /// Gain (fraction of the squared validation residual) within the model error of the simulation, also as a fraction of what
-    /// effects of a table removed that were added before, and decrease of the squared training residual by a multistart near
-    /// the reference. A larger value rejects small effects, prefers simple
-    /// ones, and keeps more first fits.
+    /// Gain (fraction of the squared validation residual) within the model error of the simulation. It is also a fraction of
+    /// what the effects of a table removed that were added before, and the decrease of the squared training residual by a
+    /// multistart near the reference. A larger value rejects small effects, prefers simple ones, and keeps more first fits.
     min_gain = 0.02, 0.0..=1.0, "";
     /// The same where the model error is larger. The residual is at its reference (of the squared reference), the
     /// effect is smaller than plausible, or a multistart or a split replaces a fit.

@@ -655,7 +655,7 @@ mod tests {
     /// along: by small steps of the definition.
     #[test]
     fn a_motor_feels_its_own_play_and_not_that_of_a_rail() {
-        let (omega, slope, width, mass) = (60.0, 17.0, 2e-3, 0.5 * MASS);
+        let (omega, slope, width, mass) = (60.0, 17.0, 3e-3, 0.5 * MASS);
         let (load_mass, rotor) = (0.11 * mass, 0.89 * mass);
         let with_play = |axis| {
             let mut twin = table(omega, 0.0, slope);
@@ -670,7 +670,8 @@ mod tests {
         let dt = 1e-6;
         let (mut motor, mut load, mut ahead) = (0.0_f64, 0.0_f64, 0.0_f64);
         let (mut setpoint, mut integral) = (0.0_f64, 0.0_f64);
-        let (mut worst, mut squares, mut next) = (0.0_f64, [0.0_f64; 2], 0);
+        let mut worst = [0.0_f64; 2];
+        let mut next = 0;
         for step in 10_000..230_000 {
             setpoint = (setpoint + slope * dt).min(1.0);
             let error = setpoint - motor;
@@ -682,15 +683,13 @@ mod tests {
             load += dt * pull / load_mass;
             ahead += dt * (motor - load);
             if times.get(next).is_some_and(|time| *time <= f64::from(step) * dt) {
-                worst = worst.max((seen[next] - motor).abs());
-                squares[0] += (seen[next] - motor).powi(2);
-                squares[1] += (rigid[next] - motor).powi(2);
+                worst[0] = worst[0].max((seen[next] - motor).abs());
+                worst[1] = worst[1].max((rigid[next] - motor).abs());
                 next += 1;
             }
         }
-        // An impact is wrong for a step of the loop at most; the rigid belt is wrong throughout.
-        assert!(worst < 0.01, "{worst} m/s");
-        assert!(4.0 * squares[0] < squares[1], "{squares:?} m^2/s^2");
+        // The effect of an impact lasts through a step of the loop.
+        assert!(worst[0] < 0.01 && 3.0 * worst[0] < worst[1], "{worst:?} m/s");
     }
 
     /// With one soft belt, the other belt swings alike if it hardly stretches and if it is rigid,

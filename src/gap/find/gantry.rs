@@ -11,8 +11,8 @@ use crate::{
     twin::{Instance, Session, Slot, StageKind, Twin},
 };
 
-/// Most searches of the drives. The reaction force is first that of the camera stage alone, then that of the given twin,
-/// then that of the camera stage after the fit of the drives.
+/// Most searches of the drives. The reaction force is first that of the camera stage alone, then that of the camera stage
+/// after the drives.
 const MOST_DRIVE_SEARCHES: usize = 3;
 
 /// Friction of the striker, in every effect that exerts a reaction force.
@@ -29,7 +29,7 @@ fn reactions_of(twin: &Twin) -> Vec<Instance> {
 }
 
 /// `twin` with these `reactions` in place of its own. Other effects keep their index. Of an effect that the twin has, only the
-/// friction changes: a spring transmits it whatever its stiffness, and the camera may take a soft belt for a soft spring.
+/// friction changes: a spring of any stiffness transmits it, and the camera may take a soft belt for a soft spring.
 fn with_reactions(twin: &Twin, reactions: &[Instance]) -> Twin {
     let is_same =
         |one: &Instance, other: &Instance| one.effect == other.effect && one.axis == other.axis;

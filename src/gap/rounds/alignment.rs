@@ -1,8 +1,8 @@
 //! Alignment of sessions in time: commands wait on the bus, by another time in every session and for every motor.
 //!
 //! Drives send their cyclic messages with phases of their own since they were switched on. A command waits for those in
-//! front of it: up to some milliseconds, and by as much at every command, as long as the periods of commands and messages are
-//! multiples of each other. `drive.delay` contains the wait in the first training session. Without alignment, the difference
+//! front of it, up to some milliseconds. The wait is the same at every command, as long as the periods of commands and messages
+//! are multiples of each other. `drive.delay` contains the wait in the first training session. Without alignment, the difference
 //! would be most of the validation residual, and no small effect could be confirmed.
 
 use super::Search;
@@ -17,6 +17,7 @@ use crate::{
     },
     twin::{Instance, Slot, StageKind, Twin},
 };
+use std::mem;
 
 /// Longest difference of the wait that is explained by a bus (s): a period of the cyclic messages.
 const LONGEST: f64 = 0.01;
@@ -62,9 +63,11 @@ impl Search<'_> {
         let twin = &self.best.point.twin;
         let Some(first) = self.train.parts.first() else { return };
         let Some(reference) = lateness(first, twin, &self.filters) else { return };
-        let mut is_new = false;
-        for problem in [&mut self.train, &mut self.held_out] {
-            is_new |= align(problem, twin, (&self.filters, reference));
+        let reference = (&self.filters, reference);
+        let mut is_new = align(&mut self.held_out, twin, reference);
+        // The first training session is the reference.
+        if 1 < self.train.parts.len() {
+            is_new |= align(&mut self.train, twin, reference);
         }
         if !is_new {
             return;
@@ -86,24 +89,25 @@ fn align(
     twin: &Twin,
     (filters, reference): (&Filters, [f64; 2]),
 ) -> bool {
-    let before: Vec<[f64; 2]> = problem.parts.iter().map(|part| part.late).collect();
     let rows = |problem: &Problem<'_>| problem.whitened(&problem.start(twin.clone()), filters);
-    let found: Vec<Option<[f64; 2]>> =
-        problem.parts.iter().map(|part| lateness(part, twin, filters)).collect();
-    for (part, found) in problem.parts.iter_mut().zip(found) {
-        part.late = [0.0; 2];
-        let relative = found.map(|late| both(|motor| late[motor] - reference[motor]));
-        part.late = relative.filter(is_wait).unwrap_or_default();
+    let wait = |part: &Part<'_>| {
+        let late = lateness(part, twin, filters)?;
+        Some(both(|motor| late[motor] - reference[motor])).filter(is_wait)
+    };
+    let waits: Vec<Option<[f64; 2]>> = problem.parts.iter().map(wait).collect();
+    let mut was_aligned = false;
+    for part in &mut problem.parts {
+        was_aligned |= mem::take(&mut part.late) != [0.0; 2];
     }
-    let aligned: Vec<[f64; 2]> = problem.parts.iter().map(|part| part.late).collect();
-    let after = rows(problem);
-    problem.parts.iter_mut().for_each(|part| part.late = [0.0; 2]);
-    if !problem.thresholds().is_in(&rows(problem), &after, &problem.blocks()) {
-        return false;
+    let without = rows(problem);
+    for (part, wait) in problem.parts.iter_mut().zip(waits) {
+        part.late = wait.unwrap_or_default();
     }
-    let was_aligned = before.iter().any(|late| *late != [0.0; 2]);
-    problem.parts.iter_mut().zip(aligned).for_each(|(part, late)| part.late = late);
-    !was_aligned
+    let is_preferred = problem.thresholds().is_in(&without, &rows(problem), &problem.blocks());
+    if !is_preferred {
+        problem.parts.iter_mut().for_each(|part| part.late = [0.0; 2]);
+    }
+    is_preferred && !was_aligned
 }
 
 /// Return whether these differences (s) may be the wait on a bus.
